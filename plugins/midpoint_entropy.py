@@ -1,0 +1,24 @@
+"""Midpoint rule in entropy variables: Romero (2009), eqs. (A2)-(A3). Momenta exact, energy not; order 2.
+
+Entropy cannot decrease, at any step: the conduction at the midpoint temperatures produces
+kappa (theta_b/theta_a + theta_a/theta_b - 2) >= 0.
+"""
+
+from tcbench import Integrator, hookimpl
+
+
+def midpoint_entropy(z0, z1, h, system):
+    return z1 - z0 - h * system.vector_field((z0 + z1) / 2)
+
+
+@hookimpl
+def tcbench_integrators():
+    return [
+        Integrator(
+            name="midpoint_entropy",
+            order=2,
+            claims={"entropy", "angular_momentum"},
+            source="Romero (2009), eqs. (A2)-(A3)",
+            flows=midpoint_entropy,
+        )
+    ]

@@ -1,0 +1,150 @@
+"""Graphs become kernels: straight-line scalar Python, compiled once and cached under the hash of its text.
+
+Every kernel has one signature, kernel(a, b, out) on three float64 arrays, so that one generic compiled loop
+can call any of them by address.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import os
+import sys
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import jit
+from .trace import Symbol, topological
+
+_BINARY = {"add": "+", "sub": "-", "mul": "*"}
+_HEADER = """\
+from math import cos, exp, expm1, log, log1p, sin, sqrt, tanh
+from tcbench.special import dlam, dphi, lam, phi
+
+def kernel(a, b, out):
+"""
+
+
+def straight_line(inputs: Mapping[Symbol, str], outputs: Sequence[Symbol]) -> str:
+    """Source of the kernel that reads `inputs` (symbol -> 'a[0]') and fills out[0], out[1], ..."""
+    names: dict[int, str] = {}
+    lines = []
+    # an input may itself be a formula (a hoisted value): do not look beneath it
+    for node in _topological_above(inputs, outputs):
+        if node.op == "const":
+            names[node.number] = repr(node.value) if node.value >= 0 else f"({node.value!r})"
+            continue
+        if node.op == "mark" and node not in inputs:
+            names[node.number] = names[node.args[0].number]
+            continue
+        name = names[node.number] = f"t{len(lines)}"
+        if node in inputs:
+            lines.append(f"{name} = {inputs[node]}")
+        elif node.op == "var":
+            raise ValueError(f"the kernel needs {node!r}, which is no input of it")
+        else:
+            lines.append(f"{name} = {_operation(node, [names[x.number] for x in node.args])}")
+    lines += [f"out[{i}] = {names[node.number]}" for i, node in enumerate(outputs)]
+    return _HEADER + "".join(f"    {line}\n" for line in lines or ["pass"])
+
+
+def _topological_above(inputs: Mapping[Symbol, str], outputs: Sequence[Symbol]) -> list[Symbol]:
+    seen: dict[int, Symbol] = {}
+    stack = list(outputs)
+    while stack:
+        node = stack.pop()
+        if node.number not in seen:
+            seen[node.number] = node
+            if node not in inputs:
+                stack.extend(node.args)
+    return [seen[number] for number in sorted(seen)]
+
+
+def _operation(node: Symbol, args: list[str]) -> str:
+    if node.op in _BINARY:
+        return f"{args[0]} {_BINARY[node.op]} {args[1]}"
+    if node.op == "neg":
+        return f"-{args[0]}"
+    if node.op == "recip":
+        return f"1.0 / {args[0]}"
+    return f"{node.op}({args[0]})"
+
+
+def count_operations(outputs: Sequence[Symbol]) -> int:
+    """How many operations a kernel for these outputs performs."""
+    return sum(node.op not in ("const", "var") for node in topological(outputs))
+
+
+@dataclass(frozen=True)
+class Kernel:
+    """Source text of one kernel; compiled when its address is first asked for."""
+
+    text: str
+    size: int
+
+    @cached_property
+    def address(self) -> int:
+        """Address of the compiled code, to be passed as an integer into compiled loops."""
+        return _load(self.text)
+
+    def __call__(self, a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Evaluate once; returns a new array, shape (size,). `a` and `b` must be contiguous."""
+        out = np.empty(self.size)
+        jit.evaluate(self.address, a, b, out)
+        return out
+
+
+def kernel(inputs: Mapping[Symbol, str], outputs: Sequence[Symbol]) -> Kernel:
+    return Kernel(straight_line(inputs, outputs), len(outputs))
+
+
+_LOADED: dict[str, tuple[int, object]] = {}
+
+
+def _load(text: str) -> int:
+    if text not in _LOADED:
+        _LOADED[text] = _compile(text)
+    return _LOADED[text][0]
+
+
+def _compile(text: str) -> tuple[int, object]:
+    """Address of the compiled text, and the object that keeps it alive."""
+    if jit.config.DISABLE_JIT:
+        namespace: dict = {}
+        exec(compile(text, "<kernel>", "exec"), namespace)
+        address = len(jit.PYTHON_KERNELS) + 1
+        jit.PYTHON_KERNELS[address] = namespace["kernel"]
+        return address, namespace
+    from numba import cfunc, types
+
+    pointer = types.CPointer(types.float64)
+    module_name = f"tcbench_kernel_{hashlib.sha256(text.encode()).hexdigest()[:24]}"
+    path = jit.cache_folder() / f"{module_name}.py"
+    if not path.exists():
+        _write_atomically(path, text)
+    spec = importlib.util.spec_from_file_location(module_name, path)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[module_name] = module  # numba finds cached code's globals through sys.modules
+    spec.loader.exec_module(module)
+    before = jit.config.CACHE_DIR
+    jit.config.CACHE_DIR = str(jit.cache_folder())
+    try:
+        function = cfunc(types.void(pointer, pointer, pointer), cache=True, **jit.OPTIONS)(module.kernel)
+    finally:
+        jit.config.CACHE_DIR = before
+    return function.address, function
+
+
+def _write_atomically(path: Path, text: str) -> None:
+    """Several processes may compile the same kernel at once: each writes its own file and renames it."""
+    handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".tmp")
+    with os.fdopen(handle, "w") as stream:
+        stream.write(text)
+    os.replace(temporary, path)

@@ -1,0 +1,29 @@
+"""Errors that a user can cure: each says what is wrong, what exists and what to do."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class TcbenchError(Exception):
+    """A mistake in the input. The command line prints the sentence and exits with code 2."""
+
+
+class UnknownNameError(TcbenchError, LookupError):
+    """A name that nothing is registered under."""
+
+
+class TraceError(TcbenchError):
+    """A formula that cannot be turned into compiled code; the message names the line and a remedy."""
+
+
+def unknown_name(kind: str, name: str, known: Iterable[str], remedy: str = "") -> UnknownNameError:
+    """The error for a mistyped name: nearest match first, then everything that exists."""
+    names = sorted(known)
+    close = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
+    guess = f" Did you mean {close[0]!r}?" if close else ""
+    listing = f" Known: {', '.join(names)}." if names else f" No {kind} is registered."
+    return UnknownNameError(
+        f"No {kind} is called {name!r}.{guess}{listing}{' ' + remedy if remedy else ''}"
+    )

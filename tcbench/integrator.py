@@ -1,0 +1,118 @@
+"""`Integrator`: name, order, claims, source, and one of three ways to step."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from .errors import TcbenchError, unknown_name
+from .flow import Flow, Residual
+
+_NAME = re.compile(r"[a-z][a-z0-9_]*\Z")
+
+
+@dataclass(frozen=True)
+class Integrator:
+    """A time integrator and what its author says of it. Give exactly one of flows, step and adaptive.
+
+    name : lower-case identifier, unique.
+    order : declared order of convergence (None for an adaptive solver).
+    claims : what the method conserves or obeys: "energy", "entropy" (never decreases) and any invariant's name.
+    flows : residual formulas r(z0, z1, h, system); a callable, or a sequence of callables, (callable, fraction) pairs
+        and `Flow`s. tcbench supplies exact Jacobian, Newton, continuation and failure reports.
+    step : z1 = step(z, h, system), any Python.
+    adaptive : z = adaptive(system, z0, t_eval, rtol, atol), shape (len(t_eval), n), swept over tolerance.
+    variables : "entropy" for z = (q, p, s), "temperature" for (q, p, theta); of the formulas only.
+    source : paper and equation.
+    parameters, family : a family of methods; see `family`.
+    """
+
+    name: str
+    order: int | None = None
+    claims: frozenset[str] = frozenset()
+    source: str = ""
+    flows: Any = None
+    step: Callable[..., Any] | None = None
+    adaptive: Callable[..., Any] | None = None
+    variables: str = "entropy"
+    tags: frozenset[str] = frozenset()
+    description: str = ""
+    parameters: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    family: Callable[..., Integrator] | None = None
+    plugin: str = ""  # filled in by the registry: distribution or file that brought it
+    base: str = ""  # of a variant: the registered name
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "claims", frozenset(self.claims))
+        object.__setattr__(self, "tags", frozenset(self.tags))
+        base = self.name.partition("[")[0]
+        if not _NAME.match(base):
+            raise TcbenchError(f"Integrator name {self.name!r} must be lower-case letters, digits and underscores.")
+        ways = [way for way in ("flows", "step", "adaptive") if getattr(self, way) is not None]
+        if len(ways) != 1:
+            given = " and ".join(ways) or "none of them"
+            raise TcbenchError(f"Integrator {self.name!r} must give one of flows=, step=, adaptive=; it gives {given}.")
+        if self.variables not in ("entropy", "temperature"):
+            raise TcbenchError(
+                f"Integrator {self.name!r}: variables must be 'entropy' or 'temperature', not {self.variables!r}."
+            )
+        if self.flows is not None:
+            object.__setattr__(self, "flows", _as_flows(self.flows, self.variables))
+        if self.order is None and self.adaptive is None:
+            raise TcbenchError(f"Integrator {self.name!r} must declare its order.")
+
+    @property
+    def kind(self) -> str:
+        """ "flows", "step" or "adaptive"."""
+        return "flows" if self.flows is not None else "step" if self.step is not None else "adaptive"
+
+    def variant(self, **values: str) -> Integrator:
+        """The member of the family with these parameters; the first allowed value is the default."""
+        for name, value in values.items():
+            if name not in self.parameters:
+                raise unknown_name(f"parameter of {self.name!r}", name, self.parameters)
+            if value not in self.parameters[name]:
+                raise unknown_name(f"value of {name!r}", value, self.parameters[name])
+        changed = {n: v for n, v in values.items() if v != self.parameters[n][0]}
+        if not changed:
+            return self
+        assert self.family is not None
+        label = ",".join(f"{n}={v}" for n, v in sorted(changed.items()))
+        member = self.family(**changed)
+        return replace(member, name=f"{self.name}[{label}]", plugin=self.plugin, base=self.name)
+
+    def variants(self) -> list[Integrator]:
+        """Every member of the family, the default first."""
+        names, values = list(self.parameters), list(self.parameters.values())
+        return [self.variant(**dict(zip(names, choice, strict=True))) for choice in itertools.product(*values)]
+
+
+def family(make: Callable[..., Integrator], **parameters: Sequence[Any]) -> Integrator:
+    """The default member of a parametrized method; `name[param=value]` picks another.
+
+    `make(**parameters)` returns the Integrator for given values (strings); the first value of each is the default.
+    """
+    allowed = {name: tuple(str(v) for v in values) for name, values in parameters.items()}
+    return replace(make(), parameters=allowed, family=make)
+
+
+def _as_flows(flows: Any, variables: str) -> tuple[Flow, ...]:
+    """Callables, (callable, fraction) pairs and Flows, as Flows."""
+    if callable(flows) or isinstance(flows, Flow):
+        flows = [flows]
+    result = []
+    for item in flows:
+        if isinstance(item, Flow):
+            result.append(item)
+        elif isinstance(item, tuple):
+            residual, fraction = item
+            result.append(Flow(residual, float(fraction), variables))
+        else:
+            result.append(Flow(item, 1.0, variables))
+    return tuple(result)
+
+
+__all__ = ["Flow", "Integrator", "Residual", "family"]

@@ -1,0 +1,106 @@
+"""numba, set up once: where compiled code is cached, and how a kernel is called by its address.
+
+The cache folder is named after a hash of tcbench's numerical sources and of the numba, numpy and Python
+versions, because numba's own cache does not notice an edit in a callee that lives in another file.
+With NUMBA_DISABLE_JIT=1 everything here runs as plain Python: same results, for coverage and debugging.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import platform
+from collections.abc import Callable
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numba import config, njit, types
+from numba.core import cgutils
+from numba.extending import intrinsic
+from platformdirs import user_cache_dir
+
+NUMERICAL_SOURCES = (
+    "jit.py", "special.py", "trace.py", "secant.py", "emit.py", "system.py", "flow.py", "newton.py", "arc.py",
+    "march.py",
+)  # fmt: skip
+OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}}  # contract: fused multiply-add
+
+
+@cache
+def sources_hash() -> str:
+    """Hash of tcbench's numerical sources and of what compiles and runs them."""
+    digest = hashlib.sha256()
+    for name in ("numba", "numpy", "llvmlite"):
+        digest.update(f"{name}={version(name)};".encode())
+    digest.update(f"python={platform.python_version()};{platform.machine()};".encode())
+    folder = Path(__file__).parent
+    for name in NUMERICAL_SOURCES:
+        path = folder / name
+        digest.update(path.read_bytes() if path.exists() else b"")
+    return digest.hexdigest()[:16]
+
+
+@cache
+def cache_folder() -> Path:
+    """Where compiled kernels live: $TCBENCH_CACHE_DIR, or the user's cache folder."""
+    root = os.environ.get("TCBENCH_CACHE_DIR") or user_cache_dir("tcbench", appauthor=False)
+    folder = Path(root) / f"kernels-{sources_hash()}"
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def compiled(function: Callable[..., Any]) -> Any:
+    """njit with tcbench's options and cache folder (numba's own setting is left as the user has it)."""
+    before = config.CACHE_DIR
+    config.CACHE_DIR = str(cache_folder())
+    try:
+        return njit(cache=True, nogil=True, **OPTIONS)(function)
+    finally:
+        config.CACHE_DIR = before
+
+
+# kernels under NUMBA_DISABLE_JIT: made-up address -> Python function
+PYTHON_KERNELS: dict[int, Callable[[Any, Any, Any], None]] = {}
+
+if config.DISABLE_JIT:
+
+    def call(address: int, a: Any, b: Any, out: Any) -> None:
+        PYTHON_KERNELS[int(address)](a, b, out)
+
+else:
+
+    @intrinsic
+    def call(typingctx, address, a, b, out):  # type: ignore[no-untyped-def]
+        """Run the kernel at `address` on three float64 arrays: kernel(a, b, out)."""
+        if not all(isinstance(x, types.Array) and x.dtype == types.float64 for x in (a, b, out)):
+            return None
+        signature = types.void(types.int64, a, b, out)
+
+        def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+            pointers = [
+                context.make_array(ty)(context, builder, value).data
+                for ty, value in zip(sig.args[1:], args[1:], strict=True)
+            ]
+            ir = cgutils.ir
+            function_type = ir.FunctionType(ir.VoidType(), [p.type for p in pointers])
+            function = builder.inttoptr(args[0], function_type.as_pointer())
+            builder.call(function, pointers)
+            return context.get_dummy_value()
+
+        return signature, codegen
+
+
+@compiled
+def evaluate(address: int, a: np.ndarray, b: np.ndarray, out: np.ndarray) -> None:
+    """Run one kernel from Python (two microseconds of overhead)."""
+    call(address, a, b, out)
+
+
+@compiled
+def evaluate_rows(address: int, a: np.ndarray, b: np.ndarray, out: np.ndarray) -> None:
+    """Run one kernel on each row of `a`, into the rows of `out`."""
+    for i in range(len(a)):
+        call(address, a[i], b, out[i])

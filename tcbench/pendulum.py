@@ -1,0 +1,66 @@
+"""The double thermoelastic pendulum of Romero (2009), sections 4 and 6. Everything is dimensionless.
+
+Two masses in the plane; spring a from the origin to mass 1, spring b from mass 1 to mass 2; no gravity.
+z = (q1x, q1y, q2x, q2y, p1x, p1y, p2x, p2y, s_a, s_b).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from .system import System
+
+
+class Pendulum(System):
+    name = "pendulum"
+    n_positions = 4
+    n_elements = 2
+    constants = {  # noqa: RUF012  (name -> shape)
+        "masses": (2,),
+        "stiffness": (2,),
+        "natural_lengths": (2,),
+        "conductivity": (),
+        "reference_temperature": (),
+        "coupling": (),
+        "heat_capacity": (),
+    }
+    positive = ("masses", "natural_lengths", "reference_temperature", "heat_capacity")
+    non_negative = ("stiffness", "conductivity")
+
+    def inertia(self) -> Any:
+        return np.repeat(self.masses, 2)
+
+    def shape(self, q: Any) -> Any:
+        """pi = lambda^2, the squared lengths of the springs."""
+        r_a, r_b = q[:2], q[2:] - q[:2]
+        return np.array([r_a @ r_a, r_b @ r_b])
+
+    def element_energy(self, pi: Any, s: Any) -> Any:
+        """Internal energies, eq. (43)."""
+        c0, theta_ref = self.heat_capacity, self.reference_temperature
+        L = self.log_strain(pi)
+        heat = np.exp((s - self.coupling * L) / c0) - 1.0
+        return self.stiffness / 2 * L**2 + self.coupling * theta_ref * L + c0 * theta_ref * heat
+
+    def conduction(self, theta: Any) -> Any:
+        """M DS as one vector, eq. (22): written with a difference of temperatures it keeps its digits."""
+        a, b = theta
+        return self.conductivity * np.array([(b - a) / a, (a - b) / b])
+
+    def entropies(self, q: Any, theta: Any) -> Any:
+        """s = beta L + c0 ln(theta/theta_ref), from theta = de/ds."""
+        L = self.log_strain(self.shape(q))
+        return self.coupling * L + self.heat_capacity * np.log(theta / self.reference_temperature)
+
+    def log_strain(self, pi: Any) -> Any:
+        """L = ln(lambda/lambda0)."""
+        return 0.5 * np.log(pi) - np.log(self.natural_lengths)
+
+    def invariants(self, q: Any, p: Any) -> dict[str, Any]:
+        """Angular momentum q1 x p1 + q2 x p2."""
+        return {"angular_momentum": q[0] * p[1] - q[1] * p[0] + q[2] * p[3] - q[3] * p[2]}
+
+    def entropy_scale(self) -> Any:
+        return self.heat_capacity

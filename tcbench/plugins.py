@@ -1,0 +1,239 @@
+"""Loads plugins, checks them, and looks integrators and scenarios up by name.
+
+A plugin that cannot be loaded stays listed with its traceback; it never hides the others.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import os
+import re
+import sys
+import traceback
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any, TypeVar
+
+import pluggy
+
+from . import hookspecs
+from .errors import TcbenchError, unknown_name
+from .integrator import Integrator
+from .metrics import Metric
+from .scenario import Scenario
+
+GROUP = "tcbench"
+_VARIANT = re.compile(r"(?P<base>[^\[\]]+)\[(?P<values>[^\[\]]*)\]\Z")
+Named = TypeVar("Named", Integrator, Scenario, Metric)
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Where a plugin came from: entry-point name and distribution, or file; `error` is a traceback or ""."""
+
+    name: str
+    distribution: str = ""
+    version: str = ""
+    path: str = ""
+    error: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.distribution} {self.version}".strip() or self.path
+
+
+@dataclass
+class Registry:
+    """Everything that is registered."""
+
+    integrators: dict[str, Integrator] = field(default_factory=dict)
+    scenarios: dict[str, Scenario] = field(default_factory=dict)
+    metrics: dict[str, Metric] = field(default_factory=dict)
+    origins: dict[str, Origin] = field(default_factory=dict)
+
+    @property
+    def broken(self) -> list[Origin]:
+        return [origin for origin in self.origins.values() if origin.error]
+
+
+_REGISTRY: Registry | None = None
+_FOLDERS: list[Path] = []
+
+
+def registry() -> Registry:
+    """The registry, loaded on first use."""
+    global _REGISTRY
+    if _REGISTRY is None:
+        _REGISTRY = load(plugin_folders())
+    return _REGISTRY
+
+
+def use_folders(folders: Iterable[str | Path]) -> None:
+    """Also load the plugin files in these folders (or these files); forgets what was loaded before."""
+    global _REGISTRY
+    for folder in map(Path, folders):
+        if not folder.exists():
+            raise TcbenchError(f"The plugin folder {str(folder)!r} does not exist.")
+        if folder.resolve() not in _FOLDERS:
+            _FOLDERS.append(folder.resolve())
+    _REGISTRY = None
+
+
+def plugin_folders() -> list[Path]:
+    """Folders and files named with --plugins-dir, then those in $TCBENCH_PLUGINS_DIR."""
+    named = os.environ.get("TCBENCH_PLUGINS_DIR", "")
+    return [*_FOLDERS, *(Path(p) for p in named.split(os.pathsep) if p)]
+
+
+def integrators() -> dict[str, Integrator]:
+    """Every registered integrator by name."""
+    return dict(registry().integrators)
+
+
+def scenarios() -> dict[str, Scenario]:
+    """Every registered scenario by name."""
+    return dict(registry().scenarios)
+
+
+def metrics() -> dict[str, Metric]:
+    """Metrics that plugins bring, by name."""
+    return dict(registry().metrics)
+
+
+def find_integrator(name: str | Integrator) -> Integrator:
+    """The integrator of that name; `name[param=value,...]` is a member of a family."""
+    if isinstance(name, Integrator):
+        return name
+    variant = _VARIANT.match(name)
+    known = registry().integrators
+    base = variant["base"] if variant else name
+    if base not in known:
+        raise unknown_name("integrator", base, known, _remedy())
+    if not variant:
+        return known[base]
+    pairs = [item.partition("=") for item in variant["values"].split(",") if item]
+    if not all(equals for _, equals, _ in pairs):
+        raise TcbenchError(f"{name!r}: parameters are written {base}[param=value].")
+    return known[base].variant(**{key.strip(): value.strip() for key, _, value in pairs})
+
+
+def expand_integrators(names: Iterable[str | Integrator]) -> list[Integrator]:
+    """The integrators of these names; `name[param=all]` is the whole family."""
+    result: list[Integrator] = []
+    for name in names:
+        if isinstance(name, str) and name.endswith("=all]"):
+            result.extend(find_integrator(name.partition("[")[0]).variants())
+        else:
+            result.append(find_integrator(name))
+    return list({i.name: i for i in result}.values())
+
+
+def find_scenario(name: str | Scenario) -> Scenario:
+    if isinstance(name, Scenario):
+        return name
+    known = registry().scenarios
+    if name not in known:
+        raise unknown_name("scenario", name, known, _remedy())
+    return known[name]
+
+
+def _remedy() -> str:
+    broken = registry().broken
+    hint = f" Broken plugins (see tcbench list): {', '.join(o.name for o in broken)}." if broken else ""
+    return f"If it is yours, pass its folder with --plugins-dir.{hint}"
+
+
+def load(folders: Iterable[Path] = ()) -> Registry:
+    """A fresh registry from the entry points of group "tcbench" and from plugin files."""
+    manager = pluggy.PluginManager(hookspecs.PROJECT)
+    manager.add_hookspecs(hookspecs)
+    result = Registry()
+    for point in sorted(entry_points(group=GROUP), key=lambda p: p.name):
+        distribution, version = (point.dist.name, point.dist.version) if point.dist else ("", "")
+        _register(manager, result, Origin(point.name, distribution, version), point.load)
+    for path in _plugin_files(folders):
+        _register(manager, result, Origin(path.stem, path=str(path)), lambda path=path: _import_file(path))
+    _collect(manager, result)
+    return result
+
+
+def _plugin_files(folders: Iterable[Path]) -> list[Path]:
+    files: list[Path] = []
+    for folder in folders:
+        found = [folder] if folder.is_file() else sorted(folder.glob("*.py"))
+        files.extend(p.resolve() for p in found if not p.name.startswith(("_", "test_", "conftest", "setup")))
+    return list(dict.fromkeys(files))
+
+
+def _import_file(path: Path) -> Any:
+    """Import a plugin file under a name of its own; its folder is importable, for helpers beside it."""
+    tag = hashlib.sha256(str(path).encode()).hexdigest()[:8]
+    name = f"tcbench_plugin_{tag}_{path.stem}"
+    if str(path.parent) not in sys.path:
+        sys.path.append(str(path.parent))
+    spec = importlib.util.spec_from_file_location(name, path)
+    if spec is None or spec.loader is None:
+        raise ImportError(f"{path} is not a Python file")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # before it runs: cached kernels and dataclasses look their module up
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        sys.modules.pop(name, None)
+        raise
+    return module
+
+
+def _register(manager: pluggy.PluginManager, result: Registry, origin: Origin, importer: Any) -> None:
+    try:
+        module = importer()
+        manager.register(module, name=origin.name if origin.name not in result.origins else origin.path)
+        manager.check_pending()
+        result.origins[_unique(origin, result)] = replace(origin, path=origin.path or getattr(module, "__file__", ""))
+    except (Exception, SystemExit) as error:
+        if isinstance(error, pluggy.PluginValidationError):
+            manager.unregister(error.plugin)
+        result.origins[_unique(origin, result)] = replace(origin, error=traceback.format_exc())
+
+
+def _unique(origin: Origin, result: Registry) -> str:
+    return origin.name if origin.name not in result.origins else f"{origin.name} ({origin.path})"
+
+
+def _collect(manager: pluggy.PluginManager, result: Registry) -> None:
+    """Call the hooks of each plugin; an exception costs that plugin alone, a duplicate name is an error."""
+    owner: dict[tuple[str, str], str] = {}
+    targets: tuple[tuple[str, type, dict], ...] = (
+        ("tcbench_integrators", Integrator, result.integrators),
+        ("tcbench_scenarios", Scenario, result.scenarios),
+        ("tcbench_metrics", Metric, result.metrics),
+    )
+    for hook_name, kind, target in targets:
+        for implementation in getattr(manager.hook, hook_name).get_hookimpls():
+            label = str(implementation.plugin_name)
+            try:
+                items = _checked(implementation.function(), kind, hook_name)
+            except Exception:
+                key = label if label in result.origins else next(k for k in result.origins if label in k)
+                result.origins[key] = replace(result.origins[key], error=traceback.format_exc())
+                continue
+            for item in items:
+                if (hook_name, item.name) in owner:
+                    raise TcbenchError(
+                        f"Two plugins register {kind.__name__.lower()} {item.name!r}: "
+                        f"{owner[hook_name, item.name]} and {label}. Rename one of them."
+                    )
+                owner[hook_name, item.name] = label
+                target[item.name] = replace(item, plugin=label)
+        for name in sorted(target):
+            target[name] = target.pop(name)
+
+
+def _checked(items: Any, kind: type, hook_name: str) -> list[Any]:
+    items = list(items)
+    for item in items:
+        if not isinstance(item, kind):
+            raise TypeError(f"{hook_name} must return a list of {kind.__name__}, it has {item!r}")
+    return items

@@ -1,0 +1,123 @@
+"""Runs of integrators that are plain Python: a step function, or an adaptive solver."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from . import jit
+from . import march as m
+from .integrator import Integrator
+from .scenario import Scenario
+from .simulate import (
+    Recorder,
+    assemble,
+    empty_summary,
+    exception_sentence,
+    explain,
+    run_limits,
+)
+from .trajectory import SolverCounts, Trajectory
+
+POINTS = 200  # output times of an adaptive run
+
+
+def run_step(integrator: Integrator, scenario: Scenario, dt: float, steps: int, every: int) -> Trajectory:
+    """March a Python step z1 = step(z, h, system); its exceptions and wrong shapes become statuses."""
+    assert integrator.step is not None
+    model, z = scenario.model, scenario.z0.copy()
+    monitor = Monitor(scenario, dt, steps, every)
+    begin = time.perf_counter()
+    reason, failure, done = m.OK, "", 0
+    for k in range(1, steps + 1):
+        try:
+            z = _as_state(integrator.step(model.state(z.copy()), dt, model), z.shape)
+        except Exception as error:  # a plugin may raise anything: that is a row, not a crash
+            failure = exception_sentence(error, k, k * dt)
+            break
+        reason, done = monitor.add(k, z)
+        if reason != m.OK:
+            break
+    wall = time.perf_counter() - begin
+    status, sentence = ("exception", failure) if failure else explain(reason, done, dt, scenario)
+    return monitor.trajectory(integrator, status, sentence, done, wall)
+
+
+def _as_state(value: Any, shape: tuple[int, ...]) -> np.ndarray:
+    z = np.array(value, dtype=np.float64)
+    if z.shape != shape:
+        raise ValueError(f"the step returned shape {z.shape}, a state has shape {shape}")
+    return z
+
+
+class Monitor:
+    """Observables and criteria of the compiled loop, for a loop in Python (a few microseconds a step)."""
+
+    def __init__(self, scenario: Scenario, dt: float, steps: int, every: int) -> None:
+        self.scenario, self.dt, model = scenario, dt, scenario.model
+        kernel, size = model.observer
+        self.observe, self.c = kernel.address, model.constant_values
+        self.observables = np.empty((3, size))
+        jit.evaluate(self.observe, scenario.z0, self.c, self.observables[0])
+        self.observables[1] = self.observables[0]
+        self.recorder = Recorder.for_steps(steps, every, len(scenario.z0), size)
+        self.recorder.states[0], self.recorder.records[0] = scenario.z0, self.observables[0]
+        self.limits = run_limits(scenario)
+        self.shape = np.zeros(m.SHAPE_SIZE, dtype=np.int64)
+        self.shape[m.N_POSITIONS], self.shape[m.N_ELEMENTS] = model.n_positions, model.n_elements
+        self.shape[m.N_INVARIANTS] = len(model.invariant_names)
+        self.shape[m.OBSERVE], self.shape[m.RECORD_EVERY] = self.observe, every
+        self.summary = empty_summary(len(model.invariant_names))
+
+    def add(self, step: int, z: np.ndarray) -> tuple[int, int]:
+        """(why the run ended or OK, completed steps) after this step."""
+        return m.monitor(
+            step, z, self.c, self.dt, self.limits, self.shape, self.observables,
+            self.recorder.states, self.recorder.records, self.summary,
+        )  # fmt: skip
+
+    def trajectory(
+        self, integrator: Integrator, status: str, failure: str, done: int, wall: float
+    ) -> Trajectory:
+        return assemble(
+            integrator, self.scenario, self.dt, done, self.recorder, self.summary, status, failure, wall, False
+        )
+
+
+def run_adaptive(integrator: Integrator, scenario: Scenario, tolerance: float) -> Trajectory:
+    """One adaptive run at rtol = atol = tolerance, reported at evenly spaced times."""
+    assert integrator.adaptive is not None
+    model = scenario.model
+    t = np.linspace(0.0, scenario.t_end, POINTS + 1)
+    monitor = Monitor(scenario, t[1], POINTS, 1)
+    begin = time.perf_counter()
+    failure, reason, done, states, counts = "", m.OK, 0, np.empty((0, model.size)), {}
+    try:
+        result = integrator.adaptive(model, scenario.z0.copy(), t, tolerance, tolerance)
+        states, counts = result if isinstance(result, tuple) else (result, {})
+        states = _as_states(states, (len(t), model.size))
+    except Exception as error:
+        failure = exception_sentence(error, 1, 0.0)
+    wall = time.perf_counter() - begin
+    for k, z in enumerate(states[1:], start=1):
+        reason, done = monitor.add(k, np.ascontiguousarray(z))
+        if reason != m.OK:
+            break
+    status, sentence = ("exception", failure) if failure else explain(reason, done, t[1], scenario)
+    run = monitor.trajectory(integrator, status, sentence, done, wall)
+    solver = SolverCounts(
+        newton_iterations=int(counts.get("newton_iterations", 0)),
+        rhs_evaluations=int(counts.get("rhs_evaluations", 0)),
+    )
+    return replace(run, dt=math.nan, steps=int(counts.get("steps", done)), solver=solver)
+
+
+def _as_states(value: Any, shape: tuple[int, int]) -> np.ndarray:
+    z = np.array(value, dtype=np.float64)
+    if z.shape != shape:
+        raise ValueError(f"the solver returned shape {z.shape}, {shape} were asked for")
+    return z
