@@ -1,0 +1,138 @@
+"""Where rows come from: versions, commit, machine, command line. Imports nothing heavy."""
+
+from __future__ import annotations
+
+import os
+import platform
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from functools import lru_cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+PACKAGES = ("numpy", "scipy", "numba", "llvmlite", "casadi", "pandas", "pebble", "dask", "distributed")
+NUMERICAL_PACKAGES = (
+    "numpy",
+    "scipy",
+    "numba",
+)  # a new version of these may change digits, so it changes keys
+THREAD_VARIABLES = (
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "NUMBA_NUM_THREADS",
+    "NUMBA_DISABLE_JIT",
+)
+
+
+def provenance(command: Sequence[str] | None = None, sources: Path | None = None) -> dict[str, Any]:
+    """Everything needed to repeat a run, as JSON values.
+
+    Parameters
+    ----------
+    command : the command line; `sys.argv` by default. The home directory in it becomes `~`.
+    sources : a folder inside the git checkout to describe; the one of tcbench itself by default.
+    """
+    return {
+        "tcbench": package_version("tcbench"),
+        "git": git_state(sources or Path(__file__).parent),
+        "python": platform.python_version(),
+        "implementation": platform.python_implementation(),
+        "packages": versions(PACKAGES),
+        "machine": machine(),
+        "threads": {name: os.environ[name] for name in THREAD_VARIABLES if name in os.environ},
+        "command": [without_home(word) for word in (sys.argv if command is None else command)],
+    }
+
+
+def manifest(provenance_id: str, started: str, ended: str, data: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """The manifest of a run: provenance and its id, start and end (UTC, `utc_now`), and `data`."""
+    base = provenance() | {"provenance_id": provenance_id, "started": started, "ended": ended}
+    return base | dict(data or {})
+
+
+def utc_now() -> str:
+    """The time now in UTC, to the second, as in 2025-01-31T12:00:00Z."""
+    return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
+def package_version(name: str) -> str | None:
+    """The installed version of a distribution, None when it is not installed."""
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return None
+
+
+def versions(names: Sequence[str] = NUMERICAL_PACKAGES) -> dict[str, str]:
+    """Installed versions by name, read from package metadata; absent packages are left out."""
+    found = {name: package_version(name) for name in names}
+    return {name: text for name, text in found.items() if text is not None}
+
+
+@lru_cache(maxsize=1)
+def machine() -> dict[str, Any]:
+    """CPU model, logical and usable cores, architecture and operating system; no host name."""
+    usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return {
+        "cpu": cpu_model(),
+        "cores": os.cpu_count(),
+        "usable_cores": usable,
+        "architecture": platform.machine(),
+        "system": platform.system(),
+    }
+
+
+def machine_name() -> str:
+    """The kind of machine that a timing belongs to (`Cell.machine`): equal on equal machines."""
+    kind = machine()
+    return f"{kind['cpu']}, {kind['cores']} cores, {kind['architecture']} {kind['system']}"
+
+
+def cpu_model() -> str:
+    """The CPU's marketing name, as the operating system tells it."""
+    try:
+        for line in Path("/proc/cpuinfo").read_text(errors="replace").splitlines():
+            name, _, value = line.partition(":")
+            if name.strip().lower() in ("model name", "cpu model", "hardware") and value.strip():
+                return value.strip()
+    except OSError:
+        pass
+    if sys.platform == "darwin":
+        return _output(["sysctl", "-n", "machdep.cpu.brand_string"]) or platform.machine()
+    return platform.processor() or platform.machine() or "unknown"
+
+
+def git_state(folder: Path) -> dict[str, Any] | None:
+    """Commit, branch and whether tracked files differ from it; None outside a checkout or without git.
+
+    A folder that git ignores or does not track (an installed package inside somebody's checkout) is outside.
+    """
+    commit = _output(["git", "-C", str(folder), "rev-parse", "HEAD"])
+    if not commit or not _output(["git", "-C", str(folder), "ls-files", "--", "."]):
+        return None
+    changes = _output(["git", "-C", str(folder), "status", "--porcelain", "--untracked-files=no"], strip=False)
+    branch = _output(["git", "-C", str(folder), "rev-parse", "--abbrev-ref", "HEAD"])
+    return {"commit": commit, "dirty": None if changes is None else bool(changes.strip()), "branch": branch}
+
+
+def without_home(text: str) -> str:
+    """The text with the user's home directory replaced by `~`: manifests are published."""
+    home = os.path.expanduser("~")
+    return text.replace(home, "~") if len(home) > 1 else text
+
+
+def _output(command: list[str], strip: bool = True) -> str | None:
+    """What a short command prints, None when it is absent, fails, or takes more than five seconds."""
+    # GIT_OPTIONAL_LOCKS: `git status` must not write to an index that the user may be using
+    environment = os.environ | {"GIT_OPTIONAL_LOCKS": "0", "LC_ALL": "C"}
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=5, env=environment, check=False)
+    except (OSError, subprocess.SubprocessError):
+        return None
+    if done.returncode != 0:
+        return None
+    return done.stdout.strip() if strip else done.stdout
