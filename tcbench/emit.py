@@ -19,7 +19,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from . import jit
 from .trace import Symbol, topological
 
 _BINARY = {"add": "+", "sub": "-", "mul": "*"}
@@ -95,6 +94,8 @@ class Kernel:
 
     def __call__(self, a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
         """Evaluate once; returns a new array, shape (size,). `a` and `b` must be contiguous."""
+        from . import jit
+
         out = np.empty(self.size)
         jit.evaluate(self.address, a, b, out)
         return out
@@ -115,6 +116,8 @@ def _load(text: str) -> int:
 
 def _compile(text: str) -> tuple[int, object]:
     """Address of the compiled text, and the object that keeps it alive."""
+    from . import jit  # numba is imported when something is compiled, not before
+
     if jit.config.DISABLE_JIT:
         namespace: dict = {}
         exec(compile(text, "<kernel>", "exec"), namespace)

@@ -1,0 +1,128 @@
+"""What the commands do, apart from parsing."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from . import plugins, terminal
+from .errors import TcbenchError
+from .runner import make_tables, plan_job, preview, run
+from .store import Store
+from .studies import studies
+
+
+def run_command(options: dict[str, Any], display: terminal.Display) -> int:
+    """Plan, run with progress, print the summary; 130 after Ctrl-C."""
+    chosen = {name: list(options.pop(name)) or None for name in ("integrators", "scenarios", "studies")}
+    dt = list(options.pop("steps")) or None
+    security = {key[4:]: value for key in ("tls_ca", "tls_cert", "tls_key") if (value := options.pop(key))}
+    limit = options.pop("memory_limit")
+    if options.pop("dry_run"):
+        job = plan_job(**chosen, dt=dt)
+        display.plan(preview(job, options["output"], options["retry_failed"], options["jobs"]), len(job.cells))
+        return 0
+    with display.progress() as on_event:
+        results = run(
+            **chosen, dt=dt, memory_limit=limit * 2**20 if limit else None, security=security or None,
+            on_event=on_event, **options,
+        )  # fmt: skip
+    display.results(results)
+    return 130 if results.summary.interrupted else 0
+
+
+def list_command(as_json: bool) -> None:
+    registry = plugins.registry()
+    data = {
+        "integrators": [
+            {
+                "name": i.name, "order": i.order, "kind": i.kind, "claims": sorted(i.claims), "source": i.source,
+                "parameters": {k: list(v) for k, v in i.parameters.items()}, "plugin": i.plugin,
+            }
+            for i in registry.integrators.values()
+        ],
+        "scenarios": [
+            {
+                "name": s.name, "system": s.system.name, "t_end": s.t_end, "dt": s.dt, "shows": s.shows,
+                "source": s.source, "plugin": s.plugin,
+            }
+            for s in registry.scenarios.values()
+        ],
+        "studies": [{"name": s.name, "description": s.description} for s in studies().values()],
+        "broken": [{"name": o.name, "path": o.path or o.distribution, "error": o.error} for o in registry.broken],
+    }  # fmt: skip
+    if as_json:
+        terminal.print_json(data)
+    else:
+        terminal.print_listing(data)
+
+
+def simulate_command(
+    integrator: str, scenario: str, dt: float | None, t_end: float | None, tolerance: float | None, plain: bool,
+    record_every: int, csv: Path | None, as_json: bool,
+) -> None:  # fmt: skip
+    from . import metrics
+    from .simulate import simulate
+
+    if csv is not None and not csv.resolve().parent.is_dir():
+        raise TcbenchError(f"The folder of {str(csv)!r} does not exist; create it first.")
+    run_ = simulate(
+        integrator, scenario, dt, t_end, tolerance=tolerance, continuation=not plain, record_every=record_every,
+        residuals=True,
+    )  # fmt: skip
+    row = {"integrator": run_.integrator.name, "scenario": run_.scenario.name, "dt": run_.dt}
+    row |= metrics.conservation(run_)
+    if csv is not None:
+        _write_csv(run_, csv)
+    if as_json:
+        terminal.print_json(row)
+    else:
+        terminal.print_row(row)
+        if csv is not None:
+            terminal.say(f"{len(run_.t)} states in {csv}")
+
+
+def _write_csv(run_: Any, path: Path) -> None:
+    """t, z, energy, entropy, invariants and temperatures, all digits."""
+    n, m = run_.scenario.model.n_positions, run_.scenario.model.n_elements
+    names = ["t", *(f"q{i}" for i in range(n)), *(f"p{i}" for i in range(n)), *(f"s{i}" for i in range(m))]
+    names += ["energy", "entropy", *run_.invariants, *(f"theta{i}" for i in range(m))]
+    columns = [run_.t, *run_.z.T, run_.energy, run_.entropy, *run_.invariants.values(), *run_.temperatures.T]
+    try:
+        np.savetxt(path, np.column_stack(columns), delimiter=",", header=",".join(names), comments="", fmt="%.17g")
+    except OSError as error:
+        raise TcbenchError(f"{str(path)!r} cannot be written: {error.strerror}.") from None
+
+
+def show_command(folder: Path, as_json: bool) -> None:
+    if not folder.is_dir():
+        raise TcbenchError(f"There is no run in {str(folder)!r}. tcbench run --output FOLDER makes one.")
+    tables = make_tables(studies().values(), Store.read(folder))
+    if not tables:
+        raise TcbenchError(f"{str(folder)!r} holds no finished cell yet.")
+    if as_json:
+        terminal.print_json({name: json.loads(t.to_json(orient="records", double_precision=15)) for name, t in
+                             tables.items()})  # fmt: skip
+    else:
+        terminal.print_tables(tables)
+
+
+def compare_command(run_a: Path, run_b: Path, fail_on_regression: bool, as_json: bool) -> int:
+    from .compare import compare, regressions
+
+    for folder in (run_a, run_b):
+        if not folder.is_dir():
+            raise TcbenchError(f"There is no run in {str(folder)!r}.")
+    changes = compare(run_a, run_b)
+    worse = regressions(changes)
+    if as_json:
+        terminal.print_json(json.loads(changes.to_json(orient="records", double_precision=15)))
+    elif changes.empty:
+        terminal.say("Nothing changed beyond noise.")
+    else:
+        terminal.print_frame(changes, "changes")
+        terminal.say(f"{len(changes)} changes beyond noise, {len(worse)} for the worse.")
+    return 1 if fail_on_regression and len(worse) else 0

@@ -1,0 +1,37 @@
+"""`Study`: which cells to run, what to measure in one, and the tables made of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+    from ..integrator import Integrator
+    from ..scenario import Scenario
+
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Study:
+    """One study, as three functions.
+
+    plan(integrators, scenarios, options) -> (integrator, scenario, cell options) of each cell; options are those of
+        the run ("dt": list of steps, ...), cell options are JSON values.
+    measure(integrator, scenario, cell options) -> row; runs in a worker process; nested lists and NaN are allowed.
+        Exceptions become rows of status "exception".
+    tabulate(records) -> tables by name; a record is the row with integrator, scenario and the cell options; rows of
+        failed cells have "status" and "failure" and may lack everything else.
+    timed : cells run alone on the machine, after all others.
+    """
+
+    name: str
+    description: str
+    tables: tuple[str, ...]
+    plan: Callable[[Sequence[Integrator], Sequence[Scenario], Mapping[str, Any]], list[tuple[Integrator, Scenario, Row]]]
+    measure: Callable[[Integrator, Scenario, Row], Row]
+    tabulate: Callable[[Sequence[Row]], dict[str, DataFrame]]
+    timed: bool = False

@@ -1,0 +1,69 @@
+"""Conservation: what each method keeps and what it loses, on a ladder of steps around the scene's own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from .base import Row, Study
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+    from ..integrator import Integrator
+    from ..scenario import Scenario
+
+COLUMNS = (
+    "integrator", "scenario", "dt", "status", "blowup_time", "energy_error_max", "energy_error_final", "energy_drift",
+    "entropy_increment_min", "second_law_violations", "angular_momentum_error_max", "lyapunov_increment_max",
+    "residual_max", "newton_iterations_mean", "us_per_step", "t_final", "steps", "failure",
+)  # fmt: skip
+TOLERANCES = (1e-3, 1e-6, 1e-9)  # of adaptive solvers, which have no dt
+
+
+def plan(
+    integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]
+) -> list[tuple[Integrator, Scenario, Row]]:
+    cells: list[tuple[Integrator, Scenario, Row]] = []
+    for scenario in scenarios:
+        steps = options.get("dt") or [factor * scenario.dt for factor in scenario.ladder]
+        for integrator in integrators:
+            if integrator.kind == "adaptive":
+                cells.extend((integrator, scenario, {"tolerance": tolerance}) for tolerance in TOLERANCES)
+            else:
+                cells.extend((integrator, scenario, {"dt": dt}) for dt in steps if dt <= scenario.t_end)
+    return cells
+
+
+def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
+    from .. import metrics, plugins
+    from ..simulate import simulate
+
+    adaptive = integrator.kind == "adaptive"
+    extra = {"tolerance": options["tolerance"]} if adaptive else {"dt": options["dt"], "residuals": True}
+    run = simulate(integrator, scenario, **extra)
+    row = metrics.conservation(run)
+    if integrator.kind == "flows":  # timed again, warm and without the evaluation of residuals
+        again = simulate(integrator, scenario, dt=options["dt"], record_every=None)
+        row["us_per_step"] = min(row["us_per_step"], metrics.us_per_step(again))
+    return row | {name: metric.compute(run) for name, metric in plugins.metrics().items()}
+
+
+def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
+    import pandas as pd
+
+    table = pd.DataFrame(list(records))
+    first = [c for c in COLUMNS if c in table.columns or c != "tolerance"]
+    rest = [c for c in table.columns if c not in first]
+    table = table.reindex(columns=[*first, *rest])
+    return {"conservation": table.sort_values(["scenario", "integrator", "dt"], kind="stable", ignore_index=True)}
+
+
+STUDY = Study(
+    name="conservation",
+    description="energy, entropy and momentum errors, blow-up time and solver effort on a ladder of steps",
+    tables=("conservation",),
+    plan=plan,
+    measure=measure,
+    tabulate=tabulate,
+)

@@ -1,0 +1,190 @@
+"""What the terminal shows: progress with time left, tables that fit 80 columns, plain text when piped."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+from rich.table import Table
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+    from .engine import Event, Plan
+    from .runner import Results
+
+FAILURES_SHOWN = 5
+
+
+def console() -> Console:
+    """stdout; rich obeys NO_COLOR, and a pipe gets plain text of a width that does not wrap tables."""
+    return Console(width=None if sys.stdout.isatty() else 120, highlight=False, emoji=False, markup=False)
+
+
+def say(text: str) -> None:
+    console().print(text, soft_wrap=True)
+
+
+def print_json(data: Any) -> None:
+    """Strict JSON: NaN and infinities become null."""
+    sys.stdout.write(json.dumps(_strict(data), indent=1) + "\n")
+
+
+def _strict(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(k): _strict(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_strict(v) for v in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value.item() if hasattr(value, "item") else value
+
+
+def number(value: Any) -> str:
+    """Three digits are enough on a terminal; the CSV has them all."""
+    if value is None or (isinstance(value, float) and math.isnan(value)):
+        return "-"
+    if isinstance(value, float):
+        return f"{value:.3g}"
+    return str(value)
+
+
+def make_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
+    table = Table(title=title, title_justify="left", box=None, pad_edge=False, header_style="bold")
+    numeric = [bool(rows) and all(_numeric(row[i]) for row in rows) for i in range(len(columns))]
+    for name, right in zip(columns, numeric, strict=True):
+        table.add_column(name, justify="right" if right else "left", overflow="fold")
+    for row in rows:
+        table.add_row(*row)
+    return table
+
+
+def _numeric(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return text in ("-", "")
+    return True
+
+
+def print_frame(frame: DataFrame, title: str, columns: Sequence[str] | None = None) -> None:
+    names = [c for c in (columns or frame.columns) if c in frame.columns]
+    rows = [[number(value) for value in row] for row in frame[names].itertuples(index=False)]
+    console().print(make_table(title, names, rows))
+
+
+SHOWN = {  # columns of a table that fit a terminal, with their headings
+    "conservation": {
+        "integrator": "integrator", "dt": "dt", "status": "status", "energy_error_max": "|dE|/V0",
+        "entropy_increment_min": "min dS", "angular_momentum_error_max": "|dJ|/J", "newton_iterations_mean": "Newton",
+        "us_per_step": "us/step", "blowup_time": "fails at",
+    },
+}  # fmt: skip
+
+
+def print_tables(tables: Mapping[str, DataFrame]) -> None:
+    """Each table, one block a scenario where there are several."""
+    for name, table in tables.items():
+        shown = SHOWN.get(name)
+        if shown is None or "scenario" not in table:
+            print_frame(table, name)
+            continue
+        for scenario, part in table.groupby("scenario", sort=False):
+            columns = [c for c in shown if c in part]
+            rows = [[number(v) for v in row] for row in part[columns].itertuples(index=False)]
+            console().print(make_table(f"\n{name}: {scenario}", [shown[c] for c in columns], rows))
+
+
+def print_row(row: Mapping[str, Any]) -> None:
+    console().print(make_table("", ["", ""], [[k, number(v)] for k, v in row.items() if v != ""]))
+
+
+def print_listing(data: Mapping[str, Any]) -> None:
+    rows = [
+        [i["name"], number(i["order"]), ", ".join(i["claims"]), i["source"],
+         " ".join(f"[{k}={'|'.join(v)}]" for k, v in i["parameters"].items())]
+        for i in data["integrators"]
+    ]  # fmt: skip
+    console().print(make_table("Integrators", ["name", "order", "claims", "source", "parameters"], rows))
+    rows = [[s["name"], number(s["t_end"]), number(s["dt"]), s["shows"], s["source"]] for s in data["scenarios"]]
+    console().print(make_table("\nScenarios", ["name", "t_end", "dt", "shows", "source"], rows))
+    rows = [[s["name"], s["description"]] for s in data["studies"]]
+    console().print(make_table("\nStudies", ["name", "measures"], rows))
+    for origin in data["broken"]:
+        say(f"\nBroken plugin {origin['name']!r} ({origin['path']}):\n{origin['error']}")
+
+
+class Display:
+    """Progress and results of a run."""
+
+    def __init__(self, quiet: bool = False, as_json: bool = False) -> None:
+        self.quiet, self.as_json = quiet, as_json
+
+    @contextmanager
+    def progress(self) -> Iterator[Callable[[Event], None] | None]:
+        """A live bar with the time left on a terminal; failures are printed as they come."""
+        if self.quiet:
+            yield None
+            return
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+        errors = Console(stderr=True, highlight=False, emoji=False, markup=False)
+        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+        with Progress(*columns, console=errors, disable=not errors.is_terminal) as bar:
+            task = bar.add_task("starting workers", total=None)
+            printed = 0
+
+            def on_event(event: Event) -> None:
+                nonlocal printed
+                bar.update(task, completed=event.done, total=event.total, description=event.cell.study)
+                if event.kind == "failed" and event.row is not None and event.row.get("status") in LOUD:
+                    printed += 1
+                    if printed <= FAILURES_SHOWN:
+                        bar.print(f"{event.cell.integrator} on {event.cell.scenario}: {event.row.get('failure')}")
+
+            yield on_event
+        if printed > FAILURES_SHOWN:
+            errors.print(f"... and {printed - FAILURES_SHOWN} more failures of this kind; see the tables.")
+
+    def plan(self, plan: Plan, total: int) -> None:
+        seconds = plan.estimate_s
+        time = "unknown: no earlier rows to judge by" if seconds is None else f"about {seconds:.1f} s"
+        say(f"{total} cells: {plan.finished} finished, {len(plan.to_run)} to run. Time: {time}.")
+
+    def results(self, results: Results) -> None:
+        summary = results.summary
+        if self.as_json:
+            statuses = dict(summary.statuses)
+            print_json({"output": str(results.output), "ran": summary.run, "statuses": statuses,
+                        "elapsed_s": summary.elapsed_s, "interrupted": summary.interrupted})  # fmt: skip
+            return
+        if self.quiet:
+            return
+        if "conservation" in results.tables:
+            self._overview(results.tables["conservation"])
+        counts = ", ".join(f"{n} {status}" for status, n in sorted(summary.statuses.items()))
+        say(
+            f"\n{summary.run} cells in {summary.elapsed_s:.1f} s ({counts or 'nothing new'}), "
+            f"{summary.already_finished} were finished before."
+        )
+        if summary.interrupted:
+            say(f"Interrupted with {summary.left} cells left; the same command resumes.")
+        say(f"Tables: {results.output}/tables/ (CSV and Parquet). All of them: tcbench show {results.output}")
+
+    def _overview(self, table: DataFrame) -> None:
+        """Per scenario, at the middle step of its ladder: which laws each method kept."""
+        shown = SHOWN["conservation"]
+        for scenario, part in table.groupby("scenario", sort=False):
+            steps = sorted(part["dt"].dropna().unique())
+            middle = part[(part["dt"] == steps[len(steps) // 2]) | part["dt"].isna()] if steps else part
+            columns = [c for c in shown if c in middle]
+            rows = [[number(v) for v in row] for row in middle[columns].itertuples(index=False)]
+            console().print(make_table(f"\n{scenario}", [shown[c] for c in columns], rows))
+
+
+LOUD = ("exception", "crash", "timeout")  # a method that fails physically is a result, not an alarm
