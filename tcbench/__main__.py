@@ -1,0 +1,5 @@
+"""`python -m tcbench`."""
+
+from .cli import main
+
+main(prog_name="tcbench")

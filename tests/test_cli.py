@@ -1,0 +1,123 @@
+"""The command line as a user meets it: exit codes, sentences, files, pipes."""
+
+import csv
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+
+
+def tcbench(*args, cwd=None, env=None):
+    command = [sys.executable, "-m", "tcbench", *map(str, args)]
+    return subprocess.run(command, capture_output=True, text=True, cwd=cwd, env=os.environ | (env or {}))
+
+
+def test_help_lists_the_commands_without_importing_what_is_heavy():
+    code = (
+        "import sys\nfrom click.testing import CliRunner\nfrom tcbench.cli import main\n"
+        "print(CliRunner().invoke(main, ['--help']).output)\n"
+        "print(sorted({'numpy', 'numba', 'scipy', 'pandas', 'matplotlib'} & set(sys.modules)))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert "simulate" in done.stdout and done.stdout.strip().endswith("[]")
+
+
+def test_list_shows_integrators_with_claims_and_sources_without_compiling():
+    code = (
+        "import sys\nfrom click.testing import CliRunner\nfrom tcbench.cli import main\n"
+        "print(CliRunner().invoke(main, ['list']).output)\n"
+        "print(sorted({'numba', 'scipy', 'pandas', 'matplotlib'} & set(sys.modules)))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert "tc_strang" in done.stdout and "Romero (2009), remark 3.2" in done.stdout
+    assert done.stdout.strip().endswith("[]")
+    data = json.loads(tcbench("list", "--json").stdout)
+    assert {i["name"]: i["order"] for i in data["integrators"]}["tc_staggered"] == 1
+    assert {s["name"] for s in data["scenarios"]} >= {"short_term", "cold_spring"}
+
+
+def test_simulate_prints_a_row_and_writes_a_trajectory(tmp_path):
+    path = tmp_path / "run.csv"
+    done = tcbench("simulate", "tc_monolithic", "short_term", "--dt", 0.5, "--t-end", 5, "--csv", path)
+    assert done.returncode == 0 and "energy_error_max" in done.stdout
+    rows = list(csv.DictReader(path.open()))
+    assert len(rows) == 11 and float(rows[-1]["t"]) == 5.0
+    assert float(rows[0]["energy"]) == pytest.approx(421.64110579977235469, rel=1e-14)
+    failed = tcbench("simulate", "midpoint_entropy", "stiff_spring", "--json")
+    assert failed.returncode == 0  # a failed run is a result
+    assert json.loads(failed.stdout)["status"] == "blowup"
+
+
+def test_run_writes_tables_and_a_manifest_and_resumes(tmp_path):
+    out = tmp_path / "mine"
+    args = ("run", "-i", "tc_monolithic", "-i", "midpoint_entropy", "-s", "stiff_spring", "--dt", 0.1, "--dt", 0.3, "-o", out)
+    first = tcbench(*args)
+    assert first.returncode == 0, first.stderr
+    assert "stiff_spring" in first.stdout and "blowup" in first.stdout and "4 cells" in first.stdout
+    rows = list(csv.DictReader((out / "tables" / "conservation.csv").open()))
+    assert [(r["integrator"], r["dt"]) for r in rows] == [
+        ("midpoint_entropy", "0.1"), ("midpoint_entropy", "0.3"), ("tc_monolithic", "0.1"), ("tc_monolithic", "0.3"),
+    ]  # fmt: skip
+    assert {r["status"] for r in rows if r["integrator"] == "tc_monolithic"} == {"ok"}
+    import pandas as pd
+
+    assert len(pd.read_parquet(out / "tables" / "conservation.parquet")) == 4
+    manifest = json.loads((out / "manifest.json").read_text())
+    assert manifest["packages"]["numba"] and manifest["command"] and manifest["machine"]
+    again = tcbench(*args)
+    assert again.returncode == 0 and "4 were finished before" in again.stdout
+    dry = tcbench(*args, "--dt", 0.2, "--dry-run")
+    assert "6 cells: 4 finished, 2 to run" in dry.stdout
+    shown = tcbench("show", out)
+    assert shown.returncode == 0 and "tc_monolithic" in shown.stdout
+    same = tcbench("compare", out, out, "--fail-on-regression")
+    assert same.returncode == 0 and "Nothing changed" in same.stdout
+
+
+BAD = [
+    (("run",), "Say what to run"),
+    (("run", "-i", "tc_monolitic"), "Did you mean 'tc_monolithic'?"),
+    (("run", "-s", "shortterm"), "Did you mean 'short_term'?"),
+    (("run", "--study", "conservatoin"), "Did you mean 'conservation'?"),
+    (("run", "--all", "--dt", "0"), "dt must be positive"),
+    (("run", "--all", "--dt", "nan"), "dt must be positive and finite"),
+    (("run", "-s", "short_term", "--dt", "26"), "longer than the horizon"),
+    (("run", "--all", "-o", "/proc/nowhere"), "/proc/nowhere"),
+    (("run", "--all", "--plugins-dir", "no_such_folder"), "does not exist"),
+    (("simulate", "tc_monolithic", "short_term", "--dt", "-1"), "dt must be positive"),
+    (("simulate", "tc_monolithic", "short_term", "--csv", "no/such/folder/run.csv"), "does not exist"),
+    (("show", "no_such_run"), "There is no run in"),
+    (("compare", "no_such_run", "no_such_run"), "There is no run in"),
+    (("simulat", "tc_monolithic", "short_term"), "Did you mean 'simulate'?"),
+]
+
+
+@pytest.mark.parametrize(("args", "sentence"), BAD)
+def test_bad_input_is_one_sentence_and_exit_code_2(args, sentence, tmp_path):
+    done = tcbench(*args, cwd=tmp_path)
+    assert done.returncode == 2
+    assert sentence in done.stderr and "Traceback" not in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert done.stdout == "" and list(tmp_path.iterdir()) == []  # nothing half-written
+
+
+def test_a_plugin_file_runs_beside_the_built_ins(tmp_path):
+    (tmp_path / "mine.py").write_text(
+        "from tcbench import Integrator, hookimpl\n"
+        "def heun(z, h, system):\n"
+        "    k = system.vector_field(z)\n"
+        "    return z + h / 2 * (k + system.vector_field(z + h * k))\n"
+        "@hookimpl\n"
+        "def tcbench_integrators():\n"
+        "    return [Integrator(name='heun', order=2, step=heun)]\n"
+    )
+    args = ("run", "-i", "heun", "-s", "bound_equilibrium", "--dt", 0.05, "--plugins-dir", tmp_path, "-o", tmp_path / "out")
+    done = tcbench(*args, "--json")
+    assert done.returncode == 0 and json.loads(done.stdout)["statuses"] == {"ok": 1}
+
+
+def test_piped_output_is_plain_text():
+    done = tcbench("list")
+    assert "\x1b" not in done.stdout and "\x1b" not in done.stderr

@@ -1,0 +1,120 @@
+"""Registration: entry points, files, broken plugins, duplicates, families."""
+
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import tcbench
+from tcbench import TcbenchError, hookspecs, plugins
+
+ROOT = Path(__file__).parent.parent
+GOOD = """
+from tcbench import Integrator, hookimpl
+
+def mine(z0, z1, h, system):
+    return z1 - z0 - h * system.vector_field((z0 + z1) / 2)
+
+@hookimpl
+def tcbench_integrators():
+    return [Integrator(name="mine", order=2, claims={"angular_momentum"}, flows=mine)]
+"""
+
+
+@pytest.fixture
+def folder(tmp_path):
+    yield tmp_path
+    plugins._FOLDERS.clear()
+    plugins._REGISTRY = None
+
+
+def test_every_plugin_file_has_its_entry_point():
+    points = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["entry-points"]["tcbench"]
+    files = {p.stem for p in (ROOT / "plugins").glob("*.py") if p.stem != "__init__"}
+    assert {target.removeprefix("tcbench_plugins.") for target in points.values()} == files
+
+
+def test_plugin_files_import_only_tcbench_and_numpy_and_scipy():
+    for path in (ROOT / "plugins").glob("*.py"):
+        for line in path.read_text().splitlines():
+            if line.startswith(("import ", "from ")):
+                package = line.split()[1].split(".")[0]
+                assert package in ("tcbench", "numpy", "scipy", ""), f"{path.name}: {line}"
+
+
+def test_every_hook_is_documented():
+    for name, function in vars(hookspecs).items():
+        if name.startswith("tcbench_"):
+            assert function.__doc__ and len(function.__doc__) > 20, name
+
+
+def test_a_plugin_file_is_found_and_runs(folder):
+    (folder / "mine.py").write_text(GOOD)
+    plugins.use_folders([folder])
+    assert "mine" in tcbench.integrators()
+    mine, builtin = tcbench.simulate("mine", "short_term"), tcbench.simulate("midpoint_entropy", "short_term")
+    assert (mine.z == builtin.z).all()
+
+
+BROKEN = {
+    "syntax.py": ("def broken(:\n", "SyntaxError"),
+    "importing.py": ("import no_such_module_here\n", "No module named 'no_such_module_here'"),
+    "raising.py": ("raise RuntimeError('at import')\n", "at import"),
+    "misspelt.py": (GOOD.replace("def tcbench_integrators", "def tcbench_integrator"), "unknown hook 'tcbench_integrator'"),
+    "listless.py": (GOOD.replace("return [", "return 7 #"), "TypeError"),
+    "wrong_type.py": (GOOD.replace("return [Integrator", "return [dict"), "must return a list of Integrator"),
+    "nameless.py": (GOOD.replace('name="mine"', 'name="Mine!"'), "must be lower-case"),
+    "orderless.py": (GOOD.replace("order=2, ", ""), "must declare its order"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_a_broken_plugin_stays_listed_with_its_traceback_and_costs_no_other(folder, name):
+    source, message = BROKEN[name]
+    (folder / name).write_text(source)
+    (folder / "good.py").write_text(GOOD)
+    plugins.use_folders([folder])
+    broken = {origin.name: origin.error for origin in plugins.registry().broken}
+    assert list(broken) == [name.removesuffix(".py")] and message in broken[name.removesuffix(".py")]
+    assert {"mine", "tc_monolithic"} <= set(tcbench.integrators())
+    with pytest.raises(TcbenchError, match=f"Broken plugins .*{name.removesuffix('.py')}"):
+        plugins.find_integrator("nobody")
+
+
+def test_two_plugins_with_one_name_are_refused_with_both_named(folder):
+    (folder / "first.py").write_text(GOOD)
+    (folder / "second.py").write_text(GOOD)
+    plugins.use_folders([folder])
+    with pytest.raises(TcbenchError, match=r"integrator 'mine': first and second"):
+        tcbench.integrators()
+
+
+def test_a_missing_plugin_folder_is_refused(folder):
+    with pytest.raises(TcbenchError, match="does not exist"):
+        plugins.use_folders([folder / "nowhere"])
+
+
+def test_the_environment_variable_names_folders(folder):
+    (folder / "mine.py").write_text(GOOD)
+    code = "import tcbench; print('mine' in tcbench.integrators())"
+    import os
+
+    env = os.environ | {"TCBENCH_PLUGINS_DIR": str(folder)}
+    assert subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True).stdout == "True\n"
+
+
+def test_integrators_are_sorted_by_name_whatever_the_order_of_registration(folder):
+    (folder / "zzz.py").write_text(GOOD.replace('"mine"', '"aaa"'))
+    plugins.use_folders([folder])
+    assert list(tcbench.integrators()) == sorted(tcbench.integrators())
+
+
+def test_families_expand():
+    names = [i.name for i in plugins.expand_integrators(["midpoint_temperature[reading=all]"])]
+    assert names == [
+        "midpoint_temperature", "midpoint_temperature[reading=rate]", "midpoint_temperature[reading=a5_literal]",
+    ]  # fmt: skip
+    assert plugins.find_integrator("midpoint_temperature[reading=balance]").name == "midpoint_temperature"
+    assert plugins.find_integrator("midpoint_temperature[reading=a5_literal]").order == 1

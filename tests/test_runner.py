@@ -1,0 +1,47 @@
+"""`tcbench.run` from Python: objects of the session, variants of scenes, plugin metrics."""
+
+import numpy as np
+import pytest
+
+import tcbench
+from tcbench import Integrator, TcbenchError
+
+
+def heun(z, h, system):
+    k = system.vector_field(z)
+    return z + h / 2 * (k + system.vector_field(z + h * k))
+
+
+def test_run_takes_names_objects_and_variants(tmp_path):
+    soft = tcbench.scenarios()["short_term"].replace(name="soft", stiffness=(0.05, 0.5), conductivity=10.0, t_end=3.0)
+    results = tcbench.run(
+        integrators=["tc_monolithic", Integrator(name="heun", order=2, step=heun)], scenarios=[soft],
+        studies=["conservation"], output=tmp_path / "mine", dt=[0.1],
+    )  # fmt: skip
+    table = results.tables["conservation"].set_index("integrator")
+    assert list(table.index) == ["heun", "tc_monolithic"] and set(table["status"]) == {"ok"}
+    direct = tcbench.simulate("tc_monolithic", soft, dt=0.1)
+    assert table.loc["tc_monolithic", "steps"] == direct.steps == 30
+    assert table.loc["heun", "energy_error_max"] > 1e-9 > table.loc["tc_monolithic", "energy_error_max"]
+    assert (tmp_path / "mine" / "tables" / "conservation.csv").exists()
+
+
+def test_two_scenes_of_one_name_are_refused(tmp_path):
+    scene = tcbench.scenarios()["short_term"]
+    with pytest.raises(TcbenchError, match="same name"):
+        tcbench.run(["tc_monolithic"], [scene, scene.replace(t_end=5.0)], output=tmp_path / "x")
+    assert not (tmp_path / "x").exists()
+
+
+def test_every_column_of_the_conservation_table_is_there(tmp_path):
+    results = tcbench.run(["tc_strang"], ["short_term"], ["conservation"], tmp_path / "x", dt=[0.3])
+    columns = (
+        "integrator scenario dt status blowup_time energy_error_max energy_error_final energy_drift entropy_increment_min "
+        "second_law_violations angular_momentum_error_max lyapunov_increment_max residual_max newton_iterations_mean "
+        "us_per_step"
+    ).split()  # fmt: skip
+    table = results.tables["conservation"]
+    assert list(table.columns[: len(columns)]) == columns
+    row = table.iloc[0]
+    assert row["residual_max"] < 1e-12 and row["energy_error_max"] < 1e-12 and np.isnan(row["blowup_time"])
+    assert row["scenario_hash"] == tcbench.scenarios()["short_term"].hash and len(row["source_hash"]) == 12

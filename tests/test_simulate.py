@@ -1,0 +1,269 @@
+"""`tcbench.simulate`: its contract, statuses, bad input, and agreement with an independent solver."""
+
+import math
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from scipy.optimize import fsolve
+
+import tcbench
+from tcbench import Integrator, TcbenchError
+
+SCENES = tcbench.scenarios()
+
+
+def test_a_run_has_the_documented_shapes():
+    run = tcbench.simulate("tc_monolithic", "short_term", dt=0.3)
+    n = run.steps
+    assert n == 84  # 84 * 0.3 = 25.2: the last step ends just past t_end = 25
+    assert run.t.shape == run.energy.shape == run.entropy.shape == run.angular_momentum.shape == (n + 1,)
+    assert run.z.shape == (n + 1, 10) and run.temperatures.shape == (n + 1, 2)
+    assert run.newton_iterations.shape == (n,) and run.newton_iterations.min() >= 1
+    assert run.status == "ok" and run.failure == "" and run.wall_time_s > 0
+    assert run.t[-1] == pytest.approx(25.2)
+    model = SCENES["short_term"].model
+    assert np.array_equal(run.energy, model.energy(run.z))
+    assert np.allclose(run.temperatures, model.temperatures(run.z), rtol=1e-14)
+
+
+def plain_residual(z1, z0, h, model, method):
+    """The appendix formulas written out by hand on floats: no tracing, no elimination, no hoisting."""
+    mid, m = (z0 + z1) / 2, model
+    if method == "midpoint_entropy":
+        return z1 - z0 - h * np.asarray(m.vector_field(mid))
+    DE = np.asarray(m.discrete_gradient(z0, z1))
+    q = z1[:4] - z0[:4] - h * DE[4:8]
+    p = z1[4:8] - z0[4:8] + h * DE[:4]
+    a, b = DE[8:]
+    return np.concatenate([q, p, z1[8:] - z0[8:] - h * m.conductivity * np.array([b / a - 1, a / b - 1])])
+
+
+@pytest.mark.parametrize("scenario", ["short_term", "bound_equilibrium"])
+@pytest.mark.parametrize("method", ["tc_monolithic", "midpoint_entropy"])
+def test_compiled_steps_agree_with_scipy_on_the_formula_written_by_hand(method, scenario):
+    scene = SCENES[scenario]
+    run = tcbench.simulate(method, scene, dt=0.05, t_end=0.25)
+    z = scene.z0.copy()
+    for k in range(5):
+        z, info, success, _ = fsolve(plain_residual, z, (z.copy(), 0.05, scene.model, method), xtol=1e-14, full_output=1)
+        assert np.allclose(run.z[k + 1], z, rtol=1e-9, atol=1e-9)
+
+
+def test_plain_python_gives_what_the_compiled_code_gives():
+    code = (
+        "import tcbench\n"
+        "for i in ('tc_monolithic', 'tc_strang', 'midpoint_temperature'):\n"
+        "    r = tcbench.simulate(i, 'stiff_spring', dt=0.3, t_end=0.9)\n"
+        "    print(r.status, *(x.hex() for x in r.z[-1]))\n"
+    )
+    outputs = []
+    for disabled in ("0", "1"):
+        env = os.environ | {"NUMBA_DISABLE_JIT": disabled}
+        done = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True)
+        outputs.append([line.split() for line in done.stdout.splitlines()])
+    for compiled, plain in zip(*outputs, strict=True):
+        assert compiled[0] == plain[0] == "ok"
+        a, b = ([float.fromhex(x) for x in line[1:]] for line in (compiled, plain))
+        assert np.allclose(a, b, rtol=1e-11, atol=1e-11)  # fused multiply-add rounds differently
+
+
+def test_n_plus_m_steps_equal_n_and_then_m():
+    scene = SCENES["bound_equilibrium"].replace(t_end=6.0, name="whole")
+    whole = tcbench.simulate("tc_strang", scene)
+    y = scene.model.temperature_variables(whole.z[10])
+    rest = scene.replace(positions=y[:4], momenta=y[4:8], temperatures=y[8:], t_end=3.0, name="rest")
+    again = tcbench.simulate("tc_strang", rest)
+    # a restart goes through temperatures and drops the compensation of round-off: nothing else
+    assert np.allclose(whole.z[10:21], again.z, rtol=1e-11, atol=1e-12)
+
+
+def test_record_every_keeps_the_same_states_and_the_whole_summary():
+    every = tcbench.simulate("midpoint_entropy", "short_term")
+    some = tcbench.simulate("midpoint_entropy", "short_term", record_every=10)
+    ends = tcbench.simulate("midpoint_entropy", "short_term", record_every=None)
+    assert np.array_equal(some.z[:-1], every.z[::10]) and np.array_equal(some.z[-1], every.z[-1])
+    assert np.allclose(some.t[:-1], every.t[::10]) and some.t[-1] == every.t[-1]
+    assert len(ends.t) == 2 and np.array_equal(ends.z[-1], every.z[-1])
+    assert some.summary.energy_error_max == every.summary.energy_error_max == np.abs(every.energy - every.energy[0]).max()
+    assert ends.summary.entropy_increment_min == np.diff(every.entropy).min()
+    assert some.newton_iterations.sum() == every.newton_iterations.sum() == ends.solver.newton_iterations
+
+
+def test_replace_makes_variants_and_leaves_the_original():
+    scene = SCENES["short_term"]
+    variant = scene.replace(stiffness=(10.0, 100.0), t_end=200.0)
+    assert list(variant.constants["stiffness"]) == [10.0, 100.0] and variant.t_end == 200.0
+    assert list(scene.constants["stiffness"]) == [0.1, 1.0] and scene.t_end == 25.0
+    assert variant.hash != scene.hash
+    for name in ("masses", "natural_lengths", "positions", "momenta", "temperatures"):
+        values = scene.constants.get(name, getattr(scene, name, None))
+        assert scene.replace(**{name: values}).hash == scene.hash
+
+
+BAD_SCENES = [
+    ({"temperatures": (-1, 300)}, "temperatures must be positive"),
+    ({"masses": (0, 1)}, "'masses' must be positive"),
+    ({"positions": (0, 0, 1, 0)}, "collapsed"),
+    ({"positions": (1, 0, 1, 0)}, "collapsed"),
+    ({"momenta": (math.nan, 0, 0, 0)}, "must be finite"),
+    ({"momenta": (0, 0, 0)}, "momenta must be 4 numbers, not 3"),
+    ({"conductivity": -1}, "must not be negative"),
+    ({"stiffness": (1, 2, 3)}, "must have shape (2,)"),
+    ({"stifness": (1, 2)}, "Did you mean 'stiffness'?"),
+    ({"t_end": 0}, "t_end must be positive"),
+    ({"dt": 26}, "longer than t_end"),
+    ({"heat_capacity": "five"}, "must be a number"),
+]
+
+
+@pytest.mark.parametrize(("changes", "sentence"), BAD_SCENES)
+def test_bad_scenario_data_are_refused_with_a_sentence(changes, sentence):
+    with pytest.raises(TcbenchError) as caught:
+        SCENES["short_term"].replace(**changes)
+    assert sentence in str(caught.value)
+
+
+BAD_CALLS = [
+    (("tc_monolitic", "short_term"), {}, "Did you mean 'tc_monolithic'?"),
+    (("tc_monolithic", "short_trem"), {}, "Did you mean 'short_term'?"),
+    (("tc_monolithic", "short_term"), {"dt": 0}, "dt must be positive"),
+    (("tc_monolithic", "short_term"), {"dt": -0.1}, "dt must be positive"),
+    (("tc_monolithic", "short_term"), {"dt": math.nan}, "dt must be positive and finite"),
+    (("tc_monolithic", "short_term"), {"dt": 30}, "longer than the horizon"),
+    (("tc_monolithic", "short_term"), {"dt": "big"}, "dt must be a number"),
+    (("tc_monolithic", "short_term"), {"tolerance": 1e-6}, "takes a step dt, not a tolerance"),
+    (("tc_monolithic", "short_term"), {"record_every": 0}, "record_every must be at least 1"),
+    (("midpoint_temperature[reading=best]", "short_term"), {}, "Known: a5_literal, balance, rate"),
+    (("midpoint_temperature[readin=rate]", "short_term"), {}, "Did you mean 'reading'?"),
+    (("tc_monolithic[a=b]", "short_term"), {}, "No parameter of 'tc_monolithic' is called 'a'"),
+]
+
+
+@pytest.mark.parametrize(("args", "options", "sentence"), BAD_CALLS)
+def test_bad_calls_are_refused_with_a_sentence(args, options, sentence):
+    with pytest.raises(TcbenchError) as caught:
+        tcbench.simulate(*args, **options)
+    assert sentence in str(caught.value)
+
+
+def euler(z, h, system):
+    return z + h * system.vector_field(z)
+
+
+def test_a_python_step_is_an_integrator():
+    method = Integrator(name="euler", order=1, step=euler)
+    run = tcbench.simulate(method, "short_term", dt=0.01, t_end=1.0)
+    assert run.status == "ok" and run.steps == 100
+    assert np.allclose(run.z[1], SCENES["short_term"].z0 + 0.01 * SCENES["short_term"].model.vector_field(run.z[0]))
+    assert np.array_equal(run.energy, SCENES["short_term"].model.energy(run.z))
+    errors = [
+        np.abs(tcbench.simulate(method, "bound_equilibrium", dt=h, t_end=1.0).z[-1] - tcbench.simulate(
+            "tc_monolithic", "bound_equilibrium", dt=1e-4, t_end=1.0).z[-1]).max() for h in (0.002, 0.001)
+    ]  # fmt: skip
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(1.0, abs=0.05)
+
+
+def raises(z, h, system):
+    raise RuntimeError("no luck")
+
+
+def wrong_shape(z, h, system):
+    return z[:5]
+
+
+def not_a_number(z, h, system):
+    return z * np.nan
+
+
+def in_place(z, h, system):
+    z += 1.0  # a step may spoil its argument: it gets a copy
+    return z
+
+
+def collapsed(z, h, system):
+    return np.where(np.arange(10) < 4, 0.0, z)
+
+
+def explosive(z, h, system):
+    return z + np.where((np.arange(10) >= 4) & (np.arange(10) < 8), 100.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("step", "status", "sentence"),
+    [
+        (raises, "exception", "step 1 (t = 0.3): RuntimeError: no luck at test_simulate.py"),
+        (wrong_shape, "exception", "returned shape (5,), a state has shape (10,)"),
+        (not_a_number, "nonfinite", "step 1 (t = 0.3, dt = 0.3): the new state is not finite"),
+        (collapsed, "unphysical", "step 1 (t = 0.3, dt = 0.3): an element collapsed"),
+        (explosive, "blowup", "exceeded 1 times the initial exergy V0 = 48.5"),
+    ],
+)
+def test_a_bad_step_is_a_status_and_a_sentence(step, status, sentence):
+    run = tcbench.simulate(Integrator(name="bad", order=1, step=step), "short_term")
+    assert run.status == status and sentence in run.failure
+    assert np.all(np.isfinite(run.z)) and np.all(np.isfinite(run.energy))
+    assert np.array_equal(run.z[0], SCENES["short_term"].z0)
+
+
+def test_a_step_that_spoils_its_argument_spoils_nothing_else():
+    before = SCENES["short_term"].z0.copy()
+    tcbench.simulate(Integrator(name="bad", order=1, step=in_place), "short_term")
+    assert np.array_equal(SCENES["short_term"].z0, before)
+
+
+def scipy_lsoda(system, z0, t_eval, rtol, atol):
+    from scipy.integrate import solve_ivp
+
+    solution = solve_ivp(lambda t, z: system.vector_field(z), (0, t_eval[-1]), z0, "LSODA", t_eval, rtol=rtol, atol=atol)
+    return solution.y.T, {"rhs_evaluations": solution.nfev}
+
+
+def test_an_adaptive_solver_is_an_integrator_swept_over_tolerance():
+    method = Integrator(name="lsoda", adaptive=scipy_lsoda)
+    loose = tcbench.simulate(method, "short_term", tolerance=1e-4)
+    tight = tcbench.simulate(method, "short_term", tolerance=1e-9)
+    assert tight.status == "ok" and math.isnan(tight.dt)
+    assert tight.summary.energy_error_max < loose.summary.energy_error_max / 100
+    assert tight.solver.rhs_evaluations > loose.solver.rhs_evaluations > 0
+    with pytest.raises(TcbenchError, match="tolerance must be positive"):
+        tcbench.simulate(method, "short_term", tolerance=-1)
+
+
+def test_an_integrator_gives_exactly_one_way_to_step_and_an_order():
+    with pytest.raises(TcbenchError, match="exactly|gives none of them"):
+        Integrator(name="nothing", order=1)
+    with pytest.raises(TcbenchError, match="gives flows and step"):
+        Integrator(name="both", order=1, flows=lambda z0, z1, h, s: z1 - z0, step=euler)
+    with pytest.raises(TcbenchError, match="must declare its order"):
+        Integrator(name="orderless", step=euler)
+    with pytest.raises(TcbenchError, match="lower-case"):
+        Integrator(name="Bad Name", order=1, step=euler)
+
+
+def explicit(z0, z1, h, system):
+    return z1 - z0 - h * system.vector_field(z0)
+
+
+def test_an_explicit_formula_needs_no_newton_at_all():
+    run = tcbench.simulate(Integrator(name="explicit", order=1, flows=explicit), "bound_equilibrium", dt=0.01, t_end=1.0)
+    by_hand = tcbench.simulate(Integrator(name="euler", order=1, step=euler), "bound_equilibrium", dt=0.01, t_end=1.0)
+    assert run.newton_iterations.sum() == 0
+    assert np.allclose(run.z, by_hand.z, rtol=1e-12, atol=1e-12)
+
+
+def wrong_size(z0, z1, h, system):
+    return (z1 - z0)[:9]
+
+
+def test_a_residual_of_the_wrong_size_is_refused():
+    with pytest.raises(TcbenchError, match="returned 9 numbers; a state of 'pendulum' has 10"):
+        tcbench.simulate(Integrator(name="bad", order=1, flows=wrong_size), "short_term")
+
+
+def test_a_million_steps_hold_the_energy_and_keep_a_thousand_states():
+    run = tcbench.simulate("tc_monolithic", "bound_equilibrium", dt=0.05, t_end=50_000.0, record_every=1000)
+    assert run.steps == 1_000_000 and run.z.shape == (1001, 10)
+    assert run.summary.energy_error_max <= 1e-12 * run.scenario.initial_exergy
