@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from .plugins import integrators, scenarios
     from .runner import Results, run
     from .scenario import Scenario
-    from .simulate import simulate
+    from .simulation import simulate
     from .system import System
     from .trajectory import Trajectory
 
@@ -37,7 +37,7 @@ _HOME = {
     "Results": "runner",
     "run": "runner",
     "Scenario": "scenario",
-    "simulate": "simulate",
+    "simulate": "simulation",
     "System": "system",
     "Trajectory": "trajectory",
 }

@@ -65,7 +65,7 @@ def simulate_command(
     record_every: int, csv: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
     from . import metrics
-    from .simulate import simulate
+    from .simulation import simulate
 
     if csv is not None and not csv.resolve().parent.is_dir():
         raise TcbenchError(f"The folder of {str(csv)!r} does not exist; create it first.")

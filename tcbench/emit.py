@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import importlib.util
+import math
 import os
 import sys
 import tempfile
@@ -19,12 +20,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from .trace import Symbol, topological
+from .trace import Symbol, depends_on, topological
 
 _BINARY = {"add": "+", "sub": "-", "mul": "*"}
 _HEADER = """\
-from math import cos, exp, expm1, log, log1p, sin, sqrt, tanh
-from tcbench.special import dlam, dphi, lam, phi
+from math import cos, exp, expm1, inf, log, log1p, sin, sqrt, tanh
+from tcbench.special import dlam, dphi, lam, lam_pair, phi, phi_pair
 
 def kernel(a, b, out):
 """
@@ -35,14 +36,26 @@ def straight_line(inputs: Mapping[Symbol, str], outputs: Sequence[Symbol]) -> st
     names: dict[int, str] = {}
     lines = []
     # an input may itself be a formula (a hoisted value): do not look beneath it
-    for node in _topological_above(inputs, outputs):
+    nodes = _topological_above(inputs, outputs)
+    derivatives = {(node.op, node.args[0].number): node for node in nodes if node.op in ("dphi", "dlam")}
+    for node in nodes:
+        if node.number in names:
+            continue
+        if node.op == "const" and math.isinf(node.value):
+            names[node.number] = "inf"
+            continue
         if node.op == "const":
-            names[node.number] = repr(node.value) if node.value >= 0 else f"({node.value!r})"
+            names[node.number] = f"({node.value!r})" if node.value < 0 else repr(node.value)
             continue
         if node.op == "mark" and node not in inputs:
             names[node.number] = names[node.args[0].number]
             continue
         name = names[node.number] = f"t{len(lines)}"
+        partner = derivatives.get((f"d{node.op}", node.args[0].number)) if node.op in ("phi", "lam") else None
+        if partner is not None:  # value and derivative share nearly everything
+            names[partner.number] = f"d{name}"
+            lines.append(f"{name}, d{name} = {node.op}_pair({names[node.args[0].number]})")
+            continue
         if node in inputs:
             lines.append(f"{name} = {inputs[node]}")
         elif node.op == "var":
@@ -70,9 +83,21 @@ def _operation(node: Symbol, args: list[str]) -> str:
         return f"{args[0]} {_BINARY[node.op]} {args[1]}"
     if node.op == "neg":
         return f"-{args[0]}"
+    if node.op == "guard":
+        return f"{args[0]} + ({args[1]} - {args[1]})"
     if node.op == "recip":
         return f"1.0 / {args[0]}"
-    return f"{node.op}({args[0]})"
+    return f"{node.op}({', '.join(args)})"
+
+
+def constant_part(outputs: Sequence[Symbol], varying: Sequence[Symbol]) -> list[Symbol]:
+    """Operations that do not depend on `varying`, used by some that do: computed once a run, not once a step."""
+    moving = depends_on(outputs, varying)
+    found: dict[int, Symbol] = {}
+    for node in topological(outputs):
+        users = node.args if node.number in moving else ()
+        found |= {a.number: a for a in users if a.number not in moving and a.op not in ("const", "var")}
+    return list(found.values())
 
 
 def count_operations(outputs: Sequence[Symbol]) -> int:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from . import trace
-from .emit import Kernel, kernel
+from .emit import Kernel, constant_part, kernel
 from .errors import TraceError
 from .system import State, System
 from .trace import Symbol, const
@@ -50,7 +50,9 @@ class FlowKernels:
     full(w, x) -> (residual[nx], Jacobian[nx * nx], d residual/dh[nx])
     """
 
+    setup: Kernel
     prologue: Kernel
+    opening: Kernel
     iterate: Kernel
     polish: Kernel
     finish: Kernel
@@ -99,20 +101,30 @@ def build(flow: Flow, system: System) -> FlowKernels:
     positive = list(y1.s) if temperature else []
     d_dh = trace.jacobian(reduction.rows, [h])[:, 0] if x else []
 
-    scales = list(y0.s) if temperature else [*np.ravel(_ones(system.n_elements) * sym.entropy_scale())]
-    fixed = [*_start(reduction), *scales]
+    index = [_index(e, d) % n for e in [*x, *moved]]
+    scales = _scales(index, sym, y0, z0, temperature)
+    fixed = [*_start(reduction), *_guess(reduction, d, sym, y0, z0, h, temperature), *scales]
 
-    iterate = [*correction, *image[0], *pivots, *positive, *names.values()]
-    polish = [*chord, *image[1]]
+    corrections = [*correction, *image[0]]
+    sizes = [trace.mul(abs(step), scale) for step, scale in zip(corrections, scales, strict=True)]
+    iterate = [*corrections, *pivots, *positive, _size(sizes, correction), _lowest([*pivots, *positive])]
+    chords = [trace.mul(abs(step), scale) for step, scale in zip([*chord, *image[1]], scales, strict=True)]
+    polish = [*chord, *image[1], _size(chords, chord)]
     full = [*reduction.rows, *jacobian.ravel(), *d_dh]
     hoisted = _hoisted([*iterate, *polish, *full, *dz], [*x, *names])
+    opening = [*fixed, *hoisted, *sym.observe(z0)]
+    fixed_constants = constant_part(opening, [h, *z0])
+    prologue_inputs = {**{s: f"a[{i}]" for i, s in enumerate(z0)}, h: "b[0]", **system.constant_symbols()}
+    prologue_inputs |= {s: f"out[{len(opening) + i}]" for i, s in enumerate(fixed_constants)}
     reads: dict[Symbol, str] = {s: f"a[{len(fixed) + i}]" for i, s in enumerate(hoisted)}
     reads |= {s: f"b[{i}]" for i, s in enumerate(x)}
-    blocks = tuple(_block(index, system) for index in (_index(e, d) % n for e in [*x, *moved]))
+    blocks = tuple(_block(i, system) for i in index)
     return FlowKernels(
-        prologue=kernel(_prologue_inputs(system, z0, h), [*fixed, *hoisted]),
-        iterate=kernel(reads, iterate),
-        polish=kernel(reads | {f: f"out[{len(iterate) - len(names) + i}]" for i, f in enumerate(names)}, polish),
+        setup=kernel(system.constant_symbols(), fixed_constants),
+        prologue=kernel(prologue_inputs, [*fixed, *hoisted]),
+        opening=kernel(prologue_inputs, opening),
+        iterate=kernel(reads, [*iterate, *names.values()]),
+        polish=kernel(reads | {f: f"out[{len(iterate) + i}]" for i, f in enumerate(names)}, polish),
         finish=kernel(reads, list(dz)),
         full=kernel(reads, full),
         blocks=blocks,
@@ -121,8 +133,20 @@ def build(flow: Flow, system: System) -> FlowKernels:
     )
 
 
-def _prologue_inputs(system: System, z0: Any, h: Symbol) -> dict[Symbol, str]:
-    return {**{s: f"a[{i}]" for i, s in enumerate(z0)}, h: "b[0]", **system.constant_symbols()}
+def _size(sizes: Sequence[Symbol], terms: Sequence[Symbol]) -> Symbol:
+    """max of the sizes, NaN if any term is not finite."""
+    result = const(0.0)
+    for size in sizes:
+        result = trace.maximum(result, size)
+    return trace.guarded(result, terms)
+
+
+def _lowest(values: Sequence[Symbol]) -> Symbol:
+    """Least of the pivots and temperatures."""
+    result = const(np.inf)
+    for value in values:
+        result = trace.minimum(result, value)
+    return result
 
 
 def _trace(flow: Flow, system: System, y0: State, d: Any, h: Symbol) -> list[Symbol]:
@@ -263,6 +287,50 @@ def _start(reduction: _Reduction) -> list[Symbol]:
             (symbol, slope), (offset,) = moving[0], trace.substitute([formula], {s: zero for s in x})
             start[symbol] = trace.neg(trace.mul(offset, trace.reciprocal(slope)))
     return [start[s] for s in x]
+
+
+def _guess(
+    reduction: _Reduction, d: Any, system: System, y0: State, z0: Any, h: Symbol, temperature: bool
+) -> list[Symbol]:
+    """A nearer initial value: the explicit drift for (q, p), one step of the trapezoidal rule for the conduction.
+
+    Conduction is stiff: its explicit step overshoots, and no step at all costs Newton an iteration.
+    """
+    zero, m = const(0.0), system.n_elements
+    first = 2 * system.n_positions
+    if not any(first <= _index(s, d) < first + m for s in reduction.unknowns):
+        return [zero for _ in reduction.unknowns]
+    s0 = list(z0[first:])
+    theta = system.temperatures(z0)
+    rate = np.array(system.conduction(theta), dtype=object)
+    slope = np.array([const(1.0)] * m + [None], dtype=object)[:-1]
+    if temperature:
+        slope = np.diagonal(trace.jacobian(list(theta), s0))
+        rate = rate * slope
+    A = trace.jacobian(list(rate), s0)
+    matrix = [
+        [const(float(i == j)) - 0.5 * h * A[i, j] / slope[j] for j in range(m)] for i in range(m)
+    ]
+    factors, _ = _factorise(matrix)
+    step = factors.solve([h * r for r in rate])
+    known = {first + i: g for i, g in enumerate(step)}
+    return [known.get(_index(s, d), zero) for s in reduction.unknowns]
+
+
+def _scales(index: Sequence[int], system: System, y0: State, z0: Any, temperature: bool) -> list[Symbol]:
+    """1/size of each unknown: positions and momenta max(1, |block|), entropies c0, temperatures theta."""
+    n = system.n_positions
+    entropy = _ones(system.n_elements) * system.entropy_scale()
+    sizes = [_largest(z0[:n]), _largest(z0[n : 2 * n]), *(list(y0.s) if temperature else entropy)]
+    return [trace.reciprocal(sizes[0 if i < n else 1 if i < 2 * n else 2 + i - 2 * n]) for i in index]
+
+
+def _largest(values: Iterable[Symbol]) -> Symbol:
+    """max(1, |v_1|, |v_2|, ...)."""
+    result = const(1.0)
+    for value in values:
+        result = trace.maximum(result, abs(value))
+    return result
 
 
 def _hoisted(outputs: Sequence[Symbol], x: Sequence[Symbol]) -> list[Symbol]:

@@ -52,14 +52,19 @@ def cache_folder() -> Path:
     return folder
 
 
-def compiled(function: Callable[..., Any]) -> Any:
+def compiled(function: Callable[..., Any], **options: Any) -> Any:
     """njit with tcbench's options and cache folder (numba's own setting is left as the user has it)."""
     before = config.CACHE_DIR
     config.CACHE_DIR = str(cache_folder())
     try:
-        return njit(cache=True, nogil=True, **OPTIONS)(function)
+        return njit(cache=True, nogil=True, **OPTIONS, **options)(function)
     finally:
         config.CACHE_DIR = before
+
+
+def lean(function: Callable[..., Any]) -> Any:
+    """`compiled` without reference counts: 0.3 us a step less. Such a function allocates nothing and assigns no slices."""
+    return compiled(function, _nrt=False)
 
 
 # kernels under NUMBA_DISABLE_JIT: made-up address -> Python function
@@ -91,6 +96,20 @@ else:
             return context.get_dummy_value()
 
         return signature, codegen
+
+
+@lean
+def copy_into(target, source):  # type: ignore[no-untyped-def]
+    """target[:] = source, for functions that are `lean`."""
+    for i in range(len(source)):
+        target[i] = source[i]
+
+
+@lean
+def fill(target, value):  # type: ignore[no-untyped-def]
+    """target[:] = value, for functions that are `lean`."""
+    for i in range(len(target)):
+        target[i] = value
 
 
 @compiled

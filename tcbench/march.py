@@ -4,75 +4,141 @@ from __future__ import annotations
 
 import numpy as np
 
-from .jit import call, compiled
+from .arc import COLD_ROOT, FOUND, LOST, UNDETERMINED, arc
+from .jit import call, copy_into, lean
 from .newton import (
     ACCEPTED,
     FULL,
-    ND,
-    NW,
+    NE,
+    NOW,
     NX,
+    OPENING,
     PROLOGUE,
     REJECTED,
     finish,
     newton,
-    set_scale,
+    plain_newton,
+    quick,
     track,
 )
 
 # why a run ended (Trajectory turns these into statuses and sentences)
-OK, NONCONVERGED, NO_ROOT, NONFINITE, COLLAPSED, COLD, BLOWUP = range(7)
+OK, NONCONVERGED, NO_ROOT, NONFINITE, COLLAPSED, COLD, BLOWUP, NO_WARM_ROOT, FOLDED = range(9)
 
 # entries of the summary, filled over completed steps
 (
-    ENERGY_ERROR, SUM_T, SUM_TT, SUM_E, SUM_TE, ENTROPY_MIN, VIOLATIONS, FIRST_FALL, LYAPUNOV_MAX, RESIDUAL_MAX,
-    ITERATIONS, RETRIED, TRACKED, TRACK_TRIES_SUM, MOMENTA,
-) = range(15)  # fmt: skip  (MOMENTA and following: largest departure of each invariant)
+    ENERGY_ERROR,
+    SUM_T,
+    SUM_TT,
+    SUM_E,
+    SUM_TE,
+    ENTROPY_MIN,
+    VIOLATIONS,
+    FIRST_FALL,
+    LYAPUNOV_MAX,
+    RESIDUAL_MAX,
+    ITERATIONS,
+    RETRIED,
+    TRACKED,
+    TRACK_TRIES_SUM,
+    ARCS,
+    FOLDS,
+    AUDITED,
+    WRONG_ROOTS,
+    MOMENTA,
+) = range(19)  # fmt: skip  (MOMENTA and following: largest departure of each invariant)
 
 # entries of the limits (float64)
 V0, REFERENCE, ENTROPY_TOLERANCE, ENTROPY_FALL, LIMITS_SIZE = range(5)
 
 # entries of the shape (int64)
-N_POSITIONS, N_ELEMENTS, N_INVARIANTS, OBSERVE, CONTINUE, RESIDUALS, RECORD_EVERY, SHAPE_SIZE = range(8)
+N_POSITIONS, N_ELEMENTS, N_INVARIANTS, OBSERVE, CONTINUE, RESIDUALS, RECORD_EVERY, AUDIT, SHAPE_SIZE = range(9)
+
+# what follows the arc at every step: the audit counts accepted roots that are not the principal one; the other two take
+# the arc's root itself, and the last ends the run at the first fold
+NO_AUDIT, COUNT_WRONG, PRINCIPAL, STOP_AT_FOLD = range(4)
+SAME_ROOT = 1e-6  # scaled distance below which two roots are one
 
 E, S, FIRST_INVARIANT = 0, 1, 2  # in a row of observables
 
 
-@compiled
-def solve_flow(flow, blocks, z0, dz, c, h, shape, w, x, scale, d, full, old, summary):  # type: ignore[no-untyped-def]
-    """Increments dz of one flow of one step from z0; returns (code, Newton iterations)."""
+@lean
+def solve_flow(  # type: ignore[no-untyped-def]
+    flow, z0, dz, c, h, limits, shape, w, x, scale, d, full, old, known, accepted, seen, points, A, summary, solved
+):
+    """Increments dz of one flow of one step from z0; returns (OK or why there are none, Newton iterations).
+
+    solved: `quick` has done it, and its root, in x, is only to be audited.
+    """
     n = flow[NX]
     c[0] = h
     call(flow[PROLOGUE], z0, c, w)
-    if n == 0:  # explicit
-        return finish(flow, w, x, dz), 0
-    set_scale(flow, blocks, z0, w, shape[N_POSITIONS], scale)
-    total = 0
-    code = REJECTED
-    if shape[CONTINUE]:
-        x[:n] = 0.0  # the explicit drift: nearer than z0, and it saves an iteration
+    for i in range(n + flow[NE]):
+        scale[i] = w[2 * n + i]
+    code, total = ACCEPTED if solved else REJECTED, 0
+    if shape[AUDIT] >= PRINCIPAL or solved:
+        pass  # the arc's root, whatever Newton would find
+    elif shape[CONTINUE]:
+        copy_into(x[:n], w[:n])  # z1 = z0
         code, total = newton(flow, w, x[:n], scale, d, full, dz)
-    if code != ACCEPTED:
-        for i in range(n):
-            x[i] = w[i]  # z1 = z0
-        code, count = newton(flow, w, x[:n], scale, d, full, dz)
-        total += count
-        if shape[CONTINUE] and code == ACCEPTED:
+        if code == ACCEPTED:
             summary[RETRIED] += 1
-    if code != ACCEPTED and shape[CONTINUE]:
-        code, count, tries = track(flow, z0, dz, c, h, w, x[:n], scale, d, full, old[:n])
+        else:
+            code, count, tries = track(flow, z0, dz, c, h, w, x[:n], scale, d, full, old[:n], known[:n])
+            total += count
+            summary[TRACKED] += 1
+            summary[TRACK_TRIES_SUM] += tries
+    else:
+        copy_into(x[:n], w[:n])
+        code, total = plain_newton(flow, w, x[:n], scale, d, full, dz)
+    reason = OK if code == ACCEPTED else NONCONVERGED
+    if (code != ACCEPTED and shape[CONTINUE]) or shape[AUDIT] != NO_AUDIT:
+        reason, count = by_arc(
+            flow, z0, dz, c, h, limits, shape, w, x[:n], scale, d, full, old[:n], accepted, seen, points[:, : n + 1], A[: n + 1, : n + 3], summary, reason
+        )
         total += count
-        summary[TRACKED] += 1
-        summary[TRACK_TRIES_SUM] += tries
-    if code != ACCEPTED:
-        return code, total
-    if shape[RESIDUALS]:
-        call(flow[FULL], w, x, full)
-        for i in range(n):
-            summary[RESIDUAL_MAX] = max(summary[RESIDUAL_MAX], abs(full[i]) * scale[i])
-    return ACCEPTED, total
+    return reason, total
 
 
-@compiled
+@lean
+def by_arc(  # type: ignore[no-untyped-def]
+    flow, z0, dz, c, h, limits, shape, w, x, scale, d, full, old, accepted, seen, points, A, summary, reason
+):
+    """The arc's root into x and dz; returns (OK, FOLDED or why there is none, Jacobians).
+
+    Where plain Newton gave up, or a root was accepted and is being audited, the arc's answer is only counted: x, dz and
+    `reason` stay as they were. An arc that is undetermined proves nothing: such a root does not count as audited.
+    """
+    copy_into(old, x)
+    copy_into(accepted, dz)
+    code, jacobians, folds = arc(
+        flow, z0, dz, c, h, w, x, scale, d, full, shape[OBSERVE], limits[REFERENCE], limits[V0], seen, points, A
+    )
+    summary[FOLDS] += folds
+    if shape[AUDIT] >= PRINCIPAL or (reason != OK and shape[CONTINUE]):
+        summary[ARCS] += 1
+        if folds > 0 and shape[AUDIT] == STOP_AT_FOLD:
+            return FOLDED, jacobians
+        if code == FOUND:
+            summary[AUDITED] += shape[AUDIT] == COUNT_WRONG  # the principal root by construction
+            return OK, jacobians
+        if code == LOST:
+            return NO_ROOT, jacobians
+        return (NO_WARM_ROOT if code == COLD_ROOT else NONCONVERGED), jacobians
+    if reason == OK and code != UNDETERMINED:
+        summary[AUDITED] += 1
+        wrong = code != FOUND
+        for i in range(flow[NX]):
+            if abs(old[i] - x[i]) * scale[i] > SAME_ROOT:
+                wrong = True
+        if wrong:
+            summary[WRONG_ROOTS] += 1
+    copy_into(x, old)
+    copy_into(dz, accepted)
+    return reason, 0
+
+
+@lean
 def accumulate(step, h, now, before, first, limits, shape, summary):  # type: ignore[no-untyped-def]
     """Add one completed step to the summary."""
     t = step * h
@@ -95,11 +161,11 @@ def accumulate(step, h, now, before, first, limits, shape, summary):  # type: ig
         summary[MOMENTA + i] = max(summary[MOMENTA + i], departure)
 
 
-@compiled
+@lean
 def verdict(z, now, first, limits, shape):  # type: ignore[no-untyped-def]
     """Why the run cannot go on from this state, or OK."""
-    for value in z:
-        if not abs(value) < np.inf:
+    for i in range(len(z)):
+        if not abs(z[i]) < np.inf:
             return NONFINITE
     temperatures = FIRST_INVARIANT + shape[N_INVARIANTS]
     for i in range(shape[N_ELEMENTS]):
@@ -107,15 +173,15 @@ def verdict(z, now, first, limits, shape):  # type: ignore[no-untyped-def]
             return COLD
         if not now[temperatures + shape[N_ELEMENTS] + i] > 0.0:
             return COLLAPSED
-    for value in now:
-        if not abs(value) < np.inf:
+    for i in range(len(now)):
+        if not abs(now[i]) < np.inf:
             return NONFINITE
     if abs(now[E] - first[E]) > limits[V0]:
         return BLOWUP
     return OK
 
 
-@compiled
+@lean
 def add_compensated(z, dz, carry):  # type: ignore[no-untyped-def]
     """z += dz, with what rounding drops kept in `carry` (Neumaier): momenta stay exact over thousands of steps."""
     for i in range(len(z)):
@@ -126,63 +192,103 @@ def add_compensated(z, dz, carry):  # type: ignore[no-untyped-def]
         z[i] = total
 
 
-@compiled
-def monitor(step, z, c, h, limits, shape, observables, states, records, summary):  # type: ignore[no-untyped-def]
-    """Observe, judge and record the state after a step; returns (why the run ends or OK, completed steps).
+@lean
+def judge(step, z, h, limits, shape, observables, states, records, summary):  # type: ignore[no-untyped-def]
+    """Judge and record the state after a step, observed in observables[2]; returns (why the run ends or OK, steps).
 
-    A state that is not finite does not count as completed. The row of the last record is kept up to date, so that
-    the last completed state is always there.
+    A state that is not admissible (its energy need not exist) does not count as completed. The row of the last record
+    is kept up to date, so that the last completed state is always there.
     """
-    call(shape[OBSERVE], z, c, observables[2])
-    reason = verdict(z, observables[2], observables[0], limits, shape)
-    if reason == NONFINITE:
+    now = observables[2]
+    reason = verdict(z, now, observables[0], limits, shape)
+    if reason != OK and reason != BLOWUP:
         return reason, step - 1
-    accumulate(step, h, observables[2], observables[1], observables[0], limits, shape, summary)
-    observables[1] = observables[2]
+    accumulate(step, h, now, observables[1], observables[0], limits, shape, summary)
+    copy_into(observables[1], now)
     row = (step - 1) // shape[RECORD_EVERY] + 1
-    states[row] = z
-    records[row] = observables[2]
+    copy_into(states[row], z)
+    copy_into(records[row], now)
     return reason, step
 
 
-@compiled
+@lean
+def monitor(step, z, c, h, limits, shape, observables, states, records, summary):  # type: ignore[no-untyped-def]
+    """`judge` for a state that comes from Python: observed here."""
+    call(shape[OBSERVE], z, c, observables[2])
+    return judge(step, z, h, limits, shape, observables, states, records, summary)
+
+
+@lean
+def open_step(flows, fractions, z, c, h, works, observables):  # type: ignore[no-untyped-def]
+    """Prologue of the first flow and the observables of z, in one kernel: they share their logarithms."""
+    c[0] = fractions[0] * h
+    w = works[0]
+    call(flows[0, OPENING], z, c, w)
+    for i in range(observables.shape[1]):
+        observables[2, i] = w[flows[0, NOW] + i]
+
+
+@lean
+def measure_residual(flow, w, x, full, summary):  # type: ignore[no-untyped-def]
+    """Keep the largest scaled residual of an accepted step."""
+    call(flow[FULL], w, x, full)
+    n = flow[NX]
+    for i in range(n):
+        summary[RESIDUAL_MAX] = max(summary[RESIDUAL_MAX], abs(full[i]) * w[2 * n + i])
+
+
+@lean
 def march(  # type: ignore[no-untyped-def]
-    flows, fractions, blocks, z, carry, c, h, start, stop, limits, shape, observables, states, records, counts, summary
-):
+    flows, fractions, z, carry, c, h, start, stop, limits, shape, observables, states, records, counts, summary,
+    works, x, d, dz, a, trial, scale, full, old, known, accepted, seen, points, A,
+):  # fmt: skip
     """Steps start+1 .. stop from `z` + `carry`, in place; returns (why it ended, completed steps).
 
-    observables: rows (first, before, now); counts: Newton iterations since the last record.
+    observables: rows (first, before, now); counts: Newton iterations since the last record. The last line of arguments
+    is workspace: works[k] belongs to flow k and holds what the prologue hoists.
     """
-    size = most = longest = 0
-    for k in range(len(flows)):
-        size = max(size, flows[k, NX])
-        most = max(most, flows[k, NW])
-        longest = max(longest, flows[k, ND])
-    w, d = np.empty(most), np.empty(longest)
-    x, old, scale = np.empty(size), np.empty(size), np.empty(longest)
-    full = np.empty(size * size + 2 * size)
-    a, dz, trial = z.copy(), np.empty_like(z), np.empty_like(z)
+    careful = not shape[CONTINUE] or shape[AUDIT] >= PRINCIPAL
+    open_step(flows, fractions, z, c, h, works, observables)
     for step in range(start + 1, stop + 1):
         iterations = 0
-        a[:] = z
-        trial[:] = carry
+        copy_into(a, z)
+        copy_into(trial, carry)
         for k in range(len(flows)):
-            code, count = solve_flow(
-                flows[k], blocks, a, dz, c, fractions[k] * h, shape, w, x, scale, d, full, old, summary
-            )
-            iterations += count
-            if code != ACCEPTED:
-                summary[ITERATIONS] += iterations
-                return NONCONVERGED, step - 1
+            flow, w = flows[k], works[k]
+            n = flow[NX]
+            if k > 0:
+                c[0] = fractions[k] * h
+                call(flow[PROLOGUE], a, c, w)
+            if n == 0:  # explicit
+                if finish(flow, w, x, dz) != ACCEPTED:
+                    return NONFINITE, step - 1
+                add_compensated(a, dz, trial)
+                continue
+            code, count = REJECTED, 0
+            if not careful:
+                for i in range(n):
+                    x[i] = w[n + i]
+                code, count = quick(flow, w, x, d, dz)
+                iterations += count
+            if code != ACCEPTED or shape[AUDIT] != NO_AUDIT:
+                reason, count = solve_flow(
+                    flow, a, dz, c, fractions[k] * h, limits, shape, w, x, scale, d, full, old, known, accepted, seen, points, A, summary,
+                    code == ACCEPTED,
+                )  # fmt: skip
+                iterations += count
+                if reason != OK:
+                    summary[ITERATIONS] += iterations
+                    return reason, step - 1
+            if shape[RESIDUALS]:
+                measure_residual(flow, w, x, full, summary)
             add_compensated(a, dz, trial)
         summary[ITERATIONS] += iterations
-        reason, done = monitor(step, a, c, h, limits, shape, observables, states, records, summary)
+        open_step(flows, fractions, a, c, h, works, observables)
+        reason, done = judge(step, a, h, limits, shape, observables, states, records, summary)
         if done == step:
             counts[(step - 1) // shape[RECORD_EVERY]] += iterations
-            z[:] = a
-            carry[:] = trial
+            copy_into(z, a)
+            copy_into(carry, trial)
         if reason != OK:
             return reason, done
     return OK, stop
-
-

@@ -1,7 +1,7 @@
-"""The solver that every implicit method shares: Newton with the rejection and stopping rules that do not stall,
-shortened in h by natural tracking when it is rejected. Compiled, without allocation.
+"""The solvers that every implicit method shares. Compiled, without allocation.
 
-The rules were tuned on 23,484 steps with known roots: a full step is taken or the attempt is given up; there is no
+`quick` takes nearly every step; `newton` has the rejection and stopping rules that do not stall, `track` shortens it in h
+by natural continuation when it is rejected, and arc.py has the last word. The rules were tuned on 23,484 steps with known roots: a full step is taken or the attempt is given up; there is no
 line search (those stall at singular Jacobians and favour wrong roots).
 """
 
@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from .jit import call, compiled
+from .jit import call, copy_into, fill, lean
 
 # columns of a row of the flow table (int64)
-PROLOGUE, ITERATE, POLISH, FINISH, FULL, NX, NE, NPOS, NW, ND, FIRST_BLOCK, TABLE_WIDTH = range(12)
+PROLOGUE, ITERATE, POLISH, FINISH, FULL, OPENING, NX, NE, NPOS, NW, ND, NOW, TABLE_WIDTH = range(13)
 
 ACCEPTED, REJECTED = 0, 1
 MAX_ITERATIONS = 8
@@ -20,15 +20,20 @@ ROUND_OFF = 4e-16
 CONVERGED = 1e-10  # below this a correction that shrinks 1000-fold, or no longer shrinks, is the last one
 QUADRATIC = 1e-8  # below this the next correction of a quadratic sequence is below round-off
 CHORD = 1e-6  # below this one more correction with the same factors does
+QUICK = 0.3  # corrections with old factors are tried below this
+NEGLIGIBLE = 1e-16  # predicted error that no further correction would change
+CHORD_FLOOR = 1e-14  # a correction with old factors that no longer shrinks is round-off below this
 STALLED = 1e-11  # above this a correction must halve from one iteration to the next
 SMALL_PIVOT = 1e-7  # below this the elimination without pivoting is repeated with pivoting
+
+PLAIN_ITERATIONS = 20
 
 TRACK_FIRST = 0.4  # first fraction of h after the whole step was rejected
 TRACK_MIN = 1e-5
 TRACK_TRIES = 400
 
 
-@compiled
+@lean
 def solve_pivoted(A, b):  # type: ignore[no-untyped-def]
     """Solve A y = b in place of b with partial pivoting; returns the sign of det A (0 if singular)."""
     n = len(b)
@@ -59,28 +64,70 @@ def solve_pivoted(A, b):  # type: ignore[no-untyped-def]
     return sign
 
 
-@compiled
+@lean
 def pivoted_correction(flow, w, x, d, full):  # type: ignore[no-untyped-def]
     """Newton correction into d[:nx] through the dense Jacobian; returns the sign of its determinant."""
     n = flow[NX]
     call(flow[FULL], w, x, full)
-    A = full[n : n + n * n].copy().reshape(n, n)
+    A = full[n : n + n * n].reshape((n, n))
     for i in range(n):
         d[i] = -full[i]
     return solve_pivoted(A, d[:n])
 
 
-@compiled
+@lean
 def finish(flow, w, x, dz):  # type: ignore[no-untyped-def]
     """Increments of the state from the unknowns; REJECTED if it is not finite (a non-positive temperature, say)."""
     call(flow[FINISH], w, x, dz)
     total = 0.0
-    for value in dz:
-        total += abs(value)
+    for i in range(len(dz)):
+        total += abs(dz[i])
     return ACCEPTED if total < np.inf else REJECTED
 
 
-@compiled
+@lean
+def quick(flow, w, x, d, dz):  # type: ignore[no-untyped-def]
+    """Shamanskii's form of Newton from a near guess, in place: after each iteration, corrections with its factors
+    as long as they pay; returns (ACCEPTED or REJECTED, iterations).
+
+    A correction with old factors costs half an iteration and shrinks the error by `contraction`, estimated from
+    the corrections seen. Whatever is doubtful is rejected: the careful solvers begin again.
+    """
+    n = flow[NX]
+    size = n + flow[NE]
+    after = size + n + flow[NPOS]
+    previous = np.inf
+    for iteration in range(1, MAX_ITERATIONS + 1):
+        call(flow[ITERATE], w, x, d)
+        delta = d[after]
+        # NaN fails every comparison; a small or negative pivot needs pivoting or is on the wrong side of a fold
+        if not (delta <= 0.5 * previous and d[after + 1] > SMALL_PIVOT):
+            return REJECTED, iteration
+        for i in range(n):
+            x[i] += d[i]
+        last, seen = delta, False
+        while last < QUICK:
+            call(flow[POLISH], w, x, d)
+            correction = d[size]
+            if not correction < 0.1 * last:
+                if correction < CHORD_FLOOR:
+                    return finish(flow, w, x, dz), iteration
+                break
+            for i in range(n):
+                x[i] += d[i]
+            likely = max(4.0 * correction / delta, correction / last if seen else 0.0)
+            # the first correction does not show how its parts shrink: the one that curves most may be a small one
+            contraction = likely if seen else max(likely, 0.25 * delta)
+            last, seen = correction, True
+            if contraction * correction < NEGLIGIBLE:
+                return finish(flow, w, x, dz), iteration
+            if likely * likely * correction > NEGLIGIBLE:
+                break
+        previous = last
+    return REJECTED, MAX_ITERATIONS
+
+
+@lean
 def polish(flow, w, x, scale, d):  # type: ignore[no-untyped-def]
     """One correction with the factors of the last iterate, in place; returns its size."""
     n = flow[NX]
@@ -95,9 +142,9 @@ def polish(flow, w, x, scale, d):  # type: ignore[no-untyped-def]
     return delta if abs(total) < np.inf else np.inf
 
 
-@compiled
+@lean
 def newton(flow, w, x, scale, d, full, dz):  # type: ignore[no-untyped-def]
-    """Newton at fixed h from `x`, in place, and the increments of the state in dz; returns (ACCEPTED or REJECTED, iterations).
+    """Newton at fixed h from `x`, in place; returns (ACCEPTED or REJECTED, iterations), increments of the state in dz.
 
     Corrections are measured by delta = max |d_i| * scale_i. Rejected at once: a value that is not finite, a
     non-positive temperature, a negative determinant (a root on the wrong side of a fold), delta that does not halve.
@@ -149,27 +196,31 @@ def newton(flow, w, x, scale, d, full, dz):  # type: ignore[no-untyped-def]
     return REJECTED, MAX_ITERATIONS
 
 
-@compiled
-def set_scale(flow, blocks, z0, w, n_positions, scale):  # type: ignore[no-untyped-def]
-    """1/size of each unknown: positions and momenta max(1, |block|), entropies c0, temperatures theta."""
-    q_size, p_size = 1.0, 1.0
-    for i in range(n_positions):
-        q_size = max(q_size, abs(z0[i]))
-        p_size = max(p_size, abs(z0[n_positions + i]))
-    q_scale, p_scale = 1.0 / q_size, 1.0 / p_size
-    first = flow[NX]
-    for i in range(flow[NX] + flow[NE]):
-        block = blocks[flow[FIRST_BLOCK] + i]
-        if block == 0:
-            scale[i] = q_scale
-        elif block == 1:
-            scale[i] = p_scale
-        else:
-            scale[i] = 1.0 / abs(w[first + block - 2])
+@lean
+def plain_newton(flow, w, x, scale, d, full, dz):  # type: ignore[no-untyped-def]
+    """Newton as textbooks have it, for comparison: from `x`, in place; returns (ACCEPTED or REJECTED, iterations).
+
+    Every correction is taken in full, whatever its size and whatever the sign of the determinant, until one is below
+    1e-10. It fails on a value that is not finite or after 20 iterations.
+    """
+    n = flow[NX]
+    for iteration in range(1, PLAIN_ITERATIONS + 1):
+        if pivoted_correction(flow, w, x, d, full) == 0.0:
+            return REJECTED, iteration
+        total, delta = 0.0, 0.0
+        for i in range(n):
+            total += abs(d[i])
+            x[i] += d[i]
+            delta = max(delta, abs(d[i]) * scale[i])
+        if not total < np.inf:
+            return REJECTED, iteration
+        if delta < CONVERGED:
+            return finish(flow, w, x, dz), iteration
+    return REJECTED, PLAIN_ITERATIONS
 
 
-@compiled
-def track(flow, z0, dz, c, h, w, x, scale, d, full, old):  # type: ignore[no-untyped-def]
+@lean
+def track(flow, z0, dz, c, h, w, x, scale, d, full, old, known):  # type: ignore[no-untyped-def]
     """Follow the root from h = 0 to h by natural continuation; returns (code, iterations, tries).
 
     Secant predictor in h; the increment doubles (or grows 1.2-fold after a hard solve) and shrinks to 0.4.
@@ -178,9 +229,8 @@ def track(flow, z0, dz, c, h, w, x, scale, d, full, old):  # type: ignore[no-unt
     done, step = 0.0, TRACK_FIRST
     before = 0.0  # fraction of the root in `old`
     iterations = 0
-    known = x.copy()
-    known[:] = 0.0  # increments vanish at h = 0
-    old[:] = 0.0
+    fill(known, 0.0)  # increments vanish at h = 0
+    fill(old, 0.0)
     for attempt in range(1, TRACK_TRIES + 1):
         if step < TRACK_MIN:
             return REJECTED, iterations, attempt
@@ -195,8 +245,8 @@ def track(flow, z0, dz, c, h, w, x, scale, d, full, old):  # type: ignore[no-unt
         if code == ACCEPTED:
             if target >= 1.0:
                 return ACCEPTED, iterations, attempt
-            old[:] = known
-            known[:] = x
+            copy_into(old, known)
+            copy_into(known, x)
             before, done = done, target
             step *= 2.0 if count <= 4 else 1.2
         else:

@@ -27,7 +27,7 @@ MEASURE = "tcbench.runner:measure_cell"
 DEFAULT_OUTPUT = Path("results") / "latest"
 NUMERICAL = (
     "trace.py", "emit.py", "jit.py", "special.py", "secant.py", "system.py", "pendulum.py", "flow.py", "newton.py",
-    "arc.py", "march.py", "simulate.py", "stepping.py", "metrics.py",
+    "arc.py", "march.py", "simulation.py", "stepping.py", "metrics.py",
 )  # fmt: skip
 
 
@@ -141,7 +141,7 @@ def _checked_steps(dt: Sequence[float] | None, scenes: Sequence[Scenario]) -> li
     """The steps asked for; each must fit at least the longest scene."""
     if dt is None:
         return None
-    from .simulate import checked_dt
+    from .simulation import checked_dt
 
     longest = max(scenes, key=lambda s: s.t_end)
     return [checked_dt(value, longest) for value in dt]

@@ -1,6 +1,6 @@
 """The two divided differences that every discrete gradient here is made of, and their derivatives.
 
-    phi(x) = expm1(x)/x       lam(x) = log1p(x)/x       both 1 at x = 0 (PHYSICS of Romero 2009, (27)-(33))
+    phi(x) = expm1(x)/x       lam(x) = log1p(x)/x       both 1 at x = 0
 
 Near 0 a series is both exact to the last digit and faster than the library call; each switch is below round-off.
 All arguments and results are dimensionless.
@@ -17,59 +17,73 @@ LAM_SERIES = 0.14  # |x/(2 + x)| below this: the first omitted term of lam is 0.
 
 
 @compiled
-def phi(x: float) -> float:
+def _psi(x):  # type: ignore[no-untyped-def]
+    """(phi(x) - 1)/x for |x| < PHI_SERIES: sum of x^k/(k + 2)!, in Estrin's order (short chains of operations)."""
+    x2 = x * x
+    x4 = x2 * x2
+    low = ((1 / 2) + x * (1 / 6)) + x2 * ((1 / 24) + x * (1 / 120))
+    mid = ((1 / 720) + x * (1 / 5040)) + x2 * ((1 / 40320) + x * (1 / 362880))
+    top = ((1 / 3628800) + x * (1 / 39916800)) + x2 * (1 / 479001600)
+    return low + x4 * (mid + x4 * top)
+
+
+@compiled
+def phi(x):  # type: ignore[no-untyped-def]
     """expm1(x)/x."""
     if abs(x) < PHI_SERIES:
-        x2 = x * x
-        x4 = x2 * x2
-        low = (1.0 + x * (1 / 2)) + x2 * ((1 / 6) + x * (1 / 24))
-        mid = ((1 / 120) + x * (1 / 720)) + x2 * ((1 / 5040) + x * (1 / 40320))
-        top = ((1 / 362880) + x * (1 / 3628800)) + x2 * ((1 / 39916800) + x * (1 / 479001600))
-        return low + x4 * (mid + x4 * top)
+        return 1.0 + x * _psi(x)
     return math.expm1(x) / x
 
 
 @compiled
-def dphi(x: float) -> float:
-    """Derivative of phi; used in Jacobians only."""
+def phi_pair(x):  # type: ignore[no-untyped-def]
+    """phi and its derivative, which is phi - (phi - 1)/x."""
     if abs(x) < PHI_SERIES:
-        x2 = x * x
-        x4 = x2 * x2
-        low = ((1 / 2) + x * (2 / 6)) + x2 * ((3 / 24) + x * (4 / 120))
-        mid = ((5 / 720) + x * (6 / 5040)) + x2 * ((7 / 40320) + x * (8 / 362880))
-        return low + x4 * (mid + x4 * ((9 / 3628800) + x * (10 / 39916800)))
-    e = math.expm1(x)
-    return (1.0 + e - e / x) / x
+        psi = _psi(x)
+        value = 1.0 + x * psi
+        return value, value - psi
+    value = math.expm1(x) / x
+    return value, value - (value - 1.0) / x
 
 
 @compiled
-def lam(x: float) -> float:
+def _artanh_tail(u):  # type: ignore[no-untyped-def]
+    """(artanh(y)/y - 1)/y^2 with u = y^2 < LAM_SERIES^2: sum of u^k/(2k + 3)."""
+    u2 = u * u
+    low = ((1 / 3) + u * (1 / 5)) + u2 * ((1 / 7) + u * (1 / 9))
+    top = ((1 / 11) + u * (1 / 13)) + u2 * ((1 / 15) + u * (1 / 17))
+    return low + u2 * u2 * top
+
+
+@compiled
+def lam(x):  # type: ignore[no-untyped-def]
     """log1p(x)/x, through log1p(x) = 2 artanh(x/(2 + x))."""
     r = 1.0 / (2.0 + x)
     y = x * r
     if abs(y) < LAM_SERIES:
         u = y * y
-        u2 = u * u
-        u4 = u2 * u2
-        low = (1.0 + u * (1 / 3)) + u2 * ((1 / 5) + u * (1 / 7))
-        top = ((1 / 9) + u * (1 / 11)) + u2 * ((1 / 13) + u * (1 / 15))
-        return 2.0 * r * (low + u4 * (top + u4 * (1 / 17)))
+        return 2.0 * r * (1.0 + u * _artanh_tail(u))
     return math.log1p(x) / x
 
 
 @compiled
-def dlam(x: float) -> float:
-    """Derivative of lam; used in Jacobians only."""
+def lam_pair(x):  # type: ignore[no-untyped-def]
+    """lam and its derivative, which is (1 - lam)/x - 1/(1 + x)."""
     r = 1.0 / (2.0 + x)
     y = x * r
     if abs(y) < LAM_SERIES:
         u = y * y
-        u2 = u * u
-        u4 = u2 * u2
-        low = (1.0 + u * (1 / 3)) + u2 * ((1 / 5) + u * (1 / 7))
-        top = ((1 / 9) + u * (1 / 11)) + u2 * ((1 / 13) + u * (1 / 15))
-        series = low + u4 * (top + u4 * (1 / 17))
-        low = ((1 / 3) + u * (2 / 5)) + u2 * ((3 / 7) + u * (4 / 9))
-        top = ((5 / 11) + u * (6 / 13)) + u2 * ((7 / 15) + u * (8 / 17))
-        return 2.0 * r * r * (4.0 * r * y * (low + u4 * top) - series)
-    return (1.0 / (1.0 + x) - math.log1p(x) / x) / x
+        tail = _artanh_tail(u)
+        return 2.0 * r * (1.0 + u * tail), r - 2.0 * r * r * y * tail - 1.0 / (1.0 + x)
+    value = math.log1p(x) / x
+    return value, (1.0 - value) / x - 1.0 / (1.0 + x)
+
+
+@compiled
+def dphi(x):  # type: ignore[no-untyped-def]
+    return phi_pair(x)[1]
+
+
+@compiled
+def dlam(x):  # type: ignore[no-untyped-def]
+    return lam_pair(x)[1]

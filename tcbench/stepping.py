@@ -13,7 +13,7 @@ from . import jit
 from . import march as m
 from .integrator import Integrator
 from .scenario import Scenario
-from .simulate import (
+from .simulation import (
     Recorder,
     assemble,
     empty_summary,

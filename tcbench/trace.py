@@ -232,6 +232,10 @@ def sub(a: Symbol, b: Symbol) -> Symbol:
         return increment
     if b.op == "neg":
         return add(a, b.args[0])
+    if a.op == "neg":
+        return neg(add(a.args[0], b))
+    if a.number > b.number and ("sub", (b.number, a.number), None) in _INTERN:
+        return neg(_intern("sub", (b, a)))  # a - b and b - a are one node
     return _intern("sub", (a, b))
 
 
@@ -240,8 +244,6 @@ def neg(a: Symbol) -> Symbol:
         return const(-a.value)
     if a.op == "neg":
         return a.args[0]
-    if a.op == "sub":
-        return _intern("sub", (a.args[1], a.args[0]))
     return _intern("neg", (a,))
 
 
@@ -286,6 +288,24 @@ def _halve_midpoint(a: Symbol, b: Symbol) -> Symbol | None:
             if two_z.op == "mul" and is_const(two_z.args[0], 2.0):
                 return add(two_z.args[1], mul(a, d))
     return None
+
+
+def maximum(a: Symbol, b: Symbol) -> Symbol:
+    """max(a, b); has no derivative, and drops a NaN: `guarded` keeps it."""
+    return _intern("max", (a, b))
+
+
+def minimum(a: Symbol, b: Symbol) -> Symbol:
+    """min(a, b); as `maximum`."""
+    return _intern("min", (a, b))
+
+
+def guarded(value: Symbol, terms: Iterable[Symbol]) -> Symbol:
+    """The value, or NaN if any of the terms is not finite."""
+    total = const(0.0)
+    for term in terms:
+        total = add(total, term)
+    return _intern("guard", (value, total))
 
 
 def reciprocal(a: Symbol) -> Symbol:
@@ -440,8 +460,10 @@ def rebuild(op: str, args: tuple[Symbol, ...]) -> Symbol:
     """The node `op(*args)` through the simplifying constructors."""
     constructors: dict[str, Any] = {
         "add": add, "sub": sub, "mul": mul, "neg": neg, "recip": reciprocal, "phi": phi, "lam": lam,
-        "mark": mark,
+        "mark": mark, "max": maximum, "min": minimum,
     }  # fmt: skip
+    if op == "guard":
+        return _intern(op, args)
     return constructors[op](*args) if op in constructors else _make(op, *args)
 
 

@@ -43,14 +43,16 @@ class Summary:
 
 @dataclass(frozen=True)
 class SolverCounts:
-    """What the implicit solver needed, over the whole run."""
+    """What the implicit solver needed, over the whole run; a step has one solve a flow."""
 
     newton_iterations: int = 0
-    retried: int = 0  # steps solved only from the second initial guess
-    tracked: int = 0  # steps that needed continuation in h
+    retried: int = 0  # solves that needed the second initial guess
+    tracked: int = 0  # solves that needed continuation in h
     continuation_tries: int = 0
-    arcs: int = 0  # steps that needed pseudo-arclength continuation
-    folds: int = 0  # folds that those arcs went through
+    arcs: int = 0  # solves that needed pseudo-arclength continuation
+    folds: int = 0  # folds that those arcs, and the arcs of an audit, went through
+    audited: int = 0  # accepted roots that were compared with the arc's
+    wrong_roots: int = 0  # those among them that are not the principal root
     rhs_evaluations: int = 0  # of adaptive solvers that report them
 
 

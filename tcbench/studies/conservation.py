@@ -37,7 +37,7 @@ def plan(
 
 def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
     from .. import metrics, plugins
-    from ..simulate import simulate
+    from ..simulation import simulate
 
     adaptive = integrator.kind == "adaptive"
     extra = {"tolerance": options["tolerance"]} if adaptive else {"dt": options["dt"], "residuals": True}

@@ -15,7 +15,7 @@ from . import march as m
 from .errors import TcbenchError
 from .flow import Flow, FlowKernels, build
 from .integrator import Integrator
-from .newton import FIRST_BLOCK, TABLE_WIDTH
+from .newton import ND, NW, NX, TABLE_WIDTH
 from .scenario import Scenario
 from .system import System
 from .trajectory import SolverCounts, Summary, Trajectory
@@ -31,6 +31,8 @@ _STATUS = {
     m.NONFINITE: ("nonfinite", "the new state is not finite"),
     m.COLLAPSED: ("unphysical", "an element collapsed (strain measure not positive)"),
     m.COLD: ("unphysical", "a temperature is not positive"),
+    m.NO_WARM_ROOT: ("unphysical", "the principal root has a temperature that is not positive"),
+    m.FOLDED: ("ok", ""),  # the run was to end at the first fold
     m.BLOWUP: ("blowup", "|E - E0| exceeded {factor:g} times the initial exergy V0 = {V0:.6g}"),
 }
 
@@ -60,14 +62,18 @@ def simulate(
     continuation: bool = True,
     record_every: int | None = 1,
     residuals: bool = False,
+    audit_roots: bool = False,
 ) -> Trajectory:
     """Run one integrator on one scenario.
 
     dt : step, the scenario's own by default; the last step ends at or just past t_end.
     tolerance : rtol of an adaptive solver (atol = rtol); it has no dt. Default 1e-6.
-    continuation : False is plain Newton from z0, for comparison.
+    continuation : True: Newton, then natural tracking in h, then pseudo-arclength through folds, so that a step fails
+        only when it has no root (docs/stability.md). False: plain Newton from z0 (20 iterations), for comparison.
     record_every : keep every k-th state (None: the first and the last); the summary covers every step.
     residuals : also measure the residual of each accepted step (summary.residual_max).
+    audit_roots : follow the arc at every step and count accepted roots that are not the principal one
+        (solver.wrong_roots of solver.audited solves); some 50 times slower, the run itself is unchanged.
 
     Returns a Trajectory, of failed runs too; raises TcbenchError for bad input only.
     """
@@ -93,7 +99,8 @@ def simulate(
         from .stepping import run_step
 
         return run_step(integrator, scenario, dt, steps, every)
-    return _run_flows(integrator, scenario, dt, steps, every, continuation, residuals)
+    audit = m.COUNT_WRONG if audit_roots else m.NO_AUDIT
+    return run_flows(integrator, scenario, dt, steps, every, continuation, residuals, audit)
 
 
 def checked_dt(dt: Any, scenario: Scenario) -> float:
@@ -124,7 +131,7 @@ class Compiled:
 
     table: np.ndarray
     fractions: np.ndarray
-    blocks: np.ndarray
+    kernels: tuple[FlowKernels, ...]
 
 
 @cache
@@ -132,26 +139,71 @@ def compiled_flows(flows: tuple[Flow, ...], structure: tuple) -> Compiled:
     """Trace and compile the flows of an integrator, once per structure of system."""
     system = _STRUCTURES[structure]
     kernels: dict[Any, FlowKernels] = {}
-    rows, blocks = [], []
+    rows, chosen = [], []
     for flow in flows:
         key = (flow.residual, flow.variables, flow.stages)
         k = kernels.get(key) or kernels.setdefault(key, build(flow, system))
-        row = [k.prologue.address, k.iterate.address, k.polish.address, k.finish.address, k.full.address]
-        sizes = [k.n_unknowns, k.n_eliminated, k.n_positive, max(1, k.prologue.size), max(1, k.iterate.size)]
-        rows.append([*row, *sizes, len(blocks)])
-        blocks.extend(k.blocks)
+        chosen.append(k)
+        opening = k.opening.address if len(rows) == 0 else 0
+        addresses = [k.prologue.address, k.iterate.address, k.polish.address, k.finish.address, k.full.address, opening]
+        work = k.opening.size + k.setup.size
+        rows.append([*addresses, k.n_unknowns, k.n_eliminated, k.n_positive, work, k.iterate.size, k.prologue.size])
     table = np.array(rows, dtype=np.int64)
-    assert table.shape[1] == TABLE_WIDTH and FIRST_BLOCK == TABLE_WIDTH - 1
-    fractions = np.array([flow.fraction for flow in flows])
-    return Compiled(table, fractions, np.array(blocks or [0], dtype=np.int64))
+    assert table.shape[1] == TABLE_WIDTH
+    return Compiled(table, np.array([flow.fraction for flow in flows]), tuple(chosen))
+
+
+@dataclass(frozen=True)
+class Workspace:
+    """Arrays of the compiled loop, in the order of its last arguments."""
+
+    works: np.ndarray
+    x: np.ndarray
+    d: np.ndarray
+    dz: np.ndarray
+    a: np.ndarray
+    trial: np.ndarray
+    scale: np.ndarray
+    full: np.ndarray
+    old: np.ndarray
+    known: np.ndarray
+    accepted: np.ndarray
+    seen: np.ndarray
+    points: np.ndarray
+    A: np.ndarray
+
+    @classmethod
+    def of(cls, flows: Compiled, constants: np.ndarray, size: int, observables: int) -> Workspace:
+        table = flows.table
+        unknowns = max(1, int(table[:, NX].max()))
+        corrections = max(1, int(table[:, ND].max()))
+        works = np.zeros((len(table), int(table[:, NW].max())))
+        for work, kernels in zip(works, flows.kernels, strict=True):
+            if kernels.setup.size:
+                first = kernels.opening.size
+                work[first : first + kernels.setup.size] = kernels.setup(constants, constants)
+        return cls(
+            works, np.zeros(unknowns), np.zeros(corrections), np.zeros(size), np.zeros(size), np.zeros(size),
+            np.zeros(corrections), np.zeros(unknowns * (unknowns + 2)), np.zeros(unknowns), np.zeros(unknowns),
+            np.zeros(size), np.zeros((2, observables)), np.zeros((4, unknowns + 1)),
+            np.zeros((unknowns + 1, unknowns + 3)),
+        )  # fmt: skip
 
 
 _STRUCTURES: dict[tuple, System] = {}
 
 
-def _run_flows(
-    integrator: Integrator, scenario: Scenario, dt: float, steps: int, every: int, continuation: bool, residuals: bool
+def run_flows(
+    integrator: Integrator,
+    scenario: Scenario,
+    dt: float,
+    steps: int,
+    every: int,
+    continuation: bool = True,
+    residuals: bool = False,
+    audit: int = m.NO_AUDIT,
 ) -> Trajectory:
+    """`simulate` for an integrator of the kind "flows", its input checked; audit: see march.AUDIT."""
     model = scenario.model
     _STRUCTURES.setdefault(model.structure, model)
     flows = compiled_flows(integrator.flows, model.structure)
@@ -160,23 +212,26 @@ def _run_flows(
     carry = np.zeros_like(z)
     recorder = Recorder.for_steps(steps, every, len(z), n_observables)
     observables = np.empty((3, n_observables))
-    observables[:] = observe(z, constants)
+    workspace = Workspace.of(flows, constants, len(z), n_observables)
+    # observed by the kernel that observes every step: the same round-off in E0 as in E
+    m.open_step(flows.table, flows.fractions, z, constants, dt, workspace.works, observables)
+    observables[:] = observables[2]
     recorder.states[0], recorder.records[0] = z, observables[0]
     limits = run_limits(scenario)
     shape = np.array([
         model.n_positions, model.n_elements, len(model.invariant_names), observe.address,
-        continuation, residuals, every,
+        continuation, residuals, every, audit,
     ], dtype=np.int64)  # fmt: skip
     summary = empty_summary(len(model.invariant_names))
     done, reason = 0, m.OK
     begin = time.perf_counter()
-    if not m.march.signatures:  # the first call of a process loads or compiles the loop: that is no time of the run
-        _advance(flows, z, carry, constants, dt, 0, 0, limits, shape, observables, recorder, summary)
+    if not getattr(m.march, "signatures", True):  # loading or compiling the loop is no time of the run
+        _advance(flows, z, carry, constants, dt, 0, 0, limits, shape, observables, recorder, summary, workspace)
         begin = time.perf_counter()
     while done < steps and reason == m.OK:
         stop = min(steps, done + CHUNK)
         reason, done = _advance(
-            flows, z, carry, constants, dt, done, stop, limits, shape, observables, recorder, summary
+            flows, z, carry, constants, dt, done, stop, limits, shape, observables, recorder, summary, workspace
         )
     wall = time.perf_counter() - begin
     status, failure = explain(reason, done, dt, scenario)
@@ -186,11 +241,15 @@ def _run_flows(
 def _advance(
     flows: Compiled, z: np.ndarray, carry: np.ndarray, constants: np.ndarray, dt: float, start: int, stop: int,
     limits: np.ndarray, shape: np.ndarray, observables: np.ndarray, recorder: Recorder, summary: np.ndarray,
+    workspace: Workspace,
 ) -> tuple[int, int]:  # fmt: skip
     """One call of the compiled loop; returns (why it ended, completed steps)."""
+    w = workspace
     return m.march(
-        flows.table, flows.fractions, flows.blocks, z, carry, constants, dt, start, stop, limits,
+        flows.table, flows.fractions, z, carry, constants, dt, start, stop, limits,
         shape, observables, recorder.states, recorder.records, recorder.counts, summary,
+        w.works, w.x, w.d, w.dz, w.a, w.trial, w.scale, w.full, w.old, w.known, w.accepted,
+        w.seen, w.points, w.A,
     )  # fmt: skip
 
 
@@ -214,8 +273,7 @@ def explain(reason: int, done: int, dt: float, scenario: Scenario) -> tuple[str,
     status, cause = _STATUS[reason]
     if not cause:
         return status, ""
-    # a state that exists but is unacceptable belongs to a completed step; otherwise the next step failed
-    step = done if reason in (m.COLLAPSED, m.COLD, m.BLOWUP) else done + 1
+    step = done if reason == m.BLOWUP else done + 1  # the state of a blow-up exists; otherwise the next step failed
     cause = cause.format(factor=scenario.blowup_factor, V0=scenario.initial_exergy)
     return status, f"step {step} (t = {step * dt:.6g}, dt = {dt:g}): {cause}"
 
@@ -249,6 +307,8 @@ def assemble(
         solver=solver or SolverCounts(
             newton_iterations=int(summary[m.ITERATIONS]), retried=int(summary[m.RETRIED]),
             tracked=int(summary[m.TRACKED]), continuation_tries=int(summary[m.TRACK_TRIES_SUM]),
+            arcs=int(summary[m.ARCS]), folds=int(summary[m.FOLDS]), audited=int(summary[m.AUDITED]),
+            wrong_roots=int(summary[m.WRONG_ROOTS]),
         ),
     )  # fmt: skip
 

@@ -1,0 +1,1 @@
+"""The asv suite: speed and quality of every registered integrator, over the commits."""

@@ -1,0 +1,142 @@
+"""tcbench beside a hand-written C++ step, plain numpy and SciPy, in one run, as ratios.
+
+    python benchmarks/compare_limits.py [--repeats 30]
+
+Every figure is the minimum of interleaved repeats, so that drift of a shared machine hits all of them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import subprocess
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+from numpy_step import step as numpy_step
+from scipy.integrate import solve_ivp
+
+import tcbench
+
+CASES = (("short_term", 0.3, 83), ("long_term", 0.3, 1666), ("bound_equilibrium", 0.05, 1000))
+METHODS = ("tc_monolithic", "tc_staggered", "tc_strang", "midpoint_entropy", "midpoint_temperature")
+SOURCE = Path(__file__).with_name("tc_step.cpp")
+
+
+def compile_limit(folder: str) -> str | None:
+    compiler = shutil.which("g++") or shutil.which("c++")
+    if compiler is None:
+        print("No C++ compiler here: the hand-written step is left out.")
+        return None
+    target = f"{folder}/tc_step"
+    subprocess.run([compiler, "-O3", "-march=native", str(SOURCE), "-o", target], check=True)
+    return target
+
+
+def cpp_time(program: str, scene: tcbench.Scenario, h: float, steps: int, inner: int) -> tuple[float, float]:
+    """(seconds per step, Newton iterations per step) of the hand-written step."""
+    m = scene.model
+    constants = [*m.masses, *m.stiffness, *m.natural_lengths, m.conductivity, m.reference_temperature, m.coupling]
+    numbers = [h, steps, inner, *constants, m.heat_capacity, *scene.z0]
+    out = subprocess.run([program, *(repr(float(v)) for v in numbers)], check=True, capture_output=True, text=True)
+    seconds, iterations, *_ = map(float, out.stdout.split())
+    return seconds, iterations
+
+
+def tcbench_time(method: str, scene: tcbench.Scenario, h: float, steps: int, inner: int) -> tuple[float, float]:
+    best, run = np.inf, None
+    for _ in range(inner):
+        run = tcbench.simulate(method, scene, dt=h, t_end=h * steps, record_every=None)
+        assert run.ok, run.failure
+        best = min(best, run.wall_time_s)
+    assert run is not None
+    return best / run.steps, run.solver.newton_iterations / run.steps
+
+
+def numpy_time(scene: tcbench.Scenario, h: float, steps: int) -> float:
+    """Steps near the end of a run, where Newton needs no continuation."""
+    z = tcbench.simulate("tc_monolithic", scene, dt=h, t_end=h * 80, record_every=None).z[-1]
+    begin = time.perf_counter()
+    for _ in range(steps):
+        z = numpy_step(z, h, scene.model)
+    return (time.perf_counter() - begin) / steps
+
+
+def scipy_time(method: str, scene: tcbench.Scenario, t_end: float, **options: object) -> tuple[float, int]:
+    model = scene.model
+
+    def field(t: float, z: np.ndarray) -> np.ndarray:
+        return np.asarray(model.vector_field(z))
+
+    begin = time.perf_counter()
+    solution = solve_ivp(field, (0, t_end), scene.z0, method, rtol=1e-6, atol=1e-6, **options)
+    return time.perf_counter() - begin, len(solution.t) - 1
+
+
+def call_overhead(scene: tcbench.Scenario) -> float:
+    """Seconds of a warm simulate call beside its steps."""
+    best = np.inf
+    for _ in range(300):
+        begin = time.perf_counter()
+        run = tcbench.simulate("tc_monolithic", scene)
+        best = min(best, time.perf_counter() - begin - run.wall_time_s)
+    return best
+
+
+def python_step_overhead(scene: tcbench.Scenario) -> float:
+    """Seconds that tcbench adds to each step of a plain Python integrator."""
+
+    def still(z: np.ndarray, h: float, system: tcbench.System) -> np.ndarray:
+        return z
+
+    method = tcbench.Integrator(name="still", order=1, step=still)
+    runs = [tcbench.simulate(method, scene, dt=0.01, record_every=None) for _ in range(5)]
+    return min(run.wall_time_s / run.steps for run in runs)
+
+
+def compare(case: tuple[str, float, int], program: str | None, repeats: int) -> None:
+    name, h, steps = case
+    scene = tcbench.scenarios()[name].replace(t_end=1500.0, name=f"{name}_long")
+    inner = max(1, 4000 // steps)
+    for method in METHODS:
+        tcbench_time(method, scene, h, steps, 1)
+    best: dict[str, tuple[float, float]] = {}
+    for _ in range(repeats):  # interleaved
+        for method in METHODS:
+            best[method] = min(best.get(method, (np.inf, 0.0)), tcbench_time(method, scene, h, steps, inner))
+        if program:
+            best["C++"] = min(best.get("C++", (np.inf, 0.0)), cpp_time(program, scene, h, steps, inner))
+    limit = best["C++"][0] if program else best["tc_monolithic"][0]
+    print(f"\n{name}, h = {h:g}, {steps} steps ({'ratios to C++' if program else 'ratios to tc_monolithic'})")
+    for label, (seconds, iterations) in best.items():
+        print(f"  {label:22s} {1e6 * seconds:9.3f} us/step {seconds / limit:9.2f}   {iterations:5.2f} Newton/step")
+    plain = min(numpy_time(scene, h, 30) for _ in range(3))
+    own = best["tc_monolithic"][0]
+    print(
+        f"  {'plain numpy':22s} {1e6 * plain:9.1f} us/step {plain / limit:9.0f}   ({plain / own:.0f} x tc_monolithic)"
+    )
+    for method, options in (("Radau", {"jac": lambda t, z: scene.model.jacobian(z)}), ("LSODA", {})):
+        seconds, taken = min(scipy_time(method, scene, h * steps, **options) for _ in range(3))
+        ratio = seconds / (own * steps)
+        print(
+            f"  SciPy {method}, rtol 1e-6: {1e3 * seconds:8.2f} ms for {taken} steps: {ratio:.0f} x the run of tc_monolithic"
+        )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--repeats", type=int, default=30, help="interleaved repeats; minima are reported")
+    repeats = parser.parse_args().repeats
+    with tempfile.TemporaryDirectory() as folder:
+        program = compile_limit(folder)
+        for case in CASES:
+            compare(case, program, repeats)
+    scene = tcbench.scenarios()["short_term"]
+    print(f"\nwarm simulate call beside its steps: {1e6 * call_overhead(scene):.0f} us")
+    print(f"added to a plain Python step:        {1e6 * python_step_overhead(scene):.1f} us a step")
+
+
+if __name__ == "__main__":
+    main()
