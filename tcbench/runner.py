@@ -27,7 +27,7 @@ MEASURE = "tcbench.runner:measure_cell"
 DEFAULT_OUTPUT = Path("results") / "latest"
 NUMERICAL = (
     "trace.py", "emit.py", "jit.py", "special.py", "secant.py", "system.py", "pendulum.py", "flow.py", "newton.py",
-    "arc.py", "march.py", "simulation.py", "stepping.py", "metrics.py",
+    "arc.py", "march.py", "simulation.py", "recording.py", "stepping.py", "metrics.py",
 )  # fmt: skip
 
 

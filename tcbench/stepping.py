@@ -12,15 +12,8 @@ import numpy as np
 from . import jit
 from . import march as m
 from .integrator import Integrator
+from .recording import Recorder, assemble, empty_summary, exception_sentence, explain, run_limits
 from .scenario import Scenario
-from .simulation import (
-    Recorder,
-    assemble,
-    empty_summary,
-    exception_sentence,
-    explain,
-    run_limits,
-)
 from .trajectory import SolverCounts, Trajectory
 
 POINTS = 200  # output times of an adaptive run
