@@ -1,0 +1,166 @@
+"""Stability maps: the outcome of a run over two parameters, one of them usually the step.
+
+An axis is written `name=low:high:n` or `name=low:high:n:log`. Names: `dt`, the step itself; `energy`, a multiplier of
+the initial kinetic energy (momenta are multiplied by its square root); any constant or initial value of the scenario
+(stiffness, conductivity, temperatures, ...), a multiplier of the scenario's own value; with an index, `stiffness[1]`,
+a multiplier of that entry alone. Everything is dimensionless.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .errors import TcbenchError, unknown_name
+from .integrator import Integrator
+from .scenario import Scenario
+from .studies.base import Row, Study
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+_AXIS = re.compile(r"(?P<name>[a-z_]+(\[\d+\])?)=(?P<low>[^:]+):(?P<high>[^:]+):(?P<n>\d+)(?P<log>:log)?\Z")
+MULTIPLIED = ("positions", "momenta", "temperatures", "t_end")  # settings; constants are multiplied too
+COLUMNS = (
+    "integrator", "scenario", "x_name", "x", "y_name", "y", "dt", "outcome", "status", "energy_error_max",
+    "blowup_time", "outcome_plain", "folds", "failure",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One axis of a map: `values` of the parameter `name`, evenly spaced, in the logarithm if `log`."""
+
+    name: str
+    values: tuple[float, ...]
+    log: bool
+
+    @property
+    def label(self) -> str:
+        return "time step dt" if self.name == "dt" else f"{self.name} (multiple of the scene's)"
+
+
+def parse_axis(text: str) -> Axis:
+    """An axis from `name=low:high:n[:log]`."""
+    match = _AXIS.match(text.strip())
+    if match is None:
+        raise TcbenchError(f"Axis {text!r} must read name=low:high:n or name=low:high:n:log, as in dt=0.02:4:40:log.")
+    try:
+        low, high, n = float(match["low"]), float(match["high"]), int(match["n"])
+    except ValueError:
+        raise TcbenchError(f"Axis {text!r}: low and high must be numbers.") from None
+    if not (math.isfinite(low) and math.isfinite(high) and low < high and n >= 2):
+        raise TcbenchError(f"Axis {text!r} needs low < high, both finite, and at least 2 values.")
+    if low <= 0:
+        raise TcbenchError(f"Axis {text!r}: low must be positive.")
+    values = np.geomspace(low, high, n) if match["log"] else np.linspace(low, high, n)
+    return Axis(match["name"], tuple(float(v) for v in values), bool(match["log"]))
+
+
+def varied(scenario: Scenario, name: str, value: float) -> tuple[Scenario, float | None]:
+    """The scene with one parameter changed, and the step if that is what `name` says."""
+    if name == "dt":
+        return scenario, value
+    if name == "energy":
+        momenta = math.sqrt(value) * np.asarray(scenario.momenta)
+        return scenario.replace(momenta=momenta), None
+    base, _, index = name.rstrip("]").partition("[")
+    if base in scenario.constants:
+        own = np.array(scenario.constants[base], dtype=float)
+    elif base in MULTIPLIED:
+        own = np.array(getattr(scenario, base), dtype=float)
+    else:
+        raise unknown_name("parameter of a map", base, ["dt", "energy", *MULTIPLIED, *scenario.constants])
+    if index and not int(index) < own.size:
+        raise TcbenchError(f"{base!r} has {own.size} entries, so {name!r} does not exist; the first is {base}[0].")
+    where: Any = int(index) if index and own.ndim else ...
+    own[where] *= value
+    return scenario.replace(**{base: own if own.ndim else float(own)}), None
+
+
+def measure_cell(integrator: Integrator, scenario: Scenario, x: tuple[str, float], y: tuple[str, float]) -> Row:
+    """The outcome at one point of the map: with the shared solver, with plain Newton, and whether the sheet folds."""
+    from . import stability
+
+    scene, dt = varied(scenario, *x)
+    scene, dt_y = varied(scene, *y)
+    dt = next((value for value in (dt, dt_y) if value is not None), scene.dt)
+    row: Row = {"x_name": x[0], "x": x[1], "y_name": y[0], "y": y[1], "dt": dt}
+    if dt > scene.t_end:
+        return row | {"outcome": "skipped", "status": "skipped", "failure": "dt is longer than the horizon"}
+    full = stability.outcome(integrator, scene, dt)
+    plain = stability.outcome(integrator, scene, dt, continuation=False)
+    fold = stability.principal_outcome(integrator, scene, dt, until_fold=True)
+    return row | {
+        "outcome": full.kind, "status": full.status, "energy_error_max": full.energy_error,
+        "blowup_time": full.blowup_time, "outcome_plain": plain.kind, "folds": fold.folds > 0, "failure": full.failure,
+    }  # fmt: skip
+
+
+def plan(
+    integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]
+) -> list[tuple[Integrator, Scenario, Row]]:
+    """One cell a row of the map; options "x" and "y" are the axes as written."""
+    x, y = parse_axis(options["x"]), parse_axis(options["y"])
+    if x.name == y.name:
+        raise TcbenchError(f"Both axes of the map are {x.name!r}; they must differ.")
+    cells: list[tuple[Integrator, Scenario, Row]] = []
+    for scenario in scenarios:
+        for axis in (x, y):
+            varied(scenario, axis.name, axis.values[0])  # a name that does not exist is an error before the first cell
+        for integrator in integrators:
+            if integrator.kind != "flows":
+                raise TcbenchError(f"{integrator.name!r} is not given by flows; a map needs one that is.")
+            cells.extend(
+                (integrator, scenario, {"x": options["x"], "y": options["y"], "row": j}) for j in range(len(y.values))
+            )
+    return cells
+
+
+def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
+    """One row of the map: every x at the y of index options["row"]."""
+    x, y = parse_axis(options["x"]), parse_axis(options["y"])
+    at = (y.name, y.values[options["row"]])
+    return {"status": "ok", "cells": [measure_cell(integrator, scenario, (x.name, value), at) for value in x.values]}
+
+
+def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
+    import pandas as pd
+
+    rows: list[Row] = []
+    for record in records:
+        names = {"integrator": record["integrator"], "scenario": record["scenario"]}
+        rows.extend(names | cell for cell in record.get("cells") or [_lost_row(record)])
+    table = pd.DataFrame(rows, columns=list(COLUMNS))
+    return {"map": table.sort_values(["scenario", "integrator", "y", "x"], kind="stable", ignore_index=True)}
+
+
+def _lost_row(record: Row) -> Row:
+    """A row whose cell did not complete (a crash, a deadline): one entry, so that it is seen."""
+    x, y = parse_axis(record["x"]), parse_axis(record["y"])
+    return {
+        "x_name": x.name, "y_name": y.name, "y": y.values[record["row"]], "outcome": record["status"],
+        "status": record["status"], "failure": record.get("failure", ""),
+    }  # fmt: skip
+
+
+def stability_map(integrators: Sequence[Integrator], scenario: Scenario, x: str, y: str) -> DataFrame:
+    """The whole map in this process, without the engine; columns as COLUMNS."""
+    cells = plan(integrators, [scenario], {"x": x, "y": y})
+    records = [{"integrator": i.name, "scenario": s.name, **o, **measure(i, s, o)} for i, s, o in cells]
+    return tabulate(records)["map"]
+
+
+STUDY = Study(
+    name="map",
+    description="outcome over two parameters, one cell a row of the map",
+    tables=("map",),
+    plan=plan,
+    measure=measure,
+    tabulate=tabulate,
+)

@@ -1,0 +1,75 @@
+"""Stability: the largest step of each method, what stops it, and how sharp its blow-up time is."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from .base import Row, Study
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+    from ..integrator import Integrator
+    from ..scenario import Scenario
+
+COLUMNS = (
+    "integrator", "scenario", "dt_stable", "dt_unstable", "dt_half", "dt_fold", "limit", "non_monotone", "dt_cap",
+    "dt_stable_plain", "limit_plain", "dt_unstable_plain", "dt_half_plain", "non_monotone_plain", "certified", "cause",
+    "status", "failure",
+)  # fmt: skip
+POINTS = (
+    "integrator", "scenario", "solver", "dt", "status", "blowup_time", "continuation_steps", "kind", "energy_error_max",
+    "folds",
+)  # fmt: skip
+SENSITIVITY = (
+    "integrator", "scenario", "dt", "factor", "blowup_time", "median", "low", "high", "failed", "runs",
+)  # fmt: skip
+
+
+def plan(
+    integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]
+) -> list[tuple[Integrator, Scenario, Row]]:
+    return [(i, s, {}) for s in scenarios for i in integrators if i.kind == "flows"]
+
+
+def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
+    from .. import stability
+
+    row, points = stability.maximum_step(integrator, scenario)
+    own = stability.outcome(integrator, scenario, scenario.dt)
+    dt = row["dt_unstable"] if own.ok else scenario.dt  # the scene's own step where that fails
+    blowup = [] if math.isnan(dt) else stability.sensitivity(integrator, scenario, dt)
+    return {"status": "ok", **row, "points": points, "sensitivity": blowup}
+
+
+def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
+    import pandas as pd
+
+    def nested(name: str, columns: Sequence[str]) -> DataFrame:
+        rows = [
+            {"integrator": r["integrator"], "scenario": r["scenario"], **item}
+            for r in records
+            for item in r.get(name) or []
+        ]
+        return pd.DataFrame(rows, columns=list(columns))
+
+    table = pd.DataFrame(list(records)).drop(columns=["points", "sensitivity"], errors="ignore")
+    rest = [c for c in table.columns if c not in COLUMNS]
+    table = table.reindex(columns=[*COLUMNS, *rest])
+    return {
+        "stability": table.sort_values(["scenario", "integrator"], kind="stable", ignore_index=True),
+        "stability_points": nested("points", POINTS),
+        "blowup_sensitivity": nested("sensitivity", SENSITIVITY),
+    }
+
+
+STUDY = Study(
+    name="stability",
+    description="largest stable step and the kind of its limit, with the shared solver and with plain Newton",
+    tables=("stability", "stability_points", "blowup_sensitivity"),
+    plan=plan,
+    measure=measure,
+    tabulate=tabulate,
+)
