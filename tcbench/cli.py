@@ -96,6 +96,7 @@ def list_(folders: tuple[str, ...], as_json: bool) -> None:
 @click.option("--tolerance", type=float, help="Of an adaptive solver, instead of --dt.")
 @click.option("--plain", is_flag=True, help="Plain Newton from z0: no continuation.")
 @click.option("--record-every", type=click.IntRange(1), default=1, show_default=True, help="Keep every k-th state.")
+@click.option("--audit-roots", is_flag=True, help="Count accepted roots that are not the principal one (slow).")
 @click.option("--csv", type=click.Path(path_type=Path, dir_okay=False), help="Write the trajectory to this file.")
 @PLUGINS
 @AS_JSON
@@ -105,6 +106,36 @@ def simulate(folders: tuple[str, ...], as_json: bool, **options: Any) -> None:
 
     load_plugins(folders)
     simulate_command(as_json=as_json, **options)
+
+
+@main.command("map")
+@click.argument("names", nargs=-1, required=True, metavar="INTEGRATOR... SCENARIO")
+@click.option("--x", required=True, metavar="AXIS", help="name=low:high:n[:log], as in dt=0.02:4:40:log.")
+@click.option("--y", required=True, metavar="AXIS", help="The same; constants are multiples of the scene's own.")
+@click.option("--output", "-o", type=click.Path(path_type=Path), default=Path("results/map"), show_default=True)
+@click.option("--jobs", "-j", type=click.IntRange(1), help="Worker processes (default: the cores).")
+@click.option("--timeout", type=float, default=300.0, show_default=True, help="Seconds a row of the map may take.")
+@PLUGINS
+@QUIET
+def map_(names: tuple[str, ...], folders: tuple[str, ...], quiet: bool, **options: Any) -> None:
+    """A stability map over two parameters; several integrators are drawn side by side."""
+    from . import terminal
+    from .commands import map_command
+
+    load_plugins(folders)
+    sys.exit(map_command(names, options, terminal.Display(quiet=quiet)))
+
+
+@main.command()
+@click.argument("scenario")
+@PLUGINS
+@AS_JSON
+def reference(scenario: str, folders: tuple[str, ...], as_json: bool) -> None:
+    """Compute the reference solution of a scenario anew and compare it with the one in use."""
+    from .commands import reference_command
+
+    load_plugins(folders)
+    sys.exit(reference_command(scenario, as_json))
 
 
 @main.command()

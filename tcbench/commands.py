@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -62,7 +63,7 @@ def list_command(as_json: bool) -> None:
 
 def simulate_command(
     integrator: str, scenario: str, dt: float | None, t_end: float | None, tolerance: float | None, plain: bool,
-    record_every: int, csv: Path | None, as_json: bool,
+    record_every: int, audit_roots: bool, csv: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
     from . import metrics
     from .simulation import simulate
@@ -71,10 +72,11 @@ def simulate_command(
         raise TcbenchError(f"The folder of {str(csv)!r} does not exist; create it first.")
     run_ = simulate(
         integrator, scenario, dt, t_end, tolerance=tolerance, continuation=not plain, record_every=record_every,
-        residuals=True,
+        residuals=True, audit_roots=audit_roots,
     )  # fmt: skip
     row = {"integrator": run_.integrator.name, "scenario": run_.scenario.name, "dt": run_.dt}
     row |= metrics.conservation(run_)
+    row |= {name: value for name, value in asdict(run_.solver).items() if value}
     if csv is not None:
         _write_csv(run_, csv)
     if as_json:
@@ -95,6 +97,43 @@ def _write_csv(run_: Any, path: Path) -> None:
         np.savetxt(path, np.column_stack(columns), delimiter=",", header=",".join(names), comments="", fmt="%.17g")
     except OSError as error:
         raise TcbenchError(f"{str(path)!r} cannot be written: {error.strerror}.") from None
+
+
+def map_command(names: tuple[str, ...], options: dict[str, Any], display: terminal.Display) -> int:
+    """Run the map, one cell a row of it; tables and one picture in the output folder."""
+    from .charts_stability import map_figure
+    from .runner import execute
+
+    *methods, scenario = names
+    if not methods:
+        raise TcbenchError("tcbench map takes at least one integrator, and then the scenario.")
+    axes = {"x": options.pop("x"), "y": options.pop("y")}
+    job = plan_job(methods, [scenario], ["map"], options=axes)
+    with display.progress() as on_event:
+        results = execute(job, on_event=on_event, **options)
+    if "map" in results.tables:
+        picture = results.output / "map.png"
+        map_figure(results.tables["map"]).savefig(picture, dpi=150, bbox_inches="tight")
+        if not display.quiet:
+            outcomes = results.tables["map"].groupby(["integrator", "outcome"], sort=True).size()
+            terminal.print_frame(outcomes.rename("cells").reset_index(), "outcomes")
+            terminal.say(f"Picture: {picture}. Table: {results.output}/tables/map.csv")
+    return 130 if results.summary.interrupted else 0
+
+
+def reference_command(scenario: str, as_json: bool) -> int:
+    """0 if the reference in use is confirmed, 1 if not."""
+    from .truth import recompute
+
+    found = recompute(plugins.find_scenario(scenario))
+    if as_json:
+        terminal.print_json(found)
+    else:
+        rows = [[terminal.number(row[k]) for k in ("t", "gap", "certificate", "check")] for row in found["rows"]]
+        title = f"{found['scenario']}: {found['method']}"
+        terminal.console().print(terminal.make_table(title, ["t", "gap to the one in use", "certificate", "check"], rows))
+        terminal.say("It agrees with the reference in use." if found["agrees"] else "It does NOT agree with the reference.")
+    return 0 if found["agrees"] else 1
 
 
 def show_command(folder: Path, as_json: bool) -> None:

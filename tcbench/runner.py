@@ -25,10 +25,6 @@ if TYPE_CHECKING:
 
 MEASURE = "tcbench.runner:measure_cell"
 DEFAULT_OUTPUT = Path("results") / "latest"
-NUMERICAL = (
-    "trace.py", "emit.py", "jit.py", "special.py", "secant.py", "system.py", "pendulum.py", "flow.py", "newton.py",
-    "arc.py", "march.py", "simulation.py", "recording.py", "stepping.py", "metrics.py",
-)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -78,6 +74,15 @@ def run(
     retry_failed : run again whatever did not end well. dask : address of a scheduler to use instead.
     """
     job = plan_job(integrators, scenarios, studies, dt=dt, options=options)
+    return execute(job, output, jobs, timeout, memory_limit, fresh, retry_failed, dask, security, on_event)
+
+
+def execute(
+    job: Job, output: str | Path, jobs: int | None = None, timeout: float = 300.0, memory_limit: int | None = None,
+    fresh: bool = False, retry_failed: bool = False, dask: str | None = None, security: Mapping[str, str] | None = None,
+    on_event: Callable[[Event], None] | None = None,
+) -> Results:  # fmt: skip
+    """Run the cells of a job that have no final row yet; write rows, tables and manifest."""
     started = utc_now()
     with Store.open(output, fresh=fresh) as store:
         store.add_provenance(provenance())
@@ -158,7 +163,7 @@ def _registered(method: Integrator) -> bool:
 def _cell(study: Study, method: Integrator, scene: Scenario, options: dict[str, Any]) -> Cell:
     mark = fingerprint(
         integrator=source_hash(method.plugin), scenario=scene.as_dict(), study=_study_hash(study.name),
-        core=_core_hash(), versions=versions(), order=method.order,
+        versions=versions(), order=method.order,
     )  # fmt: skip
     machine = machine_name() if study.timed else ""
     return Cell(study.name, method.name, scene.name, options, study.timed, mark, machine)
@@ -172,16 +177,9 @@ def source_hash(plugin: str) -> str:
 
 
 @cache
-def _core_hash() -> str:
-    """Hash of the sources that decide tcbench's own digits (edits elsewhere do not invalidate rows)."""
-    folder = Path(__file__).parent
-    texts = {name: (folder / name).read_text() for name in NUMERICAL if (folder / name).exists()}
-    return fingerprint(**{name.removesuffix(".py"): text for name, text in texts.items()})
-
-
-@cache
 def _study_hash(name: str) -> str:
-    return fingerprint(source=(Path(__file__).parent / "studies" / f"{name}.py").read_text())
+    """Hash of a study and of everything in tcbench that it imports: the solvers, the metrics, the references."""
+    return fingerprint_sources(Path(__file__).parent / "studies" / f"{name}.py")
 
 
 def _scenario_data(scene: Scenario) -> dict[str, Any]:

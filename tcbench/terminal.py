@@ -84,12 +84,33 @@ SHOWN = {  # columns of a table that fit a terminal, with their headings
         "entropy_increment_min": "min dS", "angular_momentum_error_max": "|dJ|/J", "newton_iterations_mean": "Newton",
         "us_per_step": "us/step", "blowup_time": "fails at",
     },
+    "convergence": {
+        "integrator": "integrator", "variable": "variable", "order": "order", "order_low": "low", "order_high": "high",
+        "points_used": "points", "verdict": "verdict",
+    },
+    "equilibrium_summary": {
+        "integrator": "integrator", "equilibrium": "equilibrium", "entropy_gap": "entropy gap", "growth_a": "growth a",
+        "growth_b": "growth b",
+    },
+    "stability": {
+        "integrator": "integrator", "limit": "limit", "dt_stable": "stable", "dt_unstable": "unstable",
+        "dt_fold": "fold", "limit_plain": "plain limit", "dt_stable_plain": "stable", "dt_unstable_plain": "unstable",
+    },
 }  # fmt: skip
+
+
+LONG = ("convergence_points", "stability_points", "equilibrium", "work_precision")  # too long for a terminal
 
 
 def print_tables(tables: Mapping[str, DataFrame]) -> None:
     """Each table, one block a scenario where there are several."""
     for name, table in tables.items():
+        if name in LONG:
+            say(f"\n{name}: {len(table)} rows, in the CSV and Parquet files.")
+            continue
+        if name == "claims":
+            print_frame(table, "\nclaims", ("claim", "measured", "verdict"))
+            continue
         shown = SHOWN.get(name)
         if shown is None or "scenario" not in table:
             print_frame(table, name)

@@ -7,7 +7,8 @@ import pytest
 from scalar import parabola, scalar
 
 import tcbench
-from tcbench import maps, stability
+from tcbench import stability
+from tcbench.studies import map as maps
 from tcbench.charts_stability import CLASSES, cell_class, map_figure
 from tcbench.errors import TcbenchError
 from tcbench.simulation import simulate

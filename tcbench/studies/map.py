@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .errors import TcbenchError, unknown_name
-from .integrator import Integrator
-from .scenario import Scenario
-from .studies.base import Row, Study
+from ..errors import TcbenchError, unknown_name
+from ..integrator import Integrator
+from ..scenario import Scenario
+from .base import Row, Study
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -85,7 +85,7 @@ def varied(scenario: Scenario, name: str, value: float) -> tuple[Scenario, float
 
 def measure_cell(integrator: Integrator, scenario: Scenario, x: tuple[str, float], y: tuple[str, float]) -> Row:
     """The outcome at one point of the map: with the shared solver, with plain Newton, and whether the sheet folds."""
-    from . import stability
+    from .. import stability
 
     scene, dt = varied(scenario, *x)
     scene, dt_y = varied(scene, *y)

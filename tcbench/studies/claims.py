@@ -1,0 +1,85 @@
+"""Claims: the checkable statements of Romero (2009), each with what was measured and a verdict that follows from it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from .base import Row, Study
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+    from ..integrator import Integrator
+    from ..scenario import Scenario
+
+COLUMNS = ("claim", "section", "expected", "measured", "verdict", "why", "command", "integrator", "scenario", "group")
+THEOREMS = ("operators", "steps")  # checked on random states of one scene, the first of these that is selected:
+PREFERRED = ("short_term", "bound_equilibrium", "long_term")
+
+
+def plan(
+    integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]
+) -> list[tuple[Integrator, Scenario, Row]]:
+    """One cell a group of claims, and only groups about what is selected; nothing selected, no rows.
+
+    Theorems: the operators once, the steps for every method that claims something. Entries of the ledger: those
+    whose integrator and scene are both selected.
+    """
+    from .ledger import LEDGER
+
+    cells: list[tuple[Integrator, Scenario, Row]] = []
+    scene = theorem_scene(scenarios)
+    if scene is not None:
+        consistent = [i for i in integrators if {"energy", "entropy"} <= i.claims]
+        cells += [(integrator, scene, {"group": "operators"}) for integrator in consistent[:1]]
+        steppers = [i for i in integrators if i.claims and i.kind != "adaptive"]
+        cells += [(integrator, scene, {"group": "steps"}) for integrator in steppers]
+    for group, entry in LEDGER.items():
+        cells += [
+            (integrator, scenario, {"group": group})
+            for scenario in scenarios
+            for integrator in integrators
+            if scenario.name in entry.scenarios and integrator.name in entry.integrators
+        ]
+    return cells
+
+
+def theorem_scene(scenarios: Sequence[Scenario]) -> Scenario | None:
+    """The scene whose constants the theorems are checked with: a preferred one if it is selected, else the first."""
+    known = {scenario.name: scenario for scenario in scenarios}
+    return next((known[name] for name in PREFERRED if name in known), next(iter(scenarios), None))
+
+
+def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
+    """The findings of one group."""
+    from .. import theorems
+    from .ledger import LEDGER
+
+    group = options["group"]
+    check = getattr(theorems, group) if group in THEOREMS else LEDGER[group].measure
+    return {"status": "ok", "findings": [finding.as_dict() for finding in check(integrator, scenario)]}
+
+
+def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
+    """One row a claim. A group that could not be measured keeps one row, with the reason and no verdict."""
+    import pandas as pd
+
+    rows: list[Row] = []
+    for record in records:
+        origin = {k: v for k, v in record.items() if k not in ("findings", "failure")}
+        failed = {"claim": f"{record['group']}: not measured", "verdict": "", "why": record.get("failure", "")}
+        rows += [origin | finding for finding in record.get("findings") or [failed]]
+    frame = pd.DataFrame(rows)
+    rest = [c for c in frame.columns if c not in COLUMNS]
+    return {"claims": frame.reindex(columns=[*COLUMNS, *rest])}
+
+
+STUDY = Study(
+    name="claims",
+    description="the paper's statements against measurements: theorems on random states, section 6 in its scenes",
+    tables=("claims",),
+    plan=plan,
+    measure=measure,
+    tabulate=tabulate,
+)

@@ -1,0 +1,172 @@
+"""Convergence: the measured order of each method in q, p, s and theta, against the order that it declares."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from .base import Row, Study
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+    from ..integrator import Integrator
+    from ..orders import OrderFit
+    from ..scenario import Scenario
+    from ..system import System
+
+VARIABLES = ("q", "p", "s", "theta", "all")
+HALVINGS = range(1, 16)  # dt = t_converge / 2^k: exact, and from far outside the asymptotic range to round-off
+PYTHON_HALVINGS = range(1, 12)  # a step of a plain Python method may cost a hundred times as much
+# Rounding drifts by up to 5e-16 a step (midpoint_temperature); a 2000th part of an error bends its slope visibly.
+ROUNDOFF = 1e-12
+COLUMNS = (
+    "integrator", "scenario", "variable", "order", "order_low", "order_high", "points_used", "dt_min", "dt_max",
+    "declared", "verdict", "status", "note",
+)  # fmt: skip
+POINT_COLUMNS = (
+    "integrator", "scenario", "variable", "dt", "status", "error", "local_order", "used", "reason",
+)  # fmt: skip
+
+
+def plan(
+    integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]
+) -> list[tuple[Integrator, Scenario, Row]]:
+    """One cell a pair. Adaptive solvers have no dt, and a ladder of tolerances shows no order."""
+    steps = {"dt": list(options["dt"])} if options.get("dt") else {}
+    methods = [integrator for integrator in integrators if integrator.kind != "adaptive"]
+    return [(integrator, scenario, dict(steps)) for scenario in scenarios for integrator in methods]
+
+
+def step_counts(integrator: Integrator, scenario: Scenario, steps: Sequence[float] | None) -> list[int]:
+    """Numbers of steps to t_converge, increasing. A dt that does not divide it is rounded to one that does."""
+    if steps is None:
+        return [2**k for k in (HALVINGS if integrator.kind == "flows" else PYTHON_HALVINGS)]
+    return sorted({max(1, round(scenario.t_converge / dt)) for dt in steps})
+
+
+def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
+    """Errors at t_converge over the ladder and the fitted order of each group of variables."""
+    from ..orders import fit_order
+    from ..truth import reference_for
+
+    reference = reference_for(scenario, [scenario.t_converge])
+    exact = groups(scenario.model, reference.states[0])
+    dt: list[float] = []
+    statuses: list[str] = []
+    floors: list[float] = []
+    errors: dict[str, list[float]] = {name: [] for name in VARIABLES}
+    for n in step_counts(integrator, scenario, options.get("dt")):
+        step, status, floor, state = _end_state(integrator, scenario, n)
+        dt.append(step)
+        statuses.append(status)
+        floors.append(floor)
+        found = None if state is None else groups(scenario.model, state)
+        for name in VARIABLES:
+            errors[name].append(float("nan") if found is None else relative_error(found[name], exact[name]))
+    roundoff = [max(1e-9, ROUNDOFF * scenario.t_converge / h) for h in dt]
+    fits = {
+        name: fit_order(dt, errors[name], reference.floor[0], solver_floor=floors, roundoff=roundoff)
+        for name in VARIABLES
+    }
+    return {
+        "status": "ok" if "ok" in statuses else statuses[-1],
+        "t": scenario.t_converge,
+        "reference": reference.source,
+        "orders": [_order_row(name, fits[name], integrator.order) for name in VARIABLES],
+        "points": [row for name in VARIABLES for row in _point_rows(name, fits[name], dt, statuses, errors[name])],
+    }
+
+
+def _end_state(integrator: Integrator, scenario: Scenario, n: int) -> tuple[float, str, float, Any]:
+    """(dt, status, error that the solver leaves, state at t_converge or None) of a run of n steps."""
+    from ..simulation import simulate
+
+    dt, t_end = scenario.t_converge / n, scenario.t_converge
+    extra = {"residuals": True} if integrator.kind == "flows" else {}
+    run = simulate(integrator, scenario, dt=dt, t_end=t_end, record_every=None, **extra)
+    left = run.summary.residual_max  # NaN for explicit methods, which solve nothing
+    return dt, run.status, n * left if left == left else 0.0, run.z[-1] if run.ok and run.steps == n else None
+
+
+def groups(model: System, z: Any) -> dict[str, Any]:
+    """The state by groups of variables; "all" is (q, p, s), for theta is a function of these."""
+    import numpy as np
+
+    state = model.state(np.asarray(z, float))
+    return {"q": state.q, "p": state.p, "s": state.s, "theta": model.temperatures(z), "all": np.asarray(z, float)}
+
+
+def relative_error(found: Any, exact: Any) -> float:
+    """max_i |found_i - exact_i| / max(1, |exact_i|), the measure of the certificates."""
+    from ..reference import gap
+
+    return gap(found, exact)
+
+
+def _order_row(name: str, fit: OrderFit, declared: int | None) -> Row:
+    return {
+        "variable": name,
+        "order": float(fit.order),
+        "order_low": float(fit.order_low),
+        "order_high": float(fit.order_high),
+        "points_used": int(fit.points_used),
+        "dt_min": float(fit.dt_min),
+        "dt_max": float(fit.dt_max),
+        "declared": declared,
+        "verdict": fit.verdict(declared),
+        "note": fit.note,
+    }
+
+
+def _point_rows(
+    name: str, fit: OrderFit, dt: Sequence[float], statuses: Sequence[str], errors: Sequence[float]
+) -> list[Row]:
+    columns = zip(dt, statuses, errors, fit.local_order, fit.used, fit.reason, strict=True)
+    return [
+        {
+            "variable": name,
+            "dt": h,
+            "status": status,
+            "error": error,
+            "local_order": float(slope),
+            "used": bool(used),
+            "reason": str(reason),
+        }
+        for h, status, error, slope, used, reason in columns
+    ]
+
+
+def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
+    """`convergence`: one row a variable; `convergence_points`: one row a step size. A failed cell keeps one row."""
+    import pandas as pd
+
+    orders: list[Row] = []
+    points: list[Row] = []
+    for record in records:
+        name = {"integrator": record["integrator"], "scenario": record["scenario"]}
+        origin = {k: v for k, v in record.items() if k not in ("orders", "points", "dt", "failure")}
+        failed = {"variable": "all", "verdict": "undetermined", "note": record.get("failure", "")}
+        orders += [origin | row for row in record.get("orders") or [failed]]
+        points += [name | row for row in record.get("points") or []]
+    return {
+        "convergence": _table(pd.DataFrame(orders), COLUMNS),
+        "convergence_points": _table(pd.DataFrame(points), POINT_COLUMNS),
+    }
+
+
+def _table(frame: DataFrame, columns: Sequence[str]) -> DataFrame:
+    """Columns in order, others after them; rows by scenario and integrator, then as measured."""
+    rest = [c for c in frame.columns if c not in columns]
+    frame = frame.reindex(columns=[*columns, *rest])
+    return frame.sort_values(["scenario", "integrator"], kind="stable", ignore_index=True)
+
+
+STUDY = Study(
+    name="convergence",
+    description="order of convergence by group of variables, from the asymptotic window of a ladder of steps",
+    tables=("convergence", "convergence_points"),
+    plan=plan,
+    measure=measure,
+    tabulate=tabulate,
+)

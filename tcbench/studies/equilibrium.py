@@ -1,0 +1,204 @@
+"""Equilibrium: how far a trajectory is from the exact relative equilibrium of its energy and angular momentum."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from .base import Row, Study
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+    from ..equilibria import RelativeEquilibrium
+    from ..integrator import Integrator
+    from ..scenario import Scenario
+    from ..trajectory import Trajectory
+
+LONG_HORIZON = 1000.0  # a run of everything studies only scenes at least this long: shorter ones show no approach
+TIMES = 60  # rows a run, equally spaced in ln t
+TOLERANCE = 1e-9  # of adaptive solvers, which have no dt
+APPROACHED = 0.01  # part of the initial entropy gap that may be left, and must still be falling
+ABOVE = 1e-9  # entropy cannot exceed that of the equilibrium by more than round-off, unless energy is not conserved
+COLUMNS = (
+    "integrator", "scenario", "dt", "t", "entropy_gap", "strain_gap", "temperature_gap", "rotation_gap", "entropy",
+    "strain_a", "strain_b", "temperature_a", "temperature_b", "rate",
+)  # fmt: skip
+SUMMARY_COLUMNS = (
+    "integrator", "scenario", "dt", "status", "t_final", "equilibrium", "entropy_gap", "entropy_gap_falls",
+    "strain_gap", "temperature_gap", "rotation_gap", "growth_a", "growth_b", "exact_strain_a", "exact_strain_b",
+    "exact_temperature", "exact_rate", "exact_entropy", "note",
+)  # fmt: skip
+
+
+def plan(
+    integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]
+) -> list[tuple[Integrator, Scenario, Row]]:
+    """One cell a pair: scenes with a long horizon when every scene is selected, otherwise those asked for.
+
+    Scenes of other systems than the pendulum have no relative equilibrium in this sense and are left out.
+    """
+    from .. import plugins
+    from ..pendulum import Pendulum
+
+    scenes = [scene for scene in scenarios if scene.system is Pendulum]
+    if {scene.name for scene in scenarios} >= set(plugins.scenarios()):
+        scenes = [scene for scene in scenes if scene.t_end >= LONG_HORIZON]
+    cells: list[tuple[Integrator, Scenario, Row]] = []
+    for scene in scenes:
+        for integrator in integrators:
+            if integrator.kind == "adaptive":
+                cells.append((integrator, scene, {"tolerance": TOLERANCE}))
+            else:
+                steps = options.get("dt") or [scene.dt]
+                cells.extend((integrator, scene, {"dt": float(dt)}) for dt in steps if dt <= scene.t_end)
+    return cells
+
+
+def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
+    """Gaps along one run, at log-spaced recorded times, and what they amount to."""
+    import numpy as np
+
+    from ..equilibria import gaps, measures
+    from ..simulation import simulate
+
+    exact = exact_equilibrium(scenario)
+    run = simulate(integrator, scenario, **options)
+    rows = log_spaced(run.t)
+    z, state = run.z[rows], measures(run.z[rows], scenario.constants)
+    gap = gaps(z, exact, scenario.constants)
+    if exact.distant:  # a distance to springs of more than a hundred natural lengths means nothing on this horizon
+        gap = {name: np.full(len(z), np.nan) for name in gap}
+    columns = {
+        "t": run.t[rows],
+        **gap,
+        "entropy": state["entropy"],
+        "strain_a": state["strains"][:, 0],
+        "strain_b": state["strains"][:, 1],
+        "temperature_a": state["temperatures"][:, 0],
+        "temperature_b": state["temperatures"][:, 1],
+        "rate": state["rate"],
+    }
+    table = [dict(zip(columns, map(float, line), strict=True)) for line in zip(*columns.values(), strict=True)]
+    return {"status": run.status, "failure": run.failure, "rows": table, "summary": summarise(run, exact, columns)}
+
+
+def exact_equilibrium(scenario: Scenario) -> RelativeEquilibrium:
+    """The relative equilibrium of the scenario's own energy and angular momentum."""
+    from ..equilibria import relative_equilibrium
+
+    (J,) = scenario.model.momenta(scenario.z0)
+    return relative_equilibrium(scenario.constants, float(scenario.model.energy(scenario.z0)), float(J))
+
+
+def log_spaced(t: Any) -> list[int]:
+    """Indices of at most TIMES of the times t > 0, about equally spaced in ln t; the last one is among them."""
+    import numpy as np
+
+    if len(t) < 2:
+        return list(range(len(t)))
+    return sorted({int(i) for i in np.rint(np.geomspace(1, len(t) - 1, TIMES))})
+
+
+def summarise(run: Trajectory, exact: RelativeEquilibrium, columns: Mapping[str, Any]) -> Row:
+    """One row a run: the last gaps, whether the entropy gap still falls, growth of the strains, and a sentence."""
+    import numpy as np
+
+    last = {name: float(values[-1]) for name, values in columns.items()}
+    late = columns["t"] >= run.t[-1] / 10
+    growth = [_slope(np.log(columns["t"][late]), columns[f"strain_{spring}"][late]) for spring in "ab"]
+    gap = columns["entropy_gap"]
+    falls = bool(np.all(np.diff(gap[late]) <= 1e-12)) and len(gap[late]) > 1  # a fall below round-off of S is none
+    start = exact.entropy - float(run.entropy[0])
+    word = _classify(run, exact, last["entropy_gap"], falls and last["entropy_gap"] <= APPROACHED * start)
+    return {
+        "t_final": float(run.t[-1]),
+        "equilibrium": word,
+        **{name: last[name] for name in ("entropy_gap", "strain_gap", "temperature_gap", "rotation_gap")},
+        "entropy_gap_falls": falls,
+        "growth_a": growth[0],
+        "growth_b": growth[1],
+        "exact_strain_a": float(exact.strains[0]),
+        "exact_strain_b": float(exact.strains[1]),
+        "exact_temperature": exact.temperature,
+        "exact_rate": exact.rate,
+        "exact_entropy": exact.entropy,
+        "note": _sentence(word, run, exact, last, growth),
+    }
+
+
+def _slope(x: Any, y: Any) -> float:
+    """Least-squares slope; NaN for fewer than two points."""
+    import numpy as np
+
+    return float(np.polyfit(x, y, 1)[0]) if len(x) > 1 else float("nan")
+
+
+def _classify(run: Trajectory, exact: RelativeEquilibrium, gap: float, near: bool) -> str:
+    """none, run failed, distant, passed, approached or not reached."""
+    if not exact.exists:
+        return "none"
+    if not run.ok:
+        return "run failed"
+    if exact.distant:
+        return "distant"
+    if gap < -ABOVE:
+        return "passed"
+    return "approached" if near else "not reached"
+
+
+def _sentence(
+    word: str, run: Trajectory, exact: RelativeEquilibrium, last: Mapping[str, float], growth: Sequence[float]
+) -> str:
+    t, growing = run.t[-1], f"strains grow by {growth[0]:.3f} and {growth[1]:.3f} per unit of ln t"
+    if word == "none":
+        return f"{exact.note} By t = {t:g} {growing}."
+    if word == "distant":
+        a, b = exact.strains
+        return (
+            f"No equilibrium is reached: it lies at strains {a:.3g}, {b:.3g}, S = {exact.entropy:.4f}; at t = {t:g} "
+            f"strains are {last['strain_a']:.3f}, {last['strain_b']:.3f}, S = {last['entropy']:.4f}, and {growing}."
+        )
+    if word == "run failed":
+        return run.failure
+    if word == "passed":
+        excess, moved = -last["entropy_gap"], run.energy[-1] - run.energy[0]
+        return (
+            f"At t = {t:g} the entropy is {excess:.3g} above the largest that the initial energy allows: "
+            f"the energy moved by {moved:.3g}."
+        )
+    return f"At t = {t:g} the entropy is {last['entropy_gap']:.3g} below that of the relative equilibrium."
+
+
+def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
+    """`equilibrium`: one row a recorded time; `equilibrium_summary`: one row a run, failed cells included."""
+    import pandas as pd
+
+    rows: list[Row] = []
+    summaries: list[Row] = []
+    for record in records:
+        name = {"integrator": record["integrator"], "scenario": record["scenario"], "dt": record.get("dt")}
+        origin = {k: v for k, v in record.items() if k not in ("rows", "summary")}
+        summaries.append(origin | (record.get("summary") or {"note": record.get("failure", "")}))
+        rows += [name | row for row in record.get("rows") or []]
+    return {
+        "equilibrium": _table(pd.DataFrame(rows), COLUMNS),
+        "equilibrium_summary": _table(pd.DataFrame(summaries), SUMMARY_COLUMNS),
+    }
+
+
+def _table(frame: DataFrame, columns: Sequence[str]) -> DataFrame:
+    """Columns in order, others after them; rows by scenario, integrator and dt, then as measured."""
+    rest = [c for c in frame.columns if c not in columns]
+    frame = frame.reindex(columns=[*columns, *rest])
+    return frame.sort_values(["scenario", "integrator", "dt"], kind="stable", ignore_index=True)
+
+
+STUDY = Study(
+    name="equilibrium",
+    description="gap to the exact relative equilibrium over time, or the growth where none is within reach",
+    tables=("equilibrium", "equilibrium_summary"),
+    plan=plan,
+    measure=measure,
+    tabulate=tabulate,
+)
