@@ -121,7 +121,7 @@ def compare(case: tuple[str, float, int], program: str | None, repeats: int) -> 
         seconds, taken = min(scipy_time(method, scene, h * steps, **options) for _ in range(3))
         ratio = seconds / (own * steps)
         print(
-            f"  SciPy {method}, rtol 1e-6: {1e3 * seconds:8.2f} ms for {taken} steps: {ratio:.0f} x the run of tc_monolithic"
+            f"  SciPy {method}, rtol 1e-6: {1e3 * seconds:8.2f} ms for {taken} steps: {ratio:.0f} x tc_monolithic's run"
         )
 
 

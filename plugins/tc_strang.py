@@ -1,4 +1,4 @@
-"""TC Strang: Romero (2009), remark 3.2. Half a reversible step, an irreversible step, half a reversible step; order 2."""
+"""TC Strang: Romero (2009), remark 3.2. Half a reversible step, an irreversible one, half a reversible one; order 2."""
 
 from tcbench import Integrator, hookimpl
 

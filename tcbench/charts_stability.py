@@ -1,4 +1,4 @@
-"""The stability map: a table of `tcbench.studies.map` -> matplotlib Figure. No computing, no saving, no pyplot state."""
+"""The stability map: a table of `tcbench.studies.map` -> Figure. No computing, no saving, no pyplot state."""
 
 from __future__ import annotations
 

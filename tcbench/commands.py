@@ -18,7 +18,7 @@ from .studies import studies
 
 def run_command(options: dict[str, Any], display: terminal.Display) -> int:
     """Plan, run with progress, print the summary; 130 after Ctrl-C."""
-    chosen = {name: list(options.pop(name)) or None for name in ("integrators", "scenarios", "studies")}
+    chosen: dict[str, Any] = {name: list(options.pop(name)) or None for name in ("integrators", "scenarios", "studies")}
     dt = list(options.pop("steps")) or None
     security = {key[4:]: value for key in ("tls_ca", "tls_cert", "tls_key") if (value := options.pop(key))}
     limit = options.pop("memory_limit")
@@ -131,8 +131,9 @@ def reference_command(scenario: str, as_json: bool) -> int:
     else:
         rows = [[terminal.number(row[k]) for k in ("t", "gap", "certificate", "check")] for row in found["rows"]]
         title = f"{found['scenario']}: {found['method']}"
-        terminal.console().print(terminal.make_table(title, ["t", "gap to the one in use", "certificate", "check"], rows))
-        terminal.say("It agrees with the reference in use." if found["agrees"] else "It does NOT agree with the reference.")
+        columns = ["t", "gap to the one in use", "certificate", "check"]
+        terminal.console().print(terminal.make_table(title, columns, rows))
+        terminal.say(f"It {'agrees' if found['agrees'] else 'does NOT agree'} with the reference in use.")
     return 0 if found["agrees"] else 1
 
 

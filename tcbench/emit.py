@@ -16,6 +16,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +35,7 @@ def kernel(a, b, out):
 def straight_line(inputs: Mapping[Symbol, str], outputs: Sequence[Symbol]) -> str:
     """Source of the kernel that reads `inputs` (symbol -> 'a[0]') and fills out[0], out[1], ..."""
     names: dict[int, str] = {}
-    lines = []
+    lines: list[str] = []
     # an input may itself be a formula (a hoisted value): do not look beneath it
     nodes = _topological_above(inputs, outputs)
     derivatives = {(node.op, node.args[0].number): node for node in nodes if node.op in ("dphi", "dlam")}
@@ -143,7 +144,7 @@ def _compile(text: str) -> tuple[int, object]:
     """Address of the compiled text, and the object that keeps it alive."""
     from . import jit  # numba is imported when something is compiled, not before
 
-    if jit.config.DISABLE_JIT:
+    if jit.DISABLED:
         namespace: dict = {}
         exec(compile(text, "<kernel>", "exec"), namespace)
         address = len(jit.PYTHON_KERNELS) + 1
@@ -161,13 +162,10 @@ def _compile(text: str) -> tuple[int, object]:
     module = importlib.util.module_from_spec(spec)
     sys.modules[module_name] = module  # numba finds cached code's globals through sys.modules
     spec.loader.exec_module(module)
-    before = jit.config.CACHE_DIR
-    jit.config.CACHE_DIR = str(jit.cache_folder())
-    try:
+    with jit.own_cache():
         function = cfunc(types.void(pointer, pointer, pointer), cache=True, **jit.OPTIONS)(module.kernel)
-    finally:
-        jit.config.CACHE_DIR = before
-    return function.address, function
+    entry: Any = function.address
+    return int(entry), function
 
 
 def _write_atomically(path: Path, text: str) -> None:

@@ -24,6 +24,4 @@ def unknown_name(kind: str, name: str, known: Iterable[str], remedy: str = "") -
     close = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
     guess = f" Did you mean {close[0]!r}?" if close else ""
     listing = f" Known: {', '.join(names)}." if names else f" No {kind} is registered."
-    return UnknownNameError(
-        f"No {kind} is called {name!r}.{guess}{listing}{' ' + remedy if remedy else ''}"
-    )
+    return UnknownNameError(f"No {kind} is called {name!r}.{guess}{listing}{' ' + remedy if remedy else ''}")

@@ -1,4 +1,4 @@
-"""From a residual formula to the five kernels of one implicit flow.
+"""From a residual formula to the kernels of one implicit flow.
 
 The author's formula r(z0, z1, h, system) is run once on symbols. Then, exactly and automatically:
 - unknowns are increments d = z1 - z0; rows that say "does not move" are dropped;
@@ -43,9 +43,12 @@ class Flow:
 class FlowKernels:
     """Compiled form of a flow for one structure of system.
 
-    prologue(z0, (h, constants)) -> (start[nx], sizes of the entropies or temperatures[ns], hoisted...)
-    iterate(w, x) -> (Newton correction[nx], its image in the eliminated unknowns[ne], pivots[nx], thetas[npos], factors)
-    polish(w, x) -> (correction with the factors that the last iterate left[nx], its image[ne])
+    setup((h, constants)) -> what depends on the constants only, computed once a run into the tail of w
+    prologue(z0, (h, constants)) -> w = (start[nx], guess[nx], 1/size of the unknowns[nx + ne], hoisted...)
+    opening: the same, then the observables of z0; of the first flow of a step
+    iterate(w, x) -> (Newton correction[nx], its image in the eliminated unknowns[ne], pivots[nx], thetas[npos],
+        size of the correction, least of pivots and thetas, factors)
+    polish(w, x) -> (correction with the factors that the last iterate left[nx], its image[ne], its size)
     finish(w, x) -> z1 - z0
     full(w, x) -> (residual[nx], Jacobian[nx * nx], d residual/dh[nx])
     """
@@ -86,9 +89,11 @@ def build(flow: Flow, system: System) -> FlowKernels:
     x = reduction.unknowns
     increments = np.array(_increments(reduction, d), dtype=object)
     y1 = sym.state(np.asarray(y0) + increments[:n])
-    dz = np.concatenate([increments[: n - system.n_elements], sym.entropy_variables(y1).s - sym.state(z0).s]) if (
-        temperature
-    ) else increments[:n]
+    dz = (
+        np.concatenate([increments[: n - system.n_elements], sym.entropy_variables(y1).s - sym.state(z0).s])
+        if (temperature)
+        else increments[:n]
+    )
 
     jacobian = trace.jacobian(reduction.rows, x)
     factors, pivots = _factorise(jacobian)
@@ -99,7 +104,7 @@ def build(flow: Flow, system: System) -> FlowKernels:
     slopes = trace.jacobian([reduction.eliminated[e] for e in moved], x)
     image = [list(slopes @ step) if x and moved else [] for step in (correction, chord)]
     positive = list(y1.s) if temperature else []
-    d_dh = trace.jacobian(reduction.rows, [h])[:, 0] if x else []
+    d_dh: Any = trace.jacobian(reduction.rows, [h])[:, 0] if x else []
 
     index = [_index(e, d) % n for e in [*x, *moved]]
     scales = _scales(index, sym, y0, z0, temperature)
@@ -279,12 +284,12 @@ def _start(reduction: _Reduction) -> list[Symbol]:
     the explicit drift q0 + h p0/m, which is nearer.
     """
     x, zero = reduction.unknowns, const(0.0)
-    start = {s: zero for s in x}
+    start = dict.fromkeys(x, zero)
     for formula in reduction.eliminated.values():
         slopes = trace.jacobian([formula], x)[0] if x else []
         moving = [(s, a) for s, a in zip(x, slopes, strict=True) if not trace.is_const(a, 0.0)]
         if len(moving) == 1:
-            (symbol, slope), (offset,) = moving[0], trace.substitute([formula], {s: zero for s in x})
+            (symbol, slope), (offset,) = moving[0], trace.substitute([formula], dict.fromkeys(x, zero))
             start[symbol] = trace.neg(trace.mul(offset, trace.reciprocal(slope)))
     return [start[s] for s in x]
 
@@ -308,9 +313,7 @@ def _guess(
         slope = np.diagonal(trace.jacobian(list(theta), s0))
         rate = rate * slope
     A = trace.jacobian(list(rate), s0)
-    matrix = [
-        [const(float(i == j)) - 0.5 * h * A[i, j] / slope[j] for j in range(m)] for i in range(m)
-    ]
+    matrix = [[const(float(i == j)) - 0.5 * h * A[i, j] / slope[j] for j in range(m)] for i in range(m)]
     factors, _ = _factorise(matrix)
     step = factors.solve([h * r for r in rate])
     known = {first + i: g for i, g in enumerate(step)}

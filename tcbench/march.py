@@ -94,7 +94,25 @@ def solve_flow(  # type: ignore[no-untyped-def]
     reason = OK if code == ACCEPTED else NONCONVERGED
     if (code != ACCEPTED and shape[CONTINUE]) or shape[AUDIT] != NO_AUDIT:
         reason, count = by_arc(
-            flow, z0, dz, c, h, limits, shape, w, x[:n], scale, d, full, old[:n], accepted, seen, points[:, : n + 1], A[: n + 1, : n + 3], summary, reason
+            flow,
+            z0,
+            dz,
+            c,
+            h,
+            limits,
+            shape,
+            w,
+            x[:n],
+            scale,
+            d,
+            full,
+            old[:n],
+            accepted,
+            seen,
+            points[:, : n + 1],
+            A[: n + 1, : n + 3],
+            summary,
+            reason,
         )
         total += count
     return reason, total
@@ -272,8 +290,8 @@ def march(  # type: ignore[no-untyped-def]
                 iterations += count
             if code != ACCEPTED or shape[AUDIT] != NO_AUDIT:
                 reason, count = solve_flow(
-                    flow, a, dz, c, fractions[k] * h, limits, shape, w, x, scale, d, full, old, known, accepted, seen, points, A, summary,
-                    code == ACCEPTED,
+                    flow, a, dz, c, fractions[k] * h, limits, shape, w, x, scale, d, full, old, known,
+                    accepted, seen, points, A, summary, code == ACCEPTED,
                 )  # fmt: skip
                 iterations += count
                 if reason != OK:

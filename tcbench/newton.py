@@ -1,8 +1,9 @@
 """The solvers that every implicit method shares. Compiled, without allocation.
 
-`quick` takes nearly every step; `newton` has the rejection and stopping rules that do not stall, `track` shortens it in h
-by natural continuation when it is rejected, and arc.py has the last word. The rules were tuned on 23,484 steps with known roots: a full step is taken or the attempt is given up; there is no
-line search (those stall at singular Jacobians and favour wrong roots).
+`quick` takes nearly every step. `newton` has the rejection and stopping rules that do not stall, `track` shortens it in
+h by natural continuation when it is rejected, and arc.py has the last word. The rules of the careful solvers were tuned
+on 23,484 steps with known roots: a full step is taken or the attempt is given up; there is no line search (those stall
+at singular Jacobians and favour wrong roots).
 """
 
 from __future__ import annotations

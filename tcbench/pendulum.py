@@ -17,7 +17,7 @@ class Pendulum(System):
     name = "pendulum"
     n_positions = 4
     n_elements = 2
-    constants = {  # noqa: RUF012  (name -> shape)
+    constants = {
         "masses": (2,),
         "stiffness": (2,),
         "natural_lengths": (2,),

@@ -32,7 +32,6 @@ class Corners:
     dpi: Symbol
     ds: Symbol
 
-
     @property
     def value_10(self) -> Symbol:
         return self.value + self.dpi * self.pi_at_s0
@@ -57,12 +56,13 @@ class Corners:
         )
 
     def _with(self, value: Symbol, slopes: list[Symbol]) -> Corners:
-        return Corners(value, *slopes, self.dpi, self.ds)
+        a, b, c, d = slopes
+        return Corners(value, a, b, c, d, self.dpi, self.ds)
 
     def _apply(self, value: Symbol, rule: Rule) -> Corners:
         return self._with(value, [rule(*edge) for edge in self.edges])
 
-    def _lift(self, other: Any) -> Corners | None:
+    def _lift(self, other: Any) -> Corners:
         if isinstance(other, Corners):
             return other
         value = other if isinstance(other, Symbol) else const(float(other))
@@ -70,9 +70,7 @@ class Corners:
 
     def __add__(self, other: Any) -> Corners:
         b = self._lift(other)
-        return self._with(
-            self.value + b.value, [x[2] + y[2] for x, y in zip(self.edges, b.edges, strict=True)]
-        )
+        return self._with(self.value + b.value, [x[2] + y[2] for x, y in zip(self.edges, b.edges, strict=True)])
 
     __radd__ = __add__
 
@@ -115,9 +113,9 @@ class Corners:
             return result
         if isinstance(exponent, Corners):
             return (self.log() * exponent).exp()
-        return (self.log() * float(exponent)).exp() if not isinstance(exponent, Symbol) else (
-            self.log() * exponent
-        ).exp()
+        return (
+            (self.log() * float(exponent)).exp() if not isinstance(exponent, Symbol) else (self.log() * exponent).exp()
+        )
 
     def sqrt(self) -> Corners:
         return self._apply(self.value.sqrt(), lambda a, b, slope, _: slope / (a.sqrt() + b.sqrt()))

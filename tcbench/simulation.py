@@ -23,6 +23,7 @@ from .trajectory import Trajectory
 
 CHUNK = 100_000  # steps between looks at the clock and the keyboard
 
+
 def simulate(
     integrator: str | Integrator,
     scenario: str | Scenario,
@@ -106,7 +107,8 @@ def compiled_flows(flows: tuple[Flow, ...], structure: tuple) -> Compiled:
     """Trace and compile the flows of an integrator, once per structure of system."""
     system = _STRUCTURES[structure]
     kernels: dict[Any, FlowKernels] = {}
-    rows, chosen = [], []
+    rows: list[list[int]] = []
+    chosen: list[FlowKernels] = []
     for flow in flows:
         key = (flow.residual, flow.variables, flow.stages)
         k = kernels.get(key) or kernels.setdefault(key, build(flow, system))

@@ -73,9 +73,7 @@ class Monitor:
             self.recorder.states, self.recorder.records, self.summary,
         )  # fmt: skip
 
-    def trajectory(
-        self, integrator: Integrator, status: str, failure: str, done: int, wall: float
-    ) -> Trajectory:
+    def trajectory(self, integrator: Integrator, status: str, failure: str, done: int, wall: float) -> Trajectory:
         return assemble(
             integrator, self.scenario, self.dt, done, self.recorder, self.summary, status, failure, wall, False
         )

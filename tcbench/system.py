@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import cached_property, wraps
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,6 +72,10 @@ class System:
     positive: ClassVar[tuple[str, ...]] = ()  # constants that must be > 0
     non_negative: ClassVar[tuple[str, ...]] = ()
     source: ClassVar[str] = ""
+
+    if TYPE_CHECKING:  # constants become attributes: numbers or arrays, or symbols while a formula is traced
+
+        def __getattr__(self, name: str) -> Any: ...
 
     def __init_subclass__(cls, **arguments: Any) -> None:
         super().__init_subclass__(**arguments)
@@ -231,9 +235,7 @@ class System:
         dz, mid = self.state(z1 - z0), self.state((z0 + z1) / 2)
         slope = self._shape_gradient(mid.q)  # exact divided differences, as pi is at most quadratic
         dpi = _mark(slope @ dz.q)
-        pairs = [
-            rectangle(*edges) for edges in zip(self.shape(z0.q), dpi, z0.s, dz.s, strict=True)
-        ]
+        pairs = [rectangle(*edges) for edges in zip(self.shape(z0.q), dpi, z0.s, dz.s, strict=True)]
         pi = np.array([pair[0] for pair in pairs] + [None], dtype=object)[:-1]
         s = np.array([pair[1] for pair in pairs] + [None], dtype=object)[:-1]
         slopes = [symmetrised_slopes(e) for e in self.element_energy(pi, s)]
@@ -276,7 +278,7 @@ class System:
     @derived
     def exergy(self, z: Any) -> Any:
         """V = E - theta_ref S + offset >= 0: the Lyapunov functional (37), the natural scale of energy errors."""
-        reference = self.reference_temperature  # type: ignore[attr-defined]
+        reference = self.reference_temperature
         return self.energy(z) - reference * self.entropy(z) + self.exergy_offset()
 
     @derived

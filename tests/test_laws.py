@@ -40,7 +40,7 @@ def test_second_law_entropy_never_decreases(integrator, scenario):
     assert run(integrator, scenario).summary.entropy_increment_min >= -1e-13  # what one converged solve leaves over
 
 
-@pytest.mark.parametrize("scenario", SCENES)
+@pytest.mark.parametrize("scenario", [n for n, s in SCENES.items() if "angular_momentum" in s.model.invariant_names])
 @pytest.mark.parametrize("integrator", claiming("angular_momentum"))
 def test_angular_momentum_is_conserved(integrator, scenario):
     result = run(integrator, scenario)
@@ -104,7 +104,9 @@ REFERENCE = np.array([  # short_term at t = 1, to 20 digits
 @pytest.mark.parametrize("integrator", VARIANTS)
 def test_declared_order_is_the_measured_order(integrator):
     steps = [0.0025, 0.00125]
-    errors = [np.abs(tcbench.simulate(integrator, "short_term", dt=h, t_end=1.0).z[-1] - REFERENCE).max() for h in steps]
+    errors = [
+        np.abs(tcbench.simulate(integrator, "short_term", dt=h, t_end=1.0).z[-1] - REFERENCE).max() for h in steps
+    ]
     order = np.log2(errors[0] / errors[1])
     assert order == pytest.approx(tcbench.plugins.find_integrator(integrator).order, abs=0.05)
 

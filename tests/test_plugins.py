@@ -62,7 +62,7 @@ BROKEN = {
     "syntax.py": ("def broken(:\n", "SyntaxError"),
     "importing.py": ("import no_such_module_here\n", "No module named 'no_such_module_here'"),
     "raising.py": ("raise RuntimeError('at import')\n", "at import"),
-    "misspelt.py": (GOOD.replace("def tcbench_integrators", "def tcbench_integrator"), "unknown hook 'tcbench_integrator'"),
+    "misspelt.py": (GOOD.replace("def tcbench_integrators", "def tcbench_integrator"), "unknown hook"),
     "listless.py": (GOOD.replace("return [", "return 7 #"), "TypeError"),
     "wrong_type.py": (GOOD.replace("return [Integrator", "return [dict"), "must return a list of Integrator"),
     "nameless.py": (GOOD.replace('name="mine"', 'name="Mine!"'), "must be lower-case"),

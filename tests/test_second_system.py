@@ -1,6 +1,6 @@
-"""Integrators are written against `System`: all of them run unchanged on another one, and keep what they claim.
+"""Integrators are written against `System`: they run unchanged on another one, and keep what they claim.
 
-Two gas containers with a moving wall: E_i = (exp(S_i)/V_i)^(2/3) with V = q and 2 - q, theta_i = 2/3 E_i, wall of mass 1.
+Two gas containers with a moving wall: E_i = (exp(S_i)/V_i)^(2/3), V = q and 2 - q, theta_i = 2/3 E_i, wall of mass 1.
 """
 
 import numpy as np
@@ -17,7 +17,7 @@ class Gas(System):
     name = "gas_in_a_test"
     n_positions = 1
     n_elements = 2
-    constants = {"conductivity": (), "reference_temperature": ()}  # noqa: RUF012
+    constants = {"conductivity": (), "reference_temperature": ()}
 
     def inertia(self):
         return np.array([1.0])
@@ -41,8 +41,8 @@ class Gas(System):
 
 
 SCENE = Scenario(
-    name="gas", system=Gas, constants={"conductivity": 0.5, "reference_temperature": 1.3}, positions=(1.0,), momenta=(2.0,),
-    temperatures=(4 / 3, 4 / 3), t_end=30.0, dt=0.05,
+    name="gas", system=Gas, constants={"conductivity": 0.5, "reference_temperature": 1.3}, positions=(1.0,),
+    momenta=(2.0,), temperatures=(4 / 3, 4 / 3), t_end=30.0, dt=0.05,
 )  # fmt: skip
 
 
@@ -59,7 +59,9 @@ def test_the_derived_vector_field_is_the_printed_one():
     for _ in range(20):
         z = np.array([rng.uniform(0.2, 1.8), *rng.uniform(-1, 1, 3)])
         assert np.allclose(SCENE.model.vector_field(z), plain_field(z), rtol=1e-12, atol=1e-12)
-        assert np.allclose(SCENE.model.friction(SCENE.model.temperatures(z)) @ np.ones(2), plain_field(z)[2:], atol=1e-12)
+        assert np.allclose(
+            SCENE.model.friction(SCENE.model.temperatures(z)) @ np.ones(2), plain_field(z)[2:], atol=1e-12
+        )
         jacobian = np.stack([plain_field(z + 1j * 1e-30 * e).imag / 1e-30 for e in np.eye(4)], axis=-1)
         assert np.allclose(SCENE.model.jacobian(z), jacobian, rtol=1e-10, atol=1e-10)
 

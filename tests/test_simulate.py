@@ -48,7 +48,7 @@ def test_compiled_steps_agree_with_scipy_on_the_formula_written_by_hand(method, 
     run = tcbench.simulate(method, scene, dt=0.05, t_end=0.25)
     z = scene.z0.copy()
     for k in range(5):
-        z, info, success, _ = fsolve(plain_residual, z, (z.copy(), 0.05, scene.model, method), xtol=1e-14, full_output=1)
+        z, *_ = fsolve(plain_residual, z, (z.copy(), 0.05, scene.model, method), xtol=1e-14, full_output=1)
         assert np.allclose(run.z[k + 1], z, rtol=1e-9, atol=1e-9)
 
 
@@ -87,7 +87,9 @@ def test_record_every_keeps_the_same_states_and_the_whole_summary():
     assert np.array_equal(some.z[:-1], every.z[::10]) and np.array_equal(some.z[-1], every.z[-1])
     assert np.allclose(some.t[:-1], every.t[::10]) and some.t[-1] == every.t[-1]
     assert len(ends.t) == 2 and np.array_equal(ends.z[-1], every.z[-1])
-    assert some.summary.energy_error_max == every.summary.energy_error_max == np.abs(every.energy - every.energy[0]).max()
+    assert (
+        some.summary.energy_error_max == every.summary.energy_error_max == np.abs(every.energy - every.energy[0]).max()
+    )
     assert ends.summary.entropy_increment_min == np.diff(every.entropy).min()
     assert some.newton_iterations.sum() == every.newton_iterations.sum() == ends.solver.newton_iterations
 
@@ -217,7 +219,9 @@ def test_a_step_that_spoils_its_argument_spoils_nothing_else():
 def scipy_lsoda(system, z0, t_eval, rtol, atol):
     from scipy.integrate import solve_ivp
 
-    solution = solve_ivp(lambda t, z: system.vector_field(z), (0, t_eval[-1]), z0, "LSODA", t_eval, rtol=rtol, atol=atol)
+    solution = solve_ivp(
+        lambda t, z: system.vector_field(z), (0, t_eval[-1]), z0, "LSODA", t_eval, rtol=rtol, atol=atol
+    )
     return solution.y.T, {"rhs_evaluations": solution.nfev}
 
 
@@ -233,7 +237,7 @@ def test_an_adaptive_solver_is_an_integrator_swept_over_tolerance():
 
 
 def test_an_integrator_gives_exactly_one_way_to_step_and_an_order():
-    with pytest.raises(TcbenchError, match="exactly|gives none of them"):
+    with pytest.raises(TcbenchError, match="gives none of them"):
         Integrator(name="nothing", order=1)
     with pytest.raises(TcbenchError, match="gives flows and step"):
         Integrator(name="both", order=1, flows=lambda z0, z1, h, s: z1 - z0, step=euler)
@@ -248,7 +252,9 @@ def explicit(z0, z1, h, system):
 
 
 def test_an_explicit_formula_needs_no_newton_at_all():
-    run = tcbench.simulate(Integrator(name="explicit", order=1, flows=explicit), "bound_equilibrium", dt=0.01, t_end=1.0)
+    run = tcbench.simulate(
+        Integrator(name="explicit", order=1, flows=explicit), "bound_equilibrium", dt=0.01, t_end=1.0
+    )
     by_hand = tcbench.simulate(Integrator(name="euler", order=1, step=euler), "bound_equilibrium", dt=0.01, t_end=1.0)
     assert run.newton_iterations.sum() == 0
     assert np.allclose(run.z, by_hand.z, rtol=1e-12, atol=1e-12)

@@ -8,10 +8,10 @@ from scalar import parabola, scalar
 
 import tcbench
 from tcbench import stability
-from tcbench.studies import map as maps
 from tcbench.charts_stability import CLASSES, cell_class, map_figure
 from tcbench.errors import TcbenchError
 from tcbench.simulation import simulate
+from tcbench.studies import map as maps
 from tcbench.studies.stability import COLUMNS, STUDY
 from tcbench.trajectory import STATUSES
 

@@ -99,13 +99,17 @@ def plain_quotients(z0, z1, number=float, log=np.log, exp=np.exp):
     """D_pi e and D_s e of both springs as printed, (31)-(32), in any arithmetic."""
     m, result = MODEL, []
     for i in range(2):
+
         def pi(z, i=i):
             r = [z[2 * i + k] - (z[k] if i else 0) for k in range(2)]
             return r[0] * r[0] + r[1] * r[1]
 
         def e(p, s, i=i):
             C, l0, beta, ref, c0 = (
-                number(v) for v in (m.stiffness[i], m.natural_lengths[i], m.coupling, m.reference_temperature, m.heat_capacity)
+                number(v)
+                for v in (
+                    m.stiffness[i], m.natural_lengths[i], m.coupling, m.reference_temperature, m.heat_capacity,
+                )
             )  # fmt: skip
             L = log(p) / 2 - log(l0)
             return C / 2 * L * L + beta * ref * L + c0 * ref * (exp((s - beta * L) / c0) - 1)

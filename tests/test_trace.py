@@ -35,14 +35,16 @@ def evaluate(outputs, inputs, values):
 @st.composite
 def formulas(draw, size=3):
     """A random smooth formula of positive inputs, as a function of an array."""
-    choices = draw(st.lists(st.tuples(st.integers(0, 11), st.integers(0, 99), st.integers(0, 99)), min_size=3, max_size=12))
+    choices = draw(
+        st.lists(st.tuples(st.integers(0, 11), st.integers(0, 99), st.integers(0, 99)), min_size=3, max_size=12)
+    )
 
     def formula(x):
         pool = list(x)
         for kind, i, j in choices:
             a, b = pool[i % len(pool)], pool[j % len(pool)]
             safe = 1.0 + a * a  # keeps logarithms, roots and quotients in their domain
-            pool.append(
+            pool.append(  # the list is indexed before a, b and safe change
                 [
                     lambda: a + b, lambda: a - b, lambda: a * b, lambda: a / (1.0 + b * b), lambda: -a,
                     lambda: np.log(safe), lambda: np.sqrt(safe), lambda: np.tanh(a), lambda: np.sin(a) * b,

@@ -31,7 +31,9 @@ class Study:
     name: str
     description: str
     tables: tuple[str, ...]
-    plan: Callable[[Sequence[Integrator], Sequence[Scenario], Mapping[str, Any]], list[tuple[Integrator, Scenario, Row]]]
+    plan: Callable[
+        [Sequence[Integrator], Sequence[Scenario], Mapping[str, Any]], list[tuple[Integrator, Scenario, Row]]
+    ]
     measure: Callable[[Integrator, Scenario, Row], Row]
     tabulate: Callable[[Sequence[Row]], dict[str, DataFrame]]
     timed: bool = False
