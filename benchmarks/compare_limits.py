@@ -15,7 +15,6 @@ import time
 from pathlib import Path
 
 import numpy as np
-from numpy_step import step as numpy_step
 from scipy.integrate import solve_ivp
 
 import tcbench
@@ -57,6 +56,8 @@ def tcbench_time(method: str, scene: tcbench.Scenario, h: float, steps: int, inn
 
 def numpy_time(scene: tcbench.Scenario, h: float, steps: int) -> float:
     """Steps near the end of a run, where Newton needs no continuation."""
+    from numpy_step import step as numpy_step  # beside this script; asv, which imports this file too, is not
+
     z = tcbench.simulate("tc_monolithic", scene, dt=h, t_end=h * 80, record_every=None).z[-1]
     begin = time.perf_counter()
     for _ in range(steps):
