@@ -57,6 +57,7 @@ def main() -> None:
 @click.option("--memory-limit", type=click.IntRange(1), metavar="MIB", help="Address space of a worker, in MiB.")
 @click.option("--fresh", is_flag=True, help="Forget the rows that the output folder already has.")
 @click.option("--retry-failed", is_flag=True, help="Run again every cell whose status is not ok.")
+@click.option("--report/--no-report", default=None, help="Write report.html (default: with --all and no --study).")
 @click.option("--dry-run", is_flag=True, help="Say what would run and for how long; run nothing.")
 @click.option("--dask", metavar="ADDRESS", help="Send the cells to this Dask scheduler (extra: cluster).")
 @click.option("--tls-ca", type=click.Path(exists=True), help="TLS certificate authority of the scheduler.")
@@ -73,6 +74,8 @@ def run(everything: bool, folders: tuple[str, ...], quiet: bool, as_json: bool, 
     load_plugins(folders)
     if not everything and not (options["integrators"] or options["scenarios"] or options["studies"]):
         raise TcbenchError("Say what to run: --all, or a selection with -i, -s and --study. See tcbench list.")
+    if options["report"] is None:
+        options["report"] = everything and not options["studies"]
     code = run_command(options, terminal.Display(quiet=quiet or as_json, as_json=as_json))
     sys.exit(code)
 
@@ -149,6 +152,43 @@ def show(folder: Path, as_json: bool) -> None:
 
 
 @main.command()
+@click.argument("folder", type=click.Path(path_type=Path))
+def report(folder: Path) -> None:
+    """Write report.html of a run: one self-contained page."""
+    from .commands import report_command
+
+    report_command(folder)
+
+
+@main.command()
+@click.argument("kind")
+@click.argument("folder", type=click.Path(path_type=Path))
+@click.option("--output", "-o", type=click.Path(path_type=Path), help="PNG, SVG or PDF by suffix (default: KIND.png).")
+@click.option("--scenario", "-s", metavar="NAME", help="Needed where the run has several.")
+@click.option("--integrator", "-i", "integrators", multiple=True, metavar="NAME", help="Only these; repeat.")
+@click.option("--x", metavar="COLUMN", help="Column of the horizontal axis (work-precision, conservation).")
+@click.option("--y", multiple=True, metavar="COLUMN", help="Columns of the vertical axis (work-precision); repeat.")
+@click.option("--dt", type=float, help="Step of runs that are simulated again (laws, four-panel, path).")
+@PLUGINS
+def plot(kind: str, folder: Path, folders: tuple[str, ...], **options: Any) -> None:
+    """Draw one chart of a run; an unknown KIND lists those that exist."""
+    from .commands import plot_command
+
+    load_plugins(folders)
+    plot_command(kind, folder, **options)
+
+
+@main.command()
+@click.option("--output", "-o", type=click.Path(path_type=Path), default=Path("results/paper"), show_default=True)
+@click.option("--format", "suffix", type=click.Choice(["png", "svg", "pdf"]), default="png", show_default=True)
+def paper(output: Path, suffix: str) -> None:
+    """Figures 2 to 9 of Romero (2009), with captions that say what differs from the paper's account."""
+    from .commands import paper_command
+
+    paper_command(output, suffix)
+
+
+@main.command()
 @click.argument("run_a", type=click.Path(path_type=Path))
 @click.argument("run_b", type=click.Path(path_type=Path))
 @click.option("--fail-on-regression", is_flag=True, help="Exit with code 1 if RUN_B is worse.")
@@ -158,6 +198,30 @@ def compare(run_a: Path, run_b: Path, fail_on_regression: bool, as_json: bool) -
     from .commands import compare_command
 
     sys.exit(compare_command(run_a, run_b, fail_on_regression, as_json))
+
+
+@main.command()
+@click.argument("kind", type=click.Choice(["integrator", "scenario", "system"]))
+@click.argument("name")
+@click.option("--package", is_flag=True, help="A complete distribution: pyproject, source, a test.")
+@click.option("--folder", type=click.Path(path_type=Path, file_okay=False), default=Path(), help="Where to write it.")
+def new(kind: str, name: str, package: bool, folder: Path) -> None:
+    """Write a commented plugin that runs as it is: an integrator, a scenario or a system."""
+    from .commands import new_command
+
+    new_command(kind, name, package, folder)
+
+
+@main.command()
+@click.argument("target", metavar="FILE|NAME")
+@PLUGINS
+@AS_JSON
+def check(target: str, folders: tuple[str, ...], as_json: bool) -> None:
+    """Check a plugin line by line: does it keep the contract, and what it claims? Exit code 0 or 1."""
+    from .commands import check_command
+
+    load_plugins(folders)
+    sys.exit(check_command(target, as_json))
 
 
 def load_plugins(folders: tuple[str, ...]) -> None:

@@ -14,6 +14,7 @@ from .errors import TcbenchError
 from .runner import make_tables, plan_job, preview, run
 from .store import Store
 from .studies import studies
+from .summary import summary
 
 
 def run_command(options: dict[str, Any], display: terminal.Display) -> int:
@@ -21,7 +22,7 @@ def run_command(options: dict[str, Any], display: terminal.Display) -> int:
     chosen: dict[str, Any] = {name: list(options.pop(name)) or None for name in ("integrators", "scenarios", "studies")}
     dt = list(options.pop("steps")) or None
     security = {key[4:]: value for key in ("tls_ca", "tls_cert", "tls_key") if (value := options.pop(key))}
-    limit = options.pop("memory_limit")
+    limit, report = options.pop("memory_limit"), options.pop("report")
     if options.pop("dry_run"):
         job = plan_job(**chosen, dt=dt)
         display.plan(preview(job, options["output"], options["retry_failed"], options["jobs"]), len(job.cells))
@@ -31,7 +32,15 @@ def run_command(options: dict[str, Any], display: terminal.Display) -> int:
             **chosen, dt=dt, memory_limit=limit * 2**20 if limit else None, security=security or None,
             on_event=on_event, **options,
         )  # fmt: skip
-    display.results(results)
+    overview = summary(results.tables, plugins.integrators())
+    overview.to_csv(results.output / "summary.csv", index=False)
+    display.results(results, overview)
+    if report and not results.summary.interrupted:
+        from .report import write_report
+
+        page = write_report(results.output)
+        if not display.quiet:
+            terminal.say(f"Report: {page}")
     return 130 if results.summary.interrupted else 0
 
 
@@ -150,6 +159,32 @@ def show_command(folder: Path, as_json: bool) -> None:
         terminal.print_tables(tables)
 
 
+def report_command(folder: Path) -> None:
+    from .report import write_report
+
+    terminal.say(f"Wrote {write_report(folder)}")
+
+
+def plot_command(
+    kind: str, folder: Path, output: Path | None, scenario: str | None, integrators: tuple[str, ...], x: str | None,
+    y: tuple[str, ...], dt: float | None,
+) -> None:  # fmt: skip
+    from .plot import plot
+
+    path = plot(
+        kind, folder, output or f"{kind}.png", scenario=scenario, integrators=list(integrators) or None, x=x,
+        y=list(y) or None, dt=dt,
+    )  # fmt: skip
+    terminal.say(f"Wrote {path}")
+
+
+def paper_command(output: Path, suffix: str) -> None:
+    from .paper import paper_figures
+
+    for path in paper_figures(output, f".{suffix}"):
+        terminal.say(f"Wrote {path}")
+
+
 def compare_command(run_a: Path, run_b: Path, fail_on_regression: bool, as_json: bool) -> int:
     from .compare import compare, regressions
 
@@ -166,3 +201,33 @@ def compare_command(run_a: Path, run_b: Path, fail_on_regression: bool, as_json:
         terminal.print_frame(changes, "changes")
         terminal.say(f"{len(changes)} changes beyond noise, {len(worse)} for the worse.")
     return 1 if fail_on_regression and len(worse) else 0
+
+
+def new_command(kind: str, name: str, package: bool, folder: Path) -> None:
+    from .scaffold import new_file, new_package
+
+    if package:
+        root = new_package(kind, name, folder)
+        terminal.say(f"Wrote {root}/. Next: pip install -e {root}, then tcbench list.")
+        return
+    path = new_file(kind, name, folder)
+    where = path.parent if str(path.parent) else Path(".")
+    option = {"integrator": f"-i {name}", "scenario": f"-s {name}", "system": f"-s {name}_first"}[kind]
+    terminal.say(
+        f"Wrote {path}. It runs as it is:\n  tcbench check {path}\n"
+        f"  tcbench run {option} --study conservation --plugins-dir {where}"
+    )
+
+
+def check_command(target: str, as_json: bool) -> int:
+    """0 if every line passes, 1 if not."""
+    from .check import check, printable
+
+    reports = check(target)
+    good = all(report.ok for report in reports)
+    if as_json:
+        terminal.print_json({"target": target, "ok": good, "reports": [report.as_dict() for report in reports]})
+    else:
+        for text in printable(reports):
+            terminal.say(text)
+    return 0 if good else 1

@@ -44,8 +44,13 @@ def provenance(command: Sequence[str] | None = None, sources: Path | None = None
         "packages": versions(PACKAGES),
         "machine": machine(),
         "threads": {name: os.environ[name] for name in THREAD_VARIABLES if name in os.environ},
-        "command": [without_home(word) for word in (sys.argv if command is None else command)],
+        "command": _command(sys.argv if command is None else command),
     }
+
+
+def _command(words: Sequence[str]) -> list[str]:
+    """The command line without what belongs to one machine: where the program is installed, the home directory."""
+    return [Path(word).name if i == 0 else without_home(word) for i, word in enumerate(words)]
 
 
 def manifest(provenance_id: str, started: str, ended: str, data: Mapping[str, Any] | None = None) -> dict[str, Any]:

@@ -177,7 +177,8 @@ class Display:
         time = "unknown: no earlier rows to judge by" if seconds is None else f"about {seconds:.1f} s"
         say(f"{total} cells: {plan.finished} finished, {len(plan.to_run)} to run. Time: {time}.")
 
-    def results(self, results: Results) -> None:
+    def results(self, results: Results, overview: DataFrame) -> None:
+        """What a run ends with: the summary of all studies, or of the conservation study alone where that ran."""
         summary = results.summary
         if self.as_json:
             statuses = dict(summary.statuses)
@@ -186,8 +187,10 @@ class Display:
             return
         if self.quiet:
             return
-        if "conservation" in results.tables:
+        if set(results.tables) == {"conservation"}:
             self._overview(results.tables["conservation"])
+        elif len(overview):
+            print_frame(overview, "\nsummary")
         counts = ", ".join(f"{n} {status}" for status, n in sorted(summary.statuses.items()))
         say(
             f"\n{summary.run} cells in {summary.elapsed_s:.1f} s ({counts or 'nothing new'}), "

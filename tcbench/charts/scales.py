@@ -1,0 +1,69 @@
+"""Axes on which 1e-15 and 1e+3 both show, with ticks that can be read."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter, NullLocator
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+FLOOR = 1e-17  # of quantities that conservation laws make zero: below round-off of numbers of size 1
+_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def power_text(value: float, _position: int | None = None) -> str:
+    """10⁻³ for powers of ten, plain digits near 1, nothing between."""
+    if value == 0:
+        return "0"
+    if not np.isfinite(value):
+        return ""
+    exponent = int(np.floor(np.log10(abs(value)) + 1e-9))
+    mantissa = value / 10.0**exponent
+    if -3 < exponent < 4:
+        return f"{value:.4g}"
+    digits = f"10{str(exponent).translate(_SUPERSCRIPTS)}"
+    if abs(abs(mantissa) - 1) < 1e-6:
+        return digits if value > 0 else f"−{digits}"
+    return f"{mantissa:.3g}·{digits}"
+
+
+def log_axis(ax: Axes, which: str, values: Any = None) -> None:
+    """A logarithmic axis. Over less than two decades ticks at 1, 2, 5 are named too."""
+    axis = ax.xaxis if which == "x" else ax.yaxis
+    (ax.set_xscale if which == "x" else ax.set_yscale)("log")
+    good = np.asarray([] if values is None else values, dtype=float)
+    good = good[np.isfinite(good) & (good > 0)]
+    if not len(good):
+        (ax.set_xlim if which == "x" else ax.set_ylim)(1e-2, 1e2)
+    else:
+        low, high = good.min(), good.max()
+        pad = max((high / low) ** 0.06, 1.15)
+        (ax.set_xlim if which == "x" else ax.set_ylim)(low / pad, high * pad)
+    narrow = bool(len(good)) and np.log10(good.max() / good.min()) < 1.7
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if narrow else (1.0,), numticks=8))
+    axis.set_major_formatter(FuncFormatter(power_text))
+    axis.set_minor_locator(NullLocator())
+    axis.set_minor_formatter(NullFormatter())
+
+
+def zero_log_axis(ax: Axes, values: Any, floor: float = FLOOR) -> None:
+    """A vertical axis for magnitudes: logarithmic above `floor`, linear below, so that an exact 0 has a place.
+
+    A plain symlog axis spends most of its room on the linear part or drops ticks there; here the linear part takes
+    half a decade and only whole decades, evenly thinned out, are named.
+    """
+    good = np.abs(np.asarray(values, dtype=float))
+    good = good[np.isfinite(good)]
+    top = float(good.max()) if len(good) and good.max() > 0 else 1e-12
+    top = 10.0 ** np.ceil(np.log10(max(top, 1e3 * floor)) + 0.05)
+    ax.set_yscale("symlog", linthresh=floor, linscale=0.5)
+    ax.set_ylim(-0.35 * floor, top)
+    low, high = int(np.log10(floor)) + 1, int(np.log10(top))
+    stride = next(s for s in (1, 2, 3, 4, 5, 6, 10, 20, 50, 100, 400) if (high - low) / s <= 6)
+    decades = [d for d in range(low, high + 1) if d % stride == 0]
+    ax.yaxis.set_major_locator(FixedLocator([0.0, *(10.0**d for d in decades)]))
+    ax.yaxis.set_major_formatter(FuncFormatter(power_text))
+    ax.yaxis.set_minor_locator(NullLocator())
