@@ -54,13 +54,25 @@ def number(value: Any) -> str:
     return str(value)
 
 
+FIRST_TO_GO = ("us/step", "Newton", "points", "low", "high", "|dJ|/J")  # columns that a narrow terminal does without
+GAP = 2  # blanks between columns
+
+
 def make_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
-    table = Table(title=title, title_justify="left", box=None, pad_edge=False, header_style="bold")
-    numeric = [bool(rows) and all(_numeric(row[i]) for row in rows) for i in range(len(columns))]
-    for name, right in zip(columns, numeric, strict=True):
-        table.add_column(name, justify="right" if right else "left", overflow="fold")
+    """A plain table; numbers to the right, names never folded, columns dropped where the terminal is narrow."""
+    kept = list(range(len(columns)))
+    widths = [max(len(name), *(len(row[i]) for row in rows), 0) for i, name in enumerate(columns)]
+    for name in FIRST_TO_GO:
+        if name in columns and sum(widths[i] + GAP for i in kept) - GAP > console().width:
+            kept = [i for i in kept if columns[i] != name]
+    table = Table(title=title, title_justify="left", box=None, pad_edge=False, header_style="bold", padding=(0, 1))
+    for i in kept:
+        right = bool(rows) and all(_numeric(row[i]) for row in rows)
+        table.add_column(columns[i], justify="right" if right else "left", overflow="fold", no_wrap=i == 0 and right)
+        if i == 0 and widths[0] < 30:
+            table.columns[-1].min_width = widths[0]
     for row in rows:
-        table.add_row(*row)
+        table.add_row(*(row[i] for i in kept))
     return table
 
 
@@ -127,8 +139,8 @@ def print_row(row: Mapping[str, Any]) -> None:
 
 def print_listing(data: Mapping[str, Any]) -> None:
     rows = [
-        [i["name"], number(i["order"]), ", ".join(i["claims"]), i["source"],
-         " ".join(f"[{k}={'|'.join(v)}]" for k, v in i["parameters"].items())]
+        [i["name"], number(i["order"]), " ".join(i["claims"]), i["source"],
+         "; ".join(f"{k}: {', '.join(v)}" for k, v in i["parameters"].items())]
         for i in data["integrators"]
     ]  # fmt: skip
     console().print(make_table("Integrators", ["name", "order", "claims", "source", "parameters"], rows))
