@@ -110,6 +110,8 @@ def _run_cells(
         return run_cells(cells, MEASURE, context, store, on_event=on_event, **limits)
     from .cluster import run_on_dask
 
+    if (jobs := limits.pop("jobs")) is not None:
+        limits["jobs_per_share"] = jobs
     return run_on_dask(cells, MEASURE, context, store, address=dask, security=security, on_event=on_event, **limits)
 
 

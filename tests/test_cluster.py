@@ -138,3 +138,14 @@ def test_a_share_that_keeps_being_lost_ends_as_rows_of_its_own_cells():
         sent += 1
         waiting += list(run._lost(waiting.pop(), "KilledWorker"))
     assert summary.statuses == {"crash": 5} and sent < 30
+
+
+def test_run_sends_its_cells_to_the_scheduler_and_gets_the_same_numbers(dask, tmp_path):
+    import tcbench
+
+    chosen = {"integrators": ["tc_monolithic"], "scenarios": ["short_term"], "studies": ["conservation"]}
+    address, _ = dask
+    there = tcbench.run(**chosen, dt=[0.3, 0.6], output=tmp_path / "there", dask=address, jobs=1).tables["conservation"]
+    here = tcbench.run(**chosen, dt=[0.3, 0.6], output=tmp_path / "here").tables["conservation"]
+    columns = ["integrator", "dt", "status", "energy_error_max", "angular_momentum_error_max", "newton_iterations_mean"]
+    assert there[columns].equals(here[columns])
