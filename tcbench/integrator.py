@@ -23,7 +23,8 @@ class Integrator:
     claims : what the method conserves or obeys: "energy", "entropy" (never decreases) and any invariant's name.
     flows : residual formulas r(z0, z1, h, system); a callable, or a sequence of callables, (callable, fraction) pairs
         and `Flow`s. tcbench supplies exact Jacobian, Newton, continuation and failure reports.
-    step : z1 = step(z, h, system), any Python.
+    step : z1 = step(z, h, system), any Python. With increments=True it returns z1 - z, and what rounding drops in
+        adding it is kept: momenta stay exact over thousands of steps.
     adaptive : z = adaptive(system, z0, t_eval, rtol, atol), shape (len(t_eval), n), swept over tolerance.
     variables : "entropy" for z = (q, p, s), "temperature" for (q, p, theta); of the formulas only.
     source : paper and equation.
@@ -37,6 +38,7 @@ class Integrator:
     flows: Any = None
     step: Callable[..., Any] | None = None
     adaptive: Callable[..., Any] | None = None
+    increments: bool = False
     variables: str = "entropy"
     tags: frozenset[str] = frozenset()
     description: str = ""

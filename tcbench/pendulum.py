@@ -54,6 +54,16 @@ class Pendulum(System):
         L = self.log_strain(self.shape(q))
         return self.coupling * L + self.heat_capacity * np.log(theta / self.reference_temperature)
 
+    def conduction_flow(self, theta: Any, t: Any) -> tuple[Any, Any]:
+        """theta_a + theta_b stays, theta_a - theta_b decays as exp(-2 kappa t/c0): both springs have c0."""
+        a, b = theta
+        x = 2.0 * self.conductivity * t / self.heat_capacity
+        half, decayed = 0.5 * (a - b), np.expm1(-x)
+        moved = half * decayed
+        mean = half * (-decayed / x)
+        increments = self.heat_capacity * np.log1p(np.array([moved / a, -moved / b]))
+        return increments, np.array([0.5 * (a + b) + mean, 0.5 * (a + b) - mean])
+
     def log_strain(self, pi: Any) -> Any:
         """L = ln(lambda/lambda0)."""
         return 0.5 * np.log(pi) - np.log(self.natural_lengths)

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from .engine import Event, Plan, Summary
 
 MEASURE = "tcbench.runner:measure_cell"
+CLOSED_FORM = "closed-form conduction"  # tag of integrators that ask for System.conduction_flow
 DEFAULT_OUTPUT = Path("results") / "latest"
 
 
@@ -134,6 +135,8 @@ def plan_job(
     cells, objects = [], {}
     for study in chosen:
         for method, scene, cell_options in study.plan(methods, scenes, settings):
+            if not _suits(method, scene):
+                continue
             if registry.integrators.get(method.base or method.name, None) is None or not _registered(method):
                 objects[method.name] = method
             cells.append(_cell(study, method, scene, cell_options))
@@ -142,6 +145,13 @@ def plan_job(
     custom = {s.name: _scenario_data(s) for s in scenes if registry.scenarios.get(s.name) != s}
     context = {"folders": [str(p) for p in plugins.plugin_folders()], "scenarios": custom}
     return Job(list({c.key: c for c in cells}.values()), context, chosen, objects)
+
+
+def _suits(method: Integrator, scene: Scenario) -> bool:
+    """Methods with an exact conduction step are for systems that have its closed form; elsewhere they refuse."""
+    from .system import System
+
+    return CLOSED_FORM not in method.tags or scene.system.conduction_flow is not System.conduction_flow
 
 
 def _checked_steps(dt: Sequence[float] | None, scenes: Sequence[Scenario]) -> list[float] | None:

@@ -44,11 +44,13 @@ def check_name(kind: str, name: str) -> None:
     """Refuse names that cannot be a Python name, and names that are taken."""
     if not _NAME.match(name) or keyword.iskeyword(name):
         raise TcbenchError(
-            f"{name!r} cannot be a name: use lower-case letters, digits and underscores, a letter first, as in my_method."
+            f"{name!r} cannot be a name: use lower-case letters, digits and underscores, as in my_method2."
         )
     taken = plugins.integrators() if kind == "integrator" else plugins.scenarios()
     if _checked(kind, name) in taken:
-        raise TcbenchError(f"The {kind} name {_checked(kind, name)!r} is taken. Choose another; tcbench list shows them all.")
+        raise TcbenchError(
+            f"The {kind} name {_checked(kind, name)!r} is taken. Choose another; tcbench list shows them all."
+        )
 
 
 def _checked(kind: str, name: str) -> str:

@@ -24,14 +24,19 @@ def run_step(integrator: Integrator, scenario: Scenario, dt: float, steps: int, 
     assert integrator.step is not None
     model, z = scenario.model, scenario.z0.copy()
     monitor = Monitor(scenario, dt, steps, every)
+    carry = np.zeros_like(z)
     begin = time.perf_counter()
     reason, failure, done = m.OK, "", 0
     for k in range(1, steps + 1):
         try:
-            z = _as_state(integrator.step(model.state(z.copy()), dt, model), z.shape)
+            result = _as_state(integrator.step(model.state(z.copy()), dt, model), z.shape)
         except Exception as error:  # a plugin may raise anything: that is a row, not a crash
             failure = exception_sentence(error, k, k * dt)
             break
+        if integrator.increments:
+            m.add_compensated(z, result, carry)
+        else:
+            z = result
         reason, done = monitor.add(k, z)
         if reason != m.OK:
             break

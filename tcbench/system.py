@@ -133,6 +133,17 @@ class System:
         """Conserved momenta by name; none by default."""
         return {}
 
+    def conduction_flow(self, theta: Any, t: Any) -> tuple[Any, Any]:
+        """Pure conduction for a time t at fixed positions, in closed form: (entropy increments, mean temperatures).
+
+        Optional: few systems have one. Splittings with an exact irreversible part ask for it; forces must be linear in
+        the temperatures, so that the impulse over t is the force at the mean temperatures times t.
+        """
+        raise TcbenchError(
+            f"System {self.name!r} has no closed form of its conduction (conduction_flow), which this method needs. "
+            "Take a method without an exact irreversible part: tc_strang, tc_monolithic, tc_gauss."
+        )
+
     def entropy_scale(self) -> Any:
         """Size of a typical entropy increment, for Newton's stopping test."""
         return 1.0

@@ -52,21 +52,8 @@ def test_simulate_prints_a_row_and_writes_a_trajectory(tmp_path):
 
 def test_run_writes_tables_and_a_manifest_and_resumes(tmp_path):
     out = tmp_path / "mine"
-    args = (
-        "run",
-        "-i",
-        "tc_monolithic",
-        "-i",
-        "midpoint_entropy",
-        "-s",
-        "stiff_spring",
-        "--dt",
-        0.1,
-        "--dt",
-        0.3,
-        "-o",
-        out,
-    )
+    chosen = ("-i", "tc_monolithic", "-i", "midpoint_entropy", "-s", "stiff_spring", "--study", "conservation")
+    args = ("run", *chosen, "--dt", 0.1, "--dt", 0.3, "-o", out)
     first = tcbench(*args)
     assert first.returncode == 0, first.stderr
     assert "stiff_spring" in first.stdout and "blowup" in first.stdout and "4 cells" in first.stdout
@@ -127,19 +114,8 @@ def test_a_plugin_file_runs_beside_the_built_ins(tmp_path):
         "def tcbench_integrators():\n"
         "    return [Integrator(name='heun', order=2, step=heun)]\n"
     )
-    args = (
-        "run",
-        "-i",
-        "heun",
-        "-s",
-        "bound_equilibrium",
-        "--dt",
-        0.05,
-        "--plugins-dir",
-        tmp_path,
-        "-o",
-        tmp_path / "out",
-    )
+    chosen = ("-i", "heun", "-s", "bound_equilibrium", "--study", "conservation", "--dt", 0.05)
+    args = ("run", *chosen, "--plugins-dir", tmp_path, "-o", tmp_path / "out")
     done = tcbench(*args, "--json")
     assert done.returncode == 0 and json.loads(done.stdout)["statuses"] == {"ok": 1}
 

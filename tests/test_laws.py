@@ -9,9 +9,13 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import tcbench
+from tcbench import TcbenchError
 
 SCENES = tcbench.scenarios()
-VARIANTS = [v.name for i in tcbench.integrators().values() for v in i.variants()]
+METHODS = {v.name: v for i in tcbench.integrators().values() for v in i.variants()}
+VARIANTS = list(METHODS)
+STEPPED = [name for name, method in METHODS.items() if method.kind != "adaptive"]
+LOW_ORDER = [name for name in STEPPED if METHODS[name].order <= 2]  # tests/test_gauss.py measures the higher ones
 EXACT = 1e-12  # what thousands of converged solves may leave of a conserved quantity, relative to its scale
 
 
@@ -23,7 +27,11 @@ def claiming(law):
 
 @functools.cache
 def run(integrator, scenario):
-    return tcbench.simulate(integrator, scenario)
+    try:
+        return tcbench.simulate(integrator, scenario)
+    except TcbenchError as error:  # a method may ask for more than every system has, and must say so
+        assert "closed form" in str(error) and "closed-form conduction" in METHODS[integrator].tags
+        pytest.skip(str(error))
 
 
 @pytest.mark.parametrize("scenario", SCENES)
@@ -61,7 +69,7 @@ def step_from(integrator, y, h):
     return result if result.steps == 1 else None
 
 
-@pytest.mark.parametrize("integrator", VARIANTS)
+@pytest.mark.parametrize("integrator", STEPPED)
 @settings(max_examples=25)
 @given(admissible_states(), st.floats(0.001, 0.3))
 def test_claimed_laws_hold_on_one_step_from_random_states(integrator, y, h):
@@ -82,7 +90,7 @@ def test_claimed_laws_hold_on_one_step_from_random_states(integrator, y, h):
         assert abs(result.angular_momentum[1] - result.angular_momentum[0]) <= 1e-13 * arms
 
 
-@pytest.mark.parametrize("integrator", VARIANTS)
+@pytest.mark.parametrize("integrator", STEPPED)
 @settings(max_examples=10)
 @given(admissible_states(), st.floats(0, 2 * np.pi))
 def test_equivariance_a_rotated_start_gives_the_rotated_step(integrator, y, angle):
@@ -101,7 +109,7 @@ REFERENCE = np.array([  # short_term at t = 1, to 20 digits
 ])  # fmt: skip
 
 
-@pytest.mark.parametrize("integrator", VARIANTS)
+@pytest.mark.parametrize("integrator", LOW_ORDER)
 def test_declared_order_is_the_measured_order(integrator):
     steps = [0.0025, 0.00125]
     errors = [

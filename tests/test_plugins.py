@@ -118,3 +118,26 @@ def test_families_expand():
     ]  # fmt: skip
     assert plugins.find_integrator("midpoint_temperature[reading=balance]").name == "midpoint_temperature"
     assert plugins.find_integrator("midpoint_temperature[reading=a5_literal]").order == 1
+
+
+SCENE_AND_METRIC = """
+import tcbench
+from tcbench import Metric, hookimpl
+from tcbench.plugins import load
+
+@hookimpl
+def tcbench_scenarios():
+    return [load().scenarios["short_term"].replace(name="shorter", t_end=3.0)]
+
+@hookimpl
+def tcbench_metrics():
+    return [Metric(name="hottest", compute=lambda run: float(run.temperatures.max()))]
+"""
+
+
+def test_scenarios_and_metrics_of_a_file_are_registered_and_used(folder):
+    (folder / "scene.py").write_text(SCENE_AND_METRIC)
+    plugins.use_folders([folder])
+    assert tcbench.scenarios()["shorter"].t_end == 3.0 and tcbench.scenarios()["shorter"].plugin == "scene"
+    results = tcbench.run(["tc_monolithic"], ["shorter"], ["conservation"], output=folder / "out", dt=[0.3])
+    assert list(results.tables["conservation"]["hottest"]) == [pytest.approx(380.0)]

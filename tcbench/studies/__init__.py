@@ -7,7 +7,14 @@ import importlib
 from ..errors import unknown_name
 from .base import Study
 
-NAMES = ("conservation", "convergence", "equilibrium", "claims", "stability")  # what `run` does by default
+NAMES = (
+    "conservation",
+    "convergence",
+    "equilibrium",
+    "claims",
+    "stability",
+    "work_precision",
+)  # what `run` does by default
 OTHERS = ("map",)  # has a command of its own
 
 

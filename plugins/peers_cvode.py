@@ -1,0 +1,33 @@
+"""CVODE (SUNDIALS, variable-order BDF) through scikit-sundae, with compiled right-hand side and exact Jacobian."""
+
+import numpy as np
+
+from tcbench import Integrator, TcbenchError, hookimpl
+from tcbench.field import Field, installed
+
+PRESENT = installed("sksundae")
+
+
+def cvode(system, z0, t_eval, rtol, atol):
+    if not PRESENT:
+        raise TcbenchError("CVODE needs scikit-sundae: pip install 'tcbench[peers]'.")
+    from sksundae.cvode import CVODE
+
+    field = Field(system)
+
+    def jacobian(t, z, rate, out):
+        out[:] = field.jacobian(t, z)
+
+    solver = CVODE(field.into, jacfn=jacobian, rtol=rtol, atol=atol, max_num_steps=10_000_000)
+    solution = solver.solve(np.asarray(t_eval), z0)
+    if not solution.success:
+        raise RuntimeError(f"CVODE: {solution.message}")
+    states = solution.y if len(t_eval) > 2 else solution.y[[0, -1]]
+    counts = {"rhs_evaluations": field.evaluations}
+    return states, counts if len(t_eval) > 2 else counts | {"steps": len(solution.t) - 1}
+
+
+@hookimpl
+def tcbench_integrators():
+    source = "SUNDIALS CVODE, BDF" + ("" if PRESENT else " (absent: pip install 'tcbench[peers]')")
+    return [Integrator(name="cvode", adaptive=cvode, source=source, tags={"peer"} | (set() if PRESENT else {"absent"}))]

@@ -1,0 +1,51 @@
+"""heyoka's adaptive Taylor method of high order: the formulas of the system as expressions, compiled by heyoka."""
+
+import numpy as np
+
+from tcbench import Integrator, TcbenchError, hookimpl
+from tcbench.field import expressions, installed
+
+PRESENT = installed("heyoka")
+_COMPILED = {}  # heyoka takes a second for each kind of system and tolerance
+
+
+def compiled(system, tolerance):
+    """An integrator for this kind of system and tolerance; constants are its run-time parameters."""
+    import heyoka as hy
+
+    unknown = hy.make_vars(*(f"x{i}" for i in range(system.size)))
+    constants = [hy.par[i] for i in range(len(system.constant_values))]
+    functions = {name: getattr(hy, name) for name in ("exp", "log", "sqrt", "sin", "cos", "tanh")}
+    functions |= {"log1p": lambda x: hy.log(1.0 + x), "expm1": lambda x: hy.exp(x) - 1.0}
+    rates = expressions(system, unknown, constants, functions)
+    equations = [
+        (x, r if isinstance(r, hy.expression) else hy.expression(r)) for x, r in zip(unknown, rates, strict=True)
+    ]
+    return hy.taylor_adaptive(equations, np.ones(system.size), tol=tolerance)
+
+
+def heyoka(system, z0, t_eval, rtol, atol):
+    if not PRESENT:
+        raise TcbenchError("The Taylor method needs heyoka: pip install 'tcbench[peers]' (Linux).")
+    key = (system.structure, float(rtol))
+    if key not in _COMPILED:
+        _COMPILED[key] = compiled(system, float(rtol))
+    solver = _COMPILED[key]
+    solver.state[:] = z0
+    solver.pars[:] = system.constant_values[: len(solver.pars)]
+    solver.time = float(t_eval[0])
+    states, steps = [np.array(z0)], 0
+    for t in t_eval[1:]:
+        outcome = solver.propagate_until(float(t))
+        steps += int(outcome[3])
+        if outcome[0].name != "time_limit":
+            raise RuntimeError(f"heyoka stopped before t = {t:g}: {outcome[0].name}")
+        states.append(solver.state.copy())
+    return np.array(states), {"steps": steps}
+
+
+@hookimpl
+def tcbench_integrators():
+    source = "heyoka, adaptive Taylor series" + ("" if PRESENT else " (absent: pip install 'tcbench[peers]')")
+    tags = {"peer"} | (set() if PRESENT else {"absent"})
+    return [Integrator(name="heyoka", adaptive=heyoka, source=source, tags=tags)]

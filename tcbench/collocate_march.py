@@ -1,0 +1,178 @@
+"""Steps of consistent collocation (collocate.py): fixed ones, and adaptive ones that hold the defect to a tolerance."""
+
+from __future__ import annotations
+
+import math
+
+from .collocate import (
+    COARSE,
+    FAILED,
+    HALVED,
+    LEVELS,
+    N_E,
+    N_Q,
+    REJECTED_STEPS,
+    SOLVED,
+    STAGES,
+    START,
+    STEPS,
+    extrapolate,
+    try_step,
+)
+from .jit import call, copy_into, fill, lean
+
+SHORTEST = 2.0**-24  # of a step, before it is given up
+SAFETY, GROW, SHRINK, ACCEPT = 0.85, 4.0, 0.2, 4.0
+BEST = 0.135  # contraction for which a unit of time costs least: it grows as h^2, and h log(1/h^2) is largest at e^-2
+RETREAT, ADVANCE = 0.7, 1.06  # of a step that is too long for the quadrature, and of the bound on those that follow
+FIRST = 4.0  # times the decay time of the conduction: see first_step
+FAR = 2.5  # ratio of steps up to which the last polynomials are extrapolated
+
+
+@lean
+def error_estimate(plan, h, start, end, scale, at_start, at_end, N):  # type: ignore[no-untyped-def]
+    """h times the largest defect of the derivative's polynomial at both ends; stiff parts are damped by the flow."""
+    k, n, e = plan[STAGES], plan[N_Q], plan[N_E]
+    decay = start[n + 2 * e + 2]
+    first = n + 2 * e + 3
+    largest = 0.0
+    for side in range(2):
+        known = start if side == 0 else end
+        stiff = 0.0
+        for i in range(n + e):
+            total = -known[i]
+            for j in range(k):
+                total += (at_start[j] if side == 0 else at_end[j]) * N[j, i]
+            if i < n:
+                r = abs(total) * scale[0]
+                largest = r if not r <= largest else largest
+            else:
+                stiff += start[first + e + i - n] * total
+        stiff = stiff / decay if decay < 0.0 else 0.0
+        for i in range(e):
+            total = -known[n + i]
+            for j in range(k):
+                total += (at_start[j] if side == 0 else at_end[j]) * N[j, n + i]
+            part = start[first + i] * stiff
+            r = abs(total - part) + abs(part) / (1.0 - h * decay)
+            largest = r if not r <= largest else largest
+    return h * largest
+
+
+@lean
+def set_scale(plan, z, start, scale):  # type: ignore[no-untyped-def]
+    """1/(1 + |p|) for forces, 1 for entropies."""
+    largest = 0.0
+    for i in range(plan[N_Q], 2 * plan[N_Q]):
+        largest = max(largest, abs(z[i]))
+    scale[0], scale[1] = 1.0 / (1.0 + largest), 1.0
+
+
+@lean
+def add(z, dz, carry):  # type: ignore[no-untyped-def]
+    """z += dz, with what rounding drops kept in `carry`."""
+    for i in range(len(z)):
+        term = dz[i] + carry[i]
+        total = z[i] + term
+        back = total - z[i]
+        carry[i] = (z[i] - (total - back)) + (term - back)
+        z[i] = total
+
+
+@lean
+def fixed_step(  # type: ignore[no-untyped-def]
+    plan, c, h, z0, dz_total, carry, z, start, end, scale, inverse_mass, A, b, Ahats, Ws, points,
+    IN, OUT, U, N, V, R, D, X, Y, T, rho,
+    block, moved, J, right, base, x0, dz, z1, counts,
+):  # fmt: skip
+    """Increments of one step of length h; a step without a solution in reach is taken in halves."""
+    copy_into(z, z0)
+    fill(dz_total, 0.0)
+    fill(carry, 0.0)
+    call(plan[START], z, c, start)
+    done, part = 0.0, 1.0
+    while done < 1.0:
+        set_scale(plan, z, start, scale)
+        code = try_step(
+            plan, c, part * h, z, start, end, scale, inverse_mass, A, b, Ahats, Ws, points, False, True,
+            IN, OUT, U, N, V, R, D, X, Y, T,
+            rho, block, moved, J, right, base, x0, dz, z1, counts, plan[LEVELS],
+        )  # fmt: skip
+        if code != SOLVED:
+            part *= 0.5
+            counts[HALVED] += 1
+            if part < SHORTEST:
+                return FAILED
+            continue
+        counts[STEPS] += 1
+        add(dz_total, dz, carry)
+        for i in range(len(z)):
+            z[i] = z0[i] + dz_total[i]
+        copy_into(start, end)
+        done += part
+        while part < 1.0 and done % (2.0 * part) == 0.0:  # both halves are done
+            part *= 2.0
+    return SOLVED
+
+
+@lean
+def first_step(plan, start, tolerance):  # type: ignore[no-untyped-def]
+    """A length for the first step: a part of the decay of the conduction, where that is far from its equilibrium."""
+    n, e = plan[N_Q], plan[N_E]
+    h = 0.5 * tolerance ** (1.0 / (plan[STAGES] + 1))
+    fastest = -start[n + 2 * e + 2]
+    heat = 0.0
+    for i in range(n, n + e):
+        heat = max(heat, abs(start[i]))
+    return min(h, FIRST * h / fastest) if heat > tolerance * fastest else h
+
+
+@lean
+def adaptive(  # type: ignore[no-untyped-def]
+    plan, c, times, tolerance, states, z, carry, start, end, scale, inverse_mass, nodes, weights, at_start, at_end,
+    A, b, Ahats,
+    Ws, points, IN, OUT, U, N, V, R, D, X, Y, T, rho, block, moved, J, right, base, x0, dz, z1, counts,
+):  # fmt: skip
+    """States at `times` from z, steps chosen so that the defect stays at the tolerance; SOLVED or FAILED."""
+    k = plan[STAGES]
+    call(plan[START], z, c, start)
+    copy_into(states[0], z)
+    t, h, last = times[0], 0.0, 0.0
+    longest = math.inf  # for which the quadrature keeps the energy, as far as is known
+    for row in range(1, len(times)):
+        while t < times[row]:
+            set_scale(plan, z, start, scale)
+            if h == 0.0:
+                h = min(times[row] - t, first_step(plan, start, tolerance))
+            left = times[row] - t
+            step = left if left <= 1.01 * h else min(h, 0.5 * left) if left < 2.0 * h else h
+            known = last > 0.0 and step <= FAR * last
+            if known:
+                extrapolate(plan, step / last, nodes, weights, N, U)
+            code = try_step(
+                plan, c, step, z, start, end, scale, inverse_mass, A, b, Ahats, Ws, points, known, False,
+                IN, OUT, U, N, V, R, D, X, Y,
+                T, rho, block, moved, J, right, base, x0, dz, z1, counts, 1,
+            )  # fmt: skip
+            if code == SOLVED:
+                error = error_estimate(plan, step, start, end, scale, at_start, at_end, N)
+                factor = SAFETY * (tolerance / max(error, 1e-300)) ** (1.0 / (k + 1))
+                factor = min(factor, math.sqrt(BEST / max(scale[2], 1e-3)))
+            if code != SOLVED or not error <= ACCEPT * tolerance:
+                counts[REJECTED_STEPS] += 1
+                h = step * (0.4 if code == FAILED else RETREAT if code == COARSE else max(SHRINK, factor))
+                longest = h if code == COARSE else longest
+                last = 0.0
+                if not h > 1e-12 * max(1.0, abs(t)):
+                    return FAILED
+                continue
+            counts[STEPS] += 1
+            add(z, dz, carry)
+            copy_into(start, end)
+            t = times[row] if step == left else t + step
+            last = step
+            h = max(h, step * factor) if step < h and factor >= 1.0 else step * min(GROW, factor)
+            longest *= ADVANCE
+            h = min(h, longest)
+        copy_into(states[row], z)
+    return SOLVED

@@ -1,0 +1,397 @@
+"""The lines of `tcbench check`, one function each: (integrator) -> Line."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from . import plugins, trace
+from .errors import TcbenchError, TraceError
+from .simulation import simulate
+from .theorems import SEED, admissible_states
+from .verdict import FAIL, NONE, OK, Line, line
+
+if TYPE_CHECKING:
+    from .flow import Flow, FlowKernels
+    from .integrator import Integrator
+    from .scenario import Scenario
+    from .system import System
+    from .trajectory import Trajectory
+
+PREFERRED = ("bound_equilibrium", "gas_containers")  # scenes that no method finds hard, one a system
+SOLVED = {"flows": 1e-12, "step": 1e-10, "adaptive": 1e-6}  # what may be left of a conserved quantity, relative
+ROUNDOFF = 1e-11  # an error that no order can be read from
+STEPS = 200  # of a run in plain Python
+RANDOM_STEPS = 40
+GENTLE = 0.1  # part of the scene's own step at which every method runs, explicit ones too
+SMALL = (1e-4, 1e-5)  # steps of the limit h -> 0, as parts of the scene's own
+
+
+def systems() -> list[Scenario]:
+    """One scene of every registered system."""
+    chosen: dict[type, Scenario] = {}
+    for scene in sorted(plugins.scenarios().values(), key=lambda s: (s.name not in PREFERRED, s.name)):
+        chosen.setdefault(scene.system, scene)
+    return list(chosen.values())
+
+
+def scenes(method: Integrator) -> list[Scenario]:
+    """Those of `systems` that the method is for."""
+    return [scene for scene in systems() if suits(method, scene)]
+
+
+def suits(method: Integrator, scene: Scenario) -> bool:
+    """Some methods ask for what not every system has, and say so; a formula that cannot be traced is no such case."""
+    try:
+        run(method, scene, scene.dt * GENTLE, 1)
+    except TraceError:
+        raise
+    except TcbenchError:
+        return False
+    return True
+
+
+def start_at(scene: Scenario, z: Any, t_end: float) -> Scenario:
+    """The scene started from state z, one step of t_end by default."""
+    model, state = scene.model, scene.model.state(np.asarray(z, float))
+    return scene.replace(
+        positions=tuple(state.q), momenta=tuple(state.p), temperatures=tuple(model.temperatures(state)), t_end=t_end,
+        dt=t_end,
+    )  # fmt: skip
+
+
+def run(method: Integrator, scene: Scenario, dt: float, steps: int) -> Trajectory:
+    """steps of dt; an adaptive solver at its default tolerance over the same time."""
+    if method.kind == "adaptive":
+        return simulate(method, scene, t_end=steps * dt)
+    return simulate(method, scene, dt=dt, t_end=steps * dt)
+
+
+# ---- what is declared
+
+
+def metadata(method: Integrator) -> Line:
+    known = {"energy", "entropy"} | {n for s in plugins.scenarios().values() for n in s.model.invariant_names}
+    for claim in sorted(method.claims - known):
+        close = difflib.get_close_matches(claim, sorted(known), n=1)
+        found = f"no system has an invariant {claim!r}"
+        return Line(
+            "metadata", FAIL, found, f"Write {close[0]!r}." if close else f"Claims: {', '.join(sorted(known))}."
+        )
+    if not method.source:
+        return Line("metadata", FAIL, "source is empty", 'Say where the method is from: source="paper, equation".')
+    claims = ", ".join(sorted(method.claims)) or "nothing"
+    return Line("metadata", OK, f"order {method.order}, claims {claims}, source {method.source!r}")
+
+
+# ---- behaviour as a function
+
+
+def deterministic(method: Integrator) -> Line:
+    """The same start gives the same bits, also when the method has been elsewhere in between."""
+    name, (scene, *others) = "deterministic", scenes(method)
+    first = run(method, scene, scene.dt * GENTLE, 5)
+    for other in others or [scene.replace(momenta=[2 * p for p in scene.momenta])]:
+        run(method, other, other.dt * GENTLE, 3)
+    again = run(method, scene, scene.dt * GENTLE, 5)
+    if first.z.shape == again.z.shape and np.array_equal(first.z, again.z):
+        return Line(name, OK, "two runs agree to the last bit, with another scene in between")
+    gap = np.abs(first.z - again.z).max() if first.z.shape == again.z.shape else math.inf
+    remedy = "A step may use z0, h and the system only: no random numbers, no memory of earlier steps, no globals."
+    return Line(name, FAIL, f"two runs from one start differ by {gap:.1e}", remedy)
+
+
+def keeps_its_input(method: Integrator) -> Line:
+    """Neither z0 nor z1 (nor the times of output) are written to."""
+    name, scene = "input unchanged", systems()[0]
+    if method.kind == "flows":
+        changing = [flow.residual.__name__ for flow in method.flows if _overwrites(flow, scene.model)]
+        return line(name, not changing, f"{', '.join(changing)} changes its arguments" if changing else "", _COPY)
+    z0, times = scene.model.state(scene.z0.copy()), np.linspace(0, scene.dt, 3)
+    before = z0.copy(), times.copy()
+    if method.step is not None:
+        method.step(z0, scene.dt, scene.model)
+    else:
+        assert method.adaptive is not None
+        method.adaptive(scene.model, z0, times, 1e-6, 1e-6)
+    same = np.array_equal(z0, before[0]) and np.array_equal(times, before[1])
+    return line(name, same, "" if same else "z0 is changed in place", _COPY)
+
+
+def _overwrites(flow: Flow, model: System) -> bool:
+    """Does the formula put other symbols into the arrays that it is given?"""
+    system = model.symbolic
+    states = [system.state(trace.variables("z", model.size)) for _ in range(2 + flow.stages)]
+    before = [list(state) for state in states]
+    extra = [states[2:]] if flow.stages else []
+    flow.residual(states[0], states[1], trace.variable("h"), system, *extra)
+    return any(a is not b for z, old in zip(states, before, strict=True) for a, b in zip(z, old, strict=True))
+
+
+_COPY = "Write z = z0 + ..., never z0 += ... or z0[...] = ...; or begin with z0 = z0.copy()."
+
+
+def restart(method: Integrator) -> Line:
+    """n + m steps are n steps and then m steps from where they ended, whatever happened in between."""
+    name, (scene, *others) = "restart", scenes(method)
+    if method.kind == "adaptive":
+        return Line(name, NONE, "an adaptive solver chooses its steps anew")
+    n, m, h = 7, 5, scene.dt * GENTLE
+    whole, first = run(method, scene, h, n + m), run(method, scene, h, n)
+    for other in others:
+        run(method, other, other.dt * GENTLE, 3)
+    if not (whole.steps == n + m and first.steps == n):
+        return Line(name, FAIL, whole.failure or first.failure, f"The method must run {n + m} steps of {h:g}.")
+    rest = simulate(method, start_at(scene, first.z[-1], m * h), dt=h, t_end=m * h)
+    gap = float(np.abs(whole.z[-1] - rest.z[-1]).max())
+    # the restart rounds the entropies, which pass through temperatures
+    remedy = "The next step may depend on the state alone: keep nothing from step to step (multistep needs stages)."
+    return line(name, gap <= 1e-9, f"{n} + {m} steps against {n}, then {m}: gap {gap:.1e}", remedy)
+
+
+# ---- accuracy
+
+
+def consistent(method: Integrator) -> Line:
+    """(z1 - z0)/h tends to the vector field as h -> 0, from the scene's start and from random states."""
+    name, worst = "consistent", 0.0
+    if method.kind == "adaptive":
+        return Line(name, NONE, "an adaptive solver has no h; see order")
+    for scene in scenes(method):
+        states = admissible_states(scene, np.random.default_rng(SEED))
+        for z in [scene.model.state(scene.z0), *(next(states) for _ in range(3))]:
+            gaps = [_slope_gap(method, scene, z, part * scene.dt) for part in SMALL]
+            if not gaps[1] <= max(0.3 * gaps[0], 1e-7):  # first order: a tenth
+                found = f"on {scene.name}, |(z1 - z0)/h - dz/dt| / |dz/dt| is {gaps[0]:.1e}, then {gaps[1]:.1e} at h/10"
+                remedy = (
+                    "Look for a wrong sign, a missing term or a factor of h: the step must tend to system.vector_field."
+                )
+                return Line(name, FAIL, found, remedy)
+            worst = max(worst, gaps[1])
+    return Line(name, OK, f"the step tends to the vector field (gap {worst:.0e} at the smallest h)")
+
+
+def _slope_gap(method: Integrator, scene: Scenario, z: Any, h: float) -> float:
+    one = simulate(method, start_at(scene, z, h), dt=h)
+    if one.steps != 1:
+        return math.inf
+    field = np.asarray(scene.model.vector_field(one.z[0]))
+    return float(np.linalg.norm((one.z[1] - one.z[0]) / h - field) / np.linalg.norm(field))
+
+
+def order(method: Integrator) -> Line:
+    """The measured order against the declared one, on one scene of each system that has a reference."""
+    from .studies import convergence
+
+    name, found = "order", []
+    if method.kind == "adaptive":
+        return _adaptive_order(method)
+    for scene in scenes(method):
+        row = convergence.measure(method, scene, {"dt": _ladder(method, scene)})
+        fit = next(item for item in row["orders"] if item["variable"] == "all")
+        found.append(f"{scene.name} {fit['order']:.2f}")
+        if fit["verdict"] == "undetermined" and _least_error(row) <= ROUNDOFF:
+            return Line(name, NONE, f"on {scene.name} errors reach round-off before one order shows")
+        if fit["verdict"] != "as declared":
+            text = f"declared {method.order}, measured {fit['order']:.2f} on {scene.name} ({fit['verdict']})"
+            return Line(name, FAIL, text, _order_remedy(fit["verdict"], fit["order"]))
+    return Line(name, OK, f"declared {method.order}, measured on {', '.join(found)}")
+
+
+def _least_error(row: dict[str, Any]) -> float:
+    errors = [point["error"] for point in row["points"] if point["variable"] == "all"]
+    return min((error for error in errors if math.isfinite(error)), default=math.inf)
+
+
+def _ladder(method: Integrator, scene: Scenario) -> list[float]:
+    """Halvings; closer steps for high orders, which reach round-off in few."""
+    if (method.order or 0) > 6:
+        return [scene.t_converge / n for n in (1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 20, 24, 32)]
+    last = 12 if method.kind == "flows" else 10
+    return [scene.t_converge / 2**k for k in range(2, last + 1)]
+
+
+def _order_remedy(verdict: str, measured: float) -> str:
+    if verdict == "undetermined" or not math.isfinite(measured):
+        return (
+            "No range of h shows one order: does the solver's own tolerance show, or does the method fail at small h?"
+        )
+    return f"Declare order={round(measured)}, or find what loses it: in a splitting, a half step at one end only."
+
+
+def _adaptive_order(method: Integrator) -> Line:
+    """An adaptive solver has no order in h: its error must follow the tolerance."""
+    from .truth import reference_for
+
+    scene, errors = scenes(method)[0], []
+    exact = reference_for(scene, [scene.t_converge]).states[0]
+    for tolerance in (1e-4, 1e-8):
+        one = simulate(method, scene, t_end=scene.t_converge, tolerance=tolerance)
+        errors.append(float(np.abs(one.z[-1] - exact).max()) if one.ok else math.inf)
+    good = errors[1] <= max(0.05 * errors[0], 1e-7) and errors[1] <= 1e-4
+    found = f"errors {errors[0]:.0e} and {errors[1]:.0e} at tolerances 1e-4 and 1e-8"
+    return line("order", good, found, "Pass rtol and atol on to the solver, and return states at t_eval.")
+
+
+# ---- claims
+
+
+def claims(method: Integrator) -> Line:
+    """Each claim on every scene over the first steps, and on single steps from random states."""
+    name, limit = "claims", SOLVED[method.kind]
+    if not method.claims:
+        return Line(name, NONE, "nothing is claimed")
+    worst: dict[str, float] = {}
+    for one, where in _claim_runs(method):
+        if one.steps == 0:
+            return Line(name, FAIL, f"{where}: {one.failure}", "The method must run where its claims are to hold.")
+        for law, value in _violations(method, one).items():
+            worst[law] = max(worst.get(law, 0.0), value)
+            if not value <= limit:
+                return Line(name, FAIL, f"{law} is violated by {value:.1e} ({where})", _claim_remedy(method, law))
+    return Line(name, OK, ", ".join(f"{law} {value:.0e}" for law, value in sorted(worst.items())))
+
+
+def _claim_remedy(method: Integrator, law: str) -> str:
+    if method.kind == "step":
+        return f'Remove "{law}" from claims, or solve each step to 1e-12: what a loose solver leaves is a drift too.'
+    return f'Remove "{law}" from claims, or mend the formula.'
+
+
+def _claim_runs(method: Integrator) -> Iterator[tuple[Trajectory, str]]:
+    suitable = {scene.system for scene in scenes(method)}
+    for scene in plugins.scenarios().values():
+        if scene.system not in suitable:
+            continue
+        steps = min(scene.steps(scene.dt), 10 * STEPS if method.kind == "flows" else STEPS)
+        yield run(method, scene, scene.dt, steps), f"{scene.name}, {steps} steps of {scene.dt:g}"
+    for scene in scenes(method):
+        rng, solved = np.random.default_rng(SEED), 0
+        states = admissible_states(scene, rng)
+        for _ in range(RANDOM_STEPS):
+            dt = float(np.exp(rng.uniform(np.log(1e-3), np.log(scene.dt))))
+            one = run(method, start_at(scene, next(states), dt), dt, 1)
+            if one.steps:
+                solved += 1
+                yield one, f"one step of {dt:.2g} from a random state of {scene.system.name}"
+        if solved < RANDOM_STEPS / 2:
+            yield one, f"only {solved} of {RANDOM_STEPS} random steps of {scene.system.name} were solved"
+
+
+def _violations(method: Integrator, one: Trajectory) -> dict[str, float]:
+    """How far each claim is missed, relative to the size of the quantity."""
+    scale = max(one.scenario.initial_exergy, abs(float(one.energy[0])), 1e-3)
+    result = {}
+    if "energy" in method.claims:
+        result["energy"] = one.summary.energy_error_max / scale
+    if "entropy" in method.claims:
+        result["entropy"] = max(0.0, -one.summary.entropy_increment_min) / max(1.0, abs(float(one.entropy[0])))
+    for law, error in one.summary.invariant_error_max.items():
+        if law in method.claims:
+            arms = np.abs(one.z[:, : 2 * one.scenario.model.n_positions]).max() ** 2
+            result[law] = error / max(1.0, arms)
+    return result
+
+
+# ---- derivatives
+
+
+def jacobian(method: Integrator) -> Line:
+    """The Jacobian in use against differences: the traced one, or the one that a method of its own brings."""
+    name, function = "Jacobian", method.step or method.adaptive
+    if method.kind == "flows":
+        worst = max(_traced_gap(method, scene) for scene in scenes(method))
+        return line(
+            name, worst <= 1e-5, f"traced, gap to differences {worst:.0e}", "Report this: the formula is traced wrong."
+        )
+    given = getattr(function, "jacobian", None)
+    if given is None:
+        return Line(name, NONE, f"none is given ({method.kind}.jacobian = f would be checked)")
+    worst = max(_given_gap(function, given, scene) for scene in scenes(method))
+    remedy = "Compare entry by entry with differences; a gap near 2 is a wrong sign."
+    return line(name, worst <= 1e-5, f"gap to differences {worst:.1e}, relative", remedy)
+
+
+def _given_gap(function: Any, given: Callable[..., Any], scene: Scenario) -> float:
+    """jacobian(z, system) of the vector field, or jacobian(z0, z1, h, system) of function.residual to z1."""
+    model, h = scene.model, scene.dt / 10
+    z0 = np.array(scene.z0)
+    residual = getattr(function, "residual", None)
+    if residual is None:
+        found, f = np.asarray(given(model.state(z0), model), float), lambda z: np.asarray(model.vector_field(z))
+        return _gap(found, f, z0)
+    z1 = z0 + h * np.asarray(model.vector_field(z0))
+    found = np.asarray(given(model.state(z0), model.state(z1), h, model), float)
+    return _gap(found, lambda z: np.asarray(residual(model.state(z0), model.state(z), h, model)), z1)
+
+
+def _traced_gap(method: Integrator, scene: Scenario) -> float:
+    from .jit import evaluate
+    from .simulation import _STRUCTURES, Workspace, compiled_flows
+
+    model = scene.model
+    _STRUCTURES.setdefault(model.structure, model)
+    compiled = compiled_flows(method.flows, model.structure)
+    constants, worst = model.constant_values.copy(), 0.0
+    constants[0] = scene.dt
+    buffers = Workspace.of(compiled, constants, model.size, model.observer[1])
+    for work, kernels in zip(buffers.works, compiled.kernels, strict=True):
+        n = kernels.n_unknowns
+        if n == 0:
+            continue
+        evaluate(kernels.prologue.address, np.array(scene.z0), constants, work)
+        x = 1e-2 * np.cos(np.arange(n))  # any point near the start: the formula is checked, not the root
+        found = kernels.full(work, x)[n : n + n * n].reshape(n, n)
+        worst = max(worst, _gap(found, partial(_rows, kernels, work), x))
+    return worst
+
+
+def _rows(kernels: FlowKernels, work: Any, x: Any) -> Any:
+    """The residual at x."""
+    return kernels.full(work, np.ascontiguousarray(x))[: kernels.n_unknowns]
+
+
+def _gap(found: Any, f: Callable[[Any], Any], x: Any) -> float:
+    """Largest difference of a Jacobian to central differences, relative to its largest entry."""
+    columns = []
+    for i in range(len(x)):
+        e = np.zeros(len(x))
+        e[i] = 1e-5 * max(1.0, abs(x[i]))
+        columns.append((f(x + e) - f(x - e)) / (2 * e[i]))
+    differences = np.stack(columns, axis=-1)
+    if np.shape(found) != differences.shape:
+        return math.inf
+    return float(np.abs(found - differences).max() / np.abs(differences).max())
+
+
+# ---- cost
+
+
+def time_per_step(method: Integrator) -> Line:
+    """Microseconds a step beside the built-in monolithic method; for information, no limit."""
+    scene = plugins.scenarios()["short_term"]
+    if method.kind == "adaptive":
+        one = simulate(method, scene, t_end=5.0)
+        return Line("time per step", OK, f"{1e6 * one.wall_time_s / max(1, one.steps):.3g} us an internal step")
+    times = []
+    for each in (method, plugins.find_integrator("tc_monolithic")):
+        count = 2000 if each.kind == "flows" else 50
+        runs = [simulate(each, scene, dt=0.01, t_end=count * 0.01, record_every=None) for _ in range(3)]
+        times.append(min(1e6 * one.wall_time_s / max(1, one.steps) for one in runs))
+    return Line("time per step", OK, f"{times[0]:.3g} us (tc_monolithic: {times[1]:.3g} us)")
+
+
+TESTS: tuple[tuple[str, Callable[[Integrator], Line]], ...] = (
+    ("deterministic", deterministic),
+    ("input unchanged", keeps_its_input),
+    ("consistent", consistent),
+    ("order", order),
+    ("claims", claims),
+    ("restart", restart),
+    ("Jacobian", jacobian),
+)

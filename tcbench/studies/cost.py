@@ -1,0 +1,96 @@
+"""From the rungs of the work_precision study: the time to an accuracy, and how time grows with the work."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from .base import Row
+
+TARGETS = {"error": (1e-3, 1e-6, 1e-9), "energy_error_max": (1e-6, 1e-12)}
+LEAST_S = 2e-5  # shorter runs measure the call, not the work
+
+
+def time_to_accuracy(records: Sequence[Row]) -> list[Row]:
+    """One row for each scene, measure, target and method: seconds to the target (NaN if no rung reached it), and
+    the ratio of the best peer's time, of any peer and of SciPy's, to it (above 1: faster than the best peer)."""
+    rows: list[Row] = []
+    scenes = sorted({r["scenario"] for r in records})
+    for scene in scenes:
+        here = sorted((r for r in records if r["scenario"] == scene), key=lambda r: r["integrator"])
+        for measure, targets in TARGETS.items():
+            for target in targets:
+                times = {r["integrator"]: reach(r.get("points") or [], measure, target) for r in here}
+                of_peers = {r["integrator"]: times[r["integrator"]] for r in here if r.get("peer")}
+                of_scipy = {r["integrator"]: times[r["integrator"]] for r in here if r.get("peer") == "scipy"}
+                peer, best = _least(of_peers)
+                scipy, best_scipy = _least(of_scipy)
+                rows += [
+                    {
+                        "integrator": name, "scenario": scene, "measure": measure, "target": target, "time_s": time,
+                        "best_peer": peer, "ratio_to_best_peer": best / time, "best_scipy": scipy,
+                        "ratio_to_best_scipy": best_scipy / time,
+                    }
+                    for name, time in times.items()
+                ]  # fmt: skip
+    return rows
+
+
+def reach(points: Sequence[Row], measure: str, target: float) -> float:
+    """Least time to an error of `target`: of the rungs at or below it, or between two neighbours by a straight line in
+    logarithms. An error hidden by the reference's own counts as reached."""
+    found = []
+    known = [(_error(p, measure), p["wall_time_min_s"]) for p in points if p.get("status") == "ok"]
+    known = [(e, t) for e, t in known if _is_number(e) and _is_number(t)]
+    for e, t in known:
+        if e <= target:
+            found.append(t)
+    for (e0, t0), (e1, t1) in itertools.pairwise(known):
+        if e0 > target > e1 > 0 and t0 > 0:
+            share = math.log(e0 / target) / math.log(e0 / e1)
+            found.append(math.exp(math.log(t0) + share * math.log(t1 / t0)))
+    return min(found, default=math.nan)
+
+
+def _error(point: Row, measure: str) -> Any:
+    return 0.0 if measure == "error" and point.get("reference_limited") else point.get(measure)
+
+
+def _is_number(value: Any) -> bool:
+    return value is not None and math.isfinite(value)
+
+
+def _least(times: dict[str, float]) -> tuple[str, float]:
+    reached = {name: t for name, t in times.items() if _is_number(t)}
+    if not reached:
+        return "", math.nan
+    name = min(reached, key=lambda n: reached[n])
+    return name, reached[name]
+
+
+def cost_rows(records: Sequence[Row]) -> list[Row]:
+    """One row a method and scene: exponents of time against steps (over the ladder) and against the horizon."""
+    rows = []
+    for r in records:
+        done = [p for p in r.get("points") or [] if p.get("status") == "ok" and p.get("steps")]
+        steps = [(float(p["steps"]), p["wall_time_min_s"]) for p in done]
+        horizons = [(p["t"], p["seconds"]) for p in r.get("horizons") or []]
+        longest = max(done, key=lambda p: p["steps"], default=None)
+        rows.append({
+            "integrator": r["integrator"], "scenario": r["scenario"], "exponent_steps": exponent(steps),
+            "exponent_horizon": exponent(horizons),
+            "us_per_step": 1e6 * longest["wall_time_min_s"] / longest["steps"] if longest else math.nan,
+        })  # fmt: skip
+    return rows
+
+
+def exponent(pairs: Sequence[tuple[float, float]]) -> float:
+    """a of time ~ work^a by least squares in logarithms, over runs long enough to measure; NaN of fewer than three."""
+    used = [(math.log(w), math.log(t)) for w, t in pairs if w > 0 and _is_number(t) and t > LEAST_S]
+    if len({w for w, _ in used}) < 3:
+        return math.nan
+    mean_w, mean_t = (sum(x) / len(used) for x in zip(*used, strict=True))
+    spread = sum((w - mean_w) ** 2 for w, _ in used)
+    return sum((w - mean_w) * (t - mean_t) for w, t in used) / spread

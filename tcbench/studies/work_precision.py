@@ -1,0 +1,223 @@
+"""Work and precision: the time that each method needs for an error, against the certified reference.
+
+One cell is one method on one scene, measured alone on the machine; it goes down a ladder of steps or tolerances. Each
+rung is warm (one run is not timed), and repeated until 50 ms have passed. A fixed-step run is timed inside `simulate`,
+its diagnostics of every step included; an adaptive solver from call to return, asked for the end time only.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from .base import Row, Study
+from .cost import cost_rows, time_to_accuracy
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+    from ..integrator import Integrator
+    from ..scenario import Scenario
+
+TOLERANCES = tuple(10.0**-k for k in range(1, 13))
+HALVINGS = range(-2, 9)  # steps are the scene's own, over 2^k
+LONGEST = 500.0  # horizons: the last stored reference up to here
+UNSTORED = 25.0  # where none is stored: errors of chaotic scenes would outgrow any reference
+SPENT_S = 0.05  # a rung is repeated until this much time has passed
+SLOW_S = 0.25  # after a run as slow as this the finer rungs are left out
+HORIZONS = (0.125, 0.25, 0.5, 1.0)  # of the run whose cost is measured against its length
+COLUMNS = (
+    "integrator", "scenario", "control", "value", "status", "error", "error_q", "error_p", "error_s", "error_theta",
+    "energy_error_max", "angular_momentum_error_max", "entropy_fall_max", "reference_limited", "wall_time_min_s",
+    "wall_time_median_s", "repeats", "steps", "newton_iterations", "rhs_evaluations", "t", "peer", "failure",
+)  # fmt: skip
+
+
+def plan(
+    integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]
+) -> list[tuple[Integrator, Scenario, Row]]:
+    """One cell a pair; a `dt` list replaces the ladder of steps. Solvers whose package is absent are left out."""
+    steps = {"dt": list(options["dt"])} if options.get("dt") else {}
+    return [(i, s, dict(steps)) for s in scenarios for i in integrators if "absent" not in i.tags]
+
+
+def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
+    """The rungs of one method on one scene, coarse to fine, and the cost of its middle rung against the horizon."""
+    from ..truth import reference_for
+
+    t_end = horizon(scenario)
+    scenario = scenario.replace(t_end=t_end)
+    reference = reference_for(scenario, [t_end])
+    exact, floor = reference.states[0], 10.0 * float(reference.floor[0])
+    run_at = _adaptive if integrator.kind == "adaptive" else _fixed
+    points: list[Row] = []
+    for value in ladder(integrator, scenario, options.get("dt")):
+        point, seconds = _timed(run_at(integrator, scenario, value))
+        state = point.pop("state", None)
+        points.append(
+            {"value": value, "repeats": len(seconds)} | point | _errors(scenario, state, exact, floor) | _times(seconds)
+        )
+        if seconds and seconds[0] > SLOW_S:
+            break
+    good = [p["status"] for p in points]
+    return {
+        "status": "ok" if "ok" in good else good[-1],
+        "failure": "" if "ok" in good else points[-1]["failure"],
+        "control": "rtol" if integrator.kind == "adaptive" else "dt",
+        "t": t_end,
+        "reference": reference.source,
+        "peer": "scipy" if "scipy" in integrator.tags else "other" if "peer" in integrator.tags else "",
+        "points": points,
+        "horizons": _horizons(integrator, scenario, run_at),
+    }
+
+
+def horizon(scenario: Scenario) -> float:
+    """Where errors are measured."""
+    from ..truth import stored_for
+
+    known = stored_for(scenario)
+    times = [t for t in known.times if t <= min(LONGEST, scenario.t_end)] if known else []
+    return float(max(times, default=min(UNSTORED, scenario.t_end)))
+
+
+def ladder(integrator: Integrator, scenario: Scenario, steps: Sequence[float] | None) -> list[float]:
+    """Tolerances, or steps that divide the horizon; coarse to fine."""
+    if integrator.kind == "adaptive":
+        return list(TOLERANCES)
+    wanted = list(steps) if steps else [scenario.dt / 2**k for k in HALVINGS]
+    counts = sorted({max(1, math.ceil(scenario.t_end / h - 1e-9)) for h in wanted})
+    return [scenario.t_end / n for n in counts]
+
+
+def _fixed(integrator: Integrator, scenario: Scenario, dt: float) -> Callable[[bool], tuple[Row, float]]:
+    from ..metrics import angular_momentum_error_max, energy_error_max
+    from ..simulation import simulate
+
+    def run(first: bool) -> tuple[Row, float]:
+        result = simulate(integrator, scenario, dt=dt, record_every=None)
+        row = {
+            "status": result.status, "failure": result.failure, "steps": result.steps,
+            "newton_iterations": result.solver.newton_iterations, "state": result.z[-1] if result.ok else None,
+            "energy_error_max": energy_error_max(result),
+            "angular_momentum_error_max": angular_momentum_error_max(result),
+            "entropy_fall_max": max(0.0, -result.summary.entropy_increment_min),
+        }  # fmt: skip
+        return row, result.wall_time_s
+
+    return run
+
+
+def _adaptive(integrator: Integrator, scenario: Scenario, tolerance: float) -> Callable[[bool], tuple[Row, float]]:
+    """The first run, which is not timed, gives the invariants at 200 times; the others go straight to the end."""
+    import time
+
+    import numpy as np
+
+    from ..metrics import angular_momentum_error_max, energy_error_max
+    from ..simulation import simulate
+
+    ends, z0, model = np.array([0.0, scenario.t_end]), scenario.z0, scenario.model
+    seen: Row = {}
+
+    def run(first: bool) -> tuple[Row, float]:
+        if first:
+            begin = time.perf_counter()
+            result = simulate(integrator, scenario, tolerance=tolerance)
+            seen.update(
+                status=result.status, failure=result.failure, energy_error_max=energy_error_max(result),
+                angular_momentum_error_max=angular_momentum_error_max(result),
+                entropy_fall_max=max(0.0, -result.summary.entropy_increment_min),
+            )  # fmt: skip
+            return seen, time.perf_counter() - begin
+        begin = time.perf_counter()
+        try:
+            found = integrator.adaptive(model, z0.copy(), ends, tolerance, tolerance)  # type: ignore[misc]
+        except Exception as error:  # a solver that gives up is a point of the chart
+            return seen | {"status": "exception", "failure": f"{type(error).__name__}: {error}"[:300]}, 0.0
+        elapsed = time.perf_counter() - begin
+        states, counts = found if isinstance(found, tuple) else (found, {})
+        end = np.asarray(states[-1], dtype=float)
+        left = abs(model.energy(end) - model.energy(z0)) / scenario.initial_exergy
+        return seen | counts | {"state": end, "energy_error_max": max(seen["energy_error_max"], left)}, elapsed
+
+    return run
+
+
+def _timed(run: Callable[[bool], tuple[Row, float]], spent: float = SPENT_S) -> tuple[Row, list[float]]:
+    """What a run gives, and the seconds of its repeats; a run that fails is not repeated."""
+    row, _ = run(True)
+    if row["status"] != "ok":
+        return row, []
+    seconds: list[float] = []
+    while not seconds or (sum(seconds) < spent and len(seconds) < 1000):
+        row, elapsed = run(False)
+        if row["status"] != "ok":
+            return row, []
+        seconds.append(elapsed)
+    return row, seconds
+
+
+def _times(seconds: Sequence[float]) -> Row:
+    import statistics
+
+    if not seconds:
+        return {"wall_time_min_s": math.nan, "wall_time_median_s": math.nan}
+    return {"wall_time_min_s": min(seconds), "wall_time_median_s": statistics.median(seconds)}
+
+
+def _errors(scenario: Scenario, state: Any, exact: Any, floor: float) -> Row:
+    """Errors by group of variables; one within 10 times the reference's own uncertainty is NaN, and the row says so."""
+    from .convergence import groups, relative_error
+
+    names = {"error": "all", "error_q": "q", "error_p": "p", "error_s": "s", "error_theta": "theta"}
+    if state is None:
+        return dict.fromkeys(names, math.nan) | {"reference_limited": False}
+    found, right = groups(scenario.model, state), groups(scenario.model, exact)
+    errors = {name: relative_error(found[key], right[key]) for name, key in names.items()}
+    limited = errors["error"] <= floor
+    return {name: e if e > floor else math.nan for name, e in errors.items()} | {"reference_limited": limited}
+
+
+def _horizons(integrator: Integrator, scenario: Scenario, run_at: Any) -> list[Row]:
+    """Time of runs over parts of the horizon: at the scene's own step, or at a tolerance of 1e-6."""
+    value = TOLERANCES[5] if integrator.kind == "adaptive" else min(scenario.dt, HORIZONS[0] * scenario.t_end)
+    rows = []
+    for part in HORIZONS:
+        shorter = scenario.replace(t_end=part * scenario.t_end)
+        row, seconds = _timed(run_at(integrator, shorter, value), SPENT_S / 5)
+        if row["status"] != "ok" or seconds[0] > SLOW_S:
+            break
+        rows.append({"t": shorter.t_end, "seconds": min(seconds)})
+    return rows
+
+
+def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
+    """`work_precision`: a row a rung; `time_to_accuracy` and `cost`: see cost.py. A failed cell keeps one row."""
+    import pandas as pd
+
+    rows: list[Row] = []
+    for record in records:
+        common = {k: v for k, v in record.items() if k not in ("points", "horizons", "dt")}
+        rows += [common | point for point in record.get("points") or [{}]]
+    table = pd.DataFrame(rows)
+    rest = [c for c in table.columns if c not in COLUMNS]
+    table = table.reindex(columns=[*COLUMNS, *rest])
+    table = table.sort_values(["scenario", "integrator"], kind="stable", ignore_index=True)
+    return {
+        "work_precision": table,
+        "time_to_accuracy": pd.DataFrame(time_to_accuracy(records)),
+        "cost": pd.DataFrame(cost_rows(records)),
+    }
+
+
+STUDY = Study(
+    name="work_precision",
+    description="error against time on ladders of steps and tolerances, and how the time grows with the work",
+    tables=("work_precision", "time_to_accuracy", "cost"),
+    plan=plan,
+    measure=measure,
+    tabulate=tabulate,
+    timed=True,
+)

@@ -1,0 +1,122 @@
+"""The pages of the site: every command and snippet is run, in order, in an empty folder; and the site builds."""
+
+import os
+import re
+import subprocess
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from tcbench import hookspecs, plugins
+from tcbench.cli import main
+
+ROOT = Path(__file__).parent.parent
+PAGES = ("index", "add-integrator", "add-scenario", "add-system", "measures", "physics", "chain", "cite")
+BLOCK = re.compile(r'(<!-- not run: [^\n]*-->\n)?```(sh|python)(?: title="([\w.]+)")?\n(.*?)```', re.DOTALL)
+HOOKS = [name for name in vars(hookspecs) if name.startswith("tcbench_")]
+
+
+def blocks(page):
+    """(language, file to write or "", text) of each block that is to be run."""
+    text = (ROOT / "docs" / f"{page}.md").read_text()
+    return [(language, name, code) for skipped, language, name, code in BLOCK.findall(text) if not skipped]
+
+
+@pytest.fixture
+def empty(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    yield tmp_path
+    plugins._FOLDERS.clear()
+    plugins._REGISTRY = None
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_every_command_and_snippet_of_a_page_runs(page, empty):
+    ran = 0
+    for language, name, code in blocks(page):
+        if name:
+            (empty / name).write_text(code)
+            continue
+        if language == "python":
+            exec(compile(code, f"{page}.md", "exec"), {"__name__": "snippet"})
+            ran += 1
+            continue
+        for line in code.splitlines():
+            words = line.partition("#")[0].split()
+            if words:
+                plugins._FOLDERS.clear()  # every command is a process of its own for the reader
+                plugins._REGISTRY = None
+                assert words[0] == "tcbench", f"{page}.md has a command that is not run: {line}"
+                done = CliRunner().invoke(main, words[1:])
+                assert done.exit_code == 0, f"{page}.md: {line}\n{done.output}\n{done.exception}"
+                ran += 1
+    assert ran >= 1
+
+
+def test_what_the_pages_promise_is_there_afterwards(empty):
+    """The reader's own methods are in the table."""
+    import csv
+
+    for _, name, code in blocks("add-integrator"):
+        if name in ("avf.py", "explicit_midpoint.py"):
+            (empty / name).write_text(code)
+    args = ["-s", "bound_equilibrium", "--study", "conservation", "--dt", "0.05", "--plugins-dir", ".", "-o", "out"]
+    done = CliRunner().invoke(main, ["run", "-i", "avf", "-i", "explicit_midpoint", *args])
+    rows = list(csv.DictReader((empty / "out" / "tables" / "conservation.csv").open()))
+    assert done.exit_code == 0 and {row["integrator"] for row in rows} == {"avf", "explicit_midpoint"}
+
+
+def test_every_page_is_in_the_navigation_and_every_link_leads_somewhere():
+    site = (ROOT / "mkdocs.yml").read_text()
+    for page in PAGES:
+        assert f": {page}.md" in site
+        for target in re.findall(r"\]\(([^)#]+)", (ROOT / "docs" / f"{page}.md").read_text()):
+            assert target.startswith("http") or (ROOT / "docs" / target).exists(), f"{page}.md: {target}"
+
+
+def test_every_hook_is_in_the_reference_and_in_a_page_and_in_a_test():
+    reference = (ROOT / "docs" / "api.md").read_text()
+    pages = "".join(code for page in PAGES for _, _, code in blocks(page))
+    scaffolds = "".join(path.read_text() for path in (ROOT / "tcbench" / "templates_new").iterdir())
+    tests = "".join(path.read_text() for path in (ROOT / "tests").glob("test_*.py") if path != Path(__file__))
+    assert len(HOOKS) >= 3
+    for hook in HOOKS:
+        assert f"::: tcbench.hookspecs.{hook}\n" in reference, f"{hook} is missing in docs/api.md"
+        assert f"def {hook}" in pages + scaffolds, f"no page and no scaffold shows how to write {hook}"
+        assert f"def {hook}" in tests or f"def {hook}" in example(), f"{hook} is not tested"
+
+
+def example():
+    """The distribution that tests/test_third_party.py installs and runs."""
+    return "".join(path.read_text() for path in (ROOT / "examples").rglob("*.py"))
+
+
+def test_the_public_names_are_in_the_reference():
+    import tcbench
+
+    reference = (ROOT / "docs" / "api.md").read_text()
+    for name in set(tcbench.__all__) - {"hookimpl"}:
+        assert re.search(rf"^::: tcbench\.\w+\.{name}$", reference, re.MULTILINE), f"{name} is missing in docs/api.md"
+
+
+def test_every_line_of_the_check_is_explained():
+    from tcbench import contract
+
+    page = (ROOT / "docs" / "measures.md").read_text()
+    assert all(f"\n| {name} |" in page for name, _ in contract.TESTS)
+
+
+@pytest.mark.skipif(not (find_spec("mkdocs") and find_spec("mkdocstrings")), reason="the extra docs is not installed")
+def test_the_site_builds_without_a_warning(tmp_path):
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(tmp_path / "site")]
+    done = subprocess.run(
+        command, cwd=ROOT, capture_output=True, text=True, env=os.environ | {"NO_MKDOCS_2_WARNING": "1"}
+    )
+    assert done.returncode == 0, done.stderr
+    assert (
+        "One time integrator" in (page := (tmp_path / "site" / "api" / "index.html").read_text())
+        or "Integrator" in page
+    )
