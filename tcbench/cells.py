@@ -186,7 +186,7 @@ def _local_imports(path: Path, text: bytes) -> Iterator[Path]:
     except (SyntaxError, ValueError):
         return
     base = _import_folder(path)
-    for node in ast.walk(tree):
+    for node in _run_nodes(tree):
         if isinstance(node, ast.Import):
             for alias in node.names:
                 yield from _module_files(base, alias.name.split("."))
@@ -204,6 +204,18 @@ def _local_imports(path: Path, text: bytes) -> Iterator[Path]:
             first = node.args[0] if node.args else None
             if name in ("import_module", "__import__") and isinstance(first, ast.Constant):
                 yield from _module_files(base, str(first.value).lstrip(".").split("."))
+
+
+def _run_nodes(tree: ast.AST) -> Iterator[ast.AST]:
+    """Every node but those under `if TYPE_CHECKING:`, which never runs."""
+    waiting = [tree]
+    while waiting:
+        node = waiting.pop()
+        yield node
+        if isinstance(node, ast.If) and getattr(node.test, "attr", getattr(node.test, "id", "")) == "TYPE_CHECKING":
+            waiting.extend(node.orelse)
+        else:
+            waiting.extend(ast.iter_child_nodes(node))
 
 
 def _module_files(folder: Path, parts: Iterable[str]) -> Iterator[Path]:

@@ -81,6 +81,12 @@ def test_a_fingerprint_follows_local_imports_and_survives_a_move(tmp_path):
 
 def test_fingerprints_of_modules_by_name_broken_files_and_missing_ones(tmp_path):
     assert fingerprint_sources("tcbench.cells") != fingerprint_sources("tcbench.store")
+    # imports for type checkers never run: they make no module depend on another
+    (tmp_path / "typed.py").write_text("from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    import other\n")
+    (tmp_path / "other.py").write_text("a = 1\n")
+    before = fingerprint_sources(tmp_path / "typed.py")
+    (tmp_path / "other.py").write_text("a = 2\n")
+    assert fingerprint_sources(tmp_path / "typed.py") == before
     broken = tmp_path / "broken.py"
     broken.write_text("def step(:\n")
     assert len(fingerprint_sources(broken)) == 64
