@@ -183,6 +183,8 @@ def test_disk_full_stops_the_run_with_a_sentence_and_no_worker_left():
 # -- interruptions
 
 RUN = """
+import signal
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs start with it ignored
 import json, sys
 from tcbench.cells import Cell
 from tcbench.engine import run_cells
