@@ -12,7 +12,7 @@ import json
 import sys
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cache, cached_property
 from importlib.machinery import PathFinder
 from pathlib import Path
 from typing import Any
@@ -179,8 +179,13 @@ def _import_folder(path: Path) -> Path:
     return folder
 
 
-def _local_imports(path: Path, text: bytes) -> Iterator[Path]:
+@cache
+def _local_imports(path: Path, text: bytes) -> tuple[Path, ...]:
     """The files behind the import statements of one file, where they are local."""
+    return tuple(_find_imports(path, text))
+
+
+def _find_imports(path: Path, text: bytes) -> Iterator[Path]:
     try:
         tree = ast.parse(text)
     except (SyntaxError, ValueError):

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from .engine import Event, Plan, Summary
 
 MEASURE = "tcbench.runner:measure_cell"
+ABSENT = "absent"  # tag of peers whose package is not installed: listed, and run only when they are named
 CLOSED_FORM = "closed-form conduction"  # tag of integrators that ask for System.conduction_flow
 DEFAULT_OUTPUT = Path("results") / "latest"
 
@@ -126,7 +127,8 @@ def plan_job(
 ) -> Job:
     """Look everything up and plan the cells; raises TcbenchError before anything is written."""
     registry = plugins.registry()
-    methods = plugins.expand_integrators(registry.integrators if integrators is None else integrators)
+    present = [name for name, method in registry.integrators.items() if ABSENT not in method.tags]
+    methods = plugins.expand_integrators(present if integrators is None else integrators)
     scenes = [plugins.find_scenario(s) for s in (registry.scenarios if scenarios is None else scenarios)]
     chosen = [find_study(name) for name in (NAMES if studies is None else dict.fromkeys(studies))]
     if len({s.name for s in scenes}) < len(scenes):
@@ -175,10 +177,20 @@ def _registered(method: Integrator) -> bool:
 def _cell(study: Study, method: Integrator, scene: Scenario, options: dict[str, Any]) -> Cell:
     mark = fingerprint(
         integrator=source_hash(method.plugin), scenario=scene.as_dict(), study=_study_hash(study.name),
-        versions=versions(), order=method.order,
+        versions=_versions(), order=method.order,
     )  # fmt: skip
-    machine = machine_name() if study.timed else ""
+    machine = _machine() if study.timed else ""
     return Cell(study.name, method.name, scene.name, options, study.timed, mark, machine)
+
+
+@cache
+def _versions() -> dict[str, str]:
+    return versions()
+
+
+@cache
+def _machine() -> str:
+    return machine_name()
 
 
 @cache

@@ -45,3 +45,37 @@ def test_every_column_of_the_conservation_table_is_there(tmp_path):
     row = table.iloc[0]
     assert row["residual_max"] < 1e-12 and row["energy_error_max"] < 1e-12 and np.isnan(row["blowup_time"])
     assert row["scenario_hash"] == tcbench.scenarios()["short_term"].hash and len(row["source_hash"]) == 12
+
+
+def test_planning_a_run_asks_for_versions_and_sources_once(monkeypatch):
+    from tcbench import runner
+
+    calls = {"versions": 0, "fingerprint_sources": 0}
+
+    def counted(name, function):
+        def wrapper(*args):
+            calls[name] += 1
+            return function(*args)
+
+        return wrapper
+
+    for name in calls:
+        monkeypatch.setattr(runner, name, counted(name, getattr(runner, name)))
+    for cached in (runner._versions, runner._study_hash, runner.source_hash):
+        cached.cache_clear()
+    cells = runner.plan_job(studies=["conservation"]).cells
+    assert len(cells) > 100
+    assert calls["versions"] == 1 and calls["fingerprint_sources"] <= 1 + len(tcbench.integrators())
+
+
+def test_a_peer_whose_package_is_absent_runs_only_when_it_is_named(monkeypatch):
+    from dataclasses import replace
+
+    from tcbench import plugins, runner
+
+    method = tcbench.integrators()["midpoint_entropy"]
+    monkeypatch.setitem(plugins.registry().integrators, "midpoint_entropy", replace(method, tags={runner.ABSENT}))
+    planned = {cell.integrator for cell in runner.plan_job(studies=["conservation"]).cells}
+    assert "midpoint_entropy" not in planned and "tc_monolithic" in planned
+    named = runner.plan_job(integrators=["midpoint_entropy"], studies=["conservation"])
+    assert {cell.integrator for cell in named.cells} == {"midpoint_entropy"}
