@@ -12,13 +12,14 @@ import json
 import sys
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from importlib.machinery import PathFinder
 from pathlib import Path
 from typing import Any
 
 from tcbench.errors import TcbenchError
 
+INSTALLED = ("site-packages", "dist-packages")
 JSON = None | bool | int | float | str | list[Any] | dict[str, Any]
 
 
@@ -194,21 +195,30 @@ def _find_imports(path: Path, text: bytes) -> Iterator[Path]:
     for node in _run_nodes(tree):
         if isinstance(node, ast.Import):
             for alias in node.names:
-                yield from _module_files(base, alias.name.split("."))
+                yield from _own_files(path, base, alias.name.split("."))
         elif isinstance(node, ast.ImportFrom):
-            folder = path.parents[node.level - 1] if 0 < node.level <= len(path.parents) else base
+            relative = 0 < node.level <= len(path.parents)
+            folder = path.parents[node.level - 1] if relative else base
+            find = partial(_module_files, folder) if relative else partial(_own_files, path, base)
             parts = node.module.split(".") if node.module else []
             if parts:
-                yield from _module_files(folder, parts)
+                yield from find(parts)
             elif (folder / "__init__.py").is_file():
                 yield folder / "__init__.py"
             for alias in node.names:
-                yield from _module_files(folder, [*parts, alias.name])
+                yield from find([*parts, alias.name])
         elif isinstance(node, ast.Call):
             name = getattr(node.func, "attr", getattr(node.func, "id", ""))
             first = node.args[0] if node.args else None
             if name in ("import_module", "__import__") and isinstance(first, ast.Constant):
-                yield from _module_files(base, str(first.value).lstrip(".").split("."))
+                yield from _own_files(path, base, str(first.value).lstrip(".").split("."))
+
+
+def _own_files(path: Path, base: Path, parts: list[str]) -> Iterator[Path]:
+    """`_module_files` of an absolute import; where packages are installed side by side, of the file's own package."""
+    own = path.relative_to(base).parts[0].removesuffix(".py")
+    if base.name not in INSTALLED or parts[0] == own:
+        yield from _module_files(base, parts)
 
 
 def _run_nodes(tree: ast.AST) -> Iterator[ast.AST]:

@@ -81,6 +81,14 @@ def test_a_fingerprint_follows_local_imports_and_survives_a_move(tmp_path):
 
 def test_fingerprints_of_modules_by_name_broken_files_and_missing_ones(tmp_path):
     assert fingerprint_sources("tcbench.cells") != fingerprint_sources("tcbench.store")
+    # in site-packages the neighbours are other people's packages, not local modules
+    site = tmp_path / "site-packages"
+    site.mkdir()
+    (site / "mine.py").write_text("import neighbour\n")
+    (site / "neighbour.py").write_text("a = 1\n")
+    before = fingerprint_sources(site / "mine.py")
+    (site / "neighbour.py").write_text("a = 2\n")
+    assert fingerprint_sources(site / "mine.py") == before
     # imports for type checkers never run: they make no module depend on another
     (tmp_path / "typed.py").write_text("from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    import other\n")
     (tmp_path / "other.py").write_text("a = 1\n")
