@@ -215,7 +215,7 @@ def _find_imports(path: Path, text: bytes) -> Iterator[Path]:
 
 
 def _own_files(path: Path, base: Path, parts: list[str]) -> Iterator[Path]:
-    """`_module_files` of an absolute import; where packages are installed side by side, of the file's own and tcbench."""
+    """`_module_files` of an absolute import; among installed packages, of the file's own and of tcbench only."""
     own = path.relative_to(base).parts[0].removesuffix(".py")
     if base.name not in INSTALLED or parts[0] in (own, "tcbench"):
         yield from _module_files(base, parts)
