@@ -76,7 +76,7 @@ def test_every_fault_costs_its_own_cell_and_nothing_else(tmp_path):
     for index, name in enumerate(EXPECTED):
         cells += [Cell("s", name, "x"), *good[3 * index : 3 * index + 3]]
     with Store.open(tmp_path / "run") as store:
-        summary = run_cells(cells, MEASURE, {"folder": str(tmp_path)}, store, jobs=2, timeout=2.0, memory_limit=MEMORY)
+        summary = run_cells(cells, MEASURE, {"folder": str(tmp_path)}, store, jobs=2, timeout=6.0, memory_limit=MEMORY)
     written = (tmp_path / "run" / ROWS).read_text().splitlines()
     assert sorted(json.loads(line)["key"] for line in written) == sorted(cell.key for cell in cells)
     assert summary.run == len(cells) and summary.left == 0
