@@ -20,6 +20,7 @@ from .collocate import (
     try_step,
 )
 from .jit import call, copy_into, fill, lean
+from .march import add_compensated
 
 SHORTEST = 2.0**-24  # of a step, before it is given up
 SAFETY, GROW, SHRINK, ACCEPT = 0.85, 4.0, 0.2, 4.0
@@ -69,17 +70,6 @@ def set_scale(plan, z, start, scale):  # type: ignore[no-untyped-def]
 
 
 @lean
-def add(z, dz, carry):  # type: ignore[no-untyped-def]
-    """z += dz, with what rounding drops kept in `carry`."""
-    for i in range(len(z)):
-        term = dz[i] + carry[i]
-        total = z[i] + term
-        back = total - z[i]
-        carry[i] = (z[i] - (total - back)) + (term - back)
-        z[i] = total
-
-
-@lean
 def fixed_step(  # type: ignore[no-untyped-def]
     plan, c, h, z0, dz_total, carry, z, start, end, scale, inverse_mass, A, b, Ahats, Ws, points,
     IN, OUT, U, N, V, R, D, X, Y, T, rho,
@@ -105,7 +95,7 @@ def fixed_step(  # type: ignore[no-untyped-def]
                 return FAILED
             continue
         counts[STEPS] += 1
-        add(dz_total, dz, carry)
+        add_compensated(dz_total, dz, carry)
         for i in range(len(z)):
             z[i] = z0[i] + dz_total[i]
         copy_into(start, end)
@@ -167,7 +157,7 @@ def adaptive(  # type: ignore[no-untyped-def]
                     return FAILED
                 continue
             counts[STEPS] += 1
-            add(z, dz, carry)
+            add_compensated(z, dz, carry)
             copy_into(start, end)
             t = times[row] if step == left else t + step
             last = step
