@@ -24,7 +24,7 @@ from .jit import call, fill, lean
 from .newton import solve_pivoted
 
 # columns of `plan` (int64): addresses of the kernels, then sizes
-START, MOTION, SLOPES, FORCES, WHOLE, N_Q, N_E, STAGES, LEVELS, BASE, PLAN_SIZE = range(11)
+START, MOTION, SLOPES, FORCES, LANES, N_Q, N_E, STAGES, LEVELS, BASE, PLAN_SIZE = range(11)
 # how a step ended, and what was counted
 SOLVED, FAILED, COARSE = 0, 1, 2  # COARSE: the quadrature does not keep the energy
 STEPS, REJECTED_STEPS, ITERATIONS, NEWTONS, HALVED, RAISED, COUNTS_SIZE = range(7)
@@ -38,17 +38,12 @@ INCREMENT = 1e-7  # of the difference quotients of the fallback: they steer, the
 
 
 @lean
-def rates(plan, c, h, q0, p0, x0, inverse_mass, A, Ahat, W, points, IN, OUT, U, N, V, R, D, X, Y):  # type: ignore[no-untyped-def]
+def rates(plan, c, h, q0, p0, x0, inverse_mass, A, Ahat, W, points, U, N, V, R, D, X, Y, FG):  # type: ignore[no-untyped-def]
     """N = (F, G) that the equations give for U = (F, G); SOLVED, or FAILED if a shape or temperature is not positive.
 
-    U, N and V (the velocities) are views of IN and OUT. For the coarsest quadrature all of it is one kernel, without
-    loops: two to three times as fast.
+    V: the velocities. R, D, X, Y and FG are scratch.
     """
     k, n, e = plan[STAGES], plan[N_Q], plan[N_E]
-    if plan[WHOLE] != 0 and points == plan[BASE]:
-        c[0] = h
-        call(plan[WHOLE], IN, c, OUT)
-        return SOLVED if OUT[len(OUT) - 1] > 0.0 else FAILED  # the least temperature
     for j in range(k):
         for i in range(n):
             total = 0.0
@@ -83,7 +78,9 @@ def rates(plan, c, h, q0, p0, x0, inverse_mass, A, Ahat, W, points, IN, OUT, U, 
         for i in range(e):
             if not R[j, 2 * n + e + i] > 0.0:
                 return FAILED
-        call(plan[FORCES], R[j], c, N[j])
+        call(plan[FORCES], R[j], c, FG)
+        for i in range(n + e):
+            N[j, i] = FG[i]
     return SOLVED
 
 
@@ -140,24 +137,28 @@ def correct(plan, h, start, scale, T, rho, U, N):  # type: ignore[no-untyped-def
 @lean
 def fixed_point(  # type: ignore[no-untyped-def]
     plan, c, h, q0, p0, x0, start, scale, inverse_mass, A, Ahat, W, points,
-    IN, OUT, U, N, V, R, D, X, Y, T, rho, block, moved,
+    IN, OUT, U, N, V, R, D, X, Y, T, rho, block, FG,
     counts,
 ):  # fmt: skip
-    """Iterate from U, in place; the converged U and N agree to round-off. SOLVED or FAILED."""
+    """Iterate from U, in place; the converged U and N agree to round-off. SOLVED or FAILED.
+
+    For the coarsest quadrature an iteration is one kernel on vectors, where the system's formulas have such a form;
+    U, N, V and T are views of IN and OUT.
+    """
     stiff_block(plan[STAGES], h, start[plan[N_Q] + 2 * plan[N_E] + 2], A, T, block)
+    at_once = plan[LANES] != 0 and points == plan[BASE]
     previous, slow, first = np.inf, 0, 0.0
+    c[0] = h
     scale[2] = 0.0
     for iteration in range(MAX_ITERATIONS):
         counts[ITERATIONS] += 1
-        if rates(plan, c, h, q0, p0, x0, inverse_mass, A, Ahat, W, points, IN, OUT, U, N, V, R, D, X, Y) != SOLVED:
-            return FAILED
-        if plan[WHOLE] != 0 and points == plan[BASE]:
-            size = h * OUT[len(OUT) - 2]
-            for j in range(len(U)):
-                for i in range(U.shape[1]):
-                    U[j, i] = moved[j, i]
-        else:
+        if at_once:
+            call(plan[LANES], IN, c, OUT)
+            size = h * OUT[len(OUT) - 1]
+        elif rates(plan, c, h, q0, p0, x0, inverse_mass, A, Ahat, W, points, U, N, V, R, D, X, Y, FG) == SOLVED:
             size = correct(plan, h, start, scale, T, rho, U, N)
+        else:
+            return FAILED
         if not size < np.inf:
             return FAILED
         if size <= CONVERGED or (size <= STAGNATED and size > 0.5 * previous):
@@ -175,14 +176,14 @@ def fixed_point(  # type: ignore[no-untyped-def]
 
 @lean
 def newton(  # type: ignore[no-untyped-def]
-    plan, c, h, q0, p0, x0, scale, inverse_mass, A, Ahat, W, points, IN, OUT, U, N, V, R, D, X, Y, J, b, base, counts
+    plan, c, h, q0, p0, x0, scale, inverse_mass, A, Ahat, W, points, U, N, V, R, D, X, Y, FG, J, b, base, counts
 ):
     """Newton on U - N(U) = 0 with difference quotients, from U, in place: where the fixed point does not contract."""
     k, m = plan[STAGES], plan[N_Q] + plan[N_E]
     previous = np.inf
     for _ in range(MAX_NEWTON):
         counts[NEWTONS] += 1
-        if rates(plan, c, h, q0, p0, x0, inverse_mass, A, Ahat, W, points, IN, OUT, U, N, V, R, D, X, Y) != SOLVED:
+        if rates(plan, c, h, q0, p0, x0, inverse_mass, A, Ahat, W, points, U, N, V, R, D, X, Y, FG) != SOLVED:
             return FAILED
         for row in range(k * m):
             base[row] = N[row // m, row % m]
@@ -191,7 +192,7 @@ def newton(  # type: ignore[no-untyped-def]
             here = U[j, i]
             eps = INCREMENT * max(1.0, abs(here))
             U[j, i] = here + eps
-            done = rates(plan, c, h, q0, p0, x0, inverse_mass, A, Ahat, W, points, IN, OUT, U, N, V, R, D, X, Y)
+            done = rates(plan, c, h, q0, p0, x0, inverse_mass, A, Ahat, W, points, U, N, V, R, D, X, Y, FG)
             U[j, i] = here
             if done != SOLVED:
                 return FAILED
@@ -210,7 +211,7 @@ def newton(  # type: ignore[no-untyped-def]
         if not size < np.inf:
             return FAILED
         if size <= CONVERGED or (size <= STAGNATED and size > 0.5 * previous):
-            return rates(plan, c, h, q0, p0, x0, inverse_mass, A, Ahat, W, points, IN, OUT, U, N, V, R, D, X, Y)
+            return rates(plan, c, h, q0, p0, x0, inverse_mass, A, Ahat, W, points, U, N, V, R, D, X, Y, FG)
         if size > 2.0 * previous:
             return FAILED
         previous = size
@@ -247,7 +248,7 @@ def extrapolate(plan, ratio, c, weights, N, U):  # type: ignore[no-untyped-def]
 def try_step(  # type: ignore[no-untyped-def]
     plan, c, h, z, start, end, scale, inverse_mass, A, b, Ahats, Ws, points, known, careful,
     IN, OUT, U, N, V, R, D, X, Y, T, rho,
-    block, moved, J, right, base, x0, dz, z1, counts, levels,
+    block, FG, J, right, base, x0, dz, z1, counts, levels,
 ):  # fmt: skip
     """One step of length h from z into z1 = z + dz; `start` and `end` are what the first kernel gives there.
 
@@ -259,12 +260,11 @@ def try_step(  # type: ignore[no-untyped-def]
         x0[i] = start[n + e + i]
         x0[e + i] = z[2 * n + i]
     q0, p0 = z[:n], z[n : 2 * n]
-    first = k * (n + e)
     for i in range(2 * n):
-        IN[first + i] = z[i]
+        IN[i] = z[i]
     for i in range(2 * e):
-        IN[first + 2 * n + i] = x0[i]
-    first += 2 * n + 2 * e + k * k  # T is a view of IN
+        IN[2 * n + i] = x0[i]
+    first = len(IN) - 2 * e - 2  # behind T, a view of IN
     for i in range(2 * e):
         IN[first + i] = start[n + 2 * e + 3 + i]
     IN[first + 2 * e], IN[first + 2 * e + 1] = scale[0], scale[1]
@@ -276,7 +276,7 @@ def try_step(  # type: ignore[no-untyped-def]
         done = fixed_point(
             plan, c, h, q0, p0, x0, start, scale, inverse_mass, A, Ahats[level], Ws[level], points[level],
             IN, OUT, U, N, V, R, D, X, Y, T,
-            rho, block, moved, counts,
+            rho, block, FG, counts,
         )  # fmt: skip
         if done != SOLVED and careful:
             guess(plan, start, U)
@@ -293,8 +293,6 @@ def try_step(  # type: ignore[no-untyped-def]
                 Ahats[level],
                 Ws[level],
                 points[level],
-                IN,
-                OUT,
                 U,
                 N,
                 V,
@@ -302,6 +300,7 @@ def try_step(  # type: ignore[no-untyped-def]
                 D,
                 X,
                 Y,
+                FG,
                 J,
                 right,
                 base,

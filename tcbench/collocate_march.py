@@ -73,7 +73,7 @@ def set_scale(plan, z, start, scale):  # type: ignore[no-untyped-def]
 def fixed_step(  # type: ignore[no-untyped-def]
     plan, c, h, z0, dz_total, carry, z, start, end, scale, inverse_mass, A, b, Ahats, Ws, points,
     IN, OUT, U, N, V, R, D, X, Y, T, rho,
-    block, moved, J, right, base, x0, dz, z1, counts,
+    block, FG, J, right, base, x0, dz, z1, counts,
 ):  # fmt: skip
     """Increments of one step of length h; a step without a solution in reach is taken in halves."""
     copy_into(z, z0)
@@ -86,7 +86,7 @@ def fixed_step(  # type: ignore[no-untyped-def]
         code = try_step(
             plan, c, part * h, z, start, end, scale, inverse_mass, A, b, Ahats, Ws, points, False, True,
             IN, OUT, U, N, V, R, D, X, Y, T,
-            rho, block, moved, J, right, base, x0, dz, z1, counts, plan[LEVELS],
+            rho, block, FG, J, right, base, x0, dz, z1, counts, plan[LEVELS],
         )  # fmt: skip
         if code != SOLVED:
             part *= 0.5
@@ -121,7 +121,7 @@ def first_step(plan, start, tolerance):  # type: ignore[no-untyped-def]
 def adaptive(  # type: ignore[no-untyped-def]
     plan, c, times, tolerance, states, z, carry, start, end, scale, inverse_mass, nodes, weights, at_start, at_end,
     A, b, Ahats,
-    Ws, points, IN, OUT, U, N, V, R, D, X, Y, T, rho, block, moved, J, right, base, x0, dz, z1, counts,
+    Ws, points, IN, OUT, U, N, V, R, D, X, Y, T, rho, block, FG, J, right, base, x0, dz, z1, counts,
 ):  # fmt: skip
     """States at `times` from z, steps chosen so that the defect stays at the tolerance; SOLVED or FAILED."""
     k = plan[STAGES]
@@ -142,7 +142,7 @@ def adaptive(  # type: ignore[no-untyped-def]
             code = try_step(
                 plan, c, step, z, start, end, scale, inverse_mass, A, b, Ahats, Ws, points, known, False,
                 IN, OUT, U, N, V, R, D, X, Y,
-                T, rho, block, moved, J, right, base, x0, dz, z1, counts, 1,
+                T, rho, block, FG, J, right, base, x0, dz, z1, counts, 1,
             )  # fmt: skip
             if code == SOLVED:
                 error = error_estimate(plan, step, start, end, scale, at_start, at_end, N)

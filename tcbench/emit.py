@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from .trace import Symbol, depends_on, topological
 
+WIDTH = 8  # doubles in a vector of lanes.py
 _BINARY = {"add": "+", "sub": "-", "mul": "*"}
 _HEADER = """\
 from math import cos, exp, expm1, inf, log, log1p, sin, sqrt, tanh
@@ -37,7 +38,7 @@ def straight_line(inputs: Mapping[Symbol, str], outputs: Sequence[Symbol]) -> st
     names: dict[int, str] = {}
     lines: list[str] = []
     # an input may itself be a formula (a hoisted value): do not look beneath it
-    nodes = _topological_above(inputs, outputs)
+    nodes = topological_above(inputs, outputs)
     derivatives = {(node.op, node.args[0].number): node for node in nodes if node.op in ("dphi", "dlam")}
     for node in nodes:
         if node.number in names:
@@ -67,7 +68,8 @@ def straight_line(inputs: Mapping[Symbol, str], outputs: Sequence[Symbol]) -> st
     return _HEADER + "".join(f"    {line}\n" for line in lines or ["pass"])
 
 
-def _topological_above(inputs: Mapping[Symbol, str], outputs: Sequence[Symbol]) -> list[Symbol]:
+def topological_above(inputs: Mapping[Symbol, Any], outputs: Sequence[Symbol]) -> list[Symbol]:
+    """The nodes that `outputs` need, arguments first, without what stands beneath an input."""
     seen: dict[int, Symbol] = {}
     stack = list(outputs)
     while stack:
@@ -156,7 +158,7 @@ def _compile(text: str) -> tuple[int, object]:
     module_name = f"tcbench_kernel_{hashlib.sha256(text.encode()).hexdigest()[:24]}"
     path = jit.cache_folder() / f"{module_name}.py"
     if not path.exists():
-        _write_atomically(path, text)
+        write_atomically(path, text.encode())
     spec = importlib.util.spec_from_file_location(module_name, path)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -168,9 +170,9 @@ def _compile(text: str) -> tuple[int, object]:
     return int(entry), function
 
 
-def _write_atomically(path: Path, text: str) -> None:
+def write_atomically(path: Path, content: bytes) -> None:
     """Several processes may compile the same kernel at once: each writes its own file and renames it."""
     handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".tmp")
-    with os.fdopen(handle, "w") as stream:
-        stream.write(text)
+    with os.fdopen(handle, "wb") as stream:
+        stream.write(content)
     os.replace(temporary, path)

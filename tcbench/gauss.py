@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from . import trace
 from .collocation import LONG, _gauss_nodes, tableau
-from .emit import Kernel, constant_part, kernel
+from .emit import WIDTH, Kernel, constant_part, kernel
 from .system import System
 
-EXTRA = (5, 10, 20, 40)  # quadratures have k + 5, k + 10, ... points
+LEAST = 3  # more quadrature points than stages, at the least: with fewer the energy is not kept to round-off
+FINER = (0, 8, 24, 56)  # and how many more the finer quadratures have
 Floats = NDArray[np.float64]
 
 
@@ -27,6 +28,7 @@ class Coefficients:
     at_start: Floats  # (k,) Lagrange polynomials at 0
     at_end: Floats  # (k,) and at 1
     A: Floats  # (k, k)
+    A_squared: Floats  # (k, k)
     b: Floats  # (k,)
     Ahats: Floats  # (levels, M, k): integrals of the Lagrange polynomials from 0 to the quadrature points
     Ws: Floats  # (levels, k, M)
@@ -49,8 +51,9 @@ def coefficients(k: int) -> Coefficients:
                     factors[:, j] *= (x - nodes[l]) / (nodes[j] - nodes[l])
         return factors
 
-    points = [k + extra for extra in EXTRA]
-    Ahats, Ws = np.zeros((len(EXTRA), points[-1], k)), np.zeros((len(EXTRA), k, points[-1]))
+    coarsest = WIDTH * -(-(k + LEAST) // WIDTH)  # a whole number of vectors
+    points = [coarsest + more for more in FINER]
+    Ahats, Ws = np.zeros((len(FINER), points[-1], k)), np.zeros((len(FINER), k, points[-1]))
     for level, m in enumerate(points):
         xi, omega = _gauss_nodes(m)
         Ahats[level, :m] = np.array([x * (inner_weights @ lagrange(x * inner)) for x in xi], dtype=float)
@@ -58,17 +61,17 @@ def coefficients(k: int) -> Coefficients:
     barycentric = np.array([1 / np.prod([nodes[j] - nodes[l] for l in range(k) if l != j]) for j in range(k)])
     zero, one = lagrange(np.array([0, 1], LONG)).astype(float)
     return Coefficients(
-        nodes.astype(float), barycentric.astype(float), zero, one, method.A.astype(float), b.astype(float), Ahats, Ws,
-        np.array(points),
+        nodes.astype(float), barycentric.astype(float), zero, one, method.A.astype(float), (method.A @ method.A).astype(float),
+        b.astype(float), Ahats, Ws, np.array(points),
     )  # fmt: skip
 
 
 @cache
-def _kernels(structure: tuple, k: int) -> list[Kernel]:
-    """(start, motion, slopes, forces, whole) of a system, traced from its five functions; see `collocate.rates`.
+def _kernels(structure: tuple) -> tuple[list[Kernel], Kernel, dict[Any, int]]:
+    """(start, motion, slopes, forces) of a system, traced from its five functions; see `collocate.rates`. Then the
+    kernel for what depends on the constants only, whose results stand behind them, and where each of both stands."""
+    from .lanes import can_express
 
-    The last kernel computes what depends on the constants only; its results stand behind them.
-    """
     system = _STRUCTURES[structure].symbolic
     n, e = system.n_positions, system.n_elements
     h = trace.variable("h")
@@ -78,55 +81,94 @@ def _kernels(structure: tuple, k: int) -> list[Kernel]:
     pi, s = trace.variables("pi", e), trace.variables("s", e)
     sigma, theta = trace.variables("sigma", e), trace.variables("theta", e)
     stress, temperature = system._element_slopes(pi, s)
-    bodies: list[tuple[list[Any], list[Any], int]] = [  # unknowns, values, where the unknowns stand
-        (list(z), _start(system, z), 0),
-        ([*v, *q], list(system._shape_gradient(q) @ v), 0),
-        ([*pi, *s], [*stress, *temperature], 0),
-        ([*q, *sigma, *theta], [*(-(sigma @ system._shape_gradient(q))), *system.conduction(theta)], n),
-        (*_whole(system, k, h), 0),
+    bodies: list[tuple[list[Any], list[Any]]] = [  # inputs, values
+        (list(z), _start(system, z)),
+        ([*v, *q], list(system._shape_gradient(q) @ v)),
+        ([*pi, *s], [*stress, *temperature]),
+        ([*v, *q, *sigma, *theta], [*(-(sigma @ system._shape_gradient(q))), *system.conduction(theta)]),
     ]
     values = [[x if isinstance(x, trace.Symbol) else trace.const(float(x)) for x in body[1]] for body in bodies]
     fixed = constant_part([x for row in values for x in row], [h, *(x for body in bodies for x in body[0])])
-    known = constants | {x: f"b[{len(constants) + i}]" for i, x in enumerate(fixed)}
+    places = {x: i for i, x in enumerate([*constants, *fixed])}
+    known = {x: f"b[{i}]" for x, i in places.items()}
     made = [
-        kernel({x: f"a[{first + i}]" for i, x in enumerate(unknown)} | known, row)
-        for (unknown, _, first), row in zip(bodies, values, strict=True)
+        kernel({x: f"a[{i}]" for i, x in enumerate(unknown)} | known, row)
+        for (unknown, _), row in zip(bodies, values, strict=True)
     ]
-    return [*made, kernel(constants, fixed)]
+    return made, kernel(constants, fixed), places if all(map(can_express, values[1:])) else {}
 
 
-def _whole(system: Any, k: int, h: Any) -> tuple[list[Any], list[Any]]:
-    """`collocate.rates` and `correct` with the coarsest quadrature as one formula.
+@cache
+def _iteration(structure: tuple, k: int) -> str:
+    """`collocate.rates` and `correct` with the coarsest quadrature, on vectors: LLVM code of kernel(a, b, out).
 
-    (U, q0, p0, pi0, s0, T, u, v, scale) -> (N, V, corrected U, scaled residual / h, least theta)
+    a: q0, p0, pi0, s0, T by columns, u, v, scale.  b: h, constants.  out: U, which is corrected in place, N and V, a
+    row of WIDTH nodes for each variable, then the scaled residual / h: NaN where a shape or temperature is not positive.
     """
-    n, e, a = system.n_positions, system.n_elements, coefficients(k)
-    U = trace.variables("U", k * (n + e)).reshape(k, n + e)
-    q0, p0, x0 = trace.variables("q", n), trace.variables("p", n), trace.variables("x", 2 * e)
-    T, scale = trace.variables("T", k * k).reshape(k, k), trace.variables("scale", 2)
-    u_v = trace.variables("uv", 2 * e)
-    per_mass = 1.0 / (system.inertia() * np.ones(n))
+    from .lanes import Lanes
 
-    def integrated(start: Any, weights: Any, slopes: Any) -> list[Any]:
-        return [start + h * sum(w * f for w, f in zip(row, slopes, strict=True)) for row in weights]
+    system, places = _STRUCTURES[structure].symbolic, _kernels(structure)[2]
+    n, e, coefficient = system.n_positions, system.n_elements, coefficients(k)
+    m, lanes = n + e, Lanes()
+    first_T = 2 * n + 2 * e
+    given = [lanes.number(lanes.a, i) for i in range(first_T)]
+    q0, p0, pi0, s0 = given[:n], given[n : 2 * n], given[2 * n : 2 * n + e], given[2 * n + e :]
+    T = [lanes.row(lanes.a, first_T + WIDTH * l) for l in range(k)]
+    first_u = first_T + WIDTH * k
+    u, v = ([lanes.number(lanes.a, first_u + side * e + i) for i in range(e)] for side in range(2))
+    scale = [lanes.number(lanes.a, first_u + 2 * e + i) for i in range(2)]
+    h = lanes.number(lanes.b, 0)
+    U = [[lanes.number(lanes.out, WIDTH * i + l) for l in range(k)] for i in range(m)]
+    old = [lanes.row(lanes.out, WIDTH * i) for i in range(m)]
+    shared = {x: lanes.number(lanes.b, i) for x, i in places.items()}
 
-    v = [p * per_mass for p in integrated(p0, a.A, U[:, :n])]
-    pull = [system._shape_gradient(q) for q in integrated(q0, a.A, v)]
-    drift = [np.concatenate([g @ w, u[n:]]) for g, w, u in zip(pull, v, U, strict=True)]
-    points = integrated(x0, a.Ahats[0][: a.points[0]], drift)
-    slopes = [np.concatenate(system._element_slopes(x[:e], x[e:])) for x in points]
-    means = [sum(w * y for w, y in zip(row, slopes, strict=False)) for row in a.Ws[0]]
-    rates = [np.concatenate([-(y[:e] @ g), system.conduction(y[e:])]) for y, g in zip(means, pull, strict=True)]
-    least = reduce(trace.minimum, [theta for y in means for theta in y[e:]])
-    force = [(new - old)[:n] for new, old in zip(rates, U, strict=True)]
-    heat = [(new - old)[n:] for new, old in zip(rates, U, strict=True)]
-    stiff = T @ np.array([u_v[e:] @ x for x in heat])
-    heat = [x + y * u_v[:e] for x, y in zip(heat, stiff, strict=True)]
-    moved = [x for r, y, u in zip(rates, heat, U, strict=True) for x in (*r[:n], *(u[n:] + y))]
-    parts = [*(abs(x) * scale[0] for f in force for x in f), *(abs(x) * scale[1] for f in heat for x in f)]
-    size = trace.guarded(reduce(trace.maximum, parts), parts)
-    inputs = [*U.ravel(), *q0, *p0, *x0, *T.ravel(), *u_v, *scale]
-    return inputs, [*np.concatenate(rates), *np.concatenate(v), *moved, size, least]
+    def integrated(start: Any, weights: Any, slopes: Any) -> Any:
+        return lanes.add(start, lanes.mul(h, lanes.combine(weights.T, slopes)))
+
+    # nodes: velocities, positions, the rates of the shapes
+    at = dict(shared)
+    q, w = trace.variables("q", n), trace.variables("v", n)
+    per_mass = lanes.graph(at, [1.0 / x for x in system.inertia() * np.ones(n)])
+    for i in range(n):
+        at[w[i]] = lanes.mul(per_mass[i], integrated(p0[i], coefficient.A, U[i]))
+        twice = lanes.mul(h, lanes.combine(coefficient.A_squared.T, U[i]))
+        start = lanes.add(lanes.mul(p0[i], lanes.constant(coefficient.nodes)), twice)
+        at[q[i]] = lanes.add(q0[i], lanes.mul(h, lanes.mul(per_mass[i], start)))
+    pull = system._shape_gradient(q)
+    drift = [[lanes.lane(x, l) for l in range(k)] for x in lanes.graph(at, list(pull @ w))]
+    # quadrature points: stress and temperature, and their means at the nodes
+    pi, s = trace.variables("pi", e), trace.variables("s", e)
+    slopes = [x for part in system._element_slopes(pi, s) for x in part]
+    Ahat, W, points = coefficient.Ahats[0], coefficient.Ws[0], int(coefficient.points[0])
+    positive, columns, values = [], [], [[] for _ in slopes]
+    zero, nan = lanes.constant(0.0), lanes.constant(np.nan)
+    for first in range(0, points, WIDTH):
+        point, rows = dict(shared), Ahat[first : first + WIDTH]
+        for i in range(e):
+            point[pi[i]] = integrated(pi0[i], rows, drift[i])
+            point[s[i]] = integrated(s0[i], rows, U[n + i])
+            positive.append(lanes.select(">", point[pi[i]], zero, zero, nan))
+        for found, value in zip(values, lanes.graph(point, slopes), strict=True):
+            found += [lanes.lane(value, g) for g in range(WIDTH)]
+        columns += list(W[:, first : first + WIDTH].T)
+    means = [lanes.combine(columns, x) for x in values]
+    sigma, theta = trace.variables("sigma", e), trace.variables("theta", e)
+    at |= dict(zip([*sigma, *theta], means, strict=True))
+    positive += [lanes.select(">", x, zero, zero, nan) for x in means[e:]]
+    new = lanes.graph(at, [*(-(sigma @ pull)), *system.conduction(theta)])
+    # the correction, with the stiff part of the conduction solved for
+    change = [lanes.sub(x, y) for x, y in zip(new, old, strict=True)]
+    rho = reduce(lanes.add, [lanes.mul(x, y) for x, y in zip(v, change[n:], strict=True)])
+    stiff = lanes.combine(T, [lanes.lane(rho, l) for l in range(k)])
+    step = [*change[:n], *(lanes.add(x, lanes.mul(y, stiff)) for x, y in zip(change[n:], u, strict=True))]
+    sizes = [lanes.first(k, lanes.mul(lanes.size(x), scale[i >= n])) for i, x in enumerate(step)]
+    for i in range(m):
+        lanes.store(new[i] if i < n else lanes.add(old[i], step[i]), WIDTH * i)
+        lanes.store(new[i], WIDTH * (m + i))
+    for i in range(n):
+        lanes.store(at[w[i]], WIDTH * (2 * m + i))
+    lanes.store(lanes.largest([*sizes, *positive]), WIDTH * (2 * m + n))
+    return lanes.text()
 
 
 def _start(system: Any, z: Any) -> list[Any]:
@@ -155,30 +197,32 @@ class GaussMethod:
     """k-stage consistent collocation on one system: fixed steps and adaptive runs. Not thread-safe."""
 
     def __init__(self, system: System, stages: int) -> None:
-        from . import collocate, collocate_march  # numba is imported when something runs, not when plugins are listed
+        from . import collocate, collocate_march, jit, lanes  # numba is imported when something runs, not when plugins are listed
 
         self.loops, self.codes = collocate_march, collocate
         _STRUCTURES.setdefault(system.structure, system)
-        *kernels, setup = _kernels(system.structure, stages)
+        kernels, setup, places = _kernels(system.structure)
         n, e, k = system.n_positions, system.n_elements, stages
         c0 = system.constant_values
         self.size, self.c = system.size, np.concatenate([c0, setup(c0, c0)])
-        self.plan = np.array([*(x.address for x in kernels), n, e, k, len(EXTRA), k + EXTRA[0]], dtype=np.int64)
-        self.inverse_mass = 1.0 / np.asarray(system.inertia(), dtype=float)
+        fast = lanes.load(_iteration(system.structure, k)) if places and not jit.DISABLED else 0
         self.numbers = coefficients(k)
+        sizes = [n, e, k, len(FINER), self.numbers.points[0]]
+        self.plan = np.array([*(x.address for x in kernels), fast, *sizes], dtype=np.int64)
+        self.inverse_mass = 1.0 / (np.asarray(system.inertia(), dtype=float) * np.ones(n))
         self.counts = np.zeros(collocate.COUNTS_SIZE, dtype=np.int64)
         m, unknowns = int(self.numbers.points[-1]), k * (n + e)
-        first_T = unknowns + 2 * n + 2 * e
-        given, found = np.zeros(first_T + k * k + 2 * e + 2), np.zeros(2 * unknowns + k * n + 2)
-        T = given[first_T : first_T + k * k].reshape(k, k)
-        U, N = given[:unknowns].reshape(k, -1), found[:unknowns].reshape(k, -1)
-        V = found[unknowns : unknowns + k * n].reshape(k, -1)
-        moved = found[unknowns + k * n : -2].reshape(k, -1)
+        first_T = 2 * n + 2 * e
+        given = np.zeros(first_T + WIDTH * k + 2 * e + 2)
+        found = np.zeros(WIDTH * (2 * (n + e) + n) + 1)
+        T = given[first_T : first_T + WIDTH * k].reshape(k, WIDTH).T
+        by_node = found[:-1].reshape(-1, WIDTH).T  # rows of WIDTH nodes, more than there are
+        U, N, V = by_node[:, : n + e], by_node[:, n + e : 2 * (n + e)], by_node[:, 2 * (n + e) :]
         first = kernels[0].size
         self.ends = np.zeros(first), np.zeros(first), np.zeros(3)  # start, end, scale
         self.stages = (
             given, found, U, N, V, np.zeros((k, 2 * n + 2 * e)), np.zeros((k, 2 * e)),
-            np.zeros((m, 2 * e)), np.zeros((m, 2 * e)), T, np.zeros(k), np.zeros((k, k)), moved,
+            np.zeros((m, 2 * e)), np.zeros((m, 2 * e)), T, np.zeros(k), np.zeros((k, k)), np.zeros(n + e),
             np.zeros((unknowns, unknowns)), np.zeros(unknowns), np.zeros(unknowns), np.zeros(2 * e),
             np.zeros(self.size), np.zeros(self.size),
         )  # fmt: skip
