@@ -19,7 +19,7 @@ from .collocate import (
     extrapolate,
     try_step,
 )
-from .jit import call, copy_into, fill, lean
+from .jit import call, copy_into, fill, inlined, lean
 from .march import add_compensated
 
 SHORTEST = 2.0**-24  # of a step, before it is given up
@@ -30,64 +30,50 @@ FIRST = 4.0  # times the decay time of the conduction: see first_step
 FAR = 2.5  # ratio of steps up to which the last polynomials are extrapolated
 
 
-@lean
-def error_estimate(plan, h, start, end, scale, at_start, at_end, N):  # type: ignore[no-untyped-def]
+@inlined
+def error_estimate(plan, w, h):  # type: ignore[no-untyped-def]
     """h times the largest defect of the derivative's polynomial at both ends; stiff parts are damped by the flow."""
-    k, n, e = plan[STAGES], plan[N_Q], plan[N_E]
-    decay = start[n + 2 * e + 2]
+    n, e = plan[N_Q], plan[N_E]
+    decay = w.start[n + 2 * e + 2]
     first = n + 2 * e + 3
     largest = 0.0
     for side in range(2):
-        known = start if side == 0 else end
+        known = w.start if side == 0 else w.end
+        here = 2 * n + e + side * (n + e)
         stiff = 0.0
-        for i in range(n + e):
-            total = -known[i]
-            for j in range(k):
-                total += (at_start[j] if side == 0 else at_end[j]) * N[j, i]
-            if i < n:
-                r = abs(total) * scale[0]
-                largest = r if not r <= largest else largest
-            else:
-                stiff += start[first + e + i - n] * total
+        for i in range(n):
+            r = abs(w.sums[here + i] - known[i]) * w.scale[0]
+            largest = r if not r <= largest else largest
+        for i in range(e):
+            stiff += w.start[first + e + i] * (w.sums[here + n + i] - known[n + i])
         stiff = stiff / decay if decay < 0.0 else 0.0
         for i in range(e):
-            total = -known[n + i]
-            for j in range(k):
-                total += (at_start[j] if side == 0 else at_end[j]) * N[j, n + i]
-            part = start[first + i] * stiff
-            r = abs(total - part) + abs(part) / (1.0 - h * decay)
+            part = w.start[first + i] * stiff
+            r = abs(w.sums[here + n + i] - known[n + i] - part) + abs(part) / (1.0 - h * decay)
             largest = r if not r <= largest else largest
     return h * largest
 
 
-@lean
-def set_scale(plan, z, start, scale):  # type: ignore[no-untyped-def]
+@inlined
+def set_scale(plan, w, z):  # type: ignore[no-untyped-def]
     """1/(1 + |p|) for forces, 1 for entropies."""
     largest = 0.0
     for i in range(plan[N_Q], 2 * plan[N_Q]):
         largest = max(largest, abs(z[i]))
-    scale[0], scale[1] = 1.0 / (1.0 + largest), 1.0
+    w.scale[0], w.scale[1] = 1.0 / (1.0 + largest), 1.0
 
 
 @lean
-def fixed_step(  # type: ignore[no-untyped-def]
-    plan, c, h, z0, dz_total, carry, z, start, end, scale, inverse_mass, A, b, Ahats, Ws, points,
-    IN, OUT, U, N, V, R, D, X, Y, T, rho,
-    block, FG, J, right, base, x0, dz, z1, counts,
-):  # fmt: skip
+def fixed_step(plan, a, w, h, z0, dz_total, carry, z, counts):  # type: ignore[no-untyped-def]
     """Increments of one step of length h; a step without a solution in reach is taken in halves."""
     copy_into(z, z0)
     fill(dz_total, 0.0)
     fill(carry, 0.0)
-    call(plan[START], z, c, start)
+    call(plan[START], z, w.c, w.start)
     done, part = 0.0, 1.0
     while done < 1.0:
-        set_scale(plan, z, start, scale)
-        code = try_step(
-            plan, c, part * h, z, start, end, scale, inverse_mass, A, b, Ahats, Ws, points, False, True,
-            IN, OUT, U, N, V, R, D, X, Y, T,
-            rho, block, FG, J, right, base, x0, dz, z1, counts, plan[LEVELS],
-        )  # fmt: skip
+        set_scale(plan, w, z)
+        code = try_step(plan, a, w, part * h, z, False, True, plan[LEVELS], counts)
         if code != SOLVED:
             part *= 0.5
             counts[HALVED] += 1
@@ -95,59 +81,51 @@ def fixed_step(  # type: ignore[no-untyped-def]
                 return FAILED
             continue
         counts[STEPS] += 1
-        add_compensated(dz_total, dz, carry)
+        add_compensated(dz_total, w.dz, carry)
         for i in range(len(z)):
             z[i] = z0[i] + dz_total[i]
-        copy_into(start, end)
+        copy_into(w.start, w.end)
         done += part
         while part < 1.0 and done % (2.0 * part) == 0.0:  # both halves are done
             part *= 2.0
     return SOLVED
 
 
-@lean
-def first_step(plan, start, tolerance):  # type: ignore[no-untyped-def]
+@inlined
+def first_step(plan, w, tolerance):  # type: ignore[no-untyped-def]
     """A length for the first step: a part of the decay of the conduction, where that is far from its equilibrium."""
     n, e = plan[N_Q], plan[N_E]
     h = 0.5 * tolerance ** (1.0 / (plan[STAGES] + 1))
-    fastest = -start[n + 2 * e + 2]
+    fastest = -w.start[n + 2 * e + 2]
     heat = 0.0
     for i in range(n, n + e):
-        heat = max(heat, abs(start[i]))
+        heat = max(heat, abs(w.start[i]))
     return min(h, FIRST * h / fastest) if heat > tolerance * fastest else h
 
 
 @lean
-def adaptive(  # type: ignore[no-untyped-def]
-    plan, c, times, tolerance, states, z, carry, start, end, scale, inverse_mass, nodes, weights, at_start, at_end,
-    A, b, Ahats,
-    Ws, points, IN, OUT, U, N, V, R, D, X, Y, T, rho, block, FG, J, right, base, x0, dz, z1, counts,
-):  # fmt: skip
+def adaptive(plan, a, w, times, tolerance, states, z, carry, counts):  # type: ignore[no-untyped-def]
     """States at `times` from z, steps chosen so that the defect stays at the tolerance; SOLVED or FAILED."""
     k = plan[STAGES]
-    call(plan[START], z, c, start)
+    call(plan[START], z, w.c, w.start)
     copy_into(states[0], z)
     t, h, last = times[0], 0.0, 0.0
     longest = math.inf  # for which the quadrature keeps the energy, as far as is known
     for row in range(1, len(times)):
         while t < times[row]:
-            set_scale(plan, z, start, scale)
+            set_scale(plan, w, z)
             if h == 0.0:
-                h = min(times[row] - t, first_step(plan, start, tolerance))
+                h = min(times[row] - t, first_step(plan, w, tolerance))
             left = times[row] - t
             step = left if left <= 1.01 * h else min(h, 0.5 * left) if left < 2.0 * h else h
             known = last > 0.0 and step <= FAR * last
             if known:
-                extrapolate(plan, step / last, nodes, weights, N, U)
-            code = try_step(
-                plan, c, step, z, start, end, scale, inverse_mass, A, b, Ahats, Ws, points, known, False,
-                IN, OUT, U, N, V, R, D, X, Y,
-                T, rho, block, FG, J, right, base, x0, dz, z1, counts, 1,
-            )  # fmt: skip
+                extrapolate(plan, a, w, step / last)
+            code = try_step(plan, a, w, step, z, known, False, 1, counts)
             if code == SOLVED:
-                error = error_estimate(plan, step, start, end, scale, at_start, at_end, N)
+                error = error_estimate(plan, w, step)
                 factor = SAFETY * (tolerance / max(error, 1e-300)) ** (1.0 / (k + 1))
-                factor = min(factor, math.sqrt(BEST / max(scale[2], 1e-3)))
+                factor = min(factor, math.sqrt(BEST / max(w.scale[2], 1e-3)))
             if code != SOLVED or not error <= ACCEPT * tolerance:
                 counts[REJECTED_STEPS] += 1
                 h = step * (0.4 if code == FAILED else RETREAT if code == COARSE else max(SHRINK, factor))
@@ -157,8 +135,8 @@ def adaptive(  # type: ignore[no-untyped-def]
                     return FAILED
                 continue
             counts[STEPS] += 1
-            add_compensated(z, dz, carry)
-            copy_into(start, end)
+            add_compensated(z, w.dz, carry)
+            copy_into(w.start, w.end)
             t = times[row] if step == left else t + step
             last = step
             h = max(h, step * factor) if step < h and factor >= 1.0 else step * min(GROW, factor)

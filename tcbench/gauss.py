@@ -2,254 +2,63 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cache, reduce
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from . import trace
-from .collocation import LONG, _gauss_nodes, tableau
-from .emit import WIDTH, Kernel, constant_part, kernel
+from . import gauss_kernels as kernels
+from .emit import WIDTH
 from .system import System
 
-LEAST = 3  # more quadrature points than stages, at the least: with fewer the energy is not kept to round-off
-FINER = (0, 8, 24, 56)  # and how many more the finer quadratures have
 Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class Coefficients:
-    """The numbers of k-stage Gauss collocation with projection; see `collocate`."""
+def work(c: Floats, inverse_mass: Floats, n: int, e: int, numbers: kernels.Coefficients, ends: int) -> Any:
+    """The arrays of a step (`collocate.Work`), in the layout that the kernels on vectors have."""
+    from .collocate import Work
 
-    nodes: Floats  # (k,)
-    barycentric: Floats  # (k,) weights of the nodes in Lagrange's second form
-    at_start: Floats  # (k,) Lagrange polynomials at 0
-    at_end: Floats  # (k,) and at 1
-    A: Floats  # (k, k)
-    A_squared: Floats  # (k, k)
-    b: Floats  # (k,)
-    Ahats: Floats  # (levels, M, k): integrals of the Lagrange polynomials from 0 to the quadrature points
-    Ws: Floats  # (levels, k, M)
-    points: NDArray[np.int64]  # (levels,)
-
-
-@cache
-def coefficients(k: int) -> Coefficients:
-    """Computed in extended precision, rounded once."""
-    method = tableau("gauss", k)
-    nodes, b = method.c, method.b
-    # integrals of polynomials of degree k - 1 over [0, x], exactly
-    inner, inner_weights = _gauss_nodes(k)
-
-    def lagrange(x: Any) -> Any:
-        factors = np.ones((len(x), k), LONG)
-        for j in range(k):
-            for l in range(k):
-                if l != j:
-                    factors[:, j] *= (x - nodes[l]) / (nodes[j] - nodes[l])
-        return factors
-
-    coarsest = WIDTH * -(-(k + LEAST) // WIDTH)  # a whole number of vectors
-    points = [coarsest + more for more in FINER]
-    Ahats, Ws = np.zeros((len(FINER), points[-1], k)), np.zeros((len(FINER), k, points[-1]))
-    for level, m in enumerate(points):
-        xi, omega = _gauss_nodes(m)
-        Ahats[level, :m] = np.array([x * (inner_weights @ lagrange(x * inner)) for x in xi], dtype=float)
-        Ws[level, :, :m] = (omega[:, None] * lagrange(xi) / b).T.astype(float)
-    barycentric = np.array([1 / np.prod([nodes[j] - nodes[l] for l in range(k) if l != j]) for j in range(k)])
-    zero, one = lagrange(np.array([0, 1], LONG)).astype(float)
-    return Coefficients(
-        nodes.astype(float), barycentric.astype(float), zero, one, method.A.astype(float), (method.A @ method.A).astype(float),
-        b.astype(float), Ahats, Ws, np.array(points),
-    )  # fmt: skip
-
-
-@cache
-def _kernels(structure: tuple) -> tuple[list[Kernel], Kernel, dict[Any, int]]:
-    """(start, motion, slopes, forces) of a system, traced from its five functions; see `collocate.rates`. Then the
-    kernel for what depends on the constants only, whose results stand behind them, and where each of both stands."""
-    from .lanes import can_express
-
-    system = _STRUCTURES[structure].symbolic
-    n, e = system.n_positions, system.n_elements
-    h = trace.variable("h")
-    constants = {h: "b[0]"} | _STRUCTURES[structure].constant_symbols()
-    z = trace.variables("z", system.size)
-    v, q = trace.variables("v", n), trace.variables("q", n)
-    pi, s = trace.variables("pi", e), trace.variables("s", e)
-    sigma, theta = trace.variables("sigma", e), trace.variables("theta", e)
-    stress, temperature = system._element_slopes(pi, s)
-    bodies: list[tuple[list[Any], list[Any]]] = [  # inputs, values
-        (list(z), _start(system, z)),
-        ([*v, *q], list(system._shape_gradient(q) @ v)),
-        ([*pi, *s], [*stress, *temperature]),
-        ([*v, *q, *sigma, *theta], [*(-(sigma @ system._shape_gradient(q))), *system.conduction(theta)]),
-    ]
-    values = [[x if isinstance(x, trace.Symbol) else trace.const(float(x)) for x in body[1]] for body in bodies]
-    fixed = constant_part([x for row in values for x in row], [h, *(x for body in bodies for x in body[0])])
-    places = {x: i for i, x in enumerate([*constants, *fixed])}
-    known = {x: f"b[{i}]" for x, i in places.items()}
-    made = [
-        kernel({x: f"a[{i}]" for i, x in enumerate(unknown)} | known, row)
-        for (unknown, _), row in zip(bodies, values, strict=True)
-    ]
-    return made, kernel(constants, fixed), places if all(map(can_express, values[1:])) else {}
-
-
-@cache
-def _iteration(structure: tuple, k: int) -> str:
-    """`collocate.rates` and `correct` with the coarsest quadrature, on vectors: LLVM code of kernel(a, b, out).
-
-    a: q0, p0, pi0, s0, T by columns, u, v, scale.  b: h, constants.  out: U, which is corrected in place, N and V, a
-    row of WIDTH nodes for each variable, then the scaled residual / h: NaN where a shape or temperature is not positive.
-    """
-    from .lanes import Lanes
-
-    system, places = _STRUCTURES[structure].symbolic, _kernels(structure)[2]
-    n, e, coefficient = system.n_positions, system.n_elements, coefficients(k)
-    m, lanes = n + e, Lanes()
+    k, m, points = len(numbers.nodes), n + e, int(numbers.points[-1])
     first_T = 2 * n + 2 * e
-    given = [lanes.number(lanes.a, i) for i in range(first_T)]
-    q0, p0, pi0, s0 = given[:n], given[n : 2 * n], given[2 * n : 2 * n + e], given[2 * n + e :]
-    T = [lanes.row(lanes.a, first_T + WIDTH * l) for l in range(k)]
-    first_u = first_T + WIDTH * k
-    u, v = ([lanes.number(lanes.a, first_u + side * e + i) for i in range(e)] for side in range(2))
-    scale = [lanes.number(lanes.a, first_u + 2 * e + i) for i in range(2)]
-    h = lanes.number(lanes.b, 0)
-    U = [[lanes.number(lanes.out, WIDTH * i + l) for l in range(k)] for i in range(m)]
-    old = [lanes.row(lanes.out, WIDTH * i) for i in range(m)]
-    shared = {x: lanes.number(lanes.b, i) for x, i in places.items()}
-
-    def integrated(start: Any, weights: Any, slopes: Any) -> Any:
-        return lanes.add(start, lanes.mul(h, lanes.combine(weights.T, slopes)))
-
-    # nodes: velocities, positions, the rates of the shapes
-    at = dict(shared)
-    q, w = trace.variables("q", n), trace.variables("v", n)
-    per_mass = lanes.graph(at, [1.0 / x for x in system.inertia() * np.ones(n)])
-    for i in range(n):
-        at[w[i]] = lanes.mul(per_mass[i], integrated(p0[i], coefficient.A, U[i]))
-        twice = lanes.mul(h, lanes.combine(coefficient.A_squared.T, U[i]))
-        start = lanes.add(lanes.mul(p0[i], lanes.constant(coefficient.nodes)), twice)
-        at[q[i]] = lanes.add(q0[i], lanes.mul(h, lanes.mul(per_mass[i], start)))
-    pull = system._shape_gradient(q)
-    drift = [[lanes.lane(x, l) for l in range(k)] for x in lanes.graph(at, list(pull @ w))]
-    # quadrature points: stress and temperature, and their means at the nodes
-    pi, s = trace.variables("pi", e), trace.variables("s", e)
-    slopes = [x for part in system._element_slopes(pi, s) for x in part]
-    Ahat, W, points = coefficient.Ahats[0], coefficient.Ws[0], int(coefficient.points[0])
-    positive, columns, values = [], [], [[] for _ in slopes]
-    zero, nan = lanes.constant(0.0), lanes.constant(np.nan)
-    for first in range(0, points, WIDTH):
-        point, rows = dict(shared), Ahat[first : first + WIDTH]
-        for i in range(e):
-            point[pi[i]] = integrated(pi0[i], rows, drift[i])
-            point[s[i]] = integrated(s0[i], rows, U[n + i])
-            positive.append(lanes.select(">", point[pi[i]], zero, zero, nan))
-        for found, value in zip(values, lanes.graph(point, slopes), strict=True):
-            found += [lanes.lane(value, g) for g in range(WIDTH)]
-        columns += list(W[:, first : first + WIDTH].T)
-    means = [lanes.combine(columns, x) for x in values]
-    sigma, theta = trace.variables("sigma", e), trace.variables("theta", e)
-    at |= dict(zip([*sigma, *theta], means, strict=True))
-    positive += [lanes.select(">", x, zero, zero, nan) for x in means[e:]]
-    new = lanes.graph(at, [*(-(sigma @ pull)), *system.conduction(theta)])
-    # the correction, with the stiff part of the conduction solved for
-    change = [lanes.sub(x, y) for x, y in zip(new, old, strict=True)]
-    rho = reduce(lanes.add, [lanes.mul(x, y) for x, y in zip(v, change[n:], strict=True)])
-    stiff = lanes.combine(T, [lanes.lane(rho, l) for l in range(k)])
-    step = [*change[:n], *(lanes.add(x, lanes.mul(y, stiff)) for x, y in zip(change[n:], u, strict=True))]
-    sizes = [lanes.first(k, lanes.mul(lanes.size(x), scale[i >= n])) for i, x in enumerate(step)]
-    for i in range(m):
-        lanes.store(new[i] if i < n else lanes.add(old[i], step[i]), WIDTH * i)
-        lanes.store(new[i], WIDTH * (m + i))
-    for i in range(n):
-        lanes.store(at[w[i]], WIDTH * (2 * m + i))
-    lanes.store(lanes.largest([*sizes, *positive]), WIDTH * (2 * m + n))
-    return lanes.text()
-
-
-def _start(system: Any, z: Any) -> list[Any]:
-    """(F, G, pi, E, round-off of E, decay, u, v): the rates at a state, and the stiff part of the conduction.
-
-    d conduction/ds is nearly u v^T with theta . u = 0, since theta . conduction = 0 for all s: for two elements u is
-    known, and v is a row of the derivative. With other numbers of elements nothing is treated as stiff.
-    """
-    n, e, state = system.n_positions, system.n_elements, system.state(z)
-    rate, theta = system.vector_field(z)[n:], system.temperatures(z)
-    energy = system.energy(z)
-    # some rounding errors of each element's heat and of the total
-    noise = 2.0**-51 * (sum(theta * (np.ones(e) * system.entropy_scale())) + abs(energy) + 1.0)
-    u = v = [0.0] * e
-    if e == 2:
-        slope = trace.jacobian(list(rate[n:]), list(state.s))
-        u, v = [1.0, -theta[0] / theta[1]], list(slope[0])
-    decay = sum(a * b for a, b in zip(u, v, strict=True))
-    return [*rate, *system.shape(state.q), energy, noise, decay, *u, *v]
-
-
-_STRUCTURES: dict[tuple, System] = {}
+    given, found = np.zeros(first_T + WIDTH * k + 2 + 2 * e + 2), np.zeros(WIDTH * (2 * m + n) + 1)
+    room_T = given[first_T : first_T + WIDTH * k + 2]
+    by_node = found[:-1].reshape(-1, WIDTH).T
+    return Work(
+        c=c, inverse_mass=inverse_mass, given=given, found=found,
+        U=by_node[:, :m], N=by_node[:, m : 2 * m], V=by_node[:, 2 * m :],
+        room_T=room_T, T=room_T[:-2].reshape(k, WIDTH).T, rates=found[WIDTH * m : -1],
+        ratio=np.zeros(1), sums=np.zeros(n + 3 * m), start=np.zeros(ends), end=np.zeros(ends), scale=np.zeros(3),
+        at_nodes=np.zeros((k, 2 * n + 2 * e)), drift=np.zeros((k, 2 * e)),
+        at_points=np.zeros((points, 2 * e)), slopes=np.zeros((points, 2 * e)),
+        FG=np.zeros(m), rho=np.zeros(k), block=np.zeros((k, k)),
+        J=np.zeros((k * m, k * m)), right=np.zeros(k * m), base=np.zeros(k * m),
+        x0=np.zeros(2 * e), dz=np.zeros(n + m), z1=np.zeros(n + m),
+    )  # fmt: skip
 
 
 class GaussMethod:
     """k-stage consistent collocation on one system: fixed steps and adaptive runs. Not thread-safe."""
 
     def __init__(self, system: System, stages: int) -> None:
-        from . import collocate, collocate_march, jit, lanes  # numba is imported when something runs, not when plugins are listed
+        from . import collocate, collocate_march  # numba is imported when something runs, not when plugins are listed
 
         self.loops, self.codes = collocate_march, collocate
-        _STRUCTURES.setdefault(system.structure, system)
-        kernels, setup, places = _kernels(system.structure)
+        kernels.STRUCTURES.setdefault(system.structure, system)
+        scalar, setup, _ = kernels.kernels(system.structure)
         n, e, k = system.n_positions, system.n_elements, stages
-        c0 = system.constant_values
-        self.size, self.c = system.size, np.concatenate([c0, setup(c0, c0)])
-        fast = lanes.load(_iteration(system.structure, k)) if places and not jit.DISABLED else 0
-        self.numbers = coefficients(k)
-        sizes = [n, e, k, len(FINER), self.numbers.points[0]]
-        self.plan = np.array([*(x.address for x in kernels), fast, *sizes], dtype=np.int64)
-        self.inverse_mass = 1.0 / (np.asarray(system.inertia(), dtype=float) * np.ones(n))
+        self.size, self.numbers = system.size, kernels.coefficients(k)
+        addresses = [*(x.address for x in scalar), *kernels.on_vectors(system.structure, k)]
+        self.plan = np.array([*addresses, n, e, k, len(self.numbers.points)], dtype=np.int64)
         self.counts = np.zeros(collocate.COUNTS_SIZE, dtype=np.int64)
-        m, unknowns = int(self.numbers.points[-1]), k * (n + e)
-        first_T = 2 * n + 2 * e
-        given = np.zeros(first_T + WIDTH * k + 2 * e + 2)
-        found = np.zeros(WIDTH * (2 * (n + e) + n) + 1)
-        T = given[first_T : first_T + WIDTH * k].reshape(k, WIDTH).T
-        by_node = found[:-1].reshape(-1, WIDTH).T  # rows of WIDTH nodes, more than there are
-        U, N, V = by_node[:, : n + e], by_node[:, n + e : 2 * (n + e)], by_node[:, 2 * (n + e) :]
-        first = kernels[0].size
-        self.ends = np.zeros(first), np.zeros(first), np.zeros(3)  # start, end, scale
-        self.stages = (
-            given, found, U, N, V, np.zeros((k, 2 * n + 2 * e)), np.zeros((k, 2 * e)),
-            np.zeros((m, 2 * e)), np.zeros((m, 2 * e)), T, np.zeros(k), np.zeros((k, k)), np.zeros(n + e),
-            np.zeros((unknowns, unknowns)), np.zeros(unknowns), np.zeros(unknowns), np.zeros(2 * e),
-            np.zeros(self.size), np.zeros(self.size),
-        )  # fmt: skip
+        c0 = system.constant_values
+        inverse_mass = 1.0 / (np.asarray(system.inertia(), dtype=float) * np.ones(n))
+        self.work = work(np.concatenate([c0, setup(c0, c0)]), inverse_mass, n, e, self.numbers, scalar[0].size)
         self.buffers = np.zeros(self.size), np.zeros(self.size), np.zeros(self.size)
 
     def increments(self, z: Floats, h: float) -> Floats:
         """z1 - z of one step; raises ArithmeticError where none is found."""
-        a = self.numbers
         total, carry, here = self.buffers
-        code = self.loops.fixed_step(
-            self.plan,
-            self.c,
-            h,
-            z,
-            total,
-            carry,
-            here,
-            *self.ends,
-            self.inverse_mass,
-            a.A,
-            a.b,
-            a.Ahats,
-            a.Ws,
-            a.points,
-            *self.stages,
-            self.counts,
-        )
+        code = self.loops.fixed_step(self.plan, self.numbers, self.work, h, z, total, carry, here, self.counts)
         if code != self.codes.SOLVED:
             raise ArithmeticError("the collocation equations have no solution in reach, at any part of the step")
         return total
@@ -257,32 +66,14 @@ class GaussMethod:
     def adaptive(self, z0: Floats, times: Floats, tolerance: float) -> tuple[Floats, dict[str, int]]:
         """States at `times`, and what they cost. The end of a step is superconvergent (order 2k), its polynomial is not
         (order k + 1): the defect is held at the power of the tolerance that belongs to an error of its size."""
-        a, k = self.numbers, len(self.numbers.nodes)
+        k = len(self.numbers.nodes)
         states = np.empty((len(times), self.size))
         z, carry, _ = self.buffers
         z[:], carry[:] = z0, 0.0
         self.counts[:] = 0
+        exponent = (k + 1) / (2 * k)
         code = self.loops.adaptive(
-            self.plan,
-            self.c,
-            times,
-            tolerance ** ((k + 1) / (2 * k)),
-            states,
-            z,
-            carry,
-            *self.ends,
-            self.inverse_mass,
-            a.nodes,
-            a.barycentric,
-            a.at_start,
-            a.at_end,
-            a.A,
-            a.b,
-            a.Ahats,
-            a.Ws,
-            a.points,
-            *self.stages,
-            self.counts,
+            self.plan, self.numbers, self.work, times, tolerance**exponent, states, z, carry, self.counts
         )
         if code != self.codes.SOLVED:
             raise ArithmeticError("the step became too short")

@@ -79,6 +79,11 @@ def lean(function: Callable[..., Any]) -> Any:
     return compiled(function, _nrt=False)
 
 
+def inlined(function: Callable[..., Any]) -> Any:
+    """`lean`, and part of its caller: to pass a tuple of many arrays costs more than what a small function does."""
+    return compiled(function, _nrt=False, forceinline=True)
+
+
 # kernels under NUMBA_DISABLE_JIT: made-up address -> Python function
 PYTHON_KERNELS: dict[int, Callable[[Any, Any, Any], None]] = {}
 

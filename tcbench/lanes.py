@@ -99,6 +99,9 @@ class Lanes:
     def mul(self, x: Any, y: Any) -> Any:
         return self.build.fmul(x, y, flags=FLAGS)
 
+    def divide(self, x: Any, y: Any) -> Any:
+        return self.build.fdiv(x, y, flags=FLAGS)
+
     def combine(self, weights: Any, values: Sequence[Any]) -> Any:
         """The sum of weights[:, l] values[l]; numbers of `weights` by lane, values as vectors."""
         columns = [x if isinstance(x, ir.Value) else self.constant(x) for x in weights]
@@ -141,7 +144,7 @@ class Lanes:
         f = self.sub(self.build.bitcast(mantissa, VECTOR), self.constant(1.0))
         whole = self.build.bitcast(self.build.add(e, ir.Constant(INTEGERS, [_bits(ROUND)] * WIDTH)), VECTOR)
         n = self.sub(whole, self.constant(ROUND))
-        s = self.build.fdiv(f, self.add(self.constant(2.0), f), flags=FLAGS)
+        s = self.divide(f, self.add(self.constant(2.0), f))
         z = self.mul(s, s)
         half_square = self.mul(self.constant(0.5), self.mul(f, f))
         tail = self.mul(s, self.add(half_square, self.mul(z, self.polynomial(LOG_SERIES, z))))
@@ -167,7 +170,7 @@ class Lanes:
         if node.op == "neg":
             return self.build.fneg(args[0])
         if node.op == "recip":
-            return self.build.fdiv(self.constant(1.0), args[0], flags=FLAGS)
+            return self.divide(self.constant(1.0), args[0])
         if node.op == "sqrt":
             return self._intrinsic("sqrt", VECTOR, args)
         return getattr(self, node.op)(*args)
@@ -200,6 +203,13 @@ class Lanes:
             pairs = zip(integers[::2], integers[1::2], strict=True)
             integers = [self.build.select(self.build.icmp_unsigned(">", x, y), x, y) for x, y in pairs]
         return self.build.bitcast(integers[0], DOUBLE)
+
+    def sum(self, value: Any) -> Any:
+        """Of the lanes, a scalar; by halves."""
+        for shift in (4, 2, 1):
+            mask = ir.Constant(ir.VectorType(ir.IntType(32), WIDTH), [(i + shift) % WIDTH for i in range(WIDTH)])
+            value = self.add(value, self.build.shuffle_vector(value, ir.Constant(VECTOR, ir.Undefined), mask))
+        return self.build.extract_element(value, ir.Constant(ir.IntType(32), 0))
 
     def text(self) -> str:
         self.build.ret_void()

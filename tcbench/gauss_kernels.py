@@ -1,0 +1,270 @@
+"""What a step of consistent collocation computes: the numbers of the method, a system's formulas, and both on vectors.
+
+See `collocate` for the equations. The kernels on vectors treat the nodes of a step, or eight quadrature points, at once.
+"""
+
+from __future__ import annotations
+
+from functools import cache, reduce
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import trace
+from .collocation import LONG, _gauss_nodes, tableau
+from .emit import WIDTH, Kernel, constant_part, kernel
+from .system import System
+
+LEAST = 3  # more quadrature points than stages, at the least: with fewer the energy is not kept to round-off
+FINER = (0, 8, 24, 56)  # and how many more the finer quadratures have
+Floats = NDArray[np.float64]
+
+
+class Coefficients(NamedTuple):
+    """The numbers of k-stage Gauss collocation with projection; see `collocate`."""
+
+    nodes: Floats  # (k,)
+    barycentric: Floats  # (k,) weights of the nodes in Lagrange's second form
+    at_start: Floats  # (k,) Lagrange polynomials at 0
+    at_end: Floats  # (k,) and at 1
+    A: Floats  # (k, k)
+    A_squared: Floats  # (k, k)
+    b: Floats  # (k,)
+    Ahats: Floats  # (levels, M, k): integrals of the Lagrange polynomials from 0 to the quadrature points
+    Ws: Floats  # (levels, k, M)
+    points: NDArray[np.int64]  # (levels,)
+
+
+@cache
+def coefficients(k: int) -> Coefficients:
+    """Computed in extended precision, rounded once."""
+    method = tableau("gauss", k)
+    nodes, b = method.c, method.b
+    # integrals of polynomials of degree k - 1 over [0, x], exactly
+    inner, inner_weights = _gauss_nodes(k)
+
+    def lagrange(x: Any) -> Any:
+        factors = np.ones((len(x), k), LONG)
+        for j in range(k):
+            for l in range(k):
+                if l != j:
+                    factors[:, j] *= (x - nodes[l]) / (nodes[j] - nodes[l])
+        return factors
+
+    coarsest = WIDTH * -(-(k + LEAST) // WIDTH)  # a whole number of vectors
+    points = [coarsest + more for more in FINER]
+    Ahats, Ws = np.zeros((len(FINER), points[-1], k)), np.zeros((len(FINER), k, points[-1]))
+    for level, m in enumerate(points):
+        xi, omega = _gauss_nodes(m)
+        Ahats[level, :m] = np.array([x * (inner_weights @ lagrange(x * inner)) for x in xi], dtype=float)
+        Ws[level, :, :m] = (omega[:, None] * lagrange(xi) / b).T.astype(float)
+    barycentric = np.array([1 / np.prod([nodes[j] - nodes[l] for l in range(k) if l != j]) for j in range(k)])
+    zero, one = lagrange(np.array([0, 1], LONG)).astype(float)
+    return Coefficients(
+        nodes.astype(float), barycentric.astype(float), zero, one, method.A.astype(float), (method.A @ method.A).astype(float),
+        b.astype(float), Ahats, Ws, np.array(points),
+    )  # fmt: skip
+
+
+STRUCTURES: dict[tuple, System] = {}  # what `kernels` and the others look up, to be cached by
+
+
+@cache
+def kernels(structure: tuple) -> tuple[list[Kernel], Kernel, dict[Any, int]]:
+    """(start, motion, slopes, forces) of a system, traced from its five functions; see `collocate.rates`. Then the
+    kernel for what depends on the constants only, whose results stand behind them, and where each of both stands."""
+    from .lanes import can_express
+
+    system = STRUCTURES[structure].symbolic
+    n, e = system.n_positions, system.n_elements
+    h = trace.variable("h")
+    constants = {h: "b[0]"} | STRUCTURES[structure].constant_symbols()
+    z = trace.variables("z", system.size)
+    v, q = trace.variables("v", n), trace.variables("q", n)
+    pi, s = trace.variables("pi", e), trace.variables("s", e)
+    sigma, theta = trace.variables("sigma", e), trace.variables("theta", e)
+    stress, temperature = system._element_slopes(pi, s)
+    bodies: list[tuple[list[Any], list[Any]]] = [  # inputs, values
+        (list(z), _start(system, z)),
+        ([*v, *q], list(system._shape_gradient(q) @ v)),
+        ([*pi, *s], [*stress, *temperature]),
+        ([*v, *q, *sigma, *theta], [*(-(sigma @ system._shape_gradient(q))), *system.conduction(theta)]),
+    ]
+    values = [[x if isinstance(x, trace.Symbol) else trace.const(float(x)) for x in body[1]] for body in bodies]
+    fixed = constant_part([x for row in values for x in row], [h, *(x for body in bodies for x in body[0])])
+    places = {x: i for i, x in enumerate([*constants, *fixed])}
+    known = {x: f"b[{i}]" for x, i in places.items()}
+    made = [
+        kernel({x: f"a[{i}]" for i, x in enumerate(unknown)} | known, row)
+        for (unknown, _), row in zip(bodies, values, strict=True)
+    ]
+    return made, kernel(constants, fixed), places if all(map(can_express, values[1:])) else {}
+
+
+@cache
+def iteration(structure: tuple, k: int) -> str:
+    """`collocate.rates` and `correct` with the coarsest quadrature, on vectors: LLVM code of kernel(a, b, out).
+
+    a: q0, p0, pi0, s0, T by columns, h, decay, u, v, scale.  b: h, constants.  out: U, which is corrected in place, N and V, a
+    row of WIDTH nodes for each variable, then the scaled residual / h: NaN where a shape or temperature is not positive.
+    """
+    from .lanes import Lanes
+
+    system, places = STRUCTURES[structure].symbolic, kernels(structure)[2]
+    n, e, coefficient = system.n_positions, system.n_elements, coefficients(k)
+    m, lanes = n + e, Lanes()
+    first_T = 2 * n + 2 * e
+    given = [lanes.number(lanes.a, i) for i in range(first_T)]
+    q0, p0, pi0, s0 = given[:n], given[n : 2 * n], given[2 * n : 2 * n + e], given[2 * n + e :]
+    T = [lanes.row(lanes.a, first_T + WIDTH * l) for l in range(k)]
+    first_u = first_T + WIDTH * k + 2
+    u, v = ([lanes.number(lanes.a, first_u + side * e + i) for i in range(e)] for side in range(2))
+    scale = [lanes.number(lanes.a, first_u + 2 * e + i) for i in range(2)]
+    h = lanes.number(lanes.b, 0)
+    U = [[lanes.number(lanes.out, WIDTH * i + l) for l in range(k)] for i in range(m)]
+    old = [lanes.row(lanes.out, WIDTH * i) for i in range(m)]
+    shared = {x: lanes.number(lanes.b, i) for x, i in places.items()}
+
+    def integrated(start: Any, weights: Any, slopes: Any) -> Any:
+        return lanes.add(start, lanes.mul(h, lanes.combine(weights.T, slopes)))
+
+    # nodes: velocities, positions, the rates of the shapes
+    at = dict(shared)
+    q, w = trace.variables("q", n), trace.variables("v", n)
+    per_mass = lanes.graph(at, [1.0 / x for x in system.inertia() * np.ones(n)])
+    for i in range(n):
+        at[w[i]] = lanes.mul(per_mass[i], integrated(p0[i], coefficient.A, U[i]))
+        twice = lanes.mul(h, lanes.combine(coefficient.A_squared.T, U[i]))
+        start = lanes.add(lanes.mul(p0[i], lanes.constant(coefficient.nodes)), twice)
+        at[q[i]] = lanes.add(q0[i], lanes.mul(h, lanes.mul(per_mass[i], start)))
+    pull = system._shape_gradient(q)
+    drift = [[lanes.lane(x, l) for l in range(k)] for x in lanes.graph(at, list(pull @ w))]
+    # quadrature points: stress and temperature, and their means at the nodes
+    pi, s = trace.variables("pi", e), trace.variables("s", e)
+    slopes = [x for part in system._element_slopes(pi, s) for x in part]
+    Ahat, W, points = coefficient.Ahats[0], coefficient.Ws[0], int(coefficient.points[0])
+    positive, columns, values = [], [], [[] for _ in slopes]
+    zero, nan = lanes.constant(0.0), lanes.constant(np.nan)
+    for first in range(0, points, WIDTH):
+        point, rows = dict(shared), Ahat[first : first + WIDTH]
+        for i in range(e):
+            point[pi[i]] = integrated(pi0[i], rows, drift[i])
+            point[s[i]] = integrated(s0[i], rows, U[n + i])
+            positive.append(lanes.select(">", point[pi[i]], zero, zero, nan))
+        for found, value in zip(values, lanes.graph(point, slopes), strict=True):
+            found += [lanes.lane(value, g) for g in range(WIDTH)]
+        columns += list(W[:, first : first + WIDTH].T)
+    means = [lanes.combine(columns, x) for x in values]
+    sigma, theta = trace.variables("sigma", e), trace.variables("theta", e)
+    at |= dict(zip([*sigma, *theta], means, strict=True))
+    positive += [lanes.select(">", x, zero, zero, nan) for x in means[e:]]
+    new = lanes.graph(at, [*(-(sigma @ pull)), *system.conduction(theta)])
+    # the correction, with the stiff part of the conduction solved for
+    change = [lanes.sub(x, y) for x, y in zip(new, old, strict=True)]
+    rho = reduce(lanes.add, [lanes.mul(x, y) for x, y in zip(v, change[n:], strict=True)])
+    stiff = lanes.combine(T, [lanes.lane(rho, l) for l in range(k)])
+    step = [*change[:n], *(lanes.add(x, lanes.mul(y, stiff)) for x, y in zip(change[n:], u, strict=True))]
+    sizes = [lanes.first(k, lanes.mul(lanes.size(x), scale[i >= n])) for i, x in enumerate(step)]
+    for i in range(m):
+        lanes.store(new[i] if i < n else lanes.add(old[i], step[i]), WIDTH * i)
+        lanes.store(new[i], WIDTH * (m + i))
+    for i in range(n):
+        lanes.store(at[w[i]], WIDTH * (2 * m + i))
+    lanes.store(lanes.largest([*sizes, *positive]), WIDTH * (2 * m + n))
+    return lanes.text()
+
+
+def _start(system: Any, z: Any) -> list[Any]:
+    """(F, G, pi, E, round-off of E, decay, u, v): the rates at a state, and the stiff part of the conduction.
+
+    d conduction/ds is nearly u v^T with theta . u = 0, since theta . conduction = 0 for all s: for two elements u is
+    known, and v is a row of the derivative. With other numbers of elements nothing is treated as stiff.
+    """
+    n, e, state = system.n_positions, system.n_elements, system.state(z)
+    rate, theta = system.vector_field(z)[n:], system.temperatures(z)
+    energy = system.energy(z)
+    # some rounding errors of each element's heat and of the total
+    noise = 2.0**-51 * (sum(theta * (np.ones(e) * system.entropy_scale())) + abs(energy) + 1.0)
+    u = v = [0.0] * e
+    if e == 2:
+        slope = trace.jacobian(list(rate[n:]), list(state.s))
+        u, v = [1.0, -theta[0] / theta[1]], list(slope[0])
+    decay = sum(a * b for a, b in zip(u, v, strict=True))
+    return [*rate, *system.shape(state.q), energy, noise, decay, *u, *v]
+
+
+def stiff_block(k: int) -> str:
+    """`collocate.stiff_block` on vectors. a: where T stands, then h and decay; out = a.
+
+    Row by row of the transposes, which are the columns that `iteration` reads: T is a function of A, so that
+    T^T = (I - h decay A^T)^-1 h A^T.
+    """
+    from .lanes import Lanes
+
+    lanes = Lanes()
+    h, decay = lanes.number(lanes.a, WIDTH * k), lanes.number(lanes.a, WIDTH * k + 1)
+    right = [lanes.mul(h, lanes.constant([*column, *[0.0] * (WIDTH - k)])) for column in coefficients(k).A.T]
+    unit = np.eye(k, WIDTH)
+    left = [lanes.sub(lanes.constant(one), lanes.mul(decay, row)) for one, row in zip(unit, right, strict=True)]
+    inverses = []
+    for m in range(k):  # safe without pivoting: decay <= 0
+        inverses.append(lanes.divide(lanes.constant(1.0), lanes.lane(left[m], m)))
+        for i in range(m + 1, k):
+            factor = lanes.mul(lanes.lane(left[i], m), inverses[m])
+            left[i] = lanes.sub(left[i], lanes.mul(factor, left[m]))
+            right[i] = lanes.sub(right[i], lanes.mul(factor, right[m]))
+    for m in reversed(range(k)):
+        for i in range(m + 1, k):
+            right[m] = lanes.sub(right[m], lanes.mul(lanes.lane(left[m], i), right[i]))
+        right[m] = lanes.mul(right[m], inverses[m])
+        lanes.store(right[m], WIDTH * m)
+    return lanes.text()
+
+
+def extrapolation(k: int, m: int) -> str:
+    """`collocate.extrapolate` on vectors. a: this step over the last; out: U, N, of m variables each."""
+    from .lanes import Lanes
+
+    lanes, coefficient = Lanes(), coefficients(k)
+    x = lanes.add(lanes.constant(1.0), lanes.mul(lanes.number(lanes.a, 0), lanes.constant(coefficient.nodes)))
+    weights = [
+        lanes.divide(lanes.constant(w), lanes.sub(x, lanes.constant(c)))
+        for w, c in zip(coefficient.barycentric, coefficient.nodes, strict=True)
+    ]
+    inverse = lanes.divide(lanes.constant(1.0), reduce(lanes.add, weights))
+    weights = [lanes.mul(w, inverse) for w in weights]
+    for i in range(m):
+        last = [lanes.number(lanes.out, WIDTH * (m + i) + l) for l in range(k)]
+        lanes.store(lanes.combine(weights, last), WIDTH * i)
+    return lanes.text()
+
+
+def closing(k: int, n: int, e: int) -> str:
+    """The end of a step: sums over the nodes. a: N, V; b: h; out: dz (2n + e), then N at 0 and N at 1 (n + e each)."""
+    from .lanes import Lanes
+
+    lanes, coefficient, m = Lanes(), coefficients(k), n + e
+    rows = [lanes.first(k, lanes.row(lanes.a, WIDTH * i)) for i in range(m + n)]
+    h = lanes.number(lanes.b, 0)
+    pad = [0.0] * (WIDTH - k)
+    b = lanes.mul(h, lanes.constant([*coefficient.b, *pad]))
+    sides = [lanes.constant([*side, *pad]) for side in (coefficient.at_start, coefficient.at_end)]
+    sums = [*(lanes.mul(b, x) for x in [*rows[m:], *rows[:m]]), *(lanes.mul(side, x) for side in sides for x in rows[:m])]
+    for i, value in enumerate(sums):
+        lanes.store(lanes.sum(value), i)
+    return lanes.text()
+
+
+def on_vectors(structure: tuple, k: int) -> list[int]:
+    """Addresses of the four kernels on vectors; zeros where the system's formulas have no such form."""
+    from . import jit
+
+    _, _, places = kernels(structure)
+    if jit.DISABLED or not places:
+        return [0] * 4
+    from .lanes import load
+
+    system = STRUCTURES[structure]
+    n, e = system.n_positions, system.n_elements
+    return [load(t) for t in (iteration(structure, k), stiff_block(k), extrapolation(k, n + e), closing(k, n, e))]
