@@ -250,7 +250,10 @@ def closing(k: int, n: int, e: int) -> str:
     pad = [0.0] * (WIDTH - k)
     b = lanes.mul(h, lanes.constant([*coefficient.b, *pad]))
     sides = [lanes.constant([*side, *pad]) for side in (coefficient.at_start, coefficient.at_end)]
-    sums = [*(lanes.mul(b, x) for x in [*rows[m:], *rows[:m]]), *(lanes.mul(side, x) for side in sides for x in rows[:m])]
+    sums = [
+        *(lanes.mul(b, x) for x in [*rows[m:], *rows[:m]]),
+        *(lanes.mul(side, x) for side in sides for x in rows[:m]),
+    ]
     for i, value in enumerate(sums):
         lanes.store(lanes.sum(value), i)
     return lanes.text()

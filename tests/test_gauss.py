@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import tcbench
-from tcbench.gauss import GaussMethod, coefficients
+from tcbench.gauss import GaussMethod
+from tcbench.gauss_kernels import coefficients
 from tcbench.plugins import find_integrator
 from tcbench.truth import reference_for
 
