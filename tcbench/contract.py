@@ -339,7 +339,7 @@ def _traced_gap(method: Integrator, scene: Scenario) -> float:
     compiled = compiled_flows(method.flows, model.structure)
     constants, worst = model.constant_values.copy(), 0.0
     constants[0] = scene.dt
-    buffers = Workspace.of(compiled, constants, model.size, model.observer[1])
+    buffers = Workspace.of(compiled, constants, scene.dt, model.size, model.observer[1])
     for work, kernels in zip(buffers.works, compiled.kernels, strict=True):
         n = kernels.n_unknowns
         if n == 0:

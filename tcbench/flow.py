@@ -43,7 +43,8 @@ class Flow:
 class FlowKernels:
     """Compiled form of a flow for one structure of system.
 
-    setup((h, constants)) -> what depends on the constants only, computed once a run into the tail of w
+    setup((h, constants)) -> what depends on the constants only, computed once a run into the tail of w; of an explicit
+        flow h counts as one of them
     prologue(z0, (h, constants)) -> w = (start[nx], guess[nx], 1/size of the unknowns[nx + ne], hoisted...)
     opening: the same, then the observables of z0; of the first flow of a step
     iterate(w, x) -> (Newton correction[nx], its image in the eliminated unknowns[ne], pivots[nx], thetas[npos],
@@ -118,14 +119,15 @@ def build(flow: Flow, system: System) -> FlowKernels:
     full = [*reduction.rows, *jacobian.ravel(), *d_dh]
     hoisted = _hoisted([*iterate, *polish, *full, *dz], [*x, *names])
     opening = [*fixed, *hoisted, *sym.observe(z0)]
-    fixed_constants = constant_part(opening, [h, *z0])
+    # of an explicit flow the step size is constant as well; where Newton works, continuation varies it
+    fixed_constants = constant_part(opening, [h, *z0] if x else z0)
     prologue_inputs = {**{s: f"a[{i}]" for i, s in enumerate(z0)}, h: "b[0]", **system.constant_symbols()}
     prologue_inputs |= {s: f"out[{len(opening) + i}]" for i, s in enumerate(fixed_constants)}
     reads: dict[Symbol, str] = {s: f"a[{len(fixed) + i}]" for i, s in enumerate(hoisted)}
     reads |= {s: f"b[{i}]" for i, s in enumerate(x)}
     blocks = tuple(_block(i, system) for i in index)
     return FlowKernels(
-        setup=kernel(system.constant_symbols(), fixed_constants),
+        setup=kernel({h: "b[0]", **system.constant_symbols()}, fixed_constants),
         prologue=kernel(prologue_inputs, [*fixed, *hoisted]),
         opening=kernel(prologue_inputs, opening),
         iterate=kernel(reads, [*iterate, *names.values()]),

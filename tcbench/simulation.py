@@ -142,15 +142,16 @@ class Workspace:
     A: np.ndarray
 
     @classmethod
-    def of(cls, flows: Compiled, constants: np.ndarray, size: int, observables: int) -> Workspace:
+    def of(cls, flows: Compiled, constants: np.ndarray, dt: float, size: int, observables: int) -> Workspace:
         table = flows.table
         unknowns = max(1, int(table[:, NX].max()))
         corrections = max(1, int(table[:, ND].max()))
         works = np.zeros((len(table), int(table[:, NW].max())))
-        for work, kernels in zip(works, flows.kernels, strict=True):
+        given = constants.copy()
+        for work, kernels, fraction in zip(works, flows.kernels, flows.fractions, strict=True):
             if kernels.setup.size:
-                first = kernels.opening.size
-                work[first : first + kernels.setup.size] = kernels.setup(constants, constants)
+                first, given[0] = kernels.opening.size, fraction * dt
+                work[first : first + kernels.setup.size] = kernels.setup(given, given)
         return cls(
             works, np.zeros(unknowns), np.zeros(corrections), np.zeros(size), np.zeros(size), np.zeros(size),
             np.zeros(corrections), np.zeros(unknowns * (unknowns + 2)), np.zeros(unknowns), np.zeros(unknowns),
@@ -181,7 +182,7 @@ def run_flows(
     carry = np.zeros_like(z)
     recorder = Recorder.for_steps(steps, every, len(z), n_observables)
     observables = np.empty((3, n_observables))
-    workspace = Workspace.of(flows, constants, len(z), n_observables)
+    workspace = Workspace.of(flows, constants, dt, len(z), n_observables)
     # observed by the kernel that observes every step: the same round-off in E0 as in E
     m.open_step(flows.table, flows.fractions, z, constants, dt, workspace.works, observables)
     observables[:] = observables[2]
