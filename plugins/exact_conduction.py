@@ -2,11 +2,16 @@
 
 tc_strang_exact: conduction outside, the reversible discrete-gradient step inside; with the reversible half last it is
 eight times less accurate on short_term. verlet_heat: explicit; half a kick with exact conduction, a drift, half a kick.
+verlet_heat4: two such steps of complex lengths gamma h and conj(gamma) h, whose real part is of order four; the
+irreversible flow forbids the negative sub-steps of the usual compositions.
 """
+
+import math
 
 import numpy as np
 
 from tcbench import Integrator, hookimpl
+from tcbench.complexes import Complex, real
 
 from .tc_staggered import reversible
 
@@ -28,11 +33,25 @@ def kick(q, s, h, system):
     return h * force, increments
 
 
+def verlet(z, h, system):
+    """Increments of one explicit step."""
+    dp0, ds0 = kick(z.q, z.s, h / 2, system)
+    drift = h * (z.p + dp0) / system.inertia()
+    dp1, ds1 = kick(z.q + drift, z.s + ds0, h / 2, system)
+    return np.concatenate([drift, dp0 + dp1, ds0 + ds1])
+
+
 def verlet_heat(z0, z1, h, system):
-    dp0, ds0 = kick(z0.q, z0.s, h / 2, system)
-    drift = h * (z0.p + dp0) / system.inertia()
-    dp1, ds1 = kick(z0.q + drift, z0.s + ds0, h / 2, system)
-    return z1 - z0 - np.concatenate([drift, dp0 + dp1, ds0 + ds1])
+    return z1 - z0 - verlet(z0, h, system)
+
+
+GAMMA, CONJUGATE = Complex(1 / 2, math.sqrt(3) / 6), Complex(1 / 2, -math.sqrt(3) / 6)
+
+
+def verlet_heat4(z0, z1, h, system):
+    first = verlet(z0, CONJUGATE * h, system)
+    second = verlet(system.state(z0 + first), GAMMA * h, system)
+    return z1 - z0 - real(first + second)
 
 
 @hookimpl
@@ -52,6 +71,13 @@ def tcbench_integrators():
             claims={"entropy", "angular_momentum"},
             source="Stoermer-Verlet with the exact flow of (22)",
             flows=verlet_heat,
+            tags={CLOSED_FORM, "explicit"},
+        ),
+        Integrator(
+            name="verlet_heat4",
+            order=4,
+            source="verlet_heat at the complex steps of Hansen & Ostermann (2009), real part",
+            flows=verlet_heat4,
             tags={CLOSED_FORM, "explicit"},
         ),
     ]

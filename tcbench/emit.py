@@ -26,7 +26,7 @@ from .trace import Symbol, depends_on, topological
 WIDTH = 8  # doubles in a vector of lanes.py
 _BINARY = {"add": "+", "sub": "-", "mul": "*"}
 _HEADER = """\
-from math import cos, exp, expm1, inf, log, log1p, sin, sqrt, tanh
+from math import atan, cos, exp, expm1, inf, log, log1p, sin, sqrt, tanh
 from tcbench.special import dlam, dphi, lam, lam_pair, phi, phi_pair
 
 def kernel(a, b, out):

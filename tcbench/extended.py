@@ -73,6 +73,7 @@ def _lam(x: Longs) -> Longs:
 
 
 _FUNCTIONS: dict[str, Any] = {
+    "atan": np.arctan,
     **{name: getattr(np, name) for name in ("cos", "exp", "expm1", "log", "log1p", "sin", "sqrt", "tanh")},
     "abs": np.abs,
     "phi": _phi,

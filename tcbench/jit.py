@@ -25,7 +25,7 @@ from numba.extending import intrinsic
 from platformdirs import user_cache_dir
 
 NUMERICAL_SOURCES = (
-    "jit.py", "special.py", "symbols.py",
+    "jit.py", "special.py", "symbols.py", "complexes.py",
     "trace.py", "secant.py", "emit.py", "system.py", "flow.py", "newton.py", "arc.py",
     "march.py", "collocate.py", "collocate_march.py", "lanes.py", "gauss.py",
 )  # fmt: skip

@@ -21,7 +21,7 @@ from .errors import TraceError
 _INTERN: weakref.WeakValueDictionary[tuple, Symbol] = weakref.WeakValueDictionary()
 _COUNTER = iter(range(sys.maxsize))
 _REMEDY = (
-    "Formulas must be branch-free numpy (arithmetic, sqrt, exp, log, expm1, log1p, sin, cos, tanh, @); "
+    "Formulas must be branch-free numpy (arithmetic, sqrt, exp, log, expm1, log1p, sin, cos, tanh, arctan, @); "
     "for anything else register the method with step= (a plain Python function) instead of flows="
 )
 
@@ -129,6 +129,9 @@ class Symbol:
     def tanh(self) -> Symbol:
         return make("tanh", self)
 
+    def arctan(self) -> Symbol:
+        return make("atan", self)
+
     def conjugate(self) -> Symbol:  # numpy's vdot and norms ask for it
         return self
 
@@ -177,6 +180,7 @@ _FOLD: dict[str, Callable[[float], float]] = {
     "sin": math.sin,
     "cos": math.cos,
     "tanh": math.tanh,
+    "atan": math.atan,
     "abs": abs,
 }
 

@@ -382,7 +382,7 @@ def _mark(values: Any) -> Any:
     """Accumulate derivatives through these values; numbers pass unchanged."""
     if np.asarray(values).dtype != object:
         return values
-    return np.array([trace.mark(x) for x in values] + [None], dtype=object)[:-1]
+    return np.array([trace.mark(x) if isinstance(x, trace.Symbol) else x for x in values] + [None], dtype=object)[:-1]
 
 
 _SYMBOLIC: dict[tuple, System] = {}

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -72,6 +73,8 @@ def _partials(node: Symbol) -> tuple[Symbol, ...]:
             return (neg(x.sin()),)
         case "tanh":
             return (sub(one, mul(node, node)),)
+        case "atan":
+            return (reciprocal(add(one, mul(x, x))),)
         case "phi":
             return (intern("dphi", (x,)),)
         case "lam":
@@ -142,12 +145,17 @@ def substitute(outputs: Sequence[Symbol], replacement: Mapping[Symbol, Symbol]) 
     return [new[node.number] for node in outputs]
 
 
-def rebuild(op: str, args: tuple[Symbol, ...]) -> Symbol:
+def rebuild(op: str, args: tuple[Any, ...]) -> Any:
     """The node `op(*args)` through the simplifying constructors."""
     constructors: dict[str, Any] = {
         "add": add, "sub": sub, "mul": mul, "neg": neg, "recip": reciprocal, "phi": phi, "lam": lam,
         "mark": mark, "max": maximum, "min": minimum,
     }  # fmt: skip
+    if not all(isinstance(x, Symbol) for x in args):  # complex numbers: by their own arithmetic
+        unary = {"neg": operator.neg, "recip": lambda x: 1.0 / x, "mark": lambda x: x, "atan": lambda x: x.arctan()}
+        binary = {"add": operator.add, "sub": operator.sub, "mul": operator.mul}
+        chosen: Any = unary.get(op) or binary.get(op) or operator.methodcaller(op)
+        return chosen(*args)
     if op == "guard":
         return intern(op, args)
     return constructors[op](*args) if op in constructors else make(op, *args)

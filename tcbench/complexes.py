@@ -1,0 +1,100 @@
+"""Complex numbers whose parts are symbols: for methods that step through complex time and keep the real part.
+
+A formula that is branch-free numpy runs on object arrays of `Complex` as it does on symbols; its two parts stay real
+graphs, so that compiled steps need no complex arithmetic of their own. Functions are the principal branches; `log` and
+`sqrt` need a positive real part, which shapes and temperatures have for the sub-steps of a convergent step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from .symbols import Symbol, const
+
+
+class Complex:
+    """re + i im; dimensionless functions as numpy calls them on object arrays."""
+
+    __slots__ = ("im", "re")
+
+    def __init__(self, re: Any, im: Any = 0.0) -> None:
+        self.re, self.im = (x if isinstance(x, Symbol) else const(float(x)) for x in (re, im))
+
+    def __repr__(self) -> str:
+        return f"Complex({self.re!r}, {self.im!r})"
+
+    def __add__(self, other: Any) -> Any:
+        return _with(other, lambda o: Complex(self.re + o.re, self.im + o.im))
+
+    __radd__ = __add__
+
+    def __neg__(self) -> Complex:
+        return Complex(-self.re, -self.im)
+
+    def __sub__(self, other: Any) -> Any:
+        return _with(other, lambda o: Complex(self.re - o.re, self.im - o.im))
+
+    def __rsub__(self, other: Any) -> Any:
+        return _with(other, lambda o: Complex(o.re - self.re, o.im - self.im))
+
+    def __mul__(self, other: Any) -> Any:
+        return _with(other, lambda o: Complex(self.re * o.re - self.im * o.im, self.re * o.im + self.im * o.re))
+
+    __rmul__ = __mul__
+
+    def reciprocal(self) -> Complex:
+        inverse = 1.0 / (self.re * self.re + self.im * self.im)
+        return Complex(self.re * inverse, -self.im * inverse)
+
+    def __truediv__(self, other: Any) -> Any:
+        return _with(other, lambda o: self * o.reciprocal())
+
+    def __rtruediv__(self, other: Any) -> Any:
+        return _with(other, lambda o: o * self.reciprocal())
+
+    def __pow__(self, exponent: Any) -> Any:
+        if isinstance(exponent, int) and exponent >= 0:
+            return self * self ** (exponent - 1) if exponent else Complex(1.0)
+        return (self.log() * exponent).exp()
+
+    def exp(self) -> Complex:
+        size = self.re.exp()
+        return Complex(size * self.im.cos(), size * self.im.sin())
+
+    def expm1(self) -> Complex:
+        """exp(x) cos y - 1 = expm1(x) - 2 sin(y/2)^2 exp(x): digits are kept near 0."""
+        half, size = (0.5 * self.im).sin(), self.re.exp()
+        return Complex(self.re.expm1() - 2.0 * half * half * size, size * self.im.sin())
+
+    def log(self) -> Complex:
+        return Complex(0.5 * (self.re * self.re + self.im * self.im).log(), self._angle())
+
+    def log1p(self) -> Complex:
+        excess = self.re * (2.0 + self.re) + self.im * self.im  # |1 + z|^2 - 1
+        return Complex(0.5 * excess.log1p(), (self + 1.0)._angle())
+
+    def sqrt(self) -> Complex:
+        return (0.5 * self.log()).exp()
+
+    def _angle(self) -> Symbol:
+        """arg z for Re z > 0: atan(im/re)."""
+        return (self.im / self.re).arctan()
+
+
+def _with(other: Any, operation: Callable[[Complex], Any]) -> Any:
+    if isinstance(other, Complex):
+        return operation(other)
+    if isinstance(other, Symbol | int | float | np.floating | np.integer):
+        return operation(Complex(other))
+    if isinstance(other, complex):
+        return operation(Complex(other.real, other.imag))
+    return NotImplemented
+
+
+def real(values: Any) -> Any:
+    """The real parts of an array of Complex and real numbers."""
+    flat = [x.re if isinstance(x, Complex) else x for x in np.ravel(values)]
+    return np.array([*flat, None], dtype=object)[:-1].reshape(np.shape(values))
