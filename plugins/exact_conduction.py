@@ -54,6 +54,15 @@ def verlet_heat4(z0, z1, h, system):
     return z1 - z0 - real(first + second)
 
 
+VERLET_HEAT4 = Integrator(
+    name="verlet_heat4",
+    order=4,
+    source="verlet_heat at the complex steps of Hansen & Ostermann (2009), real part",
+    flows=verlet_heat4,
+    tags={CLOSED_FORM, "explicit"},
+)
+
+
 @hookimpl
 def tcbench_integrators():
     return [
@@ -73,11 +82,5 @@ def tcbench_integrators():
             flows=verlet_heat,
             tags={CLOSED_FORM, "explicit"},
         ),
-        Integrator(
-            name="verlet_heat4",
-            order=4,
-            source="verlet_heat at the complex steps of Hansen & Ostermann (2009), real part",
-            flows=verlet_heat4,
-            tags={CLOSED_FORM, "explicit"},
-        ),
+        VERLET_HEAT4,
     ]

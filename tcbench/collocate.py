@@ -77,7 +77,7 @@ class Work(NamedTuple):
 
 @lean
 def rates(plan, a, w, h, z, level):  # type: ignore[no-untyped-def]
-    """N = (F, G) that the equations give for U = (F, G); SOLVED, or FAILED if a shape or temperature is not positive."""
+    """N = (F, G) that the equations give for U = (F, G); FAILED if a shape or temperature is not positive."""
     k, n, e, points = plan[STAGES], plan[N_Q], plan[N_E], a.points[level]
     for j in range(k):
         for i in range(n):

@@ -30,13 +30,15 @@ class Flow:
     """One sub-step: a residual r(z0, z1, h, system) = 0 that is advanced by `fraction` of the step.
 
     With `stages` = k the formula is r(z0, z1, h, system, stages), stages being k further states, and returns k + 1
-    blocks of residuals, shape (k + 1, n). With variables="temperature" the states are (q, p, theta).
+    blocks of residuals, shape (k + 1, n). With variables="temperature" the states are (q, p, theta). With of_step=True
+    the formula has a last argument: the state (q, p, s) at the start of the whole step, of all its flows.
     """
 
     residual: Residual
     fraction: float = 1.0
     variables: str = "entropy"
     stages: int = 0
+    of_step: bool = False
 
 
 @dataclass(frozen=True)
@@ -86,7 +88,8 @@ def build(flow: Flow, system: System) -> FlowKernels:
     d = trace.variables("d", n * (1 + flow.stages))
     temperature = flow.variables == "temperature"
     y0 = sym.temperature_variables(z0) if temperature else sym.state(z0)
-    reduction = _reduce(_trace(flow, sym, y0, d, h), list(d))
+    start = trace.variables("start", n)
+    reduction = _reduce(_trace(flow, sym, y0, d, h, start), list(d))
     x = reduction.unknowns
     increments = np.array(_increments(reduction, d), dtype=object)
     y1 = sym.state(np.asarray(y0) + increments[:n])
@@ -120,8 +123,9 @@ def build(flow: Flow, system: System) -> FlowKernels:
     hoisted = _hoisted([*iterate, *polish, *full, *dz], [*x, *names])
     opening = [*fixed, *hoisted, *sym.observe(z0)]
     # of an explicit flow the step size is constant as well; where Newton works, continuation varies it
-    fixed_constants = constant_part(opening, [h, *z0] if x else z0)
+    fixed_constants = constant_part(opening, [*z0, *start, *([h] if x else [])])
     prologue_inputs = {**{s: f"a[{i}]" for i, s in enumerate(z0)}, h: "b[0]", **system.constant_symbols()}
+    prologue_inputs |= {s: f"b[{len(system.constant_values) + i}]" for i, s in enumerate(start)}
     prologue_inputs |= {s: f"out[{len(opening) + i}]" for i, s in enumerate(fixed_constants)}
     reads: dict[Symbol, str] = {s: f"a[{len(fixed) + i}]" for i, s in enumerate(hoisted)}
     reads |= {s: f"b[{i}]" for i, s in enumerate(x)}
@@ -156,12 +160,12 @@ def _lowest(values: Sequence[Symbol]) -> Symbol:
     return result
 
 
-def _trace(flow: Flow, system: System, y0: State, d: Any, h: Symbol) -> list[Symbol]:
+def _trace(flow: Flow, system: System, y0: State, d: Any, h: Symbol, start: Any) -> list[Symbol]:
     """Run the author's formula on symbols; a flat list of residual rows."""
     n = system.size
     y1 = system.state(np.asarray(y0) + d[:n])
     stages = [system.state(np.asarray(y0) + d[k : k + n]) for k in range(n, len(d), n)]
-    arguments = (y0, y1, h, system, stages) if stages else (y0, y1, h, system)
+    arguments = [y0, y1, h, system, *([stages] if stages else []), *([system.state(start)] if flow.of_step else [])]
     result = np.asarray(flow.residual(*arguments), dtype=object)
     if result.size != len(d):
         raise TraceError(

@@ -1,6 +1,6 @@
 """What a step of consistent collocation computes: the numbers of the method, a system's formulas, and both on vectors.
 
-See `collocate` for the equations. The kernels on vectors treat the nodes of a step, or eight quadrature points, at once.
+See `collocate` for the equations. The kernels on vectors treat all nodes of a step, or eight quadrature points, at once.
 """
 
 from __future__ import annotations
@@ -62,8 +62,8 @@ def coefficients(k: int) -> Coefficients:
     barycentric = np.array([1 / np.prod([nodes[j] - nodes[l] for l in range(k) if l != j]) for j in range(k)])
     zero, one = lagrange(np.array([0, 1], LONG)).astype(float)
     return Coefficients(
-        nodes.astype(float), barycentric.astype(float), zero, one, method.A.astype(float), (method.A @ method.A).astype(float),
-        b.astype(float), Ahats, Ws, np.array(points),
+        nodes.astype(float), barycentric.astype(float), zero, one, method.A.astype(float),
+        (method.A @ method.A).astype(float), b.astype(float), Ahats, Ws, np.array(points),
     )  # fmt: skip
 
 
@@ -106,8 +106,8 @@ def kernels(structure: tuple) -> tuple[list[Kernel], Kernel, dict[Any, int]]:
 def iteration(structure: tuple, k: int) -> str:
     """`collocate.rates` and `correct` with the coarsest quadrature, on vectors: LLVM code of kernel(a, b, out).
 
-    a: q0, p0, pi0, s0, T by columns, h, decay, u, v, scale.  b: h, constants.  out: U, which is corrected in place, N and V, a
-    row of WIDTH nodes for each variable, then the scaled residual / h: NaN where a shape or temperature is not positive.
+    a: q0, p0, pi0, s0, T by columns, h, decay, u, v, scale.  b: h, constants.  out: U, which is corrected in place, N and
+    V, a row of WIDTH nodes for each variable; then the scaled residual / h, NaN if a shape or temperature is not positive.
     """
     from .lanes import Lanes
 
@@ -144,7 +144,8 @@ def iteration(structure: tuple, k: int) -> str:
     pi, s = trace.variables("pi", e), trace.variables("s", e)
     slopes = [x for part in system._element_slopes(pi, s) for x in part]
     Ahat, W, points = coefficient.Ahats[0], coefficient.Ws[0], int(coefficient.points[0])
-    positive, columns, values = [], [], [[] for _ in slopes]
+    positive, columns = [], []
+    values: list[list[Any]] = [[] for _ in slopes]
     zero, nan = lanes.constant(0.0), lanes.constant(np.nan)
     for first in range(0, points, WIDTH):
         point, rows = dict(shared), Ahat[first : first + WIDTH]

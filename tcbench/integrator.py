@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -28,6 +28,7 @@ class Integrator:
     adaptive : z = adaptive(system, z0, t_eval, rtol, atol), shape (len(t_eval), n), swept over tolerance.
     variables : "entropy" for z = (q, p, s), "temperature" for (q, p, theta); of the formulas only.
     source : paper and equation.
+    uses : plugins whose sources the method depends on beside its own (a wrapper's: those of what it wraps).
     parameters, family : a family of methods; see `family`.
     """
 
@@ -42,6 +43,7 @@ class Integrator:
     variables: str = "entropy"
     tags: frozenset[str] = frozenset()
     description: str = ""
+    uses: tuple[str, ...] = ()
     parameters: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     family: Callable[..., Integrator] | None = None
     plugin: str = ""  # filled in by the registry: distribution or file that brought it
@@ -92,12 +94,14 @@ class Integrator:
         return [self.variant(**dict(zip(names, choice, strict=True))) for choice in itertools.product(*values)]
 
 
-def family(make: Callable[..., Integrator], **parameters: Sequence[Any]) -> Integrator:
+def family(make: Callable[..., Integrator], **parameters: Any) -> Integrator:
     """The default member of a parametrized method; `name[param=value]` picks another.
 
     `make(**parameters)` returns the Integrator for given values (strings); the first value of each is the default.
+    A parameter may be a function of all registered integrators (name -> Integrator) that returns its values: it is
+    called when every plugin has been loaded.
     """
-    allowed = {name: tuple(str(v) for v in values) for name, values in parameters.items()}
+    allowed = {n: v if callable(v) else tuple(str(x) for x in v) for n, v in parameters.items()}
     return replace(make(), parameters=allowed, family=make)
 
 

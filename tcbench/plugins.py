@@ -229,6 +229,10 @@ def _collect(manager: pluggy.PluginManager, result: Registry) -> None:
                 target[item.name] = replace(item, plugin=label)
         for name in sorted(target):
             target[name] = target.pop(name)
+    for name, method in result.integrators.items():
+        open_ones = {k: v for k, v in method.parameters.items() if callable(v)}
+        values = {k: tuple(str(x) for x in v(result.integrators)) for k, v in open_ones.items()}
+        result.integrators[name] = replace(method, parameters={**method.parameters, **values})
 
 
 def _checked(items: Any, kind: type, hook_name: str) -> list[Any]:

@@ -176,8 +176,8 @@ def _registered(method: Integrator) -> bool:
 
 def _cell(study: Study, method: Integrator, scene: Scenario, options: dict[str, Any]) -> Cell:
     mark = fingerprint(
-        integrator=source_hash(method.plugin), scenario=scene.as_dict(), study=_study_hash(study.name),
-        versions=_versions(), order=method.order,
+        integrator=[source_hash(p) for p in (method.plugin, *method.uses)],
+        scenario=scene.as_dict(), study=_study_hash(study.name), versions=_versions(), order=method.order,
     )  # fmt: skip
     machine = _machine() if study.timed else ""
     return Cell(study.name, method.name, scene.name, options, study.timed, mark, machine)

@@ -110,7 +110,7 @@ def compiled_flows(flows: tuple[Flow, ...], structure: tuple) -> Compiled:
     rows: list[list[int]] = []
     chosen: list[FlowKernels] = []
     for flow in flows:
-        key = (flow.residual, flow.variables, flow.stages)
+        key = (flow.residual, flow.variables, flow.stages, flow.of_step)
         k = kernels.get(key) or kernels.setdefault(key, build(flow, system))
         chosen.append(k)
         opening = k.opening.address if len(rows) == 0 else 0
@@ -178,7 +178,7 @@ def run_flows(
     _STRUCTURES.setdefault(model.structure, model)
     flows = compiled_flows(integrator.flows, model.structure)
     observe, n_observables = model.observer
-    z, constants = scenario.z0.copy(), model.constant_values.copy()
+    z, constants = scenario.z0.copy(), np.concatenate([model.constant_values, scenario.z0])
     carry = np.zeros_like(z)
     recorder = Recorder.for_steps(steps, every, len(z), n_observables)
     observables = np.empty((3, n_observables))

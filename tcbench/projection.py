@@ -1,0 +1,117 @@
+"""Thermodynamic projection: any one-step method made to keep energy and momenta, with an entropy that never falls.
+
+After each step the result is moved to the nearest state, in a simple sense, with the values that the step began with:
+1. the momenta are rotated back: along m dJ/dp, for each invariant J, which must be linear in p;
+2. all entropies are shifted by the same amount until the energy is right, if the total then is no lower than before
+   the step; otherwise to the total before the step,
+3. and what energy is still missing goes into the part of the momenta that carries no invariant. If that has not as much
+   kinetic energy as must go, there is no such state: NaN, and the run ends.
+The correction is as small as the error of one step, so the order stays. Source: docs/methods.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from . import trace
+from .errors import TcbenchError
+from .flow import Flow, FlowKernels, build
+from .integrator import Integrator
+from .system import System
+
+SMALLEST_SHARE = 1e-12  # of the energy, as kinetic energy free to change: below it 3. does nothing
+
+
+def projected(method: Integrator, name: str = "projected") -> Integrator:
+    """`method` with the thermodynamic projection after each step; an Integrator of the same order.
+
+    Raises TcbenchError for adaptive solvers: they have no step to project.
+    """
+    if method.kind == "adaptive":
+        raise TcbenchError(f"{method.name!r} is an adaptive solver; only a method with a step can be projected.")
+    common: dict[str, Any] = {
+        "name": name, "claims": {"energy", "entropy", "angular_momentum"}, "tags": method.tags | {"projected"},
+        "source": f"thermodynamic projection around {method.name}", "description": "", "uses": (method.plugin,),
+        "parameters": {}, "family": None,
+    }  # fmt: skip
+    if method.kind == "flows":
+        return replace(method, **common, flows=[*method.flows, Flow(projection, of_step=True)])
+    assert method.step is not None
+    return replace(method, **common, step=_projected_step(method.step, method.increments), increments=True)
+
+
+def projection(z0: Any, z1: Any, h: Any, system: System, start: Any) -> Any:
+    """z1 = the projection of z0, for a step that began at `start`; explicit."""
+    p, free = _restored_momenta(z0, system, start)
+    energy, risen = system.energy(start), sum(z0.s) - sum(start.s)
+
+    def at(shift: Any) -> Any:
+        return system.state(np.concatenate([z0.q, p, z0.s + shift]))
+
+    missing, heat = energy - system.energy(at(0.0)), sum(system.temperatures(at(0.0)))
+    c = np.mean(system.entropy_scale() * np.ones(system.n_elements))
+    shift = c * np.log1p(missing / (c * heat))  # exact where heat grows as exp(s/c)
+    shift = shift + (energy - system.energy(at(shift))) / sum(system.temperatures(at(shift)))
+    shift = trace.maximum(shift, -risen / system.n_elements)
+    missing = energy - system.energy(at(shift))
+    kinetic = sum(free * free / system.inertia()) / 2
+    floor = SMALLEST_SHARE * (1.0 + abs(energy))
+    x = missing * kinetic / (kinetic * kinetic + floor * floor)
+    scaled = p + free * (x / (1.0 + np.sqrt(1.0 + x)))  # sqrt(1 + x) - 1 with its digits
+    return z1 - np.concatenate([z0.q, scaled, z0.s + shift])
+
+
+def _restored_momenta(z0: Any, system: System, start: Any) -> tuple[Any, Any]:
+    """p with the invariants of `start`, and the part of it that carries none."""
+    inertia = system.inertia() * np.ones(system.n_positions)
+    p, free, directions = z0.p, z0.p, []
+    symbols = trace.variables("p", system.n_positions)
+    for name, before in system.invariants(start.q, start.p).items():
+        gradient = trace.jacobian([system.invariants(z0.q, symbols)[name]], list(symbols))[0]
+        if trace.depends_on(list(gradient), list(symbols)) & {x.number for x in gradient}:
+            raise TcbenchError(f"The invariant {name!r} is not linear in the momenta, which the projection needs.")
+        direction = inertia * gradient
+        for other, norm in directions:  # orthogonal in the kinetic energy: earlier invariants stay
+            direction = direction - other * (sum(other * direction / inertia) / norm)
+        norm = sum(direction * direction / inertia)
+        p = p + direction * ((before - system.invariants(z0.q, p)[name]) / norm)
+        directions.append((direction, norm))
+    free = p
+    for direction, norm in directions:
+        free = free - direction * (sum(direction * free / inertia) / norm)
+    return p, free
+
+
+def _projected_step(step: Callable[..., Any], increments: bool) -> Callable[..., Any]:
+    def stepped(z: Any, h: float, system: System) -> Any:
+        first = np.asarray(step(z, h, system), dtype=float)
+        dz = first if increments else first - z
+        return dz + _project(system, np.asarray(z), z + dz)
+
+    return stepped
+
+
+_STRUCTURES: dict[tuple, System] = {}
+
+
+@cache
+def _kernels(structure: tuple) -> FlowKernels:
+    return build(Flow(projection, of_step=True), _STRUCTURES[structure])
+
+
+def _project(system: System, start: Any, end: Any) -> Any:
+    """What the projection adds to `end`, by the same compiled formula."""
+    from .jit import evaluate
+
+    _STRUCTURES.setdefault(system.structure, system)
+    kernels = _kernels(system.structure)
+    c = np.concatenate([system.constant_values, start])
+    w = np.zeros(kernels.opening.size + kernels.setup.size)
+    w[kernels.opening.size :] = kernels.setup(c, c)
+    evaluate(kernels.prologue.address, np.ascontiguousarray(end, dtype=float), c, w)
+    return kernels.finish(w, w)
