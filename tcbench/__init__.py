@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from .metrics import Metric
     from .plugins import integrators, scenarios
     from .runner import Results, run
-    from .scenario import Scenario
+    from .scenario import Scenario, ScenarioFamily
     from .simulation import simulate
     from .system import System
     from .trajectory import Trajectory
@@ -37,14 +37,15 @@ _HOME = {
     "Results": "runner",
     "run": "runner",
     "Scenario": "scenario",
+    "ScenarioFamily": "scenario",
     "simulate": "simulation",
     "System": "system",
     "Trajectory": "trajectory",
 }
 
 __all__ = [
-    "Flow", "Integrator", "Metric", "Results", "Scenario", "System", "TcbenchError", "Trajectory", "family", "hookimpl",
-    "integrators", "run", "scenarios", "simulate",
+    "Flow", "Integrator", "Metric", "Results", "Scenario", "ScenarioFamily", "System", "TcbenchError", "Trajectory",
+    "family", "hookimpl", "integrators", "run", "scenarios", "simulate",
 ]  # fmt: skip
 __version__ = "0.1.0"
 

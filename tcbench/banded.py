@@ -7,7 +7,6 @@ order along the chain; momenta are eliminated. The Jacobian then has 8 diagonals
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,8 +16,6 @@ from scipy.linalg import solve_banded
 
 from .chain import Chain
 from .errors import TcbenchError
-from .integrator import Integrator
-from .scenario import Scenario
 
 Floats = NDArray[np.float64]
 BELOW, ABOVE = 8, 5
@@ -26,21 +23,6 @@ TOLERANCE = (
     1e-14  # of the last correction, relative to the size of an unknown; a Newton correction is squared by the next
 )
 ITERATIONS = 20
-
-
-@dataclass(frozen=True)
-class Marched:
-    """n + 1 states, Newton iterations and wall seconds of n steps; energy and entropy at each state."""
-
-    z: Floats
-    energy: Floats
-    entropy: Floats
-    iterations: int
-    wall_time_s: float
-
-    @property
-    def us_per_step(self) -> float:
-        return 1e6 * self.wall_time_s / (len(self.z) - 1)
 
 
 @dataclass(frozen=True)
@@ -55,48 +37,11 @@ class _Springs:
     theta_s: Floats
 
 
-def march(scene: Scenario, dt: float, steps: int) -> Marched:
-    """`steps` steps of dt from the scene's start; raises TcbenchError where Newton fails."""
-    if not issubclass(scene.system, Chain):
-        raise TcbenchError(f"march() is written for chains (tcbench.chain), not for {scene.system.name!r}.")
-    model: Any = scene.model
-    states, iterations = [np.array(scene.z0)], 0
-    begin = time.perf_counter()
-    for k in range(steps):
-        increment, used = step(model, states[-1], dt)
-        if not np.all(np.isfinite(increment)):
-            raise TcbenchError(f"Step {k + 1} (t = {(k + 1) * dt:g}): Newton's iteration failed; take a smaller dt.")
-        states.append(states[-1] + increment)
-        iterations += used
-    wall = time.perf_counter() - begin
-    z = np.array(states)
-    return Marched(
-        z, np.array([energy(model, each) for each in z]), z[:, 4 * len(model.masses) :].sum(1), iterations, wall
-    )
-
-
-def _as_step(z: Any, h: float, system: Any) -> Any:
+def increments(z: Any, h: float, system: Any) -> Floats:
+    """z1 - z of one step, for an Integrator; NaN where Newton's iteration fails."""
     if not isinstance(system, Chain):
         raise TcbenchError(f"tc_banded is written for chains (tcbench.chain), not for {system.name!r}.")
-    state = np.array(z)
-    return state + step(system, state, h)[0]
-
-
-# for tcbench.simulate and tcbench.run on chains of moderate length
-TC_BANDED = Integrator(
-    name="tc_banded",
-    order=2,
-    claims=frozenset({"energy", "entropy", "angular_momentum"}),
-    source="Romero (2009), eq. (A1)",
-    step=_as_step,
-)
-
-
-def energy(model: Any, z: Floats) -> float:
-    """E(z), in plain numpy."""
-    n = len(model.masses)
-    q, p, s = z[: 2 * n], z[2 * n : 4 * n], z[4 * n :]
-    return float((0.5 * p**2 / model.inertia()).sum() + model.element_energy(model.shape(q), s).sum())
+    return step(system, np.array(z), h)[0]
 
 
 def step(model: Any, z: Floats, h: float) -> tuple[Floats, int]:

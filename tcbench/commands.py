@@ -61,6 +61,13 @@ def list_command(as_json: bool) -> None:
             }
             for s in registry.scenarios.values()
         ],
+        "scenario_families": [
+            {
+                "name": f.name, "parameters": dict(f.defaults), "shows": f.shows, "source": f.source,
+                "plugin": f.plugin,
+            }
+            for f in registry.scenario_families.values()
+        ],
         "studies": [{"name": s.name, "description": s.description} for s in studies().values()],
         "broken": [{"name": o.name, "path": o.path or o.distribution, "error": o.error} for o in registry.broken],
     }  # fmt: skip

@@ -1,6 +1,6 @@
 """What a step of consistent collocation computes: the numbers of the method, a system's formulas, and both on vectors.
 
-See `collocate` for the equations. The kernels on vectors treat all nodes of a step, or eight quadrature points, at once.
+See `collocate` for the equations. The kernels on vectors treat all nodes, or eight quadrature points, at once.
 """
 
 from __future__ import annotations
@@ -106,8 +106,9 @@ def kernels(structure: tuple) -> tuple[list[Kernel], Kernel, dict[Any, int]]:
 def iteration(structure: tuple, k: int) -> str:
     """`collocate.rates` and `correct` with the coarsest quadrature, on vectors: LLVM code of kernel(a, b, out).
 
-    a: q0, p0, pi0, s0, T by columns, h, decay, u, v, scale.  b: h, constants.  out: U, which is corrected in place, N and
-    V, a row of WIDTH nodes for each variable; then the scaled residual / h, NaN if a shape or temperature is not positive.
+    a: q0, p0, pi0, s0, T by columns, h, decay, u, v, scale.  b: h, constants.  out: U, which is corrected in place, N
+    and V, a row of WIDTH nodes for each variable; then the scaled residual / h, NaN if a shape or temperature is not
+    positive.
     """
     from .lanes import Lanes
 

@@ -18,7 +18,7 @@ import pluggy
 if TYPE_CHECKING:
     from .integrator import Integrator
     from .metrics import Metric
-    from .scenario import Scenario
+    from .scenario import Scenario, ScenarioFamily
 
 PROJECT = "tcbench"
 hookspec = pluggy.HookspecMarker(PROJECT)
@@ -31,8 +31,8 @@ def tcbench_integrators() -> list[Integrator]:  # type: ignore[empty-body]
 
 
 @hookspec
-def tcbench_scenarios() -> list[Scenario]:  # type: ignore[empty-body]
-    """Scenarios that the plugin brings."""
+def tcbench_scenarios() -> list[Scenario | ScenarioFamily]:  # type: ignore[empty-body]
+    """Scenarios, and families of them, that the plugin brings."""
 
 
 @hookspec

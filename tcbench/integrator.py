@@ -11,6 +11,7 @@ from typing import Any
 from .errors import TcbenchError, unknown_name
 from .flow import Flow, Residual
 
+ONLY_FOR = "only for "
 _NAME = re.compile(r"[a-z][a-z0-9_]*\Z")
 
 
@@ -72,6 +73,11 @@ class Integrator:
     def kind(self) -> str:
         """ "flows", "step" or "adaptive"."""
         return "flows" if self.flows is not None else "step" if self.step is not None else "adaptive"
+
+    @property
+    def only_for(self) -> frozenset[str]:
+        """Systems that the method is written for, from tags "only for NAME"; none of them: for all."""
+        return frozenset(tag.removeprefix(ONLY_FOR) for tag in self.tags if tag.startswith(ONLY_FOR))
 
     def variant(self, **values: str) -> Integrator:
         """The member of the family with these parameters; the first allowed value is the default."""

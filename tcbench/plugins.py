@@ -13,8 +13,10 @@ import sys
 import traceback
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
+from types import UnionType
 from typing import Any, TypeVar
 
 import pluggy
@@ -23,7 +25,7 @@ from . import hookspecs
 from .errors import TcbenchError, unknown_name
 from .integrator import Integrator
 from .metrics import Metric
-from .scenario import Scenario
+from .scenario import Scenario, ScenarioFamily
 
 GROUP = "tcbench"
 _VARIANT = re.compile(r"(?P<base>[^\[\]]+)\[(?P<values>[^\[\]]*)\]\Z")
@@ -50,6 +52,7 @@ class Registry:
 
     integrators: dict[str, Integrator] = field(default_factory=dict)
     scenarios: dict[str, Scenario] = field(default_factory=dict)
+    scenario_families: dict[str, ScenarioFamily] = field(default_factory=dict)
     metrics: dict[str, Metric] = field(default_factory=dict)
     origins: dict[str, Origin] = field(default_factory=dict)
 
@@ -106,17 +109,22 @@ def find_integrator(name: str | Integrator) -> Integrator:
     """The integrator of that name; `name[param=value,...]` is a member of a family."""
     if isinstance(name, Integrator):
         return name
-    variant = _VARIANT.match(name)
     known = registry().integrators
-    base = variant["base"] if variant else name
+    base, values = _split(name)
     if base not in known:
         raise unknown_name("integrator", base, known, _remedy())
+    return known[base].variant(**values) if values else known[base]
+
+
+def _split(name: str) -> tuple[str, dict[str, str]]:
+    """Base and values of `base[param=value,...]`."""
+    variant = _VARIANT.match(name)
     if not variant:
-        return known[base]
+        return name, {}
     pairs = [item.partition("=") for item in variant["values"].split(",") if item]
     if not all(equals for _, equals, _ in pairs):
-        raise TcbenchError(f"{name!r}: parameters are written {base}[param=value].")
-    return known[base].variant(**{key.strip(): value.strip() for key, _, value in pairs})
+        raise TcbenchError(f"{name!r}: parameters are written {variant['base']}[param=value].")
+    return variant["base"], {key.strip(): value.strip() for key, _, value in pairs}
 
 
 def expand_integrators(names: Iterable[str | Integrator]) -> list[Integrator]:
@@ -131,12 +139,21 @@ def expand_integrators(names: Iterable[str | Integrator]) -> list[Integrator]:
 
 
 def find_scenario(name: str | Scenario) -> Scenario:
+    """The scenario of that name; `name[param=value,...]` is a member of a family."""
     if isinstance(name, Scenario):
         return name
-    known = registry().scenarios
-    if name not in known:
-        raise unknown_name("scenario", name, known, _remedy())
-    return known[name]
+    known, families = registry().scenarios, registry().scenario_families
+    if name in known:
+        return known[name]
+    base, values = _split(name)
+    if base in families:
+        return _member(base, tuple(sorted(values.items())))
+    raise unknown_name("scenario", base, [*known, *families], _remedy())
+
+
+@cache
+def _member(family: str, values: tuple[tuple[str, str], ...]) -> Scenario:
+    return registry().scenario_families[family].member(**dict(values))
 
 
 def _remedy() -> str:
@@ -205,9 +222,10 @@ def _unique(origin: Origin, result: Registry) -> str:
 def _collect(manager: pluggy.PluginManager, result: Registry) -> None:
     """Call the hooks of each plugin; an exception costs that plugin alone, a duplicate name is an error."""
     owner: dict[tuple[str, str], str] = {}
-    targets: tuple[tuple[str, type, dict], ...] = (
+    scenes: dict[str, Scenario | ScenarioFamily] = {}
+    targets: tuple[tuple[str, type | UnionType, dict], ...] = (
         ("tcbench_integrators", Integrator, result.integrators),
-        ("tcbench_scenarios", Scenario, result.scenarios),
+        ("tcbench_scenarios", Scenario | ScenarioFamily, scenes),
         ("tcbench_metrics", Metric, result.metrics),
     )
     for hook_name, kind, target in targets:
@@ -222,22 +240,28 @@ def _collect(manager: pluggy.PluginManager, result: Registry) -> None:
             for item in items:
                 if (hook_name, item.name) in owner:
                     raise TcbenchError(
-                        f"Two plugins register {kind.__name__.lower()} {item.name!r}: "
+                        f"Two plugins register {hook_name[8:-1]} {item.name!r}: "
                         f"{owner[hook_name, item.name]} and {label}. Rename one of them."
                     )
                 owner[hook_name, item.name] = label
                 target[item.name] = replace(item, plugin=label)
         for name in sorted(target):
             target[name] = target.pop(name)
+    for name, item in scenes.items():
+        if isinstance(item, ScenarioFamily):
+            result.scenario_families[name] = item
+        else:
+            result.scenarios[name] = item
     for name, method in result.integrators.items():
         open_ones = {k: v for k, v in method.parameters.items() if callable(v)}
         values = {k: tuple(str(x) for x in v(result.integrators)) for k, v in open_ones.items()}
         result.integrators[name] = replace(method, parameters={**method.parameters, **values})
 
 
-def _checked(items: Any, kind: type, hook_name: str) -> list[Any]:
+def _checked(items: Any, kind: type | UnionType, hook_name: str) -> list[Any]:
     items = list(items)
     for item in items:
         if not isinstance(item, kind):
-            raise TypeError(f"{hook_name} must return a list of {kind.__name__}, it has {item!r}")
+            name = getattr(kind, "__name__", "Scenario or ScenarioFamily")
+            raise TypeError(f"{hook_name} must return a list of {name}, it has {item!r}")
     return items

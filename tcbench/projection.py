@@ -69,7 +69,8 @@ def projection(z0: Any, z1: Any, h: Any, system: System, start: Any) -> Any:
 def _restored_momenta(z0: Any, system: System, start: Any) -> tuple[Any, Any]:
     """p with the invariants of `start`, and the part of it that carries none."""
     inertia = system.inertia() * np.ones(system.n_positions)
-    p, free, directions = z0.p, z0.p, []
+    p = z0.p
+    directions: list[tuple[Any, Any]] = []
     symbols = trace.variables("p", system.n_positions)
     for name, before in system.invariants(start.q, start.p).items():
         gradient = trace.jacobian([system.invariants(z0.q, symbols)[name]], list(symbols))[0]

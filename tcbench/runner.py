@@ -144,15 +144,26 @@ def plan_job(
             cells.append(_cell(study, method, scene, cell_options))
     if not cells:
         raise TcbenchError("There is nothing to run: no integrator, scenario and step size fit together.")
-    custom = {s.name: _scenario_data(s) for s in scenes if registry.scenarios.get(s.name) != s}
+    custom = {s.name: _scenario_data(s) for s in scenes if not _can_be_named(s)}
     context = {"folders": [str(p) for p in plugins.plugin_folders()], "scenarios": custom}
     return Job(list({c.key: c for c in cells}.values()), context, chosen, objects)
 
 
+def _can_be_named(scene: Scenario) -> bool:
+    """Does a worker find the same scene by its name?"""
+    try:
+        return plugins.find_scenario(scene.name) == scene
+    except TcbenchError:
+        return False
+
+
 def _suits(method: Integrator, scene: Scenario) -> bool:
-    """Methods with an exact conduction step are for systems that have its closed form; elsewhere they refuse."""
+    """Methods with an exact conduction step are for systems that have its closed form, others for one system only;
+    elsewhere they refuse."""
     from .system import System
 
+    if method.only_for or scene.model.by_arrays:  # what is too large to be traced needs a method that knows the system
+        return scene.system.name in method.only_for
     return CLOSED_FORM not in method.tags or scene.system.conduction_flow is not System.conduction_flow
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from dataclasses import replace as dataclass_replace
 from typing import Any
@@ -140,6 +140,31 @@ class Scenario:
     def steps(self, dt: float) -> int:
         """Number of steps of size dt: the last one ends at or just past t_end."""
         return max(1, math.ceil(self.t_end / dt - 1e-9))
+
+
+@dataclass(frozen=True)
+class ScenarioFamily:
+    """Scenes of one kind that differ by parameters: `name[param=value]`. Run when named, not with "all scenarios".
+
+    make : the Scenario of given values (strings); TcbenchError for those that it cannot take. defaults : every
+    parameter, with the value that it has when the name alone is given.
+    """
+
+    name: str
+    make: Callable[..., Scenario]
+    defaults: Mapping[str, str]
+    shows: str = ""
+    source: str = ""
+    plugin: str = ""
+
+    def member(self, **values: str) -> Scenario:
+        """The scene of these values; its name spells all of them."""
+        for name in values:
+            if name not in self.defaults:
+                raise unknown_name(f"parameter of {self.name!r}", name, self.defaults)
+        chosen = {**self.defaults, **values}
+        label = ",".join(f"{n}={v}" for n, v in sorted(chosen.items()))
+        return dataclass_replace(self.make(**chosen), name=f"{self.name}[{label}]", plugin=self.plugin)
 
 
 def _numbers(name: str, value: Any) -> tuple[float, ...]:

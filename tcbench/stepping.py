@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from . import jit
 from . import march as m
 from .integrator import Integrator
 from .recording import Recorder, assemble, empty_summary, exception_sentence, explain, run_limits
@@ -57,10 +56,11 @@ class Monitor:
 
     def __init__(self, scenario: Scenario, dt: float, steps: int, every: int) -> None:
         self.scenario, self.dt, model = scenario, dt, scenario.model
-        kernel, size = model.observer
-        self.observe, self.c = kernel.address, model.constant_values
+        self.observe, self.c, size = 0, model.constant_values, 2 + len(model.invariant_names) + 2 * model.n_elements
+        if not model.by_arrays:
+            self.observe = model.observer[0].address
         self.observables = np.empty((3, size))
-        jit.evaluate(self.observe, scenario.z0, self.c, self.observables[0])
+        self.observables[0] = model.observe(scenario.z0)
         self.observables[1] = self.observables[0]
         self.recorder = Recorder.for_steps(steps, every, len(scenario.z0), size)
         self.recorder.states[0], self.recorder.records[0] = scenario.z0, self.observables[0]
@@ -73,6 +73,12 @@ class Monitor:
 
     def add(self, step: int, z: np.ndarray) -> tuple[int, int]:
         """(why the run ended or OK, completed steps) after this step."""
+        if not self.observe:
+            self.observables[2] = self.scenario.model.observe(z)
+            return m.judge(
+                step, z, self.dt, self.limits, self.shape, self.observables,
+                self.recorder.states, self.recorder.records, self.summary,
+            )  # fmt: skip
         return m.monitor(
             step, z, self.c, self.dt, self.limits, self.shape, self.observables,
             self.recorder.states, self.recorder.records, self.summary,

@@ -57,6 +57,8 @@ def derived(body: Callable[..., Any]) -> Callable[..., Any]:
         arrays = [np.asarray(state) for state in states]
         if any(a.dtype == object for a in arrays):
             return body(self, *arrays)
+        if self.by_arrays:
+            return self._by_rows(body, arrays)
         return self._evaluate(body, [a.astype(np.float64, copy=False) for a in arrays])
 
     return function
@@ -72,6 +74,7 @@ class System:
     positive: ClassVar[tuple[str, ...]] = ()  # constants that must be > 0
     non_negative: ClassVar[tuple[str, ...]] = ()
     source: ClassVar[str] = ""
+    by_arrays: ClassVar[bool] = False  # evaluate formulas as whole-array numpy: of systems too large to be traced
 
     if TYPE_CHECKING:  # constants become attributes: numbers or arrays, or symbols while a formula is traced
 
@@ -365,7 +368,19 @@ class System:
         out = out.reshape((*batch, *shape))
         return float(out) if out.shape == () else self.state(out) if shape == (self.size,) else out
 
+    def _by_rows(self, body: Callable[..., Any], arrays: list[Array]) -> Any:
+        """`body` in plain numpy; leading axes are a batch."""
+        batch = np.broadcast_shapes(*(a.shape[:-1] for a in arrays))
+        flat = [np.broadcast_to(a, (*batch, a.shape[-1])).reshape(-1, a.shape[-1]) for a in arrays]
+        rows = [np.asarray(body(self, *states), dtype=float) for states in zip(*flat, strict=True)]
+        out = np.array(rows).reshape((*batch, *rows[0].shape))
+        return float(out) if out.shape == () else self.state(out) if rows[0].shape == (self.size,) else out
+
     def _kernel(self, body: Callable[..., Any], sizes: tuple[int, ...]) -> Any:
+        if self.by_arrays:
+            raise TcbenchError(
+                f"This {self.name} of {self.size} variables is too large for formulas that are traced and compiled."
+            )
         key = (self.structure, body.__name__, sizes)
         if key not in _KERNELS:
             from .emit import kernel

@@ -145,6 +145,9 @@ def print_listing(data: Mapping[str, Any]) -> None:
     ]  # fmt: skip
     console().print(make_table("Integrators", ["name", "order", "claims", "source", "parameters"], rows))
     rows = [[s["name"], number(s["t_end"]), number(s["dt"]), s["shows"], s["source"]] for s in data["scenarios"]]
+    for f in data["scenario_families"]:
+        label = ",".join(f"{k}={v}" for k, v in f["parameters"].items())
+        rows.append([f"{f['name']}[{label}]", "", "", f"{f['shows']}; run when named, with any value", f["source"]])
     console().print(make_table("\nScenarios", ["name", "t_end", "dt", "shows", "source"], rows))
     rows = [[s["name"], s["description"]] for s in data["studies"]]
     console().print(make_table("\nStudies", ["name", "measures"], rows))

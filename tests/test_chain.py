@@ -6,6 +6,8 @@ import pytest
 import tcbench
 from tcbench import TcbenchError, banded
 from tcbench.chain import chain, chain_system
+from tcbench.plugins import find_integrator, find_scenario
+from tcbench.runner import plan_job
 
 PENDULUM = tcbench.scenarios()["bound_equilibrium"]
 
@@ -21,10 +23,9 @@ def test_two_masses_are_the_pendulum():
 @pytest.mark.parametrize("n", [2, 3])
 def test_the_banded_step_is_the_traced_one(n):
     scene = chain(n, t_end=5.0)
-    traced, fast = tcbench.simulate("tc_monolithic", scene, dt=0.1), banded.march(scene, 0.1, 50)
+    traced, fast = tcbench.simulate("tc_monolithic", scene, dt=0.1), tcbench.simulate("tc_banded", scene, dt=0.1)
     assert np.allclose(fast.z, traced.z, rtol=1e-12, atol=1e-12)
     assert np.allclose(fast.energy, traced.energy, rtol=1e-14) and np.allclose(fast.entropy, traced.entropy, atol=1e-13)
-    assert np.array_equal(tcbench.simulate(banded.TC_BANDED, scene, dt=0.1).z, fast.z)
 
 
 def test_the_banded_jacobian_agrees_with_differences():
@@ -50,7 +51,7 @@ def test_the_banded_jacobian_agrees_with_differences():
 
 def test_the_laws_hold_at_every_length():
     for n in (10, 1000):
-        run = banded.march(chain(n), 0.2, 20)
+        run = tcbench.simulate("tc_banded", f"chain[n={n}]", dt=0.2, t_end=4.0)
         assert np.abs(run.energy - run.energy[0]).max() < 1e-13 * abs(run.energy[0])
         assert np.diff(run.entropy).min() > -1e-13 * np.abs(run.entropy).max()
         q, p = run.z[:, : 2 * n].reshape(-1, n, 2), run.z[:, 2 * n : 4 * n].reshape(-1, n, 2)
@@ -59,17 +60,25 @@ def test_the_laws_hold_at_every_length():
 
 
 def test_cost_is_linear_in_the_number_of_masses():
-    times = {n: min(banded.march(chain(n), 0.1, 3).us_per_step for _ in range(3)) for n in (2500, 10_000)}
-    assert times[10_000] < 8 * times[2500]  # 4 if nothing else ran; a dense factorisation would give 64
+    def fastest(n):
+        return min(tcbench.simulate("tc_banded", f"chain[n={n}]", t_end=0.3).wall_time_s for _ in range(3))
+
+    assert fastest(10_000) < 8 * fastest(2500)  # 4 if nothing else ran; a dense factorisation would give 64
 
 
 def test_what_is_no_chain_is_refused_with_a_sentence():
     with pytest.raises(TcbenchError, match="written for chains"):
-        banded.march(PENDULUM, 0.1, 1)
+        banded.increments(PENDULUM.z0, 0.1, PENDULUM.model)
     with pytest.raises(TcbenchError, match="at least 2"):
         chain(1)
-    with pytest.raises(TcbenchError, match="take a smaller dt"):
-        banded.march(chain(5), 1e6, 1)
+    for name, message in (("chain[n=x]", "whole number"), ("chain[m=3]", "No parameter"), ("chian", "mean 'chain'")):
+        with pytest.raises(TcbenchError, match=message):
+            find_scenario(name)
+    with pytest.raises(TcbenchError, match="too large for formulas"):
+        tcbench.simulate("tc_monolithic", "chain[n=1000]")
+    with pytest.raises(TcbenchError, match="too large for formulas"):
+        assert find_scenario("chain[n=1000]").model.observer
+    assert tcbench.simulate("tc_banded", chain(5, t_end=1e7), dt=1e6).status == "nonfinite"
 
 
 def test_workers_find_the_class_of_a_chain_by_name(tmp_path):
@@ -78,3 +87,29 @@ def test_workers_find_the_class_of_a_chain_by_name(tmp_path):
     import tcbench.chain as module
 
     assert module.Chain3 is chain_system(3) and not hasattr(module, "Chainx")
+
+
+def test_chains_run_by_name_and_only_where_a_method_fits(tmp_path):
+    job = plan_job(
+        ["tc_banded", "tc_monolithic"], ["chain[n=3]", "chain[n=1000]", "short_term"], ["conservation"], dt=[0.1]
+    )
+    pairs = {(cell.integrator, cell.scenario) for cell in job.cells}
+    assert pairs == {
+        ("tc_banded", "chain[n=3]"), ("tc_banded", "chain[n=1000]"),
+        ("tc_monolithic", "chain[n=3]"), ("tc_monolithic", "short_term"),
+    }  # fmt: skip
+    assert not job.context["scenarios"], "a scene that has a name must not travel as data"
+    results = tcbench.run(["tc_banded"], ["chain[n=40]"], ["conservation"], output=tmp_path, dt=[0.5])
+    table = results.tables["conservation"]
+    assert list(table["status"]) == ["ok"] and table["energy_error_max"].max() <= 1e-12
+    assert find_integrator("tc_banded").only_for == {"chain"} and "chain" not in tcbench.scenarios()
+
+
+def test_long_chains_are_evaluated_as_short_ones_are():
+    """Whole arrays beyond LONGEST_TRACED, compiled formulas below it: the same numbers."""
+    scene = chain(5)
+    model, z = scene.model, np.array([scene.z0, scene.z0 + 1e-3])
+    plain = type("Plain5", (type(model),), {"by_arrays": True})(**scene.constants)
+    for name in ("energy", "entropy", "momenta", "temperatures", "observe", "exergy", "shapes"):
+        assert np.allclose(getattr(plain, name)(z), getattr(model, name)(z), rtol=1e-13), name
+        assert np.allclose(getattr(plain, name)(z[0]), getattr(model, name)(z[0]), rtol=1e-13), name
