@@ -6,8 +6,6 @@ verlet_heat4: two such steps of complex lengths gamma h and conj(gamma) h, whose
 irreversible flow forbids the negative sub-steps of the usual compositions.
 """
 
-import math
-
 import numpy as np
 
 from tcbench import Integrator, hookimpl
@@ -45,7 +43,7 @@ def verlet_heat(z0, z1, h, system):
     return z1 - z0 - verlet(z0, h, system)
 
 
-GAMMA, CONJUGATE = Complex(1 / 2, math.sqrt(3) / 6), Complex(1 / 2, -math.sqrt(3) / 6)
+GAMMA, CONJUGATE = Complex(1 / 2, np.sqrt(3) / 6), Complex(1 / 2, -np.sqrt(3) / 6)
 
 
 def verlet_heat4(z0, z1, h, system):

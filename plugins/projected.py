@@ -15,10 +15,9 @@ def project(method=VERLET_HEAT4.name):
 
 
 def one_step_methods(known):
-    others = (
-        name for name, i in known.items() if i.kind != "adaptive" and name not in ("projected", VERLET_HEAT4.name)
-    )
-    return [VERLET_HEAT4.name, *others]
+    """Those that a projection changes: not the ones that keep the energy already, nor those for one system only."""
+    others = (n for n, i in known.items() if i.kind != "adaptive" and "energy" not in i.claims and not i.only_for)
+    return [VERLET_HEAT4.name, *(name for name in others if name != VERLET_HEAT4.name)]
 
 
 @hookimpl

@@ -117,7 +117,8 @@ def _guarded(name: str, test: Callable[[Any], Any], subject: Any) -> Any:
 
 def _runs_alone(name: str, method: Integrator, control: str, numbers: Sequence[str], folders: Sequence[str]) -> Line:
     """A run in a process of its own, from the command line: ends in time, with a status."""
-    scene = "short_term"
+    named = [scene.name for scene in plugins.scenarios_for(method)]
+    scene = "short_term" if "short_term" in named else named[0]
     if method.kind == "adaptive":
         control, numbers = "--tolerance", ["1e-6", *numbers[1:]] if name == "runs" else ["0.5", "--t-end", "100"]
     folders = [*folders, *map(str, plugins.plugin_folders())]

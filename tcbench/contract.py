@@ -32,17 +32,12 @@ GENTLE = 0.1  # part of the scene's own step at which every method runs, explici
 SMALL = (1e-4, 1e-5)  # steps of the limit h -> 0, as parts of the scene's own
 
 
-def systems() -> list[Scenario]:
-    """One scene of every registered system."""
-    chosen: dict[type, Scenario] = {}
-    for scene in sorted(plugins.scenarios().values(), key=lambda s: (s.name not in PREFERRED, s.name)):
-        chosen.setdefault(scene.system, scene)
-    return list(chosen.values())
-
-
 def scenes(method: Integrator) -> list[Scenario]:
-    """Those of `systems` that the method is for."""
-    return [scene for scene in systems() if suits(method, scene)]
+    """One scene of every system that the method is for."""
+    chosen: dict[type, Scenario] = {}
+    for scene in sorted(plugins.scenarios_for(method), key=lambda s: (s.name not in PREFERRED, s.name)):
+        chosen.setdefault(scene.system, scene)
+    return [scene for scene in chosen.values() if suits(method, scene)]
 
 
 def suits(method: Integrator, scene: Scenario) -> bool:
@@ -108,7 +103,7 @@ def deterministic(method: Integrator) -> Line:
 
 def keeps_its_input(method: Integrator) -> Line:
     """Neither z0 nor z1 (nor the times of output) are written to."""
-    name, scene = "input unchanged", systems()[0]
+    name, scene = "input unchanged", plugins.scenarios_for(method)[0]
     if method.kind == "flows":
         changing = [flow.residual.__name__ for flow in method.flows if _overwrites(flow, scene.model)]
         return line(name, not changing, f"{', '.join(changing)} changes its arguments" if changing else "", _COPY)
@@ -127,8 +122,9 @@ def _overwrites(flow: Flow, model: System) -> bool:
     """Does the formula put other symbols into the arrays that it is given?"""
     system = model.symbolic
     states = [system.state(trace.variables("z", model.size)) for _ in range(2 + flow.stages)]
+    start = trace.variables("start", model.size)
     before = [list(state) for state in states]
-    extra = [states[2:]] if flow.stages else []
+    extra = [*([states[2:]] if flow.stages else []), *([system.state(start)] if flow.of_step else [])]
     flow.residual(states[0], states[1], trace.variable("h"), system, *extra)
     return any(a is not b for z, old in zip(states, before, strict=True) for a, b in zip(z, old, strict=True))
 
@@ -265,7 +261,7 @@ def _claim_remedy(method: Integrator, law: str) -> str:
 
 def _claim_runs(method: Integrator) -> Iterator[tuple[Trajectory, str]]:
     suitable = {scene.system for scene in scenes(method)}
-    for scene in plugins.scenarios().values():
+    for scene in plugins.scenarios_for(method):
         if scene.system not in suitable:
             continue
         steps = min(scene.steps(scene.dt), 10 * STEPS if method.kind == "flows" else STEPS)
@@ -374,7 +370,7 @@ def _gap(found: Any, f: Callable[[Any], Any], x: Any) -> float:
 
 def time_per_step(method: Integrator) -> Line:
     """Microseconds a step beside the built-in monolithic method; for information, no limit."""
-    scene = plugins.scenarios()["short_term"]
+    scene = next((s for s in plugins.scenarios_for(method) if s.name == "short_term"), scenes(method)[0])
     if method.kind == "adaptive":
         one = simulate(method, scene, t_end=5.0)
         return Line("time per step", OK, f"{1e6 * one.wall_time_s / max(1, one.steps):.3g} us an internal step")

@@ -156,6 +156,14 @@ def _member(family: str, values: tuple[tuple[str, str], ...]) -> Scenario:
     return registry().scenario_families[family].member(**dict(values))
 
 
+def scenarios_for(method: Integrator) -> list[Scenario]:
+    """Registered scenes of the systems that a method is written for; of families, the member of the defaults."""
+    if not method.only_for:
+        return list(registry().scenarios.values())
+    known = [*registry().scenarios.values(), *(find_scenario(name) for name in registry().scenario_families)]
+    return [scene for scene in known if scene.system.name in method.only_for]
+
+
 def _remedy() -> str:
     broken = registry().broken
     hint = f" Broken plugins (see tcbench list): {', '.join(o.name for o in broken)}." if broken else ""

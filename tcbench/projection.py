@@ -4,8 +4,10 @@ After each step the result is moved to the nearest state, in a simple sense, wit
 1. the momenta are rotated back: along m dJ/dp, for each invariant J, which must be linear in p;
 2. all entropies are shifted by the same amount until the energy is right, if the total then is no lower than before
    the step; otherwise to the total before the step,
-3. and what energy is still missing goes into the part of the momenta that carries no invariant. If that has not as much
-   kinetic energy as must go, there is no such state: NaN, and the run ends.
+3. and what energy is still missing goes into the part of the momenta that carries no invariant.
+If that part has less kinetic energy than must go, no momenta and entropies at these positions have the right energy: the
+part is stopped, entropy and momenta are kept and the energy is not. It happens at steps at which the method alone fails,
+and close to an equilibrium, where little kinetic energy is left; so projected methods claim entropy and momenta.
 The correction is as small as the error of one step, so the order stays. Source: docs/methods.md.
 """
 
@@ -35,7 +37,7 @@ def projected(method: Integrator, name: str = "projected") -> Integrator:
     if method.kind == "adaptive":
         raise TcbenchError(f"{method.name!r} is an adaptive solver; only a method with a step can be projected.")
     common: dict[str, Any] = {
-        "name": name, "claims": {"energy", "entropy", "angular_momentum"}, "tags": method.tags | {"projected"},
+        "name": name, "claims": {"entropy", "angular_momentum"}, "tags": method.tags | {"projected"},
         "source": f"thermodynamic projection around {method.name}", "description": "", "uses": (method.plugin,),
         "parameters": {}, "family": None,
     }  # fmt: skip
@@ -61,7 +63,7 @@ def projection(z0: Any, z1: Any, h: Any, system: System, start: Any) -> Any:
     missing = energy - system.energy(at(shift))
     kinetic = sum(free * free / system.inertia()) / 2
     floor = SMALLEST_SHARE * (1.0 + abs(energy))
-    x = missing * kinetic / (kinetic * kinetic + floor * floor)
+    x = trace.maximum(missing * kinetic / (kinetic * kinetic + floor * floor), trace.const(-1.0))
     scaled = p + free * (x / (1.0 + np.sqrt(1.0 + x)))  # sqrt(1 + x) - 1 with its digits
     return z1 - np.concatenate([z0.q, scaled, z0.s + shift])
 

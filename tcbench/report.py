@@ -29,7 +29,7 @@ STUDIES = {
 SHOWN = {  # tables shown in full; the others feed charts and can be saved
     "conservation": ("conservation",),
     "convergence": ("convergence",),
-    "work_precision": ("work_precision",),
+    "work_precision": ("time_to_accuracy", "cost", "work_precision"),
     "stability": ("stability", "blowup_sensitivity"),
     "equilibrium": ("equilibrium_summary",),
 }
@@ -244,6 +244,7 @@ def _listing(name: str, table: DataFrame, hide: Iterable[str] = ()) -> Listing:
 
 FILTERS = {
     "integrator", "scenario", "status", "verdict", "variable", "limit", "study", "claim", "factor", "section", "solver",
+    "measure",
 }  # fmt: skip
 
 

@@ -53,7 +53,7 @@ class Workspace:
         self.flow, self.z, self.h = compiled.table[0], scenario.z0.copy(), h
         n = self.n = int(self.flow[NX])
         self.c = model.constant_values.copy()
-        buffers = Buffers.of(compiled, self.c, len(self.z), model.observer[1])
+        buffers = Buffers.of(compiled, self.c, h, len(self.z), model.observer[1])
         self.w, self.d, self.x, self.full, self.dz = buffers.works[0], buffers.d, buffers.x, buffers.full, buffers.dz
         self.space = (buffers.points, buffers.A)
         self.c[0] = h
