@@ -122,9 +122,9 @@ def _overwrites(flow: Flow, model: System) -> bool:
     """Does the formula put other symbols into the arrays that it is given?"""
     system = model.symbolic
     states = [system.state(trace.variables("z", model.size)) for _ in range(2 + flow.stages)]
-    start = trace.variables("start", model.size)
+    start = system.state(trace.variables("start", model.size))
     before = [list(state) for state in states]
-    extra = [*([states[2:]] if flow.stages else []), *([system.state(start)] if flow.of_step else [])]
+    extra = [*([states[2:]] if flow.stages else []), *([start, start] if flow.of_step else [])]
     flow.residual(states[0], states[1], trace.variable("h"), system, *extra)
     return any(a is not b for z, old in zip(states, before, strict=True) for a, b in zip(z, old, strict=True))
 

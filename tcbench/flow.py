@@ -31,7 +31,8 @@ class Flow:
 
     With `stages` = k the formula is r(z0, z1, h, system, stages), stages being k further states, and returns k + 1
     blocks of residuals, shape (k + 1, n). With variables="temperature" the states are (q, p, theta). With of_step=True
-    the formula has a last argument: the state (q, p, s) at the start of the whole step, of all its flows.
+    the formula has two more arguments, states (q, p, s): that at the start of the whole step, of all its flows, and the
+    first one of the run (of which it may use constants of the motion only: a step has no memory).
     """
 
     residual: Residual
@@ -88,7 +89,7 @@ def build(flow: Flow, system: System) -> FlowKernels:
     d = trace.variables("d", n * (1 + flow.stages))
     temperature = flow.variables == "temperature"
     y0 = sym.temperature_variables(z0) if temperature else sym.state(z0)
-    start = trace.variables("start", n)
+    start = trace.variables("start", 2 * n)
     reduction = _reduce(_trace(flow, sym, y0, d, h, start), list(d))
     x = reduction.unknowns
     increments = np.array(_increments(reduction, d), dtype=object)
@@ -165,7 +166,7 @@ def _trace(flow: Flow, system: System, y0: State, d: Any, h: Symbol, start: Any)
     n = system.size
     y1 = system.state(np.asarray(y0) + d[:n])
     stages = [system.state(np.asarray(y0) + d[k : k + n]) for k in range(n, len(d), n)]
-    arguments = [y0, y1, h, system, *([stages] if stages else []), *([system.state(start)] if flow.of_step else [])]
+    arguments = [y0, y1, h, system, *([stages] if stages else []), *(map(system.state, (start[:n], start[n:])) if flow.of_step else [])]
     result = np.asarray(flow.residual(*arguments), dtype=object)
     if result.size != len(d):
         raise TraceError(

@@ -271,8 +271,8 @@ def march(  # type: ignore[no-untyped-def]
         iterations = 0
         copy_into(a, z)
         copy_into(trial, carry)
-        for i in range(len(z)):  # behind the constants: flows of the whole step ask for it
-            c[len(c) - len(z) + i] = z[i]
+        for i in range(len(z)):  # behind the constants, before the first state: flows of the whole step ask for it
+            c[len(c) - 2 * len(z) + i] = z[i]
         for k in range(len(flows)):
             flow, w = flows[k], works[k]
             n = flow[NX]

@@ -1,6 +1,6 @@
 """Thermodynamic projection: any one-step method made to keep energy and momenta, with an entropy that never falls.
 
-After each step the result is moved to the nearest state, in a simple sense, with the values that the step began with:
+After each step the result is moved to the nearest state, in a simple sense, with the values that the run began with:
 1. the momenta are rotated back: along m dJ/dp, for each invariant J, which must be linear in p;
 2. all entropies are shifted by the same amount until the energy is right, if the total then is no lower than before
    the step; otherwise to the total before the step,
@@ -47,10 +47,13 @@ def projected(method: Integrator, name: str = "projected") -> Integrator:
     return replace(method, **common, step=_projected_step(method.step, method.increments), increments=True)
 
 
-def projection(z0: Any, z1: Any, h: Any, system: System, start: Any) -> Any:
-    """z1 = the projection of z0, for a step that began at `start`; explicit."""
-    p, free = _restored_momenta(z0, system, start)
-    energy, risen = system.energy(start), sum(z0.s) - sum(start.s)
+def projection(z0: Any, z1: Any, h: Any, system: System, start: Any, first: Any) -> Any:
+    """z1 = the projection of z0, for a step that began at `start` in a run that began at `first`; explicit.
+
+    Energy and momenta are taken from `first`: from `start` their round-off would add up.
+    """
+    p, free = _restored_momenta(z0, system, first)
+    energy, risen = system.energy(first), sum(z0.s) - sum(start.s)
 
     def at(shift: Any) -> Any:
         return system.state(np.concatenate([z0.q, p, z0.s + shift]))
@@ -68,13 +71,13 @@ def projection(z0: Any, z1: Any, h: Any, system: System, start: Any) -> Any:
     return z1 - np.concatenate([z0.q, scaled, z0.s + shift])
 
 
-def _restored_momenta(z0: Any, system: System, start: Any) -> tuple[Any, Any]:
-    """p with the invariants of `start`, and the part of it that carries none."""
+def _restored_momenta(z0: Any, system: System, first: Any) -> tuple[Any, Any]:
+    """p with the invariants of `first`, and the part of it that carries none."""
     inertia = system.inertia() * np.ones(system.n_positions)
     p = z0.p
     directions: list[tuple[Any, Any]] = []
     symbols = trace.variables("p", system.n_positions)
-    for name, before in system.invariants(start.q, start.p).items():
+    for name, before in system.invariants(first.q, first.p).items():
         gradient = trace.jacobian([system.invariants(z0.q, symbols)[name]], list(symbols))[0]
         if trace.depends_on(list(gradient), list(symbols)) & {x.number for x in gradient}:
             raise TcbenchError(f"The invariant {name!r} is not linear in the momenta, which the projection needs.")
@@ -113,7 +116,7 @@ def _project(system: System, start: Any, end: Any) -> Any:
 
     _STRUCTURES.setdefault(system.structure, system)
     kernels = _kernels(system.structure)
-    c = np.concatenate([system.constant_values, start])
+    c = np.concatenate([system.constant_values, start, start])
     w = np.zeros(kernels.opening.size + kernels.setup.size)
     w[kernels.opening.size :] = kernels.setup(c, c)
     evaluate(kernels.prologue.address, np.ascontiguousarray(end, dtype=float), c, w)

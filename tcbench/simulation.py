@@ -56,6 +56,11 @@ def simulate(
     if t_end is not None and t_end != scenario.t_end:
         # the step asked for is checked against the horizon asked for
         scenario = scenario.replace(t_end=t_end)
+    if integrator.only_for and scenario.system.name not in integrator.only_for:
+        raise TcbenchError(
+            f"{integrator.name!r} is written for {', '.join(sorted(integrator.only_for))} only, not for "
+            f"{scenario.name!r}, a {scenario.system.name}."
+        )
     if scenario.model.by_arrays and scenario.system.name not in integrator.only_for:
         raise TcbenchError(
             f"{scenario.name!r} is too large for formulas that are traced and compiled, as {integrator.name!r} needs "
@@ -183,7 +188,7 @@ def run_flows(
     _STRUCTURES.setdefault(model.structure, model)
     flows = compiled_flows(integrator.flows, model.structure)
     observe, n_observables = model.observer
-    z, constants = scenario.z0.copy(), np.concatenate([model.constant_values, scenario.z0])
+    z, constants = scenario.z0.copy(), np.concatenate([model.constant_values, scenario.z0, scenario.z0])
     carry = np.zeros_like(z)
     recorder = Recorder.for_steps(steps, every, len(z), n_observables)
     observables = np.empty((3, n_observables))

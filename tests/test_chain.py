@@ -78,6 +78,8 @@ def test_what_is_no_chain_is_refused_with_a_sentence():
         tcbench.simulate("tc_monolithic", "chain[n=1000]")
     with pytest.raises(TcbenchError, match="too large for formulas"):
         assert find_scenario("chain[n=1000]").model.observer
+    with pytest.raises(TcbenchError, match="for chain only, not for 'short_term'"):
+        tcbench.simulate("tc_banded", "short_term")
     assert tcbench.simulate("tc_banded", chain(5, t_end=1e7), dt=1e6).status == "nonfinite"
 
 

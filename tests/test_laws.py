@@ -12,7 +12,7 @@ import tcbench
 from tcbench import TcbenchError
 
 SCENES = tcbench.scenarios()
-METHODS = {v.name: v for i in tcbench.integrators().values() for v in i.variants()}
+METHODS = {v.name: v for i in tcbench.integrators().values() if not i.only_for for v in i.variants()}
 VARIANTS = list(METHODS)
 STEPPED = [name for name, method in METHODS.items() if method.kind != "adaptive"]
 LOW_ORDER = [name for name in STEPPED if METHODS[name].order <= 2]  # tests/test_gauss.py measures the higher ones
