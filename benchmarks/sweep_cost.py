@@ -22,9 +22,7 @@ def sweep(cells, jobs):
     steps = np.linspace(0.01, 0.02, cells).round(6).tolist()
     with tempfile.TemporaryDirectory() as folder:
         begin = time.perf_counter()
-        results = tcbench.run(
-            ["tc_monolithic"], ["short_term"], ["conservation"], dt=steps, output=folder, jobs=jobs
-        )
+        results = tcbench.run(["tc_monolithic"], ["short_term"], ["conservation"], dt=steps, output=folder, jobs=jobs)
         wall = time.perf_counter() - begin
     table = results.tables["conservation"]
     if len(table) != cells or set(table["status"]) != {"ok"}:

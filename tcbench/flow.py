@@ -166,7 +166,9 @@ def _trace(flow: Flow, system: System, y0: State, d: Any, h: Symbol, start: Any)
     n = system.size
     y1 = system.state(np.asarray(y0) + d[:n])
     stages = [system.state(np.asarray(y0) + d[k : k + n]) for k in range(n, len(d), n)]
-    arguments = [y0, y1, h, system, *([stages] if stages else []), *(map(system.state, (start[:n], start[n:])) if flow.of_step else [])]
+    arguments = [y0, y1, h, system, *([stages] if stages else [])]
+    if flow.of_step:
+        arguments += [system.state(start[:n]), system.state(start[n:])]
     result = np.asarray(flow.residual(*arguments), dtype=object)
     if result.size != len(d):
         raise TraceError(

@@ -5,9 +5,9 @@ After each step the result is moved to the nearest state, in a simple sense, wit
 2. all entropies are shifted by the same amount until the energy is right, if the total then is no lower than before
    the step; otherwise to the total before the step,
 3. and what energy is still missing goes into the part of the momenta that carries no invariant.
-If that part has less kinetic energy than must go, no momenta and entropies at these positions have the right energy: the
-part is stopped, entropy and momenta are kept and the energy is not. It happens at steps at which the method alone fails,
-and close to an equilibrium, where little kinetic energy is left; so projected methods claim entropy and momenta.
+If that part has less kinetic energy than must go, no momenta and entropies at these positions have the right energy:
+the part is stopped, entropy and momenta are kept and the energy is not. It happens at steps at which the method alone
+fails, and close to an equilibrium, where little kinetic energy is left; so projected methods claim entropy and momenta.
 The correction is as small as the error of one step, so the order stays. Source: docs/methods.md.
 """
 
