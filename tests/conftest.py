@@ -23,6 +23,17 @@ def pytest_collection_modifyitems(config, items):
                 item.add_marker(slow)
 
 
+@pytest.fixture
+def forgotten_kernels(monkeypatch):
+    """For tests that break a formula on purpose: what is compiled meanwhile is forgotten, and so is what was before."""
+    from tcbench import simulation, system
+
+    monkeypatch.setattr(system, "_KERNELS", {})
+    simulation.compiled_flows.cache_clear()
+    yield
+    simulation.compiled_flows.cache_clear()
+
+
 def _polar(radius, angle):
     return np.array([radius * np.cos(angle), radius * np.sin(angle)])
 

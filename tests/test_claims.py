@@ -144,7 +144,7 @@ BREAKS = {  # what is broken: (name of the function, change of its value, claim 
 
 
 @pytest.mark.parametrize("what", BREAKS)
-def test_a_broken_operator_changes_the_verdict(what, monkeypatch):
+def test_a_broken_operator_changes_the_verdict(what, monkeypatch, forgotten_kernels):
     """Broken on purpose, by 1e-9 where a size is to be chosen: the row of that condition falls."""
     from tcbench.system import System
 
@@ -174,7 +174,7 @@ def test_a_claim_that_comes_true_holds():
     assert timely.verdict == HOLDS and "t = 12" in timely.measured
 
 
-def test_contradiction_is_computed_from_the_printed_conduction_law(monkeypatch):
+def test_contradiction_is_computed_from_the_printed_conduction_law(monkeypatch, forgotten_kernels):
     """Broken on purpose: were heat to flow from cold to hot, S could fall, and the claim would not be contradicted."""
     scene = tcbench.scenarios()["short_term"]
     assert ledger.least_production(scene) >= 0
