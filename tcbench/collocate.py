@@ -12,8 +12,10 @@ Then sum b (v . F + sigma pi') = 0 and theta . G = 0 node by node, so that E is 
 integrate it; pi(1) = shape(q1), because pi is quadratic and Gauss is exact on it; momenta are kept because F_j is a
 force of springs; and b > 0 with 1 . G >= 0 lets S rise only.
 
-Solved by fixed point in U = (F, G). The stiff part of the conduction is rank one: in the direction u, with
-theta . u = 0, it decays at a rate lambda < 0, and (I - h lambda A) is inverted exactly.
+Solved by fixed point in U = (F, G), with its stiff parts, of rank one each, inverted exactly: the conduction, which
+decays at a rate lambda < 0 in a direction u with theta . u = 0, by (I - h lambda A)^-1; and each elastic mode, of
+frequency omega halfway through the step, by (I + h^2 omega^2 A^2)^-1. How stiffness and direction of the springs change
+over the step is left to the iteration. It starts with few quadrature points and ends with as many as the energy needs.
 """
 
 from __future__ import annotations
@@ -26,14 +28,16 @@ from .jit import call, fill, inlined, lean
 from .newton import solve_pivoted
 
 # columns of `plan` (int64): addresses of the kernels, those on vectors last (0: none), then sizes
-START, MOTION, SLOPES, FORCES, ITERATE, STIFF, EXTRAPOLATE, CLOSE, N_Q, N_E, STAGES, LEVELS, PLAN_SIZE = range(13)
+START, MOTION, SLOPES, FORCES, MODES, ITERATE, FINER, STIFF, EXTRAPOLATE, CLOSE = range(10)
+N_Q, N_E, STAGES, LEVELS = range(10, 14)
 # how a step ended, and what was counted
 SOLVED, FAILED, COARSE = 0, 1, 2  # COARSE: the quadrature does not keep the energy
 STEPS, REJECTED_STEPS, ITERATIONS, NEWTONS, HALVED, RAISED, COUNTS_SIZE = range(7)
 
 MAX_ITERATIONS = 60
-CONVERGED = 5e-16  # scaled residual, beside which rounding is larger
+CONVERGED = 3e-15  # scaled residual, beside which rounding is larger
 STAGNATED = 2e-14  # below this a residual that no longer shrinks is round-off
+ROUGH = 1e-3  # residual down to which the coarsest quadrature will do
 SLOW = 0.6  # contraction above which the fixed point is given up
 MAX_NEWTON = 12
 INCREMENT = 1e-7  # of the difference quotients of the fallback: they steer, the residual decides
@@ -42,33 +46,42 @@ INCREMENT = 1e-7  # of the difference quotients of the fallback: they steer, the
 class Work(NamedTuple):
     """The arrays of one step; k stages, n positions, e elements, m = n + e rates, M quadrature points.
 
-    Row i of `found` holds variable i at WIDTH nodes, of which k are used: U, N and V are views of it, T of `given`.
+    Row i of `found` holds variable i at WIDTH nodes, of which k are used: U, N and V are views of it.
     """
 
     c: Any  # the time step, the constants of the system, and what depends on them only
     inverse_mass: Any  # (n,)
-    given: Any  # what `gauss_kernels.iteration` reads
+    given: Any  # what `gauss_kernels.iteration` reads: see `gauss_kernels.Given`, and the views of it below
     found: Any  # and what it writes
     U: Any  # (WIDTH, m) the iterate
     N: Any  # (WIDTH, m) the rates that it gives
     V: Any  # (WIDTH, n) velocities
-    room_T: Any  # T by columns, h, decay
-    T: Any  # (WIDTH, k)
+    state0: Any  # (2 n + 2 e,) q, p, pi and s at the start of the step
+    room: Any  # blocks, h, mu
+    blocks: Any  # (parts, WIDTH, k) of the stiff parts: of the conduction, then of the elastic modes
+    mu: Any  # (parts,)
+    modes: Any  # what the fifth kernel gives: mu, left and right of the modes
+    left: Any  # (modes, n)
+    right: Any
+    u: Any  # (e,) left and right of the conduction
+    v: Any
+    scale: Any  # (2,) of forces and of heat in a residual
+    middle: Any  # (n + e,) positions and entropies halfway through the step
     rates: Any  # N, then V
     ratio: Any  # (1,) this step over the last
     sums: Any  # what `gauss_kernels.closing` writes
     start: Any  # what the first kernel gives at the start of the step
     end: Any  # and at its end
-    scale: Any  # (3,) of forces and of heat in a residual, and the contraction that was seen
+    seen: Any  # (2,) the contraction of the last solve, and the quadrature that it took
     at_nodes: Any  # (k, 2 n + 2 e) velocities, positions, stresses, temperatures
     drift: Any  # (k, 2 e) rates of shapes and entropies
     at_points: Any  # (M, 2 e) shapes and entropies
     slopes: Any  # (M, 2 e) stresses and temperatures
     FG: Any  # (m,)
-    rho: Any  # (k,)
+    rho: Any  # (parts, k)
     block: Any  # (k, k)
     J: Any  # (k m, k m) of Newton's method
-    right: Any  # (k m,)
+    rhs: Any  # (k m,)
     base: Any  # (k m,)
     x0: Any  # (2 e,) shapes and entropies at the start
     dz: Any  # (2 n + e,)
@@ -120,92 +133,132 @@ def rates(plan, a, w, h, z, level):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def stiff_block(plan, a, w, h):  # type: ignore[no-untyped-def]
-    """T = (I - h decay A)^-1 h A, by elimination (safe without pivoting: decay <= 0)."""
-    k, decay = plan[STAGES], w.start[plan[N_Q] + 2 * plan[N_E] + 2]
-    if plan[STIFF] != 0:
-        w.room_T[len(w.room_T) - 2], w.room_T[len(w.room_T) - 1] = h, decay
-        call(plan[STIFF], w.room_T, w.c, w.room_T)
+def stiff_parts(plan, a, w, h, z):  # type: ignore[no-untyped-def]
+    """Stiff parts of N'(U): the conduction at the start of the step, and the elastic modes where U puts its middle."""
+    k, n, e = plan[STAGES], plan[N_Q], plan[N_E]
+    first = n + 2 * e + 2  # behind (F, G, pi, E, round-off of E): decay, u, v
+    w.mu[0] = w.start[first]
+    for i in range(e):
+        w.u[i], w.v[i] = w.start[first + 1 + i], w.start[first + 1 + e + i]
+    if len(w.modes) == 0:
         return
-    for i in range(k):
+    for i in range(n + e):
+        total = 0.0
         for j in range(k):
-            w.block[i, j] = (1.0 if i == j else 0.0) - h * decay * a.A[i, j]
-            w.T[i, j] = h * a.A[i, j]
-    for m in range(k):
-        inverse = 1.0 / w.block[m, m]
-        for i in range(m + 1, k):
-            factor = w.block[i, m] * inverse
-            for j in range(m + 1, k):
-                w.block[i, j] -= factor * w.block[m, j]
+            total += a.halfway2[j] * w.U[j, i] if i < n else a.halfway[j] * w.U[j, i]
+        if i < n:
+            w.middle[i] = z[i] + h * (0.5 * z[n + i] + h * total) * w.inverse_mass[i]
+        else:
+            w.middle[i] = z[n + i] + h * total
+    call(plan[MODES], w.middle, w.c, w.modes)
+    for i in range(len(w.left)):
+        if not w.modes[i] > -np.inf:  # a bad guess put the middle out of the formulas' range
+            fill(w.modes, 0.0)
+
+
+@inlined
+def stiff_blocks(plan, a, w, h):  # type: ignore[no-untyped-def]
+    """(I - mu B)^-1 B for each stiff part, by elimination (safe without pivoting: mu <= 0)."""
+    k = plan[STAGES]
+    if plan[STIFF] != 0:
+        w.room[len(w.room) - len(w.mu) - 1] = h
+        call(plan[STIFF], w.room, w.c, w.room)
+        return
+    for part in range(len(w.mu)):
+        T = w.blocks[part]
+        for i in range(k):
             for j in range(k):
-                w.T[i, j] -= factor * w.T[m, j]
-    for m in range(k - 1, -1, -1):
-        inverse = 1.0 / w.block[m, m]
-        for j in range(k):
-            total = w.T[m, j]
+                T[i, j] = h * a.A[i, j] if part == 0 else h * h * a.A_squared[i, j]
+                w.block[i, j] = (1.0 if i == j else 0.0) - w.mu[part] * T[i, j]
+        for m in range(k):
+            inverse = 1.0 / w.block[m, m]
             for i in range(m + 1, k):
-                total -= w.block[m, i] * w.T[i, j]
-            w.T[m, j] = total * inverse
+                factor = w.block[i, m] * inverse
+                for j in range(m + 1, k):
+                    w.block[i, j] -= factor * w.block[m, j]
+                for j in range(k):
+                    T[i, j] -= factor * T[m, j]
+        for m in range(k - 1, -1, -1):
+            inverse = 1.0 / w.block[m, m]
+            for j in range(k):
+                total = T[m, j]
+                for i in range(m + 1, k):
+                    total -= w.block[m, i] * T[i, j]
+                T[m, j] = total * inverse
 
 
 @inlined
 def correct(plan, w, h):  # type: ignore[no-untyped-def]
-    """U += N - U with the stiff part of G solved for; returns the scaled residual."""
+    """U += N - U with the stiff parts solved for; returns the scaled residual."""
     k, n, e = plan[STAGES], plan[N_Q], plan[N_E]
-    first = n + 2 * e + 3  # u, then v, behind (F, G, pi, E, round-off of E, decay)
+    for j in range(k):
+        w.rho[0, j] = 0.0
+        for i in range(e):
+            w.rho[0, j] += w.v[i] * (w.N[j, n + i] - w.U[j, n + i])
+        for mode in range(len(w.left)):
+            w.rho[mode + 1, j] = 0.0
+            for i in range(n):
+                w.rho[mode + 1, j] += w.right[mode, i] * (w.N[j, i] - w.U[j, i])
     size = 0.0
     for j in range(k):
-        w.rho[j] = 0.0
-        for i in range(n):
-            r = abs(w.N[j, i] - w.U[j, i]) * w.scale[0]
+        for i in range(n + e):
+            w.FG[i] = w.N[j, i] - w.U[j, i]
+        for part in range(len(w.mu)):
+            total = 0.0
+            for l in range(k):
+                total += w.blocks[part, j, l] * w.rho[part, l]
+            for i in range(n, n + e) if part == 0 else range(n):
+                w.FG[i] += (w.u[i - n] if part == 0 else w.left[part - 1, i]) * total
+        for i in range(n + e):
+            r = abs(w.FG[i]) * w.scale[int(i >= n)]
             size = r if not r <= size else size
-            w.U[j, i] = w.N[j, i]
-        for i in range(e):
-            w.rho[j] += w.start[first + e + i] * (w.N[j, n + i] - w.U[j, n + i])
-    for j in range(k):
-        total = 0.0
-        for l in range(k):
-            total += w.T[j, l] * w.rho[l]
-        for i in range(e):
-            step = w.N[j, n + i] - w.U[j, n + i] + w.start[first + i] * total
-            r = abs(step) * w.scale[1]
-            size = r if not r <= size else size
-            w.U[j, n + i] += step
+            w.U[j, i] += w.FG[i]
     return h * size
 
 
 @inlined
-def fixed_point(plan, a, w, h, z, level, counts):  # type: ignore[no-untyped-def]
-    """Iterate from U, in place; the converged U and N agree to round-off. SOLVED or FAILED.
+def iterate(plan, a, w, h, z, level):  # type: ignore[no-untyped-def]
+    """One iteration with a quadrature; the scaled residual, not finite where U is out of the formulas' range.
 
-    With the coarsest quadrature an iteration is one kernel on vectors, where the system's formulas have such a form.
+    It is one kernel on vectors for the coarser quadratures, where the system's formulas have such a form.
     """
-    at_once = plan[ITERATE] != 0 and level == 0
-    previous, slow, first, shrunk, taken = np.inf, 0, 0.0, 0.0, 0
-    w.c[0], w.scale[2] = h, 0.0
-    stiff_block(plan, a, w, h)
-    for iteration in range(MAX_ITERATIONS):
+    kernel = plan[ITERATE] if level == 0 else plan[FINER] if level == 1 else 0
+    if kernel != 0:
+        call(kernel, w.given, w.c, w.found)
+        return h * w.found[len(w.found) - 1]
+    return correct(plan, w, h) if rates(plan, a, w, h, z, level) == SOLVED else np.inf
+
+
+@inlined
+def fixed_point(plan, a, w, h, z, level, counts):  # type: ignore[no-untyped-def]
+    """Iterate from U, in place; the converged U and N agree to round-off. SOLVED or FAILED."""
+    previous, slow, first, shrunk, since = np.inf, 0, 0.0, 0.0, 0
+    w.c[0], w.seen[0] = h, 0.0
+    stiff_parts(plan, a, w, h, z)
+    stiff_blocks(plan, a, w, h)
+    here, taken = 0, 0
+    for _ in range(MAX_ITERATIONS):
         counts[ITERATIONS] += 1
-        if at_once:
-            call(plan[ITERATE], w.given, w.c, w.found)
-            size = h * w.found[len(w.found) - 1]
-        elif rates(plan, a, w, h, z, level) == SOLVED:
-            size = correct(plan, w, h)
-        else:
-            return FAILED
+        size = iterate(plan, a, w, h, z, here)
         if not size < np.inf:
             return FAILED
+        if here < level and size <= ROUGH:
+            here, since, taken, previous = level, 0, 0, np.inf
+            stiff_parts(plan, a, w, h, z)
+            stiff_blocks(plan, a, w, h)
+            continue
         if size <= CONVERGED or (size <= STAGNATED and size > 0.5 * previous):
             if taken > 0:  # the contraction, for the choice of the next step
-                w.scale[2] = (shrunk / first) ** (1.0 / taken)
+                w.seen[0] = (shrunk / first) ** (1.0 / taken)
             return SOLVED
         slow = slow + 1 if size > SLOW * previous else 0
         if slow >= 2:
             return FAILED
-        if iteration == 1:
+        since += 1
+        if since == 2:
             first = size
-        elif iteration > 1 and size > STAGNATED:
-            shrunk, taken = size, iteration - 1
+        elif since > 2 and size > STAGNATED:
+            shrunk, taken = size, since - 2
         previous = size
     return FAILED
 
@@ -234,14 +287,14 @@ def newton(plan, a, w, h, z, level, counts):  # type: ignore[no-untyped-def]
             for row in range(unknowns):
                 w.J[row, column] = (1.0 if row == column else 0.0) - (w.N[row // m, row % m] - w.base[row]) / eps
         for row in range(unknowns):
-            w.right[row] = w.base[row] - w.U[row // m, row % m]
-        if solve_pivoted(w.J, w.right) == 0.0:
+            w.rhs[row] = w.base[row] - w.U[row // m, row % m]
+        if solve_pivoted(w.J, w.rhs) == 0.0:
             return FAILED
         size = 0.0
         for row in range(unknowns):
             j, i = row // m, row % m
-            w.U[j, i] += w.right[row]
-            r = h * abs(w.right[row]) * (w.scale[0] if i < plan[N_Q] else w.scale[1])
+            w.U[j, i] += w.rhs[row]
+            r = h * abs(w.rhs[row]) * (w.scale[0] if i < plan[N_Q] else w.scale[1])
             size = r if not r <= size else size
         if not size < np.inf:
             return FAILED
@@ -302,27 +355,23 @@ def close(plan, a, w, h):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def try_step(plan, a, w, h, z, known, careful, levels, counts):  # type: ignore[no-untyped-def]
+def try_step(plan, a, w, h, z, known, careful, coarsest, levels, counts):  # type: ignore[no-untyped-def]
     """One step of length h from z into z1 = z + dz; `start` and `end` are what the first kernel gives there.
 
     known: U is a guess. careful: Newton, where the fixed point fails. When the energy is not kept to round-off the
-    quadrature was too coarse for this step: finer ones follow, `levels` in all, before it is COARSE.
+    quadrature was too coarse for this step: finer ones follow, from `coarsest` to below `levels`, before it is COARSE.
     """
     n, e = plan[N_Q], plan[N_E]
     for i in range(2 * n):
-        w.given[i] = z[i]
+        w.state0[i] = z[i]
     for i in range(e):
-        w.given[2 * n + i] = w.x0[i] = w.start[n + e + i]
-        w.given[2 * n + e + i] = w.x0[e + i] = z[2 * n + i]
-    first = len(w.given) - 2 * e - 2
-    for i in range(2 * e):
-        w.given[first + i] = w.start[n + 2 * e + 3 + i]
-    w.given[first + 2 * e], w.given[first + 2 * e + 1] = w.scale[0], w.scale[1]
-    for level in range(levels):
-        if level > 0:
-            counts[RAISED] += 1
-        if level == 0 and not known:
-            guess(plan, w)
+        w.state0[2 * n + i] = w.x0[i] = w.start[n + e + i]
+        w.state0[2 * n + e + i] = w.x0[e + i] = z[2 * n + i]
+    if not known:
+        guess(plan, w)
+    for level in range(coarsest, levels):
+        counts[RAISED] += level > coarsest
+        w.seen[1] = level
         done = fixed_point(plan, a, w, h, z, level, counts)
         if done != SOLVED and careful:
             guess(plan, w)

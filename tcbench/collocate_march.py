@@ -25,7 +25,7 @@ from .march import add_compensated
 SHORTEST = 2.0**-24  # of a step, before it is given up
 SAFETY, GROW, SHRINK, ACCEPT = 0.85, 4.0, 0.2, 4.0
 BEST = 0.135  # contraction for which a unit of time costs least: it grows as h^2, and h log(1/h^2) is largest at e^-2
-RETREAT, ADVANCE = 0.7, 1.06  # of a step that is too long for the quadrature, and of the bound on those that follow
+RETREAT, ADVANCE = 0.7, 1.03  # of a step that is too long for the quadrature, and of the bound on those that follow
 FIRST = 4.0  # times the decay time of the conduction: see first_step
 FAR = 2.5  # ratio of steps up to which the last polynomials are extrapolated
 
@@ -73,7 +73,7 @@ def fixed_step(plan, a, w, h, z0, dz_total, carry, z, counts):  # type: ignore[n
     done, part = 0.0, 1.0
     while done < 1.0:
         set_scale(plan, w, z)
-        code = try_step(plan, a, w, part * h, z, False, True, plan[LEVELS], counts)
+        code = try_step(plan, a, w, part * h, z, False, True, 0, plan[LEVELS], counts)
         if code != SOLVED:
             part *= 0.5
             counts[HALVED] += 1
@@ -110,7 +110,8 @@ def adaptive(plan, a, w, times, tolerance, states, z, carry, counts):  # type: i
     call(plan[START], z, w.c, w.start)
     copy_into(states[0], z)
     t, h, last = times[0], 0.0, 0.0
-    longest = math.inf  # for which the quadrature keeps the energy, as far as is known
+    # for which the finer and the coarsest quadrature keep the energy, as far as is known
+    longest, roughest = math.inf, math.inf
     for row in range(1, len(times)):
         while t < times[row]:
             set_scale(plan, w, z)
@@ -121,11 +122,11 @@ def adaptive(plan, a, w, times, tolerance, states, z, carry, counts):  # type: i
             known = last > 0.0 and step <= FAR * last
             if known:
                 extrapolate(plan, a, w, step / last)
-            code = try_step(plan, a, w, step, z, known, False, 1, counts)
+            code = try_step(plan, a, w, step, z, known, False, 0 if step <= roughest else 1, 2, counts)
             if code == SOLVED:
                 error = error_estimate(plan, w, step)
                 factor = SAFETY * (tolerance / max(error, 1e-300)) ** (1.0 / (k + 1))
-                factor = min(factor, math.sqrt(BEST / max(w.scale[2], 1e-3)))
+                factor = min(factor, math.sqrt(BEST / max(w.seen[0], 1e-3)))
             if code != SOLVED or not error <= ACCEPT * tolerance:
                 counts[REJECTED_STEPS] += 1
                 h = step * (0.4 if code == FAILED else RETREAT if code == COARSE else max(SHRINK, factor))
@@ -140,6 +141,7 @@ def adaptive(plan, a, w, times, tolerance, states, z, carry, counts):  # type: i
             t = times[row] if step == left else t + step
             last = step
             h = max(h, step * factor) if step < h and factor >= 1.0 else step * min(GROW, factor)
+            roughest = step * RETREAT if step <= roughest and w.seen[1] > 0.0 else roughest * ADVANCE
             longest *= ADVANCE
             h = min(h, longest)
         copy_into(states[row], z)

@@ -19,19 +19,24 @@ def work(c: Floats, inverse_mass: Floats, n: int, e: int, numbers: kernels.Coeff
     from .collocate import Work
 
     k, m, points = len(numbers.nodes), n + e, int(numbers.points[-1])
-    first_T = 2 * n + 2 * e
-    given, found = np.zeros(first_T + WIDTH * k + 2 + 2 * e + 2), np.zeros(WIDTH * (2 * m + n) + 1)
-    room_T = given[first_T : first_T + WIDTH * k + 2]
+    place = kernels.given(n, e, k)
+    given, found = np.zeros(place.scale.stop), np.zeros(WIDTH * (2 * m + n) + 1)
+    mu = given[place.decay.start : place.mu.stop]
     by_node = found[:-1].reshape(-1, WIDTH).T
     return Work(
         c=c, inverse_mass=inverse_mass, given=given, found=found,
         U=by_node[:, :m], N=by_node[:, m : 2 * m], V=by_node[:, 2 * m :],
-        room_T=room_T, T=room_T[:-2].reshape(k, WIDTH).T, rates=found[WIDTH * m : -1],
-        ratio=np.zeros(1), sums=np.zeros(n + 3 * m), start=np.zeros(ends), end=np.zeros(ends), scale=np.zeros(3),
+        rates=found[WIDTH * m : -1], state0=given[: place.s.stop],
+        room=given[place.blocks.start : place.mu.stop],
+        blocks=given[place.blocks].reshape(-1, k, WIDTH).transpose(0, 2, 1), mu=mu,
+        modes=given[place.mu.start : place.right.stop], middle=np.zeros(m),
+        left=given[place.left].reshape(-1, n), right=given[place.right].reshape(-1, n),
+        u=given[place.u], v=given[place.v], scale=given[place.scale],
+        ratio=np.zeros(1), sums=np.zeros(n + 3 * m), start=np.zeros(ends), end=np.zeros(ends), seen=np.zeros(2),
         at_nodes=np.zeros((k, 2 * n + 2 * e)), drift=np.zeros((k, 2 * e)),
         at_points=np.zeros((points, 2 * e)), slopes=np.zeros((points, 2 * e)),
-        FG=np.zeros(m), rho=np.zeros(k), block=np.zeros((k, k)),
-        J=np.zeros((k * m, k * m)), right=np.zeros(k * m), base=np.zeros(k * m),
+        FG=np.zeros(m), rho=np.zeros((len(mu), k)), block=np.zeros((k, k)),
+        J=np.zeros((k * m, k * m)), rhs=np.zeros(k * m), base=np.zeros(k * m),
         x0=np.zeros(2 * e), dz=np.zeros(n + m), z1=np.zeros(n + m),
     )  # fmt: skip
 

@@ -14,10 +14,16 @@ from numpy.typing import NDArray
 from . import trace
 from .collocation import LONG, _gauss_nodes, tableau
 from .emit import WIDTH, Kernel, constant_part, kernel
+from .symbols import maximum
 from .system import System
 
-LEAST = 3  # more quadrature points than stages, at the least: with fewer the energy is not kept to round-off
-FINER = (0, 8, 24, 56)  # and how many more the finer quadratures have
+POINTS = (
+    8,
+    16,
+    32,
+    64,
+)  # of the quadratures, whole numbers of vectors: the coarsest that keeps the energy is taken
+ON_VECTORS = 2  # of them: steps that need more are too long for the iteration
 Floats = NDArray[np.float64]
 
 
@@ -31,6 +37,8 @@ class Coefficients(NamedTuple):
     A: Floats  # (k, k)
     A_squared: Floats  # (k, k)
     b: Floats  # (k,)
+    halfway: Floats  # (k,): integrals of the Lagrange polynomials from 0 to 1/2
+    halfway2: Floats  # (k,): of their integrals again
     Ahats: Floats  # (levels, M, k): integrals of the Lagrange polynomials from 0 to the quadrature points
     Ws: Floats  # (levels, k, M)
     points: NDArray[np.int64]  # (levels,)
@@ -52,18 +60,19 @@ def coefficients(k: int) -> Coefficients:
                     factors[:, j] *= (x - nodes[l]) / (nodes[j] - nodes[l])
         return factors
 
-    coarsest = WIDTH * -(-(k + LEAST) // WIDTH)  # a whole number of vectors
-    points = [coarsest + more for more in FINER]
-    Ahats, Ws = np.zeros((len(FINER), points[-1], k)), np.zeros((len(FINER), k, points[-1]))
-    for level, m in enumerate(points):
+    Ahats, Ws = np.zeros((len(POINTS), POINTS[-1], k)), np.zeros((len(POINTS), k, POINTS[-1]))
+    for level, m in enumerate(POINTS):
         xi, omega = _gauss_nodes(m)
         Ahats[level, :m] = np.array([x * (inner_weights @ lagrange(x * inner)) for x in xi], dtype=float)
         Ws[level, :, :m] = (omega[:, None] * lagrange(xi) / b).T.astype(float)
     barycentric = np.array([1 / np.prod([nodes[j] - nodes[l] for l in range(k) if l != j]) for j in range(k)])
     zero, one = lagrange(np.array([0, 1], LONG)).astype(float)
+    half = np.array(0.5, LONG)
+    halfway = half * (inner_weights @ lagrange(half * inner))
     return Coefficients(
         nodes.astype(float), barycentric.astype(float), zero, one, method.A.astype(float),
-        (method.A @ method.A).astype(float), b.astype(float), Ahats, Ws, np.array(points),
+        (method.A @ method.A).astype(float), b.astype(float),
+        halfway.astype(float), (halfway @ method.A).astype(float), Ahats, Ws, np.array(POINTS),
     )  # fmt: skip
 
 
@@ -72,7 +81,7 @@ STRUCTURES: dict[tuple, System] = {}  # what `kernels` and the others look up, t
 
 @cache
 def kernels(structure: tuple) -> tuple[list[Kernel], Kernel, dict[Any, int]]:
-    """(start, motion, slopes, forces) of a system, traced from its five functions; see `collocate.rates`. Then the
+    """(start, motion, slopes, forces, modes) of a system, traced from its five functions; see `collocate`. Then the
     kernel for what depends on the constants only, whose results stand behind them, and where each of both stands."""
     from .lanes import can_express
 
@@ -90,6 +99,7 @@ def kernels(structure: tuple) -> tuple[list[Kernel], Kernel, dict[Any, int]]:
         ([*v, *q], list(system._shape_gradient(q) @ v)),
         ([*pi, *s], [*stress, *temperature]),
         ([*v, *q, *sigma, *theta], [*(-(sigma @ system._shape_gradient(q))), *system.conduction(theta)]),
+        ([*q, *s], _modes(system, q, s)),
     ]
     values = [[x if isinstance(x, trace.Symbol) else trace.const(float(x)) for x in body[1]] for body in bodies]
     fixed = constant_part([x for row in values for x in row], [h, *(x for body in bodies for x in body[0])])
@@ -99,29 +109,64 @@ def kernels(structure: tuple) -> tuple[list[Kernel], Kernel, dict[Any, int]]:
         kernel({x: f"a[{i}]" for i, x in enumerate(unknown)} | known, row)
         for (unknown, _), row in zip(bodies, values, strict=True)
     ]
-    return made, kernel(constants, fixed), places if all(map(can_express, values[1:])) else {}
+    return made, kernel(constants, fixed), places if all(map(can_express, values[1:4])) else {}
+
+
+class Given(NamedTuple):
+    """Where `iteration` finds what it reads, and `stiff_blocks` what it reads and writes; n positions, e elements.
+
+    The stiff parts are matrices of rank one in N'(U), left right^T x B: the conduction, which acts on entropies, with
+    B = hA, and the elastic modes, which act on forces, with B = h^2 A^2. Their blocks (I - mu B)^-1 B, with
+    mu = right . left, stand by columns, that of the conduction first.
+    """
+
+    q: slice
+    p: slice
+    pi: slice
+    s: slice
+    blocks: slice
+    h: slice
+    decay: slice  # mu of the conduction
+    mu: slice  # and of the modes
+    left: slice  # of one mode after the other
+    right: slice
+    u: slice  # left and right of the conduction
+    v: slice
+    scale: slice  # of forces and of entropies in a residual
+
+
+MOST_MODES = 2  # of the elastic forces that are solved for: systems of more elements have none
+
+
+def given(n: int, e: int, k: int) -> Given:
+    modes = e if e <= MOST_MODES else 0
+    sizes = [n, n, e, e, (1 + modes) * k * WIDTH, 1, 1, modes, modes * n, modes * n, e, e, 2]
+    ends = np.cumsum([0, *sizes]).tolist()
+    return Given(*map(slice, ends[:-1], ends[1:]))
 
 
 @cache
-def iteration(structure: tuple, k: int) -> str:
-    """`collocate.rates` and `correct` with the coarsest quadrature, on vectors: LLVM code of kernel(a, b, out).
+def iteration(structure: tuple, k: int, level: int) -> str:
+    """`collocate.rates` and `correct` with one of the quadratures, on vectors: LLVM code of kernel(a, b, out).
 
-    a: q0, p0, pi0, s0, T by columns, h, decay, u, v, scale.  b: h, constants.  out: U, which is corrected in place, N
-    and V, a row of WIDTH nodes for each variable; then the scaled residual / h, NaN if a shape or temperature is not
-    positive.
+    a: as `Given` has it.  b: h, constants.  out: U, which is corrected in place, N and V, a row of WIDTH nodes for each
+    variable; then the scaled residual / h, NaN if a shape or temperature is not positive.
     """
     from .lanes import Lanes
 
     system, places = STRUCTURES[structure].symbolic, kernels(structure)[2]
     n, e, coefficient = system.n_positions, system.n_elements, coefficients(k)
-    m, lanes = n + e, Lanes()
-    first_T = 2 * n + 2 * e
-    given = [lanes.number(lanes.a, i) for i in range(first_T)]
-    q0, p0, pi0, s0 = given[:n], given[n : 2 * n], given[2 * n : 2 * n + e], given[2 * n + e :]
-    T = [lanes.row(lanes.a, first_T + WIDTH * l) for l in range(k)]
-    first_u = first_T + WIDTH * k + 2
-    u, v = ([lanes.number(lanes.a, first_u + side * e + i) for i in range(e)] for side in range(2))
-    scale = [lanes.number(lanes.a, first_u + 2 * e + i) for i in range(2)]
+    m, lanes, place = n + e, Lanes(), given(n, e, k)
+
+    def numbers(x: slice) -> list[Any]:
+        return [lanes.number(lanes.a, i) for i in range(x.start, x.stop)]
+
+    q0, p0, pi0, s0, scale = map(numbers, (place.q, place.p, place.pi, place.s, place.scale))
+    modes = range(place.mu.stop - place.mu.start)
+    lefts, rights = (
+        [numbers(first), *(numbers(rest)[i * n : (i + 1) * n] for i in modes)]
+        for first, rest in ((place.u, place.left), (place.v, place.right))
+    )
     h = lanes.number(lanes.b, 0)
     U = [[lanes.number(lanes.out, WIDTH * i + l) for l in range(k)] for i in range(m)]
     old = [lanes.row(lanes.out, WIDTH * i) for i in range(m)]
@@ -144,7 +189,7 @@ def iteration(structure: tuple, k: int) -> str:
     # quadrature points: stress and temperature, and their means at the nodes
     pi, s = trace.variables("pi", e), trace.variables("s", e)
     slopes = [x for part in system._element_slopes(pi, s) for x in part]
-    Ahat, W, points = coefficient.Ahats[0], coefficient.Ws[0], int(coefficient.points[0])
+    Ahat, W, points = coefficient.Ahats[level], coefficient.Ws[level], POINTS[level]
     positive, columns = [], []
     values: list[list[Any]] = [[] for _ in slopes]
     zero, nan = lanes.constant(0.0), lanes.constant(np.nan)
@@ -162,14 +207,19 @@ def iteration(structure: tuple, k: int) -> str:
     at |= dict(zip([*sigma, *theta], means, strict=True))
     positive += [lanes.select(">", x, zero, zero, nan) for x in means[e:]]
     new = lanes.graph(at, [*(-(sigma @ pull)), *system.conduction(theta)])
-    # the correction, with the stiff part of the conduction solved for
+    # the correction, with the stiff parts solved for
     change = [lanes.sub(x, y) for x, y in zip(new, old, strict=True)]
-    rho = reduce(lanes.add, [lanes.mul(x, y) for x, y in zip(v, change[n:], strict=True)])
-    stiff = lanes.combine(T, [lanes.lane(rho, l) for l in range(k)])
-    step = [*change[:n], *(lanes.add(x, lanes.mul(y, stiff)) for x, y in zip(change[n:], u, strict=True))]
+    step = list(change)
+    for part, (left, right) in enumerate(zip(lefts, rights, strict=True)):
+        rows = range(n, m) if part == 0 else range(n)
+        rho = reduce(lanes.add, [lanes.mul(x, change[row]) for x, row in zip(right, rows, strict=True)])
+        columns = [lanes.row(lanes.a, place.blocks.start + WIDTH * (part * k + l)) for l in range(k)]
+        stiff = lanes.combine(columns, [lanes.lane(rho, l) for l in range(k)])
+        for x, row in zip(left, rows, strict=True):
+            step[row] = lanes.add(step[row], lanes.mul(x, stiff))
     sizes = [lanes.first(k, lanes.mul(lanes.size(x), scale[i >= n])) for i, x in enumerate(step)]
     for i in range(m):
-        lanes.store(new[i] if i < n else lanes.add(old[i], step[i]), WIDTH * i)
+        lanes.store(lanes.add(old[i], step[i]), WIDTH * i)
         lanes.store(new[i], WIDTH * (m + i))
     for i in range(n):
         lanes.store(at[w[i]], WIDTH * (2 * m + i))
@@ -196,31 +246,63 @@ def _start(system: Any, z: Any) -> list[Any]:
     return [*rate, *system.shape(state.q), energy, noise, decay, *u, *v]
 
 
-def stiff_block(k: int) -> str:
-    """`collocate.stiff_block` on vectors. a: where T stands, then h and decay; out = a.
+def _modes(system: Any, q: Any, s: Any) -> list[Any]:
+    """(mu, left, right) of the elastic modes at a state: see `Given`.
 
-    Row by row of the transposes, which are the columns that `iteration` reads: T is a function of A, so that
-    T^T = (I - h decay A^T)^-1 h A^T.
+    With the force -G^T sigma, G = dpi/dq, and D the stiffness d sigma/dpi where that is positive, -G^T D G M^-1 is the
+    sum of left right^T over the eigenvectors x of K = D^1/2 G M^-1 G^T D^1/2: left = -G^T D^1/2 x,
+    right = M^-1 G^T D^1/2 x.
+    """
+    n, e = system.n_positions, system.n_elements
+    if e > MOST_MODES:
+        return []
+    pi = trace.variables("pi", e)
+    stress = system._element_slopes(pi, s)[0]
+    at = dict(zip(pi, system.shape(q), strict=True))
+    stiffness = trace.substitute([trace.jacobian([stress[i]], [pi[i]])[0][0] for i in range(e)], at)
+    roots = [maximum(x, trace.const(0.0)) ** 0.5 for x in stiffness]
+    B = np.array(roots)[:, None] * system._shape_gradient(q)
+    K = (B / (system.inertia() * np.ones(n))) @ B.T
+    turn, mu = np.eye(1), [-K[0, 0]]
+    if e == 2:  # Jacobi's rotation; the small number keeps a division by zero away
+        d, c = (K[0, 0] - K[1, 1]) * 0.5 + 1e-100, K[0, 1]
+        size = (d * d) ** 0.5
+        t = d * c / (size * (size + (d * d + c * c) ** 0.5))
+        cosine = 1.0 / (1.0 + t * t) ** 0.5
+        turn = np.array([[cosine, t * cosine], [-t * cosine, cosine]])
+        mu = [-(K[0, 0] + t * c), -(K[1, 1] - t * c)]
+    f = turn @ B
+    return [*mu, *(-f).ravel(), *(f / (system.inertia() * np.ones(n))).ravel()]
+
+
+def stiff_blocks(n: int, e: int, k: int) -> str:
+    """`collocate.stiff_blocks` on vectors. a: `blocks` to `mu` of `Given`; out = a.
+
+    Row by row of the transposes, which are the columns that `iteration` reads: a block is a function of A.
     """
     from .lanes import Lanes
 
-    lanes = Lanes()
-    h, decay = lanes.number(lanes.a, WIDTH * k), lanes.number(lanes.a, WIDTH * k + 1)
-    right = [lanes.mul(h, lanes.constant([*column, *[0.0] * (WIDTH - k)])) for column in coefficients(k).A.T]
-    unit = np.eye(k, WIDTH)
-    left = [lanes.sub(lanes.constant(one), lanes.mul(decay, row)) for one, row in zip(unit, right, strict=True)]
-    inverses = []
-    for m in range(k):  # safe without pivoting: decay <= 0
-        inverses.append(lanes.divide(lanes.constant(1.0), lanes.lane(left[m], m)))
-        for i in range(m + 1, k):
-            factor = lanes.mul(lanes.lane(left[i], m), inverses[m])
-            left[i] = lanes.sub(left[i], lanes.mul(factor, left[m]))
-            right[i] = lanes.sub(right[i], lanes.mul(factor, right[m]))
-    for m in reversed(range(k)):
-        for i in range(m + 1, k):
-            right[m] = lanes.sub(right[m], lanes.mul(lanes.lane(left[m], i), right[i]))
-        right[m] = lanes.mul(right[m], inverses[m])
-        lanes.store(right[m], WIDTH * m)
+    lanes, place, number = Lanes(), given(n, e, k), coefficients(k)
+    offset = place.blocks.start
+    h = lanes.number(lanes.a, place.h.start - offset)
+    unit, pad = np.eye(k, WIDTH), [0.0] * (WIDTH - k)
+    for part in range(place.mu.stop - place.decay.start):
+        mu = lanes.number(lanes.a, place.decay.start - offset + part)
+        matrix, factor = (number.A, h) if part == 0 else (number.A_squared, lanes.mul(h, h))
+        right = [lanes.mul(factor, lanes.constant([*column, *pad])) for column in matrix.T]
+        left = [lanes.sub(lanes.constant(one), lanes.mul(mu, row)) for one, row in zip(unit, right, strict=True)]
+        inverses = []
+        for m in range(k):  # safe without pivoting: mu <= 0, and then all pivots are at least 1
+            inverses.append(lanes.divide(lanes.constant(1.0), lanes.lane(left[m], m)))
+            for i in range(m + 1, k):
+                factor = lanes.mul(lanes.lane(left[i], m), inverses[m])
+                left[i] = lanes.sub(left[i], lanes.mul(factor, left[m]))
+                right[i] = lanes.sub(right[i], lanes.mul(factor, right[m]))
+        for m in reversed(range(k)):
+            for i in range(m + 1, k):
+                right[m] = lanes.sub(right[m], lanes.mul(lanes.lane(left[m], i), right[i]))
+            right[m] = lanes.mul(right[m], inverses[m])
+            lanes.store(right[m], WIDTH * (part * k + m))
     return lanes.text()
 
 
@@ -262,14 +344,15 @@ def closing(k: int, n: int, e: int) -> str:
 
 
 def on_vectors(structure: tuple, k: int) -> list[int]:
-    """Addresses of the four kernels on vectors; zeros where the system's formulas have no such form."""
+    """Addresses of the kernels on vectors; zeros where the system's formulas have no such form."""
     from . import jit
 
     _, _, places = kernels(structure)
     if jit.DISABLED or not places:
-        return [0] * 4
+        return [0] * (ON_VECTORS + 3)
     from .lanes import load
 
     system = STRUCTURES[structure]
     n, e = system.n_positions, system.n_elements
-    return [load(t) for t in (iteration(structure, k), stiff_block(k), extrapolation(k, n + e), closing(k, n, e))]
+    iterations = [iteration(structure, k, level) for level in range(ON_VECTORS)]
+    return [load(t) for t in (*iterations, stiff_blocks(n, e, k), extrapolation(k, n + e), closing(k, n, e))]
