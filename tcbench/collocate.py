@@ -20,16 +20,27 @@ over the step is left to the iteration. It starts with few quadrature points and
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
-
 import numpy as np
 
+from .gauss_kernels import POINTS
+from .gauss_memory import (
+    CLOSE,
+    EXTRAPOLATE,
+    FINER,
+    FORCES,
+    ITERATE,
+    MODES,
+    MOTION,
+    N_E,
+    N_Q,
+    SLOPES,
+    STAGES,
+    START,
+    STIFF,
+)
 from .jit import call, fill, inlined, lean
 from .newton import solve_pivoted
 
-# columns of `plan` (int64): addresses of the kernels, those on vectors last (0: none), then sizes
-START, MOTION, SLOPES, FORCES, MODES, ITERATE, FINER, STIFF, EXTRAPOLATE, CLOSE = range(10)
-N_Q, N_E, STAGES, LEVELS = range(10, 14)
 # how a step ended, and what was counted
 SOLVED, FAILED, COARSE = 0, 1, 2  # COARSE: the quadrature does not keep the energy
 STEPS, REJECTED_STEPS, ITERATIONS, NEWTONS, HALVED, RAISED, COUNTS_SIZE = range(7)
@@ -43,55 +54,10 @@ MAX_NEWTON = 12
 INCREMENT = 1e-7  # of the difference quotients of the fallback: they steer, the residual decides
 
 
-class Work(NamedTuple):
-    """The arrays of one step; k stages, n positions, e elements, m = n + e rates, M quadrature points.
-
-    Row i of `found` holds variable i at WIDTH nodes, of which k are used: U, N and V are views of it.
-    """
-
-    c: Any  # the time step, the constants of the system, and what depends on them only
-    inverse_mass: Any  # (n,)
-    given: Any  # what `gauss_kernels.iteration` reads: see `gauss_kernels.Given`, and the views of it below
-    found: Any  # and what it writes
-    U: Any  # (WIDTH, m) the iterate
-    N: Any  # (WIDTH, m) the rates that it gives
-    V: Any  # (WIDTH, n) velocities
-    state0: Any  # (2 n + 2 e,) q, p, pi and s at the start of the step
-    room: Any  # blocks, h, mu
-    blocks: Any  # (parts, WIDTH, k) of the stiff parts: of the conduction, then of the elastic modes
-    mu: Any  # (parts,)
-    modes: Any  # what the fifth kernel gives: mu, left and right of the modes
-    left: Any  # (modes, n)
-    right: Any
-    u: Any  # (e,) left and right of the conduction
-    v: Any
-    scale: Any  # (2,) of forces and of heat in a residual
-    middle: Any  # (n + e,) positions and entropies halfway through the step
-    rates: Any  # N, then V
-    ratio: Any  # (1,) this step over the last
-    sums: Any  # what `gauss_kernels.closing` writes
-    start: Any  # what the first kernel gives at the start of the step
-    end: Any  # and at its end
-    seen: Any  # (2,) the contraction of the last solve, and the quadrature that it took
-    at_nodes: Any  # (k, 2 n + 2 e) velocities, positions, stresses, temperatures
-    drift: Any  # (k, 2 e) rates of shapes and entropies
-    at_points: Any  # (M, 2 e) shapes and entropies
-    slopes: Any  # (M, 2 e) stresses and temperatures
-    FG: Any  # (m,)
-    rho: Any  # (parts, k)
-    block: Any  # (k, k)
-    J: Any  # (k m, k m) of Newton's method
-    rhs: Any  # (k m,)
-    base: Any  # (k m,)
-    x0: Any  # (2 e,) shapes and entropies at the start
-    dz: Any  # (2 n + e,)
-    z1: Any  # (2 n + e,)
-
-
 @lean
 def rates(plan, a, w, h, z, level):  # type: ignore[no-untyped-def]
     """N = (F, G) that the equations give for U = (F, G); FAILED if a shape or temperature is not positive."""
-    k, n, e, points = plan[STAGES], plan[N_Q], plan[N_E], a.points[level]
+    k, n, e, points = plan[STAGES], plan[N_Q], plan[N_E], POINTS[level]
     for j in range(k):
         for i in range(n):
             total = 0.0

@@ -4,22 +4,10 @@ from __future__ import annotations
 
 import math
 
-from .collocate import (
-    COARSE,
-    FAILED,
-    HALVED,
-    LEVELS,
-    N_E,
-    N_Q,
-    REJECTED_STEPS,
-    SOLVED,
-    STAGES,
-    START,
-    STEPS,
-    extrapolate,
-    try_step,
-)
-from .jit import call, copy_into, fill, inlined, lean
+from .collocate import COARSE, FAILED, HALVED, REJECTED_STEPS, SOLVED, STEPS, extrapolate, try_step
+from .gauss_kernels import POINTS
+from .gauss_memory import N_E, N_Q, STAGES, START, unpack
+from .jit import call, compiled, copy_into, fill, inlined, lean
 from .march import add_compensated
 
 SHORTEST = 2.0**-24  # of a step, before it is given up
@@ -64,8 +52,9 @@ def set_scale(plan, w, z):  # type: ignore[no-untyped-def]
 
 
 @lean
-def fixed_step(plan, a, w, h, z0, dz_total, carry, z, counts):  # type: ignore[no-untyped-def]
+def halving_step(plan, a, w, h, z0, dz_total, counts):  # type: ignore[no-untyped-def]
     """Increments of one step of length h; a step without a solution in reach is taken in halves."""
+    z, carry = w.z, w.carry
     copy_into(z, z0)
     fill(dz_total, 0.0)
     fill(carry, 0.0)
@@ -73,7 +62,7 @@ def fixed_step(plan, a, w, h, z0, dz_total, carry, z, counts):  # type: ignore[n
     done, part = 0.0, 1.0
     while done < 1.0:
         set_scale(plan, w, z)
-        code = try_step(plan, a, w, part * h, z, False, True, 0, plan[LEVELS], counts)
+        code = try_step(plan, a, w, part * h, z, False, True, 0, len(POINTS), counts)
         if code != SOLVED:
             part *= 0.5
             counts[HALVED] += 1
@@ -104,9 +93,12 @@ def first_step(plan, w, tolerance):  # type: ignore[no-untyped-def]
 
 
 @lean
-def adaptive(plan, a, w, times, tolerance, states, z, carry, counts):  # type: ignore[no-untyped-def]
-    """States at `times` from z, steps chosen so that the defect stays at the tolerance; SOLVED or FAILED."""
+def adaptive_steps(plan, a, w, z0, times, tolerance, states, counts):  # type: ignore[no-untyped-def]
+    """States at `times` from z0, steps chosen so that the defect stays at the tolerance; SOLVED or FAILED."""
     k = plan[STAGES]
+    z, carry = w.z, w.carry
+    copy_into(z, z0)
+    fill(carry, 0.0)
     call(plan[START], z, w.c, w.start)
     copy_into(states[0], z)
     t, h, last = times[0], 0.0, 0.0
@@ -146,3 +138,15 @@ def adaptive(plan, a, w, times, tolerance, states, z, carry, counts):  # type: i
             h = min(h, longest)
         copy_into(states[row], z)
     return SOLVED
+
+
+@compiled
+def fixed_step(plan, memory, at, h, z0, dz_total, counts):  # type: ignore[no-untyped-def]
+    a, w = unpack(plan, memory, at)
+    return halving_step(plan, a, w, h, z0, dz_total, counts)
+
+
+@compiled
+def adaptive(plan, memory, at, z0, times, tolerance, states, counts):  # type: ignore[no-untyped-def]
+    a, w = unpack(plan, memory, at)
+    return adaptive_steps(plan, a, w, z0, times, tolerance, states, counts)

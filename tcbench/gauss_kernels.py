@@ -41,7 +41,6 @@ class Coefficients(NamedTuple):
     halfway2: Floats  # (k,): of their integrals again
     Ahats: Floats  # (levels, M, k): integrals of the Lagrange polynomials from 0 to the quadrature points
     Ws: Floats  # (levels, k, M)
-    points: NDArray[np.int64]  # (levels,)
 
 
 @cache
@@ -72,7 +71,7 @@ def coefficients(k: int) -> Coefficients:
     return Coefficients(
         nodes.astype(float), barycentric.astype(float), zero, one, method.A.astype(float),
         (method.A @ method.A).astype(float), b.astype(float),
-        halfway.astype(float), (halfway @ method.A).astype(float), Ahats, Ws, np.array(POINTS),
+        halfway.astype(float), (halfway @ method.A).astype(float), Ahats, Ws,
     )  # fmt: skip
 
 

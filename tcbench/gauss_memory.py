@@ -1,0 +1,159 @@
+"""The arrays of consistent collocation (`collocate`): one stretch of memory, and what stands where in it."""
+
+from __future__ import annotations
+
+from collections import namedtuple
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .emit import WIDTH
+from .gauss_kernels import POINTS, Coefficients, Given, given
+from .jit import compiled
+
+# columns of `plan` (int64): addresses of the kernels, those on vectors last (0: none), then sizes
+START, MOTION, SLOPES, FORCES, MODES, ITERATE, FINER, STIFF, EXTRAPOLATE, CLOSE = range(10)
+N_Q, N_E, STAGES, PARTS = range(10, 14)
+
+
+class Work(NamedTuple):
+    """The arrays of one step; k stages, n positions, e elements, m = n + e rates, M quadrature points.
+
+    All are views of one array, because to hand a tuple of fifty to compiled code costs as much as several steps.
+    Row i of `found` holds variable i at WIDTH nodes, of which k are used: U, N and V are views of it.
+    """
+
+    c: Any  # the time step, the constants of the system, and what depends on them only
+    inverse_mass: Any  # (n,)
+    given: Any  # what `gauss_kernels.iteration` reads: see `gauss_kernels.Given`, and the views of it below
+    found: Any  # and what it writes
+    U: Any  # (WIDTH, m) the iterate
+    N: Any  # (WIDTH, m) the rates that it gives
+    V: Any  # (WIDTH, n) velocities
+    state0: Any  # (2 n + 2 e,) q, p, pi and s at the start of the step
+    room: Any  # blocks, h, mu
+    blocks: Any  # (parts, WIDTH, k) of the stiff parts: of the conduction, then of the elastic modes
+    mu: Any  # (parts,)
+    modes: Any  # what the fifth kernel gives: mu, left and right of the modes
+    left: Any  # (modes, n)
+    right: Any
+    u: Any  # (e,) left and right of the conduction
+    v: Any
+    scale: Any  # (2,) of forces and of heat in a residual
+    middle: Any  # (n + e,) positions and entropies halfway through the step
+    rates: Any  # N, then V
+    ratio: Any  # (1,) this step over the last
+    sums: Any  # what `gauss_kernels.closing` writes
+    start: Any  # what the first kernel gives at the start of the step
+    end: Any  # and at its end
+    seen: Any  # (2,) the contraction of the last solve, and the quadrature that it took
+    at_nodes: Any  # (k, 2 n + 2 e) velocities, positions, stresses, temperatures
+    drift: Any  # (k, 2 e) rates of shapes and entropies
+    at_points: Any  # (M, 2 e) shapes and entropies
+    slopes: Any  # (M, 2 e) stresses and temperatures
+    FG: Any  # (m,)
+    rho: Any  # (parts, k)
+    block: Any  # (k, k)
+    J: Any  # (k m, k m) of Newton's method
+    rhs: Any  # (k m,)
+    base: Any  # (k m,)
+    x0: Any  # (2 e,) shapes and entropies at the start
+    dz: Any  # (2 n + e,)
+    z1: Any  # (2 n + e,)
+    z: Any  # (2 n + e,) of a run: where it is
+    carry: Any  # and what rounding dropped on the way
+
+
+# the order in memory: arrays, then the numbers of the method; then where the views of `given` begin
+STORED = (
+    "c", "inverse_mass", "given", "found", "middle", "ratio", "sums", "start", "end", "seen", "at_nodes", "drift",
+    "at_points", "slopes", "FG", "rho", "block", "J", "rhs", "base", "x0", "dz", "z1", "z", "carry",
+)  # fmt: skip
+_NAMES = [*STORED, *Coefficients._fields, "stop", *(f"given_{x}" for x in Given._fields)]
+PLACE: Any = namedtuple("PLACE", _NAMES)(*range(len(_NAMES)))  # type: ignore[misc]
+
+
+def layout(n: int, e: int, numbers: Coefficients, constants: int, ends: int) -> NDArray[np.int64]:
+    """Where in memory each array begins and the last ends; then where each field of `gauss_kernels.Given` begins."""
+    k, m, points = len(numbers.nodes), n + e, POINTS[-1]
+    place = given(n, e, k)
+    parts = place.mu.stop - place.decay.start
+    sizes = {
+        "c": constants, "inverse_mass": n, "given": place.scale.stop, "found": WIDTH * (2 * m + n) + 1, "middle": m,
+        "ratio": 1, "sums": n + 3 * m, "start": ends, "end": ends, "seen": 2, "at_nodes": k * 2 * m, "drift": k * 2 * e,
+        "at_points": points * 2 * e, "slopes": points * 2 * e, "FG": m, "rho": parts * k, "block": k * k,
+        "J": (k * m) ** 2, "rhs": k * m, "base": k * m, "x0": 2 * e, "dz": n + m, "z1": n + m, "z": n + m, "carry": n + m,
+    } | {name: np.size(x) for name, x in numbers._asdict().items()}  # fmt: skip
+    at = np.cumsum([0, *(sizes[name] for name in _NAMES[: PLACE.stop])])
+    views = [*(x.start for x in place), place.scale.stop]
+    return np.array([*at, *(at[PLACE.given] + x for x in views)], dtype=np.int64)
+
+
+@compiled
+def part(memory, at, i):  # type: ignore[no-untyped-def]
+    return memory[at[i] : at[i + 1]]
+
+
+@compiled
+def unpack(plan, memory, at):  # type: ignore[no-untyped-def]
+    """(Coefficients, Work) as views of the memory, which begin where `at` says (see `layout`)."""
+    k, n, e, parts = plan[STAGES], plan[N_Q], plan[N_E], plan[PARTS]
+    m, points = n + e, POINTS[-1]
+    found = part(memory, at, PLACE.found)
+    by_node = found[: len(found) - 1].reshape(2 * m + n, WIDTH).T
+    w = Work(
+        c=part(memory, at, PLACE.c),
+        inverse_mass=part(memory, at, PLACE.inverse_mass),
+        given=part(memory, at, PLACE.given),
+        found=found,
+        U=by_node[:, :m],
+        N=by_node[:, m : 2 * m],
+        V=by_node[:, 2 * m :],
+        state0=memory[at[PLACE.given_q] : at[PLACE.given_blocks]],
+        room=memory[at[PLACE.given_blocks] : at[PLACE.given_left]],
+        blocks=np.transpose(part(memory, at, PLACE.given_blocks).reshape(parts, k, WIDTH), (0, 2, 1)),
+        mu=memory[at[PLACE.given_decay] : at[PLACE.given_left]],
+        modes=memory[at[PLACE.given_mu] : at[PLACE.given_u]],
+        left=part(memory, at, PLACE.given_left).reshape(parts - 1, n),
+        right=part(memory, at, PLACE.given_right).reshape(parts - 1, n),
+        u=part(memory, at, PLACE.given_u),
+        v=part(memory, at, PLACE.given_v),
+        scale=part(memory, at, PLACE.given_scale),
+        middle=part(memory, at, PLACE.middle),
+        rates=found[WIDTH * m : len(found) - 1],
+        ratio=part(memory, at, PLACE.ratio),
+        sums=part(memory, at, PLACE.sums),
+        start=part(memory, at, PLACE.start),
+        end=part(memory, at, PLACE.end),
+        seen=part(memory, at, PLACE.seen),
+        at_nodes=part(memory, at, PLACE.at_nodes).reshape(k, 2 * m),
+        drift=part(memory, at, PLACE.drift).reshape(k, 2 * e),
+        at_points=part(memory, at, PLACE.at_points).reshape(points, 2 * e),
+        slopes=part(memory, at, PLACE.slopes).reshape(points, 2 * e),
+        FG=part(memory, at, PLACE.FG),
+        rho=part(memory, at, PLACE.rho).reshape(parts, k),
+        block=part(memory, at, PLACE.block).reshape(k, k),
+        J=part(memory, at, PLACE.J).reshape(k * m, k * m),
+        rhs=part(memory, at, PLACE.rhs),
+        base=part(memory, at, PLACE.base),
+        x0=part(memory, at, PLACE.x0),
+        dz=part(memory, at, PLACE.dz),
+        z1=part(memory, at, PLACE.z1),
+        z=part(memory, at, PLACE.z),
+        carry=part(memory, at, PLACE.carry),
+    )
+    numbers = Coefficients(
+        nodes=part(memory, at, PLACE.nodes),
+        barycentric=part(memory, at, PLACE.barycentric),
+        at_start=part(memory, at, PLACE.at_start),
+        at_end=part(memory, at, PLACE.at_end),
+        A=part(memory, at, PLACE.A).reshape(k, k),
+        A_squared=part(memory, at, PLACE.A_squared).reshape(k, k),
+        b=part(memory, at, PLACE.b),
+        halfway=part(memory, at, PLACE.halfway),
+        halfway2=part(memory, at, PLACE.halfway2),
+        Ahats=part(memory, at, PLACE.Ahats).reshape(len(POINTS), points, k),
+        Ws=part(memory, at, PLACE.Ws).reshape(len(POINTS), k, points),
+    )
+    return numbers, w
