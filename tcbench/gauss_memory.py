@@ -83,7 +83,8 @@ def layout(n: int, e: int, numbers: Coefficients, constants: int, ends: int) -> 
         "c": constants, "inverse_mass": n, "given": place.scale.stop, "found": WIDTH * (2 * m + n) + 1, "middle": m,
         "ratio": 1, "sums": n + 3 * m, "start": ends, "end": ends, "seen": 2, "at_nodes": k * 2 * m, "drift": k * 2 * e,
         "at_points": points * 2 * e, "slopes": points * 2 * e, "FG": m, "rho": parts * k, "block": k * k,
-        "J": (k * m) ** 2, "rhs": k * m, "base": k * m, "x0": 2 * e, "dz": n + m, "z1": n + m, "z": n + m, "carry": n + m,
+        "J": (k * m) ** 2, "rhs": k * m, "base": k * m, "x0": 2 * e, "dz": n + m, "z1": n + m,
+        "z": n + m, "carry": n + m,
     } | {name: np.size(x) for name, x in numbers._asdict().items()}  # fmt: skip
     at = np.cumsum([0, *(sizes[name] for name in _NAMES[: PLACE.stop])])
     views = [*(x.start for x in place), place.scale.stop]
