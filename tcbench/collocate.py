@@ -46,7 +46,7 @@ SOLVED, FAILED, COARSE = 0, 1, 2  # COARSE: the quadrature does not keep the ene
 STEPS, REJECTED_STEPS, ITERATIONS, NEWTONS, HALVED, RAISED, COUNTS_SIZE = range(7)
 
 MAX_ITERATIONS = 60
-CONVERGED = 3e-15  # scaled residual, beside which rounding is larger
+CONVERGED = 1e-15  # scaled residual, beside which rounding is larger
 STAGNATED = 2e-14  # below this a residual that no longer shrinks is round-off
 ROUGH = 1e-3  # residual down to which the coarsest quadrature will do
 SLOW = 0.6  # contraction above which the fixed point is given up
@@ -176,7 +176,8 @@ def correct(plan, w, h):  # type: ignore[no-untyped-def]
             for i in range(n, n + e) if part == 0 else range(n):
                 w.FG[i] += (w.u[i - n] if part == 0 else w.left[part - 1, i]) * total
         for i in range(n + e):
-            r = abs(w.FG[i]) * w.scale[int(i >= n)]
+            # momenta are kept as well as F = N; entropies as well as they converge
+            r = abs(w.N[j, i] - w.U[j, i]) * w.scale[0] if i < n else abs(w.FG[i]) * w.scale[1]
             size = r if not r <= size else size
             w.U[j, i] += w.FG[i]
     return h * size

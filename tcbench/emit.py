@@ -6,16 +6,10 @@ can call any of them by address.
 
 from __future__ import annotations
 
-import hashlib
-import importlib.util
 import math
-import os
-import sys
-import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -133,46 +127,14 @@ def kernel(inputs: Mapping[Symbol, str], outputs: Sequence[Symbol]) -> Kernel:
     return Kernel(straight_line(inputs, outputs), len(outputs))
 
 
-_LOADED: dict[str, tuple[int, object]] = {}
-
-
 def _load(text: str) -> int:
-    if text not in _LOADED:
-        _LOADED[text] = _compile(text)
-    return _LOADED[text][0]
+    """Address of the compiled text: of machine code, or made up where compilation is switched off."""
+    from . import jit, native  # numba and LLVM are imported when something is compiled, not before
 
-
-def _compile(text: str) -> tuple[int, object]:
-    """Address of the compiled text, and the object that keeps it alive."""
-    from . import jit  # numba is imported when something is compiled, not before
-
-    if jit.DISABLED:
-        namespace: dict = {}
-        exec(compile(text, "<kernel>", "exec"), namespace)
-        address = len(jit.PYTHON_KERNELS) + 1
-        jit.PYTHON_KERNELS[address] = namespace["kernel"]
-        return address, namespace
-    from numba import cfunc, types
-
-    pointer = types.CPointer(types.float64)
-    module_name = f"tcbench_kernel_{hashlib.sha256(text.encode()).hexdigest()[:24]}"
-    path = jit.cache_folder() / f"{module_name}.py"
-    if not path.exists():
-        write_atomically(path, text.encode())
-    spec = importlib.util.spec_from_file_location(module_name, path)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[module_name] = module  # numba finds cached code's globals through sys.modules
-    spec.loader.exec_module(module)
-    with jit.own_cache():
-        function = cfunc(types.void(pointer, pointer, pointer), cache=True, **jit.OPTIONS)(module.kernel)
-    entry: Any = function.address
-    return int(entry), function
-
-
-def write_atomically(path: Path, content: bytes) -> None:
-    """Several processes may compile the same kernel at once: each writes its own file and renames it."""
-    handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".tmp")
-    with os.fdopen(handle, "wb") as stream:
-        stream.write(content)
-    os.replace(temporary, path)
+    if not jit.DISABLED:
+        return native.load(text)
+    namespace: dict = {}
+    exec(compile(text, "<kernel>", "exec"), namespace)
+    address = len(jit.PYTHON_KERNELS) + 1
+    jit.PYTHON_KERNELS[address] = namespace["kernel"]
+    return address

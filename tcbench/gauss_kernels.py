@@ -216,7 +216,8 @@ def iteration(structure: tuple, k: int, level: int) -> str:
         stiff = lanes.combine(columns, [lanes.lane(rho, l) for l in range(k)])
         for x, row in zip(left, rows, strict=True):
             step[row] = lanes.add(step[row], lanes.mul(x, stiff))
-    sizes = [lanes.first(k, lanes.mul(lanes.size(x), scale[i >= n])) for i, x in enumerate(step)]
+    left_over = [*change[:n], *step[n:]]  # momenta are kept as well as F = N; entropies as well as they converge
+    sizes = [lanes.first(k, lanes.mul(lanes.size(x), scale[i >= n])) for i, x in enumerate(left_over)]
     for i in range(m):
         lanes.store(lanes.add(old[i], step[i]), WIDTH * i)
         lanes.store(new[i], WIDTH * (m + i))
@@ -349,9 +350,9 @@ def on_vectors(structure: tuple, k: int) -> list[int]:
     _, _, places = kernels(structure)
     if jit.DISABLED or not places:
         return [0] * (ON_VECTORS + 3)
-    from .lanes import load
+    from .native import load
 
     system = STRUCTURES[structure]
     n, e = system.n_positions, system.n_elements
     iterations = [iteration(structure, k, level) for level in range(ON_VECTORS)]
-    return [load(t) for t in (*iterations, stiff_blocks(n, e, k), extrapolation(k, n + e), closing(k, n, e))]
+    return [load(t, str) for t in (*iterations, stiff_blocks(n, e, k), extrapolation(k, n + e), closing(k, n, e))]

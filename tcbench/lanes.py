@@ -7,7 +7,6 @@ SSE2, NEON), exp and log included. The object code is cached beside numba's.
 
 from __future__ import annotations
 
-import hashlib
 import math
 import struct
 import sys
@@ -18,14 +17,12 @@ import llvmlite.binding as llvm
 import numpy as np
 from llvmlite import ir
 
-from .emit import WIDTH, topological_above, write_atomically
-from .jit import cache_folder
+from .emit import WIDTH, topological_above
+from .native import DOUBLE, FLAGS, INT, POINTER
 from .trace import Symbol, topological
 
-DOUBLE, INT = ir.DoubleType(), ir.IntType(64)
 VECTOR, INTEGERS = ir.VectorType(DOUBLE, WIDTH), ir.VectorType(INT, WIDTH)
 OPERATIONS = {"add", "sub", "mul", "neg", "recip", "sqrt", "exp", "log", "mark", "const", "var"}
-FLAGS = ("contract",)  # fused multiply-add
 
 ROUND = 1.5 * 2.0**52  # adding it rounds to an integer, which then stands in the low bits
 LN2_HIGH, LN2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10  # their sum is ln 2 to 33 more digits
@@ -48,8 +45,7 @@ class Lanes:
     def __init__(self) -> None:
         self.module = ir.Module(name="lanes")
         self.module.triple = llvm.get_default_triple()
-        pointer = ir.PointerType(DOUBLE)
-        function = ir.Function(self.module, ir.FunctionType(ir.VoidType(), [pointer] * 3), name="kernel")
+        function = ir.Function(self.module, ir.FunctionType(ir.VoidType(), [POINTER] * 3), name="kernel")
         self.build = ir.IRBuilder(function.append_basic_block())
         self.a, self.b, self.out = function.args
         self.splats: dict[tuple[int, int], Any] = {}
@@ -218,36 +214,3 @@ class Lanes:
 
 def _bits(x: float) -> int:
     return int(struct.unpack("<q", struct.pack("<d", x))[0])
-
-
-_LOADED: dict[str, tuple[int, Any]] = {}
-
-
-def load(text: str) -> int:
-    """Address of the compiled kernel, from the cache of object files or compiled now."""
-    if text not in _LOADED:
-        llvm.initialize_native_target()
-        llvm.initialize_native_asmprinter()
-        features = llvm.get_host_cpu_features().flatten()
-        machine = llvm.Target.from_default_triple().create_target_machine(
-            cpu=llvm.get_host_cpu_name(), features=features, opt=3, jit=True
-        )
-        name = hashlib.sha256(f"{text}{llvm.get_host_cpu_name()}{features}".encode()).hexdigest()[:24]
-        path = cache_folder() / f"lanes_{name}.o"
-        if not path.exists():
-            write_atomically(path, _object(text, machine))
-        engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
-        engine.add_object_file(llvm.ObjectFileRef.from_path(str(path)))
-        engine.finalize_object()
-        _LOADED[text] = engine.get_function_address("kernel"), engine
-    return _LOADED[text][0]
-
-
-def _object(text: str, machine: Any) -> bytes:
-    """Optimised object code of the module."""
-    module = llvm.parse_assembly(text)
-    module.verify()
-    options = llvm.create_pipeline_tuning_options(speed_level=3)
-    builder = llvm.create_pass_builder(machine, options)
-    builder.getModulePassManager().run(module, builder)
-    return bytes(machine.emit_object(module))

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 import tcbench
 from tcbench import collocate, jit, trace
 from tcbench.gauss import GaussMethod
-from tcbench.lanes import WIDTH, Lanes, can_express, load
+from tcbench.lanes import WIDTH, Lanes, can_express
+from tcbench.native import load
 
 pytestmark = pytest.mark.skipif(jit.DISABLED, reason="without numba there are no vectors: the scalar code runs")
 SCENES = ["short_term", "stiff_spring", "bound_equilibrium", "gas_containers"]
@@ -27,7 +28,7 @@ def run(build, *inputs):
     for i, value in enumerate(results):
         lanes.store(value, WIDTH * i)
     out = np.full(WIDTH * len(results), -1.0)
-    jit.evaluate(load(lanes.text()), np.concatenate(inputs).astype(float), np.zeros(1), out)
+    jit.evaluate(load(lanes.text(), str), np.concatenate(inputs).astype(float), np.zeros(1), out)
     return out.reshape(-1, WIDTH)
 
 
@@ -102,19 +103,3 @@ def test_a_failed_step_leaves_nothing_behind():
     method, fresh = GaussMethod(scenario.model, 5), GaussMethod(scenario.model, 5)
     method.work.found[:] = math.nan
     np.testing.assert_array_equal(method.increments(scenario.z0, 0.01), fresh.increments(scenario.z0, 0.01))
-
-
-def test_object_code_is_cached(tmp_path, monkeypatch):
-    from tcbench import lanes
-
-    monkeypatch.setattr(lanes, "cache_folder", lambda: tmp_path)
-    vector = Lanes()
-    vector.store(vector.constant(range(WIDTH)), 3)
-    text = vector.text()
-    load(text)
-    (made,) = tmp_path.glob("lanes_*.o")
-    monkeypatch.setattr(lanes, "_object", None)  # a second compilation would call it
-    lanes._LOADED.pop(text)
-    out = np.zeros(WIDTH + 3)
-    jit.evaluate(load(text), out, out, out)
-    assert out[3:].tolist() == list(range(WIDTH)) and made.exists()
