@@ -62,17 +62,17 @@ def rates(plan, a, w, h, z, level):  # type: ignore[no-untyped-def]
         for i in range(n):
             total = 0.0
             for l in range(k):
-                total += a.A[j, l] * w.U[l, i]
-            w.V[j, i] = w.at_nodes[j, i] = (z[n + i] + h * total) * w.inverse_mass[i]
+                total += a.A[j, l] * w.U[i, l]
+            w.V[i, j] = w.at_nodes[j, i] = (z[n + i] + h * total) * w.inverse_mass[i]
     for j in range(k):
         for i in range(n):
             total = 0.0
             for l in range(k):
-                total += a.A[j, l] * w.V[l, i]
+                total += a.A[j, l] * w.V[i, l]
             w.at_nodes[j, n + i] = z[i] + h * total
         call(plan[MOTION], w.at_nodes[j], w.c, w.drift[j])
         for i in range(e):
-            w.drift[j, e + i] = w.U[j, n + i]
+            w.drift[j, e + i] = w.U[n + i, j]
     for g in range(points):
         for i in range(2 * e):
             total = 0.0
@@ -94,7 +94,7 @@ def rates(plan, a, w, h, z, level):  # type: ignore[no-untyped-def]
                 return FAILED
         call(plan[FORCES], w.at_nodes[j], w.c, w.FG)
         for i in range(n + e):
-            w.N[j, i] = w.FG[i]
+            w.N[i, j] = w.FG[i]
     return SOLVED
 
 
@@ -111,7 +111,7 @@ def stiff_parts(plan, a, w, h, z):  # type: ignore[no-untyped-def]
     for i in range(n + e):
         total = 0.0
         for j in range(k):
-            total += a.halfway2[j] * w.U[j, i] if i < n else a.halfway[j] * w.U[j, i]
+            total += a.halfway2[j] * w.U[i, j] if i < n else a.halfway[j] * w.U[i, j]
         if i < n:
             w.middle[i] = z[i] + h * (0.5 * z[n + i] + h * total) * w.inverse_mass[i]
         else:
@@ -131,11 +131,11 @@ def stiff_blocks(plan, a, w, h):  # type: ignore[no-untyped-def]
         call(plan[STIFF], w.room, w.c, w.room)
         return
     for part in range(len(w.mu)):
-        T = w.blocks[part]
+        T = w.blocks[part]  # by columns
         for i in range(k):
             for j in range(k):
-                T[i, j] = h * a.A[i, j] if part == 0 else h * h * a.A_squared[i, j]
-                w.block[i, j] = (1.0 if i == j else 0.0) - w.mu[part] * T[i, j]
+                T[j, i] = h * a.A[i, j] if part == 0 else h * h * a.A_squared[i, j]
+                w.block[i, j] = (1.0 if i == j else 0.0) - w.mu[part] * T[j, i]
         for m in range(k):
             inverse = 1.0 / w.block[m, m]
             for i in range(m + 1, k):
@@ -143,14 +143,14 @@ def stiff_blocks(plan, a, w, h):  # type: ignore[no-untyped-def]
                 for j in range(m + 1, k):
                     w.block[i, j] -= factor * w.block[m, j]
                 for j in range(k):
-                    T[i, j] -= factor * T[m, j]
+                    T[j, i] -= factor * T[j, m]
         for m in range(k - 1, -1, -1):
             inverse = 1.0 / w.block[m, m]
             for j in range(k):
-                total = T[m, j]
+                total = T[j, m]
                 for i in range(m + 1, k):
-                    total -= w.block[m, i] * T[i, j]
-                T[m, j] = total * inverse
+                    total -= w.block[m, i] * T[j, i]
+                T[j, m] = total * inverse
 
 
 @inlined
@@ -160,26 +160,26 @@ def correct(plan, w, h):  # type: ignore[no-untyped-def]
     for j in range(k):
         w.rho[0, j] = 0.0
         for i in range(e):
-            w.rho[0, j] += w.v[i] * (w.N[j, n + i] - w.U[j, n + i])
+            w.rho[0, j] += w.v[i] * (w.N[n + i, j] - w.U[n + i, j])
         for mode in range(len(w.left)):
             w.rho[mode + 1, j] = 0.0
             for i in range(n):
-                w.rho[mode + 1, j] += w.right[mode, i] * (w.N[j, i] - w.U[j, i])
+                w.rho[mode + 1, j] += w.right[mode, i] * (w.N[i, j] - w.U[i, j])
     size = 0.0
     for j in range(k):
         for i in range(n + e):
-            w.FG[i] = w.N[j, i] - w.U[j, i]
+            w.FG[i] = w.N[i, j] - w.U[i, j]
         for part in range(len(w.mu)):
             total = 0.0
             for l in range(k):
-                total += w.blocks[part, j, l] * w.rho[part, l]
+                total += w.blocks[part, l, j] * w.rho[part, l]
             for i in range(n, n + e) if part == 0 else range(n):
                 w.FG[i] += (w.u[i - n] if part == 0 else w.left[part - 1, i]) * total
         for i in range(n + e):
             # momenta are kept as well as F = N; entropies as well as they converge
-            r = abs(w.N[j, i] - w.U[j, i]) * w.scale[0] if i < n else abs(w.FG[i]) * w.scale[1]
+            r = abs(w.N[i, j] - w.U[i, j]) * w.scale[0] if i < n else abs(w.FG[i]) * w.scale[1]
             size = r if not r <= size else size
-            w.U[j, i] += w.FG[i]
+            w.U[i, j] += w.FG[i]
     return h * size
 
 
@@ -241,26 +241,26 @@ def newton(plan, a, w, h, z, level, counts):  # type: ignore[no-untyped-def]
         if rates(plan, a, w, h, z, level) != SOLVED:
             return FAILED
         for row in range(unknowns):
-            w.base[row] = w.N[row // m, row % m]
+            w.base[row] = w.N[row % m, row // m]
         for column in range(unknowns):
             j, i = column // m, column % m
-            here = w.U[j, i]
+            here = w.U[i, j]
             eps = INCREMENT * max(1.0, abs(here))
-            w.U[j, i] = here + eps
+            w.U[i, j] = here + eps
             done = rates(plan, a, w, h, z, level)
-            w.U[j, i] = here
+            w.U[i, j] = here
             if done != SOLVED:
                 return FAILED
             for row in range(unknowns):
-                w.J[row, column] = (1.0 if row == column else 0.0) - (w.N[row // m, row % m] - w.base[row]) / eps
+                w.J[row, column] = (1.0 if row == column else 0.0) - (w.N[row % m, row // m] - w.base[row]) / eps
         for row in range(unknowns):
-            w.rhs[row] = w.base[row] - w.U[row // m, row % m]
+            w.rhs[row] = w.base[row] - w.U[row % m, row // m]
         if solve_pivoted(w.J, w.rhs) == 0.0:
             return FAILED
         size = 0.0
         for row in range(unknowns):
             j, i = row // m, row % m
-            w.U[j, i] += w.rhs[row]
+            w.U[i, j] += w.rhs[row]
             r = h * abs(w.rhs[row]) * (w.scale[0] if i < plan[N_Q] else w.scale[1])
             size = r if not r <= size else size
         if not size < np.inf:
@@ -278,7 +278,7 @@ def guess(plan, w):  # type: ignore[no-untyped-def]
     """U = the rates at the start of the step, at every node."""
     for j in range(plan[STAGES]):
         for i in range(plan[N_Q] + plan[N_E]):
-            w.U[j, i] = w.start[i]
+            w.U[i, j] = w.start[i]
 
 
 @inlined
@@ -293,14 +293,14 @@ def extrapolate(plan, a, w, ratio):  # type: ignore[no-untyped-def]
         x = 1.0 + ratio * a.nodes[j]
         total = 0.0
         for i in range(m):
-            w.U[j, i] = 0.0
+            w.U[i, j] = 0.0
         for l in range(k):
             factor = a.barycentric[l] / (x - a.nodes[l])
             total += factor
             for i in range(m):
-                w.U[j, i] += factor * w.N[l, i]
+                w.U[i, j] += factor * w.N[i, l]
         for i in range(m):
-            w.U[j, i] /= total
+            w.U[i, j] /= total
 
 
 @inlined
@@ -314,11 +314,11 @@ def close(plan, a, w, h):  # type: ignore[no-untyped-def]
     fill(w.sums, 0.0)
     for j in range(k):
         for i in range(n):
-            w.sums[i] += h * a.b[j] * w.V[j, i]
+            w.sums[i] += h * a.b[j] * w.V[i, j]
         for i in range(m):
-            w.sums[n + i] += h * a.b[j] * w.N[j, i]
-            w.sums[n + m + i] += a.at_start[j] * w.N[j, i]
-            w.sums[n + 2 * m + i] += a.at_end[j] * w.N[j, i]
+            w.sums[n + i] += h * a.b[j] * w.N[i, j]
+            w.sums[n + m + i] += a.at_start[j] * w.N[i, j]
+            w.sums[n + 2 * m + i] += a.at_end[j] * w.N[i, j]
 
 
 @inlined

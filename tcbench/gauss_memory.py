@@ -28,12 +28,12 @@ class Work(NamedTuple):
     inverse_mass: Any  # (n,)
     given: Any  # what `gauss_kernels.iteration` reads: see `gauss_kernels.Given`, and the views of it below
     found: Any  # and what it writes
-    U: Any  # (WIDTH, m) the iterate
-    N: Any  # (WIDTH, m) the rates that it gives
-    V: Any  # (WIDTH, n) velocities
+    U: Any  # (m, WIDTH) the iterate
+    N: Any  # (m, WIDTH) the rates that it gives
+    V: Any  # (n, WIDTH) velocities
     state0: Any  # (2 n + 2 e,) q, p, pi and s at the start of the step
     room: Any  # blocks, h, mu
-    blocks: Any  # (parts, WIDTH, k) of the stiff parts: of the conduction, then of the elastic modes
+    blocks: Any  # (parts, k, WIDTH), by columns, of the stiff parts: of the conduction, then of the elastic modes
     mu: Any  # (parts,)
     modes: Any  # what the fifth kernel gives: mu, left and right of the modes
     left: Any  # (modes, n)
@@ -102,18 +102,18 @@ def unpack(plan, memory, at):  # type: ignore[no-untyped-def]
     k, n, e, parts = plan[STAGES], plan[N_Q], plan[N_E], plan[PARTS]
     m, points = n + e, POINTS[-1]
     found = part(memory, at, PLACE.found)
-    by_node = found[: len(found) - 1].reshape(2 * m + n, WIDTH).T
+    rows = found[: len(found) - 1].reshape(2 * m + n, WIDTH)
     w = Work(
         c=part(memory, at, PLACE.c),
         inverse_mass=part(memory, at, PLACE.inverse_mass),
         given=part(memory, at, PLACE.given),
         found=found,
-        U=by_node[:, :m],
-        N=by_node[:, m : 2 * m],
-        V=by_node[:, 2 * m :],
+        U=rows[:m],
+        N=rows[m : 2 * m],
+        V=rows[2 * m :],
         state0=memory[at[PLACE.given_q] : at[PLACE.given_blocks]],
         room=memory[at[PLACE.given_blocks] : at[PLACE.given_left]],
-        blocks=np.transpose(part(memory, at, PLACE.given_blocks).reshape(parts, k, WIDTH), (0, 2, 1)),
+        blocks=part(memory, at, PLACE.given_blocks).reshape(parts, k, WIDTH),
         mu=memory[at[PLACE.given_decay] : at[PLACE.given_left]],
         modes=memory[at[PLACE.given_mu] : at[PLACE.given_u]],
         left=part(memory, at, PLACE.given_left).reshape(parts - 1, n),
