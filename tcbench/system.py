@@ -57,8 +57,6 @@ def derived(body: Callable[..., Any]) -> Callable[..., Any]:
         arrays = [np.asarray(state) for state in states]
         if any(a.dtype == object for a in arrays):
             return body(self, *arrays)
-        if self.by_arrays:
-            return self._by_rows(body, arrays)
         return self._evaluate(body, [a.astype(np.float64, copy=False) for a in arrays])
 
     return function
@@ -353,28 +351,25 @@ class System:
         return {x: f"b[{i + 1}]" for i, x in enumerate(symbols)}
 
     def _evaluate(self, body: Callable[..., Any], arrays: list[Array]) -> Any:
+        """`body` at a state or a batch of them (leading axes): compiled, or in plain numpy where it asks for that."""
         from . import jit
 
-        entry, shape = self._kernel(body, tuple(a.shape[-1] for a in arrays))
         batch = np.broadcast_shapes(*(a.shape[:-1] for a in arrays))
-        if not batch:
-            a = arrays[0] if len(arrays) == 1 else np.concatenate(arrays)
-            out = np.empty(entry.size)
-            jit.evaluate(entry.address, np.ascontiguousarray(a), self.constant_values, out)
+        if batch or self.by_arrays:
+            rows = [np.broadcast_to(a, (*batch, a.shape[-1])).reshape(-1, a.shape[-1]) for a in arrays]
+        if self.by_arrays:
+            out = np.array([body(self, *states) for states in zip(*rows, strict=True)], dtype=float)
+            shape = out.shape[1:]
         else:
-            flat = [np.broadcast_to(a, (*batch, a.shape[-1])).reshape(-1, a.shape[-1]) for a in arrays]
-            out = np.empty((len(flat[0]), entry.size))
-            jit.evaluate_rows(entry.address, np.concatenate(flat, axis=1), self.constant_values, out)
+            entry, shape = self._kernel(body, tuple(a.shape[-1] for a in arrays))
+            out = np.empty((len(rows[0]) if batch else 1, entry.size))
+            if batch:
+                jit.evaluate_rows(entry.address, np.concatenate(rows, axis=1), self.constant_values, out)
+            else:  # the common case, where microseconds count
+                a = arrays[0] if len(arrays) == 1 else np.concatenate(arrays)
+                jit.evaluate(entry.address, np.ascontiguousarray(a), self.constant_values, out[0])
         out = out.reshape((*batch, *shape))
         return float(out) if out.shape == () else self.state(out) if shape == (self.size,) else out
-
-    def _by_rows(self, body: Callable[..., Any], arrays: list[Array]) -> Any:
-        """`body` in plain numpy; leading axes are a batch."""
-        batch = np.broadcast_shapes(*(a.shape[:-1] for a in arrays))
-        flat = [np.broadcast_to(a, (*batch, a.shape[-1])).reshape(-1, a.shape[-1]) for a in arrays]
-        rows = [np.asarray(body(self, *states), dtype=float) for states in zip(*flat, strict=True)]
-        out = np.array(rows).reshape((*batch, *rows[0].shape))
-        return float(out) if out.shape == () else self.state(out) if rows[0].shape == (self.size,) else out
 
     def _kernel(self, body: Callable[..., Any], sizes: tuple[int, ...]) -> Any:
         if self.by_arrays:
