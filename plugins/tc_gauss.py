@@ -27,9 +27,13 @@ def tc_gauss(k="3"):
     def step(z, h, system):
         return method(system, int(k)).increments(np.asarray(z), h)
 
+    def march(z, h, count, system):
+        return method(system, int(k)).march(np.asarray(z), h, count)
+
     return Integrator(
-        name="tc_gauss", order=2 * int(k), claims=EXACT, source=SOURCE, step=step, increments=True, tags={"collocation"}
-    )
+        name="tc_gauss", order=2 * int(k), claims=EXACT, source=SOURCE, step=step, increments=True, march=march,
+        tags={"collocation"},
+    )  # fmt: skip
 
 
 def tc_gauss_adaptive(k="5"):

@@ -141,9 +141,20 @@ def adaptive_steps(plan, a, w, z0, times, tolerance, states, counts):  # type: i
 
 
 @compiled
-def fixed_step(plan, memory, at, h, z0, dz_total, counts):  # type: ignore[no-untyped-def]
+def fixed_steps(plan, memory, at, h, z0, states, counts):  # type: ignore[no-untyped-def]
+    """States after as many steps as there is room for, or before the first without a solution; returns how many.
+
+    The increments of the last one stand in `total`.
+    """
     a, w = unpack(plan, memory, at)
-    return halving_step(plan, a, w, h, z0, dz_total, counts)
+    fill(w.dropped, 0.0)
+    for i in range(len(states)):
+        before = z0 if i == 0 else states[i - 1]
+        if halving_step(plan, a, w, h, before, w.total, counts) != SOLVED:
+            return i
+        copy_into(states[i], before)
+        add_compensated(states[i], w.total, w.dropped)
+    return len(states)
 
 
 @compiled

@@ -118,6 +118,25 @@ def keeps_its_input(method: Integrator) -> Line:
     return line(name, same, "" if same else "z0 is changed in place", _COPY)
 
 
+def marches(method: Integrator) -> Line:
+    """The states of `march` are those of `step`, and there are as many as were asked for."""
+    name, count = "march", 5
+    if method.march is None:
+        return Line(name, NONE, "none is given (march= is for a compiled loop of your own)")
+    assert method.step is not None
+    for scene in scenes(method):
+        z, h = scene.model.state(scene.z0.copy()), scene.dt * GENTLE
+        found, expected = np.asarray(method.march(z, h, count, scene.model), float), []
+        for _ in range(count):
+            z = scene.model.state(method.step(z, h, scene.model) + (np.asarray(z) if method.increments else 0.0))
+            expected.append(np.array(z))
+        gap = np.abs(found - expected).max() if found.shape == np.shape(expected) else math.inf
+        if not gap <= ROUNDOFF * np.abs(expected).max():
+            remedy = "march(z, h, count, system) returns the states after 1, ..., count steps, shape (count, n)."
+            return Line(name, FAIL, f"shape {found.shape}, {gap:.1e} from the states of step ({scene.name})", remedy)
+    return Line(name, OK, f"{count} steps as by step")
+
+
 def _overwrites(flow: Flow, model: System) -> bool:
     """Does the formula put other symbols into the arrays that it is given?"""
     system = model.symbolic
@@ -389,5 +408,6 @@ TESTS: tuple[tuple[str, Callable[[Integrator], Line]], ...] = (
     ("order", order),
     ("claims", claims),
     ("restart", restart),
+    ("march", marches),
     ("Jacobian", jacobian),
 )

@@ -38,7 +38,7 @@ class GaussMethod:
         parts = self.at[memory.PLACE.given_left] - self.at[memory.PLACE.given_decay]
         self.plan = np.array([*addresses, n, e, k, parts], dtype=np.int64)
         self.stages, self.counts = k, np.zeros(collocate.COUNTS_SIZE, dtype=np.int64)
-        self.total = np.zeros(system.size)
+        self.total = self.work.total
 
     @property
     def work(self) -> Any:
@@ -46,10 +46,17 @@ class GaussMethod:
         unpack = self.layout.unpack
         return getattr(unpack, "py_func", unpack)(self.plan, self.memory, self.at)[1]
 
+    def march(self, z: Floats, h: float, count: int) -> Floats:
+        """States after up to `count` steps, as many as have a solution; ArithmeticError where the first has none."""
+        states = np.empty((count, len(self.total)))
+        done = self.loops.fixed_steps(self.plan, self.memory, self.at, h, z, states, self.counts)
+        if done == 0:
+            raise ArithmeticError("the collocation equations have no solution in reach, at any part of the step")
+        return states[:done]
+
     def increments(self, z: Floats, h: float) -> Floats:
         """z1 - z of one step, overwritten by the next; raises ArithmeticError where none is found."""
-        if self.loops.fixed_step(self.plan, self.memory, self.at, h, z, self.total, self.counts) != self.codes.SOLVED:
-            raise ArithmeticError("the collocation equations have no solution in reach, at any part of the step")
+        self.march(z, h, 1)
         return self.total
 
     def adaptive(self, z0: Floats, times: Floats, tolerance: float) -> tuple[Floats, dict[str, int]]:

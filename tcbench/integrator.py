@@ -26,6 +26,8 @@ class Integrator:
         and `Flow`s. tcbench supplies exact Jacobian, Newton, continuation and failure reports.
     step : z1 = step(z, h, system), any Python. With increments=True it returns z1 - z, and what rounding drops in
         adding it is kept: momenta stay exact over thousands of steps.
+    march : states = march(z, h, count, system), shape (up to count, n): the steps of `step`, as many as succeed, from a
+        compiled loop of your own. Optional, beside step=.
     adaptive : z = adaptive(system, z0, t_eval, rtol, atol), shape (len(t_eval), n), swept over tolerance.
     variables : "entropy" for z = (q, p, s), "temperature" for (q, p, theta); of the formulas only.
     source : paper and equation.
@@ -39,6 +41,7 @@ class Integrator:
     source: str = ""
     flows: Any = None
     step: Callable[..., Any] | None = None
+    march: Callable[..., Any] | None = None
     adaptive: Callable[..., Any] | None = None
     increments: bool = False
     variables: str = "entropy"
@@ -60,6 +63,8 @@ class Integrator:
         if len(ways) != 1:
             given = " and ".join(ways) or "none of them"
             raise TcbenchError(f"Integrator {self.name!r} must give one of flows=, step=, adaptive=; it gives {given}.")
+        if self.march is not None and self.step is None:
+            raise TcbenchError(f"Integrator {self.name!r} gives march= without step=, which march= repeats.")
         if self.variables not in ("entropy", "temperature"):
             raise TcbenchError(
                 f"Integrator {self.name!r}: variables must be 'entropy' or 'temperature', not {self.variables!r}."

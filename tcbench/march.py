@@ -230,10 +230,15 @@ def judge(step, z, h, limits, shape, observables, states, records, summary):  # 
 
 
 @lean
-def monitor(step, z, c, h, limits, shape, observables, states, records, summary):  # type: ignore[no-untyped-def]
-    """`judge` for a state that comes from Python: observed here."""
-    call(shape[OBSERVE], z, c, observables[2])
-    return judge(step, z, h, limits, shape, observables, states, records, summary)
+def monitor(first, rows, c, h, limits, shape, observables, states, records, summary):  # type: ignore[no-untyped-def]
+    """`judge` for states that come from Python, of step `first` and the next: observed here, up to one that ends it."""
+    reason, done = OK, first - 1
+    for i in range(len(rows)):
+        call(shape[OBSERVE], rows[i], c, observables[2])
+        reason, done = judge(first + i, rows[i], h, limits, shape, observables, states, records, summary)
+        if reason != OK:
+            break
+    return reason, done
 
 
 @lean

@@ -16,39 +16,47 @@ from .scenario import Scenario
 from .trajectory import SolverCounts, Trajectory
 
 POINTS = 200  # output times of an adaptive run
+TOGETHER = 256  # steps that a method with a loop of its own is asked for at a time
 
 
 def run_step(integrator: Integrator, scenario: Scenario, dt: float, steps: int, every: int) -> Trajectory:
     """March a Python step z1 = step(z, h, system); its exceptions and wrong shapes become statuses."""
-    assert integrator.step is not None
     model, z = scenario.model, scenario.z0.copy()
     monitor = Monitor(scenario, dt, steps, every)
     carry = np.zeros_like(z)
     begin = time.perf_counter()
     reason, failure, done = m.OK, "", 0
-    for k in range(1, steps + 1):
+    while done < steps and reason == m.OK:
         try:
-            result = _as_state(integrator.step(model.state(z.copy()), dt, model), z.shape)
+            states = _next_states(integrator, model, z, carry, dt, min(TOGETHER, steps - done))
         except Exception as error:  # a plugin may raise anything: that is a row, not a crash
-            failure = exception_sentence(error, k, k * dt)
+            failure = exception_sentence(error, done + 1, (done + 1) * dt)
             break
-        if integrator.increments:
-            m.add_compensated(z, result, carry)
-        else:
-            z = result
-        reason, done = monitor.add(k, z)
-        if reason != m.OK:
-            break
+        reason, done = monitor.add(done + 1, states)
+        z = states[-1]
     wall = time.perf_counter() - begin
     status, sentence = ("exception", failure) if failure else explain(reason, done, dt, scenario)
     return monitor.trajectory(integrator, status, sentence, done, wall)
 
 
-def _as_state(value: Any, shape: tuple[int, ...]) -> np.ndarray:
-    z = np.array(value, dtype=np.float64)
-    if z.shape != shape:
-        raise ValueError(f"the step returned shape {z.shape}, a state has shape {shape}")
-    return z
+def _next_states(
+    integrator: Integrator, model: Any, z: np.ndarray, carry: np.ndarray, dt: float, count: int
+) -> np.ndarray:
+    """The state after one step, in one row, or those after up to `count` where the method marches itself."""
+    start = model.state(z.copy())
+    if integrator.march is not None:
+        states = np.array(integrator.march(start, dt, count, model), dtype=np.float64)
+        if states.ndim != 2 or not 1 <= len(states) <= count or states.shape[1] != len(z):
+            raise ValueError(f"march returned shape {states.shape}; up to {count} states of {len(z)} were asked for")
+        return states
+    assert integrator.step is not None
+    result = np.array(integrator.step(start, dt, model), dtype=np.float64)
+    if result.shape != z.shape:
+        raise ValueError(f"the step returned shape {result.shape}, a state has shape {z.shape}")
+    if integrator.increments:
+        dz, result = result, z.copy()
+        m.add_compensated(result, dz, carry)
+    return result[None]
 
 
 class Monitor:
@@ -71,18 +79,19 @@ class Monitor:
         self.shape[m.OBSERVE], self.shape[m.RECORD_EVERY] = self.observe, every
         self.summary = empty_summary(len(model.invariant_names))
 
-    def add(self, step: int, z: np.ndarray) -> tuple[int, int]:
-        """(why the run ended or OK, completed steps) after this step."""
-        if not self.observe:
+    def add(self, first: int, rows: np.ndarray) -> tuple[int, int]:
+        """(why the run ended or OK, completed steps) after these states, those of step `first` and the next."""
+        arrays = self.limits, self.shape, self.observables, self.recorder.states, self.recorder.records, self.summary
+        if self.observe:
+            rows = np.ascontiguousarray(rows)  # kernels read states as they lie in memory
+            return m.monitor(first, rows, self.c, self.dt, *arrays)
+        reason, done = m.OK, first - 1
+        for step, z in enumerate(rows, start=first):
             self.observables[2] = self.scenario.model.observe(z)
-            return m.judge(
-                step, z, self.dt, self.limits, self.shape, self.observables,
-                self.recorder.states, self.recorder.records, self.summary,
-            )  # fmt: skip
-        return m.monitor(
-            step, z, self.c, self.dt, self.limits, self.shape, self.observables,
-            self.recorder.states, self.recorder.records, self.summary,
-        )  # fmt: skip
+            reason, done = m.judge(step, z, self.dt, *arrays)
+            if reason != m.OK:
+                break
+        return reason, done
 
     def trajectory(self, integrator: Integrator, status: str, failure: str, done: int, wall: float) -> Trajectory:
         return assemble(
@@ -105,10 +114,8 @@ def run_adaptive(integrator: Integrator, scenario: Scenario, tolerance: float) -
     except Exception as error:
         failure = exception_sentence(error, 1, 0.0)
     wall = time.perf_counter() - begin
-    for k, z in enumerate(states[1:], start=1):
-        reason, done = monitor.add(k, np.ascontiguousarray(z))
-        if reason != m.OK:
-            break
+    if len(states) > 1:
+        reason, done = monitor.add(1, states[1:])
     status, sentence = ("exception", failure) if failure else explain(reason, done, t[1], scenario)
     run = monitor.trajectory(integrator, status, sentence, done, wall)
     solver = SolverCounts(

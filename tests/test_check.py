@@ -147,6 +147,14 @@ FAULTS = {
     "in-place change in a formula": (made(flows=in_place_formula), "input unchanged", "in_place_formula changes"),
     "random numbers": (made(step=random), "deterministic", "differ"),
     "wrong sign in the formula": (made(flows=backwards), "consistent", "dz/dt"),
+    "a march of one step too few": (
+        made(step=explicit_midpoint, march=lambda z, h, count, s: [explicit_midpoint(z, h, s)] * (count - 1)),
+        "march", "shape (4, 10)",
+    ),
+    "a march with another step": (
+        made(step=explicit_midpoint, march=lambda z, h, count, s: [explicit_midpoint(z, h, s)] * count),
+        "march", "from the states of step",
+    ),
     "exception": (made(step=lambda z, h, system: 1 / 0), "restart", "ZeroDivisionError"),
     "tolerances ignored": (
         made(adaptive=lambda s, z, t, r, a: solve_ivp(s, z, t, 1e-3, 1e-3), order=None), "order", "errors",

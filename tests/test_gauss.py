@@ -100,6 +100,16 @@ def test_the_compiled_step_is_the_formula(k):
     assert np.allclose(method.increments(scene.z0, 0.05), expected, rtol=1e-12, atol=1e-14)
 
 
+@pytest.mark.parametrize("scene", ["stiff_spring", "gas_containers"])
+def test_marching_is_stepping(scene):
+    scenario = tcbench.scenarios()[scene]
+    method, z, h = GaussMethod(scenario.model, 3), scenario.z0, scenario.dt / 5
+    states = method.march(z, h, 30)
+    for state in states:
+        z = z + method.increments(z, h)
+        np.testing.assert_allclose(state, z, rtol=1e-11, atol=1e-12)
+
+
 @pytest.mark.parametrize("scene", ["stiff_spring", "long_term", "gas_containers"])
 def test_elastic_modes_make_up_the_stiffness_of_the_forces(scene):
     scenario = tcbench.scenarios()[scene]

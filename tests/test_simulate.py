@@ -210,6 +210,59 @@ def test_a_bad_step_is_a_status_and_a_sentence(step, status, sentence):
     assert np.array_equal(run.z[0], SCENES["short_term"].z0)
 
 
+def in_one_go(z, h, count, system):
+    states = []
+    for _ in range(count):
+        z = euler(system.state(np.array(z)), h, system)
+        states.append(np.array(z))
+    return states
+
+
+def test_a_method_that_marches_gives_the_rows_that_its_steps_give():
+    runs = [
+        tcbench.simulate(
+            Integrator(name="e", order=1, step=euler, march=march), "bound_equilibrium", dt=0.001, t_end=0.6
+        )
+        for march in (None, in_one_go)
+    ]
+    assert runs[0].steps == runs[1].steps == 600  # asked for in more than one piece
+    np.testing.assert_array_equal(runs[0].z, runs[1].z)
+    assert runs[0].summary == runs[1].summary
+
+
+def test_a_march_that_ends_early_is_asked_again_and_a_blowup_within_it_is_found():
+    def up_to_seven(z, h, count, system):
+        return in_one_go(z, h, min(count, 7), system)
+
+    def explodes_after_ten(z, h, count, system):
+        states = np.repeat(np.array(z)[None], count, axis=0)
+        states[10:, 4] += 100.0
+        return states
+
+    def fails_after_ten(z, h, count, system):
+        states = in_one_go(z, h, 20, system)
+        if not np.array_equal(z, SCENES["bound_equilibrium"].z0):
+            raise ArithmeticError("no root")
+        return states[:10]
+
+    def run(march):
+        method = Integrator(name="e", order=1, step=euler, march=march)
+        return tcbench.simulate(method, "bound_equilibrium", dt=0.001, t_end=0.1)
+
+    assert run(up_to_seven).steps == 100 and run(up_to_seven).ok
+    found = run(explodes_after_ten)
+    assert found.status == "blowup" and "step 11 " in found.failure and len(found.t) == 12
+    found = run(fails_after_ten)
+    assert found.status == "exception" and "step 11 " in found.failure and found.steps == 10
+    assert "up to 100 states of 10 were asked for" in run(lambda z, h, count, system: np.zeros((count, 5))).failure
+    assert run(lambda z, h, count, system: np.zeros((0, 10))).status == "exception"
+
+
+def test_a_march_needs_a_step():
+    with pytest.raises(TcbenchError, match="without step="):
+        Integrator(name="e", order=1, flows=lambda z0, z1, h, s: z1 - z0, march=in_one_go)
+
+
 def test_a_step_that_spoils_its_argument_spoils_nothing_else():
     before = SCENES["short_term"].z0.copy()
     tcbench.simulate(Integrator(name="bad", order=1, step=in_place), "short_term")
