@@ -343,6 +343,7 @@ def closing(k: int, n: int, e: int) -> str:
     return lanes.text()
 
 
+@cache
 def on_vectors(structure: tuple, k: int) -> list[int]:
     """Addresses of the kernels on vectors; zeros where the system's formulas have no such form."""
     from . import jit
