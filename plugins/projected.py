@@ -16,7 +16,11 @@ def project(method=VERLET_HEAT4.name):
 
 def one_step_methods(known):
     """Those that a projection changes: not the ones that keep the energy already, nor those for one system only."""
-    others = (n for n, i in known.items() if i.kind != "adaptive" and "energy" not in i.claims and not i.only_for)
+    others = (
+        n
+        for n, i in known.items()
+        if i.kind != "adaptive" and "energy" not in i.claims and not i.only_for and i.family is not project
+    )
     return [VERLET_HEAT4.name, *(name for name in others if name != VERLET_HEAT4.name)]
 
 

@@ -69,8 +69,8 @@ def make_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]
     for i in kept:
         right = bool(rows) and all(_numeric(row[i]) for row in rows)
         table.add_column(columns[i], justify="right" if right else "left", overflow="fold", no_wrap=i == 0 and right)
-        if i == 0 and widths[0] < 30:
-            table.columns[-1].min_width = widths[0]
+        if i in (0, 1) and widths[i] < 30 and not any(" " in row[i] for row in rows):  # names
+            table.columns[-1].min_width = widths[i]
     for row in rows:
         table.add_row(*(row[i] for i in kept))
     return table
