@@ -141,20 +141,16 @@ def adaptive_steps(plan, a, w, z0, times, tolerance, states, counts):  # type: i
 
 
 @compiled
-def fixed_steps(plan, memory, at, h, z0, states, counts):  # type: ignore[no-untyped-def]
-    """States after as many steps as there is room for, or before the first without a solution; returns how many.
-
-    The increments of the last one stand in `total`.
-    """
+def fixed_steps(plan, memory, at, h, z0, increments, counts):  # type: ignore[no-untyped-def]
+    """Increments of as many steps as there are rows, or of those before the first without a solution; how many."""
     a, w = unpack(plan, memory, at)
+    copy_into(w.here, z0)
     fill(w.dropped, 0.0)
-    for i in range(len(states)):
-        before = z0 if i == 0 else states[i - 1]
-        if halving_step(plan, a, w, h, before, w.total, counts) != SOLVED:
+    for i in range(len(increments)):
+        if halving_step(plan, a, w, h, w.here, increments[i], counts) != SOLVED:
             return i
-        copy_into(states[i], before)
-        add_compensated(states[i], w.total, w.dropped)
-    return len(states)
+        add_compensated(w.here, increments[i], w.dropped)
+    return len(increments)
 
 
 @compiled

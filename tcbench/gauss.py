@@ -38,7 +38,7 @@ class GaussMethod:
         parts = self.at[memory.PLACE.given_left] - self.at[memory.PLACE.given_decay]
         self.plan = np.array([*addresses, n, e, k, parts], dtype=np.int64)
         self.stages, self.counts = k, np.zeros(collocate.COUNTS_SIZE, dtype=np.int64)
-        self.total = self.work.total
+        self.size = system.size
 
     @property
     def work(self) -> Any:
@@ -47,22 +47,21 @@ class GaussMethod:
         return getattr(unpack, "py_func", unpack)(self.plan, self.memory, self.at)[1]
 
     def march(self, z: Floats, h: float, count: int) -> Floats:
-        """States after up to `count` steps, as many as have a solution; ArithmeticError where the first has none."""
-        states = np.empty((count, len(self.total)))
-        done = self.loops.fixed_steps(self.plan, self.memory, self.at, h, z, states, self.counts)
+        """Increments of up to `count` steps, as many as have a solution; ArithmeticError where the first has none."""
+        increments = np.empty((count, self.size))
+        done = self.loops.fixed_steps(self.plan, self.memory, self.at, h, z, increments, self.counts)
         if done == 0:
             raise ArithmeticError("the collocation equations have no solution in reach, at any part of the step")
-        return states[:done]
+        return increments[:done]
 
     def increments(self, z: Floats, h: float) -> Floats:
-        """z1 - z of one step, overwritten by the next; raises ArithmeticError where none is found."""
-        self.march(z, h, 1)
-        return self.total
+        """z1 - z of one step; raises ArithmeticError where none is found."""
+        return self.march(z, h, 1)[0]
 
     def adaptive(self, z0: Floats, times: Floats, tolerance: float) -> tuple[Floats, dict[str, int]]:
         """States at `times`, and what they cost. The end of a step is superconvergent (order 2k), its polynomial is not
         (order k + 1): the defect is held at the power of the tolerance that belongs to an error of its size."""
-        k, states = self.stages, np.empty((len(times), len(self.total)))
+        k, states = self.stages, np.empty((len(times), self.size))
         self.counts[:] = 0
         exponent = (k + 1) / (2 * k)
         code = self.loops.adaptive(self.plan, self.memory, self.at, z0, times, tolerance**exponent, states, self.counts)

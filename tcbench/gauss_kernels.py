@@ -17,12 +17,8 @@ from .emit import WIDTH, Kernel, constant_part, kernel
 from .symbols import maximum
 from .system import System
 
-POINTS = (
-    8,
-    16,
-    32,
-    64,
-)  # of the quadratures, whole numbers of vectors: the coarsest that keeps the energy is taken
+# points of the quadratures, whole numbers of vectors: the coarsest that keeps the energy is taken
+POINTS = (8, 16, 32, 64)
 ON_VECTORS = 2  # of them: steps that need more are too long for the iteration
 Floats = NDArray[np.float64]
 

@@ -63,14 +63,14 @@ class Work(NamedTuple):
     z1: Any  # (2 n + e,)
     z: Any  # (2 n + e,) of a run: where it is
     carry: Any  # and what rounding dropped on the way
-    total: Any  # (2 n + e,) increments of a fixed step
-    dropped: Any  # and what rounding dropped of them
+    here: Any  # (2 n + e,) of a march: where it is
+    dropped: Any  # and what rounding dropped on the way
 
 
 # the order in memory: arrays, then the numbers of the method; then where the views of `given` begin
 STORED = (
     "c", "inverse_mass", "given", "found", "middle", "ratio", "sums", "start", "end", "seen", "at_nodes", "drift",
-    "at_points", "slopes", "FG", "rho", "block", "J", "rhs", "base", "x0", "dz", "z1", "z", "carry", "total", "dropped",
+    "at_points", "slopes", "FG", "rho", "block", "J", "rhs", "base", "x0", "dz", "z1", "z", "carry", "here", "dropped",
 )  # fmt: skip
 _NAMES = [*STORED, *Coefficients._fields, "stop", *(f"given_{x}" for x in Given._fields)]
 PLACE: Any = namedtuple("PLACE", _NAMES)(*range(len(_NAMES)))  # type: ignore[misc]
@@ -86,7 +86,7 @@ def layout(n: int, e: int, numbers: Coefficients, constants: int, ends: int) -> 
         "ratio": 1, "sums": n + 3 * m, "start": ends, "end": ends, "seen": 2, "at_nodes": k * 2 * m, "drift": k * 2 * e,
         "at_points": points * 2 * e, "slopes": points * 2 * e, "FG": m, "rho": parts * k, "block": k * k,
         "J": (k * m) ** 2, "rhs": k * m, "base": k * m, "x0": 2 * e, "dz": n + m, "z1": n + m,
-        "z": n + m, "carry": n + m, "total": n + m, "dropped": n + m,
+        "z": n + m, "carry": n + m, "here": n + m, "dropped": n + m,
     } | {name: np.size(x) for name, x in numbers._asdict().items()}  # fmt: skip
     at = np.cumsum([0, *(sizes[name] for name in _NAMES[: PLACE.stop])])
     views = [*(x.start for x in place), place.scale.stop]
@@ -145,7 +145,7 @@ def unpack(plan, memory, at):  # type: ignore[no-untyped-def]
         z1=part(memory, at, PLACE.z1),
         z=part(memory, at, PLACE.z),
         carry=part(memory, at, PLACE.carry),
-        total=part(memory, at, PLACE.total),
+        here=part(memory, at, PLACE.here),
         dropped=part(memory, at, PLACE.dropped),
     )
     numbers = Coefficients(

@@ -26,8 +26,8 @@ class Integrator:
         and `Flow`s. tcbench supplies exact Jacobian, Newton, continuation and failure reports.
     step : z1 = step(z, h, system), any Python. With increments=True it returns z1 - z, and what rounding drops in
         adding it is kept: momenta stay exact over thousands of steps.
-    march : states = march(z, h, count, system), shape (up to count, n): the steps of `step`, as many as succeed, from a
-        compiled loop of your own. Optional, beside step=.
+    march : rows = march(z, h, count, system), shape (up to count, n): what `step` returns in the next steps, as many as
+        succeed, from a compiled loop of your own. Optional, beside step=.
     adaptive : z = adaptive(system, z0, t_eval, rtol, atol), shape (len(t_eval), n), swept over tolerance.
     variables : "entropy" for z = (q, p, s), "temperature" for (q, p, theta); of the formulas only.
     source : paper and equation.

@@ -211,6 +211,14 @@ def add_compensated(z, dz, carry):  # type: ignore[no-untyped-def]
 
 
 @lean
+def add_increments(z, increments, carry, states):  # type: ignore[no-untyped-def]
+    """States after each of the increments from z, which becomes the last of them."""
+    for i in range(len(increments)):
+        add_compensated(z, increments[i], carry)
+        copy_into(states[i], z)
+
+
+@lean
 def judge(step, z, h, limits, shape, observables, states, records, summary):  # type: ignore[no-untyped-def]
     """Judge and record the state after a step, observed in observables[2]; returns (why the run ends or OK, steps).
 

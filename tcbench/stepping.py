@@ -45,18 +45,20 @@ def _next_states(
     """The state after one step, in one row, or those after up to `count` where the method marches itself."""
     start = model.state(z.copy())
     if integrator.march is not None:
-        states = np.array(integrator.march(start, dt, count, model), dtype=np.float64)
-        if states.ndim != 2 or not 1 <= len(states) <= count or states.shape[1] != len(z):
-            raise ValueError(f"march returned shape {states.shape}; up to {count} states of {len(z)} were asked for")
-        return states
-    assert integrator.step is not None
-    result = np.array(integrator.step(start, dt, model), dtype=np.float64)
-    if result.shape != z.shape:
-        raise ValueError(f"the step returned shape {result.shape}, a state has shape {z.shape}")
+        rows = np.array(integrator.march(start, dt, count, model), dtype=np.float64, order="C")
+        if rows.ndim != 2 or not 1 <= len(rows) <= count or rows.shape[1] != len(z):
+            raise ValueError(f"march returned shape {rows.shape}; up to {count} states of {len(z)} were asked for")
+    else:
+        assert integrator.step is not None
+        result = np.array(integrator.step(start, dt, model), dtype=np.float64, order="C")
+        if result.shape != z.shape:
+            raise ValueError(f"the step returned shape {result.shape}, a state has shape {z.shape}")
+        rows = result[None]
     if integrator.increments:
-        dz, result = result, z.copy()
-        m.add_compensated(result, dz, carry)
-    return result[None]
+        states = np.empty_like(rows)
+        m.add_increments(z.copy(), rows, carry, states)
+        return states
+    return rows
 
 
 class Monitor:

@@ -153,7 +153,7 @@ FAULTS = {
     ),
     "a march with another step": (
         made(step=explicit_midpoint, march=lambda z, h, count, s: [explicit_midpoint(z, h, s)] * count),
-        "march", "from the states of step",
+        "march", "from what step gives",
     ),
     "exception": (made(step=lambda z, h, system: 1 / 0), "restart", "ZeroDivisionError"),
     "tolerances ignored": (
