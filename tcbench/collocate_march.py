@@ -89,7 +89,7 @@ def first_step(plan, w, tolerance):  # type: ignore[no-untyped-def]
     heat = 0.0
     for i in range(n, n + e):
         heat = max(heat, abs(w.start[i]))
-    return min(h, FIRST * h / fastest) if heat > tolerance * fastest else h
+    return min(h, FIRST * h / fastest) if fastest > 0.0 and heat > tolerance * fastest else h
 
 
 @lean

@@ -232,8 +232,11 @@ def _start(system: Any, z: Any) -> list[Any]:
     n, e, state = system.n_positions, system.n_elements, system.state(z)
     rate, theta = system.vector_field(z)[n:], system.temperatures(z)
     energy = system.energy(z)
-    # some rounding errors of each element's heat and of the total
-    noise = 2.0**-51 * (sum(theta * (np.ones(e) * system.entropy_scale())) + abs(energy) + 1.0)
+    # some rounding errors of each element's heat, of the work that it holds, of the motion and of the total
+    pi = system.shape(state.q)
+    held = [abs(x) for x in system._element_slopes(pi, state.s)[0] * pi]
+    moving = state.p @ (state.p / system.inertia())
+    noise = 2.0**-51 * (sum(theta * (np.ones(e) * system.entropy_scale())) + sum(held) + moving + abs(energy) + 1.0)
     u = v = [0.0] * e
     if e == 2:
         slope = trace.jacobian(list(rate[n:]), list(state.s))
