@@ -9,8 +9,6 @@ from __future__ import annotations
 import ast
 import hashlib
 import math
-import os
-import tempfile
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -19,6 +17,7 @@ from typing import Any
 import llvmlite.binding as llvm
 from llvmlite import ir
 
+from .files import replacing
 from .jit import cache_folder
 
 DOUBLE, INT = ir.DoubleType(), ir.IntType(64)
@@ -178,7 +177,8 @@ def load(text: str, assemble: Callable[[str], str] = assembly) -> int:
         name = hashlib.sha256(f"{text}{llvm.get_host_cpu_name()}{features}".encode()).hexdigest()[:24]
         path = cache_folder() / f"kernel_{name}.o"
         if not path.exists():
-            write_atomically(path, _object(assemble(text), machine))
+            with replacing(path) as temporary:
+                temporary.write_bytes(_object(assemble(text), machine))
         engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
         engine.add_object_file(llvm.ObjectFileRef.from_path(str(path)))
         engine.finalize_object()
@@ -194,11 +194,3 @@ def _object(code: str, machine: Any) -> bytes:
     builder = llvm.create_pass_builder(machine, options)
     builder.getModulePassManager().run(module, builder)
     return bytes(machine.emit_object(module))
-
-
-def write_atomically(path: Path, content: bytes) -> None:
-    """Several processes may compile the same kernel at once: each writes its own file and renames it."""
-    handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".tmp")
-    with os.fdopen(handle, "wb") as stream:
-        stream.write(content)
-    os.replace(temporary, path)

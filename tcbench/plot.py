@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .errors import TcbenchError, unknown_name
 from .figures import OPENING, SERIES, Kind, find_kind, of_scenario, replay, with_fallbacks
+from .files import replacing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -70,16 +70,12 @@ def save(figure: Figure, path: Path) -> Path:
 
     from .charts.style import STYLE
 
-    temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
     metadata: dict[str, Any] = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(path.suffix.lower(), {})
     try:
-        with matplotlib.rc_context(STYLE | {"pdf.fonttype": 42}):
+        with replacing(path) as temporary, matplotlib.rc_context(STYLE | {"pdf.fonttype": 42}):
             figure.savefig(temporary, dpi=160, metadata=metadata)
-        os.replace(temporary, path)
     except OSError as error:
         raise TcbenchError(f"{str(path)!r} cannot be written: {error.strerror or error}.") from None
-    finally:
-        temporary.unlink(missing_ok=True)
     return path
 
 

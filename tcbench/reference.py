@@ -14,8 +14,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
-import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import lru_cache
@@ -28,6 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .collocation import LONG, Jacobian, ReferenceFailed, RightHandSide, integrate, tableau
+from .files import replacing
 
 FORMAT = 1
 # Both collocations share the rounding of the right-hand side: on stiff_spring the error was 3 times the gap.
@@ -241,14 +240,8 @@ def cached(folder: Path | str, key: str, make: Callable[[], Reference]) -> Refer
 def write_atomically(path: Path, text: str) -> None:
     """Write beside the target and rename over it, so that a reader never sees half a file."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=path.name, suffix=".tmp")
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(text)
-        os.replace(temporary, path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
 
 
 __all__ = [

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shlex
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from .drawing import Drawn, Job, draw_all
 from .errors import TcbenchError
 from .figures import OPENING, SERIES, Kind, kinds, replay, with_fallbacks
+from .files import replacing
 from .page import Charts, cell, is_numeric, script_json, svg_text, table_href
 from .store import Store
 from .tables import read_tables
@@ -104,14 +104,11 @@ def write_report(folder: str | Path) -> Path:
     tables |= replay(tables)
     text = _environment().get_template("report.html").render(**_content(store, tables))
     path = Path(folder) / "report.html"
-    temporary = path.with_name(f".report.{os.getpid()}.tmp")
     try:
-        temporary.write_text(text, encoding="utf-8", errors="replace")
-        os.replace(temporary, path)
+        with replacing(path) as temporary:
+            temporary.write_text(text, encoding="utf-8", errors="replace")
     except OSError as error:
         raise TcbenchError(f"{str(path)!r} cannot be written: {error.strerror or error}.") from None
-    finally:
-        temporary.unlink(missing_ok=True)
     return path
 
 
