@@ -5,19 +5,19 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Callable, Iterator
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from . import plugins, trace
 from .errors import TcbenchError, TraceError
+from .jacobian_gaps import given_gap, traced_gap
 from .simulation import simulate
 from .theorems import SEED, admissible_states
 from .verdict import FAIL, NONE, OK, Line, line
 
 if TYPE_CHECKING:
-    from .flow import Flow, FlowKernels
+    from .flow import Flow
     from .integrator import Integrator
     from .scenario import Scenario
     from .system import System
@@ -320,68 +320,16 @@ def jacobian(method: Integrator) -> Line:
     """The Jacobian in use against differences: the traced one, or the one that a method of its own brings."""
     name, function = "Jacobian", method.step or method.adaptive
     if method.kind == "flows":
-        worst = max(_traced_gap(method, scene) for scene in scenes(method))
+        worst = max(traced_gap(method, scene) for scene in scenes(method))
         return line(
             name, worst <= 1e-5, f"traced, gap to differences {worst:.0e}", "Report this: the formula is traced wrong."
         )
     given = getattr(function, "jacobian", None)
     if given is None:
         return Line(name, NONE, f"none is given ({method.kind}.jacobian = f would be checked)")
-    worst = max(_given_gap(function, given, scene) for scene in scenes(method))
+    worst = max(given_gap(function, given, scene) for scene in scenes(method))
     remedy = "Compare entry by entry with differences; a gap near 2 is a wrong sign."
     return line(name, worst <= 1e-5, f"gap to differences {worst:.1e}, relative", remedy)
-
-
-def _given_gap(function: Any, given: Callable[..., Any], scene: Scenario) -> float:
-    """jacobian(z, system) of the vector field, or jacobian(z0, z1, h, system) of function.residual to z1."""
-    model, h = scene.model, scene.dt / 10
-    z0 = np.array(scene.z0)
-    residual = getattr(function, "residual", None)
-    if residual is None:
-        found, f = np.asarray(given(model.state(z0), model), float), lambda z: np.asarray(model.vector_field(z))
-        return _gap(found, f, z0)
-    z1 = z0 + h * np.asarray(model.vector_field(z0))
-    found = np.asarray(given(model.state(z0), model.state(z1), h, model), float)
-    return _gap(found, lambda z: np.asarray(residual(model.state(z0), model.state(z), h, model)), z1)
-
-
-def _traced_gap(method: Integrator, scene: Scenario) -> float:
-    from .jit import evaluate
-    from .simulation import _STRUCTURES, Workspace, compiled_flows
-
-    model = scene.model
-    _STRUCTURES.setdefault(model.structure, model)
-    compiled = compiled_flows(method.flows, model.structure)
-    constants, worst = model.constant_values.copy(), 0.0
-    constants[0] = scene.dt
-    buffers = Workspace.of(compiled, constants, scene.dt, model.size, model.observer[1])
-    for work, kernels in zip(buffers.works, compiled.kernels, strict=True):
-        n = kernels.n_unknowns
-        if n == 0:
-            continue
-        evaluate(kernels.prologue.address, np.array(scene.z0), constants, work)
-        x = 1e-2 * np.cos(np.arange(n))  # any point near the start: the formula is checked, not the root
-        found = kernels.full(work, x)[n : n + n * n].reshape(n, n)
-        worst = max(worst, _gap(found, partial(_rows, kernels, work), x))
-    return worst
-
-
-def _rows(kernels: FlowKernels, work: Any, x: Any) -> Any:
-    """The residual at x."""
-    return kernels.full(work, np.ascontiguousarray(x))[: kernels.n_unknowns]
-
-
-def _gap(found: Any, f: Callable[[Any], Any], x: Any) -> float:
-    """Largest difference of a Jacobian to central differences, relative to its largest entry."""
-    columns = []
-    for i in range(len(x)):
-        e = np.zeros(len(x))
-        e[i] = 1e-5 * max(1.0, abs(x[i]))
-        columns.append((f(x + e) - f(x - e)) / (2 * e[i]))
-    differences = np.stack(columns, axis=-1)
-    if np.shape(found) != differences.shape:
-        return math.inf
-    return float(np.abs(found - differences).max() / np.abs(differences).max())
 
 
 # ---- cost
