@@ -16,6 +16,11 @@ Solved by fixed point in U = (F, G), with its stiff parts, of rank one each, inv
 decays at a rate lambda < 0 in a direction u with theta . u = 0, by (I - h lambda A)^-1; and each elastic mode, of
 frequency omega halfway through the step, by (I + h^2 omega^2 A^2)^-1. How stiffness and direction of the springs change
 over the step is left to the iteration. It starts with few quadrature points and ends with as many as the energy needs.
+
+Adaptive runs iterate to a residual that belongs to the tolerance; to go on to round-off would take up to three times as
+many iterations. Entropies rise all the same, as G is the conduction of some temperatures. Energy and invariants miss by
+about the residual, and are mended: p is changed by as little, to the values with which the run began. Where that can't
+be done, because hardly anything moves, the iteration goes on to round-off, and nothing is missing.
 """
 
 from __future__ import annotations
@@ -29,6 +34,7 @@ from .gauss_memory import (
     FINER,
     FORCES,
     ITERATE,
+    MEND,
     MODES,
     MOTION,
     N_E,
@@ -38,7 +44,7 @@ from .gauss_memory import (
     START,
     STIFF,
 )
-from .jit import call, fill, inlined, lean
+from .jit import call, copy_into, fill, inlined, lean
 from .newton import solve_pivoted
 
 # how a step ended, and what was counted
@@ -49,6 +55,7 @@ MAX_ITERATIONS = 60
 CONVERGED = 1e-15  # scaled residual, beside which rounding is larger
 STAGNATED = 2e-14  # below this a residual that no longer shrinks is round-off
 ROUGH = 1e-3  # residual down to which the coarsest quadrature will do
+MOST = 0.1  # of the kinetic energy that is free to change: what mending may move
 SLOW = 0.6  # contraction above which the fixed point is given up
 MAX_NEWTON = 12
 INCREMENT = 1e-7  # of the difference quotients of the fallback: they steer, the residual decides
@@ -176,8 +183,7 @@ def correct(plan, w, h):  # type: ignore[no-untyped-def]
             for i in range(n, n + e) if part == 0 else range(n):
                 w.FG[i] += (w.u[i - n] if part == 0 else w.left[part - 1, i]) * total
         for i in range(n + e):
-            # momenta are kept as well as F = N; entropies as well as they converge
-            r = abs(w.N[i, j] - w.U[i, j]) * w.scale[0] if i < n else abs(w.FG[i]) * w.scale[1]
+            r = abs(w.N[i, j] - w.U[i, j]) * w.scale[0 if i < n else 1]
             size = r if not r <= size else size
             w.U[i, j] += w.FG[i]
     return h * size
@@ -197,35 +203,37 @@ def iterate(plan, a, w, h, z, level):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def fixed_point(plan, a, w, h, z, level, counts):  # type: ignore[no-untyped-def]
-    """Iterate from U, in place; the converged U and N agree to round-off. SOLVED or FAILED."""
+def fixed_point(plan, a, w, h, z, level, residual, counts):  # type: ignore[no-untyped-def]
+    """Iterate from U, in place, until U and N agree to the residual. SOLVED or FAILED."""
     previous, slow, first, shrunk, since = np.inf, 0, 0.0, 0.0, 0
     w.c[0], w.seen[0] = h, 0.0
     stiff_parts(plan, a, w, h, z)
     stiff_blocks(plan, a, w, h)
+    # round-off in the conduction is that of entropies, times 1 - h lambda
+    w.scale[1] = min(1.0, residual / CONVERGED / (1.0 - h * w.mu[0]))
     here, taken = 0, 0
     for _ in range(MAX_ITERATIONS):
         counts[ITERATIONS] += 1
         size = iterate(plan, a, w, h, z, here)
         if not size < np.inf:
             return FAILED
-        if here < level and size <= ROUGH:
+        if here < level and size <= max(ROUGH, residual):
             here, since, taken, previous = level, 0, 0, np.inf
             stiff_parts(plan, a, w, h, z)
             stiff_blocks(plan, a, w, h)
             continue
-        if size <= CONVERGED or (size <= STAGNATED and size > 0.5 * previous):
+        since += 1
+        if since == 1:
+            first = size
+        elif size > STAGNATED:
+            shrunk, taken = size, since - 1
+        if size <= residual or (size <= STAGNATED and size > 0.5 * previous):
             if taken > 0:  # the contraction, for the choice of the next step
                 w.seen[0] = (shrunk / first) ** (1.0 / taken)
             return SOLVED
         slow = slow + 1 if size > SLOW * previous else 0
         if slow >= 2:
             return FAILED
-        since += 1
-        if since == 2:
-            first = size
-        elif since > 2 and size > STAGNATED:
-            shrunk, taken = size, since - 2
         previous = size
     return FAILED
 
@@ -322,11 +330,32 @@ def close(plan, a, w, h):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def try_step(plan, a, w, h, z, known, careful, coarsest, levels, counts):  # type: ignore[no-untyped-def]
-    """One step of length h from z into z1 = z + dz; `start` and `end` are what the first kernel gives there.
+def mend(plan, w, residual):  # type: ignore[no-untyped-def]
+    """Change momenta so that the end of the step has the energy and invariants of the run. False, and nothing is done,
+    if that is more than the residual, or much of the kinetic energy that is free to change."""
+    n, size = plan[N_Q], len(w.z1)
+    total = n + 2 * plan[N_E]
+    copy_into(w.laws, w.z1)
+    w.laws[size] = w.end[total]
+    call(plan[MEND], w.laws, w.c, w.mended)
+    if not abs(w.mended[n]) <= MOST:
+        return False
+    for i in range(n):
+        if not abs(w.mended[i]) * w.scale[0] <= residual:
+            return False
+    for i in range(n):
+        w.dz[n + i] += w.mended[i]
+    w.end[total] = w.laws[size + 1]
+    return True
 
-    known: U is a guess. careful: Newton, where the fixed point fails. When the energy is not kept to round-off the
-    quadrature was too coarse for this step: finer ones follow, from `coarsest` to below `levels`, before it is COARSE.
+
+@inlined
+def try_step(plan, a, w, h, z, known, careful, coarsest, levels, residual, counts):  # type: ignore[no-untyped-def]
+    """One step of length h from z: dz; `start` and `end` are what the first kernel gives at z and z + dz.
+
+    known: U is a guess. careful: Newton, where the fixed point fails. When the energy of a converged step is not kept
+    to round-off, or mending would change more than the residual, the quadrature was too coarse for this step: finer
+    ones follow, from `coarsest` to below `levels`, and then convergence, before it is COARSE.
     """
     n, e = plan[N_Q], plan[N_E]
     for i in range(2 * n):
@@ -336,10 +365,10 @@ def try_step(plan, a, w, h, z, known, careful, coarsest, levels, counts):  # typ
         w.state0[2 * n + e + i] = w.x0[e + i] = z[2 * n + i]
     if not known:
         guess(plan, w)
-    for level in range(coarsest, levels):
-        counts[RAISED] += level > coarsest
+    level = coarsest
+    while True:
         w.seen[1] = level
-        done = fixed_point(plan, a, w, h, z, level, counts)
+        done = fixed_point(plan, a, w, h, z, level, residual, counts)
         if done != SOLVED and careful:
             guess(plan, w)
             done = newton(plan, a, w, h, z, level, counts)
@@ -353,6 +382,15 @@ def try_step(plan, a, w, h, z, known, careful, coarsest, levels, counts):  # typ
         total = w.end[n + 2 * e]
         if not abs(total) < np.inf:
             return FAILED
-        if abs(total - w.start[n + 2 * e]) <= w.start[n + 2 * e + 1]:
+        if residual > CONVERGED:
+            if mend(plan, w, residual):
+                return SOLVED
+        elif abs(total - w.start[n + 2 * e]) <= w.start[n + 2 * e + 1]:
             return SOLVED
-    return COARSE
+        if level + 1 < levels:
+            level += 1
+            counts[RAISED] += 1
+        elif residual > CONVERGED:
+            residual = CONVERGED
+        else:
+            return COARSE

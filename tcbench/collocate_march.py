@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import math
 
-from .collocate import COARSE, FAILED, HALVED, REJECTED_STEPS, SOLVED, STEPS, extrapolate, try_step
+from .collocate import COARSE, CONVERGED, FAILED, HALVED, REJECTED_STEPS, SOLVED, STEPS, extrapolate, try_step
 from .gauss_kernels import POINTS
-from .gauss_memory import N_E, N_Q, STAGES, START, unpack
+from .gauss_memory import MEND, N_E, N_Q, STAGES, START, unpack
 from .jit import call, compiled, copy_into, fill, inlined, lean
 from .march import add_compensated
 
 SHORTEST = 2.0**-24  # of a step, before it is given up
-SAFETY, GROW, SHRINK, ACCEPT = 0.85, 4.0, 0.2, 4.0
-BEST = 0.135  # contraction for which a unit of time costs least: it grows as h^2, and h log(1/h^2) is largest at e^-2
-RETREAT, ADVANCE = 0.7, 1.03  # of a step that is too long for the quadrature, and of the bound on those that follow
+SAFETY, GROW, SHRINK, ACCEPT = 0.85, 2.0, 0.2, 4.0
+# contraction for which a unit of time costs least: it grows as h^2, and h log(1/h^2) is largest at e^-2; a little less,
+# because steps that fail cost too
+BEST = 0.1
+RETREAT, ADVANCE = 0.7, 1.1  # of a step that is too long for the quadrature, and of the bound after steps that failed
 FIRST = 4.0  # times the decay time of the conduction: see first_step
 FAR = 2.5  # ratio of steps up to which the last polynomials are extrapolated
 
@@ -62,7 +64,7 @@ def halving_step(plan, a, w, h, z0, dz_total, counts):  # type: ignore[no-untype
     done, part = 0.0, 1.0
     while done < 1.0:
         set_scale(plan, w, z)
-        code = try_step(plan, a, w, part * h, z, False, True, 0, len(POINTS), counts)
+        code = try_step(plan, a, w, part * h, z, False, True, 0, len(POINTS), CONVERGED, counts)
         if code != SOLVED:
             part *= 0.5
             counts[HALVED] += 1
@@ -92,17 +94,30 @@ def first_step(plan, w, tolerance):  # type: ignore[no-untyped-def]
     return min(h, FIRST * h / fastest) if fastest > 0.0 and heat > tolerance * fastest else h
 
 
+@inlined
+def remember_laws(plan, w, z):  # type: ignore[no-untyped-def]
+    """Note the energy and the invariants of a state, which the ends of all steps are given."""
+    n, size = plan[N_Q], len(z)
+    copy_into(w.laws, z)
+    call(plan[MEND], w.laws, w.c, w.mended)  # for the invariants of z, which stand last
+    w.laws[size + 1] = w.start[n + 2 * plan[N_E]]
+    for i in range(len(w.mended) - n - 1):
+        w.laws[size + 2 + i] = w.mended[n + 1 + i]
+
+
 @lean
-def adaptive_steps(plan, a, w, z0, times, tolerance, states, counts):  # type: ignore[no-untyped-def]
-    """States at `times` from z0, steps chosen so that the defect stays at the tolerance; SOLVED or FAILED."""
+def adaptive_steps(plan, a, w, z0, times, tolerance, residual, states, counts):  # type: ignore[no-untyped-def]
+    """States at `times` from z0; SOLVED or FAILED. The steps are chosen so that the defect stays at the tolerance, and
+    are solved to the residual."""
     k = plan[STAGES]
     z, carry = w.z, w.carry
     copy_into(z, z0)
     fill(carry, 0.0)
     call(plan[START], z, w.c, w.start)
+    remember_laws(plan, w, z)
     copy_into(states[0], z)
     t, h, last = times[0], 0.0, 0.0
-    # for which the finer and the coarsest quadrature keep the energy, as far as is known
+    # for which the iteration converges, and the coarsest quadrature keeps the energy, as far as is known
     longest, roughest = math.inf, math.inf
     for row in range(1, len(times)):
         while t < times[row]:
@@ -114,7 +129,7 @@ def adaptive_steps(plan, a, w, z0, times, tolerance, states, counts):  # type: i
             known = last > 0.0 and step <= FAR * last
             if known:
                 extrapolate(plan, a, w, step / last)
-            code = try_step(plan, a, w, step, z, known, False, 0 if step <= roughest else 1, 2, counts)
+            code = try_step(plan, a, w, step, z, known, False, 0 if step <= roughest else 1, 2, residual, counts)
             if code == SOLVED:
                 error = error_estimate(plan, w, step)
                 factor = SAFETY * (tolerance / max(error, 1e-300)) ** (1.0 / (k + 1))
@@ -122,7 +137,7 @@ def adaptive_steps(plan, a, w, z0, times, tolerance, states, counts):  # type: i
             if code != SOLVED or not error <= ACCEPT * tolerance:
                 counts[REJECTED_STEPS] += 1
                 h = step * (0.4 if code == FAILED else RETREAT if code == COARSE else max(SHRINK, factor))
-                longest = h if code == COARSE else longest
+                longest = h if code != SOLVED else longest
                 last = 0.0
                 if not h > 1e-12 * max(1.0, abs(t)):
                     return FAILED
@@ -154,6 +169,6 @@ def fixed_steps(plan, memory, at, h, z0, increments, counts):  # type: ignore[no
 
 
 @compiled
-def adaptive(plan, memory, at, z0, times, tolerance, states, counts):  # type: ignore[no-untyped-def]
+def adaptive(plan, memory, at, z0, times, tolerance, residual, states, counts):  # type: ignore[no-untyped-def]
     a, w = unpack(plan, memory, at)
-    return adaptive_steps(plan, a, w, z0, times, tolerance, states, counts)
+    return adaptive_steps(plan, a, w, z0, times, tolerance, residual, states, counts)

@@ -11,6 +11,8 @@ from . import gauss_kernels as kernels
 from .system import System
 
 Floats = NDArray[np.float64]
+SOLVED_TO = 0.01  # of the tolerance: residual of the collocation equations in adaptive runs
+LOOSEST, FINEST = 1e-4, 1e-13  # beyond, steps fail that are no longer than the tolerance allows; and round-off is near
 
 
 class GaussMethod:
@@ -29,7 +31,7 @@ class GaussMethod:
             "c": np.concatenate([c0, setup(c0, c0)]),
             "inverse_mass": 1.0 / (np.asarray(system.inertia(), dtype=float) * np.ones(n)),
         }
-        self.at = memory.layout(n, e, numbers, len(stored["c"]), scalar[0].size)
+        self.at = memory.layout(n, e, numbers, len(stored["c"]), scalar[0].size, scalar[-1].size - n - 1)
         self.memory = np.zeros(self.at[memory.PLACE.stop])
         for name, value in (stored | numbers._asdict()).items():
             place = getattr(memory.PLACE, name)
@@ -63,8 +65,9 @@ class GaussMethod:
         (order k + 1): the defect is held at the power of the tolerance that belongs to an error of its size."""
         k, states = self.stages, np.empty((len(times), self.size))
         self.counts[:] = 0
-        exponent = (k + 1) / (2 * k)
-        code = self.loops.adaptive(self.plan, self.memory, self.at, z0, times, tolerance**exponent, states, self.counts)
+        defect = tolerance ** ((k + 1) / (2 * k))
+        residual = min(LOOSEST, max(FINEST, SOLVED_TO * tolerance))
+        code = self.loops.adaptive(self.plan, self.memory, self.at, z0, times, defect, residual, states, self.counts)
         if code != self.codes.SOLVED:
             raise ArithmeticError("the step became too short")
         return states, {

@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from . import trace
 from .collocation import LONG, _gauss_nodes, tableau
 from .emit import WIDTH, Kernel, constant_part, kernel
+from .errors import TcbenchError
+from .projection import restored_momenta
 from .symbols import maximum
 from .system import System
 
@@ -76,7 +78,7 @@ STRUCTURES: dict[tuple, System] = {}  # what `kernels` and the others look up, t
 
 @cache
 def kernels(structure: tuple) -> tuple[list[Kernel], Kernel, dict[Any, int]]:
-    """(start, motion, slopes, forces, modes) of a system, traced from its five functions; see `collocate`. Then the
+    """(start, motion, slopes, forces, modes, mending) of a system, traced from its functions; see `collocate`. Then the
     kernel for what depends on the constants only, whose results stand behind them, and where each of both stands."""
     from .lanes import can_express
 
@@ -95,6 +97,7 @@ def kernels(structure: tuple) -> tuple[list[Kernel], Kernel, dict[Any, int]]:
         ([*pi, *s], [*stress, *temperature]),
         ([*v, *q, *sigma, *theta], [*(-(sigma @ system._shape_gradient(q))), *system.conduction(theta)]),
         ([*q, *s], _modes(system, q, s)),
+        _mending(system, z),
     ]
     values = [[x if isinstance(x, trace.Symbol) else trace.const(float(x)) for x in body[1]] for body in bodies]
     fixed = constant_part([x for row in values for x in row], [h, *(x for body in bodies for x in body[0])])
@@ -212,8 +215,7 @@ def iteration(structure: tuple, k: int, level: int) -> str:
         stiff = lanes.combine(columns, [lanes.lane(rho, l) for l in range(k)])
         for x, row in zip(left, rows, strict=True):
             step[row] = lanes.add(step[row], lanes.mul(x, stiff))
-    left_over = [*change[:n], *step[n:]]  # momenta are kept as well as F = N; entropies as well as they converge
-    sizes = [lanes.first(k, lanes.mul(lanes.size(x), scale[i >= n])) for i, x in enumerate(left_over)]
+    sizes = [lanes.first(k, lanes.mul(lanes.size(x), scale[i >= n])) for i, x in enumerate(change)]
     for i in range(m):
         lanes.store(lanes.add(old[i], step[i]), WIDTH * i)
         lanes.store(new[i], WIDTH * (m + i))
@@ -243,6 +245,23 @@ def _start(system: Any, z: Any) -> list[Any]:
         u, v = [1.0, -theta[0] / theta[1]], list(slope[0])
     decay = sum(a * b for a, b in zip(u, v, strict=True))
     return [*rate, *system.shape(state.q), energy, noise, decay, *u, *v]
+
+
+def _mending(system: Any, z: Any) -> tuple[list[Any], list[Any]]:
+    """Inputs: (z, its energy, the right energy and invariants); values: (change of p that makes them right, the energy
+    that this moves as a part of the kinetic energy that is free to change, the invariants of z). See `collocate`."""
+    n, state = system.n_positions, system.state(z)
+    here = system.invariants(state.q, state.p)
+    energies, wanted = trace.variables("E", 2), trace.variables("J", len(here))
+    inputs = [*z, *energies, *wanted]
+    try:
+        p, free = restored_momenta(state, system, dict(zip(here, wanted, strict=True)))
+    except TcbenchError:  # not linear in the momenta
+        return inputs, [*[0.0] * n, np.inf, *here.values()]
+    turned = p - state.p
+    missing = energies[1] - energies[0] - sum(turned * (turned + 2.0 * state.p) / system.inertia()) / 2
+    x = missing / (sum(free * free / system.inertia()) / 2)
+    return inputs, [*(turned + free * (x / (1.0 + (1.0 + x) ** 0.5))), x, *here.values()]
 
 
 def _modes(system: Any, q: Any, s: Any) -> list[Any]:

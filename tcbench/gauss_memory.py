@@ -13,8 +13,8 @@ from .gauss_kernels import POINTS, Coefficients, Given, given
 from .jit import compiled
 
 # columns of `plan` (int64): addresses of the kernels, those on vectors last (0: none), then sizes
-START, MOTION, SLOPES, FORCES, MODES, ITERATE, FINER, STIFF, EXTRAPOLATE, CLOSE = range(10)
-N_Q, N_E, STAGES, PARTS = range(10, 14)
+START, MOTION, SLOPES, FORCES, MODES, MEND, ITERATE, FINER, STIFF, EXTRAPOLATE, CLOSE = range(11)
+N_Q, N_E, STAGES, PARTS = range(11, 15)
 
 
 class Work(NamedTuple):
@@ -47,6 +47,8 @@ class Work(NamedTuple):
     sums: Any  # what `gauss_kernels.closing` writes
     start: Any  # what the first kernel gives at the start of the step
     end: Any  # and at its end
+    laws: Any  # (2 n + e + 2 + invariants,): a state and its energy; then the energy and the invariants of the run
+    mended: Any  # what the sixth kernel makes of them
     seen: Any  # (2,) the contraction of the last solve, and the quadrature that it took
     at_nodes: Any  # (k, 2 n + 2 e) velocities, positions, stresses, temperatures
     drift: Any  # (k, 2 e) rates of shapes and entropies
@@ -69,21 +71,23 @@ class Work(NamedTuple):
 
 # the order in memory: arrays, then the numbers of the method; then where the views of `given` begin
 STORED = (
-    "c", "inverse_mass", "given", "found", "middle", "ratio", "sums", "start", "end", "seen", "at_nodes", "drift",
-    "at_points", "slopes", "FG", "rho", "block", "J", "rhs", "base", "x0", "dz", "z1", "z", "carry", "here", "dropped",
+    "c", "inverse_mass", "given", "found", "middle", "ratio", "sums", "start", "end", "laws", "mended", "seen",
+    "at_nodes", "drift", "at_points", "slopes", "FG", "rho", "block", "J", "rhs", "base", "x0", "dz", "z1", "z",
+    "carry", "here", "dropped",
 )  # fmt: skip
 _NAMES = [*STORED, *Coefficients._fields, "stop", *(f"given_{x}" for x in Given._fields)]
 PLACE: Any = namedtuple("PLACE", _NAMES)(*range(len(_NAMES)))  # type: ignore[misc]
 
 
-def layout(n: int, e: int, numbers: Coefficients, constants: int, ends: int) -> NDArray[np.int64]:
+def layout(n: int, e: int, numbers: Coefficients, constants: int, ends: int, invariants: int) -> NDArray[np.int64]:
     """Where in memory each array begins and the last ends; then where each field of `gauss_kernels.Given` begins."""
     k, m, points = len(numbers.nodes), n + e, POINTS[-1]
     place = given(n, e, k)
     parts = place.mu.stop - place.decay.start
     sizes = {
         "c": constants, "inverse_mass": n, "given": place.scale.stop, "found": WIDTH * (2 * m + n) + 1, "middle": m,
-        "ratio": 1, "sums": n + 3 * m, "start": ends, "end": ends, "seen": 2, "at_nodes": k * 2 * m, "drift": k * 2 * e,
+        "ratio": 1, "sums": n + 3 * m, "start": ends, "end": ends, "laws": n + m + 2 + invariants,
+        "mended": n + 1 + invariants, "seen": 2, "at_nodes": k * 2 * m, "drift": k * 2 * e,
         "at_points": points * 2 * e, "slopes": points * 2 * e, "FG": m, "rho": parts * k, "block": k * k,
         "J": (k * m) ** 2, "rhs": k * m, "base": k * m, "x0": 2 * e, "dz": n + m, "z1": n + m,
         "z": n + m, "carry": n + m, "here": n + m, "dropped": n + m,
@@ -129,6 +133,8 @@ def unpack(plan, memory, at):  # type: ignore[no-untyped-def]
         sums=part(memory, at, PLACE.sums),
         start=part(memory, at, PLACE.start),
         end=part(memory, at, PLACE.end),
+        laws=part(memory, at, PLACE.laws),
+        mended=part(memory, at, PLACE.mended),
         seen=part(memory, at, PLACE.seen),
         at_nodes=part(memory, at, PLACE.at_nodes).reshape(k, 2 * m),
         drift=part(memory, at, PLACE.drift).reshape(k, 2 * e),

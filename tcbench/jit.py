@@ -28,7 +28,7 @@ NUMERICAL_SOURCES = (
     "jit.py", "special.py", "symbols.py", "complexes.py",
     "trace.py", "secant.py", "emit.py", "system.py", "flow.py", "newton.py", "arc.py",
     "march.py", "collocate.py", "collocate_march.py", "native.py", "lanes.py", "gauss.py", "gauss_kernels.py",
-    "gauss_memory.py",
+    "gauss_memory.py", "projection.py",
 )  # fmt: skip
 config: Any = _config  # its attributes are made at run time
 DISABLED = bool(config.DISABLE_JIT)

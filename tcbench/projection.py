@@ -52,7 +52,7 @@ def projection(z0: Any, z1: Any, h: Any, system: System, start: Any, first: Any)
 
     Energy and momenta are taken from `first`: from `start` their round-off would add up.
     """
-    p, free = _restored_momenta(z0, system, first)
+    p, free = restored_momenta(z0, system, system.invariants(first.q, first.p))
     energy, risen = system.energy(first), sum(z0.s) - sum(start.s)
 
     def at(shift: Any) -> Any:
@@ -71,13 +71,16 @@ def projection(z0: Any, z1: Any, h: Any, system: System, start: Any, first: Any)
     return z1 - np.concatenate([z0.q, scaled, z0.s + shift])
 
 
-def _restored_momenta(z0: Any, system: System, first: Any) -> tuple[Any, Any]:
-    """p with the invariants of `first`, and the part of it that carries none."""
+def restored_momenta(z0: Any, system: System, invariants: dict[str, Any]) -> tuple[Any, Any]:
+    """p with these values of the invariants, and the part of it that carries none.
+
+    Raises TcbenchError for invariants that are not linear in the momenta.
+    """
     inertia = system.inertia() * np.ones(system.n_positions)
     p = z0.p
     directions: list[tuple[Any, Any]] = []
     symbols = trace.variables("p", system.n_positions)
-    for name, before in system.invariants(first.q, first.p).items():
+    for name, before in invariants.items():
         gradient = trace.jacobian([system.invariants(z0.q, symbols)[name]], list(symbols))[0]
         if trace.depends_on(list(gradient), list(symbols)) & {x.number for x in gradient}:
             raise TcbenchError(f"The invariant {name!r} is not linear in the momenta, which the projection needs.")
