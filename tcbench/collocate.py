@@ -55,6 +55,7 @@ MAX_ITERATIONS = 60
 CONVERGED = 1e-15  # scaled residual, beside which rounding is larger
 STAGNATED = 2e-14  # below this a residual that no longer shrinks is round-off
 ROUGH = 1e-3  # residual down to which the coarsest quadrature will do
+MENDED = 10.0  # residuals: by how much mending may change momenta
 MOST = 0.1  # of the kinetic energy that is free to change: what mending may move
 SLOW = 0.6  # contraction above which the fixed point is given up
 MAX_NEWTON = 12
@@ -332,16 +333,18 @@ def close(plan, a, w, h):  # type: ignore[no-untyped-def]
 @inlined
 def mend(plan, w, residual):  # type: ignore[no-untyped-def]
     """Change momenta so that the end of the step has the energy and invariants of the run. False, and nothing is done,
-    if that is more than the residual, or much of the kinetic energy that is free to change."""
+    if that is much more than the residual, or much of the kinetic energy that is free to change."""
     n, size = plan[N_Q], len(w.z1)
     total = n + 2 * plan[N_E]
     copy_into(w.laws, w.z1)
     w.laws[size] = w.end[total]
+    right = abs(w.end[total] - w.run[0]) <= w.end[total + 1]  # to round-off, which would disturb the momenta
+    w.laws[size + 1] = w.end[total] if right else w.run[0]
     call(plan[MEND], w.laws, w.c, w.mended)
     if not abs(w.mended[n]) <= MOST:
         return False
     for i in range(n):
-        if not abs(w.mended[i]) * w.scale[0] <= residual:
+        if not abs(w.mended[i]) * w.scale[0] <= MENDED * residual:
             return False
     for i in range(n):
         w.dz[n + i] += w.mended[i]

@@ -14,7 +14,7 @@ SHORTEST = 2.0**-24  # of a step, before it is given up
 SAFETY, GROW, SHRINK, ACCEPT = 0.85, 2.0, 0.2, 4.0
 # contraction for which a unit of time costs least: it grows as h^2, and h log(1/h^2) is largest at e^-2; a little less,
 # because steps that fail cost too
-BEST = 0.1
+BEST = 0.13
 RETREAT, ADVANCE = 0.7, 1.1  # of a step that is too long for the quadrature, and of the bound after steps that failed
 FIRST = 4.0  # times the decay time of the conduction: see first_step
 FAR = 2.5  # ratio of steps up to which the last polynomials are extrapolated
@@ -100,7 +100,7 @@ def remember_laws(plan, w, z):  # type: ignore[no-untyped-def]
     n, size = plan[N_Q], len(z)
     copy_into(w.laws, z)
     call(plan[MEND], w.laws, w.c, w.mended)  # for the invariants of z, which stand last
-    w.laws[size + 1] = w.start[n + 2 * plan[N_E]]
+    w.run[0] = w.start[n + 2 * plan[N_E]]
     for i in range(len(w.mended) - n - 1):
         w.laws[size + 2 + i] = w.mended[n + 1 + i]
 

@@ -12,7 +12,7 @@ from .system import System
 
 Floats = NDArray[np.float64]
 SOLVED_TO = 0.01  # of the tolerance: residual of the collocation equations in adaptive runs
-LOOSEST, FINEST = 1e-4, 1e-13  # beyond, steps fail that are no longer than the tolerance allows; and round-off is near
+LOOSEST, FINEST = 1e-3, 1e-14  # beyond, steps fail that are no longer than the tolerance allows; and round-off is near
 
 
 class GaussMethod:

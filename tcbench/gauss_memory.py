@@ -47,7 +47,10 @@ class Work(NamedTuple):
     sums: Any  # what `gauss_kernels.closing` writes
     start: Any  # what the first kernel gives at the start of the step
     end: Any  # and at its end
-    laws: Any  # (2 n + e + 2 + invariants,): a state and its energy; then the energy and the invariants of the run
+    laws: (
+        Any  # (2 n + e + 2 + invariants,): a state and its energy; the energy that it should have; the run's invariants
+    )
+    run: Any  # (1,) the energy at the start of the run
     mended: Any  # what the sixth kernel makes of them
     seen: Any  # (2,) the contraction of the last solve, and the quadrature that it took
     at_nodes: Any  # (k, 2 n + 2 e) velocities, positions, stresses, temperatures
@@ -71,8 +74,8 @@ class Work(NamedTuple):
 
 # the order in memory: arrays, then the numbers of the method; then where the views of `given` begin
 STORED = (
-    "c", "inverse_mass", "given", "found", "middle", "ratio", "sums", "start", "end", "laws", "mended", "seen",
-    "at_nodes", "drift", "at_points", "slopes", "FG", "rho", "block", "J", "rhs", "base", "x0", "dz", "z1", "z",
+    "c", "inverse_mass", "given", "found", "middle", "ratio", "sums", "start", "end", "laws", "run", "mended",
+    "seen", "at_nodes", "drift", "at_points", "slopes", "FG", "rho", "block", "J", "rhs", "base", "x0", "dz", "z1", "z",
     "carry", "here", "dropped",
 )  # fmt: skip
 _NAMES = [*STORED, *Coefficients._fields, "stop", *(f"given_{x}" for x in Given._fields)]
@@ -86,7 +89,7 @@ def layout(n: int, e: int, numbers: Coefficients, constants: int, ends: int, inv
     parts = place.mu.stop - place.decay.start
     sizes = {
         "c": constants, "inverse_mass": n, "given": place.scale.stop, "found": WIDTH * (2 * m + n) + 1, "middle": m,
-        "ratio": 1, "sums": n + 3 * m, "start": ends, "end": ends, "laws": n + m + 2 + invariants,
+        "ratio": 1, "sums": n + 3 * m, "start": ends, "end": ends, "laws": n + m + 2 + invariants, "run": 1,
         "mended": n + 1 + invariants, "seen": 2, "at_nodes": k * 2 * m, "drift": k * 2 * e,
         "at_points": points * 2 * e, "slopes": points * 2 * e, "FG": m, "rho": parts * k, "block": k * k,
         "J": (k * m) ** 2, "rhs": k * m, "base": k * m, "x0": 2 * e, "dz": n + m, "z1": n + m,
@@ -134,6 +137,7 @@ def unpack(plan, memory, at):  # type: ignore[no-untyped-def]
         start=part(memory, at, PLACE.start),
         end=part(memory, at, PLACE.end),
         laws=part(memory, at, PLACE.laws),
+        run=part(memory, at, PLACE.run),
         mended=part(memory, at, PLACE.mended),
         seen=part(memory, at, PLACE.seen),
         at_nodes=part(memory, at, PLACE.at_nodes).reshape(k, 2 * m),
