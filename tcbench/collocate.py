@@ -12,10 +12,9 @@ Then sum b (v . F + sigma pi') = 0 and theta . G = 0 node by node, so that E is 
 integrate it; pi(1) = shape(q1), because pi is quadratic and Gauss is exact on it; momenta are kept because F_j is a
 force of springs; and b > 0 with 1 . G >= 0 lets S rise only.
 
-Solved by fixed point in U = (F, G), with its stiff parts, of rank one each, inverted exactly: the conduction, which
-decays at a rate lambda < 0 in a direction u with theta . u = 0, by (I - h lambda A)^-1; and each elastic mode, of
-frequency omega halfway through the step, by (I + h^2 omega^2 A^2)^-1. How stiffness and direction of the springs change
-over the step is left to the iteration. It starts with few quadrature points and ends with as many as the energy needs.
+Solved by fixed point in U = (F, G), with its stiff part inverted exactly: the conduction, of rank one, which decays at
+a rate lambda < 0 in a direction u with theta . u = 0, by (I - h lambda A)^-1. The iteration starts with few quadrature
+points and ends with as many as the energy needs.
 
 Adaptive runs iterate to a residual that belongs to the tolerance; to go on to round-off would take up to three times as
 many iterations. Entropies rise all the same, as G is the conduction of some temperatures. Energy and invariants miss by
@@ -35,7 +34,6 @@ from .gauss_memory import (
     FORCES,
     ITERATE,
     MEND,
-    MODES,
     MOTION,
     N_E,
     N_Q,
@@ -107,86 +105,56 @@ def rates(plan, a, w, h, z, level):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def stiff_parts(plan, a, w, h, z):  # type: ignore[no-untyped-def]
-    """Stiff parts of N'(U): the conduction at the start of the step, and the elastic modes where U puts its middle."""
+def stiff_block(plan, a, w, h):  # type: ignore[no-untyped-def]
+    """(I - lambda hA)^-1 hA, by elimination (safe without pivoting: lambda <= 0)."""
     k, n, e = plan[STAGES], plan[N_Q], plan[N_E]
-    first = n + 2 * e + 2  # behind (F, G, pi, E, round-off of E): decay, u, v
-    w.mu[0] = w.start[first]
+    first = n + 2 * e + 2  # behind (F, G, pi, E, round-off of E): lambda, u, v
+    w.stiff[0], w.stiff[1] = h, w.start[first]
     for i in range(e):
         w.u[i], w.v[i] = w.start[first + 1 + i], w.start[first + 1 + e + i]
-    if len(w.modes) == 0:
-        return
-    for i in range(n + e):
-        total = 0.0
-        for j in range(k):
-            total += a.halfway2[j] * w.U[i, j] if i < n else a.halfway[j] * w.U[i, j]
-        if i < n:
-            w.middle[i] = z[i] + h * (0.5 * z[n + i] + h * total) * w.inverse_mass[i]
-        else:
-            w.middle[i] = z[n + i] + h * total
-    call(plan[MODES], w.middle, w.c, w.modes)
-    for i in range(len(w.left)):
-        if not w.modes[i] > -np.inf:  # a bad guess put the middle out of the formulas' range
-            fill(w.modes, 0.0)
-
-
-@inlined
-def stiff_blocks(plan, a, w, h):  # type: ignore[no-untyped-def]
-    """(I - mu B)^-1 B for each stiff part, by elimination (safe without pivoting: mu <= 0)."""
-    k = plan[STAGES]
     if plan[STIFF] != 0:
-        w.room[len(w.room) - len(w.mu) - 1] = h
-        call(plan[STIFF], w.room, w.c, w.room)
+        call(plan[STIFF], w.stiff, w.c, w.block)
         return
-    for part in range(len(w.mu)):
-        T = w.blocks[part]  # by columns
-        for i in range(k):
+    T = w.columns
+    for i in range(k):
+        for j in range(k):
+            T[j, i] = h * a.A[i, j]
+            w.left[i, j] = (1.0 if i == j else 0.0) - w.stiff[1] * T[j, i]
+    for m in range(k):
+        inverse = 1.0 / w.left[m, m]
+        for i in range(m + 1, k):
+            factor = w.left[i, m] * inverse
+            for j in range(m + 1, k):
+                w.left[i, j] -= factor * w.left[m, j]
             for j in range(k):
-                T[j, i] = h * a.A[i, j] if part == 0 else h * h * a.A_squared[i, j]
-                w.block[i, j] = (1.0 if i == j else 0.0) - w.mu[part] * T[j, i]
-        for m in range(k):
-            inverse = 1.0 / w.block[m, m]
+                T[j, i] -= factor * T[j, m]
+    for m in range(k - 1, -1, -1):
+        inverse = 1.0 / w.left[m, m]
+        for j in range(k):
+            total = T[j, m]
             for i in range(m + 1, k):
-                factor = w.block[i, m] * inverse
-                for j in range(m + 1, k):
-                    w.block[i, j] -= factor * w.block[m, j]
-                for j in range(k):
-                    T[j, i] -= factor * T[j, m]
-        for m in range(k - 1, -1, -1):
-            inverse = 1.0 / w.block[m, m]
-            for j in range(k):
-                total = T[j, m]
-                for i in range(m + 1, k):
-                    total -= w.block[m, i] * T[j, i]
-                T[j, m] = total * inverse
+                total -= w.left[m, i] * T[j, i]
+            T[j, m] = total * inverse
 
 
 @inlined
 def correct(plan, w, h):  # type: ignore[no-untyped-def]
-    """U += N - U with the stiff parts solved for; returns the scaled residual."""
+    """U += N - U with the conduction solved for; returns the scaled residual."""
     k, n, e = plan[STAGES], plan[N_Q], plan[N_E]
     for j in range(k):
-        w.rho[0, j] = 0.0
+        w.rho[j] = 0.0
         for i in range(e):
-            w.rho[0, j] += w.v[i] * (w.N[n + i, j] - w.U[n + i, j])
-        for mode in range(len(w.left)):
-            w.rho[mode + 1, j] = 0.0
-            for i in range(n):
-                w.rho[mode + 1, j] += w.right[mode, i] * (w.N[i, j] - w.U[i, j])
+            w.rho[j] += w.v[i] * (w.N[n + i, j] - w.U[n + i, j])
     size = 0.0
     for j in range(k):
+        total = 0.0
+        for l in range(k):
+            total += w.columns[l, j] * w.rho[l]
         for i in range(n + e):
-            w.FG[i] = w.N[i, j] - w.U[i, j]
-        for part in range(len(w.mu)):
-            total = 0.0
-            for l in range(k):
-                total += w.blocks[part, l, j] * w.rho[part, l]
-            for i in range(n, n + e) if part == 0 else range(n):
-                w.FG[i] += (w.u[i - n] if part == 0 else w.left[part - 1, i]) * total
-        for i in range(n + e):
-            r = abs(w.N[i, j] - w.U[i, j]) * w.scale[0 if i < n else 1]
+            change = w.N[i, j] - w.U[i, j]
+            r = abs(change) * w.scale[0 if i < n else 1]
             size = r if not r <= size else size
-            w.U[i, j] += w.FG[i]
+            w.U[i, j] += change if i < n else change + w.u[i - n] * total
     return h * size
 
 
@@ -208,10 +176,9 @@ def fixed_point(plan, a, w, h, z, level, residual, counts):  # type: ignore[no-u
     """Iterate from U, in place, until U and N agree to the residual. SOLVED or FAILED."""
     previous, slow, first, shrunk, since = np.inf, 0, 0.0, 0.0, 0
     w.c[0], w.seen[0] = h, 0.0
-    stiff_parts(plan, a, w, h, z)
-    stiff_blocks(plan, a, w, h)
+    stiff_block(plan, a, w, h)
     # round-off in the conduction is that of entropies, times 1 - h lambda
-    w.scale[1] = min(1.0, residual / CONVERGED / (1.0 - h * w.mu[0]))
+    w.scale[1] = min(1.0, residual / CONVERGED / (1.0 - h * w.stiff[1]))
     here, taken = 0, 0
     for _ in range(MAX_ITERATIONS):
         counts[ITERATIONS] += 1
@@ -220,8 +187,6 @@ def fixed_point(plan, a, w, h, z, level, residual, counts):  # type: ignore[no-u
             return FAILED
         if here < level and size <= max(ROUGH, residual):
             here, since, taken, previous = level, 0, 0, np.inf
-            stiff_parts(plan, a, w, h, z)
-            stiff_blocks(plan, a, w, h)
             continue
         since += 1
         if since == 1:

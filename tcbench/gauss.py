@@ -12,7 +12,7 @@ from .system import System
 
 Floats = NDArray[np.float64]
 SOLVED_TO = 0.01  # of the tolerance: residual of the collocation equations in adaptive runs
-LOOSEST, FINEST = 1e-3, 1e-14  # beyond, steps fail that are no longer than the tolerance allows; and round-off is near
+FINEST = 1e-14  # of the residual: round-off is near
 
 
 class GaussMethod:
@@ -37,8 +37,7 @@ class GaussMethod:
             place = getattr(memory.PLACE, name)
             self.memory[self.at[place] : self.at[place + 1]] = value.ravel()
         addresses = [*(x.address for x in scalar), *kernels.on_vectors(system.structure, k)]
-        parts = self.at[memory.PLACE.given_left] - self.at[memory.PLACE.given_decay]
-        self.plan = np.array([*addresses, n, e, k, parts], dtype=np.int64)
+        self.plan = np.array([*addresses, n, e, k], dtype=np.int64)
         self.stages, self.counts = k, np.zeros(collocate.COUNTS_SIZE, dtype=np.int64)
         self.size = system.size
 
@@ -66,7 +65,7 @@ class GaussMethod:
         k, states = self.stages, np.empty((len(times), self.size))
         self.counts[:] = 0
         defect = tolerance ** ((k + 1) / (2 * k))
-        residual = min(LOOSEST, max(FINEST, SOLVED_TO * tolerance))
+        residual = max(FINEST, SOLVED_TO * tolerance)
         code = self.loops.adaptive(self.plan, self.memory, self.at, z0, times, defect, residual, states, self.counts)
         if code != self.codes.SOLVED:
             raise ArithmeticError("the step became too short")

@@ -16,7 +16,6 @@ from .collocation import LONG, _gauss_nodes, tableau
 from .emit import WIDTH, Kernel, constant_part, kernel
 from .errors import TcbenchError
 from .projection import restored_momenta
-from .symbols import maximum
 from .system import System
 
 # points of the quadratures, whole numbers of vectors: the coarsest that keeps the energy is taken
@@ -35,8 +34,6 @@ class Coefficients(NamedTuple):
     A: Floats  # (k, k)
     A_squared: Floats  # (k, k)
     b: Floats  # (k,)
-    halfway: Floats  # (k,): integrals of the Lagrange polynomials from 0 to 1/2
-    halfway2: Floats  # (k,): of their integrals again
     Ahats: Floats  # (levels, M, k): integrals of the Lagrange polynomials from 0 to the quadrature points
     Ws: Floats  # (levels, k, M)
 
@@ -64,12 +61,10 @@ def coefficients(k: int) -> Coefficients:
         Ws[level, :, :m] = (omega[:, None] * lagrange(xi) / b).T.astype(float)
     barycentric = np.array([1 / np.prod([nodes[j] - nodes[l] for l in range(k) if l != j]) for j in range(k)])
     zero, one = lagrange(np.array([0, 1], LONG)).astype(float)
-    half = np.array(0.5, LONG)
-    halfway = half * (inner_weights @ lagrange(half * inner))
     return Coefficients(
         nodes.astype(float), barycentric.astype(float), zero, one, method.A.astype(float),
         (method.A @ method.A).astype(float), b.astype(float),
-        halfway.astype(float), (halfway @ method.A).astype(float), Ahats, Ws,
+        Ahats, Ws,
     )  # fmt: skip
 
 
@@ -78,7 +73,7 @@ STRUCTURES: dict[tuple, System] = {}  # what `kernels` and the others look up, t
 
 @cache
 def kernels(structure: tuple) -> tuple[list[Kernel], Kernel, dict[Any, int]]:
-    """(start, motion, slopes, forces, modes, mending) of a system, traced from its functions; see `collocate`. Then the
+    """(start, motion, slopes, forces, mending) of a system, traced from its functions; see `collocate`. Then the
     kernel for what depends on the constants only, whose results stand behind them, and where each of both stands."""
     from .lanes import can_express
 
@@ -96,7 +91,6 @@ def kernels(structure: tuple) -> tuple[list[Kernel], Kernel, dict[Any, int]]:
         ([*v, *q], list(system._shape_gradient(q) @ v)),
         ([*pi, *s], [*stress, *temperature]),
         ([*v, *q, *sigma, *theta], [*(-(sigma @ system._shape_gradient(q))), *system.conduction(theta)]),
-        ([*q, *s], _modes(system, q, s)),
         _mending(system, z),
     ]
     values = [[x if isinstance(x, trace.Symbol) else trace.const(float(x)) for x in body[1]] for body in bodies]
@@ -111,35 +105,24 @@ def kernels(structure: tuple) -> tuple[list[Kernel], Kernel, dict[Any, int]]:
 
 
 class Given(NamedTuple):
-    """Where `iteration` finds what it reads, and `stiff_blocks` what it reads and writes; n positions, e elements.
+    """Where `iteration` finds what it reads; n positions, e elements.
 
-    The stiff parts are matrices of rank one in N'(U), left right^T x B: the conduction, which acts on entropies, with
-    B = hA, and the elastic modes, which act on forces, with B = h^2 A^2. Their blocks (I - mu B)^-1 B, with
-    mu = right . left, stand by columns, that of the conduction first.
+    The conduction is stiff: a matrix of rank one in N'(U), u v^T x hA. Its block (I - lambda hA)^-1 hA, lambda = v . u,
+    stands by columns.
     """
 
     q: slice
     p: slice
     pi: slice
     s: slice
-    blocks: slice
-    h: slice
-    decay: slice  # mu of the conduction
-    mu: slice  # and of the modes
-    left: slice  # of one mode after the other
-    right: slice
-    u: slice  # left and right of the conduction
+    block: slice
+    u: slice
     v: slice
     scale: slice  # of forces and of entropies in a residual
 
 
-MOST_MODES = 0  # of the elastic forces that are solved for: systems of more elements have none
-
-
 def given(n: int, e: int, k: int) -> Given:
-    modes = e if e <= MOST_MODES else 0
-    sizes = [n, n, e, e, (1 + modes) * k * WIDTH, 1, 1, modes, modes * n, modes * n, e, e, 2]
-    ends = np.cumsum([0, *sizes]).tolist()
+    ends = np.cumsum([0, n, n, e, e, k * WIDTH, e, e, 2]).tolist()
     return Given(*map(slice, ends[:-1], ends[1:]))
 
 
@@ -159,12 +142,7 @@ def iteration(structure: tuple, k: int, level: int) -> str:
     def numbers(x: slice) -> list[Any]:
         return [lanes.number(lanes.a, i) for i in range(x.start, x.stop)]
 
-    q0, p0, pi0, s0, scale = map(numbers, (place.q, place.p, place.pi, place.s, place.scale))
-    modes = range(place.mu.stop - place.mu.start)
-    lefts, rights = (
-        [numbers(first), *(numbers(rest)[i * n : (i + 1) * n] for i in modes)]
-        for first, rest in ((place.u, place.left), (place.v, place.right))
-    )
+    q0, p0, pi0, s0, u, v, scale = map(numbers, (*place[:4], place.u, place.v, place.scale))
     h = lanes.number(lanes.b, 0)
     U = [[lanes.number(lanes.out, WIDTH * i + l) for l in range(k)] for i in range(m)]
     old = [lanes.row(lanes.out, WIDTH * i) for i in range(m)]
@@ -205,16 +183,12 @@ def iteration(structure: tuple, k: int, level: int) -> str:
     at |= dict(zip([*sigma, *theta], means, strict=True))
     positive += [lanes.select(">", x, zero, zero, nan) for x in means[e:]]
     new = lanes.graph(at, [*(-(sigma @ pull)), *system.conduction(theta)])
-    # the correction, with the stiff parts solved for
+    # the correction, with the conduction solved for
     change = [lanes.sub(x, y) for x, y in zip(new, old, strict=True)]
-    step = list(change)
-    for part, (left, right) in enumerate(zip(lefts, rights, strict=True)):
-        rows = range(n, m) if part == 0 else range(n)
-        rho = reduce(lanes.add, [lanes.mul(x, change[row]) for x, row in zip(right, rows, strict=True)])
-        columns = [lanes.row(lanes.a, place.blocks.start + WIDTH * (part * k + l)) for l in range(k)]
-        stiff = lanes.combine(columns, [lanes.lane(rho, l) for l in range(k)])
-        for x, row in zip(left, rows, strict=True):
-            step[row] = lanes.add(step[row], lanes.mul(x, stiff))
+    rho = reduce(lanes.add, [lanes.mul(x, y) for x, y in zip(v, change[n:], strict=True)])
+    columns = [lanes.row(lanes.a, place.block.start + WIDTH * l) for l in range(k)]
+    stiff = lanes.combine(columns, [lanes.lane(rho, l) for l in range(k)])
+    step = [*change[:n], *(lanes.add(x, lanes.mul(y, stiff)) for x, y in zip(change[n:], u, strict=True))]
     sizes = [lanes.first(k, lanes.mul(lanes.size(x), scale[i >= n])) for i, x in enumerate(change)]
     for i in range(m):
         lanes.store(lanes.add(old[i], step[i]), WIDTH * i)
@@ -264,63 +238,26 @@ def _mending(system: Any, z: Any) -> tuple[list[Any], list[Any]]:
     return inputs, [*(turned + free * (x / (1.0 + (1.0 + x) ** 0.5))), x, *here.values()]
 
 
-def _modes(system: Any, q: Any, s: Any) -> list[Any]:
-    """(mu, left, right) of the elastic modes at a state: see `Given`.
-
-    With the force -G^T sigma, G = dpi/dq, and D the stiffness d sigma/dpi where that is positive, -G^T D G M^-1 is the
-    sum of left right^T over the eigenvectors x of K = D^1/2 G M^-1 G^T D^1/2: left = -G^T D^1/2 x,
-    right = M^-1 G^T D^1/2 x.
-    """
-    n, e = system.n_positions, system.n_elements
-    if e > MOST_MODES:
-        return []
-    pi = trace.variables("pi", e)
-    stress = system._element_slopes(pi, s)[0]
-    at = dict(zip(pi, system.shape(q), strict=True))
-    stiffness = trace.substitute([trace.jacobian([stress[i]], [pi[i]])[0][0] for i in range(e)], at)
-    roots = [maximum(x, trace.const(0.0)) ** 0.5 for x in stiffness]
-    B = np.array(roots)[:, None] * system._shape_gradient(q)
-    K = (B / (system.inertia() * np.ones(n))) @ B.T
-    turn, mu = np.eye(1), [-K[0, 0]]
-    if e == 2:  # Jacobi's rotation; the small number keeps a division by zero away
-        d, c = (K[0, 0] - K[1, 1]) * 0.5 + 1e-100, K[0, 1]
-        size = (d * d) ** 0.5
-        t = d * c / (size * (size + (d * d + c * c) ** 0.5))
-        cosine = 1.0 / (1.0 + t * t) ** 0.5
-        turn = np.array([[cosine, t * cosine], [-t * cosine, cosine]])
-        mu = [-(K[0, 0] + t * c), -(K[1, 1] - t * c)]
-    f = turn @ B
-    return [*mu, *(-f).ravel(), *(f / (system.inertia() * np.ones(n))).ravel()]
-
-
-def stiff_blocks(n: int, e: int, k: int) -> str:
-    """`collocate.stiff_blocks` on vectors. a: `blocks` to `mu` of `Given`; out = a.
-
-    Row by row of the transposes, which are the columns that `iteration` reads: a block is a function of A.
-    """
+def stiff_block(k: int) -> str:
+    """`collocate.stiff_block` on vectors, by the eigenvalues z of A: h z/(1 - lambda h z). a: h, lambda; out."""
     from .lanes import Lanes
 
-    lanes, place, number = Lanes(), given(n, e, k), coefficients(k)
-    offset = place.blocks.start
-    h = lanes.number(lanes.a, place.h.start - offset)
-    unit, pad = np.eye(k, WIDTH), [0.0] * (WIDTH - k)
-    for part in range(place.mu.stop - place.decay.start):
-        mu = lanes.number(lanes.a, place.decay.start - offset + part)
-        matrix, factor = (number.A, h) if part == 0 else (number.A_squared, lanes.mul(h, h))
-        right = [lanes.mul(factor, lanes.constant([*column, *pad])) for column in matrix.T]
-        left = [lanes.sub(lanes.constant(one), lanes.mul(mu, row)) for one, row in zip(unit, right, strict=True)]
-        inverses = []
-        for m in range(k):  # safe without pivoting: mu <= 0, and then all pivots are at least 1
-            inverses.append(lanes.divide(lanes.constant(1.0), lanes.lane(left[m], m)))
-            for i in range(m + 1, k):
-                factor = lanes.mul(lanes.lane(left[i], m), inverses[m])
-                left[i] = lanes.sub(left[i], lanes.mul(factor, left[m]))
-                right[i] = lanes.sub(right[i], lanes.mul(factor, right[m]))
-        for m in reversed(range(k)):
-            for i in range(m + 1, k):
-                right[m] = lanes.sub(right[m], lanes.mul(lanes.lane(left[m], i), right[i]))
-            right[m] = lanes.mul(right[m], inverses[m])
-            lanes.store(right[m], WIDTH * (part * k + m))
+    lanes = Lanes()
+    z, X = np.linalg.eig(coefficients(k).A)
+    Y = np.linalg.inv(X)
+    kept = np.flatnonzero(z.imag >= 0.0)  # the others are their conjugates
+    twice = np.where(z[kept].imag > 0.0, 2.0, 1.0)
+    h, decay = lanes.number(lanes.a, 0), lanes.number(lanes.a, 1)
+    x, y, size = (lanes.constant(v) for v in (z[kept].real, z[kept].imag, np.abs(z[kept]) ** 2))
+    m = lanes.mul(h, decay)
+    real, imag = lanes.sub(lanes.constant(1.0), lanes.mul(m, x)), lanes.mul(m, y)
+    scale = lanes.divide(h, lanes.add(lanes.mul(real, real), lanes.mul(imag, imag)))
+    parts = lanes.mul(scale, lanes.sub(x, lanes.mul(m, size))), lanes.mul(scale, y)
+    factors = [lanes.lane(part, i) for part in parts for i in range(len(kept))]
+    for j in range(k):
+        column = twice * X[:, kept] * Y[kept, j]
+        weights = [*column.real.T, *(-column.imag.T)]
+        lanes.store(lanes.combine([[*w, *[0.0] * (WIDTH - k)] for w in weights], factors), WIDTH * j)
     return lanes.text()
 
 
@@ -374,4 +311,4 @@ def on_vectors(structure: tuple, k: int) -> list[int]:
     system = STRUCTURES[structure]
     n, e = system.n_positions, system.n_elements
     iterations = [iteration(structure, k, level) for level in range(ON_VECTORS)]
-    return [load(t, str) for t in (*iterations, stiff_blocks(n, e, k), extrapolation(k, n + e), closing(k, n, e))]
+    return [load(t, str) for t in (*iterations, stiff_block(k), extrapolation(k, n + e), closing(k, n, e))]

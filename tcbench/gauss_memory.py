@@ -13,8 +13,8 @@ from .gauss_kernels import POINTS, Coefficients, Given, given
 from .jit import compiled
 
 # columns of `plan` (int64): addresses of the kernels, those on vectors last (0: none), then sizes
-START, MOTION, SLOPES, FORCES, MODES, MEND, ITERATE, FINER, STIFF, EXTRAPOLATE, CLOSE = range(11)
-N_Q, N_E, STAGES, PARTS = range(11, 15)
+START, MOTION, SLOPES, FORCES, MEND, ITERATE, FINER, STIFF, EXTRAPOLATE, CLOSE = range(10)
+N_Q, N_E, STAGES = range(10, 13)
 
 
 class Work(NamedTuple):
@@ -32,16 +32,12 @@ class Work(NamedTuple):
     N: Any  # (m, WIDTH) the rates that it gives
     V: Any  # (n, WIDTH) velocities
     state0: Any  # (2 n + 2 e,) q, p, pi and s at the start of the step
-    room: Any  # blocks, h, mu
-    blocks: Any  # (parts, k, WIDTH), by columns, of the stiff parts: of the conduction, then of the elastic modes
-    mu: Any  # (parts,)
-    modes: Any  # what the fifth kernel gives: mu, left and right of the modes
-    left: Any  # (modes, n)
-    right: Any
+    block: Any  # (k WIDTH,): of the conduction, by columns
+    columns: Any  # (k, WIDTH): the same
     u: Any  # (e,) left and right of the conduction
     v: Any
     scale: Any  # (2,) of forces and of heat in a residual
-    middle: Any  # (n + e,) positions and entropies halfway through the step
+    stiff: Any  # (2,): h, lambda
     rates: Any  # N, then V
     ratio: Any  # (1,) this step over the last
     sums: Any  # what `gauss_kernels.closing` writes
@@ -58,8 +54,8 @@ class Work(NamedTuple):
     at_points: Any  # (M, 2 e) shapes and entropies
     slopes: Any  # (M, 2 e) stresses and temperatures
     FG: Any  # (m,)
-    rho: Any  # (parts, k)
-    block: Any  # (k, k)
+    rho: Any  # (k,)
+    left: Any  # (k, k)
     J: Any  # (k m, k m) of Newton's method
     rhs: Any  # (k m,)
     base: Any  # (k m,)
@@ -74,8 +70,8 @@ class Work(NamedTuple):
 
 # the order in memory: arrays, then the numbers of the method; then where the views of `given` begin
 STORED = (
-    "c", "inverse_mass", "given", "found", "middle", "ratio", "sums", "start", "end", "laws", "run", "mended",
-    "seen", "at_nodes", "drift", "at_points", "slopes", "FG", "rho", "block", "J", "rhs", "base", "x0", "dz", "z1", "z",
+    "c", "inverse_mass", "given", "found", "stiff", "ratio", "sums", "start", "end", "laws", "run", "mended",
+    "seen", "at_nodes", "drift", "at_points", "slopes", "FG", "rho", "left", "J", "rhs", "base", "x0", "dz", "z1", "z",
     "carry", "here", "dropped",
 )  # fmt: skip
 _NAMES = [*STORED, *Coefficients._fields, "stop", *(f"given_{x}" for x in Given._fields)]
@@ -86,12 +82,11 @@ def layout(n: int, e: int, numbers: Coefficients, constants: int, ends: int, inv
     """Where in memory each array begins and the last ends; then where each field of `gauss_kernels.Given` begins."""
     k, m, points = len(numbers.nodes), n + e, POINTS[-1]
     place = given(n, e, k)
-    parts = place.mu.stop - place.decay.start
     sizes = {
-        "c": constants, "inverse_mass": n, "given": place.scale.stop, "found": WIDTH * (2 * m + n) + 1, "middle": m,
+        "c": constants, "inverse_mass": n, "given": place.scale.stop, "found": WIDTH * (2 * m + n) + 1, "stiff": 2,
         "ratio": 1, "sums": n + 3 * m, "start": ends, "end": ends, "laws": n + m + 2 + invariants, "run": 1,
         "mended": n + 1 + invariants, "seen": 2, "at_nodes": k * 2 * m, "drift": k * 2 * e,
-        "at_points": points * 2 * e, "slopes": points * 2 * e, "FG": m, "rho": parts * k, "block": k * k,
+        "at_points": points * 2 * e, "slopes": points * 2 * e, "FG": m, "rho": k, "left": k * k,
         "J": (k * m) ** 2, "rhs": k * m, "base": k * m, "x0": 2 * e, "dz": n + m, "z1": n + m,
         "z": n + m, "carry": n + m, "here": n + m, "dropped": n + m,
     } | {name: np.size(x) for name, x in numbers._asdict().items()}  # fmt: skip
@@ -108,7 +103,7 @@ def part(memory, at, i):  # type: ignore[no-untyped-def]
 @compiled
 def unpack(plan, memory, at):  # type: ignore[no-untyped-def]
     """(Coefficients, Work) as views of the memory, which begin where `at` says (see `layout`)."""
-    k, n, e, parts = plan[STAGES], plan[N_Q], plan[N_E], plan[PARTS]
+    k, n, e = plan[STAGES], plan[N_Q], plan[N_E]
     m, points = n + e, POINTS[-1]
     found = part(memory, at, PLACE.found)
     rows = found[: len(found) - 1].reshape(2 * m + n, WIDTH)
@@ -120,17 +115,13 @@ def unpack(plan, memory, at):  # type: ignore[no-untyped-def]
         U=rows[:m],
         N=rows[m : 2 * m],
         V=rows[2 * m :],
-        state0=memory[at[PLACE.given_q] : at[PLACE.given_blocks]],
-        room=memory[at[PLACE.given_blocks] : at[PLACE.given_left]],
-        blocks=part(memory, at, PLACE.given_blocks).reshape(parts, k, WIDTH),
-        mu=memory[at[PLACE.given_decay] : at[PLACE.given_left]],
-        modes=memory[at[PLACE.given_mu] : at[PLACE.given_u]],
-        left=part(memory, at, PLACE.given_left).reshape(parts - 1, n),
-        right=part(memory, at, PLACE.given_right).reshape(parts - 1, n),
+        state0=memory[at[PLACE.given_q] : at[PLACE.given_block]],
+        block=part(memory, at, PLACE.given_block),
+        columns=part(memory, at, PLACE.given_block).reshape(k, WIDTH),
         u=part(memory, at, PLACE.given_u),
         v=part(memory, at, PLACE.given_v),
         scale=part(memory, at, PLACE.given_scale),
-        middle=part(memory, at, PLACE.middle),
+        stiff=part(memory, at, PLACE.stiff),
         rates=found[WIDTH * m : len(found) - 1],
         ratio=part(memory, at, PLACE.ratio),
         sums=part(memory, at, PLACE.sums),
@@ -145,8 +136,8 @@ def unpack(plan, memory, at):  # type: ignore[no-untyped-def]
         at_points=part(memory, at, PLACE.at_points).reshape(points, 2 * e),
         slopes=part(memory, at, PLACE.slopes).reshape(points, 2 * e),
         FG=part(memory, at, PLACE.FG),
-        rho=part(memory, at, PLACE.rho).reshape(parts, k),
-        block=part(memory, at, PLACE.block).reshape(k, k),
+        rho=part(memory, at, PLACE.rho),
+        left=part(memory, at, PLACE.left).reshape(k, k),
         J=part(memory, at, PLACE.J).reshape(k * m, k * m),
         rhs=part(memory, at, PLACE.rhs),
         base=part(memory, at, PLACE.base),
@@ -166,8 +157,6 @@ def unpack(plan, memory, at):  # type: ignore[no-untyped-def]
         A=part(memory, at, PLACE.A).reshape(k, k),
         A_squared=part(memory, at, PLACE.A_squared).reshape(k, k),
         b=part(memory, at, PLACE.b),
-        halfway=part(memory, at, PLACE.halfway),
-        halfway2=part(memory, at, PLACE.halfway2),
         Ahats=part(memory, at, PLACE.Ahats).reshape(len(POINTS), points, k),
         Ws=part(memory, at, PLACE.Ws).reshape(len(POINTS), k, points),
     )

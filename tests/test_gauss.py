@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 import tcbench
-from tcbench import collocate, jit, trace
+from tcbench import collocate
 from tcbench.chain import chain
-from tcbench.emit import kernel
 from tcbench.gauss import GaussMethod
 from tcbench.gauss_kernels import POINTS, coefficients
 from tcbench.plugins import find_integrator
@@ -53,7 +52,7 @@ def test_the_laws_hold_over_a_long_time(integrator):
 
 
 @pytest.mark.parametrize("scene", tcbench.scenarios())
-@pytest.mark.parametrize("tolerance", [1e-2, 1e-6, 1e-10])
+@pytest.mark.parametrize("tolerance", [1e-1, 1e-2, 1e-6, 1e-10])
 def test_adaptive_steps_keep_the_laws_and_follow_the_tolerance(scene, tolerance):
     scenario = tcbench.scenarios()[scene]
     scenario = scenario.replace(t_end=min(scenario.t_end, 25.0))
@@ -156,45 +155,6 @@ def test_marching_is_stepping(scene):
         expected = method.increments(z, h)
         np.testing.assert_allclose(dz, expected, rtol=1e-10, atol=1e-12)
         z = z + expected
-
-
-@pytest.mark.parametrize("scene", ["stiff_spring", "long_term", "gas_containers"])
-def test_elastic_modes_make_up_the_stiffness_of_the_forces(scene):
-    scenario = tcbench.scenarios()[scene]
-    method = GaussMethod(scenario.model, 3)
-    n, e, system = scenario.model.n_positions, scenario.model.n_elements, scenario.model
-    z = tcbench.simulate("tc_gauss", scene, t_end=1.0).z[-1]
-    q, s = z[:n], z[2 * n :]
-    modes = np.zeros(e * (1 + 2 * n))
-    jit.evaluate(method.plan[collocate.MODES], np.concatenate([q, s]), method.work.c, modes)
-    mu, left, right = modes[:e], modes[e : e + e * n].reshape(e, n), modes[e + e * n :].reshape(e, n)
-    np.testing.assert_allclose(right @ left.T, np.diag(mu), atol=1e-12 * np.abs(mu).max())
-
-    def derivative(f, x, size):
-        steps = np.eye(len(x)) * 1e-6 * size
-        return np.array([(f(x + d) - f(x - d)) / (2e-6 * size) for d in steps]).T
-
-    def stress(q):  # de/dpi of each element, by differences
-        pi = system.shape(q)
-        return np.diag(derivative(lambda x: system.element_energy(x, s), pi, np.abs(pi).min()))
-
-    pull = derivative(system.shape, q, 1.0)
-    # the force is -pull^T stress; the part from the change of pull is not in the modes
-    wide = 100.0 if scene != "gas_containers" else 1.0  # stress is a difference quotient already
-    expected = -pull.T @ derivative(stress, q, wide) / system.inertia()
-    np.testing.assert_allclose(left.T @ right, expected, atol=1e-3 * np.abs(expected).max())
-
-
-def test_elastic_modes_save_iterations():
-    scenario = tcbench.scenarios()["stiff_spring"]
-    counts = []
-    for without in (False, True):
-        method = GaussMethod(scenario.model, 5)
-        if without:
-            nothing = kernel({}, [trace.const(0.0)] * len(method.work.modes))
-            method.plan[collocate.MODES] = nothing.address
-        counts.append(method.adaptive(scenario.z0, np.array([0.0, 5.0]), 1e-3)[1]["newton_iterations"])
-    assert counts[0] < 0.8 * counts[1]
 
 
 def test_where_the_fixed_point_fails_newton_and_halving_take_over():
