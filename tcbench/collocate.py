@@ -179,7 +179,7 @@ def fixed_point(plan, a, w, h, z, level, residual, counts):  # type: ignore[no-u
     stiff_block(plan, a, w, h)
     # round-off in the conduction is that of entropies, times 1 - h lambda
     w.scale[1] = min(1.0, residual / CONVERGED / (1.0 - h * w.stiff[1]))
-    here, taken = 0, 0
+    here, taken = np.int64(0), 0
     for _ in range(MAX_ITERATIONS):
         counts[ITERATIONS] += 1
         size = iterate(plan, a, w, h, z, here)

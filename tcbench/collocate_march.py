@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
+from . import gauss_kernels as kernels
 from .collocate import COARSE, CONVERGED, FAILED, HALVED, REJECTED_STEPS, SOLVED, STEPS, extrapolate, try_step
-from .gauss_kernels import POINTS
 from .gauss_memory import MEND, N_E, N_Q, STAGES, START, unpack
 from .jit import call, compiled, copy_into, fill, inlined, lean
 from .march import add_compensated
 
 SHORTEST = 2.0**-24  # of a step, before it is given up
 SAFETY, GROW, SHRINK, ACCEPT = 0.85, 2.0, 0.2, 4.0
-# contraction for which a unit of time costs least: it grows as h^2, and h log(1/h^2) is largest at e^-2; a little less,
-# because steps that fail cost too
-BEST = 0.13
+BEST = 0.135  # contraction for which a unit of time costs least: it grows as h^2, and h log(1/h^2) is largest at e^-2
 RETREAT, ADVANCE = 0.7, 1.1  # of a step that is too long for the quadrature, and of the bound after steps that failed
 FIRST = 4.0  # times the decay time of the conduction: see first_step
+# levels of quadrature, and choices; as numpy's numbers, since numba would compile try_step for each of Python's
+COARSEST, ON_VECTORS, ALL = np.int64(0), np.int64(kernels.ON_VECTORS), np.int64(len(kernels.POINTS))
+NO, YES = np.bool_(False), np.bool_(True)
 FAR = 2.5  # ratio of steps up to which the last polynomials are extrapolated
 
 
@@ -64,7 +67,7 @@ def halving_step(plan, a, w, h, z0, dz_total, counts):  # type: ignore[no-untype
     done, part = 0.0, 1.0
     while done < 1.0:
         set_scale(plan, w, z)
-        code = try_step(plan, a, w, part * h, z, False, True, 0, len(POINTS), CONVERGED, counts)
+        code = try_step(plan, a, w, part * h, z, NO, YES, COARSEST, ALL, CONVERGED, counts)
         if code != SOLVED:
             part *= 0.5
             counts[HALVED] += 1
@@ -129,7 +132,7 @@ def adaptive_steps(plan, a, w, z0, times, tolerance, residual, states, counts): 
             known = last > 0.0 and step <= FAR * last
             if known:
                 extrapolate(plan, a, w, step / last)
-            code = try_step(plan, a, w, step, z, known, False, 0 if step <= roughest else 1, 2, residual, counts)
+            code = try_step(plan, a, w, step, z, known, NO, COARSEST + (step > roughest), ON_VECTORS, residual, counts)
             if code == SOLVED:
                 error = error_estimate(plan, w, step)
                 factor = SAFETY * (tolerance / max(error, 1e-300)) ** (1.0 / (k + 1))
