@@ -117,3 +117,30 @@ def test_an_energy_that_is_right_to_round_off_is_left_alone():
     exact = reference_for(scenario, [25.0]).states[0].astype(float)
     states, _ = GaussMethod(scenario.model, 5).adaptive(scenario.z0, np.array([0.0, 25.0]), 1e-12)
     assert np.max(np.abs(states[-1] - exact) / np.maximum(1, np.abs(exact))) <= 3e-9
+
+
+@pytest.mark.parametrize("scene", ["fast_conduction", "relative_equilibrium", "long_term"])
+def test_loose_tolerances_let_steps_grow_until_nothing_happens(scene):
+    """What is left unsolved of a stiff conduction comes back in each step, and would spoil the guess for the next."""
+    scenario = SCENES[scene]
+    method = GaussMethod(scenario.model, 5)
+    method.adaptive(scenario.z0, np.array([0.0, 500.0]), 1e-1)
+    assert method.counts[collocate.STEPS] < 100 and method.counts[collocate.REJECTED_STEPS] <= 5
+
+
+def test_long_steps_of_stiff_conduction_converge_without_newton():
+    scenario = SCENES["fast_conduction"]
+    z = tcbench.simulate("tc_gauss", scenario, t_end=10.0, dt=0.1).z[-1]
+    method = GaussMethod(scenario.model, 3)
+    method.march(z, 1.0, 10)  # 1200 times the decay time of the conduction
+    assert method.counts[collocate.NEWTONS] == 0
+
+
+def test_what_is_much_to_mend_asks_for_a_finer_quadrature():
+    scenario = SCENES["cold_spring"]
+    raised = 0
+    for tolerance in (1e-2, 1e-4, 1e-6):
+        method = GaussMethod(scenario.model, 6)
+        method.adaptive(scenario.z0, np.array([0.0, 25.0]), tolerance)
+        raised += method.counts[collocate.RAISED]
+    assert raised >= 2
