@@ -119,12 +119,14 @@ def test_an_energy_that_is_right_to_round_off_is_left_alone():
     assert np.max(np.abs(states[-1] - exact) / np.maximum(1, np.abs(exact))) <= 3e-9
 
 
-@pytest.mark.parametrize("scene", ["fast_conduction", "relative_equilibrium", "long_term"])
-def test_loose_tolerances_let_steps_grow_until_nothing_happens(scene):
+@pytest.mark.parametrize(
+    ("scene", "t"), [("fast_conduction", 25.0), ("relative_equilibrium", 500.0), ("long_term", 500.0)]
+)
+def test_loose_tolerances_let_steps_grow_until_nothing_happens(scene, t):
     """What is left unsolved of a stiff conduction comes back in each step, and would spoil the guess for the next."""
     scenario = SCENES[scene]
     method = GaussMethod(scenario.model, 5)
-    method.adaptive(scenario.z0, np.array([0.0, 500.0]), 1e-1)
+    method.adaptive(scenario.z0, np.array([0.0, t]), 1e-1)
     assert method.counts[collocate.STEPS] < 100 and method.counts[collocate.REJECTED_STEPS] <= 5
 
 
