@@ -48,7 +48,7 @@ def plot(
     options: dict[str, Any] = {"x": x} if x and kind in ("work-precision", "conservation") else {}
     if y and kind == "work-precision":
         options["y"] = tuple(y)
-    for column in [*options.get("y", ()), *([x] if options else [])]:
+    for column in [*options.get("y", ()), *([x] if "x" in options else [])]:
         if column not in tables[chosen.needs[0]]:
             raise unknown_name("column", str(column), [str(c) for c in tables[chosen.needs[0]].columns])
     return save(chosen.draw(chosen.select(tables, scene), **options), path)

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 import tcbench
 from tcbench import charts, plot, series
+from tcbench.charts.precision import work_precision
 from tcbench.charts.scales import power_text, zero_log_axis
 from tcbench.charts.style import COLOURS, KNOWN, look, panels, spread
 from tcbench.errors import TcbenchError
@@ -186,6 +187,22 @@ def test_work_precision_takes_any_columns_as_axes(tmp_path):
     assert plot.plot("work-precision", folder, tmp_path / "a.svg", **options).read_text().count("entropies s") == 1
     with pytest.raises(TcbenchError, match="Did you mean 'steps'"):
         plot.plot("work-precision", folder, tmp_path / "a.svg", **(options | {"x": "step"}))
+    del options["x"]  # one axis alone
+    assert "wall time" in plot.plot("work-precision", folder, tmp_path / "b.svg", **options).read_text()
+
+
+def test_in_a_crowd_those_that_lead_are_named_and_the_others_faint():
+    table = awkward.work_precision(awkward.FORTY, scenes=["short_term"])
+    (ax,) = work_precision(table, y=["error_q"]).axes
+    named = {text.get_text() for text in ax.texts}
+    values = table[(table["status"] == "ok") & np.isfinite(table["error_q"])]
+    cheapest = values.loc[values["wall_time_min_s"].idxmin(), "integrator"]
+    best = values.loc[values["error_q"].idxmin(), "integrator"]
+    assert {cheapest, best} <= named and len(named) < 10
+    solid = [line for line in ax.lines if line.get_alpha() is None and len(line.get_xdata()) > 1]
+    assert len(solid) == len(named)
+    (ax,) = work_precision(awkward.work_precision(awkward.FIVE, scenes=["short_term"]), y=["error_q"]).axes
+    assert not ax.texts and all(line.get_alpha() is None for line in ax.lines)  # five need no help
 
 
 def test_every_kind_of_chart_has_a_study_and_a_text():

@@ -22,6 +22,8 @@ from .style import (
     note,
     ok,
     panels,
+    short,
+    spread,
     titles,
 )  # fmt: skip
 
@@ -56,6 +58,7 @@ LABELS = {
 }
 ERRORS = ("error_q", "error_p", "error_s", "error_theta", "energy_error_max", "angular_momentum_error_max")
 CONSERVED = ("energy_error_max", "angular_momentum_error_max")  # exactly 0 is possible: these get an axis with a zero
+CROWDED, FAINT, ROOM = 8, 0.3, 0.4  # methods in a crowd; how faint those are that lead nowhere; room for names
 VARIABLES = {"q": "positions q", "p": "momenta p", "s": "entropies s", "theta": "temperatures θ", "all": "all"}
 
 
@@ -68,7 +71,8 @@ def work_precision(table: DataFrame, x: str = "wall_time_min_s", y: Sequence[str
     """Error against cost for one scenario, one panel for each column in `y` (by default every error there is).
 
     table : rows of `work_precision`; x, y : any numeric columns. Points of a method are joined from its coarsest to
-    its finest setting. Failed runs are crosses on the upper edge; masked errors (NaN) of completed runs are left out.
+    its finest setting; of many methods those are named that are the best at some cost, and the others are faint.
+    Failed runs are crosses on the upper edge; masked errors (NaN) of completed runs are left out.
     """
     columns = list(y) if y else [c for c in ERRORS if c in table and np.isfinite(finite(table[c])).any()] or ["error_q"]
     figure, axes = panels(len(columns), 3, (3.6, 2.9))
@@ -100,13 +104,43 @@ def _cloud(ax: Axes, table: DataFrame, x: str, column: str, methods: Sequence[st
     else:
         log_axis(ax, "y", ys[usable])
     order = pd.to_numeric(table["value"], errors="coerce") if "value" in table else pd.Series(xs, index=table.index)
+    names_of = table["integrator"].astype(str).to_numpy()
+    front = _front(xs, ys, usable)
+    leaders = dict.fromkeys(names_of[front]) if len(methods) > CROWDED else {}
+    _name(ax, {name: [(xs[i], ys[i]) for i in front if names_of[i] == name] for name in leaders})
     for rank, name in enumerate(methods):
-        mine = (table["integrator"].astype(str) == name).to_numpy()
+        mine = names_of == name
         style = look(name)
         pick = np.flatnonzero(mine & usable)
         pick = pick[np.argsort(-order.to_numpy(dtype=float)[pick], kind="stable")]
-        ax.plot(xs[pick], ys[pick], color=style.colour, marker=style.marker, linestyle=style.dash)
+        faint: Any = {"alpha": FAINT, "zorder": 1.5} if leaders and name not in leaders else {}
+        ax.plot(xs[pick], ys[pick], color=style.colour, marker=style.marker, linestyle=style.dash, **faint)
         failures(ax, _edge(ax, xs[mine & ~np.asarray(done)]), name, rank, len(methods))
+
+
+def _front(xs: Any, ys: Any, usable: Any) -> list[int]:
+    """Points that no cheaper one comes near in error (within half), from the cheapest on: round-off ranks nobody."""
+    front: list[int] = []
+    for i in sorted(np.flatnonzero(usable), key=lambda i: (xs[i], ys[i])):
+        if not front or ys[i] < 0.5 * ys[front[-1]]:
+            front.append(int(i))
+    return front
+
+
+def _name(ax: Axes, leaders: dict[str, list[tuple[float, float]]]) -> None:
+    """Names left of the points where each leads: nothing else can be there."""
+    if leaders:
+        left, right = ax.get_xlim()
+        ax.set_xlim(left / (right / left) ** ROOM, right)
+    to_axes = ax.transData + ax.transAxes.inverted()
+    places = {name: to_axes.transform(points[len(points) // 2]) for name, points in leaders.items()}
+    ascending = sorted(places, key=lambda name: float(places[name][1]))
+    heights = spread([float(places[name][1]) for name in ascending], gap=0.07, low=0.03, high=0.97)
+    for name, height in zip(ascending, heights, strict=True):
+        ax.annotate(
+            short(name), (float(places[name][0]) - 0.02, height), xycoords="axes fraction", color=look(name).colour,
+            fontsize=7, va="center", ha="right",
+        )  # fmt: skip
 
 
 def _edge(ax: Axes, xs: Any) -> Any:
