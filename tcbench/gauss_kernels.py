@@ -239,7 +239,10 @@ def _mending(system: Any, z: Any) -> tuple[list[Any], list[Any]]:
 
 
 def stiff_block(k: int) -> str:
-    """`collocate.stiff_block` on vectors, by the eigenvalues z of A: h z/(1 - lambda h z). a: h, lambda; out."""
+    """`collocate.stiff_block` on vectors. a: h, lambda; out: the block.
+
+    The block is a function of A; its eigenvalues are h z/(1 - lambda h z), where z are those of A.
+    """
     from .lanes import Lanes
 
     lanes = Lanes()

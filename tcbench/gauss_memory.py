@@ -43,11 +43,9 @@ class Work(NamedTuple):
     sums: Any  # what `gauss_kernels.closing` writes
     start: Any  # what the first kernel gives at the start of the step
     end: Any  # and at its end
-    laws: (
-        Any  # (2 n + e + 2 + invariants,): a state and its energy; the energy that it should have; the run's invariants
-    )
+    laws: Any  # (2 n + e + 2 + invariants,): a state, its energy, the energy and the invariants that it should have
     run: Any  # (1,) the energy at the start of the run
-    mended: Any  # what the sixth kernel makes of them
+    mended: Any  # what the fifth kernel makes of them
     seen: Any  # (2,) the contraction of the last solve, and the quadrature that it took
     at_nodes: Any  # (k, 2 n + 2 e) velocities, positions, stresses, temperatures
     drift: Any  # (k, 2 e) rates of shapes and entropies
