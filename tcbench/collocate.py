@@ -298,7 +298,8 @@ def close(plan, a, w, h):  # type: ignore[no-untyped-def]
 @inlined
 def mend(plan, w, residual):  # type: ignore[no-untyped-def]
     """Change momenta so that the end of the step has the energy and invariants of the run. False, and nothing is done,
-    if that is much more than the residual, or much of the kinetic energy that is free to change."""
+    if that is much of the kinetic energy that is free to change, or much more than the residual; but round-off that
+    earlier steps left behind, as where masses nearly collide, is mended whatever its size."""
     n, size = plan[N_Q], len(w.z1)
     total = n + 2 * plan[N_E]
     copy_into(w.laws, w.z1)
@@ -308,8 +309,10 @@ def mend(plan, w, residual):  # type: ignore[no-untyped-def]
     call(plan[MEND], w.laws, w.c, w.mended)
     if not abs(w.mended[n]) <= MOST:
         return False
+    inherited = abs(w.end[total] - w.start[total]) <= w.end[total + 1]
+    limit = np.inf if inherited else MENDED * residual
     for i in range(n):
-        if not abs(w.mended[i]) * w.scale[0] <= MENDED * residual:
+        if not abs(w.mended[i]) * w.scale[0] <= limit:
             return False
     for i in range(n):
         w.dz[n + i] += w.mended[i]

@@ -208,11 +208,14 @@ def _start(system: Any, z: Any) -> list[Any]:
     n, e, state = system.n_positions, system.n_elements, system.state(z)
     rate, theta = system.vector_field(z)[n:], system.temperatures(z)
     energy = system.energy(z)
-    # some rounding errors of each element's heat, of the work that it holds, of the motion and of the total
+    # some rounding errors of each element's heat, of the work that it holds, of the motion, of positions under their
+    # forces and of the total
     pi = system.shape(state.q)
     held = [abs(x) for x in system._element_slopes(pi, state.s)[0] * pi]
     moving = state.p @ (state.p / system.inertia())
-    noise = 2.0**-51 * (sum(theta * (np.ones(e) * system.entropy_scale())) + sum(held) + moving + abs(energy) + 1.0)
+    placed = [abs(x) for x in rate[:n] * state.q]
+    heat = sum(theta * (np.ones(e) * system.entropy_scale()))
+    noise = 2.0**-51 * (heat + sum(held) + moving + sum(placed) + abs(energy) + 1.0)
     u = v = [0.0] * e
     if e == 2:
         slope = trace.jacobian(list(rate[n:]), list(state.s))

@@ -146,3 +146,14 @@ def test_what_is_much_to_mend_asks_for_a_finer_quadrature():
         method.adaptive(scenario.z0, np.array([0.0, 25.0]), tolerance)
         raised += method.counts[collocate.RAISED]
     assert raised >= 2
+
+
+def test_masses_that_nearly_collide_leave_no_energy_behind():
+    """From rest they fall into the origin; there round-off of positions is 1e-7 of energy, which must not stay."""
+    scenario = SCENES["short_term"].replace(
+        positions=[1, 0, 2, 0], momenta=np.zeros(4), temperatures=[150, 212], name="fall"
+    )
+    system = scenario.model
+    states, _ = GaussMethod(system, 5).adaptive(scenario.z0, np.linspace(0.0, 3.0, 7), 1e-12)
+    E = np.array([system.energy(z) for z in states])
+    assert np.abs(E - E[0]).max() <= 1e-12 * abs(E[0])
