@@ -15,7 +15,7 @@ from . import trace
 from .collocation import LONG, _gauss_nodes, tableau
 from .emit import WIDTH, Kernel, constant_part, kernel
 from .errors import TcbenchError
-from .projection import restored_momenta
+from .projection import lengthening, restored_momenta
 from .system import System
 
 # points of the quadratures, whole numbers of vectors: the coarsest that keeps the energy is taken
@@ -238,7 +238,7 @@ def _mending(system: Any, z: Any) -> tuple[list[Any], list[Any]]:
     turned = p - state.p
     missing = energies[1] - energies[0] - sum(turned * (turned + 2.0 * state.p) / system.inertia()) / 2
     x = missing / (sum(free * free / system.inertia()) / 2)
-    return inputs, [*(turned + free * (x / (1.0 + (1.0 + x) ** 0.5))), x, *here.values()]
+    return inputs, [*(turned + lengthening(free, x)), x, *here.values()]
 
 
 def stiff_block(k: int) -> str:

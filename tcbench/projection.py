@@ -67,8 +67,13 @@ def projection(z0: Any, z1: Any, h: Any, system: System, start: Any, first: Any)
     kinetic = sum(free * free / system.inertia()) / 2
     floor = SMALLEST_SHARE * (1.0 + abs(energy))
     x = trace.maximum(missing * kinetic / (kinetic * kinetic + floor * floor), trace.const(-1.0))
-    scaled = p + free * (x / (1.0 + np.sqrt(1.0 + x)))  # sqrt(1 + x) - 1 with its digits
+    scaled = p + lengthening(free, x)
     return z1 - np.concatenate([z0.q, scaled, z0.s + shift])
+
+
+def lengthening(p: Any, x: Any) -> Any:
+    """What makes p carry 1 + x times its kinetic energy: sqrt(1 + x) - 1 with its digits, times p."""
+    return p * (x / (1.0 + np.sqrt(1.0 + x)))
 
 
 def restored_momenta(z0: Any, system: System, invariants: dict[str, Any]) -> tuple[Any, Any]:

@@ -89,7 +89,7 @@ def test_a_step_on_vectors_is_the_scalar_step(scene, k):
     identity, h_A = np.eye(k), h * coefficients(k).A
     block = np.linalg.solve(identity - slow.work.stiff[1] * h_A, h_A)
     for method in (fast, slow):
-        np.testing.assert_allclose(method.work.columns[:, :k].T, block, rtol=1e-11, atol=1e-13)
+        np.testing.assert_allclose(method.work.columns[:, :k].T, block, rtol=1e-12, atol=1e-14)
     np.testing.assert_allclose(fast.work.sums, slow.work.sums, rtol=1e-10, atol=1e-11)
 
 

@@ -129,9 +129,10 @@ def _front(xs: Any, ys: Any, usable: Any) -> list[int]:
 
 def _name(ax: Axes, leaders: dict[str, list[tuple[float, float]]]) -> None:
     """Names left of the points where each leads: nothing else can be there."""
-    if leaders:
-        left, right = ax.get_xlim()
-        ax.set_xlim(left / (right / left) ** ROOM, right)
+    if not leaders:
+        return
+    left, right = ax.get_xlim()
+    ax.set_xlim(left / (right / left) ** ROOM, right)
     to_axes = ax.transData + ax.transAxes.inverted()
     places = {name: to_axes.transform(points[len(points) // 2]) for name, points in leaders.items()}
     ascending = sorted(places, key=lambda name: float(places[name][1]))
