@@ -58,7 +58,7 @@ LABELS = {
 }
 ERRORS = ("error_q", "error_p", "error_s", "error_theta", "energy_error_max", "angular_momentum_error_max")
 CONSERVED = ("energy_error_max", "angular_momentum_error_max")  # exactly 0 is possible: these get an axis with a zero
-CROWDED, FAINT, ROOM = 8, 0.3, 0.4  # methods in a crowd; how faint those are that lead nowhere; room for names
+CROWDED, FAINT, SMALL = 8, 0.3, 7.0  # methods in a crowd; how faint those are that lead nowhere; size of names, points
 VARIABLES = {"q": "positions q", "p": "momenta p", "s": "entropies s", "theta": "temperatures θ", "all": "all"}
 
 
@@ -131,16 +131,21 @@ def _name(ax: Axes, leaders: dict[str, list[tuple[float, float]]]) -> None:
     """Names left of the points where each leads: nothing else can be there."""
     if not leaders:
         return
+    to_axes, room = ax.transData + ax.transAxes.inverted(), 0.0
+    middles = {name: points[len(points) // 2] for name, points in leaders.items()}
+    inches = ax.get_window_extent().width / ax.figure.dpi
+    for name, point in middles.items():  # by how much wider the panel must be for the name to fit in
+        width = 0.04 + 0.6 * SMALL / 72 * len(short(name)) / inches
+        room = max(room, (width - float(to_axes.transform(point)[0])) / (1.0 - width))
     left, right = ax.get_xlim()
-    ax.set_xlim(left / (right / left) ** ROOM, right)
-    to_axes = ax.transData + ax.transAxes.inverted()
-    places = {name: to_axes.transform(points[len(points) // 2]) for name, points in leaders.items()}
+    ax.set_xlim(left / (right / left) ** room, right)
+    places = {name: to_axes.transform(point) for name, point in middles.items()}
     ascending = sorted(places, key=lambda name: float(places[name][1]))
     heights = spread([float(places[name][1]) for name in ascending], gap=0.07, low=0.03, high=0.97)
     for name, height in zip(ascending, heights, strict=True):
         ax.annotate(
             short(name), (float(places[name][0]) - 0.02, height), xycoords="axes fraction", color=look(name).colour,
-            fontsize=7, va="center", ha="right",
+            fontsize=SMALL, va="center", ha="right",
         )  # fmt: skip
 
 
