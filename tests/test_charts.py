@@ -199,8 +199,7 @@ def test_in_a_crowd_those_that_lead_are_named_and_the_others_faint():
     cheapest = values.loc[values["wall_time_min_s"].idxmin(), "integrator"]
     best = values.loc[values["error_q"].idxmin(), "integrator"]
     assert {cheapest, best} <= named and len(named) < 10
-    renderer = ax.figure.canvas.get_renderer()
-    assert min(text.get_window_extent(renderer).x0 for text in ax.texts) >= ax.get_window_extent().x0
+    assert min(text.get_window_extent().x0 for text in ax.texts) >= ax.get_window_extent().x0
     solid = [line for line in ax.lines if line.get_alpha() is None and len(line.get_xdata()) > 1]
     assert len(solid) == len(named)
     (ax,) = work_precision(awkward.work_precision(awkward.FIVE, scenes=["short_term"]), y=["error_q"]).axes
