@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .arc import COLD_ROOT, FOUND, LOST, UNDETERMINED, arc
-from .jit import call, copy_into, lean
+from .jit import call, copy_into, inlined, lean
 from .newton import (
     ACCEPTED,
     FULL,
@@ -52,7 +52,9 @@ OK, NONCONVERGED, NO_ROOT, NONFINITE, COLLAPSED, COLD, BLOWUP, NO_WARM_ROOT, FOL
 V0, REFERENCE, ENTROPY_TOLERANCE, ENTROPY_FALL, LIMITS_SIZE = range(5)
 
 # entries of the shape (int64)
-N_POSITIONS, N_ELEMENTS, N_INVARIANTS, OBSERVE, CONTINUE, RESIDUALS, RECORD_EVERY, AUDIT, SHAPE_SIZE = range(9)
+N_POSITIONS, N_ELEMENTS, N_INVARIANTS, OBSERVE, CONTINUE, RESIDUALS, RECORD_EVERY, AUDIT, OF_STEP, SHAPE_SIZE = range(
+    10
+)
 
 # what follows the arc at every step: the audit counts accepted roots that are not the principal one; the other two take
 # the arc's root itself, and the last ends the run at the first fold
@@ -202,12 +204,18 @@ def verdict(z, now, first, limits, shape):  # type: ignore[no-untyped-def]
 @lean
 def add_compensated(z, dz, carry):  # type: ignore[no-untyped-def]
     """z += dz, with what rounding drops kept in `carry` (Neumaier): momenta stay exact over thousands of steps."""
+    move(z, carry, dz, z, carry)
+
+
+@inlined
+def move(z, carry, dz, after, dropped):  # type: ignore[no-untyped-def]
+    """after = z + dz, with what rounding dropped before in `carry` and what it drops now in `dropped`."""
     for i in range(len(z)):
         term = dz[i] + carry[i]
         total = z[i] + term
         back = total - z[i]
-        carry[i] = (z[i] - (total - back)) + (term - back)
-        z[i] = total
+        dropped[i] = (z[i] - (total - back)) + (term - back)
+        after[i] = total
 
 
 @lean
@@ -218,45 +226,45 @@ def add_increments(z, increments, carry, states):  # type: ignore[no-untyped-def
         copy_into(states[i], z)
 
 
-@lean
-def judge(step, z, h, limits, shape, observables, states, records, summary):  # type: ignore[no-untyped-def]
-    """Judge and record the state after a step, observed in observables[2]; returns (why the run ends or OK, steps).
+@inlined
+def judge(step, z, now, h, limits, shape, observables, summary):  # type: ignore[no-untyped-def]
+    """Judge the state after a step, of which the observables are `now`; returns (why the run ends or OK, steps).
 
-    A state that is not admissible (its energy need not exist) does not count as completed. The row of the last record
-    is kept up to date, so that the last completed state is always there.
+    A state that is not admissible (its energy need not exist) does not count as completed.
     """
-    now = observables[2]
     reason = verdict(z, now, observables[0], limits, shape)
     if reason != OK and reason != BLOWUP:
         return reason, step - 1
     accumulate(step, h, now, observables[1], observables[0], limits, shape, summary)
     copy_into(observables[1], now)
-    row = (step - 1) // shape[RECORD_EVERY] + 1
-    copy_into(states[row], z)
-    copy_into(records[row], now)
     return reason, step
 
 
 @lean
 def monitor(first, rows, c, h, limits, shape, observables, states, records, summary):  # type: ignore[no-untyped-def]
-    """`judge` for states that come from Python, of step `first` and the next: observed here, up to one that ends it."""
+    """`judge` for states that come from Python, of step `first` and the next, up to one that ends the run.
+
+    They are observed here, if there is a kernel for that; if not, observables[2] holds those of the only row.
+    """
     reason, done = OK, first - 1
     for i in range(len(rows)):
-        call(shape[OBSERVE], rows[i], c, observables[2])
-        reason, done = judge(first + i, rows[i], h, limits, shape, observables, states, records, summary)
+        if shape[OBSERVE]:
+            call(shape[OBSERVE], rows[i], c, observables[2])
+        reason, done = judge(first + i, rows[i], observables[2], h, limits, shape, observables, summary)
+        if done == first + i:
+            row = (done - 1) // shape[RECORD_EVERY] + 1  # of the last record kept up to date: it may be the last state
+            copy_into(states[row], rows[i])
+            copy_into(records[row], observables[2])
         if reason != OK:
             break
     return reason, done
 
 
 @lean
-def open_step(flows, fractions, z, c, h, works, observables):  # type: ignore[no-untyped-def]
+def open_step(flows, fractions, z, c, h, works):  # type: ignore[no-untyped-def]
     """Prologue of the first flow and the observables of z, in one kernel: they share their logarithms."""
     c[0] = fractions[0] * h
-    w = works[0]
-    call(flows[0, OPENING], z, c, w)
-    for i in range(observables.shape[1]):
-        observables[2, i] = w[flows[0, NOW] + i]
+    call(flows[0, OPENING], z, c, works[0])
 
 
 @lean
@@ -268,6 +276,49 @@ def measure_residual(flow, w, x, full, summary):  # type: ignore[no-untyped-def]
         summary[RESIDUAL_MAX] = max(summary[RESIDUAL_MAX], abs(full[i]) * w[2 * n + i])
 
 
+@inlined
+def one_step(  # type: ignore[no-untyped-def]
+    flows, fractions, z, carry, c, h, limits, shape, summary,
+    works, x, d, dz, a, trial, scale, full, old, known, accepted, seen, points, A,
+):  # fmt: skip
+    """All flows from `z` + `carry`, opened, to `a` + `trial`; returns (OK or why there is no step, iterations)."""
+    iterations = 0
+    if shape[OF_STEP]:  # behind the constants, before the first state
+        for i in range(len(z)):
+            c[len(c) - 2 * len(z) + i] = z[i]
+    here, left = z, carry
+    for k in range(len(flows)):
+        flow, w = flows[k], works[k]
+        n = flow[NX]
+        if k > 0:
+            c[0] = fractions[k] * h
+            call(flow[PROLOGUE], a, c, w)
+            here, left = a, trial
+        if n == 0:  # explicit
+            if finish(flow, w, x, dz) != ACCEPTED:
+                return NONFINITE, iterations
+            move(here, left, dz, a, trial)
+            continue
+        code, count = REJECTED, 0
+        if shape[CONTINUE] and shape[AUDIT] < PRINCIPAL:
+            for i in range(n):
+                x[i] = w[n + i]
+            code, count = quick(flow, w, x, d, dz)
+            iterations += count
+        if code != ACCEPTED or shape[AUDIT] != NO_AUDIT:
+            reason, count = solve_flow(
+                flow, here, dz, c, fractions[k] * h, limits, shape, w, x, scale, d, full, old, known,
+                accepted, seen, points, A, summary, code == ACCEPTED,
+            )  # fmt: skip
+            iterations += count
+            if reason != OK:
+                return reason, iterations
+        if shape[RESIDUALS]:
+            measure_residual(flow, w, x, full, summary)
+        move(here, left, dz, a, trial)
+    return OK, iterations
+
+
 @lean
 def march(  # type: ignore[no-untyped-def]
     flows, fractions, z, carry, c, h, start, stop, limits, shape, observables, states, records, counts, summary,
@@ -275,53 +326,38 @@ def march(  # type: ignore[no-untyped-def]
 ):  # fmt: skip
     """Steps start+1 .. stop from `z` + `carry`, in place; returns (why it ended, completed steps).
 
-    observables: rows (first, before, now); counts: Newton iterations since the last record. The last line of arguments
-    is workspace: works[k] belongs to flow k and holds what the prologue hoists.
+    observables: rows (first, before); counts: Newton iterations since the last record. The last line of arguments is
+    workspace: works[k] belongs to flow k and holds what the prologue hoists.
     """
-    careful = not shape[CONTINUE] or shape[AUDIT] >= PRINCIPAL
-    open_step(flows, fractions, z, c, h, works, observables)
+    now = works[0, flows[0, NOW] : flows[0, NOW] + observables.shape[1]]
+    every = shape[RECORD_EVERY]
+    row, left = start // every, every - start % every  # the last full record, and steps to the next
+    reason, done = OK, start
+    home, home_carry = z, carry
+    open_step(flows, fractions, z, c, h, works)
     for step in range(start + 1, stop + 1):
-        iterations = 0
-        copy_into(a, z)
-        copy_into(trial, carry)
-        for i in range(len(z)):  # behind the constants, before the first state: flows of the whole step ask for it
-            c[len(c) - 2 * len(z) + i] = z[i]
-        for k in range(len(flows)):
-            flow, w = flows[k], works[k]
-            n = flow[NX]
-            if k > 0:
-                c[0] = fractions[k] * h
-                call(flow[PROLOGUE], a, c, w)
-            if n == 0:  # explicit
-                if finish(flow, w, x, dz) != ACCEPTED:
-                    return NONFINITE, step - 1
-                add_compensated(a, dz, trial)
-                continue
-            code, count = REJECTED, 0
-            if not careful:
-                for i in range(n):
-                    x[i] = w[n + i]
-                code, count = quick(flow, w, x, d, dz)
-                iterations += count
-            if code != ACCEPTED or shape[AUDIT] != NO_AUDIT:
-                reason, count = solve_flow(
-                    flow, a, dz, c, fractions[k] * h, limits, shape, w, x, scale, d, full, old, known,
-                    accepted, seen, points, A, summary, code == ACCEPTED,
-                )  # fmt: skip
-                iterations += count
-                if reason != OK:
-                    summary[ITERATIONS] += iterations
-                    return reason, step - 1
-            if shape[RESIDUALS]:
-                measure_residual(flow, w, x, full, summary)
-            add_compensated(a, dz, trial)
+        reason, iterations = one_step(
+            flows, fractions, z, carry, c, h, limits, shape, summary,
+            works, x, d, dz, a, trial, scale, full, old, known, accepted, seen, points, A,
+        )  # fmt: skip
         summary[ITERATIONS] += iterations
-        open_step(flows, fractions, a, c, h, works, observables)
-        reason, done = judge(step, a, h, limits, shape, observables, states, records, summary)
-        if done == step:
-            counts[(step - 1) // shape[RECORD_EVERY]] += iterations
-            copy_into(z, a)
-            copy_into(carry, trial)
         if reason != OK:
-            return reason, done
-    return OK, stop
+            break
+        open_step(flows, fractions, a, c, h, works)
+        reason, done = judge(step, a, now, h, limits, shape, observables, summary)
+        if done == step:
+            counts[row] += iterations
+            z, a, carry, trial = a, z, trial, carry
+            left -= 1
+            if left == 0:
+                row, left = row + 1, every
+                copy_into(states[row], z)
+                copy_into(records[row], now)
+        if reason != OK:
+            break
+    if left < every and done > start:  # the last completed state is a record, too
+        copy_into(states[row + 1], z)
+        copy_into(records[row + 1], observables[1])
+    copy_into(home, z)
+    copy_into(home_carry, carry)
+    return reason, done

@@ -14,7 +14,7 @@ from . import march as m
 from .errors import TcbenchError
 from .flow import Flow, FlowKernels, build
 from .integrator import Integrator
-from .newton import ND, NW, NX, TABLE_WIDTH
+from .newton import ND, NOW, NW, NX, TABLE_WIDTH
 from .recording import Recorder, assemble, empty_summary, explain, run_limits
 from .scenario import Scenario
 from .stepping import run_adaptive, run_step
@@ -191,16 +191,15 @@ def run_flows(
     z, constants = scenario.z0.copy(), np.concatenate([model.constant_values, scenario.z0, scenario.z0])
     carry = np.zeros_like(z)
     recorder = Recorder.for_steps(steps, every, len(z), n_observables)
-    observables = np.empty((3, n_observables))
     workspace = Workspace.of(flows, constants, dt, len(z), n_observables)
     # observed by the kernel that observes every step: the same round-off in E0 as in E
-    m.open_step(flows.table, flows.fractions, z, constants, dt, workspace.works, observables)
-    observables[:] = observables[2]
+    m.open_step(flows.table, flows.fractions, z, constants, dt, workspace.works)
+    observables = np.tile(workspace.works[0, flows.table[0, NOW] :][:n_observables], (2, 1))
     recorder.states[0], recorder.records[0] = z, observables[0]
     limits = run_limits(scenario)
     shape = np.array([
         model.n_positions, model.n_elements, len(model.invariant_names), observe.address,
-        continuation, residuals, every, audit,
+        continuation, residuals, every, audit, any(flow.of_step for flow in integrator.flows),
     ], dtype=np.int64)  # fmt: skip
     summary = empty_summary(len(model.invariant_names))
     done, reason = 0, m.OK

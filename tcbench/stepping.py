@@ -90,7 +90,7 @@ class Monitor:
         reason, done = m.OK, first - 1
         for step, z in enumerate(rows, start=first):
             self.observables[2] = self.scenario.model.observe(z)
-            reason, done = m.judge(step, z, self.dt, *arrays)
+            reason, done = m.monitor(step, z[None], self.c, self.dt, *arrays)
             if reason != m.OK:
                 break
         return reason, done
