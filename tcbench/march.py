@@ -184,21 +184,25 @@ def accumulate(step, h, now, before, first, limits, shape, summary):  # type: ig
 @lean
 def verdict(z, now, first, limits, shape):  # type: ignore[no-untyped-def]
     """Why the run cannot go on from this state, or OK."""
+    temperatures = FIRST_INVARIANT + shape[N_INVARIANTS]
+    zero, least = 0.0, np.inf  # 0 times anything that is not finite is NaN
+    for i in range(len(z)):
+        zero += 0.0 * z[i]
+    for i in range(len(now)):
+        zero += 0.0 * now[i]
+    for i in range(temperatures, len(now)):
+        least = now[i] if now[i] < least else least
+    if zero == 0.0 and least > 0.0:
+        return BLOWUP if abs(now[E] - first[E]) > limits[V0] else OK
     for i in range(len(z)):
         if not abs(z[i]) < np.inf:
             return NONFINITE
-    temperatures = FIRST_INVARIANT + shape[N_INVARIANTS]
     for i in range(shape[N_ELEMENTS]):
         if not now[temperatures + i] > 0.0:
             return COLD
         if not now[temperatures + shape[N_ELEMENTS] + i] > 0.0:
             return COLLAPSED
-    for i in range(len(now)):
-        if not abs(now[i]) < np.inf:
-            return NONFINITE
-    if abs(now[E] - first[E]) > limits[V0]:
-        return BLOWUP
-    return OK
+    return NONFINITE
 
 
 @lean
