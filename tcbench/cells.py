@@ -9,11 +9,10 @@ from __future__ import annotations
 import ast
 import hashlib
 import json
-import sys
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache, cached_property, partial
-from importlib.machinery import PathFinder
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -144,11 +143,14 @@ def _resolve(source: str | Path) -> list[Path]:
     if isinstance(source, str) and all(part.isidentifier() for part in source.split(".")):
         # find_spec of a dotted name would import its parents; walking down from the top package does not
         top, *rest = source.split(".")
-        spec = PathFinder.find_spec(top, sys.path)
+        try:
+            spec = find_spec(top)
+        except ValueError:  # modules made by hand have no spec
+            spec = None
         if spec is not None and spec.origin and spec.origin.endswith(".py"):
-            origin = Path(spec.origin)
-            folder = origin.parent.parent if origin.name == "__init__.py" else origin.parent
-            files = list(_module_files(folder, [top, *rest]))
+            folders = spec.submodule_search_locations or []
+            below = [list(_module_files(Path(folder), rest)) for folder in folders] if rest else []
+            files = [Path(spec.origin)] if not rest else next((f for f in below if len(f) == len(rest)), [])
             if files:
                 return [files[-1]]
     raise TcbenchError(f"Cannot take the fingerprint of {str(source)!r}: there is no such file, folder or module.")

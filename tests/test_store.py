@@ -11,6 +11,7 @@ import shutil
 import subprocess
 import sys
 import time
+import types
 from pathlib import Path
 
 import pandas
@@ -79,7 +80,7 @@ def test_a_fingerprint_follows_local_imports_and_survives_a_move(tmp_path):
     assert fingerprint_sources(folder / "mine.py") == first
 
 
-def test_fingerprints_of_modules_by_name_broken_files_and_missing_ones(tmp_path):
+def test_fingerprints_of_modules_by_name_broken_files_and_missing_ones(tmp_path, monkeypatch):
     assert fingerprint_sources("tcbench.cells") != fingerprint_sources("tcbench.store")
     # in site-packages the neighbours are other people's packages, not local modules
     site = tmp_path / "site-packages"
@@ -98,8 +99,10 @@ def test_fingerprints_of_modules_by_name_broken_files_and_missing_ones(tmp_path)
     broken = tmp_path / "broken.py"
     broken.write_text("def step(:\n")
     assert len(fingerprint_sources(broken)) == 64
-    with pytest.raises(TcbenchError, match="no_such_module"):
-        fingerprint_sources("no_such_module")
+    monkeypatch.setitem(sys.modules, "made_by_hand", types.ModuleType("made_by_hand"))
+    for missing in ("no_such_module", "tcbench.no_such_module", "made_by_hand"):
+        with pytest.raises(TcbenchError, match=missing):
+            fingerprint_sources(missing)
 
 
 # -- rows
