@@ -290,18 +290,18 @@ def one_step(  # type: ignore[no-untyped-def]
     if shape[OF_STEP]:  # behind the constants, before the first state
         for i in range(len(z)):
             c[len(c) - 2 * len(z) + i] = z[i]
-    here, left = z, carry
+    here, dropped = z, carry
     for k in range(len(flows)):
         flow, w = flows[k], works[k]
         n = flow[NX]
         if k > 0:
             c[0] = fractions[k] * h
             call(flow[PROLOGUE], a, c, w)
-            here, left = a, trial
+            here, dropped = a, trial
         if n == 0:  # explicit
             if finish(flow, w, x, dz) != ACCEPTED:
                 return NONFINITE, iterations
-            move(here, left, dz, a, trial)
+            move(here, dropped, dz, a, trial)
             continue
         code, count = REJECTED, 0
         if shape[CONTINUE] and shape[AUDIT] < PRINCIPAL:
@@ -319,7 +319,7 @@ def one_step(  # type: ignore[no-untyped-def]
                 return reason, iterations
         if shape[RESIDUALS]:
             measure_residual(flow, w, x, full, summary)
-        move(here, left, dz, a, trial)
+        move(here, dropped, dz, a, trial)
     return OK, iterations
 
 

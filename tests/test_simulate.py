@@ -10,7 +10,7 @@ import pytest
 from scipy.optimize import fsolve
 
 import tcbench
-from tcbench import Integrator, TcbenchError
+from tcbench import Integrator, TcbenchError, simulation
 
 SCENES = tcbench.scenarios()
 
@@ -92,6 +92,20 @@ def test_record_every_keeps_the_same_states_and_the_whole_summary():
     )
     assert ends.summary.entropy_increment_min == np.diff(every.entropy).min()
     assert some.newton_iterations.sum() == every.newton_iterations.sum() == ends.solver.newton_iterations
+
+
+@pytest.mark.parametrize("method", ["tc_monolithic", "tc_strang", "verlet_heat"])
+def test_a_run_in_parts_is_the_same_to_the_last_bit(method, monkeypatch):
+    # parts of odd lengths, which do not end where records do
+    def run():
+        return tcbench.simulate(method, "relative_equilibrium", dt=0.3, t_end=60.0, record_every=5)
+
+    whole = run()
+    monkeypatch.setattr(simulation, "CHUNK", 7)
+    parts = run()
+    for name in ("t", "z", "energy", "entropy", "temperatures", "newton_iterations"):
+        assert np.array_equal(getattr(parts, name), getattr(whole, name)), name
+    assert parts.summary == whole.summary and whole.steps == 200
 
 
 def test_replace_makes_variants_and_leaves_the_original():
