@@ -10,7 +10,7 @@ import pytest
 from scipy.optimize import fsolve
 
 import tcbench
-from tcbench import Integrator, TcbenchError, simulation
+from tcbench import Integrator, TcbenchError, march, simulation
 
 SCENES = tcbench.scenarios()
 
@@ -106,6 +106,24 @@ def test_a_run_in_parts_is_the_same_to_the_last_bit(method, monkeypatch):
     for name in ("t", "z", "energy", "entropy", "temperatures", "newton_iterations"):
         assert np.array_equal(getattr(parts, name), getattr(whole, name)), name
     assert parts.summary == whole.summary and whole.steps == 200
+
+
+BAD = [
+    *((where, i, bad, march.NONFINITE) for where, size in (("z", 4), ("now", 3)) for i in range(size)
+      for bad in (math.nan, math.inf, -math.inf)),
+    ("now", 3, 0.0, march.COLD), ("now", 4, -1.0, march.COLD), ("now", 5, 0.0, march.COLLAPSED),
+    ("now", 6, math.inf, march.NONFINITE), ("now", 0, 2.1, march.BLOWUP), ("now", 0, -0.1, march.BLOWUP),
+    ("now", 0, 1.9, march.OK), ("z", 0, 1e308, march.OK),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("where", "index", "value", "expected"), BAD)
+def test_each_entry_of_a_state_and_of_its_observables_is_judged(where, index, value, expected):
+    z, now = np.full(4, 1e308), np.ones(7)  # energy, entropy, one momentum, two temperatures, two strain measures
+    limits, shape = np.zeros(march.LIMITS_SIZE), np.zeros(march.SHAPE_SIZE, dtype=np.int64)
+    limits[march.V0], shape[march.N_INVARIANTS], shape[march.N_ELEMENTS] = 1.0, 1, 2
+    {"z": z, "now": now}[where][index] = value
+    assert march.verdict(z, now, np.ones(7), limits, shape) == expected
 
 
 def test_replace_makes_variants_and_leaves_the_original():
