@@ -18,7 +18,11 @@ def cvode(system, z0, t_eval, rtol, atol):
     def jacobian(t, z, rate, out):
         out[:] = field.jacobian(t, z)
 
-    solver = CVODE(field.into, jacfn=jacobian, rtol=rtol, atol=atol, max_num_steps=10_000_000)
+    span = float(abs(t_eval[-1]))
+    solver = CVODE(
+        field.into, jacfn=jacobian, rtol=rtol, atol=atol, max_num_steps=10_000_000,
+        min_step=np.spacing(span), max_step=span,  # a lost run would try millions of steps below round-off in t
+    )  # fmt: skip
     solution = solver.solve(np.asarray(t_eval), z0)
     if not solution.success:
         raise RuntimeError(f"CVODE: {solution.message}")
