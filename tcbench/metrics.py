@@ -68,17 +68,25 @@ def residual_max(run: Trajectory) -> float:
     return run.summary.residual_max
 
 
+def newton_iterations(run: Trajectory) -> float:
+    """Newton iterations of the whole run; NaN where the integrator solves by itself and does not report them."""
+    count = run.solver.newton_iterations
+    return float(count) if count or run.integrator.kind == "flows" else np.nan
+
+
 def newton_iterations_mean(run: Trajectory) -> float:
-    """Newton iterations per completed step, all solves of the step together."""
-    return run.solver.newton_iterations / run.steps if run.steps else np.nan
+    """Newton iterations per completed step, all solves of the step together; NaN if they are not known."""
+    return newton_iterations(run) / run.steps if run.steps else np.nan
 
 
 def us_per_step(run: Trajectory) -> float:
     """Wall time per completed step of this run, diagnostics included, in microseconds.
 
     One run beside others: a first impression. The work_precision study measures time with care.
+    NaN of an adaptive solver that does not count its steps: `steps` then counts the output times.
     """
-    return 1e6 * run.wall_time_s / run.steps if run.steps else np.nan
+    uncounted = run.integrator.kind == "adaptive" and run.steps == len(run.t) - 1
+    return 1e6 * run.wall_time_s / run.steps if run.steps and not uncounted else np.nan
 
 
 def blowup_time(run: Trajectory) -> float:

@@ -92,7 +92,7 @@ def print_frame(frame: DataFrame, title: str, columns: Sequence[str] | None = No
 
 SHOWN = {  # columns of a table that fit a terminal, with their headings
     "conservation": {
-        "integrator": "integrator", "dt": "dt", "status": "status", "energy_error_max": "|dE|/V0",
+        "integrator": "integrator", "dt": "dt", "tolerance": "tol", "status": "status", "energy_error_max": "|dE|/V0",
         "entropy_increment_min": "min dS", "angular_momentum_error_max": "|dJ|/J", "newton_iterations_mean": "Newton",
         "us_per_step": "us/step", "blowup_time": "fails at",
     },
@@ -111,6 +111,7 @@ SHOWN = {  # columns of a table that fit a terminal, with their headings
 }  # fmt: skip
 
 
+STEPS = ("dt", "tolerance")  # shown where some method has them
 LONG = ("convergence_points", "stability_points", "equilibrium", "work_precision")  # too long for a terminal
 
 
@@ -128,7 +129,7 @@ def print_tables(tables: Mapping[str, DataFrame]) -> None:
             print_frame(table, name)
             continue
         for scenario, part in table.groupby("scenario", sort=False):
-            columns = [c for c in shown if c in part]
+            columns = [c for c in shown if c in part and (c not in STEPS or part[c].notna().any())]
             rows = [[number(v) for v in row] for row in part[columns].itertuples(index=False)]
             console().print(make_table(f"\n{name}: {scenario}", [shown[c] for c in columns], rows))
 

@@ -64,7 +64,8 @@ class Trajectory:
     states, every state unless record_every was given; never a state that is not finite.
     status : one of STATUSES; failure : a sentence with step, time and cause ("" when ok).
     newton_iterations (m - 1,) : Newton iterations between consecutive records.
-    steps : completed steps; dt : step (NaN for adaptive solvers).
+    steps : completed steps (output times of an adaptive solver that does not count its steps); dt : step (NaN for
+    adaptive solvers).
     """
 
     integrator: Integrator

@@ -5,7 +5,12 @@ import subprocess
 import sys
 from pathlib import Path
 
-README = (Path(__file__).parent.parent / "README.md").read_text()
+import pandas as pd
+
+from tcbench.terminal import SHOWN, number
+
+ROOT = Path(__file__).parent.parent
+README = (ROOT / "README.md").read_text()
 BLOCKS = re.findall(r"```(sh|python)\n(.*?)```", README, re.DOTALL)
 
 
@@ -28,7 +33,21 @@ def test_every_snippet_of_the_readme_runs(tmp_path):
     assert (tmp_path / "run.csv").exists() and (tmp_path / "results/mine/tables/conservation.csv").exists()
 
 
+def test_the_readmes_result_is_the_baselines():
+    table = pd.read_csv(ROOT / "results" / "baseline" / "tables" / "conservation.csv")
+    rows = table[(table.scenario == "stiff_spring") & (table.dt == 0.3)].set_index("integrator")
+    block = README.split("$ tcbench run -s stiff_spring")[1].split("```")[0].splitlines()
+    names = {heading: column for column, heading in SHOWN["conservation"].items()}
+    start = next(i for i, line in enumerate(block) if line.startswith("integrator"))
+    headings = re.split(r"  +", block[start].strip())
+    shown = [dict(zip(headings, line.split(), strict=True)) for line in block[start + 1 :] if line]
+    assert len(shown) == len(rows) == 5
+    for row in shown:
+        expected = rows.loc[row.pop("integrator")]
+        assert row == {heading: number(expected[names[heading]]) for heading in row}
+
+
 def test_the_readme_links_to_files_that_exist():
     for target in re.findall(r"\]\(([^)#]+)\)", README):
         if not target.startswith("http"):
-            assert (Path(__file__).parent.parent / target).exists(), target
+            assert (ROOT / target).exists(), target

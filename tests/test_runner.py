@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import tcbench
-from tcbench import Integrator, TcbenchError
+from tcbench import Integrator, TcbenchError, terminal
 
 
 def heun(z, h, system):
@@ -45,6 +45,22 @@ def test_every_column_of_the_conservation_table_is_there(tmp_path):
     row = table.iloc[0]
     assert row["residual_max"] < 1e-12 and row["energy_error_max"] < 1e-12 and np.isnan(row["blowup_time"])
     assert row["scenario_hash"] == tcbench.scenarios()["short_term"].hash and len(row["source_hash"]) == 12
+
+
+def test_solvers_that_choose_their_steps_are_told_apart_and_what_they_do_not_count_is_unknown(tmp_path, capsys):
+    methods = ["solve_ivp_radau", "scipy_odeint", "tc_gauss_adaptive", "tc_gauss", "verlet_heat"]
+    table = tcbench.run(methods, ["short_term"], ["conservation"], tmp_path / "x", dt=[0.3]).tables["conservation"]
+    assert table[table.integrator == "scipy_odeint"].tolerance.tolist() == [1e-9, 1e-6, 1e-3]
+    known = table.groupby("integrator")[["us_per_step", "newton_iterations_mean"]].agg(lambda c: c.notna().all())
+    assert known.us_per_step.to_dict() == {name: name != "solve_ivp_radau" for name in sorted(methods)}
+    assert known.newton_iterations_mean[lambda k: k].index.tolist() == ["tc_gauss_adaptive", "verlet_heat"]
+    terminal.print_tables({"conservation": table})
+    heading, *rows = [line.split() for line in capsys.readouterr().out.splitlines() if line.strip()][1:]
+    assert heading[1:4] == ["dt", "tol", "status"] and [r[:4] for r in rows if r[0] == "tc_gauss"] == [
+        ["tc_gauss", "0.3", "-", "ok"]
+    ]
+    terminal.print_tables({"conservation": table[table.dt.notna()]})
+    assert "tol" not in capsys.readouterr().out
 
 
 def test_planning_a_run_asks_for_versions_and_sources_once(monkeypatch):

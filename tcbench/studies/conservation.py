@@ -41,6 +41,7 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
 
     adaptive = integrator.kind == "adaptive"
     extra = {"tolerance": options["tolerance"]} if adaptive else {"dt": options["dt"], "residuals": True}
+    _warm_up(integrator, scenario, extra)
     run = simulate(integrator, scenario, **extra)
     row = metrics.conservation(run)
     if integrator.kind == "flows":  # timed again, warm and without the evaluation of residuals
@@ -49,14 +50,26 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
     return row | {name: metric.compute(run) for name, metric in plugins.metrics().items()}
 
 
+_WARM: set[tuple[str, tuple]] = set()  # in this process
+
+
+def _warm_up(integrator: Integrator, scenario: Scenario, extra: Mapping[str, Any]) -> None:
+    """A short run of what is plain Python to tcbench: what it loads and compiles is no time of a step."""
+    from ..simulation import simulate
+
+    name = integrator.name, scenario.model.structure
+    if integrator.kind != "flows" and name not in _WARM:
+        _WARM.add(name)
+        simulate(integrator, scenario.replace(t_end=extra.get("dt", 1e-3 * scenario.t_end)), **extra)
+
+
 def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
     import pandas as pd
 
     table = pd.DataFrame(list(records))
-    first = [c for c in COLUMNS if c in table.columns or c != "tolerance"]
-    rest = [c for c in table.columns if c not in first]
-    table = table.reindex(columns=[*first, *rest])
-    return {"conservation": table.sort_values(["scenario", "integrator", "dt"], kind="stable", ignore_index=True)}
+    table = table.reindex(columns=[*COLUMNS, *(c for c in table.columns if c not in COLUMNS)])
+    order = [c for c in ("scenario", "integrator", "dt", "tolerance") if c in table]
+    return {"conservation": table.sort_values(order, kind="stable", ignore_index=True)}
 
 
 STUDY = Study(

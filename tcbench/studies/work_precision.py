@@ -93,14 +93,14 @@ def ladder(integrator: Integrator, scenario: Scenario, steps: Sequence[float] | 
 
 
 def _fixed(integrator: Integrator, scenario: Scenario, dt: float) -> Callable[[bool], tuple[Row, float]]:
-    from ..metrics import angular_momentum_error_max, energy_error_max
+    from ..metrics import angular_momentum_error_max, energy_error_max, newton_iterations
     from ..simulation import simulate
 
     def run(first: bool) -> tuple[Row, float]:
         result = simulate(integrator, scenario, dt=dt, record_every=None)
         row = {
             "status": result.status, "failure": result.failure, "steps": result.steps,
-            "newton_iterations": result.solver.newton_iterations, "state": result.z[-1] if result.ok else None,
+            "newton_iterations": newton_iterations(result), "state": result.z[-1] if result.ok else None,
             "energy_error_max": energy_error_max(result),
             "angular_momentum_error_max": angular_momentum_error_max(result),
             "entropy_fall_max": max(0.0, -result.summary.entropy_increment_min),
