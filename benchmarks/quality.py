@@ -4,6 +4,7 @@ import numpy as np
 
 import tcbench
 from tcbench import reference
+from tcbench.metrics import newton_iterations_mean
 
 from .integrators import METHODS, SCENES
 
@@ -23,7 +24,7 @@ class Conservation:
     track_energy_error.unit = "|E - E0| / V0"
 
     def track_newton_iterations(self, integrator, scenario):
-        return self.run.solver.newton_iterations / max(1, self.run.steps)
+        return newton_iterations_mean(self.run)
 
     track_newton_iterations.unit = "iterations per step"
 

@@ -150,10 +150,15 @@ def _resolve(source: str | Path) -> list[Path]:
         if spec is not None and spec.origin and spec.origin.endswith(".py"):
             folders = spec.submodule_search_locations or []
             below = [list(_module_files(Path(folder), rest)) for folder in folders] if rest else []
-            files = [Path(spec.origin)] if not rest else next((f for f in below if len(f) == len(rest)), [])
+            files = [Path(spec.origin)] if not rest else next((f for f in below if f and _named(f[-1], rest[-1])), [])
             if files:
                 return [files[-1]]
     raise TcbenchError(f"Cannot take the fingerprint of {str(source)!r}: there is no such file, folder or module.")
+
+
+def _named(file: Path, name: str) -> bool:
+    """Is it the file of the module or package of this name?"""
+    return (file.parent.name if file.name == "__init__.py" else file.stem) == name
 
 
 def _collect(path: Path, found: dict[str, str], seen: set[Path]) -> None:

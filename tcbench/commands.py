@@ -92,7 +92,7 @@ def simulate_command(
     )  # fmt: skip
     row = {"integrator": run_.integrator.name, "scenario": run_.scenario.name, "dt": run_.dt}
     row |= metrics.conservation(run_)
-    row |= {name: value for name, value in asdict(run_.solver).items() if value}
+    row |= {name: value for name, value in asdict(run_.solver).items() if value and name != "unknown"}
     if csv is not None:
         _write_csv(run_, csv)
     if as_json:

@@ -265,8 +265,11 @@ def monitor(first, rows, c, h, limits, shape, observables, states, records, summ
 
 
 @lean
-def open_step(flows, fractions, z, c, h, works):  # type: ignore[no-untyped-def]
+def open_step(flows, fractions, z, c, h, works, of_step):  # type: ignore[no-untyped-def]
     """Prologue of the first flow and the observables of z, in one kernel: they share their logarithms."""
+    if of_step:  # the start of the whole step: behind the constants, before the first state
+        for i in range(len(z)):
+            c[len(c) - 2 * len(z) + i] = z[i]
     c[0] = fractions[0] * h
     call(flows[0, OPENING], z, c, works[0])
 
@@ -287,9 +290,6 @@ def one_step(  # type: ignore[no-untyped-def]
 ):  # fmt: skip
     """All flows from `z` + `carry`, opened, to `a` + `trial`; returns (OK or why there is no step, iterations)."""
     iterations = 0
-    if shape[OF_STEP]:  # behind the constants, before the first state
-        for i in range(len(z)):
-            c[len(c) - 2 * len(z) + i] = z[i]
     here, dropped = z, carry
     for k in range(len(flows)):
         flow, w = flows[k], works[k]
@@ -338,7 +338,7 @@ def march(  # type: ignore[no-untyped-def]
     row, left = start // every, every - start % every  # the last full record, and steps to the next
     reason, done = OK, start
     home, home_carry = z, carry
-    open_step(flows, fractions, z, c, h, works)
+    open_step(flows, fractions, z, c, h, works, shape[OF_STEP])
     for step in range(start + 1, stop + 1):
         reason, iterations = one_step(
             flows, fractions, z, carry, c, h, limits, shape, summary,
@@ -347,7 +347,7 @@ def march(  # type: ignore[no-untyped-def]
         summary[ITERATIONS] += iterations
         if reason != OK:
             break
-        open_step(flows, fractions, a, c, h, works)
+        open_step(flows, fractions, a, c, h, works, shape[OF_STEP])
         reason, done = judge(step, a, now, h, limits, shape, observables, summary)
         if done == step:
             counts[row] += iterations

@@ -70,8 +70,7 @@ def residual_max(run: Trajectory) -> float:
 
 def newton_iterations(run: Trajectory) -> float:
     """Newton iterations of the whole run; NaN where the integrator solves by itself and does not report them."""
-    count = run.solver.newton_iterations
-    return float(count) if count or run.integrator.kind == "flows" else np.nan
+    return np.nan if "newton_iterations" in run.solver.unknown else float(run.solver.newton_iterations)
 
 
 def newton_iterations_mean(run: Trajectory) -> float:
@@ -85,8 +84,7 @@ def us_per_step(run: Trajectory) -> float:
     One run beside others: a first impression. The work_precision study measures time with care.
     NaN of an adaptive solver that does not count its steps: `steps` then counts the output times.
     """
-    uncounted = run.integrator.kind == "adaptive" and run.steps == len(run.t) - 1
-    return 1e6 * run.wall_time_s / run.steps if run.steps and not uncounted else np.nan
+    return 1e6 * run.wall_time_s / run.steps if run.steps and "steps" not in run.solver.unknown else np.nan
 
 
 def blowup_time(run: Trajectory) -> float:

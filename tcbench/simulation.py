@@ -193,13 +193,14 @@ def run_flows(
     recorder = Recorder.for_steps(steps, every, len(z), n_observables)
     workspace = Workspace.of(flows, constants, dt, len(z), n_observables)
     # observed by the kernel that observes every step: the same round-off in E0 as in E
-    m.open_step(flows.table, flows.fractions, z, constants, dt, workspace.works)
+    of_step = any(flow.of_step for flow in integrator.flows)
+    m.open_step(flows.table, flows.fractions, z, constants, dt, workspace.works, of_step)
     observables = np.tile(workspace.works[0, flows.table[0, NOW] :][:n_observables], (2, 1))
     recorder.states[0], recorder.records[0] = z, observables[0]
     limits = run_limits(scenario)
     shape = np.array([
         model.n_positions, model.n_elements, len(model.invariant_names), observe.address,
-        continuation, residuals, every, audit, any(flow.of_step for flow in integrator.flows),
+        continuation, residuals, every, audit, of_step,
     ], dtype=np.int64)  # fmt: skip
     summary = empty_summary(len(model.invariant_names))
     done, reason = 0, m.OK

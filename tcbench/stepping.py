@@ -36,7 +36,8 @@ def run_step(integrator: Integrator, scenario: Scenario, dt: float, steps: int, 
         z = states[-1]
     wall = time.perf_counter() - begin
     status, sentence = ("exception", failure) if failure else explain(reason, done, dt, scenario)
-    return monitor.trajectory(integrator, status, sentence, done, wall)
+    run = monitor.trajectory(integrator, status, sentence, done, wall)
+    return replace(run, solver=SolverCounts(unknown=("newton_iterations",)))
 
 
 def _next_states(
@@ -84,8 +85,8 @@ class Monitor:
     def add(self, first: int, rows: np.ndarray) -> tuple[int, int]:
         """(why the run ended or OK, completed steps) after these states, those of step `first` and the next."""
         arrays = self.limits, self.shape, self.observables, self.recorder.states, self.recorder.records, self.summary
+        rows = np.ascontiguousarray(rows)  # kernels and the compiled loop read rows as they lie in memory
         if self.observe:
-            rows = np.ascontiguousarray(rows)  # kernels read states as they lie in memory
             return m.monitor(first, rows, self.c, self.dt, *arrays)
         reason, done = m.OK, first - 1
         for step, z in enumerate(rows, start=first):
@@ -123,6 +124,7 @@ def run_adaptive(integrator: Integrator, scenario: Scenario, tolerance: float) -
     solver = SolverCounts(
         newton_iterations=int(counts.get("newton_iterations", 0)),
         rhs_evaluations=int(counts.get("rhs_evaluations", 0)),
+        unknown=tuple(name for name in ("steps", "newton_iterations") if name not in counts),
     )
     return replace(run, dt=math.nan, steps=int(counts.get("steps", done)), solver=solver)
 

@@ -99,8 +99,13 @@ def test_fingerprints_of_modules_by_name_broken_files_and_missing_ones(tmp_path,
     broken = tmp_path / "broken.py"
     broken.write_text("def step(:\n")
     assert len(fingerprint_sources(broken)) == 64
+    (tmp_path / "outer" / "bare").mkdir(parents=True)  # a folder without __init__.py within a package
+    (tmp_path / "outer" / "__init__.py").touch()
+    (tmp_path / "outer" / "bare" / "inner.py").write_text("a = 1\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    assert fingerprint_sources("outer.bare.inner") == fingerprint_sources(tmp_path / "outer" / "bare" / "inner.py")
     monkeypatch.setitem(sys.modules, "made_by_hand", types.ModuleType("made_by_hand"))
-    for missing in ("no_such_module", "tcbench.no_such_module", "made_by_hand"):
+    for missing in ("no_such_module", "tcbench.no_such_module", "outer.bare", "made_by_hand"):
         with pytest.raises(TcbenchError, match=missing):
             fingerprint_sources(missing)
 
