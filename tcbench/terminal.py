@@ -23,7 +23,7 @@ FAILURES_SHOWN = 5
 
 def console() -> Console:
     """stdout; rich obeys NO_COLOR, and a pipe gets plain text of a width that does not wrap tables."""
-    return Console(width=None if sys.stdout.isatty() else 120, highlight=False, emoji=False, markup=False)
+    return Console(width=None if sys.stdout.isatty() else 160, highlight=False, emoji=False, markup=False)
 
 
 def say(text: str) -> None:
