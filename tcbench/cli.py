@@ -143,12 +143,15 @@ def reference(scenario: str, folders: tuple[str, ...], as_json: bool) -> None:
 
 @main.command()
 @click.argument("folder", type=click.Path(path_type=Path))
+@click.option("--table", metavar="NAME", help="This table alone, whatever its length.")
+@click.option("--scenario", "-s", "scenarios", multiple=True, metavar="NAME", help="Rows of this one; repeat.")
+@click.option("--integrator", "-i", "integrators", multiple=True, metavar="NAME", help="Rows of this one; repeat.")
 @AS_JSON
-def show(folder: Path, as_json: bool) -> None:
-    """The tables of a run so far, also while it is running."""
+def show(folder: Path, as_json: bool, **options: Any) -> None:
+    """The tables of a run so far, also while it is running; of a large run a summary."""
     from .commands import show_command
 
-    show_command(folder, as_json)
+    show_command(folder, as_json=as_json, **options)
 
 
 @main.command()

@@ -5,16 +5,21 @@ from __future__ import annotations
 import json
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from . import plugins, terminal
-from .errors import TcbenchError
-from .runner import make_tables, plan_job, preview, run
-from .store import Store
+from .errors import TcbenchError, unknown_name
+from .runner import plan_job, preview, run
 from .studies import studies
 from .summary import summary
+from .tables import read_tables
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+SHOWN_ROWS = 200  # of all tables of a run that `show` prints in full
 
 
 def run_command(options: dict[str, Any], display: terminal.Display) -> int:
@@ -153,17 +158,43 @@ def reference_command(scenario: str, as_json: bool) -> int:
     return 0 if found["agrees"] else 1
 
 
-def show_command(folder: Path, as_json: bool) -> None:
+def show_command(
+    folder: Path, table: str | None, scenarios: tuple[str, ...], integrators: tuple[str, ...], as_json: bool
+) -> None:
+    """The tables of a small run, or the one that is named; of a large run its summary, and what there is."""
     if not folder.is_dir():
         raise TcbenchError(f"There is no run in {str(folder)!r}. tcbench run --output FOLDER makes one.")
-    tables = make_tables(studies().values(), Store.read(folder))
+    tables = read_tables(folder)
     if not tables:
         raise TcbenchError(f"{str(folder)!r} holds no finished cell yet.")
+    if table is not None and table not in tables:
+        raise unknown_name("table of this run", table, tables)
+    if table is not None:
+        tables = {table: tables[table]}
+    tables = _only(_only(tables, "scenario", scenarios), "integrator", integrators)
     if as_json:
         terminal.print_json({name: json.loads(t.to_json(orient="records", double_precision=15)) for name, t in
                              tables.items()})  # fmt: skip
-    else:
+    elif table is not None:
+        for name, rows in tables.items():
+            terminal.print_table(name, rows)
+    elif sum(len(t) for name, t in tables.items() if name not in terminal.LONG) <= SHOWN_ROWS:
         terminal.print_tables(tables)
+    else:
+        terminal.print_frame(summary(tables, plugins.integrators()), "summary")
+        terminal.print_contents(tables, folder)
+
+
+def _only(tables: dict[str, DataFrame], column: str, names: tuple[str, ...]) -> dict[str, DataFrame]:
+    """The rows of these names, in the tables that have the column."""
+    known = {str(value) for t in tables.values() if column in t for value in t[column].dropna()}
+    for name in names:
+        if name not in known:
+            raise unknown_name(f"{column} of this run", name, known)
+    if not names:
+        return tables
+    kept = {name: t[t[column].isin(names)] for name, t in tables.items() if column in t}
+    return {name: t for name, t in kept.items() if len(t)}
 
 
 def report_command(folder: Path) -> None:

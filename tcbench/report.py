@@ -15,6 +15,7 @@ from .files import replacing
 from .page import Charts, cell, is_numeric, script_json, svg_text, table_href
 from .store import Store
 from .tables import read_tables
+from .terminal import BOOKKEEPING
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -40,10 +41,6 @@ EXPLORE = {  # study -> table, x, y, columns that select rows
     "stability": ("stability_points", "dt", "blowup_time", ("scenario", "solver")),
     "equilibrium": ("equilibrium", "t", "entropy_gap", ("scenario",)),
 }
-BOOKKEEPING = {
-    "plugin", "source_hash", "scenario_hash", "tcbench_version", "wall_time_s", "cell_time_s", "timed", "key",
-    "failure", "study", "exception_type", "traceback",
-}  # fmt: skip
 TRAJECTORIES = "laws"  # the chart that embeds the trajectories
 PAPER = "claims"
 WIDE = 10.0  # inches from which a chart takes the width of the page

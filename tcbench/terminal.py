@@ -108,30 +108,61 @@ SHOWN = {  # columns of a table that fit a terminal, with their headings
         "integrator": "integrator", "limit": "limit", "dt_stable": "stable", "dt_unstable": "unstable",
         "dt_fold": "fold", "limit_plain": "plain limit", "dt_stable_plain": "stable", "dt_unstable_plain": "unstable",
     },
+    "work_precision": {
+        "integrator": "integrator", "control": "control", "value": "value", "status": "status", "error": "error",
+        "energy_error_max": "|dE|/V0", "wall_time_min_s": "seconds", "steps": "steps",
+    },
+    "time_to_accuracy": {
+        "integrator": "integrator", "measure": "measure", "target": "target", "time_s": "seconds",
+        "ratio_to_best_peer": "best peer/this", "ratio_to_best_scipy": "best SciPy/this",
+    },
+    "cost": {
+        "integrator": "integrator", "exponent_steps": "time ~ steps^", "exponent_horizon": "time ~ horizon^",
+        "us_per_step": "us/step",
+    },
 }  # fmt: skip
 
 
 STEPS = ("dt", "tolerance")  # shown where some method has them
-LONG = ("convergence_points", "stability_points", "equilibrium", "work_precision")  # too long for a terminal
+LONG = ("convergence_points", "stability_points", "equilibrium", "work_precision")  # shown when asked for by name
+BOOKKEEPING = {  # columns that say where a row comes from
+    "plugin", "source_hash", "scenario_hash", "tcbench_version", "wall_time_s", "cell_time_s", "timed", "key",
+    "failure", "study", "exception_type", "traceback",
+}  # fmt: skip
 
 
 def print_tables(tables: Mapping[str, DataFrame]) -> None:
-    """Each table, one block a scenario where there are several."""
+    """Each table, but for those of points."""
     for name, table in tables.items():
         if name in LONG:
-            say(f"\n{name}: {len(table)} rows, in the CSV and Parquet files.")
-            continue
-        if name == "claims":
-            print_frame(table, "\nclaims", ("claim", "measured", "verdict"))
-            continue
-        shown = SHOWN.get(name)
-        if shown is None or "scenario" not in table:
-            print_frame(table, name)
-            continue
+            say(f"\n{name}: {len(table)} rows, with --table {name}, and in the CSV and Parquet files.")
+        else:
+            print_table(name, table)
+
+
+def print_table(name: str, table: DataFrame) -> None:
+    """One table, one block a scenario where there are several."""
+    shown = SHOWN.get(name)
+    if name == "claims":
+        print_frame(table, "\nclaims", ("claim", "measured", "verdict"))
+    elif shown is None or "scenario" not in table:
+        columns = [c for c in table.columns if c not in BOOKKEEPING and table[c].notna().any()]
+        print_frame(table, f"\n{name}", columns)
+    else:
         for scenario, part in table.groupby("scenario", sort=False):
-            columns = [c for c in shown if c in part and (c not in STEPS or part[c].notna().any())]
-            rows = [[number(v) for v in row] for row in part[columns].itertuples(index=False)]
-            console().print(make_table(f"\n{name}: {scenario}", [shown[c] for c in columns], rows))
+            _print_block(f"\n{name}: {scenario}", shown, part)
+
+
+def _print_block(title: str, shown: Mapping[str, str], part: DataFrame) -> None:
+    columns = [c for c in shown if c in part and (c not in STEPS or part[c].notna().any())]
+    rows = [[number(v) for v in row] for row in part[columns].itertuples(index=False)]
+    console().print(make_table(title, [shown[c] for c in columns], rows))
+
+
+def print_contents(tables: Mapping[str, DataFrame], folder: Any) -> None:
+    """Which tables there are, and how to see one."""
+    console().print(make_table("\ntables", ["table", "rows"], [[name, str(len(t))] for name, t in tables.items()]))
+    say(f"\nOne of them: tcbench show {folder} --table NAME [-s SCENARIO] [-i INTEGRATOR]")
 
 
 def print_row(row: Mapping[str, Any]) -> None:
@@ -218,13 +249,10 @@ class Display:
 
     def _overview(self, table: DataFrame) -> None:
         """Per scenario, at the middle step of its ladder: which laws each method kept."""
-        shown = SHOWN["conservation"]
         for scenario, part in table.groupby("scenario", sort=False):
             steps = sorted(part["dt"].dropna().unique())
             middle = part[(part["dt"] == steps[len(steps) // 2]) | part["dt"].isna()] if steps else part
-            columns = [c for c in shown if c in middle]
-            rows = [[number(v) for v in row] for row in middle[columns].itertuples(index=False)]
-            console().print(make_table(f"\n{scenario}", [shown[c] for c in columns], rows))
+            _print_block(f"\n{scenario}", SHOWN["conservation"], middle)
 
 
 LOUD = ("exception", "crash", "timeout")  # a method that fails physically is a result, not an alarm

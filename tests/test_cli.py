@@ -5,6 +5,7 @@ import json
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -75,6 +76,25 @@ def test_run_writes_tables_and_a_manifest_and_resumes(tmp_path):
     assert shown.returncode == 0 and "tc_monolithic" in shown.stdout
     same = tcbench("compare", out, out, "--fail-on-regression")
     assert same.returncode == 0 and "Nothing changed" in same.stdout
+
+
+def test_show_gives_a_summary_of_a_large_run_and_any_table_by_name():
+    folder = Path(__file__).parent.parent / "results" / "baseline"
+    shown = tcbench("show", folder).stdout
+    assert "claims kept" in shown and "--table NAME" in shown and len(shown.splitlines()) < 80
+    one = tcbench("show", folder, "--table", "stability", "-s", "stiff_spring", "-i", "tc_strang").stdout.split()
+    assert one.count("tc_strang") == 1 and "tc_staggered" not in one and "stiff_spring" in one
+    points = tcbench("show", folder, "--table", "convergence", "-i", "tc_strang", "--json").stdout
+    rows = json.loads(points)["convergence"]
+    assert len(rows) > 5 and {row["integrator"] for row in rows} == {"tc_strang"}
+    part = tcbench("show", folder, "-s", "long_term", "-i", "tc_strang").stdout
+    assert "conservation: long_term" in part and "short_term" not in part
+    for options, sentence in (
+        (("--table", "stabilty"), "Did you mean 'stability'?"), (("-s", "nowhere"), "No scenario of this run"),
+        (("-i", "tc_strong"), "Did you mean 'tc_strang'?"),
+    ):  # fmt: skip
+        done = tcbench("show", folder, *options)
+        assert done.returncode == 2 and sentence in done.stderr
 
 
 BAD = [

@@ -73,7 +73,7 @@ def _least(times: dict[str, float]) -> tuple[str, float]:
 def cost_rows(records: Sequence[Row]) -> list[Row]:
     """One row a method and scene: exponents of time against steps (over the ladder) and against the horizon."""
     rows = []
-    for r in records:
+    for r in sorted(records, key=lambda r: (r["scenario"], r["integrator"])):
         done = [p for p in r.get("points") or [] if p.get("status") == "ok" and p.get("steps")]
         steps = [(float(p["steps"]), p["wall_time_min_s"]) for p in done]
         horizons = [(p["t"], p["seconds"]) for p in r.get("horizons") or []]
