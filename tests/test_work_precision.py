@@ -98,5 +98,5 @@ def test_exponents_are_those_of_the_power_law(records):
     assert exponent([(n, 1e-3 * n**1.5) for n in (1, 10, 100)]) == pytest.approx(1.5)
     assert math.isnan(exponent([(1, 1e-3), (2, 1e-3)]))
     rows = cost_rows(records)
-    assert [r["integrator"] for r in rows] == [r["integrator"] for r in records]
+    assert [r["integrator"] for r in rows] == sorted(r["integrator"] for r in records)  # of one scene
     assert all(r["us_per_step"] > 0 for r in rows)
