@@ -146,20 +146,24 @@ def reference(scenario: str, folders: tuple[str, ...], as_json: bool) -> None:
 @click.option("--table", metavar="NAME", help="This table alone, whatever its length.")
 @click.option("--scenario", "-s", "scenarios", multiple=True, metavar="NAME", help="Rows of this one; repeat.")
 @click.option("--integrator", "-i", "integrators", multiple=True, metavar="NAME", help="Rows of this one; repeat.")
+@PLUGINS
 @AS_JSON
-def show(folder: Path, as_json: bool, **options: Any) -> None:
+def show(folder: Path, folders: tuple[str, ...], as_json: bool, **options: Any) -> None:
     """The tables of a run so far, also while it is running; of a large run a summary."""
     from .commands import show_command
 
+    load_plugins(folders)
     show_command(folder, as_json=as_json, **options)
 
 
 @main.command()
 @click.argument("folder", type=click.Path(path_type=Path))
-def report(folder: Path) -> None:
+@PLUGINS
+def report(folder: Path, folders: tuple[str, ...]) -> None:
     """Write report.html of a run: one self-contained page."""
     from .commands import report_command
 
+    load_plugins(folders)
     report_command(folder)
 
 

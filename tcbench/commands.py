@@ -12,6 +12,7 @@ import numpy as np
 from . import plugins, terminal
 from .errors import TcbenchError, unknown_name
 from .runner import plan_job, preview, run
+from .store import Store
 from .studies import studies
 from .summary import summary
 from .tables import read_tables
@@ -40,6 +41,7 @@ def run_command(options: dict[str, Any], display: terminal.Display) -> int:
     overview = summary(results.tables, plugins.integrators())
     overview.to_csv(results.output / "summary.csv", index=False)
     display.results(results, overview)
+    terminal.warn([*results.problems, *results.left_out])
     if report and not results.summary.interrupted:
         from .report import write_report
 
@@ -91,6 +93,8 @@ def simulate_command(
 
     if csv is not None and not csv.resolve().parent.is_dir():
         raise TcbenchError(f"The folder of {str(csv)!r} does not exist; create it first.")
+    if dt is not None and plugins.find_integrator(integrator).kind == "adaptive":
+        raise TcbenchError(f"{integrator!r} chooses its steps: give --tolerance instead of --dt.")
     run_ = simulate(
         integrator, scenario, dt, t_end, tolerance=tolerance, continuation=not plain, record_every=record_every,
         residuals=True, audit_roots=audit_roots,
@@ -164,25 +168,45 @@ def show_command(
     """The tables of a small run, or the one that is named; of a large run its summary, and what there is."""
     if not folder.is_dir():
         raise TcbenchError(f"There is no run in {str(folder)!r}. tcbench run --output FOLDER makes one.")
-    tables = read_tables(folder)
+    store = Store.read(folder)
+    tables = read_tables(store)
+    terminal.warn(store.problems)
     if not tables:
         raise TcbenchError(f"{str(folder)!r} holds no finished cell yet.")
     if table is not None and table not in tables:
         raise unknown_name("table of this run", table, tables)
+    tables = _only(_only(tables, "scenario", scenarios), "integrator", integrators)
+    if table is not None and table not in tables:
+        raise TcbenchError(f"The table {table!r} of this run has no row of {', '.join((*scenarios, *integrators))}.")
     if table is not None:
         tables = {table: tables[table]}
-    tables = _only(_only(tables, "scenario", scenarios), "integrator", integrators)
     if as_json:
         terminal.print_json({name: json.loads(t.to_json(orient="records", double_precision=15)) for name, t in
                              tables.items()})  # fmt: skip
     elif table is not None:
-        for name, rows in tables.items():
-            terminal.print_table(name, rows)
+        terminal.print_table(table, tables[table])
     elif sum(len(t) for name, t in tables.items() if name not in terminal.LONG) <= SHOWN_ROWS:
         terminal.print_tables(tables)
     else:
         terminal.print_frame(summary(tables, plugins.integrators()), "summary")
+        terminal.warn(absent_methods(tables))
         terminal.print_contents(tables, folder)
+
+
+def absent_methods(tables: dict[str, DataFrame]) -> list[str]:
+    """A sentence on methods of a run that are not installed here, if there are any."""
+    names = {str(name) for t in tables.values() if "integrator" in t for name in t["integrator"]}
+    absent = sorted(name for name in names if not _is_installed(name))
+    if not absent:
+        return []
+    return [f"Not installed here, so without claims and trajectories: {', '.join(absent)}. --plugins-dir loads files."]
+
+
+def _is_installed(name: str) -> bool:
+    try:
+        return bool(plugins.find_integrator(name))
+    except TcbenchError:
+        return False
 
 
 def _only(tables: dict[str, DataFrame], column: str, names: tuple[str, ...]) -> dict[str, DataFrame]:
@@ -201,6 +225,7 @@ def report_command(folder: Path) -> None:
     from .report import write_report
 
     terminal.say(f"Wrote {write_report(folder)}")
+    terminal.warn(absent_methods(read_tables(folder)))
 
 
 def plot_command(

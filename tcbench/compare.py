@@ -33,7 +33,7 @@ IGNORED = frozenset(
         "alone",
         "timed",
     }
-    | {"worker_host_cpu", "key", "fingerprint", "machine"}
+    | {"worker_host_cpu", "key", "fingerprint", "machine", "source_hash"}
 )
 HIGHER_IS_WORSE: tuple[str, ...] = (
     "*error*",
@@ -179,16 +179,17 @@ def _row_changes(
     alone = cell.get("timed") or before.get("timed")
     old_values, new_values = dict(_flat(before)), dict(_flat(after))
     for name in [*old_values, *(n for n in new_values if n not in old_values)]:
-        column = name.split(".")[0].split("[")[0]
+        path = [part.split("[")[0] for part in name.split(".")]  # of points[3].errors.q: points, errors, q
+        column = path[-1]
         timing = any(fnmatch(column, pattern) for pattern in TIMINGS)
-        if column in IGNORED or column == "status" or (timing and not alone):
+        if column in IGNORED or name == "status" or (timing and not alone):
             continue
         a, b = old_values.get(name), new_values.get(name)
         allowed = next(value for pattern, value in patterns.items() if fnmatch(column, pattern))
         difference = _difference(a, b, 0.0 if timing else floor)
         if difference is None or difference <= allowed:
             continue
-        worse = _worse(column, a, b)
+        worse = any(_worse(part, a, b) for part in path)
         found.append(
             _entry(cell, "value", name, a, b, math.nan if math.isinf(difference) else difference, allowed, worse)
         )
@@ -224,7 +225,12 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
+GOOD = {"status": ("ok",), "verdict": ("as declared", "holds")}  # words of columns that say how it went
+
+
 def _worse(column: str, a: Any, b: Any) -> bool:
+    if column in GOOD:
+        return a in GOOD[column] and b not in GOOD[column]
     numbers = [_is_number(v) and not math.isnan(v) for v in (a, b)]
     up, down = (any(fnmatch(column, p) for p in patterns) for patterns in (HIGHER_IS_WORSE, LOWER_IS_WORSE))
     if all(numbers):

@@ -10,6 +10,7 @@ The author's formula r(z0, z1, h, system) is run once on symbols. Then, exactly 
 
 from __future__ import annotations
 
+import traceback
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -18,7 +19,7 @@ import numpy as np
 
 from . import trace
 from .emit import Kernel, constant_part, kernel
-from .errors import TraceError
+from .errors import TcbenchError, TraceError
 from .system import State, System
 from .trace import Symbol, const
 
@@ -169,13 +170,27 @@ def _trace(flow: Flow, system: System, y0: State, d: Any, h: Symbol, start: Any)
     arguments = [y0, y1, h, system, *([stages] if stages else [])]
     if flow.of_step:
         arguments += [system.state(start[:n]), system.state(start[n:])]
-    result = np.asarray(flow.residual(*arguments), dtype=object)
+    try:
+        result = np.asarray(flow.residual(*arguments), dtype=object)
+    except TcbenchError:
+        raise
+    except Exception as error:  # numpy and Python refuse symbols with errors of their own
+        frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename == _file(flow.residual)]
+        where = f"{frames[-1].filename}, line {frames[-1].lineno}: " if frames else ""
+        raise TraceError(
+            f"{where}the residual {flow.residual.__name__!r} cannot be traced: {type(error).__name__}: {error}. "
+            "Formulas are branch-free numpy on symbols; for what calls LAPACK or SciPy use step= instead of flows=."
+        ) from error
     if result.size != len(d):
         raise TraceError(
             f"The residual {flow.residual.__name__!r} returned {result.size} numbers; a state of {system.name!r} "
             f"has {n}{f' and there are {len(stages)} stages' if stages else ''}, so it must return {len(d)}."
         )
     return [r if isinstance(r, Symbol) else const(float(r)) for r in result.ravel()]
+
+
+def _file(function: Residual) -> str:
+    return getattr(getattr(function, "__code__", None), "co_filename", "")
 
 
 def _index(symbol: Symbol, d: Any) -> int:

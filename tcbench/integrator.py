@@ -54,6 +54,10 @@ class Integrator:
     base: str = ""  # of a variant: the registered name
 
     def __post_init__(self) -> None:
+        if isinstance(self.claims, str) or isinstance(self.tags, str):
+            raise TcbenchError(f"Integrator {self.name!r}: claims and tags are sets of words, such as {{'energy'}}.")
+        if self.order is not None and not (isinstance(self.order, int | float) and self.order > 0):
+            raise TcbenchError(f"Integrator {self.name!r}: order must be a positive number, not {self.order!r}.")
         object.__setattr__(self, "claims", frozenset(self.claims))
         object.__setattr__(self, "tags", frozenset(self.tags))
         base = self.name.partition("[")[0]

@@ -24,6 +24,8 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 from platformdirs import user_cache_dir
 
+from .errors import TcbenchError
+
 NUMERICAL_SOURCES = (
     "jit.py", "special.py", "symbols.py", "complexes.py",
     "trace.py", "secant.py", "emit.py", "system.py", "flow.py", "newton.py", "arc.py",
@@ -54,7 +56,16 @@ def cache_folder() -> Path:
     """Where compiled kernels live: $TCBENCH_CACHE_DIR, or the user's cache folder."""
     root = os.environ.get("TCBENCH_CACHE_DIR") or user_cache_dir("tcbench", appauthor=False)
     folder = Path(root) / f"kernels-{sources_hash()}"
-    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        writable = os.access(folder, os.W_OK)
+    except OSError:
+        writable = False
+    if not writable:
+        raise TcbenchError(
+            f"The cache of compiled code, {str(folder)!r}, cannot be written. "
+            "Set TCBENCH_CACHE_DIR to a folder that can."
+        )
     return folder
 
 

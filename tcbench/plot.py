@@ -43,14 +43,18 @@ def plot(
     tables = _tables(chosen, source, scenario, dt)
     if not chosen.possible(tables):
         raise TcbenchError(_absent(chosen, tables))
-    tables = {name: _only(table, integrators) for name, table in tables.items()}
+    tables = _only(tables, integrators or ())
     scene = _scenario(chosen, tables, scenario)
+    from pandas.api.types import is_numeric_dtype
+
     options: dict[str, Any] = {"x": x} if x and kind in ("work-precision", "conservation") else {}
     if y and kind == "work-precision":
         options["y"] = tuple(y)
     for column in [*options.get("y", ()), *([x] if "x" in options else [])]:
         if column not in tables[chosen.needs[0]]:
             raise unknown_name("column", str(column), [str(c) for c in tables[chosen.needs[0]].columns])
+        if not is_numeric_dtype(tables[chosen.needs[0]][column]):
+            raise TcbenchError(f"The column {column!r} has no numbers to draw.")
     return save(chosen.draw(chosen.select(tables, scene), **options), path)
 
 
@@ -112,14 +116,18 @@ def _absent(kind: Kind, tables: dict[str, DataFrame]) -> str:
     return f"The chart {kind.name!r} needs the table {missing[0]!r}, which this run has not. Its tables: {there}."
 
 
-def _only(table: DataFrame, integrators: Sequence[str] | None) -> DataFrame:
-    if not integrators or "integrator" not in table:
-        return table
-    known = table["integrator"].astype(str)
+def _only(tables: dict[str, DataFrame], integrators: Sequence[str]) -> dict[str, DataFrame]:
+    """The rows of these integrators; a table need not have one of each (that of blow-ups has those that failed)."""
+    known = {str(name) for table in tables.values() if "integrator" in table for name in table["integrator"]}
     for name in integrators:
-        if not known.eq(name).any():
-            raise unknown_name("integrator of this run", name, sorted(set(known)))
-    return table[known.isin(list(integrators))]
+        if name not in known:
+            raise unknown_name("integrator of this run", name, known)
+    if not integrators:
+        return tables
+    return {
+        name: table[table["integrator"].astype(str).isin(list(integrators))] if "integrator" in table else table
+        for name, table in tables.items()
+    }
 
 
 def _scenario(kind: Kind, tables: dict[str, DataFrame], scenario: str | None) -> str | None:

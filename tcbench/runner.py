@@ -36,6 +36,8 @@ class Results:
     tables: Mapping[str, DataFrame]
     output: Path
     summary: Summary
+    left_out: Sequence[str] = ()  # sentences: why methods that were asked for are not in a study
+    problems: Sequence[str] = ()  # sentences: lines of the folder that could not be read and were measured again
 
     def __repr__(self) -> str:
         return f"<Results in {str(self.output)!r}: {', '.join(self.tables)}>"
@@ -49,6 +51,7 @@ class Job:
     context: dict[str, Any]
     studies: list[Study]
     objects: dict[str, Integrator]  # integrators that workers cannot look up by name: measured in this process
+    left_out: Sequence[str] = ()  # why methods that were asked for by name are in none of a study's cells
 
 
 def run(
@@ -99,7 +102,7 @@ def execute(
         store.write_tables(tables)
         data = {"cells": len(job.cells), "interrupted": summary.interrupted, "tables": sorted(tables)}
         store.write_manifest(manifest(store.provenance_id, started, utc_now(), data))
-        return Results(tables, Path(output), summary)
+        return Results(tables, Path(output), summary, job.left_out, tuple(store.problems))
 
 
 def _run_cells(
@@ -134,19 +137,55 @@ def plan_job(
     if len({s.name for s in scenes}) < len(scenes):
         raise TcbenchError("Two scenarios of one run have the same name; give variants a name: replace(name=...).")
     settings = {"dt": _checked_steps(dt, scenes), **(options or {})}
-    cells, objects = [], {}
+    cells, objects, seen = [], {}, set()
     for study in chosen:
         for method, scene, cell_options in study.plan(methods, scenes, settings):
             if not _suits(method, scene):
                 continue
+            seen.add((method.name, study.name))
             if registry.integrators.get(method.base or method.name, None) is None or not _registered(method):
                 objects[method.name] = method
             cells.append(_cell(study, method, scene, cell_options))
+    left_out = [] if integrators is None else _left_out(methods, chosen, scenes, seen, studies is not None)
     if not cells:
-        raise TcbenchError("There is nothing to run: no integrator, scenario and step size fit together.")
+        raise TcbenchError(
+            " ".join(["There is nothing to run: no integrator, scenario and step fit together.", *left_out])
+        )
     custom = {s.name: _scenario_data(s) for s in scenes if not _can_be_named(s)}
     context = {"folders": [str(p) for p in plugins.plugin_folders()], "scenarios": custom}
-    return Job(list({c.key: c for c in cells}.values()), context, chosen, objects)
+    return Job(list({c.key: c for c in cells}.values()), context, chosen, objects, left_out)
+
+
+def _left_out(
+    methods: Sequence[Integrator], chosen: Sequence[Study], scenes: Sequence[Scenario], seen: set[tuple[str, str]],
+    by_name: bool,
+) -> list[str]:  # fmt: skip
+    """Why methods have no cell: in a study that was asked for by name, or in any."""
+    sentences = []
+    for method in methods:
+        missing = [study for study in chosen if (method.name, study.name) not in seen]
+        if by_name or len(missing) == len(chosen):
+            sentences += [_why_not(method, study, scenes) for study in missing[: None if by_name else 1]]
+    return sentences
+
+
+def _why_not(method: Integrator, study: Study, scenes: Sequence[Scenario]) -> str:
+    """Why a method that was asked for by name has no cell in a study."""
+    if ABSENT in method.tags:
+        why = f"its package is not installed ({method.source})"
+    elif method.only_for and not any(_suits(method, scene) for scene in scenes):
+        why = f"it is written for {', '.join(sorted(method.only_for))} only"
+    elif CLOSED_FORM in method.tags and not any(_suits(method, scene) for scene in scenes):
+        why = "no system of these scenes has a closed form of its conduction"
+    elif not any(_suits(method, scene) for scene in scenes):
+        why = "these scenes need a method that is written for their system"
+    elif method.kind == "adaptive":
+        why = "a method that chooses its steps has no step size to vary"
+    elif method.kind == "step":
+        why = "it follows the roots of a residual, which a step in Python does not show"
+    else:
+        why = "none of these scenes and steps fits"
+    return f"{method.name} is not in the study {study.name}: {why}."
 
 
 def _can_be_named(scene: Scenario) -> bool:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import keyword
 import re
+import sys
+from importlib.metadata import packages_distributions
 from importlib.resources import files
 from pathlib import Path
 from string import Template
@@ -46,6 +48,8 @@ def check_name(kind: str, name: str) -> None:
         raise TcbenchError(
             f"{name!r} cannot be a name: use lower-case letters, digits and underscores, as in my_method2."
         )
+    if name in sys.stdlib_module_names or name in packages_distributions():
+        raise TcbenchError(f"{name!r} is the name of an installed module, which the file would hide. Choose another.")
     taken = plugins.integrators() if kind == "integrator" else plugins.scenarios()
     if _checked(kind, name) in taken:
         raise TcbenchError(

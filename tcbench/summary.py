@@ -20,6 +20,7 @@ MEASURES = {  # claim -> column of `conservation`, and what it measures
     "angular_momentum": ("angular_momentum_error_max", "max |J - J0| / |J0|"),
 }
 ABSENT = "-"
+UNTESTED = "no step done"
 
 
 def summary(tables: Mapping[str, DataFrame], declared: Mapping[str, Any]) -> DataFrame:
@@ -69,9 +70,17 @@ def claims_kept(rows: DataFrame | None, method: Any) -> tuple[str, int]:
     claims = [c for c in MEASURES if c in method.claims and MEASURES[c][0] in rows]
     if not claims:
         return "claims none", 0
+    rows = completed(rows)
+    if not len(rows):
+        return UNTESTED, 0
     broken = [c for c in claims if not kept(c, worst(rows, MEASURES[c][0]))]
     text = f"{len(claims) - len(broken)} of {len(claims)}"
     return (f"{text}, not {', '.join(broken)}" if broken else text), len(broken)
+
+
+def completed(rows: DataFrame) -> DataFrame:
+    """The runs of which at least one step was completed: the others say nothing of a law."""
+    return rows[rows["steps"].astype(float) > 0] if "steps" in rows else rows
 
 
 def worst(rows: DataFrame, column: str) -> float:
@@ -104,7 +113,9 @@ def stable_step(rows: DataFrame | None) -> str:
     if limit == "none":
         top = cap if math.isfinite(cap) else stable
         return f"above {top:.3g}" if math.isfinite(top) else "no limit"
-    return f"{stable:.3g} ({limit})" if math.isfinite(stable) else f"none found ({limit})"
+    if not math.isfinite(stable):
+        return "none found" if limit in ("nan", "None", "") else f"none found ({limit})"
+    return f"{stable:.3g} ({limit})"
 
 
 def number(value: Any) -> float:
@@ -161,7 +172,7 @@ def _law(integrator: str, part: DataFrame, claim: str, declared: Mapping[str, An
     column, text = MEASURES[claim]
     if column not in part or integrator not in declared:
         return None
-    values = part[column].astype(float)
+    values = completed(part)[column].astype(float)
     if not values.notna().any():
         return None
     row = part.loc[values.idxmax()]

@@ -30,6 +30,12 @@ def say(text: str) -> None:
     console().print(text, soft_wrap=True)
 
 
+def warn(sentences: Sequence[str]) -> None:
+    """What the user should know but no command fails for, on stderr."""
+    for sentence in sentences:
+        sys.stderr.write(sentence + "\n")
+
+
 def print_json(data: Any) -> None:
     """Strict JSON: NaN and infinities become null."""
     sys.stdout.write(json.dumps(_strict(data), indent=1) + "\n")
@@ -213,7 +219,10 @@ class Display:
                 if event.kind == "failed" and event.row is not None and event.row.get("status") in LOUD:
                     printed += 1
                     if printed <= FAILURES_SHOWN:
-                        bar.print(f"{event.cell.integrator} on {event.cell.scenario}: {event.row.get('failure')}")
+                        bar.print(
+                            f"{event.cell.integrator} on {event.cell.scenario}: {event.row.get('failure')}",
+                            soft_wrap=True,
+                        )
 
             yield on_event
         if printed > FAILURES_SHOWN:

@@ -1,5 +1,7 @@
 """Charts: a table in, a Figure out, whatever the table holds; and the same look for an integrator everywhere."""
 
+from pathlib import Path
+
 import awkward
 import matplotlib
 import numpy as np
@@ -210,3 +212,14 @@ def test_every_kind_of_chart_has_a_study_and_a_text():
     for kind in kinds().values():
         assert kind.study and kind.text.endswith(".") and kind.needs
         assert not kind.possible({}) and not kind.possible({name: pd.DataFrame() for name in kind.needs})
+
+
+def test_a_method_need_not_be_in_every_table_to_be_drawn(tmp_path):
+    # its table of blow-ups has the midpoint rules only
+    baseline = Path(__file__).parent.parent / "results" / "baseline"
+    target = tmp_path / "one.png"
+    assert plot.plot("conservation", baseline, target, scenario="long_term", integrators=["tc_monolithic"]).exists()
+    with pytest.raises(TcbenchError, match="No integrator of this run is called 'mine'"):
+        plot.plot("conservation", baseline, target, scenario="long_term", integrators=["mine"])
+    with pytest.raises(TcbenchError, match="no numbers to draw"):
+        plot.plot("conservation", baseline, target, scenario="long_term", x="status")

@@ -97,6 +97,26 @@ def test_show_gives_a_summary_of_a_large_run_and_any_table_by_name():
         assert done.returncode == 2 and sentence in done.stderr
 
 
+def test_what_a_run_leaves_out_or_cannot_read_is_said(tmp_path):
+    args = ("run", "-i", "scipy_odeint", "-i", "tc_strang", "-s", "short_term", "--study", "conservation")
+    done = tcbench(*args, "--study", "convergence", "--dt", 0.3, "-o", tmp_path)
+    assert done.returncode == 0 and "scipy_odeint is not in the study convergence" in done.stderr
+    rows = tmp_path / "cells.jsonl"
+    lines = rows.read_text().splitlines()
+    rows.write_text("\n".join([lines[0], '{"garbage', *lines[2:]]) + "\n")
+    assert "line 2: is damaged" in tcbench("show", tmp_path).stderr
+    again = tcbench(*args, "--dt", 0.3, "-o", tmp_path)
+    assert "line 2: is damaged" in again.stderr
+
+
+def test_a_cache_that_cannot_be_written_is_one_sentence(tmp_path):
+    (tmp_path / "file").touch()
+    environment = os.environ | {"TCBENCH_CACHE_DIR": str(tmp_path / "file")}
+    command = [sys.executable, "-m", "tcbench", "simulate", "tc_strang", "short_term"]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True)
+    assert done.returncode == 2 and len(done.stderr.splitlines()) == 1 and "TCBENCH_CACHE_DIR" in done.stderr
+
+
 BAD = [
     (("run",), "Say what to run"),
     (("run", "-i", "tc_monolitic"), "Did you mean 'tc_monolithic'?"),
@@ -109,6 +129,12 @@ BAD = [
     (("run", "--all", "--plugins-dir", "no_such_folder"), "does not exist"),
     (("simulate", "tc_monolithic", "short_term", "--dt", "-1"), "dt must be positive"),
     (("simulate", "tc_monolithic", "short_term", "--csv", "no/such/folder/run.csv"), "does not exist"),
+    (("simulate", "scipy_odeint", "short_term", "--dt", "0.1"), "give --tolerance instead of --dt"),
+    (("run", "-i", "scipy_odeint", "--study", "convergence"), "has no step size to vary"),
+    (("run", "-i", "tc_banded", "-s", "short_term"), "it is written for chain only"),
+    (("run", "-i", "verlet_heat", "-s", "chain[n=4]"), "closed form of its conduction"),
+    (("run", "-i", "tc_gauss", "--study", "stability"), "a step in Python does not show"),
+    (("new", "integrator", "numpy"), "name of an installed module"),
     (("show", "no_such_run"), "There is no run in"),
     (("compare", "no_such_run", "no_such_run"), "There is no run in"),
     (("simulat", "tc_monolithic", "short_term"), "Did you mean 'simulate'?"),

@@ -79,6 +79,22 @@ def test_round_off_is_no_change_however_large_its_ratio(tmp_path):
     assert changes(tmp_path, {"energy_error_max": 1e-15}, {"energy_error_max": 3e-14}).empty
 
 
+@pytest.mark.parametrize(
+    ("before", "after", "worse"),
+    [
+        ({"order": 4.0, "verdict": "as declared"}, {"order": 1.0, "verdict": "lower than declared"}, 2),
+        ({"order": 1.0, "verdict": "lower than declared"}, {"order": 4.0, "verdict": "as declared"}, 0),
+        ({"error": 1.1e-8}, {"error": 2.4e-5}, 1),
+        ({"status": "ok", "wall_time_min_s": 1.0}, {"status": "blowup", "wall_time_min_s": 1.0}, 1),
+        ({"wall_time_min_s": 1.0}, {"wall_time_min_s": 1.1}, None),  # within the noise of timings
+        ({"wall_time_min_s": 1.0}, {"wall_time_min_s": 1.5}, 1),
+    ],
+)
+def test_what_stands_in_a_list_of_a_row_is_judged_as_well(tmp_path, before, after, worse):
+    found = changes(tmp_path, {"points": [{"dt": 0.1} | before]}, {"points": [{"dt": 0.1} | after]})
+    assert found.empty if worse is None else len(found) > 0 and len(regressions(found)) == worse
+
+
 def test_noise_is_the_users_to_set(tmp_path):
     after = {"us_per_step": 1.5, "energy_error_max": 2.1e-6}
     assert changes(tmp_path / "1", {}, after, noise=0.5)["column"].tolist() == ["energy_error_max"]

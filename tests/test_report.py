@@ -4,6 +4,7 @@ import base64
 import gzip
 import io
 import json
+import math
 import re
 import shutil
 import time
@@ -131,6 +132,10 @@ def test_summary_says_what_was_measured():
     broken = tables["conservation"].assign(energy_error_max=1e-3)
     mine = broken[broken["integrator"] == "tc_monolithic"]
     assert summary.claims_kept(mine, declared["tc_monolithic"]) == ("2 of 3, not energy", 1)
+    nothing = mine.assign(steps=0, second_law_violations=0, status="exception")
+    assert summary.claims_kept(nothing, declared["tc_monolithic"]) == ("no step done", 0)
+    assert not len(summary.claimed({"conservation": nothing}, declared))
+    assert summary.stable_step(pd.DataFrame([{"dt_stable": math.nan, "limit": math.nan}])) == "none found"
     verdicts = summary.claimed({"conservation": broken}, declared).set_index(["integrator", "claim"])["verdict"]
     assert verdicts["tc_monolithic", "energy"] == "broken"
     assert verdicts["midpoint_entropy", "energy"] == "not claimed, not kept"

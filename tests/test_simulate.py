@@ -345,6 +345,18 @@ def test_an_integrator_gives_exactly_one_way_to_step_and_an_order():
         Integrator(name="orderless", step=euler)
     with pytest.raises(TcbenchError, match="lower-case"):
         Integrator(name="Bad Name", order=1, step=euler)
+    with pytest.raises(TcbenchError, match="order must be a positive number, not 'two'"):
+        Integrator(name="worded", order="two", step=euler)
+    with pytest.raises(TcbenchError, match="sets of words"):
+        Integrator(name="spelled", order=1, step=euler, claims="energy")
+
+
+def test_what_numpy_refuses_in_a_formula_is_named_with_its_line():
+    def solved(z0, z1, h, system):
+        return np.linalg.solve(np.diag(z1), z1 - z0)
+
+    with pytest.raises(TcbenchError, match=r"test_simulate.py, line \d+: the residual 'solved' .* step="):
+        tcbench.simulate(Integrator(name="solved", order=1, flows=solved), "short_term")
 
 
 def explicit(z0, z1, h, system):

@@ -193,7 +193,7 @@ def _bracket(ax: Axes, rows: DataFrame, name: str, y: float) -> None:
             ax.plot([stable, values["dt_half"]], [y, y], color=colour, linestyle=":", linewidth=1.6)
         if np.isfinite(values["dt_unstable"]):
             ax.plot([values["dt_unstable"]], [y], color=colour, marker="|", markersize=11, markeredgewidth=1.4)
-        if np.isfinite(values["dt_stable_plain"]):
+        if np.isfinite(values["dt_stable_plain"]) and str(row.get("limit_plain")) != "none":
             ax.plot([values["dt_stable_plain"]], [y], color=GREY, marker="|", markersize=8, markeredgewidth=1.4)
         ax.plot([stable], [y], color=colour, marker=LIMITS.get(limit, "D"), linestyle="none", zorder=4)
         if row.get("non_monotone") is not None and bool(row.get("non_monotone") == True):  # noqa: E712
