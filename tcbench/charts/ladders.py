@@ -15,6 +15,7 @@ from .style import (
     INK,
     chart,
     failed_handle,
+    failed_tracks,
     failures,
     finite,
     legend,
@@ -45,7 +46,7 @@ def conservation(table: DataFrame, x: str = "dt") -> Figure:
     """What each method loses against its step, for one scenario: energy, entropy, angular momentum.
 
     table : rows of `conservation`. Every error is a magnitude; 0 has its own place at the foot of the axis. Failed runs
-    are crosses on the upper edge (what they lost before is in the table).
+    are crosses on tracks above the others (what they lost before is in the table).
     """
     import pandas as pd
 
@@ -71,12 +72,12 @@ def _losses(ax: Axes, table: DataFrame, x: str, column: str, methods: Sequence[s
         return
     log_axis(ax, "x", h)
     zero_log_axis(ax, error[done])
-    for rank, name in enumerate(methods):
-        mine = (table["integrator"].astype(str) == name).to_numpy()
-        style, pick = look(name), np.flatnonzero(mine & done & np.isfinite(error))
+    names_of = table["integrator"].astype(str).to_numpy()
+    failed_tracks(ax, {name: h[(names_of == name) & ~done & np.isfinite(h)] for name in methods})
+    for name in methods:
+        style, pick = look(name), np.flatnonzero((names_of == name) & done & np.isfinite(error))
         pick = pick[np.argsort(h[pick])]
         ax.plot(h[pick], error[pick], color=style.colour, marker=style.marker, linestyle=style.dash)
-        failures(ax, h[mine & ~done], name, rank, len(methods))
 
 
 @chart

@@ -13,7 +13,7 @@ from .style import (
     chart,
     end_labels,
     failed_handle,
-    failures,
+    failed_tracks,
     finite,
     handle,
     legend,
@@ -72,7 +72,7 @@ def work_precision(table: DataFrame, x: str = "wall_time_min_s", y: Sequence[str
 
     table : rows of `work_precision`; x, y : any numeric columns. Points of a method are joined from its coarsest to
     its finest setting; of many methods those are named that are the best at some cost, and the others are faint.
-    Failed runs are crosses on the upper edge; masked errors (NaN) of completed runs are left out.
+    Failed runs are crosses at the upper edge; masked errors (NaN) of completed runs are left out.
     """
     columns = list(y) if y else [c for c in ERRORS if c in table and np.isfinite(finite(table[c])).any()] or ["error_q"]
     figure, axes = panels(len(columns), 3, (3.6, 2.9))
@@ -106,16 +106,18 @@ def _cloud(ax: Axes, table: DataFrame, x: str, column: str, methods: Sequence[st
     order = pd.to_numeric(table["value"], errors="coerce") if "value" in table else pd.Series(xs, index=table.index)
     names_of = table["integrator"].astype(str).to_numpy()
     front = _front(xs, ys, usable)
+    failed = ~np.asarray(done)
+    crosses = {name: _edge(ax, xs[(names_of == name) & failed]) for name in methods}
+    failed_tracks(ax, crosses, grow=bool(np.isfinite(xs[failed]).any()))
     leaders = dict.fromkeys(names_of[front]) if len(methods) > CROWDED else {}
     _name(ax, {name: [(xs[i], ys[i]) for i in front if names_of[i] == name] for name in leaders})
-    for rank, name in enumerate(methods):
+    for name in methods:
         mine = names_of == name
         style = look(name)
         pick = np.flatnonzero(mine & usable)
         pick = pick[np.argsort(-order.to_numpy(dtype=float)[pick], kind="stable")]
         faint: Any = {"alpha": FAINT, "zorder": 1.5} if leaders and name not in leaders else {}
         ax.plot(xs[pick], ys[pick], color=style.colour, marker=style.marker, linestyle=style.dash, **faint)
-        failures(ax, _edge(ax, xs[mine & ~np.asarray(done)]), name, rank, len(methods))
 
 
 def _front(xs: Any, ys: Any, usable: Any) -> list[int]:
@@ -199,16 +201,17 @@ def _slopes(ax: Axes, part: DataFrame, fits: DataFrame | None, methods: Sequence
         return
     log_axis(ax, "x", h)
     log_axis(ax, "y", e[good])
+    names_of = part["integrator"].astype(str).to_numpy()
+    failed_tracks(ax, {name: h[(names_of == name) & failed & np.isfinite(h)] for name in methods})
     ends = []
-    for rank, name in enumerate(methods):
-        mine = (part["integrator"].astype(str) == name).to_numpy()
+    for name in methods:
+        mine = names_of == name
         style = look(name)
         ax.plot(h[mine & good & used], e[mine & good & used], color=style.colour, marker=style.marker, linestyle="none")
         ax.plot(
             h[mine & good & ~used], e[mine & good & ~used], color=style.colour, marker=style.marker, linestyle="none",
             markerfacecolor="none",
         )  # fmt: skip
-        failures(ax, h[mine & failed], name, rank, len(methods))
         end = _fitted_line(ax, name, h[mine & good & used], e[mine & good & used], fits)
         if end is not None:
             ends.append(end)

@@ -265,6 +265,28 @@ def failures(ax: Axes, xs: Any, name: str, rank: int, many: int, side: str = "to
     )  # fmt: skip
 
 
+def failed_tracks(ax: Axes, crosses: Mapping[str, Any], grow: bool = True) -> None:
+    """Crosses of failed cells on tracks of their own, above whatever is drawn: the panel grows upwards for them.
+
+    crosses : method -> where its failed cells stand on the horizontal axis. The limits of the panel must be set.
+    grow : False where they stand at the right edge, beside what is drawn.
+    """
+    failing = [name for name, xs in crosses.items() if np.isfinite(np.asarray(xs, dtype=float)).any()]
+    if not failing:
+        return
+    share = min(0.05 * len(failing), 0.3)
+    scale = ax.yaxis.get_transform()
+    low, high = scale.transform(np.array(ax.get_ylim(), dtype=float))
+    if grow:
+        ax.set_ylim(top=float(scale.inverted().transform(np.array([low + (high - low) / (0.97 - share)]))[0]))
+    for rank, name in enumerate(failing):
+        ax.plot(
+            crosses[name], np.full(len(crosses[name]), 0.985 - rank * share / len(failing)), linestyle="none",
+            color=look(name).colour, transform=ax.get_xaxis_transform(), clip_on=False, zorder=5,
+            **{k: v for k, v in FAILED.items() if k not in ("linestyle", "color")},
+        )  # fmt: skip
+
+
 FAILED: Any = {"marker": "x", "linestyle": "none", "color": INK, "markersize": 5, "markeredgewidth": 1.4}
 
 
