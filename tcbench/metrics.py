@@ -51,11 +51,18 @@ def second_law_violations(run: Trajectory) -> int:
     return run.summary.second_law_violations
 
 
+CANCELLED = 1e-12  # a sum that is smaller than this part of its terms is their round-off
+
+
 def angular_momentum_error_max(run: Trajectory) -> float:
-    """Largest |J_k - J_0| / |J_0| (|J_k - J_0| if J_0 = 0); NaN for a system without angular momentum."""
+    """Largest |J_k - J_0| / |J_0|; NaN for a system without angular momentum.
+
+    Where J_0 is round-off of its terms (or 0), the departure is over their size, |q_0| |p_0|; absolute if that is 0.
+    """
     error = run.summary.invariant_error_max.get("angular_momentum", np.nan)
-    initial = abs(float(run.angular_momentum[0]))
-    return error / initial if initial > 0 else error
+    initial, start = abs(float(run.angular_momentum[0])), run.scenario.model.state(run.z[0])
+    size = float(np.linalg.norm(start.q) * np.linalg.norm(start.p))
+    return error / (initial if initial > CANCELLED * size else size or 1.0)
 
 
 def lyapunov_increment_max(run: Trajectory) -> float:

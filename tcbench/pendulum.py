@@ -12,6 +12,8 @@ import numpy as np
 
 from .system import System
 
+TINY = 1e-100  # added to what is divided by itself, so that no conduction at all is no 0/0: it changes no other number
+
 
 class Pendulum(System):
     name = "pendulum"
@@ -57,7 +59,7 @@ class Pendulum(System):
     def conduction_flow(self, theta: Any, t: Any) -> tuple[Any, Any]:
         """theta_a + theta_b stays, theta_a - theta_b decays as exp(-2 kappa t/c0): both springs have c0."""
         a, b = theta
-        x = 2.0 * self.conductivity * t / self.heat_capacity
+        x = 2.0 * self.conductivity * t / self.heat_capacity + TINY
         half, decayed = 0.5 * (a - b), np.expm1(-x)
         moved = half * decayed
         mean = half * (-decayed / x)

@@ -109,6 +109,8 @@ def find_integrator(name: str | Integrator) -> Integrator:
     """The integrator of that name; `name[param=value,...]` is a member of a family."""
     if isinstance(name, Integrator):
         return name
+    if not isinstance(name, str):
+        raise TcbenchError(f"An integrator is a name or an Integrator, not {name!r}.")
     known = registry().integrators
     base, values = _split(name)
     if base not in known:
@@ -142,6 +144,8 @@ def find_scenario(name: str | Scenario) -> Scenario:
     """The scenario of that name; `name[param=value,...]` is a member of a family."""
     if isinstance(name, Scenario):
         return name
+    if not isinstance(name, str):
+        raise TcbenchError(f"A scenario is a name or a Scenario, not {name!r}.")
     known, families = registry().scenarios, registry().scenario_families
     if name in known:
         return known[name]

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from .errors import TcbenchError, unknown_name
 from .system import System
 
+REST = 1e-10  # least exergy of a scene, relative to its energy: see Scenario.initial_exergy
 SETTINGS = ("name", "t_end", "dt", "positions", "momenta", "temperatures", "t_converge", "blowup_factor")
 
 
@@ -98,9 +99,13 @@ class Scenario:
 
     @property
     def initial_exergy(self) -> float:
-        """V0 = V(z0), the scale of energy errors."""
+        """V0 = V(z0), the scale of energy errors.
+
+        At or next to rest it is at least 1e-10 max(1, |E0|): round-off of the energy is no blow-up.
+        """
         if "V0" not in self._cache:
-            self._cache["V0"] = float(self.model.exergy(self.z0))
+            floor = REST * max(1.0, abs(float(self.model.energy(self.z0))))
+            self._cache["V0"] = max(float(self.model.exergy(self.z0)), floor)
         return self._cache["V0"]
 
     def replace(self, **changes: Any) -> Scenario:

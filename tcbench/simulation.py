@@ -21,6 +21,7 @@ from .stepping import run_adaptive, run_step
 from .system import System
 from .trajectory import Trajectory
 
+MOST_GIB = 16.0  # of recorded states, more of which would hardly be meant
 CHUNK = 100_000  # steps between looks at the clock and the keyboard
 
 
@@ -38,11 +39,12 @@ def simulate(
 ) -> Trajectory:
     """Run one integrator on one scenario.
 
-    dt : step, the scenario's own by default; the last step ends at or just past t_end.
+    dt : step, the scenario's own by default; the last step ends at or just past t_end. An adaptive solver has none.
     tolerance : rtol of an adaptive solver (atol = rtol); it has no dt. Default 1e-6.
     continuation : True: Newton, then natural tracking in h, then pseudo-arclength through folds, so that a step fails
         only when it has no root (docs/stability.md). False: plain Newton from z0 (20 iterations), for comparison.
-    record_every : keep every k-th state (None: the first and the last); the summary covers every step.
+    record_every : keep every k-th state (None: the first and the last); the summary covers every step. An adaptive run
+        is always reported at 200 times.
     residuals : also measure the residual of each accepted step (summary.residual_max).
     audit_roots : follow the arc at every step and count accepted roots that are not the principal one
         (solver.wrong_roots of solver.audited solves); some 50 times slower, the run itself is unchanged.
@@ -72,9 +74,14 @@ def simulate(
         raise TcbenchError(f"{integrator.name!r} takes a step dt, not a tolerance.")
     dt = checked_dt(scenario.dt if dt is None else dt, scenario)
     steps = scenario.steps(dt)
+    if record_every is not None and not (isinstance(record_every, int | np.integer) and record_every >= 1):
+        raise TcbenchError(f"record_every must be a whole number, at least 1, not {record_every!r}.")
     every = max(1, steps) if record_every is None else int(record_every)
-    if every < 1:
-        raise TcbenchError(f"record_every must be at least 1, not {record_every!r}.")
+    kept = (steps // every + 2) * (scenario.model.size + 2 * scenario.model.n_elements + 3) * 8 / 2**30
+    if kept > MOST_GIB:
+        raise TcbenchError(
+            f"{steps} steps of {dt:g} would keep {kept:.0f} GiB of states; give record_every= a larger number."
+        )
     if integrator.kind == "step":
         return run_step(integrator, scenario, dt, steps, every)
     audit = m.COUNT_WRONG if audit_roots else m.NO_AUDIT
@@ -97,7 +104,10 @@ def checked_dt(dt: Any, scenario: Scenario) -> float:
 
 
 def _checked_tolerance(tolerance: float | None) -> float:
-    value = 1e-6 if tolerance is None else float(tolerance)
+    try:
+        value = 1e-6 if tolerance is None else float(tolerance)
+    except (TypeError, ValueError):
+        raise TcbenchError(f"tolerance must be a number, not {tolerance!r}.") from None
     if not (math.isfinite(value) and value > 0):
         raise TcbenchError(f"tolerance must be positive and finite, not {value:g}.")
     return value

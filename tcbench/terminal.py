@@ -245,8 +245,10 @@ class Display:
             return
         if set(results.tables) == {"conservation"}:
             self._overview(results.tables["conservation"])
-        elif len(overview):
+        elif len(overview) and not overview.drop(columns=["scenario", "integrator", "claims broken"]).eq("-").all(None):
             print_frame(overview, "\nsummary")
+        else:  # studies that the summary has no column for
+            print_tables(results.tables)
         counts = ", ".join(f"{n} {status}" for status, n in sorted(summary.statuses.items()))
         say(
             f"\n{summary.run} cells in {summary.elapsed_s:.1f} s ({counts or 'nothing new'}), "

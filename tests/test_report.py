@@ -299,6 +299,8 @@ def test_charts_respond(full, visit):
     assert plot.evaluate(shown) == 6
     holder.locator("select").first.select_option("stiff_spring")
     assert plot.evaluate("p => p.data.some(t => t.marker.symbol.includes('x-open'))")  # failed runs are still there
+    parted = "t => t.marker.symbol.every((s, k) => s !== 'x-open' || k === 0 || t.y[k] === null || t.y[k - 1] === null)"
+    assert plot.evaluate(f"p => p.data.every({parted})")  # and no line leads to them
     box = holder.locator(".point").nth(2).bounding_box()
     page.mouse.move(box["x"] + box["width"] / 2 + 9, box["y"] + box["height"] / 2)
     page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)

@@ -184,7 +184,7 @@ BAD_CALLS = [
     (("tc_monolithic", "short_term"), {"dt": 30}, "longer than the horizon"),
     (("tc_monolithic", "short_term"), {"dt": "big"}, "dt must be a number"),
     (("tc_monolithic", "short_term"), {"tolerance": 1e-6}, "takes a step dt, not a tolerance"),
-    (("tc_monolithic", "short_term"), {"record_every": 0}, "record_every must be at least 1"),
+    (("tc_monolithic", "short_term"), {"record_every": 0}, "record_every must be a whole number"),
     (("midpoint_temperature[reading=best]", "short_term"), {}, "Known: a5_literal, balance, rate"),
     (("midpoint_temperature[readin=rate]", "short_term"), {}, "Did you mean 'reading'?"),
     (("tc_monolithic[a=b]", "short_term"), {}, "No parameter of 'tc_monolithic' is called 'a'"),
@@ -385,3 +385,40 @@ def test_a_million_steps_hold_the_energy_and_keep_a_thousand_states():
     run = tcbench.simulate("tc_monolithic", "bound_equilibrium", dt=0.05, t_end=50_000.0, record_every=1000)
     assert run.steps == 1_000_000 and run.z.shape == (1001, 10)
     assert run.summary.energy_error_max <= 1e-12 * run.scenario.initial_exergy
+
+
+def test_no_conduction_and_no_motion_are_scenes_like_others():
+    scene = SCENES["short_term"]
+    still = scene.replace(conductivity=0.0, name="insulated")
+    for method in ("verlet_heat", "verlet_heat4", "tc_strang_exact"):
+        run = tcbench.simulate(method, still, t_end=3.0)
+        assert run.ok and np.abs(run.z[:, 8:] - run.z[0, 8:]).max() < 1e-12, method
+    assert tcbench.simulate("projected", still, t_end=3.0).ok  # its projection may move entropies
+    rest = scene.replace(name="rest", momenta=(0,) * 4, temperatures=(300, 300), positions=(2, 0, 3, 0), t_end=3.0)
+    for method in ("tc_monolithic", "midpoint_entropy", "verlet_heat", "tc_gauss"):
+        run = tcbench.simulate(method, rest)
+        assert run.ok and tcbench.metrics.energy_error_max(run) < 1e-2, method  # of a scale that is 1e-10 of E0
+
+
+def test_a_momentum_that_cancels_is_measured_against_its_terms():
+    scene = SCENES["short_term"].replace(name="j", positions=(0.1, 0.3, 1.1, 3.3), momenta=(0.3, 0.9, 0.7, 2.1))
+    run = tcbench.simulate("tc_monolithic", scene, dt=0.3)
+    assert 0.0 < abs(run.angular_momentum[0]) < 1e-14
+    assert tcbench.metrics.angular_momentum_error_max(run) < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ((5, "short_term"), "a name or an Integrator"), (("tc_strang", 7), "a name or a Scenario"),
+        (("tc_strang", "short_term", 1e-9), "give record_every= a larger number"),
+    ],
+)  # fmt: skip
+def test_wrong_kinds_of_arguments_are_named(arguments, sentence):
+    with pytest.raises(TcbenchError, match=sentence):
+        tcbench.simulate(*arguments)
+    with pytest.raises(TcbenchError, match="tolerance must be a number"):
+        tcbench.simulate("scipy_odeint", "short_term", tolerance="x")
+    for bad in (0, 1.5, math.nan, math.inf, "a"):
+        with pytest.raises(TcbenchError, match="record_every must be a whole number"):
+            tcbench.simulate("tc_strang", "short_term", record_every=bad)

@@ -31,7 +31,7 @@ def power_text(value: float, _position: int | None = None) -> str:
 
 
 def log_axis(ax: Axes, which: str, values: Any = None) -> None:
-    """A logarithmic axis. Over less than two decades ticks at 1, 2, 5 are named too."""
+    """A logarithmic axis. Over less than two decades ticks at 1, 2, 5 are named too, over less than one most digits."""
     axis = ax.xaxis if which == "x" else ax.yaxis
     (ax.set_xscale if which == "x" else ax.set_yscale)("log")
     good = np.asarray([] if values is None else values, dtype=float)
@@ -42,8 +42,9 @@ def log_axis(ax: Axes, which: str, values: Any = None) -> None:
         low, high = good.min(), good.max()
         pad = max((high / low) ** 0.06, 1.15)
         (ax.set_xlim if which == "x" else ax.set_ylim)(low / pad, high * pad)
-    narrow = bool(len(good)) and np.log10(good.max() / good.min()) < 1.7
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if narrow else (1.0,), numticks=8))
+    decades = np.log10(good.max() / good.min()) if len(good) else 4.0
+    subs = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0) if decades < 1.0 else (1.0, 2.0, 5.0) if decades < 1.7 else (1.0,)
+    axis.set_major_locator(LogLocator(subs=subs, numticks=8))
     axis.set_major_formatter(FuncFormatter(power_text))
     axis.set_minor_locator(NullLocator())
     axis.set_minor_formatter(NullFormatter())

@@ -285,8 +285,8 @@ def stiff(integrator: Integrator, scenario: Scenario) -> list[Finding]:
         _finding(
             f"{integrator.name} blows up ({scenario.name})", "section 6, qualitative",
             "|E - E0| exceeds V0",
-            f"{_outcome(run)}; left to go on, E {run.energy[0]:.0f} -> {unbounded.energy.max():.0f} (a gain of "
-            f"{gain:.0f} V0) and {_outcome(unbounded)}",
+            f"{_outcome(run)}; left to go on, E rises from {run.energy[0]:.0f} up to {unbounded.energy.max():.0f} (a "
+            f"gain of {gain:.0f} V0) and {_outcome(unbounded)}",
             run.status == "blowup", command,
             yes="Nothing in the rule bounds the energy; V0 is all that the exact motion could ever exchange.",
             no="The energy stays within V0.",

@@ -100,13 +100,15 @@
 
     const trace = (name, rows, top) => {
       const [colour, symbol, dash] = looks[name] || ["#7f7f7f", "circle", "solid"];
-      const points = rows.map((i) => {
+      const sorted = rows.map((i) => {
         const failed = columns.status && columns.status[i] !== "ok";
         let x = columns[state.x][i], y = columns[state.y][i];
         if (state.logY && y !== null) y = Math.abs(y);
         const usable = y !== null && (!state.logY || y > 0);
         return { x, y: usable ? y : failed ? top : null, failed, i };
       }).filter((p) => p.x !== null && p.y !== null).sort((a, b) => a.x - b.x);
+      // no line leads to a failed run or on from it
+      const points = sorted.flatMap((p, k) => (k && (p.failed || sorted[k - 1].failed) ? [{ ...p, y: null }, p] : [p]));
       return {
         type: "scatter", mode: "lines+markers", name: escape(short(name)), x: points.map((p) => p.x), y: points.map((p) => p.y),
         line: { color: shade(colour), dash, width: 1.5 },
