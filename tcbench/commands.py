@@ -88,9 +88,11 @@ def simulate_command(
     integrator: str, scenario: str, dt: float | None, t_end: float | None, tolerance: float | None, plain: bool,
     record_every: int, audit_roots: bool, csv: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
-    from . import metrics
+    from . import metrics, simulation
     from .simulation import simulate
 
+    note = "Compiling the time loop: some ten seconds, once. Later runs find it in the cache."
+    simulation.before_compiling = lambda: terminal.warn([note])
     if csv is not None and not csv.resolve().parent.is_dir():
         raise TcbenchError(f"The folder of {str(csv)!r} does not exist; create it first.")
     if dt is not None and plugins.find_integrator(integrator).kind == "adaptive":

@@ -14,12 +14,18 @@ from . import march as m
 from .errors import TcbenchError
 from .flow import Flow, FlowKernels, build
 from .integrator import Integrator
+from .jit import cache_folder
 from .newton import ND, NOW, NW, NX, TABLE_WIDTH
 from .recording import Recorder, assemble, empty_summary, explain, run_limits
 from .scenario import Scenario
 from .stepping import run_adaptive, run_step
 from .system import System
 from .trajectory import Trajectory
+
+
+def before_compiling() -> None:
+    """Called before the time loop is compiled, which takes some ten seconds, once: the command line says so."""
+
 
 MOST_GIB = 16.0  # of recorded states, more of which would hardly be meant
 CHUNK = 100_000  # steps between looks at the clock and the keyboard
@@ -216,6 +222,8 @@ def run_flows(
     done, reason = 0, m.OK
     begin = time.perf_counter()
     if not getattr(m.march, "signatures", True):  # loading or compiling the loop is no time of the run
+        if not any(cache_folder().rglob("march.march-*.nbi")):
+            before_compiling()
         _advance(flows, z, carry, constants, dt, 0, 0, limits, shape, observables, recorder, summary, workspace)
         begin = time.perf_counter()
     while done < steps and reason == m.OK:

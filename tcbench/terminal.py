@@ -130,6 +130,7 @@ SHOWN = {  # columns of a table that fit a terminal, with their headings
 
 
 STEPS = ("dt", "tolerance")  # shown where some method has them
+WHOLE = 40  # rows of the conservation table that a run prints in full; of more, the middle steps
 LONG = ("convergence_points", "stability_points", "equilibrium", "work_precision")  # shown when asked for by name
 BOOKKEEPING = {  # columns that say where a row comes from
     "plugin", "source_hash", "scenario_hash", "tcbench_version", "wall_time_s", "cell_time_s", "timed", "key",
@@ -259,11 +260,14 @@ class Display:
         say(f"Tables: {results.output}/tables/ (CSV and Parquet). All of them: tcbench show {results.output}")
 
     def _overview(self, table: DataFrame) -> None:
-        """Per scenario, at the middle step of its ladder: which laws each method kept."""
+        """Per scenario, every row of a small run, at the middle step of the ladder of a large one."""
         for scenario, part in table.groupby("scenario", sort=False):
             steps = sorted(part["dt"].dropna().unique())
-            middle = part[(part["dt"] == steps[len(steps) // 2]) | part["dt"].isna()] if steps else part
-            _print_block(f"\n{scenario}", SHOWN["conservation"], middle)
+            if len(table) <= WHOLE or len(steps) < 2:
+                _print_block(f"\n{scenario}", SHOWN["conservation"], part)
+            else:
+                middle = part[(part["dt"] == steps[len(steps) // 2]) | part["dt"].isna()]
+                _print_block(f"\n{scenario}, one of {len(steps)} steps", SHOWN["conservation"], middle)
 
 
 LOUD = ("exception", "crash", "timeout")  # a method that fails physically is a result, not an alarm
