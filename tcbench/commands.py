@@ -15,7 +15,7 @@ from .runner import plan_job, preview, run
 from .store import Store
 from .studies import studies
 from .summary import summary
-from .tables import read_tables
+from .tables import only, read_tables
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -177,7 +177,8 @@ def show_command(
         raise TcbenchError(f"{str(folder)!r} holds no finished cell yet.")
     if table is not None and table not in tables:
         raise unknown_name("table of this run", table, tables)
-    tables = _only(_only(tables, "scenario", scenarios), "integrator", integrators)
+    for column, names in (("scenario", scenarios), ("integrator", integrators)):
+        tables = {key: t for key, t in only(tables, column, names).items() if len(t) and (not names or column in t)}
     if table is not None and table not in tables:
         raise TcbenchError(f"The table {table!r} of this run has no row of {', '.join((*scenarios, *integrators))}.")
     if table is not None:
@@ -209,18 +210,6 @@ def _is_installed(name: str) -> bool:
         return bool(plugins.find_integrator(name))
     except TcbenchError:
         return False
-
-
-def _only(tables: dict[str, DataFrame], column: str, names: tuple[str, ...]) -> dict[str, DataFrame]:
-    """The rows of these names, in the tables that have the column."""
-    known = {str(value) for t in tables.values() if column in t for value in t[column].dropna()}
-    for name in names:
-        if name not in known:
-            raise unknown_name(f"{column} of this run", name, known)
-    if not names:
-        return tables
-    kept = {name: t[t[column].isin(names)] for name, t in tables.items() if column in t}
-    return {name: t for name, t in kept.items() if len(t)}
 
 
 def report_command(folder: Path) -> None:

@@ -52,9 +52,9 @@ OK, NONCONVERGED, NO_ROOT, NONFINITE, COLLAPSED, COLD, BLOWUP, NO_WARM_ROOT, FOL
 V0, REFERENCE, ENTROPY_TOLERANCE, ENTROPY_FALL, LIMITS_SIZE = range(5)
 
 # entries of the shape (int64)
-N_POSITIONS, N_ELEMENTS, N_INVARIANTS, OBSERVE, CONTINUE, RESIDUALS, RECORD_EVERY, AUDIT, OF_STEP, SHAPE_SIZE = range(
-    10
-)
+(
+    N_POSITIONS, N_ELEMENTS, N_INVARIANTS, OBSERVE, CONTINUE, RESIDUALS, RECORD_EVERY, AUDIT, OF_STEP, SHAPE_SIZE,
+) = range(10)  # fmt: skip
 
 # what follows the arc at every step: the audit counts accepted roots that are not the principal one; the other two take
 # the arc's root itself, and the last ends the run at the first fold

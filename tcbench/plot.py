@@ -38,15 +38,17 @@ def plot(
 
     Raises TcbenchError for an unknown kind, scenario, integrator or suffix, and for tables that the run does not have.
     """
+    from pandas.api.types import is_numeric_dtype
+
+    from .tables import only
+
     chosen = find_kind(kind)
     path = checked_output(output)
     tables = _tables(chosen, source, scenario, dt)
     if not chosen.possible(tables):
         raise TcbenchError(_absent(chosen, tables))
-    tables = _only(tables, integrators or ())
+    tables = only(tables, "integrator", integrators or ())
     scene = _scenario(chosen, tables, scenario)
-    from pandas.api.types import is_numeric_dtype
-
     options: dict[str, Any] = {"x": x} if x and kind in ("work-precision", "conservation") else {}
     if y and kind == "work-precision":
         options["y"] = tuple(y)
@@ -114,20 +116,6 @@ def _absent(kind: Kind, tables: dict[str, DataFrame]) -> str:
     missing = [name for name in kind.needs if name not in tables or not len(tables[name])]
     there = ", ".join(tables) or "none"
     return f"The chart {kind.name!r} needs the table {missing[0]!r}, which this run has not. Its tables: {there}."
-
-
-def _only(tables: dict[str, DataFrame], integrators: Sequence[str]) -> dict[str, DataFrame]:
-    """The rows of these integrators; a table need not have one of each (that of blow-ups has those that failed)."""
-    known = {str(name) for table in tables.values() if "integrator" in table for name in table["integrator"]}
-    for name in integrators:
-        if name not in known:
-            raise unknown_name("integrator of this run", name, known)
-    if not integrators:
-        return tables
-    return {
-        name: table[table["integrator"].astype(str).isin(list(integrators))] if "integrator" in table else table
-        for name, table in tables.items()
-    }
 
 
 def _scenario(kind: Kind, tables: dict[str, DataFrame], scenario: str | None) -> str | None:

@@ -171,13 +171,14 @@ def _left_out(
 
 def _why_not(method: Integrator, study: Study, scenes: Sequence[Scenario]) -> str:
     """Why a method that was asked for by name has no cell in a study."""
+    suited = any(_suits(method, scene) for scene in scenes)
     if ABSENT in method.tags:
         why = f"its package is not installed ({method.source})"
-    elif method.only_for and not any(_suits(method, scene) for scene in scenes):
+    elif not suited and method.only_for:
         why = f"it is written for {', '.join(sorted(method.only_for))} only"
-    elif CLOSED_FORM in method.tags and not any(_suits(method, scene) for scene in scenes):
+    elif not suited and CLOSED_FORM in method.tags:
         why = "no system of these scenes has a closed form of its conduction"
-    elif not any(_suits(method, scene) for scene in scenes):
+    elif not suited:
         why = "these scenes need a method that is written for their system"
     elif method.kind == "adaptive":
         why = "a method that chooses its steps has no step size to vary"

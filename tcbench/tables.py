@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .cells import identity_of
-from .errors import TcbenchError
+from .errors import TcbenchError, unknown_name
 from .store import Store
 
 if TYPE_CHECKING:
@@ -37,3 +38,20 @@ def read_tables(source: str | Path | Store) -> dict[str, DataFrame]:
             except TcbenchError as error:
                 store.problems.append(str(error))
     return {name: table for name, table in tables.items() if len(table)}
+
+
+def only(tables: Mapping[str, DataFrame], column: str, names: Sequence[str]) -> dict[str, DataFrame]:
+    """The rows of these names in the tables that have the column, the other tables as they are; all if none is named.
+
+    A table need not have rows of each (that of blow-ups has the methods that failed); a name that none has is an error.
+    """
+    known = {str(value) for table in tables.values() if column in table for value in table[column].dropna()}
+    for name in names:
+        if name not in known:
+            raise unknown_name(f"{column} of this run", name, known)
+    if not names:
+        return dict(tables)
+    return {
+        key: table[table[column].astype(str).isin(list(names))] if column in table else table
+        for key, table in tables.items()
+    }

@@ -257,7 +257,7 @@ class Display:
         )
         if summary.interrupted:
             say(f"Interrupted with {summary.left} cells left; the same command resumes.")
-        say(f"Tables: {results.output}/tables/ (CSV and Parquet). All of them: tcbench show {results.output}")
+        say(f"Tables: {results.output}/tables/ (CSV and Parquet). To see them: tcbench show {results.output}")
 
     def _overview(self, table: DataFrame) -> None:
         """Per scenario, every row of a small run, at the middle step of the ladder of a large one."""

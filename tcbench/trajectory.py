@@ -54,9 +54,8 @@ class SolverCounts:
     audited: int = 0  # accepted roots that were compared with the arc's
     wrong_roots: int = 0  # those among them that are not the principal root
     rhs_evaluations: int = 0  # of adaptive solvers that report them
-    unknown: tuple[
-        str, ...
-    ] = ()  # "steps" and "newton_iterations" of integrators that solve by themselves and do not tell
+    # "steps" and "newton_iterations" of integrators that solve by themselves and do not tell
+    unknown: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

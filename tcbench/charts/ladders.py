@@ -16,7 +16,6 @@ from .style import (
     chart,
     failed_handle,
     failed_tracks,
-    failures,
     finite,
     legend,
     look,
@@ -97,9 +96,10 @@ def blowup(table: DataFrame, sensitivity: DataFrame | None = None) -> Figure:
         note(ax, "no run has a fixed step")
         return figure
     log_axis(ax, "x", h)
+    names_of = table["integrator"].astype(str).to_numpy()
     step = min(0.035, 0.3 / max(len(methods), 1))
     for rank, name in enumerate(methods):
-        mine, style = (table["integrator"].astype(str) == name).to_numpy(), look(name)
+        mine, style = names_of == name, look(name)
         pick = np.flatnonzero(mine & ~done & np.isfinite(times))
         pick = pick[np.argsort(h[pick])]
         drawn: Any = {"color": style.colour, "marker": style.marker, "markersize": 3.2 if len(table) > 150 else 5}
@@ -107,7 +107,8 @@ def blowup(table: DataFrame, sensitivity: DataFrame | None = None) -> Figure:
         tracks = np.full(int((mine & done).sum()), 1.03 + step * rank)
         hollow: Any = drawn | {"linestyle": "none", "markerfacecolor": "none", "clip_on": False}
         ax.plot(h[mine & done], tracks, transform=ax.get_xaxis_transform(), **hollow)
-        failures(ax, h[mine & ~done & ~np.isfinite(times)], name, rank, len(methods))
+    timeless = ~done & ~np.isfinite(times)
+    failed_tracks(ax, {name: h[(names_of == name) & timeless] for name in methods}, grow=False)
     if not np.isfinite(times[~done]).any():
         ax.set_yticks([])
         ax.text(0.5, 0.5, "no time of failure", transform=ax.transAxes, ha="center", va="center", color=GREY)
@@ -118,7 +119,7 @@ def blowup(table: DataFrame, sensitivity: DataFrame | None = None) -> Figure:
     ax.set_xlabel(label("dt"))
     ax.set_ylabel("time t at which the run failed")
     ended = Line2D([], [], marker="o", linestyle="none", color=INK, markerfacecolor="none", label="reached the end")
-    without = [failed_handle("failed, no time known")] if (~done & ~np.isfinite(times)).any() else []
+    without = [failed_handle("failed, no time known")] if timeless.any() else []
     legend(figure, methods, [ended, *without], above=min(1.1, 0.1 * len(methods)))
     return figure
 

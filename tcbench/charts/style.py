@@ -251,20 +251,6 @@ def note(ax: Axes, text: str) -> None:
     ax.set_yticks([])
 
 
-def failures(ax: Axes, xs: Any, name: str, rank: int, many: int, side: str = "top") -> None:
-    """Crosses of failed cells along the edge of a panel, one track for each integrator."""
-    xs = np.asarray(xs, dtype=float)
-    xs = xs[np.isfinite(xs)]
-    if not len(xs):
-        return
-    step = min(0.035, 0.28 / max(many, 1))
-    height = 0.985 - step * rank if side == "top" else 0.015 + step * rank
-    ax.plot(
-        xs, np.full(len(xs), height), linestyle="none", marker="x", markersize=5, markeredgewidth=1.4,
-        color=look(name).colour, transform=ax.get_xaxis_transform(), clip_on=False, zorder=5,
-    )  # fmt: skip
-
-
 def failed_tracks(ax: Axes, crosses: Mapping[str, Any], grow: bool = True) -> None:
     """Crosses of failed cells on tracks of their own, above whatever is drawn: the panel grows upwards for them.
 
@@ -280,11 +266,9 @@ def failed_tracks(ax: Axes, crosses: Mapping[str, Any], grow: bool = True) -> No
     if grow:
         ax.set_ylim(top=float(scale.inverted().transform(np.array([low + (high - low) / (0.97 - share)]))[0]))
     for rank, name in enumerate(failing):
-        ax.plot(
-            crosses[name], np.full(len(crosses[name]), 0.985 - rank * share / len(failing)), linestyle="none",
-            color=look(name).colour, transform=ax.get_xaxis_transform(), clip_on=False, zorder=5,
-            **{k: v for k, v in FAILED.items() if k not in ("linestyle", "color")},
-        )  # fmt: skip
+        style = FAILED | {"color": look(name).colour, "clip_on": False, "zorder": 5}
+        heights = np.full(len(crosses[name]), 0.985 - rank * share / len(failing))
+        ax.plot(crosses[name], heights, transform=ax.get_xaxis_transform(), **style)
 
 
 FAILED: Any = {"marker": "x", "linestyle": "none", "color": INK, "markersize": 5, "markeredgewidth": 1.4}
