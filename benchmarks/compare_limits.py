@@ -34,92 +34,92 @@ def compile_limit(folder: str) -> str | None:
     return target
 
 
-def cpp_time(program: str, scene: tcbench.Scenario, h: float, steps: int, inner: int) -> tuple[float, float]:
+def cpp_time(program: str, scenario: tcbench.Scenario, h: float, steps: int, inner: int) -> tuple[float, float]:
     """(seconds per step, Newton iterations per step) of the hand-written step."""
-    m = scene.model
+    m = scenario.model
     constants = [*m.masses, *m.stiffness, *m.natural_lengths, m.conductivity, m.reference_temperature, m.coupling]
-    numbers = [h, steps, inner, *constants, m.heat_capacity, *scene.z0]
+    numbers = [h, steps, inner, *constants, m.heat_capacity, *scenario.z0]
     out = subprocess.run([program, *(repr(float(v)) for v in numbers)], check=True, capture_output=True, text=True)
     seconds, iterations, *_ = map(float, out.stdout.split())
     return seconds, iterations
 
 
-def tcbench_time(method: str, scene: tcbench.Scenario, h: float, steps: int, inner: int) -> tuple[float, float]:
+def tcbench_time(method: str, scenario: tcbench.Scenario, h: float, steps: int, inner: int) -> tuple[float, float]:
     best, run = np.inf, None
     for _ in range(inner):
-        run = tcbench.simulate(method, scene, dt=h, t_end=h * steps, record_every=None)
+        run = tcbench.simulate(method, scenario, dt=h, t_end=h * steps, record_every=None)
         assert run.ok, run.failure
         best = min(best, run.wall_time_s)
     assert run is not None
     return best / run.steps, run.solver.newton_iterations / run.steps
 
 
-def numpy_time(scene: tcbench.Scenario, h: float, steps: int) -> float:
+def numpy_time(scenario: tcbench.Scenario, h: float, steps: int) -> float:
     """Steps near the end of a run, where Newton needs no continuation."""
     from numpy_step import step as numpy_step  # beside this script; asv, which imports this file too, is not
 
-    z = tcbench.simulate("tc_monolithic", scene, dt=h, t_end=h * 80, record_every=None).z[-1]
+    z = tcbench.simulate("tc_monolithic", scenario, dt=h, t_end=h * 80, record_every=None).z[-1]
     begin = time.perf_counter()
     for _ in range(steps):
-        z = numpy_step(z, h, scene.model)
+        z = numpy_step(z, h, scenario.model)
     return (time.perf_counter() - begin) / steps
 
 
-def scipy_time(method: str, scene: tcbench.Scenario, t_end: float, **options: object) -> tuple[float, int]:
-    model = scene.model
+def scipy_time(method: str, scenario: tcbench.Scenario, t_end: float, **options: object) -> tuple[float, int]:
+    model = scenario.model
 
     def field(t: float, z: np.ndarray) -> np.ndarray:
         return np.asarray(model.vector_field(z))
 
     begin = time.perf_counter()
-    solution = solve_ivp(field, (0, t_end), scene.z0, method, rtol=1e-6, atol=1e-6, **options)
+    solution = solve_ivp(field, (0, t_end), scenario.z0, method, rtol=1e-6, atol=1e-6, **options)
     return time.perf_counter() - begin, len(solution.t) - 1
 
 
-def call_overhead(scene: tcbench.Scenario) -> float:
+def call_overhead(scenario: tcbench.Scenario) -> float:
     """Seconds of a warm simulate call beside its steps."""
     best = np.inf
     for _ in range(300):
         begin = time.perf_counter()
-        run = tcbench.simulate("tc_monolithic", scene)
+        run = tcbench.simulate("tc_monolithic", scenario)
         best = min(best, time.perf_counter() - begin - run.wall_time_s)
     return best
 
 
-def python_step_overhead(scene: tcbench.Scenario) -> float:
+def python_step_overhead(scenario: tcbench.Scenario) -> float:
     """Seconds that tcbench adds to each step of a plain Python integrator."""
 
     def still(z: np.ndarray, h: float, system: tcbench.System) -> np.ndarray:
         return z
 
     method = tcbench.Integrator(name="still", order=1, step=still)
-    runs = [tcbench.simulate(method, scene, dt=0.01, record_every=None) for _ in range(5)]
+    runs = [tcbench.simulate(method, scenario, dt=0.01, record_every=None) for _ in range(5)]
     return min(run.wall_time_s / run.steps for run in runs)
 
 
 def compare(case: tuple[str, float, int], program: str | None, repeats: int) -> None:
     name, h, steps = case
-    scene = tcbench.scenarios()[name].replace(t_end=1500.0, name=f"{name}_long")
+    scenario = tcbench.scenarios()[name].replace(t_end=1500.0, name=f"{name}_long")
     inner = max(1, 4000 // steps)
     for method in METHODS:
-        tcbench_time(method, scene, h, steps, 1)
+        tcbench_time(method, scenario, h, steps, 1)
     best: dict[str, tuple[float, float]] = {}
     for _ in range(repeats):  # interleaved
         for method in METHODS:
-            best[method] = min(best.get(method, (np.inf, 0.0)), tcbench_time(method, scene, h, steps, inner))
+            best[method] = min(best.get(method, (np.inf, 0.0)), tcbench_time(method, scenario, h, steps, inner))
         if program:
-            best["C++"] = min(best.get("C++", (np.inf, 0.0)), cpp_time(program, scene, h, steps, inner))
+            best["C++"] = min(best.get("C++", (np.inf, 0.0)), cpp_time(program, scenario, h, steps, inner))
     limit = best["C++"][0] if program else best["tc_monolithic"][0]
     print(f"\n{name}, h = {h:g}, {steps} steps ({'ratios to C++' if program else 'ratios to tc_monolithic'})")
     for label, (seconds, iterations) in best.items():
         print(f"  {label:22s} {1e6 * seconds:9.3f} us/step {seconds / limit:9.2f}   {iterations:5.2f} Newton/step")
-    plain = min(numpy_time(scene, h, 30) for _ in range(3))
+    plain = min(numpy_time(scenario, h, 30) for _ in range(3))
     own = best["tc_monolithic"][0]
     print(
         f"  {'plain numpy':22s} {1e6 * plain:9.1f} us/step {plain / limit:9.0f}   ({plain / own:.0f} x tc_monolithic)"
     )
-    for method, options in (("Radau", {"jac": lambda t, z: scene.model.jacobian(z)}), ("LSODA", {})):
-        seconds, taken = min(scipy_time(method, scene, h * steps, **options) for _ in range(3))
+    for method, options in (("Radau", {"jac": lambda t, z: scenario.model.jacobian(z)}), ("LSODA", {})):
+        seconds, taken = min(scipy_time(method, scenario, h * steps, **options) for _ in range(3))
         ratio = seconds / (own * steps)
         print(
             f"  SciPy {method}, rtol 1e-6: {1e3 * seconds:8.2f} ms for {taken} steps: {ratio:.0f} x tc_monolithic's run"
@@ -134,9 +134,9 @@ def main() -> None:
         program = compile_limit(folder)
         for case in CASES:
             compare(case, program, repeats)
-    scene = tcbench.scenarios()["short_term"]
-    print(f"\nwarm simulate call beside its steps: {1e6 * call_overhead(scene):.0f} us")
-    print(f"added to a plain Python step:        {1e6 * python_step_overhead(scene):.1f} us a step")
+    scenario = tcbench.scenarios()["short_term"]
+    print(f"\nwarm simulate call beside its steps: {1e6 * call_overhead(scenario):.0f} us")
+    print(f"added to a plain Python step:        {1e6 * python_step_overhead(scenario):.1f} us a step")
 
 
 if __name__ == "__main__":

@@ -4,25 +4,25 @@ import tcbench
 
 STEPS = 1000
 METHODS = [i.name for i in tcbench.integrators().values() if i.kind != "adaptive"]
-SCENES = list(tcbench.scenarios())
+SCENARIOS = list(tcbench.scenarios())
 
 
 def steps_of(integrator, scenario, steps=STEPS, **options):
-    """A run of that many steps of the scene's own size (or as many as the scene allows)."""
-    scene = tcbench.scenarios()[scenario]
-    return tcbench.simulate(integrator, scene, t_end=steps * scene.dt, record_every=None, **options)
+    """A run of that many steps of the scenario's own size (or as many as the scenario allows)."""
+    scenario = tcbench.scenarios()[scenario]
+    return tcbench.simulate(integrator, scenario, t_end=steps * scenario.dt, record_every=None, **options)
 
 
 class Steps:
     """A thousand steps: milliseconds here are microseconds a step. Runs that fail are left out."""
 
-    params = (METHODS, SCENES)
+    params = (METHODS, SCENARIOS)
     param_names = ("integrator", "scenario")
     warmup_time = 0.05
 
     def setup(self, integrator, scenario):
         if not steps_of(integrator, scenario).ok:
-            raise NotImplementedError("the run fails at the scene's own step")  # how asv is told to leave it out
+            raise NotImplementedError("the run fails at the scenario's own step")  # how asv is told to leave it out
 
     def time_thousand_steps(self, integrator, scenario):
         steps_of(integrator, scenario)
@@ -45,5 +45,5 @@ class Memory:
     param_names = ("steps",)
 
     def peakmem_metrics_only(self, steps):
-        scene = tcbench.scenarios()["bound_equilibrium"]
-        tcbench.simulate("tc_monolithic", scene, dt=0.05, t_end=0.05 * steps, record_every=None)
+        scenario = tcbench.scenarios()["bound_equilibrium"]
+        tcbench.simulate("tc_monolithic", scenario, dt=0.05, t_end=0.05 * steps, record_every=None)

@@ -3,16 +3,16 @@
 import numpy as np
 
 import tcbench
-from tcbench import reference
-from tcbench.metrics import newton_iterations_mean
+from tcbench.reference import certified as reference
+from tcbench.simulation.metrics import newton_iterations_mean
 
-from .integrators import METHODS, SCENES
+from .integrators import METHODS, SCENARIOS
 
 CAP = 4.0  # largest step that is tried
 
 
 class Conservation:
-    params = (METHODS, SCENES)
+    params = (METHODS, SCENARIOS)
     param_names = ("integrator", "scenario")
 
     def setup(self, integrator, scenario):
@@ -32,7 +32,7 @@ class Conservation:
 class Accuracy:
     """Error at t = 1 and h = 1/64 against the certified reference."""
 
-    params = (METHODS, SCENES)
+    params = (METHODS, SCENARIOS)
     param_names = ("integrator", "scenario")
 
     def track_error(self, integrator, scenario):
@@ -49,16 +49,16 @@ class Accuracy:
 class Stability:
     """1 / (largest step of a ladder 2^(k/4) up to which every run completes); asv has no "higher is better"."""
 
-    params = (METHODS, SCENES)
+    params = (METHODS, SCENARIOS)
     param_names = ("integrator", "scenario")
     timeout = 120
 
     def track_inverse_stable_step(self, integrator, scenario):
-        scene = tcbench.scenarios()[scenario]
+        scenario = tcbench.scenarios()[scenario]
         largest = float("nan")
         for k in range(-20, 9):
             dt = 2.0 ** (k / 4)
-            if dt > min(CAP, scene.t_end) or not tcbench.simulate(integrator, scene, dt=dt, record_every=None).ok:
+            if dt > min(CAP, scenario.t_end) or not tcbench.simulate(integrator, scenario, dt=dt, record_every=None).ok:
                 break
             largest = dt
         return 1 / largest

@@ -7,8 +7,9 @@ import csv
 import sys
 from pathlib import Path
 
+from tcbench_plugins.chain.chain import chain
+
 import tcbench
-from tcbench.chain import chain
 
 BANDED = (2, 3, 10, 30, 100, 300, 1000, 3000, 10_000)
 TRACED = (2, 3, 5, 8)
@@ -24,8 +25,8 @@ def rows():
 
 def measured(method, n, steps):
     """Fastest microseconds a step, and the largest relative energy error; the first run may compile."""
-    scene = chain(n, t_end=DT * steps)
-    runs = [tcbench.simulate(method, scene, dt=DT, record_every=None) for _ in range(1 + REPEATS)]
+    scenario = chain(n, t_end=DT * steps)
+    runs = [tcbench.simulate(method, scenario, dt=DT, record_every=None) for _ in range(1 + REPEATS)]
     fastest = min(1e6 * run.wall_time_s / run.steps for run in runs[1:])
     return fastest, runs[0].summary.energy_error_max / abs(runs[0].energy[0])
 

@@ -9,7 +9,7 @@ irreversible flow forbids the negative sub-steps of the usual compositions.
 import numpy as np
 
 from tcbench import Integrator, hookimpl
-from tcbench.complexes import Complex, real
+from tcbench.compiler.complex_symbols import Complex, real
 
 from .tc_staggered import reversible
 

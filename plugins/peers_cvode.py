@@ -3,7 +3,7 @@
 import numpy as np
 
 from tcbench import Integrator, TcbenchError, hookimpl
-from tcbench.field import Field, installed
+from tcbench.systems.right_hand_side import Field, installed
 
 PRESENT = installed("sksundae")
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from tcbench import Integrator, TcbenchError, hookimpl
-from tcbench.field import expressions, installed
+from tcbench.systems.right_hand_side import expressions, installed
 
 PRESENT = installed("heyoka")
 _COMPILED = {}  # heyoka takes a second for each kind of system and tolerance

@@ -6,7 +6,7 @@ What a user would pick instead. They know nothing of energy, momentum or entropy
 import numpy as np
 
 from tcbench import Integrator, hookimpl
-from tcbench.field import Field
+from tcbench.systems.right_hand_side import Field
 
 IMPLICIT = ("Radau", "BDF", "LSODA")
 

@@ -14,16 +14,17 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from .engine.run import Results, run
     from .errors import TcbenchError
     from .hookspecs import hookimpl
     from .integrator import Flow, Integrator, family
-    from .metrics import Metric
+    from .metric import Metric
     from .plugins import integrators, scenarios
-    from .runner import Results, run
-    from .scenario import Scenario, ScenarioFamily
-    from .simulation import simulate
-    from .system import System
-    from .trajectory import Trajectory
+    from .simulation.run import simulate
+    from .simulation.trajectory import Trajectory
+    from .systems.pendulum import Pendulum
+    from .systems.scenario import Scenario, ScenarioFamily
+    from .systems.system import System
 
 _HOME = {
     "TcbenchError": "errors",
@@ -31,21 +32,22 @@ _HOME = {
     "Flow": "integrator",
     "Integrator": "integrator",
     "family": "integrator",
-    "Metric": "metrics",
+    "Metric": "metric",
     "integrators": "plugins",
     "scenarios": "plugins",
-    "Results": "runner",
-    "run": "runner",
-    "Scenario": "scenario",
-    "ScenarioFamily": "scenario",
-    "simulate": "simulation",
-    "System": "system",
-    "Trajectory": "trajectory",
+    "Results": "engine.run",
+    "run": "engine.run",
+    "Pendulum": "systems.pendulum",
+    "Scenario": "systems.scenario",
+    "ScenarioFamily": "systems.scenario",
+    "simulate": "simulation.run",
+    "System": "systems.system",
+    "Trajectory": "simulation.trajectory",
 }
 
 __all__ = [
-    "Flow", "Integrator", "Metric", "Results", "Scenario", "ScenarioFamily", "System", "TcbenchError", "Trajectory",
-    "family", "hookimpl", "integrators", "run", "scenarios", "simulate",
+    "Flow", "Integrator", "Metric", "Pendulum", "Results", "Scenario", "ScenarioFamily", "System", "TcbenchError",
+    "Trajectory", "family", "hookimpl", "integrators", "run", "scenarios", "simulate",
 ]  # fmt: skip
 __version__ = "0.1.0"
 

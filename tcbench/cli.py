@@ -114,7 +114,7 @@ def simulate(folders: tuple[str, ...], as_json: bool, **options: Any) -> None:
 @main.command("map")
 @click.argument("names", nargs=-1, required=True, metavar="INTEGRATOR... SCENARIO")
 @click.option("--x", required=True, metavar="AXIS", help="name=low:high:n[:log], as in dt=0.02:4:40:log.")
-@click.option("--y", required=True, metavar="AXIS", help="The same; constants are multiples of the scene's own.")
+@click.option("--y", required=True, metavar="AXIS", help="The same; constants are multiples of the scenario's own.")
 @click.option("--output", "-o", type=click.Path(path_type=Path), default=Path("results/map"), show_default=True)
 @click.option("--jobs", "-j", type=click.IntRange(1), help="Worker processes (default: the cores).")
 @click.option("--timeout", type=float, default=300.0, show_default=True, help="Seconds a row of the map may take.")

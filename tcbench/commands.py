@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from . import plugins, terminal
+from .engine.planning import plan_job, preview
+from .engine.run import run
 from .errors import TcbenchError, unknown_name
-from .runner import plan_job, preview, run
-from .store import Store
-from .studies import studies
-from .summary import summary
-from .tables import only, read_tables
+from .report.summary import summary
+from .store.store import Store
+from .store.tables import only, read_tables
+from .studies.base import studies
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -43,7 +44,7 @@ def run_command(options: dict[str, Any], display: terminal.Display) -> int:
     display.results(results, overview)
     terminal.warn([*results.problems, *results.left_out])
     if report and not results.summary.interrupted:
-        from .report import write_report
+        from .report.write_report import write_report
 
         page = write_report(results.output)
         if not display.quiet:
@@ -88,8 +89,9 @@ def simulate_command(
     integrator: str, scenario: str, dt: float | None, t_end: float | None, tolerance: float | None, plain: bool,
     record_every: int, audit_roots: bool, csv: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
-    from . import metrics, simulation
-    from .simulation import simulate
+    from .simulation import metrics
+    from .simulation import run as simulation
+    from .simulation.run import simulate
 
     note = "Compiling the time loop: some ten seconds, once. Later runs find it in the cache."
     simulation.before_compiling = lambda: terminal.warn([note])
@@ -128,8 +130,8 @@ def _write_csv(run_: Any, path: Path) -> None:
 
 def map_command(names: tuple[str, ...], options: dict[str, Any], display: terminal.Display) -> int:
     """Run the map, one cell a row of it; tables and one picture in the output folder."""
-    from .charts_stability import map_figure
-    from .runner import execute
+    from .engine.run import execute
+    from .report.charts.stability_map import map_figure
 
     *methods, scenario = names
     if not methods:
@@ -150,7 +152,7 @@ def map_command(names: tuple[str, ...], options: dict[str, Any], display: termin
 
 def reference_command(scenario: str, as_json: bool) -> int:
     """0 if the reference in use is confirmed, 1 if not."""
-    from .truth import recompute
+    from .reference.lookup import recompute
 
     found = recompute(plugins.find_scenario(scenario))
     if as_json:
@@ -213,7 +215,7 @@ def _is_installed(name: str) -> bool:
 
 
 def report_command(folder: Path) -> None:
-    from .report import write_report
+    from .report.write_report import write_report
 
     terminal.say(f"Wrote {write_report(folder)}")
     terminal.warn(absent_methods(read_tables(folder)))
@@ -223,7 +225,7 @@ def plot_command(
     kind: str, folder: Path, output: Path | None, scenario: str | None, integrators: tuple[str, ...], x: str | None,
     y: tuple[str, ...], dt: float | None,
 ) -> None:  # fmt: skip
-    from .plot import plot
+    from .report.plot import plot
 
     path = plot(
         kind, folder, output or f"{kind}.png", scenario=scenario, integrators=list(integrators) or None, x=x,
@@ -233,14 +235,14 @@ def plot_command(
 
 
 def paper_command(output: Path, suffix: str) -> None:
-    from .paper import paper_figures
+    from .report.paper_figures import paper_figures
 
     for path in paper_figures(output, f".{suffix}"):
         terminal.say(f"Wrote {path}")
 
 
 def compare_command(run_a: Path, run_b: Path, fail_on_regression: bool, as_json: bool) -> int:
-    from .compare import compare, regressions
+    from .store.compare import compare, regressions
 
     for folder in (run_a, run_b):
         if not folder.is_dir():
@@ -258,7 +260,7 @@ def compare_command(run_a: Path, run_b: Path, fail_on_regression: bool, as_json:
 
 
 def new_command(kind: str, name: str, package: bool, folder: Path) -> None:
-    from .scaffold import new_file, new_package
+    from .authoring.scaffold import new_file, new_package
 
     if package:
         root = new_package(kind, name, folder)
@@ -275,7 +277,7 @@ def new_command(kind: str, name: str, package: bool, folder: Path) -> None:
 
 def check_command(target: str, as_json: bool) -> int:
     """0 if every line passes, 1 if not."""
-    from .check import check, printable
+    from .authoring.check import check, printable
 
     reports = check(target)
     good = all(report.ok for report in reports)

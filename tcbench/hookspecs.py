@@ -17,8 +17,8 @@ import pluggy
 
 if TYPE_CHECKING:
     from .integrator import Integrator
-    from .metrics import Metric
-    from .scenario import Scenario, ScenarioFamily
+    from .metric import Metric
+    from .systems.scenario import Scenario, ScenarioFamily
 
 PROJECT = "tcbench"
 hookspec = pluggy.HookspecMarker(PROJECT)

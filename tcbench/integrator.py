@@ -1,4 +1,4 @@
-"""`Integrator`: name, order, claims, source, and one of three ways to step."""
+"""`Integrator`: name, order, claims, source, and one of three ways to step; `Flow`: one sub-step of a formula."""
 
 from __future__ import annotations
 
@@ -6,13 +6,33 @@ import itertools
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cache
 from typing import Any
 
 from .errors import TcbenchError, unknown_name
-from .flow import Flow, Residual
 
 ONLY_FOR = "only for "
 _NAME = re.compile(r"[a-z][a-z0-9_]*\Z")
+
+
+Residual = Callable[..., Any]
+
+
+@dataclass(frozen=True)
+class Flow:
+    """One sub-step: a residual r(z0, z1, h, system) = 0 that is advanced by `fraction` of the step.
+
+    With `stages` = k the formula is r(z0, z1, h, system, stages), stages being k further states, and returns k + 1
+    blocks of residuals, shape (k + 1, n). With variables="temperature" the states are (q, p, theta). With of_step=True
+    the formula has two more arguments, states (q, p, s): that at the start of the whole step, of all its flows, and the
+    first one of the run (of which it may use constants of the motion only: a step has no memory).
+    """
+
+    residual: Residual
+    fraction: float = 1.0
+    variables: str = "entropy"
+    stages: int = 0
+    of_step: bool = False
 
 
 @dataclass(frozen=True)
@@ -100,13 +120,19 @@ class Integrator:
             return self
         assert self.family is not None
         label = ",".join(f"{n}={v}" for n, v in sorted(changed.items()))
-        member = self.family(**changed)
+        member = _made(self.family, tuple(sorted(changed.items())))
         return replace(member, name=f"{self.name}[{label}]", plugin=self.plugin, base=self.name)
 
     def variants(self) -> list[Integrator]:
         """Every member of the family, the default first."""
         names, values = list(self.parameters), list(self.parameters.values())
         return [self.variant(**dict(zip(names, choice, strict=True))) for choice in itertools.product(*values)]
+
+
+@cache
+def _made(make: Callable[..., Integrator], values: tuple[tuple[str, str], ...]) -> Integrator:
+    """One object a member: a variant that is looked up twice is equal to itself, functions included."""
+    return make(**dict(values))
 
 
 def family(make: Callable[..., Integrator], **parameters: Any) -> Integrator:
@@ -134,6 +160,3 @@ def _as_flows(flows: Any, variables: str) -> tuple[Flow, ...]:
         else:
             result.append(Flow(item, 1.0, variables))
     return tuple(result)
-
-
-__all__ = ["Flow", "Integrator", "Residual", "family"]

@@ -24,8 +24,8 @@ import pluggy
 from . import hookspecs
 from .errors import TcbenchError, unknown_name
 from .integrator import Integrator
-from .metrics import Metric
-from .scenario import Scenario, ScenarioFamily
+from .metric import Metric
+from .systems.scenario import Scenario, ScenarioFamily
 
 GROUP = "tcbench"
 _VARIANT = re.compile(r"(?P<base>[^\[\]]+)\[(?P<values>[^\[\]]*)\]\Z")
@@ -161,11 +161,11 @@ def _member(family: str, values: tuple[tuple[str, str], ...]) -> Scenario:
 
 
 def scenarios_for(method: Integrator) -> list[Scenario]:
-    """Registered scenes of the systems that a method is written for; of families, the member of the defaults."""
+    """Registered scenarios of the systems that a method is written for; of families, the member of the defaults."""
     if not method.only_for:
         return list(registry().scenarios.values())
     known = [*registry().scenarios.values(), *(find_scenario(name) for name in registry().scenario_families)]
-    return [scene for scene in known if scene.system.name in method.only_for]
+    return [scenario for scenario in known if scenario.system.name in method.only_for]
 
 
 def _remedy() -> str:
@@ -234,10 +234,10 @@ def _unique(origin: Origin, result: Registry) -> str:
 def _collect(manager: pluggy.PluginManager, result: Registry) -> None:
     """Call the hooks of each plugin; an exception costs that plugin alone, a duplicate name is an error."""
     owner: dict[tuple[str, str], str] = {}
-    scenes: dict[str, Scenario | ScenarioFamily] = {}
+    offered: dict[str, Scenario | ScenarioFamily] = {}
     targets: tuple[tuple[str, type | UnionType, dict], ...] = (
         ("tcbench_integrators", Integrator, result.integrators),
-        ("tcbench_scenarios", Scenario | ScenarioFamily, scenes),
+        ("tcbench_scenarios", Scenario | ScenarioFamily, offered),
         ("tcbench_metrics", Metric, result.metrics),
     )
     for hook_name, kind, target in targets:
@@ -259,7 +259,7 @@ def _collect(manager: pluggy.PluginManager, result: Registry) -> None:
                 target[item.name] = replace(item, plugin=label)
         for name in sorted(target):
             target[name] = target.pop(name)
-    for name, item in scenes.items():
+    for name, item in offered.items():
         if isinstance(item, ScenarioFamily):
             result.scenario_families[name] = item
         else:

@@ -12,11 +12,13 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 from rich.table import Table
 
+from .studies.columns import BOOKKEEPING
+
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-    from .engine import Event, Plan
-    from .runner import Results
+    from .engine.local import Event, Plan
+    from .engine.run import Results
 
 FAILURES_SHOWN = 5
 
@@ -132,10 +134,6 @@ SHOWN = {  # columns of a table that fit a terminal, with their headings
 STEPS = ("dt", "tolerance")  # shown where some method has them
 WHOLE = 40  # rows of the conservation table that a run prints in full; of more, the middle steps
 LONG = ("convergence_points", "stability_points", "equilibrium", "work_precision")  # shown when asked for by name
-BOOKKEEPING = {  # columns that say where a row comes from
-    "plugin", "source_hash", "scenario_hash", "tcbench_version", "wall_time_s", "cell_time_s", "timed", "key",
-    "failure", "study", "exception_type", "traceback",
-}  # fmt: skip
 
 
 def print_tables(tables: Mapping[str, DataFrame]) -> None:

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 import tcbench
-from tcbench import scaffold
+from tcbench.authoring import scaffold
 
 EXAMPLE = Path(__file__).parent.parent / "examples" / "tcbench-example-plugin"
 

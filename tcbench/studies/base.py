@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
+
+from ..errors import unknown_name
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
     from ..integrator import Integrator
-    from ..scenario import Scenario
+    from ..systems.scenario import Scenario
 
 Row = dict[str, Any]
 
@@ -37,3 +40,20 @@ class Study:
     measure: Callable[[Integrator, Scenario, Row], Row]
     tabulate: Callable[[Sequence[Row]], dict[str, DataFrame]]
     timed: bool = False
+
+
+NAMES = ("conservation", "convergence", "equilibrium", "claims", "stability", "work_precision")  # what `run` does
+OTHERS = ("map",)  # has a command of its own
+
+
+def studies() -> dict[str, Study]:
+    """Every study by name, in the order in which they run."""
+    return {name: find_study(name) for name in NAMES}
+
+
+def find_study(name: str) -> Study:
+    """The study in the file of this name beside this one, imported when it is first asked for."""
+    if name not in NAMES + OTHERS:
+        raise unknown_name("study", name, NAMES)
+    study: Study = importlib.import_module(f".{name}", __package__).STUDY
+    return study

@@ -11,10 +11,10 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
     from ..integrator import Integrator
-    from ..scenario import Scenario
+    from ..systems.scenario import Scenario
 
 COLUMNS = ("claim", "section", "expected", "measured", "verdict", "why", "command", "integrator", "scenario", "group")
-THEOREMS = ("operators", "steps")  # checked on random states of one scene, the first of these that is selected:
+THEOREMS = ("operators", "steps")  # checked on random states of one scenario, the first of these that is selected:
 PREFERRED = ("short_term", "bound_equilibrium", "long_term")
 
 
@@ -24,17 +24,17 @@ def plan(
     """One cell a group of claims, and only groups about what is selected; nothing selected, no rows.
 
     Theorems: the operators once, the steps for every method that claims something. Entries of the ledger: those
-    whose integrator and scene are both selected.
+    whose integrator and scenario are both selected.
     """
-    from .ledger import LEDGER
+    from .paper_claims import LEDGER
 
     cells: list[tuple[Integrator, Scenario, Row]] = []
-    scene = theorem_scene(scenarios)
-    if scene is not None:
+    shared = theorem_scenario(scenarios)
+    if shared is not None:
         consistent = [i for i in integrators if {"energy", "entropy"} <= i.claims]
-        cells += [(integrator, scene, {"group": "operators"}) for integrator in consistent[:1]]
+        cells += [(integrator, shared, {"group": "operators"}) for integrator in consistent[:1]]
         steppers = [i for i in integrators if i.claims and i.kind != "adaptive"]
-        cells += [(integrator, scene, {"group": "steps"}) for integrator in steppers]
+        cells += [(integrator, shared, {"group": "steps"}) for integrator in steppers]
     for group, entry in LEDGER.items():
         cells += [
             (integrator, scenario, {"group": group})
@@ -45,16 +45,16 @@ def plan(
     return cells
 
 
-def theorem_scene(scenarios: Sequence[Scenario]) -> Scenario | None:
-    """The scene whose constants the theorems are checked with: a preferred one if it is selected, else the first."""
+def theorem_scenario(scenarios: Sequence[Scenario]) -> Scenario | None:
+    """The scenario whose constants the theorems are checked with: a preferred one if it is selected, else the first."""
     known = {scenario.name: scenario for scenario in scenarios}
     return next((known[name] for name in PREFERRED if name in known), next(iter(scenarios), None))
 
 
 def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
     """The findings of one group."""
-    from .. import theorems
-    from .ledger import LEDGER
+    from . import theorems
+    from .paper_claims import LEDGER
 
     group = options["group"]
     check = getattr(theorems, group) if group in THEOREMS else LEDGER[group].measure
@@ -77,7 +77,7 @@ def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
 
 STUDY = Study(
     name="claims",
-    description="the paper's statements against measurements: theorems on random states, section 6 in its scenes",
+    description="the paper's statements against measurements: theorems on random states, section 6 in its scenarios",
     tables=("claims",),
     plan=plan,
     measure=measure,

@@ -1,4 +1,4 @@
-"""Conservation: what each method keeps and what it loses, on a ladder of steps around the scene's own."""
+"""Conservation: what each method keeps and what it loses, on a ladder of steps around the scenario's own."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
     from ..integrator import Integrator
-    from ..scenario import Scenario
+    from ..systems.scenario import Scenario
 
 COLUMNS = (
     "integrator", "scenario", "dt", "status", "blowup_time", "energy_error_max", "energy_error_final", "energy_drift",
@@ -37,8 +37,9 @@ def plan(
 
 
 def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
-    from .. import metrics, plugins
-    from ..simulation import simulate
+    from .. import plugins
+    from ..simulation import metrics
+    from ..simulation.run import simulate
 
     adaptive = integrator.kind == "adaptive"
     extra = {"tolerance": options["tolerance"]} if adaptive else {"dt": options["dt"], "residuals": True}
@@ -59,7 +60,7 @@ def _warm_up(integrator: Integrator, scenario: Scenario, extra: Mapping[str, Any
 
     By tolerance, too, since heyoka compiles anew for each.
     """
-    from ..simulation import simulate
+    from ..simulation.run import simulate
 
     name = integrator.name, scenario.model.structure, extra.get("tolerance")
     if integrator.kind != "flows" and name not in _WARM:

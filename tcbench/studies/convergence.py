@@ -11,9 +11,9 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
     from ..integrator import Integrator
-    from ..orders import OrderFit
-    from ..scenario import Scenario
-    from ..system import System
+    from ..systems.scenario import Scenario
+    from ..systems.system import System
+    from .order_fit import OrderFit
 
 VARIABLES = ("q", "p", "s", "theta", "all")
 HALVINGS = range(1, 16)  # dt = t_converge / 2^k: exact, and from far outside the asymptotic range to round-off
@@ -47,8 +47,8 @@ def step_counts(integrator: Integrator, scenario: Scenario, steps: Sequence[floa
 
 def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
     """Errors at t_converge over the ladder and the fitted order of each group of variables."""
-    from ..orders import fit_order
-    from ..truth import reference_for
+    from ..reference.lookup import reference_for
+    from .order_fit import fit_order
 
     reference = reference_for(scenario, [scenario.t_converge])
     exact = groups(scenario.model, reference.states[0])
@@ -80,7 +80,7 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
 
 def _end_state(integrator: Integrator, scenario: Scenario, n: int) -> tuple[float, str, float, Any]:
     """(dt, status, error that the solver leaves, state at t_converge or None) of a run of n steps."""
-    from ..simulation import simulate
+    from ..simulation.run import simulate
 
     dt, t_end = scenario.t_converge / n, scenario.t_converge
     extra = {"residuals": True} if integrator.kind == "flows" else {}
@@ -99,7 +99,7 @@ def groups(model: System, z: Any) -> dict[str, Any]:
 
 def relative_error(found: Any, exact: Any) -> float:
     """max_i |found_i - exact_i| / max(1, |exact_i|), the measure of the certificates."""
-    from ..reference import gap
+    from ..reference.certified import gap
 
     return gap(found, exact)
 

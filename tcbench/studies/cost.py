@@ -14,12 +14,12 @@ LEAST_S = 2e-5  # shorter runs measure the call, not the work
 
 
 def time_to_accuracy(records: Sequence[Row]) -> list[Row]:
-    """One row for each scene, measure, target and method: seconds to the target (NaN if no rung reached it), and
+    """One row for each scenario, measure, target and method: seconds to the target (NaN if no rung reached it), and
     the ratio of the best peer's time, of any peer and of SciPy's, to it (above 1: faster than the best peer)."""
     rows: list[Row] = []
-    scenes = sorted({r["scenario"] for r in records})
-    for scene in scenes:
-        here = sorted((r for r in records if r["scenario"] == scene), key=lambda r: r["integrator"])
+    scenarios = sorted({r["scenario"] for r in records})
+    for scenario in scenarios:
+        here = sorted((r for r in records if r["scenario"] == scenario), key=lambda r: r["integrator"])
         for measure, targets in TARGETS.items():
             for target in targets:
                 times = {r["integrator"]: reach(r.get("points") or [], measure, target) for r in here}
@@ -29,7 +29,7 @@ def time_to_accuracy(records: Sequence[Row]) -> list[Row]:
                 scipy, best_scipy = _least(of_scipy)
                 rows += [
                     {
-                        "integrator": name, "scenario": scene, "measure": measure, "target": target, "time_s": time,
+                        "integrator": name, "scenario": scenario, "measure": measure, "target": target, "time_s": time,
                         "best_peer": peer, "ratio_to_best_peer": best / time, "best_scipy": scipy,
                         "ratio_to_best_scipy": best_scipy / time,
                     }
@@ -71,7 +71,7 @@ def _least(times: dict[str, float]) -> tuple[str, float]:
 
 
 def cost_rows(records: Sequence[Row]) -> list[Row]:
-    """One row a method and scene: exponents of time against steps (over the ladder) and against the horizon."""
+    """One row a method and scenario: exponents of time against steps (over the ladder) and against the horizon."""
     rows = []
     for r in sorted(records, key=lambda r: (r["scenario"], r["integrator"])):
         done = [p for p in r.get("points") or [] if p.get("status") == "ok" and p.get("steps")]

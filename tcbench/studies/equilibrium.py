@@ -10,12 +10,12 @@ from .base import Row, Study
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-    from ..equilibria import RelativeEquilibrium
     from ..integrator import Integrator
-    from ..scenario import Scenario
-    from ..trajectory import Trajectory
+    from ..simulation.trajectory import Trajectory
+    from ..systems.scenario import Scenario
+    from .relative_equilibrium import RelativeEquilibrium
 
-LONG_HORIZON = 1000.0  # a run of everything studies only scenes at least this long: shorter ones show no approach
+LONG_HORIZON = 1000.0  # a run of everything studies only scenarios at least this long: shorter ones show no approach
 TIMES = 60  # rows a run, equally spaced in ln t
 TOLERANCE = 1e-9  # of adaptive solvers, which have no dt
 APPROACHED = 0.01  # part of the initial entropy gap that may be left, and must still be falling
@@ -34,24 +34,24 @@ SUMMARY_COLUMNS = (
 def plan(
     integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]
 ) -> list[tuple[Integrator, Scenario, Row]]:
-    """One cell a pair: scenes with a long horizon when every scene is selected, otherwise those asked for.
+    """One cell a pair: scenarios with a long horizon when every scenario is selected, otherwise those asked for.
 
-    Scenes of other systems than the pendulum have no relative equilibrium in this sense and are left out.
+    Scenarios of other systems than the pendulum have no relative equilibrium in this sense and are left out.
     """
     from .. import plugins
-    from ..pendulum import Pendulum
+    from ..systems.pendulum import Pendulum
 
-    scenes = [scene for scene in scenarios if scene.system is Pendulum]
-    if {scene.name for scene in scenarios} >= set(plugins.scenarios()):
-        scenes = [scene for scene in scenes if scene.t_end >= LONG_HORIZON]
+    chosen = [scenario for scenario in scenarios if scenario.system is Pendulum]
+    if {scenario.name for scenario in scenarios} >= set(plugins.scenarios()):
+        chosen = [scenario for scenario in chosen if scenario.t_end >= LONG_HORIZON]
     cells: list[tuple[Integrator, Scenario, Row]] = []
-    for scene in scenes:
+    for scenario in chosen:
         for integrator in integrators:
             if integrator.kind == "adaptive":
-                cells.append((integrator, scene, {"tolerance": TOLERANCE}))
+                cells.append((integrator, scenario, {"tolerance": TOLERANCE}))
             else:
-                steps = options.get("dt") or [scene.dt]
-                cells.extend((integrator, scene, {"dt": float(dt)}) for dt in steps if dt <= scene.t_end)
+                steps = options.get("dt") or [scenario.dt]
+                cells.extend((integrator, scenario, {"dt": float(dt)}) for dt in steps if dt <= scenario.t_end)
     return cells
 
 
@@ -59,8 +59,8 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
     """Gaps along one run, at log-spaced recorded times, and what they amount to."""
     import numpy as np
 
-    from ..equilibria import gaps, measures
-    from ..simulation import simulate
+    from ..simulation.run import simulate
+    from .relative_equilibrium import gaps, measures
 
     exact = exact_equilibrium(scenario)
     run = simulate(integrator, scenario, **options)
@@ -85,7 +85,7 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
 
 def exact_equilibrium(scenario: Scenario) -> RelativeEquilibrium:
     """The relative equilibrium of the scenario's own energy and angular momentum."""
-    from ..equilibria import relative_equilibrium
+    from .relative_equilibrium import relative_equilibrium
 
     (J,) = scenario.model.momenta(scenario.z0)
     return relative_equilibrium(scenario.constants, float(scenario.model.energy(scenario.z0)), float(J))

@@ -18,7 +18,7 @@ import numpy as np
 
 from ..errors import TcbenchError, unknown_name
 from ..integrator import Integrator
-from ..scenario import Scenario
+from ..systems.scenario import Scenario
 from .base import Row, Study
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ class Axis:
 
     @property
     def label(self) -> str:
-        return "time step dt" if self.name == "dt" else f"{self.name} (multiple of the scene's)"
+        return "time step dt" if self.name == "dt" else f"{self.name} (multiple of the scenario's)"
 
 
 def parse_axis(text: str) -> Axis:
@@ -63,7 +63,7 @@ def parse_axis(text: str) -> Axis:
 
 
 def varied(scenario: Scenario, name: str, value: float) -> tuple[Scenario, float | None]:
-    """The scene with one parameter changed, and the step if that is what `name` says."""
+    """The scenario with one parameter changed, and the step if that is what `name` says."""
     if name == "dt":
         return scenario, value
     if name == "energy":
@@ -85,17 +85,17 @@ def varied(scenario: Scenario, name: str, value: float) -> tuple[Scenario, float
 
 def measure_cell(integrator: Integrator, scenario: Scenario, x: tuple[str, float], y: tuple[str, float]) -> Row:
     """The outcome at one point of the map: with the shared solver, with plain Newton, and whether the sheet folds."""
-    from .. import stability
+    from . import stable_step as stability
 
-    scene, dt = varied(scenario, *x)
-    scene, dt_y = varied(scene, *y)
-    dt = next((value for value in (dt, dt_y) if value is not None), scene.dt)
+    scenario, dt = varied(scenario, *x)
+    scenario, dt_y = varied(scenario, *y)
+    dt = next((value for value in (dt, dt_y) if value is not None), scenario.dt)
     row: Row = {"x_name": x[0], "x": x[1], "y_name": y[0], "y": y[1], "dt": dt}
-    if dt > scene.t_end:
+    if dt > scenario.t_end:
         return row | {"outcome": "skipped", "status": "skipped", "failure": "dt is longer than the horizon"}
-    full = stability.outcome(integrator, scene, dt)
-    plain = stability.outcome(integrator, scene, dt, continuation=False)
-    fold = stability.principal_outcome(integrator, scene, dt, until_fold=True)
+    full = stability.outcome(integrator, scenario, dt)
+    plain = stability.outcome(integrator, scenario, dt, continuation=False)
+    fold = stability.principal_outcome(integrator, scenario, dt, until_fold=True)
     return row | {
         "outcome": full.kind, "status": full.status, "energy_error_max": full.energy_error,
         "blowup_time": full.blowup_time, "outcome_plain": plain.kind, "folds": fold.folds > 0, "failure": full.failure,

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
     from ..integrator import Integrator
-    from ..scenario import Scenario
+    from ..systems.scenario import Scenario
 
 COLUMNS = (
     "integrator", "scenario", "dt_stable", "dt_unstable", "dt_half", "dt_fold", "limit", "non_monotone", "dt_cap",
@@ -35,11 +35,11 @@ def plan(
 
 
 def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
-    from .. import stability
+    from . import stable_step as stability
 
     row, points = stability.maximum_step(integrator, scenario)
     own = stability.outcome(integrator, scenario, scenario.dt)
-    dt = row["dt_unstable"] if own.ok else scenario.dt  # the scene's own step where that fails
+    dt = row["dt_unstable"] if own.ok else scenario.dt  # the scenario's own step where that fails
     blowup = [] if math.isnan(dt) else stability.sensitivity(integrator, scenario, dt)
     return {"status": "ok", **row, "points": points, "sensitivity": blowup}
 

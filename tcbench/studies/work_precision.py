@@ -1,9 +1,9 @@
 """Work and precision: the time that each method needs for an error, against the certified reference.
 
-One cell is one method on one scene, measured alone on the machine; it goes down a ladder of steps or tolerances. Each
-rung is warm (one run is not timed where it might load something), and repeated until 50 ms have passed. A fixed-step
-run is timed inside `simulate`, its diagnostics of every step included; an adaptive solver from call to return, asked
-for the end time only.
+One cell is one method on one scenario, measured alone on the machine; it goes down a ladder of steps or tolerances.
+Each rung is warm (one run is not timed where it might load something), and repeated until 50 ms have passed. A
+fixed-step run is timed inside `simulate`, its diagnostics of every step included; an adaptive solver from call to
+return, asked for the end time only.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
     from ..integrator import Integrator
-    from ..scenario import Scenario
+    from ..systems.scenario import Scenario
 
 TOLERANCES = tuple(10.0**-k for k in range(1, 13))
-HALVINGS = range(-2, 9)  # steps are the scene's own, over 2^k
+HALVINGS = range(-2, 9)  # steps are the scenario's own, over 2^k
 LONGEST = 500.0  # horizons: the last stored reference up to here
-UNSTORED = 25.0  # where none is stored: errors of chaotic scenes would outgrow any reference
+UNSTORED = 25.0  # where none is stored: errors of chaotic scenarios would outgrow any reference
 SPENT_S = 0.05  # a rung is repeated until this much time has passed
 SLOW_S = 0.25  # after a run as slow as this the finer rungs are left out
 HORIZONS = (0.125, 0.25, 0.5, 1.0)  # of the run whose cost is measured against its length
@@ -44,8 +44,8 @@ def plan(
 
 
 def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
-    """The rungs of one method on one scene, coarse to fine, and the cost of its middle rung against the horizon."""
-    from ..truth import reference_for
+    """The rungs of one method on one scenario, coarse to fine, and the cost of its middle rung against the horizon."""
+    from ..reference.lookup import reference_for
 
     t_end = horizon(scenario)
     scenario = scenario.replace(t_end=t_end)
@@ -76,7 +76,7 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
 
 def horizon(scenario: Scenario) -> float:
     """Where errors are measured."""
-    from ..truth import stored_for
+    from ..reference.lookup import stored_for
 
     known = stored_for(scenario)
     times = [t for t in known.times if t <= min(LONGEST, scenario.t_end)] if known else []
@@ -93,8 +93,8 @@ def ladder(integrator: Integrator, scenario: Scenario, steps: Sequence[float] | 
 
 
 def _fixed(integrator: Integrator, scenario: Scenario, dt: float) -> Callable[[bool], tuple[Row, float]]:
-    from ..metrics import angular_momentum_error_max, energy_error_max, newton_iterations
-    from ..simulation import simulate
+    from ..simulation.metrics import angular_momentum_error_max, energy_error_max, newton_iterations
+    from ..simulation.run import simulate
 
     def run(first: bool) -> tuple[Row, float]:
         result = simulate(integrator, scenario, dt=dt, record_every=None)
@@ -116,8 +116,8 @@ def _adaptive(integrator: Integrator, scenario: Scenario, tolerance: float) -> C
 
     import numpy as np
 
-    from ..metrics import angular_momentum_error_max, energy_error_max
-    from ..simulation import simulate
+    from ..simulation.metrics import angular_momentum_error_max, energy_error_max
+    from ..simulation.run import simulate
 
     ends, z0, model = np.array([0.0, scenario.t_end]), scenario.z0, scenario.model
     seen: Row = {}
@@ -186,7 +186,7 @@ def _errors(scenario: Scenario, state: Any, exact: Any, floor: float) -> Row:
 
 
 def _horizons(integrator: Integrator, scenario: Scenario, run_at: Any) -> list[Row]:
-    """Time of runs over parts of the horizon: at the scene's own step, or at a tolerance of 1e-6."""
+    """Time of runs over parts of the horizon: at the scenario's own step, or at a tolerance of 1e-6."""
     value = TOLERANCES[5] if integrator.kind == "adaptive" else min(scenario.dt, HORIZONS[0] * scenario.t_end)
     rows = []
     for part in HORIZONS:

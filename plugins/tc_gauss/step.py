@@ -1,0 +1,354 @@
+"""Gauss collocation that keeps both laws, of any order 2k, for any `System`; compiled, without allocation.
+
+Collocation at the Gauss nodes c_j for (q, p, s), with two changes: the strain measures pi are carried as polynomials of
+their own, and stress and temperature at a node are projections of the element slopes,
+
+    q_j = q0 + h sum A_jl v_l,  v = p/m       p_j = p0 + h sum A_jl F_l         pi'_j = (dpi/dq)(q_j) v_j
+    pi(xi_g) = pi0 + h sum Ahat_gl pi'_l      s(xi_g) = s0 + h sum Ahat_gl G_l  (xi_g: M further Gauss points)
+    sigma_j = sum_g W_jg e_pi(pi_g, s_g)      theta_j = sum_g W_jg e_s(pi_g, s_g)
+    F_j = -(dpi/dq)(q_j)^T sigma_j            G_j = conduction(theta_j)
+
+Then sum b (v . F + sigma pi') = 0 and theta . G = 0 node by node, so that E is kept as exactly as the M points
+integrate it; pi(1) = shape(q1), because pi is quadratic and Gauss is exact on it; momenta are kept because F_j is a
+force of springs; and b > 0 with 1 . G >= 0 lets S rise only.
+
+Solved by fixed point in U = (F, G), with its stiff part inverted exactly: the conduction, of rank one, which decays at
+a rate lambda < 0 in a direction u with theta . u = 0, by (I - h lambda A)^-1. The iteration starts with few quadrature
+points and ends with as many as the energy needs.
+
+Adaptive runs iterate to a residual that belongs to the tolerance; to go on to round-off would take up to three times as
+many iterations. Entropies rise all the same, as G is the conduction of some temperatures. Energy and invariants miss by
+about the residual, and are mended: p is changed by as little, to the values with which the run began. Where that can't
+be done, because hardly anything moves, the iteration goes on to round-off, and nothing is missing.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tcbench.compiler.jit import call, copy_into, fill, inlined, lean
+from tcbench.solver.linear_algebra import solve_pivoted
+
+from .formulas import POINTS
+from .memory import CLOSE, EXTRAPOLATE, FINER, FORCES, ITERATE, MEND, MOTION, N_E, N_Q, SLOPES, STAGES, START, STIFF
+
+# how a step ended, and what was counted
+SOLVED, FAILED, COARSE = 0, 1, 2  # COARSE: the quadrature does not keep the energy
+STEPS, REJECTED_STEPS, ITERATIONS, NEWTONS, HALVED, RAISED, COUNTS_SIZE = range(7)
+
+MAX_ITERATIONS = 60
+CONVERGED = 1e-15  # scaled residual, beside which rounding is larger
+STAGNATED = 2e-14  # below this a residual that no longer shrinks is round-off
+ROUGH = 1e-3  # residual down to which the coarsest quadrature will do
+MENDED = 10.0  # residuals: by how much mending may change momenta
+MOST = 0.1  # of the kinetic energy that is free to change: what mending may move
+SLOW = 0.6  # contraction above which the fixed point is given up
+MAX_NEWTON = 12
+INCREMENT = 1e-7  # of the difference quotients of the fallback: they steer, the residual decides
+
+
+@lean
+def rates(plan, a, w, h, z, level):  # type: ignore[no-untyped-def]
+    """N = (F, G) that the equations give for U = (F, G); FAILED if a shape or temperature is not positive."""
+    k, n, e, points = plan[STAGES], plan[N_Q], plan[N_E], POINTS[level]
+    for j in range(k):
+        for i in range(n):
+            total = 0.0
+            for l in range(k):
+                total += a.A[j, l] * w.U[i, l]
+            w.V[i, j] = w.at_nodes[j, i] = (z[n + i] + h * total) * w.inverse_mass[i]
+    for j in range(k):
+        for i in range(n):
+            total = 0.0
+            for l in range(k):
+                total += a.A[j, l] * w.V[i, l]
+            w.at_nodes[j, n + i] = z[i] + h * total
+        call(plan[MOTION], w.at_nodes[j], w.c, w.drift[j])
+        for i in range(e):
+            w.drift[j, e + i] = w.U[n + i, j]
+    for g in range(points):
+        for i in range(2 * e):
+            total = 0.0
+            for l in range(k):
+                total += a.Ahats[level, g, l] * w.drift[l, i]
+            w.at_points[g, i] = w.x0[i] + h * total
+        for i in range(e):
+            if not w.at_points[g, i] > 0.0:
+                return FAILED
+        call(plan[SLOPES], w.at_points[g], w.c, w.slopes[g])
+    for j in range(k):
+        for i in range(2 * e):
+            total = 0.0
+            for g in range(points):
+                total += a.Ws[level, j, g] * w.slopes[g, i]
+            w.at_nodes[j, 2 * n + i] = total
+        for i in range(e):
+            if not w.at_nodes[j, 2 * n + e + i] > 0.0:
+                return FAILED
+        call(plan[FORCES], w.at_nodes[j], w.c, w.FG)
+        for i in range(n + e):
+            w.N[i, j] = w.FG[i]
+    return SOLVED
+
+
+@inlined
+def stiff_block(plan, a, w, h):  # type: ignore[no-untyped-def]
+    """(I - lambda hA)^-1 hA, by elimination (safe without pivoting: lambda <= 0)."""
+    k, n, e = plan[STAGES], plan[N_Q], plan[N_E]
+    first = n + 2 * e + 2  # behind (F, G, pi, E, round-off of E): lambda, u, v
+    w.stiff[0], w.stiff[1] = h, w.start[first]
+    for i in range(e):
+        w.u[i], w.v[i] = w.start[first + 1 + i], w.start[first + 1 + e + i]
+    if plan[STIFF] != 0:
+        call(plan[STIFF], w.stiff, w.c, w.block)
+        return
+    T = w.columns
+    for i in range(k):
+        for j in range(k):
+            T[j, i] = h * a.A[i, j]
+            w.left[i, j] = (1.0 if i == j else 0.0) - w.stiff[1] * T[j, i]
+    for m in range(k):
+        inverse = 1.0 / w.left[m, m]
+        for i in range(m + 1, k):
+            factor = w.left[i, m] * inverse
+            for j in range(m + 1, k):
+                w.left[i, j] -= factor * w.left[m, j]
+            for j in range(k):
+                T[j, i] -= factor * T[j, m]
+    for m in range(k - 1, -1, -1):
+        inverse = 1.0 / w.left[m, m]
+        for j in range(k):
+            total = T[j, m]
+            for i in range(m + 1, k):
+                total -= w.left[m, i] * T[j, i]
+            T[j, m] = total * inverse
+
+
+@inlined
+def correct(plan, w, h):  # type: ignore[no-untyped-def]
+    """U += N - U with the conduction solved for; returns the scaled residual."""
+    k, n, e = plan[STAGES], plan[N_Q], plan[N_E]
+    for j in range(k):
+        w.rho[j] = 0.0
+        for i in range(e):
+            w.rho[j] += w.v[i] * (w.N[n + i, j] - w.U[n + i, j])
+    size = 0.0
+    for j in range(k):
+        total = 0.0
+        for l in range(k):
+            total += w.columns[l, j] * w.rho[l]
+        for i in range(n + e):
+            change = w.N[i, j] - w.U[i, j]
+            r = abs(change) * w.scale[0 if i < n else 1]
+            size = r if not r <= size else size
+            w.U[i, j] += change if i < n else change + w.u[i - n] * total
+    return h * size
+
+
+@inlined
+def iterate(plan, a, w, h, z, level):  # type: ignore[no-untyped-def]
+    """One iteration with a quadrature; the scaled residual, not finite where U is out of the formulas' range.
+
+    It is one kernel on vectors for the coarser quadratures, where the system's formulas have such a form.
+    """
+    kernel = plan[ITERATE] if level == 0 else plan[FINER] if level == 1 else 0
+    if kernel != 0:
+        call(kernel, w.given, w.c, w.found)
+        return h * w.found[len(w.found) - 1]
+    return correct(plan, w, h) if rates(plan, a, w, h, z, level) == SOLVED else np.inf
+
+
+@inlined
+def fixed_point(plan, a, w, h, z, level, residual, counts):  # type: ignore[no-untyped-def]
+    """Iterate from U, in place, until U and N agree to the residual. SOLVED or FAILED."""
+    previous, slow, first, shrunk, since = np.inf, 0, 0.0, 0.0, 0
+    w.c[0], w.seen[0] = h, 0.0
+    stiff_block(plan, a, w, h)
+    # round-off in the conduction is that of entropies, times 1 - h lambda
+    w.scale[1] = min(1.0, residual / CONVERGED / (1.0 - h * w.stiff[1]))
+    here, taken = np.int64(0), 0
+    for _ in range(MAX_ITERATIONS):
+        counts[ITERATIONS] += 1
+        size = iterate(plan, a, w, h, z, here)
+        if not size < np.inf:
+            return FAILED
+        if here < level and size <= max(ROUGH, residual):
+            here, since, taken, previous = level, 0, 0, np.inf
+            continue
+        since += 1
+        if since == 1:
+            first = size
+        elif size > STAGNATED:
+            shrunk, taken = size, since - 1
+        if size <= residual or (size <= STAGNATED and size > 0.5 * previous):
+            if taken > 0:  # the contraction, for the choice of the next step
+                w.seen[0] = (shrunk / first) ** (1.0 / taken)
+            return SOLVED
+        slow = slow + 1 if size > SLOW * previous else 0
+        if slow >= 2:
+            return FAILED
+        previous = size
+    return FAILED
+
+
+@lean
+def newton(plan, a, w, h, z, level, counts):  # type: ignore[no-untyped-def]
+    """Newton on U - N(U) = 0 with difference quotients, from U, in place: where the fixed point does not contract."""
+    m = plan[N_Q] + plan[N_E]
+    unknowns = plan[STAGES] * m
+    previous = np.inf
+    for _ in range(MAX_NEWTON):
+        counts[NEWTONS] += 1
+        if rates(plan, a, w, h, z, level) != SOLVED:
+            return FAILED
+        for row in range(unknowns):
+            w.base[row] = w.N[row % m, row // m]
+        for column in range(unknowns):
+            j, i = column // m, column % m
+            here = w.U[i, j]
+            eps = INCREMENT * max(1.0, abs(here))
+            w.U[i, j] = here + eps
+            done = rates(plan, a, w, h, z, level)
+            w.U[i, j] = here
+            if done != SOLVED:
+                return FAILED
+            for row in range(unknowns):
+                w.J[row, column] = (1.0 if row == column else 0.0) - (w.N[row % m, row // m] - w.base[row]) / eps
+        for row in range(unknowns):
+            w.rhs[row] = w.base[row] - w.U[row % m, row // m]
+        if solve_pivoted(w.J, w.rhs) == 0.0:
+            return FAILED
+        size = 0.0
+        for row in range(unknowns):
+            j, i = row // m, row % m
+            w.U[i, j] += w.rhs[row]
+            r = h * abs(w.rhs[row]) * (w.scale[0] if i < plan[N_Q] else w.scale[1])
+            size = r if not r <= size else size
+        if not size < np.inf:
+            return FAILED
+        if size <= CONVERGED or (size <= STAGNATED and size > 0.5 * previous):
+            return rates(plan, a, w, h, z, level)
+        if size > 2.0 * previous:
+            return FAILED
+        previous = size
+    return FAILED
+
+
+@inlined
+def guess(plan, w):  # type: ignore[no-untyped-def]
+    """U = the rates at the start of the step, at every node."""
+    for j in range(plan[STAGES]):
+        for i in range(plan[N_Q] + plan[N_E]):
+            w.U[i, j] = w.start[i]
+
+
+@inlined
+def extrapolate(plan, a, w, ratio):  # type: ignore[no-untyped-def]
+    """U = the last step's polynomials N at this step's nodes, `ratio` = this step over the last (barycentric form)."""
+    k, m = plan[STAGES], plan[N_Q] + plan[N_E]
+    if plan[EXTRAPOLATE] != 0:
+        w.ratio[0] = ratio
+        call(plan[EXTRAPOLATE], w.ratio, w.c, w.found)
+        return
+    for j in range(k):
+        x = 1.0 + ratio * a.nodes[j]
+        total = 0.0
+        for i in range(m):
+            w.U[i, j] = 0.0
+        for l in range(k):
+            factor = a.barycentric[l] / (x - a.nodes[l])
+            total += factor
+            for i in range(m):
+                w.U[i, j] += factor * w.N[i, l]
+        for i in range(m):
+            w.U[i, j] /= total
+
+
+@inlined
+def close(plan, a, w, h):  # type: ignore[no-untyped-def]
+    """dz of the step, and its polynomials of the rates at both ends, into `sums`."""
+    k, n, m = plan[STAGES], plan[N_Q], plan[N_Q] + plan[N_E]
+    if plan[CLOSE] != 0:
+        w.c[0] = h
+        call(plan[CLOSE], w.rates, w.c, w.sums)
+        return
+    fill(w.sums, 0.0)
+    for j in range(k):
+        for i in range(n):
+            w.sums[i] += h * a.b[j] * w.V[i, j]
+        for i in range(m):
+            w.sums[n + i] += h * a.b[j] * w.N[i, j]
+            w.sums[n + m + i] += a.at_start[j] * w.N[i, j]
+            w.sums[n + 2 * m + i] += a.at_end[j] * w.N[i, j]
+
+
+@inlined
+def mend(plan, w, residual):  # type: ignore[no-untyped-def]
+    """Change momenta so that the end of the step has the energy and invariants of the run. False, and nothing is done,
+    if that is much of the kinetic energy that is free to change, or much more than the residual; but round-off that
+    earlier steps left behind, as where masses nearly collide, is mended whatever its size."""
+    n, size = plan[N_Q], len(w.z1)
+    total = n + 2 * plan[N_E]
+    copy_into(w.laws, w.z1)
+    w.laws[size] = w.end[total]
+    right = abs(w.end[total] - w.run[0]) <= w.end[total + 1]  # to round-off, which would disturb the momenta
+    w.laws[size + 1] = w.end[total] if right else w.run[0]
+    call(plan[MEND], w.laws, w.c, w.mended)
+    if not abs(w.mended[n]) <= MOST:
+        return False
+    inherited = abs(w.end[total] - w.start[total]) <= w.end[total + 1]
+    limit = np.inf if inherited else MENDED * residual
+    for i in range(n):
+        if not abs(w.mended[i]) * w.scale[0] <= limit:
+            return False
+    for i in range(n):
+        w.dz[n + i] += w.mended[i]
+    w.end[total] = w.laws[size + 1]
+    return True
+
+
+@inlined
+def try_step(plan, a, w, h, z, known, careful, coarsest, levels, residual, counts):  # type: ignore[no-untyped-def]
+    """One step of length h from z: dz; `start` and `end` are what the first kernel gives at z and z + dz.
+
+    known: U is a guess. careful: Newton, where the fixed point fails. When the energy of a converged step is not kept
+    to round-off, or mending would change more than the residual, the quadrature was too coarse for this step: finer
+    ones follow, from `coarsest` to below `levels`, and then convergence, before it is COARSE.
+    """
+    n, e = plan[N_Q], plan[N_E]
+    for i in range(2 * n):
+        w.state0[i] = z[i]
+    for i in range(e):
+        w.state0[2 * n + i] = w.x0[i] = w.start[n + e + i]
+        w.state0[2 * n + e + i] = w.x0[e + i] = z[2 * n + i]
+    if not known:
+        guess(plan, w)
+    level = coarsest
+    while True:
+        w.seen[1] = level
+        done = fixed_point(plan, a, w, h, z, level, residual, counts)
+        if done != SOLVED and careful:
+            guess(plan, w)
+            done = newton(plan, a, w, h, z, level, counts)
+        if done != SOLVED:
+            return FAILED
+        close(plan, a, w, h)
+        for i in range(len(z)):
+            w.dz[i] = w.sums[i]
+            w.z1[i] = z[i] + w.dz[i]
+        call(plan[START], w.z1, w.c, w.end)
+        total = w.end[n + 2 * e]
+        if not abs(total) < np.inf:
+            return FAILED
+        if residual > CONVERGED:
+            if mend(plan, w, residual):
+                return SOLVED
+        elif abs(total - w.start[n + 2 * e]) <= w.start[n + 2 * e + 1]:
+            return SOLVED
+        if level + 1 < levels:
+            level += 1
+            counts[RAISED] += 1
+        elif residual > CONVERGED:
+            residual = CONVERGED
+        else:
+            return COARSE

@@ -1,0 +1,363 @@
+"""The lines of `tcbench check`, one function each: (integrator) -> Line."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .. import plugins
+from ..compiler import derivatives as trace
+from ..errors import TcbenchError, TraceError
+from ..simulation.run import simulate
+from ..studies.theorems import SEED, admissible_states
+from .check_line import FAIL, NONE, OK, Line, line
+from .jacobian_checks import given_gap, traced_gap
+
+if TYPE_CHECKING:
+    from ..integrator import Flow, Integrator
+    from ..simulation.trajectory import Trajectory
+    from ..systems.scenario import Scenario
+    from ..systems.system import System
+
+PREFERRED = ("bound_equilibrium", "gas_containers")  # scenarios that no method finds hard, one a system
+SOLVED = {"flows": 1e-12, "step": 1e-10, "adaptive": 1e-6}  # what may be left of a conserved quantity, relative
+ROUNDOFF = 1e-11  # an error that no order can be read from
+STEPS = 200  # of a run in plain Python
+RANDOM_STEPS = 40
+GENTLE = 0.1  # part of the scenario's own step at which every method runs, explicit ones too
+SMALL = (1e-4, 1e-5)  # steps of the limit h -> 0, as parts of the scenario's own
+
+
+def scenarios(method: Integrator) -> list[Scenario]:
+    """One scenario of every system that the method is for."""
+    chosen: dict[type, Scenario] = {}
+    for scenario in sorted(plugins.scenarios_for(method), key=lambda s: (s.name not in PREFERRED, s.name)):
+        chosen.setdefault(scenario.system, scenario)
+    return [scenario for scenario in chosen.values() if suits(method, scenario)]
+
+
+def suits(method: Integrator, scenario: Scenario) -> bool:
+    """Some methods ask for what not every system has, and say so; a formula that cannot be traced is no such case."""
+    try:
+        run(method, scenario, scenario.dt * GENTLE, 1)
+    except TraceError:
+        raise
+    except TcbenchError:
+        return False
+    return True
+
+
+def start_at(scenario: Scenario, z: Any, t_end: float) -> Scenario:
+    """The scenario started from state z, one step of t_end by default."""
+    model, state = scenario.model, scenario.model.state(np.asarray(z, float))
+    return scenario.replace(
+        positions=tuple(state.q), momenta=tuple(state.p), temperatures=tuple(model.temperatures(state)), t_end=t_end,
+        dt=t_end,
+    )  # fmt: skip
+
+
+def run(method: Integrator, scenario: Scenario, dt: float, steps: int) -> Trajectory:
+    """steps of dt; an adaptive solver at its default tolerance over the same time."""
+    if method.kind == "adaptive":
+        return simulate(method, scenario, t_end=steps * dt)
+    return simulate(method, scenario, dt=dt, t_end=steps * dt)
+
+
+# ---- what is declared
+
+
+def metadata(method: Integrator) -> Line:
+    known = {"energy", "entropy"} | {n for s in plugins.scenarios().values() for n in s.model.invariant_names}
+    for claim in sorted(method.claims - known):
+        close = difflib.get_close_matches(claim, sorted(known), n=1)
+        found = f"no system has an invariant {claim!r}"
+        return Line(
+            "metadata", FAIL, found, f"Write {close[0]!r}." if close else f"Claims: {', '.join(sorted(known))}."
+        )
+    if not method.source:
+        return Line("metadata", FAIL, "source is empty", 'Say where the method is from: source="paper, equation".')
+    claims = ", ".join(sorted(method.claims)) or "nothing"
+    return Line("metadata", OK, f"order {method.order}, claims {claims}, source {method.source!r}")
+
+
+# ---- behaviour as a function
+
+
+def deterministic(method: Integrator) -> Line:
+    """The same start gives the same bits, also when the method has been elsewhere in between."""
+    name, (scenario, *others) = "deterministic", scenarios(method)
+    first = run(method, scenario, scenario.dt * GENTLE, 5)
+    for other in others or [scenario.replace(momenta=[2 * p for p in scenario.momenta])]:
+        run(method, other, other.dt * GENTLE, 3)
+    again = run(method, scenario, scenario.dt * GENTLE, 5)
+    if first.z.shape == again.z.shape and np.array_equal(first.z, again.z):
+        return Line(name, OK, "two runs agree to the last bit, with another scenario in between")
+    gap = np.abs(first.z - again.z).max() if first.z.shape == again.z.shape else math.inf
+    remedy = "A step may use z0, h and the system only: no random numbers, no memory of earlier steps, no globals."
+    return Line(name, FAIL, f"two runs from one start differ by {gap:.1e}", remedy)
+
+
+def keeps_its_input(method: Integrator) -> Line:
+    """Neither z0 nor z1 (nor the times of output) are written to."""
+    name, scenario = "input unchanged", plugins.scenarios_for(method)[0]
+    if method.kind == "flows":
+        changing = [flow.residual.__name__ for flow in method.flows if _overwrites(flow, scenario.model)]
+        return line(name, not changing, f"{', '.join(changing)} changes its arguments" if changing else "", _COPY)
+    z0, times = scenario.model.state(scenario.z0.copy()), np.linspace(0, scenario.dt, 3)
+    before = z0.copy(), times.copy()
+    if method.step is not None:
+        method.step(z0, scenario.dt, scenario.model)
+    else:
+        assert method.adaptive is not None
+        method.adaptive(scenario.model, z0, times, 1e-6, 1e-6)
+    same = np.array_equal(z0, before[0]) and np.array_equal(times, before[1])
+    return line(name, same, "" if same else "z0 is changed in place", _COPY)
+
+
+def marches(method: Integrator) -> Line:
+    """`march` gives what `step` gives, and as often as was asked for."""
+    name, count = "march", 5
+    if method.march is None:
+        return Line(name, NONE, "none is given (march= is for a compiled loop of your own)")
+    assert method.step is not None
+    for scenario in scenarios(method):
+        z, h = scenario.model.state(scenario.z0.copy()), scenario.dt * GENTLE
+        found, expected = np.asarray(method.march(z, h, count, scenario.model), float), []
+        for _ in range(count):
+            expected.append(np.array(method.step(z, h, scenario.model)))
+            z = scenario.model.state(np.asarray(z) + expected[-1] if method.increments else expected[-1])
+        gap = np.abs(found - expected).max() if found.shape == np.shape(expected) else math.inf
+        if not gap <= ROUNDOFF * np.abs(scenario.z0).max():
+            remedy = "march(z, h, count, system) returns what step returns in the next steps, shape (count, n)."
+            return Line(name, FAIL, f"shape {found.shape}, {gap:.1e} from what step gives ({scenario.name})", remedy)
+    return Line(name, OK, f"{count} steps as by step")
+
+
+def _overwrites(flow: Flow, model: System) -> bool:
+    """Does the formula put other symbols into the arrays that it is given?"""
+    system = model.symbolic
+    states = [system.state(trace.variables("z", model.size)) for _ in range(2 + flow.stages)]
+    start = system.state(trace.variables("start", model.size))
+    before = [list(state) for state in states]
+    extra = [*([states[2:]] if flow.stages else []), *([start, start] if flow.of_step else [])]
+    flow.residual(states[0], states[1], trace.variable("h"), system, *extra)
+    return any(a is not b for z, old in zip(states, before, strict=True) for a, b in zip(z, old, strict=True))
+
+
+_COPY = "Write z = z0 + ..., never z0 += ... or z0[...] = ...; or begin with z0 = z0.copy()."
+
+
+def restart(method: Integrator) -> Line:
+    """n + m steps are n steps and then m steps from where they ended, whatever happened in between."""
+    name, (scenario, *others) = "restart", scenarios(method)
+    if method.kind == "adaptive":
+        return Line(name, NONE, "an adaptive solver chooses its steps anew")
+    n, m, h = 7, 5, scenario.dt * GENTLE
+    whole, first = run(method, scenario, h, n + m), run(method, scenario, h, n)
+    for other in others:
+        run(method, other, other.dt * GENTLE, 3)
+    if not (whole.steps == n + m and first.steps == n):
+        return Line(name, FAIL, whole.failure or first.failure, f"The method must run {n + m} steps of {h:g}.")
+    rest = simulate(method, start_at(scenario, first.z[-1], m * h), dt=h, t_end=m * h)
+    gap = float(np.abs(whole.z[-1] - rest.z[-1]).max())
+    # the restart rounds the entropies, which pass through temperatures
+    remedy = "The next step may depend on the state alone: keep nothing from step to step (multistep needs stages)."
+    return line(name, gap <= 1e-9, f"{n} + {m} steps against {n}, then {m}: gap {gap:.1e}", remedy)
+
+
+# ---- accuracy
+
+
+def consistent(method: Integrator) -> Line:
+    """(z1 - z0)/h tends to the vector field as h -> 0, from the scenario's start and from random states."""
+    name, worst = "consistent", 0.0
+    if method.kind == "adaptive":
+        return Line(name, NONE, "an adaptive solver has no h; see order")
+    for scenario in scenarios(method):
+        states = admissible_states(scenario, np.random.default_rng(SEED))
+        for z in [scenario.model.state(scenario.z0), *(next(states) for _ in range(3))]:
+            gaps = [_slope_gap(method, scenario, z, part * scenario.dt) for part in SMALL]
+            if not (math.isfinite(gaps[1]) and gaps[1] <= max(0.3 * gaps[0], 1e-7)):  # first order: a tenth
+                found = (
+                    f"on {scenario.name}, |(z1 - z0)/h - dz/dt| / |dz/dt| is {gaps[0]:.1e}, then {gaps[1]:.1e} at h/10"
+                )
+                remedy = (
+                    "Look for a wrong sign, a missing term or a factor of h: the step must tend to system.vector_field."
+                )
+                return Line(name, FAIL, found, remedy)
+            worst = max(worst, gaps[1])
+    return Line(name, OK, f"the step tends to the vector field (gap {worst:.0e} at the smallest h)")
+
+
+def _slope_gap(method: Integrator, scenario: Scenario, z: Any, h: float) -> float:
+    one = simulate(method, start_at(scenario, z, h), dt=h)
+    if one.steps != 1:
+        return math.inf
+    field = np.asarray(scenario.model.vector_field(one.z[0]))
+    return float(np.linalg.norm((one.z[1] - one.z[0]) / h - field) / np.linalg.norm(field))
+
+
+def order(method: Integrator) -> Line:
+    """The measured order against the declared one, on one scenario of each system that has a reference."""
+    from ..studies import convergence
+
+    name, found = "order", []
+    if method.kind == "adaptive":
+        return _adaptive_order(method)
+    for scenario in scenarios(method):
+        row = convergence.measure(method, scenario, {"dt": _ladder(method, scenario)})
+        fit = next(item for item in row["orders"] if item["variable"] == "all")
+        found.append(f"{scenario.name} {fit['order']:.2f}")
+        if fit["verdict"] == "undetermined" and _least_error(row) <= ROUNDOFF:
+            return Line(name, NONE, f"on {scenario.name} errors reach round-off before one order shows")
+        if fit["verdict"] != "as declared":
+            text = f"declared {method.order}, measured {fit['order']:.2f} on {scenario.name} ({fit['verdict']})"
+            return Line(name, FAIL, text, _order_remedy(fit["verdict"], fit["order"]))
+    return Line(name, OK, f"declared {method.order}, measured on {', '.join(found)}")
+
+
+def _least_error(row: dict[str, Any]) -> float:
+    errors = [point["error"] for point in row["points"] if point["variable"] == "all"]
+    return min((error for error in errors if math.isfinite(error)), default=math.inf)
+
+
+def _ladder(method: Integrator, scenario: Scenario) -> list[float]:
+    """Halvings; closer steps for high orders, which reach round-off in few."""
+    if (method.order or 0) > 6:
+        return [scenario.t_converge / n for n in (1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 20, 24, 32)]
+    last = 12 if method.kind == "flows" else 10
+    return [scenario.t_converge / 2**k for k in range(2, last + 1)]
+
+
+def _order_remedy(verdict: str, measured: float) -> str:
+    if verdict == "undetermined" or not math.isfinite(measured):
+        return (
+            "No range of h shows one order: does the solver's own tolerance show, or does the method fail at small h?"
+        )
+    return f"Declare order={round(measured)}, or find what loses it: in a splitting, a half step at one end only."
+
+
+def _adaptive_order(method: Integrator) -> Line:
+    """An adaptive solver has no order in h: its error must follow the tolerance."""
+    from ..reference.lookup import reference_for
+
+    scenario, errors = scenarios(method)[0], []
+    exact = reference_for(scenario, [scenario.t_converge]).states[0]
+    for tolerance in (1e-4, 1e-8):
+        one = simulate(method, scenario, t_end=scenario.t_converge, tolerance=tolerance)
+        errors.append(float(np.abs(one.z[-1] - exact).max()) if one.ok else math.inf)
+    good = errors[1] <= max(0.05 * errors[0], 1e-7) and errors[1] <= 1e-4
+    found = f"errors {errors[0]:.0e} and {errors[1]:.0e} at tolerances 1e-4 and 1e-8"
+    return line("order", good, found, "Pass rtol and atol on to the solver, and return states at t_eval.")
+
+
+# ---- claims
+
+
+def claims(method: Integrator) -> Line:
+    """Each claim on every scenario over the first steps, and on single steps from random states."""
+    name, limit = "claims", SOLVED[method.kind]
+    if not method.claims:
+        return Line(name, NONE, "nothing is claimed")
+    worst: dict[str, float] = {}
+    for one, where in _claim_runs(method):
+        if one.steps == 0:
+            return Line(name, FAIL, f"{where}: {one.failure}", "The method must run where its claims are to hold.")
+        for law, value in _violations(method, one).items():
+            worst[law] = max(worst.get(law, 0.0), value)
+            if not value <= limit:
+                return Line(name, FAIL, f"{law} is violated by {value:.1e} ({where})", _claim_remedy(method, law))
+    return Line(name, OK, ", ".join(f"{law} {value:.0e}" for law, value in sorted(worst.items())))
+
+
+def _claim_remedy(method: Integrator, law: str) -> str:
+    if method.kind == "step":
+        return f'Remove "{law}" from claims, or solve each step to 1e-12: what a loose solver leaves is a drift too.'
+    return f'Remove "{law}" from claims, or mend the formula.'
+
+
+def _claim_runs(method: Integrator) -> Iterator[tuple[Trajectory, str]]:
+    suitable = {scenario.system for scenario in scenarios(method)}
+    for scenario in plugins.scenarios_for(method):
+        if scenario.system not in suitable:
+            continue
+        steps = min(scenario.steps(scenario.dt), 10 * STEPS if method.kind == "flows" else STEPS)
+        yield run(method, scenario, scenario.dt, steps), f"{scenario.name}, {steps} steps of {scenario.dt:g}"
+    for scenario in scenarios(method):
+        rng, solved = np.random.default_rng(SEED), 0
+        states = admissible_states(scenario, rng)
+        for _ in range(RANDOM_STEPS):
+            dt = float(np.exp(rng.uniform(np.log(1e-3), np.log(scenario.dt))))
+            one = run(method, start_at(scenario, next(states), dt), dt, 1)
+            if one.steps:
+                solved += 1
+                yield one, f"one step of {dt:.2g} from a random state of {scenario.system.name}"
+        if solved < RANDOM_STEPS / 2:
+            yield one, f"only {solved} of {RANDOM_STEPS} random steps of {scenario.system.name} were solved"
+
+
+def _violations(method: Integrator, one: Trajectory) -> dict[str, float]:
+    """How far each claim is missed, relative to the size of the quantity."""
+    scale = max(one.scenario.initial_exergy, abs(float(one.energy[0])), 1e-3)
+    result = {}
+    if "energy" in method.claims:
+        result["energy"] = one.summary.energy_error_max / scale
+    if "entropy" in method.claims:
+        result["entropy"] = max(0.0, -one.summary.entropy_increment_min) / max(1.0, abs(float(one.entropy[0])))
+    for law, error in one.summary.invariant_error_max.items():
+        if law in method.claims:
+            arms = np.abs(one.z[:, : 2 * one.scenario.model.n_positions]).max() ** 2
+            result[law] = error / max(1.0, arms)
+    return result
+
+
+# ---- derivatives
+
+
+def jacobian(method: Integrator) -> Line:
+    """The Jacobian in use against differences: the traced one, or the one that a method of its own brings."""
+    name, function = "Jacobian", method.step or method.adaptive
+    if method.kind == "flows":
+        worst = max(traced_gap(method, scenario) for scenario in scenarios(method))
+        return line(
+            name, worst <= 1e-5, f"traced, gap to differences {worst:.0e}", "Report this: the formula is traced wrong."
+        )
+    given = getattr(function, "jacobian", None)
+    if given is None:
+        return Line(name, NONE, f"none is given ({method.kind}.jacobian = f would be checked)")
+    worst = max(given_gap(function, given, scenario) for scenario in scenarios(method))
+    remedy = "Compare entry by entry with differences; a gap near 2 is a wrong sign."
+    return line(name, worst <= 1e-5, f"gap to differences {worst:.1e}, relative", remedy)
+
+
+# ---- cost
+
+
+def time_per_step(method: Integrator) -> Line:
+    """Microseconds a step beside the built-in monolithic method; for information, no limit."""
+    scenario = next((s for s in plugins.scenarios_for(method) if s.name == "short_term"), scenarios(method)[0])
+    if method.kind == "adaptive":
+        one = simulate(method, scenario, t_end=5.0)
+        return Line("time per step", OK, f"{1e6 * one.wall_time_s / max(1, one.steps):.3g} us an internal step")
+    times = []
+    for each in (method, plugins.find_integrator("tc_monolithic")):
+        count = 2000 if each.kind == "flows" else 50
+        runs = [simulate(each, scenario, dt=0.01, t_end=count * 0.01, record_every=None) for _ in range(3)]
+        times.append(min(1e6 * one.wall_time_s / max(1, one.steps) for one in runs))
+    return Line("time per step", OK, f"{times[0]:.3g} us (tc_monolithic: {times[1]:.3g} us)")
+
+
+TESTS: tuple[tuple[str, Callable[[Integrator], Line]], ...] = (
+    ("deterministic", deterministic),
+    ("input unchanged", keeps_its_input),
+    ("consistent", consistent),
+    ("order", order),
+    ("claims", claims),
+    ("restart", restart),
+    ("march", marches),
+    ("Jacobian", jacobian),
+)

@@ -1,0 +1,94 @@
+"""The lines of `tcbench check` for a scenario and its system."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .. import plugins
+from ..simulation.run import simulate
+from ..studies.theorems import SEED, admissible_states, operators
+from .check_line import FAIL, OK, Line, line
+
+if TYPE_CHECKING:
+    from ..systems.scenario import Scenario
+
+METHODS = ("tc_monolithic", "tc_staggered", "tc_strang", "midpoint_entropy", "midpoint_temperature")
+REMEDIES = {  # by the first words of a finding of theorems.operators
+    "the discrete gradient": "shape() must be linear or quadratic in q; element_energy() must act element by element.",
+    "L is skew": "Report this: L does not depend on the system.",
+    "the exact flow keeps": "theta @ conduction(theta) must vanish, and written as a difference of temperatures.",
+    "the exact flow never": "sum(conduction(theta)) must not be negative: heat flows from hot to cold.",
+    "friction": "conduction() must vanish at equal temperatures.",
+    "M is": "sum(conduction(theta)) must not be negative.",
+}
+
+
+def metadata(scenario: Scenario) -> Line:
+    missing = [name for name in ("shows", "source") if not getattr(scenario, name)]
+    if missing:
+        remedy = "Say what a reader should look at (shows=) and where the numbers are from (source=)."
+        return Line("metadata", FAIL, f"{' and '.join(missing)} empty", remedy)
+    return Line(
+        "metadata",
+        OK,
+        f"system {scenario.system.name}, t_end {scenario.t_end:g}, dt {scenario.dt:g}, {scenario.source!r}",
+    )
+
+
+def laws(scenario: Scenario) -> list[Line]:
+    """The conditions of the theory on the system's operators, on random states."""
+    method = plugins.find_integrator("tc_monolithic")
+    lines = []
+    for finding in operators(method, scenario):
+        remedy = next((text for start, text in REMEDIES.items() if finding.claim.startswith(start)), finding.why)
+        lines.append(line(finding.claim.partition(":")[0], finding.agrees, finding.measured, remedy))
+    return lines
+
+
+def entropies(scenario: Scenario) -> Line:
+    """entropies() is the inverse of theta = de/ds."""
+    model, worst = scenario.model, 0.0
+    states = admissible_states(scenario, np.random.default_rng(SEED))
+    for _ in range(20):
+        z = next(states)
+        back = np.asarray(model.entropies(np.asarray(z.q), np.asarray(model.temperatures(z))))
+        worst = max(worst, float(np.abs(back - z.s).max() / max(1.0, float(np.abs(z.s).max()))))
+    given = np.abs(np.asarray(model.temperatures(scenario.z0)) / scenario.temperatures - 1).max()
+    worst = max(worst, float(given))
+    remedy = "Solve theta = d(element_energy)/ds for s."
+    return line("entropies", worst <= 1e-10, f"inverse of theta = de/ds, gap {worst:.0e}", remedy)
+
+
+def exergy(scenario: Scenario) -> Line:
+    """E - theta_ref S + offset is the scale of energy errors: it must be positive."""
+    states = admissible_states(scenario, np.random.default_rng(SEED))
+    least = min(float(scenario.model.exergy(next(states))) for _ in range(50))
+    good = scenario.initial_exergy > 0 and least >= -1e-12 * scenario.initial_exergy
+    remedy = "Let exergy_offset() return minus the least value of E - reference_temperature * S."
+    return line("exergy", good, f"V0 = {scenario.initial_exergy:.6g}, least of 50 random states {least:.3g}", remedy)
+
+
+def paper_methods(scenario: Scenario) -> Line:
+    """The methods of the paper take their first steps here with a status, and those that claim energy keep it."""
+    statuses: dict[str, int] = {}
+    for name in METHODS:
+        method = plugins.find_integrator(name)
+        one = simulate(method, scenario, dt=scenario.dt, t_end=min(scenario.t_end, 20 * scenario.dt))
+        statuses[one.status] = statuses.get(one.status, 0) + 1
+        wrong = one.summary.energy_error_max > 1e-10 * max(scenario.initial_exergy, abs(float(one.energy[0])))
+        if "energy" in method.claims and (not one.ok or wrong):
+            remedy = "A method that conserves energy elsewhere must here: look at element_energy() and conduction()."
+            return Line("the paper's methods", FAIL, f"{name}: {one.failure or 'energy is lost'}", remedy)
+    return Line("the paper's methods", OK, ", ".join(f"{n} {status}" for status, n in statuses.items()))
+
+
+TESTS: tuple[tuple[str, Callable[[Scenario], Line | list[Line]]], ...] = (
+    ("metadata", metadata),
+    ("entropies", entropies),
+    ("exergy", exergy),
+    ("the operators", laws),
+    ("the paper's methods", paper_methods),
+)

@@ -1,0 +1,1 @@
+"""A formula becomes machine code: symbols, exact derivatives, straight-line kernels, LLVM."""

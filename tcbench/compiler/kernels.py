@@ -1,0 +1,141 @@
+"""Graphs become kernels: straight-line scalar Python, compiled once and cached under the hash of its text.
+
+Every kernel has one signature, kernel(a, b, out) on three float64 arrays, so that one generic compiled loop
+can call any of them by address.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .derivatives import Symbol, depends_on, topological
+
+WIDTH = 8  # doubles in a vector of lanes.py
+_BINARY = {"add": "+", "sub": "-", "mul": "*"}
+_HEADER = """\
+from math import atan, cos, exp, expm1, inf, log, log1p, sin, sqrt, tanh
+from tcbench.compiler.special import dlam, dphi, lam, lam_pair, phi, phi_pair
+
+def kernel(a, b, out):
+"""
+
+
+def straight_line(inputs: Mapping[Symbol, str], outputs: Sequence[Symbol]) -> str:
+    """Source of the kernel that reads `inputs` (symbol -> 'a[0]') and fills out[0], out[1], ..."""
+    names: dict[int, str] = {}
+    lines: list[str] = []
+    # an input may itself be a formula (a hoisted value): do not look beneath it
+    nodes = topological_above(inputs, outputs)
+    derivatives = {(node.op, node.args[0].number): node for node in nodes if node.op in ("dphi", "dlam")}
+    for node in nodes:
+        if node.number in names:
+            continue
+        if node.op == "const" and math.isinf(node.value):
+            names[node.number] = "inf"
+            continue
+        if node.op == "const":
+            names[node.number] = f"({node.value!r})" if node.value < 0 else repr(node.value)
+            continue
+        if node.op == "mark" and node not in inputs:
+            names[node.number] = names[node.args[0].number]
+            continue
+        name = names[node.number] = f"t{len(lines)}"
+        partner = derivatives.get((f"d{node.op}", node.args[0].number)) if node.op in ("phi", "lam") else None
+        if partner is not None:  # value and derivative share nearly everything
+            names[partner.number] = f"d{name}"
+            lines.append(f"{name}, d{name} = {node.op}_pair({names[node.args[0].number]})")
+            continue
+        if node in inputs:
+            lines.append(f"{name} = {inputs[node]}")
+        elif node.op == "var":
+            raise ValueError(f"the kernel needs {node!r}, which is no input of it")
+        else:
+            lines.append(f"{name} = {_operation(node, [names[x.number] for x in node.args])}")
+    lines += [f"out[{i}] = {names[node.number]}" for i, node in enumerate(outputs)]
+    return _HEADER + "".join(f"    {line}\n" for line in lines or ["pass"])
+
+
+def topological_above(inputs: Mapping[Symbol, Any], outputs: Sequence[Symbol]) -> list[Symbol]:
+    """The nodes that `outputs` need, arguments first, without what stands beneath an input."""
+    seen: dict[int, Symbol] = {}
+    stack = list(outputs)
+    while stack:
+        node = stack.pop()
+        if node.number not in seen:
+            seen[node.number] = node
+            if node not in inputs:
+                stack.extend(node.args)
+    return [seen[number] for number in sorted(seen)]
+
+
+def _operation(node: Symbol, args: list[str]) -> str:
+    if node.op in _BINARY:
+        return f"{args[0]} {_BINARY[node.op]} {args[1]}"
+    if node.op == "neg":
+        return f"-{args[0]}"
+    if node.op == "guard":
+        return f"{args[0]} + ({args[1]} - {args[1]})"
+    if node.op == "recip":
+        return f"1.0 / {args[0]}"
+    return f"{node.op}({', '.join(args)})"
+
+
+def constant_part(outputs: Sequence[Symbol], varying: Sequence[Symbol]) -> list[Symbol]:
+    """Operations that do not depend on `varying`, used by some that do: computed once a run, not once a step."""
+    moving = depends_on(outputs, varying)
+    found: dict[int, Symbol] = {}
+    for node in topological(outputs):
+        users = node.args if node.number in moving else ()
+        found |= {a.number: a for a in users if a.number not in moving and a.op not in ("const", "var")}
+    return list(found.values())
+
+
+def count_operations(outputs: Sequence[Symbol]) -> int:
+    """How many operations a kernel for these outputs performs."""
+    return sum(node.op not in ("const", "var") for node in topological(outputs))
+
+
+@dataclass(frozen=True)
+class Kernel:
+    """Source text of one kernel; compiled when its address is first asked for."""
+
+    text: str
+    size: int
+
+    @cached_property
+    def address(self) -> int:
+        """Address of the compiled code, to be passed as an integer into compiled loops."""
+        return _load(self.text)
+
+    def __call__(self, a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Evaluate once; returns a new array, shape (size,). `a` and `b` must be contiguous."""
+        from . import jit
+
+        out = np.empty(self.size)
+        jit.evaluate(self.address, a, b, out)
+        return out
+
+
+def kernel(inputs: Mapping[Symbol, str], outputs: Sequence[Symbol]) -> Kernel:
+    return Kernel(straight_line(inputs, outputs), len(outputs))
+
+
+def _load(text: str) -> int:
+    """Address of the compiled text: of machine code, or made up where compilation is switched off."""
+    from . import jit
+    from . import llvm as native  # numba and LLVM are imported when something is compiled, not before
+
+    if not jit.DISABLED:
+        return native.load(text)
+    namespace: dict = {}
+    exec(compile(text, "<kernel>", "exec"), namespace)
+    address = len(jit.PYTHON_KERNELS) + 1
+    jit.PYTHON_KERNELS[address] = namespace["kernel"]
+    return address

@@ -1,0 +1,358 @@
+"""Symbols: formulas become graphs by recording what numpy does to them.
+
+A formula written in plain numpy is run once on object arrays of `Symbol`. Every operation returns a new
+symbol; equal expressions are one object (so nothing is computed twice), and the order of floating-point
+operations is the author's, except for rewritings that lose no digits: (a + b) - a is b, x / y is x * (1/y).
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+import weakref
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import TraceError
+
+_INTERN: weakref.WeakValueDictionary[tuple, Symbol] = weakref.WeakValueDictionary()
+_COUNTER = iter(range(sys.maxsize))
+_REMEDY = (
+    "Formulas must be branch-free numpy (arithmetic, sqrt, exp, log, expm1, log1p, sin, cos, tanh, arctan, @); "
+    "for anything else register the method with step= (a plain Python function) instead of flows="
+)
+
+
+def _where_in_user_code() -> str:
+    """File and line of the innermost frame outside tcbench and numpy."""
+    frame = sys._getframe(1)
+    while frame is not None:
+        module = frame.f_globals.get("__name__", "")
+        if not module.startswith(("tcbench.", "numpy")) or module.startswith("tcbench.systems.pendulum"):
+            return f"{frame.f_code.co_filename}, line {frame.f_lineno}"
+        frame = frame.f_back  # type: ignore[assignment]
+    return "the formula"
+
+
+def _refuse(what: str) -> TraceError:
+    return TraceError(f"{_where_in_user_code()}: {what}. {_REMEDY}.")
+
+
+class Symbol:
+    """One value of the expression graph; behaves as a number in numpy object arrays."""
+
+    __slots__ = ("__weakref__", "args", "number", "op", "value")
+
+    def __init__(self, op: str, args: tuple[Symbol, ...], value: Any) -> None:
+        self.op, self.args, self.value = op, args, value
+        self.number = next(_COUNTER)  # order of creation: a topological order
+
+    def __repr__(self) -> str:
+        return f"{self.op}#{self.number}" if self.value is None else f"{self.op}:{self.value}"
+
+    def __add__(self, other: Any) -> Any:
+        return _lift(other, lambda o: add(self, o))
+
+    def __radd__(self, other: Any) -> Any:
+        return _lift(other, lambda o: add(o, self))
+
+    def __sub__(self, other: Any) -> Any:
+        return _lift(other, lambda o: sub(self, o))
+
+    def __rsub__(self, other: Any) -> Any:
+        return _lift(other, lambda o: sub(o, self))
+
+    def __mul__(self, other: Any) -> Any:
+        return _lift(other, lambda o: mul(self, o))
+
+    def __rmul__(self, other: Any) -> Any:
+        return _lift(other, lambda o: mul(o, self))
+
+    def __truediv__(self, other: Any) -> Any:
+        return _lift(other, lambda o: mul(self, reciprocal(o)))
+
+    def __rtruediv__(self, other: Any) -> Any:
+        return _lift(other, lambda o: mul(o, reciprocal(self)))
+
+    def __neg__(self) -> Symbol:
+        return neg(self)
+
+    def __pos__(self) -> Symbol:
+        return self
+
+    def __abs__(self) -> Symbol:
+        return make("abs", self)
+
+    def __pow__(self, exponent: Any) -> Symbol:
+        return power(self, exponent)
+
+    def __bool__(self) -> bool:
+        raise _refuse("a branch on the value of a symbol (if, while, and, max, min, ==)")
+
+    def _compare(self, other: object) -> Any:
+        raise _refuse("a comparison of symbols")
+
+    __lt__ = __le__ = __gt__ = __ge__ = __eq__ = __ne__ = _compare
+
+    def __hash__(self) -> int:
+        return self.number  # unique: a dict never needs __eq__
+
+    def __float__(self) -> float:
+        raise _refuse("a symbol cannot become a float (a call into math, SciPy or numpy.linalg?)")
+
+    __int__ = __index__ = __float__  # type: ignore[assignment]
+
+    def sqrt(self) -> Symbol:
+        return make("sqrt", self)
+
+    def exp(self) -> Symbol:
+        return make("exp", self)
+
+    def log(self) -> Symbol:
+        return make("log", self)
+
+    def expm1(self) -> Symbol:
+        return make("expm1", self)
+
+    def log1p(self) -> Symbol:
+        return make("log1p", self)
+
+    def sin(self) -> Symbol:
+        return make("sin", self)
+
+    def cos(self) -> Symbol:
+        return make("cos", self)
+
+    def tanh(self) -> Symbol:
+        return make("tanh", self)
+
+    def arctan(self) -> Symbol:
+        return make("atan", self)
+
+    def conjugate(self) -> Symbol:  # numpy's vdot and norms ask for it
+        return self
+
+
+def _lift(other: Any, operation: Any) -> Any:
+    """Apply `operation` when `other` is a number or symbol; let arrays and other classes take over."""
+    if isinstance(other, Symbol):
+        return operation(other)
+    if isinstance(other, int | float | np.floating | np.integer):
+        return operation(const(float(other)))
+    return NotImplemented
+
+
+def intern(op: str, args: tuple[Symbol, ...], value: Any = None) -> Symbol:
+    key = (op, tuple(a.number for a in args), value)
+    node = _INTERN.get(key)
+    if node is None:
+        node = _INTERN[key] = Symbol(op, args, value)
+    return node
+
+
+def const(value: float) -> Symbol:
+    return intern("const", (), float(value) + 0.0)  # -0.0 and 0.0 are one constant
+
+
+def variable(name: str) -> Symbol:
+    """A fresh input; two variables are never the same symbol."""
+    return Symbol("var", (), name)
+
+
+def variables(name: str, size: int) -> NDArray[np.object_]:
+    """Object array, shape (size,), of fresh inputs."""
+    return np.array([variable(f"{name}{i}") for i in range(size)] + [None], dtype=object)[:-1]
+
+
+def is_const(node: Symbol, value: float | None = None) -> bool:
+    return node.op == "const" and (value is None or node.value == value)
+
+
+_FOLD: dict[str, Callable[[float], float]] = {
+    "sqrt": math.sqrt,
+    "exp": math.exp,
+    "log": math.log,
+    "expm1": math.expm1,
+    "log1p": math.log1p,
+    "sin": math.sin,
+    "cos": math.cos,
+    "tanh": math.tanh,
+    "atan": math.atan,
+    "abs": abs,
+}
+
+
+def make(op: str, x: Symbol) -> Symbol:
+    if is_const(x) and op in _FOLD:
+        return const(_FOLD[op](x.value))
+    if op == "exp" and x.op == "log":
+        return x.args[0]
+    return intern(op, (x,))
+
+
+def add(a: Symbol, b: Symbol) -> Symbol:
+    if is_const(a) and is_const(b):
+        return const(a.value + b.value)
+    if is_const(a, 0.0):
+        return b
+    if is_const(b, 0.0):
+        return a
+    if b.op == "neg":
+        return sub(a, b.args[0])
+    if a.op == "neg":
+        return sub(b, a.args[0])
+    for x, y in ((a, b), (b, a)):  # x + (x + d) is 2x + d: midpoints keep the digits of increments
+        rest = _without(y, x)
+        if rest is not None:
+            return add(mul(const(2.0), x), rest)
+    return intern("add", (a, b) if a.number <= b.number else (b, a))
+
+
+def _without(total: Symbol, part: Symbol) -> Symbol | None:
+    """The other term when `total` is a sum with the term `part`."""
+    if total.op == "add":
+        first, second = total.args
+        if first is part:
+            return second
+        if second is part:
+            return first
+    return None
+
+
+def sub(a: Symbol, b: Symbol) -> Symbol:
+    if is_const(a) and is_const(b):
+        return const(a.value - b.value)
+    if is_const(b, 0.0):
+        return a
+    if is_const(a, 0.0):
+        return neg(b)
+    if a is b:
+        return const(0.0)
+    increment = _without(a, b)
+    if increment is not None:  # (b + d) - b is d: increments keep their digits
+        return increment
+    if b.op == "neg":
+        return add(a, b.args[0])
+    if a.op == "neg":
+        return neg(add(a.args[0], b))
+    if a.number > b.number and ("sub", (b.number, a.number), None) in _INTERN:
+        return neg(intern("sub", (b, a)))  # a - b and b - a are one node
+    return intern("sub", (a, b))
+
+
+def neg(a: Symbol) -> Symbol:
+    if is_const(a):
+        return const(-a.value)
+    if a.op == "neg":
+        return a.args[0]
+    return intern("neg", (a,))
+
+
+def mul(a: Symbol, b: Symbol) -> Symbol:
+    if is_const(a) and is_const(b):
+        return const(a.value * b.value)
+    if is_const(b):
+        a, b = b, a
+    if is_const(a):
+        if a.value == 0.0:
+            return a
+        if a.value == 1.0:
+            return b
+        if a.value == -1.0:
+            return neg(b)
+        if b.op == "mul" and is_const(b.args[0]):
+            return mul(const(a.value * b.args[0].value), b.args[1])
+        halved = _halve_midpoint(a, b)
+        if halved is not None:
+            return halved
+        if b.op == "neg":
+            return mul(const(-a.value), b.args[0])
+        return intern("mul", (a, b))
+    if a.op == "neg":
+        return neg(mul(a.args[0], b))
+    if b.op == "neg":
+        return neg(mul(a, b.args[0]))
+    for x, y in ((a, b), (b, a)):
+        if y.op == "recip":  # (r x) / r
+            divisor = y.args[0]
+            if divisor is x:
+                return const(1.0)
+            if x.op == "mul" and (x.args[0] is divisor or x.args[1] is divisor):
+                return x.args[1] if x.args[0] is divisor else x.args[0]
+    return intern("mul", (a, b) if a.number <= b.number else (b, a))
+
+
+def _halve_midpoint(a: Symbol, b: Symbol) -> Symbol | None:
+    """(2z + d)/2 is z + d/2, exactly: powers of two do not round."""
+    if a.value == 0.5 and b.op == "add":
+        for two_z, d in (b.args, b.args[::-1]):
+            if two_z.op == "mul" and is_const(two_z.args[0], 2.0):
+                return add(two_z.args[1], mul(a, d))
+    return None
+
+
+def maximum(a: Symbol, b: Symbol) -> Symbol:
+    """max(a, b); has no derivative, and drops a NaN: `guarded` keeps it."""
+    return intern("max", (a, b))
+
+
+def minimum(a: Symbol, b: Symbol) -> Symbol:
+    """min(a, b); as `maximum`."""
+    return intern("min", (a, b))
+
+
+def guarded(value: Symbol, terms: Iterable[Symbol]) -> Symbol:
+    """The value, or NaN if any of the terms is not finite."""
+    total = const(0.0)
+    for term in terms:
+        total = add(total, term)
+    return intern("guard", (value, total))
+
+
+def reciprocal(a: Symbol) -> Symbol:
+    if is_const(a):
+        if a.value == 0.0:
+            raise _refuse("division by the constant zero")
+        return const(1.0 / a.value)
+    if a.op == "recip":
+        return a.args[0]
+    return intern("recip", (a,))
+
+
+def power(base: Symbol, exponent: Any) -> Symbol:
+    if isinstance(exponent, Symbol):
+        if not is_const(exponent):
+            return (exponent * base.log()).exp()
+        exponent = exponent.value
+    exponent = float(exponent)
+    if exponent < 0:
+        return reciprocal(power(base, -exponent))
+    if exponent == 0.5:
+        return base.sqrt()
+    if exponent == int(exponent) and exponent <= 64:
+        result, square, n = const(1.0), base, int(exponent)
+        while n:
+            if n & 1:
+                result = mul(result, square)
+            square, n = mul(square, square), n >> 1
+        return result
+    return mul(const(exponent), base.log()).exp()
+
+
+def phi(x: Symbol) -> Symbol:
+    """expm1(x)/x, 1 at 0: the divided difference of exp, dimensionless."""
+    return const(1.0) if is_const(x, 0.0) else intern("phi", (x,))
+
+
+def lam(x: Symbol) -> Symbol:
+    """log1p(x)/x, 1 at 0: the divided difference of log, dimensionless."""
+    return const(1.0) if is_const(x, 0.0) else intern("lam", (x,))
+
+
+def mark(x: Symbol) -> Symbol:
+    """The same value, as an intermediate through which derivatives are accumulated (it saves operations, e.g. when
+    everything in an element depends on all positions through one strain measure)."""
+    return x if x.op in ("const", "var", "mark") else intern("mark", (x,))

@@ -1,0 +1,1 @@
+"""Cells to rows: planning, workers, deadlines, resuming."""

@@ -1,0 +1,202 @@
+"""Fingerprints of the sources that a row depends on: files and the local modules that they import, found by reading."""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+from collections.abc import Iterable, Iterator
+from functools import cache, partial
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from .. import plugins
+from ..errors import TcbenchError
+from ..integrator import Integrator
+from ..store.encoding import canonical_json
+from ..store.provenance import machine_name, versions
+from ..studies import base
+from ..studies.base import Study
+from ..systems.scenario import Scenario
+
+INSTALLED = ("site-packages", "dist-packages")
+
+
+def cell_fingerprint(study: Study, method: Integrator, scenario: Scenario) -> tuple[str, str]:
+    """Hash of everything that a row depends on beside its options, and the machine where it is a timing."""
+    mark = fingerprint(
+        integrator=[source_hash(p) for p in (method.plugin, *method.uses)],
+        scenario=scenario.as_dict(), study=_study_hash(study.name), versions=_versions(), order=method.order,
+    )  # fmt: skip
+    return mark, _machine() if study.timed else ""
+
+
+@cache
+def _versions() -> dict[str, str]:
+    return versions()
+
+
+@cache
+def _machine() -> str:
+    return machine_name()
+
+
+@cache
+def source_hash(plugin: str) -> str:
+    """Hash of a plugin's file and of the local modules that it imports; "" for objects of this session."""
+    origin = plugins.registry().origins.get(plugin)
+    return fingerprint_sources(origin.path) if origin and origin.path else ""
+
+
+@cache
+def _study_hash(name: str) -> str:
+    """Hash of a study and of everything in tcbench that it imports: the solvers, the metrics, the references."""
+    return fingerprint_sources(Path(base.__file__).with_name(f"{name}.py"))
+
+
+def fingerprint(**parts: Any) -> str:
+    """One hash of several JSON values, e.g. `fingerprint(source=..., parameters=..., versions=...)`."""
+    return hashlib.sha256(canonical_json(parts).encode()).hexdigest()
+
+
+def fingerprint_sources(*sources: str | Path) -> str:
+    """The hash of Python files and of the local modules that they import, directly or through each other.
+
+    Parameters
+    ----------
+    sources : paths of files, paths of folders (all their `.py` files), or dotted names of modules.
+
+    Local means: in the same folder, or in the same package, as the importing file. Modules are found by
+    reading (`ast`), never by importing. Paths enter relative to the folder, and line ends are normalised, so
+    the hash survives a move to another machine. A file with a syntax error counts with its bytes only.
+
+    Raises `TcbenchError` when a source does not exist.
+    """
+    found: dict[str, str] = {}
+    for source in sources:
+        for path in _resolve(source):
+            _collect(path.resolve(), found, set())
+    return hashlib.sha256(canonical_json(sorted(found.items())).encode()).hexdigest()
+
+
+def _resolve(source: str | Path) -> list[Path]:
+    """The files that a path or a dotted module name stands for."""
+    path = Path(source)
+    if path.is_dir():
+        return sorted(path.rglob("*.py"))
+    if path.is_file():
+        return [path]
+    if isinstance(source, str) and all(part.isidentifier() for part in source.split(".")):
+        # find_spec of a dotted name would import its parents; walking down from the top package does not
+        top, *rest = source.split(".")
+        try:
+            spec = find_spec(top)
+        except ValueError:  # modules made by hand have no spec
+            spec = None
+        if spec is not None and spec.origin and spec.origin.endswith(".py"):
+            folders = spec.submodule_search_locations or []
+            below = [list(_module_files(Path(folder), rest)) for folder in folders] if rest else []
+            files = [Path(spec.origin)] if not rest else next((f for f in below if f and _named(f[-1], rest[-1])), [])
+            if files:
+                return [files[-1]]
+    raise TcbenchError(f"Cannot take the fingerprint of {str(source)!r}: there is no such file, folder or module.")
+
+
+def _named(file: Path, name: str) -> bool:
+    """Is it the file of the module or package of this name?"""
+    return (file.parent.name if file.name == "__init__.py" else file.stem) == name
+
+
+def _collect(path: Path, found: dict[str, str], seen: set[Path]) -> None:
+    """Add to `found`, by relative name, the hashes of `path` and of the local modules it imports."""
+    stack = [path]
+    base = _import_folder(path)
+    while stack:
+        current = stack.pop()
+        if current in seen:
+            continue
+        seen.add(current)
+        text = current.read_bytes().replace(b"\r\n", b"\n")
+        name = current.relative_to(base).as_posix() if current.is_relative_to(base) else current.name
+        digest = hashlib.sha256(text).hexdigest()
+        if found.get(name, digest) != digest:  # two plugins in two folders may each have a helper.py
+            name = f"{name}#{digest}"
+        found[name] = digest
+        stack += [file.resolve() for file in _local_imports(current, text)]
+
+
+def _import_folder(path: Path) -> Path:
+    """Where absolute imports of local modules start: above the outermost package of the file."""
+    folder = path.parent
+    while (folder / "__init__.py").is_file():
+        folder = folder.parent
+    return folder
+
+
+@cache
+def _local_imports(path: Path, text: bytes) -> tuple[Path, ...]:
+    """The files behind the import statements of one file, where they are local."""
+    return tuple(_find_imports(path, text))
+
+
+def _find_imports(path: Path, text: bytes) -> Iterator[Path]:
+    try:
+        tree = ast.parse(text)
+    except (SyntaxError, ValueError):
+        return
+    base = _import_folder(path)
+    for node in _run_nodes(tree):
+        if isinstance(node, ast.Import):
+            for alias in node.names:
+                yield from _own_files(path, base, alias.name.split("."))
+        elif isinstance(node, ast.ImportFrom):
+            relative = 0 < node.level <= len(path.parents)
+            folder = path.parents[node.level - 1] if relative else base
+            find = partial(_module_files, folder) if relative else partial(_own_files, path, base)
+            parts = node.module.split(".") if node.module else []
+            if parts:
+                yield from find(parts)
+            elif (folder / "__init__.py").is_file():
+                yield folder / "__init__.py"
+            for alias in node.names:
+                yield from find([*parts, alias.name])
+        elif isinstance(node, ast.Call):
+            name = getattr(node.func, "attr", getattr(node.func, "id", ""))
+            first = node.args[0] if node.args else None
+            if name in ("import_module", "__import__") and isinstance(first, ast.Constant):
+                yield from _own_files(path, base, str(first.value).lstrip(".").split("."))
+
+
+def _own_files(path: Path, base: Path, parts: list[str]) -> Iterator[Path]:
+    """`_module_files` of an absolute import; among installed packages, of the file's own and of tcbench only."""
+    own = path.relative_to(base).parts[0].removesuffix(".py")
+    if base.name not in INSTALLED or parts[0] in (own, "tcbench"):
+        yield from _module_files(base, parts)
+
+
+def _run_nodes(tree: ast.AST) -> Iterator[ast.AST]:
+    """Every node but those under `if TYPE_CHECKING:`, which never runs."""
+    waiting = [tree]
+    while waiting:
+        node = waiting.pop()
+        yield node
+        if isinstance(node, ast.If) and getattr(node.test, "attr", getattr(node.test, "id", "")) == "TYPE_CHECKING":
+            waiting.extend(node.orelse)
+        else:
+            waiting.extend(ast.iter_child_nodes(node))
+
+
+def _module_files(folder: Path, parts: Iterable[str]) -> Iterator[Path]:
+    """The files that importing `a.b.c` from `folder` runs: packages and module, where they exist."""
+    for part in parts:
+        if not part.isidentifier():
+            return
+        module, package = folder / f"{part}.py", folder / part
+        if (package / "__init__.py").is_file():
+            yield package / "__init__.py"
+        elif module.is_file():
+            yield module
+            return
+        elif not package.is_dir():
+            return
+        folder = package

@@ -1,0 +1,269 @@
+"""Cells to rows: run what is not finished yet, each cell in a worker process, under a deadline, one row each.
+
+Ordinary cells run side by side on `jobs` workers. Timed cells run afterwards, one at a time, in one warm
+worker and in an order shuffled by a seeded generator, while no other worker exists; their rows say so
+(`alone`, `shuffle_order`, `shuffle_seed`). The parent is the only writer: it appends each row, fsynced, as it
+comes, so nothing finished is ever lost.
+
+What becomes of a misbehaving cell (all others are unaffected):
+
+- a hang: `timeout`, killed `timeout` seconds after it started in the worker;
+- an exception, SystemExit, a row that is not JSON: `exception`, with type, message (cut), end of the traceback;
+- memory beyond `memory_limit`: `exception` of type MemoryError, or `crash` where C code gives up;
+- a segfault, `os._exit`, kill -9: `crash`, with exit code, signal and the end of what the cell printed;
+- printing without end: only the end is kept, no terminal or disk fills up.
+
+A cell that kills a worker in which others have run before gets a second try in a new one, so that it is not
+blamed for a thread or a leak that an earlier cell left behind.
+
+On resume `crash`, `timeout` and MemoryError run again, for they depend on the machine and the limits;
+everything else is final.
+"""
+
+from __future__ import annotations
+
+import os
+import queue
+import random
+import tempfile
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from ..errors import TcbenchError
+from ..store.cells import Cell
+from ..store.store import Rows, is_finished
+from .worker_slot import Crew, Slot
+
+TICK_S = 0.05  # how often deadlines are looked at
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something a progress display may want to show.
+
+    kind : "started", "finished" (status ok) or "failed" (any other status).
+    done, failed, total : of the cells that this run has to run; `failed` of them ended with another status
+        than ok.
+    """
+
+    kind: str
+    cell: Cell
+    row: Mapping[str, Any] | None
+    done: int
+    failed: int
+    total: int
+    running: int
+
+
+@dataclass
+class Summary:
+    """What a run did. `statuses` counts the rows written by this run; `interrupted` is set after Ctrl-C."""
+
+    planned: int = 0
+    already_finished: int = 0
+    run: int = 0
+    statuses: Counter[str] = field(default_factory=Counter)
+    failed_keys: list[str] = field(default_factory=list)
+    interrupted: bool = False
+    elapsed_s: float = 0.0
+    seed: int = 0
+
+    @property
+    def left(self) -> int:
+        """Planned cells without a row: 0 unless the run was interrupted."""
+        return self.planned - self.already_finished - self.run
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a run would do. `estimate_s` is None when no earlier row tells how long anything takes."""
+
+    to_run: list[Cell]
+    finished: int
+    estimate_s: float | None
+    without_estimate: int
+
+
+def plan(cells: Iterable[Cell], store: Rows, retry_failed: bool = False, jobs: int | None = None) -> Plan:
+    """Which cells would run, and for about how long (seconds of wall time on `jobs` workers).
+
+    A cell counts as long as the mean of the earlier rows most like it: same study, integrator and scenario;
+    then same study and integrator; then same study; then any. Duplicate cells count once.
+    """
+    unique = list({cell.key: cell for cell in cells}.values())
+    rows = store.rows()
+    if retry_failed:
+        finished = {key for key, row in rows.items() if row.get("status") == "ok"}
+    else:
+        finished = {key for key, row in rows.items() if is_finished(row)}
+    to_run = [cell for cell in unique if cell.key not in finished]
+    if not to_run:
+        return Plan([], len(unique), 0.0, 0)
+    known = _mean_times(store)
+    times = [_estimate(cell, known) for cell in to_run]
+    seconds = [t for t in times if t is not None]
+    estimate = None
+    if seconds:
+        mean = sum(seconds) / len(seconds)
+        alone = sum(mean if t is None else t for t, cell in zip(times, to_run, strict=True) if cell.timed)
+        shared = sum(mean if t is None else t for t, cell in zip(times, to_run, strict=True) if not cell.timed)
+        estimate = alone + shared / (jobs or usable_cores())
+    return Plan(to_run, len(unique) - len(to_run), estimate, len(times) - len(seconds))
+
+
+def run_cells(
+    cells: Iterable[Cell],
+    measure: str,
+    context: Mapping[str, Any],
+    store: Rows,
+    jobs: int | None = None,
+    timeout: float = 60.0,
+    memory_limit: int | None = None,
+    on_event: Callable[[Event], None] | None = None,
+    retry_failed: bool = False,
+    seed: int = 0,
+) -> Summary:
+    """Run every cell that has no final row in `store` yet, and append exactly one row for each.
+
+    Parameters
+    ----------
+    measure : "package.module:function", called in a worker as `function(cell: dict, context: dict) -> dict`.
+    context : JSON values passed to every call (plugin folders, ...).
+    store : an open `Store`, or `Rows` to keep the rows in memory.
+    jobs : worker processes; the cores this process may use by default.
+    timeout : seconds a cell may take, from its start in the worker; importing `measure` is not counted.
+    memory_limit : bytes of address space a worker may have (not on Windows; macOS does not enforce it).
+    retry_failed : run again whatever has a status other than ok.
+    seed : of the order of the timed cells.
+
+    Each row gets `status`, `failure` (a sentence, empty when ok), `cell_time_s` (wall time in the worker),
+    `wall_time_s` (the same unless `measure` gives its own) and `timed`. Ctrl-C kills the workers, keeps what
+    is done and returns with `interrupted`. Raises `TcbenchError` when a row cannot be written; the workers
+    are dead by then and the rows before it are safe.
+    """
+    jobs = usable_cores() if jobs is None else jobs
+    _check_limits(jobs, timeout, memory_limit, measure)
+    began = time.monotonic()
+    todo = plan(cells, store, retry_failed, jobs)
+    summary = Summary(planned=len(todo.to_run) + todo.finished, already_finished=todo.finished, seed=seed)
+    if not todo.to_run:
+        return summary
+    together = [(cell, {"timed": False}) for cell in todo.to_run if not cell.timed]
+    alone = [cell for cell in todo.to_run if cell.timed]
+    random.Random(seed).shuffle(alone)
+    one_by_one = [
+        (cell, {"timed": True, "alone": True, "shuffle_order": order, "shuffle_seed": seed})
+        for order, cell in enumerate(alone)
+    ]
+    with tempfile.TemporaryDirectory(prefix="tcbench-", ignore_cleanup_errors=True) as logs:
+        settings = {"measure": measure, "context": dict(context), "memory_limit": memory_limit, "logs": logs}
+        run = _Run(store, summary, on_event, len(todo.to_run), Crew(settings, timeout))
+        try:
+            run.all(together, jobs)
+            run.all(one_by_one, 1, exclusive=True)
+        except KeyboardInterrupt:
+            summary.interrupted = True
+    summary.elapsed_s = time.monotonic() - began
+    return summary
+
+
+def usable_cores() -> int:
+    """The cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+class _Run:
+    """The state of one `run_cells`: keeps slots busy, writes rows, tells the progress display."""
+
+    def __init__(
+        self, store: Rows, summary: Summary, on_event: Callable[[Event], None] | None, total: int, crew: Crew
+    ) -> None:
+        self.store, self.summary, self.on_event, self.total, self.crew = store, summary, on_event, total, crew
+        self.running = 0
+
+    def all(self, work: Sequence[tuple[Cell, dict[str, Any]]], jobs: int, exclusive: bool = False) -> None:
+        """Run the cells on at most `jobs` slots; on return, also by an exception, no worker is left."""
+        waiting = deque(work)
+        woken: queue.SimpleQueue[Slot] = queue.SimpleQueue()
+        slots = [Slot(number, self.crew, woken.put, exclusive) for number in range(min(jobs, len(waiting)))]
+        try:
+            for slot in slots:
+                self._feed(slot, waiting)
+            last_look = time.monotonic()
+            while self.running:
+                try:
+                    candidates = [woken.get(timeout=TICK_S)]
+                except queue.Empty:
+                    candidates = slots
+                if time.monotonic() - last_look > TICK_S:
+                    candidates, last_look = slots, time.monotonic()
+                for slot in candidates:
+                    cell = slot.cell
+                    row = slot.check()
+                    if row is not None and cell is not None:
+                        # feed first: the worker computes while the row is being written
+                        self.running -= 1
+                        self._feed(slot, waiting)
+                        self._write(cell, row)
+        finally:
+            self.running = 0
+            for slot in slots:
+                slot.discard()
+            self.crew.wait_for_the_dead()
+
+    def _feed(self, slot: Slot, waiting: deque[tuple[Cell, dict[str, Any]]]) -> None:
+        while waiting:
+            cell, extra = waiting.popleft()
+            self.running += 1
+            self._tell("started", cell, None)
+            row = slot.submit(cell, extra)
+            if row is None:
+                return
+            self.running -= 1
+            self._write(cell, row)
+
+    def _write(self, cell: Cell, row: dict[str, Any]) -> None:
+        self.store.append(cell.key, row, cell.as_dict())
+        status = str(row.get("status"))
+        self.summary.run += 1
+        self.summary.statuses[status] += 1
+        if status != "ok":
+            self.summary.failed_keys.append(cell.key)
+        self._tell("finished" if status == "ok" else "failed", cell, row)
+
+    def _tell(self, kind: str, cell: Cell, row: Mapping[str, Any] | None) -> None:
+        if self.on_event is not None:
+            counts = (self.summary.run, len(self.summary.failed_keys), self.total, self.running)
+            self.on_event(Event(kind, cell, row, *counts))
+
+
+def _check_limits(jobs: int, timeout: float, memory_limit: int | None, measure: str) -> None:
+    if jobs < 1:
+        raise TcbenchError(f"jobs is {jobs}; at least one worker is needed.")
+    if not timeout > 0:
+        raise TcbenchError(f"timeout is {timeout}; give the seconds that a cell may take, for example 60.")
+    if memory_limit is not None and memory_limit < 64 * 2**20:
+        raise TcbenchError(f"memory_limit is {memory_limit} bytes; a worker needs at least 64 MiB to start.")
+    module, colon, function = measure.partition(":")
+    if not (module and colon and function):
+        raise TcbenchError(f"measure is {measure!r}; write it as 'package.module:function'.")
+
+
+def _mean_times(store: Rows) -> dict[tuple[Any, ...], float]:
+    """Mean `cell_time_s` of earlier rows by (study, integrator, scenario) and each prefix of it."""
+    totals: dict[tuple[Any, ...], list[float]] = {}
+    for line in store.lines():
+        seconds = line["row"].get("cell_time_s", line["row"].get("wall_time_s"))
+        if isinstance(seconds, (int, float)):
+            names = tuple(line["cell"].get(name) for name in ("study", "integrator", "scenario"))
+            for length in range(4):
+                totals.setdefault(names[:length], []).append(float(seconds))
+    return {names: sum(times) / len(times) for names, times in totals.items()}
+
+
+def _estimate(cell: Cell, known: Mapping[tuple[Any, ...], float]) -> float | None:
+    names = (cell.study, cell.integrator, cell.scenario)
+    return next((known[names[:length]] for length in (3, 2, 1, 0) if names[:length] in known), None)

@@ -1,0 +1,155 @@
+"""What a run will do, before it does it: cells of integrators x scenarios x studies."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .. import plugins
+from ..errors import TcbenchError
+from ..integrator import Integrator
+from ..store.cells import Cell
+from ..store.store import Rows, Store
+from ..studies.base import NAMES, Study, find_study
+from ..systems.scenario import Scenario
+from .fingerprint import cell_fingerprint
+from .measure import scenario_data
+
+if TYPE_CHECKING:
+    from .local import Plan
+
+ABSENT = "absent"  # tag of peers whose package is not installed: listed, and run only when they are named
+CLOSED_FORM = "closed-form conduction"  # tag of integrators that ask for System.conduction_flow
+
+
+@dataclass(frozen=True)
+class Job:
+    """Everything that a run will do, before it does it."""
+
+    cells: list[Cell]
+    context: dict[str, Any]
+    studies: list[Study]
+    objects: dict[str, Integrator]  # integrators that workers cannot look up by name: measured in this process
+    left_out: Sequence[str] = ()  # why methods that were asked for by name are in none of a study's cells
+
+
+def plan_job(
+    integrators: Iterable[str | Integrator] | None = None,
+    scenarios: Iterable[str | Scenario] | None = None,
+    studies: Iterable[str] | None = None,
+    *,
+    dt: Sequence[float] | None = None,
+    options: Mapping[str, Any] | None = None,
+) -> Job:
+    """Look everything up and plan the cells; raises TcbenchError before anything is written."""
+    registry = plugins.registry()
+    present = [name for name, method in registry.integrators.items() if ABSENT not in method.tags]
+    methods = plugins.expand_integrators(present if integrators is None else integrators)
+    selected = [plugins.find_scenario(s) for s in (registry.scenarios if scenarios is None else scenarios)]
+    chosen = [find_study(name) for name in (NAMES if studies is None else dict.fromkeys(studies))]
+    if len({s.name for s in selected}) < len(selected):
+        raise TcbenchError("Two scenarios of one run have the same name; give variants a name: replace(name=...).")
+    settings = {"dt": _checked_steps(dt, selected), **(options or {})}
+    cells, objects, seen = [], {}, set()
+    for study in chosen:
+        for method, scenario, cell_options in study.plan(methods, selected, settings):
+            if not _suits(method, scenario):
+                continue
+            seen.add((method.name, study.name))
+            if registry.integrators.get(method.base or method.name, None) is None or not _registered(method):
+                objects[method.name] = method
+            cells.append(_cell(study, method, scenario, cell_options))
+    left_out = [] if integrators is None else _left_out(methods, chosen, selected, seen, studies is not None)
+    if not cells:
+        raise TcbenchError(
+            " ".join(["There is nothing to run: no integrator, scenario and step fit together.", *left_out])
+        )
+    custom = {s.name: scenario_data(s) for s in selected if not _can_be_named(s)}
+    context = {"folders": [str(p) for p in plugins.plugin_folders()], "scenarios": custom}
+    return Job(list({c.key: c for c in cells}.values()), context, chosen, objects, left_out)
+
+
+def _left_out(
+    methods: Sequence[Integrator], chosen: Sequence[Study], scenarios: Sequence[Scenario], seen: set[tuple[str, str]],
+    by_name: bool,
+) -> list[str]:  # fmt: skip
+    """Why methods have no cell: in a study that was asked for by name, or in any."""
+    sentences = []
+    for method in methods:
+        missing = [study for study in chosen if (method.name, study.name) not in seen]
+        if by_name or len(missing) == len(chosen):
+            sentences += [_why_not(method, study, scenarios) for study in missing[: None if by_name else 1]]
+    return sentences
+
+
+def _why_not(method: Integrator, study: Study, scenarios: Sequence[Scenario]) -> str:
+    """Why a method that was asked for by name has no cell in a study."""
+    suited = any(_suits(method, scenario) for scenario in scenarios)
+    if ABSENT in method.tags:
+        why = f"its package is not installed ({method.source})"
+    elif not suited and method.only_for:
+        why = f"it is written for {', '.join(sorted(method.only_for))} only"
+    elif not suited and CLOSED_FORM in method.tags:
+        why = "no system of these scenarios has a closed form of its conduction"
+    elif not suited:
+        why = "these scenarios need a method that is written for their system"
+    elif method.kind == "adaptive":
+        why = "a method that chooses its steps has no step size to vary"
+    elif method.kind == "step":
+        why = "it follows the roots of a residual, which a step in Python does not show"
+    else:
+        why = "none of these scenarios and steps fits"
+    return f"{method.name} is not in the study {study.name}: {why}."
+
+
+def _can_be_named(scenario: Scenario) -> bool:
+    """Does a worker find the same scenario by its name?"""
+    try:
+        return plugins.find_scenario(scenario.name) == scenario
+    except TcbenchError:
+        return False
+
+
+def _suits(method: Integrator, scenario: Scenario) -> bool:
+    """Methods with an exact conduction step are for systems that have its closed form, others for one system only;
+    elsewhere they refuse."""
+    from ..systems.system import System
+
+    if (
+        method.only_for or scenario.model.by_arrays
+    ):  # what is too large to be traced needs a method that knows the system
+        return scenario.system.name in method.only_for
+    return CLOSED_FORM not in method.tags or scenario.system.conduction_flow is not System.conduction_flow
+
+
+def _checked_steps(dt: Sequence[float] | None, scenarios: Sequence[Scenario]) -> list[float] | None:
+    """The steps asked for; each must fit at least the longest scenario."""
+    if dt is None:
+        return None
+    from ..simulation.run import checked_dt
+
+    longest = max(scenarios, key=lambda s: s.t_end)
+    return [checked_dt(value, longest) for value in dt]
+
+
+def _registered(method: Integrator) -> bool:
+    """Can a worker find the same integrator by its name?"""
+    try:
+        return bool(method.plugin) and plugins.find_integrator(method.name) == method
+    except TcbenchError:
+        return False
+
+
+def _cell(study: Study, method: Integrator, scenario: Scenario, options: dict[str, Any]) -> Cell:
+    mark, machine = cell_fingerprint(study, method, scenario)
+    return Cell(study.name, method.name, scenario.name, options, study.timed, mark, machine)
+
+
+def preview(job: Job, output: str | Path, retry_failed: bool, jobs: int | None) -> Plan:
+    """What a run would do and for how long, from the rows that are there; nothing is written."""
+    from .local import plan
+
+    store = Store.read(output) if Path(output).exists() else Rows()
+    return plan(job.cells, store, retry_failed, jobs)

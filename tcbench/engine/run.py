@@ -1,0 +1,104 @@
+"""`run`: integrators x scenarios x studies -> rows on disk -> tables. Resumes what an earlier run left."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..integrator import Integrator
+from ..store.cells import Cell
+from ..store.provenance import manifest, provenance, utc_now
+from ..store.store import Store
+from ..store.tables import make_tables
+from ..systems.scenario import Scenario
+from .measure import MEASURE, measure_here
+from .planning import Job, plan_job
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+    from .local import Event, Summary
+
+DEFAULT_OUTPUT = Path("results") / "latest"
+
+
+@dataclass(frozen=True)
+class Results:
+    """What `run` returns: tables by name, the folder they are in, and what the engine did."""
+
+    tables: Mapping[str, DataFrame]
+    output: Path
+    summary: Summary
+    left_out: Sequence[str] = ()  # sentences: why methods that were asked for are not in a study
+    problems: Sequence[str] = ()  # sentences: lines of the folder that could not be read and were measured again
+
+    def __repr__(self) -> str:
+        return f"<Results in {str(self.output)!r}: {', '.join(self.tables)}>"
+
+
+def run(
+    integrators: Iterable[str | Integrator] | None = None,
+    scenarios: Iterable[str | Scenario] | None = None,
+    studies: Iterable[str] | None = None,
+    output: str | Path = DEFAULT_OUTPUT,
+    *,
+    dt: Sequence[float] | None = None,
+    options: Mapping[str, Any] | None = None,
+    jobs: int | None = None,
+    timeout: float = 300.0,
+    memory_limit: int | None = None,
+    fresh: bool = False,
+    retry_failed: bool = False,
+    dask: str | None = None,
+    security: Mapping[str, str] | None = None,
+    on_event: Callable[[Event], None] | None = None,
+) -> Results:
+    """Run studies; None means all of a kind. Finished cells of the same folder are not run again.
+
+    dt : steps of the ladder studies, instead of each scenario's own.
+    output : folder for the rows (cells.jsonl), tables/ (CSV and Parquet) and manifest.json.
+    jobs, timeout (s), memory_limit (bytes) : of the worker processes. fresh : forget earlier rows.
+    retry_failed : run again whatever did not end well. dask : address of a scheduler to use instead.
+    """
+    job = plan_job(integrators, scenarios, studies, dt=dt, options=options)
+    return execute(job, output, jobs, timeout, memory_limit, fresh, retry_failed, dask, security, on_event)
+
+
+def execute(
+    job: Job, output: str | Path, jobs: int | None = None, timeout: float = 300.0, memory_limit: int | None = None,
+    fresh: bool = False, retry_failed: bool = False, dask: str | None = None, security: Mapping[str, str] | None = None,
+    on_event: Callable[[Event], None] | None = None,
+) -> Results:  # fmt: skip
+    """Run the cells of a job that have no final row yet; write rows, tables and manifest."""
+    started = utc_now()
+    with Store.open(output, fresh=fresh) as store:
+        store.add_provenance(provenance())
+        local = [cell for cell in job.cells if cell.integrator in job.objects]
+        remote = [cell for cell in job.cells if cell.integrator not in job.objects]
+        limits: dict[str, Any] = {
+            "jobs": jobs, "timeout": timeout, "memory_limit": memory_limit, "retry_failed": retry_failed,
+        }  # fmt: skip
+        summary = _run_cells(remote, job.context, store, limits, on_event, dask, security)
+        measure_here(local, job, store)
+        tables = make_tables(job.studies, store, {cell.key for cell in job.cells})
+        store.write_tables(tables)
+        data = {"cells": len(job.cells), "interrupted": summary.interrupted, "tables": sorted(tables)}
+        store.write_manifest(manifest(store.provenance_id, started, utc_now(), data))
+        return Results(tables, Path(output), summary, job.left_out, tuple(store.problems))
+
+
+def _run_cells(
+    cells: list[Cell], context: dict[str, Any], store: Store, limits: dict[str, Any],
+    on_event: Callable[[Event], None] | None, dask: str | None, security: Mapping[str, str] | None,
+) -> Summary:  # fmt: skip
+    if dask is None:
+        from .local import run_cells
+
+        return run_cells(cells, MEASURE, context, store, on_event=on_event, **limits)
+    from .cluster import run_on_dask
+
+    if (jobs := limits.pop("jobs")) is not None:
+        limits["jobs_per_share"] = jobs
+    return run_on_dask(cells, MEASURE, context, store, address=dask, security=security, on_event=on_event, **limits)

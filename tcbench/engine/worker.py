@@ -1,0 +1,217 @@
+"""Inside a worker process: measure one cell at a time and turn whatever happens into a row.
+
+A worker runs code that other people wrote. What Python can catch (exceptions, SystemExit, values that are
+not JSON) becomes a row here; what it cannot (hangs, segfaults, `os._exit`, kill -9) is seen and recorded by
+the parent. Rows travel as JSON text, so nothing that a plugin made is ever unpickled in the parent.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import faulthandler
+import importlib
+import io
+import json
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+import time
+import traceback
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from ..store.encoding import encode_values
+
+MESSAGE_LIMIT = 2000  # characters kept of an exception's message, and of the ends of its traceback and of the output
+ROW_LIMIT = 64 * 2**20  # bytes of JSON a row may have
+# Cells run side by side, one a core: threads inside them would only get in each other's way and blur timings.
+ONE_THREAD = (
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "VECLIB_MAXIMUM_THREADS",
+    "NUMEXPR_NUM_THREADS",
+)
+
+_settings: dict[str, Any] = {}
+
+
+def start(settings: dict[str, Any]) -> None:
+    """Prepare the process (the pool's initializer): limits, signals, output."""
+    _settings.update(settings)
+    for name in ONE_THREAD:
+        os.environ.setdefault(name, "1")
+    # pebble installs a Python handler, which a hang inside C code never reaches
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    _die_with_parent()
+    _redirect(Path(settings["logs"]) / f"start-{settings['slot']}.log")
+    _own_streams()
+    _settings["folder"] = os.getcwd()
+    with contextlib.suppress(Exception):
+        faulthandler.enable(file=2)  # a segfault then leaves its Python traceback in the output
+    if settings.get("memory_limit"):
+        _limit_memory(int(settings["memory_limit"]))
+
+
+def warm_up() -> None:
+    """Import the measuring code before the first clock starts. An error is left to the cells' rows."""
+    with contextlib.suppress(BaseException):
+        resolve(_settings["measure"])
+
+
+def ping() -> None:
+    """Answer, which proves that whatever was sent to this worker earlier is over."""
+
+
+def run_cell(key: str, cell: dict[str, Any], extra: dict[str, Any]) -> str:
+    """Measure one cell and return its row as JSON text (with "nonfinite", see `tcbench.encoding`).
+
+    extra : entries to add to the row (timed, order, ...).
+    """
+    log = Path(_settings["logs"]) / f"{key}.log"
+    _undo_leftovers(log)
+    began = time.perf_counter()
+    try:
+        row = resolve(_settings["measure"])(cell, _settings["context"])
+        if not isinstance(row, Mapping):
+            raise TypeError(f"{_settings['measure']} returned {type(row).__name__}, not a dict")
+        row = {str(name): value for name, value in row.items()}
+        row.setdefault("status", "ok")
+        row.setdefault("failure", "")
+        row.setdefault("wall_time_s", time.perf_counter() - began)
+        text = _encode(row | {"cell_time_s": time.perf_counter() - began} | extra)
+    except BaseException as error:  # SystemExit and KeyboardInterrupt of a plugin are that plugin's failures too
+        row = exception_row(error) | {"output_tail": _own_tail(log)}
+        text = _encode(row | {"cell_time_s": time.perf_counter() - began} | extra)
+    _redirect(None)
+    with contextlib.suppress(OSError):
+        log.unlink()
+    return text
+
+
+def resolve(name: str) -> Callable[[dict[str, Any], dict[str, Any]], Mapping[str, Any]]:
+    """The function called `package.module:function`."""
+    module, _, function = name.partition(":")
+    return getattr(importlib.import_module(module), function)
+
+
+def exception_row(error: BaseException) -> dict[str, Any]:
+    """The row of a cell that raised: type, message and end of the traceback, each cut to a bounded length."""
+    try:
+        message = str(error)
+    except BaseException as second:  # an exception may fail to print itself
+        message = f"(its message cannot be printed: {type(second).__name__})"
+    name = type(error).__name__
+    short = cut(message)
+    try:
+        lines = "".join(traceback.format_tb(error.__traceback__))  # without the message, which may be megabytes
+    except BaseException:
+        lines = ""
+    first = short.splitlines()[0][:300] if short else ""
+    return {
+        "status": "exception",
+        "failure": f"{name}: {first}" if first else name,
+        "exception_type": name,
+        "exception_message": short,
+        "traceback_tail": tail(lines),
+    }
+
+
+def cut(text: str, limit: int = MESSAGE_LIMIT) -> str:
+    """The start of a text, with a note of how much was left out."""
+    return text if len(text) <= limit else f"{text[:limit]}... ({len(text) - limit} more characters)"
+
+
+def tail(text: str, limit: int = MESSAGE_LIMIT) -> str:
+    """The end of a text."""
+    return text if len(text) <= limit else "..." + text[-limit:]
+
+
+def read_tail(path: Path, limit: int = MESSAGE_LIMIT) -> str:
+    """The end of an output file as text; empty when there is none."""
+    try:
+        with open(path, "rb") as file:
+            file.seek(max(0, os.fstat(file.fileno()).st_size - 4 * limit))
+            return tail(file.read(4 * limit).decode(errors="replace").replace("\0", ""), limit)
+    except OSError:
+        return ""
+
+
+def _encode(row: Mapping[str, Any]) -> str:
+    text = json.dumps(encode_values({"row": dict(row)}), allow_nan=False)
+    if len(text) > ROW_LIMIT:
+        raise ValueError(f"the row has {len(text) / 2**20:.0f} MiB of JSON; the limit is {ROW_LIMIT // 2**20} MiB")
+    return text
+
+
+def _undo_leftovers(log: Path) -> None:
+    """Output to the cell's own file; streams and working directory as before any cell ran."""
+    _redirect(log)
+    ours = (_settings["stdout"], _settings["stderr"])
+    if (sys.stdout, sys.stderr) != ours or any(stream.closed for stream in ours):
+        _own_streams()
+    with contextlib.suppress(OSError):
+        os.chdir(_settings["folder"])
+
+
+def _own_streams() -> None:
+    sys.stdout = _settings["stdout"] = _utf8_text(1)
+    sys.stderr = _settings["stderr"] = _utf8_text(2)
+
+
+def _redirect(path: Path | None) -> None:
+    """Send the process's own stdout and stderr (file descriptors, so C code too) to a file, or nowhere."""
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(Exception):  # a plugin may have closed or replaced them
+            stream.flush()
+    # O_APPEND: the parent truncates the file when it grows too long, and writing goes on at the new end
+    flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND
+    try:
+        descriptor = os.open(os.devnull, os.O_WRONLY) if path is None else os.open(path, flags, 0o600)
+    except OSError:  # no room for output is no reason not to compute
+        descriptor = os.open(os.devnull, os.O_WRONLY)
+    for target in (1, 2):
+        os.dup2(descriptor, target)
+    if descriptor > 2:
+        os.close(descriptor)
+
+
+def _own_tail(log: Path) -> str:
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(Exception):
+            stream.flush()
+    return read_tail(log)
+
+
+def _utf8_text(descriptor: int) -> io.TextIOWrapper:
+    raw = io.FileIO(descriptor, "w", closefd=False)
+    return io.TextIOWrapper(io.BufferedWriter(raw), encoding="utf-8", errors="backslashreplace", line_buffering=True)
+
+
+def _die_with_parent() -> None:
+    """A killed parent must not leave workers behind, least of all one that hangs."""
+    if sys.platform == "linux":  # also reaches a worker that is stuck in C code
+        with contextlib.suppress(Exception):
+            ctypes.CDLL(None).prctl(1, int(signal.SIGKILL), 0, 0, 0)  # 1 = PR_SET_PDEATHSIG
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+
+        def follow() -> None:
+            parent.join()
+            os._exit(1)
+
+        threading.Thread(target=follow, name="tcbench-parent-watch", daemon=True).start()
+
+
+def _limit_memory(limit: int) -> None:
+    """Cap the address space (bytes); allocating more raises MemoryError. Does nothing on Windows."""
+    try:
+        import resource
+    except ImportError:  # pragma: no cover -- Windows
+        return
+    with contextlib.suppress(ValueError, OSError):  # a lower hard limit is in force already
+        resource.setrlimit(resource.RLIMIT_AS, (limit, limit))

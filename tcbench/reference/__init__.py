@@ -1,0 +1,1 @@
+"""What is exactly true: certified states, by unrelated methods."""

@@ -1,0 +1,250 @@
+"""Reference solutions with a certificate: read from the package, or computed on the fly by unrelated methods.
+
+Every gap in this file is measured as max_i |a_i - b_i| / max(1, |b_i|) over the components of a state.
+
+A reference answers two different questions, and keeps the answers apart:
+
+- `certificate`: how far the reference may be from the exact solution of the exact (decimal) data;
+- `floor`: how far *any* double-precision run may be from it before it has taken a step, because 0.1 and 2.2
+  and the initial entropies are rounded to double when it starts. An error near this floor says nothing about
+  a method.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from importlib.resources import files
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..files import replacing
+from .collocation import LONG, Jacobian, ReferenceFailed, RightHandSide, integrate, tableau
+
+FORMAT = 1
+# Both collocations share the rounding of the right-hand side: on stiff_spring the error was 3 times the gap.
+SAFETY = 4.0
+CONTRADICTION = 1e-5  # gap to SciPy beyond its own errors (5e-7 measured on cold_spring, which magnifies 1e4)
+CONSTANT_KEYS = (
+    "masses",
+    "stiffness",
+    "natural_lengths",
+    "conductivity",
+    "reference_temperature",
+    "coupling",
+    "heat_capacity",
+)
+INITIAL_KEYS = ("positions", "momenta", "temperatures")
+
+
+@dataclass(frozen=True)
+class Reference:
+    """States known to a stated accuracy.
+
+    times : n floats.  states : (n, m) float64, the certified states rounded to double.
+    certificate : gap between two unrelated computations, one number a time (see the module's docstring for
+        the measure).
+    floor : smallest error that means something for a double-precision run, >= certificate.
+    source : how it was made.  exact : the states as decimal strings where they are known, else ().
+    """
+
+    times: tuple[float, ...]
+    states: NDArray[np.float64]
+    certificate: tuple[float, ...]
+    floor: tuple[float, ...]
+    source: str
+    exact: tuple[tuple[str, ...], ...] = ()
+
+    def index(self, t: float) -> int:
+        """Position of time `t` in `times` (equal to 1e-12 relative)."""
+        for i, known in enumerate(self.times):
+            if abs(known - t) <= 1e-12 * max(1.0, abs(t)):
+                return i
+        raise KeyError(
+            f"The reference has no state at t = {t:g}. It has t = {', '.join(f'{x:g}' for x in self.times)}."
+        )
+
+    def at(self, t: float) -> NDArray[np.float64]:
+        """State at time `t`, shape (m,)."""
+        return self.states[self.index(t)]
+
+
+def gap(a: ArrayLike, b: ArrayLike) -> float:
+    """max_i |a_i - b_i| / max(1, |b_i|) over the components; NaN as soon as one component is NaN."""
+    a, b = np.asarray(a), np.asarray(b)
+    return float(np.max(np.abs(a - b) / np.maximum(1, np.abs(b))))
+
+
+# ---- stored references
+
+
+def scenario_hash(constants: Mapping[str, Any], initial: Mapping[str, Any]) -> str:
+    """sha256 of the scenario's numbers: constants and initial data, as canonical JSON.
+
+    Horizon, step and name do not enter, for they do not change the solution; so `relative_equilibrium` and
+    `long_term` share one hash. Integers and floats of the same value hash alike.
+    """
+    data = {
+        "constants": {k: _plain(constants[k]) for k in CONSTANT_KEYS},
+        "initial": {k: _plain(initial[k]) for k in INITIAL_KEYS},
+    }
+    text = json.dumps(data, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _plain(value: Any) -> Any:
+    return [float(x) for x in np.ravel(value)] if np.ndim(value) else float(value)
+
+
+@lru_cache(maxsize=1)
+def stored_file() -> dict[str, Any]:
+    """The package's references.json, read once: recipe, versions, and one record a scenario."""
+    return json.loads(files(__package__).joinpath("data", "references.json").read_text(encoding="utf-8"))
+
+
+def stored(name_or_hash: str, expected_hash: str | None = None) -> Reference | None:
+    """The reference stored in the package for a scenario's name or hash; None if there is none.
+
+    With a hash, all records of that content are merged. With a name and `expected_hash`, a record whose
+    content has changed since it was certified counts as absent: a stale reference is worse than none.
+    """
+    records = stored_file()["scenarios"]
+    if name_or_hash in records:
+        found = [records[name_or_hash]]
+        if expected_hash is not None and found[0]["hash"] != expected_hash:
+            return None
+    else:
+        found = [r for r in records.values() if r["hash"] == name_or_hash]
+    rows = {float(t): (r, i) for r in found for i, t in enumerate(r["times"])}
+    if not rows:
+        return None
+    times = sorted(rows)
+    exact = tuple(tuple(rows[t][0]["states"][rows[t][1]]) for t in times)
+    states = np.array([[float(x) for x in z] for z in exact])
+    certificate = tuple(float(rows[t][0]["precision_gap"][rows[t][1]]) for t in times)
+    rounded = [float(rows[t][0]["double_gap"][rows[t][1]]) for t in times]
+    half_ulp = float(np.finfo(float).eps) / 2  # of the states themselves, which are rounded to double
+    floor = tuple(max(c, r, half_ulp) for c, r in zip(certificate, rounded, strict=True))
+    return Reference(tuple(times), states, certificate, floor, stored_file()["recipe"], exact)
+
+
+# ---- references on the fly: two collocations and SciPy
+
+
+def compute(
+    rhs: RightHandSide,
+    jac: Jacobian | None,
+    z0: ArrayLike,
+    times: Sequence[float],
+    *,
+    tolerance: float = 1e-12,
+    vectorized: bool = False,
+    max_seconds: float = 300.0,
+) -> Reference:
+    """Reference at `times` for any smooth z' = rhs(t, z), from three runs that share no step and no
+    coefficient.
+
+    Gauss (8 stages, order 16) and Radau IIA (9 stages, order 17) in np.longdouble: four times their gap is
+    the certificate; SciPy's LSODA checks both. If SciPy disagrees by more than 1e-5, its gap becomes the
+    certificate: then the equations are too hard for one of the three, and nobody knows for which.
+
+    rhs should be written in numpy and keep the dtype of z. If it returns doubles, the result still holds but
+    the certificate ends near 1e-14 instead of below 1e-16. It says so in `source`.
+    """
+    times = tuple(float(t) for t in times)
+    if not times or times[0] <= 0 or any(b <= a for a, b in pairwise(times)):
+        raise ValueError(f"Reference times must be positive and increasing; got {times}.")
+    z = np.asarray(z0, LONG)
+    probe = np.asarray(rhs(LONG(0), z) if not vectorized else rhs(np.zeros(1, LONG), z[:, None]))
+    extended = probe.dtype == LONG and np.finfo(LONG).eps < 1e-18
+    gauss, radau = (
+        integrate(
+            tableau(kind, s),
+            rhs,
+            jac,
+            z,
+            times,
+            tolerance=tol,
+            vectorized=vectorized,
+            max_seconds=max_seconds,
+        )
+        for kind, s, tol in (("gauss", 8, tolerance), ("radau", 9, tolerance / 3))
+    )
+    check = _scipy_gaps(rhs, jac, z.astype(float), times, gauss, vectorized)
+    eps = float(np.finfo(float).eps)
+    certificate = tuple(
+        max(SAFETY * gap(a, b), float(np.finfo(LONG).eps), c if c > CONTRADICTION else 0.0)
+        for a, b, c in zip(radau, gauss, check, strict=True)
+    )
+    source = (
+        f"Gauss 8-stage against Radau IIA 9-stage collocation in "
+        f"{'extended' if extended else 'double'} precision; SciPy agrees to {max(check):.1e}"
+    )
+    floor = tuple(max(c, eps / 2) for c in certificate)
+    return Reference(times, gauss.astype(float), certificate, floor, source)
+
+
+def _scipy_gaps(
+    rhs: RightHandSide,
+    jac: Jacobian | None,
+    z0: NDArray[np.float64],
+    times: tuple[float, ...],
+    states: NDArray[Any],
+    vectorized: bool,
+) -> list[float]:
+    """Gap of SciPy's LSODA, at a tight tolerance, to `states`, per time; inf where it did not arrive."""
+    from scipy import integrate as scipy_integrate
+
+    solve_ivp: Any = scipy_integrate.solve_ivp  # its stubs do not admit a jac that may be None
+
+    def f(t: Any, z: Any) -> Any:
+        value = rhs(np.array([t]), z[:, None])[:, 0] if vectorized else rhs(t, z)
+        return np.asarray(value, float)
+
+    run: Any = solve_ivp(f, (0.0, times[-1]), z0, "LSODA", t_eval=times, rtol=1e-12, atol=1e-13, jac=jac)
+    reached = run.y.shape[1] if run.y.ndim == 2 else 0
+    return [gap(run.y[:, i], states[i].astype(float)) if i < reached else np.inf for i in range(len(times))]
+
+
+# ---- cache
+
+
+def cached(folder: Path | str, key: str, make: Callable[[], Reference]) -> Reference:
+    """`make()`, or what an earlier call stored as folder/key.json. `key` must hash everything the reference
+    depends on.
+
+    A file that cannot be read (torn by a crash, or of another format) is made again, never trusted.
+    """
+    path = Path(folder) / f"{key}.json"
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+        if data.pop("format") == FORMAT:
+            data["states"] = np.array(data["states"], float)
+            tuples = {k: tuple(data[k]) for k in ("times", "certificate", "floor")}
+            return Reference(**{**data, **tuples, "exact": tuple(tuple(z) for z in data["exact"])})
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        pass
+    reference = make()
+    text = json.dumps({"format": FORMAT, **asdict(reference), "states": reference.states.tolist()})
+    write_atomically(path, text)
+    return reference
+
+
+def write_atomically(path: Path, text: str) -> None:
+    """Write beside the target and rename over it, so that a reader never sees half a file."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+__all__ = [
+    "LONG", "Reference", "ReferenceFailed", "cached", "compute", "gap", "integrate", "scenario_hash", "stored",
+    "stored_file", "tableau", "write_atomically",
+]  # fmt: skip

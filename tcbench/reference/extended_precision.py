@@ -1,0 +1,81 @@
+"""A system's own equations in extended precision, whoever wrote the system.
+
+The vector field is derived from the author's formulas as a graph (`trace`); printed as straight-line Python and
+run on np.longdouble instead of being compiled, it keeps all 64 bits of mantissa that x86 has.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..compiler import derivatives as trace
+from ..compiler.kernels import straight_line
+from ..systems.scenario import Scenario
+from ..systems.system import System
+from .collocation import LONG
+
+Longs = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class ExtendedFunction:
+    """One of a system's derived functions in np.longdouble: z (n,) or (n, k), k states at once -> (m,) or (m, k).
+
+    text : the code that runs. constants : doubles, taken as they are.
+    """
+
+    text: str
+    size: int
+    run: Callable[..., None]
+    constants: Longs
+
+    def __call__(self, z: Longs) -> Longs:
+        out = np.empty((self.size, *z.shape[1:]), LONG)
+        self.run(z, self.constants, out)
+        return out
+
+    def fingerprint(self, z0: Longs) -> str:
+        """Hash of everything that a solution from `z0` depends on."""
+        digest = hashlib.sha256(self.text.encode())
+        for array in (self.constants, z0):
+            digest.update(",".join(map(str, array)).encode() + b";")
+        return digest.hexdigest()[:32]
+
+
+def extended(scenario: Scenario, name: str) -> ExtendedFunction:
+    """`vector_field`, `energy`, ... of a scenario's system with its constants."""
+    model = scenario.model
+    unknown = trace.variables("x", model.size)
+    values: Any = getattr(System, name).__wrapped__(model.symbolic, unknown)
+    outputs = [x if isinstance(x, trace.Symbol) else trace.const(float(x)) for x in np.ravel(values)]
+    inputs = {x: f"a[{i}]" for i, x in enumerate(unknown)} | model.constant_symbols()
+    text = straight_line(inputs, outputs)
+    body = text[text.index("def kernel") :]  # the imports above it are those of scalar doubles
+    namespace: dict[str, Any] = dict(_FUNCTIONS)
+    exec(compile(body, f"<{name} of {model.name} in extended precision>", "exec"), namespace)
+    return ExtendedFunction(body, len(outputs), namespace["kernel"], model.constant_values.astype(LONG))
+
+
+def _phi(x: Longs) -> Longs:
+    """expm1(x)/x, 1 at 0."""
+    return np.where(x == 0, LONG(1), np.expm1(x) / np.where(x == 0, LONG(1), x))
+
+
+def _lam(x: Longs) -> Longs:
+    """log1p(x)/x, 1 at 0."""
+    return np.where(x == 0, LONG(1), np.log1p(x) / np.where(x == 0, LONG(1), x))
+
+
+_FUNCTIONS: dict[str, Any] = {
+    "atan": np.arctan,
+    **{name: getattr(np, name) for name in ("cos", "exp", "expm1", "log", "log1p", "sin", "sqrt", "tanh")},
+    "abs": np.abs,
+    "phi": _phi,
+    "lam": _lam,
+}

@@ -1,0 +1,144 @@
+"""`reference_for`: the certified states of any scenario: read from the package, or computed once and kept.
+
+Built-in scenarios have stored references, found by their numbers and not by their name, so that a variant made by
+`replace()` never gets the wrong one. Everything else is computed on the fly, in extended precision, from the
+system's own traced equations (`extended`), and cached under a hash of all that it depends on.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import TcbenchError
+from ..systems.scenario import Scenario
+from .certified import LONG, Reference, cached, compute, gap, scenario_hash, stored, stored_file
+
+DEADLINE = 100.0  # seconds for each of the two collocations: a cell has 300 for everything
+HORIZON = 25.0  # `recompute` goes no further where nothing is stored: chaotic scenarios lose their digits
+DISAGREEMENT = 1e-10  # two computations further apart than this certify nothing
+
+
+def reference_for(scenario: Scenario, times: Sequence[float]) -> Reference:
+    """Certified states of `scenario` at `times` (increasing, > 0), and only at those.
+
+    Compare a double-precision run with `states` and call errors up to 10 times `floor` reference-limited.
+    Raises ReferenceFailed where the solution does not reach the last time.
+    """
+    known = stored_for(scenario)
+    if known is not None and all(_has(known, t) for t in times):
+        return _at(known, times)
+    recipe = _Recipe(scenario, tuple(float(t) for t in times))
+    return cached(cache_folder(), recipe.key, recipe.compute)
+
+
+def stored_for(scenario: Scenario) -> Reference | None:
+    """The reference stored in the package for these numbers, whatever the scenario is called; None if there is none."""
+    digest = content_hash(scenario)
+    return stored(digest) if digest else None
+
+
+def content_hash(scenario: Scenario) -> str | None:
+    """`reference.scenario_hash` of a pendulum scenario; None for other systems, whose references are never stored."""
+    from ..systems.pendulum import Pendulum
+
+    if scenario.system is not Pendulum:  # a subclass may have changed the physics
+        return None
+    initial = {name: getattr(scenario, name) for name in ("positions", "momenta", "temperatures")}
+    return scenario_hash(scenario.constants, initial)
+
+
+def _has(reference: Reference, t: float) -> bool:
+    try:
+        reference.index(t)
+    except KeyError:
+        return False
+    return True
+
+
+def _at(reference: Reference, times: Sequence[float]) -> Reference:
+    rows = [reference.index(t) for t in times]
+    return Reference(
+        times=tuple(reference.times[i] for i in rows),
+        states=reference.states[rows],
+        certificate=tuple(reference.certificate[i] for i in rows),
+        floor=tuple(reference.floor[i] for i in rows),
+        source=reference.source,
+        exact=tuple(reference.exact[i] for i in rows) if reference.exact else (),
+    )
+
+
+class _Recipe:
+    """What `compute` needs for one scenario and set of times, and the key under which the result is kept."""
+
+    def __init__(self, scenario: Scenario, times: tuple[float, ...]) -> None:
+        from .extended_precision import extended
+
+        self.model, self.times = scenario.model, times
+        self.field = extended(scenario, "vector_field")
+        self.z0 = scenario.z0.astype(LONG)
+        self.key = hashlib.sha256(f"{self.field.fingerprint(self.z0)} {times}".encode()).hexdigest()[:32]
+
+    def compute(self) -> Reference:
+        def rhs(_: Any, z: Any) -> Any:
+            return self.field(z)
+
+        def jacobian(_: float, z: NDArray[np.float64]) -> Any:
+            return self.model.jacobian(z)  # double: it only steers Newton's iteration
+
+        return compute(rhs, jacobian, self.z0, self.times, vectorized=True, max_seconds=DEADLINE)
+
+
+def cache_folder() -> Path:
+    """Where references computed on the fly are kept: $TCBENCH_CACHE_DIR, or the user's cache folder."""
+    from platformdirs import user_cache_dir
+
+    return Path(os.environ.get("TCBENCH_CACHE_DIR") or user_cache_dir("tcbench", appauthor=False)) / "references"
+
+
+def recompute(scenario: Scenario) -> dict[str, Any]:
+    """Compute the reference of a scenario anew and compare it with the one in use.
+
+    Returns scenario, method, agrees (bool), and rows: one dict a time with t, gap (new against the one in use),
+    certificate (gap of the two new computations) and check (gap to a third, unrelated method; NaN if there is none).
+    Stored references need heyoka (PeerMissing says how to install it); others take the pair of collocations.
+    """
+    known = stored_for(scenario)
+    return _recompute_on_the_fly(scenario) if known is None else _recompute_stored(scenario)
+
+
+def _recompute_stored(scenario: Scenario) -> dict[str, Any]:
+    from .pendulum_certificates import PeerMissing, compare
+
+    digest, records = content_hash(scenario), stored_file()["scenarios"]
+    names = [name for name, record in records.items() if record["hash"] == digest]
+    name = scenario.name if scenario.name in names else names[0]
+    try:
+        found = compare(name)
+    except PeerMissing as missing:
+        raise TcbenchError(str(missing)) from None
+    columns = zip(found["times"], found["stored_gap"], found["precision_gap"], found["cross_gap"], strict=True)
+    rows = [{"t": t, "gap": new, "certificate": certificate, "check": check} for t, new, certificate, check in columns]
+    method = f"{stored_file()['recipe']}; stored as {name!r}"
+    return {"scenario": scenario.name, "method": method, "agrees": bool(found["agrees"]), "rows": rows}
+
+
+def _recompute_on_the_fly(scenario: Scenario) -> dict[str, Any]:
+    times = tuple(sorted({scenario.t_converge, max(scenario.t_converge, min(scenario.t_end, HORIZON))}))
+    recipe = _Recipe(scenario, times)
+    fresh = recipe.compute()
+    known = cached(cache_folder(), recipe.key, lambda: fresh)
+    gaps = [gap(a, b) for a, b in zip(fresh.states, known.states, strict=True)]
+    allowed = [a + b for a, b in zip(fresh.floor, known.floor, strict=True)]
+    rows = [
+        {"t": t, "gap": g, "certificate": c, "check": float("nan")}
+        for t, g, c in zip(times, gaps, fresh.certificate, strict=True)
+    ]
+    agrees = all(g <= a for g, a in zip(gaps, allowed, strict=True)) and max(fresh.certificate) <= DISAGREEMENT
+    return {"scenario": scenario.name, "method": fresh.source, "agrees": agrees, "rows": rows}

@@ -1,0 +1,332 @@
+"""Certified reference solutions of the double thermoelastic pendulum, stored as decimal strings.
+
+A certificate is the gap between Taylor series at two working precisions (heyoka, 160 and 220 bits, each run
+to its own round-off). An unrelated method, implicit Gauss collocation on a separately written right-hand
+side, checks both.
+
+Data are taken as exact decimals: 2.2 is 22/10, not the double nearest to it, and initial entropies follow
+from the printed temperatures in 80 digits. A double-precision run starts from rounded numbers and so ends
+elsewhere; `double_gap` is that distance, measured by repeating the integration from the rounded data:
+2e-16 to 1e-14, but 2e-13 for bound_equilibrium at t = 1500 and 9e-11 for cold_spring at t = 25. It, not the
+certificate, limits what such a run can show.
+
+    python -m tcbench.reference.pendulum_certificates FOLDER/references.json        # all scenarios, about 3 minutes
+"""
+
+from __future__ import annotations
+
+import json
+import platform
+import sys
+from collections.abc import Mapping, Sequence
+from decimal import Decimal, localcontext
+from functools import lru_cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .certified import FORMAT, LONG, integrate, scenario_hash, stored_file, tableau, write_atomically
+
+PRECISIONS = (160, 220)
+DIGITS = 30  # stored: certificates are about 1e-44, thirty digits are enough for extended precision
+RECIPE = (
+    "heyoka Taylor series at 160 and 220 bits from exact decimal data (gap between them = certificate); "
+    "cross-checked by 8-stage Gauss collocation in extended precision"
+)
+
+_PRINTED: dict[str, Any] = {
+    "masses": (1.0, 2.0),
+    "stiffness": (0.1, 1.0),
+    "natural_lengths": (2.0, 1.0),
+    "conductivity": 300.0,
+    "reference_temperature": 300.0,
+    "coupling": 0.2,
+    "heat_capacity": 5.0,
+}
+_SHORT = {
+    "positions": (1.0, 0.0, 2.2, 0.0),
+    "momenta": (0.0, 2.0, 1.0, 0.0),
+    "temperatures": (380.0, 310.0),
+}  # (44)
+_LONG = {
+    "positions": (12.0, 0.0, 2.2, 0.0),
+    "momenta": (0.0, 2.0, 1.0, -2.0),
+    "temperatures": (290.0, 442.0),
+}  # (45)
+_BOUND = {"positions": (2.2, 0.0, 3.4, 0.0), "momenta": (0.0, 2.0, 0.0, 4.0), "temperatures": (330.0, 300.0)}
+
+# name -> (constants, initial data, times at which states are certified); Romero (2009), section 6, and
+# variations.
+SCENARIOS: dict[str, tuple[Mapping[str, Any], Mapping[str, Any], tuple[str, ...]]] = {
+    "short_term": (_PRINTED, _SHORT, ("1", "5", "25")),
+    "long_term": (_PRINTED, _LONG, ("1", "25", "500")),
+    "relative_equilibrium": (_PRINTED, _LONG, ("1", "25", "500", "1500")),
+    "bound_equilibrium": (
+        {**_PRINTED, "stiffness": (10.0, 20.0), "conductivity": 10.0},
+        _BOUND,
+        ("1", "10", "50", "1500"),
+    ),
+    "stiff_spring": ({**_PRINTED, "stiffness": (0.1, 300.0)}, _SHORT, ("1", "5", "25")),
+    "cold_spring": (_PRINTED, {**_SHORT, "temperatures": (280.0, 310.0)}, ("1", "5", "25")),
+    "fast_conduction": ({**_PRINTED, "conductivity": 3000.0}, _SHORT, ("1", "5", "25")),
+}
+
+
+class PeerMissing(ImportError):
+    """heyoka is not installed."""
+
+
+def _heyoka() -> Any:
+    try:
+        import heyoka
+    except ImportError as missing:
+        raise PeerMissing(
+            "Certifying a reference needs heyoka, which is not installed. Install it with: "
+            'pip install "tcbench[peers]" (Linux only). '
+            "Reading the stored references does not need it."
+        ) from missing
+    if not hasattr(heyoka, "real"):
+        raise PeerMissing("This heyoka was built without multiprecision (heyoka.real). Install the PyPI wheel.")
+    return heyoka
+
+
+# ---- exact data
+
+
+def _decimal(x: Any, rounded: bool) -> Decimal:
+    """The decimal a user wrote (shortest one that gives this double), or the double's own exact value."""
+    return Decimal(float(x)) if rounded else Decimal(repr(float(x)))
+
+
+def exact_constants(constants: Mapping[str, Any], rounded: bool = False) -> dict[str, list[Decimal]]:
+    """Constants as decimals, each a list (one or two values)."""
+    return {k: [_decimal(x, rounded) for x in np.ravel(v)] for k, v in constants.items()}
+
+
+def exact_state(constants: Mapping[str, Any], initial: Mapping[str, Any], rounded: bool = False) -> list[Decimal]:
+    """Initial state (q, p, s), 10 decimals of 80 digits, with s = beta L + c0 ln(theta/theta_ref), Romero
+    (2009), (43).
+
+    With `rounded`, the state at which a double-precision run really starts.
+    """
+    with localcontext(prec=80):
+        c = exact_constants(constants, rounded)
+        q, p, theta = ([_decimal(x, rounded) for x in initial[k]] for k in ("positions", "momenta", "temperatures"))
+        (beta,), (c0,), (reference,) = c["coupling"], c["heat_capacity"], c["reference_temperature"]
+        s = [
+            beta * (length / natural).ln() + c0 * (T / reference).ln()
+            for length, natural, T in zip(_lengths(q), c["natural_lengths"], theta, strict=True)
+        ]
+        return q + p + (_entropies_in_double(constants, initial) if rounded else s)
+
+
+def _entropies_in_double(constants: Mapping[str, Any], initial: Mapping[str, Any]) -> list[Decimal]:
+    """Initial entropies as a run computes them, in double: c0 ln(theta/theta_ref) loses a few units of 5e-16."""
+    from ..systems.pendulum import Pendulum
+
+    s = Pendulum(**constants).entropies(np.array(initial["positions"]), np.array(initial["temperatures"]))
+    return [Decimal(float(x)) for x in s]
+
+
+def _lengths(q: Sequence[Decimal]) -> list[Decimal]:
+    return [(q[0] ** 2 + q[1] ** 2).sqrt(), ((q[2] - q[0]) ** 2 + (q[3] - q[1]) ** 2).sqrt()]
+
+
+def exact_invariants(constants: Mapping[str, Any], z: Sequence[Decimal]) -> dict[str, Decimal]:
+    """E, S, J and the temperatures of a state, in 80 digits, without heyoka or numpy."""
+    with localcontext(prec=80):
+        c = exact_constants(constants)
+        (beta,), (c0,), (reference,) = c["coupling"], c["heat_capacity"], c["reference_temperature"]
+        q, p, s = list(z[:4]), list(z[4:8]), list(z[8:])
+        energy = (p[0] ** 2 + p[1] ** 2) / (2 * c["masses"][0]) + (p[2] ** 2 + p[3] ** 2) / (2 * c["masses"][1])
+        theta = []
+        for i, length in enumerate(_lengths(q)):
+            strain = (length / c["natural_lengths"][i]).ln()
+            theta.append(reference * ((s[i] - beta * strain) / c0).exp())
+            energy += c["stiffness"][i] / 2 * strain**2 + beta * reference * strain + c0 * (theta[i] - reference)
+        J = q[0] * p[1] - q[1] * p[0] + q[2] * p[3] - q[3] * p[2]
+        return {"E": energy, "S": s[0] + s[1], "J": J, "theta_a": theta[0], "theta_b": theta[1]}
+
+
+# ---- two unrelated integrations
+
+
+@lru_cache(maxsize=4)
+def _taylor(bits: int) -> Any:
+    """heyoka integrator at `bits` of precision; constants are run-time parameters, so it compiles once."""
+    hy = _heyoka()
+    v = hy.make_vars("x1", "y1", "x2", "y2", "u1", "v1", "u2", "v2", "sa", "sb")
+    x1, y1, x2, y2, u1, v1, u2, v2, sa, sb = v
+    m1, m2, Ca, Cb, lna, lnb, kappa, ref, beta, c0 = (hy.par[i] for i in range(10))
+    dx, dy = x2 - x1, y2 - y1
+    pa, pb = x1 * x1 + y1 * y1, dx * dx + dy * dy
+    La, Lb = hy.log(pa) / 2 - lna, hy.log(pb) / 2 - lnb
+    Ta, Tb = ref * hy.exp((sa - beta * La) / c0), ref * hy.exp((sb - beta * Lb) / c0)
+    fa, fb = (Ca * La - beta * (Ta - ref)) / pa, (Cb * Lb - beta * (Tb - ref)) / pb  # force / length
+    dz = [u1 / m1, v1 / m1, u2 / m2, v2 / m2]
+    dz += [fb * dx - fa * x1, fb * dy - fa * y1, -fb * dx, -fb * dy]
+    dz += [kappa * (Tb - Ta) / Ta, kappa * (Ta - Tb) / Tb]  # (22)
+    one = [hy.real(1, bits)] * 10
+    return hy.taylor_adaptive(list(zip(v, dz, strict=True)), one, pars=one, fp_type=hy.real, prec=bits)
+
+
+def taylor_states(
+    constants: Mapping[str, Any],
+    initial: Mapping[str, Any],
+    times: Sequence[str],
+    bits: int,
+    rounded: bool = False,
+) -> list[list[Decimal]]:
+    """States at `times` (decimal strings, increasing) by Taylor series at `bits` of precision."""
+    hy, ta = _heyoka(), _taylor(bits)
+    with localcontext(prec=80):
+        c = exact_constants(constants, rounded)
+        pars = c["masses"] + c["stiffness"] + [x.ln() for x in c["natural_lengths"]]
+        pars += c["conductivity"] + c["reference_temperature"] + c["coupling"] + c["heat_capacity"]
+    for i, (zi, par) in enumerate(zip(exact_state(constants, initial, rounded), pars, strict=True)):
+        ta.state[i], ta.pars[i] = hy.real(str(zi), bits), hy.real(str(par), bits)
+    ta.time = hy.real(0, bits)
+    states = []
+    for t in times:
+        outcome = ta.propagate_until(hy.real(t, bits))[0]
+        if outcome != hy.taylor_outcome.time_limit:
+            raise ArithmeticError(f"The Taylor integration at {bits} bits stopped before t = {t}: {outcome}.")
+        states.append([Decimal(str(x)) for x in ta.state])
+    return states
+
+
+def collocation_states(
+    constants: Mapping[str, Any], initial: Mapping[str, Any], times: Sequence[str], rounded: bool = False
+) -> NDArray[np.longdouble]:
+    """The same states (n, 10) by Gauss collocation in np.longdouble; equations written anew, in vectors."""
+    c = {k: np.array([LONG(str(x)) for x in v]) for k, v in exact_constants(constants, rounded).items()}
+    (kappa,), (ref,), (beta,), (c0,) = (
+        c[k] for k in ("conductivity", "reference_temperature", "coupling", "heat_capacity")
+    )
+
+    def rhs(t: Any, z: NDArray[Any]) -> NDArray[Any]:
+        q1, q2, s = z[0:2], z[2:4], z[8:10]
+        springs = np.array([q1, q2 - q1])
+        length = np.sqrt((springs**2).sum(axis=1))
+        column = (slice(None), *[None] * (z.ndim - 1))
+        strain = np.log(length / c["natural_lengths"][column])
+        theta = ref * np.exp((s - beta * strain) / c0)
+        force = (c["stiffness"][column] * strain - beta * (theta - ref)) / length
+        pull = (force / length)[:, None] * springs  # force vectors on the outer ends, pointing outwards
+        flux = kappa * (theta[::-1] - theta) / theta
+        return np.concatenate([z[4:6] / c["masses"][0], z[6:8] / c["masses"][1], pull[1] - pull[0], -pull[1], flux])
+
+    z0 = np.array([LONG(str(x)) for x in exact_state(constants, initial, rounded)])
+    return integrate(tableau("gauss", 8), rhs, None, z0, [float(t) for t in times], vectorized=True)
+
+
+def _gap(a: Sequence[Decimal], b: Sequence[Decimal]) -> str:
+    """max_i |a_i - b_i| / max(1, |b_i|) as a short decimal string."""
+    with localcontext(prec=80):
+        return f"{max(abs(x - y) / max(Decimal(1), abs(y)) for x, y in zip(a, b, strict=True)):.2e}"
+
+
+def _digits(x: Decimal, digits: int = DIGITS) -> str:
+    with localcontext(prec=digits):
+        return str(+x)
+
+
+def certify(
+    constants: Mapping[str, Any],
+    initial: Mapping[str, Any],
+    times: Sequence[str | float],
+    precisions: tuple[int, int] = PRECISIONS,
+) -> dict[str, Any]:
+    """Certified states of one scenario, as plain JSON data.
+
+    constants : masses (2,), stiffness (2,), natural_lengths (2,), conductivity, reference_temperature,
+        coupling, heat_capacity.
+    initial : positions (4,), momenta (4,), temperatures (2,).  times : increasing, > 0.
+
+    Per time: `states` (10 strings of 30 digits, from the higher precision), `precision_gap` (the
+    certificate), `cross_gap` (to Gauss collocation, good to about 1e-17), `double_gap` (what rounding the
+    data to double does), all as max_i |difference_i| / max(1, |z_i|); and `energy_error`, |E - E0| at 80
+    digits, which no run was told to keep. Raises PeerMissing without heyoka.
+    """
+    labels = [str(Decimal(repr(t))) if isinstance(t, float) else str(t) for t in times]
+    labels = [t[:-2] if t.endswith(".0") else t for t in labels]
+    low, high = (taylor_states(constants, initial, labels, bits) for bits in precisions)
+    rounded = taylor_states(constants, initial, labels, precisions[0], rounded=True)
+    cross = [[Decimal(str(x)) for x in z] for z in collocation_states(constants, initial, labels)]
+    z0 = exact_state(constants, initial)
+    start = exact_invariants(constants, z0)
+    drift = [abs(exact_invariants(constants, z)["E"] - start["E"]) for z in high]
+    return {
+        "hash": scenario_hash(constants, initial),
+        "constants": {k: np.asarray(v).tolist() for k, v in constants.items()},
+        "initial": {k: np.asarray(v).tolist() for k, v in initial.items()},
+        "E0": _digits(start["E"]),
+        "S0": _digits(start["S"]),
+        "J0": _digits(start["J"]),
+        "s0": [_digits(x) for x in z0[8:]],
+        "times": labels,
+        "states": [[_digits(x) for x in z] for z in high],
+        "precision_gap": [_gap(a, b) for a, b in zip(low, high, strict=True)],
+        "cross_gap": [_gap(a, b) for a, b in zip(cross, high, strict=True)],
+        "double_gap": [_gap(a, b) for a, b in zip(rounded, high, strict=True)],
+        "energy_error": [f"{x:.2e}" for x in drift],
+        "precisions_bits": list(precisions),
+    }
+
+
+# ---- the stored file
+
+
+def generate(path: Path | str, scenarios: Mapping[str, Any] = SCENARIOS) -> dict[str, Any]:
+    """Certify every scenario (name -> constants, initial, times) and write the package's file."""
+    _heyoka()
+    data = {
+        "format": FORMAT,
+        "recipe": RECIPE,
+        "gap": "max_i |a_i - b_i| / max(1, |b_i|)",
+        "state": "q1x q1y q2x q2y p1x p1y p2x p2y s_a s_b",
+        "versions": {
+            "python": platform.python_version(),
+            **{name: version(name) for name in ("heyoka", "numpy", "scipy")},
+            "machine": platform.machine(),
+        },
+        "scenarios": {name: certify(*spec) for name, spec in scenarios.items()},
+    }
+    write_atomically(Path(path), json.dumps(data, indent=1) + "\n")
+    return data
+
+
+def compare(name: str, record: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """Recompute the stored scenario `name` and measure it against the stored digits.
+
+    Returns times, `stored_gap` (one a time; at most 1e-29 when nothing changed, for 30 digits are stored),
+    `precision_gap`, `cross_gap` and `agrees` (every stored_gap <= 1e-20).
+    """
+    known = stored_file()["scenarios"]
+    if record is None and name not in known:
+        raise KeyError(f"No reference is stored for '{name}'. Stored: {', '.join(sorted(known))}.")
+    old = known[name] if record is None else record
+    new = certify(old["constants"], old["initial"], old["times"])
+    gaps = [
+        _gap([Decimal(x) for x in a], [Decimal(x) for x in b])
+        for a, b in zip(old["states"], new["states"], strict=True)
+    ]
+    return {
+        "times": [float(t) for t in new["times"]],
+        "stored_gap": [float(x) for x in gaps],
+        "precision_gap": [float(x) for x in new["precision_gap"]],
+        "cross_gap": [float(x) for x in new["cross_gap"]],
+        "agrees": all(float(x) <= 1e-20 for x in gaps),
+    }
+
+
+if __name__ == "__main__":
+    if len(sys.argv) != 2:
+        sys.exit("Usage: python -m tcbench.reference.pendulum_certificates FOLDER/references.json")
+    for label, made in generate(sys.argv[1])["scenarios"].items():
+        for row in zip(made["times"], made["precision_gap"], made["cross_gap"], made["double_gap"], strict=True):
+            gaps = f"precisions {row[1]}   cross-check {row[2]}   double data {row[3]}"
+            print(f"{label:22s} t = {row[0]:>5s}   {gaps}")

@@ -1,0 +1,202 @@
+"""What happens as the step grows: conserved quantities, blow-up, the largest stable step."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.lines import Line2D
+
+from .precision import label
+from .scales import log_axis, zero_log_axis
+from .style import (  # fmt: skip
+    GREY,
+    INK,
+    chart,
+    failed_handle,
+    failed_tracks,
+    finite,
+    legend,
+    look,
+    names,
+    note,
+    ok,
+    panels,
+    short,
+    titles,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
+
+LIMITS = {"physical": "s", "branch": "^", "solver": "o", "none": ">"}
+STEPS = ("dt_stable", "dt_unstable", "dt_half", "dt_stable_plain", "dt_cap")
+MEANING = {
+    "physical": "physical limit", "branch": "the branch of solutions ends", "solver": "Newton's limit, a root exists",
+    "none": "no limit found",
+}  # fmt: skip
+
+
+@chart
+def conservation(table: DataFrame, x: str = "dt") -> Figure:
+    """What each method loses against its step, for one scenario: energy, entropy, angular momentum.
+
+    table : rows of `conservation`. Every error is a magnitude; 0 has its own place at the foot of the axis. Failed runs
+    are crosses on tracks above the others (what they lost before is in the table).
+    """
+    import pandas as pd
+
+    falls = np.maximum(0.0, -finite(table["entropy_increment_min"])) if "entropy_increment_min" in table else np.nan
+    data = table.assign(entropy_fall_max=pd.Series(falls, index=table.index))
+    wanted = ("energy_error_max", "entropy_fall_max", "angular_momentum_error_max")
+    columns = [c for c in wanted if c in data and np.isfinite(finite(data[c])).any()] or ["energy_error_max"]
+    figure, axes = panels(len(columns), 3, (3.6, 2.9))
+    methods = [n for n in names(data) if np.isfinite(finite(data[x][data["integrator"].astype(str) == n])).any()]
+    for ax, column in zip(axes, columns, strict=True):
+        _losses(ax, data, x, column, methods)
+        ax.set_xlabel(label(x))
+        ax.set_ylabel(label(column))
+    legend(figure, methods, [failed_handle()] if (~ok(data)).any() else [])
+    return figure
+
+
+def _losses(ax: Axes, table: DataFrame, x: str, column: str, methods: Sequence[str]) -> None:
+    h, done = finite(table[x]), np.asarray(ok(table))
+    error = np.abs(finite(table[column])) if column in table else np.full(len(table), np.nan)
+    if not np.isfinite(h).any():
+        note(ax, "no run has a fixed step")
+        return
+    log_axis(ax, "x", h)
+    zero_log_axis(ax, error[done])
+    names_of = table["integrator"].astype(str).to_numpy()
+    failed_tracks(ax, {name: h[(names_of == name) & ~done & np.isfinite(h)] for name in methods})
+    for name in methods:
+        style, pick = look(name), np.flatnonzero((names_of == name) & done & np.isfinite(error))
+        pick = pick[np.argsort(h[pick])]
+        ax.plot(h[pick], error[pick], color=style.colour, marker=style.marker, linestyle=style.dash)
+
+
+@chart
+def blowup(table: DataFrame, sensitivity: DataFrame | None = None) -> Figure:
+    """Blow-up time against step size, for one scenario.
+
+    table : rows with dt, status, blowup_time (`stability_points`, of the shared solver, or `conservation`). Runs that
+    reached the end are hollow markers on tracks above the upper edge, one track a method. sensitivity : rows of
+    `blowup_sensitivity`, median and range of the blow-up time over steps within 1 % of dt, drawn as bars.
+    """
+    figure, (ax,) = panels(1, 1, (7.6, 3.3))
+    if "solver" in table:
+        table = table[table["solver"].astype(str) != "plain"]
+    methods = names(table)
+    h, times, done = finite(table["dt"]), finite(table["blowup_time"]), np.asarray(ok(table))
+    if not np.isfinite(h).any():
+        note(ax, "no run has a fixed step")
+        return figure
+    log_axis(ax, "x", h)
+    names_of = table["integrator"].astype(str).to_numpy()
+    step = min(0.035, 0.3 / max(len(methods), 1))
+    for rank, name in enumerate(methods):
+        mine, style = names_of == name, look(name)
+        pick = np.flatnonzero(mine & ~done & np.isfinite(times))
+        pick = pick[np.argsort(h[pick])]
+        drawn: Any = {"color": style.colour, "marker": style.marker, "markersize": 3.2 if len(table) > 150 else 5}
+        ax.plot(h[pick], times[pick], linestyle="none", **drawn)  # no line: runs between two failures may succeed
+        tracks = np.full(int((mine & done).sum()), 1.03 + step * rank)
+        hollow: Any = drawn | {"linestyle": "none", "markerfacecolor": "none", "clip_on": False}
+        ax.plot(h[mine & done], tracks, transform=ax.get_xaxis_transform(), **hollow)
+    timeless = ~done & ~np.isfinite(times)
+    failed_tracks(ax, {name: h[(names_of == name) & timeless] for name in methods}, grow=False)
+    if not np.isfinite(times[~done]).any():
+        ax.set_yticks([])
+        ax.text(0.5, 0.5, "no time of failure", transform=ax.transAxes, ha="center", va="center", color=GREY)
+    if sensitivity is not None:
+        _ranges(ax, sensitivity)
+    ax.set_ylim(bottom=0)
+    ax.axhline(ax.get_ylim()[1], color=GREY, linewidth=0.6)
+    ax.set_xlabel(label("dt"))
+    ax.set_ylabel("time t at which the run failed")
+    ended = Line2D([], [], marker="o", linestyle="none", color=INK, markerfacecolor="none", label="reached the end")
+    without = [failed_handle("failed, no time known")] if timeless.any() else []
+    legend(figure, methods, [ended, *without], above=min(1.1, 0.1 * len(methods)))
+    return figure
+
+
+def _ranges(ax: Axes, table: DataFrame) -> None:
+    """Bars from the earliest to the latest blow-up, with the median; side by side where the steps are equal."""
+    if not {"dt", "median", "low", "high"} <= set(table.columns):
+        return
+    if "factor" in table:  # the bound itself, not the bounds that it is compared with
+        table = table[np.isclose(finite(table["factor"]), 1.0)]
+    methods = names(table)
+    for _, row in table.iterrows():
+        h, low, middle, high = finite([row[c] for c in ("dt", "low", "median", "high")])
+        if np.isfinite([h, low, middle, high]).all():
+            aside = 1 + 0.015 * (methods.index(str(row["integrator"])) - (len(methods) - 1) / 2)
+            ax.errorbar(
+                h * aside, middle, yerr=[[max(0.0, middle - low)], [max(0.0, high - middle)]], capsize=3, marker="_",
+                color=look(row["integrator"]).colour, markersize=8, linewidth=1.8, alpha=0.8, zorder=4,
+            )  # fmt: skip
+
+
+@chart
+def stable_step(table: DataFrame) -> Figure:
+    """The largest stable step of each method as a bracket, one panel a scenario.
+
+    table : rows of `stability`. The marker stands at dt_stable and tells the kind of limit, the short bar behind it is
+    dt_unstable (neighbours on the ladder), the dotted line reaches dt_half; a star marks stable steps above the limit
+    (not monotone), a grey tick the limit of plain Newton.
+    """
+    scenarios = names(table, "scenario") or [""]
+    methods = names(table)
+    left = 0.25 + 0.062 * max([len(short(n, 26)) for n in methods], default=0)
+    size = (3.6 + left, max(1.5, 0.19 * len(methods) + 0.75))
+    figure, axes = panels(len(scenarios), 2 if len(methods) <= 14 else 3, size, left)
+    every = [finite(table[c]) for c in STEPS if c in table]
+    spans = np.concatenate(every) if every else np.array([])
+    for i, (ax, scenario) in enumerate(zip(axes, scenarios, strict=True)):
+        part = table[table["scenario"].astype(str) == scenario] if scenario else table
+        log_axis(ax, "x", spans)
+        for row, name in enumerate(methods):
+            _bracket(ax, part[part["integrator"].astype(str) == name], name, len(methods) - 1 - row)
+        ax.set_ylim(-0.7, len(methods) - 0.3)
+        ax.set_yticks(range(len(methods)), [short(n, 26) for n in reversed(methods)], fontsize=7)
+        ax.grid(axis="y", visible=False)
+        if i >= len(scenarios) - figure.columns:
+            ax.set_xlabel(label("dt"))
+    titles(axes, scenarios)
+    kinds = set(table["limit"].dropna().astype(str)) if "limit" in table else set()
+    keys = [
+        Line2D([], [], color=INK, marker=m, linestyle="none", label=MEANING[k]) for k, m in LIMITS.items() if k in kinds
+    ]
+    keys.append(Line2D([], [], color=GREY, marker="|", linestyle="none", label="limit with plain Newton"))
+    if "non_monotone" in table and table["non_monotone"].fillna(False).astype(bool).any():
+        keys.append(Line2D([], [], color=INK, marker="*", linestyle="none", label="stable again above"))
+    if not np.isfinite(finite(table["dt_stable"])).all():
+        keys.append(failed_handle("no stable step, or no answer"))
+    legend(figure, [], keys)
+    return figure
+
+
+def _bracket(ax: Axes, rows: DataFrame, name: str, y: float) -> None:
+    for _, row in rows.iterrows():
+        values: dict[str, Any] = {c: finite([row.get(c)])[0] for c in STEPS}
+        limit, colour = str(row.get("limit")), look(name).colour
+        stable = values["dt_stable"]
+        if limit == "none" and not np.isfinite(stable):
+            stable = values["dt_cap"]
+        if not np.isfinite(stable):
+            ax.plot([0.01], [y], transform=ax.get_yaxis_transform(), color=colour, marker="x", clip_on=False)
+            continue
+        ax.plot([ax.get_xlim()[0], stable], [y, y], color=colour, linewidth=3, alpha=0.35, solid_capstyle="butt")
+        if np.isfinite(values["dt_half"]) and values["dt_half"] > stable:
+            ax.plot([stable, values["dt_half"]], [y, y], color=colour, linestyle=":", linewidth=1.6)
+        if np.isfinite(values["dt_unstable"]):
+            ax.plot([values["dt_unstable"]], [y], color=colour, marker="|", markersize=11, markeredgewidth=1.4)
+        if np.isfinite(values["dt_stable_plain"]) and str(row.get("limit_plain")) != "none":
+            ax.plot([values["dt_stable_plain"]], [y], color=GREY, marker="|", markersize=8, markeredgewidth=1.4)
+        ax.plot([stable], [y], color=colour, marker=LIMITS.get(limit, "D"), linestyle="none", zorder=4)
+        if row.get("non_monotone") is not None and bool(row.get("non_monotone") == True):  # noqa: E712
+            ax.annotate("*", (stable, y), xytext=(7, -1), textcoords="offset points", color=colour, va="center")

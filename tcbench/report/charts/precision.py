@@ -1,0 +1,234 @@
+"""Error against cost and against step size: work-precision and convergence."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .scales import log_axis, zero_log_axis
+from .style import (  # fmt: skip
+    INK,
+    chart,
+    end_labels,
+    failed_handle,
+    failed_tracks,
+    finite,
+    handle,
+    legend,
+    look,
+    names,
+    note,
+    ok,
+    panels,
+    short,
+    spread,
+    titles,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
+
+LABELS = {
+    "wall_time_min_s": "wall time, s (minimum)",
+    "wall_time_median_s": "wall time, s (median)",
+    "newton_iterations": "Newton iterations",
+    "rhs_evaluations": "right-hand sides evaluated",
+    "steps": "steps",
+    "value": "control (dt or rtol)",
+    "dt": "step size h",
+    "error_q": "error of positions q",
+    "error_p": "error of momenta p",
+    "error_s": "error of entropies s",
+    "error_theta": "error of temperatures θ",
+    "energy_error_max": "max |E − E₀| / V₀",
+    "energy_error_final": "|E − E₀| / V₀ at the end",
+    "angular_momentum_error_max": "max |J − J₀| / |J₀|",
+    "entropy_fall_max": "largest fall of S in a step",
+    "us_per_step": "time per step, µs",
+    "newton_iterations_mean": "Newton iterations per step",
+    "entropy_gap": "entropy: S* − S",
+    "strain_gap": "log strains: max |L − L*|",
+    "temperature_gap": "temperatures: max |θ − θ*|",
+    "rotation_gap": "rate of rotation: |ω − ω*|",
+    "t": "time t",
+}
+ERRORS = ("error_q", "error_p", "error_s", "error_theta", "energy_error_max", "angular_momentum_error_max")
+CONSERVED = ("energy_error_max", "angular_momentum_error_max")  # exactly 0 is possible: these get an axis with a zero
+CROWDED, FAINT, SMALL = 8, 0.3, 7.0  # methods in a crowd; how faint those are that lead nowhere; size of names, points
+VARIABLES = {"q": "positions q", "p": "momenta p", "s": "entropies s", "theta": "temperatures θ", "all": "all"}
+
+
+def label(column: str) -> str:
+    return LABELS.get(column, column.replace("_", " "))
+
+
+@chart
+def work_precision(table: DataFrame, x: str = "wall_time_min_s", y: Sequence[str] | None = None) -> Figure:
+    """Error against cost for one scenario, one panel for each column in `y` (by default every error there is).
+
+    table : rows of `work_precision`; x, y : any numeric columns. Points of a method are joined from its coarsest to
+    its finest setting; of many methods those are named that are the best at some cost, and the others are faint.
+    Failed runs are crosses at the upper edge; masked errors (NaN) of completed runs are left out.
+    """
+    columns = list(y) if y else [c for c in ERRORS if c in table and np.isfinite(finite(table[c])).any()] or ["error_q"]
+    figure, axes = panels(len(columns), 3, (3.6, 2.9))
+    methods = names(table)
+    failed = bool((~ok(table)).any())
+    for ax, column in zip(axes, columns, strict=True):
+        _cloud(ax, table, x, column, methods)
+        ax.set_xlabel(label(x))
+        ax.set_ylabel(label(column))
+    legend(figure, methods, [failed_handle()] if failed else [])
+    return figure
+
+
+def _cloud(ax: Axes, table: DataFrame, x: str, column: str, methods: Sequence[str]) -> None:
+    import pandas as pd
+
+    if column not in table or x not in table:
+        note(ax, f"The table has no column {column if column not in table else x}.")
+        return
+    done = ok(table)
+    xs, ys = finite(table[x]), np.abs(finite(table[column]))
+    usable = done & np.isfinite(xs) & (xs > 0) & np.isfinite(ys) & ((ys > 0) | (column in CONSERVED))
+    if not usable.any() and np.all(done):
+        note(ax, "no completed run has a value here")
+        return
+    log_axis(ax, "x", xs[np.isfinite(xs)])
+    if column in CONSERVED:
+        zero_log_axis(ax, ys[usable])
+    else:
+        log_axis(ax, "y", ys[usable])
+    order = pd.to_numeric(table["value"], errors="coerce") if "value" in table else pd.Series(xs, index=table.index)
+    names_of = table["integrator"].astype(str).to_numpy()
+    front = _front(xs, ys, usable)
+    failed = ~np.asarray(done)
+    crosses = {name: _edge(ax, xs[(names_of == name) & failed]) for name in methods}
+    failed_tracks(ax, crosses, grow=bool(np.isfinite(xs[failed]).any()))
+    leaders = dict.fromkeys(names_of[front]) if len(methods) > CROWDED else {}
+    _name(ax, {name: [(xs[i], ys[i]) for i in front if names_of[i] == name] for name in leaders})
+    for name in methods:
+        mine = names_of == name
+        style = look(name)
+        pick = np.flatnonzero(mine & usable)
+        pick = pick[np.argsort(-order.to_numpy(dtype=float)[pick], kind="stable")]
+        faint: Any = {"alpha": FAINT, "zorder": 1.5} if leaders and name not in leaders else {}
+        ax.plot(xs[pick], ys[pick], color=style.colour, marker=style.marker, linestyle=style.dash, **faint)
+
+
+def _front(xs: Any, ys: Any, usable: Any) -> list[int]:
+    """Points that no cheaper one comes near in error (within half), from the cheapest on: round-off ranks nobody."""
+    front: list[int] = []
+    for i in sorted(np.flatnonzero(usable), key=lambda i: (xs[i], ys[i])):
+        if not front or ys[i] < 0.5 * ys[front[-1]]:
+            front.append(int(i))
+    return front
+
+
+def _name(ax: Axes, leaders: dict[str, list[tuple[float, float]]]) -> None:
+    """Names left of the points where each leads: nothing else can be there."""
+    if not leaders:
+        return
+    to_axes, room = ax.transData + ax.transAxes.inverted(), 0.0
+    middles = {name: points[len(points) // 2] for name, points in leaders.items()}
+    inches = ax.get_window_extent().width / ax.figure.dpi
+    for name, point in middles.items():  # by how much wider the panel must be for the name to fit in
+        width = 0.04 + 0.6 * SMALL / 72 * len(short(name)) / inches
+        room = max(room, (width - float(to_axes.transform(point)[0])) / (1.0 - width))
+    left, right = ax.get_xlim()
+    ax.set_xlim(left / (right / left) ** room, right)
+    places = {name: to_axes.transform(point) for name, point in middles.items()}
+    ascending = sorted(places, key=lambda name: float(places[name][1]))
+    heights = spread([float(places[name][1]) for name in ascending], gap=0.07, low=0.03, high=0.97)
+    for name, height in zip(ascending, heights, strict=True):
+        ax.annotate(
+            short(name), (float(places[name][0]) - 0.02, height), xycoords="axes fraction", color=look(name).colour,
+            fontsize=SMALL, va="center", ha="right",
+        )  # fmt: skip
+
+
+def _edge(ax: Axes, xs: Any) -> Any:
+    """Failed runs without a cost of their own stand at the right edge."""
+    right = ax.get_xlim()[1]
+    xs = np.asarray(xs, dtype=float)
+    return np.where(np.isfinite(xs) & (xs > 0), xs, right)
+
+
+@chart
+def convergence(points: DataFrame, fits: DataFrame | None = None) -> Figure:
+    """Error against step size for one scenario, one panel a variable, with the fitted slopes.
+
+    points : rows of `convergence_points`; fits : rows of `convergence`. Filled markers are in the fit, hollow ones were
+    dropped (round-off, reference, too coarse), crosses failed. The number at the end of a line is its fitted order.
+    """
+    variables = [v for v in [*VARIABLES, *names(points, "variable")] if v in set(points["variable"].astype(str))]
+    variables = list(dict.fromkeys(variables)) or ["all"]
+    figure, axes = panels(len(variables), 3, (3.7, 2.8), right=0.45)
+    methods = names(points)
+    for ax, variable in zip(axes, variables, strict=True):
+        part = points[points["variable"].astype(str) == variable]
+        fit = None if fits is None else fits[fits["variable"].astype(str) == variable]
+        _slopes(ax, part, fit, methods)
+        ax.set_xlabel(label("dt"))
+        ax.set_ylabel("error")
+    titles(axes, [VARIABLES.get(v, v) for v in variables])
+    extra = [handle("", marker="o", linestyle="none", color=INK, markerfacecolor="none")]
+    extra[0].set_label("not in the fit")
+    if _failed_points(points).any():
+        extra.append(failed_handle())
+    legend(figure, methods, extra)
+    return figure
+
+
+def _failed_points(points: DataFrame) -> Any:
+    failed = ~np.isfinite(finite(points["error"]))
+    if "reason" in points:
+        return failed & points["reason"].astype(str).eq("failed").to_numpy()
+    return (failed & ~np.asarray(ok(points))) if "status" in points else failed
+
+
+def _slopes(ax: Axes, part: DataFrame, fits: DataFrame | None, methods: Sequence[str]) -> None:
+    h, e = finite(part["dt"]), finite(part["error"])
+    used = part["used"].fillna(False).astype(bool).to_numpy() if "used" in part else np.ones(len(part), dtype=bool)
+    failed = _failed_points(part)
+    good = np.isfinite(h) & np.isfinite(e) & (e > 0)
+    if not good.any() and not failed.any():
+        note(ax, "no error was measured")
+        return
+    log_axis(ax, "x", h)
+    log_axis(ax, "y", e[good])
+    names_of = part["integrator"].astype(str).to_numpy()
+    failed_tracks(ax, {name: h[(names_of == name) & failed & np.isfinite(h)] for name in methods})
+    ends = []
+    for name in methods:
+        mine = names_of == name
+        style = look(name)
+        ax.plot(h[mine & good & used], e[mine & good & used], color=style.colour, marker=style.marker, linestyle="none")
+        ax.plot(
+            h[mine & good & ~used], e[mine & good & ~used], color=style.colour, marker=style.marker, linestyle="none",
+            markerfacecolor="none",
+        )  # fmt: skip
+        end = _fitted_line(ax, name, h[mine & good & used], e[mine & good & used], fits)
+        if end is not None:
+            ends.append(end)
+    if len(ends) <= 12:
+        end_labels(ax, ends)
+
+
+def _fitted_line(ax: Axes, name: str, h: Any, e: Any, fits: DataFrame | None) -> tuple[float, float, str, str] | None:
+    """The line of the fitted order through the used points; its upper end and its label."""
+    if fits is None or len(h) == 0:
+        return None
+    row = fits[fits["integrator"].astype(str) == name]
+    order = float(finite(row["order"])[0]) if len(row) else np.nan
+    if not np.isfinite(order):
+        return None
+    constant = np.exp(np.mean(np.log(e) - order * np.log(h)))
+    ends = np.array([h.min(), h.max()])
+    style = look(name)
+    ax.plot(ends, constant * ends**order, color=style.colour, linestyle=style.dash, linewidth=1)
+    return float(ends[1]), float(constant * ends[1] ** order), f"{order:.2f}", style.colour

@@ -1,0 +1,266 @@
+"""Trajectories in time and in the plane. The tables are those of `tcbench.series`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .precision import LABELS
+from .scales import log_axis, zero_log_axis
+from .style import GREY, INK, chart, finite, handle, legend, look, names, note, panels, short, titles  # fmt: skip
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
+
+LAWS = {
+    "energy_error": "energy: |E − E₀| / V₀",
+    "entropy_fall": "entropy lost: max S so far − S",
+    "angular_momentum_error": "angular momentum: |J − J₀| / |J₀|",
+    "lyapunov_rise": "E − θ_ref S regained / V₀",
+}
+MOST_PATHS = 12  # panels that still can be read
+GROWTH = {
+    ("entropy",): "entropy S",
+    ("strain_a", "strain_b"): "logarithmic strains",
+    ("temperature_a", "temperature_b"): "temperatures θ",
+    ("rate",): "rate of rotation ω",
+}
+GAPS = ("entropy_gap", "strain_gap", "temperature_gap", "rotation_gap")
+
+
+@chart
+def laws(series: DataFrame) -> Figure:
+    """What several runs of one scenario lose in time: energy, entropy, angular momentum, Lyapunov functional.
+
+    series : rows of `series.trajectory`. Magnitudes; a law that is kept exactly lies on the 0 at the foot of the axis.
+    The line is the largest so far; beside it runs a thin one, the value, where runs are few. A cross ends a failed run.
+    """
+    columns = [c for c in LAWS if c in series and np.isfinite(finite(series[c])).any()] or ["energy_error"]
+    figure, axes = panels(len(columns), 2, (4.9, 2.7))
+    methods = names(series)
+    runs = _runs(series, methods)
+    for ax, column in zip(axes, columns, strict=True):
+        zero_log_axis(ax, series.get(column, []))
+        for rank, (name, run) in enumerate(runs):
+            t, value = finite(run["t"]), np.abs(finite(run[column]))
+            style = look(name)
+            if len(runs) <= 3:
+                ax.plot(t, value, color=style.colour, linewidth=0.5, alpha=0.45)
+            largest = np.fmax.accumulate(value) if len(value) else value
+            ax.plot(
+                t, largest, color=style.colour, linestyle=style.dash, marker=style.marker, markersize=4,
+                markevery=_every(len(t), rank),
+            )  # fmt: skip
+            _end(ax, run, largest, style.colour)
+        ax.set_xlabel("time t")
+    titles(axes, [LAWS[c] for c in columns])
+    legend(figure, methods)
+    return figure
+
+
+def _runs(series: DataFrame, methods: Sequence[str]) -> list[tuple[str, DataFrame]]:
+    """The runs of a table, each in order of time; several steps of one method are several runs."""
+    found = []
+    for name in methods:
+        mine = series[series["integrator"].astype(str) == name]
+        parts = [g for _, g in mine.groupby("dt", dropna=False)] if "dt" in mine and len(mine) else [mine]
+        found += [(name, part.sort_values("t", kind="stable")) for part in parts if len(part)]
+    return found
+
+
+def _every(points: int, rank: int) -> tuple[int, int]:
+    """Sparse markers, at other places for each method."""
+    stride = max(1, points // 8)
+    return (rank * stride // 5) % stride, stride
+
+
+def _end(ax: Axes, run: DataFrame, values: Any, colour: str) -> None:
+    """A cross where a failed run ends."""
+    if "status" in run and len(run) and str(run["status"].iloc[-1]) != "ok":
+        good = np.flatnonzero(np.isfinite(values))
+        if len(good):
+            ax.plot(
+                [run["t"].iloc[good[-1]]], [values[good[-1]]], color=colour, marker="x", markersize=8, markeredgewidth=2
+            )
+
+
+@chart
+def four_panel(series: DataFrame) -> Figure:
+    """Energy, entropy, temperatures and logarithmic strains in time, as in the paper, for any runs."""
+    figure, axes = panels(4, 2, (4.9, 2.6))
+    methods = names(series)
+    groups = [["energy"], ["entropy"], _numbered(series, "temperature"), _numbered(series, "strain")]
+    texts = ["energy E", "entropy S", "temperatures θ", "logarithmic strains"]
+    runs = _runs(series, methods)
+    for ax, columns, text in zip(axes, groups, texts, strict=True):
+        shown = [c for c in columns if c in series and np.isfinite(finite(series[c])).any()]
+        if not shown:
+            note(ax, f"no {text} in this system")
+            continue
+        for name, run in runs:
+            for i, column in enumerate(shown):
+                value, style = finite(run[column]), look(name)
+                ax.plot(finite(run["t"]), value, color=style.colour, linestyle=("-", "--", ":")[i % 3], linewidth=1.1)
+                _end(ax, run, value, style.colour)
+        if text.startswith("energy"):
+            _roomy(ax, series["energy"])
+        _name_elements(ax, runs, shown)
+        ax.ticklabel_format(axis="y", useOffset=False)
+        ax.set_xlabel("time t")
+    titles(axes, texts)
+    plain = [handle(n, marker="", linestyle="-") for n in methods]
+    legend(figure, [], plain if len(methods) > 1 else [])
+    return figure
+
+
+def _name_elements(ax: Axes, runs: Sequence[tuple[str, DataFrame]], columns: Sequence[str]) -> None:
+    """A key to the line styles of the elements, where there are several."""
+    if len(columns) > 1 and runs:
+        letters = [column.rpartition("_")[2] for column in columns]
+        dashes = ("-", "--", ":")
+        keys = [handle(f"spring {x}", color=INK, marker="", linestyle=dashes[i % 3]) for i, x in enumerate(letters)]
+        ax.legend(handles=keys, loc="best", fontsize=7, handlelength=2.2, framealpha=0.0)
+
+
+def _numbered(series: DataFrame, stem: str) -> list[str]:
+    return [str(c) for c in series.columns if str(c).startswith(f"{stem}_")]
+
+
+def _roomy(ax: Axes, values: Any) -> None:
+    """An energy that is constant to round-off is a flat line, not noise blown up to fill the panel."""
+    good = finite(values)
+    good = good[np.isfinite(good)]
+    if len(good) and np.ptp(good) < 1e-6 * max(1.0, abs(good).max()):
+        middle, half = float(np.median(good)), 0.01 * max(1.0, float(abs(np.median(good))))
+        ax.set_ylim(middle - half, middle + half)
+
+
+@chart
+def path(series: DataFrame, columns: int = 3) -> Figure:
+    """Paths of the masses in the plane, coloured by the temperature of each one's spring; one panel a run.
+
+    Needs positions x_1, y_1, x_2, y_2, ... and temperature_a, temperature_b, ... The start is a ring, the end a dot.
+    """
+    from matplotlib.collections import LineCollection
+    from matplotlib.colors import Normalize
+
+    methods = names(series)
+    runs = _runs(series, methods)
+    heat = _numbered(series, "temperature")
+    masses = [(f"x_{i}", f"y_{i}") for i in range(1, 10) if f"x_{i}" in series and f"y_{i}" in series]
+    more, runs = len(runs) - MOST_PATHS, runs[:MOST_PATHS]
+    figure, axes = panels(max(1, len(runs)), columns, (3.3, 3.1), left=0.5)
+    if not masses or not heat or not runs:
+        note(axes[0], "this system has no path in the plane")
+        return figure
+    every = finite(np.ravel(series[heat].to_numpy()))
+    low, high = (np.nanmin(every), np.nanmax(every)) if np.isfinite(every).any() else (0.0, 1.0)
+    scale = Normalize(low, high if high > low else low + 1.0)
+    mappable = None
+    for ax, (name, run) in zip(axes, runs, strict=True):
+        for i, (x, y) in enumerate(masses):
+            points = np.column_stack([finite(run[x]), finite(run[y])])
+            segments = np.stack([points[:-1], points[1:]], axis=1)
+            mappable = LineCollection(
+                list(segments), cmap="cividis", norm=scale, linewidths=1.0 if i == 0 else 1.8, rasterized=True
+            )
+            mappable.set_array(finite(run[heat[min(i, len(heat) - 1)]])[:-1])
+            ax.add_collection(mappable)
+            ax.plot(*points[0], marker="o", markerfacecolor="none", color=INK, markersize=6)
+            ax.plot(*points[-1], marker="o", color=INK, markersize=4)
+            ax.annotate(str(i + 1), points[0], xytext=(5, 5), textcoords="offset points", fontsize=7)
+        ax.plot(0, 0, marker="+", color=INK, markersize=8)
+        ax.set_aspect("equal", adjustable="datalim")
+        ax.autoscale_view()
+        ax.set_title(short(name), loc="left")
+    if mappable is not None:
+        figure.place(beside=0.9)
+        bar = figure.add_axes((1 - 0.75 / figure.get_size_inches()[0], 0.16, 0.13 / figure.get_size_inches()[0], 0.68))
+        figure.colorbar(mappable, cax=bar, label="temperature θ of the spring that holds the mass")
+    if more > 0:
+        axes[-1].set_xlabel(f"and {more} more runs that are not drawn")
+    return figure
+
+
+@chart
+def equilibrium(table: DataFrame, summary: DataFrame | None = None) -> Figure:
+    """Gaps to the exact relative equilibrium in time, for one scenario, one panel a measure.
+
+    table : rows of `equilibrium`. Where it has no gaps, because the equilibrium is distant, the measures themselves are
+    drawn: a strain that grows like ln t is a straight line. summary : rows of `equilibrium_summary`; the exact values
+    become dotted lines where they are within sight.
+    """
+    near = [[c] for c in GAPS if c in table and np.isfinite(finite(table[c])).any()]
+    groups = near or [list(g) for g in GROWTH if any(c in table and np.isfinite(finite(table[c])).any() for c in g)]
+    if not groups:
+        figure, axes = panels(1)
+        note(axes[0], "no gap was measured")
+        return figure
+    figure, axes = panels(len(groups), 2, (4.9, 2.6))
+    methods = names(table)
+    for ax, columns in zip(axes, groups, strict=True):
+        log_axis(ax, "x", table["t"])
+        if near:
+            value = np.abs(finite(table[columns[0]]))
+            (_zero if (value == 0).any() else log_axis)(ax, "y", value)
+        for rank, (name, run) in enumerate(_runs(table, methods)):
+            for i, column in enumerate(columns):
+                _gap(ax, run, column, name, rank, "magnitude" if near else ("-", "--")[i % 2])
+        if not near:
+            _exact(ax, columns, summary)
+            _name_elements(ax, [("", table)], columns)
+        ax.set_xlabel("time t")
+    titles(axes, [LABELS.get(g[0], g[0]) if near else GROWTH[tuple(g)] for g in groups])
+    legend(figure, methods)
+    return figure
+
+
+def _gap(ax: Axes, run: DataFrame, column: str, name: str, rank: int, how: str) -> None:
+    style, t, value = look(name), finite(run["t"]), finite(run[column])
+    shown = np.isfinite(value) & (t > 0)
+    value = np.abs(value) if how == "magnitude" else value
+    ax.plot(
+        t[shown], value[shown], color=style.colour, linestyle=style.dash if how == "magnitude" else how, markersize=4,
+        marker=style.marker, markevery=_every(int(shown.sum()), rank),
+    )  # fmt: skip
+    _end(ax, run[shown], value[shown], style.colour)
+
+
+def _exact(ax: Axes, columns: Sequence[str], summary: DataFrame | None) -> None:
+    """Dotted lines at the values of the exact equilibrium that do not lie beyond what the runs reached."""
+    low, high = ax.get_ylim()
+    for column in columns:
+        exact = "exact_temperature" if column.startswith("temperature") else f"exact_{column}"
+        if summary is not None and exact in summary:
+            for value in {v for v in finite(summary[exact]) if np.isfinite(v)}:
+                if low - 0.25 * (high - low) <= value <= high + 0.25 * (high - low):
+                    ax.axhline(value, color=INK, linestyle=":", linewidth=1)
+
+
+def _zero(ax: Axes, _which: str, values: Any) -> None:
+    zero_log_axis(ax, values)
+
+
+@chart
+def history(table: DataFrame) -> Figure:
+    """Benchmarks over commits: columns benchmark, date, value, unit; one panel a benchmark, one line a machine."""
+    import pandas as pd
+
+    found = names(table, "benchmark")[:24]
+    figure, axes = panels(max(1, len(found)), 3, (3.5, 2.1))
+    if not found:
+        note(axes[0], "no benchmark has been recorded")
+    for ax, benchmark in zip(axes, found, strict=False):
+        part = table[table["benchmark"].astype(str) == benchmark].sort_values("date")
+        groups = part.groupby([c for c in ("machine", "parameters") if c in part], dropna=False)
+        for i, (_, line) in enumerate(groups):
+            colour = GREY if i else INK
+            ax.plot(pd.to_datetime(line["date"]), finite(line["value"]), color=colour, marker="o", markersize=3)
+        ax.set_ylim(bottom=0)
+        ax.tick_params(axis="x", labelrotation=30, labelsize=7)
+    titles(axes, found)
+    return figure

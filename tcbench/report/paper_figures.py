@@ -1,0 +1,151 @@
+"""Figures 2 to 9 of Romero (2009), drawn again from the printed data; each caption says what differs."""
+
+from __future__ import annotations
+
+import textwrap
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..errors import TcbenchError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from ..simulation.trajectory import Trajectory
+
+
+@dataclass(frozen=True)
+class PaperFigure:
+    """One figure: which runs it shows, and what the paper says of them."""
+
+    number: int
+    scenario: str
+    integrators: tuple[str, ...]
+    account: str
+
+    @property
+    def name(self) -> str:
+        return f"figure_{self.number}"
+
+
+FIGURES = (
+    PaperFigure(2, "short_term", ("tc_monolithic",), "The paper's account holds: E is constant, S only grows."),
+    PaperFigure(3, "short_term", ("tc_staggered",), "The paper's account holds: E is constant, S only grows."),
+    PaperFigure(
+        4, "short_term", ("midpoint_entropy",),
+        "The paper reports that E and S oscillate. E does; S does not and cannot: the printed equations (A2) make its "
+        "increment non-negative for any positive temperatures. The failure after 5 steps at h = 0.5 is not reproduced.",
+    ),
+    PaperFigure(
+        5, "short_term", ("midpoint_temperature",),
+        "The paper reports a blow-up at t = 12. With the printed data and a converged Newton iteration there is none.",
+    ),
+    PaperFigure(
+        6, "long_term", ("tc_monolithic", "tc_staggered"), "The paper's account holds: E is constant, S only grows.",
+    ),
+    PaperFigure(
+        7, "long_term", ("midpoint_entropy",),
+        "The paper reports that E and S fall and temperatures come near 0. None of this is reproduced.",
+    ),
+    PaperFigure(
+        8, "long_term", ("midpoint_temperature",),
+        "The paper reports a failure after 28 steps. Newton's iteration started at the old state does fail, at the "
+        "first step, with a negative temperature; guarded, it runs to the end: the failure is the iteration's, not the "
+        "method's.",
+    ),
+    PaperFigure(
+        9, "relative_equilibrium", ("tc_monolithic",),
+        "The paper reports a relative equilibrium by t = 1500. It is not reached: the strains still grow like ln t, "
+        "while S and the temperatures settle.",
+    ),
+)  # fmt: skip
+DATA = {
+    "short_term": "example 1, initial data (44)",
+    "long_term": "example 2, initial data (45)",
+    "relative_equilibrium": "example 2, initial data (45), to t = 1500",
+}
+NUMBERING = (
+    "Figures 2 to 5 belong to example 1, 6 to 8 to example 2 and 9 to its long horizon, as in the paper. Which method "
+    "stands in which figure of an example is tcbench's own arrangement."
+)
+SUFFIXES = (".png", ".svg", ".pdf")
+
+
+def paper_figures(output: str | Path, suffix: str = ".png") -> list[Path]:
+    """Draw figures 2 to 9 into a folder, `figure_N` with the suffix given, and `captions.md`; returns the paths.
+
+    The folder is made where it does not exist. Raises TcbenchError when it cannot be written, or for another suffix.
+    """
+    from .plot import save
+
+    if suffix not in SUFFIXES:
+        raise TcbenchError(f"Figures are written as {', '.join(SUFFIXES)}, not {suffix!r}.")
+    folder = Path(output)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise TcbenchError(f"The folder {str(output)!r} cannot be made: {error.strerror or error}.") from None
+    paths, captions = [], []
+    for figure in FIGURES:
+        runs = runs_of(figure)
+        text = caption(figure, runs)
+        captions.append(f"**{figure.name}{suffix}.** {text}")
+        paths.append(save(draw(figure, runs), folder / f"{figure.name}{suffix}"))
+    paths.append(folder / "captions.md")
+    try:
+        paths[-1].write_text("# Figures 2 to 9\n\n" + f"{NUMBERING}\n\n" + "\n\n".join(captions) + "\n", "utf-8")
+    except OSError as error:
+        raise TcbenchError(f"{str(paths[-1])!r} cannot be written: {error.strerror or error}.") from None
+    return paths
+
+
+def runs_of(figure: PaperFigure) -> list[Trajectory]:
+    """The runs of a figure, with the printed data and step."""
+    from .. import plugins
+    from ..simulation.run import simulate
+
+    steps = plugins.find_scenario(figure.scenario).steps(plugins.find_scenario(figure.scenario).dt)
+    return [simulate(name, figure.scenario, record_every=max(1, steps // 2500)) for name in figure.integrators]
+
+
+def caption(figure: PaperFigure, runs: list[Trajectory]) -> str:
+    """Data, step, what was measured, and what differs from the paper's account."""
+    scenario = runs[0].scenario
+    measured = "; ".join(measurement(run) for run in runs)
+    methods = " and ".join(run.integrator.name for run in runs)
+    return (
+        f"Romero (2009), figure {figure.number}: {methods}, {DATA[figure.scenario]}, printed constants, "
+        f"h = {scenario.dt:g}, t up to {scenario.t_end:g}. {figure.account} Measured: {measured}."
+    )
+
+
+def measurement(run: Trajectory) -> str:
+    """The numbers of one run: energy, entropy, end."""
+    end = f"ends at t = {run.t[-1]:.6g}" if run.ok else run.failure
+    low, high = run.energy.min(), run.energy.max()
+    if high - low < 1e-8 * max(1.0, abs(high)):
+        energy = f"E = {run.energy[0]:.6g}, moving by {high - low:.0e}"
+    else:
+        energy = f"E from {low:.5g} to {high:.5g}"
+    least = run.summary.entropy_increment_min
+    fall = "never falling" if least >= -1e-13 else f"falling by up to {-least:.0e} in a step"
+    strains = " and ".join(f"{v:.3f}" for v in run.scenario.model.log_strain(run.scenario.model.shape(run.z[-1, :4])))  # type: ignore[attr-defined]
+    return (
+        f"{run.integrator.name}: {energy}; S from {run.entropy[0]:.4g} to {run.entropy[-1]:.5g}, {fall}; "
+        f"log strains {strains} at the end; {end}"
+    )
+
+
+def draw(figure: PaperFigure, runs: list[Trajectory]) -> Figure:
+    """The four panels with the caption below them."""
+    from . import trajectory_table as series
+    from .charts.runs import four_panel
+    from .charts.style import INK, Panels
+
+    drawn = four_panel(series.trajectories(runs))
+    assert isinstance(drawn, Panels)
+    lines = textwrap.wrap(caption(figure, runs), 150)
+    drawn.place(drawn.above, drawn.beside, below=0.16 * len(lines) + 0.2)
+    drawn.text(0.01, 0.01, "\n".join(lines), fontsize=8, color=INK, va="bottom", ha="left", parse_math=False)
+    return drawn

@@ -1,0 +1,135 @@
+"""`plot`: one chart of a run folder, or of trajectories, as PNG, SVG or PDF."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..errors import TcbenchError, unknown_name
+from ..files import replacing
+from .chart_kinds import OPENING, SERIES, Kind, find_kind, of_scenario, replay, with_fallbacks
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
+
+    from ..simulation.trajectory import Trajectory
+
+SUFFIXES = (".png", ".svg", ".pdf")
+
+
+def plot(
+    kind: str,
+    source: str | Path | Trajectory | Iterable[Trajectory],
+    output: str | Path,
+    *,
+    scenario: str | None = None,
+    integrators: Sequence[str] | None = None,
+    x: str | None = None,
+    y: Sequence[str] | None = None,
+    dt: float | None = None,
+) -> Path:
+    """Write one chart; its format is the suffix of `output` (.png, .svg or .pdf).
+
+    kind : a name of `figures.kinds()`. source : the folder of a run, or trajectories (for laws, four-panel, path).
+    scenario : needed where the run has several. integrators : only these. x, y : columns, of work-precision (x and y)
+    and conservation (x). dt : step of the trajectories that are simulated again from a folder (default: its own).
+
+    Raises TcbenchError for an unknown kind, scenario, integrator or suffix, and for tables that the run does not have.
+    """
+    from pandas.api.types import is_numeric_dtype
+
+    from ..store.tables import only
+
+    chosen = find_kind(kind)
+    path = checked_output(output)
+    tables = _tables(chosen, source, scenario, dt)
+    if not chosen.possible(tables):
+        raise TcbenchError(_absent(chosen, tables))
+    tables = only(tables, "integrator", integrators or ())
+    shown = _scenario(chosen, tables, scenario)
+    options: dict[str, Any] = {"x": x} if x and kind in ("work-precision", "conservation") else {}
+    if y and kind == "work-precision":
+        options["y"] = tuple(y)
+    for column in [*options.get("y", ()), *([x] if "x" in options else [])]:
+        if column not in tables[chosen.needs[0]]:
+            raise unknown_name("column", str(column), [str(c) for c in tables[chosen.needs[0]].columns])
+        if not is_numeric_dtype(tables[chosen.needs[0]][column]):
+            raise TcbenchError(f"The column {column!r} has no numbers to draw.")
+    return save(chosen.draw(chosen.select(tables, shown), **options), path)
+
+
+def checked_output(output: str | Path) -> Path:
+    """The path, if its suffix is one that can be written and its folder exists."""
+    path = Path(output)
+    if path.suffix.lower() not in SUFFIXES:
+        raise TcbenchError(f"Charts are written as {', '.join(SUFFIXES)}, not {path.suffix or 'without a suffix'!r}.")
+    if not path.resolve().parent.is_dir():
+        raise TcbenchError(f"The folder of {str(output)!r} does not exist; create it first.")
+    return path
+
+
+def save(figure: Figure, path: Path) -> Path:
+    """Write a figure: complete or not at all, and the same bytes for the same figure."""
+    import matplotlib
+
+    from .charts.style import STYLE
+
+    metadata: dict[str, Any] = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(path.suffix.lower(), {})
+    try:
+        with replacing(path) as temporary, matplotlib.rc_context(STYLE | {"pdf.fonttype": 42}):
+            figure.savefig(temporary, dpi=160, metadata=metadata)
+    except OSError as error:
+        raise TcbenchError(f"{str(path)!r} cannot be written: {error.strerror or error}.") from None
+    return path
+
+
+def _tables(
+    kind: Kind, source: str | Path | Trajectory | Iterable[Trajectory], scenario: str | None, dt: float | None
+) -> dict[str, DataFrame]:
+    from ..simulation.trajectory import Trajectory
+    from ..store.tables import read_tables
+    from . import trajectory_table as series
+
+    if isinstance(source, str | Path):
+        tables = with_fallbacks(read_tables(source))
+        if _of_runs(kind):
+            tables |= replay(tables, None if scenario is None else [scenario], dt)
+        return tables
+    runs = [source] if isinstance(source, Trajectory) else list(source)
+    if not _of_runs(kind):
+        raise TcbenchError(f"The chart {kind.name!r} shows the tables of a run: give its folder, not trajectories.")
+    return dict.fromkeys((SERIES, OPENING), series.trajectories(runs))
+
+
+def _of_runs(kind: Kind) -> bool:
+    return bool({SERIES, OPENING} & set(kind.needs))
+
+
+def _absent(kind: Kind, tables: dict[str, DataFrame]) -> str:
+    if _of_runs(kind):
+        return (
+            f"The chart {kind.name!r} needs trajectories, and no run of this folder can be simulated again at that "
+            "step with the integrators and scenarios that are installed. Pass results of tcbench.simulate instead."
+        )
+    missing = [name for name in kind.needs if name not in tables or not len(tables[name])]
+    there = ", ".join(tables) or "none"
+    return f"The chart {kind.name!r} needs the table {missing[0]!r}, which this run has not. Its tables: {there}."
+
+
+def _scenario(kind: Kind, tables: dict[str, DataFrame], scenario: str | None) -> str | None:
+    """The scenario to draw: the one asked for, or the only one there is."""
+    there = kind.scenarios(tables)
+    if there == [None]:
+        if scenario is not None:
+            for name in kind.needs:
+                tables[name] = of_scenario(tables[name], scenario)
+        return None
+    if scenario is None:
+        if len(there) == 1:
+            return there[0]
+        raise TcbenchError(f"Which scenario? This run has {', '.join(str(name) for name in there)}.")
+    if scenario not in there:
+        raise unknown_name("scenario of this run", scenario, [str(name) for name in there])
+    return scenario

@@ -1,0 +1,1 @@
+"""One integrator on one scenario: loops, records, trajectories, metrics."""

@@ -1,0 +1,107 @@
+"""Trajectory -> numbers. Every metric is dimensionless unless it says otherwise, and covers completed steps only."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from .trajectory import Trajectory
+
+
+def energy_error_max(run: Trajectory) -> float:
+    """Largest departure from the initial energy over the initial exergy, max_k |E_k - E_0| / V_0.
+
+    At the level of round-off for a method that conserves energy (Theorem 1). V_0, unlike E_0, does not depend on the
+    arbitrary constant of the energy.
+    """
+    return run.summary.energy_error_max / run.scenario.initial_exergy
+
+
+def energy_error_final(run: Trajectory) -> float:
+    """|E_n - E_0| / V_0 after the last completed step."""
+    return float(abs(run.energy[-1] - run.energy[0])) / run.scenario.initial_exergy
+
+
+def energy_drift(run: Trajectory) -> float:
+    """Least-squares slope of (E_k - E_0) / V_0 in time; per unit of time."""
+    return run.summary.energy_drift / run.scenario.initial_exergy
+
+
+def entropy_increment_min(run: Trajectory) -> float:
+    """Least S_{k+1} - S_k; not below round-off for a method that obeys the second law (Theorem 2)."""
+    return run.summary.entropy_increment_min
+
+
+def second_law_violations(run: Trajectory) -> int:
+    """Number of steps on which the entropy fell by more than 1e-13 max(1, |S|)."""
+    return run.summary.second_law_violations
+
+
+CANCELLED = 1e-12  # a sum that is smaller than this part of its terms is their round-off
+
+
+def angular_momentum_error_max(run: Trajectory) -> float:
+    """Largest |J_k - J_0| / |J_0|; NaN for a system without angular momentum.
+
+    Where J_0 is round-off of its terms (or 0), the departure is over their size, |q_0| |p_0|; absolute if that is 0.
+    """
+    error = run.summary.invariant_error_max.get("angular_momentum", np.nan)
+    initial, start = abs(float(run.angular_momentum[0])), run.scenario.model.state(run.z[0])
+    size = float(np.linalg.norm(start.q) * np.linalg.norm(start.p))
+    return error / (initial if initial > CANCELLED * size else size or 1.0)
+
+
+def lyapunov_increment_max(run: Trajectory) -> float:
+    """Largest increase of E - theta_ref S in a step, over V_0; not positive for TC methods (Theorem 6)."""
+    return run.summary.lyapunov_increment_max / run.scenario.initial_exergy
+
+
+def residual_max(run: Trajectory) -> float:
+    """Largest scaled residual of an accepted step, over the steps and unknowns; NaN for explicit methods."""
+    return run.summary.residual_max
+
+
+def newton_iterations(run: Trajectory) -> float:
+    """Newton iterations of the whole run; NaN where the integrator solves by itself and does not report them."""
+    return np.nan if "newton_iterations" in run.solver.unknown else float(run.solver.newton_iterations)
+
+
+def newton_iterations_mean(run: Trajectory) -> float:
+    """Newton iterations per completed step, all solves of the step together; NaN if they are not known."""
+    return newton_iterations(run) / run.steps if run.steps else np.nan
+
+
+def us_per_step(run: Trajectory) -> float:
+    """Wall time per completed step of this run, diagnostics included, in microseconds.
+
+    One run beside others: a first impression. The work_precision study measures time with care.
+    NaN of an adaptive solver that does not count its steps: `steps` then counts the output times.
+    """
+    return 1e6 * run.wall_time_s / run.steps if run.steps and "steps" not in run.solver.unknown else np.nan
+
+
+def blowup_time(run: Trajectory) -> float:
+    """Time at which the run could not go on; NaN if it completed."""
+    return float("nan") if run.ok else float(run.t[-1])
+
+
+def conservation(run: Trajectory) -> dict[str, Any]:
+    """One row of the conservation table."""
+    return {
+        "status": run.status,
+        "blowup_time": blowup_time(run),
+        "t_final": float(run.t[-1]),
+        "steps": run.steps,
+        "energy_error_max": energy_error_max(run),
+        "energy_error_final": energy_error_final(run),
+        "energy_drift": energy_drift(run),
+        "entropy_increment_min": entropy_increment_min(run),
+        "second_law_violations": second_law_violations(run),
+        "angular_momentum_error_max": angular_momentum_error_max(run),
+        "lyapunov_increment_max": lyapunov_increment_max(run),
+        "residual_max": residual_max(run),
+        "newton_iterations_mean": newton_iterations_mean(run),
+        "us_per_step": us_per_step(run),
+        "failure": run.failure,
+    }

@@ -1,0 +1,137 @@
+"""Runs of integrators that are plain Python: a step function, or an adaptive solver."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ..integrator import Integrator
+from ..solver.linear_algebra import add_increments
+from ..systems.scenario import Scenario
+from . import compiled_loop as m
+from .recorder import Recorder, assemble, empty_summary, exception_sentence, explain, run_limits
+from .trajectory import SolverCounts, Trajectory
+
+POINTS = 200  # output times of an adaptive run
+TOGETHER = 256  # steps that a method with a loop of its own is asked for at a time
+
+
+def run_step(integrator: Integrator, scenario: Scenario, dt: float, steps: int, every: int) -> Trajectory:
+    """March a Python step z1 = step(z, h, system); its exceptions and wrong shapes become statuses."""
+    model, z = scenario.model, scenario.z0.copy()
+    monitor = Monitor(scenario, dt, steps, every)
+    carry = np.zeros_like(z)
+    begin = time.perf_counter()
+    reason, failure, done = m.OK, "", 0
+    while done < steps and reason == m.OK:
+        try:
+            states = _next_states(integrator, model, z, carry, dt, min(TOGETHER, steps - done))
+        except Exception as error:  # a plugin may raise anything: that is a row, not a crash
+            failure = exception_sentence(error, done + 1, (done + 1) * dt)
+            break
+        reason, done = monitor.add(done + 1, states)
+        z = states[-1]
+    wall = time.perf_counter() - begin
+    status, sentence = ("exception", failure) if failure else explain(reason, done, dt, scenario)
+    run = monitor.trajectory(integrator, status, sentence, done, wall)
+    return replace(run, solver=SolverCounts(unknown=("newton_iterations",)))
+
+
+def _next_states(
+    integrator: Integrator, model: Any, z: np.ndarray, carry: np.ndarray, dt: float, count: int
+) -> np.ndarray:
+    """The state after one step, in one row, or those after up to `count` where the method marches itself."""
+    start = model.state(z.copy())
+    if integrator.march is not None:
+        rows = np.array(integrator.march(start, dt, count, model), dtype=np.float64, order="C")
+        if rows.ndim != 2 or not 1 <= len(rows) <= count or rows.shape[1] != len(z):
+            raise ValueError(f"march returned shape {rows.shape}; up to {count} states of {len(z)} were asked for")
+    else:
+        assert integrator.step is not None
+        result = np.array(integrator.step(start, dt, model), dtype=np.float64, order="C")
+        if result.shape != z.shape:
+            raise ValueError(f"the step returned shape {result.shape}, a state has shape {z.shape}")
+        rows = result[None]
+    if integrator.increments:
+        states = np.empty_like(rows)
+        add_increments(z.copy(), rows, carry, states)
+        return states
+    return rows
+
+
+class Monitor:
+    """Observables and criteria of the compiled loop, for a loop in Python (a few microseconds a step)."""
+
+    def __init__(self, scenario: Scenario, dt: float, steps: int, every: int) -> None:
+        self.scenario, self.dt, model = scenario, dt, scenario.model
+        self.observe, self.c, size = 0, model.constant_values, 2 + len(model.invariant_names) + 2 * model.n_elements
+        if not model.by_arrays:
+            self.observe = model.observer[0].address
+        self.observables = np.empty((3, size))
+        self.observables[0] = model.observe(scenario.z0)
+        self.observables[1] = self.observables[0]
+        self.recorder = Recorder.for_steps(steps, every, len(scenario.z0), size)
+        self.recorder.states[0], self.recorder.records[0] = scenario.z0, self.observables[0]
+        self.limits = run_limits(scenario)
+        self.shape = np.zeros(m.SHAPE_SIZE, dtype=np.int64)
+        self.shape[m.N_POSITIONS], self.shape[m.N_ELEMENTS] = model.n_positions, model.n_elements
+        self.shape[m.N_INVARIANTS] = len(model.invariant_names)
+        self.shape[m.OBSERVE], self.shape[m.RECORD_EVERY] = self.observe, every
+        self.summary = empty_summary(len(model.invariant_names))
+
+    def add(self, first: int, rows: np.ndarray) -> tuple[int, int]:
+        """(why the run ended or OK, completed steps) after these states, those of step `first` and the next."""
+        arrays = self.limits, self.shape, self.observables, self.recorder.states, self.recorder.records, self.summary
+        rows = np.ascontiguousarray(rows)  # kernels and the compiled loop read rows as they lie in memory
+        if self.observe:
+            return m.monitor(first, rows, self.c, self.dt, *arrays)
+        reason, done = m.OK, first - 1
+        for step, z in enumerate(rows, start=first):
+            self.observables[2] = self.scenario.model.observe(z)
+            reason, done = m.monitor(step, z[None], self.c, self.dt, *arrays)
+            if reason != m.OK:
+                break
+        return reason, done
+
+    def trajectory(self, integrator: Integrator, status: str, failure: str, done: int, wall: float) -> Trajectory:
+        return assemble(
+            integrator, self.scenario, self.dt, done, self.recorder, self.summary, status, failure, wall, False
+        )
+
+
+def run_adaptive(integrator: Integrator, scenario: Scenario, tolerance: float) -> Trajectory:
+    """One adaptive run at rtol = atol = tolerance, reported at evenly spaced times."""
+    assert integrator.adaptive is not None
+    model = scenario.model
+    t = np.linspace(0.0, scenario.t_end, POINTS + 1)
+    monitor = Monitor(scenario, t[1], POINTS, 1)
+    begin = time.perf_counter()
+    failure, reason, done, states, counts = "", m.OK, 0, np.empty((0, model.size)), {}
+    try:
+        result = integrator.adaptive(model, scenario.z0.copy(), t, tolerance, tolerance)
+        states, counts = result if isinstance(result, tuple) else (result, {})
+        states = _as_states(states, (len(t), model.size))
+    except Exception as error:
+        failure = exception_sentence(error, 1, 0.0)
+    wall = time.perf_counter() - begin
+    if len(states) > 1:
+        reason, done = monitor.add(1, states[1:])
+    status, sentence = ("exception", failure) if failure else explain(reason, done, t[1], scenario)
+    run = monitor.trajectory(integrator, status, sentence, done, wall)
+    solver = SolverCounts(
+        newton_iterations=int(counts.get("newton_iterations", 0)),
+        rhs_evaluations=int(counts.get("rhs_evaluations", 0)),
+        unknown=tuple(name for name in ("steps", "newton_iterations") if name not in counts),
+    )
+    return replace(run, dt=math.nan, steps=int(counts.get("steps", done)), solver=solver)
+
+
+def _as_states(value: Any, shape: tuple[int, int]) -> np.ndarray:
+    z = np.array(value, dtype=np.float64)
+    if z.shape != shape:
+        raise ValueError(f"the solver returned shape {z.shape}, {shape} were asked for")
+    return z

@@ -1,0 +1,109 @@
+"""`Trajectory`: what one run gave, failed runs included."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from ..integrator import Integrator
+    from ..systems.scenario import Scenario
+
+STATUSES = (
+    "ok", "nonconverged", "no_root", "nonfinite", "unphysical", "blowup", "exception", "crash", "timeout", "skipped",
+)  # fmt: skip
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Extremes over every completed step, also of steps that were not recorded. Dimensionless.
+
+    energy_error_max : largest |E_k - E_0|; energy_drift : least-squares slope of E_k - E_0 in time.
+    entropy_increment_min : least S_{k+1} - S_k; second_law_violations : increments below -1e-13 max(1, |S|);
+    first_entropy_fall : time of the first increment below -1e-10 (NaN if none).
+    lyapunov_increment_max : largest increase of E - theta_ref S in a step.
+    invariant_error_max : largest departure of each invariant. residual_max : largest scaled residual of an accepted
+    step (NaN if residuals were not asked for).
+    """
+
+    energy_error_max: float
+    energy_drift: float
+    entropy_increment_min: float
+    second_law_violations: int
+    first_entropy_fall: float
+    lyapunov_increment_max: float
+    invariant_error_max: Mapping[str, float]
+    residual_max: float
+
+
+@dataclass(frozen=True)
+class SolverCounts:
+    """What the implicit solver needed, over the whole run; a step has one solve a flow."""
+
+    newton_iterations: int = 0
+    retried: int = 0  # solves that needed the second initial guess
+    tracked: int = 0  # solves that needed continuation in h
+    continuation_tries: int = 0
+    arcs: int = 0  # solves that needed pseudo-arclength continuation
+    folds: int = 0  # folds that those arcs, and the arcs of an audit, went through
+    audited: int = 0  # accepted roots that were compared with the arc's
+    wrong_roots: int = 0  # those among them that are not the principal root
+    rhs_evaluations: int = 0  # of adaptive solvers that report them
+    # "steps" and "newton_iterations" of integrators that solve by themselves and do not tell
+    unknown: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """A run in z = (q, p, s), whatever variables the integrator solves in. Everything is dimensionless.
+
+    t (m,), z (m, n), energy (m,), entropy (m,), invariants: name -> (m,), temperatures (m, elements): recorded
+    states, every state unless record_every was given; never a state that is not finite.
+    status : one of STATUSES; failure : a sentence with step, time and cause ("" when ok).
+    newton_iterations (m - 1,) : Newton iterations between consecutive records.
+    steps : completed steps (output times of an adaptive solver that does not count its steps); dt : step (NaN for
+    adaptive solvers).
+    """
+
+    integrator: Integrator
+    scenario: Scenario
+    dt: float
+    t: Floats
+    z: Floats
+    energy: Floats
+    entropy: Floats
+    invariants: Mapping[str, Floats]
+    temperatures: Floats
+    status: str
+    failure: str
+    steps: int
+    newton_iterations: NDArray[np.int64]
+    wall_time_s: float
+    summary: Summary
+    solver: SolverCounts = field(default_factory=SolverCounts)
+
+    @property
+    def ok(self) -> bool:
+        return self.status == "ok"
+
+    @property
+    def angular_momentum(self) -> Floats:
+        """J (m,); NaN for a system without it."""
+        return self.invariants.get("angular_momentum", np.full(len(self.t), np.nan))
+
+    @property
+    def lyapunov(self) -> Floats:
+        """E - theta_ref S (m,), eq. (37)."""
+        reference = self.scenario.model.reference_temperature  # type: ignore[attr-defined]
+        return self.energy - reference * self.entropy
+
+    def __repr__(self) -> str:
+        return (
+            f"<Trajectory {self.integrator.name} on {self.scenario.name}: {self.status}, {self.steps} steps"
+            f"{'' if np.isnan(self.dt) else f' of {self.dt:g}'}, t = {self.t[-1]:g}>"
+        )

@@ -1,0 +1,1 @@
+"""One implicit step: kernels of a flow, Newton, tracking, continuation through folds."""

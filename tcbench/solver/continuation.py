@@ -1,0 +1,258 @@
+"""The principal root of one implicit flow: pseudo-arclength continuation in (x, h) from (0, 0), through folds.
+
+The roots x(eta h) of the residual, 0 <= eta, form a curve that starts at x = 0, eta = 0. Where the curve first reaches
+eta = 1 lies THE root of the step. Let J be the Jacobian by x and B = [J, dR/d eta; t] the matrix bordered with the
+tangent t of the curve. By Cramer's rule the eta-component of t is det J / det B up to a positive factor, and det B does
+not change sign on a regular curve. Hence, counting folds (sign changes of the eta-component) from the start, where both
+are positive: det J > 0 after an even number of folds, when eta grows, and det J < 0 after an odd number, when it falls.
+To reach eta = 1 for the first time is to reach it from below, so the principal root has det J > 0 whatever the number
+of folds on the way, and Newton's rule that rejects det J < 0 never rejects it. (If eta = 1 is exactly on a fold, det J
+is 0 and two roots merge.) A curve that comes back to eta near 0 does so with det J < 0 and x far from 0, because x = 0
+is the only finite root at eta = 0: that branch has no root at eta = 1, the principal one is lost.
+
+On the way back the momenta grow like 1/eta and the midpoint of a spring collapses. A spring whose force depends on its
+temperature has a tiny length of equilibrium there, about which the curve may turn within 1e-8 of its size, to sheets of
+spurious roots with that spring collapsed. What passes such a point and is not back within the steps allowed is lost as
+well, provided that on the way back its exergy rose by ten times the scenario's V0. A TC method cannot be called lost
+that way: each of its roots has V(z1) <= V(z0).
+
+Unknowns are scaled as in Newton's stopping test, u = (x * scale, eta); nothing is allocated inside the loops.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..compiler.jit import call, copy_into, fill, lean
+from .linear_algebra import solve_bordered
+from .newton import ACCEPTED, FINISH, FULL, ITERATE, NE, NPOS, NX, PROLOGUE, newton
+
+FOUND, UNDETERMINED, LOST, COLD_ROOT = range(4)
+
+COARSE, MEDIUM, FINE = 0.2, 0.05, 0.01  # predictor error over step: a lost branch is confirmed at all three
+ARC_STEPS = 3000
+NEAR_ZERO = 1e-2  # eta, over the highest that was reached, at which a branch that has turned back counts as lost
+ON_CURVE = 1e-7  # corrector's last correction (less where steps are short): its square is what is left
+SMALLEST = 1e-12  # step over 1 + |u|: turns are as sharp as a collapsing spring is short
+RUN_AWAY = 10.0  # rise of the exergy over V0 after which a falling branch is on spurious sheets
+CORRECTIONS = 6
+FIRST_STEP = 0.25
+BISECTIONS = 40
+
+
+@lean
+def linearise(flow, z0, c, h, w, full, v, t, scale, x, A):  # type: ignore[no-untyped-def]
+    """At v: the Newton correction perpendicular to t in A[:, m] and the tangent, not normalised, in A[:, m + 1].
+
+    Returns the sign of det B; B has t as its last row.
+    """
+    n = flow[NX]
+    m = n + 1
+    for i in range(n):
+        x[i] = v[i] / scale[i]
+    c[0] = v[n] * h
+    call(flow[PROLOGUE], z0, c, w)
+    call(flow[FULL], w, x, full)
+    for i in range(n):
+        for j in range(n):
+            A[i, j] = full[n + i * n + j] / scale[j]
+        A[i, n] = full[n + n * n + i] * h
+        A[i, m] = -full[i]
+        A[i, m + 1] = 0.0
+    copy_into(A[n], t)
+    A[n, m] = 0.0
+    A[n, m + 1] = 1.0
+    return solve_bordered(A)
+
+
+@lean
+def tangent(A, t):  # type: ignore[no-untyped-def]
+    """The tangent that `linearise` left in the last column of A, normalised, into t.
+
+    Returns its cosine with the tangent that borders A: the product of that one with the column is 1.
+    """
+    norm = 0.0
+    for i in range(len(t)):
+        norm += A[i, len(t) + 1] ** 2
+    cosine = 1.0 / np.sqrt(norm)
+    for i in range(len(t)):
+        t[i] = A[i, len(t) + 1] * cosine
+    return cosine
+
+
+@lean
+def correct(flow, z0, c, h, w, full, v, t, scale, x, A, limit, close):  # type: ignore[no-untyped-def]
+    """Newton from the predicted point v, in place, in the plane perpendicular to t; A as `linearise` leaves it.
+
+    Converged when a correction is below `close`, rejected when one is beyond `limit`. Returns (first correction,
+    iterations); the first correction is infinite when the step must be shortened.
+    """
+    n = flow[NX]
+    first, previous = np.inf, np.inf
+    for iteration in range(1, CORRECTIONS + 1):
+        sign = linearise(flow, z0, c, h, w, full, v, t, scale, x, A)
+        delta, total = 0.0, 0.0
+        for i in range(n + 1):
+            step = A[i, n + 1]
+            total += abs(step) + abs(A[i, n + 2])
+            delta = abs(step) if abs(step) > delta else delta
+            v[i] += step
+        if sign <= 0.0 or not (total < np.inf) or delta > limit or delta > 0.5 * previous:
+            return np.inf, iteration
+        if iteration == 1:
+            first = delta
+        if delta < close:
+            return first, iteration
+        previous = delta
+    return np.inf, CORRECTIONS
+
+
+@lean
+def hermite(a, b, slope_a, slope_b, ds, s):  # type: ignore[no-untyped-def]
+    """Cubic in the fraction s of the step ds, through a and b with these slopes."""
+    r = 1.0 - s
+    return r * r * (1.0 + 2.0 * s) * a + s * s * (3.0 - 2.0 * s) * b + ds * s * r * (r * slope_a - s * slope_b)
+
+
+@lean
+def first_crossing(u, v, t, t_new, cosine, ds):  # type: ignore[no-untyped-def]
+    """Fraction of the step at which eta reaches 1 on the interpolating cubic; negative if it does not."""
+    n = len(u) - 1
+    low, high = 0.0, 1.0
+    if v[n] < 1.0:
+        if t[n] <= 0.0 or t_new[n] >= 0.0:
+            return -1.0
+        highest = 0.0
+        for k in range(1, 32):  # a fold inside the step: does its top pass eta = 1?
+            eta = hermite(u[n], v[n], t[n], t_new[n] / cosine, ds, k / 32.0)
+            if eta > highest:
+                highest, high = eta, k / 32.0
+        if highest < 1.0:
+            return -1.0
+    for _ in range(BISECTIONS):
+        s = 0.5 * (low + high)
+        if hermite(u[n], v[n], t[n], t_new[n] / cosine, ds, s) < 1.0:
+            low = s
+        else:
+            high = s
+    return high
+
+
+@lean
+def land(flow, z0, dz, c, h, w, x, scale, d, full, u, v, t, t_new, cosine, ds, s):  # type: ignore[no-untyped-def]
+    """Newton at eta = 1 from the interpolated point; returns (FOUND, COLD_ROOT or UNDETERMINED, iterations).
+
+    The root is in x and the increments of the state in dz. A root farther off than the step belongs to another sheet.
+    """
+    n = flow[NX]
+    c[0] = h
+    call(flow[PROLOGUE], z0, c, w)
+    for i in range(n):
+        x[i] = hermite(u[i], v[i], t[i], t_new[i] / cosine, ds, s) / scale[i]
+    call(flow[ITERATE], w, x, d)
+    for i in range(2 * n + flow[NE], 2 * n + flow[NE] + flow[NPOS]):
+        if not d[i] > 0.0:
+            return COLD_ROOT, 1
+    code, iterations = newton(flow, w, x, scale, d, full, dz)
+    if code != ACCEPTED:
+        return UNDETERMINED, iterations
+    for i in range(n):
+        if abs(x[i] * scale[i] - hermite(u[i], v[i], t[i], t_new[i] / cosine, ds, s)) > 0.5 * ds:
+            return UNDETERMINED, iterations
+    return FOUND, iterations
+
+
+@lean
+def exergy_rise(flow, z0, dz, c, w, v, scale, x, observe, reference, seen):  # type: ignore[no-untyped-def]
+    """V(z1) - V(z0) at the point v of the curve (w is at its h); NaN where z1 has no temperatures."""
+    for i in range(flow[NX]):
+        x[i] = v[i] / scale[i]
+    call(flow[FINISH], w, x, dz)
+    for i in range(len(dz)):
+        dz[i] += z0[i]
+    call(observe, z0, c, seen[0])
+    call(observe, dz, c, seen[1])
+    return (seen[1, 0] - seen[0, 0]) - reference * (seen[1, 1] - seen[0, 1])
+
+
+@lean
+def follow(  # type: ignore[no-untyped-def]
+    flow, z0, dz, c, h, w, x, scale, d, full, tolerance, points, A, observe, reference, bound, seen
+):
+    """Follow the curve once, at one tolerance; returns (code, Jacobians, folds). points: four rows of workspace."""
+    n = flow[NX]
+    u, v, t, t_new = points[0], points[1], points[2], points[3]
+    fill(u, 0.0)
+    fill(t, 0.0)
+    t[n] = 1.0
+    jacobians, folds, run_away = 1, 0, False
+    if linearise(flow, z0, c, h, w, full, u, t, scale, x, A) <= 0.0:
+        return UNDETERMINED, jacobians, folds
+    tangent(A, t)
+    ds, size, highest = FIRST_STEP * tolerance / COARSE, 0.0, 0.0
+    for _ in range(ARC_STEPS):
+        if not ds > SMALLEST * (1.0 + size):
+            break
+        for i in range(n + 1):
+            v[i] = u[i] + ds * t[i]
+        close = max(min(ON_CURVE, 1e-3 * ds), 1e-14 * (1.0 + size))
+        first, count = correct(flow, z0, c, h, w, full, v, t, scale, x, A, tolerance * ds, close)
+        jacobians += count
+        if not first < np.inf:
+            ds *= 0.4
+            continue
+        cosine = tangent(A, t_new)
+        if cosine < 1.0 - 4.0 * tolerance * tolerance:
+            ds *= 0.5
+            continue
+        s = first_crossing(u, v, t, t_new, cosine, ds)
+        if s >= 0.0:
+            code, count = land(flow, z0, dz, c, h, w, x, scale, d, full, u, v, t, t_new, cosine, ds, s)
+            jacobians += count
+            if code != UNDETERMINED:
+                return code, jacobians, folds
+            if v[n] >= 1.0 or ds > 1e-6:  # a fold that only touches eta = 1 is passed by in the end
+                ds *= 0.4
+                continue
+        if (t_new[n] > 0.0) != (t[n] > 0.0):
+            folds += 1
+        size = 0.0
+        for i in range(n + 1):
+            u[i], t[i] = v[i], t_new[i]
+            size = max(size, abs(u[i]))
+        highest = max(highest, u[n])  # not 1: where h is long, everything happens at small eta
+        if folds % 2 == 1:
+            if u[n] < NEAR_ZERO * highest:
+                return LOST, jacobians, folds
+            rise = exergy_rise(flow, z0, dz, c, w, u, scale, x, observe, reference, seen)
+            run_away = run_away or rise > RUN_AWAY * bound
+        ds *= min(2.0, max(0.5, 0.6 * tolerance * ds / (first + 1e-300)))
+        ds = min(ds, 2.5 * tolerance * (1.0 + size))
+    return (LOST if run_away else UNDETERMINED), jacobians, folds
+
+
+@lean
+def arc(  # type: ignore[no-untyped-def]
+    flow, z0, dz, c, h, w, x, scale, d, full, observe, reference, bound, seen, points, A
+):
+    """The principal root of one flow over h, into x, and its increments into dz; returns (code, Jacobians, folds).
+
+    FOUND; LOST: the branch turns back for good, at all three tolerances; COLD_ROOT: the root has a non-positive
+    temperature; UNDETERMINED otherwise. scale: 1/size of the unknowns. c[0] is h on return.
+    observe: address of the kernel of energy and entropy; seen: two rows for its results; reference: theta_ref;
+    bound: V0; points (4, n + 1) and A (n + 1, n + 3) are workspace.
+    """
+    total, lost, folds = 0, 0, 0
+    for level in range(3):
+        tolerance = COARSE if level == 0 else MEDIUM if level == 1 else FINE
+        code, jacobians, folds = follow(
+            flow, z0, dz, c, h, w, x, scale, d, full, tolerance, points, A, observe, reference, bound, seen
+        )
+        total += jacobians
+        if code in (FOUND, COLD_ROOT):
+            return code, total, folds
+        if code == LOST:
+            lost += 1
+    c[0] = h
+    call(flow[PROLOGUE], z0, c, w)
+    return (LOST if lost == 3 else UNDETERMINED), total, folds

@@ -1,0 +1,376 @@
+"""From a residual formula to the kernels of one implicit flow.
+
+The author's formula r(z0, z1, h, system) is run once on symbols. Then, exactly and automatically:
+- unknowns are increments d = z1 - z0; rows that say "does not move" are dropped;
+- rows that give an unknown explicitly, or linearly with coefficients fixed during Newton, are eliminated
+  (for the pendulum q1 - q0 = h p_mid/m goes: six unknowns are left);
+- what does not change during Newton is hoisted into a prologue;
+- the Jacobian is differentiated from the graph and factorised on it, so its zeros cost nothing.
+"""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ..compiler import derivatives as trace
+from ..compiler.derivatives import Symbol, const
+from ..compiler.kernels import Kernel, constant_part, kernel
+from ..errors import TcbenchError, TraceError
+from ..integrator import Flow, Residual
+from ..systems.system import State, System
+
+
+@dataclass(frozen=True)
+class FlowKernels:
+    """Compiled form of a flow for one structure of system.
+
+    setup((h, constants)) -> what depends on the constants only, computed once a run into the tail of w; of an explicit
+        flow h counts as one of them
+    prologue(z0, (h, constants)) -> w = (start[nx], guess[nx], 1/size of the unknowns[nx + ne], hoisted...)
+    opening: the same, then the observables of z0; of the first flow of a step
+    iterate(w, x) -> (Newton correction[nx], its image in the eliminated unknowns[ne], pivots[nx], thetas[npos],
+        size of the correction, least of pivots and thetas, factors)
+    polish(w, x) -> (correction with the factors that the last iterate left[nx], its image[ne], its size)
+    finish(w, x) -> z1 - z0
+    full(w, x) -> (residual[nx], Jacobian[nx * nx], d residual/dh[nx])
+    """
+
+    setup: Kernel
+    prologue: Kernel
+    opening: Kernel
+    iterate: Kernel
+    polish: Kernel
+    finish: Kernel
+    full: Kernel
+    blocks: tuple[int, ...]  # of each unknown, then of each eliminated one: 0 q, 1 p, 2 + i entropy of element i
+    n_unknowns: int
+    n_positive: int
+
+    @property
+    def n_eliminated(self) -> int:
+        return len(self.blocks) - self.n_unknowns
+
+
+@dataclass
+class _Reduction:
+    """Rows and unknowns that Newton has to deal with, and formulas for the eliminated increments."""
+
+    rows: list[Symbol]
+    unknowns: list[Symbol]
+    eliminated: dict[Symbol, Symbol] = field(default_factory=dict)
+
+
+def build(flow: Flow, system: System) -> FlowKernels:
+    """Trace, reduce, differentiate and print one flow; nothing is compiled yet."""
+    sym, n = system.symbolic, system.size
+    h, z0 = trace.variable("h"), trace.variables("z", n)
+    d = trace.variables("d", n * (1 + flow.stages))
+    temperature = flow.variables == "temperature"
+    y0 = sym.temperature_variables(z0) if temperature else sym.state(z0)
+    start = trace.variables("start", 2 * n)
+    reduction = _reduce(_trace(flow, sym, y0, d, h, start), list(d))
+    x = reduction.unknowns
+    increments = np.array(_increments(reduction, d), dtype=object)
+    y1 = sym.state(np.asarray(y0) + increments[:n])
+    dz = (
+        np.concatenate([increments[: n - system.n_elements], sym.entropy_variables(y1).s - sym.state(z0).s])
+        if (temperature)
+        else increments[:n]
+    )
+
+    jacobian = trace.jacobian(reduction.rows, x)
+    factors, pivots = _factorise(jacobian)
+    stored, names = factors.stored()
+    downhill = [trace.neg(r) for r in reduction.rows]
+    correction, chord = factors.solve(downhill), stored.solve(downhill)
+    moved = [e for e in reduction.eliminated if _linear(reduction.eliminated[e], x)]
+    slopes = trace.jacobian([reduction.eliminated[e] for e in moved], x)
+    image = [list(slopes @ step) if x and moved else [] for step in (correction, chord)]
+    positive = list(y1.s) if temperature else []
+    d_dh: Any = trace.jacobian(reduction.rows, [h])[:, 0] if x else []
+
+    index = [_index(e, d) % n for e in [*x, *moved]]
+    scales = _scales(index, sym, y0, z0, temperature)
+    fixed = [*_start(reduction), *_guess(reduction, d, sym, y0, z0, h, temperature), *scales]
+
+    corrections = [*correction, *image[0]]
+    sizes = [trace.mul(abs(step), scale) for step, scale in zip(corrections, scales, strict=True)]
+    iterate = [*corrections, *pivots, *positive, _size(sizes, correction), _lowest([*pivots, *positive])]
+    chords = [trace.mul(abs(step), scale) for step, scale in zip([*chord, *image[1]], scales, strict=True)]
+    polish = [*chord, *image[1], _size(chords, chord)]
+    full = [*reduction.rows, *jacobian.ravel(), *d_dh]
+    hoisted = _hoisted([*iterate, *polish, *full, *dz], [*x, *names])
+    opening = [*fixed, *hoisted, *sym.observe(z0)]
+    # of an explicit flow the step size is constant as well; where Newton works, continuation varies it
+    fixed_constants = constant_part(opening, [*z0, *start, *([h] if x else [])])
+    prologue_inputs = {**{s: f"a[{i}]" for i, s in enumerate(z0)}, h: "b[0]", **system.constant_symbols()}
+    prologue_inputs |= {s: f"b[{len(system.constant_values) + i}]" for i, s in enumerate(start)}
+    prologue_inputs |= {s: f"out[{len(opening) + i}]" for i, s in enumerate(fixed_constants)}
+    reads: dict[Symbol, str] = {s: f"a[{len(fixed) + i}]" for i, s in enumerate(hoisted)}
+    reads |= {s: f"b[{i}]" for i, s in enumerate(x)}
+    blocks = tuple(_block(i, system) for i in index)
+    return FlowKernels(
+        setup=kernel({h: "b[0]", **system.constant_symbols()}, fixed_constants),
+        prologue=kernel(prologue_inputs, [*fixed, *hoisted]),
+        opening=kernel(prologue_inputs, opening),
+        iterate=kernel(reads, [*iterate, *names.values()]),
+        polish=kernel(reads | {f: f"out[{len(iterate) + i}]" for i, f in enumerate(names)}, polish),
+        finish=kernel(reads, list(dz)),
+        full=kernel(reads, full),
+        blocks=blocks,
+        n_unknowns=len(x),
+        n_positive=len(positive),
+    )
+
+
+_EXPLICIT: dict[tuple[Residual, tuple], FlowKernels] = {}
+
+
+def apply_explicit(formula: Residual, system: System, start: Any, end: Any) -> Any:
+    """What an explicit flow of the whole step (of_step=True) adds to `end`, by its compiled formula; shape (n,).
+
+    start : the state at which the step, and here the run as well, began.
+    """
+    from ..compiler.jit import evaluate
+
+    key = (formula, system.structure)
+    kernels = _EXPLICIT.get(key) or _EXPLICIT.setdefault(key, build(Flow(formula, of_step=True), system))
+    c = np.concatenate([system.constant_values, start, start])
+    w = np.zeros(kernels.opening.size + kernels.setup.size)
+    w[kernels.opening.size :] = kernels.setup(c, c)
+    evaluate(kernels.prologue.address, np.ascontiguousarray(end, dtype=float), c, w)
+    return kernels.finish(w, w)
+
+
+def _size(sizes: Sequence[Symbol], terms: Sequence[Symbol]) -> Symbol:
+    """max of the sizes, NaN if any term is not finite."""
+    result = const(0.0)
+    for size in sizes:
+        result = trace.maximum(result, size)
+    return trace.guarded(result, terms)
+
+
+def _lowest(values: Sequence[Symbol]) -> Symbol:
+    """Least of the pivots and temperatures."""
+    result = const(np.inf)
+    for value in values:
+        result = trace.minimum(result, value)
+    return result
+
+
+def _trace(flow: Flow, system: System, y0: State, d: Any, h: Symbol, start: Any) -> list[Symbol]:
+    """Run the author's formula on symbols; a flat list of residual rows."""
+    n = system.size
+    y1 = system.state(np.asarray(y0) + d[:n])
+    stages = [system.state(np.asarray(y0) + d[k : k + n]) for k in range(n, len(d), n)]
+    arguments = [y0, y1, h, system, *([stages] if stages else [])]
+    if flow.of_step:
+        arguments += [system.state(start[:n]), system.state(start[n:])]
+    try:
+        result = np.asarray(flow.residual(*arguments), dtype=object)
+    except TcbenchError:
+        raise
+    except Exception as error:  # numpy and Python refuse symbols with errors of their own
+        frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename == _file(flow.residual)]
+        where = f"{frames[-1].filename}, line {frames[-1].lineno}: " if frames else ""
+        raise TraceError(
+            f"{where}the residual {flow.residual.__name__!r} cannot be traced: {type(error).__name__}: {error}. "
+            "Formulas are branch-free numpy on symbols; for what calls LAPACK or SciPy use step= instead of flows=."
+        ) from error
+    if result.size != len(d):
+        raise TraceError(
+            f"The residual {flow.residual.__name__!r} returned {result.size} numbers; a state of {system.name!r} "
+            f"has {n}{f' and there are {len(stages)} stages' if stages else ''}, so it must return {len(d)}."
+        )
+    return [r if isinstance(r, Symbol) else const(float(r)) for r in result.ravel()]
+
+
+def _file(function: Residual) -> str:
+    return getattr(getattr(function, "__code__", None), "co_filename", "")
+
+
+def _index(symbol: Symbol, d: Any) -> int:
+    return next(i for i, s in enumerate(d) if s is symbol)
+
+
+def _block(index: int, system: System) -> int:
+    n = system.n_positions
+    return 0 if index < n else 1 if index < 2 * n else 2 + index - 2 * n
+
+
+def _ones(size: int) -> Any:
+    return np.array([const(1.0)] * size + [None], dtype=object)[:-1]
+
+
+def _reduce(rows: list[Symbol], unknowns: list[Symbol]) -> _Reduction:
+    """Drop unknowns that do not move, and eliminate those that their row gives linearly."""
+    state = _Reduction(rows, unknowns)
+    while True:
+        found = _eliminable(state)
+        if found is None:
+            state.rows.reverse()  # entropies first: their pivots are safe at any h (an M-matrix)
+            state.unknowns.reverse()
+            return state
+        row, unknown, formula = found
+        keep = [i for i in range(len(state.rows)) if i != row]
+        state.unknowns = [state.unknowns[i] for i in keep]
+        state.rows = trace.substitute([state.rows[i] for i in keep], {unknown: formula})
+        formulas = trace.substitute(list(state.eliminated.values()), {unknown: formula})
+        state.eliminated = dict(zip(state.eliminated, formulas, strict=True)) | {unknown: formula}
+
+
+def _eliminable(state: _Reduction) -> tuple[int, Symbol, Symbol] | None:
+    """A row i that reads a*d_i + g = 0 with a constant a > 0 and g free of d_i, affine in the other unknowns."""
+    for i, (row, unknown) in enumerate(zip(state.rows, state.unknowns, strict=True)):
+        slopes = trace.jacobian([row], state.unknowns)[0]
+        moving = trace.depends_on(slopes, state.unknowns)
+        a = slopes[i]
+        if a.op != "const" or a.value <= 0 or any(s.number in moving for s in slopes):
+            continue
+        (g,) = trace.substitute([row], {unknown: const(0.0)})
+        return i, unknown, trace.neg(trace.mul(g, trace.reciprocal(a)))
+    return None
+
+
+def _linear(formula: Symbol, x: Sequence[Symbol]) -> bool:
+    """Does the formula move with the unknowns (eliminated rows are affine by construction)?"""
+    return formula.number in trace.depends_on([formula], x)
+
+
+def _increments(reduction: _Reduction, d: Iterable[Symbol]) -> list[Symbol]:
+    return [reduction.eliminated.get(s, s) for s in d]
+
+
+@dataclass
+class _Factors:
+    """L U of the Jacobian without pivoting, on the graph; constants stay constants."""
+
+    lower: dict[tuple[int, int], Symbol]
+    upper: dict[tuple[int, int], Symbol]
+    inverse: list[Symbol]  # of the pivots
+
+    def solve(self, right: Sequence[Symbol]) -> list[Symbol]:
+        b, n = list(right), len(self.inverse)
+        for (i, k), factor in self.lower.items():  # ordered by k, then i
+            b[i] = trace.sub(b[i], trace.mul(factor, b[k]))
+        for k in reversed(range(n)):
+            for j in range(k + 1, n):
+                b[k] = trace.sub(b[k], trace.mul(self.upper[k, j], b[j]))
+            b[k] = trace.mul(b[k], self.inverse[k])
+        return b
+
+    def stored(self) -> tuple[_Factors, dict[Symbol, Symbol]]:
+        """The same factors as fresh inputs, and what each of those stands for."""
+        names: dict[Symbol, Symbol] = {}
+        twin: dict[Symbol, Symbol] = {}
+
+        def name(value: Symbol) -> Symbol:
+            if value.op == "const":
+                return value
+            if value not in twin:
+                twin[value] = trace.variable("factor")
+                names[twin[value]] = value
+            return twin[value]
+
+        lower = {key: name(v) for key, v in self.lower.items()}
+        upper = {key: name(v) for key, v in self.upper.items()}
+        return _Factors(lower, upper, [name(v) for v in self.inverse]), names
+
+
+def _factorise(jacobian: Any) -> tuple[_Factors, list[Symbol]]:
+    """LU factors without pivoting, and the pivots (their signs give the sign of the determinant)."""
+    n, A = len(jacobian), [list(row) for row in jacobian]
+    factors = _Factors({}, {}, [])
+    for k in range(n):
+        if trace.is_const(A[k][k], 0.0):
+            raise TraceError("The residual's Jacobian has a structural zero on its diagonal; reorder the rows.")
+        factors.inverse.append(trace.reciprocal(A[k][k]))
+        for j in range(k + 1, n):
+            factors.upper[k, j] = A[k][j]
+        for i in range(k + 1, n):
+            if trace.is_const(A[i][k], 0.0):
+                continue
+            factor = factors.lower[i, k] = trace.mul(A[i][k], factors.inverse[k])
+            for j in range(k + 1, n):
+                A[i][j] = trace.sub(A[i][j], trace.mul(factor, A[k][j]))
+    return factors, [A[k][k] for k in range(n)]
+
+
+def _start(reduction: _Reduction) -> list[Symbol]:
+    """Unknowns for which the eliminated increments vanish: Newton from z1 = z0.
+
+    Newton does not see the initial value of an unknown that enters linearly (momenta, once positions are eliminated),
+    so this reproduces Newton on the full set of unknowns started at z0. Unknowns equal to zero are instead
+    the explicit drift q0 + h p0/m, which is nearer.
+    """
+    x, zero = reduction.unknowns, const(0.0)
+    start = dict.fromkeys(x, zero)
+    for formula in reduction.eliminated.values():
+        slopes = trace.jacobian([formula], x)[0] if x else []
+        moving = [(s, a) for s, a in zip(x, slopes, strict=True) if not trace.is_const(a, 0.0)]
+        if len(moving) == 1:
+            (symbol, slope), (offset,) = moving[0], trace.substitute([formula], dict.fromkeys(x, zero))
+            start[symbol] = trace.neg(trace.mul(offset, trace.reciprocal(slope)))
+    return [start[s] for s in x]
+
+
+def _guess(
+    reduction: _Reduction, d: Any, system: System, y0: State, z0: Any, h: Symbol, temperature: bool
+) -> list[Symbol]:
+    """A nearer initial value: the explicit drift for (q, p), one step of the trapezoidal rule for the conduction.
+
+    Conduction is stiff: its explicit step overshoots, and no step at all costs Newton an iteration.
+    """
+    zero, m = const(0.0), system.n_elements
+    first = 2 * system.n_positions
+    if not any(first <= _index(s, d) < first + m for s in reduction.unknowns):
+        return [zero for _ in reduction.unknowns]
+    s0 = list(z0[first:])
+    theta = system.temperatures(z0)
+    rate = np.array(system.conduction(theta), dtype=object)
+    slope = np.array([const(1.0)] * m + [None], dtype=object)[:-1]
+    if temperature:
+        slope = np.diagonal(trace.jacobian(list(theta), s0))
+        rate = rate * slope
+    A = trace.jacobian(list(rate), s0)
+    matrix = [[const(float(i == j)) - 0.5 * h * A[i, j] / slope[j] for j in range(m)] for i in range(m)]
+    factors, _ = _factorise(matrix)
+    step = factors.solve([h * r for r in rate])
+    known = {first + i: g for i, g in enumerate(step)}
+    return [known.get(_index(s, d), zero) for s in reduction.unknowns]
+
+
+def _scales(index: Sequence[int], system: System, y0: State, z0: Any, temperature: bool) -> list[Symbol]:
+    """1/size of each unknown: positions and momenta max(1, |block|), entropies c0, temperatures theta."""
+    n = system.n_positions
+    entropy = _ones(system.n_elements) * system.entropy_scale()
+    sizes = [_largest(z0[:n]), _largest(z0[n : 2 * n]), *(list(y0.s) if temperature else entropy)]
+    return [trace.reciprocal(sizes[0 if i < n else 1 if i < 2 * n else 2 + i - 2 * n]) for i in index]
+
+
+def _largest(values: Iterable[Symbol]) -> Symbol:
+    """max(1, |v_1|, |v_2|, ...)."""
+    result = const(1.0)
+    for value in values:
+        result = trace.maximum(result, abs(value))
+    return result
+
+
+def _hoisted(outputs: Sequence[Symbol], x: Sequence[Symbol]) -> list[Symbol]:
+    """Values that stay fixed during Newton and are read by what does not."""
+    moving = trace.depends_on(outputs, x)
+    found: dict[int, Symbol] = {}
+    for node in trace.topological(outputs):
+        if node.number in moving and node.args:
+            for a in node.args:
+                if a.number not in moving and a.op != "const":
+                    found[a.number] = a
+    for node in outputs:
+        if node.number not in moving and node.op != "const":
+            found[node.number] = node
+    return list(found.values())

@@ -1,0 +1,1 @@
+"""Rows on disk, and what is read back from them: tables, provenance, comparisons."""

@@ -1,0 +1,119 @@
+"""Rows and tables as bytes: strict JSON lines that keep NaN, CSV and Parquet that keep every digit.
+
+JSON has no NaN and no infinity: they are written as ``null``, and ``"nonfinite"`` maps the JSON pointer (RFC
+6901) of each such ``null`` to ``"nan"``, ``"inf"`` or ``"-inf"``; reading puts them back.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+
+def canonical_json(value: Any) -> str:
+    """JSON text, equal for equal values: sorted keys, no spaces. Allows NaN (for hashing only)."""
+    return json.dumps(value, sort_keys=True, separators=(",", ":"), default=plain)
+
+
+def plain(value: Any) -> Any:
+    """A NumPy scalar or array as a number or list (a `json` default); else raises `TypeError`."""
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    if isinstance(value, (set, frozenset)):
+        return sorted(value)
+    raise TypeError(f"{type(value).__name__} is not a JSON value")
+
+
+def encode_values(values: Mapping[str, Any]) -> dict[str, Any]:
+    """JSON-able copy of `values`: NumPy made plain, NaN and infinities None and listed under "nonfinite"."""
+    try:  # most rows hold finite numbers only, and the C encoder finds out fastest
+        json.dumps(values, allow_nan=False)
+        return dict(values) | {"nonfinite": {}}
+    except (ValueError, TypeError):
+        nonfinite: dict[str, str] = {}
+        return _without_nonfinite(json.loads(json.dumps(values, default=plain)), "", nonfinite) | {
+            "nonfinite": nonfinite
+        }
+
+
+def restore_nonfinite(data: Any, nonfinite: Mapping[str, str]) -> None:
+    """Put NaN and infinities back, in place, where the JSON pointers of `nonfinite` say."""
+    for pointer, text in nonfinite.items():
+        *way, last = [part.replace("~1", "/").replace("~0", "~") for part in pointer.split("/")[1:]]
+        parent = data
+        for part in way:
+            parent = parent[int(part) if isinstance(parent, list) else part]
+        value = {"nan": math.nan, "inf": math.inf, "-inf": -math.inf}[text]
+        parent[int(last) if isinstance(parent, list) else last] = value
+
+
+def decode_line(piece: bytes | str) -> dict[str, Any]:
+    """One line of `cells.jsonl`, NaN and infinities restored; `ValueError` and kin when it is none."""
+    line = json.loads(piece)
+    restore_nonfinite(line, line.pop("nonfinite", {}))
+    if not (isinstance(line["key"], str) and isinstance(line["row"], dict) and isinstance(line["cell"], dict)):
+        raise ValueError("not a row")
+    return line
+
+
+def encode_line(key: str, row: Mapping[str, Any], cell: Mapping[str, Any] | None, provenance: str) -> bytes:
+    line = encode_values({"key": key, "cell": dict(cell or {}), "row": dict(row), "provenance": provenance})
+    return json.dumps(line, allow_nan=False, separators=(",", ":")).encode() + b"\n"
+
+
+def _without_nonfinite(value: Any, pointer: str, nonfinite: dict[str, str]) -> Any:
+    if isinstance(value, float) and not math.isfinite(value):
+        nonfinite[pointer] = "nan" if math.isnan(value) else "inf" if value > 0 else "-inf"
+        return None
+    if isinstance(value, dict):
+        escaped = {k: k.replace("~", "~0").replace("/", "~1") for k in value}
+        return {k: _without_nonfinite(v, f"{pointer}/{escaped[k]}", nonfinite) for k, v in value.items()}
+    if isinstance(value, list):
+        return [_without_nonfinite(v, f"{pointer}/{i}", nonfinite) for i, v in enumerate(value)]
+    return value
+
+
+def pretty(data: Mapping[str, Any]) -> bytes:
+    return json.dumps(data, indent=2, default=plain, sort_keys=True).encode() + b"\n"
+
+
+def csv_bytes(frame: DataFrame) -> bytes:
+    """The table as CSV: digits that read back as the same double, NaN empty, nested values as JSON."""
+    return _flat(frame).to_csv(index=False, lineterminator="\n").encode()
+
+
+def parquet_bytes(frame: DataFrame) -> bytes:
+    """The table as Parquet; columns of mixed types, which Parquet does not know, become text."""
+    import pyarrow
+
+    frame = _flat(frame)
+    for name in [n for n in frame.columns if frame[n].dtype.kind == "O"]:
+        try:
+            pyarrow.array(frame[name], from_pandas=True)
+        except (pyarrow.ArrowInvalid, pyarrow.ArrowTypeError):
+            frame[name] = [None if _missing(v) else str(v) for v in frame[name]]
+    buffer = io.BytesIO()
+    frame.to_parquet(buffer, index=False)
+    return buffer.getvalue()
+
+
+def _flat(frame: DataFrame) -> DataFrame:
+    """A copy whose cells are scalars: nested values as JSON text, column names as text."""
+    frame = frame.copy()
+    frame.columns = [str(name) for name in frame.columns]
+    for name in [n for n in frame.columns if frame[n].dtype.kind == "O"]:
+        nested = [isinstance(value, (list, tuple, dict, set)) or hasattr(value, "tolist") for value in frame[name]]
+        if any(nested):
+            values = [json.dumps(v, default=plain) if n else v for v, n in zip(frame[name], nested, strict=True)]
+            frame[name] = values
+    return frame
+
+
+def _missing(value: Any) -> bool:
+    return value is None or (isinstance(value, float) and math.isnan(value))

@@ -1,0 +1,352 @@
+"""The run folder: rows as they come, tables at the end, one writer at a time.
+
+Layout of a run folder::
+
+    cells.jsonl          one line a finished cell, appended and fsynced; the only source of truth
+    tables/NAME.csv      the tidy tables (also NAME.parquet), written to a temporary name and renamed
+    provenance/ID.json   what measured the rows: commit, versions, machine; each line names its ID
+    manifest.json        the latest run: provenance, start, end, counts
+    .lock                held (flock) by the one writer; the system drops it when the writer dies
+
+Line format: ``{"key", "cell", "row", "provenance", "nonfinite"}``. JSON has no NaN and no infinity: they are
+written as ``null``, and ``nonfinite`` maps the JSON pointer (RFC 6901) of each such ``null`` to ``"nan"``,
+``"inf"`` or ``"-inf"``; reading puts them back. The same key may occur again (a retried cell): the last line
+counts. Everything that is read back is data: JSON, CSV, Parquet; nothing is unpickled or executed.
+"""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import json
+import os
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+from ..errors import TcbenchError
+from .encoding import canonical_json, csv_bytes, decode_line, encode_line, parquet_bytes, pretty
+from .lock import hold_lock, sync_folder
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+ROWS = "cells.jsonl"
+# What the machine or the user's limits did to a cell, not the cell itself: worth another attempt on resume.
+UNFINISHED_STATUSES = frozenset({"crash", "timeout"})
+
+
+def is_finished(row: Mapping[str, Any]) -> bool:
+    """Whether the row is final: any status but crash, timeout and exhausted memory."""
+    return row.get("status") not in UNFINISHED_STATUSES and row.get("exception_type") != "MemoryError"
+
+
+class Rows:
+    """Rows in memory, latest per key; a store of its own where nothing goes to disk."""
+
+    def __init__(self) -> None:
+        self._lines: dict[str, dict[str, Any]] = {}
+        self.problems: list[str] = []
+
+    def append(
+        self,
+        key: str,
+        row: Mapping[str, Any],
+        cell: Mapping[str, Any] | None = None,
+        provenance: str | None = None,
+    ) -> None:
+        """Keep the row of a cell; an earlier row of the same key is replaced."""
+        self._lines.pop(key, None)
+        self._lines[key] = {
+            "key": key,
+            "cell": dict(cell or {}),
+            "row": dict(row),
+            "provenance": provenance or "",
+        }
+
+    def rows(self) -> dict[str, dict[str, Any]]:
+        """The latest row of each key."""
+        return {key: line["row"] for key, line in self._lines.items()}
+
+    def lines(self) -> list[dict[str, Any]]:
+        """The latest line of each key: key, cell, row, provenance."""
+        return list(self._lines.values())
+
+    def records(self, study: str | None = None) -> list[dict[str, Any]]:
+        """Flat dicts for tables: study, integrator, scenario, the options, the row, and the key."""
+        return [
+            {name: line["cell"].get(name) for name in ("study", "integrator", "scenario")}
+            | dict(line["cell"].get("options", {}))
+            | line["row"]
+            | {"key": line["key"]}
+            for line in self._lines.values()
+            if study is None or line["cell"].get("study") == study
+        ]
+
+    def finished_keys(self) -> set[str]:
+        """Keys whose row is final: everything but crashes, timeouts and exhausted memory (`is_finished`)."""
+        return {key for key, line in self._lines.items() if is_finished(line["row"])}
+
+
+class Store(Rows):
+    """A run folder. `Store.open` to write (one writer at a time), `Store.read` to look, at any time."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__()
+        self.folder = folder
+        self.provenance_id = ""
+        self._file: int | None = None
+        self._lock: BinaryIO | None = None
+        self._needs_newline = False
+
+    # -- opening and closing
+
+    @classmethod
+    def open(cls, folder: str | os.PathLike[str], fresh: bool = False) -> Store:
+        """Lock the folder for writing and load the rows it has.
+
+        fresh : set the earlier rows aside (renamed to `cells.N.old.jsonl`) and start with none.
+        Raises `TcbenchError` when the folder cannot be written or another process is writing to it.
+        """
+        store = cls(Path(folder))
+        try:
+            store.folder.mkdir(parents=True, exist_ok=True)
+            store._lock = hold_lock(store.folder / ".lock")
+            if fresh:
+                store._set_aside()
+            flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | getattr(os, "O_BINARY", 0)
+            store._file = os.open(store.folder / ROWS, flags, 0o666)
+            store._probe()
+            store._load()
+        except OSError as error:
+            store.close()
+            raise _cure(error, store.folder) from error
+        except BaseException:
+            store.close()
+            raise
+        return store
+
+    @classmethod
+    def read(cls, folder: str | os.PathLike[str]) -> Store:
+        """The rows of a folder as they are now, without a lock: also while a run is writing to it.
+
+        Raises `TcbenchError` when there is no run in the folder.
+        """
+        store = cls(Path(folder))
+        if not store.folder.is_dir() or not any((store.folder / n).exists() for n in (ROWS, "tables", "manifest.json")):
+            raise TcbenchError(f"There is no run in {store.folder}: no {ROWS}, no tables. Give the folder of a run.")
+        try:
+            store._load()
+        except OSError as error:
+            raise TcbenchError(f"Cannot read the run in {store.folder}: {error.strerror or error}.") from error
+        return store
+
+    def close(self) -> None:
+        """Release the folder. Safe to call twice."""
+        if self._file is not None:
+            os.close(self._file)
+            self._file = None
+        if self._lock is not None:
+            # closing drops the lock; the file stays, for removing it would race with the next writer
+            self._lock.close()
+            self._lock = None
+
+    def __enter__(self) -> Store:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    # -- rows
+
+    def append(
+        self,
+        key: str,
+        row: Mapping[str, Any],
+        cell: Mapping[str, Any] | None = None,
+        provenance: str | None = None,
+    ) -> None:
+        """Write one row and return when it is on the disk (fsync).
+
+        Raises `TcbenchError` when the disk is full or the file cannot be written; rows already written stay
+        intact.
+        """
+        self._write(encode_line(key, row, cell, self.provenance_id if provenance is None else provenance))
+        super().append(key, row, cell, self.provenance_id if provenance is None else provenance)
+
+    def add_provenance(self, data: Mapping[str, Any], default: bool = True) -> str:
+        """Record what measures the rows that follow; returns the id that their lines carry.
+
+        default : use it for every `append` that names no provenance of its own.
+        """
+        name = hashlib.sha256(canonical_json(data).encode()).hexdigest()[:16]
+        self._replace(self.folder / "provenance" / f"{name}.json", pretty(data))
+        if default:
+            self.provenance_id = name
+        return name
+
+    def provenances(self) -> dict[str, dict[str, Any]]:
+        """What `add_provenance` recorded, by id. Unreadable files are left out and reported in `problems`."""
+        return {
+            path.stem: data
+            for path in sorted((self.folder / "provenance").glob("*.json"))
+            if (data := self._read_json(path)) is not None
+        }
+
+    def compact(self) -> int:
+        """Rewrite the rows file without superseded and broken lines; returns how many lines were dropped."""
+        self._writable()
+        path = self.folder / ROWS
+        before = path.read_bytes().count(b"\n")
+        text = b"".join(encode_line(li["key"], li["row"], li["cell"], li["provenance"]) for li in self._lines.values())
+        self._replace(path, text)
+        assert self._file is not None
+        os.close(self._file)
+        self._file = os.open(path, os.O_RDWR | os.O_APPEND | getattr(os, "O_BINARY", 0))
+        self._needs_newline = False
+        return max(0, before - len(self._lines))
+
+    # -- tables and manifest
+
+    def write_tables(self, tables: Mapping[str, DataFrame]) -> list[Path]:
+        """Write `tables/NAME.csv` and `tables/NAME.parquet`, each complete or not at all.
+
+        CSV numbers carry every digit needed to read back the same double (up to 17); lists and dicts are
+        JSON text.
+        """
+        paths = []
+        for name, frame in tables.items():
+            if not re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_.-]*", name):
+                raise TcbenchError(f"A table cannot be called {name!r}: use letters, digits, '_' and '-'.")
+            for suffix, encode in ((".csv", csv_bytes), (".parquet", parquet_bytes)):
+                paths.append(self.folder / "tables" / f"{name}{suffix}")
+                self._replace(paths[-1], encode(frame))
+        return paths
+
+    def tables(self) -> list[str]:
+        """The names of the tables that have been written."""
+        return sorted({p.stem for p in (self.folder / "tables").glob("*.*") if p.suffix in (".csv", ".parquet")})
+
+    def read_table(self, name: str) -> DataFrame:
+        """One table, from Parquet where readable, else from CSV; `TcbenchError` when there is none."""
+        import pandas
+
+        # pandas 3 reads back the double that was written; before it had to be asked to
+        exact: dict[str, Any] = {} if int(pandas.__version__.split(".")[0]) >= 3 else {"float_precision": "round_trip"}
+        for suffix in (".parquet", ".csv"):
+            file = self.folder / "tables" / f"{name}{suffix}"
+            if file.is_file():
+                try:
+                    return pandas.read_parquet(file) if suffix == ".parquet" else pandas.read_csv(file, **exact)
+                except (OSError, ValueError) as error:
+                    self.problems.append(f"{file} cannot be read: {error}.")
+        raise TcbenchError(
+            f"There is no readable table {name!r} in {self.folder}. There are: {', '.join(self.tables())}."
+        )
+
+    def write_manifest(self, data: Mapping[str, Any]) -> Path:
+        """Write `manifest.json`, complete or not at all."""
+        path = self.folder / "manifest.json"
+        self._replace(path, pretty(data))
+        return path
+
+    def manifest(self) -> dict[str, Any]:
+        """The manifest; empty when none has been written yet or it cannot be read (see `problems`)."""
+        path = self.folder / "manifest.json"
+        return (self._read_json(path) or {}) if path.exists() else {}
+
+    # -- internals
+
+    def _writable(self) -> None:
+        if self._file is None:
+            raise TcbenchError(f"The run in {self.folder} was opened for reading; nothing can be written to it.")
+
+    def _load(self) -> None:
+        path = self.folder / ROWS
+        content = path.read_bytes() if path.exists() else b""
+        self._needs_newline = bool(content) and not content.endswith(b"\n")
+        pieces = content.split(b"\n")
+        for number, piece in enumerate(pieces, start=1):
+            if not piece.strip():
+                continue
+            try:
+                line = decode_line(piece)
+            except (ValueError, TypeError, KeyError, IndexError, AttributeError, RecursionError):
+                torn = number == len(pieces)
+                what = "is incomplete (its writer was killed)" if torn else "is damaged"
+                self.problems.append(f"{path}, line {number}: {what}; skipped. Its cell will run again.")
+                continue
+            self._lines.pop(line["key"], None)
+            self._lines[line["key"]] = line
+
+    def _write(self, line: bytes) -> None:
+        self._writable()
+        assert self._file is not None
+        data = (b"\n" if self._needs_newline else b"") + line
+        start = os.fstat(self._file).st_size
+        try:
+            view = memoryview(data)
+            while view:
+                view = view[os.write(self._file, view) :]
+            os.fsync(self._file)
+        except OSError as error:
+            try:  # a half-written line would be skipped on reading anyway; without it the file is whole
+                os.ftruncate(self._file, start)
+            except OSError:
+                self._needs_newline = True
+            raise _cure(error, self.folder) from error
+        self._needs_newline = False
+
+    def _probe(self) -> None:
+        """Find out before hours of computing, not after, whether the folder takes new files."""
+        probe = self.folder / f".probe-{os.getpid()}"
+        probe.touch()
+        probe.unlink()
+
+    def _replace(self, path: Path, content: bytes) -> None:
+        self._writable()
+        temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with open(temporary, "wb") as file:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+            os.replace(temporary, path)
+            sync_folder(path.parent)
+        except OSError as error:
+            temporary.unlink(missing_ok=True)
+            raise _cure(error, self.folder) from error
+
+    def _set_aside(self) -> None:
+        path = self.folder / ROWS
+        if path.exists() and path.stat().st_size:
+            number = 1
+            while (aside := self.folder / f"cells.{number}.old.jsonl").exists():
+                number += 1
+            os.replace(path, aside)
+
+    def _read_json(self, path: Path) -> dict[str, Any] | None:
+        try:
+            data = json.loads(path.read_bytes())
+            if isinstance(data, dict):
+                return data
+            raise ValueError("not a JSON object")
+        except (OSError, ValueError, RecursionError) as error:
+            self.problems.append(f"{path} cannot be read: {error}.")
+            return None
+
+
+def _cure(error: OSError, folder: Path) -> TcbenchError:
+    """The sentence for an operating-system error while writing."""
+    if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+        return TcbenchError(
+            f"No space is left for the run in {folder} ({error.strerror}). The rows finished so far are "
+            "intact: "
+            "free some space and run the same command again; it goes on where it stopped."
+        )
+    return TcbenchError(
+        f"Cannot write to the run folder {folder}: {error.strerror or error}. Choose another folder or "
+        "change its permissions."
+    )

@@ -1,0 +1,65 @@
+"""The tables of a run folder as they are now, whether the run has ended or not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..errors import TcbenchError, unknown_name
+from ..studies.base import Study, studies
+from .cells import identity_of
+from .store import Rows, Store
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+
+def read_tables(source: str | Path | Store) -> dict[str, DataFrame]:
+    """Every table of a run by name, in the order of the studies.
+
+    Made from the rows where there are rows (the latest of each cell: a folder may hold rows of older sources too), read
+    from `tables/` otherwise, as in a published run that keeps its tables only.
+    """
+    store = source if isinstance(source, Store) else Store.read(source)
+    latest = {identity_of(line["cell"]): line["key"] for line in store.lines() if line["cell"]}
+    tables: dict[str, DataFrame] = {}
+    for study in studies().values():
+        try:
+            tables |= make_tables([study], store, set(latest.values()))
+        except (KeyError, ValueError, TypeError) as error:  # rows of another version of the study
+            store.problems.append(f"The rows of study {study.name!r} cannot be tabulated: {error!r}.")
+    for name in store.tables():
+        if name not in tables:
+            try:
+                tables[name] = store.read_table(name)
+            except TcbenchError as error:
+                store.problems.append(str(error))
+    return {name: table for name, table in tables.items() if len(table)}
+
+
+def make_tables(studies: Iterable[Study], store: Rows, keys: set[str] | None = None) -> dict[str, DataFrame]:
+    """Tables of the rows in the store; of these keys only, when given."""
+    tables: dict[str, DataFrame] = {}
+    for study in studies:
+        records = [r for r in store.records(study.name) if keys is None or r["key"] in keys]
+        if records:
+            tables |= study.tabulate([{k: v for k, v in r.items() if k not in ("study", "key")} for r in records])
+    return tables
+
+
+def only(tables: Mapping[str, DataFrame], column: str, names: Sequence[str]) -> dict[str, DataFrame]:
+    """The rows of these names in the tables that have the column, the other tables as they are; all if none is named.
+
+    A table need not have rows of each (that of blow-ups has the methods that failed); a name that none has is an error.
+    """
+    known = {str(value) for table in tables.values() if column in table for value in table[column].dropna()}
+    for name in names:
+        if name not in known:
+            raise unknown_name(f"{column} of this run", name, known)
+    if not names:
+        return dict(tables)
+    return {
+        key: table[table[column].astype(str).isin(list(names))] if column in table else table
+        for key, table in tables.items()
+    }

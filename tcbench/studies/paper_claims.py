@@ -1,0 +1,310 @@
+"""The statements of section 6 of Romero (2009), each measured with the printed data and a converged Newton iteration.
+
+An entry names the integrators and the scenario that a statement is about, and a function that measures it. What agrees
+with the statement is decided in that function, from the run; the words of the verdict follow from it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from .theorems import Finding, shell_name
+
+if TYPE_CHECKING:
+    from ..integrator import Integrator
+    from ..simulation.trajectory import Trajectory
+    from ..systems.scenario import Scenario
+
+CONSERVED = 1e-10  # over the whole horizon: round-off of some thousand steps
+FOUND_ORDER = 0.03  # how far a measured order may be from the stated one
+NEAR_ZERO = 10.0  # a temperature that "tends to zero" falls below this; all start near 300
+IN_TIME = 0.2  # "at t = 12" is within a fifth of it
+VISIBLE = 1e-3  # an oscillation of the energy that a figure shows, in units of V0
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A statement: about which integrators and scenarios (by name), and how it is measured."""
+
+    integrators: tuple[str, ...]
+    scenarios: tuple[str, ...]
+    measure: Callable[[Integrator, Scenario], list[Finding]]
+
+
+def _finding(
+    title: str, section: str, expected: str, measured: str, agrees: Any, command: str, *, yes: str, no: str,
+    impossible: Any = False,
+) -> Finding:  # fmt: skip
+    agrees = bool(agrees)
+    return Finding(title, section, expected, measured, agrees, yes if agrees else no, command, bool(impossible))
+
+
+def _simulate(integrator: Integrator, scenario: Scenario, **options: Any) -> tuple[Trajectory, str]:
+    """A run, and the command that repeats it."""
+    from ..simulation.run import simulate
+
+    words = f"tcbench simulate {shell_name(integrator)} {scenario.name} --dt {options.get('dt', scenario.dt):g}"
+    return simulate(integrator, scenario, **options), words + (
+        " --plain" if options.get("continuation") is False else ""
+    )
+
+
+def _outcome(run: Trajectory) -> str:
+    """How a run ended, in few words."""
+    return f"runs to t = {run.t[-1]:g}" if run.ok else f"{run.status} after {run.steps} steps, t = {run.t[-1]:g}"
+
+
+# ---- the laws over a whole run
+
+
+def conservation(integrator: Integrator, scenario: Scenario) -> list[Finding]:
+    """E exact, S only grows, J exact, over the whole horizon at the scenario's own step: for what the method claims."""
+    from . import theorems
+
+    run, command = _simulate(integrator, scenario)
+    laws = {
+        "energy": ("energy is exact", "|E - E0|/max(V0, |E0|) = 0", theorems.energy_defect),
+        "entropy": ("entropy only grows", "no fall of S", theorems.entropy_fall),
+        "angular_momentum": ("angular momentum is exact", "|J - J0| = 0", theorems.momentum_defect),
+    }
+    rows = []
+    for name, (words, expected, measure) in laws.items():
+        if name in integrator.claims:
+            worst = measure(run)
+            rows.append(
+                _finding(
+                    f"{integrator.name}, {scenario.name}: {words}", "section 6", expected,
+                    f"{worst:.1e}; {_outcome(run)}", run.ok and worst <= CONSERVED, command,
+                    yes=f"Over {run.steps} steps of {run.dt:g} it is kept to round-off (limit {CONSERVED:.0e}).",
+                    no=run.failure or f"It is lost by {worst:.1e}, which round-off does not explain.",
+                )
+            )  # fmt: skip
+    if {"energy", "entropy"} <= integrator.claims:
+        rise = theorems.lyapunov_rise(run)
+        rows.append(
+            _finding(
+                f"{integrator.name}, {scenario.name}: E - theta_ref S never rises, step by step", "Theorem 6, eq. (37)",
+                "rise = 0", f"{rise:.1e}; {_outcome(run)}", run.ok and rise <= theorems.SOLVED, command,
+                yes=f"None of {run.steps} steps raises it beyond round-off ({theorems.SOLVED:.0e}).",
+                no=run.failure or f"A step raises it by {rise:.1e}.",
+            )
+        )  # fmt: skip
+    return rows
+
+
+def order(integrator: Integrator, scenario: Scenario) -> list[Finding]:
+    """The stated order in q, p and s, measured by the convergence study."""
+    from .convergence import measure
+
+    fits = {row["variable"]: row for row in measure(integrator, scenario, {})["orders"]}
+    found = {name: fits[name]["order"] for name in ("q", "p", "s")}
+    declared = integrator.order or 0
+    agrees = all(abs(value - declared) <= FOUND_ORDER for value in found.values())
+    values = ", ".join(f"{name} {value:.3f}" for name, value in found.items())
+    return [
+        _finding(
+            f"{integrator.name} is of order {declared}", "section 6", f"{declared} in q, p and s", values, agrees,
+            f"tcbench run --study convergence -i {shell_name(integrator)} -s {scenario.name}",
+            yes=f"Slopes over {fits['all']['points_used']} points against certified states agree.",
+            no="The slope over the asymptotic window is another, or there is none.",
+        )
+    ]  # fmt: skip
+
+
+# ---- example 1
+
+
+def large_step(integrator: Integrator, scenario: Scenario) -> list[Finding]:
+    run, command = _simulate(integrator, scenario, dt=2.0)
+    plain = {h: _simulate(integrator, scenario, dt=h, continuation=False)[0].ok for h in (0.5, 0.62, 2.0, 2.5, 3.0)}
+    words = ", ".join(f"{'runs' if ok else 'fails'} at {h:g}" for h, ok in plain.items())
+    return [
+        _finding(
+            f"{integrator.name} runs example 1 with h = 2", "section 6, example 1", "the run completes",
+            f"{_outcome(run)}; plain Newton from z0 {words}", run.ok, command,
+            yes="A TC step has a root for every h; whether an iteration finds it is a property of the iteration.",
+            no=f"{run.failure}.",
+        )
+    ]  # fmt: skip
+
+
+def temperature_blows_up(integrator: Integrator, scenario: Scenario) -> list[Finding]:
+    run, command = _simulate(integrator, scenario, dt=0.3)
+    agrees = not run.ok and abs(run.t[-1] - 12) <= IN_TIME * 12
+    return [
+        _finding(
+            f"{integrator.name} blows up at t = 12 in example 1, h = 0.3", "section 6, example 1", "blow-up at t = 12",
+            f"{_outcome(run)}; E {run.energy[0]:.1f} -> {run.energy[-1]:.1f}", agrees, command,
+            yes=run.failure,
+            no=f"With every step solved, E moves by {_swing(run.energy):.2g} only." if run.ok else run.failure,
+        )
+    ]  # fmt: skip
+
+
+def _swing(values: Any) -> float:
+    return float(values.max() - values.min())
+
+
+def _turns(values: Any) -> int:
+    """How often a sequence changes between rising and falling."""
+    import numpy as np
+
+    moves = np.sign(np.diff(values))
+    return int(np.sum(moves[1:] * moves[:-1] < 0))
+
+
+def entropy_rule_oscillates(integrator: Integrator, scenario: Scenario) -> list[Finding]:
+    run, command = _simulate(integrator, scenario, dt=0.3)
+    swing, turns, falls = _swing(run.energy), _turns(run.energy), run.summary.second_law_violations
+    least = least_production(scenario)
+    return [
+        _finding(
+            f"{integrator.name}: E oscillates in example 1", "section 6, example 1", "visible oscillation of E",
+            f"E between {run.energy.min():.2f} and {run.energy.max():.2f}, {turns} turns",
+            swing > VISIBLE * scenario.initial_exergy and turns >= 2, command,
+            yes="The midpoint rule keeps no discrete energy.", no="E does not move to and fro.",
+        ),
+        _finding(
+            f"{integrator.name}: S oscillates in example 1", "section 6, example 1", "S falls at times",
+            f"S falls in {falls} of {run.steps} steps, least increment {run.summary.entropy_increment_min:.1e}",
+            falls > 0, command, yes=f"S falls in {falls} steps.", no=_cannot_fall(least), impossible=least >= 0,
+        ),
+    ]  # fmt: skip
+
+
+def least_production(scenario: Scenario) -> float:
+    """Least entropy rate of the printed conduction law over 10,000 random pairs of positive temperatures."""
+    import numpy as np
+
+    from .theorems import SEED
+
+    theta = 300 * np.exp(2 * np.random.default_rng(SEED).standard_normal((2, 10_000)))
+    return float(scenario.model.conduction(theta).sum(axis=0).min())
+
+
+def _cannot_fall(least: float) -> str:
+    return (
+        "By (A2) a step adds h kappa (theta_b/theta_a + theta_a/theta_b - 2) at midpoint temperatures to S; "
+        f"over 10,000 random positive temperatures the least rate is {least:.1e}, so S cannot fall."
+    )
+
+
+def entropy_rule_fails(integrator: Integrator, scenario: Scenario) -> list[Finding]:
+    run, command = _simulate(integrator, scenario, dt=0.5)
+    plain, _ = _simulate(integrator, scenario, dt=0.5, continuation=False)
+    return [
+        _finding(
+            f"{integrator.name} fails after 5 steps of h = 0.5 in example 1", "section 6, example 1",
+            "no solution after 5 steps", f"{_outcome(run)}; plain Newton from z0: {_outcome(plain)}",
+            not run.ok and 4 <= run.steps <= 6, command,
+            yes=run.failure, no="Every step has a root that continuation in h finds." if run.ok else run.failure,
+        )
+    ]  # fmt: skip
+
+
+# ---- example 2
+
+
+def temperature_rule_fails(integrator: Integrator, scenario: Scenario) -> list[Finding]:
+    run, command = _simulate(integrator, scenario, dt=0.3)
+    plain, _ = _simulate(integrator, scenario, dt=0.3, continuation=False)
+    agrees = any(not r.ok and 26 <= r.steps <= 30 for r in (run, plain))
+    return [
+        _finding(
+            f"{integrator.name} fails after 28 steps in example 2", "section 6, example 2", "failure after 28 steps",
+            f"{_outcome(run)}; plain Newton from z0: {_outcome(plain)}", agrees, command,
+            yes=plain.failure,
+            no=f"Plain Newton from z0: {_outcome(plain)}; continuation solves every step." if run.ok else run.failure,
+        )
+    ]  # fmt: skip
+
+
+def entropy_rule_decays(integrator: Integrator, scenario: Scenario) -> list[Finding]:
+    run, command = _simulate(integrator, scenario, dt=0.3)
+    least, falls = least_production(scenario), run.summary.second_law_violations
+    moved, coldest = run.energy[-1] - run.energy[0], float(run.temperatures.min())
+    return [
+        _finding(
+            f"{integrator.name}: E falls and temperatures tend to zero in example 2", "section 6, example 2",
+            "E falls without end, theta near 0",
+            f"E moves by {_swing(run.energy):.2g} of {run.energy[0]:.0f}, least temperature {coldest:.0f}",
+            moved < -VISIBLE * scenario.initial_exergy and coldest < NEAR_ZERO, command,
+            yes=run.failure or "Both are seen.",
+            no=f"With every step solved, E ends {moved:+.2g} from its start and no element cools below {coldest:.0f}.",
+        ),
+        _finding(
+            f"{integrator.name}: S falls in example 2", "section 6, example 2", "S falls",
+            f"S {run.entropy[0]:.4f} -> {run.entropy[-1]:.4f}, falls in {falls} of {run.steps} steps",
+            falls > 0, command, yes=f"S falls in {falls} steps.", no=_cannot_fall(least), impossible=least >= 0,
+        ),
+    ]  # fmt: skip
+
+
+def reaches_equilibrium(integrator: Integrator, scenario: Scenario) -> list[Finding]:
+    """That strains settle by t_end: with the printed data, and with data that bind the masses."""
+    from .equilibrium import measure
+
+    found = measure(integrator, scenario, {"dt": scenario.dt})["summary"]
+    growth = (found["growth_a"], found["growth_b"])
+    measured = f"strains grow by {growth[0]:.2f} and {growth[1]:.2f} per unit of ln t"
+    if found["equilibrium"] != "distant":
+        measured = f"entropy gap {found['entropy_gap']:.1e}, strain gap {found['strain_gap']:.1e}"
+    where = "example 2" if found["equilibrium"] == "distant" else "qualitative"
+    return [
+        _finding(
+            f"{integrator.name}: a relative equilibrium is reached by t = {scenario.t_end:g} ({scenario.name})",
+            f"section 6, {where}", "strains settle", measured, found["equilibrium"] == "approached",
+            f"tcbench run --study equilibrium -i {shell_name(integrator)} -s {scenario.name}",
+            yes=found["note"], no=found["note"],
+        )
+    ]  # fmt: skip
+
+
+# ---- one number changed
+
+
+def stiff(integrator: Integrator, scenario: Scenario) -> list[Finding]:
+    """The qualitative claims of section 6, with the one number changed that brings them out: C_b = 300."""
+    run, command = _simulate(integrator, scenario, dt=0.3)
+    if "energy" in integrator.claims:
+        from .theorems import energy_defect
+
+        worst = energy_defect(run)
+        return [
+            _finding(
+                f"{integrator.name} is stable where midpoint rules are not ({scenario.name})", "section 6, qualitative",
+                "E exact to the end", f"{worst:.1e}; {_outcome(run)}", run.ok and worst <= CONSERVED, command,
+                yes="Energy and the second law together bound every state.", no=run.failure or "Energy is lost.",
+            )
+        ]  # fmt: skip
+    unbounded, _ = _simulate(integrator, scenario.replace(blowup_factor=1e12), dt=0.3)
+    gain = (unbounded.energy.max() - run.energy[0]) / scenario.initial_exergy
+    return [
+        _finding(
+            f"{integrator.name} blows up ({scenario.name})", "section 6, qualitative",
+            "|E - E0| exceeds V0",
+            f"{_outcome(run)}; left to go on, E rises from {run.energy[0]:.0f} up to {unbounded.energy.max():.0f} (a "
+            f"gain of {gain:.0f} V0) and {_outcome(unbounded)}",
+            run.status == "blowup", command,
+            yes="Nothing in the rule bounds the energy; V0 is all that the exact motion could ever exchange.",
+            no="The energy stays within V0.",
+        )
+    ]  # fmt: skip
+
+
+TC = ("tc_monolithic", "tc_staggered", "tc_strang")
+MIDPOINT = ("midpoint_entropy", "midpoint_temperature")
+LEDGER: dict[str, Entry] = {
+    "conservation": Entry(TC, ("short_term", "long_term"), conservation),
+    "order": Entry(TC + MIDPOINT, ("short_term",), order),
+    "large_step": Entry(TC[:1], ("short_term",), large_step),
+    "temperature_blows_up": Entry(MIDPOINT[1:], ("short_term",), temperature_blows_up),
+    "entropy_rule_oscillates": Entry(MIDPOINT[:1], ("short_term",), entropy_rule_oscillates),
+    "entropy_rule_fails": Entry(MIDPOINT[:1], ("short_term",), entropy_rule_fails),
+    "temperature_rule_fails": Entry(MIDPOINT[1:], ("long_term",), temperature_rule_fails),
+    "entropy_rule_decays": Entry(MIDPOINT[:1], ("long_term",), entropy_rule_decays),
+    "reaches_equilibrium": Entry(TC[:1], ("relative_equilibrium", "bound_equilibrium"), reaches_equilibrium),
+    "stiff": Entry(TC + MIDPOINT, ("stiff_spring",), stiff),
+}

@@ -1,0 +1,257 @@
+"""How far a method can go, and whose fault it is when it stops: outcome of a run, maximum stable step, blow-up time.
+
+Definitions (docs/stability.md tells the story):
+- a run fails when its status is not "ok", or when its entropy falls by more than 1e-10 in a step;
+- `solver`: Newton found no root where the arc finds one (or the arc could not decide); `branch`: the principal root has
+  ended; `physical`: the roots exist, and the run left the exergy bound, a temperature or spring collapsed, or the
+  entropy fell; `none`: no failure up to the cap;
+- rungs are the powers 2^(k/64), so that every search meets the same ones.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ..integrator import Integrator
+from ..simulation import compiled_loop as m
+from ..simulation.trajectory import Trajectory
+from ..systems.scenario import Scenario
+
+FINE = 64  # rungs an octave
+COARSE = 16  # fine rungs in a coarse one: 2^(k/4)
+WINDOW = 16  # rungs of the window of dt_half
+LOWEST, START, CAP = -10 * FINE, -6 * FINE, 2 * FINE  # 2^-10, 2^-6 and 4
+BELOW = 2 * FINE  # the fine ladder starts two octaves below the first coarse failure: a coarse one errs by up to 2x
+FOLD_BELOW = 2 * COARSE
+SPREAD, SAMPLES = 0.01, 41  # steps of the sensitivity of a blow-up time
+FACTORS = (0.5, 1.0, 4.0)  # of the blow-up bound
+
+OK, SOLVER, BRANCH, PHYSICAL, NONE = "ok", "solver", "branch", "physical", "none"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of one run. Dimensionless.
+
+    kind : ok, solver, branch or physical; blowup_time : when it failed (NaN if it did not);
+    energy_error : max |E - E0| / V0 over completed steps (NaN if there are none); continuation_steps : solves that
+    needed more than Newton; folds : folds that were met.
+    """
+
+    dt: float
+    kind: str
+    status: str
+    blowup_time: float
+    energy_error: float
+    continuation_steps: int
+    folds: int
+    failure: str
+
+    @property
+    def ok(self) -> bool:
+        return self.kind == OK
+
+
+def judge(run: Trajectory) -> Outcome:
+    """The outcome of a trajectory."""
+    kinds = {"ok": OK, "nonconverged": SOLVER, "no_root": BRANCH}
+    kind, time, failure = kinds.get(run.status, PHYSICAL), float(run.t[-1]), run.failure
+    fall = run.summary.first_entropy_fall
+    if math.isfinite(fall) and (kind == OK or fall <= time):
+        kind, time, failure = PHYSICAL, fall, f"t = {fall:.6g}: the entropy fell by more than 1e-10 in a step"
+    return Outcome(
+        dt=run.dt, kind=kind, status=run.status, blowup_time=math.nan if kind == OK else time,
+        energy_error=run.summary.energy_error_max / run.scenario.initial_exergy,
+        continuation_steps=run.solver.tracked, folds=run.solver.folds, failure=failure,
+    )  # fmt: skip
+
+
+def outcome(integrator: Integrator, scenario: Scenario, dt: float, continuation: bool = True) -> Outcome:
+    """The outcome of `simulate`, with the shared solver or with plain Newton from z0."""
+    from ..simulation.run import simulate
+
+    return judge(simulate(integrator, scenario, dt, continuation=continuation, record_every=None))
+
+
+def principal_outcome(integrator: Integrator, scenario: Scenario, dt: float, until_fold: bool = False) -> Outcome:
+    """The outcome when every root is taken from the arc: the method's own, whatever Newton does.
+
+    until_fold : end the run at the first fold (then kind is ok and folds > 0).
+    """
+    from ..simulation.run import run_flows
+
+    steps = scenario.steps(dt)
+    audit = m.STOP_AT_FOLD if until_fold else m.PRINCIPAL
+    return judge(run_flows(integrator, scenario, dt, steps, max(1, steps), audit=audit))
+
+
+def step_of(rung: int) -> float:
+    """The step 2^(rung/64)."""
+    return float(2.0 ** (rung / FINE))
+
+
+@dataclass
+class Ladder:
+    """Outcomes on rungs, each computed once."""
+
+    evaluate: Callable[[float], Outcome]
+    cap: int
+    seen: dict[int, Outcome] = field(default_factory=dict)
+
+    def __getitem__(self, rung: int) -> Outcome:
+        if rung not in self.seen:
+            self.seen[rung] = self.evaluate(step_of(rung))
+        return self.seen[rung]
+
+    def first_failure(self, rungs: Iterable[int]) -> int | None:
+        return next((rung for rung in rungs if not self[rung].ok), None)
+
+    def points(self) -> list[Outcome]:
+        return [self.seen[rung] for rung in sorted(self.seen)]
+
+
+@dataclass(frozen=True)
+class Boundary:
+    """Where runs begin to fail: rungs, None where there is no such rung."""
+
+    stable: int | None
+    unstable: int | None
+    half: int | None
+    non_monotone: bool
+
+
+def cap_rung(scenario: Scenario) -> int:
+    """The largest step tried: 4, or the horizon if that is shorter."""
+    return min(CAP, math.floor(FINE * math.log2(scenario.t_end) + 1e-9))
+
+
+def boundary(ladder: Ladder) -> Boundary:
+    """Coarse ladder up to the cap, then the fine one from two octaves below its first failure up to half failing."""
+    coarse = range(START, ladder.cap + 1, COARSE)
+    failed = ladder.first_failure(coarse)
+    if failed is None:
+        return Boundary(ladder.cap, None, None, False)
+    low = max(START, failed - BELOW)
+    if failed == START:
+        low = next((r for r in range(START - COARSE, LOWEST - 1, -COARSE) if ladder[r].ok), LOWEST)
+    unstable = ladder.first_failure(range(low, failed + 1))
+    assert unstable is not None
+    stable = unstable - 1 if unstable - 1 in ladder.seen and ladder[unstable - 1].ok else None
+    half = next((r for r in range(unstable, ladder.cap + 1) if _half_fails(ladder, r)), None)
+    later = any(ladder[r].ok for r in [*coarse, *ladder.seen] if r > unstable)
+    return Boundary(stable, unstable, half, later)
+
+
+def _half_fails(ladder: Ladder, centre: int) -> bool:
+    """Do at least half of the 16 rungs around this one fail?"""
+    window = range(centre - WINDOW // 2, centre + WINDOW // 2)
+    rungs = [r for r in window if r <= ladder.cap]
+    return 2 * sum(not ladder[r].ok for r in rungs) >= len(rungs)
+
+
+def first_fold(integrator: Integrator, scenario: Scenario, cap: int, unstable: int | None) -> int | None:
+    """First rung on which the principal sheet of some step folds before its run ends.
+
+    Coarse rungs from the cap down, until two octaves in a row are free of folds; then the fine ladder below the last.
+    """
+
+    def folds(rung: int) -> bool:
+        return principal_outcome(integrator, scenario, step_of(rung), until_fold=True).folds > 0
+
+    lowest, free = None, 0
+    top = cap - (cap - START) % COARSE
+    for rung in range(top, START - 1, -COARSE):
+        if folds(rung):
+            lowest, free = rung, 0
+        else:
+            free += 1
+        if free * COARSE > BELOW and (unstable is None or rung < unstable - COARSE):
+            break
+    if lowest is None:
+        return None
+    return next(rung for rung in range(lowest - FOLD_BELOW, lowest + 1) if rung == lowest or folds(rung))
+
+
+def certify(integrator: Integrator, scenario: Scenario, found: Boundary) -> tuple[str, bool]:
+    """(kind of limit, do the arc's own runs at both ends say the same?)."""
+    ends: list[Outcome | None] = [
+        None if rung is None else principal_outcome(integrator, scenario, step_of(rung))
+        for rung in (found.stable, found.unstable)
+    ]
+    below, above = ends
+    below_ok = below is None or below.ok
+    if above is None:
+        return NONE, below_ok
+    return (SOLVER if above.ok else above.kind), below_ok and not above.ok
+
+
+def plain_limit(integrator: Integrator, scenario: Scenario, found: Boundary, ladder: Ladder) -> str:
+    """Whose fault plain Newton's first failure is.
+
+    `solver` unless the run with the arc's own roots fails as well by the time at which plain Newton gives up.
+    """
+    if found.unstable is None:
+        return NONE
+    plain = ladder[found.unstable]
+    method = principal_outcome(integrator, scenario, plain.dt)
+    if method.ok or method.blowup_time > plain.blowup_time + 0.5 * plain.dt:
+        return SOLVER
+    return method.kind
+
+
+def maximum_step(integrator: Integrator, scenario: Scenario) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """One row of the `stability` table and the rows of `stability_points`, for a method that is given by flows."""
+    cap = cap_rung(scenario)
+    ladders = {
+        solver: Ladder(lambda dt, c=continuation: outcome(integrator, scenario, dt, c), cap)  # type: ignore[misc]
+        for solver, continuation in (("continuation", True), ("plain", False))
+    }
+    full, plain = boundary(ladders["continuation"]), boundary(ladders["plain"])
+    limit, certified = certify(integrator, scenario, full)
+    limit_plain = plain_limit(integrator, scenario, plain, ladders["plain"])
+    fold = first_fold(integrator, scenario, cap, full.unstable)
+    failed = None if full.unstable is None else ladders["continuation"][full.unstable]
+    row = {
+        "dt_stable": _step(full.stable), "dt_unstable": _step(full.unstable), "dt_half": _step(full.half),
+        "dt_fold": _step(fold), "limit": limit, "non_monotone": full.non_monotone, "dt_cap": step_of(cap),
+        "dt_stable_plain": _step(plain.stable), "limit_plain": limit_plain,
+        "dt_unstable_plain": _step(plain.unstable), "dt_half_plain": _step(plain.half),
+        "non_monotone_plain": plain.non_monotone, "certified": certified,
+        "cause": failed.failure if failed else "",
+    }  # fmt: skip
+    points = [
+        {
+            "solver": solver, "dt": p.dt, "status": p.status, "kind": p.kind, "blowup_time": p.blowup_time,
+            "continuation_steps": p.continuation_steps, "energy_error_max": p.energy_error, "folds": p.folds,
+        }
+        for solver, ladder in ladders.items() for p in ladder.points()
+    ]  # fmt: skip
+    return row, points
+
+
+def _step(rung: int | None) -> float:
+    return math.nan if rung is None else step_of(rung)
+
+
+def sensitivity(integrator: Integrator, scenario: Scenario, dt: float) -> list[dict[str, Any]]:
+    """Blow-up time under 0.5, 1 and 4 times the bound, and over 41 runs with steps within 1 % of dt.
+
+    One row a factor; median, low and high over the runs that fail (NaN if none does), failed of `runs`.
+    """
+    rows = []
+    for factor in FACTORS:
+        stricter = scenario.replace(blowup_factor=factor * scenario.blowup_factor)
+        steps = dt * np.linspace(1 - SPREAD, 1 + SPREAD, SAMPLES)
+        times = np.array([outcome(integrator, stricter, float(h)).blowup_time for h in steps])
+        failed = times[np.isfinite(times)]
+        low, median, high = np.quantile(failed, (0.0, 0.5, 1.0)) if len(failed) else (math.nan,) * 3
+        rows.append({
+            "dt": dt, "factor": factor, "blowup_time": outcome(integrator, stricter, dt).blowup_time,
+            "median": float(median), "low": float(low), "high": float(high), "failed": len(failed), "runs": SAMPLES,
+        })  # fmt: skip
+    return rows

@@ -1,0 +1,332 @@
+"""The theorems, checked on random admissible states: what a method must do on every state, not only in the scenarios.
+
+A finding is a statement, what was expected, what was measured, and a verdict that follows from the measurement.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..reference.collocation import LONG
+from ..systems.system import State, System
+
+if TYPE_CHECKING:
+    from ..integrator import Integrator
+    from ..simulation.trajectory import Trajectory
+    from ..systems.scenario import Scenario
+
+HOLDS = "holds"
+NOT_WITH_DATA = "does not hold with the printed data"
+CONTRADICTS = "contradicts the printed equations"
+
+SEED = 20090706  # any number would do; a fixed one makes the table repeatable
+STATES = 200  # random pairs of states for the operators
+STEPS = 100  # random steps for each integrator
+ROUNDOFF = 1e-13  # of operators: sums of some ten terms of one size
+SOLVED = 1e-12  # of a step: what a converged Newton iteration leaves, relative
+EQUIVARIANT = 1e-9  # two solves of one step, in turned coordinates: round-off times the condition of the step
+ENOUGH = 0.9  # part of the random steps that must be solved for a verdict on them
+DT_RANGE = (1e-3, 3.0)
+
+Floats = NDArray[np.float64]
+Sample = list[tuple[State, State]]
+Row = Callable[[str, str, str, float, float, str], "Finding"]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One row of the ledger. `agrees`: the measurement agrees with the claim. `impossible`: the printed equations,
+    evaluated, exclude the claim. `why`: one sentence. `command`: repeats the measurement."""
+
+    claim: str
+    section: str
+    expected: str
+    measured: str
+    agrees: bool
+    why: str
+    command: str
+    impossible: bool = False
+
+    @property
+    def verdict(self) -> str:
+        if self.agrees:
+            return HOLDS
+        return CONTRADICTS if self.impossible else NOT_WITH_DATA
+
+    def as_dict(self) -> dict[str, Any]:
+        return {
+            "claim": self.claim, "section": self.section, "expected": self.expected, "measured": self.measured,
+            "verdict": self.verdict, "why": self.why, "command": self.command,
+        }  # fmt: skip
+
+
+def command(integrator: Integrator, scenario: Scenario) -> str:
+    """The command line that measures the claims of a pair again."""
+    return f"tcbench run --study claims -i {shell_name(integrator)} -s {scenario.name}"
+
+
+def shell_name(integrator: Integrator) -> str:
+    """The name as a shell takes it: brackets of variants are quoted."""
+    return f"'{integrator.name}'" if "[" in integrator.name else integrator.name
+
+
+# ---- random admissible states
+
+
+def admissible_states(scenario: Scenario, rng: np.random.Generator) -> Iterator[State]:
+    """Endless random states around the scenario's: elements at least a tenth as long as at the start, theta > 0."""
+    model, z0 = scenario.model, scenario.model.state(scenario.z0)
+    shape0 = np.asarray(model.shapes(z0))
+    reach = 0.3 * max(1.0, float(np.abs(z0.q).max())), 0.5 * max(1.0, float(np.abs(z0.p).max()))
+    while True:
+        q = z0.q + reach[0] * rng.standard_normal(len(z0.q))
+        p = z0.p + reach[1] * rng.standard_normal(len(z0.p))
+        theta = np.array(scenario.temperatures) * np.exp(0.2 * rng.standard_normal(model.n_elements))
+        with np.errstate(all="ignore"):
+            z = model.entropy_variables(np.concatenate([q, p, theta]))
+            if np.all(np.isfinite(z)) and np.all(np.asarray(model.shapes(z)) > 0.01 * shape0):
+                yield z
+
+
+def _pairs(scenario: Scenario, rng: np.random.Generator) -> Iterator[tuple[State, State]]:
+    """Admissible pairs whose distance is anything from 1e-4 of a state's size to all of it."""
+    states = admissible_states(scenario, rng)
+    for z0, other in zip(states, states, strict=True):
+        yield z0, scenario.model.state(z0 + 10.0 ** rng.uniform(-4, 0) * (other - z0))
+
+
+def turned(z: Any, angle: float) -> Floats:
+    """A pendulum's state in axes turned by `angle`: positions and momenta are plane vectors."""
+    Q = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    plane = np.asarray(z, float)[:8].reshape(4, 2) @ Q.T
+    return np.concatenate([plane.ravel(), np.asarray(z, float)[8:]])
+
+
+def _is_pendulum(scenario: Scenario) -> bool:
+    from ..systems.pendulum import Pendulum
+
+    return issubclass(scenario.system, Pendulum)
+
+
+# ---- the operators
+
+
+def operators(integrator: Integrator, scenario: Scenario) -> list[Finding]:
+    """Conditions (1), (2), (8) and (9) on the operators of the scenario's system, on random states."""
+    rng = np.random.default_rng(SEED)
+    pairs = _pairs(scenario, rng)
+    sample = [next(pairs) for _ in range(STATES)]
+    repeat = command(integrator, scenario)
+
+    def row(claim: str, section: str, expected: str, worst: float, limit: float, why: str) -> Finding:
+        failed = f"The condition is violated by {worst:.1e}, beyond round-off ({limit:.0e})."
+        agrees = bool(worst <= limit)
+        measured = f"{worst:.1e} on {STATES} random admissible pairs of states"
+        return Finding(claim, section, expected, measured, agrees, why if agrees else failed, repeat)
+
+    rows = _gradient_rows(row, scenario, sample, rng) + _flow_rows(row, scenario, sample)
+    return rows + (_friction_rows(row, scenario.model, sample) if scenario.model.n_elements == 2 else [])
+
+
+def _gradient_rows(row: Row, scenario: Scenario, sample: Sample, rng: np.random.Generator) -> list[Finding]:
+    model = scenario.model
+    consistency = max(_relative(model.discrete_gradient(z, z), model.gradient(z)) for z, _ in sample)
+    rows = [
+        row("the discrete gradient is directional: DE . (z1 - z0) = E(z1) - E(z0)", "eq. (8)",
+            "defect 0, relative to |DE| |z1 - z0|", _directionality(scenario, sample), ROUNDOFF,
+            "Divided differences of the element energies are summed edge by edge, exactly."),
+        row("the discrete gradient is consistent: DE(z, z) = grad E(z)", "section 3", "defect 0, relative",
+            consistency, ROUNDOFF,
+            "Divided differences tend to derivatives, and are evaluated in closed form at zero increment."),
+    ]  # fmt: skip
+    if _is_pendulum(scenario):
+        worst = max(_turning(model, *pair, float(rng.uniform(0, 2 * np.pi))) for pair in sample)
+        rows.append(
+            row("the discrete gradient is equivariant under rotation", "section 3", "defect 0, relative", worst,
+                ROUNDOFF, "It sees positions only through squared lengths, which rotations keep.")
+        )  # fmt: skip
+    return rows
+
+
+def _flow_rows(row: Row, scenario: Scenario, sample: Sample) -> list[Finding]:
+    model = scenario.model
+    L = model.L
+    skew = float(np.abs(L + L.T).max() + np.abs(L @ model.DS).max())
+    power = max(_power(model, z) for z, _ in sample)
+    fall = max(0.0, -min(float(model.vector_field(z).s.sum()) for z, _ in sample))
+    return [
+        row("L is skew and L DS = 0", "eqs. (1), (2)", "defect 0", skew, 0.0,
+            "L is the canonical matrix on (q, p) and zero on s."),
+        row("the exact flow keeps energy: grad E . dz/dt = 0", "eq. (2)", "defect 0, relative", power, ROUNDOFF,
+            "L is skew and M grad E = 0."),
+        row("the exact flow never lowers entropy, so E - theta_ref S never rises", "Theorem 5, eq. (37)",
+            "dS/dt >= 0; violation 0", fall, 0.0,
+            "Conduction adds a square over positive temperatures to S, and E is constant."),
+    ]  # fmt: skip
+
+
+def _friction_rows(row: Row, model: System, sample: Sample) -> list[Finding]:
+    degeneracy = max(_degeneracy(model, *pair) for pair in sample)
+    indefinite = max(_indefiniteness(model, *pair) for pair in sample)
+    return [
+        row("friction is degenerate: M(theta*) theta* = 0 at algorithmic temperatures", "eq. (9)",
+            "defect 0, relative to |M| |theta*|", degeneracy, ROUNDOFF,
+            "M is built from (theta*_b, -theta*_a), which theta* annihilates."),
+        row("M is symmetric and positive semidefinite", "eq. (1)", "asymmetry and negative eigenvalues 0, relative",
+            indefinite, ROUNDOFF, "M is a positive number times a dyadic square."),
+    ]  # fmt: skip
+
+
+def _relative(found: Any, exact: Any) -> float:
+    return float(np.abs(np.asarray(found) - np.asarray(exact)).max() / np.abs(np.asarray(exact)).max())
+
+
+def _directionality(scenario: Scenario, sample: Sample) -> float:
+    """Largest defect of (8); E(z1) - E(z0) is subtracted in extended precision, or it would be the larger error."""
+    from ..reference.extended_precision import extended
+
+    energy = extended(scenario, "energy")
+    worst = 0.0
+    for z0, z1 in sample:
+        DE = scenario.model.discrete_gradient(z0, z1)
+        dz = z1.astype(LONG).view(np.ndarray) - z0.astype(LONG).view(np.ndarray)
+        dE = (energy(z1.astype(LONG).view(np.ndarray)) - energy(z0.astype(LONG).view(np.ndarray)))[0]
+        size = np.linalg.norm(DE) * np.linalg.norm(dz.astype(float))
+        defect = float(abs(np.asarray(DE, LONG) @ dz - dE) / size)
+        worst = max(worst, defect)
+    return worst
+
+
+def _turning(model: System, z0: State, z1: State, angle: float) -> float:
+    """Gap between the turned discrete gradient and the discrete gradient of the turned states."""
+    there = model.discrete_gradient(turned(z0, angle), turned(z1, angle))
+    return _relative(there, turned(model.discrete_gradient(z0, z1), angle))
+
+
+def _power(model: System, z: State) -> float:
+    gradient, rate = np.asarray(model.gradient(z)), np.asarray(model.vector_field(z))
+    return float(abs(gradient @ rate) / (np.abs(gradient) @ np.abs(rate)))
+
+
+def _friction(model: System, z0: State, z1: State) -> tuple[Floats, Floats]:
+    theta = model.discrete_gradient(z0, z1).s
+    return np.asarray(model.friction(theta)), np.asarray(theta)
+
+
+def _degeneracy(model: System, z0: State, z1: State) -> float:
+    M, theta = _friction(model, z0, z1)
+    return float(np.abs(M @ theta).max() / (np.abs(M).max() * np.abs(theta).max()))
+
+
+def _indefiniteness(model: System, z0: State, z1: State) -> float:
+    M, _ = _friction(model, z0, z1)
+    size = np.abs(M).max()
+    return float(max(np.abs(M - M.T).max(), -np.linalg.eigvalsh((M + M.T) / 2).min(), 0.0) / size)
+
+
+# ---- one step of a method
+
+
+def steps(integrator: Integrator, scenario: Scenario) -> list[Finding]:
+    """What an integrator claims, on random steps: one row for each of its claims."""
+    runs = random_steps(integrator, scenario)
+    good = [run for run in runs if run.steps == 1]  # a step that leaves the energy bound is a solved step too
+    enough = len(good) >= ENOUGH * len(runs)
+    claims = integrator.claims
+
+    def row(claim: str, section: str, expected: str, measure: Callable[[Trajectory], float], limit: float) -> Finding:
+        worst = max((measure(run) for run in good), default=float("nan"))
+        agrees = bool(enough and worst <= limit)
+        measured = f"{worst:.1e} on {len(good)} random steps"
+        measured += f" ({len(runs) - len(good)} of {len(runs)} were not solved)" if len(good) < len(runs) else ""
+        if agrees:
+            why = f"No step with dt from {DT_RANGE[0]:g} to {DT_RANGE[1]:g} violates it beyond round-off ({limit:.0e})."
+        elif not enough:
+            why = "Too few of the random steps were solved for a verdict."
+        else:
+            why = f"A random step violates it by {worst:.1e}, which is no round-off."
+        title = f"{integrator.name}: {claim}"
+        return Finding(title, section, expected, measured, agrees, why, command(integrator, scenario))
+
+    rows = []
+    if "energy" in claims:
+        rows.append(row("a step keeps energy", "Theorem 1", "|E1 - E0|/max(V0, |E0|) = 0", energy_defect, SOLVED))
+    if "entropy" in claims:
+        rows.append(row("a step never lowers entropy", "Theorem 2", "fall of S = 0, relative", entropy_fall, SOLVED))
+    for name in scenario.model.invariant_names:
+        if name in claims:
+            words = name.replace("_", " ")
+            rows.append(row(f"a step keeps {words}", "section 3", "|J1 - J0| = 0, relative", _momentum(name), SOLVED))
+    if {"energy", "entropy"} <= claims:
+        rows.append(
+            row("E - theta_ref S never rises in a step", "Theorem 6, eq. (37)", "rise = 0, relative to max(V0, |E0|)",
+                lyapunov_rise, SOLVED)
+        )  # fmt: skip
+    if _is_pendulum(scenario) and rows:
+        rows.append(
+            row("a step commutes with rotations", "section 3", "defect 0, relative", _equivariance, EQUIVARIANT)
+        )
+    return rows
+
+
+def random_steps(integrator: Integrator, scenario: Scenario) -> list[Trajectory]:
+    """STEPS single steps from random admissible states, dt log-uniform in DT_RANGE."""
+    from ..simulation.run import simulate
+
+    rng = np.random.default_rng(SEED)
+    states = admissible_states(scenario, rng)
+    runs = []
+    for _ in range(STEPS):
+        start = _from_state(scenario, next(states))
+        dt = float(np.exp(rng.uniform(*np.log(DT_RANGE))))
+        runs.append(simulate(integrator, start, dt=dt, t_end=dt))
+    return runs
+
+
+def _from_state(scenario: Scenario, z: State) -> Scenario:
+    theta = scenario.model.temperatures(z)
+    return scenario.replace(positions=tuple(z.q), momenta=tuple(z.p), temperatures=tuple(theta))
+
+
+def _scale(run: Trajectory) -> float:
+    return max(run.scenario.initial_exergy, abs(float(run.energy[0])))
+
+
+def energy_defect(run: Trajectory) -> float:
+    """Largest |E_k - E_0| over max(V0, |E0|): round-off of E is in proportion to E, which may exceed V0."""
+    return run.summary.energy_error_max / _scale(run)
+
+
+def entropy_fall(run: Trajectory) -> float:
+    """Largest S_k - S_{k+1}, not below 0, over max(1, |S0|)."""
+    return max(0.0, -run.summary.entropy_increment_min) / max(1.0, abs(float(run.entropy[0])))
+
+
+def lyapunov_rise(run: Trajectory) -> float:
+    """Largest rise of E - theta_ref S in a step, not below 0, over max(V0, |E0|)."""
+    return max(0.0, run.summary.lyapunov_increment_max) / _scale(run)
+
+
+def _momentum(name: str) -> Callable[[Trajectory], float]:
+    def defect(run: Trajectory) -> float:
+        return run.summary.invariant_error_max[name] / max(1.0, abs(float(run.invariants[name][0])))
+
+    return defect
+
+
+momentum_defect = _momentum("angular_momentum")
+
+
+def _equivariance(run: Trajectory) -> float:
+    """Gap between the turned step and the step from the turned state; inf if that one is not solved."""
+    from ..simulation.run import simulate
+
+    angle = 2 * np.pi * float(np.random.default_rng(int(abs(run.energy[0]) * 1e6)).random())
+    start = _from_state(run.scenario, run.scenario.model.state(turned(run.z[0], angle)))
+    other = simulate(run.integrator, start, dt=run.dt, t_end=run.dt)
+    return _relative(other.z[-1], turned(run.z[-1], angle)) if other.steps == 1 else float("inf")

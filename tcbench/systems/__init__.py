@@ -1,0 +1,1 @@
+"""The physics: systems, scenarios, their right-hand sides and momenta."""

@@ -1,0 +1,41 @@
+"""Momenta with given values of the invariants: what mends a step that lost them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..compiler import derivatives as trace
+from ..errors import TcbenchError
+from .system import System
+
+
+def lengthening(p: Any, x: Any) -> Any:
+    """What makes p carry 1 + x times its kinetic energy: sqrt(1 + x) - 1 with its digits, times p."""
+    return p * (x / (1.0 + np.sqrt(1.0 + x)))
+
+
+def restored_momenta(z0: Any, system: System, invariants: dict[str, Any]) -> tuple[Any, Any]:
+    """p with these values of the invariants, and the part of it that carries none.
+
+    Raises TcbenchError for invariants that are not linear in the momenta.
+    """
+    inertia = system.inertia() * np.ones(system.n_positions)
+    p = z0.p
+    directions: list[tuple[Any, Any]] = []
+    symbols = trace.variables("p", system.n_positions)
+    for name, before in invariants.items():
+        gradient = trace.jacobian([system.invariants(z0.q, symbols)[name]], list(symbols))[0]
+        if trace.depends_on(list(gradient), list(symbols)) & {x.number for x in gradient}:
+            raise TcbenchError(f"The invariant {name!r} is not linear in the momenta, which the projection needs.")
+        direction = inertia * gradient
+        for other, norm in directions:  # orthogonal in the kinetic energy: earlier invariants stay
+            direction = direction - other * (sum(other * direction / inertia) / norm)
+        norm = sum(direction * direction / inertia)
+        p = p + direction * ((before - system.invariants(z0.q, p)[name]) / norm)
+        directions.append((direction, norm))
+    free = p
+    for direction, norm in directions:
+        free = free - direction * (sum(direction * free / inertia) / norm)
+    return p, free

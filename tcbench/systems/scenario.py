@@ -1,0 +1,198 @@
+"""`Scenario`: a system with its constants, initial data, horizon and step: frozen data."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from dataclasses import replace as dataclass_replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import TcbenchError, unknown_name
+from .system import System
+
+REST = 1e-10  # least exergy of a scenario, relative to its energy: see Scenario.initial_exergy
+SETTINGS = ("name", "t_end", "dt", "positions", "momenta", "temperatures", "t_converge", "blowup_factor")
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A standard scenario. All numbers are dimensionless.
+
+    system : class of the system; constants : its constants by name.
+    positions, momenta, temperatures : initial data.
+    t_end, dt : horizon and the scenario's own step; ladder : steps of the conservation study, as multiples of dt.
+    t_converge : time at which errors are measured. blowup_factor : |E - E0| beyond this times V0 is a blow-up.
+    """
+
+    name: str
+    system: type[System]
+    constants: Mapping[str, Any]
+    positions: tuple[float, ...]
+    momenta: tuple[float, ...]
+    temperatures: tuple[float, ...]
+    t_end: float
+    dt: float
+    t_converge: float = 1.0
+    blowup_factor: float = 1.0
+    shows: str = ""
+    source: str = ""
+    plugin: str = ""
+    ladder: tuple[float, ...] = (0.25, 0.5, 1.0, 2.0, 4.0)
+    _cache: dict[str, Any] = field(default_factory=dict, compare=False, repr=False)
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        for name in ("positions", "momenta", "temperatures"):
+            put(self, name, _numbers(name, getattr(self, name)))
+        for name in ("t_end", "dt", "t_converge", "blowup_factor"):
+            put(self, name, _positive(name, getattr(self, name)))
+        self._check_sizes()
+        if self.dt > self.t_end:
+            raise TcbenchError(f"Scenario {self.name!r}: dt = {self.dt:g} is longer than t_end = {self.t_end:g}.")
+        put(self, "_cache", {"model": self.system(**self.constants)})
+        put(self, "constants", {k: _plain(v) for k, v in self.constants.items()})
+        self._check_initial_state()
+
+    def _check_sizes(self) -> None:
+        n, m = self.system.n_positions, self.system.n_elements
+        for name, size in (("positions", n), ("momenta", n), ("temperatures", m)):
+            if len(getattr(self, name)) != size:
+                given = len(getattr(self, name))
+                raise TcbenchError(f"Scenario {self.name!r}: {name} must be {size} numbers, not {given}.")
+        if min(self.temperatures) <= 0:
+            raise TcbenchError(
+                f"Scenario {self.name!r}: temperatures must be positive, not {min(self.temperatures):g}."
+            )
+
+    def _check_initial_state(self) -> None:
+        shape = np.asarray(self.model.shape(np.array(self.positions)), dtype=float)
+        if not np.all(shape > 0):
+            which = int(np.argmin(shape))
+            raise TcbenchError(
+                f"Scenario {self.name!r}: element {which} is collapsed at the start (strain measure {shape[which]:g}); "
+                "move the initial positions apart."
+            )
+        s = self.model.state(self.z0).s
+        energies = self.model.element_energy(shape, s)  # plain numpy: a scenario is made without compiling anything
+        if not np.all(np.isfinite(self.z0)) or not np.all(np.isfinite(energies)):
+            raise TcbenchError(f"Scenario {self.name!r}: the initial state or its energy is not finite.")
+
+    @property
+    def model(self) -> System:
+        """The system with this scenario's constants."""
+        return self._cache["model"]
+
+    @property
+    def z0(self) -> NDArray[np.float64]:
+        """Initial state (q, p, s), shape (n,)."""
+        if "z0" not in self._cache:
+            s0 = self.model.entropies(np.array(self.positions), np.array(self.temperatures))
+            self._cache["z0"] = np.concatenate([self.positions, self.momenta, s0]).astype(float)
+            self._cache["z0"].setflags(write=False)
+        return self._cache["z0"]
+
+    @property
+    def initial_exergy(self) -> float:
+        """V0 = V(z0), the scale of energy errors.
+
+        At or next to rest it is at least 1e-10 max(1, |E0|): round-off of the energy is no blow-up.
+        """
+        if "V0" not in self._cache:
+            floor = REST * max(1.0, abs(float(self.model.energy(self.z0))))
+            self._cache["V0"] = max(float(self.model.exergy(self.z0)), floor)
+        return self._cache["V0"]
+
+    def replace(self, **changes: Any) -> Scenario:
+        """A variant: any of the settings (name, t_end, dt, positions, momenta, temperatures, ...) or constants."""
+        settings, constants = {}, dict(self.constants)
+        for name, value in changes.items():
+            if name in self.system.constants:
+                constants[name] = value
+            elif name in SETTINGS:
+                settings[name] = value
+            else:
+                raise unknown_name("setting of a scenario", name, [*SETTINGS, *self.system.constants])
+        if "name" not in changes:
+            settings["name"] = self.name
+        if "dt" not in changes and "t_end" in changes:
+            settings["dt"] = min(self.dt, _positive("t_end", changes["t_end"]))
+        return dataclass_replace(self, constants=constants, **settings)
+
+    def as_dict(self) -> dict[str, Any]:
+        """The data that determine a run, JSON-able."""
+        return {
+            "system": self.system.name,
+            "constants": {k: _plain(v) for k, v in sorted(self.constants.items())},
+            "positions": list(self.positions),
+            "momenta": list(self.momenta),
+            "temperatures": list(self.temperatures),
+            "t_end": self.t_end,
+            "blowup_factor": self.blowup_factor,
+        }
+
+    @property
+    def hash(self) -> str:
+        """Hash of the data that determine the exact solution, 16 hexadecimal digits."""
+        data = {k: v for k, v in self.as_dict().items() if k not in ("t_end", "blowup_factor")}
+        return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()[:16]
+
+    def steps(self, dt: float) -> int:
+        """Number of steps of size dt: the last one ends at or just past t_end."""
+        return max(1, math.ceil(self.t_end / dt - 1e-9))
+
+
+@dataclass(frozen=True)
+class ScenarioFamily:
+    """Scenarios of one kind that differ by parameters: `name[param=value]`. Run when named, not with "all scenarios".
+
+    make : the Scenario of given values (strings); TcbenchError for those that it cannot take. defaults : every
+    parameter, with the value that it has when the name alone is given.
+    """
+
+    name: str
+    make: Callable[..., Scenario]
+    defaults: Mapping[str, str]
+    shows: str = ""
+    source: str = ""
+    plugin: str = ""
+
+    def member(self, **values: str) -> Scenario:
+        """The scenario of these values; its name spells all of them."""
+        for name in values:
+            if name not in self.defaults:
+                raise unknown_name(f"parameter of {self.name!r}", name, self.defaults)
+        chosen = {**self.defaults, **values}
+        label = ",".join(f"{n}={v}" for n, v in sorted(chosen.items()))
+        return dataclass_replace(self.make(**chosen), name=f"{self.name}[{label}]", plugin=self.plugin)
+
+
+def _numbers(name: str, value: Any) -> tuple[float, ...]:
+    try:
+        numbers = tuple(float(v) for v in np.ravel(value))
+    except (TypeError, ValueError):
+        raise TcbenchError(f"{name} must be numbers, not {value!r}.") from None
+    if not all(math.isfinite(v) for v in numbers):
+        raise TcbenchError(f"{name} must be finite, not {value!r}.")
+    return numbers
+
+
+def _positive(name: str, value: Any) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise TcbenchError(f"{name} must be a number, not {value!r}.") from None
+    if not (math.isfinite(number) and number > 0):
+        raise TcbenchError(f"{name} must be positive and finite, not {value!r}.")
+    return number
+
+
+def _plain(value: Any) -> Any:
+    """Numbers and lists of numbers, for JSON and comparison."""
+    array = np.asarray(value, dtype=float)
+    return float(array) if array.shape == () else array.tolist()

@@ -1,0 +1,88 @@
+"""Kernels compiled by native.py against the same text run by Python."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tcbench.compiler import derivatives as trace
+from tcbench.compiler import jit, special
+from tcbench.compiler import llvm as native
+from tcbench.compiler.derivatives import jacobian
+from tcbench.compiler.kernels import kernel
+from tcbench.compiler.symbols import guarded, lam, maximum, minimum, phi
+
+pytestmark = pytest.mark.skipif(jit.DISABLED, reason="without numba the text itself runs")
+ROUND_OFF = 1e-13  # contracted multiply-adds, and another order of no operation
+
+
+def both(inputs, outputs, values):
+    """Results of the machine code, and of the text run by Python."""
+    compiled = kernel({x: f"a[{i}]" for i, x in enumerate(inputs)}, outputs)
+    a = np.array(values, dtype=float)
+    namespace: dict = {}
+    exec(compiled.text, namespace)
+    expected = np.empty(len(outputs))
+    with np.errstate(all="ignore"):
+        namespace["kernel"](a, a, expected)
+    return compiled(a, a), expected
+
+
+@given(st.floats(0.05, 3.0), st.floats(-0.9, 2.0))
+def test_every_operation_is_the_one_of_the_text(p, x):
+    u, v = trace.variable("u"), trace.variable("v")
+    outputs = [
+        u + v, u - v, u * v, 1.0 / u, -v, u.sqrt(), v.exp(), u.log(), v.expm1(), v.log1p(), v.sin(), v.cos(), v.tanh(),
+        v.arctan(), maximum(u, v), minimum(u, v), guarded(u, [v]), v - 1.5, u * math.inf, phi(v), lam(v),
+    ]  # fmt: skip
+    outputs += list(jacobian([phi(v), lam(v), u * phi(u * v)], [v]).ravel())  # with the derivatives of phi and lam
+    found, expected = both([u, v], outputs, [p, x])
+    np.testing.assert_allclose(found, expected, rtol=ROUND_OFF, atol=1e-300)
+
+
+@given(st.floats(-0.95, 40.0))
+def test_divided_differences_on_both_sides_of_their_switch(x):
+    v = trace.variable("v")
+    found, _ = both([v], [phi(v), lam(v), *jacobian([phi(v)], [v])[0]], [x])
+    np.testing.assert_allclose(found, [special.phi(x), special.lam(x), special.dphi(x)], rtol=ROUND_OFF)
+
+
+@pytest.mark.parametrize("values", [(math.nan, 1.0), (1.0, math.nan), (math.inf, 1.0), (-0.0, 0.0)])
+def test_not_a_number_goes_where_python_lets_it_go(values):
+    u, v = trace.variable("u"), trace.variable("v")
+    outputs = [maximum(u, v), minimum(u, v), maximum(v, u), guarded(u, [v]), u * v]
+    np.testing.assert_array_equal(*both([u, v], outputs, values))
+
+
+def test_what_numpy_would_warn_of_is_quiet_in_machine_code():
+    u = trace.variable("u")
+    found = kernel({u: "a[0]"}, [1.0 / u, u.log(), (u - 1.0).sqrt()])(np.zeros(1), np.zeros(1))
+    np.testing.assert_array_equal(found, [math.inf, -math.inf, math.nan])
+
+
+def test_results_may_overwrite_what_was_read():
+    """A kernel stores only when it has read everything: out may be a."""
+    u, v = trace.variable("u"), trace.variable("v")
+    a = np.array([2.0, 3.0])
+    jit.evaluate(kernel({u: "a[0]", v: "a[1]"}, [v, u]).address, a, a, a)
+    assert a.tolist() == [3.0, 2.0]
+
+
+def test_other_python_is_refused():
+    with pytest.raises(NotImplementedError, match="for i in a"):
+        native.assembly("def kernel(a, b, out):\n    for i in a:\n        pass\n")
+
+
+def test_machine_code_is_cached(tmp_path, monkeypatch):
+    monkeypatch.setattr(native, "cache_folder", lambda: tmp_path)
+    text = "def kernel(a, b, out):\n    out[2] = a[0] + 3.25\n"
+    native.load(text)
+    (made,) = tmp_path.glob("kernel_*.o")
+    monkeypatch.setattr(native, "_object", None)  # a second compilation would call it
+    native._LOADED.pop(text)
+    out = np.zeros(3)
+    jit.evaluate(native.load(text), np.ones(1), np.ones(1), out)
+    assert out.tolist() == [0.0, 0.0, 4.25] and made.exists()
+    native._LOADED.pop(text)

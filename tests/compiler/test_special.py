@@ -1,0 +1,34 @@
+"""phi and lam against mpmath, on both sides of the switch between series and library call."""
+
+import mpmath as mp
+import numpy as np
+import pytest
+
+from tcbench.compiler import special
+
+mp.mp.dps = 60
+EXACT = {
+    "phi": lambda x: mp.expm1(x) / x if x else mp.mpf(1),
+    "lam": lambda x: mp.log1p(x) / x if x else mp.mpf(1),
+    "dphi": lambda x: (1 + (x - 1) * mp.exp(x)) / x**2 if x else mp.mpf(1) / 2,
+    "dlam": lambda x: (x / (1 + x) - mp.log1p(x)) / x**2 if x else -mp.mpf(1) / 2,
+}
+SIZES = [0.0, 1e-17, 1e-12, 1e-8, 1e-4, 0.01, 0.1, 0.2, 0.2799, 0.2999999, 0.3000001, 0.3255, 0.33, 0.5, 0.9]
+
+
+@pytest.mark.parametrize("name", EXACT)
+def test_divided_differences_of_exp_and_log_keep_their_digits(name):
+    # values enter residuals: 4 ulp; derivatives enter Jacobians only, where 1e-12 costs Newton nothing
+    tolerance = 9e-16 if name in ("phi", "lam") else 1e-12
+    for x in [s * sign for s in SIZES for sign in (1, -1)] + [3.0, 20.0]:
+        exact = EXACT[name](mp.mpf(x))
+        assert abs(getattr(special, name)(x) - exact) <= tolerance * abs(exact), x
+
+
+@pytest.mark.parametrize("name", ["phi", "lam"])
+def test_the_switch_between_series_and_library_is_below_round_off(name):
+    edge = special.PHI_SERIES if name == "phi" else 2 * special.LAM_SERIES / (1 - special.LAM_SERIES)
+    f = getattr(special, name)
+    for x in (edge, -edge if name == "phi" else -2 * special.LAM_SERIES / (1 + special.LAM_SERIES)):
+        left, right = f(np.nextafter(x, -9.0)), f(np.nextafter(x, 9.0))
+        assert abs(left - right) <= 1e-15 * abs(left)

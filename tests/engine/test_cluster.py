@@ -1,0 +1,151 @@
+"""A real Dask scheduler and two worker processes, one killed: the same table as the local engine gives."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("distributed", reason="needs the extra 'cluster'")
+
+from tcbench.engine import cluster
+from tcbench.engine.cluster import run_on_dask
+from tcbench.engine.local import run_cells
+from tcbench.errors import TcbenchError
+from tcbench.store.cells import Cell
+from tcbench.store.store import Rows, Store
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "tests" / "helpers"))  # the local engine's workers find `faults` on it
+
+MEASURE = "faults:measure"
+UNREPEATABLE = ("cell_time_s", "wall_time_s", "output_tail", "worker_host_cpu")
+
+
+def cells() -> list[Cell]:
+    """Good and bad cells, and two timed ones."""
+    found = [Cell("s", "good", "x", {"n": n, "sleep": 0.05}) for n in range(24)]
+    found[5], found[11] = Cell("s", "hang", "x"), Cell("s", "segfault", "x")
+    return found + [Cell("t", "good", "x", {"n": n}, timed=True) for n in range(2)]
+
+
+def lasting(rows: dict[str, dict]) -> dict[str, dict]:
+    return {key: {k: v for k, v in row.items() if k not in UNREPEATABLE} for key, row in rows.items()}
+
+
+@pytest.fixture
+def dask(tmp_path):
+    """The address of a scheduler, and two worker processes of one thread each."""
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "tests" / "helpers")])}
+    where = tmp_path / "scheduler.json"
+    log = open(tmp_path / "dask.log", "w")  # noqa: SIM115 -- closed below, after the processes
+
+    def launch(what, *arguments):
+        command = [
+            sys.executable,
+            "-m",
+            f"distributed.cli.dask_{what}",
+            "--host",
+            "127.0.0.1",
+            "--no-dashboard",
+        ]
+        return subprocess.Popen([*command, *arguments], env=environment, stderr=log, stdout=log)
+
+    processes = [launch("scheduler", "--port", "0", "--scheduler-file", str(where))]
+    try:
+        end = time.monotonic() + 20
+        while not where.exists():
+            assert time.monotonic() < end and processes[0].poll() is None
+            time.sleep(0.05)
+        address = json.loads(where.read_text())["address"]
+        options = [address, "--nthreads", "1", "--local-directory", str(tmp_path)]
+        processes.append(launch("worker", *options))  # with a nanny, which makes the worker daemonic
+        processes.append(launch("worker", *options, "--no-nanny"))  # without one, so that killing it is final
+        yield address, processes
+    finally:
+        for process in reversed(processes):
+            process.terminate()
+        for process in processes:
+            try:
+                process.wait(2)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+        log.close()
+
+
+@pytest.mark.skipif(os.name == "nt", reason="the faults are POSIX ones")
+def test_a_cluster_gives_the_same_table_though_a_worker_is_killed_on_the_way(dask, tmp_path):
+    address, processes = dask
+    ended = []
+
+    def kill_one(event):
+        if event.kind != "started":
+            ended.append(event.cell.key)
+            if len(ended) == 4:
+                processes[2].kill()
+
+    with Store.open(tmp_path / "run") as store:
+        limits = {"timeout": 1.0, "share_size": 3}
+        summary = run_on_dask(cells(), MEASURE, {}, store, address, on_event=kill_one, **limits)
+        assert (summary.run, summary.left) == (26, 0)
+        assert len(ended) == len(set(ended)) == 26
+        assert run_on_dask(cells()[:5], MEASURE, {}, store, address).already_finished == 5
+    local = Rows()
+    run_cells(cells(), MEASURE, {}, local, jobs=2, timeout=1.0)
+    stored = Store.read(tmp_path / "run")
+    assert lasting(stored.rows()) == lasting(local.rows())
+    assert {line["provenance"] for line in stored.lines()} <= set(stored.provenances())
+    assert all(row["worker_host_cpu"] for row in stored.rows().values())
+
+
+def test_no_scheduler_is_said_with_the_remedy(monkeypatch):
+    monkeypatch.setattr(cluster, "CONNECT_LIMIT_S", 1.0)
+    with pytest.raises(TcbenchError, match=r"No Dask scheduler answers at .* Start one with `dask scheduler`"):
+        run_on_dask(cells(), MEASURE, {}, Rows(), "tcp://127.0.0.1:9")  # the discard port: nobody listens
+
+
+def test_without_dask_the_error_names_the_extra(monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(TcbenchError, match=r"pip install 'tcbench\[cluster\]'"):
+        run_on_dask(cells(), MEASURE, {}, Rows(), "tcp://127.0.0.1:9")
+
+
+def test_tls_options_reach_dask(monkeypatch):
+    seen = {}
+
+    def client(address, security, **_):
+        seen.update(security.get_connection_args("client"), address=address)
+        raise OSError("stop here")
+
+    monkeypatch.setattr("distributed.Client", client)
+    with pytest.raises(TcbenchError, match="stop here"):
+        run_on_dask(cells(), MEASURE, {}, Rows(), "tls://127.0.0.1:9", security={"require_encryption": True})
+    assert seen["require_encryption"] is True and seen["address"].startswith("tls://")
+
+
+def test_a_share_that_keeps_being_lost_ends_as_rows_of_its_own_cells():
+    summary, store = cluster.Summary(), Rows()
+    run = cluster._ClusterRun(None, {}, store, summary, None, 4)  # type: ignore[arg-type]
+    waiting, sent = [[cell for cell in cells() if cell.study == "t"] + cells()[:3]], 0
+    waiting = [waiting[0][2:], waiting[0][:2]]
+    while waiting:
+        sent += 1
+        waiting += list(run._lost(waiting.pop(), "KilledWorker"))
+    assert summary.statuses == {"crash": 5} and sent < 30
+
+
+def test_run_sends_its_cells_to_the_scheduler_and_gets_the_same_numbers(dask, tmp_path):
+    import tcbench
+
+    chosen = {"integrators": ["tc_monolithic"], "scenarios": ["short_term"], "studies": ["conservation"]}
+    address, _ = dask
+    there = tcbench.run(**chosen, dt=[0.3, 0.6], output=tmp_path / "there", dask=address, jobs=1).tables["conservation"]
+    here = tcbench.run(**chosen, dt=[0.3, 0.6], output=tmp_path / "here").tables["conservation"]
+    columns = ["integrator", "dt", "status", "energy_error_max", "angular_momentum_error_max", "newton_iterations_mean"]
+    assert there[columns].equals(here[columns])

@@ -1,0 +1,114 @@
+"""`tcbench.run` from Python: objects of the session, variants of scenarios, plugin metrics."""
+
+import numpy as np
+import pytest
+
+import tcbench
+from tcbench import Integrator, TcbenchError, terminal
+
+
+def heun(z, h, system):
+    k = system.vector_field(z)
+    return z + h / 2 * (k + system.vector_field(z + h * k))
+
+
+def test_run_takes_names_objects_and_variants(tmp_path):
+    soft = tcbench.scenarios()["short_term"].replace(name="soft", stiffness=(0.05, 0.5), conductivity=10.0, t_end=3.0)
+    results = tcbench.run(
+        integrators=["tc_monolithic", Integrator(name="heun", order=2, step=heun)], scenarios=[soft],
+        studies=["conservation"], output=tmp_path / "mine", dt=[0.1],
+    )  # fmt: skip
+    table = results.tables["conservation"].set_index("integrator")
+    assert list(table.index) == ["heun", "tc_monolithic"] and set(table["status"]) == {"ok"}
+    direct = tcbench.simulate("tc_monolithic", soft, dt=0.1)
+    assert table.loc["tc_monolithic", "steps"] == direct.steps == 30
+    assert table.loc["heun", "energy_error_max"] > 1e-9 > table.loc["tc_monolithic", "energy_error_max"]
+    assert (tmp_path / "mine" / "tables" / "conservation.csv").exists()
+
+
+def test_two_scenarios_of_one_name_are_refused(tmp_path):
+    scenario = tcbench.scenarios()["short_term"]
+    with pytest.raises(TcbenchError, match="same name"):
+        tcbench.run(["tc_monolithic"], [scenario, scenario.replace(t_end=5.0)], output=tmp_path / "x")
+    assert not (tmp_path / "x").exists()
+
+
+def test_every_column_of_the_conservation_table_is_there(tmp_path):
+    results = tcbench.run(["tc_strang"], ["short_term"], ["conservation"], tmp_path / "x", dt=[0.3])
+    columns = [
+        "integrator", "scenario", "dt", "status", "blowup_time", "energy_error_max", "energy_error_final",
+        "energy_drift", "entropy_increment_min", "second_law_violations", "angular_momentum_error_max",
+        "lyapunov_increment_max", "residual_max", "newton_iterations_mean", "us_per_step",
+    ]  # fmt: skip
+    table = results.tables["conservation"]
+    assert list(table.columns[: len(columns)]) == columns
+    row = table.iloc[0]
+    assert row["residual_max"] < 1e-12 and row["energy_error_max"] < 1e-12 and np.isnan(row["blowup_time"])
+    assert row["scenario_hash"] == tcbench.scenarios()["short_term"].hash and len(row["source_hash"]) == 12
+
+
+def test_solvers_that_choose_their_steps_are_told_apart_and_what_they_do_not_count_is_unknown(tmp_path, capsys):
+    methods = ["solve_ivp_radau", "scipy_odeint", "tc_gauss_adaptive", "tc_gauss", "verlet_heat"]
+    table = tcbench.run(methods, ["short_term"], ["conservation"], tmp_path / "x", dt=[0.3]).tables["conservation"]
+    assert table[table.integrator == "scipy_odeint"].tolerance.tolist() == [1e-9, 1e-6, 1e-3]
+    known = table.groupby("integrator")[["us_per_step", "newton_iterations_mean"]].agg(lambda c: c.notna().all())
+    assert known.us_per_step.to_dict() == {name: name != "solve_ivp_radau" for name in sorted(methods)}
+    assert known.newton_iterations_mean[lambda k: k].index.tolist() == ["tc_gauss_adaptive", "verlet_heat"]
+    terminal.print_tables({"conservation": table})
+    heading, *rows = [line.split() for line in capsys.readouterr().out.splitlines() if line.strip()][1:]
+    assert heading[1:4] == ["dt", "tol", "status"] and [r[:4] for r in rows if r[0] == "tc_gauss"] == [
+        ["tc_gauss", "0.3", "-", "ok"]
+    ]
+    terminal.print_tables({"conservation": table[table.dt.notna()]})
+    assert "tol" not in capsys.readouterr().out
+
+
+def test_planning_a_run_asks_for_versions_and_sources_once(monkeypatch):
+    from tcbench.engine import fingerprint, planning
+
+    calls = {"versions": 0, "fingerprint_sources": 0}
+
+    def counted(name, function):
+        def wrapper(*args):
+            calls[name] += 1
+            return function(*args)
+
+        return wrapper
+
+    for name in calls:
+        monkeypatch.setattr(fingerprint, name, counted(name, getattr(fingerprint, name)))
+    for cached in (fingerprint._versions, fingerprint._study_hash, fingerprint.source_hash):
+        cached.cache_clear()
+    cells = planning.plan_job(studies=["conservation"]).cells
+    assert len(cells) > 100
+    assert calls["versions"] == 1 and calls["fingerprint_sources"] <= 1 + len(tcbench.integrators())
+
+
+def test_a_peer_whose_package_is_absent_runs_only_when_it_is_named(monkeypatch):
+    from dataclasses import replace
+
+    from tcbench import plugins
+    from tcbench.engine import planning
+
+    method = tcbench.integrators()["midpoint_entropy"]
+    monkeypatch.setitem(plugins.registry().integrators, "midpoint_entropy", replace(method, tags={planning.ABSENT}))
+    planned = {cell.integrator for cell in planning.plan_job(studies=["conservation"]).cells}
+    assert "midpoint_entropy" not in planned and "tc_monolithic" in planned
+    named = planning.plan_job(integrators=["midpoint_entropy"], studies=["conservation"])
+    assert {cell.integrator for cell in named.cells} == {"midpoint_entropy"}
+
+
+def test_a_registered_method_with_another_step_is_measured_as_what_it_is(tmp_path):
+    """`replace(registered, step=...)` under the registered name: the object runs, not what is registered."""
+    from dataclasses import replace
+
+    for name in ("tc_gauss", "tc_gauss[k=1]"):
+        method = tcbench.plugins.find_integrator(name)
+        wrong = replace(method, step=lambda z, h, system: np.ones(len(z)), march=None)
+        where = tmp_path / name
+        rows = tcbench.run([wrong], ["short_term"], ["conservation"], where, dt=[0.3]).tables["conservation"]
+        assert rows["energy_error_max"].item() > 1 or rows["status"].item() != "ok"
+        again = tcbench.run([method], ["short_term"], ["conservation"], where / "again", dt=[0.3]).tables[
+            "conservation"
+        ]
+        assert again["energy_error_max"].item() < 1e-12 and again["status"].item() == "ok"

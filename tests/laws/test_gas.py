@@ -1,0 +1,74 @@
+"""The registered gas containers: the printed equations, the printed data, and every integrator unchanged."""
+
+import ast
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import tcbench
+from tcbench.plugins import find_integrator
+
+SCENARIO = tcbench.scenarios()["gas_containers"]
+ASKS_FOR_MORE = "closed-form conduction"  # which the gas has not: such a method refuses with a sentence
+FLOWS = [name for name, i in tcbench.integrators().items() if i.kind == "flows" and ASKS_FOR_MORE not in i.tags]
+
+
+def printed(z, alpha=0.5):
+    """The equations as printed, in plain numpy."""
+    q, p, s1, s2 = z
+    E1, E2 = (np.exp(s1) / q) ** (2 / 3), (np.exp(s2) / (2 - q)) ** (2 / 3)
+    heat = [9 * alpha / (4 * E1) * (1 / E1 - 1 / E2), 9 * alpha / (4 * E2) * (1 / E2 - 1 / E1)]
+    return np.array([p, 2 / 3 * (E1 / q - E2 / (2 - q)), *heat])
+
+
+def test_the_field_and_the_energies_are_the_printed_ones():
+    rng = np.random.default_rng(9)
+    for _ in range(20):
+        z = np.array([rng.uniform(0.2, 1.8), *rng.uniform(-1, 1, 3)])
+        assert np.allclose(SCENARIO.model.vector_field(z), printed(z), rtol=1e-12, atol=1e-12)
+    # E1 = E2 = 2 and p = 2 at the start: E = 4 + 2; the exergy is the kinetic energy
+    assert SCENARIO.model.energy(SCENARIO.z0) == pytest.approx(6.0, rel=1e-15)
+    assert SCENARIO.initial_exergy == pytest.approx(2.0, rel=1e-13)
+    assert (SCENARIO.t_end, SCENARIO.positions, SCENARIO.momenta, SCENARIO.constants["conductivity"]) == (
+        30,
+        (1,),
+        (2,),
+        0.5,
+    )
+
+
+@pytest.mark.parametrize("integrator", FLOWS)
+def test_every_integrator_runs_unchanged_and_keeps_what_it_claims(integrator):
+    run, claims = tcbench.simulate(integrator, SCENARIO, dt=0.05), find_integrator(integrator).claims
+    assert run.status == "ok"
+    if "energy" in claims:
+        assert run.summary.energy_error_max <= 1e-12 * SCENARIO.initial_exergy
+    if "entropy" in claims:
+        assert run.summary.entropy_increment_min >= -1e-13
+
+
+def test_the_wall_comes_to_rest_in_the_middle_at_one_temperature():
+    run = tcbench.simulate("tc_monolithic", SCENARIO.replace(name="long", t_end=1000.0))
+    q, p, *_ = run.z[-1]
+    # E = 6 is all heat in the end: E1 = E2 = 3, theta = 2
+    assert abs(q - 1) < 1e-6 and abs(p) < 1e-6 and np.allclose(run.temperatures[-1], 2.0, atol=1e-6)
+
+
+def test_no_integrator_names_a_system():
+    """The contract is right: formulas are written against System, never against the pendulum or the gas."""
+    for path in (Path(__file__).parents[2] / "plugins").glob("*.py"):
+        text = path.read_text()
+        if "tcbench_integrators" in text:
+            modules = [n.module for n in ast.walk(ast.parse(text)) if isinstance(n, ast.ImportFrom)]
+            assert "tcbench.systems.pendulum" not in modules and "gas" not in text.lower(), path.name
+
+
+def test_methods_that_ask_for_a_closed_form_are_left_out_of_its_runs():
+    from tcbench.engine.planning import plan_job
+
+    scenarios = ["gas_containers", "short_term"]
+    cells = {(c.integrator, c.scenario) for c in plan_job(None, scenarios, ["conservation"]).cells}
+    asking = {name for name, i in tcbench.integrators().items() if ASKS_FOR_MORE in i.tags}
+    assert {(name, "short_term") for name in asking} <= cells
+    assert not {(name, "gas_containers") for name in asking} & cells and ("tc_strang", "gas_containers") in cells

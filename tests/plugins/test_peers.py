@@ -1,0 +1,81 @@
+"""The solvers that a user would pick instead: each agrees with the reference, on both systems, and counts its work."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import tcbench
+from tcbench import TcbenchError
+from tcbench.reference.lookup import reference_for
+from tcbench.systems.right_hand_side import Field, expressions
+
+PEERS = [i.name for i in tcbench.integrators().values() if "peer" in i.tags and "absent" not in i.tags]
+LOOSE = {"cvode": 1e-6, "solve_ivp_bdf": 1e-6, "scipy_odeint": 1e-7, "solve_ivp_lsoda": 1e-7}
+
+
+@pytest.mark.parametrize("scenario", ["short_term", "gas_containers"])
+@pytest.mark.parametrize("peer", PEERS)
+def test_a_peer_agrees_with_the_reference_at_a_tight_tolerance(peer, scenario):
+    scenario = tcbench.scenarios()[scenario].replace(t_end=1.0)
+    exact = reference_for(scenario, [1.0]).states[0].astype(float)
+    method = tcbench.integrators()[peer]
+    states, counts = method.adaptive(scenario.model, scenario.z0.copy(), np.array([0.0, 1.0]), 1e-11, 1e-11)
+    assert states.shape == (2, scenario.model.size) and np.array_equal(states[0], scenario.z0)
+    assert np.max(np.abs(states[-1] - exact) / np.maximum(1, np.abs(exact))) < LOOSE.get(peer, 1e-8)
+    assert counts["steps"] > 0 and all(value > 0 for value in counts.values())
+
+
+@pytest.mark.parametrize("peer", PEERS)
+def test_a_peer_reports_the_times_asked_for(peer):
+    scenario = tcbench.scenarios()["short_term"].replace(t_end=1.0)
+    run = tcbench.simulate(peer, scenario, tolerance=1e-8)
+    assert run.status == "ok" and run.z.shape == (201, 10)
+    best = tcbench.simulate("tc_gauss_adaptive", scenario, tolerance=1e-12)
+    assert np.abs(run.z - best.z).max() < 1e-5
+
+
+def test_a_failed_solver_is_a_row():
+    scenario = tcbench.scenarios()["stiff_spring"]
+    run = tcbench.simulate("scipy_dop853", scenario.replace(conductivity=1e7, t_end=5.0, dt=0.1), tolerance=1e-3)
+    assert run.status == "exception" and "dop853" in run.failure
+
+
+def test_the_field_has_the_systems_rate_and_jacobian():
+    scenario = tcbench.scenarios()["short_term"]
+    field, z, model = Field(scenario.model), scenario.z0.copy(), scenario.model
+    out = np.empty(10)
+    field.into(0.0, z, out)
+    for rate in (field.shared(0.0, z), field.rate(0.0, z), out):
+        assert np.array_equal(rate, model.vector_field(z))
+    assert np.array_equal(field.jacobian(0.0, z), model.jacobian(z)) and field.evaluations == 3
+    numpy_only = {n: getattr(np, n) for n in ("exp", "log", "sqrt", "log1p", "expm1")}
+    assert np.allclose(expressions(model, list(z), list(model.constant_values), numpy_only), model.vector_field(z))
+
+
+ABSENT = """
+import importlib.util
+find = importlib.util.find_spec
+importlib.util.find_spec = lambda name, *a: None if name in ("heyoka", "sksundae") else find(name, *a)
+import tcbench
+from tcbench.plugins import registry
+from tcbench.studies.work_precision import plan
+found = tcbench.integrators()
+assert not registry().broken
+for name in ("cvode", "heyoka"):
+    assert "absent" in found[name].tags and "pip install" in found[name].source
+scenario = tcbench.scenarios()["short_term"]
+assert {i.name for i, _, _ in plan(list(found.values()), [scenario], {})} == set(found) - {"cvode", "heyoka"}
+try:
+    found["cvode"].adaptive(None, None, None, 1, 1)
+except tcbench.TcbenchError as error:
+    print(error)
+"""
+
+
+def test_absent_packages_are_listed_as_such_and_left_out():
+    done = subprocess.run([sys.executable, "-c", ABSENT], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    assert "pip install 'tcbench[peers]'" in done.stdout
+    assert issubclass(TcbenchError, Exception)

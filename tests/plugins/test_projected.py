@@ -1,0 +1,178 @@
+"""verlet_heat4 and the complex numbers it steps through; the thermodynamic projection around flows and steps."""
+
+import cmath
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tcbench_plugins.projected import projected, projection
+
+import tcbench
+from tcbench.compiler import derivatives as trace
+from tcbench.compiler.complex_symbols import Complex, real
+from tcbench.compiler.kernels import kernel
+from tcbench.errors import TcbenchError
+from tcbench.integrator import Integrator
+from tcbench.plugins import find_integrator
+from tcbench.reference.lookup import reference_for
+from tcbench.solver.flow_kernels import apply_explicit
+
+# conduction slow enough that these steps resolve it
+SLOW = tcbench.scenarios()["short_term"].replace(name="slow_heat", conductivity=1.0, t_end=1.0)
+positive = st.builds(complex, st.floats(0.2, 3), st.floats(-2, 2))
+any_number = st.builds(complex, st.floats(-3, 3), st.floats(-2, 2))
+
+
+def evaluated(formula, *numbers):
+    """A formula of Complex, compiled, at complex numbers."""
+    symbols = [(trace.variable("re"), trace.variable("im")) for _ in numbers]
+    result = formula(*(Complex(*pair) for pair in symbols))
+    inputs = {x: f"a[{i}]" for i, x in enumerate(x for pair in symbols for x in pair)}
+    parts = [part for z in numbers for part in (z.real, z.imag)]
+    return complex(*kernel(inputs, [result.re, result.im])(np.array(parts), np.zeros(1)))
+
+
+def close(found, expected):
+    return abs(found - expected) <= 1e-13 * max(1.0, abs(expected))
+
+
+@pytest.mark.parametrize(
+    ("ours", "exact"),
+    [
+        (lambda z: z.exp(), cmath.exp), (lambda z: z.log(), cmath.log), (lambda z: z.sqrt(), cmath.sqrt),
+        (lambda z: z**3, lambda z: z**3), (lambda z: z**-1.5, lambda z: z**-1.5), (lambda z: 2.0 / z, lambda z: 2 / z),
+        (lambda z: (z - 0.7).expm1(), lambda z: cmath.exp(z - 0.7) - 1),
+        (lambda z: (z - 0.7).log1p(), lambda z: cmath.log(z + 0.3)),
+    ],
+)  # fmt: skip
+def test_functions_of_complex_symbols(ours, exact):
+    given(positive)(lambda z: None if close(evaluated(ours, z), exact(z)) else pytest.fail(f"{z}"))()
+
+
+@given(any_number, positive)
+def test_arithmetic_of_complex_symbols(x, y):
+    formula = lambda a, b: (a * b - 2.0 * a) / b + (1.0 - a) - (-b) + 3j * b  # noqa: E731
+    assert close(evaluated(formula, x, y), formula(x, y))
+
+
+@given(st.floats(1e-12, 1e-9), st.floats(-1e-9, 1e-9))
+def test_small_arguments_keep_their_digits(x, y):
+    for ours in (lambda z: z.expm1(), lambda z: z.log1p()):
+        found = evaluated(ours, complex(x, y))
+        assert abs(found - complex(x, y)) <= 2 * abs(complex(x, y)) ** 2
+
+
+def plain_verlet(z, h, model):
+    """Increments of verlet_heat for the pendulum in plain numpy, complex h and all."""
+    C, beta, c0, ref, kappa = (
+        model.stiffness, model.coupling, model.heat_capacity, model.reference_temperature, model.conductivity,
+    )  # fmt: skip
+
+    def kick(q, s, tau):
+        r = np.array([q[:2], q[2:] - q[:2]])
+        pi = (r * r).sum(axis=1)
+        L = 0.5 * np.log(pi) - np.log(model.natural_lengths)
+        theta = ref * np.exp((s - beta * L) / c0)
+        a = 2 * kappa * tau / c0
+        u, w = theta.sum() / 2, (theta[0] - theta[1]) / 2
+        mean = np.array([u, u]) + np.array([1, -1]) * w * (1 - np.exp(-a)) / a
+        stress = (C * L - beta * (mean - ref)) / (2 * pi)
+        pull = 2 * stress[:, None] * r
+        new = np.array([u, u]) + np.array([1, -1]) * w * np.exp(-a)
+        return tau * np.concatenate([pull[1] - pull[0], -pull[1]]), c0 * np.log(new / theta)
+
+    q, p, s = z[:4], z[4:8], z[8:]
+    dp0, ds0 = kick(q, s, h / 2)
+    drift = h * (p + dp0) / model.inertia()
+    dp1, ds1 = kick(q + drift, s + ds0, h / 2)
+    return np.concatenate([drift, dp0 + dp1, ds0 + ds1])
+
+
+@pytest.mark.parametrize("scenario", ["short_term", "bound_equilibrium"])
+def test_verlet_heat4_is_the_real_part_of_two_complex_steps(scenario):
+    scenario = tcbench.scenarios()[scenario]
+    z, h, gamma = scenario.z0.astype(complex), 0.02, 0.5 + 1j * 3**0.5 / 6
+    first = plain_verlet(z, gamma.conjugate() * h, scenario.model)
+    expected = (first + plain_verlet(z + first, gamma * h, scenario.model)).real
+    run = tcbench.simulate("verlet_heat4", scenario, dt=h, t_end=h)
+    np.testing.assert_allclose(run.z[-1] - run.z[0], expected, rtol=1e-10, atol=1e-13)
+
+
+def test_numbers_stay_numbers():
+    assert real(np.array([1.0, 2.0])).tolist() == [1.0, 2.0]
+    with pytest.raises(TypeError):
+        Complex(1.0) + "a"
+
+
+@pytest.mark.parametrize(
+    "name", ["verlet_heat4", "projected", "projected[method=midpoint_temperature]", "projected[method=gauss2]"]
+)
+def test_orders(name):
+    exact = reference_for(SLOW, [1.0]).states[0].astype(float)
+    errors = [np.abs(tcbench.simulate(name, SLOW, dt=1 / n).z[-1] - exact).max() for n in (64, 128)]
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(find_integrator(name).order, abs=0.1)
+
+
+BASES = ["verlet_heat", "verlet_heat4", "midpoint_entropy", "midpoint_temperature", "gauss2", "tc_gauss"]
+
+
+@pytest.mark.parametrize("base", BASES)
+@pytest.mark.parametrize("scenario", ["short_term", "bound_equilibrium", "stiff_spring"])
+def test_projected_methods_obey_the_laws(base, scenario):
+    scenario = tcbench.scenarios()[scenario]
+    run = tcbench.simulate(projected(find_integrator(base)), scenario, dt=0.02, t_end=20.0)
+    assert run.status == "ok"
+    assert run.summary.energy_error_max <= 1e-12 * scenario.initial_exergy
+    assert run.summary.entropy_increment_min >= -1e-13
+    assert run.summary.invariant_error_max["angular_momentum"] <= 1e-12 * max(1.0, abs(run.angular_momentum[0]))
+
+
+def test_a_system_without_invariants():
+    run = tcbench.simulate("projected[method=midpoint_temperature]", "gas_containers")
+    assert run.status == "ok" and run.summary.energy_error_max <= 1e-13 * run.scenario.initial_exergy
+
+
+def test_where_the_entropy_would_fall_momenta_give_the_energy():
+    scenario = tcbench.scenarios()["short_term"]
+    model, z0 = scenario.model, scenario.z0
+    end = z0 + np.array([0.0] * 10)
+    end[4:8] = 1.01 * end[4:8] + np.array([0.0, 1e-3, 0.0, 0.0])  # more kinetic energy, other momenta
+    fixed = end + apply_explicit(projection, model, z0, end)
+    assert model.energy(fixed) == pytest.approx(float(model.energy(z0)), rel=1e-14)
+    assert model.momenta(fixed) == pytest.approx(model.momenta(z0), rel=1e-14)
+    assert model.entropy(fixed) == pytest.approx(float(model.entropy(z0)), abs=1e-14)
+    np.testing.assert_array_equal(fixed[:4], end[:4])
+    risen = end + np.array([0.0] * 8 + [1e-2, 0.0])  # more entropy than before: a shift of the entropies is enough
+    shifted = risen + apply_explicit(projection, model, z0, risen)
+    assert np.ptp((shifted - risen)[8:]) <= 1e-15 and model.energy(shifted) == pytest.approx(float(model.energy(z0)))
+    assert model.entropy(shifted) > model.entropy(z0)
+
+
+def test_without_a_state_in_reach_entropy_and_momenta_are_kept():
+    run = tcbench.simulate("projected[method=verlet_heat]", "stiff_spring", dt=0.06)
+    assert run.steps > 40 and run.summary.energy_error_max > 1e-6 * run.scenario.initial_exergy
+    assert run.summary.entropy_increment_min >= -1e-13
+    assert run.summary.invariant_error_max["angular_momentum"] <= 1e-12 * abs(run.angular_momentum[0])
+    early = np.abs(run.energy[:40] - run.energy[0]).max()
+    assert early <= 1e-12 * run.scenario.initial_exergy, "as long as one is in reach the energy is kept"
+
+
+def test_steps_and_flows_are_projected_alike():
+    scenario = tcbench.scenarios()["bound_equilibrium"].replace(t_end=3.0)
+
+    def step(z, h, system):
+        return z + plain_verlet(np.asarray(z), h, system)
+
+    ours = projected(Integrator(name="mine", order=2, step=step), "mine_projected")
+    run, same = tcbench.simulate(ours, scenario), tcbench.simulate("projected[method=verlet_heat]", scenario)
+    np.testing.assert_allclose(run.z, same.z, rtol=1e-11, atol=1e-11)
+
+
+def test_what_can_be_projected():
+    with pytest.raises(TcbenchError, match="adaptive solver"):
+        projected(find_integrator("scipy_odeint"))
+    with pytest.raises(TcbenchError, match="scipy_odeint"):
+        find_integrator("projected[method=scipy_odeint]")
+    assert {"midpoint_entropy", "gauss3"} <= set(find_integrator("projected").parameters["method"])
+    assert find_integrator("projected[method=gauss2]").uses == (find_integrator("gauss2").plugin,)

@@ -1,0 +1,172 @@
+"""tc_gauss: its order, its laws over long times and on two systems, and its compiled form against plain numpy."""
+
+from typing import ClassVar
+
+import numpy as np
+import pytest
+from tcbench_plugins.chain.chain import chain
+from tcbench_plugins.tc_gauss import step as collocate
+from tcbench_plugins.tc_gauss.formulas import POINTS, coefficients
+from tcbench_plugins.tc_gauss.method import GaussMethod
+
+import tcbench
+from tcbench.plugins import find_integrator
+from tcbench.reference.lookup import reference_for
+from tcbench.systems.system import System
+
+# conduction slow enough that these steps resolve it; a stiff layer lowers the order of every collocation
+SLOW = tcbench.scenarios()["short_term"].replace(name="slow_heat", conductivity=1.0, t_end=1.0)
+
+
+def name(k):
+    return "tc_gauss" if k == 3 else f"tc_gauss[k={k}]"
+
+
+@pytest.mark.parametrize(
+    ("integrator", "steps"),
+    [
+        ("tc_gauss[k=1]", (64, 128)), ("tc_gauss[k=2]", (32, 64)), ("tc_gauss", (16, 32)), ("tc_gauss[k=4]", (12, 16)),
+        ("gauss2", (64, 128)), ("gauss3", (16, 32)),
+    ],
+)  # fmt: skip
+def test_the_order_is_twice_the_number_of_stages(integrator, steps):
+    exact = reference_for(SLOW, [1.0]).states[0].astype(float)
+    errors = [np.abs(tcbench.simulate(integrator, SLOW, dt=1 / n).z[-1] - exact).max() for n in steps]
+    order = np.log(errors[0] / errors[1]) / np.log(steps[1] / steps[0])
+    assert order == pytest.approx(find_integrator(integrator).order, abs=0.1)
+
+
+@pytest.mark.parametrize("k", [5, 6])
+def test_more_stages_reach_round_off_in_a_few_steps(k):
+    exact = reference_for(SLOW, [1.0]).states[0].astype(float)
+    assert np.abs(tcbench.simulate(name(k), SLOW, dt=1 / 8).z[-1] - exact).max() < 1e-10
+
+
+@pytest.mark.parametrize("integrator", ["tc_gauss", "tc_gauss_adaptive"])
+def test_the_laws_hold_over_a_long_time(integrator):
+    run = tcbench.simulate(integrator, "bound_equilibrium", t_end=15000.0)
+    assert run.status == "ok"
+    assert run.summary.energy_error_max <= 1e-12 * run.scenario.initial_exergy
+    assert run.summary.entropy_increment_min >= -1e-13
+    assert run.summary.invariant_error_max["angular_momentum"] <= 1e-12 * abs(run.angular_momentum[0])
+
+
+@pytest.mark.parametrize("scenario", tcbench.scenarios())
+@pytest.mark.parametrize("tolerance", [1e-1, 1e-2, 1e-6, 1e-10])
+def test_adaptive_steps_keep_the_laws_and_follow_the_tolerance(scenario, tolerance):
+    scenario = tcbench.scenarios()[scenario]
+    scenario = scenario.replace(t_end=min(scenario.t_end, 25.0))
+    run = tcbench.simulate("tc_gauss_adaptive", scenario, tolerance=tolerance)
+    assert run.status == "ok" and run.summary.entropy_increment_min >= -1e-13
+    assert run.summary.energy_error_max <= 1e-12 * scenario.initial_exergy
+    exact = reference_for(scenario, [1.0]).states[0].astype(float)
+    short = tcbench.simulate("tc_gauss_adaptive", scenario, t_end=1.0, tolerance=tolerance)
+    assert np.max(np.abs(short.z[-1] - exact) / np.maximum(1, np.abs(exact))) <= tolerance
+
+
+def plain_step(scenario, k, h, iterations=200):
+    """The equations of collocate.py for the pendulum in plain numpy, by an undamped fixed point."""
+    a, model = coefficients(k), scenario.model
+    masses, points = model.inertia(), POINTS[0]
+    Ahat, W = a.Ahats[0][:points], a.Ws[0][:, :points]
+    z0 = model.state(scenario.z0)
+    C, beta, c0, ref = model.stiffness, model.coupling, model.heat_capacity, model.reference_temperature
+    F, G = np.zeros((k, 4)), np.zeros((k, 2))
+
+    def slopes(pi, s):
+        L = model.log_strain(pi)
+        theta = ref * np.exp((s - beta * L) / c0)
+        return (C * L - beta * (theta - ref)) / (2 * pi), theta
+
+    for _ in range(iterations):
+        p = z0.p + h * a.A @ F
+        q = z0.q + h * a.A @ (p / masses)
+        pull = np.array(
+            [np.array([[*(2 * x[:2]), 0, 0], [*(-2 * (x[2:] - x[:2])), *(2 * (x[2:] - x[:2]))]]) for x in q]
+        )
+        rates = np.einsum("jei,ji->je", pull, p / masses)
+        stress, theta = slopes(model.shape(z0.q) + h * Ahat @ rates, z0.s + h * Ahat @ G)
+        F = -np.einsum("jei,je->ji", pull, W @ stress)
+        G = np.array([model.conduction(x) for x in W @ theta])
+    dz = [h * a.b @ (p / masses), h * a.b @ F, h * a.b @ G]
+    return np.concatenate(dz)
+
+
+@pytest.mark.parametrize("k", [1, 3])
+def test_the_compiled_step_is_the_formula(k):
+    scenario = SLOW.replace(stiffness=(10, 100))
+    expected = plain_step(scenario, k, 0.05)
+    method = GaussMethod(scenario.model, k)
+    assert np.allclose(method.increments(scenario.z0, 0.05), expected, rtol=1e-12, atol=1e-14)
+    assert method.counts[collocate.RAISED] == 0  # no finer quadrature had to make up for the fast kernel
+    method.plan[collocate.ITERATE : collocate.CLOSE + 1] = 0  # the same through the loops that serve finer quadratures
+    assert np.allclose(method.increments(scenario.z0, 0.05), expected, rtol=1e-12, atol=1e-14)
+
+
+class OneSpring(System):
+    """A mass on a spring that cools when stretched: one element, whose heat is small beside its work."""
+
+    name = "one_spring"
+    n_positions = 2
+    n_elements = 1
+    constants: ClassVar = {"stiffness": (), "heat_capacity": ()}
+
+    def inertia(self):
+        return np.ones(2)
+
+    def shape(self, q):
+        return np.array([q @ q])
+
+    def element_energy(self, pi, s):
+        strain = 0.5 * np.log(pi)
+        heat = np.exp((s - 0.1 * strain) / self.heat_capacity)
+        return self.stiffness / 2 * strain**2 + self.heat_capacity * heat
+
+    def conduction(self, theta):
+        return 0.0 * theta
+
+    def invariants(self, q, p):
+        return {}
+
+    def entropy_scale(self):
+        return self.heat_capacity
+
+
+@pytest.mark.parametrize("k", [2, 5])
+@pytest.mark.parametrize("elements", [1, 3])
+def test_adaptive_steps_on_systems_with_other_numbers_of_elements(elements, k):
+    if elements == 1:
+        system, z0 = OneSpring(stiffness=100.0, heat_capacity=1.0), np.array([1.2, 0.0, 0.0, 1.0, 0.1])
+    else:
+        system, z0 = chain(3).model, chain(3).z0
+    method, times = GaussMethod(system, k), np.array([0.0, 0.5, 1.0])
+    (rough, _), (fine, _) = (method.adaptive(z0, times, tolerance) for tolerance in (1e-5, 1e-9))
+    np.testing.assert_allclose(rough, fine, rtol=1e-4, atol=1e-4)
+    E = [system.energy(z) for z in rough]
+    assert max(abs(E[i] - E[0]) for i in (1, 2)) <= 1e-12 * abs(E[0])
+    assert np.all(np.diff([z[2 * system.n_positions :].sum() for z in rough]) >= -1e-13)
+
+
+@pytest.mark.parametrize("scenario", ["stiff_spring", "gas_containers"])
+def test_marching_is_stepping(scenario):
+    scenario = tcbench.scenarios()[scenario]
+    method, z, h = GaussMethod(scenario.model, 3), scenario.z0, scenario.dt / 5
+    for dz in method.march(z, h, 30):
+        expected = method.increments(z, h)
+        np.testing.assert_allclose(dz, expected, rtol=1e-10, atol=1e-12)
+        z = z + expected
+
+
+def test_where_the_fixed_point_fails_newton_and_halving_take_over():
+    scenario = tcbench.scenarios()["stiff_spring"]
+    method = GaussMethod(scenario.model, 3)
+    dz = method.increments(scenario.z0, 1.2)
+    assert method.counts[collocate.NEWTONS] + method.counts[collocate.HALVED] > 0
+    E = scenario.model.energy
+    assert abs(E(scenario.z0 + dz) - E(scenario.z0)) <= 1e-12 * scenario.initial_exergy
+
+
+def test_a_step_without_a_root_is_an_error_that_becomes_a_row():
+    scenario = tcbench.scenarios()["short_term"]
+    with pytest.raises(ArithmeticError, match="no solution"):
+        GaussMethod(scenario.model, 2).increments(np.full(10, np.nan), 0.1)

@@ -1,0 +1,113 @@
+"""Kernels on vectors: their exp, log and reductions against numpy, and a step of collocation against scalar code."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tcbench_plugins.tc_gauss import step as collocate
+from tcbench_plugins.tc_gauss.formulas import coefficients
+from tcbench_plugins.tc_gauss.method import GaussMethod
+
+import tcbench
+from tcbench.compiler import derivatives as trace
+from tcbench.compiler import jit
+from tcbench.compiler.llvm import load
+from tcbench.compiler.vector_kernels import WIDTH, Lanes, can_express
+
+pytestmark = pytest.mark.skipif(jit.DISABLED, reason="without numba there are no vectors: the scalar code runs")
+SCENARIOS = ["short_term", "stiff_spring", "bound_equilibrium", "gas_containers"]
+
+
+def rows(values):
+    return st.lists(values, min_size=WIDTH, max_size=WIDTH).map(np.array)
+
+
+def run(build, *inputs):
+    """What `build(lanes, *rows)` computes of WIDTH numbers each; a list of vectors and scalars."""
+    lanes = Lanes()
+    results = build(lanes, *(lanes.row(lanes.a, WIDTH * i) for i in range(len(inputs))))
+    for i, value in enumerate(results):
+        lanes.store(value, WIDTH * i)
+    out = np.full(WIDTH * len(results), -1.0)
+    jit.evaluate(load(lanes.text(), str), np.concatenate(inputs).astype(float), np.zeros(1), out)
+    return out.reshape(-1, WIDTH)
+
+
+@given(rows(st.floats(-700, 700)))
+def test_exp_is_within_two_ulps(x):
+    (found,) = run(lambda lanes, row: [lanes.exp(row)], x)
+    assert np.all(np.abs(found - np.exp(x)) <= 2 * np.spacing(np.exp(x)))
+
+
+@given(rows(st.floats(1e-300, 1e300)))
+def test_log_is_within_two_ulps(x):
+    (found,) = run(lambda lanes, row: [lanes.log(row)], x)
+    assert np.all(np.abs(found - np.log(x)) <= 2 * np.spacing(np.abs(np.log(x))))
+
+
+def test_what_has_no_logarithm_is_nan_and_exp_stays_finite():
+    bad = np.array([0.0, -1.0, math.nan, -0.0, 1.0, 1e308, -math.inf, 5e-324])
+    log, exp = run(lambda lanes, row: [lanes.log(row), lanes.exp(row)], bad)
+    assert np.isnan(log).tolist() == [True, True, True, True, False, False, True, True]
+    assert np.isnan(exp).tolist() == [False, False, True, *[False] * 5] and np.all(exp[~np.isnan(exp)] < np.inf)
+
+
+@given(rows(st.floats(0, 1e9)), st.integers(0, WIDTH - 1), st.booleans())
+def test_reductions(x, where, broken):
+    if broken:
+        x[where] = math.nan
+    top, total, few = run(lambda lanes, row: [lanes.largest([row]), lanes.sum(row), lanes.first(3, row)], x)
+    assert top[0] == x.max() or (broken and math.isnan(top[0]))
+    assert total[0] == pytest.approx(x.sum(), nan_ok=True)
+    np.testing.assert_array_equal(few, [*x[:3], *[0.0] * (WIDTH - 3)])
+
+
+def test_formulas_that_have_no_form_on_vectors_are_known():
+    x = trace.variable("x")
+    assert can_express([x.exp() * x.log() + 1 / x]) and not can_express([x.sin()])
+
+
+def scalar(method):
+    """The same method with its kernels on vectors taken away."""
+    method.plan[collocate.ITERATE : collocate.CLOSE + 1] = 0
+    return method
+
+
+@pytest.mark.parametrize("k", range(1, 7))
+@pytest.mark.parametrize("scenario", SCENARIOS)
+def test_a_step_on_vectors_is_the_scalar_step(scenario, k):
+    scenario = tcbench.scenarios()[scenario]
+    fast, slow = GaussMethod(scenario.model, k), scalar(GaussMethod(scenario.model, k))
+    assert fast.plan[collocate.ITERATE] != 0
+    h = scenario.dt / 4
+    dz, same = fast.increments(scenario.z0, h).copy(), slow.increments(scenario.z0, h)
+    np.testing.assert_allclose(dz, same, rtol=0, atol=1e-13 * max(1.0, np.abs(same).max()))
+    for name in ("V", "N"):
+        np.testing.assert_allclose(
+            getattr(fast.work, name)[:, :k], getattr(slow.work, name)[:, :k], rtol=1e-11, atol=1e-11
+        )
+    identity, h_A = np.eye(k), h * coefficients(k).A
+    block = np.linalg.solve(identity - slow.work.stiff[1] * h_A, h_A)
+    for method in (fast, slow):
+        np.testing.assert_allclose(method.work.columns[:, :k].T, block, rtol=1e-12, atol=1e-14)
+    np.testing.assert_allclose(fast.work.sums, slow.work.sums, rtol=1e-10, atol=1e-11)
+
+
+@pytest.mark.parametrize("scenario", SCENARIOS)
+def test_adaptive_runs_on_vectors_follow_the_scalar_ones(scenario):
+    scenario = tcbench.scenarios()[scenario]
+    fast, slow = GaussMethod(scenario.model, 5), scalar(GaussMethod(scenario.model, 5))
+    times = np.array([0.0, 1.0, 2.0])
+    (states, counts), (same, expected) = (m.adaptive(scenario.z0, times, 1e-9) for m in (fast, slow))
+    np.testing.assert_allclose(states, same, rtol=1e-9, atol=1e-9)
+    assert abs(counts["newton_iterations"] - expected["newton_iterations"]) <= 0.1 * expected["newton_iterations"]
+
+
+def test_a_failed_step_leaves_nothing_behind():
+    """NaN stays in the lanes that no node uses; it must not reach the residual of the next step."""
+    scenario = tcbench.scenarios()["stiff_spring"]
+    method, fresh = GaussMethod(scenario.model, 5), GaussMethod(scenario.model, 5)
+    method.work.found[:] = math.nan
+    np.testing.assert_array_equal(method.increments(scenario.z0, 0.01), fresh.increments(scenario.z0, 0.01))

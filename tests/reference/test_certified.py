@@ -1,0 +1,145 @@
+"""References that are read, and references that are computed on the fly, are as accurate as they say."""
+
+import json
+
+import numpy as np
+import pytest
+
+from tcbench.reference import certified as R
+from tcbench.reference.pendulum_certificates import SCENARIOS, collocation_states
+
+
+def oscillator(t, z):
+    """A stiffly damped third component beside a harmonic oscillator; exact solution below."""
+    return np.array([z[1], -z[0], -200 * (z[2] - z[0])])
+
+
+def oscillator_exact(t):
+    a = 200.0
+    steady = (a * a * np.cos(t) + a * np.sin(t)) / (a * a + 1)
+    return np.array([np.cos(t), -np.sin(t), steady - a * a / (a * a + 1) * np.exp(-a * t)])
+
+
+@pytest.mark.parametrize(("kind", "s", "order"), [("gauss", 8, 16), ("radau", 9, 17), ("gauss", 2, 4), ("radau", 2, 3)])
+def test_tableaux_satisfy_the_quadrature_and_stage_conditions(kind, s, order):
+    """B(order) and C(s): 1e-18 is a few units of extended precision."""
+    tab = R.tableau(kind, s)
+    unit = 30 * np.finfo(R.LONG).eps
+    for k in range(1, order + 1):
+        assert abs(tab.b @ tab.c ** (k - 1) - R.LONG(1) / k) < unit
+    for k in range(1, s + 1):
+        assert np.max(np.abs(tab.A @ tab.c ** (k - 1) - tab.c**k / k)) < unit
+    assert abs(tab.b @ tab.c**order - R.LONG(1) / (order + 1)) > 100 * unit or order > 10
+
+
+def test_on_the_fly_reference_reaches_1e_15_on_a_stiff_problem():
+    made = R.compute(oscillator, None, [1.0, 0.0, 0.0], [0.5, 3.0, 10.0])
+    assert max(made.certificate) < 1e-15 and "extended" in made.source
+    for t, z in zip(made.times, made.states, strict=True):
+        assert R.gap(z, oscillator_exact(t)) < 4e-16 * 4  # cos and exp in double
+
+
+@pytest.mark.parametrize(
+    ("name", "limit"), [("short_term", 1e-15), ("fast_conduction", 1e-15), ("stiff_spring", 2e-15)]
+)
+def test_on_the_fly_method_agrees_with_certified_digits(name, limit):
+    """Gauss collocation, not told of the stored digits: 1e-15, the demand on an on-the-fly reference.
+
+    Missed by a little on stiff_spring at t = 25 (1.1e-15): 500 radians of phase magnify 64-bit round-off.
+    """
+    constants, initial, times = SCENARIOS[name]
+    states = collocation_states(constants, initial, times)
+    exact = R.stored(name).exact
+    for z, digits in zip(states, exact, strict=True):
+        assert R.gap(z, np.array([R.LONG(x) for x in digits])) < limit
+
+
+def test_a_right_hand_side_in_double_still_works_and_says_so():
+    made = R.compute(lambda t, z: oscillator(t, np.asarray(z, float)), None, [1.0, 0.0, 0.0], [3.0])
+    assert "double precision" in made.source
+    assert R.gap(made.states[0], oscillator_exact(3.0)) < 1e-14
+
+
+def test_vectorized_and_jacobian_change_nothing():
+    jac = np.array([[0.0, 1, 0], [-1, 0, 0], [200, 0, -200]])
+    plain = R.compute(oscillator, None, [1.0, 0.0, 0.0], [3.0])
+    fast = R.compute(oscillator, lambda t, z: jac, [1.0, 0.0, 0.0], [3.0], vectorized=True)
+    assert R.gap(fast.states, plain.states) < 1e-15
+
+
+def test_a_non_smooth_problem_gets_a_poor_certificate_not_a_good_one():
+    """Broken on purpose: |z| has a kink, so high order is lost; the certificate must own up to it."""
+    made = R.compute(lambda t, z: np.array([np.cos(t), abs(z[0] - 0.3)]), None, [0.0, 0.0], [2.0], tolerance=1e-3)
+    tight = R.compute(lambda t, z: np.array([np.cos(t), abs(z[0] - 0.3)]), None, [0.0, 0.0], [2.0], tolerance=1e-12)
+    assert R.gap(made.states[0], tight.states[0]) < 10 * made.certificate[0]
+
+
+def test_a_solution_that_blows_up_is_an_error_that_says_where():
+    with pytest.raises(R.ReferenceFailed, match=r"stopped at t = (0\.99|1)"):
+        R.compute(lambda t, z: z * z, None, [1.0], [2.0], max_seconds=20)
+
+
+@pytest.mark.parametrize("times", [[], [0.0, 1.0], [2.0, 1.0]])
+def test_nonsense_times_are_refused(times):
+    with pytest.raises(ValueError, match="positive and increasing"):
+        R.compute(oscillator, None, [1.0, 0.0, 0.0], times)
+
+
+def test_stored_reference_by_name_and_by_content():
+    by_name = R.stored("short_term")
+    assert by_name.times == (1.0, 5.0, 25.0) and by_name.states.shape == (3, 10)
+    assert max(by_name.certificate) < 1e-20 and all(
+        f >= c for f, c in zip(by_name.floor, by_name.certificate, strict=True)
+    )
+    assert np.array_equal(by_name.at(5), by_name.states[1])
+    constants, initial, _ = SCENARIOS["relative_equilibrium"]
+    merged = R.stored(R.scenario_hash(constants, initial))
+    assert merged.times == (1.0, 25.0, 500.0, 1500.0)
+    with pytest.raises(KeyError, match="t = 1, 5, 25"):
+        by_name.at(2.0)
+
+
+def test_unknown_and_stale_references_are_absent():
+    assert R.stored("nothing") is None
+    constants, initial, _ = SCENARIOS["short_term"]
+    changed = R.scenario_hash({**constants, "coupling": 0.21}, initial)
+    assert R.stored("short_term", expected_hash=changed) is None
+    assert R.stored("short_term", expected_hash=R.scenario_hash(constants, initial)) is not None
+
+
+def test_hash_sees_numbers_not_types():
+    constants, initial, _ = SCENARIOS["short_term"]
+    same = {**constants, "masses": np.array([1, 2]), "conductivity": 300}
+    assert R.scenario_hash(same, initial) == R.scenario_hash(constants, initial)
+    assert R.scenario_hash(constants, {**initial, "momenta": (0.0, 2.0, 1.0, 1e-300)}) != R.scenario_hash(
+        constants, initial
+    )
+
+
+def test_floor_covers_what_rounding_the_data_does():
+    """A run in extended precision from the data as doubles ends at the floor, not at the certificate."""
+    constants, initial, times = SCENARIOS["cold_spring"]
+    known = R.stored("cold_spring")
+    rounded = collocation_states(constants, initial, times, rounded=True)
+    exact = np.array([[R.LONG(x) for x in z] for z in known.exact])
+    assert known.floor[-1] > 1e-13 > 1e-40 > known.certificate[-1]
+    assert R.gap(rounded[-1], exact[-1]) == pytest.approx(known.floor[-1], rel=0.1)
+
+
+def test_cache_reads_what_it_wrote_and_distrusts_a_torn_file(tmp_path):
+    calls = []
+
+    def make():
+        calls.append(1)
+        return R.compute(oscillator, None, [1.0, 0.0, 0.0], [0.5])
+
+    first = R.cached(tmp_path / "new", "key", make)
+    second = R.cached(tmp_path / "new", "key", make)
+    assert len(calls) == 1 and np.array_equal(first.states, second.states) and second.certificate == first.certificate
+    path = tmp_path / "new" / "key.json"
+    path.write_text(path.read_text()[:40])
+    R.cached(tmp_path / "new", "key", make)
+    assert len(calls) == 2 and json.loads(path.read_text())["format"] == R.FORMAT
+    path.write_text(json.dumps({**json.loads(path.read_text()), "format": -1}))
+    R.cached(tmp_path / "new", "key", make)
+    assert len(calls) == 3 and [p.name for p in path.parent.iterdir()] == ["key.json"]

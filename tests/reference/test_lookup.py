@@ -1,0 +1,133 @@
+"""Every scenario is measured against its own reference: by its numbers, never by its name alone."""
+
+import numpy as np
+import pytest
+
+import tcbench
+from tcbench.reference import certified as reference
+from tcbench.reference import lookup as truth
+from tcbench.reference.collocation import LONG, ReferenceFailed
+from tcbench.reference.extended_precision import extended
+from tcbench.reference.pendulum_certificates import SCENARIOS
+
+PAPER = tcbench.scenarios()["short_term"].plugin
+NAMES = [name for name, scenario in tcbench.scenarios().items() if scenario.plugin == PAPER]
+ULPS = 16 * np.finfo(float).eps  # a vector field of some hundred operations, each right to half a unit
+
+
+@pytest.fixture(autouse=True)
+def own_cache(tmp_path, monkeypatch):
+    """References computed on the fly in a test are not the user's (kernels stay where they are)."""
+    monkeypatch.setattr(truth, "cache_folder", lambda: tmp_path / "references")
+
+
+def test_every_scenario_of_the_paper_plugin_is_certified():
+    assert set(NAMES) == set(SCENARIOS)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_stored_hash_is_the_hash_of_the_scenario(name):
+    """The certificate's numbers are repeated in `certify`: they must be those of the plugin."""
+    digest = truth.content_hash(tcbench.scenarios()[name])
+    assert digest == reference.stored_file()["scenarios"][name]["hash"]
+    assert digest == reference.scenario_hash(*SCENARIOS[name][:2])
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_scenario_has_a_certified_state_at_its_convergence_time(name):
+    scenario = tcbench.scenarios()[name]
+    known = truth.reference_for(scenario, [scenario.t_converge])
+    assert known.exact and known.certificate[0] < 1e-20
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_extended_vector_field_is_the_compiled_one(name):
+    scenario = tcbench.scenarios()[name]
+    field = extended(scenario, "vector_field")
+    z = scenario.z0.astype(LONG)
+    compiled = np.asarray(scenario.model.vector_field(scenario.z0))
+    assert field(z).dtype == LONG and reference.gap(field(z), compiled) < ULPS
+    batch = np.column_stack([z, z])
+    assert np.array_equal(field(batch)[:, 1], field(z))
+
+
+@pytest.mark.parametrize("name", ["short_term", "stiff_spring", "fast_conduction", "bound_equilibrium"])
+def test_on_the_fly_reference_agrees_with_the_certified_one(name):
+    """Computed from the traced equations and not told of the stored digits: certificate below 1e-15, the distance to
+    the stored state what rounding the data to double does (`floor`), within the two units that the floor is read to."""
+    scenario = tcbench.scenarios()[name]
+    known = truth.reference_for(scenario, [1.0])
+    made = truth._Recipe(scenario, (1.0,)).compute()
+    assert made.certificate[0] < 1e-15 and "extended precision" in made.source
+    assert reference.gap(made.states[0], known.states[0]) < 2 * known.floor[0] + 2 * made.floor[0]
+
+
+def test_a_variant_never_gets_the_stored_reference():
+    scenario = tcbench.scenarios()["short_term"]
+    variant = scenario.replace(coupling=0.21)  # same name, other physics
+    assert variant.name == scenario.name
+    assert truth.stored_for(variant) is None and truth.stored_for(scenario) is not None
+    known, made = truth.reference_for(scenario, [1.0]), truth.reference_for(variant, [1.0])
+    assert reference.gap(made.states[0], known.states[0]) > 1e-6
+    assert made.certificate[0] < 1e-15 and not made.exact
+
+
+def test_names_horizon_and_step_do_not_matter():
+    scenario = tcbench.scenarios()["short_term"].replace(name="renamed", t_end=3.0, dt=0.1)
+    assert truth.reference_for(scenario, [1.0]).exact
+
+
+def test_times_that_are_not_stored_are_computed_and_kept():
+    scenario = tcbench.scenarios()["short_term"]
+    first = truth.reference_for(scenario, [0.5, 1.0])
+    assert first.times == (0.5, 1.0) and not first.exact
+    files = list(truth.cache_folder().iterdir())
+    again = truth.reference_for(scenario, [0.5, 1.0])
+    assert np.array_equal(first.states, again.states) and list(truth.cache_folder().iterdir()) == files
+    truth.reference_for(scenario, [0.5])
+    assert len(list(truth.cache_folder().iterdir())) == 2  # other times, another key
+
+
+def test_a_subclass_of_the_pendulum_is_another_system():
+    from tcbench.systems.pendulum import Pendulum
+
+    class Softer(Pendulum):
+        def element_energy(self, pi, s):
+            return 0.5 * super().element_energy(pi, s)
+
+    scenario = tcbench.scenarios()["short_term"]
+    other = tcbench.Scenario(
+        "short_term",
+        Softer,
+        scenario.constants,
+        scenario.positions,
+        scenario.momenta,
+        scenario.temperatures,
+        t_end=25,
+        dt=0.3,
+    )
+    assert truth.content_hash(other) is None and truth.stored_for(other) is None
+
+
+def test_recomputing_on_the_fly_agrees_with_itself_and_notices_a_corrupted_cache():
+    scenario = tcbench.scenarios()["bound_equilibrium"].replace(conductivity=11.0, t_end=2.0)
+    report = truth.recompute(scenario)
+    assert report["agrees"] and [row["t"] for row in report["rows"]] == [1.0, 2.0]
+    (path,) = truth.cache_folder().iterdir()
+    text = path.read_text()
+    digit = text.index('"states": [[') + len('"states": [[') + 5
+    path.write_text(text[:digit] + str((int(text[digit]) + 1) % 10) + text[digit + 1 :])
+    assert not truth.recompute(scenario)["agrees"]
+
+
+def test_recomputing_a_stored_reference_reproduces_it():
+    pytest.importorskip("heyoka")
+    report = truth.recompute(tcbench.scenarios()["short_term"])
+    assert report["agrees"] and [row["t"] for row in report["rows"]] == [1.0, 5.0, 25.0]
+    assert max(row["gap"] for row in report["rows"]) < 1e-20
+
+
+def test_a_solution_that_cannot_be_computed_is_an_error_that_says_where(monkeypatch):
+    monkeypatch.setattr(truth, "DEADLINE", 0.0)
+    with pytest.raises(ReferenceFailed, match="stopped at t = "):
+        truth.reference_for(tcbench.scenarios()["short_term"].replace(coupling=0.22), [1.0])

@@ -1,0 +1,228 @@
+"""Charts: a table in, a Figure out, whatever the table holds; and the same look for an integrator everywhere."""
+
+from pathlib import Path
+
+import awkward
+import matplotlib
+import numpy as np
+import pandas as pd
+import pytest
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+
+import tcbench
+from tcbench.errors import TcbenchError
+from tcbench.report import plot
+from tcbench.report import trajectory_table as series
+from tcbench.report.chart_kinds import kinds
+from tcbench.report.charts import ladders, precision
+from tcbench.report.charts import runs as time_charts
+from tcbench.report.charts.precision import work_precision
+from tcbench.report.charts.scales import power_text, zero_log_axis
+from tcbench.report.charts.style import COLOURS, KNOWN, look, panels, spread
+
+METHODS = {
+    "five": awkward.FIVE,
+    "with peers": [*awkward.FIVE, *awkward.PEERS],
+    "one": ["tc_monolithic"],
+    "forty": awkward.FORTY,
+    "hostile": ["tc_monolithic", awkward.HOSTILE, "x" * 10_000],
+}
+
+
+def draw(name, methods):
+    t = awkward.everything(methods, ["short_term"])
+    return {
+        "work_precision": lambda: precision.work_precision(t["work_precision"]),
+        "convergence": lambda: precision.convergence(t["convergence_points"], t["convergence"]),
+        "conservation": lambda: ladders.conservation(t["conservation"]),
+        "blowup": lambda: ladders.blowup(t["stability_points"], t["blowup_sensitivity"]),
+        "stable_step": lambda: ladders.stable_step(t["stability"]),
+        "equilibrium": lambda: time_charts.equilibrium(t["equilibrium"]),
+    }[name]()
+
+
+CHARTS = ["work_precision", "convergence", "conservation", "blowup", "stable_step", "equilibrium"]
+
+
+@pytest.mark.parametrize("methods", METHODS.values(), ids=METHODS)
+@pytest.mark.parametrize("name", CHARTS)
+def test_a_chart_draws_any_number_of_methods(name, methods, tmp_path):
+    figure = draw(name, methods)
+    assert isinstance(figure, Figure)
+    figure.savefig(tmp_path / "chart.png", dpi=40)
+
+
+@pytest.mark.parametrize("name", CHARTS)
+@pytest.mark.parametrize("rows", ["all NaN", "none"])
+def test_a_chart_of_nothing_is_drawn_and_not_an_error(name, rows, tmp_path):
+    tables = awkward.everything(awkward.FIVE, ["short_term"])
+    for key, table in tables.items():
+        numbers = table.select_dtypes("number").columns
+        tables[key] = table.assign(**dict.fromkeys(numbers, np.nan)) if rows == "all NaN" else table.iloc[:0]
+    figure = {
+        "work_precision": lambda: precision.work_precision(tables["work_precision"]),
+        "convergence": lambda: precision.convergence(tables["convergence_points"], tables["convergence"]),
+        "conservation": lambda: ladders.conservation(tables["conservation"]),
+        "blowup": lambda: ladders.blowup(tables["stability_points"]),
+        "stable_step": lambda: ladders.stable_step(tables["stability"]),
+        "equilibrium": lambda: time_charts.equilibrium(tables["equilibrium"]),
+    }[name]()
+    figure.savefig(tmp_path / "chart.png", dpi=40)
+
+
+def crosses(figure):
+    return sum(len(line.get_xdata()) for ax in figure.axes for line in ax.lines if line.get_marker() == "x")
+
+
+def test_failed_cells_are_drawn_not_dropped():
+    table = awkward.conservation(["midpoint_entropy"], ["s"], failing=lambda name, h: h > 0.2)
+    assert table["status"].ne("ok").sum() == 3
+    assert crosses(ladders.conservation(table)) == 3 * 3  # three panels
+    fits, points = awkward.convergence(["tc_strang"], ["s"], failing=["tc_strang"])
+    assert crosses(precision.convergence(points, fits)) == len(points)
+    work = awkward.work_precision(["midpoint_temperature"], ["stiff_spring"])
+    assert crosses(precision.work_precision(work, y=["error_q"])) == work["status"].ne("ok").sum() == 2
+
+
+def test_points_outside_the_fit_are_hollow_and_the_slope_is_written():
+    fits, points = awkward.convergence(["tc_monolithic"], ["s"])
+    ax = precision.convergence(points, fits).axes[0]
+    hollow = [line for line in ax.lines if line.get_markerfacecolor() == "none" and line.get_marker() == "o"]
+    assert len(hollow[0].get_xdata()) == (~points["used"] & (points["variable"] == "q")).sum()
+    assert [text.get_text() for text in ax.texts] == ["2.00"]
+
+
+def test_an_integrator_looks_the_same_everywhere_and_the_five_of_the_paper_differ():
+    assert look("scipy_radau") == look("scipy_radau") != look("cvode_bdf")
+    assert len({s.colour for s in KNOWN.values()}) == len({s.marker for s in KNOWN.values()}) == len(KNOWN)
+    assert not {s.colour for s in KNOWN.values()} & set(COLOURS)
+    assert look("midpoint_temperature[reading=rate]").colour == look("midpoint_temperature").colour
+    assert len({look(name) for name in awkward.FORTY}) >= 36  # a function of the name alone: a few may coincide
+
+
+def test_neighbouring_methods_differ_in_grey():
+    """On a black-and-white page colour is gone: marker or dash must tell methods apart."""
+    assert len({(s.marker, str(s.dash)) for s in KNOWN.values()}) == len(KNOWN)
+    for colour in [*(s.colour for s in KNOWN.values()), *COLOURS]:
+        luminance = np.dot(to_rgb(colour), [0.2126, 0.7152, 0.0722])
+        assert 0.1 < luminance < 0.75  # neither lost on white nor taken for the axes
+
+
+def test_the_axis_of_magnitudes_shows_round_off_zero_and_a_blow_up_together():
+    figure, (ax,) = panels(1)
+    zero_log_axis(ax, [0.0, 1e-15, 1e3])
+    ticks = ax.get_yticks()
+    assert ticks[0] == 0 and min(ticks[1:]) <= 1e-15 and max(ticks) >= 1
+    heights = ax.transAxes.inverted().transform(ax.transData.transform([(0, y) for y in (0.0, 1e-15, 1e-6, 1e3)]))[:, 1]
+    assert np.all(np.diff(heights) > 0.1) and heights[0] >= 0 and heights[-1] <= 1
+    assert (
+        len(figure.axes) == 1 and power_text(1e-15) == "10⁻¹⁵" and power_text(0.0) == "0" and power_text(0.2) == "0.2"
+    )
+
+
+def test_labels_are_pushed_apart_and_stay_inside():
+    placed = spread([0.5, 0.5, 0.51, 0.99], 0.1, 0.0, 1.0)
+    assert np.all(np.diff(placed) > 0.0999) and placed[0] >= 0 and placed[-1] <= 1
+    assert spread([], 0.1, 0, 1) == []
+
+
+def test_charts_leave_the_settings_of_matplotlib_alone():
+    before = dict(matplotlib.rcParams)
+    draw("conservation", awkward.FIVE)
+    assert dict(matplotlib.rcParams) == before
+
+
+@pytest.fixture(scope="module")
+def runs():
+    return [tcbench.simulate(name, "stiff_spring") for name in ("tc_monolithic", "midpoint_entropy")]
+
+
+def test_the_series_of_a_run_measures_the_laws(runs):
+    good, bad = (series.trajectory(run) for run in runs)
+    assert good["energy_error"].max() < 1e-12 and good["entropy_fall"].max() < 1e-12
+    assert bad["energy_error"].max() > 1 and bad["status"].eq("blowup").all()
+    z = runs[0].z
+    assert np.allclose(good["strain_a"], np.log(np.hypot(z[:, 0], z[:, 1]) / 2))
+    assert np.allclose(good["x_2"], z[:, 2]) and np.allclose(good["temperature_b"], runs[0].temperatures[:, 1])
+
+
+@pytest.mark.parametrize("name", ["laws", "four_panel", "path"])
+def test_charts_of_runs_mark_where_a_run_failed(name, runs, tmp_path):
+    figure = getattr(time_charts, name)(series.trajectories(runs))
+    figure.savefig(tmp_path / "chart.png", dpi=40)
+    if name != "path":
+        assert crosses(figure) >= 4
+    assert isinstance(getattr(time_charts, name)(series.trajectories([])), Figure)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".svg", ".pdf"])
+def test_plot_writes_each_format_from_runs_and_from_a_folder(suffix, runs, tmp_path):
+    path = plot.plot("four-panel", runs, tmp_path / f"a{suffix}")
+    assert path.read_bytes()[:4] in (b"\x89PNG", b"<?xm", b"%PDF")
+    folder = awkward.write_run(tmp_path / "run", awkward.everything(awkward.FIVE))
+    for kind in ("work-precision", "convergence", "conservation", "blowup"):
+        assert plot.plot(kind, folder, tmp_path / f"{kind}{suffix}", scenario="short_term").stat().st_size > 1000
+    assert plot.plot("stable-step", folder, tmp_path / f"s{suffix}").stat().st_size > 1000
+
+
+def test_plot_says_what_is_wrong(runs, tmp_path):
+    folder = awkward.write_run(tmp_path / "run", {"conservation": awkward.conservation(["nobody"])})
+    out = tmp_path / "a.png"
+    for message, call in {
+        "Did you mean 'laws'": lambda: plot.plot("law", folder, out),
+        "Which scenario": lambda: plot.plot("conservation", folder, out),
+        "Did you mean 'short_term'": lambda: plot.plot("conservation", folder, out, scenario="short_tern"),
+        "written as .png": lambda: plot.plot("conservation", folder, "a.gif"),
+        "does not exist": lambda: plot.plot("conservation", folder, tmp_path / "no" / "a.png"),
+        "needs the table 'stability'": lambda: plot.plot("stable-step", folder, out),
+        "needs trajectories": lambda: plot.plot("laws", folder, out),
+        "give its folder": lambda: plot.plot("conservation", runs, out),
+        "No integrator of this run": lambda: plot.plot("conservation", folder, out, integrators=["x"]),
+        "There is no run": lambda: plot.plot("conservation", tmp_path / "nothing", out),
+    }.items():
+        with pytest.raises(TcbenchError, match=message):
+            call()
+    assert not out.exists()
+
+
+def test_work_precision_takes_any_columns_as_axes(tmp_path):
+    folder = awkward.write_run(tmp_path / "run", {"work_precision": awkward.work_precision(awkward.FIVE)})
+    options = {"scenario": "short_term", "x": "steps", "y": ["error_s", "newton_iterations"]}
+    assert plot.plot("work-precision", folder, tmp_path / "a.svg", **options).read_text().count("entropies s") == 1
+    with pytest.raises(TcbenchError, match="Did you mean 'steps'"):
+        plot.plot("work-precision", folder, tmp_path / "a.svg", **(options | {"x": "step"}))
+    del options["x"]  # one axis alone
+    assert "wall time" in plot.plot("work-precision", folder, tmp_path / "b.svg", **options).read_text()
+
+
+def test_in_a_crowd_those_that_lead_are_named_and_the_others_faint():
+    table = awkward.work_precision(awkward.FORTY, scenarios=["short_term"])
+    (ax,) = work_precision(table, y=["error_q"]).axes
+    named = {text.get_text() for text in ax.texts}
+    values = table[(table["status"] == "ok") & np.isfinite(table["error_q"])]
+    cheapest = values.loc[values["wall_time_min_s"].idxmin(), "integrator"]
+    best = values.loc[values["error_q"].idxmin(), "integrator"]
+    assert {cheapest, best} <= named and len(named) < 10
+    assert min(text.get_window_extent().x0 for text in ax.texts) >= ax.get_window_extent().x0
+    solid = [line for line in ax.lines if line.get_alpha() is None and len(line.get_xdata()) > 1]
+    assert len(solid) == len(named)
+    (ax,) = work_precision(awkward.work_precision(awkward.FIVE, scenarios=["short_term"]), y=["error_q"]).axes
+    assert not ax.texts and all(line.get_alpha() is None for line in ax.lines)  # five need no help
+
+
+def test_every_kind_of_chart_has_a_study_and_a_text():
+    for kind in kinds().values():
+        assert kind.study and kind.text.endswith(".") and kind.needs
+        assert not kind.possible({}) and not kind.possible({name: pd.DataFrame() for name in kind.needs})
+
+
+def test_a_method_need_not_be_in_every_table_to_be_drawn(tmp_path):
+    # its table of blow-ups has the midpoint rules only
+    baseline = Path(__file__).parents[2] / "results" / "baseline"
+    target = tmp_path / "one.png"
+    assert plot.plot("conservation", baseline, target, scenario="long_term", integrators=["tc_monolithic"]).exists()
+    with pytest.raises(TcbenchError, match="No integrator of this run is called 'mine'"):
+        plot.plot("conservation", baseline, target, scenario="long_term", integrators=["mine"])
+    with pytest.raises(TcbenchError, match="no numbers to draw"):
+        plot.plot("conservation", baseline, target, scenario="long_term", x="status")

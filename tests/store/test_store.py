@@ -1,0 +1,322 @@
+"""The run folder: nothing acknowledged is lost, whatever is torn, damaged, full, or written to twice."""
+
+from __future__ import annotations
+
+import csv
+import errno
+import json
+import math
+import os
+import shutil
+import subprocess
+import sys
+import time
+import types
+from pathlib import Path
+
+import pandas
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tcbench.engine.fingerprint import fingerprint_sources
+from tcbench.engine.local import plan
+from tcbench.errors import TcbenchError
+from tcbench.store.cells import Cell
+from tcbench.store.encoding import decode_line, encode_line
+from tcbench.store.provenance import manifest, utc_now, without_home
+from tcbench.store.store import ROWS, Store
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def numbered(count: int) -> list[Cell]:
+    return [Cell("conservation", "tc", "short", {"dt": 0.1, "n": n}, fingerprint="f") for n in range(count)]
+
+
+def same(a, b) -> bool:
+    """Equality under which NaN equals NaN, and -0.0 does not equal 0.0."""
+    return repr(a) == repr(b)
+
+
+# -- cells
+
+
+def test_a_key_depends_on_everything_but_the_order_of_the_options():
+    base = {"study": "s", "integrator": "i", "scenario": "c", "options": {"a": 1, "b": [1.5]}}
+    changed = ["study", "integrator", "scenario", "fingerprint", "machine"]
+    variants = [Cell(**base | {name: "other"}).key for name in changed]
+    variants += [
+        Cell(**base, timed=True).key,
+        Cell(**base | {"options": {"a": 2, "b": [1.5]}}).key,
+        Cell(**base).key,
+    ]
+    assert len(set(variants)) == len(variants)
+    assert Cell(**base).key == Cell(**base | {"options": {"b": (1.5,), "a": 1}}).key
+    assert Cell.from_dict(Cell(**base).as_dict()) == Cell(**base)
+
+
+def test_options_that_are_not_json_are_refused_with_a_sentence():
+    with pytest.raises(TcbenchError, match="not JSON"):
+        Cell("s", "i", "c", {"f": print})
+
+
+def test_a_fingerprint_follows_local_imports_and_survives_a_move(tmp_path):
+    folder = tmp_path / "one"
+    (folder / "pack" / "sub").mkdir(parents=True)
+    (folder / "mine.py").write_text("import numpy\ndef f():\n    from helper import g\nraise SystemExit('imported')\n")
+    (folder / "helper.py").write_text("from pack.sub import deep\n")
+    (folder / "pack" / "__init__.py").write_text("")
+    (folder / "pack" / "sub" / "__init__.py").write_text("from . import deep\n")
+    (folder / "pack" / "sub" / "deep.py").write_text("x = 1\n")
+    (folder / "unrelated.py").write_text("y = 1\n")
+    first = fingerprint_sources(folder / "mine.py")
+    moved = shutil.copytree(folder, tmp_path / "two" / "elsewhere")
+    assert fingerprint_sources(moved / "mine.py") == first
+    (folder / "unrelated.py").write_text("y = 2\n")
+    assert fingerprint_sources(folder / "mine.py") == first
+    (folder / "pack" / "sub" / "deep.py").write_text("x = 2\n")
+    assert fingerprint_sources(folder / "mine.py") != first
+    (folder / "pack" / "sub" / "deep.py").write_bytes(b"x = 1\r\n")  # what git does on Windows
+    assert fingerprint_sources(folder / "mine.py") == first
+
+
+def test_fingerprints_of_modules_by_name_broken_files_and_missing_ones(tmp_path, monkeypatch):
+    assert fingerprint_sources("tcbench.store.cells") != fingerprint_sources("tcbench.store.store")
+    # in site-packages the neighbours are other people's packages, not local modules
+    site = tmp_path / "site-packages"
+    site.mkdir()
+    (site / "mine.py").write_text("import neighbour\n")
+    (site / "neighbour.py").write_text("a = 1\n")
+    before = fingerprint_sources(site / "mine.py")
+    (site / "neighbour.py").write_text("a = 2\n")
+    assert fingerprint_sources(site / "mine.py") == before
+    # imports for type checkers never run: they make no module depend on another
+    (tmp_path / "typed.py").write_text("from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    import other\n")
+    (tmp_path / "other.py").write_text("a = 1\n")
+    before = fingerprint_sources(tmp_path / "typed.py")
+    (tmp_path / "other.py").write_text("a = 2\n")
+    assert fingerprint_sources(tmp_path / "typed.py") == before
+    broken = tmp_path / "broken.py"
+    broken.write_text("def step(:\n")
+    assert len(fingerprint_sources(broken)) == 64
+    (tmp_path / "outer" / "bare").mkdir(parents=True)  # a folder without __init__.py within a package
+    (tmp_path / "outer" / "__init__.py").touch()
+    (tmp_path / "outer" / "bare" / "inner.py").write_text("a = 1\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    assert fingerprint_sources("outer.bare.inner") == fingerprint_sources(tmp_path / "outer" / "bare" / "inner.py")
+    monkeypatch.setitem(sys.modules, "made_by_hand", types.ModuleType("made_by_hand"))
+    for missing in ("no_such_module", "tcbench.no_such_module", "outer.bare", "made_by_hand"):
+        with pytest.raises(TcbenchError, match=missing):
+            fingerprint_sources(missing)
+
+
+# -- rows
+
+
+numbers = st.floats(allow_nan=True, allow_infinity=True) | st.integers(-(2**53), 2**53)
+values = st.recursive(
+    st.none() | st.booleans() | numbers | st.text(),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(), inner, max_size=4),
+    max_leaves=12,
+)
+
+
+@given(st.dictionaries(st.text(), values, max_size=5))
+def test_any_row_survives_as_strict_json_nan_and_infinity_included(row):
+    line = encode_line("k", row, {}, "")
+    json.loads(line, parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
+    assert same(decode_line(line)["row"], row)
+
+
+def test_rows_come_back_latest_per_key(tmp_path):
+    a, b = numbered(2)
+    with Store.open(tmp_path / "run") as store:
+        origin = store.add_provenance({"commit": "abc"})
+        store.append(a.key, {"status": "crash"}, a.as_dict())
+        store.append(b.key, {"status": "ok", "x": math.nan, "l": [math.inf, {"y/~": -math.inf}]}, b.as_dict())
+        assert store.finished_keys() == {b.key}  # a crash is worth another attempt
+        store.append(a.key, {"status": "nonconverged"}, a.as_dict())
+    store = Store.read(tmp_path / "run")
+    assert store.finished_keys() == {a.key, b.key}
+    assert same(store.rows()[b.key], {"status": "ok", "x": math.nan, "l": [math.inf, {"y/~": -math.inf}]})
+    assert store.lines()[0]["provenance"] == origin
+    assert store.provenances() == {origin: {"commit": "abc"}}
+    assert store.records("conservation")[1]["dt"] == 0.1
+    assert store.problems == []
+
+
+def test_a_torn_last_line_is_reported_and_the_next_row_starts_on_its_own(tmp_path):
+    cells = numbered(3)
+    with Store.open(tmp_path) as store:
+        for cell in cells[:2]:
+            store.append(cell.key, {"status": "ok"}, cell.as_dict())
+    path = tmp_path / ROWS
+    path.write_bytes(path.read_bytes()[:-20])
+    assert "line 2: is incomplete" in Store.read(tmp_path).problems[0]
+    with Store.open(tmp_path) as store:
+        assert store.finished_keys() == {cells[0].key}
+        store.append(cells[2].key, {"status": "ok"}, cells[2].as_dict())
+    assert Store.read(tmp_path).finished_keys() == {cells[0].key, cells[2].key}
+
+
+@pytest.mark.parametrize("damage", [b"\x00\xff\xfe garbage", b"[1, 2]", b'{"key": "k"}', b"7", b"[" * 100_000])
+def test_a_damaged_line_costs_its_own_cell_only(tmp_path, damage):
+    cells = numbered(3)
+    with Store.open(tmp_path) as store:
+        for cell in cells:
+            store.append(cell.key, {"status": "ok"}, cell.as_dict())
+        lines = (tmp_path / ROWS).read_bytes().splitlines()
+        lines[1] = damage
+        (tmp_path / ROWS).write_bytes(b"\n".join(lines) + b"\n")
+    with Store.open(tmp_path) as store:
+        assert store.finished_keys() == {cells[0].key, cells[2].key}
+        assert "line 2: is damaged" in store.problems[0]
+        assert store.compact() == 1
+        store.append(cells[1].key, {"status": "ok"}, cells[1].as_dict())
+    after = Store.read(tmp_path)
+    assert after.finished_keys() == {cell.key for cell in cells} and after.problems == []
+
+
+def test_fresh_sets_the_earlier_rows_aside(tmp_path):
+    (cell,) = numbered(1)
+    with Store.open(tmp_path) as store:
+        store.append(cell.key, {"status": "ok"}, cell.as_dict())
+    with Store.open(tmp_path, fresh=True) as store:
+        assert store.rows() == {}
+    assert cell.key in (tmp_path / "cells.1.old.jsonl").read_text()
+
+
+# -- one writer
+
+
+def test_a_second_writer_is_refused_and_kill_9_releases_the_lock(tmp_path):
+    script = (
+        "import sys, time; from tcbench.store.store import Store; store = Store.open(sys.argv[1]); "
+        "print('open', flush=True); time.sleep(60)"
+    )
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    with subprocess.Popen(
+        [sys.executable, "-c", script, str(tmp_path)], stdout=subprocess.PIPE, env=environment
+    ) as other:
+        assert other.stdout is not None
+        assert other.stdout.readline() == b"open\n"
+        before = sorted(path.name for path in tmp_path.iterdir())
+        with pytest.raises(TcbenchError, match=rf"Another run is writing to .* \(process {other.pid} "):
+            Store.open(tmp_path)
+        assert sorted(path.name for path in tmp_path.iterdir()) == before
+        Store.read(tmp_path)  # looking is always allowed
+        other.kill()
+    Store.open(tmp_path).close()
+
+
+def test_a_folder_that_cannot_be_written_is_refused_at_once(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(TcbenchError, match="Cannot write to the run folder"):
+        Store.open(tmp_path / "file" / "run")
+    if hasattr(os, "geteuid") and os.geteuid() != 0:  # nothing is forbidden to root
+        (tmp_path / "locked").mkdir(mode=0o500)
+        with pytest.raises(TcbenchError, match="Cannot write to the run folder"):
+            Store.open(tmp_path / "locked")
+
+
+def test_reading_where_there_is_no_run_says_so(tmp_path):
+    with pytest.raises(TcbenchError, match="There is no run in"):
+        Store.read(tmp_path / "nothing")
+
+
+# -- disk full
+
+
+def test_disk_full_in_the_middle_of_a_line_keeps_the_rows_and_resumes(tmp_path, monkeypatch):
+    cells = numbered(3)
+    store = Store.open(tmp_path)
+    store.append(cells[0].key, {"status": "ok"}, cells[0].as_dict())
+    real = os.write
+
+    def half_then_full(file, data):
+        if len(data) > 20:
+            return real(file, bytes(data[:20]))
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "write", half_then_full)
+        with pytest.raises(TcbenchError, match="No space is left"):
+            store.append(cells[1].key, {"status": "ok"}, cells[1].as_dict())
+    store.append(cells[2].key, {"status": "ok"}, cells[2].as_dict())  # somebody made room
+    store.close()
+    after = Store.read(tmp_path)
+    assert after.finished_keys() == {cells[0].key, cells[2].key} and after.problems == []
+
+
+def test_disk_full_on_a_small_tmpfs(tmp_path):
+    if sys.platform != "linux" or shutil.which("mount") is None:
+        pytest.skip("no tmpfs on this system")
+    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", str(tmp_path)], capture_output=True)
+    if mounted.returncode != 0:
+        pytest.skip("mounting a tmpfs is not allowed here")
+    try:
+        written, store = [], Store.open(tmp_path)
+        with pytest.raises(TcbenchError, match="No space is left"):
+            for cell in numbered(1000):
+                store.append(cell.key, {"status": "ok", "list": [0.1] * 100}, cell.as_dict())
+                written.append(cell.key)
+        with pytest.raises(TcbenchError, match="No space is left"):
+            store.write_tables({"t": pandas.DataFrame({"x": ["a" * 100_000]})})
+        store.close()
+        assert len(written) > 10
+        assert set(Store.read(tmp_path).rows()) == set(written)
+        subprocess.run(["mount", "-o", "remount,size=1m", str(tmp_path)], check=True)
+        with Store.open(tmp_path) as store:
+            store.append("one more", {"status": "ok"})
+        assert set(Store.read(tmp_path).rows()) == {*written, "one more"}
+    finally:
+        subprocess.run(["umount", str(tmp_path)], check=False)
+
+
+# -- tables, manifest
+
+
+def test_tables_keep_every_digit_and_leave_no_temporary_files(tmp_path):
+    frame = pandas.DataFrame({"x": [0.1, 1 / 3, 5e-324, math.nan, math.inf], "n": [1, 2, 3, 4, 5]})
+    frame["mixed"] = [1, "two", None, 4.5, True]
+    frame["nested"] = [[1.5, 2], {"a": 1}, None, "text", []]
+    with Store.open(tmp_path) as store:
+        store.write_tables({"conservation": frame})
+        store.write_manifest(manifest("id", utc_now(), utc_now(), {"cells": 5}))
+        with pytest.raises(TcbenchError, match="cannot be called"):
+            store.write_tables({"../up": frame})
+    with open(tmp_path / "tables" / "conservation.csv", newline="") as file:
+        text = list(csv.DictReader(file))
+    store = Store.read(tmp_path)
+    assert same([float(line["x"] or "nan") for line in text], frame["x"].tolist())
+    assert same(store.read_table("conservation")["x"].tolist(), frame["x"].tolist())
+    assert text[0]["nested"] == "[1.5, 2]"
+    assert store.manifest()["cells"] == 5 and store.manifest()["provenance_id"] == "id"
+    assert store.tables() == ["conservation"]
+    assert sorted(path.name for path in (tmp_path / "tables").iterdir()) == [
+        "conservation.csv",
+        "conservation.parquet",
+    ]
+
+
+def test_a_manifest_does_not_show_the_home_directory():
+    assert without_home(os.path.join(os.path.expanduser("~"), "runs")) == os.path.join("~", "runs")
+
+
+def test_resuming_10_000_finished_cells_takes_less_than_a_second(tmp_path):
+    cells = numbered(10_000)
+    row = {
+        "status": "ok",
+        "energy_error_max": 1.2345678901234567e-9,
+        "cell_time_s": 0.1,
+        "failure": "",
+        "list": [0.1] * 5,
+    }
+    with open(tmp_path / ROWS, "wb") as file:
+        file.writelines(encode_line(cell.key, row, cell.as_dict(), "") for cell in cells)
+    again = numbered(10_000)
+    began = time.perf_counter()
+    with Store.open(tmp_path) as store:
+        assert plan(again, store).to_run == []
+    assert time.perf_counter() - began < 1.0

@@ -1,0 +1,128 @@
+"""Thermodynamically consistent runs end in the exact relative equilibrium, where one is within reach."""
+
+import numpy as np
+import pytest
+
+import tcbench
+from tcbench import plugins
+from tcbench.studies import equilibrium
+from tcbench.studies.equilibrium import STUDY, exact_equilibrium, log_spaced, measure, plan, tabulate
+
+TC = ("tc_monolithic", "tc_strang", "tc_staggered")
+
+
+def run(integrator, scenario, **changes):
+    scenario = plugins.find_scenario(scenario)
+    dt = changes.pop("dt", scenario.dt)
+    scenario = scenario.replace(**changes) if changes else scenario
+    return measure(plugins.find_integrator(integrator), scenario, {"dt": dt})
+
+
+def column(row, name):
+    return np.array([line[name] for line in row["rows"]])
+
+
+def test_exact_equilibrium_of_the_scenario_has_the_published_values():
+    """PHYSICS section 5, to half a unit of the last printed digit, from the scenario's own E and J."""
+    exact = exact_equilibrium(tcbench.scenarios()["bound_equilibrium"])
+    assert exact.entropy == pytest.approx(0.5528169814, abs=1e-10)
+    assert exact.temperature == pytest.approx(311.936511, abs=5e-7)
+    assert exact.rate == pytest.approx(0.278229725, abs=1e-9)
+    assert exact.strains == pytest.approx([0.6481755, 0.1650492], abs=1e-7)
+
+
+@pytest.mark.parametrize("integrator", TC)
+def test_entropy_rises_to_that_of_the_equilibrium_and_never_beyond(integrator):
+    """The demand: below 1e-4 at t = 1500 and falling. Exact E and J make the equilibrium an upper bound of S; 1e-11 is
+    round-off of 5000 steps."""
+    row = run(integrator, "bound_equilibrium")
+    gap = column(row, "entropy_gap")
+    assert 0 < gap[-1] < 1e-4 and np.all(np.diff(gap) <= 1e-11) and gap.min() > -1e-11
+    summary = row["summary"]
+    assert summary["equilibrium"] == "approached" and summary["entropy_gap_falls"]
+    assert summary["strain_gap"] < 0.01 and summary["temperature_gap"] < 0.1 and summary["rotation_gap"] < 0.01
+
+
+def test_smaller_steps_end_at_the_certified_state():
+    """With h = 0.02 the gap at t = 1500 is that of the certified solution, 2.8e-5, within a fifth: phase errors of
+    the slow oscillation about equilibrium are all that is left."""
+    from tcbench.reference.lookup import reference_for
+    from tcbench.studies.relative_equilibrium import gaps
+
+    scenario = tcbench.scenarios()["bound_equilibrium"]
+    exact = exact_equilibrium(scenario)
+    certified = gaps(reference_for(scenario, [1500.0]).states, exact, scenario.constants)["entropy_gap"][0]
+    found = run("tc_strang", "bound_equilibrium", dt=0.02)["summary"]["entropy_gap"]
+    assert found == pytest.approx(certified, rel=0.2)
+
+
+@pytest.mark.parametrize("integrator", ("midpoint_entropy", "midpoint_temperature"))
+def test_a_method_that_loses_energy_passes_the_equilibrium_and_is_told(integrator):
+    summary = run(integrator, "bound_equilibrium")["summary"]
+    assert summary["equilibrium"] == "passed" and "energy moved" in summary["note"]
+    assert summary["entropy_gap"] < -1e-5
+
+
+def test_printed_data_show_growth_instead_of_a_gap():
+    """PHYSICS section 7: strains 8.54 and 9.33 at t = 1500, growing like ln t (0.9 per unit over the last decade)."""
+    row = run("tc_monolithic", "relative_equilibrium")
+    summary = row["summary"]
+    assert summary["equilibrium"] == "distant" and "No equilibrium is reached" in summary["note"]
+    assert np.all(np.isnan(column(row, "entropy_gap"))) and np.isnan(summary["strain_gap"])
+    assert (row["rows"][-1]["strain_a"], row["rows"][-1]["strain_b"]) == pytest.approx((8.54, 9.33), abs=0.01)
+    assert summary["growth_a"] == pytest.approx(0.9, abs=0.1) and summary["growth_b"] == pytest.approx(0.9, abs=0.1)
+    late = column(row, "t") > 100
+    t, strain = column(row, "t")[late], column(row, "strain_a")[late]
+    straight = np.polyfit(np.log(t), strain, 1)
+    assert np.abs(np.polyval(straight, np.log(t)) - strain).max() < 0.1  # a line in ln t, of the 2.4 that it rises
+
+
+def test_a_wrong_equilibrium_is_not_approached(monkeypatch):
+    """Broken on purpose: stiffnesses off by 5 % lower its entropy by 3e-4, and the run passes it."""
+    original = equilibrium.exact_equilibrium
+
+    def wrong(scenario):
+        return original(scenario.replace(stiffness=(10.5, 21.0)))
+
+    monkeypatch.setattr(equilibrium, "exact_equilibrium", wrong)
+    assert run("tc_monolithic", "bound_equilibrium")["summary"]["equilibrium"] == "passed"
+
+
+def test_failed_and_short_runs_are_rows():
+    summary = run("midpoint_entropy", "stiff_spring")["summary"]
+    assert summary["equilibrium"] == "run failed" and "exceeded" in summary["note"]
+    short = run("tc_monolithic", "bound_equilibrium", t_end=0.3)
+    assert len(short["rows"]) == 1 and short["summary"]["equilibrium"] == "not reached"
+
+
+def test_recorded_times_are_log_spaced_and_few():
+    rows = log_spaced(np.arange(5001) * 0.3)
+    assert rows[0] == 1 and rows[-1] == 5000 and len(rows) <= equilibrium.TIMES
+    assert np.all(np.diff(np.log(rows))[20:] < 0.2)
+    assert log_spaced(np.array([0.0])) == [0] and log_spaced(np.array([0.0, 1.0])) == [1]
+
+
+def test_plan_takes_long_scenarios_by_default_and_any_on_request():
+    methods = [plugins.find_integrator("tc_monolithic")]
+    everything = list(tcbench.scenarios().values())
+    names = {scenario.name for _, scenario, _ in plan(methods, everything, {})}
+    assert names == {"relative_equilibrium", "bound_equilibrium"}
+    asked = plan(methods, [tcbench.scenarios()["short_term"]], {"dt": [0.1, 0.2, 100.0]})
+    assert [(scenario.name, options["dt"]) for _, scenario, options in asked] == [
+        ("short_term", 0.1),
+        ("short_term", 0.2),
+    ]
+
+
+def test_tables_are_tidy_and_a_failed_cell_keeps_a_row():
+    good = {"integrator": "tc_strang", "scenario": "bound_equilibrium", "dt": 0.3} | run(
+        "tc_strang", "bound_equilibrium", t_end=30.0
+    )
+    bad = {"integrator": "worse", "scenario": "bound_equilibrium", "status": "crash", "failure": "signal 11"}
+    tables = tabulate([bad, good])
+    assert set(tables) == set(STUDY.tables)
+    rows, summary = tables["equilibrium"], tables["equilibrium_summary"]
+    assert tuple(rows.columns) == equilibrium.COLUMNS and set(rows.integrator) == {"tc_strang"}
+    assert tuple(summary.columns[: len(equilibrium.SUMMARY_COLUMNS)]) == equilibrium.SUMMARY_COLUMNS
+    assert list(summary.note[summary.integrator == "worse"]) == ["signal 11"]
+    assert rows.t.is_monotonic_increasing and len(rows) <= equilibrium.TIMES
