@@ -49,15 +49,27 @@ __all__ = [
     "Flow", "Integrator", "Metric", "Pendulum", "Results", "Scenario", "ScenarioFamily", "System", "TcbenchError",
     "Trajectory", "family", "hookimpl", "integrators", "run", "scenarios", "simulate",
 ]  # fmt: skip
-__version__ = "0.1.0"
 
 
 def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        globals()[name] = _version()
+        return globals()[name]
     if name not in _HOME:
         raise AttributeError(f"module 'tcbench' has no attribute {name!r}")
     value = getattr(importlib.import_module(f".{_HOME[name]}", __name__), name)
     globals()[name] = value
     return value
+
+
+def _version() -> str:
+    """The version that was installed: it comes from the tags of the repository (setuptools-scm)."""
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("tcbench")
+    except PackageNotFoundError:  # the folder itself is on the path
+        return "0+not.installed"
 
 
 def __dir__() -> list[str]:
