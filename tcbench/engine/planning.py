@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -33,6 +33,9 @@ class Job:
     studies: list[Study]
     objects: dict[str, Integrator]  # integrators that workers cannot look up by name: measured in this process
     left_out: Sequence[str] = ()  # why methods that were asked for by name are in none of a study's cells
+    methods: Sequence[Integrator] = ()
+    scenarios: Sequence[Scenario] = ()
+    absent: Mapping[str, str] = field(default_factory=dict)  # peers whose package is not installed, with what they are
 
 
 def plan_job(
@@ -68,7 +71,9 @@ def plan_job(
         )
     custom = {s.name: scenario_data(s) for s in selected if not _can_be_named(s)}
     context = {"folders": [str(p) for p in plugins.plugin_folders()], "scenarios": custom}
-    return Job(list({c.key: c for c in cells}.values()), context, chosen, objects, left_out)
+    absent = {name: method.source for name, method in registry.integrators.items() if ABSENT in method.tags}
+    unique = list({c.key: c for c in cells}.values())
+    return Job(unique, context, chosen, objects, left_out, methods, selected, absent)
 
 
 def _left_out(

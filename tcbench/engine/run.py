@@ -13,6 +13,7 @@ from ..store.provenance import manifest, provenance, utc_now
 from ..store.store import Store
 from ..store.tables import make_tables
 from ..systems.scenario import Scenario
+from .declared import declared, merged
 from .measure import MEASURE, measure_here
 from .planning import Job, plan_job
 
@@ -84,6 +85,7 @@ def execute(
         measure_here(local, job, store)
         tables = make_tables(job.studies, store, {cell.key for cell in job.cells})
         store.write_tables(tables)
+        store.write_declared(merged(store.declared(), declared(job)))
         data = {"cells": len(job.cells), "interrupted": summary.interrupted, "tables": sorted(tables)}
         store.write_manifest(manifest(store.provenance_id, started, utc_now(), data))
         return Results(tables, Path(output), summary, job.left_out, tuple(store.problems))

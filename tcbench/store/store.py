@@ -5,6 +5,7 @@ Layout of a run folder::
     cells.jsonl          one line a finished cell, appended and fsynced; the only source of truth
     tables/NAME.csv      the tidy tables (also NAME.parquet), written to a temporary name and renamed
     provenance/ID.json   what measured the rows: commit, versions, machine; each line names its ID
+    declared.json        methods and scenarios: claims, orders, formulas, constants
     manifest.json        the latest run: provenance, start, end, counts
     .lock                held (flock) by the one writer; the system drops it when the writer dies
 
@@ -254,6 +255,17 @@ class Store(Rows):
     def manifest(self) -> dict[str, Any]:
         """The manifest; empty when none has been written yet or it cannot be read (see `problems`)."""
         path = self.folder / "manifest.json"
+        return (self._read_json(path) or {}) if path.exists() else {}
+
+    def write_declared(self, data: Mapping[str, Any]) -> Path:
+        """Write `declared.json`, complete or not at all: what methods and scenarios say of themselves."""
+        path = self.folder / "declared.json"
+        self._replace(path, pretty(data))
+        return path
+
+    def declared(self) -> dict[str, Any]:
+        """What `write_declared` wrote; empty in folders of versions that did not."""
+        path = self.folder / "declared.json"
         return (self._read_json(path) or {}) if path.exists() else {}
 
     # -- internals

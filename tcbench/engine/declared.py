@@ -1,0 +1,121 @@
+"""What methods and scenarios say of themselves, as data in the run folder: a report needs no plugins to tell it."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+from collections.abc import Mapping
+from itertools import combinations
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .. import plugins
+from ..errors import TcbenchError
+
+if TYPE_CHECKING:
+    from ..integrator import Integrator
+    from ..systems.scenario import Scenario
+    from .planning import Job
+
+FAMILIES = ("Romero (2009)", "consistent, beyond the paper", "other structure", "peers")
+PAPER = FAMILIES[0]
+LONGEST = 4000  # characters of a formula or description that are kept
+LAWS = {"energy", "entropy"}
+
+
+def declared(job: Job) -> dict[str, dict[str, Any]]:
+    """The methods and scenarios of a job by name, and the peers that are not installed with what each is."""
+    return {
+        "integrators": {method.name: method_facts(method) for method in job.methods},
+        "scenarios": {scenario.name: scenario_facts(scenario) for scenario in job.scenarios},
+        "absent": dict(job.absent),
+    }
+
+
+def method_facts(method: Integrator) -> dict[str, Any]:
+    """What a method declares, with its formulas as its author wrote them."""
+    functions = _formulas(method)
+    text = "\n\n".join(filter(None, dict.fromkeys(_source(f) for f in functions)))
+    return {
+        "family": family(method), "kind": method.kind, "order": method.order, "claims": sorted(method.claims),
+        "source": method.source, "tags": sorted(method.tags), "plugin": method.plugin,
+        "description": (method.description or _docstring(method))[:LONGEST], "formula": text[:LONGEST],
+    }  # fmt: skip
+
+
+def family(method: Integrator) -> str:
+    """The paper's own methods, others that keep its laws, those with other structure, and solvers to compare with.
+
+    A discrete gradient in the paper's frame is of the second family even where its energy is exact up to quadrature.
+    """
+    if "peer" in method.tags:
+        return FAMILIES[3]
+    if method.source.startswith(PAPER) and not method.only_for:
+        return PAPER
+    return FAMILIES[1] if method.claims >= LAWS or "gradient" in method.tags else FAMILIES[2]
+
+
+def _formulas(method: Integrator) -> list[Any]:
+    """The functions that say what the method is: its residuals, its step, or its solver."""
+    return [flow.residual for flow in method.flows] if method.flows is not None else [method.step or method.adaptive]
+
+
+def _source(function: Any) -> str:
+    try:
+        return inspect.cleandoc("\n" + inspect.getsource(inspect.unwrap(function)))
+    except (OSError, TypeError, ValueError):
+        return ""  # written at a prompt, or not in Python
+
+
+def _docstring(method: Integrator) -> str:
+    """Of the plugin's file, which says what its methods are; of the formula for a method that no plugin brought."""
+    origin = plugins.registry().origins.get(method.plugin)
+    if origin is not None and origin.path:
+        try:
+            return ast.get_docstring(ast.parse(Path(origin.path).read_text("utf-8"))) or ""
+        except (OSError, ValueError, SyntaxError):
+            return ""
+    function = _formulas(method)[0]
+    return (inspect.getdoc(function) if inspect.isfunction(function) else None) or ""
+
+
+def scenario_facts(scenario: Scenario) -> dict[str, Any]:
+    """The data of a scenario, its invariants, and which masses its elements join in the plane (if they do)."""
+    z0, model = scenario.z0, scenario.model
+    return scenario.as_dict() | {
+        "dt": scenario.dt, "t_converge": scenario.t_converge, "ladder": list(scenario.ladder), "shows": scenario.shows,
+        "source": scenario.source, "plugin": scenario.plugin, "initial_exergy": float(scenario.initial_exergy),
+        "initial_energy": float(model.energy(z0)), "invariants": list(model.invariant_names),
+        "links": links(scenario),
+    }  # fmt: skip
+
+
+def links(scenario: Scenario) -> list[list[int]]:
+    """For springs in the plane: the two points that each element joins; point 0 is the origin, k the k-th mass.
+
+    Found by trying: the strain measure of a spring is the squared distance of two points. [] if any is not.
+    """
+    model = scenario.model
+    if model.n_positions % 2 or model.n_positions > 200:
+        return []
+    trials = np.random.default_rng(0).normal(size=(3, model.n_positions))
+    points = np.concatenate([np.zeros((3, 1, 2)), trials.reshape(3, -1, 2)], axis=1)
+    try:
+        measures = np.array([model.shape(q) for q in trials], dtype=float)
+    except (TcbenchError, ArithmeticError, TypeError, ValueError):
+        return []
+    pairs = list(combinations(range(points.shape[1]), 2))
+    squares = np.array([((points[:, a] - points[:, b]) ** 2).sum(axis=1) for a, b in pairs])
+    found = [np.flatnonzero(np.all(np.isclose(squares, measure), axis=1)) for measure in measures.T]
+    return [list(pairs[match[0]]) for match in found] if all(len(match) for match in found) else []
+
+
+def merged(earlier: Mapping[str, Any], later: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """What a folder says after another run into it: names of both, the later word on each."""
+    return {key: _both(earlier.get(key), later.get(key)) for key in ("integrators", "scenarios", "absent")}
+
+
+def _both(*mappings: Any) -> dict[str, Any]:
+    return {name: facts for mapping in mappings if isinstance(mapping, Mapping) for name, facts in mapping.items()}
