@@ -13,8 +13,6 @@ from tcbench.compiler.complex_symbols import Complex, real
 
 from .tc_staggered import reversible
 
-CLOSED_FORM = "closed-form conduction"  # tag: the system must define conduction_flow
-
 
 def conduct(z0, z1, h, system):
     """Positions and momenta frozen, exactly."""
@@ -57,7 +55,8 @@ VERLET_HEAT4 = Integrator(
     order=4,
     source="verlet_heat at the complex steps of Hansen & Ostermann (2009), real part",
     flows=verlet_heat4,
-    tags={CLOSED_FORM, "explicit"},
+    needs=["conduction_flow"],
+    tags={"explicit"},
 )
 
 
@@ -70,7 +69,7 @@ def tcbench_integrators():
             claims={"energy", "entropy", "angular_momentum"},
             source="remark 3.2 with the exact flow of (22)",
             flows=[(conduct, 1 / 2), (reversible, 1), (conduct, 1 / 2)],
-            tags={CLOSED_FORM},
+            needs=["conduction_flow"],
         ),
         Integrator(
             name="verlet_heat",
@@ -78,7 +77,8 @@ def tcbench_integrators():
             claims={"entropy", "angular_momentum"},
             source="Stoermer-Verlet with the exact flow of (22)",
             flows=verlet_heat,
-            tags={CLOSED_FORM, "explicit"},
+            needs=["conduction_flow"],
+            tags={"explicit"},
         ),
         VERLET_HEAT4,
     ]

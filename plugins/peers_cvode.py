@@ -2,15 +2,11 @@
 
 import numpy as np
 
-from tcbench import Integrator, TcbenchError, hookimpl
-from tcbench.systems.right_hand_side import Field, installed
-
-PRESENT = installed("sksundae")
+from tcbench import Integrator, hookimpl
+from tcbench.systems.right_hand_side import Field
 
 
 def cvode(system, z0, t_eval, rtol, atol):
-    if not PRESENT:
-        raise TcbenchError("CVODE needs scikit-sundae: pip install 'tcbench[peers]'.")
     from sksundae.cvode import CVODE
 
     field = Field(system)
@@ -33,5 +29,5 @@ def cvode(system, z0, t_eval, rtol, atol):
 
 @hookimpl
 def tcbench_integrators():
-    source = "SUNDIALS CVODE, BDF" + ("" if PRESENT else " (absent: pip install 'tcbench[peers]')")
-    return [Integrator(name="cvode", adaptive=cvode, source=source, tags={"peer"} | (set() if PRESENT else {"absent"}))]
+    source = "SUNDIALS CVODE, BDF"
+    return [Integrator(name="cvode", adaptive=cvode, source=source, requires=["scikit-sundae"], tags={"peer"})]

@@ -2,10 +2,9 @@
 
 import numpy as np
 
-from tcbench import Integrator, TcbenchError, hookimpl
-from tcbench.systems.right_hand_side import expressions, installed
+from tcbench import Integrator, hookimpl
+from tcbench.systems.right_hand_side import expressions
 
-PRESENT = installed("heyoka")
 _COMPILED = {}  # heyoka takes a second for each kind of system and tolerance
 
 
@@ -25,8 +24,6 @@ def compiled(system, tolerance):
 
 
 def heyoka(system, z0, t_eval, rtol, atol):
-    if not PRESENT:
-        raise TcbenchError("The Taylor method needs heyoka: pip install 'tcbench[peers]' (Linux).")
     key = (system.structure, float(rtol))
     if key not in _COMPILED:
         _COMPILED[key] = compiled(system, float(rtol))
@@ -46,6 +43,5 @@ def heyoka(system, z0, t_eval, rtol, atol):
 
 @hookimpl
 def tcbench_integrators():
-    source = "heyoka, adaptive Taylor series" + ("" if PRESENT else " (absent: pip install 'tcbench[peers]')")
-    tags = {"peer"} | (set() if PRESENT else {"absent"})
-    return [Integrator(name="heyoka", adaptive=heyoka, source=source, tags=tags)]
+    source = "heyoka, adaptive Taylor series"
+    return [Integrator(name="heyoka", adaptive=heyoka, source=source, requires=["heyoka"], tags={"peer"})]

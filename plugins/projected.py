@@ -93,7 +93,7 @@ def one_step_methods(known):
     others = (
         n
         for n, i in known.items()
-        if i.kind != "adaptive" and "energy" not in i.claims and not i.only_for and i.family is not project
+        if i.kind != "adaptive" and "energy" not in i.claims and not i.systems and i.family is not project
     )
     return [VERLET_HEAT4.name, *(name for name in others if name != VERLET_HEAT4.name)]
 

@@ -58,6 +58,7 @@ def list_command(as_json: bool) -> None:
         "integrators": [
             {
                 "name": i.name, "order": i.order, "kind": i.kind, "claims": sorted(i.claims), "source": i.source,
+                "systems": sorted(i.systems), "needs": list(i.needs), "lacks": i.lacks,
                 "parameters": {k: list(v) for k, v in i.parameters.items()}, "plugin": i.plugin,
             }
             for i in registry.integrators.values()

@@ -7,11 +7,15 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
-from typing import Any
+from importlib.metadata import PackageNotFoundError, version
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any
 
 from .errors import TcbenchError, unknown_name
 
-ONLY_FOR = "only for "
+if TYPE_CHECKING:
+    from .systems.system import System
+
 _NAME = re.compile(r"[a-z][a-z0-9_]*\Z")
 
 
@@ -50,7 +54,13 @@ class Integrator:
         succeed, from a compiled loop of your own. Optional, beside step=.
     adaptive : z = adaptive(system, z0, t_eval, rtol, atol), shape (len(t_eval), n), swept over tolerance.
     variables : "entropy" for z = (q, p, s), "temperature" for (q, p, theta); of the formulas only.
+    systems : names of the systems that the method is written for; empty: for all.
+    needs : optional functions of `System` that the formulas ask for, such as "conduction_flow"; on systems that do not
+        define them the method is left out.
+    requires : packages beside tcbench's own that the method imports, as they are installed ("scikit-sundae"). Where one
+        is absent the method is listed, and run only when it is named.
     source : paper and equation.
+    tags : free words, for whoever filters by them.
     uses : plugins whose sources the method depends on beside its own (a wrapper's: those of what it wraps).
     parameters, family : a family of methods; see `family`.
     """
@@ -65,6 +75,9 @@ class Integrator:
     adaptive: Callable[..., Any] | None = None
     increments: bool = False
     variables: str = "entropy"
+    systems: frozenset[str] = frozenset()
+    needs: tuple[str, ...] = ()
+    requires: tuple[str, ...] = ()
     tags: frozenset[str] = frozenset()
     description: str = ""
     uses: tuple[str, ...] = ()
@@ -74,12 +87,19 @@ class Integrator:
     base: str = ""  # of a variant: the registered name
 
     def __post_init__(self) -> None:
-        if isinstance(self.claims, str) or isinstance(self.tags, str):
-            raise TcbenchError(f"Integrator {self.name!r}: claims and tags are sets of words, such as {{'energy'}}.")
+        for words in ("claims", "tags", "systems", "needs", "requires"):
+            if isinstance(getattr(self, words), str):
+                raise TcbenchError(f"Integrator {self.name!r}: {words} are several words, such as {{'energy'}}.")
+        for tag in self.tags:
+            if tag.startswith("only for "):
+                kind = tag.removeprefix("only for ")
+                raise TcbenchError(f"Integrator {self.name!r}: write systems={{{kind!r}}}, not the tag {tag!r}.")
         if self.order is not None and not (isinstance(self.order, int | float) and self.order > 0):
             raise TcbenchError(f"Integrator {self.name!r}: order must be a positive number, not {self.order!r}.")
-        object.__setattr__(self, "claims", frozenset(self.claims))
-        object.__setattr__(self, "tags", frozenset(self.tags))
+        for name in ("claims", "tags", "systems"):
+            object.__setattr__(self, name, frozenset(getattr(self, name)))
+        for name in ("needs", "requires"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
         base = self.name.partition("[")[0]
         if not _NAME.match(base):
             raise TcbenchError(f"Integrator name {self.name!r} must be lower-case letters, digits and underscores.")
@@ -103,10 +123,27 @@ class Integrator:
         """ "flows", "step" or "adaptive"."""
         return "flows" if self.flows is not None else "step" if self.step is not None else "adaptive"
 
+    def suits(self, system: System) -> str:
+        """ "" if the method is for this system, otherwise why not, to go on after "NAME: ...", without a full stop."""
+        if self.systems and system.name not in self.systems:
+            return f"it is written for {', '.join(sorted(self.systems))} only, not for {system.name}"
+        if system.by_arrays and not self.systems:
+            return (
+                f"the system {system.name} is too large for formulas that are traced and compiled, and needs a method "
+                f"that is written for it (systems={{{system.name!r}}})"
+            )
+        missing = [name for name in self.needs if not system.defines(name)]
+        return f"it needs {', '.join(missing)}, which the system {system.name} does not define" if missing else ""
+
+    def versions(self) -> dict[str, str | None]:
+        """Versions of the packages that the method requires; None for an absent one."""
+        return {name: installed_version(name) for name in self.requires}
+
     @property
-    def only_for(self) -> frozenset[str]:
-        """Systems that the method is written for, from tags "only for NAME"; none of them: for all."""
-        return frozenset(tag.removeprefix(ONLY_FOR) for tag in self.tags if tag.startswith(ONLY_FOR))
+    def lacks(self) -> str:
+        """ "" if all that the method requires is installed, otherwise what is not and how to get it, as in `suits`."""
+        absent = " ".join(name for name, found in self.versions().items() if found is None)
+        return f"it needs packages that are not installed: pip install {absent}" if absent else ""
 
     def variant(self, **values: str) -> Integrator:
         """The member of the family with these parameters; the first allowed value is the default."""
@@ -127,6 +164,18 @@ class Integrator:
         """Every member of the family, the default first."""
         names, values = list(self.parameters), list(self.parameters.values())
         return [self.variant(**dict(zip(names, choice, strict=True))) for choice in itertools.product(*values)]
+
+
+@cache
+def installed_version(package: str) -> str | None:
+    """Version of a package, by its name as it is installed or imported; nothing is imported. None: it is absent.
+
+    "" for what can be imported and has no version, such as a folder on the path.
+    """
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "" if package.isidentifier() and find_spec(package) else None
 
 
 @cache

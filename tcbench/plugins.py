@@ -161,11 +161,12 @@ def _member(family: str, values: tuple[tuple[str, str], ...]) -> Scenario:
 
 
 def scenarios_for(method: Integrator) -> list[Scenario]:
-    """Registered scenarios of the systems that a method is written for; of families, the member of the defaults."""
-    if not method.only_for:
-        return list(registry().scenarios.values())
-    known = [*registry().scenarios.values(), *(find_scenario(name) for name in registry().scenario_families)]
-    return [scenario for scenario in known if scenario.system.name in method.only_for]
+    """Registered scenarios that a method suits; of families, the members of the defaults, if none of the others."""
+    families = (find_scenario(name) for name in registry().scenario_families)
+    for known in (registry().scenarios.values(), families):
+        if suited := [scenario for scenario in known if not method.suits(scenario.model)]:
+            return suited
+    raise TcbenchError(f"No registered scenario suits {method.name!r}; bring one with tcbench_scenarios, in its file.")
 
 
 def _remedy() -> str:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 from rich.table import Table
 
-from .studies.columns import BOOKKEEPING
+from .studies.columns import column, shown
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -62,7 +62,11 @@ def number(value: Any) -> str:
     return str(value)
 
 
-FIRST_TO_GO = ("us/step", "Newton", "points", "low", "high", "|dJ|/J")  # columns that a narrow terminal does without
+FIRST_TO_GO = tuple(  # headings of columns that a narrow terminal does without
+    column(c).short
+    for c in ("us_per_step", "newton_iterations_mean", "points_used", "order_low", "order_high",
+              "angular_momentum_error_max")
+)  # fmt: skip
 GAP = 2  # blanks between columns
 
 
@@ -98,36 +102,24 @@ def print_frame(frame: DataFrame, title: str, columns: Sequence[str] | None = No
     console().print(make_table(title, names, rows))
 
 
-SHOWN = {  # columns of a table that fit a terminal, with their headings
-    "conservation": {
-        "integrator": "integrator", "dt": "dt", "tolerance": "tol", "status": "status", "energy_error_max": "|dE|/V0",
-        "entropy_increment_min": "min dS", "angular_momentum_error_max": "|dJ|/J", "newton_iterations_mean": "Newton",
-        "us_per_step": "us/step", "blowup_time": "fails at",
-    },
-    "convergence": {
-        "integrator": "integrator", "variable": "variable", "order": "order", "order_low": "low", "order_high": "high",
-        "points_used": "points", "verdict": "verdict",
-    },
-    "equilibrium_summary": {
-        "integrator": "integrator", "equilibrium": "equilibrium", "entropy_gap": "entropy gap", "growth_a": "growth a",
-        "growth_b": "growth b",
-    },
-    "stability": {
-        "integrator": "integrator", "limit": "limit", "dt_stable": "stable", "dt_unstable": "unstable",
-        "dt_fold": "fold", "limit_plain": "plain limit", "dt_stable_plain": "stable", "dt_unstable_plain": "unstable",
-    },
-    "work_precision": {
-        "integrator": "integrator", "control": "control", "value": "value", "status": "status", "error": "error",
-        "energy_error_max": "|dE|/V0", "wall_time_min_s": "seconds", "steps": "steps",
-    },
-    "time_to_accuracy": {
-        "integrator": "integrator", "measure": "measure", "target": "target", "time_s": "seconds",
-        "ratio_to_best_peer": "best peer/this", "ratio_to_best_scipy": "best SciPy/this",
-    },
-    "cost": {
-        "integrator": "integrator", "exponent_steps": "time ~ steps^", "exponent_horizon": "time ~ horizon^",
-        "us_per_step": "us/step",
-    },
+SHOWN = {  # columns of a table that fit a terminal
+    "conservation": (
+        "integrator", "dt", "tolerance", "status", "energy_error_max", "entropy_increment_min",
+        "angular_momentum_error_max", "newton_iterations_mean", "us_per_step", "blowup_time",
+    ),
+    "convergence": ("integrator", "variable", "order", "order_low", "order_high", "points_used", "verdict"),
+    "equilibrium_summary": ("integrator", "equilibrium", "entropy_gap", "growth_a", "growth_b"),
+    "stability": (
+        "integrator", "limit", "dt_stable", "dt_unstable", "dt_fold", "limit_plain", "dt_stable_plain",
+        "dt_unstable_plain",
+    ),
+    "work_precision": (
+        "integrator", "control", "value", "status", "error", "energy_error_max", "wall_time_min_s", "steps",
+    ),
+    "time_to_accuracy": (
+        "integrator", "measure", "target", "time_s", "ratio_to_best_peer", "ratio_to_best_scipy",
+    ),
+    "cost": ("integrator", "exponent_steps", "exponent_horizon", "us_per_step"),
 }  # fmt: skip
 
 
@@ -147,21 +139,20 @@ def print_tables(tables: Mapping[str, DataFrame]) -> None:
 
 def print_table(name: str, table: DataFrame) -> None:
     """One table, one block a scenario where there are several."""
-    shown = SHOWN.get(name)
+    columns = SHOWN.get(name)
     if name == "claims":
         print_frame(table, "\nclaims", ("claim", "measured", "verdict"))
-    elif shown is None or "scenario" not in table:
-        columns = [c for c in table.columns if c not in BOOKKEEPING and table[c].notna().any()]
-        print_frame(table, f"\n{name}", columns)
+    elif columns is None or "scenario" not in table:
+        print_frame(table, f"\n{name}", [c for c in shown(table.columns) if table[c].notna().any()])
     else:
         for scenario, part in table.groupby("scenario", sort=False):
-            _print_block(f"\n{name}: {scenario}", shown, part)
+            _print_block(f"\n{name}: {scenario}", columns, part)
 
 
-def _print_block(title: str, shown: Mapping[str, str], part: DataFrame) -> None:
-    columns = [c for c in shown if c in part and (c not in STEPS or part[c].notna().any())]
+def _print_block(title: str, columns: Sequence[str], part: DataFrame) -> None:
+    columns = [c for c in columns if c in part and (c not in STEPS or part[c].notna().any())]
     rows = [[number(v) for v in row] for row in part[columns].itertuples(index=False)]
-    console().print(make_table(title, [shown[c] for c in columns], rows))
+    console().print(make_table(title, [column(c).short for c in columns], rows))
 
 
 def print_contents(tables: Mapping[str, DataFrame], folder: Any) -> None:
@@ -176,7 +167,7 @@ def print_row(row: Mapping[str, Any]) -> None:
 
 def print_listing(data: Mapping[str, Any]) -> None:
     rows = [
-        [i["name"], number(i["order"]), " ".join(i["claims"]), i["source"],
+        [i["name"], number(i["order"]), " ".join(i["claims"]), "; ".join(filter(None, (i["source"], i["lacks"]))),
          "; ".join(f"{k}: {', '.join(v)}" for k, v in i["parameters"].items())]
         for i in data["integrators"]
     ]  # fmt: skip

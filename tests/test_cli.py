@@ -132,7 +132,10 @@ BAD = [
     (("simulate", "scipy_odeint", "short_term", "--dt", "0.1"), "give --tolerance instead of --dt"),
     (("run", "-i", "scipy_odeint", "--study", "convergence"), "has no step size to vary"),
     (("run", "-i", "tc_banded", "-s", "short_term"), "it is written for chain only"),
-    (("run", "-i", "verlet_heat", "-s", "chain[n=4]"), "closed form of its conduction"),
+    (
+        ("run", "-i", "verlet_heat", "-s", "chain[n=4]"),
+        "conduction_flow, which the system chain does not",
+    ),
     (("run", "-i", "tc_gauss", "--study", "stability"), "a step in Python does not show"),
     (("new", "integrator", "numpy"), "name of an installed module"),
     (("show", "no_such_run"), "There is no run in"),

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pandas as pd
 
+from tcbench.studies.columns import column
 from tcbench.terminal import SHOWN, number
 
 ROOT = Path(__file__).parent.parent
@@ -37,7 +38,7 @@ def test_the_readmes_result_is_the_baselines():
     table = pd.read_csv(ROOT / "results" / "baseline" / "tables" / "conservation.csv")
     rows = table[(table.scenario == "stiff_spring") & (table.dt == 0.3)].set_index("integrator")
     block = README.split("$ tcbench run -s stiff_spring")[1].split("```")[0].splitlines()
-    names = {heading: column for column, heading in SHOWN["conservation"].items()}
+    names = {column(name).short: name for name in SHOWN["conservation"]}
     start = next(i for i, line in enumerate(block) if line.startswith("integrator"))
     headings = re.split(r"  +", block[start].strip())
     shown = [dict(zip(headings, line.split(), strict=True)) for line in block[start + 1 :] if line]

@@ -26,6 +26,6 @@ def tcbench_integrators():
             source="Romero (2009), eq. (A1), on a chain",
             step=step,
             increments=True,
-            tags={"only for chain"},
+            systems={"chain"},
         )
     ]

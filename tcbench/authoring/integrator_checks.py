@@ -11,7 +11,6 @@ import numpy as np
 
 from .. import plugins
 from ..compiler import derivatives as trace
-from ..errors import TcbenchError, TraceError
 from ..simulation.run import simulate
 from ..studies.theorems import SEED, admissible_states
 from .check_line import FAIL, NONE, OK, Line, line
@@ -37,18 +36,7 @@ def scenarios(method: Integrator) -> list[Scenario]:
     chosen: dict[type, Scenario] = {}
     for scenario in sorted(plugins.scenarios_for(method), key=lambda s: (s.name not in PREFERRED, s.name)):
         chosen.setdefault(scenario.system, scenario)
-    return [scenario for scenario in chosen.values() if suits(method, scenario)]
-
-
-def suits(method: Integrator, scenario: Scenario) -> bool:
-    """Some methods ask for what not every system has, and say so; a formula that cannot be traced is no such case."""
-    try:
-        run(method, scenario, scenario.dt * GENTLE, 1)
-    except TraceError:
-        raise
-    except TcbenchError:
-        return False
-    return True
+    return list(chosen.values())
 
 
 def start_at(scenario: Scenario, z: Any, t_end: float) -> Scenario:
@@ -281,10 +269,7 @@ def _claim_remedy(method: Integrator, law: str) -> str:
 
 
 def _claim_runs(method: Integrator) -> Iterator[tuple[Trajectory, str]]:
-    suitable = {scenario.system for scenario in scenarios(method)}
     for scenario in plugins.scenarios_for(method):
-        if scenario.system not in suitable:
-            continue
         steps = min(scenario.steps(scenario.dt), 10 * STEPS if method.kind == "flows" else STEPS)
         yield run(method, scenario, scenario.dt, steps), f"{scenario.name}, {steps} steps of {scenario.dt:g}"
     for scenario in scenarios(method):

@@ -20,9 +20,6 @@ from .measure import scenario_data
 if TYPE_CHECKING:
     from .local import Plan
 
-ABSENT = "absent"  # tag of peers whose package is not installed: listed, and run only when they are named
-CLOSED_FORM = "closed-form conduction"  # tag of integrators that ask for System.conduction_flow
-
 
 @dataclass(frozen=True)
 class Job:
@@ -48,7 +45,7 @@ def plan_job(
 ) -> Job:
     """Look everything up and plan the cells; raises TcbenchError before anything is written."""
     registry = plugins.registry()
-    present = [name for name, method in registry.integrators.items() if ABSENT not in method.tags]
+    present = [name for name, method in registry.integrators.items() if not method.lacks]
     methods = plugins.expand_integrators(present if integrators is None else integrators)
     selected = [plugins.find_scenario(s) for s in (registry.scenarios if scenarios is None else scenarios)]
     chosen = [find_study(name) for name in (NAMES if studies is None else dict.fromkeys(studies))]
@@ -58,7 +55,7 @@ def plan_job(
     cells, objects, seen = [], {}, set()
     for study in chosen:
         for method, scenario, cell_options in study.plan(methods, selected, settings):
-            if not _suits(method, scenario):
+            if method.suits(scenario.model):
                 continue
             seen.add((method.name, study.name))
             if registry.integrators.get(method.base or method.name, None) is None or not _registered(method):
@@ -91,15 +88,11 @@ def _left_out(
 
 def _why_not(method: Integrator, study: Study, scenarios: Sequence[Scenario]) -> str:
     """Why a method that was asked for by name has no cell in a study."""
-    suited = any(_suits(method, scenario) for scenario in scenarios)
-    if ABSENT in method.tags:
-        why = f"its package is not installed ({method.source})"
-    elif not suited and method.only_for:
-        why = f"it is written for {', '.join(sorted(method.only_for))} only"
-    elif not suited and CLOSED_FORM in method.tags:
-        why = "no system of these scenarios has a closed form of its conduction"
-    elif not suited:
-        why = "these scenarios need a method that is written for their system"
+    reasons = [method.suits(scenario.model) for scenario in scenarios]
+    if method.lacks:
+        why = method.lacks
+    elif reasons and all(reasons):
+        why = "; ".join(dict.fromkeys(reasons))
     elif method.kind == "adaptive":
         why = "a method that chooses its steps has no step size to vary"
     elif method.kind == "step":
@@ -115,18 +108,6 @@ def _can_be_named(scenario: Scenario) -> bool:
         return plugins.find_scenario(scenario.name) == scenario
     except TcbenchError:
         return False
-
-
-def _suits(method: Integrator, scenario: Scenario) -> bool:
-    """Methods with an exact conduction step are for systems that have its closed form, others for one system only;
-    elsewhere they refuse."""
-    from ..systems.system import System
-
-    if (
-        method.only_for or scenario.model.by_arrays
-    ):  # what is too large to be traced needs a method that knows the system
-        return scenario.system.name in method.only_for
-    return CLOSED_FORM not in method.tags or scenario.system.conduction_flow is not System.conduction_flow
 
 
 def _checked_steps(dt: Sequence[float] | None, scenarios: Sequence[Scenario]) -> list[float] | None:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from ..studies.columns import column as column_named
 from .chart_kinds import of_scenario
 
 if TYPE_CHECKING:
@@ -14,10 +15,10 @@ if TYPE_CHECKING:
 KEPT = 1e-9  # relative error up to which a conserved quantity counts as kept: round-off and solver, over any horizon
 TARGET = 1e-6  # error of "time to 1e-6"
 ERRORS = ("error_q", "error_p", "error_s", "error_theta")
-MEASURES = {  # claim -> column of `conservation`, and what it measures
-    "energy": ("energy_error_max", "max |E - E0| / V0"),
-    "entropy": ("second_law_violations", "steps on which S fell"),
-    "angular_momentum": ("angular_momentum_error_max", "max |J - J0| / |J0|"),
+MEASURES = {  # claim -> column of `conservation`
+    "energy": "energy_error_max",
+    "entropy": "second_law_violations",
+    "angular_momentum": "angular_momentum_error_max",
 }
 ABSENT = "-"
 UNTESTED = "no step done"
@@ -67,13 +68,13 @@ def claims_kept(rows: DataFrame | None, method: Any) -> tuple[str, int]:
     """ "3 of 3", or which are broken, over the completed steps of every run; and how many are broken."""
     if rows is None or not len(rows) or method is None:
         return ABSENT, 0
-    claims = [c for c in MEASURES if c in method.claims and MEASURES[c][0] in rows]
+    claims = [c for c in MEASURES if c in method.claims and MEASURES[c] in rows]
     if not claims:
         return "claims none", 0
     rows = completed(rows)
     if not len(rows):
         return UNTESTED, 0
-    broken = [c for c in claims if not kept(c, worst(rows, MEASURES[c][0]))]
+    broken = [c for c in claims if not kept(c, worst(rows, MEASURES[c]))]
     text = f"{len(claims) - len(broken)} of {len(claims)}"
     return (f"{text}, not {', '.join(broken)}" if broken else text), len(broken)
 
@@ -169,7 +170,7 @@ def claimed(tables: Mapping[str, DataFrame], declared: Mapping[str, Any]) -> Dat
 
 
 def _law(integrator: str, part: DataFrame, claim: str, declared: Mapping[str, Any]) -> dict[str, Any] | None:
-    column, text = MEASURES[claim]
+    column = MEASURES[claim]
     if column not in part or integrator not in declared:
         return None
     values = completed(part)[column].astype(float)
@@ -183,7 +184,7 @@ def _law(integrator: str, part: DataFrame, claim: str, declared: Mapping[str, An
         "claim": claim,
         "claimed": "yes" if promised else "no",
         "worst measured": float(values.max()),
-        "measure": text,
+        "measure": column_named(column).label,
         "where": f"{row['scenario']}, dt = {number(row.get('dt')):.3g}",
         "verdict": verdict.get((promised, holds), "not claimed, not kept"),
     }

@@ -12,7 +12,7 @@ from ..errors import TcbenchError
 from ..files import replacing
 from ..store.store import Store
 from ..store.tables import read_tables
-from ..studies.columns import BOOKKEEPING
+from ..studies.columns import column, shown
 from .chart_kinds import OPENING, SERIES, Kind, kinds, replay, with_fallbacks
 from .drawing import Drawn, Job, draw_all
 from .html import Charts, cell, is_numeric, script_json, svg_text, table_href
@@ -226,14 +226,13 @@ def _place(folder: Path) -> str:
 
 
 def _without_bookkeeping(table: DataFrame, hide: Iterable[str] = ()) -> DataFrame:
-    gone = BOOKKEEPING | set(hide)
-    return table[[c for c in table.columns if str(c) not in gone]]
+    return table[[c for c in shown(table.columns) if c not in set(hide)]]
 
 
 def _listing(name: str, table: DataFrame, hide: Iterable[str] = ()) -> Listing:
-    shown = _without_bookkeeping(table, hide).dropna(axis=1, how="all")
-    columns = [(str(c), is_numeric(shown, c), str(c) in FILTERS) for c in shown.columns]
-    rows = [[cell(v) for v in row] for row in shown.head(ROWS).itertuples(index=False)]
+    part = _without_bookkeeping(table, hide).dropna(axis=1, how="all")
+    columns = [(str(c), is_numeric(part, c), str(c) in FILTERS) for c in part.columns]
+    rows = [[cell(v) for v in row] for row in part.head(ROWS).itertuples(index=False)]
     href, suffix = table_href(table.drop(columns=[c for c in hide if c in table]))
     return Listing(name, columns, rows, len(table), href, suffix)
 
@@ -248,18 +247,14 @@ def _explorer(table: DataFrame, x: str, y: str, selects: tuple[str, ...]) -> str
     """The data of an interactive chart, as JSON for the page."""
     stride = -(-len(table) // EXPLORED)
     thin = table.iloc[::stride]
-    numeric = [
-        str(c) for c in thin.columns if is_numeric(thin, c) and str(c) not in BOOKKEEPING and thin[c].notna().any()
-    ]
+    numeric = [c for c in shown(thin.columns) if is_numeric(thin, c) and thin[c].notna().any()]
     y = y if y in numeric else next((c for c in numeric if c != x), x)
     keep = [c for c in ("integrator", "status", *selects, *numeric) if c in thin]
-    from .charts.precision import LABELS
-
     return script_json({
         "columns": {c: _packed(thin, c) for c in dict.fromkeys(keep)},
         "numeric": numeric,
         "selects": [c for c in selects if c in thin],
-        "labels": {c: LABELS[c] for c in numeric if c in LABELS},
+        "labels": {c: column(c).label for c in numeric},
         "x": x, "y": y, "thinned": stride > 1,
     })  # fmt: skip
 

@@ -64,16 +64,8 @@ def simulate(
     if t_end is not None and t_end != scenario.t_end:
         # the step asked for is checked against the horizon asked for
         scenario = scenario.replace(t_end=t_end)
-    if integrator.only_for and scenario.system.name not in integrator.only_for:
-        raise TcbenchError(
-            f"{integrator.name!r} is written for {', '.join(sorted(integrator.only_for))} only, not for "
-            f"{scenario.name!r}, a {scenario.system.name}."
-        )
-    if scenario.model.by_arrays and scenario.system.name not in integrator.only_for:
-        raise TcbenchError(
-            f"{scenario.name!r} is too large for formulas that are traced and compiled, as {integrator.name!r} needs "
-            f"them; integrators written for a {scenario.system.name} have the tag 'only for {scenario.system.name}'."
-        )
+    if reason := integrator.lacks or integrator.suits(scenario.model):
+        raise TcbenchError(f"{integrator.name!r} cannot run on {scenario.name!r}: {reason}.")
     if integrator.kind == "adaptive":
         return run_adaptive(integrator, scenario, _checked_tolerance(tolerance))
     if tolerance is not None:

@@ -9,6 +9,7 @@ from fnmatch import fnmatch
 from typing import TYPE_CHECKING, Any
 
 from ..errors import TcbenchError
+from ..studies.columns import column as column_named
 from .cells import identity_of
 from .encoding import canonical_json
 from .store import Store
@@ -16,46 +17,7 @@ from .store import Store
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-# Relative differences that mean nothing, by column (shell patterns, first match): timings wander by 5 to 13
-# %.
-NOISE: dict[str, float] = {"*time*_s": 0.15, "us_per_step": 0.15, "*_us": 0.15, "*": 1e-9}
-TIMINGS = ("*time*_s", "us_per_step", "*_us")
 FLOOR = 1e-12  # absolute: differences of round-off size mean nothing, whatever their ratio
-# Says how, where or when a cell ran, not what came out; the status says what came out.
-IGNORED = frozenset(
-    {
-        "cell_time_s",
-        "failure",
-        "output_tail",
-        "traceback_tail",
-        "exception_message",
-        "shuffle_order",
-        "shuffle_seed",
-        "alone",
-        "timed",
-    }
-    | {"worker_host_cpu", "key", "fingerprint", "machine", "source_hash"}
-)
-HIGHER_IS_WORSE: tuple[str, ...] = (
-    "*error*",
-    "*drift*",
-    "*violations*",
-    "*time*_s",
-    "us_per_step",
-    "*_us",
-    "*iterations*",
-    "*residual*",
-)
-HIGHER_IS_WORSE += ("*_gap*", "lyapunov_increment_max", "rhs_evaluations")
-LOWER_IS_WORSE = (
-    "dt_stable*",
-    "dt_half",
-    "dt_fold",
-    "order",
-    "order_low",
-    "entropy_increment_min",
-    "blowup_time",
-)
 COLUMNS = (
     "study",
     "integrator",
@@ -99,14 +61,13 @@ def compare(
     """
     import pandas
 
-    patterns = _patterns(noise)
     before, after = _cells_of(run_a), _cells_of(run_b)
     found: list[dict[str, Any]] = []
     for name, (cell, row) in before.items():
         if name not in after:
             found.append(_entry(cell, kind="missing", column="status", before=row.get("status"), worse=True))
         else:
-            found += _row_changes(cell, row, after[name][1], patterns, floor)
+            found += _row_changes(cell, row, after[name][1], noise, floor)
     for name, (cell, row) in after.items():
         if name not in before:
             found.append(_entry(cell, kind="new", column="status", after=row.get("status")))
@@ -121,12 +82,12 @@ def regressions(changes: DataFrame) -> DataFrame:
     return changes[changes["worse"].astype(bool)].reset_index(drop=True)
 
 
-def _patterns(noise: float | Mapping[str, float] | None) -> dict[str, float]:
-    if noise is None:
-        return NOISE
+def _allowed(name: str, noise: float | Mapping[str, float] | None) -> float:
+    """The relative difference to ignore in a column: what the caller says, else what is known of the column."""
+    known = column_named(name)
     if isinstance(noise, Mapping):
-        return dict(noise) | {name: value for name, value in NOISE.items() if name not in noise}
-    return dict.fromkeys(TIMINGS, float(noise)) | {"*": NOISE["*"]}
+        return next((value for pattern, value in noise.items() if fnmatch(name, pattern)), known.noise)
+    return float(noise) if noise is not None and known.timing else known.noise
 
 
 def _cells_of(folder: str | os.PathLike[str]) -> dict[str, tuple[dict[str, Any], dict[str, Any]]]:
@@ -169,7 +130,7 @@ def _row_changes(
     cell: Mapping[str, Any],
     before: Mapping[str, Any],
     after: Mapping[str, Any],
-    patterns: Mapping[str, float],
+    noise: float | Mapping[str, float] | None,
     floor: float,
 ) -> list[dict[str, Any]]:
     """What differs between two rows of one cell: the status, or else the values beyond noise."""
@@ -182,12 +143,12 @@ def _row_changes(
     for name in [*old_values, *(n for n in new_values if n not in old_values)]:
         path = [part.split("[")[0] for part in name.split(".")]  # of points[3].errors.q: points, errors, q
         column = path[-1]
-        timing = any(fnmatch(column, pattern) for pattern in TIMINGS)
-        if column in IGNORED or name == "status" or (timing and not alone):
+        known = column_named(column)
+        if not known.compared or name == "status" or (known.timing and not alone):
             continue
         a, b = old_values.get(name), new_values.get(name)
-        allowed = next(value for pattern, value in patterns.items() if fnmatch(column, pattern))
-        difference = _difference(a, b, 0.0 if timing else floor)
+        allowed = _allowed(column, noise)
+        difference = _difference(a, b, 0.0 if known.timing else floor)
         if difference is None or difference <= allowed:
             continue
         worse = any(_worse(part, a, b) for part in path)
@@ -226,17 +187,14 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
-GOOD = {"status": ("ok",), "verdict": ("as declared", "holds")}  # words of columns that say how it went
-
-
 def _worse(column: str, a: Any, b: Any) -> bool:
-    if column in GOOD:
-        return a in GOOD[column] and b not in GOOD[column]
+    known = column_named(column)
+    if known.good:
+        return a in known.good and b not in known.good
     numbers = [_is_number(v) and not math.isnan(v) for v in (a, b)]
-    up, down = (any(fnmatch(column, p) for p in patterns) for patterns in (HIGHER_IS_WORSE, LOWER_IS_WORSE))
     if all(numbers):
-        return bool((up and b > a) or (down and b < a))
-    return (up or down) and numbers[0]  # a number became NaN or nothing
+        return bool((known.worse == "higher" and b > a) or (known.worse == "lower" and b < a))
+    return bool(known.worse) and numbers[0]  # a number became NaN or nothing
 
 
 def _entry(

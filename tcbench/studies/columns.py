@@ -1,8 +1,133 @@
-"""What the columns of the tables are."""
+"""What the columns of the tables are: their names on charts and terminals, which way is worse, what is noise.
+
+A column that is not listed is written as it is called, and is told apart to nine digits.
+"""
 
 from __future__ import annotations
 
-BOOKKEEPING = {  # columns that say where a row comes from
-    "plugin", "source_hash", "scenario_hash", "tcbench_version", "wall_time_s", "cell_time_s", "timed", "key",
-    "failure", "study", "exception_type", "traceback",
-}  # fmt: skip
+from collections.abc import Iterable
+from fnmatch import fnmatchcase
+from functools import cache
+from typing import Any, NamedTuple
+
+NOISE = 1e-9  # relative differences up to here mean nothing
+WANDER = 0.15  # of timings, which wander by 5 to 13 %
+
+
+class Column(NamedTuple):
+    """One column, or those whose names match a shell pattern.
+
+    label : on the axis of a chart. short : heading on a terminal. unit : of the values; "" is dimensionless.
+    worse : "higher" or "lower"; "" where no direction is better.
+    good : words that say that all went well, of a column of words.
+    noise : relative difference that means nothing. timing : measured with a clock; counts only where a cell ran alone.
+    shown : it says what came out; otherwise it says where a row comes from. compared : differences between runs count.
+    """
+
+    name: str
+    label: str = ""
+    short: str = ""
+    worse: str = ""
+    unit: str = ""
+    good: tuple[str, ...] = ()
+    noise: float = NOISE
+    timing: bool = False
+    shown: bool = True
+    compared: bool = True
+
+
+def _error(name: str, label: str = "", short: str = "", unit: str = "") -> Column:
+    return Column(name, label, short, worse="higher", unit=unit)
+
+
+def _timing(name: str, label: str = "", short: str = "", unit: str = "s") -> Column:
+    return Column(name, label, short, worse="higher", unit=unit, noise=WANDER, timing=True)
+
+
+def _step(name: str, short: str = "", label: str = "") -> Column:
+    return Column(name, label, short, worse="lower")
+
+
+def _origin(name: str, compared: bool = False) -> Column:
+    return Column(name, shown=False, compared=compared)
+
+
+COLUMNS = (  # the first that fits counts: names before patterns
+    # controls
+    Column("dt", "step size h"),
+    Column("tolerance", short="tol"),
+    Column("value", "control (dt or rtol)"),
+    Column("t", "time t"),
+    # how it ended
+    Column("status", good=("ok",)),
+    Column("verdict", good=("as declared", "holds")),
+    _step("blowup_time", "fails at", "time t at which the run failed"),
+    # laws
+    _error("energy_error_max", "max |E − E₀| / V₀", "|dE|/V0"),
+    _error("energy_error_final", "|E − E₀| / V₀ at the end"),
+    _error("angular_momentum_error_max", "max |J − J₀| / |J₀|", "|dJ|/J"),
+    Column("entropy_increment_min", "least increment of S in a step", "min dS", worse="lower"),
+    _error("entropy_fall_max", "largest fall of S in a step"),
+    _error("second_law_violations", "steps on which S fell"),
+    _error("lyapunov_increment_max", "largest rise of E − θ_ref S in a step"),
+    # errors
+    _error("error_q", "error of positions q"),
+    _error("error_p", "error of momenta p"),
+    _error("error_s", "error of entropies s"),
+    _error("error_theta", "error of temperatures θ"),
+    _step("order"),
+    _step("order_low", "low"),
+    Column("order_high", short="high"),
+    Column("points_used", short="points"),
+    # stability
+    _step("dt_stable", "stable", "largest stable step h"),
+    Column("dt_unstable", short="unstable"),
+    _step("dt_half"),
+    _step("dt_fold", "fold"),
+    Column("limit_plain", short="plain limit"),
+    _step("dt_stable_plain", "stable"),
+    Column("dt_unstable_plain", short="unstable"),
+    # equilibrium
+    _error("entropy_gap", "entropy: S* − S", "entropy gap"),
+    _error("strain_gap", "log strains: max |L − L*|"),
+    _error("temperature_gap", "temperatures: max |θ − θ*|"),
+    _error("rotation_gap", "rate of rotation: |ω − ω*|"),
+    Column("growth_a", short="growth a"),
+    Column("growth_b", short="growth b"),
+    # work
+    Column("steps", "steps"),
+    _error("newton_iterations", "Newton iterations"),
+    _error("newton_iterations_mean", "Newton iterations per step", "Newton"),
+    _error("rhs_evaluations", "right-hand sides evaluated"),
+    _timing("us_per_step", "time per step, µs", "us/step", "us"),
+    _timing("wall_time_min_s", "wall time, s (minimum)", "seconds"),
+    _timing("wall_time_median_s", "wall time, s (median)"),
+    _timing("time_s", "time, s", "seconds"),
+    Column("ratio_to_best_peer", short="best peer/this"),
+    Column("ratio_to_best_scipy", short="best SciPy/this"),
+    Column("exponent_steps", short="time ~ steps^"),
+    Column("exponent_horizon", short="time ~ horizon^"),
+    # where a row comes from: how, where and when its cell ran
+    *(_origin(n, compared=True) for n in ("plugin", "scenario_hash", "tcbench_version", "study", "exception_type")),
+    *(_origin(n) for n in ("source_hash", "cell_time_s", "timed", "key", "failure", "fingerprint", "machine")),
+    *(_origin(n) for n in ("output_tail", "traceback", "traceback_tail", "exception_message", "worker_host_cpu")),
+    *(_origin(n) for n in ("shuffle_order", "shuffle_seed", "alone")),
+    _timing("wall_time_s")._replace(shown=False),
+    # of plugins, and inside rows
+    _step("dt_stable*"),
+    _timing("*time*_s"),
+    _timing("*_us", unit="us"),
+    *(_error(pattern) for pattern in ("*error*", "*drift*", "*violations*", "*iterations*", "*residual*", "*_gap*")),
+)
+
+
+@cache
+def column(name: str) -> Column:
+    """What is known of a column; its label and its heading are its name where nothing else is known."""
+    found = next((c for c in COLUMNS if fnmatchcase(name, c.name)), Column(name))
+    return found._replace(name=name, label=found.label or name.replace("_", " "), short=found.short or name)
+
+
+def shown(names: Iterable[Any]) -> list[str]:
+    """Those that say what came out, in their order."""
+    return [str(name) for name in names if column(str(name)).shown]

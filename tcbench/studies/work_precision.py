@@ -38,9 +38,9 @@ COLUMNS = (
 def plan(
     integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]
 ) -> list[tuple[Integrator, Scenario, Row]]:
-    """One cell a pair; a `dt` list replaces the ladder of steps. Solvers whose package is absent are left out."""
+    """One cell a pair; a `dt` list replaces the ladder of steps. Solvers that lack a package are left out."""
     steps = {"dt": list(options["dt"])} if options.get("dt") else {}
-    return [(i, s, dict(steps)) for s in scenarios for i in integrators if "absent" not in i.tags]
+    return [(i, s, dict(steps)) for s in scenarios for i in integrators if not i.lacks]
 
 
 def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:

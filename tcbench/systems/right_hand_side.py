@@ -7,7 +7,6 @@ microseconds a call, of which the arithmetic is 0.1). Taylor methods need the fo
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -55,11 +54,6 @@ class Field:
         """d rate/dz, shape (n, n), in one array that every call fills anew."""
         self._evaluate(self.jacobian_address, z, self.c, self._flat)
         return self._jacobian
-
-
-def installed(package: str) -> bool:
-    """Can this package be imported? (It is not.)"""
-    return find_spec(package) is not None
 
 
 def expressions(

@@ -134,6 +134,11 @@ class System:
         """Conserved momenta by name; none by default."""
         return {}
 
+    @classmethod
+    def defines(cls, name: str) -> bool:
+        """Does the system define an optional function, such as "conduction_flow"?"""
+        return getattr(cls, name, None) not in (None, getattr(System, name, None))
+
     def conduction_flow(self, theta: Any, t: Any) -> tuple[Any, Any]:
         """Pure conduction for a time t at fixed positions, in closed form: (entropy increments, mean temperatures).
 
@@ -142,7 +147,8 @@ class System:
         """
         raise TcbenchError(
             f"System {self.name!r} has no closed form of its conduction (conduction_flow), which this method needs. "
-            "Take a method without an exact irreversible part: tc_strang, tc_monolithic, tc_gauss."
+            "Take a method without an exact irreversible part: tc_strang, tc_monolithic, tc_gauss. The method's author "
+            "says so with Integrator(needs=('conduction_flow',)): it is then left out here."
         )
 
     def entropy_scale(self) -> Any:

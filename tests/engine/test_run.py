@@ -91,7 +91,9 @@ def test_a_peer_whose_package_is_absent_runs_only_when_it_is_named(monkeypatch):
     from tcbench.engine import planning
 
     method = tcbench.integrators()["midpoint_entropy"]
-    monkeypatch.setitem(plugins.registry().integrators, "midpoint_entropy", replace(method, tags={planning.ABSENT}))
+    monkeypatch.setitem(
+        plugins.registry().integrators, "midpoint_entropy", replace(method, requires=["no_such_package"])
+    )
     planned = {cell.integrator for cell in planning.plan_job(studies=["conservation"]).cells}
     assert "midpoint_entropy" not in planned and "tc_monolithic" in planned
     named = planning.plan_job(integrators=["midpoint_entropy"], studies=["conservation"])

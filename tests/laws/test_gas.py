@@ -10,8 +10,7 @@ import tcbench
 from tcbench.plugins import find_integrator
 
 SCENARIO = tcbench.scenarios()["gas_containers"]
-ASKS_FOR_MORE = "closed-form conduction"  # which the gas has not: such a method refuses with a sentence
-FLOWS = [name for name, i in tcbench.integrators().items() if i.kind == "flows" and ASKS_FOR_MORE not in i.tags]
+FLOWS = [name for name, i in tcbench.integrators().items() if i.kind == "flows" and not i.suits(SCENARIO.model)]
 
 
 def printed(z, alpha=0.5):
@@ -69,6 +68,6 @@ def test_methods_that_ask_for_a_closed_form_are_left_out_of_its_runs():
 
     scenarios = ["gas_containers", "short_term"]
     cells = {(c.integrator, c.scenario) for c in plan_job(None, scenarios, ["conservation"]).cells}
-    asking = {name for name, i in tcbench.integrators().items() if ASKS_FOR_MORE in i.tags}
+    asking = {name for name, i in tcbench.integrators().items() if i.needs}
     assert {(name, "short_term") for name in asking} <= cells
     assert not {(name, "gas_containers") for name in asking} & cells and ("tc_strang", "gas_containers") in cells

@@ -10,8 +10,8 @@ import tcbench
 from tcbench import Scenario, System, TcbenchError
 from tcbench.plugins import find_integrator
 
-METHODS = [v for i in tcbench.integrators().values() if i.kind != "adaptive" and not i.only_for for v in i.variants()]
-CLOSED_FORM = [v.name for v in METHODS if "closed-form conduction" in v.tags]  # which the gas does not have
+METHODS = [v for i in tcbench.integrators().values() if i.kind != "adaptive" and not i.systems for v in i.variants()]
+CLOSED_FORM = [v.name for v in METHODS if "conduction_flow" in v.needs]  # which the gas does not have
 ALL = [v.name for v in METHODS if v.name not in CLOSED_FORM]
 LOW_ORDER = [name for name in ALL if find_integrator(name).order <= 2]  # tests/test_gauss.py measures the higher ones
 
@@ -82,7 +82,7 @@ def test_every_integrator_runs_unchanged_and_keeps_what_it_claims(integrator):
 
 @pytest.mark.parametrize("integrator", CLOSED_FORM)
 def test_a_method_that_needs_more_than_the_system_has_says_so(integrator):
-    with pytest.raises(TcbenchError, match="no closed form of its conduction"):
+    with pytest.raises(TcbenchError, match="needs conduction_flow, which the system gas_in_a_test"):
         tcbench.simulate(integrator, SCENARIO)
 
 

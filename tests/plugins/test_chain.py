@@ -79,7 +79,7 @@ def test_what_is_no_chain_is_refused_with_a_sentence():
         tcbench.simulate("tc_monolithic", "chain[n=1000]")
     with pytest.raises(TcbenchError, match="too large for formulas"):
         assert find_scenario("chain[n=1000]").model.observer
-    with pytest.raises(TcbenchError, match="for chain only, not for 'short_term'"):
+    with pytest.raises(TcbenchError, match="'short_term': it is written for chain only, not for pendulum"):
         tcbench.simulate("tc_banded", "short_term")
     assert tcbench.simulate("tc_banded", chain(5, t_end=1e7), dt=1e6).status == "nonfinite"
 
@@ -105,7 +105,7 @@ def test_chains_run_by_name_and_only_where_a_method_fits(tmp_path):
     results = tcbench.run(["tc_banded"], ["chain[n=40]"], ["conservation"], output=tmp_path, dt=[0.5])
     table = results.tables["conservation"]
     assert list(table["status"]) == ["ok"] and table["energy_error_max"].max() <= 1e-12
-    assert find_integrator("tc_banded").only_for == {"chain"} and "chain" not in tcbench.scenarios()
+    assert find_integrator("tc_banded").systems == {"chain"} and "chain" not in tcbench.scenarios()
 
 
 def test_long_chains_are_evaluated_as_short_ones_are():

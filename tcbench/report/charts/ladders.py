@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.lines import Line2D
 
-from .precision import label
+from ...studies.columns import column as column_named
 from .scales import log_axis, zero_log_axis
 from .style import (  # fmt: skip
     GREY,
@@ -57,8 +57,8 @@ def conservation(table: DataFrame, x: str = "dt") -> Figure:
     methods = [n for n in names(data) if np.isfinite(finite(data[x][data["integrator"].astype(str) == n])).any()]
     for ax, column in zip(axes, columns, strict=True):
         _losses(ax, data, x, column, methods)
-        ax.set_xlabel(label(x))
-        ax.set_ylabel(label(column))
+        ax.set_xlabel(column_named(x).label)
+        ax.set_ylabel(column_named(column).label)
     legend(figure, methods, [failed_handle()] if (~ok(data)).any() else [])
     return figure
 
@@ -116,8 +116,8 @@ def blowup(table: DataFrame, sensitivity: DataFrame | None = None) -> Figure:
         _ranges(ax, sensitivity)
     ax.set_ylim(bottom=0)
     ax.axhline(ax.get_ylim()[1], color=GREY, linewidth=0.6)
-    ax.set_xlabel(label("dt"))
-    ax.set_ylabel("time t at which the run failed")
+    ax.set_xlabel(column_named("dt").label)
+    ax.set_ylabel(column_named("blowup_time").label)
     ended = Line2D([], [], marker="o", linestyle="none", color=INK, markerfacecolor="none", label="reached the end")
     without = [failed_handle("failed, no time known")] if timeless.any() else []
     legend(figure, methods, [ended, *without], above=min(1.1, 0.1 * len(methods)))
@@ -165,7 +165,7 @@ def stable_step(table: DataFrame) -> Figure:
         ax.set_yticks(range(len(methods)), [short(n, 26) for n in reversed(methods)], fontsize=7)
         ax.grid(axis="y", visible=False)
         if i >= len(scenarios) - figure.columns:
-            ax.set_xlabel(label("dt"))
+            ax.set_xlabel(column_named("dt").label)
     titles(axes, scenarios)
     kinds = set(table["limit"].dropna().astype(str)) if "limit" in table else set()
     keys = [

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...studies.columns import column as column_named
 from .scales import log_axis, zero_log_axis
 from .style import (  # fmt: skip
     INK,
@@ -32,38 +33,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
-LABELS = {
-    "wall_time_min_s": "wall time, s (minimum)",
-    "wall_time_median_s": "wall time, s (median)",
-    "newton_iterations": "Newton iterations",
-    "rhs_evaluations": "right-hand sides evaluated",
-    "steps": "steps",
-    "value": "control (dt or rtol)",
-    "dt": "step size h",
-    "error_q": "error of positions q",
-    "error_p": "error of momenta p",
-    "error_s": "error of entropies s",
-    "error_theta": "error of temperatures θ",
-    "energy_error_max": "max |E − E₀| / V₀",
-    "energy_error_final": "|E − E₀| / V₀ at the end",
-    "angular_momentum_error_max": "max |J − J₀| / |J₀|",
-    "entropy_fall_max": "largest fall of S in a step",
-    "us_per_step": "time per step, µs",
-    "newton_iterations_mean": "Newton iterations per step",
-    "entropy_gap": "entropy: S* − S",
-    "strain_gap": "log strains: max |L − L*|",
-    "temperature_gap": "temperatures: max |θ − θ*|",
-    "rotation_gap": "rate of rotation: |ω − ω*|",
-    "t": "time t",
-}
 ERRORS = ("error_q", "error_p", "error_s", "error_theta", "energy_error_max", "angular_momentum_error_max")
 CONSERVED = ("energy_error_max", "angular_momentum_error_max")  # exactly 0 is possible: these get an axis with a zero
 CROWDED, FAINT, SMALL = 8, 0.3, 7.0  # methods in a crowd; how faint those are that lead nowhere; size of names, points
 VARIABLES = {"q": "positions q", "p": "momenta p", "s": "entropies s", "theta": "temperatures θ", "all": "all"}
-
-
-def label(column: str) -> str:
-    return LABELS.get(column, column.replace("_", " "))
 
 
 @chart
@@ -80,8 +53,8 @@ def work_precision(table: DataFrame, x: str = "wall_time_min_s", y: Sequence[str
     failed = bool((~ok(table)).any())
     for ax, column in zip(axes, columns, strict=True):
         _cloud(ax, table, x, column, methods)
-        ax.set_xlabel(label(x))
-        ax.set_ylabel(label(column))
+        ax.set_xlabel(column_named(x).label)
+        ax.set_ylabel(column_named(column).label)
     legend(figure, methods, [failed_handle()] if failed else [])
     return figure
 
@@ -173,7 +146,7 @@ def convergence(points: DataFrame, fits: DataFrame | None = None) -> Figure:
         part = points[points["variable"].astype(str) == variable]
         fit = None if fits is None else fits[fits["variable"].astype(str) == variable]
         _slopes(ax, part, fit, methods)
-        ax.set_xlabel(label("dt"))
+        ax.set_xlabel(column_named("dt").label)
         ax.set_ylabel("error")
     titles(axes, [VARIABLES.get(v, v) for v in variables])
     extra = [handle("", marker="o", linestyle="none", color=INK, markerfacecolor="none")]

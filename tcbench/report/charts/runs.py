@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .precision import LABELS
+from ...studies.columns import column as column_named
 from .scales import log_axis, zero_log_axis
 from .style import GREY, INK, chart, finite, handle, legend, look, names, note, panels, short, titles  # fmt: skip
 
@@ -56,7 +56,7 @@ def laws(series: DataFrame) -> Figure:
                 markevery=_every(len(t), rank),
             )  # fmt: skip
             _end(ax, run, largest, style.colour)
-        ax.set_xlabel("time t")
+        ax.set_xlabel(column_named("t").label)
     titles(axes, [LAWS[c] for c in columns])
     legend(figure, methods)
     return figure
@@ -110,7 +110,7 @@ def four_panel(series: DataFrame) -> Figure:
             _roomy(ax, series["energy"])
         _name_elements(ax, runs, shown)
         ax.ticklabel_format(axis="y", useOffset=False)
-        ax.set_xlabel("time t")
+        ax.set_xlabel(column_named("t").label)
     titles(axes, texts)
     plain = [handle(n, marker="", linestyle="-") for n in methods]
     legend(figure, [], plain if len(methods) > 1 else [])
@@ -213,8 +213,8 @@ def equilibrium(table: DataFrame, summary: DataFrame | None = None) -> Figure:
         if not near:
             _exact(ax, columns, summary)
             _name_elements(ax, [("", table)], columns)
-        ax.set_xlabel("time t")
-    titles(axes, [LABELS.get(g[0], g[0]) if near else GROWTH[tuple(g)] for g in groups])
+        ax.set_xlabel(column_named("t").label)
+    titles(axes, [column_named(g[0]).label if near else GROWTH[tuple(g)] for g in groups])
     legend(figure, methods)
     return figure
 

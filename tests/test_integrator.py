@@ -1,0 +1,63 @@
+"""What a method is for: systems, what it asks of them, packages; one place decides, and everyone asks it."""
+
+import re
+
+import pytest
+
+import tcbench
+from tcbench import Integrator, TcbenchError
+from tcbench.engine.planning import plan_job
+from tcbench.plugins import find_scenario
+
+PENDULUM, GAS = (tcbench.scenarios()[name].model for name in ("short_term", "gas_containers"))
+
+
+def method(**declared):
+    return Integrator(name="mine", order=1, step=lambda z, h, system: z + h * system.vector_field(z), **declared)
+
+
+@pytest.mark.parametrize(
+    "declared, system, reason",
+    [
+        ({}, PENDULUM, ""),
+        ({}, find_scenario("chain[n=3]").model, ""),
+        ({}, find_scenario("chain[n=1000]").model, r"the system chain is too large .*systems={'chain'}"),
+        ({"systems": {"chain"}}, find_scenario("chain[n=1000]").model, ""),
+        ({"systems": ["chain"]}, PENDULUM, "written for chain only, not for pendulum"),
+        ({"needs": ["conduction_flow"]}, PENDULUM, ""),
+        ({"needs": ["conduction_flow"]}, GAS, "needs conduction_flow, which the system gas_containers does not define"),
+        ({"needs": ["heat_pump"]}, PENDULUM, "needs heat_pump, which the system pendulum does not define"),
+    ],
+)
+def test_a_method_says_which_systems_it_is_for_and_why_not(declared, system, reason):
+    found = method(**declared).suits(system)
+    assert re.search(reason, found) if reason else found == ""
+
+
+def test_what_does_not_suit_is_refused_and_left_out_for_the_same_reason():
+    mine = method(needs=["conduction_flow"])
+    with pytest.raises(TcbenchError) as refused:
+        tcbench.simulate(mine, "gas_containers")
+    with pytest.raises(TcbenchError) as left_out:
+        plan_job([mine], ["gas_containers"], ["conservation"])
+    for error in (refused, left_out):
+        assert mine.suits(GAS) in str(error.value)
+    assert {c.scenario for c in plan_job([mine], ["gas_containers", "short_term"], ["conservation"]).cells} == {
+        "short_term"
+    }
+
+
+def test_an_absent_package_is_named_with_its_cure():
+    mine = method(requires=["numpy", "no-such-package"])
+    assert mine.versions()["no-such-package"] is None and mine.versions()["numpy"][0].isdigit()
+    assert mine.lacks == "it needs packages that are not installed: pip install no-such-package"
+    with pytest.raises(TcbenchError, match=r"'mine' cannot run on 'short_term': .*pip install no-such-package"):
+        tcbench.simulate(mine, "short_term")
+    assert method(requires=["numpy"]).lacks == ""
+
+
+def test_the_spelling_of_earlier_versions_is_refused_with_the_new_one():
+    with pytest.raises(TcbenchError, match="write systems=\\{'chain'\\}, not the tag 'only for chain'"):
+        method(tags={"only for chain"})
+    with pytest.raises(TcbenchError, match="needs are several words"):
+        method(needs="conduction_flow")
