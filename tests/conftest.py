@@ -28,6 +28,6 @@ def forgotten_kernels(monkeypatch):
     from tcbench.systems import system
 
     monkeypatch.setattr(system, "_KERNELS", {})
-    simulation.compiled_flows.cache_clear()
+    simulation._compiled_flows.cache_clear()
     yield
-    simulation.compiled_flows.cache_clear()
+    simulation._compiled_flows.cache_clear()

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ..compiler.code_hash import content_hash
 from ..compiler.jit import cache_folder
 from ..errors import TcbenchError
 from ..integrator import Flow, Integrator
@@ -60,7 +61,7 @@ def simulate(
     from .. import plugins
 
     integrator = plugins.find_integrator(integrator)
-    scenario = plugins.find_scenario(scenario)
+    scenario = plugins.find_scenario(scenario).current()
     if t_end is not None and t_end != scenario.t_end:
         # the step asked for is checked against the horizon asked for
         scenario = scenario.replace(t_end=t_end)
@@ -120,9 +121,14 @@ class Compiled:
     kernels: tuple[FlowKernels, ...]
 
 
-@cache
 def compiled_flows(flows: tuple[Flow, ...], structure: tuple) -> Compiled:
-    """Trace and compile the flows of an integrator, once per structure of system."""
+    """The flows of an integrator for a structure of system; traced and compiled again when what they read changed."""
+    formulas = content_hash(flows)
+    return _compiled_flows(flows, structure, formulas) if formulas else _compiled_flows.__wrapped__(flows, structure)
+
+
+@cache
+def _compiled_flows(flows: tuple[Flow, ...], structure: tuple, formulas: str = "") -> Compiled:
     system = _STRUCTURES[structure]
     kernels: dict[Any, FlowKernels] = {}
     rows: list[list[int]] = []

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from ..compiler import derivatives as trace
+from ..compiler.code_hash import content_hash
 from ..compiler.derivatives import Symbol, const
 from ..compiler.kernels import Kernel, constant_part, kernel
 from ..errors import TcbenchError, TraceError
@@ -128,7 +129,7 @@ def build(flow: Flow, system: System) -> FlowKernels:
     )
 
 
-_EXPLICIT: dict[tuple[Residual, tuple], FlowKernels] = {}
+_EXPLICIT: dict[tuple[Residual, tuple, str | None], FlowKernels] = {}
 
 
 def apply_explicit(formula: Residual, system: System, start: Any, end: Any) -> Any:
@@ -138,8 +139,10 @@ def apply_explicit(formula: Residual, system: System, start: Any, end: Any) -> A
     """
     from ..compiler.jit import evaluate
 
-    key = (formula, system.structure)
-    kernels = _EXPLICIT.get(key) or _EXPLICIT.setdefault(key, build(Flow(formula, of_step=True), system))
+    key = (formula, system.structure, content_hash(formula))
+    if key[-1] is None or key not in _EXPLICIT:
+        _EXPLICIT[key] = build(Flow(formula, of_step=True), system)
+    kernels = _EXPLICIT[key]
     c = np.concatenate([system.constant_values, start, start])
     w = np.zeros(kernels.opening.size + kernels.setup.size)
     w[kernels.opening.size :] = kernels.setup(c, c)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import TcbenchError, unknown_name
-from .system import System
+from .system import System, formulas_hash
 
 REST = 1e-10  # least exergy of a scenario, relative to its energy: see Scenario.initial_exergy
 SETTINGS = ("name", "t_end", "dt", "positions", "momenta", "temperatures", "t_converge", "blowup_factor")
@@ -87,6 +87,10 @@ class Scenario:
     def model(self) -> System:
         """The system with this scenario's constants."""
         return self._cache["model"]
+
+    def current(self) -> Scenario:
+        """This scenario; made anew where the formulas of its system have changed since it was made (in a notebook)."""
+        return self if formulas_hash(self.system) == self.model.formulas else dataclass_replace(self)
 
     @property
     def z0(self) -> NDArray[np.float64]:

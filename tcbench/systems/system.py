@@ -7,6 +7,7 @@ on symbols (while a formula is traced) as an expression, on floats through a com
 
 from __future__ import annotations
 
+import uuid
 from collections.abc import Callable, Mapping
 from functools import cached_property, wraps
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -15,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiler import derivatives as trace
+from ..compiler.code_hash import content_hash
 from ..compiler.divided_differences import rectangle, symmetrised_slopes
 from ..errors import TcbenchError, unknown_name
 
@@ -73,6 +75,7 @@ class System:
     non_negative: ClassVar[tuple[str, ...]] = ()
     source: ClassVar[str] = ""
     by_arrays: ClassVar[bool] = False  # evaluate formulas as whole-array numpy: of systems too large to be traced
+    formulas: str = ""  # hash of the formulas of the class as they were when the instance was made
 
     if TYPE_CHECKING:  # constants become attributes: numbers or arrays, or symbols while a formula is traced
 
@@ -92,6 +95,7 @@ class System:
             if name not in values:
                 raise TcbenchError(f"System {self.name!r} needs a value for the constant {name!r}.")
             setattr(self, name, self._checked(name, shape, values[name]))
+        self.formulas = formulas_hash(type(self))
 
     def _checked(self, name: str, shape: tuple[int, ...], value: Any) -> Any:
         try:
@@ -339,7 +343,7 @@ class System:
         key = self.structure
         if key not in _SYMBOLIC:
             clone = object.__new__(type(self))
-            clone.__dict__.update({k: v for k, v in self.__dict__.items() if k in ("n_positions", "n_elements")})
+            clone.__dict__.update({k: v for k, v in self.__dict__.items() if k in KEPT})
             for name, shape in self.constants.items():
                 symbols = trace.variables(name, int(np.prod(shape)))
                 setattr(clone, name, symbols[0] if shape == () else symbols.reshape(shape))
@@ -349,7 +353,7 @@ class System:
     @property
     def structure(self) -> tuple:
         """Systems of equal structure share formulas and kernels."""
-        return (type(self), self.n_positions, self.n_elements)
+        return (type(self), self.n_positions, self.n_elements, self.formulas)
 
     def constant_symbols(self) -> dict[trace.Symbol, str]:
         """Kernel inputs for the constants: symbol -> 'b[1]', ...; b[0] is the time step."""
@@ -394,6 +398,14 @@ class System:
         return _KERNELS[key]
 
 
+def formulas_hash(kind: type[System]) -> str:
+    """Hash of what a class of systems computes now: a global that its formulas read may have changed in between.
+
+    Another one each time where they have none (see code_hash): nothing traced is then used twice.
+    """
+    return content_hash(kind) or uuid.uuid4().hex
+
+
 def _mark(values: Any) -> Any:
     """Accumulate derivatives through these values; numbers pass unchanged."""
     if np.asarray(values).dtype != object:
@@ -401,5 +413,6 @@ def _mark(values: Any) -> Any:
     return np.array([trace.mark(x) if isinstance(x, trace.Symbol) else x for x in values] + [None], dtype=object)[:-1]
 
 
+KEPT = ("n_positions", "n_elements", "formulas")  # of an instance, by the one that has symbols for constants
 _SYMBOLIC: dict[tuple, System] = {}
 _KERNELS: dict[tuple, Any] = {}

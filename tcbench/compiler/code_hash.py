@@ -1,0 +1,372 @@
+"""A hash of what a function computes: its code, and the values that the code can see.
+
+Two functions with one hash give the same numbers: the hash covers the bytecode (names of local variables, line numbers
+and files left out), defaults, closure, and the global names that the code reads, in turn, down to numbers, arrays and
+text. A class counts with its methods, attributes and bases, an instance with its class and state. Code of installed
+packages and of Python itself is told by name and version; that of `tcbench_plugins` by the hash of its files.
+
+What has no such description (an open file, a lock, a generator, `eval`) has no hash, and nothing that was computed
+with it may be used again.
+"""
+
+from __future__ import annotations
+
+import builtins
+import dataclasses
+import dis
+import enum
+import functools
+import hashlib
+import importlib.metadata
+import importlib.util
+import platform
+import re
+import struct
+import sys
+import sysconfig
+import types
+import weakref
+from collections.abc import Callable, Iterable, Mapping
+from functools import cache, lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+MOST_OBJECTS = 100_000  # that a formula may see: beyond, hashing would take longer than computing
+HASHLESS = frozenset({"eval", "exec", "globals", "locals", "vars", "compile", "open", "input"})  # code out of sight
+READS_BY_NAME = frozenset({"getattr", "hasattr", "import_module", "__import__"})  # of a module, then, any name
+# of a class or function: what is made when it is first needed, or says where it was written
+NOT_CONTENT = frozenset({
+    "__dict__", "__weakref__", "__doc__", "__module__", "__firstlineno__", "__static_attributes__", "__annotations__",
+    "__annotate__", "__annotate_func__", "__annotations_cache__", "_abc_impl", "__abstractmethods__", "__wrapped__",
+    "__qualname__", "__type_params__",
+})  # fmt: skip
+
+
+HEAP_TYPE = 1 << 9  # flag of classes that a class statement made
+
+
+class HashlessError(Exception):
+    """Something that a function sees cannot be described by a hash."""
+
+
+def content_hash(*objects: Any) -> str | None:
+    """Sha256, hexadecimal, of what these objects are and compute; None where something in them has no hash."""
+    hasher = _Hasher()
+    try:
+        for item in objects:
+            hasher.add(item)
+    except Exception:  # of a user's __reduce__, too; RecursionError is one as well
+        return None
+    return hasher.digest.hexdigest()
+
+
+@dataclasses.dataclass(frozen=True)
+class _Code:
+    """What of a code object never changes: a hash, the global names that it reads, the attributes, the imports."""
+
+    digest: bytes
+    names: tuple[str, ...]
+    attributes: frozenset[str]
+    imports: tuple[tuple[str, int], ...]
+
+
+@lru_cache(maxsize=10_000)
+def _described(code: types.CodeType) -> _Code:
+    hasher = _Hasher()
+    count = code.co_argcount + code.co_kwonlyargcount
+    hasher.add((
+        code.co_code, code.co_exceptiontable, code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount,
+        code.co_flags, code.co_varnames[:count], code.co_names, code.co_freevars, code.co_cellvars, len(code.co_consts),
+    ))  # fmt: skip
+    names: dict[str, None] = {}
+    attributes: set[str] = set()
+    imports: dict[tuple[str, int], None] = {}
+    for constant in code.co_consts:
+        if isinstance(constant, types.CodeType):
+            inner = _described(constant)
+            hasher.digest.update(inner.digest)
+            names |= dict.fromkeys(inner.names)
+            attributes |= inner.attributes
+            imports |= dict.fromkeys(inner.imports)
+        else:
+            hasher.add(constant)
+    loaded: list[Any] = [0, 0]
+    for step in dis.get_instructions(code):
+        if step.opname == "IMPORT_NAME":  # after the level (of a relative import) and the names have been loaded
+            imports[str(step.argval), loaded[-2] if isinstance(loaded[-2], int) else 0] = None
+        elif step.opname in ("LOAD_GLOBAL", "LOAD_NAME"):
+            names[str(step.argval)] = None
+        elif step.opname in ("LOAD_ATTR", "LOAD_METHOD", "IMPORT_FROM", "LOAD_SUPER_ATTR"):
+            attributes.add(str(step.argval))
+        if step.opname.startswith("LOAD_"):
+            loaded.append(step.argval)
+    return _Code(hasher.digest.digest(), tuple(names), frozenset(attributes), tuple(imports))
+
+
+class _Hasher:
+    """One hash under way; objects that occur twice, or contain themselves, are told by the number of the first time."""
+
+    def __init__(self) -> None:
+        self.digest = hashlib.sha256()
+        self.numbers: dict[int, int] = {}
+        self.alive: list[Any] = []  # an id is of one object only as long as that lives
+
+    def note(self, *words: Any) -> None:
+        for word in words:
+            text = str(word).encode("utf-8", "surrogatepass")
+            self.digest.update(struct.pack("<q", len(text)) + text)
+
+    def add(self, item: Any) -> None:
+        kind = type(item)
+        if item is None or kind in (bool, int, str) or item is Ellipsis or item is NotImplemented:
+            self.note(kind.__name__, item)
+        elif kind in (float, complex):
+            self.note(kind.__name__, repr(item))
+        elif kind is bytes:
+            self.note("bytes", len(item))
+            self.digest.update(item)
+        elif kind in (tuple, slice, range):
+            parts = item if kind is tuple else (item.start, item.stop, item.step)
+            self.note(kind.__name__, len(parts))
+            for part in parts:
+                self.add(part)
+        elif id(item) in self.numbers:
+            self.note("seen", self.numbers[id(item)])
+        else:
+            if len(self.numbers) >= MOST_OBJECTS:
+                raise HashlessError(f"more than {MOST_OBJECTS} objects")
+            self.numbers[id(item)] = len(self.numbers)
+            self.alive.append(item)
+            self._object(item)
+
+    def _object(self, item: Any) -> None:
+        if isinstance(item, types.FunctionType):
+            self._function(item)
+        elif isinstance(item, types.CodeType):
+            self.digest.update(_described(item).digest)
+        elif isinstance(item, type):
+            self._class(item)
+        elif isinstance(item, types.ModuleType):
+            self._module(item, frozenset())
+        elif isinstance(item, types.MethodType):
+            self._parts("method", item.__func__, item.__self__)
+        elif isinstance(item, types.BuiltinFunctionType | types.MethodWrapperType):
+            owner = item.__self__
+            self.note("builtin", item.__qualname__, getattr(item, "__module__", ""))
+            if not isinstance(owner, types.ModuleType) and owner is not None:
+                self.add(owner)
+        elif isinstance(item, np.ndarray | np.generic):
+            self._array(item)
+        elif isinstance(item, types.MappingProxyType):
+            self._parts("mapping", dict(item))
+        elif isinstance(item, types.CellType):
+            self._cell(item)
+        elif isinstance(item, weakref.ref | types.GeneratorType | types.FrameType | types.CoroutineType):
+            raise HashlessError(f"a {type(item).__name__}")
+        else:
+            self._instance(item)
+
+    def _parts(self, label: str, *parts: Any) -> None:
+        self.note(label, len(parts))
+        for part in parts:
+            self.add(part)
+
+    # -- code
+
+    def _function(self, function: types.FunctionType) -> None:
+        home = installed(str(function.__globals__.get("__name__", "")), function.__globals__.get("__file__"))
+        code = _described(function.__code__)
+        self.note("function", "" if home is None else f"{home} {function.__module__}.{function.__qualname__}")
+        self.digest.update(code.digest)
+        self._parts("arguments", function.__defaults__, _sorted(function.__kwdefaults__ or {}))
+        for cell in function.__closure__ or ():
+            self._cell(cell)
+        for name, value in _sorted(function.__dict__):
+            if name not in NOT_CONTENT:
+                self._parts(name, value)
+        if home is None:
+            self._globals(function.__globals__, code)
+
+    def _cell(self, cell: types.CellType) -> None:
+        try:
+            value = cell.cell_contents
+        except ValueError:  # not filled yet
+            self.note("empty")
+            return
+        self._parts("cell", value)
+
+    def _globals(self, known: Mapping[str, Any], code: _Code) -> None:
+        """What the names of a user's code stand for now."""
+        attributes = code.attributes | ({"*"} if READS_BY_NAME & set(code.names) else set())
+        for name in code.names:
+            self.note("global", name)
+            if name in known:
+                if isinstance(known[name], types.ModuleType):
+                    self._module(known[name], attributes)
+                else:
+                    self.add(known[name])
+            elif name in HASHLESS and hasattr(builtins, name):
+                raise HashlessError(f"{name}()")
+        for name, level in code.imports:
+            package = str(known.get("__package__") or "").split(".")
+            parts = [*package[: len(package) - level + 1], name] if level else [name]
+            full = ".".join(part for part in parts if part)
+            self.note("import", full)
+            self._imported(full, attributes)
+
+    def _imported(self, name: str, attributes: frozenset[str]) -> None:
+        """A module that a function imports when it runs; one that is not loaded yet is told by its file."""
+        pieces = name.split(".")
+        for end in range(1, len(pieces) + 1):
+            module = sys.modules.get(".".join(pieces[:end]))
+            if module is not None:
+                self._module(module, attributes)
+                continue
+            try:
+                spec = importlib.util.find_spec(".".join(pieces[:end]))
+            except (ImportError, ValueError, AttributeError):
+                spec = None
+            file = getattr(spec, "origin", None)
+            if file and installed(pieces[0], file) is None:
+                self.digest.update(Path(file).read_bytes())
+            return
+
+    def _module(self, module: types.ModuleType, attributes: Iterable[str]) -> None:
+        """A module as code that reads these attributes sees it; "*": any."""
+        home = installed(module.__name__, getattr(module, "__file__", None))
+        self.note("module", module.__name__, home or "")
+        if home is not None:
+            return
+        content = vars(module)
+        every = "*" in attributes or not attributes
+        for name in sorted(content if every else set(attributes) & set(content)):
+            if every and name.startswith("__"):
+                continue
+            value = content[name]
+            self.note(name)
+            if not isinstance(value, types.ModuleType):
+                self.add(value)
+            elif id(value) not in self.numbers:
+                self.numbers[id(value)] = len(self.numbers)
+                self._module(value, attributes)
+
+    def _class(self, item: type) -> None:
+        module = sys.modules.get(item.__module__)
+        home = installed(item.__module__, getattr(module, "__file__", None))
+        if not item.__flags__ & HEAP_TYPE:
+            home = home or "builtin"
+        self.note("class", item.__name__, "" if home is None else f"{home} {item.__module__}.{item.__qualname__}")
+        if home is not None:
+            return
+        self._parts("bases", *item.__bases__, type(item))
+        for name, value in _sorted(vars(item)):
+            if name not in NOT_CONTENT and not isinstance(
+                value, types.GetSetDescriptorType | types.MemberDescriptorType
+            ):
+                self._parts(name, value)
+
+    # -- data
+
+    def _array(self, item: Any) -> None:
+        array = np.asarray(item)
+        self.note("array", array.dtype.str, array.shape)
+        if array.dtype.hasobject:
+            self._parts("objects", *array.ravel().tolist())
+        else:
+            self.digest.update(np.ascontiguousarray(array).tobytes())
+
+    def _instance(self, item: Any) -> None:
+        kind = type(item)
+        if isinstance(item, staticmethod | classmethod):
+            self._parts(kind.__name__, item.__func__)
+        elif isinstance(item, property):
+            self._parts("property", item.fget, item.fset, item.fdel)
+        elif isinstance(item, functools.cached_property):
+            self._parts("cached_property", item.func)
+        elif isinstance(item, functools.partial):
+            self._parts("partial", kind, item.func, item.args, _sorted(item.keywords))
+        elif isinstance(item, enum.Enum):
+            self._parts("enum", kind, item.name, item.value)
+        elif callable(item) and (wrapped := _wrapped(item)) is not None:  # lru_cache, numba's njit, jax's jit
+            self._parts("wrapped", kind, wrapped)
+        elif isinstance(item, np.ufunc | np.dtype | re.Pattern) or kind.__module__ in ("typing", "types"):
+            self.note(kind.__name__, item)
+        elif dataclasses.is_dataclass(item):
+            self._parts("dataclass", kind, *(getattr(item, f.name) for f in dataclasses.fields(item) if f.compare))
+        else:
+            self._containers(item)
+
+    def _containers(self, item: Any) -> None:
+        kind = type(item)
+        if kind is list:
+            self._parts("list", *item)
+        elif kind is bytearray:
+            self._parts("bytearray", bytes(item))
+        elif kind is dict:
+            self._parts("dict", *(part for pair in item.items() for part in pair))
+        elif kind in (set, frozenset):
+            marks = [content_hash(part) for part in item]
+            if None in marks:
+                raise HashlessError("an element of a set")
+            self._parts("set", *sorted(map(str, marks)))
+        else:
+            self._parts("instance", kind, *_reduced(item))
+
+
+def _reduced(item: Any) -> list[Any]:
+    """What pickle would keep of an object: how it is made, and its state."""
+    found = item.__reduce_ex__(2)
+    return [found] if isinstance(found, str) else [list(p) if hasattr(p, "__next__") else p for p in found]
+
+
+def _wrapped(item: Any) -> Callable[..., Any] | None:
+    for name in ("py_func", "__wrapped__"):
+        found = getattr(item, name, None)
+        if isinstance(found, types.FunctionType):
+            return found
+    return None
+
+
+def _sorted(values: Mapping[str, Any]) -> tuple[tuple[str, Any], ...]:
+    return tuple(sorted(values.items(), key=lambda pair: str(pair[0])))
+
+
+@cache
+def installed(name: str, file: str | None) -> str | None:
+    """How code that nobody edits is told: package and version; None for a user's own module.
+
+    name : dotted name of the module; file : where it was loaded from (None for what is built in).
+    """
+    top = name.partition(".")[0]
+    if top == "tcbench":
+        return "tcbench"  # its sources are in the fingerprint of every study
+    if top == "tcbench_plugins":
+        return f"tcbench_plugins={_files_hash(Path(sys.modules[top].__path__[0]))}"
+    if top in sys.builtin_module_names or (file is None and top in sys.stdlib_module_names):
+        return f"python={platform.python_version()}"
+    if file is None:
+        return None
+    path = Path(file)
+    if {"site-packages", "dist-packages"} & set(path.parts):
+        return f"{top}={_version(top)}"
+    library = Path(sysconfig.get_paths()["stdlib"])
+    return f"python={platform.python_version()}" if library in path.parents else None
+
+
+def _version(top: str) -> str:
+    try:
+        return importlib.metadata.version(top)
+    except importlib.metadata.PackageNotFoundError:  # a package need not be called as its distribution is
+        return ",".join(
+            importlib.metadata.version(name) for name in importlib.metadata.packages_distributions().get(top, [])
+        )
+
+
+@cache
+def _files_hash(folder: Path) -> str:
+    digest = hashlib.sha256()
+    for path in sorted(folder.rglob("*.py")):
+        digest.update(path.relative_to(folder).as_posix().encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()[:16]

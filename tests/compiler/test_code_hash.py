@@ -1,0 +1,153 @@
+"""The hash of what code computes: everything that the code can see changes it, and nothing else does."""
+
+import functools
+import importlib
+import subprocess
+import sys
+import textwrap
+import threading
+import types
+
+import numpy as np
+import pytest
+
+from tcbench import System
+from tcbench.compiler.code_hash import content_hash
+
+
+def module(text, name="made", **values):
+    """A module of a user's own, run from text, in which `f` is what is hashed."""
+    made = types.ModuleType(name)
+    made.__dict__.update(values)
+    exec(compile(textwrap.dedent(text), "<text>", "exec"), made.__dict__)
+    return made
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        ("def f(x): return x + 1", "def f(x): return x + 2"),
+        ("def f(x): return x + 1", "def f(x): return x + 1.0"),
+        ("def f(x): return x + 0.0", "def f(x): return x + -0.0"),
+        ("def f(x, a=1): return a", "def f(x, a=2): return a"),
+        ("def f(x, *, a=1): return a", "def f(x, *, a=2): return a"),
+        ("def f(x): return x.cos", "def f(x): return x.sin"),
+        ("A = 1.0\ndef f(x): return A", "A = 2.0\ndef f(x): return A"),
+        ("A = [1, [2]]\ndef f(x): return A", "A = [1, [3]]\ndef f(x): return A"),
+        ("A = {1: 'a'}\ndef f(x): return A", "A = {1: 'b'}\ndef f(x): return A"),
+        ("A = {1, 2}\ndef f(x): return A", "A = {1, 3}\ndef f(x): return A"),
+        ("def g(x): return 1\ndef f(x): return g(x)", "def g(x): return 2\ndef f(x): return g(x)"),
+        ("def f(x): return [y * 1 for y in x]", "def f(x): return [y * 2 for y in x]"),
+        ("A = 1\ndef f(x): return (lambda: A)()", "A = 2\ndef f(x): return (lambda: A)()"),
+        ("def m(a):\n return lambda x: a\nf = m(1)", "def m(a):\n return lambda x: a\nf = m(2)"),
+        ("class C:\n a = 1\ndef f(x): return C.a", "class C:\n a = 2\ndef f(x): return C.a"),
+        ("class C:\n def g(s): return 1\nf = C().g", "class C:\n def g(s): return 2\nf = C().g"),
+        ("class B: a = 1\nclass f(B): pass", "class B: a = 2\nclass f(B): pass"),
+        ("class C: pass\nf = C()\nf.a = 1", "class C: pass\nf = C()\nf.a = 2"),
+        ("class C:\n __slots__ = ('a',)\nf = C()\nf.a = 1", "class C:\n __slots__ = ('a',)\nf = C()\nf.a = 2"),
+        ("import numpy as n\nA = n.ones(3)\ndef f(): return A", "import numpy as n\nA = n.zeros(3)\ndef f(): return A"),
+        ("import numpy as np\ndef f(x): return np.sin(x)", "import numpy as np\ndef f(x): return np.cos(x)"),
+        ("import functools\nf = functools.partial(max, 1)", "import functools\nf = functools.partial(max, 2)"),
+        ("import functools as t\n@t.cache\ndef f(x): return 1", "import functools as t\n@t.cache\ndef f(x): return 2"),
+        ("import enum\nf = enum.Enum('E', 'a b').a", "import enum\nf = enum.Enum('E', 'a b').b"),
+        ("class L(list): pass\nf = L([1])", "class L(list): pass\nf = L([2])"),
+        ("class D(dict): pass\nf = D(a=1)", "class D(dict): pass\nf = D(a=2)"),
+        ("import fractions\nf = fractions.Fraction(1, 3)", "import fractions\nf = fractions.Fraction(2, 3)"),
+        ("import random\nf = random.Random(1)", "import random\nf = random.Random(2)"),
+    ],
+)  # fmt: skip
+def test_what_code_sees_is_in_its_hash(before, after):
+    first, again, other = (content_hash(module(text).f) for text in (before, before, after))
+    assert first == again and first is not None
+    assert other != first
+
+
+@pytest.mark.parametrize(
+    "same",
+    [
+        "# a comment\n\n\ndef f(x): return x + A\nA = 1",
+        "def f(x):\n    return x + A\nA = 1\nB = 7",
+        "A = 2 - 1\ndef f(x): return x + A",
+    ],
+)
+def test_what_code_does_not_see_is_not(same):
+    assert content_hash(module(same).f) == content_hash(module("A = 1\ndef f(x): return x + A").f)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "def f(x): return eval('x')",
+        "def f(x): return open('numbers').read()",
+        "A = (i for i in range(3))\ndef f(x): return next(A)",
+        "import threading\nA = threading.Lock()\ndef f(x): return A",
+        "class Odd:\n def __reduce_ex__(self, p): raise RuntimeError('no')\nA = Odd()\ndef f(x): return A",
+        "A = []\nfor _ in range(5000): A = [A]\ndef f(x): return A",
+    ],
+)
+def test_what_cannot_be_described_has_no_hash(text):
+    assert content_hash(module(text).f) is None
+    assert content_hash(threading.current_thread()) is None
+
+
+def test_cycles_end():
+    text = "A = [{}]\nA[0]['me'] = A\ndef f(x): return g(A)\ndef g(x): return f(x)"
+    assert content_hash(module(text).f) == content_hash(module(text).f) is not None
+
+
+def test_an_imported_module_counts_by_the_attributes_that_are_read(tmp_path, monkeypatch):
+    (tmp_path / "coefficients_of_mine.py").write_text("def theta(): return INNER\nINNER = 0.5\nUNUSED = 1\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    outside = module("import coefficients_of_mine as c\ndef f(x): return c.theta() * x").f
+    inside = module("def f(x):\n    from coefficients_of_mine import theta\n    return theta() * x").f
+    unseen = content_hash(inside)
+    before = [content_hash(f) for f in (outside, inside)]
+    loaded = importlib.import_module("coefficients_of_mine")
+    loaded.UNUSED = 2
+    assert [content_hash(f) for f in (outside, inside)] == before and unseen
+    loaded.INNER = 1.0
+    changed = [content_hash(f) for f in (outside, inside)]
+    assert changed[0] != before[0] and changed[1] != before[1]
+    by_name = module("import coefficients_of_mine as c\ndef f(x): return getattr(c, x)").f
+    before = content_hash(by_name)
+    loaded.UNUSED = 3
+    assert content_hash(by_name) != before
+
+
+def test_the_hash_is_the_same_in_another_process():
+    script = textwrap.dedent("""
+        import numpy as np
+        from tcbench import System
+        from tcbench.compiler.code_hash import content_hash
+        class Mine(System):
+            kinds = frozenset({"a", "b", "c", "d"})
+            def shape(self, q): return np.array([q @ q, {"x", "y"} and A])
+        A = {"one": 1.0, "two": {3, 4}}
+        print(content_hash(Mine, lambda z: z in {"p", "q", "r", "s"}))
+    """)
+    found = {subprocess.run([sys.executable, "-c", script], capture_output=True, text=True).stdout for _ in range(3)}
+    assert len(found) == 1 and len(found.pop().strip()) == 64
+
+
+def test_arrays_of_every_kind_and_wrapped_functions():
+    marks = [content_hash(np.array(v, dtype=t)) for v, t in (([1, 2], int), ([1, 2], float), ([[1, 2]], int))]
+    marks += [content_hash(np.array([{"a": 1}, None], dtype=object)), content_hash(np.float64(1))]
+    assert None not in marks and len(set(marks)) == len(marks)
+    transposed = np.arange(6.0).reshape(2, 3).T
+    assert content_hash(transposed) == content_hash(transposed.copy())
+
+    def decorate(function):
+        return functools.wraps(function)(lambda x: function(x))
+
+    assert content_hash(decorate(lambda x: 1)) != content_hash(decorate(lambda x: 2))
+
+
+def test_a_system_counts_with_the_shape_that_its_base_class_wraps():
+    def make(power):
+        class Mine(System):
+            def shape(self, q):
+                return q**power
+
+        return Mine
+
+    assert content_hash(make(2)) == content_hash(make(2)) != content_hash(make(3))
