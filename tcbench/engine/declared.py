@@ -52,7 +52,7 @@ def family(method: Integrator) -> str:
     """
     if "peer" in method.tags:
         return FAMILIES[3]
-    if method.source.startswith(PAPER) and not method.only_for:
+    if method.source.startswith(PAPER) and not method.systems:
         return PAPER
     return FAMILIES[1] if method.claims >= LAWS or "gradient" in method.tags else FAMILIES[2]
 

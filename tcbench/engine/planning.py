@@ -32,7 +32,7 @@ class Job:
     left_out: Sequence[str] = ()  # why methods that were asked for by name are in none of a study's cells
     methods: Sequence[Integrator] = ()
     scenarios: Sequence[Scenario] = ()
-    absent: Mapping[str, str] = field(default_factory=dict)  # peers whose package is not installed, with what they are
+    absent: Mapping[str, str] = field(default_factory=dict)  # peers whose package is not installed, with how to get it
 
 
 def plan_job(
@@ -68,7 +68,7 @@ def plan_job(
         )
     custom = {s.name: scenario_data(s) for s in selected if not _can_be_named(s)}
     context = {"folders": [str(p) for p in plugins.plugin_folders()], "scenarios": custom}
-    absent = {name: method.source for name, method in registry.integrators.items() if ABSENT in method.tags}
+    absent = {name: m.lacks for name, m in registry.integrators.items() if m.lacks}
     unique = list({c.key: c for c in cells}.values())
     return Job(unique, context, chosen, objects, left_out, methods, selected, absent)
 
