@@ -91,11 +91,8 @@ def simulate_command(
     record_every: int, audit_roots: bool, csv: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
     from .simulation import metrics
-    from .simulation import run as simulation
     from .simulation.run import simulate
 
-    note = "Compiling the time loop: some ten seconds, once. Later runs find it in the cache."
-    simulation.before_compiling = lambda: terminal.warn([note])
     if csv is not None and not csv.resolve().parent.is_dir():
         raise TcbenchError(f"The folder of {str(csv)!r} does not exist; create it first.")
     if dt is not None and plugins.find_integrator(integrator).kind == "adaptive":

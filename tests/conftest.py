@@ -24,10 +24,10 @@ def pytest_collection_modifyitems(config, items):
 @pytest.fixture
 def forgotten_kernels(monkeypatch):
     """For tests that break a formula on purpose: what is compiled meanwhile is forgotten, and so is what was before."""
-    from tcbench.simulation import run as simulation
+    from tcbench.solver import implicit_step
     from tcbench.systems import system
 
     monkeypatch.setattr(system, "_KERNELS", {})
-    simulation._compiled_flows.cache_clear()
+    implicit_step._compiled_flows.cache_clear()
     yield
-    simulation._compiled_flows.cache_clear()
+    implicit_step._compiled_flows.cache_clear()

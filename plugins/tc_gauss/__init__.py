@@ -1,7 +1,7 @@
 """Thermodynamically consistent Gauss collocation with k stages: order 2k, energy and momenta exact, S never decreases.
 
 Collocation with the scalar stresses and temperatures projected, and the strain measures carried as polynomials of their
-own; formulas in tcbench/collocate.py. k = 1 is a mean-value cousin of the paper's method.
+own; formulas in step.py. k = 1 is a mean-value cousin of the paper's method.
 """
 
 import numpy as np

@@ -1,6 +1,6 @@
 """What a step of consistent collocation computes: the numbers of the method, a system's formulas, and both on vectors.
 
-See `collocate` for the equations. The kernels on vectors treat all nodes, or eight quadrature points, at once.
+See `step` for the equations. The kernels on vectors treat all nodes, or eight quadrature points, at once.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from tcbench.compiler import derivatives as trace
 from tcbench.compiler.kernels import WIDTH, Kernel, constant_part, kernel
+from tcbench.compiler.language import PLAIN
 from tcbench.errors import TcbenchError
 from tcbench.reference.collocation import LONG, _gauss_nodes, tableau
 from tcbench.systems.momenta import lengthening, restored_momenta
@@ -25,7 +26,7 @@ Floats = NDArray[np.float64]
 
 
 class Coefficients(NamedTuple):
-    """The numbers of k-stage Gauss collocation with projection; see `collocate`."""
+    """The numbers of k-stage Gauss collocation with projection; see `step`."""
 
     nodes: Floats  # (k,)
     barycentric: Floats  # (k,) weights of the nodes in Lagrange's second form
@@ -73,7 +74,7 @@ STRUCTURES: dict[tuple, System] = {}  # what `kernels` and the others look up, t
 
 @cache
 def kernels(structure: tuple) -> tuple[list[Kernel], Kernel, dict[Any, int]]:
-    """(start, motion, slopes, forces, mending) of a system, traced from its functions; see `collocate`. Then the
+    """(start, motion, slopes, forces, mending) of a system, traced from its functions; see `step`. Then the
     kernel for what depends on the constants only, whose results stand behind them, and where each of both stands."""
     from tcbench.compiler.vector_kernels import can_express
 
@@ -128,7 +129,7 @@ def given(n: int, e: int, k: int) -> Given:
 
 @cache
 def iteration(structure: tuple, k: int, level: int) -> str:
-    """`collocate.rates` and `correct` with one of the quadratures, on vectors: LLVM code of kernel(a, b, out).
+    """`step.rates` and `correct` with one of the quadratures, on vectors: LLVM code of kernel(a, b, out).
 
     a: as `Given` has it.  b: h, constants.  out: U, which is corrected in place, N and V, a row of WIDTH nodes for each
     variable; then the scaled residual / h, NaN if a shape or temperature is not positive.
@@ -226,7 +227,7 @@ def _start(system: Any, z: Any) -> list[Any]:
 
 def _mending(system: Any, z: Any) -> tuple[list[Any], list[Any]]:
     """Inputs: (z, its energy, the right energy and invariants); values: (change of p that makes them right, the energy
-    that this moves as a part of the kinetic energy that is free to change, the invariants of z). See `collocate`."""
+    that this moves as a part of the kinetic energy that is free to change, the invariants of z). See `step`."""
     n, state = system.n_positions, system.state(z)
     here = system.invariants(state.q, state.p)
     energies, wanted = trace.variables("E", 2), trace.variables("J", len(here))
@@ -242,7 +243,7 @@ def _mending(system: Any, z: Any) -> tuple[list[Any], list[Any]]:
 
 
 def stiff_block(k: int) -> str:
-    """`collocate.stiff_block` on vectors. a: h, lambda; out: the block.
+    """`step.stiff_block` on vectors. a: h, lambda; out: the block.
 
     The block is a function of A; its eigenvalues are h z/(1 - lambda h z), where z are those of A.
     """
@@ -268,7 +269,7 @@ def stiff_block(k: int) -> str:
 
 
 def extrapolation(k: int, m: int) -> str:
-    """`collocate.extrapolate` on vectors. a: this step over the last; out: U, N, of m variables each."""
+    """`step.extrapolate` on vectors. a: this step over the last; out: U, N, of m variables each."""
     from tcbench.compiler.vector_kernels import Lanes
 
     lanes, coefficient = Lanes(), coefficients(k)
@@ -307,12 +308,10 @@ def closing(k: int, n: int, e: int) -> str:
 @cache
 def on_vectors(structure: tuple, k: int) -> list[int]:
     """Addresses of the kernels on vectors; zeros where the system's formulas have no such form."""
-    from tcbench.compiler import jit
-
     _, _, places = kernels(structure)
-    if jit.DISABLED or not places:
+    if PLAIN or not places:
         return [0] * (ON_VECTORS + 3)
-    from tcbench.compiler.llvm import load
+    from tcbench.compiler.machine import load
 
     system = STRUCTURES[structure]
     n, e = system.n_positions, system.n_elements

@@ -1,162 +1,106 @@
-"""The arrays of consistent collocation (`collocate`): one stretch of memory, and what stands where in it."""
+"""The records of consistent collocation (`step`): what stands where in memory."""
 
 from __future__ import annotations
 
-from collections import namedtuple
-from typing import Any, NamedTuple
+from tcbench.compiler.kernels import WIDTH  # noqa: F401  (of the shapes)
+from tcbench.compiler.language import Cube, Floats, Kernel, Matrix
+from tcbench.compiler.records import Record, sized
 
-import numpy as np
-from numpy.typing import NDArray
+from .formulas import POINTS
 
-from tcbench.compiler.jit import compiled
-from tcbench.compiler.kernels import WIDTH
-
-from .formulas import POINTS, Coefficients, Given, given
-
-# columns of `plan` (int64): addresses of the kernels, those on vectors last (0: none), then sizes
-START, MOTION, SLOPES, FORCES, MEND, ITERATE, FINER, STIFF, EXTRAPOLATE, CLOSE = range(10)
-N_Q, N_E, STAGES = range(10, 13)
+LEVELS, MOST_POINTS = len(POINTS), POINTS[-1]
 
 
-class Work(NamedTuple):
-    """The arrays of one step; k stages, n positions, e elements, m = n + e rates, M quadrature points.
+class Counts(Record, mutable=True):
+    """What steps cost."""
 
-    All are views of one array, because to hand a tuple of fifty to compiled code costs as much as several steps.
-    Row i of `found` holds variable i at WIDTH nodes, of which k are used: U, N and V are views of it.
+    steps: int
+    rejected: int
+    iterations: int
+    newtons: int
+    halved: int
+    raised: int
+
+
+class Numbers(Record):
+    """The numbers of the method: see `formulas.Coefficients`."""
+
+    k: int
+    nodes: Floats = sized("k")
+    barycentric: Floats = sized("k")
+    at_start: Floats = sized("k")
+    at_end: Floats = sized("k")
+    A: Matrix = sized("k", "k")
+    A_squared: Matrix = sized("k", "k")
+    b: Floats = sized("k")
+    Ahats: Cube = sized("LEVELS", "MOST_POINTS", "k")
+    Ws: Cube = sized("LEVELS", "k", "MOST_POINTS")
+
+
+class Work(Record):
+    """The arrays of one step; k stages, n positions, e elements, m = n + e rates.
+
+    Row i of `found` holds variable i at WIDTH nodes, of which k are used: U, N, V and rates are views of it. What
+    `formulas.iteration` reads, `given`, has views as well: see `formulas.Given`.
     """
 
-    c: Any  # the time step, the constants of the system, and what depends on them only
-    inverse_mass: Any  # (n,)
-    given: Any  # what `gauss_kernels.iteration` reads: see `gauss_kernels.Given`, and the views of it below
-    found: Any  # and what it writes
-    U: Any  # (m, WIDTH) the iterate
-    N: Any  # (m, WIDTH) the rates that it gives
-    V: Any  # (n, WIDTH) velocities
-    state0: Any  # (2 n + 2 e,) q, p, pi and s at the start of the step
-    block: Any  # (k WIDTH,): of the conduction, by columns
-    columns: Any  # (k, WIDTH): the same
-    u: Any  # (e,) left and right of the conduction
-    v: Any
-    scale: Any  # (2,) of forces and of heat in a residual
-    stiff: Any  # (2,): h, lambda
-    rates: Any  # N, then V
-    ratio: Any  # (1,) this step over the last
-    sums: Any  # what `gauss_kernels.closing` writes
-    start: Any  # what the first kernel gives at the start of the step
-    end: Any  # and at its end
-    laws: Any  # (2 n + e + 2 + invariants,): a state, its energy, the energy and the invariants that it should have
-    run: Any  # (1,) the energy at the start of the run
-    mended: Any  # what the fifth kernel makes of them
-    seen: Any  # (2,) the contraction of the last solve, and the quadrature that it took
-    at_nodes: Any  # (k, 2 n + 2 e) velocities, positions, stresses, temperatures
-    drift: Any  # (k, 2 e) rates of shapes and entropies
-    at_points: Any  # (M, 2 e) shapes and entropies
-    slopes: Any  # (M, 2 e) stresses and temperatures
-    FG: Any  # (m,)
-    rho: Any  # (k,)
-    left: Any  # (k, k)
-    J: Any  # (k m, k m) of Newton's method
-    rhs: Any  # (k m,)
-    base: Any  # (k m,)
-    x0: Any  # (2 e,) shapes and entropies at the start
-    dz: Any  # (2 n + e,)
-    z1: Any  # (2 n + e,)
-    z: Any  # (2 n + e,) of a run: where it is
-    carry: Any  # and what rounding dropped on the way
-    here: Any  # (2 n + e,) of a march: where it is
-    dropped: Any  # and what rounding dropped on the way
-
-
-# the order in memory: arrays, then the numbers of the method; then where the views of `given` begin
-STORED = (
-    "c", "inverse_mass", "given", "found", "stiff", "ratio", "sums", "start", "end", "laws", "run", "mended",
-    "seen", "at_nodes", "drift", "at_points", "slopes", "FG", "rho", "left", "J", "rhs", "base", "x0", "dz", "z1", "z",
-    "carry", "here", "dropped",
-)  # fmt: skip
-_NAMES = [*STORED, *Coefficients._fields, "stop", *(f"given_{x}" for x in Given._fields)]
-PLACE: Any = namedtuple("PLACE", _NAMES)(*range(len(_NAMES)))  # type: ignore[misc]
-
-
-def layout(n: int, e: int, numbers: Coefficients, constants: int, ends: int, invariants: int) -> NDArray[np.int64]:
-    """Where in memory each array begins and the last ends; then where each field of `gauss_kernels.Given` begins."""
-    k, m, points = len(numbers.nodes), n + e, POINTS[-1]
-    place = given(n, e, k)
-    sizes = {
-        "c": constants, "inverse_mass": n, "given": place.scale.stop, "found": WIDTH * (2 * m + n) + 1, "stiff": 2,
-        "ratio": 1, "sums": n + 3 * m, "start": ends, "end": ends, "laws": n + m + 2 + invariants, "run": 1,
-        "mended": n + 1 + invariants, "seen": 2, "at_nodes": k * 2 * m, "drift": k * 2 * e,
-        "at_points": points * 2 * e, "slopes": points * 2 * e, "FG": m, "rho": k, "left": k * k,
-        "J": (k * m) ** 2, "rhs": k * m, "base": k * m, "x0": 2 * e, "dz": n + m, "z1": n + m,
-        "z": n + m, "carry": n + m, "here": n + m, "dropped": n + m,
-    } | {name: np.size(x) for name, x in numbers._asdict().items()}  # fmt: skip
-    at = np.cumsum([0, *(sizes[name] for name in _NAMES[: PLACE.stop])])
-    views = [*(x.start for x in place), place.scale.stop]
-    return np.array([*at, *(at[PLACE.given] + x for x in views)], dtype=np.int64)
-
-
-@compiled
-def part(memory, at, i):  # type: ignore[no-untyped-def]
-    return memory[at[i] : at[i + 1]]
-
-
-@compiled
-def unpack(plan, memory, at):  # type: ignore[no-untyped-def]
-    """(Coefficients, Work) as views of the memory, which begin where `at` says (see `layout`)."""
-    k, n, e = plan[STAGES], plan[N_Q], plan[N_E]
-    m, points = n + e, POINTS[-1]
-    found = part(memory, at, PLACE.found)
-    rows = found[: len(found) - 1].reshape(2 * m + n, WIDTH)
-    w = Work(
-        c=part(memory, at, PLACE.c),
-        inverse_mass=part(memory, at, PLACE.inverse_mass),
-        given=part(memory, at, PLACE.given),
-        found=found,
-        U=rows[:m],
-        N=rows[m : 2 * m],
-        V=rows[2 * m :],
-        state0=memory[at[PLACE.given_q] : at[PLACE.given_block]],
-        block=part(memory, at, PLACE.given_block),
-        columns=part(memory, at, PLACE.given_block).reshape(k, WIDTH),
-        u=part(memory, at, PLACE.given_u),
-        v=part(memory, at, PLACE.given_v),
-        scale=part(memory, at, PLACE.given_scale),
-        stiff=part(memory, at, PLACE.stiff),
-        rates=found[WIDTH * m : len(found) - 1],
-        ratio=part(memory, at, PLACE.ratio),
-        sums=part(memory, at, PLACE.sums),
-        start=part(memory, at, PLACE.start),
-        end=part(memory, at, PLACE.end),
-        laws=part(memory, at, PLACE.laws),
-        run=part(memory, at, PLACE.run),
-        mended=part(memory, at, PLACE.mended),
-        seen=part(memory, at, PLACE.seen),
-        at_nodes=part(memory, at, PLACE.at_nodes).reshape(k, 2 * m),
-        drift=part(memory, at, PLACE.drift).reshape(k, 2 * e),
-        at_points=part(memory, at, PLACE.at_points).reshape(points, 2 * e),
-        slopes=part(memory, at, PLACE.slopes).reshape(points, 2 * e),
-        FG=part(memory, at, PLACE.FG),
-        rho=part(memory, at, PLACE.rho),
-        left=part(memory, at, PLACE.left).reshape(k, k),
-        J=part(memory, at, PLACE.J).reshape(k * m, k * m),
-        rhs=part(memory, at, PLACE.rhs),
-        base=part(memory, at, PLACE.base),
-        x0=part(memory, at, PLACE.x0),
-        dz=part(memory, at, PLACE.dz),
-        z1=part(memory, at, PLACE.z1),
-        z=part(memory, at, PLACE.z),
-        carry=part(memory, at, PLACE.carry),
-        here=part(memory, at, PLACE.here),
-        dropped=part(memory, at, PLACE.dropped),
-    )
-    numbers = Coefficients(
-        nodes=part(memory, at, PLACE.nodes),
-        barycentric=part(memory, at, PLACE.barycentric),
-        at_start=part(memory, at, PLACE.at_start),
-        at_end=part(memory, at, PLACE.at_end),
-        A=part(memory, at, PLACE.A).reshape(k, k),
-        A_squared=part(memory, at, PLACE.A_squared).reshape(k, k),
-        b=part(memory, at, PLACE.b),
-        Ahats=part(memory, at, PLACE.Ahats).reshape(len(POINTS), points, k),
-        Ws=part(memory, at, PLACE.Ws).reshape(len(POINTS), k, points),
-    )
-    return numbers, w
+    n: int
+    e: int
+    k: int
+    m: int
+    n_constants: int
+    n_given: int
+    n_ends: int
+    n_invariants: int
+    to_start: Kernel  # see `formulas.kernels`
+    to_motion: Kernel
+    to_slopes: Kernel
+    to_forces: Kernel
+    to_mend: Kernel
+    to_iterate: Kernel  # those on vectors; 0: none
+    to_iterate_finer: Kernel
+    to_block: Kernel
+    to_extrapolate: Kernel
+    to_close: Kernel
+    numbers: Numbers
+    counts: Counts
+    c: Floats = sized("n_constants")  # the time step, the system's constants, and what depends on them only
+    inverse_mass: Floats = sized("n")
+    given: Floats = sized("n_given")
+    state0: Floats = sized("2 * m")  # q, p, pi and s at the start of the step
+    block: Floats = sized("k * WIDTH")  # of the conduction, by columns
+    columns: Matrix = sized("k", "WIDTH")  # the same
+    u: Floats = sized("e")  # left and right of the conduction
+    v: Floats = sized("e")
+    scale: Floats = sized("2")  # of forces and of heat in a residual
+    found: Floats = sized("WIDTH * (2 * m + n) + 1")
+    U: Matrix = sized("m", "WIDTH")  # the iterate
+    N: Matrix = sized("m", "WIDTH")  # the rates that it gives
+    V: Matrix = sized("n", "WIDTH")  # velocities
+    rates: Floats = sized("WIDTH * (m + n)")  # N, then V
+    stiff: Floats = sized("2")  # h, lambda
+    ratio: Floats = sized("1")  # this step over the last
+    sums: Floats = sized("n + 3 * m")  # what `formulas.closing` writes
+    start: Floats = sized("n_ends")  # what the first kernel gives at the start of the step
+    end: Floats = sized("n_ends")  # and at its end
+    laws: Floats = sized("n + m + 2 + n_invariants")  # a state, its energy, energy and invariants that it should have
+    run: Floats = sized("1")  # the energy at the start of the run
+    mended: Floats = sized("n + 1 + n_invariants")  # what the fifth kernel makes of them
+    seen: Floats = sized("2")  # the contraction of the last solve, and the quadrature that it took
+    at_nodes: Matrix = sized("k", "2 * m")  # velocities, positions, stresses, temperatures
+    drift: Matrix = sized("k", "2 * e")  # rates of shapes and entropies
+    at_points: Matrix = sized("MOST_POINTS", "2 * e")  # shapes and entropies
+    slopes: Matrix = sized("MOST_POINTS", "2 * e")  # stresses and temperatures
+    FG: Floats = sized("m")
+    rho: Floats = sized("k")
+    left: Matrix = sized("k", "k")
+    J: Matrix = sized("k * m", "k * m")  # of Newton's method
+    rhs: Floats = sized("k * m")
+    base: Floats = sized("k * m")
+    x0: Floats = sized("2 * e")  # shapes and entropies at the start
+    dz: Floats = sized("n + m")
+    z1: Floats = sized("n + m")
+    z: Floats = sized("n + m")  # of a run: where it is
+    carry: Floats = sized("n + m")  # and what rounding dropped on the way
+    here: Floats = sized("n + m")  # of a march: where it is
+    dropped: Floats = sized("n + m")  # and what rounding dropped on the way

@@ -26,16 +26,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from tcbench.compiler.jit import call, copy_into, fill, inlined, lean
+from tcbench.compiler.language import Floats, call, copy_into, fill, rare
 from tcbench.solver.linear_algebra import solve_pivoted
 
-from .formulas import POINTS
-from .memory import CLOSE, EXTRAPOLATE, FINER, FORCES, ITERATE, MEND, MOTION, N_E, N_Q, SLOPES, STAGES, START, STIFF
+from .formulas import ON_VECTORS, POINTS
+from .memory import LEVELS, Work
 
-# how a step ended, and what was counted
+# how a step ended
 SOLVED, FAILED, COARSE = 0, 1, 2  # COARSE: the quadrature does not keep the energy
-STEPS, REJECTED_STEPS, ITERATIONS, NEWTONS, HALVED, RAISED, COUNTS_SIZE = range(7)
-
+POINTS_0, POINTS_1, POINTS_2, POINTS_3 = POINTS
 MAX_ITERATIONS = 60
 CONVERGED = 1e-15  # scaled residual, beside which rounding is larger
 STAGNATED = 2e-14  # below this a residual that no longer shrinks is round-off
@@ -47,10 +46,15 @@ MAX_NEWTON = 12
 INCREMENT = 1e-7  # of the difference quotients of the fallback: they steer, the residual decides
 
 
-@lean
-def rates(plan, a, w, h, z, level):  # type: ignore[no-untyped-def]
+def points_of(level: int) -> int:
+    """Points of a quadrature."""
+    return POINTS_0 if level == 0 else POINTS_1 if level == 1 else POINTS_2 if level == 2 else POINTS_3
+
+
+@rare
+def rates(w: Work, h: float, z: Floats, level: int) -> int:
     """N = (F, G) that the equations give for U = (F, G); FAILED if a shape or temperature is not positive."""
-    k, n, e, points = plan[STAGES], plan[N_Q], plan[N_E], POINTS[level]
+    a, k, n, e, points = w.numbers, w.k, w.n, w.e, points_of(level)
     for j in range(k):
         for i in range(n):
             total = 0.0
@@ -63,7 +67,7 @@ def rates(plan, a, w, h, z, level):  # type: ignore[no-untyped-def]
             for l in range(k):
                 total += a.A[j, l] * w.V[i, l]
             w.at_nodes[j, n + i] = z[i] + h * total
-        call(plan[MOTION], w.at_nodes[j], w.c, w.drift[j])
+        call(w.to_motion, w.at_nodes[j], w.c, w.drift[j])
         for i in range(e):
             w.drift[j, e + i] = w.U[n + i, j]
     for g in range(points):
@@ -75,7 +79,7 @@ def rates(plan, a, w, h, z, level):  # type: ignore[no-untyped-def]
         for i in range(e):
             if not w.at_points[g, i] > 0.0:
                 return FAILED
-        call(plan[SLOPES], w.at_points[g], w.c, w.slopes[g])
+        call(w.to_slopes, w.at_points[g], w.c, w.slopes[g])
     for j in range(k):
         for i in range(2 * e):
             total = 0.0
@@ -85,22 +89,21 @@ def rates(plan, a, w, h, z, level):  # type: ignore[no-untyped-def]
         for i in range(e):
             if not w.at_nodes[j, 2 * n + e + i] > 0.0:
                 return FAILED
-        call(plan[FORCES], w.at_nodes[j], w.c, w.FG)
+        call(w.to_forces, w.at_nodes[j], w.c, w.FG)
         for i in range(n + e):
             w.N[i, j] = w.FG[i]
     return SOLVED
 
 
-@inlined
-def stiff_block(plan, a, w, h):  # type: ignore[no-untyped-def]
+def stiff_block(w: Work, h: float) -> None:
     """(I - lambda hA)^-1 hA, by elimination (safe without pivoting: lambda <= 0)."""
-    k, n, e = plan[STAGES], plan[N_Q], plan[N_E]
+    a, k, n, e = w.numbers, w.k, w.n, w.e
     first = n + 2 * e + 2  # behind (F, G, pi, E, round-off of E): lambda, u, v
     w.stiff[0], w.stiff[1] = h, w.start[first]
     for i in range(e):
         w.u[i], w.v[i] = w.start[first + 1 + i], w.start[first + 1 + e + i]
-    if plan[STIFF] != 0:
-        call(plan[STIFF], w.stiff, w.c, w.block)
+    if w.to_block != 0:
+        call(w.to_block, w.stiff, w.c, w.block)
         return
     T = w.columns
     for i in range(k):
@@ -124,10 +127,9 @@ def stiff_block(plan, a, w, h):  # type: ignore[no-untyped-def]
             T[j, m] = total * inverse
 
 
-@inlined
-def correct(plan, w, h):  # type: ignore[no-untyped-def]
+def correct(w: Work, h: float) -> float:
     """U += N - U with the conduction solved for; returns the scaled residual."""
-    k, n, e = plan[STAGES], plan[N_Q], plan[N_E]
+    k, n, e = w.k, w.n, w.e
     for j in range(k):
         w.rho[j] = 0.0
         for i in range(e):
@@ -145,31 +147,29 @@ def correct(plan, w, h):  # type: ignore[no-untyped-def]
     return h * size
 
 
-@inlined
-def iterate(plan, a, w, h, z, level):  # type: ignore[no-untyped-def]
+def iterate(w: Work, h: float, z: Floats, level: int) -> float:
     """One iteration with a quadrature; the scaled residual, not finite where U is out of the formulas' range.
 
     It is one kernel on vectors for the coarser quadratures, where the system's formulas have such a form.
     """
-    kernel = plan[ITERATE] if level == 0 else plan[FINER] if level == 1 else 0
+    kernel = w.to_iterate if level == 0 else w.to_iterate_finer if level == 1 else 0
     if kernel != 0:
         call(kernel, w.given, w.c, w.found)
         return h * w.found[len(w.found) - 1]
-    return correct(plan, w, h) if rates(plan, a, w, h, z, level) == SOLVED else np.inf
+    return correct(w, h) if rates(w, h, z, level) == SOLVED else np.inf
 
 
-@inlined
-def fixed_point(plan, a, w, h, z, level, residual, counts):  # type: ignore[no-untyped-def]
+def fixed_point(w: Work, h: float, z: Floats, level: int, residual: float) -> int:
     """Iterate from U, in place, until U and N agree to the residual. SOLVED or FAILED."""
     previous, slow, first, shrunk, since = np.inf, 0, 0.0, 0.0, 0
     w.c[0], w.seen[0] = h, 0.0
-    stiff_block(plan, a, w, h)
+    stiff_block(w, h)
     # round-off in the conduction is that of entropies, times 1 - h lambda
     w.scale[1] = min(1.0, residual / CONVERGED / (1.0 - h * w.stiff[1]))
-    here, taken = np.int64(0), 0
+    here, taken = 0, 0
     for _ in range(MAX_ITERATIONS):
-        counts[ITERATIONS] += 1
-        size = iterate(plan, a, w, h, z, here)
+        w.counts.iterations += 1
+        size = iterate(w, h, z, here)
         if not size < np.inf:
             return FAILED
         if here < level and size <= max(ROUGH, residual):
@@ -191,15 +191,15 @@ def fixed_point(plan, a, w, h, z, level, residual, counts):  # type: ignore[no-u
     return FAILED
 
 
-@lean
-def newton(plan, a, w, h, z, level, counts):  # type: ignore[no-untyped-def]
+@rare
+def newton(w: Work, h: float, z: Floats, level: int) -> int:
     """Newton on U - N(U) = 0 with difference quotients, from U, in place: where the fixed point does not contract."""
-    m = plan[N_Q] + plan[N_E]
-    unknowns = plan[STAGES] * m
+    m = w.m
+    unknowns = w.k * m
     previous = np.inf
     for _ in range(MAX_NEWTON):
-        counts[NEWTONS] += 1
-        if rates(plan, a, w, h, z, level) != SOLVED:
+        w.counts.newtons += 1
+        if rates(w, h, z, level) != SOLVED:
             return FAILED
         for row in range(unknowns):
             w.base[row] = w.N[row % m, row // m]
@@ -208,7 +208,7 @@ def newton(plan, a, w, h, z, level, counts):  # type: ignore[no-untyped-def]
             here = w.U[i, j]
             eps = INCREMENT * max(1.0, abs(here))
             w.U[i, j] = here + eps
-            done = rates(plan, a, w, h, z, level)
+            done = rates(w, h, z, level)
             w.U[i, j] = here
             if done != SOLVED:
                 return FAILED
@@ -222,33 +222,31 @@ def newton(plan, a, w, h, z, level, counts):  # type: ignore[no-untyped-def]
         for row in range(unknowns):
             j, i = row // m, row % m
             w.U[i, j] += w.rhs[row]
-            r = h * abs(w.rhs[row]) * (w.scale[0] if i < plan[N_Q] else w.scale[1])
+            r = h * abs(w.rhs[row]) * (w.scale[0] if i < w.n else w.scale[1])
             size = r if not r <= size else size
         if not size < np.inf:
             return FAILED
         if size <= CONVERGED or (size <= STAGNATED and size > 0.5 * previous):
-            return rates(plan, a, w, h, z, level)
+            return rates(w, h, z, level)
         if size > 2.0 * previous:
             return FAILED
         previous = size
     return FAILED
 
 
-@inlined
-def guess(plan, w):  # type: ignore[no-untyped-def]
+def guess(w: Work) -> None:
     """U = the rates at the start of the step, at every node."""
-    for j in range(plan[STAGES]):
-        for i in range(plan[N_Q] + plan[N_E]):
+    for j in range(w.k):
+        for i in range(w.m):
             w.U[i, j] = w.start[i]
 
 
-@inlined
-def extrapolate(plan, a, w, ratio):  # type: ignore[no-untyped-def]
+def extrapolate(w: Work, ratio: float) -> None:
     """U = the last step's polynomials N at this step's nodes, `ratio` = this step over the last (barycentric form)."""
-    k, m = plan[STAGES], plan[N_Q] + plan[N_E]
-    if plan[EXTRAPOLATE] != 0:
+    a, k, m = w.numbers, w.k, w.m
+    if w.to_extrapolate != 0:
         w.ratio[0] = ratio
-        call(plan[EXTRAPOLATE], w.ratio, w.c, w.found)
+        call(w.to_extrapolate, w.ratio, w.c, w.found)
         return
     for j in range(k):
         x = 1.0 + ratio * a.nodes[j]
@@ -264,13 +262,12 @@ def extrapolate(plan, a, w, ratio):  # type: ignore[no-untyped-def]
             w.U[i, j] /= total
 
 
-@inlined
-def close(plan, a, w, h):  # type: ignore[no-untyped-def]
+def close(w: Work, h: float) -> None:
     """dz of the step, and its polynomials of the rates at both ends, into `sums`."""
-    k, n, m = plan[STAGES], plan[N_Q], plan[N_Q] + plan[N_E]
-    if plan[CLOSE] != 0:
+    a, k, n, m = w.numbers, w.k, w.n, w.m
+    if w.to_close != 0:
         w.c[0] = h
-        call(plan[CLOSE], w.rates, w.c, w.sums)
+        call(w.to_close, w.rates, w.c, w.sums)
         return
     fill(w.sums, 0.0)
     for j in range(k):
@@ -282,18 +279,17 @@ def close(plan, a, w, h):  # type: ignore[no-untyped-def]
             w.sums[n + 2 * m + i] += a.at_end[j] * w.N[i, j]
 
 
-@inlined
-def mend(plan, w, residual):  # type: ignore[no-untyped-def]
+def mend(w: Work, residual: float) -> bool:
     """Change momenta so that the end of the step has the energy and invariants of the run. False, and nothing is done,
     if that is much of the kinetic energy that is free to change, or much more than the residual; but round-off that
     earlier steps left behind, as where masses nearly collide, is mended whatever its size."""
-    n, size = plan[N_Q], len(w.z1)
-    total = n + 2 * plan[N_E]
+    n, size = w.n, len(w.z1)
+    total = n + 2 * w.e
     copy_into(w.laws, w.z1)
     w.laws[size] = w.end[total]
     right = abs(w.end[total] - w.run[0]) <= w.end[total + 1]  # to round-off, which would disturb the momenta
     w.laws[size + 1] = w.end[total] if right else w.run[0]
-    call(plan[MEND], w.laws, w.c, w.mended)
+    call(w.to_mend, w.laws, w.c, w.mended)
     if not abs(w.mended[n]) <= MOST:
         return False
     inherited = abs(w.end[total] - w.start[total]) <= w.end[total + 1]
@@ -307,47 +303,48 @@ def mend(plan, w, residual):  # type: ignore[no-untyped-def]
     return True
 
 
-@inlined
-def try_step(plan, a, w, h, z, known, careful, coarsest, levels, residual, counts):  # type: ignore[no-untyped-def]
+def try_step(w: Work, h: float, z: Floats, known: bool, coarsest: int, residual: float) -> int:
     """One step of length h from z: dz; `start` and `end` are what the first kernel gives at z and z + dz.
 
-    known: U is a guess. careful: Newton, where the fixed point fails. When the energy of a converged step is not kept
-    to round-off, or mending would change more than the residual, the quadrature was too coarse for this step: finer
-    ones follow, from `coarsest` to below `levels`, and then convergence, before it is COARSE.
+    known: U is a guess. When the energy of a converged step is not kept to round-off, or mending would change more than
+    the residual, the quadrature was too coarse for this step: finer ones follow, from `coarsest`, and then convergence,
+    before it is COARSE. A step to round-off has Newton, where the fixed point fails, and all quadratures.
     """
-    n, e = plan[N_Q], plan[N_E]
+    n, e = w.n, w.e
+    careful = residual <= CONVERGED
+    levels = LEVELS if careful else ON_VECTORS
     for i in range(2 * n):
         w.state0[i] = z[i]
     for i in range(e):
         w.state0[2 * n + i] = w.x0[i] = w.start[n + e + i]
         w.state0[2 * n + e + i] = w.x0[e + i] = z[2 * n + i]
     if not known:
-        guess(plan, w)
+        guess(w)
     level = coarsest
     while True:
         w.seen[1] = level
-        done = fixed_point(plan, a, w, h, z, level, residual, counts)
+        done = fixed_point(w, h, z, level, residual)
         if done != SOLVED and careful:
-            guess(plan, w)
-            done = newton(plan, a, w, h, z, level, counts)
+            guess(w)
+            done = newton(w, h, z, level)
         if done != SOLVED:
             return FAILED
-        close(plan, a, w, h)
+        close(w, h)
         for i in range(len(z)):
             w.dz[i] = w.sums[i]
             w.z1[i] = z[i] + w.dz[i]
-        call(plan[START], w.z1, w.c, w.end)
+        call(w.to_start, w.z1, w.c, w.end)
         total = w.end[n + 2 * e]
         if not abs(total) < np.inf:
             return FAILED
         if residual > CONVERGED:
-            if mend(plan, w, residual):
+            if mend(w, residual):
                 return SOLVED
         elif abs(total - w.start[n + 2 * e]) <= w.start[n + 2 * e + 1]:
             return SOLVED
         if level + 1 < levels:
             level += 1
-            counts[RAISED] += 1
+            w.counts.raised += 1
         elif residual > CONVERGED:
             residual = CONVERGED
         else:

@@ -30,23 +30,23 @@ def given_gap(function: Any, given: Callable[..., Any], scenario: Scenario) -> f
 
 def traced_gap(method: Integrator, scenario: Scenario) -> float:
     """The traced Jacobian of each formula, away from its root."""
-    from ..compiler.jit import evaluate
-    from ..simulation.run import _STRUCTURES, Workspace, compiled_flows
+    from ..compiler.library import evaluate
+    from ..solver.flow import Tally
+    from ..solver.implicit_step import Rules, compiled_flows, make_flows
 
     model = scenario.model
-    _STRUCTURES.setdefault(model.structure, model)
-    compiled = compiled_flows(method.flows, model.structure)
-    constants, worst = model.constant_values.copy(), 0.0
+    constants, worst = np.concatenate([model.constant_values, scenario.z0, scenario.z0]), 0.0
+    compiled = compiled_flows(method.flows, model.symbolic)
+    flows = make_flows(method, scenario, scenario.dt, constants, Tally(), Rules(), compiled)
     constants[0] = scenario.dt
-    buffers = Workspace.of(compiled, constants, scenario.dt, model.size, model.observer[1])
-    for work, kernels in zip(buffers.works, compiled.kernels, strict=True):
-        n = kernels.n_unknowns
+    for flow, kernels in zip(flows, compiled, strict=True):
+        n = flow.nx
         if n == 0:
             continue
-        evaluate(kernels.prologue.address, np.array(scenario.z0), constants, work)
+        evaluate(flow.prologue, np.array(scenario.z0), constants, flow.w)
         x = 1e-2 * np.cos(np.arange(n))  # any point near the start: the formula is checked, not the root
-        found = kernels.full(work, x)[n : n + n * n].reshape(n, n)
-        worst = max(worst, _gap(found, partial(_rows, kernels, work), x))
+        found = kernels.full(flow.w, x)[n : n + n * n].reshape(n, n)
+        worst = max(worst, _gap(found, partial(_rows, kernels, flow.w), x))
     return worst
 
 

@@ -289,7 +289,7 @@ class _Hasher:
             self._parts("partial", kind, item.func, item.args, _sorted(item.keywords))
         elif isinstance(item, enum.Enum):
             self._parts("enum", kind, item.name, item.value)
-        elif callable(item) and (wrapped := _wrapped(item)) is not None:  # lru_cache, numba's njit, jax's jit
+        elif callable(item) and (wrapped := _wrapped(item)) is not None:  # lru_cache, a jit
             self._parts("wrapped", kind, wrapped)
         elif isinstance(item, np.ufunc | np.dtype | re.Pattern) or kind.__module__ in ("typing", "types"):
             self.note(kind.__name__, item)

@@ -9,22 +9,17 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .derivatives import Symbol, depends_on, topological
+from .language import FUNCTIONS, PLAIN, PYTHON_KERNELS
 
 WIDTH = 8  # doubles in a vector of lanes.py
 _BINARY = {"add": "+", "sub": "-", "mul": "*"}
-_HEADER = """\
-from math import atan, cos, exp, expm1, inf, log, log1p, sin, sqrt, tanh
-from tcbench.compiler.special import dlam, dphi, lam, lam_pair, phi, phi_pair
-
-def kernel(a, b, out):
-"""
 
 
 def straight_line(inputs: Mapping[Symbol, str], outputs: Sequence[Symbol]) -> str:
@@ -59,7 +54,7 @@ def straight_line(inputs: Mapping[Symbol, str], outputs: Sequence[Symbol]) -> st
         else:
             lines.append(f"{name} = {_operation(node, [names[x.number] for x in node.args])}")
     lines += [f"out[{i}] = {names[node.number]}" for i, node in enumerate(outputs)]
-    return _HEADER + "".join(f"    {line}\n" for line in lines or ["pass"])
+    return "def kernel(a, b, out):\n" + "".join(f"    {line}\n" for line in lines or ["pass"])
 
 
 def topological_above(inputs: Mapping[Symbol, Any], outputs: Sequence[Symbol]) -> list[Symbol]:
@@ -116,10 +111,10 @@ class Kernel:
 
     def __call__(self, a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
         """Evaluate once; returns a new array, shape (size,). `a` and `b` must be contiguous."""
-        from . import jit
+        from .library import evaluate
 
         out = np.empty(self.size)
-        jit.evaluate(self.address, a, b, out)
+        evaluate(self.address, a, b, out)
         return out
 
 
@@ -127,15 +122,32 @@ def kernel(inputs: Mapping[Symbol, str], outputs: Sequence[Symbol]) -> Kernel:
     return Kernel(straight_line(inputs, outputs), len(outputs))
 
 
-def _load(text: str) -> int:
-    """Address of the compiled text: of machine code, or made up where compilation is switched off."""
-    from . import jit
-    from . import llvm as native  # numba and LLVM are imported when something is compiled, not before
+@cache
+def namespace() -> dict[str, Any]:
+    """What the text of a kernel names."""
+    from . import special
 
-    if not jit.DISABLED:
-        return native.load(text)
-    namespace: dict = {}
-    exec(compile(text, "<kernel>", "exec"), namespace)
-    address = len(jit.PYTHON_KERNELS) + 1
-    jit.PYTHON_KERNELS[address] = namespace["kernel"]
+    names = ("phi", "phi_pair", "dphi", "lam", "lam_pair", "dlam")
+    return {"inf": math.inf, **FUNCTIONS, **{name: getattr(special, name) for name in names}}
+
+
+def _load(text: str) -> int:
+    """Address of the compiled text: of machine code, or made up where nothing is compiled."""
+    if not PLAIN:
+        from .machine import load  # LLVM is imported when something is compiled, not before
+
+        return load(text, _code)
+    scope = dict(namespace())
+    exec(compile(text, "<kernel>", "exec"), scope)
+    address = len(PYTHON_KERNELS) + 1
+    PYTHON_KERNELS[address] = scope["kernel"]
     return address
+
+
+def _code(text: str) -> str:
+    """LLVM code of a kernel's text; functions of `special` become part of it."""
+    from .translator import Module
+
+    module = Module()
+    module.kernel(text, namespace())
+    return module.text()

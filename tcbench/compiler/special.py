@@ -8,16 +8,13 @@ All arguments and results are dimensionless.
 
 from __future__ import annotations
 
-import math
-
-from .jit import compiled
+from .language import expm1, log1p
 
 PHI_SERIES = 0.3  # |x| below this: the first omitted term of phi is 0.3^12/13! = 9e-17
 LAM_SERIES = 0.14  # |x/(2 + x)| below this: the first omitted term of lam is 0.14^18/19 = 2e-17
 
 
-@compiled
-def _psi(x):  # type: ignore[no-untyped-def]
+def _psi(x: float) -> float:
     """(phi(x) - 1)/x for |x| < PHI_SERIES: sum of x^k/(k + 2)!, in Estrin's order (short chains of operations)."""
     x2 = x * x
     x4 = x2 * x2
@@ -27,27 +24,24 @@ def _psi(x):  # type: ignore[no-untyped-def]
     return low + x4 * (mid + x4 * top)
 
 
-@compiled
-def phi(x):  # type: ignore[no-untyped-def]
+def phi(x: float) -> float:
     """expm1(x)/x."""
     if abs(x) < PHI_SERIES:
         return 1.0 + x * _psi(x)
-    return math.expm1(x) / x
+    return expm1(x) / x
 
 
-@compiled
-def phi_pair(x):  # type: ignore[no-untyped-def]
+def phi_pair(x: float) -> tuple[float, float]:
     """phi and its derivative, which is phi - (phi - 1)/x."""
     if abs(x) < PHI_SERIES:
         psi = _psi(x)
         value = 1.0 + x * psi
         return value, value - psi
-    value = math.expm1(x) / x
+    value = expm1(x) / x
     return value, value - (value - 1.0) / x
 
 
-@compiled
-def _artanh_tail(u):  # type: ignore[no-untyped-def]
+def _artanh_tail(u: float) -> float:
     """(artanh(y)/y - 1)/y^2 with u = y^2 < LAM_SERIES^2: sum of u^k/(2k + 3)."""
     u2 = u * u
     low = ((1 / 3) + u * (1 / 5)) + u2 * ((1 / 7) + u * (1 / 9))
@@ -55,19 +49,17 @@ def _artanh_tail(u):  # type: ignore[no-untyped-def]
     return low + u2 * u2 * top
 
 
-@compiled
-def lam(x):  # type: ignore[no-untyped-def]
+def lam(x: float) -> float:
     """log1p(x)/x, through log1p(x) = 2 artanh(x/(2 + x))."""
     r = 1.0 / (2.0 + x)
     y = x * r
     if abs(y) < LAM_SERIES:
         u = y * y
         return 2.0 * r * (1.0 + u * _artanh_tail(u))
-    return math.log1p(x) / x
+    return log1p(x) / x
 
 
-@compiled
-def lam_pair(x):  # type: ignore[no-untyped-def]
+def lam_pair(x: float) -> tuple[float, float]:
     """lam and its derivative, which is (1 - lam)/x - 1/(1 + x)."""
     r = 1.0 / (2.0 + x)
     y = x * r
@@ -75,15 +67,13 @@ def lam_pair(x):  # type: ignore[no-untyped-def]
         u = y * y
         tail = _artanh_tail(u)
         return 2.0 * r * (1.0 + u * tail), r - 2.0 * r * r * y * tail - 1.0 / (1.0 + x)
-    value = math.log1p(x) / x
+    value = log1p(x) / x
     return value, (1.0 - value) / x - 1.0 / (1.0 + x)
 
 
-@compiled
-def dphi(x):  # type: ignore[no-untyped-def]
+def dphi(x: float) -> float:
     return phi_pair(x)[1]
 
 
-@compiled
-def dlam(x):  # type: ignore[no-untyped-def]
+def dlam(x: float) -> float:
     return lam_pair(x)[1]

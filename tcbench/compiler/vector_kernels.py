@@ -1,8 +1,8 @@
 """Graphs on vectors of eight numbers at once: LLVM code for what happens alike at every node of a step.
 
-`emit` writes scalar kernels and numba compiles them; a loop over collocation nodes or quadrature points stays scalar
-there. Here each Symbol becomes a vector of WIDTH doubles, which LLVM maps to whatever the machine has (AVX-512, AVX2,
-SSE2, NEON), exp and log included. The object code is cached beside numba's.
+`kernels` writes scalar kernels; a loop over collocation nodes or quadrature points stays scalar there. Here each Symbol
+becomes a vector of WIDTH doubles, which LLVM maps to whatever the machine has (AVX-512, AVX2,
+SSE2, NEON), exp and log included. The object code is cached as all is.
 """
 
 from __future__ import annotations
@@ -19,8 +19,10 @@ from llvmlite import ir
 
 from .derivatives import Symbol, topological
 from .kernels import WIDTH, topological_above
-from .llvm import DOUBLE, FLAGS, INT, POINTER
 
+DOUBLE, INT = ir.DoubleType(), ir.IntType(64)
+POINTER = ir.PointerType(DOUBLE)
+FLAGS = ("contract",)  # fused multiply-add
 VECTOR, INTEGERS = ir.VectorType(DOUBLE, WIDTH), ir.VectorType(INT, WIDTH)
 OPERATIONS = {"add", "sub", "mul", "neg", "recip", "sqrt", "exp", "log", "mark", "const", "var"}
 

@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 
 from ..integrator import Integrator
-from ..solver.linear_algebra import add_increments
 from ..systems.scenario import Scenario
-from . import compiled_loop as m
-from .recorder import Recorder, assemble, empty_summary, exception_sentence, explain, run_limits
+from .compiled_loop import LOOPS, NOW, OK
+from .recorder import assemble, exception_sentence, explain, new_run, new_tally
 from .trajectory import SolverCounts, Trajectory
 
 POINTS = 200  # output times of an adaptive run
@@ -26,8 +25,8 @@ def run_step(integrator: Integrator, scenario: Scenario, dt: float, steps: int, 
     monitor = Monitor(scenario, dt, steps, every)
     carry = np.zeros_like(z)
     begin = time.perf_counter()
-    reason, failure, done = m.OK, "", 0
-    while done < steps and reason == m.OK:
+    reason, failure, done = OK, "", 0
+    while done < steps and reason == OK:
         try:
             states = _next_states(integrator, model, z, carry, dt, min(TOGETHER, steps - done))
         except Exception as error:  # a plugin may raise anything: that is a row, not a crash
@@ -37,7 +36,7 @@ def run_step(integrator: Integrator, scenario: Scenario, dt: float, steps: int, 
         z = states[-1]
     wall = time.perf_counter() - begin
     status, sentence = ("exception", failure) if failure else explain(reason, done, dt, scenario)
-    run = monitor.trajectory(integrator, status, sentence, done, wall)
+    run = monitor.trajectory(integrator, status, sentence, wall)
     return replace(run, solver=SolverCounts(unknown=("newton_iterations",)))
 
 
@@ -58,7 +57,7 @@ def _next_states(
         rows = result[None]
     if integrator.increments:
         states = np.empty_like(rows)
-        add_increments(z.copy(), rows, carry, states)
+        LOOPS.add_increments(z.copy(), rows, carry, states)
         return states
     return rows
 
@@ -67,40 +66,39 @@ class Monitor:
     """Observables and criteria of the compiled loop, for a loop in Python (a few microseconds a step)."""
 
     def __init__(self, scenario: Scenario, dt: float, steps: int, every: int) -> None:
-        self.scenario, self.dt, model = scenario, dt, scenario.model
-        self.observe, self.c, size = 0, model.constant_values, 2 + len(model.invariant_names) + 2 * model.n_elements
-        if not model.by_arrays:
-            self.observe = model.observer[0].address
-        self.observables = np.empty((3, size))
-        self.observables[0] = model.observe(scenario.z0)
-        self.observables[1] = self.observables[0]
-        self.recorder = Recorder.for_steps(steps, every, len(scenario.z0), size)
-        self.recorder.states[0], self.recorder.records[0] = scenario.z0, self.observables[0]
-        self.limits = run_limits(scenario)
-        self.shape = np.zeros(m.SHAPE_SIZE, dtype=np.int64)
-        self.shape[m.N_POSITIONS], self.shape[m.N_ELEMENTS] = model.n_positions, model.n_elements
-        self.shape[m.N_INVARIANTS] = len(model.invariant_names)
-        self.shape[m.OBSERVE], self.shape[m.RECORD_EVERY] = self.observe, every
-        self.summary = empty_summary(len(model.invariant_names))
+        self.scenario, model = scenario, scenario.model
+        size = 2 + len(model.invariant_names) + 2 * model.n_elements
+        self.observe = 0 if model.by_arrays else model.observer[0].address
+        c = model.constant_values
+        self.run = new_run(
+            scenario,
+            dt,
+            steps,
+            every,
+            n_observables=size,
+            observe=self.observe,
+            n_constants=len(c),
+            c=c,
+            tally=new_tally(),
+        )
+        self.run.observables[:] = model.observe(scenario.z0)
+        self.run.states[0], self.run.records[0] = scenario.z0, self.run.observables[NOW]
 
     def add(self, first: int, rows: np.ndarray) -> tuple[int, int]:
         """(why the run ended or OK, completed steps) after these states, those of step `first` and the next."""
-        arrays = self.limits, self.shape, self.observables, self.recorder.states, self.recorder.records, self.summary
         rows = np.ascontiguousarray(rows)  # kernels and the compiled loop read rows as they lie in memory
         if self.observe:
-            return m.monitor(first, rows, self.c, self.dt, *arrays)
-        reason, done = m.OK, first - 1
+            return LOOPS.monitor(self.run, first, rows), self.run.tally.steps
+        reason = OK
         for step, z in enumerate(rows, start=first):
-            self.observables[2] = self.scenario.model.observe(z)
-            reason, done = m.monitor(step, z[None], self.c, self.dt, *arrays)
-            if reason != m.OK:
+            self.run.observables[NOW] = self.scenario.model.observe(z)
+            reason = LOOPS.monitor(self.run, step, z[None])
+            if reason != OK:
                 break
-        return reason, done
+        return reason, self.run.tally.steps
 
-    def trajectory(self, integrator: Integrator, status: str, failure: str, done: int, wall: float) -> Trajectory:
-        return assemble(
-            integrator, self.scenario, self.dt, done, self.recorder, self.summary, status, failure, wall, False
-        )
+    def trajectory(self, integrator: Integrator, status: str, failure: str, wall: float) -> Trajectory:
+        return assemble(integrator, self.scenario, self.run, status, failure, wall)
 
 
 def run_adaptive(integrator: Integrator, scenario: Scenario, tolerance: float) -> Trajectory:
@@ -110,7 +108,7 @@ def run_adaptive(integrator: Integrator, scenario: Scenario, tolerance: float) -
     t = np.linspace(0.0, scenario.t_end, POINTS + 1)
     monitor = Monitor(scenario, t[1], POINTS, 1)
     begin = time.perf_counter()
-    failure, reason, done, states, counts = "", m.OK, 0, np.empty((0, model.size)), {}
+    failure, reason, done, states, counts = "", OK, 0, np.empty((0, model.size)), {}
     try:
         result = integrator.adaptive(model, scenario.z0.copy(), t, tolerance, tolerance)
         states, counts = result if isinstance(result, tuple) else (result, {})
@@ -121,7 +119,7 @@ def run_adaptive(integrator: Integrator, scenario: Scenario, tolerance: float) -
     if len(states) > 1:
         reason, done = monitor.add(1, states[1:])
     status, sentence = ("exception", failure) if failure else explain(reason, done, t[1], scenario)
-    run = monitor.trajectory(integrator, status, sentence, done, wall)
+    run = monitor.trajectory(integrator, status, sentence, wall)
     solver = SolverCounts(
         newton_iterations=int(counts.get("newton_iterations", 0)),
         rhs_evaluations=int(counts.get("rhs_evaluations", 0)),

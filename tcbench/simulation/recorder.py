@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 import traceback
-from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from ..integrator import Integrator
+from ..solver import implicit_step as m
+from ..solver.flow import Tally
 from ..systems.scenario import Scenario
-from . import compiled_loop as m
+from .compiled_loop import FIRST_INVARIANT, E, Run, S
 from .trajectory import SolverCounts, Summary, Trajectory
 
 ENTROPY_TOLERANCE = 1e-13  # what one converged solve leaves over: a smaller fall is round-off
@@ -29,34 +31,20 @@ _STATUS = {
 }
 
 
-@dataclass
-class Recorder:
-    """Arrays that a run fills: one row each `every` steps."""
-
-    states: np.ndarray
-    records: np.ndarray
-    counts: np.ndarray
-    every: int
-
-    @classmethod
-    def for_steps(cls, steps: int, every: int, size: int, observables: int) -> Recorder:
-        rows = steps // every + 2
-        return cls(np.zeros((rows, size)), np.zeros((rows, observables)), np.zeros(rows, dtype=np.int64), every)
+def new_tally() -> Tally:
+    """That of no step."""
+    return Tally(entropy_min=math.inf, lyapunov_max=-math.inf)
 
 
-def run_limits(scenario: Scenario) -> np.ndarray:
-    limits = np.empty(m.LIMITS_SIZE)
-    limits[m.V0] = scenario.blowup_factor * scenario.initial_exergy
-    limits[m.REFERENCE] = scenario.model.reference_temperature  # type: ignore[attr-defined]
-    limits[m.ENTROPY_TOLERANCE], limits[m.ENTROPY_FALL] = ENTROPY_TOLERANCE, ENTROPY_FALL
-    return limits
-
-
-def empty_summary(invariants: int) -> np.ndarray:
-    summary = np.zeros(m.MOMENTA + invariants)
-    summary[m.ENTROPY_MIN] = np.inf
-    summary[m.LYAPUNOV_MAX] = -np.inf
-    return summary
+def new_run(scenario: Scenario, dt: float, steps: int, every: int, **fields: Any) -> Run:
+    """A run from a scenario's start: its criteria, and room for a row each `every` steps."""
+    model, rows = scenario.model, steps // every + 2
+    return Run(
+        n=model.size, n_elements=model.n_elements, n_invariants=len(model.invariant_names), n_rows=rows,
+        every=every, h=dt, bound=scenario.blowup_factor * scenario.initial_exergy,
+        reference=model.reference_temperature, entropy_tolerance=ENTROPY_TOLERANCE, entropy_fall=ENTROPY_FALL,
+        z=scenario.z0.copy(), **fields,
+    )  # fmt: skip
 
 
 def explain(reason: int, done: int, dt: float, scenario: Scenario) -> tuple[str, str]:
@@ -72,51 +60,48 @@ def explain(reason: int, done: int, dt: float, scenario: Scenario) -> tuple[str,
 def assemble(
     integrator: Integrator,
     scenario: Scenario,
-    dt: float,
-    done: int,
-    recorder: Recorder,
-    summary: np.ndarray,
+    run: Run,
     status: str,
     failure: str,
     wall: float,
-    residuals: bool,
     solver: SolverCounts | None = None,
 ) -> Trajectory:
     """The Trajectory of the completed steps."""
-    rows = -(-done // recorder.every) + 1
-    t = np.minimum(np.arange(rows) * recorder.every, done) * dt
+    tally, dt, every = run.tally, float(run.h), run.every
+    done = tally.steps
+    rows = -(-done // every) + 1
+    t = np.minimum(np.arange(rows) * every, done) * dt
     names, n = scenario.model.invariant_names, scenario.model.n_elements
-    observed = recorder.records[:rows]
-    first = m.FIRST_INVARIANT
+    observed, first = run.records[:rows], FIRST_INVARIANT
     return Trajectory(
-        integrator=integrator, scenario=scenario, dt=dt, t=t, z=recorder.states[:rows],
-        energy=observed[:, m.E], entropy=observed[:, m.S],
+        integrator=integrator, scenario=scenario, dt=dt, t=t, z=run.states[:rows],
+        energy=observed[:, E], entropy=observed[:, S],
         invariants={name: observed[:, first + i] for i, name in enumerate(names)},
         temperatures=observed[:, first + len(names) : first + len(names) + n],
-        status=status, failure=failure, steps=done, newton_iterations=recorder.counts[: rows - 1],
-        wall_time_s=wall, summary=summarise(summary, names, done, dt, residuals),
+        status=status, failure=failure, steps=done, newton_iterations=run.counts[: rows - 1],
+        wall_time_s=wall, summary=summarise(run, names),
         solver=solver or SolverCounts(
-            newton_iterations=int(summary[m.ITERATIONS]), retried=int(summary[m.RETRIED]),
-            tracked=int(summary[m.TRACKED]), continuation_tries=int(summary[m.TRACK_TRIES_SUM]),
-            arcs=int(summary[m.ARCS]), folds=int(summary[m.FOLDS]), audited=int(summary[m.AUDITED]),
-            wrong_roots=int(summary[m.WRONG_ROOTS]),
+            newton_iterations=tally.iterations, retried=tally.retried, tracked=tally.tracked,
+            continuation_tries=tally.tries, arcs=tally.arcs, folds=tally.folds, audited=tally.audited,
+            wrong_roots=tally.wrong_roots,
         ),
     )  # fmt: skip
 
 
-def summarise(s: np.ndarray, names: tuple[str, ...], steps: int, dt: float, residuals: bool) -> Summary:
-    spread = steps * s[m.SUM_TT] - s[m.SUM_T] ** 2
-    drift = (steps * s[m.SUM_TE] - s[m.SUM_T] * s[m.SUM_E]) / spread if steps > 1 and spread > 0 else math.nan
-    nan = math.nan
+def summarise(run: Run, names: tuple[str, ...]) -> Summary:
+    s, dt, nan = run.tally, float(run.h), math.nan
+    steps = s.steps
+    spread = steps * s.sum_tt - s.sum_t**2
+    drift = (steps * s.sum_te - s.sum_t * s.sum_e) / spread if steps > 1 and spread > 0 else nan
     return Summary(
-        energy_error_max=float(s[m.ENERGY_ERROR]) if steps else nan,
+        energy_error_max=float(s.energy_error) if steps else nan,
         energy_drift=float(drift),
-        entropy_increment_min=float(s[m.ENTROPY_MIN]) if steps else nan,
-        second_law_violations=int(s[m.VIOLATIONS]),
-        first_entropy_fall=float(s[m.FIRST_FALL]) * dt if s[m.FIRST_FALL] else nan,
-        lyapunov_increment_max=float(s[m.LYAPUNOV_MAX]) if steps else nan,
-        invariant_error_max={name: float(s[m.MOMENTA + i]) if steps else nan for i, name in enumerate(names)},
-        residual_max=float(s[m.RESIDUAL_MAX]) if residuals and steps else nan,
+        entropy_increment_min=float(s.entropy_min) if steps else nan,
+        second_law_violations=s.violations,
+        first_entropy_fall=s.first_fall * dt if s.first_fall else nan,
+        lyapunov_increment_max=float(s.lyapunov_max) if steps else nan,
+        invariant_error_max={name: float(run.departures[i]) if steps else nan for i, name in enumerate(names)},
+        residual_max=float(s.residual_max) if run.residuals and steps else nan,
     )
 
 

@@ -23,9 +23,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..compiler.jit import call, copy_into, fill, lean
+from ..compiler.language import Floats, call, copy_into, fill, rare
+from .flow import Flow
 from .linear_algebra import solve_bordered
-from .newton import ACCEPTED, FINISH, FULL, ITERATE, NE, NPOS, NX, PROLOGUE, newton
+from .newton import ACCEPTED, newton, set_step
 
 FOUND, UNDETERMINED, LOST, COLD_ROOT = range(4)
 
@@ -40,24 +41,25 @@ FIRST_STEP = 0.25
 BISECTIONS = 40
 
 
-@lean
-def linearise(flow, z0, c, h, w, full, v, t, scale, x, A):  # type: ignore[no-untyped-def]
-    """At v: the Newton correction perpendicular to t in A[:, m] and the tangent, not normalised, in A[:, m + 1].
+@rare
+def linearise(flow: Flow, v: Floats, t: Floats) -> float:
+    """At v: the Newton correction perpendicular to t in A[:, m] and the tangent, not normalised, in A[:, m + 1], where
+    A is `bordered`.
 
     Returns the sign of det B; B has t as its last row.
     """
-    n = flow[NX]
+    A, found, scale = flow.bordered, flow.derivatives, flow.scale
+    n = flow.nx
     m = n + 1
     for i in range(n):
-        x[i] = v[i] / scale[i]
-    c[0] = v[n] * h
-    call(flow[PROLOGUE], z0, c, w)
-    call(flow[FULL], w, x, full)
+        flow.x[i] = v[i] / scale[i]
+    set_step(flow, v[n])
+    call(flow.full, flow.w, flow.x, found)
     for i in range(n):
         for j in range(n):
-            A[i, j] = full[n + i * n + j] / scale[j]
-        A[i, n] = full[n + n * n + i] * h
-        A[i, m] = -full[i]
+            A[i, j] = found[n + i * n + j] / scale[j]
+        A[i, n] = found[n + n * n + i] * flow.h
+        A[i, m] = -found[i]
         A[i, m + 1] = 0.0
     copy_into(A[n], t)
     A[n, m] = 0.0
@@ -65,13 +67,12 @@ def linearise(flow, z0, c, h, w, full, v, t, scale, x, A):  # type: ignore[no-un
     return solve_bordered(A)
 
 
-@lean
-def tangent(A, t):  # type: ignore[no-untyped-def]
-    """The tangent that `linearise` left in the last column of A, normalised, into t.
+def tangent(flow: Flow, t: Floats) -> float:
+    """The tangent that `linearise` left in the last column of `bordered`, normalised, into t.
 
-    Returns its cosine with the tangent that borders A: the product of that one with the column is 1.
+    Returns its cosine with the tangent that borders the matrix: the product of that one with the column is 1.
     """
-    norm = 0.0
+    A, norm = flow.bordered, 0.0
     for i in range(len(t)):
         norm += A[i, len(t) + 1] ** 2
     cosine = 1.0 / np.sqrt(norm)
@@ -80,17 +81,17 @@ def tangent(A, t):  # type: ignore[no-untyped-def]
     return cosine
 
 
-@lean
-def correct(flow, z0, c, h, w, full, v, t, scale, x, A, limit, close):  # type: ignore[no-untyped-def]
-    """Newton from the predicted point v, in place, in the plane perpendicular to t; A as `linearise` leaves it.
+@rare
+def correct(flow: Flow, v: Floats, t: Floats, limit: float, close: float) -> tuple[float, int]:
+    """Newton from the predicted point v, in place, perpendicular to t; `bordered` as `linearise` leaves it.
 
     Converged when a correction is below `close`, rejected when one is beyond `limit`. Returns (first correction,
     iterations); the first correction is infinite when the step must be shortened.
     """
-    n = flow[NX]
+    A, n = flow.bordered, flow.nx
     first, previous = np.inf, np.inf
     for iteration in range(1, CORRECTIONS + 1):
-        sign = linearise(flow, z0, c, h, w, full, v, t, scale, x, A)
+        sign = linearise(flow, v, t)
         delta, total = 0.0, 0.0
         for i in range(n + 1):
             step = A[i, n + 1]
@@ -107,15 +108,13 @@ def correct(flow, z0, c, h, w, full, v, t, scale, x, A, limit, close):  # type: 
     return np.inf, CORRECTIONS
 
 
-@lean
-def hermite(a, b, slope_a, slope_b, ds, s):  # type: ignore[no-untyped-def]
+def hermite(a: float, b: float, slope_a: float, slope_b: float, ds: float, s: float) -> float:
     """Cubic in the fraction s of the step ds, through a and b with these slopes."""
     r = 1.0 - s
     return r * r * (1.0 + 2.0 * s) * a + s * s * (3.0 - 2.0 * s) * b + ds * s * r * (r * slope_a - s * slope_b)
 
 
-@lean
-def first_crossing(u, v, t, t_new, cosine, ds):  # type: ignore[no-untyped-def]
+def first_crossing(u: Floats, v: Floats, t: Floats, t_new: Floats, cosine: float, ds: float) -> float:
     """Fraction of the step at which eta reaches 1 on the interpolating cubic; negative if it does not."""
     n = len(u) - 1
     low, high = 0.0, 1.0
@@ -138,22 +137,21 @@ def first_crossing(u, v, t, t_new, cosine, ds):  # type: ignore[no-untyped-def]
     return high
 
 
-@lean
-def land(flow, z0, dz, c, h, w, x, scale, d, full, u, v, t, t_new, cosine, ds, s):  # type: ignore[no-untyped-def]
+def land(flow: Flow, cosine: float, ds: float, s: float) -> tuple[int, int]:
     """Newton at eta = 1 from the interpolated point; returns (FOUND, COLD_ROOT or UNDETERMINED, iterations).
 
     The root is in x and the increments of the state in dz. A root farther off than the step belongs to another sheet.
     """
-    n = flow[NX]
-    c[0] = h
-    call(flow[PROLOGUE], z0, c, w)
+    x, d, scale, n = flow.x, flow.d, flow.scale, flow.nx
+    u, v, t, t_new = flow.points[0], flow.points[1], flow.points[2], flow.points[3]
+    set_step(flow, 1.0)
     for i in range(n):
         x[i] = hermite(u[i], v[i], t[i], t_new[i] / cosine, ds, s) / scale[i]
-    call(flow[ITERATE], w, x, d)
-    for i in range(2 * n + flow[NE], 2 * n + flow[NE] + flow[NPOS]):
+    call(flow.iterate, flow.w, x, d)
+    for i in range(2 * n + flow.ne, 2 * n + flow.ne + flow.npos):
         if not d[i] > 0.0:
             return COLD_ROOT, 1
-    code, iterations = newton(flow, w, x, scale, d, full, dz)
+    code, iterations = newton(flow)
     if code != ACCEPTED:
         return UNDETERMINED, iterations
     for i in range(n):
@@ -162,33 +160,32 @@ def land(flow, z0, dz, c, h, w, x, scale, d, full, u, v, t, t_new, cosine, ds, s
     return FOUND, iterations
 
 
-@lean
-def exergy_rise(flow, z0, dz, c, w, v, scale, x, observe, reference, seen):  # type: ignore[no-untyped-def]
+@rare
+def exergy_rise(flow: Flow, v: Floats) -> float:
     """V(z1) - V(z0) at the point v of the curve (w is at its h); NaN where z1 has no temperatures."""
-    for i in range(flow[NX]):
-        x[i] = v[i] / scale[i]
-    call(flow[FINISH], w, x, dz)
-    for i in range(len(dz)):
-        dz[i] += z0[i]
-    call(observe, z0, c, seen[0])
-    call(observe, dz, c, seen[1])
-    return (seen[1, 0] - seen[0, 0]) - reference * (seen[1, 1] - seen[0, 1])
+    z1, seen = flow.dz, flow.seen
+    for i in range(flow.nx):
+        flow.x[i] = v[i] / flow.scale[i]
+    call(flow.finish, flow.w, flow.x, z1)
+    for i in range(flow.n):
+        z1[i] += flow.start[i]
+    call(flow.observe, flow.start, flow.c, seen[0])
+    call(flow.observe, z1, flow.c, seen[1])
+    return (seen[1, 0] - seen[0, 0]) - flow.reference * (seen[1, 1] - seen[0, 1])
 
 
-@lean
-def follow(  # type: ignore[no-untyped-def]
-    flow, z0, dz, c, h, w, x, scale, d, full, tolerance, points, A, observe, reference, bound, seen
-):
-    """Follow the curve once, at one tolerance; returns (code, Jacobians, folds). points: four rows of workspace."""
-    n = flow[NX]
-    u, v, t, t_new = points[0], points[1], points[2], points[3]
+@rare
+def follow(flow: Flow, tolerance: float) -> tuple[int, int, int]:
+    """Follow the curve once, at one tolerance; returns (code, Jacobians, folds)."""
+    n = flow.nx
+    u, v, t, t_new = flow.points[0], flow.points[1], flow.points[2], flow.points[3]
     fill(u, 0.0)
     fill(t, 0.0)
     t[n] = 1.0
     jacobians, folds, run_away = 1, 0, False
-    if linearise(flow, z0, c, h, w, full, u, t, scale, x, A) <= 0.0:
+    if linearise(flow, u, t) <= 0.0:
         return UNDETERMINED, jacobians, folds
-    tangent(A, t)
+    tangent(flow, t)
     ds, size, highest = FIRST_STEP * tolerance / COARSE, 0.0, 0.0
     for _ in range(ARC_STEPS):
         if not ds > SMALLEST * (1.0 + size):
@@ -196,18 +193,18 @@ def follow(  # type: ignore[no-untyped-def]
         for i in range(n + 1):
             v[i] = u[i] + ds * t[i]
         close = max(min(ON_CURVE, 1e-3 * ds), 1e-14 * (1.0 + size))
-        first, count = correct(flow, z0, c, h, w, full, v, t, scale, x, A, tolerance * ds, close)
+        first, count = correct(flow, v, t, tolerance * ds, close)
         jacobians += count
         if not first < np.inf:
             ds *= 0.4
             continue
-        cosine = tangent(A, t_new)
+        cosine = tangent(flow, t_new)
         if cosine < 1.0 - 4.0 * tolerance * tolerance:
             ds *= 0.5
             continue
         s = first_crossing(u, v, t, t_new, cosine, ds)
         if s >= 0.0:
-            code, count = land(flow, z0, dz, c, h, w, x, scale, d, full, u, v, t, t_new, cosine, ds, s)
+            code, count = land(flow, cosine, ds, s)
             jacobians += count
             if code != UNDETERMINED:
                 return code, jacobians, folds
@@ -224,35 +221,28 @@ def follow(  # type: ignore[no-untyped-def]
         if folds % 2 == 1:
             if u[n] < NEAR_ZERO * highest:
                 return LOST, jacobians, folds
-            rise = exergy_rise(flow, z0, dz, c, w, u, scale, x, observe, reference, seen)
-            run_away = run_away or rise > RUN_AWAY * bound
+            rise = exergy_rise(flow, u)
+            run_away = run_away or rise > RUN_AWAY * flow.bound
         ds *= min(2.0, max(0.5, 0.6 * tolerance * ds / (first + 1e-300)))
         ds = min(ds, 2.5 * tolerance * (1.0 + size))
     return (LOST if run_away else UNDETERMINED), jacobians, folds
 
 
-@lean
-def arc(  # type: ignore[no-untyped-def]
-    flow, z0, dz, c, h, w, x, scale, d, full, observe, reference, bound, seen, points, A
-):
-    """The principal root of one flow over h, into x, and its increments into dz; returns (code, Jacobians, folds).
+@rare
+def arc(flow: Flow) -> tuple[int, int, int]:
+    """The principal root of the flow over its step, into x, and its increments into dz; (code, Jacobians, folds).
 
     FOUND; LOST: the branch turns back for good, at all three tolerances; COLD_ROOT: the root has a non-positive
-    temperature; UNDETERMINED otherwise. scale: 1/size of the unknowns. c[0] is h on return.
-    observe: address of the kernel of energy and entropy; seen: two rows for its results; reference: theta_ref;
-    bound: V0; points (4, n + 1) and A (n + 1, n + 3) are workspace.
+    temperature; UNDETERMINED otherwise. The flow is prepared for its whole step on return.
     """
     total, lost, folds = 0, 0, 0
     for level in range(3):
         tolerance = COARSE if level == 0 else MEDIUM if level == 1 else FINE
-        code, jacobians, folds = follow(
-            flow, z0, dz, c, h, w, x, scale, d, full, tolerance, points, A, observe, reference, bound, seen
-        )
+        code, jacobians, folds = follow(flow, tolerance)
         total += jacobians
         if code in (FOUND, COLD_ROOT):
             return code, total, folds
         if code == LOST:
             lost += 1
-    c[0] = h
-    call(flow[PROLOGUE], z0, c, w)
+    set_step(flow, 1.0)
     return (LOST if lost == 3 else UNDETERMINED), total, folds

@@ -13,6 +13,7 @@ from __future__ import annotations
 import traceback
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -55,6 +56,16 @@ class FlowKernels:
     @property
     def n_eliminated(self) -> int:
         return len(self.blocks) - self.n_unknowns
+
+    @cached_property
+    def fields(self) -> dict[str, int]:
+        """Sizes and addresses, as `Flow` names them; everything is compiled when they are first asked for."""
+        return {
+            "nx": self.n_unknowns, "ne": self.n_eliminated, "npos": self.n_positive, "nd": self.iterate.size,
+            "nw": self.opening.size + self.setup.size, "prologue": self.prologue.address,
+            "iterate": self.iterate.address, "polish": self.polish.address, "finish": self.finish.address,
+            "full": self.full.address,
+        }  # fmt: skip
 
 
 @dataclass
@@ -109,8 +120,9 @@ def build(flow: Flow, system: System) -> FlowKernels:
     opening = [*fixed, *hoisted, *sym.observe(z0)]
     # of an explicit flow the step size is constant as well; where Newton works, continuation varies it
     fixed_constants = constant_part(opening, [*z0, *start, *([h] if x else [])])
-    prologue_inputs = {**{s: f"a[{i}]" for i, s in enumerate(z0)}, h: "b[0]", **system.constant_symbols()}
-    prologue_inputs |= {s: f"b[{len(system.constant_values) + i}]" for i, s in enumerate(start)}
+    constants = system.constant_symbols()
+    prologue_inputs = {**{s: f"a[{i}]" for i, s in enumerate(z0)}, h: "b[0]", **constants}
+    prologue_inputs |= {s: f"b[{len(constants) + 1 + i}]" for i, s in enumerate(start)}
     prologue_inputs |= {s: f"out[{len(opening) + i}]" for i, s in enumerate(fixed_constants)}
     reads: dict[Symbol, str] = {s: f"a[{len(fixed) + i}]" for i, s in enumerate(hoisted)}
     reads |= {s: f"b[{i}]" for i, s in enumerate(x)}
@@ -137,7 +149,7 @@ def apply_explicit(formula: Residual, system: System, start: Any, end: Any) -> A
 
     start : the state at which the step, and here the run as well, began.
     """
-    from ..compiler.jit import evaluate
+    from ..compiler.library import evaluate
 
     key = (formula, system.structure, content_hash(formula))
     if key[-1] is None or key not in _EXPLICIT:

@@ -1,12 +1,11 @@
-"""Sums that keep what rounding drops, and two small eliminations with pivoting. Compiled, without allocation."""
+"""Sums that keep what rounding drops, and two small eliminations with pivoting. In the restricted Python."""
 
 from __future__ import annotations
 
-from ..compiler.jit import copy_into, inlined, lean
+from ..compiler.language import Floats, Matrix, copy_into
 
 
-@lean
-def solve_pivoted(A, b):  # type: ignore[no-untyped-def]
+def solve_pivoted(A: Matrix, b: Floats) -> float:
     """Solve A y = b in place of b with partial pivoting; returns the sign of det A (0 if singular)."""
     n = len(b)
     sign = 1.0
@@ -36,8 +35,7 @@ def solve_pivoted(A, b):  # type: ignore[no-untyped-def]
     return sign
 
 
-@lean
-def solve_bordered(A):  # type: ignore[no-untyped-def]
+def solve_bordered(A: Matrix) -> float:
     """Solve A[:, :m] Y = A[:, m:], two right-hand sides, in place; returns the sign of det (0: singular)."""
     m = len(A)
     sign = 1.0
@@ -67,14 +65,12 @@ def solve_bordered(A):  # type: ignore[no-untyped-def]
     return sign
 
 
-@lean
-def add_compensated(z, dz, carry):  # type: ignore[no-untyped-def]
+def add_compensated(z: Floats, dz: Floats, carry: Floats) -> None:
     """z += dz, with what rounding drops kept in `carry` (Neumaier): momenta stay exact over thousands of steps."""
     move(z, carry, dz, z, carry)
 
 
-@inlined
-def move(z, carry, dz, after, dropped):  # type: ignore[no-untyped-def]
+def move(z: Floats, carry: Floats, dz: Floats, after: Floats, dropped: Floats) -> None:
     """after = z + dz, with what rounding dropped before in `carry` and what it drops now in `dropped`."""
     for i in range(len(z)):
         term = dz[i] + carry[i]
@@ -84,8 +80,7 @@ def move(z, carry, dz, after, dropped):  # type: ignore[no-untyped-def]
         after[i] = total
 
 
-@lean
-def add_increments(z, increments, carry, states):  # type: ignore[no-untyped-def]
+def add_increments(z: Floats, increments: Matrix, carry: Floats, states: Matrix) -> None:
     """States after each of the increments from z, which becomes the last of them."""
     for i in range(len(increments)):
         add_compensated(z, increments[i], carry)

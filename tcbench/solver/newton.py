@@ -1,20 +1,18 @@
-"""The solvers that every implicit method shares. Compiled, without allocation.
+"""The solvers that every implicit method shares, in the restricted Python.
 
 `quick` takes nearly every step. `newton` has the rejection and stopping rules that do not stall, `track` shortens it in
-h by natural continuation when it is rejected, and arc.py has the last word. The rules of the careful solvers were tuned
-on 23,484 steps with known roots: a full step is taken or the attempt is given up; there is no line search (those stall
-at singular Jacobians and favour wrong roots).
+h by natural continuation when it is rejected, and `continuation` has the last word. The rules of the careful solvers
+were tuned on 23,484 steps with known roots: a full step is taken or the attempt is given up; there is no line search
+(those stall at singular Jacobians and favour wrong roots).
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from ..compiler.jit import call, copy_into, fill, lean
+from ..compiler.language import call, copy_into, fill, rare
+from .flow import Flow
 from .linear_algebra import solve_pivoted
-
-# columns of a row of the flow table (int64)
-PROLOGUE, ITERATE, POLISH, FINISH, FULL, OPENING, NX, NE, NPOS, NW, ND, NOW, TABLE_WIDTH = range(13)
 
 ACCEPTED, REJECTED = 0, 1
 MAX_ITERATIONS = 8
@@ -35,41 +33,47 @@ TRACK_MIN = 1e-5
 TRACK_TRIES = 400
 
 
-@lean
-def pivoted_correction(flow, w, x, d, full):  # type: ignore[no-untyped-def]
+def set_step(flow: Flow, fraction: float) -> None:
+    """Prepare the flow over this fraction of its step, from `start`."""
+    flow.c[0] = fraction * flow.h
+    call(flow.prologue, flow.start, flow.c, flow.w)
+
+
+@rare
+def pivoted_correction(flow: Flow) -> float:
     """Newton correction into d[:nx] through the dense Jacobian; returns the sign of its determinant."""
-    n = flow[NX]
-    call(flow[FULL], w, x, full)
-    A = full[n : n + n * n].reshape((n, n))
+    n = flow.nx
+    call(flow.full, flow.w, flow.x, flow.derivatives)
     for i in range(n):
-        d[i] = -full[i]
-    return solve_pivoted(A, d[:n])
+        flow.d[i] = -flow.derivatives[i]
+        for j in range(n):
+            flow.jacobian[i, j] = flow.derivatives[n + i * n + j]
+    return solve_pivoted(flow.jacobian, flow.d[:n])
 
 
-@lean
-def finish(flow, w, x, dz):  # type: ignore[no-untyped-def]
+def finish(flow: Flow) -> int:
     """Increments of the state from the unknowns; REJECTED if it is not finite (a non-positive temperature, say)."""
-    call(flow[FINISH], w, x, dz)
+    call(flow.finish, flow.w, flow.x, flow.dz)
     total = 0.0
-    for i in range(len(dz)):
-        total += abs(dz[i])
+    for i in range(flow.n):
+        total += abs(flow.dz[i])
     return ACCEPTED if total < np.inf else REJECTED
 
 
-@lean
-def quick(flow, w, x, d, dz):  # type: ignore[no-untyped-def]
+def quick(flow: Flow) -> tuple[int, int]:
     """Shamanskii's form of Newton from a near guess, in place: after each iteration, corrections with its factors
     as long as they pay; returns (ACCEPTED or REJECTED, iterations).
 
     A correction with old factors costs half an iteration and shrinks the error by `contraction`, estimated from
     the corrections seen. Whatever is doubtful is rejected: the careful solvers begin again.
     """
-    n = flow[NX]
-    size = n + flow[NE]
-    after = size + n + flow[NPOS]
+    w, x, d = flow.w, flow.x, flow.d
+    n = flow.nx
+    size = n + flow.ne
+    after = size + n + flow.npos
     previous = np.inf
     for iteration in range(1, MAX_ITERATIONS + 1):
-        call(flow[ITERATE], w, x, d)
+        call(flow.iterate, w, x, d)
         delta = d[after]
         # NaN fails every comparison; a small or negative pivot needs pivoting or is on the wrong side of a fold
         if not (delta <= 0.5 * previous and d[after + 1] > SMALL_PIVOT):
@@ -78,11 +82,11 @@ def quick(flow, w, x, d, dz):  # type: ignore[no-untyped-def]
             x[i] += d[i]
         last, seen = delta, False
         while last < QUICK:
-            call(flow[POLISH], w, x, d)
+            call(flow.polish, w, x, d)
             correction = d[size]
             if not correction < 0.1 * last:
                 if correction < CHORD_FLOOR:
-                    return finish(flow, w, x, dz), iteration
+                    return finish(flow), iteration
                 break
             for i in range(n):
                 x[i] += d[i]
@@ -91,40 +95,41 @@ def quick(flow, w, x, d, dz):  # type: ignore[no-untyped-def]
             contraction = likely if seen else max(likely, 0.25 * delta)
             last, seen = correction, True
             if contraction * correction < NEGLIGIBLE:
-                return finish(flow, w, x, dz), iteration
+                return finish(flow), iteration
             if likely * likely * correction > NEGLIGIBLE:
                 break
         previous = last
     return REJECTED, MAX_ITERATIONS
 
 
-@lean
-def polish(flow, w, x, scale, d):  # type: ignore[no-untyped-def]
+def polish(flow: Flow) -> float:
     """One correction with the factors of the last iterate, in place; returns its size."""
-    n = flow[NX]
-    call(flow[POLISH], w, x, d)
+    w, x, d, scale = flow.w, flow.x, flow.d, flow.scale
+    n = flow.nx
+    call(flow.polish, w, x, d)
     total, delta = 0.0, 0.0
     for i in range(n):
         total += d[i]
         x[i] += d[i]
-    for i in range(n + flow[NE]):
+    for i in range(n + flow.ne):
         size = abs(d[i]) * scale[i]
         delta = size if size > delta else delta
     return delta if abs(total) < np.inf else np.inf
 
 
-@lean
-def newton(flow, w, x, scale, d, full, dz):  # type: ignore[no-untyped-def]
+@rare
+def newton(flow: Flow) -> tuple[int, int]:
     """Newton at fixed h from `x`, in place; returns (ACCEPTED or REJECTED, iterations), increments of the state in dz.
 
     Corrections are measured by delta = max |d_i| * scale_i. Rejected at once: a value that is not finite, a
     non-positive temperature, a negative determinant (a root on the wrong side of a fold), delta that does not halve.
     """
-    n, ne, npos = flow[NX], flow[NE], flow[NPOS]
+    w, x, d, scale = flow.w, flow.x, flow.d, flow.scale
+    n, ne, npos = flow.nx, flow.ne, flow.npos
     previous = np.inf
     small = 0
     for iteration in range(1, MAX_ITERATIONS + 1):
-        call(flow[ITERATE], w, x, d)
+        call(flow.iterate, w, x, d)
         sign = 1.0
         smallest = np.inf
         for i in range(n + ne, 2 * n + ne):
@@ -134,7 +139,7 @@ def newton(flow, w, x, scale, d, full, dz):  # type: ignore[no-untyped-def]
             size = abs(pivot)
             smallest = size if size < smallest else smallest
         if smallest < SMALL_PIVOT:
-            sign = pivoted_correction(flow, w, x, d, full)
+            sign = pivoted_correction(flow)
         total = 0.0
         delta = 0.0
         for i in range(n):
@@ -150,33 +155,34 @@ def newton(flow, w, x, scale, d, full, dz):  # type: ignore[no-untyped-def]
             if not d[i] > 0.0:
                 return REJECTED, iteration
         if delta <= ROUND_OFF:
-            return finish(flow, w, x, dz), iteration
+            return finish(flow), iteration
         # quadratic convergence predicts a next correction of the size delta^2: stop when that is below round-off
         if delta < CHORD and delta < 1e-3 * previous:
             if delta < QUADRATIC:
-                return finish(flow, w, x, dz), iteration
-            if smallest >= SMALL_PIVOT and polish(flow, w, x, scale, d) < QUADRATIC:
-                return finish(flow, w, x, dz), iteration
+                return finish(flow), iteration
+            if smallest >= SMALL_PIVOT and polish(flow) < QUADRATIC:
+                return finish(flow), iteration
         if delta < CONVERGED:
             small += 1
             if delta < 1e-3 * previous or delta > 0.25 * previous or small >= 3:
-                return finish(flow, w, x, dz), iteration
+                return finish(flow), iteration
         if delta > 0.5 * previous and delta > STALLED:
             return REJECTED, iteration
         previous = delta
     return REJECTED, MAX_ITERATIONS
 
 
-@lean
-def plain_newton(flow, w, x, scale, d, full, dz):  # type: ignore[no-untyped-def]
+@rare
+def plain_newton(flow: Flow) -> tuple[int, int]:
     """Newton as textbooks have it, for comparison: from `x`, in place; returns (ACCEPTED or REJECTED, iterations).
 
     Every correction is taken in full, whatever its size and whatever the sign of the determinant, until one is below
     1e-10. It fails on a value that is not finite or after 20 iterations.
     """
-    n = flow[NX]
+    x, d, scale = flow.x, flow.d, flow.scale
+    n = flow.nx
     for iteration in range(1, PLAIN_ITERATIONS + 1):
-        if pivoted_correction(flow, w, x, d, full) == 0.0:
+        if pivoted_correction(flow) == 0.0:
             return REJECTED, iteration
         total, delta = 0.0, 0.0
         for i in range(n):
@@ -186,17 +192,18 @@ def plain_newton(flow, w, x, scale, d, full, dz):  # type: ignore[no-untyped-def
         if not total < np.inf:
             return REJECTED, iteration
         if delta < CONVERGED:
-            return finish(flow, w, x, dz), iteration
+            return finish(flow), iteration
     return REJECTED, PLAIN_ITERATIONS
 
 
-@lean
-def track(flow, z0, dz, c, h, w, x, scale, d, full, old, known):  # type: ignore[no-untyped-def]
+@rare
+def track(flow: Flow) -> tuple[int, int, int]:
     """Follow the root from h = 0 to h by natural continuation; returns (code, iterations, tries).
 
     Secant predictor in h; the increment doubles (or grows 1.2-fold after a hard solve) and shrinks to 0.4.
     """
-    n = flow[NX]
+    x, old, known = flow.x, flow.old, flow.known
+    n = flow.nx
     done, step = 0.0, TRACK_FIRST
     before = 0.0  # fraction of the root in `old`
     iterations = 0
@@ -206,12 +213,11 @@ def track(flow, z0, dz, c, h, w, x, scale, d, full, old, known):  # type: ignore
         if step < TRACK_MIN:
             return REJECTED, iterations, attempt
         target = min(1.0, done + step)
-        c[0] = target * h
-        call(flow[PROLOGUE], z0, c, w)
+        set_step(flow, target)
         slope = (target - done) / (done - before) if done > before else 0.0
         for i in range(n):
             x[i] = known[i] + slope * (known[i] - old[i])
-        code, count = newton(flow, w, x, scale, d, full, dz)
+        code, count = newton(flow)
         iterations += count
         if code == ACCEPTED:
             if target >= 1.0:

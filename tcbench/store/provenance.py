@@ -13,18 +13,18 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-PACKAGES = ("numpy", "scipy", "numba", "llvmlite", "casadi", "pandas", "pebble", "dask", "distributed")
+PACKAGES = ("numpy", "scipy", "llvmlite", "casadi", "pandas", "pebble", "dask", "distributed")
 NUMERICAL_PACKAGES = (
     "numpy",
     "scipy",
-    "numba",
+    "llvmlite",
 )  # a new version of these may change digits, so it changes keys
 THREAD_VARIABLES = (
     "OMP_NUM_THREADS",
     "OPENBLAS_NUM_THREADS",
     "MKL_NUM_THREADS",
-    "NUMBA_NUM_THREADS",
-    "NUMBA_DISABLE_JIT",
+    "TCBENCH_PLAIN",
+    "TCBENCH_TARGET",
 )
 
 

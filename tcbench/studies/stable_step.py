@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 
 from ..integrator import Integrator
-from ..simulation import compiled_loop as m
 from ..simulation.trajectory import Trajectory
+from ..solver.implicit_step import PRINCIPAL, STOP_AT_FOLD, Rules
 from ..systems.scenario import Scenario
 
 FINE = 64  # rungs an octave
@@ -86,8 +86,8 @@ def principal_outcome(integrator: Integrator, scenario: Scenario, dt: float, unt
     from ..simulation.run import run_flows
 
     steps = scenario.steps(dt)
-    audit = m.STOP_AT_FOLD if until_fold else m.PRINCIPAL
-    return judge(run_flows(integrator, scenario, dt, steps, max(1, steps), audit=audit))
+    rules = Rules(audit=STOP_AT_FOLD if until_fold else PRINCIPAL)
+    return judge(run_flows(integrator, scenario, dt, steps, max(1, steps), rules))
 
 
 def step_of(rung: int) -> float:

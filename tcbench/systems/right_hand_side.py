@@ -20,7 +20,7 @@ class Field:
     """dz/dt = rate(t, z) and its exact Jacobian, as functions of (t, z); `evaluations` counts calls of the rate."""
 
     def __init__(self, system: System) -> None:
-        from ..compiler.jit import evaluate  # numba is imported when something runs, not when plugins are listed
+        from ..compiler.library import evaluate  # LLVM is loaded when something runs, not when plugins are listed
 
         self._evaluate = evaluate
         n = system.size

@@ -362,7 +362,7 @@ class System:
 
     def _evaluate(self, body: Callable[..., Any], arrays: list[Array]) -> Any:
         """`body` at a state or a batch of them (leading axes): compiled, or in plain numpy where it asks for that."""
-        from ..compiler import jit
+        from ..compiler.library import ROWS, evaluate
 
         batch = np.broadcast_shapes(*(a.shape[:-1] for a in arrays))
         if batch or self.by_arrays:
@@ -374,10 +374,10 @@ class System:
             entry, shape = self._kernel(body, tuple(a.shape[-1] for a in arrays))
             out = np.empty((len(rows[0]) if batch else 1, entry.size))
             if batch:
-                jit.evaluate_rows(entry.address, np.concatenate(rows, axis=1), self.constant_values, out)
+                ROWS.evaluate_rows(entry.address, np.concatenate(rows, axis=1), self.constant_values, out)
             else:  # the common case, where microseconds count
                 a = arrays[0] if len(arrays) == 1 else np.concatenate(arrays)
-                jit.evaluate(entry.address, np.ascontiguousarray(a), self.constant_values, out[0])
+                evaluate(entry.address, np.ascontiguousarray(a), self.constant_values, out[0])
         out = out.reshape((*batch, *shape))
         return float(out) if out.shape == () else self.state(out) if shape == (self.size,) else out
 

@@ -17,7 +17,7 @@ UNARY = {"exp": np.exp, "log": np.log, "sqrt": np.sqrt, "expm1": np.expm1, "log1
 
 
 def evaluate(outputs, inputs, values):
-    """Run the printed kernel on complex numbers: what complex step needs, and independent of numba."""
+    """Run the printed kernel on complex numbers: what complex step needs, and independent of LLVM."""
     text = emit.straight_line({x: f"a[{i}]" for i, x in enumerate(inputs)}, outputs)
     functions = {name: getattr(cmath, name) for name in ("exp", "log", "sqrt", "sin", "cos", "tanh")}
     functions["expm1"] = lambda x: cmath.exp(x) - 1

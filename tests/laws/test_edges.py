@@ -7,28 +7,28 @@ import pytest
 
 import tcbench
 from tcbench import TcbenchError
-from tcbench.simulation import compiled_loop as march
 from tcbench.simulation import metrics
+from tcbench.simulation.compiled_loop import LOOPS, Run
+from tcbench.solver import implicit_step as codes
 
 SCENARIOS = tcbench.scenarios()
 
 BAD = [
-    *((where, i, bad, march.NONFINITE) for where, size in (("z", 4), ("now", 3)) for i in range(size)
+    *((where, i, bad, codes.NONFINITE) for where, size in (("z", 4), ("now", 3)) for i in range(size)
       for bad in (math.nan, math.inf, -math.inf)),
-    ("now", 3, 0.0, march.COLD), ("now", 4, -1.0, march.COLD), ("now", 5, 0.0, march.COLLAPSED),
-    ("now", 6, math.inf, march.NONFINITE), ("now", 0, 2.1, march.BLOWUP), ("now", 0, -0.1, march.BLOWUP),
-    ("now", 0, 1.9, march.OK), ("z", 0, 1e308, march.OK),
+    ("now", 3, 0.0, codes.COLD), ("now", 4, -1.0, codes.COLD), ("now", 5, 0.0, codes.COLLAPSED),
+    ("now", 6, math.inf, codes.NONFINITE), ("now", 0, 2.1, codes.BLOWUP), ("now", 0, -0.1, codes.BLOWUP),
+    ("now", 0, 1.9, codes.OK), ("z", 0, 1e308, codes.OK),
 ]  # fmt: skip
 
 
 @pytest.mark.parametrize(("where", "index", "value", "expected"), BAD)
 def test_each_entry_of_a_state_and_of_its_observables_is_judged(where, index, value, expected):
     z, now = np.full(4, 1e308), np.ones(7)  # energy, entropy, one momentum, two temperatures, two strain measures
-    limits, shape = np.zeros(march.LIMITS_SIZE), np.zeros(march.SHAPE_SIZE, dtype=np.int64)
-    limits[march.V0], shape[march.N_INVARIANTS], shape[march.N_ELEMENTS] = 1.0, 1, 2
+    run = Run(n=4, n_elements=2, n_invariants=1, n_observables=7, n_constants=0, n_rows=0, bound=1.0)
+    run.observables[:] = 1.0
     {"z": z, "now": now}[where][index] = value
-    with np.errstate(invalid="ignore"):  # as plain Python, 0 times infinity warns
-        assert march.verdict(z, now, np.ones(7), limits, shape) == expected
+    assert LOOPS.verdict(run, z, now) == expected
 
 
 def test_no_conduction_and_no_motion_are_scenarios_like_others():

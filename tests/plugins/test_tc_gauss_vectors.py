@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tcbench_plugins.tc_gauss import step as collocate
 from tcbench_plugins.tc_gauss.formulas import coefficients
-from tcbench_plugins.tc_gauss.method import GaussMethod
+from tcbench_plugins.tc_gauss.method import VECTOR_KERNELS, GaussMethod
 
 import tcbench
 from tcbench.compiler import derivatives as trace
-from tcbench.compiler import jit
-from tcbench.compiler.llvm import load
+from tcbench.compiler import language
+from tcbench.compiler.library import evaluate
+from tcbench.compiler.machine import load
 from tcbench.compiler.vector_kernels import WIDTH, Lanes, can_express
 
-pytestmark = pytest.mark.skipif(jit.DISABLED, reason="without numba there are no vectors: the scalar code runs")
+pytestmark = pytest.mark.skipif(language.PLAIN, reason="plain Python has no vectors: the scalar code runs")
 SCENARIOS = ["short_term", "stiff_spring", "bound_equilibrium", "gas_containers"]
 
 
@@ -31,7 +31,7 @@ def run(build, *inputs):
     for i, value in enumerate(results):
         lanes.store(value, WIDTH * i)
     out = np.full(WIDTH * len(results), -1.0)
-    jit.evaluate(load(lanes.text(), str), np.concatenate(inputs).astype(float), np.zeros(1), out)
+    evaluate(load(lanes.text(), str), np.concatenate(inputs).astype(float), np.zeros(1), out)
     return out.reshape(-1, WIDTH)
 
 
@@ -71,7 +71,8 @@ def test_formulas_that_have_no_form_on_vectors_are_known():
 
 def scalar(method):
     """The same method with its kernels on vectors taken away."""
-    method.plan[collocate.ITERATE : collocate.CLOSE + 1] = 0
+    for name in VECTOR_KERNELS:
+        setattr(method.work, name, 0)
     return method
 
 
@@ -80,7 +81,7 @@ def scalar(method):
 def test_a_step_on_vectors_is_the_scalar_step(scenario, k):
     scenario = tcbench.scenarios()[scenario]
     fast, slow = GaussMethod(scenario.model, k), scalar(GaussMethod(scenario.model, k))
-    assert fast.plan[collocate.ITERATE] != 0
+    assert fast.work.to_iterate != 0
     h = scenario.dt / 4
     dz, same = fast.increments(scenario.z0, h).copy(), slow.increments(scenario.z0, h)
     np.testing.assert_allclose(dz, same, rtol=0, atol=1e-13 * max(1.0, np.abs(same).max()))

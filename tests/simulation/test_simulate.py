@@ -62,7 +62,7 @@ def test_plain_python_gives_what_the_compiled_code_gives():
     )
     outputs = []
     for disabled in ("0", "1"):
-        env = os.environ | {"NUMBA_DISABLE_JIT": disabled}
+        env = os.environ | {"TCBENCH_PLAIN": disabled}
         done = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True)
         outputs.append([line.split() for line in done.stdout.splitlines()])
     for compiled, plain in zip(*outputs, strict=True):
@@ -191,7 +191,8 @@ def test_a_python_step_is_an_integrator():
     assert np.allclose(
         run.z[1], SCENARIOS["short_term"].z0 + 0.01 * SCENARIOS["short_term"].model.vector_field(run.z[0])
     )
-    assert np.array_equal(run.energy, SCENARIOS["short_term"].model.energy(run.z))
+    # two kernels, energy alone and all observables: which products are fused with sums is up to the compiler
+    np.testing.assert_allclose(run.energy, SCENARIOS["short_term"].model.energy(run.z), rtol=1e-15)
     errors = [
         np.abs(tcbench.simulate(method, "bound_equilibrium", dt=h, t_end=1.0).z[-1] - tcbench.simulate(
             "tc_monolithic", "bound_equilibrium", dt=1e-4, t_end=1.0).z[-1]).max() for h in (0.002, 0.001)

@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scalar import CUBIC, Workspace, cubic, parabola, scalar
+from scalar import CUBIC, cubic, parabola, scalar
 from states import admissible_states
 
 import tcbench
 from tcbench.simulation.run import simulate
 from tcbench.solver.continuation import FOUND, LOST
+from tcbench.solver.implicit_step import OneFlow
 from tcbench.solver.linear_algebra import solve_bordered
 
 SCENARIOS = tcbench.scenarios()
@@ -32,7 +33,7 @@ def test_solve_bordered_agrees_with_numpy():
 
 @pytest.mark.parametrize("h", [0.05, 0.3, 0.49, 0.4999])
 def test_arc_finds_the_root_below_the_fold(h):
-    work = Workspace(PARABOLA, SCENARIO, h)
+    work = OneFlow(PARABOLA, SCENARIO, h)
     code, _, folds = work.arc()
     assert (code, folds) == (FOUND, 0)
     # next to the fold the root moves by the square root of the round-off in h
@@ -41,7 +42,7 @@ def test_arc_finds_the_root_below_the_fold(h):
 
 @pytest.mark.parametrize("h", [0.5001, 0.6, 2.0, 30.0])
 def test_arc_is_lost_beyond_the_fold(h):
-    code, _, folds = Workspace(PARABOLA, SCENARIO, h).arc()
+    code, _, folds = OneFlow(PARABOLA, SCENARIO, h).arc()
     assert (code, folds) == (LOST, 1)
 
 
@@ -49,7 +50,7 @@ def test_arc_is_lost_beyond_the_fold(h):
 def test_the_root_is_the_first_crossing(h, folds):
     """Between the folds of the cubic there are three roots, and the first sheet holds THE root; beyond 0.636 the arc
     reaches the third sheet through both folds. Either way the determinant there is positive."""
-    work = Workspace(CUBIC_METHOD, SCENARIO, h)
+    work = OneFlow(CUBIC_METHOD, SCENARIO, h)
     code, _, found = work.arc()
     assert (code, found) == (FOUND, folds)
     roots = np.roots([*CUBIC, -h])
@@ -71,7 +72,7 @@ def test_a_branch_of_the_paper_s_own_method_ends():
 
 
 def principal_root(integrator, scenario, h):
-    work = Workspace(integrator, scenario, h)
+    work = OneFlow(integrator, scenario, h)
     code, _, folds = work.arc()
     return code, folds, work.z + work.dz
 
@@ -170,18 +171,19 @@ def test_an_audit_does_not_change_the_run(name):
 
 
 def test_without_compilation_the_arc_gives_the_same():
-    """NUMBA_DISABLE_JIT=1: the same kernels as plain Python."""
+    """TCBENCH_PLAIN=1: the same kernels as plain Python."""
     code = (
-        "from scalar import *; import tcbench; s = tcbench.scenarios()['short_term']\n"
+        "from scalar import *; from tcbench.solver.implicit_step import OneFlow; import tcbench\n"
+        "s = tcbench.scenarios()['short_term']\n"
         "for e, h in ((parabola, 0.3), (parabola, 0.6), (cubic, 0.7)):\n"
-        "    w = Workspace(scalar('e', e), s, h); print(*w.arc(), float(w.x[0]) if h != 0.6 else 0.0)\n"
+        "    w = OneFlow(scalar('e', e), s, h); print(*w.arc(), float(w.x[0]) if h != 0.6 else 0.0)\n"
         "from tcbench.simulation.run import simulate\n"
         "print(simulate('midpoint_entropy', s.replace(t_end=2.0), dt=2.0, audit_roots=True).solver.audited)\n"
     )
     here = Path(__file__).parents[1] / "helpers"
     lines = []
     for disable in ("0", "1"):
-        environment = os.environ | {"NUMBA_DISABLE_JIT": disable, "PYTHONPATH": str(here)}
+        environment = os.environ | {"TCBENCH_PLAIN": disable, "PYTHONPATH": str(here)}
         done = subprocess.run(
             [sys.executable, "-c", code], capture_output=True, text=True, env=environment, cwd=here, timeout=120
         )

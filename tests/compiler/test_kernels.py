@@ -1,4 +1,4 @@
-"""Kernels compiled by native.py against the same text run by Python."""
+"""Kernels as machine code against the same text run by Python."""
 
 import math
 
@@ -7,14 +7,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tcbench import TcbenchError
 from tcbench.compiler import derivatives as trace
-from tcbench.compiler import jit, special
-from tcbench.compiler import llvm as native
+from tcbench.compiler import language, machine, special
 from tcbench.compiler.derivatives import jacobian
-from tcbench.compiler.kernels import kernel
+from tcbench.compiler.kernels import _code, kernel, namespace
+from tcbench.compiler.library import evaluate
 from tcbench.compiler.symbols import guarded, lam, maximum, minimum, phi
 
-pytestmark = pytest.mark.skipif(jit.DISABLED, reason="without numba the text itself runs")
+pytestmark = pytest.mark.skipif(language.PLAIN, reason="the text itself runs")
 ROUND_OFF = 1e-13  # contracted multiply-adds, and another order of no operation
 
 
@@ -22,11 +23,11 @@ def both(inputs, outputs, values):
     """Results of the machine code, and of the text run by Python."""
     compiled = kernel({x: f"a[{i}]" for i, x in enumerate(inputs)}, outputs)
     a = np.array(values, dtype=float)
-    namespace: dict = {}
-    exec(compiled.text, namespace)
+    scope = dict(namespace())
+    exec(compiled.text, scope)
     expected = np.empty(len(outputs))
     with np.errstate(all="ignore"):
-        namespace["kernel"](a, a, expected)
+        scope["kernel"](a, a, expected)
     return compiled(a, a), expected
 
 
@@ -66,23 +67,20 @@ def test_results_may_overwrite_what_was_read():
     """A kernel stores only when it has read everything: out may be a."""
     u, v = trace.variable("u"), trace.variable("v")
     a = np.array([2.0, 3.0])
-    jit.evaluate(kernel({u: "a[0]", v: "a[1]"}, [v, u]).address, a, a, a)
+    evaluate(kernel({u: "a[0]", v: "a[1]"}, [v, u]).address, a, a, a)
     assert a.tolist() == [3.0, 2.0]
 
 
 def test_other_python_is_refused():
-    with pytest.raises(NotImplementedError, match="for i in a"):
-        native.assembly("def kernel(a, b, out):\n    for i in a:\n        pass\n")
+    with pytest.raises(TcbenchError, match=r"line 2, in kernel\(\).*only range"):
+        machine.load("def kernel(a, b, out):\n    for i in a:\n        pass\n", _code)
 
 
-def test_machine_code_is_cached(tmp_path, monkeypatch):
-    monkeypatch.setattr(native, "cache_folder", lambda: tmp_path)
-    text = "def kernel(a, b, out):\n    out[2] = a[0] + 3.25\n"
-    native.load(text)
-    (made,) = tmp_path.glob("kernel_*.o")
-    monkeypatch.setattr(native, "_object", None)  # a second compilation would call it
-    native._LOADED.pop(text)
-    out = np.zeros(3)
-    jit.evaluate(native.load(text), np.ones(1), np.ones(1), out)
-    assert out.tolist() == [0.0, 0.0, 4.25] and made.exists()
-    native._LOADED.pop(text)
+def test_arrays_that_are_not_contiguous_doubles_are_copied_first():
+    u, v = trace.variable("u"), trace.variable("v")
+    double, out = kernel({u: "a[0]", v: "a[1]"}, [2 * u, 2 * v]), np.zeros(2)
+    for a in (np.array([1.0, 9.0, 3.0])[::2], np.array([1, 3]), np.array([1, 3], np.float32), [1.0, 3.0]):
+        evaluate(double.address, a, np.zeros(1), out)
+        assert out.tolist() == [2.0, 6.0]
+    with pytest.raises(TypeError, match="results"):
+        evaluate(double.address, np.ones(2), np.zeros(1), np.zeros(2, int))

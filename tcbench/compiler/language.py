@@ -1,0 +1,75 @@
+"""The restricted Python of compiled loops: what its text may name beside plain arithmetic. See `translator`.
+
+The same functions run as plain Python, slowly, on numpy arrays: so tests know what compiled code has to give. With
+TCBENCH_PLAIN=1 in the environment everything does, kernels included, and nothing is compiled.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+PLAIN = os.environ.get("TCBENCH_PLAIN", "0") not in ("", "0")
+
+# annotations of arguments and of a record's fields: contiguous arrays with 1, 2 and 3 axes, and a kernel's address
+Floats = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+Cube = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Kernel = int
+
+PYTHON_KERNELS: dict[int, Callable[[Any, Any, Any], None]] = {}  # of plain Python: made-up address -> function
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def rare(function: F) -> F:
+    """Mark a function that few steps call: its code stays apart from the loop's."""
+    function.rare = True  # type: ignore[attr-defined]
+    return function
+
+
+def call(kernel: Kernel, a: Any, b: Any, out: Any) -> None:
+    """Run the kernel at this address on three float64 arrays of any shape: kernel(a, b, out)."""
+    if kernel in PYTHON_KERNELS:
+        PYTHON_KERNELS[kernel](a, b, out)
+    else:
+        from .library import run_kernel
+
+        run_kernel(kernel, a, b, out)
+
+
+def copy_into(target: Floats, source: Floats) -> None:
+    """target[:] = source."""
+    for i in range(len(source)):
+        target[i] = source[i]
+
+
+def fill(target: Floats, value: float) -> None:
+    """target[:] = value."""
+    for i in range(len(target)):
+        target[i] = value
+
+
+def _without_errors(name: str) -> Callable[[float], float]:
+    """A function of `math` that gives what numpy gives where `math` raises an error: infinity or NaN."""
+    exact, limit = getattr(math, name), getattr(np, {"atan": "arctan"}.get(name, name))
+
+    def function(x: float) -> float:
+        try:
+            return np.float64(exact(x))
+        except (ValueError, OverflowError):
+            return limit(np.float64(x))
+
+    function.__name__ = name
+    return function
+
+
+FUNCTIONS = {
+    name: _without_errors(name) for name in ("sqrt", "exp", "log", "expm1", "log1p", "sin", "cos", "tanh", "atan")
+}
+sqrt, expm1, log1p = FUNCTIONS["sqrt"], FUNCTIONS["expm1"], FUNCTIONS["log1p"]

@@ -1,0 +1,182 @@
+"""Compiled functions as Python calls them: `Library`, and kernels evaluated one by one.
+
+A library is one module of LLVM: its functions and all that they call, optimised together. They release the interpreter
+lock while they run. With TCBENCH_PLAIN=1 its functions are the Python functions themselves.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from . import language
+from .language import Floats, Kernel, Matrix, call
+from .machine import addresses, cache_folder, plugin_folder
+from .records import HEAD, address_of
+from .translator import Module
+from .values import BOOL, FLOAT, INT, NOTHING, Array, Several
+
+CODES = {INT: ctypes.c_int64, FLOAT: ctypes.c_double, BOOL: ctypes.c_int64}
+
+
+class Library:
+    """Functions of the restricted Python, compiled together when the first of them is asked for: `library.march(...)`.
+
+    Arguments: numbers, records, and contiguous arrays of the kinds that the annotations say.
+    """
+
+    def __init__(self, name: str, *functions: Callable[..., Any]) -> None:
+        self.name, self.functions = name, functions
+
+    def __getattr__(self, name: str) -> Any:
+        if not any(f.__name__ == name for f in self.functions):
+            raise AttributeError(f"The library {self.name!r} has no function {name!r}.")
+        if language.PLAIN:
+            self.__dict__ |= {f.__name__: _quiet(f) for f in self.functions}
+        else:
+            names = [f.__name__ for f in self.functions]
+            found = addresses(self.name, names, self.code, cache_folder(plugin_folder(self.functions[0])), loops=True)
+            self.__dict__ |= {f.__name__: _entry(f, address) for f, address in zip(self.functions, found, strict=True)}
+        return self.__dict__[name]
+
+    def code(self) -> str:
+        """LLVM code of the module."""
+        module = Module()
+        for function in self.functions:
+            module.entry(function)
+        return module.text()
+
+
+def _quiet(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The Python function, without warnings of what compiled code does in silence."""
+
+    def plain(*arguments: Any) -> Any:
+        with np.errstate(all="ignore"):
+            return function(*arguments)
+
+    return plain
+
+
+def _entry(function: Callable[..., Any], address: int) -> Callable[..., Any]:
+    """A Python function that calls the compiled one: by address for records, by address and lengths for arrays."""
+    module, kinds = Module(), dict(function.__annotations__)
+    result = module.kind_of(str(kinds.pop("return")), function.__globals__)
+    types: list[Any] = []
+    passed = []
+    for name, annotation in kinds.items():
+        kind = module.kind_of(str(annotation), function.__globals__)
+        if isinstance(kind, Array):
+            types += [ctypes.c_int64] * (1 + kind.rank)
+            passed.append(f"*place({name}, {kind.rank}, {kind.item != FLOAT})")
+        elif isinstance(kind, str):
+            types.append(CODES[kind])
+            passed.append(name)
+        else:
+            types.append(ctypes.c_int64)
+            passed.append(f"{name}.address")
+    parts = result.kinds if isinstance(result, Several) else (result,)
+    direct = result in (INT, NOTHING)
+    if not direct:
+        types.append(ctypes.c_int64)
+        passed.append("results.ctypes.data")
+    machine = ctypes.CFUNCTYPE(ctypes.c_int64 if result == INT else None, *types)(address)
+    scope = {"machine": machine, "place": _place, "np": np, "read": _read, "parts": parts}
+    text = f"machine({', '.join(passed)})"
+    if not direct:
+        text = f"(results := np.zeros({len(parts)}, np.int64), {text}, read(results, parts))[2]"
+        if isinstance(result, str):
+            text += "[0]"
+    return eval(f"lambda {', '.join(kinds)}: {text}", scope)
+
+
+def _place(array: np.ndarray, rank: int, whole: bool) -> tuple[int, ...]:
+    """Address and lengths."""
+    kind = np.int64 if whole else np.float64
+    if array.dtype != kind or array.ndim != rank or not array.flags.c_contiguous:
+        raise TypeError(f"a contiguous array of {kind.__name__} with {rank} axes is needed, not {array!r}")
+    return address_of(array), *array.shape
+
+
+def _read(results: np.ndarray, kinds: tuple[str, ...]) -> tuple[Any, ...]:
+    floats = results.view(np.float64)
+    return tuple(float(floats[i]) if kind == FLOAT else int(results[i]) for i, kind in enumerate(kinds))
+
+
+# kernels ------------------------------------------------------------------------------------------------------------
+
+
+def evaluate_rows(kernel: Kernel, a: Matrix, b: Floats, out: Matrix) -> None:
+    """Run one kernel on each row of `a`, into the rows of `out`."""
+    for i in range(len(a)):
+        call(kernel, a[i], b, out[i])
+
+
+ROWS = Library("rows", evaluate_rows)
+CONTIGUOUS, ALIGNED = 0x1, 0x100  # flags of numpy's arrays
+_ARRAYS = ("a", "b", "out")
+
+
+def _checked_call() -> str:
+    """LLVM code of evaluate(kernel, a, b, out) on numpy's objects: 1, and nothing is done, unless all three are
+    contiguous arrays of doubles. What it reads there is part of numpy's binary interface."""
+    lines = ["@kinds = global [2 x i64] zeroinitializer"]
+    lines.append("define i64 @evaluate(i64 %kernel, ptr %a, ptr %b, ptr %out) {\nentry:")
+    lines.append("  %array = load i64, ptr @kinds\n  %at = getelementptr i64, ptr @kinds, i64 1")
+    lines.append("  %double = load i64, ptr %at\n  %ok0 = icmp eq i64 0, 0")
+    count = 0
+    for x in _ARRAYS:
+        for what, offset, kind in (("type", HEAD - 8, "i64"), ("descr", HEAD + 40, "i64"), ("flags", HEAD + 48, "i32")):
+            lines.append(f"  %{x}.{what}.at = getelementptr i8, ptr %{x}, i64 {offset}")
+            lines.append(f"  %{x}.{what} = load {kind}, ptr %{x}.{what}.at")
+        lines.append(f"  %{x}.bits = and i32 %{x}.flags, {CONTIGUOUS | ALIGNED}")
+        tests = (f"i64 %{x}.type, %array", f"i64 %{x}.descr, %double", f"i32 %{x}.bits, {CONTIGUOUS | ALIGNED}")
+        for test in tests:
+            lines.append(f"  %test{count} = icmp eq {test}")
+            lines.append(f"  %ok{count + 1} = and i1 %ok{count}, %test{count}")
+            count += 1
+    lines.append(f"  br i1 %ok{count}, label %go, label %no\nno:\n  ret i64 1\ngo:")
+    for x in _ARRAYS:
+        lines.append(f"  %{x}.at = getelementptr i8, ptr %{x}, i64 {HEAD}\n  %{x}.data = load ptr, ptr %{x}.at")
+    lines.append("  %pointer = inttoptr i64 %kernel to ptr")
+    lines.append("  call void %pointer(ptr %a.data, ptr %b.data, ptr %out.data)\n  ret i64 0\n}")
+    lines.append("define void @run_kernel(i64 %kernel, ptr %a, ptr %b, ptr %out) {\nentry:")
+    lines.append(
+        "  %pointer = inttoptr i64 %kernel to ptr\n  call void %pointer(ptr %a, ptr %b, ptr %out)\n  ret void\n}"
+    )
+    lines.append("define i64 @kinds_at() {\nentry:\n  %at = ptrtoint ptr @kinds to i64\n  ret i64 %at\n}")
+    return "\n".join(lines)
+
+
+_NATIVE: list[Any] = []
+
+
+def _native() -> list[Any]:
+    """[evaluate, run_kernel] of `_checked_call`, as ctypes has them; they are too short to release the lock."""
+    if not _NATIVE:
+        names = ["evaluate", "run_kernel", "kinds_at"]
+        at = addresses("evaluate", names, _checked_call, cache_folder(), loops=False)
+        word = ctypes.c_ssize_t
+        kinds = (ctypes.c_int64 * 2).from_address(ctypes.PYFUNCTYPE(word)(at[2])())
+        kinds[:] = [id(np.ndarray), id(np.dtype(np.float64))]
+        _NATIVE.append(ctypes.PYFUNCTYPE(word, word, word, word, word)(at[0]))
+        _NATIVE.append(ctypes.PYFUNCTYPE(None, word, word, word, word)(at[1]))
+    return _NATIVE
+
+
+def evaluate(kernel: int, a: Any, b: Any, out: Any) -> None:
+    """Run one kernel, by its address, on three contiguous float64 arrays. (Two thirds of a microsecond.)"""
+    if language.PLAIN:
+        with np.errstate(all="ignore"):
+            call(kernel, a, b, out)
+    elif (_NATIVE or _native())[0](kernel, id(a), id(b), id(out)):
+        if not (out.flags.c_contiguous and out.dtype == np.float64):
+            raise TypeError("a kernel's results need a contiguous array of float64")
+        run_kernel(kernel, np.ascontiguousarray(a, np.float64), np.ascontiguousarray(b, np.float64), out)
+
+
+def run_kernel(kernel: int, a: Any, b: Any, out: Any) -> None:
+    """The same on arrays that are known to be contiguous and of float64."""
+    _native()[1](kernel, address_of(a), address_of(b), address_of(out))

@@ -1,0 +1,159 @@
+"""Restricted Python becomes LLVM: kernels, special functions and loops, all by one translator.
+
+What is translated: functions with annotated arguments and results; assignment, if, while, for over range, break,
+continue, return; numbers, arrays and records (`records`) with arithmetic, comparison, and/or/not, x if t else y, min,
+max, abs, len, sqrt and the like, indexing, calls of such functions, and `call(kernel, a, b, out)`. A local name has the
+kind of its first value. Everything else is refused, with function, line and text, and so is what compiled code would
+get wrong without a word: a name that may be unset, a function that runs off its end, recursion, text never reached.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from .records import RANKS, Record
+from .statements import Body
+from .values import BOOL, FLOAT, INT, NOTHING, Array, RowsOf, Several, TranslationError, machine_kinds
+
+KINDS = {"int": INT, "Kernel": INT, "float": FLOAT, "bool": BOOL, "None": NOTHING}
+KERNEL = Array(sized=False)
+
+
+@dataclass(frozen=True)
+class Function:
+    """A translated function, as its callers see it."""
+
+    name: str  # of LLVM
+    title: str  # for people
+    arguments: dict[str, Any]
+    result: Any
+
+    @property
+    def result_code(self) -> str:
+        kinds = machine_kinds(self.result)
+        return f"{{{', '.join(kinds)}}}" if isinstance(self.result, Several) else kinds[0]
+
+
+@cache
+def _tree(file: str) -> dict[tuple[str, int], ast.FunctionDef]:
+    """Functions of a source file by name and line."""
+    found = {}
+    for node in ast.walk(ast.parse(Path(file).read_text(encoding="utf-8"))):
+        if isinstance(node, ast.FunctionDef):
+            first = min([node.lineno, *(d.lineno for d in node.decorator_list)])
+            found[node.name, first] = node
+    return found
+
+
+@dataclass
+class Module:
+    """One LLVM module under construction."""
+
+    functions: dict[Any, Function] = field(default_factory=dict)
+    code: list[str] = field(default_factory=list)
+    declared: dict[str, int] = field(default_factory=dict)
+    open: list[Any] = field(default_factory=list)  # functions that are being translated
+
+    def declare(self, name: str, count: int) -> None:
+        self.declared[name] = count
+
+    def text(self) -> str:
+        declarations = [f"declare double @{n}({', '.join(['double'] * k)})" for n, k in self.declared.items()]
+        return "\n".join([*self.code, *declarations, "!0 = !{}", ""])
+
+    def kind_of(self, annotation: str, names: Mapping[str, Any]) -> Any:
+        """The kind that an annotation stands for; None if it is none of the language."""
+        if annotation in KINDS:
+            return KINDS[annotation]
+        if annotation in RANKS:
+            return Array(RANKS[annotation], INT if annotation == "Ints" else FLOAT)
+        if annotation.startswith("tuple["):
+            parts = [self.kind_of(x.strip(), names) for x in annotation[6:-1].split(",")]
+            return Several(tuple(parts)) if set(parts) <= {INT, FLOAT, BOOL} else None
+        rows = annotation.startswith("Rows[")
+        known = names.get(annotation[5:-1] if rows else annotation)
+        if isinstance(known, type) and issubclass(known, Record):
+            return RowsOf(known) if rows else known
+        return None
+
+    def function(self, function: Callable[..., Any]) -> Function:
+        """A Python function, translated when it is first asked for."""
+        if function in self.functions:
+            return self.functions[function]
+        code = function.__code__
+        tree = _tree(code.co_filename).get((function.__name__, code.co_firstlineno))
+        if tree is None:
+            raise TranslationError(f"{code.co_filename}: the text of {function.__name__!r} is not there.")
+        hint = "noinline" if getattr(function, "rare", False) else "alwaysinline" if _is_small(tree) else ""
+        name = f'@"{function.__module__}.{function.__name__}"'
+        return self._translate(function, name, tree, function.__globals__, code.co_filename, f"internal {{}} {hint}")
+
+    def kernel(self, text: str, names: Mapping[str, Any]) -> None:
+        """The kernel(a, b, out) of a text, which other code reaches under this name."""
+        (tree,) = (node for node in ast.parse(text).body if isinstance(node, ast.FunctionDef))
+        self._translate(text, "@kernel", tree, names, "<kernel>", "{}")
+
+    def _translate(
+        self, key: Any, name: str, tree: ast.FunctionDef, names: Mapping[str, Any], file: str, form: str
+    ) -> Function:
+        title = f"{tree.name}()"
+        if key in self.open:
+            raise TranslationError(f"{file}, line {tree.lineno}: {title} calls itself; recursion is not translated.")
+        arguments = {a.arg: KERNEL if a.annotation is None and file == "<kernel>" else
+                     self.kind_of(ast.unparse(a.annotation), names) if a.annotation else None
+                     for a in tree.args.args}  # fmt: skip
+        result = (
+            self.kind_of(ast.unparse(tree.returns), names) if tree.returns else NOTHING if file == "<kernel>" else None
+        )
+        made = Function(name, title, arguments, result)
+        self.open.append(key)
+        body = Body(self, made, tree, names, file)
+        self.open.remove(key)
+        self.functions[key] = made
+        parts = [f"{m} %{a}{i}" for a, kind in arguments.items() for i, m in enumerate(machine_kinds(kind))]
+        linkage, _, hint = form.partition("{}")
+        head = f"define {linkage}{made.result_code} {name}({', '.join(parts)}){hint} nounwind {{"
+        self.code.append("\n".join([head, "entry:", *body.allocations, *body.lines, "}"]))
+        return made
+
+    def entry(self, function: Callable[..., Any]) -> Function:
+        """A name for ctypes: numbers as they are, a record by its address, an array by address and lengths; results of
+        another kind than an int go through one more argument, an address."""
+        made = self.function(function)
+        parts = [f"{m} %{a}{i}" for a, kind in made.arguments.items() for i, m in enumerate(machine_kinds(kind))]
+        bools = [(a, f"%{a}0") for a, kind in made.arguments.items() if kind == BOOL]
+        outer = [p.replace("i1 ", "i64 ") if p.startswith("i1 ") else p for p in parts]
+        lines = [f"  %{a}bool = icmp ne i64 {code}, 0" for a, code in bools]
+        inner = [f"i1 %{p[4:-1]}bool" if p.startswith("i1 ") else p for p in parts]
+        direct = made.result in (INT, NOTHING)
+        call = f"call {made.result_code} {made.name}({', '.join(inner)})"
+        if made.result == NOTHING:
+            lines += [f"  {call}", "  ret void"]
+        elif direct:
+            lines += [f"  %result = {call}", "  ret i64 %result"]
+        else:
+            outer.append("ptr %results")
+            lines.append(f"  %result = {call}")
+            for i, kind in enumerate(machine_kinds(made.result)):
+                value = "%result"
+                if isinstance(made.result, Several):
+                    lines.append(f"  %part{i} = extractvalue {made.result_code} %result, {i}")
+                    value = f"%part{i}"
+                if kind == BOOL:
+                    lines.append(f"  %wide{i} = zext i1 {value} to i64")
+                    kind, value = INT, f"%wide{i}"
+                lines += [f"  %at{i} = getelementptr i64, ptr %results, i64 {i}", f"  store {kind} {value}, ptr %at{i}"]
+            lines.append("  ret void")
+        head = f"define {'i64' if made.result == INT else 'void'} @{function.__name__}({', '.join(outer)}) nounwind {{"
+        self.code.append("\n".join([head, *lines, "}"]))
+        return made
+
+
+def _is_small(tree: ast.FunctionDef) -> bool:
+    """Arithmetic alone: such a function is part of its callers."""
+    return not any(isinstance(node, ast.For | ast.While | ast.Expr) for node in tree.body[1:])

@@ -1,0 +1,71 @@
+"""The records of the compiled solvers: what one flow of a step is, and what a run counts."""
+
+from __future__ import annotations
+
+from ..compiler.language import Floats, Kernel, Matrix
+from ..compiler.records import Record, sized
+
+
+class Tally(Record, mutable=True):
+    """What a run counts, and extremes over its completed steps; dimensionless."""
+
+    steps: int  # completed
+    energy_error: float
+    sum_t: float  # of a least-squares line through the energy error: in units of the step
+    sum_tt: float
+    sum_e: float
+    sum_te: float
+    entropy_min: float
+    violations: int
+    first_fall: int  # step; 0: none
+    lyapunov_max: float
+    residual_max: float
+    iterations: int
+    retried: int
+    tracked: int
+    tries: int
+    arcs: int
+    folds: int
+    audited: int
+    wrong_roots: int
+
+
+class Flow(Record):
+    """One flow of a method on one system: its kernels (see `flow_kernels`), rules, and what solvers write on."""
+
+    n: int  # length of a state
+    nx: int  # unknowns of Newton
+    ne: int  # those that were eliminated
+    npos: int  # temperatures among what `iterate` returns
+    nd: int
+    nw: int
+    n_constants: int
+    n_observables: int
+    prologue: Kernel
+    iterate: Kernel
+    polish: Kernel
+    finish: Kernel
+    full: Kernel
+    observe: Kernel
+    h: float  # its part of the step
+    continuation: bool  # the whole cascade; otherwise plain Newton
+    audit: int  # see implicit_step
+    residuals: bool
+    reference: float  # temperature of the exergy
+    bound: float  # V0
+    tally: Tally
+    c: Floats = sized("n_constants")  # step, constants; of a run's flows one array
+    start: Floats = sized("n")  # state from which the careful solvers begin
+    w: Floats = sized("nw")  # what stays fixed during Newton
+    x: Floats = sized("nx")
+    d: Floats = sized("nd")
+    dz: Floats = sized("n")
+    scale: Floats = sized("nx + ne")  # 1/size of the unknowns
+    derivatives: Floats = sized("nx * (nx + 2)")  # residual, Jacobian, d residual/dh
+    jacobian: Matrix = sized("nx", "nx")
+    old: Floats = sized("nx")
+    known: Floats = sized("nx")
+    accepted: Floats = sized("n")
+    seen: Matrix = sized("2", "n_observables")
+    points: Matrix = sized("4", "nx + 1")  # of the arc
+    bordered: Matrix = sized("nx + 1", "nx + 3")

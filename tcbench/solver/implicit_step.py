@@ -1,0 +1,223 @@
+"""One implicit flow of one step: the cascade of solvers, and the flows of a method made ready to be solved.
+
+`quick` has nearly every step; what it rejects goes to `newton`, `track` and `arc`, one after the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from types import FunctionType
+from typing import Any
+
+import numpy as np
+
+from ..compiler.code_hash import content_hash, installed
+from ..compiler.language import Floats, copy_into, rare
+from ..compiler.library import Library, evaluate
+from ..integrator import Flow as Formula
+from ..integrator import Integrator, Residual
+from ..systems.scenario import Scenario
+from ..systems.system import System
+from .continuation import COLD_ROOT, FOUND, LOST, UNDETERMINED, arc
+from .flow import Flow, Tally
+from .flow_kernels import FlowKernels, build
+from .newton import ACCEPTED, REJECTED, newton, plain_newton, set_step, track
+
+# why there is no step (Trajectory turns these, and those of the loop, into statuses and sentences)
+OK, NONCONVERGED, NO_ROOT, NONFINITE, COLLAPSED, COLD, BLOWUP, NO_WARM_ROOT, FOLDED = range(9)
+
+# what follows the arc at every step: the audit counts accepted roots that are not the principal one; the other two take
+# the arc's root itself, and the last ends the run at the first fold
+NO_AUDIT, COUNT_WRONG, PRINCIPAL, STOP_AT_FOLD = range(4)
+SAME_ROOT = 1e-6  # scaled distance below which two roots are one
+
+
+@rare
+def solve_flow(flow: Flow, here: Floats, solved: bool) -> tuple[int, int]:
+    """Increments dz of one flow of one step from `here`; returns (OK or why there are none, Newton iterations).
+
+    solved: `quick` has done it, and its root, in x, is only to be audited.
+    """
+    n, tally = flow.nx, flow.tally
+    copy_into(flow.start, here)
+    set_step(flow, 1.0)
+    for i in range(n + flow.ne):
+        flow.scale[i] = flow.w[2 * n + i]
+    code, total = ACCEPTED if solved else REJECTED, 0
+    if flow.audit >= PRINCIPAL or solved:
+        pass  # the arc's root, whatever Newton would find
+    elif flow.continuation:
+        copy_into(flow.x, flow.w[:n])  # z1 = z0
+        code, total = newton(flow)
+        if code == ACCEPTED:
+            tally.retried += 1
+        else:
+            code, count, tries = track(flow)
+            total += count
+            tally.tracked += 1
+            tally.tries += tries
+    else:
+        copy_into(flow.x, flow.w[:n])
+        code, total = plain_newton(flow)
+    reason = OK if code == ACCEPTED else NONCONVERGED
+    if (code != ACCEPTED and flow.continuation) or flow.audit != NO_AUDIT:
+        reason, count = by_arc(flow, reason)
+        total += count
+    return reason, total
+
+
+@rare
+def by_arc(flow: Flow, reason: int) -> tuple[int, int]:
+    """The arc's root into x and dz; returns (OK, FOLDED or why there is none, Jacobians).
+
+    Where plain Newton gave up, or a root was accepted and is being audited, the arc's answer is only counted: x, dz and
+    `reason` stay as they were. An arc that is undetermined proves nothing: such a root does not count as audited.
+    """
+    tally = flow.tally
+    copy_into(flow.old, flow.x)
+    copy_into(flow.accepted, flow.dz)
+    code, jacobians, folds = arc(flow)
+    tally.folds += folds
+    if flow.audit >= PRINCIPAL or (reason != OK and flow.continuation):
+        tally.arcs += 1
+        if folds > 0 and flow.audit == STOP_AT_FOLD:
+            return FOLDED, jacobians
+        if code == FOUND:
+            if flow.audit == COUNT_WRONG:
+                tally.audited += 1  # the principal root by construction
+            return OK, jacobians
+        if code == LOST:
+            return NO_ROOT, jacobians
+        return (NO_WARM_ROOT if code == COLD_ROOT else NONCONVERGED), jacobians
+    if reason == OK and code != UNDETERMINED:
+        tally.audited += 1
+        wrong = code != FOUND
+        for i in range(flow.nx):
+            if abs(flow.old[i] - flow.x[i]) * flow.scale[i] > SAME_ROOT:
+                wrong = True
+        if wrong:
+            tally.wrong_roots += 1
+    copy_into(flow.x, flow.old)
+    copy_into(flow.dz, flow.accepted)
+    return reason, 0
+
+
+INSTALLED = "installed"  # in place of a hash
+
+
+# a method's flows on a system --------------------------------------------------------------------------------------
+
+
+def compiled_flows(formulas: tuple[Formula, ...], symbolic: System) -> tuple[FlowKernels, ...]:
+    """The kernels of a method's flows for a structure of system; traced again when what the formulas read changed."""
+    seen = INSTALLED if all(_is_fixed(f.residual) for f in formulas) else content_hash(formulas)
+    return _compiled_flows(formulas, symbolic, seen) if seen else _compiled_flows.__wrapped__(formulas, symbolic)
+
+
+@cache
+def _is_fixed(residual: Residual) -> bool:
+    """A function of an installed package that sees nothing of others: hashing it at every call would take a third of
+    the call."""
+    if (
+        not isinstance(residual, FunctionType)
+        or residual.__closure__
+        or residual.__defaults__
+        or residual.__kwdefaults__
+    ):
+        return False
+    return installed(residual.__module__, residual.__globals__.get("__file__")) is not None
+
+
+@cache
+def _compiled_flows(formulas: tuple[Formula, ...], symbolic: System, seen: str = "") -> tuple[FlowKernels, ...]:
+    """Equal formulas share their kernels."""
+    made: dict[Any, FlowKernels] = {}
+    chosen = []
+    for flow in formulas:
+        key = (flow.residual, flow.variables, flow.stages, flow.of_step)
+        chosen.append(made.get(key) or made.setdefault(key, build(flow, symbolic)))
+    return tuple(chosen)
+
+
+@dataclass(frozen=True)
+class Rules:
+    """How the flows of a run are solved."""
+
+    continuation: bool = True
+    residuals: bool = False
+    audit: int = NO_AUDIT
+
+
+def make_flows(
+    integrator: Integrator,
+    scenario: Scenario,
+    dt: float,
+    c: np.ndarray,
+    tally: Tally,
+    rules: Rules,
+    kernels: tuple[FlowKernels, ...],
+) -> list[Flow]:
+    """The flows of a method on a scenario, ready for a step dt. c: constants, which all of them share."""
+    model = scenario.model
+    observe, n_observables = model.observer
+    shared = {
+        "n": model.size, "n_constants": len(c), "n_observables": n_observables, "observe": observe.address,
+        "continuation": rules.continuation, "audit": rules.audit, "residuals": rules.residuals,
+        "reference": model.reference_temperature, "bound": scenario.blowup_factor * scenario.initial_exergy,
+        "tally": tally, "c": c,
+    }  # fmt: skip
+    flows = []
+    for formula, k in zip(integrator.flows, kernels, strict=True):
+        flow = Flow(**k.fields, **shared, h=formula.fraction * dt)
+        setup, tail = k.setup, flow.w[k.opening.size :]
+        if setup.size:
+            c[0] = formula.fraction * dt
+            evaluate(setup.address, c, c, tail)
+        flows.append(flow)
+    return flows
+
+
+class OneFlow:
+    """The first flow of a method at the start of a scenario, for a look at its solvers one by one.
+
+    x: unknowns; dz: increments of the state; z: the start; each solver leaves its root there.
+    """
+
+    def __init__(self, integrator: Integrator, scenario: Scenario, h: float) -> None:
+        constants = np.concatenate([scenario.model.constant_values, scenario.z0, scenario.z0])
+        self.tally = Tally()
+        kernels = compiled_flows(integrator.flows, scenario.model.symbolic)
+        self.record = make_flows(integrator, scenario, h, constants, self.tally, Rules(), kernels)[0]
+        self.x, self.dz, self.z = self.record.x, self.record.dz, scenario.z0
+        self.record.start[:] = self.z
+        self.prepare()
+
+    def prepare(self) -> None:
+        """The flow over its whole step."""
+        r = self.record
+        r.c[0] = r.h
+        evaluate(r.prologue, r.start, r.c, r.w)
+        r.scale[:] = r.w[2 * r.nx : 3 * r.nx + r.ne]
+
+    def newton(self, start: Sequence[float] | float) -> tuple[int, int]:
+        """(ACCEPTED or REJECTED, iterations) of the careful Newton from these unknowns."""
+        self.x[:] = start
+        return SOLVERS.newton(self.record)
+
+    def plain_newton(self, start: Sequence[float] | float) -> tuple[int, int]:
+        """The same of Newton as textbooks have it."""
+        self.x[:] = start
+        return SOLVERS.plain_newton(self.record)
+
+    def track(self) -> tuple[int, int, int]:
+        """(ACCEPTED or REJECTED, iterations, tries) of natural continuation."""
+        return SOLVERS.track(self.record)
+
+    def arc(self) -> tuple[int, int, int]:
+        """(FOUND, LOST, COLD_ROOT or UNDETERMINED, Jacobians, folds)."""
+        return SOLVERS.arc(self.record)
+
+
+SOLVERS = Library("solvers", newton, plain_newton, track, arc)
