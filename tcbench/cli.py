@@ -175,7 +175,7 @@ def report(folder: Path, folders: tuple[str, ...]) -> None:
 @click.option("--integrator", "-i", "integrators", multiple=True, metavar="NAME", help="Only these; repeat.")
 @click.option("--x", metavar="COLUMN", help="Column of the horizontal axis (work-precision, conservation).")
 @click.option("--y", multiple=True, metavar="COLUMN", help="Columns of the vertical axis (work-precision); repeat.")
-@click.option("--dt", type=float, help="Step of runs that are simulated again (laws, four-panel, path).")
+@click.option("--dt", type=float, help="Of laws, four-panel and path: the runs of this step only.")
 @PLUGINS
 def plot(kind: str, folder: Path, folders: tuple[str, ...], **options: Any) -> None:
     """Draw one chart of a run; an unknown KIND lists those that exist."""

@@ -125,7 +125,14 @@ SHOWN = {  # columns of a table that fit a terminal
 
 STEPS = ("dt", "tolerance")  # shown where some method has them
 WHOLE = 40  # rows of the conservation table that a run prints in full; of more, the middle steps
-LONG = ("convergence_points", "stability_points", "equilibrium", "work_precision")  # shown when asked for by name
+LONG = (
+    "convergence_points",
+    "stability_points",
+    "equilibrium",
+    "work_precision",
+    "series",
+    "opening",
+)  # shown when asked for by name
 
 
 def print_tables(tables: Mapping[str, DataFrame]) -> None:
@@ -233,7 +240,7 @@ class Display:
             return
         if self.quiet:
             return
-        if set(results.tables) == {"conservation"}:
+        if set(results.tables).difference(LONG) == {"conservation"}:
             self._overview(results.tables["conservation"])
         elif len(overview) and not overview.drop(columns=["scenario", "integrator", "claims broken"]).eq("-").all(None):
             print_frame(overview, "\nsummary")

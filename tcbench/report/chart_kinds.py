@@ -2,25 +2,20 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
-from ..errors import TcbenchError, unknown_name
+from ..errors import unknown_name
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
-    from ..simulation.trajectory import Trajectory
-
 Tables = Mapping[str, Any]
-SERIES = "series"  # trajectories in time, simulated again: runs do not keep them
-OPENING = "opening"  # their first steps, every one of them: a path of every twentieth state is no path
-POINTS = 180  # recorded states of a trajectory that a chart needs
-PATIENCE = 2.0  # seconds that a run to be simulated again may have taken
+SERIES = "series"  # runs in time, thin, as rows of the conservation study keep them
+OPENING = "opening"  # their first steps, every one of them
 
 
 @dataclass(frozen=True)
@@ -86,8 +81,8 @@ def kinds() -> dict[str, Kind]:
              (SERIES,), lambda t: runs.laws(t[SERIES])),
         Kind("four-panel", "conservation", "Energy, entropy, temperatures and strains in time, as in the paper.",
              (SERIES,), lambda t: runs.four_panel(t[SERIES])),
-        Kind("path", "conservation", f"Paths of the masses in the plane over the first {POINTS} steps, coloured by "
-             "temperature.", (OPENING,), lambda t: runs.path(t[OPENING])),
+        Kind("path", "conservation", "Paths of the masses in the plane over the first steps, coloured by temperature.",
+             (OPENING,), lambda t: runs.path(t[OPENING])),
         Kind("stable-step", "stability", "Largest stable step, by kind of limit.", ("stability",),
              lambda t: ladders.stable_step(t["stability"]), by_scenario=False),
         Kind("blowup", "stability", "Time at which a run failed, against its step size.", ("stability_points",),
@@ -119,52 +114,3 @@ def with_fallbacks(tables: Tables) -> dict[str, Any]:
         if "status" in rows and rows["status"].ne("ok").any():
             known["stability_points"] = rows[rows["dt"].notna()] if "dt" in rows else rows
     return known
-
-
-def replay(tables: Tables, scenarios: Iterable[str] | None = None, dt: float | None = None) -> dict[str, DataFrame]:
-    """Trajectories of the conservation study's runs at each scenario's own step, simulated again, where they can be.
-
-    Only what is repeated quickly: integrators that are installed, scenarios with the data that the rows were measured
-    with, and runs that neither crashed nor hung nor took long.
-    """
-    from . import trajectory_table as series
-
-    rows = tables.get("conservation")
-    if rows is None or not len(rows) or "dt" not in rows:
-        return {}
-    wanted = None if scenarios is None else set(scenarios)
-    found: dict[str, list[Trajectory]] = {SERIES: [], OPENING: []}
-    for (integrator, scenario), part in rows.groupby(["integrator", "scenario"], sort=False):
-        if wanted is None or scenario in wanted:
-            for name, run in _again(str(integrator), str(scenario), part, dt).items():
-                found[name].append(run)
-    return {name: series.trajectories(runs) for name, runs in found.items() if runs}
-
-
-def _again(integrator: str, name: str, rows: DataFrame, dt: float | None) -> dict[str, Trajectory]:
-    import numpy as np
-
-    from .. import plugins
-    from ..simulation.run import simulate
-
-    try:
-        method, scenario = plugins.find_integrator(integrator), plugins.find_scenario(name)
-    except TcbenchError:
-        return {}
-    step = scenario.dt if dt is None else dt
-    near = rows[np.isclose(rows["dt"].astype(float), step, rtol=1e-9)]
-    if method.kind == "adaptive" or not len(near):
-        return {}
-    row = near.iloc[-1]
-    other = bool(row.get("scenario_hash")) and row["scenario_hash"] != scenario.hash  # the name means other data by now
-    if other or row["status"] in ("crash", "timeout", "exception", "skipped"):
-        return {}
-    cost = float(row.get("us_per_step", 0.0)) * scenario.steps(step) / 1e6
-    if not cost < PATIENCE:
-        return {}
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        whole = simulate(method, scenario, step, record_every=max(1, scenario.steps(step) // POINTS))
-        if scenario.steps(step) < 2 * POINTS:
-            return {SERIES: whole, OPENING: whole}
-        return {SERIES: whole, OPENING: simulate(method, scenario, step, t_end=POINTS * step)}

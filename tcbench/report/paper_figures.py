@@ -139,7 +139,7 @@ def measurement(run: Trajectory) -> str:
 
 def draw(figure: PaperFigure, runs: list[Trajectory]) -> Figure:
     """The four panels with the caption below them."""
-    from . import trajectory_table as series
+    from ..simulation import series
     from .charts.runs import four_panel
     from .charts.style import INK, Panels
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import TcbenchError, unknown_name
 from ..files import replacing
-from .chart_kinds import OPENING, SERIES, Kind, find_kind, of_scenario, replay, with_fallbacks
+from .chart_kinds import OPENING, SERIES, Kind, find_kind, of_scenario, with_fallbacks
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -34,7 +34,7 @@ def plot(
 
     kind : a name of `figures.kinds()`. source : the folder of a run, or trajectories (for laws, four-panel, path).
     scenario : needed where the run has several. integrators : only these. x, y : columns, of work-precision (x and y)
-    and conservation (x). dt : step of the trajectories that are simulated again from a folder (default: its own).
+    and conservation (x). dt : of laws, four-panel and path, the runs of this step only.
 
     Raises TcbenchError for an unknown kind, scenario, integrator or suffix, and for tables that the run does not have.
     """
@@ -88,15 +88,13 @@ def save(figure: Figure, path: Path) -> Path:
 def _tables(
     kind: Kind, source: str | Path | Trajectory | Iterable[Trajectory], scenario: str | None, dt: float | None
 ) -> dict[str, DataFrame]:
+    from ..simulation import series
     from ..simulation.trajectory import Trajectory
     from ..store.tables import read_tables
-    from . import trajectory_table as series
 
     if isinstance(source, str | Path):
         tables = with_fallbacks(read_tables(source))
-        if _of_runs(kind):
-            tables |= replay(tables, None if scenario is None else [scenario], dt)
-        return tables
+        return _at_step(tables, dt) if _of_runs(kind) else tables
     runs = [source] if isinstance(source, Trajectory) else list(source)
     if not _of_runs(kind):
         raise TcbenchError(f"The chart {kind.name!r} shows the tables of a run: give its folder, not trajectories.")
@@ -107,11 +105,25 @@ def _of_runs(kind: Kind) -> bool:
     return bool({SERIES, OPENING} & set(kind.needs))
 
 
+def _at_step(tables: dict[str, DataFrame], dt: float | None) -> dict[str, DataFrame]:
+    """The runs in time of one step; all if none is named."""
+    import numpy as np
+
+    if dt is None or SERIES not in tables:
+        return tables
+    steps = sorted({float(v) for v in tables[SERIES].get("dt", ()) if v == v})
+    if not np.isclose(steps, dt, rtol=1e-9).any():
+        there = ", ".join(f"{step:g}" for step in steps) or "none"
+        raise TcbenchError(f"No run of dt = {dt:g} was kept in time; this run has {there}.")
+    near = {n: np.isclose(t["dt"].astype(float), dt, rtol=1e-9) for n, t in tables.items() if n in (SERIES, OPENING)}
+    return tables | {name: tables[name][rows] for name, rows in near.items()}
+
+
 def _absent(kind: Kind, tables: dict[str, DataFrame]) -> str:
     if _of_runs(kind):
         return (
-            f"The chart {kind.name!r} needs trajectories, and no run of this folder can be simulated again at that "
-            "step with the integrators and scenarios that are installed. Pass results of tcbench.simulate instead."
+            f"The chart {kind.name!r} shows runs in time, and this folder keeps none: the study conservation does, at "
+            "each scenario's own step. Run it, or pass results of tcbench.simulate instead."
         )
     missing = [name for name in kind.needs if name not in tables or not len(tables[name])]
     there = ", ".join(tables) or "none"

@@ -13,7 +13,7 @@ from ..files import replacing
 from ..store.store import Store
 from ..store.tables import read_tables
 from ..studies.columns import column, shown
-from .chart_kinds import OPENING, SERIES, Kind, kinds, replay, with_fallbacks
+from .chart_kinds import OPENING, SERIES, Kind, kinds, with_fallbacks
 from .drawing import Drawn, Job, draw_all
 from .html import Charts, cell, is_numeric, script_json, svg_text, table_href
 
@@ -91,14 +91,13 @@ class Section:
 def write_report(folder: str | Path) -> Path:
     """Write `report.html` into a run folder, complete or not at all; returns its path.
 
-    Everything that the run has is shown, and nothing is said of studies that it has not. Trajectories are simulated
-    again where that takes seconds. Raises TcbenchError where there is no run or nothing can be written.
+    Everything that the run has is shown, and nothing is said of studies that it has not. Nothing is
+    simulated and no plugin is needed. Raises TcbenchError where there is no run or nothing can be written.
     """
     store = Store.read(folder)
     tables: dict[str, DataFrame] = with_fallbacks(read_tables(store))
     if not any(len(table) for table in tables.values()):
         raise TcbenchError(f"{str(folder)!r} holds no finished cell yet; there is nothing to report.")
-    tables |= replay(tables)
     text = _environment().get_template("report.html").render(**_content(store, tables))
     path = Path(folder) / "report.html"
     try:

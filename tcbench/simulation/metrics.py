@@ -44,12 +44,16 @@ CANCELLED = 1e-12  # a sum that is smaller than this part of its terms is their 
 def angular_momentum_error_max(run: Trajectory) -> float:
     """Largest |J_k - J_0| / |J_0|; NaN for a system without angular momentum.
 
-    Where J_0 is round-off of its terms (or 0), the departure is over their size, |q_0| |p_0|; absolute if that is 0.
+    Where J_0 is round-off of its terms, the departure is over their size: see `angular_momentum_scale`.
     """
-    error = run.summary.invariant_error_max.get("angular_momentum", np.nan)
+    return run.summary.invariant_error_max.get("angular_momentum", np.nan) / angular_momentum_scale(run)
+
+
+def angular_momentum_scale(run: Trajectory) -> float:
+    """|J_0|; where it is round-off of its terms (or 0) their size, |q_0| |p_0|; 1 if that is 0."""
     initial, start = abs(float(run.angular_momentum[0])), run.scenario.model.state(run.z[0])
     size = float(np.linalg.norm(start.q) * np.linalg.norm(start.p))
-    return error / (initial if initial > CANCELLED * size else size or 1.0)
+    return initial if initial > CANCELLED * size else size or 1.0
 
 
 def lyapunov_increment_max(run: Trajectory) -> float:

@@ -108,6 +108,8 @@ def _cells_of_tables(store: Store) -> Iterator[tuple[str, tuple[dict[str, Any], 
 
     asked = ("dt", "h", "rtol", "value", "t", "tolerance")
     for table in store.tables():
+        if not column_named(table).compared:
+            continue
         frame = store.read_table(table)
         names = [str(name) for name in frame.columns]
         text = [
@@ -144,7 +146,7 @@ def _row_changes(
         path = [part.split("[")[0] for part in name.split(".")]  # of points[3].errors.q: points, errors, q
         column = path[-1]
         known = column_named(column)
-        if not known.compared or name == "status" or (known.timing and not alone):
+        if not all(column_named(part).compared for part in path) or name == "status" or (known.timing and not alone):
             continue
         a, b = old_values.get(name), new_values.get(name)
         allowed = _allowed(column, noise)

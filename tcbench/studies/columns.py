@@ -111,7 +111,7 @@ COLUMNS = (  # the first that fits counts: names before patterns
     *(_origin(n, compared=True) for n in ("plugin", "scenario_hash", "tcbench_version", "study", "exception_type")),
     *(_origin(n) for n in ("source_hash", "cell_time_s", "timed", "key", "failure", "fingerprint", "machine")),
     *(_origin(n) for n in ("output_tail", "traceback", "traceback_tail", "exception_message", "worker_host_cpu")),
-    *(_origin(n) for n in ("shuffle_order", "shuffle_seed", "alone")),
+    *(_origin(n) for n in ("shuffle_order", "shuffle_seed", "alone", "series", "opening")),
     _timing("wall_time_s")._replace(shown=False),
     # of plugins, and inside rows
     _step("dt_stable*"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +21,7 @@ COLUMNS = (
 )  # fmt: skip
 SHORT_S = 0.1  # a run as short as this is timed twice
 TOLERANCES = (1e-3, 1e-6, 1e-9)  # of adaptive solvers, which have no dt
+OWN = 1e-6  # the tolerance that stands for the scenario's own step
 
 
 def plan(
@@ -38,7 +40,7 @@ def plan(
 
 def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
     from .. import plugins
-    from ..simulation import metrics
+    from ..simulation import metrics, series
     from ..simulation.run import simulate
 
     adaptive = integrator.kind == "adaptive"
@@ -49,7 +51,16 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
     if run.wall_time_s < SHORT_S:  # timed again: nothing is left to load, and no residuals are evaluated
         again = simulate(integrator, scenario, **(extra if adaptive else {"dt": options["dt"], "record_every": None}))
         row["us_per_step"] = min(row["us_per_step"], metrics.us_per_step(again))
-    return row | {name: metric.compute(run) for name, metric in plugins.metrics().items()}
+    row |= {name: metric.compute(run) for name, metric in plugins.metrics().items()}
+    return row | series.kept(run) if _drawn(scenario, options) else row
+
+
+def _drawn(scenario: Scenario, options: Row) -> bool:
+    """Is the run's course kept, for charts in time? At the scenario's own step, and at steps that are on no ladder."""
+    if "tolerance" in options:
+        return bool(options["tolerance"] == OWN)
+    others = [factor * scenario.dt for factor in scenario.ladder if factor != 1]
+    return not any(math.isclose(options["dt"], step, rel_tol=1e-9) for step in others)
 
 
 _WARM: set[tuple[Any, ...]] = set()  # in this process
@@ -71,16 +82,18 @@ def _warm_up(integrator: Integrator, scenario: Scenario, extra: Mapping[str, Any
 def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
     import pandas as pd
 
-    table = pd.DataFrame(list(records))
+    from ..simulation import series
+
+    table = pd.DataFrame([{name: value for name, value in row.items() if name not in series.ROW} for row in records])
     table = table.reindex(columns=[*COLUMNS, *(c for c in table.columns if c not in COLUMNS)])
     order = [c for c in ("scenario", "integrator", "dt", "tolerance") if c in table]
-    return {"conservation": table.sort_values(order, kind="stable", ignore_index=True)}
+    return {"conservation": table.sort_values(order, kind="stable", ignore_index=True)} | series.tables(records)
 
 
 STUDY = Study(
     name="conservation",
     description="energy, entropy and momentum errors, blow-up time and solver effort on a ladder of steps",
-    tables=("conservation",),
+    tables=("conservation", "series", "opening"),
     plan=plan,
     measure=measure,
     tabulate=tabulate,

@@ -177,6 +177,29 @@ def claims():
     return pd.DataFrame(rows, columns=["claim", "section", "expected", "measured", "verdict"])
 
 
+def series(methods, scenarios=SCENARIOS):
+    """Runs in time as rows keep them; `opening` is their first steps."""
+    t = np.linspace(0, 25, 90)
+    frames = []
+    for scenario in scenarios:
+        for i, name in enumerate(methods):
+            lost = np.zeros_like(t) if name.startswith("tc") else 1e-3 * (i + 1) * t
+            columns = {
+                "t": t,
+                "energy": 60 + lost,
+                "entropy": 0.1 * t,
+                "energy_error": lost,
+                "entropy_fall": 0.1 * lost,
+            }
+            columns |= {"angular_momentum": 4 + 0 * t, "angular_momentum_error": 0 * t, "lyapunov_rise": 0 * t}
+            columns |= {f"temperature_{x}": 300 + k + 0 * t for k, x in enumerate("ab")}
+            columns |= {f"strain_{x}": 0.1 * np.sin(t + k) for k, x in enumerate("ab")}
+            columns |= {f"{x}_{k}": k + np.cos(t + k) for k in (1, 2) for x in "xy"}
+            known = {"integrator": name, "scenario": scenario, "dt": 0.3, "status": "ok"}
+            frames.append(pd.DataFrame(known | columns))
+    return pd.concat(frames, ignore_index=True)
+
+
 def everything(methods, scenarios=SCENARIOS, **settings):
     """Every table of a full run."""
     fits, points = convergence(methods, scenarios)
@@ -190,6 +213,8 @@ def everything(methods, scenarios=SCENARIOS, **settings):
         "blowup_sensitivity": sensitivity(methods, scenarios),
         "equilibrium": equilibrium(methods),
         "claims": claims(),
+        "series": series(methods, scenarios),
+        "opening": series(methods, scenarios),
     }
 
 

@@ -13,13 +13,13 @@ from matplotlib.figure import Figure
 import tcbench
 from tcbench.errors import TcbenchError
 from tcbench.report import plot
-from tcbench.report import trajectory_table as series
 from tcbench.report.chart_kinds import kinds
 from tcbench.report.charts import ladders, precision
 from tcbench.report.charts import runs as time_charts
 from tcbench.report.charts.precision import work_precision
 from tcbench.report.charts.scales import power_text, zero_log_axis
 from tcbench.report.charts.style import COLOURS, KNOWN, look, panels, spread
+from tcbench.simulation import series
 
 METHODS = {
     "five": awkward.FIVE,
@@ -176,7 +176,7 @@ def test_plot_says_what_is_wrong(runs, tmp_path):
         "written as .png": lambda: plot.plot("conservation", folder, "a.gif"),
         "does not exist": lambda: plot.plot("conservation", folder, tmp_path / "no" / "a.png"),
         "needs the table 'stability'": lambda: plot.plot("stable-step", folder, out),
-        "needs trajectories": lambda: plot.plot("laws", folder, out),
+        "study conservation does": lambda: plot.plot("laws", folder, out),
         "give its folder": lambda: plot.plot("conservation", runs, out),
         "No integrator of this run": lambda: plot.plot("conservation", folder, out, integrators=["x"]),
         "There is no run": lambda: plot.plot("conservation", tmp_path / "nothing", out),

@@ -1,4 +1,4 @@
-"""Trajectories in time and in the plane. The tables are those of `tcbench.series`."""
+"""Trajectories in time and in the plane. The tables are those of `simulation.series`."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ GAPS = ("entropy_gap", "strain_gap", "temperature_gap", "rotation_gap")
 def laws(series: DataFrame) -> Figure:
     """What several runs of one scenario lose in time: energy, entropy, angular momentum, Lyapunov functional.
 
-    series : rows of `series.trajectory`. Magnitudes; a law that is kept exactly lies on the 0 at the foot of the axis.
+    series : rows of the table `series`. Magnitudes; a law that is kept exactly lies on the 0 at the foot of the axis.
     The line is the largest so far; beside it runs a thin one, the value, where runs are few. A cross ends a failed run.
     """
     columns = [c for c in LAWS if c in series and np.isfinite(finite(series[c])).any()] or ["energy_error"]
