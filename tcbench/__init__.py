@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from .simulation.run import simulate
     from .simulation.trajectory import Trajectory
     from .systems.pendulum import Pendulum
+    from .systems.sampling import Range
     from .systems.scenario import Scenario, ScenarioFamily
     from .systems.system import System
 
@@ -38,6 +39,7 @@ _HOME = {
     "Results": "engine.run",
     "run": "engine.run",
     "Pendulum": "systems.pendulum",
+    "Range": "systems.sampling",
     "Scenario": "systems.scenario",
     "ScenarioFamily": "systems.scenario",
     "simulate": "simulation.run",
@@ -46,8 +48,8 @@ _HOME = {
 }
 
 __all__ = [
-    "Flow", "Integrator", "Metric", "Pendulum", "Results", "Scenario", "ScenarioFamily", "System", "TcbenchError",
-    "Trajectory", "family", "hookimpl", "integrators", "run", "scenarios", "simulate",
+    "Flow", "Integrator", "Metric", "Pendulum", "Range", "Results", "Scenario", "ScenarioFamily", "System",
+    "TcbenchError", "Trajectory", "family", "hookimpl", "integrators", "run", "scenarios", "simulate",
 ]  # fmt: skip
 
 

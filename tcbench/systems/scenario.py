@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import hashlib
 import json
 import math
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import TcbenchError, unknown_name
+from .sampling import Draw, Range, seed_of
 from .system import System, formulas_hash
 
 REST = 1e-10  # least exergy of a scenario, relative to its energy: see Scenario.initial_exergy
@@ -155,25 +157,50 @@ class Scenario:
 class ScenarioFamily:
     """Scenarios of one kind that differ by parameters: `name[param=value]`. Run when named, not with "all scenarios".
 
+    Give `make` and `defaults`, or `sample` and `ranges`.
+
     make : the Scenario of given values (strings); TcbenchError for those that it cannot take. defaults : every
-    parameter, with the value that it has when the name alone is given.
+        parameter, with the value that it has when the name alone is given.
+    sample : a random Scenario, `sample(draw)`, from the numbers of a `Draw`: `name[seed=7]`. ranges : name -> `Range`
+        of what it draws; `name[seed=7,stiffness=10:300]` narrows or widens one. Such a family can be run by hundreds,
+        by the study `ensemble`.
     """
 
     name: str
-    make: Callable[..., Scenario]
-    defaults: Mapping[str, str]
+    make: Callable[..., Scenario] | None = None
+    defaults: Mapping[str, str] = field(default_factory=dict)
     shows: str = ""
     source: str = ""
     plugin: str = ""
+    sample: Callable[[Draw], Scenario] | None = None
+    ranges: Mapping[str, Range] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if (self.make is None) == (self.sample is None):
+            raise TcbenchError(f"The scenario family {self.name!r} must give one of make= and sample=.")
+        if self.sample is not None:
+            spelled = {name: str(limits) for name, limits in self.ranges.items()}
+            object.__setattr__(self, "defaults", {"seed": "0"} | spelled)
 
     def member(self, **values: str) -> Scenario:
-        """The scenario of these values; its name spells all of them."""
+        """The scenario of these values; its name spells all of them, of random ones the seed and the ranges given."""
         for name in values:
             if name not in self.defaults:
                 raise unknown_name(f"parameter of {self.name!r}", name, self.defaults)
         chosen = {**self.defaults, **values}
+        if self.sample is not None:
+            ranges = {name: limits.narrowed(name, chosen[name]) for name, limits in self.ranges.items()}
+            made = self.sample(Draw(seed_of(chosen["seed"]), ranges))
+            chosen = {"seed": str(seed_of(chosen["seed"]))} | {n: str(r) for n, r in ranges.items() if n in values}
+            chosen = {n: v for n, v in chosen.items() if n == "seed" or v != self.defaults[n]}
+        else:
+            assert self.make is not None
+            made = self.make(**chosen)
         label = ",".join(f"{n}={v}" for n, v in sorted(chosen.items()))
-        return dataclass_replace(self.make(**chosen), name=f"{self.name}[{label}]", plugin=self.plugin)
+        named = copy.copy(made)  # its numbers have been checked: hundreds of members are made at a time
+        object.__setattr__(named, "name", f"{self.name}[{label}]")
+        object.__setattr__(named, "plugin", self.plugin)
+        return named
 
 
 def _numbers(name: str, value: Any) -> tuple[float, ...]:
