@@ -14,7 +14,8 @@ from .engine.planning import plan_job, preview
 from .engine.run import run
 from .errors import TcbenchError, unknown_name
 from .report.summary import summary
-from .store.store import Store
+from .store.encoding import csv_bytes
+from .store.store import Store, replace_file
 from .store.tables import only, read_tables
 from .studies.base import studies
 
@@ -40,7 +41,8 @@ def run_command(options: dict[str, Any], display: terminal.Display) -> int:
             on_event=on_event, **options,
         )  # fmt: skip
     overview = summary(results.tables, plugins.integrators())
-    overview.to_csv(results.output / "summary.csv", index=False)
+    every = summary(read_tables(results.output), plugins.integrators())  # of all runs into this folder
+    replace_file(results.output / "summary.csv", csv_bytes(every), results.output)
     display.results(results, overview)
     terminal.warn([*results.problems, *results.left_out])
     if report and not results.summary.interrupted:

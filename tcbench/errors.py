@@ -18,6 +18,10 @@ class TraceError(TcbenchError):
     """A formula that cannot be turned into compiled code; the message names the line and a remedy."""
 
 
+class ChangedError(TcbenchError):
+    """Code that a session changed after it was imported, so that another process would compute something else."""
+
+
 def unknown_name(kind: str, name: str, known: Iterable[str], remedy: str = "") -> UnknownNameError:
     """The error for a mistyped name: nearest match first, then everything that exists."""
     names = sorted(known)

@@ -118,6 +118,14 @@ def find_integrator(name: str | Integrator) -> Integrator:
     return known[base].variant(**values) if values else known[base]
 
 
+def is_registered(method: Integrator) -> bool:
+    """Does its name alone bring the same integrator, in another process too?"""
+    try:
+        return bool(method.plugin) and find_integrator(method.name) == method
+    except TcbenchError:
+        return False
+
+
 def _split(name: str) -> tuple[str, dict[str, str]]:
     """Base and values of `base[param=value,...]`."""
     variant = _VARIANT.match(name)

@@ -24,7 +24,7 @@ from ..errors import TcbenchError
 from ..store.cells import Cell
 from ..store.encoding import canonical_json, decode_line, encode_line
 from ..store.store import Rows, Store
-from .local import Event, Summary, plan, run_cells
+from .local import Event, Ledger, Summary, plan, run_cells
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -77,7 +77,7 @@ def run_on_dask(
     limits = {"jobs": jobs_per_share, "timeout": timeout, "memory_limit": memory_limit, "seed": seed}
     job = {"measure": measure, "context": dict(context), **limits}
     client = _connect(address, security)
-    run = _ClusterRun(client, job, store, summary, on_event, len(todo.to_run))
+    run = _ClusterRun(client, job, Ledger(store, summary, on_event, len(todo.to_run)))
     try:
         threads = sum(info["nthreads"] for info in client.scheduler_info(n_workers=-1)["workers"].values())
         together = [cell for cell in todo.to_run if not cell.timed]
@@ -122,17 +122,8 @@ def run_share(job: str) -> tuple[str, list[str]]:
 class _ClusterRun:
     """The state of one `run_on_dask`: which share is where, and how often each was lost."""
 
-    def __init__(
-        self,
-        client: Client,
-        job: dict[str, Any],
-        store: Rows,
-        summary: Summary,
-        on_event: Callable[[Event], None] | None,
-        total: int,
-    ) -> None:
-        self.client, self.job, self.store, self.summary = client, job, store, summary
-        self.on_event, self.total = on_event, total
+    def __init__(self, client: Client, job: dict[str, Any], ledger: Ledger) -> None:
+        self.client, self.job, self.ledger = client, job, ledger
         self.shares: dict[Future, list[Cell]] = {}
         self.losses: dict[str, int] = {}
         self.provenances: dict[str, str] = {}
@@ -158,7 +149,7 @@ class _ClusterRun:
 
     def _send(self, share: list[Cell]) -> Future:
         for cell in share:
-            self._tell("started", cell, None)
+            self.ledger.start(cell, self._running())
         job = canonical_json(self.job | {"cells": [cell.as_dict() for cell in share]})
         # when a worker dies Dask itself sends its share to another, `allowed-failures` times; then
         # KilledWorker comes here
@@ -217,28 +208,20 @@ class _ClusterRun:
             half = (len(again) + 1) // 2
             yield from (part for part in (again[:half], again[half:]) if part)
 
+    def _running(self) -> int:
+        return sum(len(share) for share in self.shares.values())
+
     def _write(self, cell: Cell, row: dict[str, Any], provenance: str) -> None:
-        self.store.append(cell.key, row, cell.as_dict(), self._known(provenance))
-        self.summary.run += 1
-        status = str(row.get("status"))
-        self.summary.statuses[status] += 1
-        if status != "ok":
-            self.summary.failed_keys.append(cell.key)
-        self._tell("finished" if status == "ok" else "failed", cell, row)
+        self.ledger.write(cell, row, self._running(), self._known(provenance))
 
     def _known(self, provenance: str) -> str | None:
         """The id of a Dask worker's provenance (JSON text), recorded in the store when it is new."""
-        if not provenance or not isinstance(self.store, Store):
+        store = self.ledger.store
+        if not provenance or not isinstance(store, Store):
             return None
         if provenance not in self.provenances:
-            self.provenances[provenance] = self.store.add_provenance(json.loads(provenance), default=False)
+            self.provenances[provenance] = store.add_provenance(json.loads(provenance), default=False)
         return self.provenances[provenance]
-
-    def _tell(self, kind: str, cell: Cell, row: Mapping[str, Any] | None) -> None:
-        if self.on_event is not None:
-            running = sum(len(share) for share in self.shares.values())
-            counts = (self.summary.run, len(self.summary.failed_keys), self.total, running)
-            self.on_event(Event(kind, cell, row, *counts))
 
 
 def _connect(address: str, security: Mapping[str, Any] | None) -> Client:

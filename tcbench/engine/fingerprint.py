@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import ast
 import hashlib
+import sys
+import uuid
 from collections.abc import Iterable, Iterator
 from functools import cache, partial
 from importlib.util import find_spec
@@ -11,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from .. import plugins
+from ..compiler.code_hash import content_hash
 from ..errors import TcbenchError
 from ..integrator import Integrator
 from ..store.encoding import canonical_json
@@ -18,22 +21,84 @@ from ..store.provenance import machine_name, versions
 from ..studies import base
 from ..studies.base import Study
 from ..systems.scenario import Scenario
+from ..systems.system import System
 
+MAIN = "__main__"
 INSTALLED = ("site-packages", "dist-packages")
+
+
+UNHASHABLE = "unhashable"  # source_hash of what has no hash: never the same twice
 
 
 def cell_fingerprint(study: Study, method: Integrator, scenario: Scenario) -> tuple[str, str]:
     """Hash of everything that a row depends on beside its options, and the machine where it is a timing."""
+    metrics = plugins.metrics() if study.metrics else {}
     mark = fingerprint(
-        integrator=[source_hash(p) for p in (method.plugin, *method.uses)],
-        scenario=scenario.as_dict(), study=_study_hash(study.name), versions=_versions(), order=method.order,
+        integrator=method_sources(method), scenario=scenario.as_dict(), system=system_sources(scenario.system),
+        study=_study_hash(study.name), versions=_versions() | method.versions(), order=method.order,
+        metrics={name: source_hash(metric.plugin) for name, metric in metrics.items()},
     )  # fmt: skip
     return mark, _machine() if study.timed else ""
 
 
+def forget() -> None:
+    """Read everything again: files may have been edited since a run before in this process."""
+    known: tuple[Any, ...] = (_versions, _machine, source_hash, _study_hash, _files_of)
+    for function in known:
+        function.cache_clear()
+
+
+def method_sources(method: Integrator) -> list[str]:
+    """Hashes of what a method computes: of its plugins' files; of the code itself for an object of this session.
+
+    What has no hash gets another one each time, which begins with `UNHASHABLE`: its rows are never used again.
+    """
+    uses = [source_hash(plugin) for plugin in method.uses]
+    if plugins.is_registered(method):
+        return [source_hash(method.plugin), *uses]
+    seen = (method.flows, method.step, method.march, method.adaptive, method.increments, method.variables)
+    return [_or_unique(content_hash(*seen)), *uses]
+
+
+def system_sources(system: type[System]) -> list[str]:
+    """Hashes of what a system computes: the files of its class and bases; the code, too, if no plugin brings it."""
+    found = list(_files_of(system))  # type: ignore[arg-type]
+    return found if _is_ours(system) else [*found, _or_unique(content_hash(system))]
+
+
 @cache
-def _versions() -> dict[str, str]:
-    return versions()
+def _files_of(system: type[System]) -> tuple[str, ...]:
+    modules = dict.fromkeys(c.__module__ for c in system.__mro__ if c not in (System, object) and c.__module__ != MAIN)
+    files = [getattr(sys.modules.get(name), "__file__", None) for name in modules]
+    return tuple(fingerprint_sources(file) for file in files if file and Path(file).is_file())
+
+
+def _is_ours(system: type[System]) -> bool:
+    """Is it of tcbench or of a plugin, which workers import as this process did?"""
+    module = system.__module__
+    if worker_finds(system) and module.partition(".")[0] in ("tcbench", "tcbench_plugins"):
+        return True
+    file = getattr(sys.modules.get(module), "__file__", None)
+    return worker_finds(system) and any(file and file == o.path for o in plugins.registry().origins.values())
+
+
+def worker_finds(system: type[System]) -> bool:
+    """Can another process import this class by its name?"""
+    found: Any = sys.modules.get(system.__module__)
+    if found is None or system.__module__ == MAIN:
+        return False
+    for part in system.__qualname__.split("."):
+        found = getattr(found, part, None)
+    return found is system
+
+
+def _or_unique(mark: str | None) -> str:
+    return mark or f"{UNHASHABLE} {uuid.uuid4().hex}"
+
+
+@cache
+def _versions() -> dict[str, str | None]:
+    return dict(versions())
 
 
 @cache
@@ -43,7 +108,7 @@ def _machine() -> str:
 
 @cache
 def source_hash(plugin: str) -> str:
-    """Hash of a plugin's file and of the local modules that it imports; "" for objects of this session."""
+    """Hash of a plugin's file and of the local modules that it imports; "" of what no plugin brought."""
     origin = plugins.registry().origins.get(plugin)
     return fingerprint_sources(origin.path) if origin and origin.path else ""
 

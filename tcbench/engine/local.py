@@ -160,7 +160,7 @@ def run_cells(
     ]
     with tempfile.TemporaryDirectory(prefix="tcbench-", ignore_cleanup_errors=True) as logs:
         settings = {"measure": measure, "context": dict(context), "memory_limit": memory_limit, "logs": logs}
-        run = _Run(store, summary, on_event, len(todo.to_run), Crew(settings, timeout))
+        run = _Run(Ledger(store, summary, on_event, len(todo.to_run)), Crew(settings, timeout))
         try:
             run.all(together, jobs)
             run.all(one_by_one, 1, exclusive=True)
@@ -175,13 +175,40 @@ def usable_cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-class _Run:
-    """The state of one `run_cells`: keeps slots busy, writes rows, tells the progress display."""
+@dataclass
+class Ledger:
+    """Where the rows of a run go: each is written, counted and shown. total : cells that the run has to run."""
 
-    def __init__(
-        self, store: Rows, summary: Summary, on_event: Callable[[Event], None] | None, total: int, crew: Crew
-    ) -> None:
-        self.store, self.summary, self.on_event, self.total, self.crew = store, summary, on_event, total, crew
+    store: Rows
+    summary: Summary
+    on_event: Callable[[Event], None] | None
+    total: int
+
+    def start(self, cell: Cell, running: int) -> None:
+        """Show that a cell begins."""
+        self._tell("started", cell, None, running)
+
+    def write(self, cell: Cell, row: dict[str, Any], running: int, provenance: str | None = None) -> None:
+        """Write the row of a cell; `TcbenchError` when that is not possible."""
+        self.store.append(cell.key, row, cell.as_dict(), provenance)
+        status = str(row.get("status"))
+        self.summary.run += 1
+        self.summary.statuses[status] += 1
+        if status != "ok":
+            self.summary.failed_keys.append(cell.key)
+        self._tell("finished" if status == "ok" else "failed", cell, row, running)
+
+    def _tell(self, kind: str, cell: Cell, row: Mapping[str, Any] | None, running: int) -> None:
+        if self.on_event is not None:
+            counts = (self.summary.run, len(self.summary.failed_keys), self.total, running)
+            self.on_event(Event(kind, cell, row, *counts))
+
+
+class _Run:
+    """The state of one `run_cells`: keeps slots busy."""
+
+    def __init__(self, ledger: Ledger, crew: Crew) -> None:
+        self.ledger, self.crew = ledger, crew
         self.running = 0
 
     def all(self, work: Sequence[tuple[Cell, dict[str, Any]]], jobs: int, exclusive: bool = False) -> None:
@@ -207,7 +234,7 @@ class _Run:
                         # feed first: the worker computes while the row is being written
                         self.running -= 1
                         self._feed(slot, waiting)
-                        self._write(cell, row)
+                        self.ledger.write(cell, row, self.running)
         finally:
             self.running = 0
             for slot in slots:
@@ -218,26 +245,12 @@ class _Run:
         while waiting:
             cell, extra = waiting.popleft()
             self.running += 1
-            self._tell("started", cell, None)
+            self.ledger.start(cell, self.running)
             row = slot.submit(cell, extra)
             if row is None:
                 return
             self.running -= 1
-            self._write(cell, row)
-
-    def _write(self, cell: Cell, row: dict[str, Any]) -> None:
-        self.store.append(cell.key, row, cell.as_dict())
-        status = str(row.get("status"))
-        self.summary.run += 1
-        self.summary.statuses[status] += 1
-        if status != "ok":
-            self.summary.failed_keys.append(cell.key)
-        self._tell("finished" if status == "ok" else "failed", cell, row)
-
-    def _tell(self, kind: str, cell: Cell, row: Mapping[str, Any] | None) -> None:
-        if self.on_event is not None:
-            counts = (self.summary.run, len(self.summary.failed_keys), self.total, self.running)
-            self.on_event(Event(kind, cell, row, *counts))
+            self.ledger.write(cell, row, self.running)
 
 
 def _check_limits(jobs: int, timeout: float, memory_limit: int | None, measure: str) -> None:

@@ -14,7 +14,7 @@ from ..store.cells import Cell
 from ..store.store import Rows, Store
 from ..studies.base import NAMES, Study, find_study
 from ..systems.scenario import Scenario
-from .fingerprint import cell_fingerprint
+from .fingerprint import cell_fingerprint, forget
 from .measure import scenario_data
 
 if TYPE_CHECKING:
@@ -28,7 +28,9 @@ class Job:
     cells: list[Cell]
     context: dict[str, Any]
     studies: list[Study]
-    objects: dict[str, Integrator]  # integrators that workers cannot look up by name: measured in this process
+    here: dict[
+        str, tuple[Integrator, Scenario]
+    ]  # by key: cells of what workers cannot look up, measured in this process
     left_out: Sequence[str] = ()  # why methods that were asked for by name are in none of a study's cells
     methods: Sequence[Integrator] = ()
     scenarios: Sequence[Scenario] = ()
@@ -44,33 +46,36 @@ def plan_job(
     options: Mapping[str, Any] | None = None,
 ) -> Job:
     """Look everything up and plan the cells; raises TcbenchError before anything is written."""
+    forget()
     registry = plugins.registry()
     present = [name for name, method in registry.integrators.items() if not method.lacks]
     methods = plugins.expand_integrators(present if integrators is None else integrators)
-    selected = [plugins.find_scenario(s) for s in (registry.scenarios if scenarios is None else scenarios)]
+    selected = [plugins.find_scenario(s).current() for s in (registry.scenarios if scenarios is None else scenarios)]
     chosen = [find_study(name) for name in (NAMES if studies is None else dict.fromkeys(studies))]
     if len({s.name for s in selected}) < len(selected):
         raise TcbenchError("Two scenarios of one run have the same name; give variants a name: replace(name=...).")
     settings = {"dt": _checked_steps(dt, selected), **(options or {})}
-    cells, objects, seen = [], {}, set()
+    custom = {s.name: data for s in selected if not _can_be_named(s) and (data := scenario_data(s)) is not None}
+    remote = {s.name for s in selected if s.name in custom or _can_be_named(s)}
+    cells, here, seen = [], {}, set()
     for study in chosen:
         for method, scenario, cell_options in study.plan(methods, selected, settings):
             if method.suits(scenario.model):
                 continue
             seen.add((method.name, study.name))
-            if registry.integrators.get(method.base or method.name, None) is None or not _registered(method):
-                objects[method.name] = method
-            cells.append(_cell(study, method, scenario, cell_options))
+            cell = _cell(study, method, scenario, cell_options)
+            if scenario.name not in remote or not plugins.is_registered(method):
+                here[cell.key] = method, scenario
+            cells.append(cell)
     left_out = [] if integrators is None else _left_out(methods, chosen, selected, seen, studies is not None)
     if not cells:
         raise TcbenchError(
             " ".join(["There is nothing to run: no integrator, scenario and step fit together.", *left_out])
         )
-    custom = {s.name: scenario_data(s) for s in selected if not _can_be_named(s)}
     context = {"folders": [str(p) for p in plugins.plugin_folders()], "scenarios": custom}
     absent = {name: m.lacks for name, m in registry.integrators.items() if m.lacks}
     unique = list({c.key: c for c in cells}.values())
-    return Job(unique, context, chosen, objects, left_out, methods, selected, absent)
+    return Job(unique, context, chosen, here, left_out, methods, selected, absent)
 
 
 def _left_out(
@@ -118,14 +123,6 @@ def _checked_steps(dt: Sequence[float] | None, scenarios: Sequence[Scenario]) ->
 
     longest = max(scenarios, key=lambda s: s.t_end)
     return [checked_dt(value, longest) for value in dt]
-
-
-def _registered(method: Integrator) -> bool:
-    """Can a worker find the same integrator by its name?"""
-    try:
-        return bool(method.plugin) and plugins.find_integrator(method.name) == method
-    except TcbenchError:
-        return False
 
 
 def _cell(study: Study, method: Integrator, scenario: Scenario, options: dict[str, Any]) -> Cell:

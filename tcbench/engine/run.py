@@ -11,7 +11,7 @@ from ..integrator import Integrator
 from ..store.cells import Cell
 from ..store.provenance import manifest, provenance, utc_now
 from ..store.store import Store
-from ..store.tables import make_tables
+from ..store.tables import make_tables, read_tables
 from ..systems.scenario import Scenario
 from .declared import declared, merged
 from .measure import MEASURE, measure_here
@@ -27,7 +27,11 @@ DEFAULT_OUTPUT = Path("results") / "latest"
 
 @dataclass(frozen=True)
 class Results:
-    """What `run` returns: tables by name, the folder they are in, and what the engine did."""
+    """What `run` returns: the tables by name of what it was asked for, and what the engine did.
+
+    `output` is the folder, whose tables/ have the rows of every run into it. `summary` counts what was measured now
+    (`run`) and what was finished before and used again (`already_finished`); together they are `planned`.
+    """
 
     tables: Mapping[str, DataFrame]
     output: Path
@@ -75,20 +79,24 @@ def execute(
     """Run the cells of a job that have no final row yet; write rows, tables and manifest."""
     started = utc_now()
     with Store.open(output, fresh=fresh) as store:
-        store.add_provenance(provenance())
-        local = [cell for cell in job.cells if cell.integrator in job.objects]
-        remote = [cell for cell in job.cells if cell.integrator not in job.objects]
+        packages = sorted({name for method in job.methods for name in method.requires})
+        store.add_provenance(provenance(packages=packages))
+        local = [cell for cell in job.cells if cell.key in job.here]
+        remote = [cell for cell in job.cells if cell.key not in job.here]
         limits: dict[str, Any] = {
             "jobs": jobs, "timeout": timeout, "memory_limit": memory_limit, "retry_failed": retry_failed,
         }  # fmt: skip
         summary = _run_cells(remote, job.context, store, limits, on_event, dask, security)
-        measure_here(local, job, store)
+        if not summary.interrupted:
+            measure_here(local, job, store, summary, retry_failed, on_event)
+        store.renew(cell.key for cell in job.cells)
         tables = make_tables(job.studies, store, {cell.key for cell in job.cells})
-        store.write_tables(tables)
+        every = read_tables(store)  # of all runs into this folder
+        store.write_tables(every)
         store.write_declared(merged(store.declared(), declared(job)))
-        data = {"cells": len(job.cells), "interrupted": summary.interrupted, "tables": sorted(tables)}
-        store.write_manifest(manifest(store.provenance_id, started, utc_now(), data))
-        return Results(tables, Path(output), summary, job.left_out, tuple(store.problems))
+        data = {"cells": len(job.cells), "interrupted": summary.interrupted, "tables": sorted(every)}
+        store.write_manifest(manifest(store.provenance_id, started, utc_now(), data, packages))
+        return Results(tables, Path(output), summary, job.left_out, tuple(dict.fromkeys(store.problems)))
 
 
 def _run_cells(

@@ -74,23 +74,39 @@ def run_cell(key: str, cell: dict[str, Any], extra: dict[str, Any]) -> str:
     """
     log = Path(_settings["logs"]) / f"{key}.log"
     _undo_leftovers(log)
-    began = time.perf_counter()
-    try:
-        row = resolve(_settings["measure"])(cell, _settings["context"])
-        if not isinstance(row, Mapping):
-            raise TypeError(f"{_settings['measure']} returned {type(row).__name__}, not a dict")
-        row = {str(name): value for name, value in row.items()}
-        row.setdefault("status", "ok")
-        row.setdefault("failure", "")
-        row.setdefault("wall_time_s", time.perf_counter() - began)
-        text = _encode(row | {"cell_time_s": time.perf_counter() - began} | extra)
-    except BaseException as error:  # SystemExit and KeyboardInterrupt of a plugin are that plugin's failures too
-        row = exception_row(error) | {"output_tail": _own_tail(log)}
-        text = _encode(row | {"cell_time_s": time.perf_counter() - began} | extra)
+    row = complete_row(
+        lambda: resolve(_settings["measure"])(cell, _settings["context"]), extra,
+        caught=(BaseException,),  # SystemExit and KeyboardInterrupt of a plugin are that plugin's failures too
+        also=lambda: {"output_tail": _own_tail(log)},
+    )  # fmt: skip
+    text = _encode(row)
     _redirect(None)
     with contextlib.suppress(OSError):
         log.unlink()
     return text
+
+
+def complete_row(
+    measure: Callable[[], Mapping[str, Any]], extra: Mapping[str, Any],
+    caught: tuple[type[BaseException], ...] = (Exception, SystemExit), also: Callable[[], dict[str, Any]] = dict,
+) -> dict[str, Any]:  # fmt: skip
+    """What `measure` returns, with status, failure and times; or the row of the exception that it ends with.
+
+    extra : entries of every row. also : entries of the row of an exception.
+    """
+    began = time.perf_counter()
+    try:
+        found = measure()
+        if not isinstance(found, Mapping):
+            raise TypeError(f"the measurement returned {type(found).__name__}, not a dict")
+        row = {str(name): value for name, value in found.items()}
+        row.setdefault("status", "ok")
+        row.setdefault("failure", "")
+        row.setdefault("wall_time_s", time.perf_counter() - began)
+        _encode(row)
+    except caught as error:
+        row = exception_row(error) | also()
+    return row | {"cell_time_s": time.perf_counter() - began} | dict(extra)
 
 
 def resolve(name: str) -> Callable[[dict[str, Any], dict[str, Any]], Mapping[str, Any]]:

@@ -11,6 +11,8 @@ import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from ..store.encoding import inert
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
@@ -89,7 +91,7 @@ def png_element(figure: Figure) -> str:
 
 def table_href(table: DataFrame, digits: int = 12) -> tuple[str, str]:
     """A table as a data URI and the suffix of its file: CSV, compressed where large (pandas reads both)."""
-    data = table.to_csv(index=False, lineterminator="\n", float_format=f"%.{digits}g").encode("utf-8", "replace")
+    data = inert(table).to_csv(index=False, lineterminator="\n", float_format=f"%.{digits}g").encode("utf-8", "replace")
     if len(data) < COMPRESS:
         return f"data:text/csv;base64,{base64.b64encode(data).decode()}", "csv"
     packed = gzip.compress(data, mtime=0)

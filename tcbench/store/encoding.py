@@ -9,11 +9,16 @@ from __future__ import annotations
 import io
 import json
 import math
+import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from pandas import DataFrame
+
+
+SURROGATE = re.compile(r"\\u[dD][89a-fA-F]")  # in JSON: half of a pair, or the beginning of one
+FORMULA = re.compile(r"[=+\-@\t\r].")  # what a spreadsheet reads as one
 
 
 def canonical_json(value: Any) -> str:
@@ -31,15 +36,27 @@ def plain(value: Any) -> Any:
 
 
 def encode_values(values: Mapping[str, Any]) -> dict[str, Any]:
-    """JSON-able copy of `values`: NumPy made plain, NaN and infinities None and listed under "nonfinite"."""
+    """JSON-able copy of `values`: NumPy made plain, NaN and infinities None and listed under "nonfinite".
+
+    Halves of surrogate pairs, which no file can hold, are written as \\udXXX.
+    """
     try:  # most rows hold finite numbers only, and the C encoder finds out fastest
-        json.dumps(values, allow_nan=False)
-        return dict(values) | {"nonfinite": {}}
+        if not SURROGATE.search(json.dumps(values, allow_nan=False)):
+            return dict(values) | {"nonfinite": {}}
     except (ValueError, TypeError):
-        nonfinite: dict[str, str] = {}
-        return _without_nonfinite(json.loads(json.dumps(values, default=plain)), "", nonfinite) | {
-            "nonfinite": nonfinite
-        }
+        pass
+    nonfinite: dict[str, str] = {}
+    data = writable(json.loads(json.dumps(values, default=plain)))
+    return _without_nonfinite(data, "", nonfinite) | {"nonfinite": nonfinite}
+
+
+def writable(value: Any) -> Any:
+    """A JSON value whose text can be written to any file: lone surrogates spelt out."""
+    if isinstance(value, str):
+        return value.encode("utf-8", "backslashreplace").decode()
+    if isinstance(value, dict):
+        return {writable(k): writable(v) for k, v in value.items()}
+    return [writable(v) for v in value] if isinstance(value, list) else value
 
 
 def restore_nonfinite(data: Any, nonfinite: Mapping[str, str]) -> None:
@@ -56,6 +73,9 @@ def restore_nonfinite(data: Any, nonfinite: Mapping[str, str]) -> None:
 def decode_line(piece: bytes | str) -> dict[str, Any]:
     """One line of `cells.jsonl`, NaN and infinities restored; `ValueError` and kin when it is none."""
     line = json.loads(piece)
+    text = piece if isinstance(piece, bytes) else piece.encode("utf-8", "replace")
+    if b"\\u" in text and SURROGATE.search(text.decode("utf-8", "replace")):
+        line = writable(line)  # of versions that wrote them
     restore_nonfinite(line, line.pop("nonfinite", {}))
     if not (isinstance(line["key"], str) and isinstance(line["row"], dict) and isinstance(line["cell"], dict)):
         raise ValueError("not a row")
@@ -84,8 +104,29 @@ def pretty(data: Mapping[str, Any]) -> bytes:
 
 
 def csv_bytes(frame: DataFrame) -> bytes:
-    """The table as CSV: digits that read back as the same double, NaN empty, nested values as JSON."""
-    return _flat(frame).to_csv(index=False, lineterminator="\n").encode()
+    """The table as CSV: digits that read back as the same double, NaN empty, nested values as JSON.
+
+    Text that a spreadsheet would take for a formula begins with an apostrophe.
+    """
+    return inert(_flat(frame)).to_csv(index=False, lineterminator="\n").encode()
+
+
+def inert(frame: DataFrame) -> DataFrame:
+    """The table with an apostrophe before text that begins as a formula does (CWE-1236); "-" alone is none."""
+    frame = frame.copy()
+    for name in [n for n in frame.columns if frame[n].dtype.kind not in "biufM"]:
+        frame[name] = [f"'{v}" if isinstance(v, str) and FORMULA.match(v) else v for v in frame[name]]
+    frame.columns = [f"'{name}" if FORMULA.match(str(name)) else name for name in frame.columns]
+    return frame
+
+
+def active(frame: DataFrame) -> DataFrame:
+    """The inverse of `inert`."""
+    frame = frame.rename(columns=lambda name: str(name).removeprefix("'") if FORMULA.match(str(name)[1:]) else name)
+    for name in [n for n in frame.columns if frame[n].dtype.kind not in "biufM"]:
+        texts = [v[1:] if isinstance(v, str) and v.startswith("'") and FORMULA.match(v[1:]) else v for v in frame[name]]
+        frame[name] = texts
+    return frame
 
 
 def parquet_bytes(frame: DataFrame) -> bytes:

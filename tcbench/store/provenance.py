@@ -6,19 +6,16 @@ import os
 import platform
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-PACKAGES = ("numpy", "scipy", "llvmlite", "casadi", "pandas", "pebble", "dask", "distributed")
-NUMERICAL_PACKAGES = (
-    "numpy",
-    "scipy",
-    "llvmlite",
-)  # a new version of these may change digits, so it changes keys
+# a new version of these may change digits, so it changes keys
+NUMERICAL_PACKAGES = ("numpy", "scipy", "llvmlite")
+PACKAGES = (*NUMERICAL_PACKAGES, "pandas", "pebble", "dask", "distributed")
 THREAD_VARIABLES = (
     "OMP_NUM_THREADS",
     "OPENBLAS_NUM_THREADS",
@@ -28,11 +25,14 @@ THREAD_VARIABLES = (
 )
 
 
-def provenance(command: Sequence[str] | None = None, sources: Path | None = None) -> dict[str, Any]:
+def provenance(
+    command: Sequence[str] | None = None, sources: Path | None = None, packages: Sequence[str] = ()
+) -> dict[str, Any]:
     """Everything needed to repeat a run, as JSON values.
 
     Parameters
     ----------
+    packages : whose versions count beside tcbench's own: those that the methods of the run require.
     command : the command line; `sys.argv` by default. The home directory in it becomes `~`.
     sources : a folder inside the git checkout to describe; the one of tcbench itself by default.
     """
@@ -41,7 +41,7 @@ def provenance(command: Sequence[str] | None = None, sources: Path | None = None
         "git": git_state(sources or Path(__file__).parent),
         "python": platform.python_version(),
         "implementation": platform.python_implementation(),
-        "packages": versions(PACKAGES),
+        "packages": versions(dict.fromkeys((*PACKAGES, *packages))),
         "machine": machine(),
         "threads": {name: os.environ[name] for name in THREAD_VARIABLES if name in os.environ},
         "command": _command(sys.argv if command is None else command),
@@ -53,9 +53,11 @@ def _command(words: Sequence[str]) -> list[str]:
     return [Path(word).name if i == 0 else without_home(word) for i, word in enumerate(words)]
 
 
-def manifest(provenance_id: str, started: str, ended: str, data: Mapping[str, Any] | None = None) -> dict[str, Any]:
+def manifest(
+    provenance_id: str, started: str, ended: str, data: Mapping[str, Any] | None = None, packages: Sequence[str] = ()
+) -> dict[str, Any]:
     """The manifest of a run: provenance and its id, start and end (UTC, `utc_now`), and `data`."""
-    base = provenance() | {"provenance_id": provenance_id, "started": started, "ended": ended}
+    base = provenance(packages=packages) | {"provenance_id": provenance_id, "started": started, "ended": ended}
     return base | dict(data or {})
 
 
@@ -72,7 +74,7 @@ def package_version(name: str) -> str | None:
         return None
 
 
-def versions(names: Sequence[str] = NUMERICAL_PACKAGES) -> dict[str, str]:
+def versions(names: Iterable[str] = NUMERICAL_PACKAGES) -> dict[str, str]:
     """Installed versions by name, read from package metadata; absent packages are left out."""
     found = {name: package_version(name) for name in names}
     return {name: text for name, text in found.items() if text is not None}

@@ -17,17 +17,19 @@ counts. Everything that is read back is data: JSON, CSV, Parquet; nothing is unp
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import hashlib
 import json
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from ..errors import TcbenchError
-from .encoding import canonical_json, csv_bytes, decode_line, encode_line, parquet_bytes, pretty
+from .cells import identity_of
+from .encoding import active, canonical_json, csv_bytes, decode_line, encode_line, parquet_bytes, pretty
 from .lock import hold_lock, sync_folder
 
 if TYPE_CHECKING:
@@ -36,11 +38,12 @@ if TYPE_CHECKING:
 ROWS = "cells.jsonl"
 # What the machine or the user's limits did to a cell, not the cell itself: worth another attempt on resume.
 UNFINISHED_STATUSES = frozenset({"crash", "timeout"})
+UNFINISHED_ERRORS = frozenset({"MemoryError", "ChangedError"})
 
 
 def is_finished(row: Mapping[str, Any]) -> bool:
-    """Whether the row is final: any status but crash, timeout and exhausted memory."""
-    return row.get("status") not in UNFINISHED_STATUSES and row.get("exception_type") != "MemoryError"
+    """Whether the row is final: any status but crash, timeout, exhausted memory and code that is not as it was."""
+    return row.get("status") not in UNFINISHED_STATUSES and row.get("exception_type") not in UNFINISHED_ERRORS
 
 
 class Rows:
@@ -118,6 +121,7 @@ class Store(Rows):
                 store._set_aside()
             flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | getattr(os, "O_BINARY", 0)
             store._file = os.open(store.folder / ROWS, flags, 0o666)
+            store._sweep()
             store._probe()
             store._load()
         except OSError as error:
@@ -176,6 +180,14 @@ class Store(Rows):
         self._write(encode_line(key, row, cell, self.provenance_id if provenance is None else provenance))
         super().append(key, row, cell, self.provenance_id if provenance is None else provenance)
 
+    def renew(self, keys: Iterable[str]) -> None:
+        """Rows that are used again count as the latest of their cell, before those of other sources: written again."""
+        latest = {identity_of(line["cell"]): key for key, line in self._lines.items() if line["cell"]}
+        for key in keys:
+            line = self._lines.get(key)
+            if line is not None and latest.get(identity_of(line["cell"]), key) != key:
+                self.append(key, line["row"], line["cell"], line["provenance"])
+
     def add_provenance(self, data: Mapping[str, Any], default: bool = True) -> str:
         """Record what measures the rows that follow; returns the id that their lines carry.
 
@@ -195,23 +207,10 @@ class Store(Rows):
             if (data := self._read_json(path)) is not None
         }
 
-    def compact(self) -> int:
-        """Rewrite the rows file without superseded and broken lines; returns how many lines were dropped."""
-        self._writable()
-        path = self.folder / ROWS
-        before = path.read_bytes().count(b"\n")
-        text = b"".join(encode_line(li["key"], li["row"], li["cell"], li["provenance"]) for li in self._lines.values())
-        self._replace(path, text)
-        assert self._file is not None
-        os.close(self._file)
-        self._file = os.open(path, os.O_RDWR | os.O_APPEND | getattr(os, "O_BINARY", 0))
-        self._needs_newline = False
-        return max(0, before - len(self._lines))
-
     # -- tables and manifest
 
     def write_tables(self, tables: Mapping[str, DataFrame]) -> list[Path]:
-        """Write `tables/NAME.csv` and `tables/NAME.parquet`, each complete or not at all.
+        """Write `tables/NAME.csv` and `tables/NAME.parquet`, each complete or not at all; others are removed.
 
         CSV numbers carry every digit needed to read back the same double (up to 17); lists and dicts are
         JSON text.
@@ -223,6 +222,9 @@ class Store(Rows):
             for suffix, encode in ((".csv", csv_bytes), (".parquet", parquet_bytes)):
                 paths.append(self.folder / "tables" / f"{name}{suffix}")
                 self._replace(paths[-1], encode(frame))
+        for path in (self.folder / "tables").glob("*.*"):
+            if path.suffix in (".csv", ".parquet") and path not in paths:
+                path.unlink(missing_ok=True)
         return paths
 
     def tables(self) -> list[str]:
@@ -239,7 +241,7 @@ class Store(Rows):
             file = self.folder / "tables" / f"{name}{suffix}"
             if file.is_file():
                 try:
-                    return pandas.read_parquet(file) if suffix == ".parquet" else pandas.read_csv(file, **exact)
+                    return pandas.read_parquet(file) if suffix == ".parquet" else active(pandas.read_csv(file, **exact))
                 except (OSError, ValueError) as error:
                     self.problems.append(f"{file} cannot be read: {error}.")
         raise TcbenchError(
@@ -296,6 +298,7 @@ class Store(Rows):
         self._writable()
         assert self._file is not None
         data = (b"\n" if self._needs_newline else b"") + line
+        self._still_there()
         start = os.fstat(self._file).st_size
         try:
             view = memoryview(data)
@@ -318,18 +321,27 @@ class Store(Rows):
 
     def _replace(self, path: Path, content: bytes) -> None:
         self._writable()
-        temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+        self._still_there()
+        replace_file(path, content, self.folder)
+
+    def _still_there(self) -> None:
+        """What is written into a deleted file is lost without a word from the system."""
+        assert self._file is not None
         try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            with open(temporary, "wb") as file:
-                file.write(content)
-                file.flush()
-                os.fsync(file.fileno())
-            os.replace(temporary, path)
-            sync_folder(path.parent)
-        except OSError as error:
-            temporary.unlink(missing_ok=True)
-            raise _cure(error, self.folder) from error
+            same = os.path.samestat(os.fstat(self._file), os.stat(self.folder / ROWS))
+        except FileNotFoundError:
+            same = False
+        if not same:
+            raise TcbenchError(
+                f"The run folder {self.folder} was deleted or replaced while the run was writing to it: its rows are "
+                "gone. Run the same command again."
+            )
+
+    def _sweep(self) -> None:
+        """Remove what writers that were killed have left: the lock is held, so nobody is writing."""
+        for folder in (self.folder, self.folder / "tables", self.folder / "provenance"):
+            for path in (*folder.glob(".*.tmp"), *folder.glob(".probe-*")):
+                path.unlink(missing_ok=True)
 
     def _set_aside(self) -> None:
         path = self.folder / ROWS
@@ -348,6 +360,26 @@ class Store(Rows):
         except (OSError, ValueError, RecursionError) as error:
             self.problems.append(f"{path} cannot be read: {error}.")
             return None
+
+
+def replace_file(path: Path, content: bytes, folder: Path) -> None:
+    """Write a file of a run folder, completely or not at all, and return when it is on the disk.
+
+    Raises `TcbenchError` when that is not possible.
+    """
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with open(temporary, "wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(temporary, path)
+        sync_folder(path.parent)
+    except OSError as error:
+        with contextlib.suppress(OSError):
+            temporary.unlink(missing_ok=True)
+        raise _cure(error, folder) from error
 
 
 def _cure(error: OSError, folder: Path) -> TcbenchError:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import TcbenchError, unknown_name
-from ..studies.base import Study, studies
+from ..studies.base import NAMES, OTHERS, Study, find_study
 from .cells import identity_of
 from .store import Rows, Store
 
@@ -18,18 +18,20 @@ if TYPE_CHECKING:
 def read_tables(source: str | Path | Store) -> dict[str, DataFrame]:
     """Every table of a run by name, in the order of the studies.
 
-    Made from the rows where there are rows (the latest of each cell: a folder may hold rows of older sources too), read
-    from `tables/` otherwise, as in a published run that keeps its tables only.
+    Made from the rows (the latest of each cell: a folder may hold rows of older sources too); read from `tables/` where
+    there are none, as in a published run that keeps its tables only, or where rows cannot be tabulated.
     """
     store = source if isinstance(source, Store) else Store.read(source)
     latest = {identity_of(line["cell"]): line["key"] for line in store.lines() if line["cell"]}
     tables: dict[str, DataFrame] = {}
-    for study in studies().values():
+    kept = [] if latest else store.tables()
+    for study in map(find_study, NAMES + OTHERS):
         try:
             tables |= make_tables([study], store, set(latest.values()))
         except (KeyError, ValueError, TypeError) as error:  # rows of another version of the study
             store.problems.append(f"The rows of study {study.name!r} cannot be tabulated: {error!r}.")
-    for name in store.tables():
+            kept += [name for name in store.tables() if name in study.tables]
+    for name in kept:
         if name not in tables:
             try:
                 tables[name] = store.read_table(name)

@@ -28,7 +28,7 @@ class Study:
         Exceptions become rows of status "exception".
     tabulate(records) -> tables by name; a record is the row with integrator, scenario and the cell options; rows of
         failed cells have "status" and "failure" and may lack everything else.
-    timed : cells run alone on the machine, after all others.
+    timed : cells run alone on the machine, after all others. metrics : rows have the columns of plugins' metrics.
     """
 
     name: str
@@ -40,6 +40,7 @@ class Study:
     measure: Callable[[Integrator, Scenario, Row], Row]
     tabulate: Callable[[Sequence[Row]], dict[str, DataFrame]]
     timed: bool = False
+    metrics: bool = False
 
 
 NAMES = ("conservation", "convergence", "equilibrium", "claims", "stability", "work_precision")  # what `run` does

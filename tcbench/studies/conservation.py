@@ -97,4 +97,5 @@ STUDY = Study(
     plan=plan,
     measure=measure,
     tabulate=tabulate,
+    metrics=True,
 )

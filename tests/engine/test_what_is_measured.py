@@ -1,0 +1,243 @@
+"""A row is used again only where it would come out the same: objects, Systems, modules, plugin files, packages."""
+
+import importlib
+import subprocess
+import sys
+import textwrap
+from dataclasses import replace
+
+import numpy as np
+import pandas
+import pytest
+
+import tcbench
+from tcbench import Integrator, plugins
+from tcbench.engine import fingerprint
+from tcbench.engine.planning import plan_job
+from tcbench.store.store import Store
+from tests.simulation.test_changed_formulas import springs
+
+WEIGHT = 0.5
+
+
+@pytest.fixture
+def folders():
+    yield
+    plugins._FOLDERS.clear()
+    plugins._REGISTRY = None
+
+
+def weighted(theta):
+    def formula(z0, z1, h, system):
+        return z1 - z0 - h * system.vector_field((1 - theta) * z0 + theta * z1)
+
+    return Integrator(name="mine", order=1, flows=formula)
+
+
+def run(folder, methods, scenarios=("short_term",)):
+    return tcbench.run(methods, scenarios, ["conservation"], folder, dt=[0.3])
+
+
+def error(results):
+    return results.tables["conservation"]["energy_error_max"].item()
+
+
+def test_a_sweep_with_closures_of_one_name_measures_each(tmp_path):
+    found = [run(tmp_path, [weighted(theta)]) for theta in (0.5, 1.0, 0.5)]
+    assert error(found[0]) == error(found[2]) != error(found[1])
+    V0 = tcbench.scenarios()["short_term"].initial_exergy
+    for results, theta in zip(found, (0.5, 1.0, 0.5), strict=True):
+        direct = tcbench.simulate(weighted(theta), "short_term", dt=0.3, residuals=True)
+        assert error(results) == pytest.approx(np.abs(direct.energy - direct.energy[0]).max() / V0, rel=1e-9)
+    counts = [(r.summary.planned, r.summary.run, r.summary.already_finished, r.summary.left) for r in found]
+    assert counts == [(1, 1, 0, 0), (1, 1, 0, 0), (1, 0, 1, 0)]
+    hashes = [r.tables["conservation"]["source_hash"].item() for r in found]
+    assert hashes[0] == hashes[2] != hashes[1] and all(len(mark) == 12 for mark in hashes)
+    # the folder's own tables say what the last run says, although its row is the oldest
+    assert pandas.read_csv(tmp_path / "tables" / "conservation.csv")["energy_error_max"].item() == error(found[2])
+
+
+def test_a_global_that_a_step_in_python_reads_is_in_the_key(tmp_path, monkeypatch):
+    def step(z, h, system):
+        return z + WEIGHT * h * system.vector_field(z)
+
+    method = Integrator(name="mine", order=1, step=step)
+    first = error(run(tmp_path, [method]))
+    monkeypatch.setitem(globals(), "WEIGHT", 0.25)
+    second = run(tmp_path, [method])
+    assert error(second) != first and second.summary.run == 1
+
+
+def test_what_has_no_hash_is_measured_each_time_and_says_so(tmp_path):
+    states = (n for n in range(10**6))
+
+    def step(z, h, system):
+        next(states)
+        return z + h * system.vector_field(z)
+
+    method = Integrator(name="mine", order=1, step=step)
+    found = [run(tmp_path, [method]) for _ in range(2)]
+    assert [r.summary.run for r in found] == [1, 1]
+    assert found[1].tables["conservation"]["source_hash"].item() == fingerprint.UNHASHABLE
+    assert len(Store.read(tmp_path).lines()) == 2
+
+
+def test_a_system_of_the_session_is_measured_here_and_its_edit_is_seen(tmp_path, monkeypatch):
+    scenario = springs()
+    first = run(tmp_path, ["tc_monolithic", "midpoint_entropy"], [scenario])
+    assert set(first.tables["conservation"]["status"]) == {"ok"} and first.summary.run == 2
+    assert run(tmp_path, ["tc_monolithic", "midpoint_entropy"], [scenario]).summary.already_finished == 2
+    monkeypatch.setattr("tests.simulation.test_changed_formulas.HARDNESS", 2.0)
+    again = run(tmp_path, ["tc_monolithic", "midpoint_entropy"], [scenario])
+    assert again.summary.run == 2
+    before, after = (r.tables["conservation"].set_index("integrator")["energy_error_max"] for r in (first, again))
+    assert before["midpoint_entropy"] != after["midpoint_entropy"]
+
+
+def test_a_system_made_inside_a_function_runs(tmp_path):
+    base = springs().system
+
+    class Local(base):
+        name = "local"
+
+    scenario = replace(springs(), system=Local, name="local")
+    assert run(tmp_path, ["tc_monolithic"], [scenario]).tables["conservation"]["status"].item() == "ok"
+
+
+SYSTEM = """
+import numpy as np
+import tcbench
+from tcbench import Pendulum
+from factor_of_mine import factor
+class Softer(Pendulum):
+    name = "softer"
+    def conduction(self, theta):
+        return factor * super().conduction(theta)
+"""
+
+
+def test_a_system_of_a_module_runs_in_workers_and_an_edit_of_what_it_imports_is_seen(tmp_path, monkeypatch):
+    (tmp_path / "system_of_mine.py").write_text(SYSTEM)
+    (tmp_path / "factor_of_mine.py").write_text("factor = 1.0\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    module = importlib.import_module("system_of_mine")
+    short = tcbench.scenarios()["short_term"]
+
+    def measured():
+        scenario = replace(short.replace(name="soft"), system=module.Softer)
+        results = run(tmp_path / "out", ["midpoint_entropy"], [scenario])
+        return results.tables["conservation"].iloc[0], results.summary.run
+
+    first, count = measured()
+    assert first["status"] == "ok" and count == 1 and measured()[1] == 0
+    (tmp_path / "factor_of_mine.py").write_text("factor = 9.0\n")
+    stale, count = measured()  # the session still has the old module: the worker, which has the new one, refuses
+    assert count == 1 and "was changed in the session" in stale["failure"]
+    importlib.reload(sys.modules["factor_of_mine"])
+    module = importlib.reload(module)
+    second, count = measured()
+    assert count == 1 and second["status"] == "ok"
+    assert second["energy_error_max"] != first["energy_error_max"]
+
+
+PLUGIN = """
+from tcbench import Integrator, Metric, hookimpl
+
+def formula(z0, z1, h, system):
+    return z1 - z0 - h * system.vector_field(({a}) * z0 + {b} * z1)
+
+@hookimpl
+def tcbench_integrators():
+    return [Integrator(name="from_a_file", order=1, flows=formula)]
+
+@hookimpl
+def tcbench_metrics():
+    return [Metric("doubled", lambda run: {c} * run.energy[0])]
+"""
+
+
+def test_a_plugin_file_that_is_edited_during_the_session_is_read_again(tmp_path, folders):
+    file, out = tmp_path / "from_a_file.py", tmp_path / "out"
+    file.write_text(PLUGIN.format(a=0.5, b=0.5, c=2))
+    plugins.use_folders([file])
+    first = run(out, ["from_a_file"])
+    assert run(out, ["from_a_file"]).summary.run == 0
+    file.write_text(PLUGIN.format(a=0.0, b=1.0, c=2))
+    plugins.use_folders([file])
+    second = run(out, ["from_a_file"])
+    assert second.summary.run == 1 and error(second) != error(first)
+
+
+def test_a_metric_that_is_edited_is_measured_again(tmp_path, folders):
+    file, out = tmp_path / "from_a_file.py", tmp_path / "out"
+    values = []
+    for c in (2, 3):
+        file.write_text(PLUGIN.format(a=0.5, b=0.5, c=c))
+        plugins.use_folders([file])
+        values.append(run(out, ["from_a_file"]).tables["conservation"]["doubled"].item())
+    assert values[1] == pytest.approx(1.5 * values[0])
+
+
+def test_versions_of_what_computes_are_in_the_key(monkeypatch):
+    def key():
+        return plan_job(["tc_monolithic"], ["short_term"], ["conservation"], dt=[0.3]).cells[0].key
+
+    before = key()
+    for package in ("numpy", "scipy", "llvmlite"):
+        with monkeypatch.context() as patch:
+            patch.setattr(fingerprint, "versions", lambda package=package: {package: "other"})
+            assert key() != before
+    assert key() == before
+
+
+def test_a_new_version_of_a_required_package_measures_again_and_stands_in_the_manifest(tmp_path, monkeypatch):
+    method = replace(weighted(0.5), requires=("rich",))
+    first = run(tmp_path, [method])
+    assert first.summary.run == 1 and run(tmp_path, [method]).summary.run == 0
+    packages = Store.read(tmp_path).manifest()["packages"]
+    assert "rich" in packages and "llvmlite" in packages and "casadi" not in packages
+    monkeypatch.setattr("tcbench.integrator.installed_version", lambda name: "99.0")
+    assert run(tmp_path, [method]).summary.run == 1
+
+
+def test_a_folder_has_one_truth_whatever_was_run_last(tmp_path):
+    run(tmp_path, [weighted(0.5), replace(weighted(1.0), name="other")])
+    narrow = run(tmp_path, [weighted(0.5)])
+    assert len(narrow.tables["conservation"]) == 1
+    for table in (
+        pandas.read_csv(tmp_path / "tables" / "conservation.csv"),
+        pandas.read_parquet(tmp_path / "tables" / "conservation.parquet"),
+    ):
+        assert sorted(table["integrator"]) == ["mine", "other"]
+    fresh = tcbench.run([weighted(0.5)], ["short_term"], ["convergence"], tmp_path, fresh=True)
+    assert {p.stem for p in (tmp_path / "tables").iterdir()} == set(fresh.tables)
+
+
+def test_the_summary_of_the_command_line_has_all_rows_too(tmp_path):
+    command = [sys.executable, "-m", "tcbench", "run", "-s", "short_term", "--study", "conservation", "--dt", "0.3"]
+    for methods in (["-i", "tc_monolithic", "-i", "midpoint_entropy"], ["-i", "tc_monolithic"]):
+        done = subprocess.run([*command, *methods, "-o", str(tmp_path)], capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+    summary = pandas.read_csv(tmp_path / "summary.csv")
+    assert sorted(summary["integrator"]) == ["midpoint_entropy", "tc_monolithic"]
+
+
+def test_a_script_that_is_edited_gives_the_new_number(tmp_path):
+    script = tmp_path / "script.py"
+    text = textwrap.dedent("""
+        import tcbench
+        from tcbench import Integrator
+        def formula(z0, z1, h, system):
+            return z1 - z0 - h * system.vector_field(THETA * z1 + (1 - THETA) * z0)
+        method = Integrator(name="mine", order=1, flows=formula)
+        results = tcbench.run([method], ["short_term"], ["conservation"], "out", dt=[0.3])
+        print(results.summary.run, results.tables["conservation"]["energy_error_max"].item())
+    """)
+    found = []
+    for theta in ("0.5", "1.0", "1.0"):
+        script.write_text(f"THETA = {theta}\n" + text)
+        done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        found.append(done.stdout.split())
+    assert [count for count, _ in found] == ["1", "1", "0"]
+    assert found[0][1] != found[1][1] == found[2][1]
