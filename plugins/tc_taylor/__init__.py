@@ -1,0 +1,54 @@
+"""An explicit Taylor method of high order, mended to all laws after each step: where conduction is not stiff.
+
+tc_taylor chooses order and steps by its tolerance; tc_taylor[order=8] takes fixed steps. The series come from the
+traced formulas of the system by recurrences (Jorba and Zou 2005). Energy and momenta are mended to round-off, the
+energy into heat, and the entropy is held where it would fall: see docs/methods.md.
+"""
+
+import math
+
+import numpy as np
+
+from tcbench import Integrator, family, hookimpl
+
+ORDERS = (8, 12, 16, 20)
+EXACT = {"energy", "entropy", "angular_momentum"}
+SOURCE = "Taylor series (Jorba and Zou 2005), mended into heat (docs/methods.md)"
+EFFORT = 0.8  # order over -ln(tolerance): a higher one costs more than its longer steps save
+
+
+def method_of(system, order):
+    """One set of work arrays for each system and order."""
+    from .method import TaylorMethod
+
+    made = system.__dict__.setdefault("_taylor_methods", {})
+    if order not in made:
+        made[order] = TaylorMethod(system, order)
+    return made[order]
+
+
+def order_of(tolerance):
+    return min(ORDERS, key=lambda order: abs(order + EFFORT * math.log(min(tolerance, 1.0))))
+
+
+def adaptive(system, z0, t_eval, rtol, atol):
+    return method_of(system, order_of(rtol)).adaptive(z0, np.ascontiguousarray(t_eval, dtype=float), rtol)
+
+
+def tc_taylor(order="adaptive"):
+    common = {"claims": EXACT, "source": SOURCE, "tags": {"explicit", "taylor"}, "name": "tc_taylor"}
+    if order == "adaptive":
+        return Integrator(adaptive=adaptive, **common)
+
+    def step(z, h, system):
+        return march(z, h, 1, system)[0]
+
+    def march(z, h, count, system):
+        return method_of(system, int(order)).march(np.asarray(z), h, count)
+
+    return Integrator(step=step, march=march, order=int(order), **common)
+
+
+@hookimpl
+def tcbench_integrators():
+    return [family(tc_taylor, order=("adaptive", 2, 3, 4, 6, *ORDERS))]

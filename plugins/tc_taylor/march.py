@@ -1,0 +1,114 @@
+"""Steps of the mended Taylor method: as long as the series is good, or of a length that is given."""
+
+from __future__ import annotations
+
+import math
+
+from tcbench.compiler.language import Floats, Kernel, Matrix, call
+from tcbench.compiler.library import Library
+from tcbench.compiler.records import Record, sized
+
+SHRINK, SHORTEST = 0.5, 1e-12  # of a step that ends in no admissible state; of a step, over the time
+
+
+class Counts(Record, mutable=True):
+    """What steps cost."""
+
+    steps: int
+    rejected: int
+    held: int  # states at which the entropy was held
+
+
+class Work(Record):
+    """The kernels and arrays of a run; y = (q, p, theta) has `size` numbers."""
+
+    size: int
+    order: int
+    n_given: int
+    n_target: int
+    to_series: Kernel  # see recurrences.series_kernels
+    to_state: Kernel
+    to_mend: Kernel  # see mending.mending_kernels
+    to_hold: Kernel
+    to_entropies: Kernel  # (q, p, s) of y
+    counts: Counts
+    given: Floats = sized("n_given")  # the system's constants, and what depends on them only
+    y: Floats = sized("size")  # where the run is
+    coefficients: Floats = sized("(order + 1) * size + 2")
+    length: Floats = sized("1")
+    target: Floats = sized("n_target")  # a state, the energy and lowest entropy and invariants that it should have
+    mended: Floats = sized("size + 2")  # the state that has them, its entropy, the least of what must be positive
+
+
+def mended_state(w: Work, h: float) -> bool:
+    """The state after h, mended, its entropy as the new lowest; False if it is not admissible."""
+    size = w.size
+    w.length[0] = h
+    call(w.to_state, w.coefficients, w.length, w.target)
+    call(w.to_mend, w.target, w.given, w.mended)
+    if w.mended[size] < w.target[size + 1]:
+        w.counts.held += 1
+        call(w.to_hold, w.target, w.given, w.mended)
+    good = w.mended[size + 1] > 0.0 and abs(w.mended[size]) < math.inf
+    if good:
+        w.target[size + 1] = max(w.mended[size], w.target[size + 1])
+    return good
+
+
+def step_length(w: Work, tolerance: float) -> float:
+    """So long that neither of the last two terms of the series is above the tolerance."""
+    first = (w.order + 1) * w.size
+    h = math.inf
+    for i in range(2):
+        size = w.coefficients[first + i]
+        if size > 0.0:
+            h = min(h, (tolerance / size) ** (1.0 / (w.order - 1 + i)))
+    return h
+
+
+def adaptive_steps(w: Work, times: Floats, tolerance: float, states: Matrix) -> int:
+    """States (q, p, s) at `times` from y on, each mended; how many rows were reached.
+
+    A step ends where its series does, not at output times: states on the way come from the series.
+    """
+    t, h, row, fresh = times[0], 0.0, 1, True
+    while row < len(times):
+        if fresh:
+            call(w.to_series, w.y, w.given, w.coefficients)
+            h = step_length(w, tolerance)
+        if not h > SHORTEST * max(1.0, abs(t)):
+            return row
+        lowest, here, good = w.target[w.size + 1], row, True
+        while good and here < len(times) and times[here] <= t + h:
+            good = mended_state(w, times[here] - t)
+            call(w.to_entropies, w.mended, w.given, states[here])
+            here += 1
+        if good and here < len(times):
+            good = mended_state(w, h)
+        fresh = good
+        if not good:
+            w.counts.rejected += 1
+            w.target[w.size + 1] = lowest
+            h *= SHRINK
+            continue
+        w.counts.steps += 1
+        row = here
+        t += h
+        for i in range(w.size):
+            w.y[i] = w.mended[i]
+    return row
+
+
+def fixed_steps(w: Work, h: float, states: Matrix) -> int:
+    """States (q, p, s) after each of the steps of length h, up to the first that ends in none; how many."""
+    for row in range(len(states)):
+        call(w.to_series, w.y, w.given, w.coefficients)
+        if not mended_state(w, h):
+            return row
+        for i in range(w.size):
+            w.y[i] = w.mended[i]
+        call(w.to_entropies, w.y, w.given, states[row])
+    return len(states)
+
+
+LOOPS = Library("taylor", adaptive_steps, fixed_steps)

@@ -1,0 +1,263 @@
+"""Taylor coefficients of a system's solution: recurrences for the operations of the traced formulas, as one kernel.
+
+The state is y = (q, p, theta): with temperatures instead of entropies no exponential is left. In
+
+    q' = p/m,   p' = -e_pi . dpi/dq,   theta' = theta_pi pi' + theta_s (M DS)
+
+pi' is the derivative of the series of pi, and pi'/pi that of log pi: neither costs a product of its own. Products and
+sums are brought to a normal form first (constants collected, factors cancelled, common denominators drawn together), so
+that a convolution is spent only where two series really meet. The coefficient n of y needs the coefficients below n of
+its rate; each is written down when it is first asked for, and the sums begin with the terms that are known longest,
+which leaves the processor least to wait for. Source: Jorba and Zou (2005), section 3; docs/methods.md.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tcbench import System, TcbenchError
+from tcbench.compiler import derivatives as trace
+from tcbench.compiler.derivatives import Symbol
+
+UNARY = ("log", "exp", "sqrt", "sin", "cos", "tanh", "atan")
+
+
+@dataclass(frozen=True)
+class Series:
+    """A series in time. kind: var, sum, product, quotient, D (time derivative) or the name of a function.
+
+    parts : series it is made of. weights : of a sum, (constant, ...) beside its parts, and last the constant term.
+    """
+
+    kind: str
+    parts: tuple[Series, ...] = ()
+    weights: tuple[Symbol, ...] = ()
+    index: int = -1
+
+
+Monomial = tuple[tuple[Series, int], ...]  # factors and exponents, in the order of their first appearance
+Linear = dict[Monomial, Symbol]  # a sum of constants times monomials; () is the constant term
+ONE, ZERO = trace.const(1.0), trace.const(0.0)
+
+
+class Normal:
+    """Traced formulas in normal form. Variables of time are given as series, everything else is constant."""
+
+    def __init__(self, varying: dict[Symbol, Linear]) -> None:
+        self.known: dict[int, Linear] = {s.number: form for s, form in varying.items()}
+        self.interned: dict[Any, Series] = {}
+        self.form_of: dict[int, Linear] = {}  # exponent of each exponential
+
+    def series(
+        self, kind: str, parts: tuple[Series, ...] = (), weights: tuple[Symbol, ...] = (), index: int = -1
+    ) -> Series:
+        """One object for equal series."""
+        key = (kind, tuple(id(p) for p in parts), tuple(w.number for w in weights), index)
+        return self.interned.setdefault(key, Series(kind, parts, weights, index))
+
+    def weights(self) -> list[Symbol]:
+        """Every constant that a sum multiplies by."""
+        return [w for x in self.interned.values() for w in x.weights]
+
+    def of(self, outputs: list[Symbol]) -> list[Linear]:
+        """Each output as a sum of monomials."""
+        for node in trace.topological(outputs):
+            if node.number not in self.known:
+                self.known[node.number] = self._form(node)
+        return [self.known[x.number] for x in outputs]
+
+    def _form(self, node: Symbol) -> Linear:
+        args = [self.known[a.number] for a in node.args]
+        if not any(any(key for key in form) for form in args):
+            return {(): node}
+        match node.op:
+            case "add":
+                return combined(args[0], args[1], ONE)
+            case "sub":
+                return combined(args[0], args[1], trace.const(-1.0))
+            case "neg":
+                return scaled(args[0], trace.const(-1.0))
+            case "mul":
+                return self.times(*args)
+            case "recip":
+                return self.inverse(args[0])
+            case "mark":
+                return args[0]
+            case "expm1":
+                return combined(self.function("exp", args[0]), {(): ONE}, trace.const(-1.0))
+            case "log1p":
+                return self.function("log", combined(args[0], {(): ONE}, ONE))
+        if node.op in UNARY:
+            return self.function(node.op, args[0])
+        raise TcbenchError(f"tc_taylor knows no series of the operation {node.op!r} in this system's formulas.")
+
+    def function(self, name: str, form: Linear) -> Linear:
+        """A function of a sum; logarithms of products and exponentials of logarithms are taken apart."""
+        if name == "log" and len(form) == 1:
+            return self._logarithm(*next(iter(form.items())))
+        if name == "exp":
+            return self._exponential(form)
+        return {((self.series(name, (self.single(form),)), 1),): ONE}
+
+    def _logarithm(self, key: Monomial, weight: Symbol) -> Linear:
+        result: Linear = {} if trace.is_const(weight, 1.0) else {(): weight.log()}
+        for x, power in key:
+            part = self.form_of[id(x)] if x.kind == "exp" else {((self.series("log", (x,)), 1),): ONE}
+            result = combined(result, part, trace.const(float(power)))
+        return result
+
+    def _exponential(self, form: Linear) -> Linear:
+        outside: Linear = {(): ONE}
+        inside: Linear = {}
+        for key, weight in form.items():
+            power = (
+                round(weight.value) if weight.op == "const" and abs(weight.value - round(weight.value)) < 1e-14 else 0
+            )
+            if not key:
+                outside = scaled(outside, weight.exp())
+            elif len(key) == 1 and key[0][0].kind == "log" and key[0][1] == 1 and power:
+                outside = self.times(outside, {((key[0][0].parts[0], power),): ONE})
+            else:
+                inside[key] = weight
+        if not inside:
+            return outside
+        x = self.series("exp", (self.single(inside),))
+        self.form_of[id(x)] = inside
+        return self.times(outside, {((x, 1),): ONE})
+
+    def derivative(self, form: Linear) -> Linear:
+        """The series' derivative in time."""
+        return {((self.series("D", (self.single(form),)), 1),): ONE}
+
+    def inverse(self, form: Linear) -> Linear:
+        if len(form) == 1:
+            ((key, weight),) = form.items()
+            return {tuple((x, -k) for x, k in key): trace.reciprocal(weight)}
+        return self.inverse(self._factor(form))
+
+    def times(self, a: Linear, b: Linear) -> Linear:
+        """The product. A sum is multiplied out by a constant and where that cancels a factor; else it is one factor."""
+        if len(a) > 1 and len(b) > 1:
+            return self.times(self._factor(a), self._factor(b))
+        if len(a) > 1:
+            a, b = b, a
+        ((left, weight),) = a.items()
+        if len(b) > 1 and left and not any(self._cancels(left, key) for key in b):
+            b = self._factor(b)
+        result: Linear = {}
+        for right, other in b.items():
+            result = combined(result, {self._merged(left, right): trace.mul(weight, other)}, ONE)
+        return result
+
+    def _factor(self, form: Linear) -> Linear:
+        """The sum as one factor, its leading constant outside: multiples of a sum are one series.
+
+        The sign is that of the constant term, where there is one: what is positive, such as 2 - x, stays so.
+        """
+        leading = next((w.value for key, w in form.items() if key and w.op == "const"), 1.0)
+        if () in form and form[()].op == "const":
+            leading = math.copysign(leading, form[()].value)
+        return {((self.single(scaled(form, trace.const(1.0 / leading))), 1),): trace.const(leading)}
+
+    @staticmethod
+    def _cancels(left: Monomial, right: Monomial) -> bool:
+        powers = {id(x): k for x, k in left}
+        return any(powers.get(id(x), 0) * k < 0 for x, k in right)
+
+    def _merged(self, left: Monomial, right: Monomial) -> Monomial:
+        powers: dict[int, tuple[Series, int]] = {}
+        for x, k in (*left, *right):
+            powers[id(x)] = (x, powers.get(id(x), (x, 0))[1] + k)
+        for x, k in list(powers.values()):  # x'/x is the derivative of log x
+            if x.kind == "D" and k == 1 and powers.get(id(x.parts[0]), (x, 0))[1] < 0:
+                base = x.parts[0]
+                del powers[id(x)]
+                powers[id(base)] = (base, powers[id(base)][1] + 1)
+                rate = self.series("D", (self.series("log", (base,)),))
+                powers[id(rate)] = (rate, 1)
+        return tuple((x, k) for x, k in powers.values() if k)
+
+    def single(self, form: Linear) -> Series:
+        """The sum as one series: terms of a common denominator are one quotient."""
+        groups: dict[Monomial, Linear] = {}
+        for key, weight in form.items():
+            below = tuple((x, -k) for x, k in key if k < 0)
+            groups.setdefault(below, {})[tuple((x, k) for x, k in key if k > 0)] = weight
+        parts: Linear = groups.pop((), {})
+        for below, above in groups.items():
+            quotient = self.series("quotient", (self._sum(above), self._product(below)))
+            parts = combined(parts, {((quotient, 1),): ONE}, ONE)
+        return self._sum(parts)
+
+    def _sum(self, form: Linear) -> Series:
+        if len(form) == 1:
+            ((key, weight),) = form.items()
+            if key and trace.is_const(weight, 1.0):
+                return self._product(key)
+        constant = form.get((), ZERO)
+        terms = [(self._product(key), weight) for key, weight in form.items() if key]
+        return self.series("sum", tuple(x for x, _ in terms), (*(w for _, w in terms), constant))
+
+    def _product(self, key: Monomial) -> Series:
+        factors = [x for x, k in key for _ in range(k)]
+        result = factors[0]
+        for x in factors[1:]:
+            result = self.series("product", (result, x))
+        return result
+
+
+def combined(a: Linear, b: Linear, weight: Symbol) -> Linear:
+    """a + weight b."""
+    result = dict(a)
+    for key, value in b.items():
+        term = trace.mul(weight, value)
+        total = trace.add(result[key], term) if key in result else term
+        result[key] = total
+        if trace.is_const(total, 0.0):
+            del result[key]
+    return result
+
+
+def scaled(form: Linear, weight: Symbol) -> Linear:
+    return combined({}, form, weight)
+
+
+def rates(system: System) -> tuple[Normal, list[Series], list[Series]]:
+    """The normal form, the variables y = (q, p, theta) and their rates, as series."""
+    sym, n, m = system.symbolic, system.n_positions, system.n_elements
+    y = trace.variables("y", 2 * n + m)
+    normal = Normal({})
+    variables = [normal.series("var", index=i) for i in range(len(y))]
+    for symbol, x in zip(y, variables, strict=True):
+        normal.known[symbol.number] = {((x, 1),): ONE}
+    q, p, theta = y[:n], y[n : 2 * n], y[2 * n :]
+    pi, s = trace.variables("pi", m), trace.variables("s", m)
+    energy = trace.jacobian(list(sym.element_energy(pi, s)), [*pi, *s])
+    stress, warmth = [energy[i, i] for i in range(m)], [energy[i, m + i] for i in range(m)]
+    by_pi = [trace.jacobian([warmth[i]], [pi[i]])[0, 0] for i in range(m)]
+    by_s = [trace.jacobian([warmth[i]], [s[i]])[0, 0] for i in range(m)]
+    shape = list(sym.shape(q))
+    here = dict(zip([*pi, *s], [*shape, *sym.entropies(q, theta)], strict=True))
+    stress, by_pi, by_s = (trace.substitute(x, here) for x in (stress, by_pi, by_s))
+    slope = trace.jacobian(shape, list(q))
+    conduction = list(sym.conduction(theta))
+    inertia = sym.inertia() * np.ones(n)
+    moved = normal.of(
+        [*stress, *by_pi, *by_s, *shape, *conduction, *slope.ravel(), *(x / i for x, i in zip(p, inertia, strict=True))]
+    )
+    stress_, by_pi_, by_s_, shape_, heat_ = (moved[k * m : (k + 1) * m] for k in range(5))
+    slope_ = np.array([*moved[5 * m : 5 * m + m * n], None], dtype=object)[:-1].reshape(m, n)
+    forms: list[Linear] = list(moved[5 * m + m * n :])
+    for j in range(n):
+        force: Linear = {}
+        for i in range(m):
+            force = combined(force, normal.times(stress_[i], slope_[i, j]), trace.const(-1.0))
+        forms.append(force)
+    for i in range(m):
+        rise = normal.times(by_s_[i], heat_[i])
+        forms.append(combined(normal.times(by_pi_[i], normal.derivative(shape_[i])), rise, ONE))
+    return normal, variables, [normal.single(form) for form in forms]

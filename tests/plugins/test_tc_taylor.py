@@ -1,0 +1,129 @@
+"""tc_taylor: its series solve the equations, its steps keep every law, and orders and tolerances are what they say."""
+
+import numpy as np
+import pytest
+from hypothesis import given, reject
+from hypothesis import strategies as st
+from states import admissible_states
+from tcbench_plugins.tc_taylor.method import TaylorMethod, kernels
+from tcbench_plugins.tc_taylor.recurrences import Writer, written
+from tcbench_plugins.tc_taylor.series import ONE, Normal
+
+import tcbench
+from tcbench import TcbenchError
+from tcbench.compiler import derivatives as trace
+from tcbench.plugins import find_integrator, find_scenario
+from tcbench.reference.lookup import reference_for
+
+SCENARIOS = ("short_term", "bound_equilibrium", "stiff_spring", "cold_spring", "gas_containers")
+FUNCTIONS = {
+    "product": lambda y: y * y * (1 + y),
+    "quotient": lambda y: (1 + y) / (2 + y * y),
+    "log": lambda y: np.log(2 + y * y) * y,
+    "exp": lambda y: np.exp(-y * y / 2),
+    "sqrt": lambda y: np.sqrt(1 + y * y),
+    "sin and cos": lambda y: np.sin(2 * y) - np.cos(y) * y,
+    "tanh": lambda y: np.tanh(y) + 0.5,
+    "atan": lambda y: np.arctan(2 * y) + 0.5,
+    "expm1 and log1p": lambda y: np.expm1(-y) + np.log1p(y * y) + 0.3,
+    "powers": lambda y: (1 + y * y) ** 1.5 / (1 + y) ** 2,
+    "cancelling": lambda y: y * (1 / y + y) / (3 + y),
+}
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_the_series_of_each_operation_solves_its_equation(name):
+    """y' = f(y): the polynomial's derivative misses f by the first term that is left out, c h^order."""
+    f, order = FUNCTIONS[name], 10
+    y = trace.variable("y")
+    normal = Normal({})
+    variable = normal.series("var", index=0)
+    normal.known[y.number] = {((variable, 1),): ONE}
+    (form,) = normal.of([f(y)])
+    writer = Writer({0: normal.single(form)}, {})
+    c = written(writer.lines, [writer.coefficient(variable, k) or "0.0" for k in range(order + 1)])
+    coefficients = c(np.array([0.4]), np.zeros(1))
+    misses = []
+    for h in (0.1, 0.05):
+        here = sum(a * h**k for k, a in enumerate(coefficients))
+        rate = sum(k * a * h ** (k - 1) for k, a in enumerate(coefficients) if k)
+        misses.append(abs(rate - f(here)))
+    assert misses[1] < 1e-9 and (misses[0] < 1e-14 or misses[0] / misses[1] > 0.6 * 2**order)
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_the_series_starts_with_the_rates_and_solves_the_equations(name):
+    scenario = tcbench.scenarios()[name]
+    method = TaylorMethod(scenario.model, 12)
+    series, polynomial, *_ = kernels(scenario.model, 12)
+    y = np.asarray(scenario.model.temperature_variables(scenario.z0))
+    coefficients = series(y, method.work.given)
+    table = coefficients[:-2].reshape(13, -1)
+    field = np.asarray(scenario.model.temperature_field(y))
+    assert np.allclose(table[1], field, rtol=1e-13, atol=1e-13 * abs(field).max())
+    h = 0.1 * (1e-8 / coefficients[-1]) ** (1 / 12)
+    rate = sum(k * table[k] * h ** (k - 1) for k in range(1, 13))
+    there = np.asarray(scenario.model.temperature_field(polynomial(coefficients, np.array([h]))))
+    assert np.allclose(rate, there, rtol=1e-11, atol=1e-11 * abs(there).max())
+
+
+@given(admissible_states(), st.floats(-12, -1))
+def test_every_law_holds_from_random_states_at_any_tolerance(state, exponent):
+    scenario = tcbench.scenarios()["short_term"].replace(
+        positions=state[:4], momenta=state[4:8], temperatures=state[8:], conductivity=3.0, t_end=0.5, dt=0.1
+    )
+    run = tcbench.simulate("tc_taylor", scenario, tolerance=10.0**exponent)
+    if "too short" in run.failure:  # two springs that collapse head-on: the solution itself ends
+        reject()
+    assert run.ok, run.failure
+    heat = 5.0 * sum(scenario.temperatures)  # round-off of the energy is that of c0 theta
+    assert np.abs(run.energy - run.energy[0]).max() <= 1e-12 * scenario.initial_exergy + 8e-15 * heat
+    assert np.diff(run.entropy).min() >= -1e-13 * max(1.0, abs(run.entropy).max())
+    scale = np.linalg.norm(scenario.positions) * np.linalg.norm(scenario.momenta)
+    assert np.abs(run.angular_momentum - run.angular_momentum[0]).max() <= 1e-12 * (1.0 + scale)
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_errors_follow_the_tolerance(name):
+    scenario = tcbench.scenarios()[name]
+    reference = reference_for(scenario, [1.0]).states[-1].astype(float)
+    solve = find_integrator("tc_taylor").adaptive
+    errors = []
+    for tolerance in (1e-4, 1e-8, 1e-12):
+        states, counts = solve(scenario.model, scenario.z0, np.array([0.0, 1.0]), tolerance, tolerance)
+        errors.append(np.max(np.abs(states[-1] - reference) / np.maximum(1.0, np.abs(reference))))
+        # errors grow by the scenario's own sensitivity: at most 2000-fold to t = 1 on cold_spring
+        assert errors[-1] <= 3e3 * tolerance + 1e-12 and counts["steps"] >= 1
+    assert errors[2] < errors[0]
+
+
+@pytest.mark.parametrize("order", [2, 4, 6])
+def test_fixed_steps_have_the_order_that_they_declare(order):
+    scenario = tcbench.scenarios()["bound_equilibrium"].replace(conductivity=1.0, t_end=1.0)
+    exact = tcbench.simulate("tc_taylor", scenario, tolerance=1e-14).z[-1]
+    steps = (64, 128)
+    errors = [
+        abs(tcbench.simulate(f"tc_taylor[order={order}]", scenario, dt=1.0 / n).z[-1] - exact).max() for n in steps
+    ]
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.15)
+
+
+def test_states_on_the_way_are_those_of_the_run_and_keep_the_laws():
+    """Output times cost no steps, and every state that is shown is mended."""
+    scenario = tcbench.scenarios()["bound_equilibrium"]
+    solve = find_integrator("tc_taylor").adaptive
+    few, cost = solve(scenario.model, scenario.z0, np.array([0.0, 5.0]), 1e-9, 1e-9)
+    many, more = solve(scenario.model, scenario.z0, np.linspace(0.0, 5.0, 1001), 1e-9, 1e-9)
+    assert more["steps"] == cost["steps"] and np.abs(few[-1] - many[-1]).max() < 1e-9
+    energy, entropy = scenario.model.energy(many), many[:, -2:].sum(axis=1)
+    assert np.ptp(energy) <= 1e-12 * scenario.initial_exergy and np.diff(entropy).min() >= -4e-16
+
+
+def test_what_has_no_series_or_is_too_large_is_refused_with_a_sentence():
+    y = trace.variable("y")
+    normal = Normal({})
+    normal.known[y.number] = {((normal.series("var", index=0), 1),): ONE}
+    with pytest.raises(TcbenchError, match="no series of the operation 'abs'"):
+        normal.of([abs(y)])
+    with pytest.raises(TcbenchError, match="30 elements are too many"):
+        TaylorMethod(find_scenario("chain[n=30]").model, 8)
