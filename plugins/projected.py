@@ -38,8 +38,9 @@ def projected(method: Integrator, name: str = "projected") -> Integrator:
 
     Raises TcbenchError for adaptive solvers: they have no step to project.
     """
-    if method.kind == "adaptive":
-        raise TcbenchError(f"{method.name!r} is an adaptive solver; only a method with a step can be projected.")
+    if method.kind == "adaptive" or method.memory:
+        kind = "an adaptive solver" if method.kind == "adaptive" else "a multistep method"
+        raise TcbenchError(f"{method.name!r} is {kind}; only a one-step method can be projected.")
     common: dict[str, Any] = {
         "name": name, "claims": {"entropy", "angular_momentum"}, "tags": method.tags | {"projected"},
         "source": f"thermodynamic projection around {method.name}", "description": "", "uses": (method.plugin,),
@@ -93,7 +94,11 @@ def one_step_methods(known):
     others = (
         n
         for n, i in known.items()
-        if i.kind != "adaptive" and "energy" not in i.claims and not i.systems and i.family is not project
+        if i.kind != "adaptive"
+        and not i.memory
+        and "energy" not in i.claims
+        and not i.systems
+        and i.family is not project
     )
     return [VERLET_HEAT4.name, *(name for name in others if name != VERLET_HEAT4.name)]
 

@@ -29,7 +29,8 @@ class Flow:
     With `stages` = k the formula is r(z0, z1, h, system, stages), stages being k further states, and returns k + 1
     blocks of residuals, shape (k + 1, n). With variables="temperature" the states are (q, p, theta). With of_step=True
     the formula has two more arguments, states (q, p, s): that at the start of the whole step, of all its flows, and the
-    first one of the run (of which it may use constants of the motion only: a step has no memory).
+    first one of the run (of which it may use constants of the motion only: a step has no memory). `memory` is set by
+    the Integrator.
     """
 
     residual: Residual
@@ -37,6 +38,7 @@ class Flow:
     variables: str = "entropy"
     stages: int = 0
     of_step: bool = False
+    memory: int = 0
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,9 @@ class Integrator:
     march : rows = march(z, h, count, system), shape (up to count, n): what `step` returns in the next steps, as many as
         succeed, from a compiled loop of your own. Optional, beside step=.
     adaptive : z = adaptive(system, z0, t_eval, rtol, atol), shape (len(t_eval), n), swept over tolerance.
+    memory, starter : of a multistep method. With memory=k the formula (one, of the whole step) or the step function has
+        one more argument, `before`, the k states before z0, all h apart: before[0] is that of one step before.
+        The first k steps are done by the method `starter`, of order at least order - 1.
     variables : "entropy" for z = (q, p, s), "temperature" for (q, p, theta); of the formulas only.
     systems : names of the systems that the method is written for; empty: for all.
     needs : optional functions of `System` that the formulas ask for, such as "conduction_flow"; on systems that do not
@@ -74,6 +79,8 @@ class Integrator:
     march: Callable[..., Any] | None = None
     adaptive: Callable[..., Any] | None = None
     increments: bool = False
+    memory: int = 0
+    starter: str | Integrator = ""
     variables: str = "entropy"
     systems: frozenset[str] = frozenset()
     needs: tuple[str, ...] = ()
@@ -114,9 +121,28 @@ class Integrator:
                 f"Integrator {self.name!r}: variables must be 'entropy' or 'temperature', not {self.variables!r}."
             )
         if self.flows is not None:
-            object.__setattr__(self, "flows", _as_flows(self.flows, self.variables))
+            flows = _as_flows(self.flows, self.variables)
+            object.__setattr__(self, "flows", tuple(replace(flow, memory=self.memory) for flow in flows))
+        self._check_memory()
         if self.order is None and self.adaptive is None:
             raise TcbenchError(f"Integrator {self.name!r} must declare its order.")
+
+    def _check_memory(self) -> None:
+        if not isinstance(self.memory, int) or self.memory < 0:
+            raise TcbenchError(f"Integrator {self.name!r}: memory is a number of earlier states, not {self.memory!r}.")
+        if bool(self.memory) != bool(self.starter):
+            raise TcbenchError(
+                f"Integrator {self.name!r}: a multistep method gives both memory=, the number of earlier states that "
+                'its formula sees, and starter=, the method of its first steps, such as "tc_monolithic".'
+            )
+        if not self.memory:
+            return
+        if self.adaptive is not None or self.march is not None:
+            raise TcbenchError(
+                f"Integrator {self.name!r}: memory= goes with flows= or step= alone; steps must be equal."
+            )
+        if self.flows is not None and (len(self.flows) > 1 or self.flows[0].of_step or self.flows[0].fraction != 1.0):
+            raise TcbenchError(f"Integrator {self.name!r}: with memory= there is one formula, of the whole step.")
 
     @property
     def kind(self) -> str:

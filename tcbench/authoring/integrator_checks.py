@@ -98,7 +98,8 @@ def keeps_its_input(method: Integrator) -> Line:
     z0, times = scenario.model.state(scenario.z0.copy()), np.linspace(0, scenario.dt, 3)
     before = z0.copy(), times.copy()
     if method.step is not None:
-        method.step(z0, scenario.dt, scenario.model)
+        earlier = (tuple(z0.copy() for _ in range(method.memory)),) if method.memory else ()
+        method.step(z0, scenario.dt, scenario.model, *earlier)
     else:
         assert method.adaptive is not None
         method.adaptive(scenario.model, z0, times, 1e-6, 1e-6)
@@ -128,14 +129,17 @@ def marches(method: Integrator) -> Line:
 def _overwrites(flow: Flow, model: System) -> bool:
     """Does the formula put other symbols into the arrays that it is given?"""
     system = model.symbolic
-    states = [system.state(trace.variables("z", model.size)) for _ in range(2 + flow.stages)]
+    given = 2 + flow.stages
+    states = [system.state(trace.variables("z", model.size)) for _ in range(given + flow.memory)]
     start = system.state(trace.variables("start", model.size))
     before = [list(state) for state in states]
-    extra = [*([states[2:]] if flow.stages else []), *([start, start] if flow.of_step else [])]
+    extra = [*([states[2:given]] if flow.stages else []), *([start, start] if flow.of_step else [])]
+    extra += [tuple(states[given:])] if flow.memory else []
     flow.residual(states[0], states[1], trace.variable("h"), system, *extra)
     return any(a is not b for z, old in zip(states, before, strict=True) for a, b in zip(z, old, strict=True))
 
 
+_MUST_STEP = "The method must do a small step from any admissible state; the sentence says what stopped it."
 _COPY = "Write z = z0 + ..., never z0 += ... or z0[...] = ...; or begin with z0 = z0.copy()."
 
 
@@ -144,6 +148,8 @@ def restart(method: Integrator) -> Line:
     name, (scenario, *others) = "restart", scenarios(method)
     if method.kind == "adaptive":
         return Line(name, NONE, "an adaptive solver chooses its steps anew")
+    if method.memory:
+        return Line(name, NONE, f"a multistep method starts with steps of {method.starter}")
     n, m, h = 7, 5, scenario.dt * GENTLE
     whole, first = run(method, scenario, h, n + m), run(method, scenario, h, n)
     for other in others:
@@ -153,7 +159,7 @@ def restart(method: Integrator) -> Line:
     rest = simulate(method, start_at(scenario, first.z[-1], m * h), dt=h, t_end=m * h)
     gap = float(np.abs(whole.z[-1] - rest.z[-1]).max())
     # the restart rounds the entropies, which pass through temperatures
-    remedy = "The next step may depend on the state alone: keep nothing from step to step (multistep needs stages)."
+    remedy = "Keep nothing from step to step. A multistep method says memory=k and is given the k states before z0."
     return line(name, gap <= 1e-9, f"{n} + {m} steps against {n}, then {m}: gap {gap:.1e}", remedy)
 
 
@@ -168,7 +174,10 @@ def consistent(method: Integrator) -> Line:
     for scenario in scenarios(method):
         states = admissible_states(scenario, np.random.default_rng(SEED))
         for z in [scenario.model.state(scenario.z0), *(next(states) for _ in range(3))]:
-            gaps = [_slope_gap(method, scenario, z, part * scenario.dt) for part in SMALL]
+            try:
+                gaps = [_slope_gap(method, scenario, z, part * scenario.dt) for part in SMALL]
+            except _NoStep as failed:
+                return Line(name, FAIL, f"on {scenario.name}, no step: {failed}", _MUST_STEP)
             if not (math.isfinite(gaps[1]) and gaps[1] <= max(0.3 * gaps[0], 1e-7)):  # first order: a tenth
                 found = (
                     f"on {scenario.name}, |(z1 - z0)/h - dz/dt| / |dz/dt| is {gaps[0]:.1e}, then {gaps[1]:.1e} at h/10"
@@ -182,11 +191,16 @@ def consistent(method: Integrator) -> Line:
 
 
 def _slope_gap(method: Integrator, scenario: Scenario, z: Any, h: float) -> float:
-    one = simulate(method, start_at(scenario, z, h), dt=h)
-    if one.steps != 1:
-        return math.inf
-    field = np.asarray(scenario.model.vector_field(one.z[0]))
-    return float(np.linalg.norm((one.z[1] - one.z[0]) / h - field) / np.linalg.norm(field))
+    steps = 1 + method.memory  # the first ones of a multistep method are its starter's
+    one = simulate(method, start_at(scenario, z, steps * h), dt=h)
+    if one.steps != steps:
+        raise _NoStep(one.failure)
+    field = np.asarray(scenario.model.vector_field(one.z[-2]))
+    return float(np.linalg.norm((one.z[-1] - one.z[-2]) / h - field) / np.linalg.norm(field))
+
+
+class _NoStep(Exception):
+    """A step that was to be looked at was not done; the message says why."""
 
 
 def order(method: Integrator) -> Line:
@@ -277,8 +291,8 @@ def _claim_runs(method: Integrator) -> Iterator[tuple[Trajectory, str]]:
         states = admissible_states(scenario, rng)
         for _ in range(RANDOM_STEPS):
             dt = float(np.exp(rng.uniform(np.log(1e-3), np.log(scenario.dt))))
-            one = run(method, start_at(scenario, next(states), dt), dt, 1)
-            if one.steps:
+            one = run(method, start_at(scenario, next(states), dt), dt, 1 + method.memory)
+            if one.steps > method.memory:
                 solved += 1
                 yield one, f"one step of {dt:.2g} from a random state of {scenario.system.name}"
         if solved < RANDOM_STEPS / 2:

@@ -32,10 +32,10 @@ def traced_gap(method: Integrator, scenario: Scenario) -> float:
     """The traced Jacobian of each formula, away from its root."""
     from ..compiler.library import evaluate
     from ..solver.flow import Tally
-    from ..solver.implicit_step import Rules, compiled_flows, make_flows
+    from ..solver.implicit_step import Rules, compiled_flows, constants_of, make_flows
 
     model = scenario.model
-    constants, worst = np.concatenate([model.constant_values, scenario.z0, scenario.z0]), 0.0
+    constants, worst = constants_of(method, scenario), 0.0
     compiled = compiled_flows(method.flows, model.symbolic)
     flows = make_flows(method, scenario, scenario.dt, constants, Tally(), Rules(), compiled)
     constants[0] = scenario.dt

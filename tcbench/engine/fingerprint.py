@@ -54,9 +54,19 @@ def method_sources(method: Integrator) -> list[str]:
     What has no hash gets another one each time, which begins with `UNHASHABLE`: its rows are never used again.
     """
     uses = [source_hash(plugin) for plugin in method.uses]
+    if method.memory:
+        uses += method_sources(plugins.find_integrator(method.starter))
     if plugins.is_registered(method):
         return [source_hash(method.plugin), *uses]
-    seen = (method.flows, method.step, method.march, method.adaptive, method.increments, method.variables)
+    seen = (
+        method.flows,
+        method.step,
+        method.march,
+        method.adaptive,
+        method.increments,
+        method.variables,
+        method.memory,
+    )
     return [_or_unique(content_hash(*seen)), *uses]
 
 

@@ -31,6 +31,7 @@ class Run(Record):
     now: int  # where in its w the observables begin
     every: int  # steps from one record to the next
     of_step: bool  # formulas see the start of the whole step
+    memory: int  # earlier states that the formula of a multistep method sees
     residuals: bool  # were they asked for?
     h: float
     bound: float  # V0
@@ -142,6 +143,17 @@ def open_step(run: Run, z: Floats) -> None:
     call(run.opening, z, c, first.w)
 
 
+def remember(run: Run, z: Floats, new: Floats) -> None:
+    """Carry the slopes (earlier state - state)/h of a multistep method, the end of c, over a step from z to new."""
+    c, n = run.c, run.n
+    for j in range(run.memory):
+        k = run.memory - 1 - j
+        here = run.n_constants - (run.memory - k) * n
+        for i in range(n):
+            earlier = c[here - n + i] if k > 0 else 0.0
+            c[here + i] = earlier + (z[i] - new[i]) / run.h
+
+
 @rare
 def measure_residual(flow: Flow) -> None:
     """Keep the largest scaled residual of an accepted step."""
@@ -197,6 +209,8 @@ def march(run: Run, start: int, stop: int) -> int:
         run.tally.iterations += iterations
         if reason != OK:
             break
+        if run.memory > 0:
+            remember(run, z, after)
         open_step(run, after)
         reason, done = judge(run, step, after, now)
         if done == step:

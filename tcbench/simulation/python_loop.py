@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -13,6 +14,7 @@ from ..integrator import Integrator
 from ..systems.scenario import Scenario
 from .compiled_loop import LOOPS, NOW, OK
 from .recorder import assemble, exception_sentence, explain, new_run, new_tally
+from .starting import first_steps
 from .trajectory import SolverCounts, Trajectory
 
 POINTS = 200  # output times of an adaptive run
@@ -25,23 +27,28 @@ def run_step(integrator: Integrator, scenario: Scenario, dt: float, steps: int, 
     monitor = Monitor(scenario, dt, steps, every)
     carry = np.zeros_like(z)
     begin = time.perf_counter()
-    reason, failure, done = OK, "", 0
-    while done < steps and reason == OK:
+    first = first_steps(integrator, scenario, dt, steps)
+    reason, done = monitor.add(1, first.z[1:]) if first.steps else (OK, 0)
+    past, z, failure = list(first.z[-2::-1]), first.z[-1], first.failure
+    while done < steps and reason == OK and not failure:
         try:
-            states = _next_states(integrator, model, z, carry, dt, min(TOGETHER, steps - done))
+            states = _next_states(integrator, model, z, carry, dt, min(TOGETHER, steps - done), past)
         except Exception as error:  # a plugin may raise anything: that is a row, not a crash
             failure = exception_sentence(error, done + 1, (done + 1) * dt)
             break
         reason, done = monitor.add(done + 1, states)
+        past = [z, *past][: integrator.memory]
         z = states[-1]
     wall = time.perf_counter() - begin
-    status, sentence = ("exception", failure) if failure else explain(reason, done, dt, scenario)
+    status, sentence = explain(reason, done, dt, scenario)
+    if failure and reason == OK:
+        status, sentence = first.status if first.failure else "exception", failure
     run = monitor.trajectory(integrator, status, sentence, wall)
     return replace(run, solver=SolverCounts(unknown=("newton_iterations",)))
 
 
 def _next_states(
-    integrator: Integrator, model: Any, z: np.ndarray, carry: np.ndarray, dt: float, count: int
+    integrator: Integrator, model: Any, z: np.ndarray, carry: np.ndarray, dt: float, count: int, past: Sequence[Any]
 ) -> np.ndarray:
     """The state after one step, in one row, or those after up to `count` where the method marches itself."""
     start = model.state(z.copy())
@@ -51,7 +58,8 @@ def _next_states(
             raise ValueError(f"march returned shape {rows.shape}; up to {count} states of {len(z)} were asked for")
     else:
         assert integrator.step is not None
-        result = np.array(integrator.step(start, dt, model), dtype=np.float64, order="C")
+        before = (tuple(model.state(earlier.copy()) for earlier in past),) if integrator.memory else ()
+        result = np.array(integrator.step(start, dt, model, *before), dtype=np.float64, order="C")
         if result.shape != z.shape:
             raise ValueError(f"the step returned shape {result.shape}, a state has shape {z.shape}")
         rows = result[None]

@@ -12,11 +12,12 @@ from ..compiler.records import Rows
 from ..errors import TcbenchError
 from ..integrator import Integrator
 from ..solver import implicit_step as m
-from ..solver.implicit_step import Rules, compiled_flows, make_flows
+from ..solver.implicit_step import Rules, compiled_flows, constants_of, make_flows
 from ..systems.scenario import Scenario
 from .compiled_loop import LOOPS, NOW
 from .python_loop import run_adaptive, run_step
 from .recorder import assemble, explain, new_run, new_tally
+from .starting import first_steps
 from .trajectory import Trajectory
 
 MOST_GIB = 16.0  # of recorded states, more of which would hardly be meant
@@ -109,25 +110,32 @@ def run_flows(
     """`simulate` for an integrator of the kind "flows", its input checked."""
     model = scenario.model
     observe, n_observables = model.observer
-    c = np.concatenate([model.constant_values, scenario.z0, scenario.z0])
+    c = constants_of(integrator, scenario)
     tally = new_tally()
     kernels = compiled_flows(integrator.flows, model.symbolic)
     opening = kernels[0].opening
     run = new_run(
         scenario, dt, steps, every, n_observables=n_observables, n_constants=len(c), n_flows=len(integrator.flows),
         observe=observe.address, opening=opening.address, now=opening.size - n_observables,
-        of_step=any(flow.of_step for flow in integrator.flows), residuals=rules.residuals,
+        of_step=any(flow.of_step for flow in integrator.flows), memory=integrator.memory, residuals=rules.residuals,
         c=c, tally=tally, flows=Rows(make_flows(integrator, scenario, dt, c, tally, rules, kernels)),
     )  # fmt: skip
     # observed by the kernel that observes every step: the same round-off in E0 as in E
     LOOPS.open_step(run, run.z)
     run.observables[:] = run.flows[0].w[run.now : run.now + n_observables]
     run.states[0], run.records[0] = run.z, run.observables[NOW]
-    done, reason = 0, m.OK
     begin = time.perf_counter()
-    while done < steps and reason == m.OK:
+    first = first_steps(integrator, scenario, dt, steps)
+    reason, done = LOOPS.monitor(run, 1, first.z[1:]) if first.steps else m.OK, first.steps
+    if first.steps and first.steps == integrator.memory:
+        run.z[:], c[-integrator.memory * model.size :] = first.z[-1], first.slopes(dt)
+        np.add.at(run.counts, np.arange(first.steps) // every, first.iterations)
+        tally.iterations += first.iterations.sum()
+    while done < steps and reason == m.OK and not first.failure:
         reason = LOOPS.march(run, done, min(steps, done + CHUNK))
         done = run.tally.steps
     wall = time.perf_counter() - begin
     status, failure = explain(reason, done, dt, scenario)
+    if reason == m.OK and first.failure:
+        status, failure = first.status, first.failure
     return assemble(integrator, scenario, run, status, failure, wall)

@@ -84,8 +84,8 @@ def build(flow: Flow, system: System) -> FlowKernels:
     d = trace.variables("d", n * (1 + flow.stages))
     temperature = flow.variables == "temperature"
     y0 = sym.temperature_variables(z0) if temperature else sym.state(z0)
-    start = trace.variables("start", 2 * n)
-    reduction = _reduce(_trace(flow, sym, y0, d, h, start), list(d))
+    start = trace.variables("start", n * (flow.memory or 2))
+    reduction = _reduce(_trace(flow, sym, y0, d, h, _further(flow, sym, z0, h, start)), list(d))
     x = reduction.unknowns
     increments = np.array(_increments(reduction, d), dtype=object)
     y1 = sym.state(np.asarray(y0) + increments[:n])
@@ -178,14 +178,27 @@ def _lowest(values: Sequence[Symbol]) -> Symbol:
     return result
 
 
-def _trace(flow: Flow, system: System, y0: State, d: Any, h: Symbol, start: Any) -> list[Symbol]:
+def _further(flow: Flow, system: System, z0: Any, h: Symbol, start: Any) -> list[Any]:
+    """The last arguments of a formula: states at the start of the step and the run, or those of earlier steps.
+
+    Of an earlier state what is known is its slope, v = (state - z0)/h of the whole step: as z0 + h v it comes to z0
+    when a solver follows the root from h = 0.
+    """
+    n = system.size
+    if flow.of_step:
+        return [system.state(start[:n]), system.state(start[n:])]
+    states = [system.state(z0 + h * start[k * n : (k + 1) * n]) for k in range(flow.memory)]
+    if flow.variables == "temperature":
+        states = [system.temperature_variables(z) for z in states]
+    return [tuple(states)] if states else []
+
+
+def _trace(flow: Flow, system: System, y0: State, d: Any, h: Symbol, further: list[Any]) -> list[Symbol]:
     """Run the author's formula on symbols; a flat list of residual rows."""
     n = system.size
     y1 = system.state(np.asarray(y0) + d[:n])
     stages = [system.state(np.asarray(y0) + d[k : k + n]) for k in range(n, len(d), n)]
-    arguments = [y0, y1, h, system, *([stages] if stages else [])]
-    if flow.of_step:
-        arguments += [system.state(start[:n]), system.state(start[n:])]
+    arguments = [y0, y1, h, system, *([stages] if stages else []), *further]
     try:
         result = np.asarray(flow.residual(*arguments), dtype=object)
     except TcbenchError:

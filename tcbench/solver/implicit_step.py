@@ -136,9 +136,16 @@ def _compiled_flows(formulas: tuple[Formula, ...], symbolic: System, seen: str =
     made: dict[Any, FlowKernels] = {}
     chosen = []
     for flow in formulas:
-        key = (flow.residual, flow.variables, flow.stages, flow.of_step)
+        key = (flow.residual, flow.variables, flow.stages, flow.of_step, flow.memory)
         chosen.append(made.get(key) or made.setdefault(key, build(flow, symbolic)))
     return tuple(chosen)
+
+
+def constants_of(integrator: Integrator, scenario: Scenario) -> np.ndarray:
+    """(h, constants, two states: those at the start of the step and of the run); of a multistep method, in place of the
+    states, the slopes (earlier state - z)/h."""
+    further = np.zeros(integrator.memory * scenario.model.size) if integrator.memory else np.tile(scenario.z0, 2)
+    return np.concatenate([scenario.model.constant_values, further])
 
 
 @dataclass(frozen=True)
@@ -186,7 +193,7 @@ class OneFlow:
     """
 
     def __init__(self, integrator: Integrator, scenario: Scenario, h: float) -> None:
-        constants = np.concatenate([scenario.model.constant_values, scenario.z0, scenario.z0])
+        constants = constants_of(integrator, scenario)
         self.tally = Tally()
         kernels = compiled_flows(integrator.flows, scenario.model.symbolic)
         self.record = make_flows(integrator, scenario, h, constants, self.tally, Rules(), kernels)[0]

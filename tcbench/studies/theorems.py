@@ -235,7 +235,8 @@ def _indefiniteness(model: System, z0: State, z1: State) -> float:
 def steps(integrator: Integrator, scenario: Scenario) -> list[Finding]:
     """What an integrator claims, on random steps: one row for each of its claims."""
     runs = random_steps(integrator, scenario)
-    good = [run for run in runs if run.steps == 1]  # a step that leaves the energy bound is a solved step too
+    # a step that leaves the energy bound is a solved step too
+    good = [run for run in runs if run.steps == 1 + integrator.memory]
     enough = len(good) >= ENOUGH * len(runs)
     claims = integrator.claims
 
@@ -284,7 +285,7 @@ def random_steps(integrator: Integrator, scenario: Scenario) -> list[Trajectory]
     for _ in range(STEPS):
         start = _from_state(scenario, next(states))
         dt = float(np.exp(rng.uniform(*np.log(DT_RANGE))))
-        runs.append(simulate(integrator, start, dt=dt, t_end=dt))
+        runs.append(simulate(integrator, start, dt=dt, t_end=(1 + integrator.memory) * dt))
     return runs
 
 
@@ -328,5 +329,5 @@ def _equivariance(run: Trajectory) -> float:
 
     angle = 2 * np.pi * float(np.random.default_rng(int(abs(run.energy[0]) * 1e6)).random())
     start = _from_state(run.scenario, run.scenario.model.state(turned(run.z[0], angle)))
-    other = simulate(run.integrator, start, dt=run.dt, t_end=run.dt)
-    return _relative(other.z[-1], turned(run.z[-1], angle)) if other.steps == 1 else float("inf")
+    other = simulate(run.integrator, start, dt=run.dt, t_end=run.steps * run.dt)
+    return _relative(other.z[-1], turned(run.z[-1], angle)) if other.steps == run.steps else float("inf")
