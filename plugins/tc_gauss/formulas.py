@@ -72,16 +72,29 @@ def coefficients(k: int) -> Coefficients:
 STRUCTURES: dict[tuple, System] = {}  # what `kernels` and the others look up, to be cached by
 
 
+class Formulas(NamedTuple):
+    """What a step computes with a system's functions; see `step`."""
+
+    kernels: list[Kernel]  # start, motion, slopes, forces, mending
+    setup: Kernel  # for what depends on the constants only; its results stand behind them
+    places: dict[Any, int]  # where each of both stands; empty where the formulas have no form on vectors
+    table: Any  # of the trace, for those that go on from it
+
+
 @cache
-def kernels(structure: tuple) -> tuple[list[Kernel], Kernel, dict[Any, int]]:
-    """(start, motion, slopes, forces, mending) of a system, traced from its functions; see `step`. Then the
-    kernel for what depends on the constants only, whose results stand behind them, and where each of both stands."""
+def formulas(structure: tuple) -> Formulas:
+    """The formulas of a system, traced from its functions."""
+    symbolic = STRUCTURES[structure].symbolic
+    with trace.tracing() as table:
+        return _formulas(symbolic, STRUCTURES[structure].constant_symbols())._replace(table=table)
+
+
+def _formulas(system: Any, constant_symbols: dict[Any, str]) -> Formulas:
     from tcbench.compiler.vector_kernels import can_express
 
-    system = STRUCTURES[structure].symbolic
     n, e = system.n_positions, system.n_elements
     h = trace.variable("h")
-    constants = {h: "b[0]"} | STRUCTURES[structure].constant_symbols()
+    constants = {h: "b[0]"} | constant_symbols
     z = trace.variables("z", system.size)
     v, q = trace.variables("v", n), trace.variables("q", n)
     pi, s = trace.variables("pi", e), trace.variables("s", e)
@@ -102,7 +115,7 @@ def kernels(structure: tuple) -> tuple[list[Kernel], Kernel, dict[Any, int]]:
         kernel({x: f"a[{i}]" for i, x in enumerate(unknown)} | known, row)
         for (unknown, _), row in zip(bodies, values, strict=True)
     ]
-    return made, kernel(constants, fixed), places if all(map(can_express, values[1:4])) else {}
+    return Formulas(made, kernel(constants, fixed), places if all(map(can_express, values[1:4])) else {}, None)
 
 
 class Given(NamedTuple):
@@ -134,9 +147,14 @@ def iteration(structure: tuple, k: int, level: int) -> str:
     a: as `Given` has it.  b: h, constants.  out: U, which is corrected in place, N and V, a row of WIDTH nodes for each
     variable; then the scaled residual / h, NaN if a shape or temperature is not positive.
     """
+    known = formulas(structure)
+    with trace.tracing(known.table):
+        return _iteration(STRUCTURES[structure].symbolic, known.places, k, level)
+
+
+def _iteration(system: Any, places: dict[Any, int], k: int, level: int) -> str:
     from tcbench.compiler.vector_kernels import Lanes
 
-    system, places = STRUCTURES[structure].symbolic, kernels(structure)[2]
     n, e, coefficient = system.n_positions, system.n_elements, coefficients(k)
     m, lanes, place = n + e, Lanes(), given(n, e, k)
 
@@ -308,8 +326,7 @@ def closing(k: int, n: int, e: int) -> str:
 @cache
 def on_vectors(structure: tuple, k: int) -> list[int]:
     """Addresses of the kernels on vectors; zeros where the system's formulas have no such form."""
-    _, _, places = kernels(structure)
-    if PLAIN or not places:
+    if PLAIN or not formulas(structure).places:
         return [0] * (ON_VECTORS + 3)
     from tcbench.compiler.machine import load
 

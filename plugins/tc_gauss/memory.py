@@ -52,7 +52,7 @@ class Work(Record):
     n_given: int
     n_ends: int
     n_invariants: int
-    to_start: Kernel  # see `formulas.kernels`
+    to_start: Kernel  # see `formulas.Formulas`
     to_motion: Kernel
     to_slopes: Kernel
     to_forces: Kernel

@@ -28,7 +28,7 @@ class GaussMethod:
 
         self.loops, self.stages, self.size = LOOPS, stages, system.size
         formulas.STRUCTURES.setdefault(system.structure, system)
-        scalar, setup, _ = formulas.kernels(system.structure)
+        scalar, setup, *_ = formulas.formulas(system.structure)
         c0 = system.constant_values
         names = ("to_start", "to_motion", "to_slopes", "to_forces", "to_mend", *VECTOR_KERNELS)
         addresses = [*(x.address for x in scalar), *formulas.on_vectors(system.structure, stages)]

@@ -31,13 +31,15 @@ from .symbols import (
     power,
     reciprocal,
     sub,
+    tracing,
     variable,
     variables,
 )
 
 __all__ = [
     "Symbol", "add", "const", "depends_on", "guarded", "is_const", "jacobian", "lam", "mark", "maximum", "minimum",
-    "mul", "neg", "phi", "power", "rebuild", "reciprocal", "sub", "substitute", "topological", "variable", "variables",
+    "mul", "neg", "phi", "power", "rebuild", "reciprocal", "sub", "substitute", "topological", "tracing", "variable",
+    "variables",
 ]  # fmt: skip
 
 

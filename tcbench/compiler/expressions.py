@@ -1,125 +1,31 @@
 """Expressions of the restricted Python as LLVM code. See `translator`, which has the statements and functions.
 
 A value is a kind and its parts: one LLVM value for a number, a record or rows of records; pointer and lengths for an
-array; one for each entry of a tuple. Arithmetic is Python's: // and % round down, int/int is a float, and/or/if take
-one way only. It differs in what floats do at their limits: 1/0 is infinite, as in numpy, and products may be fused with
-sums.
+array; one for each entry of a tuple.
 """
 
 from __future__ import annotations
 
 import ast
 import builtins
-from collections.abc import Mapping
+from functools import cache
 from typing import Any
 
-import numpy as np
-
 from . import language
+from .arithmetic import ARITHMETIC, INTRINSICS, LIBRARY, Arithmetic
 from .records import Field
-from .values import (
-    ARITHMETIC,
-    BOOL,
-    COMPARISONS,
-    FLOAT,
-    FUSED,
-    INT,
-    INTRINSICS,
-    LIBRARY,
-    NOTHING,
-    Array,
-    RowsOf,
-    Several,
-    TranslationError,
-    Value,
-    constant,
-    machine_kinds,
-    say,
-)
+from .values import BOOL, FLOAT, INT, NOTHING, Array, RowsOf, Several, Value, kind_of, machine_kinds, say
 
 
-class Expressions:
-    """What `Body` needs to evaluate an expression at the place where its text ends."""
+@cache
+def _trees(lengths: tuple[str, ...]) -> tuple[ast.expr, ...]:
+    return tuple(ast.parse(length, mode="eval").body for length in lengths)
 
-    module: Any  # of translator: declares what is called
-    names: Mapping[str, Any]  # globals of the function
-    lines: list[str]
-    values: dict[str, Value]  # names that are assigned once
-    cells: dict[str, Value]  # names that are assigned again: kind, addresses
-    assigned: dict[str, int]  # how often each local name is
-    known: set[str]  # local names that are set on every way that leads here
-    block: str
-    count = 0
 
-    def refusal(self, node: ast.AST, why: str) -> TranslationError:
-        raise NotImplementedError
-
-    def emit(self, code: str) -> str:
-        self.count += 1
-        name = f"%.{self.count}"
-        self.lines.append(f"  {name} = {code}")
-        return name
-
-    def start_block(self, label: str) -> None:
-        self.lines.append(f"{label}:")
-        self.block = label
-
-    def label(self, what: str) -> str:
-        self.count += 1
-        return f".{what}{self.count}"
-
-    def value(self, node: ast.expr) -> Value:
-        method = getattr(self, f"_{type(node).__name__.lower()}", None)
-        if method is None:
-            raise self.refusal(node, "this kind of expression is not translated")
-        return method(node)
-
-    def part(self, value: Value, i: int = 0) -> str:
-        part = value.parts[i]
-        return part if isinstance(part, str) else part()
-
-    def number(self, node: ast.expr, kind: str = "") -> tuple[str, str]:
-        """(kind, LLVM value) of a number; converted where a kind is asked for."""
-        value = self.value(node)
-        if not isinstance(value.kind, str) or value.kind == NOTHING:
-            raise self.refusal(node, "a number is needed here")
-        return (kind, self.convert(node, value, kind)) if kind else (value.kind, self.part(value))
-
-    def convert(self, node: ast.AST, value: Value, kind: str) -> str:
-        """The number as another kind, where Python would take it as that: bool as int, int as float."""
-        code = self.part(value)
-        if value.kind == kind:
-            return code
-        if value.kind == BOOL and kind in (INT, FLOAT):
-            return self.emit(f"zext i1 {code} to i64" if kind == INT else f"uitofp i1 {code} to double")
-        if value.kind == INT and kind == FLOAT:
-            digits = code.lstrip("-").isdigit()
-            return constant(float(code)) if digits else self.emit(f"sitofp i64 {code} to double")
-        raise self.refusal(node, f"{say(value.kind)} stands where {say(kind)} is needed")
-
-    def common_kind(self, node: ast.AST, kinds: list[Any]) -> str:
-        """The kind that numbers of these kinds become in an operation of both."""
-        if not all(k in (INT, FLOAT, BOOL) for k in kinds):
-            raise self.refusal(node, f"{' and '.join(map(say, kinds))} have no common kind")
-        return kinds[0] if len(set(kinds)) == 1 else FLOAT if FLOAT in kinds else INT
-
-    def common(self, node: ast.AST, values: list[Value]) -> tuple[str, list[str]]:
-        kind = self.common_kind(node, [v.kind for v in values])
-        return kind, [self.convert(node, v, kind) for v in values]
+class Expressions(Arithmetic):
+    """What stands for a value: names, fields, items, calls."""
 
     # names and constants --------------------------------------------------------------------------------------------
-
-    def _constant(self, node: ast.Constant) -> Value:
-        return self.literal(node, node.value)
-
-    def literal(self, node: ast.AST, value: Any) -> Value:
-        if isinstance(value, bool | np.bool_):
-            return Value(BOOL, ("true" if value else "false",))
-        if isinstance(value, int | np.integer):
-            return Value(INT, (str(int(value)),))
-        if isinstance(value, float | np.floating):
-            return Value(FLOAT, (constant(float(value)),))
-        raise self.refusal(node, f"{value!r} is no number")
 
     def _name(self, node: ast.Name) -> Value:
         name = node.id
@@ -173,11 +79,11 @@ class Expressions:
             return (
                 Value(BOOL, (self.emit(f"icmp ne i64 {number}, 0"),)) if field.kind == "bool" else Value(INT, (number,))
             )
-        kind = self.module.kind_of(field.kind, owner.kind.names)
+        kind = kind_of(field.kind, owner.kind.names)
         pointer = self.emit(f"load ptr, ptr {place}{fixed}")
         if not isinstance(kind, Array):
             return Value(kind, (pointer,))
-        lengths = tuple((lambda tree=tree: self.length(owner, tree)) for tree in field.trees)
+        lengths = tuple((lambda tree=tree: self.length(owner, tree)) for tree in _trees(field.lengths))
         return Value(kind, (pointer, *lengths))
 
     def length(self, owner: Value, tree: ast.expr) -> str:
@@ -190,126 +96,6 @@ class Expressions:
         assert isinstance(tree, ast.Name)
         fields = owner.kind.fields
         return self.part(self.field(owner, fields[tree.id])) if tree.id in fields else str(owner.kind.names[tree.id])
-
-    # arithmetic -----------------------------------------------------------------------------------------------------
-
-    def _unaryop(self, node: ast.UnaryOp) -> Value:
-        if isinstance(node.op, ast.Not):
-            return Value(BOOL, (self.emit(f"xor i1 {self.truth(node.operand)}, true"),))
-        kind, code = self.number(node.operand)
-        if not isinstance(node.op, ast.USub) or kind == BOOL:
-            raise self.refusal(node, "of operations with one operand, - of a number and not are translated")
-        if isinstance(node.operand, ast.Constant):
-            return self.literal(node, -node.operand.value)  # type: ignore[operator]
-        return Value(kind, (self.emit(f"sub i64 0, {code}" if kind == INT else f"fneg double {code}"),))
-
-    def truth(self, node: ast.expr) -> str:
-        value = self.value(node)
-        if value.kind != BOOL:
-            raise self.refusal(node, f"{say(value.kind)} stands where a bool is needed: compare it with something")
-        return self.part(value)
-
-    def _binop(self, node: ast.BinOp) -> Value:
-        if isinstance(node.op, ast.Pow):
-            return self._power(node)
-        return self.binary(node, node.op, self.value(node.left), self.value(node.right))
-
-    def binary(self, node: ast.AST, operation: ast.operator, left: Value, right: Value) -> Value:
-        kind, (x, y) = self.common(node, [left, right])
-        if kind == BOOL or (kind == INT and isinstance(operation, ast.Div)):
-            kind = FLOAT if isinstance(operation, ast.Div) else INT
-            x, y = self.convert(node, left, kind), self.convert(node, right, kind)
-        if isinstance(operation, ast.Div):
-            return Value(FLOAT, (self.emit(f"fdiv {FUSED} double {x}, {y}"),))
-        if type(operation) in ARITHMETIC:
-            whole, real = ARITHMETIC[type(operation)]
-            code = f"{whole} nsw i64 {x}, {y}" if kind == INT else f"{real} {FUSED} double {x}, {y}"
-            return Value(kind, (self.emit(code),))
-        if isinstance(operation, ast.Mod | ast.FloorDiv):
-            if kind == INT:
-                return Value(INT, (self._floor(x, y)[isinstance(operation, ast.Mod)],))
-            if isinstance(operation, ast.Mod):
-                return Value(FLOAT, (self._float_remainder(x, y),))
-        raise self.refusal(node, "this operation is not translated")
-
-    def _floor(self, x: str, y: str) -> tuple[str, str]:
-        """Quotient and remainder, rounded down as Python does; of a division by 0, which Python refuses, by 1."""
-        if not y.isdigit() or y == "0":
-            y = self.emit(f"select i1 {self.emit(f'icmp eq i64 {y}, 0')}, i64 1, i64 {y}")
-        quotient, rest = self.emit(f"sdiv i64 {x}, {y}"), self.emit(f"srem i64 {x}, {y}")
-        signs = self.emit(f"icmp slt i64 {self.emit(f'xor i64 {rest}, {y}')}, 0")
-        below = self.emit(f"and i1 {signs}, {self.emit(f'icmp ne i64 {rest}, 0')}")
-        down, up = self.emit(f"sub i64 {quotient}, 1"), self.emit(f"add i64 {rest}, {y}")
-        return tuple(self.emit(f"select i1 {below}, i64 {a}, i64 {b}") for a, b in ((down, quotient), (up, rest)))  # type: ignore[return-value]
-
-    def _float_remainder(self, x: str, y: str) -> str:
-        rest = self.emit(f"frem double {x}, {y}")
-        signs = [self.emit(f"fcmp olt double {z}, 0.0") for z in (rest, y)]
-        nonzero = self.emit(f"fcmp one double {rest}, 0.0")
-        other = self.emit(f"and i1 {self.emit(f'xor i1 {signs[0]}, {signs[1]}')}, {nonzero}")
-        return self.emit(f"select i1 {other}, double {self.emit(f'fadd double {rest}, {y}')}, double {rest}")
-
-    def _power(self, node: ast.BinOp) -> Value:
-        _, x = self.number(node.left, FLOAT)
-        if isinstance(node.right, ast.Constant) and node.right.value == 2:
-            return Value(FLOAT, (self.emit(f"fmul {FUSED} double {x}, {x}"),))
-        _, y = self.number(node.right, FLOAT)
-        return Value(FLOAT, (self.machine_call("llvm.pow.f64", x, y),))
-
-    def _compare(self, node: ast.Compare) -> Value:
-        if len(node.ops) != 1:
-            raise self.refusal(node, "a chain of comparisons: write them one by one, with and")
-        operation, other = node.ops[0], node.comparators[0]
-        if isinstance(operation, ast.In | ast.NotIn) and isinstance(other, ast.Tuple):
-            left, found = self.value(node.left), "false"
-            for x in other.elts:
-                found = self.emit(f"or i1 {found}, {self.compared(node, ast.Eq, left, self.value(x))}")
-            return Value(BOOL, (found if isinstance(operation, ast.In) else self.emit(f"xor i1 {found}, true"),))
-        if type(operation) not in COMPARISONS:
-            raise self.refusal(node, "this comparison is not translated")
-        return Value(BOOL, (self.compared(node, type(operation), self.value(node.left), self.value(other)),))
-
-    def compared(self, node: ast.AST, operation: type, left: Value, right: Value) -> str:
-        kind, (x, y) = self.common(node, [left, right])
-        whole, real = COMPARISONS[operation]
-        if kind == BOOL and whole not in ("eq", "ne"):
-            raise self.refusal(node, "an order of bools is not translated")
-        return self.emit(f"fcmp {real} double {x}, {y}" if kind == FLOAT else f"icmp {whole} {kind} {x}, {y}")
-
-    def _boolop(self, node: ast.BoolOp) -> Value:
-        """and, or: what follows is evaluated only where it matters."""
-        over, ways = self.label("over"), []
-        for x in node.values[:-1]:
-            test, more = self.truth(x), self.label("more")
-            first, second = (more, over) if isinstance(node.op, ast.And) else (over, more)
-            self.lines.append(f"  br i1 {test}, label %{first}, label %{second}")
-            ways.append(f"[ {'false' if isinstance(node.op, ast.And) else 'true'}, %{self.block} ]")
-            self.start_block(more)
-        ways.append(f"[ {self.truth(node.values[-1])}, %{self.block} ]")
-        self.lines.append(f"  br label %{over}")
-        self.start_block(over)
-        return Value(BOOL, (self.emit(f"phi i1 {', '.join(ways)}"),))
-
-    def _ifexp(self, node: ast.IfExp) -> Value:
-        """x if test else y, of numbers: a branch that LLVM turns into a selection where that is cheaper."""
-        test, (yes, no, join) = self.truth(node.test), [self.label(x) for x in ("yes", "no", "join")]
-        self.lines.append(f"  br i1 {test}, label %{yes}, label %{no}")
-        self.start_block(yes)
-        first, first_block, end_of_first = self.value(node.body), self.block, len(self.lines)
-        self.start_block(no)
-        second = self.value(node.orelse)
-        kind = self.common_kind(node, [first.kind, second.kind])
-        ways = [f"[ {self.convert(node, second, kind)}, %{self.block} ]"]
-        rest = [*self.lines[end_of_first:], f"  br label %{join}"]
-        del self.lines[end_of_first:]
-        ways.append(f"[ {self.convert(node, first, kind)}, %{first_block} ]")
-        self.lines += [f"  br label %{join}", *rest]
-        self.start_block(join)
-        return Value(kind, (self.emit(f"phi {kind} {', '.join(ways)}"),))
-
-    def _tuple(self, node: ast.Tuple) -> Value:
-        values = [self.number(x) for x in node.elts]
-        return Value(Several(tuple(kind for kind, _ in values)), tuple(code for _, code in values))
 
     # arrays ---------------------------------------------------------------------------------------------------------
 
@@ -370,10 +156,6 @@ class Expressions:
 
     # calls ----------------------------------------------------------------------------------------------------------
 
-    def machine_call(self, name: str, *args: str) -> str:
-        self.module.declare(name, len(args))
-        return self.emit(f"call double @{name}({', '.join(f'double {a}' for a in args)})")
-
     def _call(self, node: ast.Call) -> Value:
         if self.is_local(node.func):
             raise self.refusal(node, "only functions that a module defines can be called")
@@ -403,15 +185,6 @@ class Expressions:
         if function is language.call:
             return self._kernel_call(node)
         return self._function_call(node, function)
-
-    def _extreme(self, node: ast.Call, beyond: str) -> Value:
-        """As in Python: the first, unless a later one is beyond it."""
-        kind, (best, *others) = self.common(node, [self.value(x) for x in node.args])
-        code = f"fcmp o{beyond} double" if kind == FLOAT else f"icmp s{beyond} {kind}"
-        for other in others:
-            test = self.emit(f"{code} {other}, {best}")
-            best = self.emit(f"select i1 {test}, {kind} {other}, {kind} {best}")
-        return Value(kind, (best,))
 
     def _kernel_call(self, node: ast.Call) -> Value:
         address, *arrays = [self.value(x) for x in node.args]

@@ -16,8 +16,7 @@ from . import language
 from .language import Floats, Kernel, Matrix, call
 from .machine import addresses, cache_folder, plugin_folder
 from .records import HEAD, address_of
-from .translator import Module
-from .values import BOOL, FLOAT, INT, NOTHING, Array, Several
+from .values import BOOL, FLOAT, INT, NOTHING, Array, Several, kind_of
 
 CODES = {INT: ctypes.c_int64, FLOAT: ctypes.c_double, BOOL: ctypes.c_int64}
 
@@ -44,6 +43,8 @@ class Library:
 
     def code(self) -> str:
         """LLVM code of the module."""
+        from .translator import Module
+
         module = Module()
         for function in self.functions:
             module.entry(function)
@@ -62,12 +63,12 @@ def _quiet(function: Callable[..., Any]) -> Callable[..., Any]:
 
 def _entry(function: Callable[..., Any], address: int) -> Callable[..., Any]:
     """A Python function that calls the compiled one: by address for records, by address and lengths for arrays."""
-    module, kinds = Module(), dict(function.__annotations__)
-    result = module.kind_of(str(kinds.pop("return")), function.__globals__)
+    kinds = dict(function.__annotations__)
+    result = kind_of(str(kinds.pop("return")), function.__globals__)
     types: list[Any] = []
     passed = []
     for name, annotation in kinds.items():
-        kind = module.kind_of(str(annotation), function.__globals__)
+        kind = kind_of(str(annotation), function.__globals__)
         if isinstance(kind, Array):
             types += [ctypes.c_int64] * (1 + kind.rank)
             passed.append(f"*place({name}, {kind.rank}, {kind.item != FLOAT})")

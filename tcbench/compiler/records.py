@@ -6,12 +6,11 @@ A field is a number, a kernel's address, an array's address, or that of another 
 
 from __future__ import annotations
 
-import ast
 import ctypes
 import inspect
 import math
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Generic, TypeVar
 
@@ -60,7 +59,6 @@ class Field:
 
     def __init__(self, name: str, kind: str, index: int, lengths: tuple[str, ...]) -> None:
         self.name, self.kind, self.index, self.lengths = name, kind, index, lengths
-        self.trees = tuple(ast.parse(length, mode="eval").body for length in lengths)
 
     @property
     def is_array(self) -> bool:
@@ -114,11 +112,11 @@ class Record:
             setattr(cls, name, field)
         cls.names = vars(sys.modules[cls.__module__])
         made = [f for f in cls.fields.values() if f.is_array]
-        shapes = ", ".join(f"({', '.join(f.lengths)},)" for f in made)
-        cls._shapes = eval(f"lambda v: [{_reading_fields(shapes, cls.fields)}]", dict(cls.names))
+        text = "".join(f"({', '.join(f.lengths)},), " for f in made)
+        cls._shapes = compile(f"[{text}]", f"<shapes of {cls.__name__}>", "eval")
         cls._made = made
 
-    names: ClassVar[Mapping[str, Any]]
+    names: ClassVar[dict[str, Any]]
     _made: ClassVar[list[Field]]
     _shapes: ClassVar[Any]
 
@@ -136,7 +134,7 @@ class Record:
             else:
                 kept[name] = value
                 row[field.index] = address_of(_checked(field, value) if field.is_array else value.table)
-        shapes = dict(zip(type(self)._made, type(self)._shapes(values), strict=True))
+        shapes = dict(zip(type(self)._made, eval(type(self)._shapes, type(self).names, values), strict=True))
         missing = [f for f in type(self)._made if f.name not in kept]
         for f in type(self)._made:
             if f.name in kept and kept[f.name].shape != shapes[f]:
@@ -168,13 +166,3 @@ def _checked(field: Field, array: np.ndarray) -> np.ndarray:
     if array.dtype != (np.int64 if field.kind == "Ints" else np.float64) or not array.flags.c_contiguous:
         raise TypeError(f"{field.name} needs a contiguous array of {field.kind}")
     return array
-
-
-def _reading_fields(text: str, fields: Mapping[str, Field]) -> str:
-    """The expressions with v['n'] for the field n."""
-
-    class Reading(ast.NodeTransformer):
-        def visit_Name(self, node: ast.Name) -> ast.expr:
-            return ast.parse(f"v[{node.id!r}]", mode="eval").body if node.id in fields else node
-
-    return ast.unparse(Reading().visit(ast.parse(f"[{text}]", mode="eval")).body)[1:-1]

@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import math
 import sys
+import threading
 import weakref
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Mapping, MutableMapping
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -18,12 +20,27 @@ from numpy.typing import NDArray
 
 from ..errors import TraceError
 
-_INTERN: weakref.WeakValueDictionary[tuple, Symbol] = weakref.WeakValueDictionary()
+_INTERN: MutableMapping[tuple, Symbol] = weakref.WeakValueDictionary()  # expressions that exist
+_LOCK = threading.RLock()
 _COUNTER = iter(range(sys.maxsize))
 _REMEDY = (
     "Formulas must be branch-free numpy (arithmetic, sqrt, exp, log, expm1, log1p, sin, cos, tanh, arctan, @); "
     "for anything else register the method with step= (a plain Python function) instead of flows="
 )
+
+
+@contextmanager
+def tracing(known: Mapping[tuple, Symbol] | None = None) -> Iterator[Mapping[tuple, Symbol]]:
+    """A trace of its own, which finds no expressions of others: its graph, and so the last digits of what it computes,
+    do not depend on what was traced before. Gives its table of expressions; known: that of a trace to go on from.
+    """
+    global _INTERN
+    with _LOCK:
+        before, _INTERN = _INTERN, dict(known or {})
+        try:
+            yield _INTERN
+        finally:
+            _INTERN = before
 
 
 def _where_in_user_code() -> str:

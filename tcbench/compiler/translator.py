@@ -16,11 +16,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from .records import RANKS, Record
 from .statements import Body
-from .values import BOOL, FLOAT, INT, NOTHING, Array, RowsOf, Several, TranslationError, machine_kinds
+from .values import BOOL, INT, NOTHING, Array, Several, TranslationError, kind_of, machine_kinds
 
-KINDS = {"int": INT, "Kernel": INT, "float": FLOAT, "bool": BOOL, "None": NOTHING}
 KERNEL = Array(sized=False)
 
 
@@ -66,21 +64,6 @@ class Module:
         declarations = [f"declare double @{n}({', '.join(['double'] * k)})" for n, k in self.declared.items()]
         return "\n".join([*self.code, *declarations, "!0 = !{}", ""])
 
-    def kind_of(self, annotation: str, names: Mapping[str, Any]) -> Any:
-        """The kind that an annotation stands for; None if it is none of the language."""
-        if annotation in KINDS:
-            return KINDS[annotation]
-        if annotation in RANKS:
-            return Array(RANKS[annotation], INT if annotation == "Ints" else FLOAT)
-        if annotation.startswith("tuple["):
-            parts = [self.kind_of(x.strip(), names) for x in annotation[6:-1].split(",")]
-            return Several(tuple(parts)) if set(parts) <= {INT, FLOAT, BOOL} else None
-        rows = annotation.startswith("Rows[")
-        known = names.get(annotation[5:-1] if rows else annotation)
-        if isinstance(known, type) and issubclass(known, Record):
-            return RowsOf(known) if rows else known
-        return None
-
     def function(self, function: Callable[..., Any]) -> Function:
         """A Python function, translated when it is first asked for."""
         if function in self.functions:
@@ -105,11 +88,9 @@ class Module:
         if key in self.open:
             raise TranslationError(f"{file}, line {tree.lineno}: {title} calls itself; recursion is not translated.")
         arguments = {a.arg: KERNEL if a.annotation is None and file == "<kernel>" else
-                     self.kind_of(ast.unparse(a.annotation), names) if a.annotation else None
+                     kind_of(ast.unparse(a.annotation), names) if a.annotation else None
                      for a in tree.args.args}  # fmt: skip
-        result = (
-            self.kind_of(ast.unparse(tree.returns), names) if tree.returns else NOTHING if file == "<kernel>" else None
-        )
+        result = kind_of(ast.unparse(tree.returns), names) if tree.returns else NOTHING if file == "<kernel>" else None
         made = Function(name, title, arguments, result)
         self.open.append(key)
         body = Body(self, made, tree, names, file)

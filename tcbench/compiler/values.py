@@ -2,36 +2,19 @@
 
 from __future__ import annotations
 
-import ast
-import math
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from ..errors import TcbenchError
-from .language import FUNCTIONS
-from .records import Record
+from .records import RANKS, Record
 
 INT, FLOAT, BOOL, NOTHING = "i64", "double", "i1", "void"
+KINDS = {"int": INT, "Kernel": INT, "float": FLOAT, "bool": BOOL, "None": NOTHING}
 WORDS = {INT: "an int", FLOAT: "a float", BOOL: "a bool", NOTHING: "nothing"}
 FUSED = "contract"  # fused multiply-add
-ARITHMETIC = {ast.Add: ("add", "fadd"), ast.Sub: ("sub", "fsub"), ast.Mult: ("mul", "fmul")}
-COMPARISONS: dict[type, tuple[str, str]] = {
-    ast.Lt: ("slt", "olt"), ast.LtE: ("sle", "ole"), ast.Gt: ("sgt", "ogt"), ast.GtE: ("sge", "oge"),
-    ast.Eq: ("eq", "oeq"), ast.NotEq: ("ne", "une"),
-}  # fmt: skip
-INTRINSICS: dict[Any, str] = {
-    f: f"llvm.{name}.f64"
-    for name in ("sqrt", "exp", "log", "sin", "cos")
-    for f in (getattr(math, name), getattr(np, name), FUNCTIONS[name])
-}
-LIBRARY: dict[Any, str] = {  # of C
-    f: name for name in ("expm1", "log1p", "tanh", "atan") for f in (getattr(math, name), FUNCTIONS[name])
-}
 Part = str | Callable[[], str]
 
 
@@ -85,3 +68,19 @@ def say(kind: Any) -> str:
     if isinstance(kind, str):
         return WORDS[kind]
     return f"a {kind.__name__}" if isinstance(kind, type) else "a tuple or rows"
+
+
+def kind_of(annotation: str, names: Mapping[str, Any]) -> Any:
+    """The kind that an annotation stands for; None if it is none of the language."""
+    if annotation in KINDS:
+        return KINDS[annotation]
+    if annotation in RANKS:
+        return Array(RANKS[annotation], INT if annotation == "Ints" else FLOAT)
+    if annotation.startswith("tuple["):
+        parts = [kind_of(x.strip(), names) for x in annotation[6:-1].split(",")]
+        return Several(tuple(parts)) if set(parts) <= {INT, FLOAT, BOOL} else None
+    rows = annotation.startswith("Rows[")
+    known = names.get(annotation[5:-1] if rows else annotation)
+    if isinstance(known, type) and issubclass(known, Record):
+        return RowsOf(known) if rows else known
+    return None

@@ -14,8 +14,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..compiler import derivatives as trace
-from ..compiler.kernels import straight_line
 from ..systems.scenario import Scenario
 from ..systems.system import System
 from .collocation import LONG
@@ -51,15 +49,10 @@ class ExtendedFunction:
 def extended(scenario: Scenario, name: str) -> ExtendedFunction:
     """`vector_field`, `energy`, ... of a scenario's system with its constants."""
     model = scenario.model
-    unknown = trace.variables("x", model.size)
-    values: Any = getattr(System, name).__wrapped__(model.symbolic, unknown)
-    outputs = [x if isinstance(x, trace.Symbol) else trace.const(float(x)) for x in np.ravel(values)]
-    inputs = {x: f"a[{i}]" for i, x in enumerate(unknown)} | model.constant_symbols()
-    text = straight_line(inputs, outputs)
-    body = text[text.index("def kernel") :]  # the imports above it are those of scalar doubles
+    text, shape = model.formula_text(getattr(System, name).__wrapped__, (model.size,))
     namespace: dict[str, Any] = dict(_FUNCTIONS)
-    exec(compile(body, f"<{name} of {model.name} in extended precision>", "exec"), namespace)
-    return ExtendedFunction(body, len(outputs), namespace["kernel"], model.constant_values.astype(LONG))
+    exec(compile(text, f"<{name} of {model.name} in extended precision>", "exec"), namespace)
+    return ExtendedFunction(text, int(np.prod(shape)), namespace["kernel"], model.constant_values.astype(LONG))
 
 
 def _phi(x: Longs) -> Longs:

@@ -79,6 +79,12 @@ class _Reduction:
 
 def build(flow: Flow, system: System) -> FlowKernels:
     """Trace, reduce, differentiate and print one flow; nothing is compiled yet."""
+    symbolic = system.symbolic  # its symbols come first, whoever made them
+    with trace.tracing():
+        return _build(flow, symbolic)
+
+
+def _build(flow: Flow, system: System) -> FlowKernels:
     sym, n = system.symbolic, system.size
     h, z0 = trace.variable("h"), trace.variables("z", n)
     d = trace.variables("d", n * (1 + flow.stages))

@@ -11,8 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from ..compiler import derivatives as trace
-from ..compiler.kernels import straight_line
 from .system import System
 
 
@@ -64,13 +62,9 @@ def expressions(
     variables : one object an unknown. constants : [time step, constants in declared order], as
     `System.constant_values`. functions : exp, log, sqrt, ... by name, for those that the system's formulas use.
     """
-    unknown = trace.variables("x", system.size)
-    values: Any = System.vector_field.__wrapped__(system.symbolic, unknown)  # type: ignore[attr-defined]
-    outputs = [x if isinstance(x, trace.Symbol) else trace.const(float(x)) for x in np.ravel(values)]
-    inputs = {x: f"a[{i}]" for i, x in enumerate(unknown)} | system.constant_symbols()
-    text = straight_line(inputs, outputs)
+    text, (size,) = system.formula_text(System.vector_field.__wrapped__, (system.size,))  # type: ignore[attr-defined]
     namespace: dict[str, Any] = dict(functions)
-    exec(compile(text[text.index("def kernel") :], f"<rates of {system.name}>", "exec"), namespace)
+    exec(compile(text, f"<rates of {system.name}>", "exec"), namespace)
     out: dict[int, Any] = {}
     namespace["kernel"](list(variables), list(constants), out)
-    return [out[i] for i in range(len(outputs))]
+    return [out[i] for i in range(size)]

@@ -388,14 +388,26 @@ class System:
             )
         key = (self.structure, body.__name__, sizes)
         if key not in _KERNELS:
-            from ..compiler.kernels import kernel
+            from ..compiler.kernels import Kernel
 
+            text, shape = self.formula_text(body, sizes)
+            _KERNELS[key] = (Kernel(text, int(np.prod(shape))), shape)
+        return _KERNELS[key]
+
+    def formula_text(self, body: Callable[..., Any], sizes: tuple[int, ...]) -> tuple[str, tuple[int, ...]]:
+        """Text of kernel(a, b, out) for a function of states of these sizes, and the shape of its result.
+
+        a: the states, one after the other; b: `constant_values`.
+        """
+        from ..compiler.kernels import straight_line
+
+        symbolic = self.symbolic  # its symbols come first, whoever made them
+        with trace.tracing():
             unknown = trace.variables("x", sum(sizes))
-            result = np.asarray(body(self.symbolic, *np.split(unknown, np.cumsum(sizes)[:-1])))
+            result = np.asarray(body(symbolic, *np.split(unknown, np.cumsum(sizes)[:-1])))
             inputs = {x: f"a[{i}]" for i, x in enumerate(unknown)} | self.constant_symbols()
             outputs = [x if isinstance(x, trace.Symbol) else trace.const(float(x)) for x in result.ravel()]
-            _KERNELS[key] = (kernel(inputs, outputs), result.shape)
-        return _KERNELS[key]
+            return straight_line(inputs, outputs), result.shape
 
 
 def formulas_hash(kind: type[System]) -> str:
