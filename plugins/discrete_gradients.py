@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from tcbench import Integrator, hookimpl
+from tcbench.compiler.derivatives import array
 from tcbench.compiler.divided_differences import Corners, rectangle, symmetrised_slopes
 from tcbench.systems.system import State, System
 
@@ -26,16 +27,15 @@ def by_elements(system: System, z0: Any, z1: Any, slopes: Callable[..., tuple[An
     """The discrete gradient made of `slopes(pi0, dpi, s0, ds) -> (D_pi e, D_s e)`, arrays over the elements."""
     z0, z1 = system.state(z0), system.state(z1)
     dz, mid = system.state(z1 - z0), system.state((z0 + z1) / 2)
-    pull = system._shape_gradient(mid.q)
+    pull = system.shape_gradient(mid.q)
     stress, theta = slopes(system.shape(z0.q), pull @ dz.q, z0.s, dz.s)
-    return system._assemble(np.asarray(stress) @ pull, mid.p, np.asarray(theta))
+    return system.assemble(np.asarray(stress) @ pull, mid.p, np.asarray(theta))
 
 
 def _corners(system: System, pi0: Any, dpi: Any, s0: Any, ds: Any) -> list[Corners]:
     """The element energies with their exact slopes along the edges of [pi0, pi1] x [s0, s1]."""
     pairs = [rectangle(*edges) for edges in zip(pi0, dpi, s0, ds, strict=True)]
-    pi = np.array([pair[0] for pair in pairs] + [None], dtype=object)[:-1]
-    s = np.array([pair[1] for pair in pairs] + [None], dtype=object)[:-1]
+    pi, s = (array(side) for side in zip(*pairs, strict=True))
     return list(system.element_energy(pi, s))
 
 
@@ -58,7 +58,7 @@ def gonzalez(system: System, z0: Any, z1: Any) -> State:
 
     def slopes(pi0: Any, dpi: Any, s0: Any, ds: Any) -> tuple[Any, Any]:
         pi, s = pi0 + 0.5 * dpi, s0 + 0.5 * ds
-        stress, theta = system._element_slopes(pi, s)
+        stress, theta = system.element_slopes(pi, s)
         x, y = dpi / pi, ds / system.entropy_scale()
         exact = [symmetrised_slopes(e) for e in _corners(system, pi0, dpi, s0, ds)]
         missing = np.array([
@@ -76,7 +76,7 @@ def mean_value(system: System, z0: Any, z1: Any, points: int = 5) -> State:
     nodes, weights = np.polynomial.legendre.leggauss(points)
 
     def slopes(pi0: Any, dpi: Any, s0: Any, ds: Any) -> tuple[Any, Any]:
-        at = [system._element_slopes(pi0 + x * dpi, s0 + x * ds) for x in (nodes + 1) / 2]
+        at = [system.element_slopes(pi0 + x * dpi, s0 + x * ds) for x in (nodes + 1) / 2]
         stress = sum(w / 2 * e[0] for w, e in zip(weights, at, strict=True))
         theta = sum(w / 2 * e[1] for w, e in zip(weights, at, strict=True))
         return stress, theta

@@ -14,21 +14,17 @@ from typing import Any
 import numpy as np
 
 from tcbench.errors import TcbenchError
+from tcbench.systems.pendulum import Springs
 from tcbench.systems.scenario import Scenario
 from tcbench.systems.system import System
 
 LONGEST_TRACED = 30  # masses; code and its compilation grow faster than n
 
 
-class Chain(System):
+class Chain(Springs):
     """Springs as in the pendulum; heat is conducted between neighbours. Subclasses fix n: see `chain_system`."""
 
     name = "chain"
-    positive = ("masses", "natural_lengths", "reference_temperature", "heat_capacity")
-    non_negative = ("stiffness", "conductivity")
-
-    def inertia(self) -> Any:
-        return np.repeat(self.masses, 2)
 
     def springs(self, q: Any) -> Any:
         """Vectors along the springs, shape (n, 2)."""
@@ -40,16 +36,6 @@ class Chain(System):
         r = self.springs(q)
         return r[:, 0] * r[:, 0] + r[:, 1] * r[:, 1]
 
-    def element_energy(self, pi: Any, s: Any) -> Any:
-        """Romero (2009), eq. (43)."""
-        c0, theta_ref = self.heat_capacity, self.reference_temperature
-        L = self.log_strain(pi)
-        heat = np.exp((s - self.coupling * L) / c0) - 1.0
-        return self.stiffness / 2 * L**2 + self.coupling * theta_ref * L + c0 * theta_ref * heat
-
-    def log_strain(self, pi: Any) -> Any:
-        return 0.5 * np.log(pi) - np.log(self.natural_lengths)
-
     def conduction(self, theta: Any) -> Any:
         """Eq. (22) for each pair of neighbours."""
         theta = np.asarray(theta)
@@ -57,23 +43,16 @@ class Chain(System):
         gained = np.concatenate([gap / theta[:-1], [0.0]]) - np.concatenate([[0.0], gap / theta[1:]])
         return self.conductivity * gained
 
-    def entropies(self, q: Any, theta: Any) -> Any:
-        L = self.log_strain(self.shape(q))
-        return self.coupling * L + self.heat_capacity * np.log(theta / self.reference_temperature)
-
     def invariants(self, q: Any, p: Any) -> dict[str, Any]:
         return {"angular_momentum": sum(q[0::2] * p[1::2] - q[1::2] * p[0::2])}
 
-    def _element_slopes(self, pi: Any, s: Any) -> tuple[Any, Any]:
+    def element_slopes(self, pi: Any, s: Any) -> tuple[Any, Any]:
         """In closed form for numbers; long chains are not traced."""
         if np.asarray(pi).dtype == object:
-            return super()._element_slopes(pi, s)
+            return super().element_slopes(pi, s)
         theta = self.reference_temperature * np.exp((s - self.coupling * self.log_strain(pi)) / self.heat_capacity)
         stress = self.stiffness * self.log_strain(pi) - self.coupling * (theta - self.reference_temperature)
         return stress / (2 * pi), theta
-
-    def entropy_scale(self) -> Any:
-        return self.heat_capacity
 
 
 @cache

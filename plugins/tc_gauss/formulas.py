@@ -15,7 +15,7 @@ from tcbench.compiler import derivatives as trace
 from tcbench.compiler.kernels import WIDTH, Kernel, constant_part, kernel
 from tcbench.compiler.language import PLAIN
 from tcbench.errors import TcbenchError
-from tcbench.reference.collocation import LONG, _gauss_nodes, tableau
+from tcbench.reference.collocation import LONG, gauss_nodes, tableau
 from tcbench.systems.momenta import lengthening, restored_momenta
 from tcbench.systems.system import System
 
@@ -45,7 +45,7 @@ def coefficients(k: int) -> Coefficients:
     method = tableau("gauss", k)
     nodes, b = method.c, method.b
     # integrals of polynomials of degree k - 1 over [0, x], exactly
-    inner, inner_weights = _gauss_nodes(k)
+    inner, inner_weights = gauss_nodes(k)
 
     def lagrange(x: Any) -> Any:
         factors = np.ones((len(x), k), LONG)
@@ -57,7 +57,7 @@ def coefficients(k: int) -> Coefficients:
 
     Ahats, Ws = np.zeros((len(POINTS), POINTS[-1], k)), np.zeros((len(POINTS), k, POINTS[-1]))
     for level, m in enumerate(POINTS):
-        xi, omega = _gauss_nodes(m)
+        xi, omega = gauss_nodes(m)
         Ahats[level, :m] = np.array([x * (inner_weights @ lagrange(x * inner)) for x in xi], dtype=float)
         Ws[level, :, :m] = (omega[:, None] * lagrange(xi) / b).T.astype(float)
     barycentric = np.array([1 / np.prod([nodes[j] - nodes[l] for l in range(k) if l != j]) for j in range(k)])
@@ -99,12 +99,12 @@ def _formulas(system: Any, constant_symbols: dict[Any, str]) -> Formulas:
     v, q = trace.variables("v", n), trace.variables("q", n)
     pi, s = trace.variables("pi", e), trace.variables("s", e)
     sigma, theta = trace.variables("sigma", e), trace.variables("theta", e)
-    stress, temperature = system._element_slopes(pi, s)
+    stress, temperature = system.element_slopes(pi, s)
     bodies: list[tuple[list[Any], list[Any]]] = [  # inputs, values
         (list(z), _start(system, z)),
-        ([*v, *q], list(system._shape_gradient(q) @ v)),
+        ([*v, *q], list(system.shape_gradient(q) @ v)),
         ([*pi, *s], [*stress, *temperature]),
-        ([*v, *q, *sigma, *theta], [*(-(sigma @ system._shape_gradient(q))), *system.conduction(theta)]),
+        ([*v, *q, *sigma, *theta], [*(-(sigma @ system.shape_gradient(q))), *system.conduction(theta)]),
         _mending(system, z),
     ]
     values = [[x if isinstance(x, trace.Symbol) else trace.const(float(x)) for x in body[1]] for body in bodies]
@@ -179,11 +179,11 @@ def _iteration(system: Any, places: dict[Any, int], k: int, level: int) -> str:
         twice = lanes.mul(h, lanes.combine(coefficient.A_squared.T, U[i]))
         start = lanes.add(lanes.mul(p0[i], lanes.constant(coefficient.nodes)), twice)
         at[q[i]] = lanes.add(q0[i], lanes.mul(h, lanes.mul(per_mass[i], start)))
-    pull = system._shape_gradient(q)
+    pull = system.shape_gradient(q)
     drift = [[lanes.lane(x, l) for l in range(k)] for x in lanes.graph(at, list(pull @ w))]
     # quadrature points: stress and temperature, and their means at the nodes
     pi, s = trace.variables("pi", e), trace.variables("s", e)
-    slopes = [x for part in system._element_slopes(pi, s) for x in part]
+    slopes = [x for part in system.element_slopes(pi, s) for x in part]
     Ahat, W, points = coefficient.Ahats[level], coefficient.Ws[level], POINTS[level]
     positive, columns = [], []
     values: list[list[Any]] = [[] for _ in slopes]
@@ -230,7 +230,7 @@ def _start(system: Any, z: Any) -> list[Any]:
     # some rounding errors of each element's heat, of the work that it holds, of the motion, of positions under their
     # forces and of the total
     pi = system.shape(state.q)
-    held = [abs(x) for x in system._element_slopes(pi, state.s)[0] * pi]
+    held = [abs(x) for x in system.element_slopes(pi, state.s)[0] * pi]
     moving = state.p @ (state.p / system.inertia())
     placed = [abs(x) for x in rate[:n] * state.q]
     heat = sum(theta * (np.ones(e) * system.entropy_scale()))

@@ -31,7 +31,7 @@ class TaylorMethod:
             )
         self.loops, self.system, self.size = LOOPS, system, system.size
         series, polynomial, mend, hold, setup = kernels(system, order)
-        back, _ = system._kernel(System.entropy_variables.__wrapped__, (system.size,))  # type: ignore[attr-defined]
+        back, _ = system.kernel("entropy_variables")
         given = np.concatenate([system.constant_values, setup(system.constant_values, system.constant_values)])
         self.counts = Counts()
         self.work = Work(

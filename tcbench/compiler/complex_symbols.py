@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from .symbols import Symbol, const
+from .symbols import Symbol, array, const
 
 
 class Complex:
@@ -97,4 +97,4 @@ def _with(other: Any, operation: Callable[[Complex], Any]) -> Any:
 def real(values: Any) -> Any:
     """The real parts of an array of Complex and real numbers."""
     flat = [x.re if isinstance(x, Complex) else x for x in np.ravel(values)]
-    return np.array([*flat, None], dtype=object)[:-1].reshape(np.shape(values))
+    return array(flat).reshape(np.shape(values))

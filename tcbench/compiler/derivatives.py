@@ -16,6 +16,7 @@ from ..errors import TraceError
 from .symbols import (
     Symbol,
     add,
+    array,
     const,
     guarded,
     intern,
@@ -37,8 +38,9 @@ from .symbols import (
 )
 
 __all__ = [
-    "Symbol", "add", "const", "depends_on", "guarded", "is_const", "jacobian", "lam", "mark", "maximum", "minimum",
-    "mul", "neg", "phi", "power", "rebuild", "reciprocal", "sub", "substitute", "topological", "tracing", "variable",
+    "Symbol", "add", "array", "const", "depends_on", "guarded", "is_const", "jacobian", "lam", "mark", "maximum",
+    "minimum", "mul", "neg", "phi", "power", "rebuild", "reciprocal", "sub", "substitute", "topological", "tracing",
+    "variable",
     "variables",
 ]  # fmt: skip
 

@@ -181,7 +181,12 @@ def variable(name: str) -> Symbol:
 
 def variables(name: str, size: int) -> NDArray[np.object_]:
     """Object array, shape (size,), of fresh inputs."""
-    return np.array([variable(f"{name}{i}") for i in range(size)] + [None], dtype=object)[:-1]
+    return array(variable(f"{name}{i}") for i in range(size))
+
+
+def array(items: Iterable[Any]) -> NDArray[np.object_]:
+    """Object array, shape (count,), of these items, whatever they are: numpy would take sequences apart."""
+    return np.array([*items, None], dtype=object)[:-1]
 
 
 def is_const(node: Symbol, value: float | None = None) -> bool:

@@ -51,7 +51,7 @@ def _legendre(n: int, x: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
     return p1, d1
 
 
-def _gauss_nodes(s: int) -> tuple[NDArray[Any], NDArray[Any]]:
+def gauss_nodes(s: int) -> tuple[NDArray[Any], NDArray[Any]]:
     """Gauss-Legendre nodes and weights on [0, 1] in extended precision, polished by Newton."""
     x = np.polynomial.legendre.leggauss(s)[0].astype(LONG)
     for _ in range(3):
@@ -69,7 +69,7 @@ def tableau(kind: str, s: int) -> Tableau:
     P_{s-1} (Radau IIA, right end included); a_ij is the integral of the j-th Lagrange polynomial over [0,
     c_i].
     """
-    g, w = _gauss_nodes(s)
+    g, w = gauss_nodes(s)
     if kind == "gauss":
         c = g
     elif kind == "radau":

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..systems.right_hand_side import as_python
 from ..systems.scenario import Scenario
-from ..systems.system import System
 from .collocation import LONG
 
 Longs = NDArray[Any]
@@ -49,10 +49,9 @@ class ExtendedFunction:
 def extended(scenario: Scenario, name: str) -> ExtendedFunction:
     """`vector_field`, `energy`, ... of a scenario's system with its constants."""
     model = scenario.model
-    text, shape = model.formula_text(getattr(System, name).__wrapped__, (model.size,))
-    namespace: dict[str, Any] = dict(_FUNCTIONS)
-    exec(compile(text, f"<{name} of {model.name} in extended precision>", "exec"), namespace)
-    return ExtendedFunction(text, int(np.prod(shape)), namespace["kernel"], model.constant_values.astype(LONG))
+    text, shape = model.formula(name)
+    kernel = as_python(text, _FUNCTIONS)
+    return ExtendedFunction(text, int(np.prod(shape)), kernel, model.constant_values.astype(LONG))
 
 
 def _phi(x: Longs) -> Longs:

@@ -20,7 +20,7 @@ import numpy as np
 
 from ..compiler import derivatives as trace
 from ..compiler.code_hash import content_hash
-from ..compiler.derivatives import Symbol, const
+from ..compiler.derivatives import Symbol, array, const
 from ..compiler.kernels import Kernel, constant_part, kernel
 from ..errors import TcbenchError, TraceError
 from ..integrator import Flow, Residual
@@ -238,7 +238,7 @@ def _block(index: int, system: System) -> int:
 
 
 def _ones(size: int) -> Any:
-    return np.array([const(1.0)] * size + [None], dtype=object)[:-1]
+    return array([const(1.0)] * size)
 
 
 def _reduce(rows: list[Symbol], unknowns: list[Symbol]) -> _Reduction:
@@ -367,7 +367,7 @@ def _guess(
     s0 = list(z0[first:])
     theta = system.temperatures(z0)
     rate = np.array(system.conduction(theta), dtype=object)
-    slope = np.array([const(1.0)] * m + [None], dtype=object)[:-1]
+    slope = array([const(1.0)] * m)
     if temperature:
         slope = np.diagonal(trace.jacobian(list(theta), s0))
         rate = rate * slope

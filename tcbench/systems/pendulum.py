@@ -15,7 +15,36 @@ from .system import System
 TINY = 1e-100  # added to what is divided by itself, so that no conduction at all is no 0/0: it changes no other number
 
 
-class Pendulum(System):
+class Springs(System):
+    """Masses in the plane, joined by thermoelastic springs; subclasses say which, and how heat is conducted."""
+
+    positive = ("masses", "natural_lengths", "reference_temperature", "heat_capacity")
+    non_negative = ("stiffness", "conductivity")
+
+    def inertia(self) -> Any:
+        return np.repeat(self.masses, 2)
+
+    def element_energy(self, pi: Any, s: Any) -> Any:
+        """Internal energies, eq. (43)."""
+        c0, theta_ref = self.heat_capacity, self.reference_temperature
+        L = self.log_strain(pi)
+        heat = np.exp((s - self.coupling * L) / c0) - 1.0
+        return self.stiffness / 2 * L**2 + self.coupling * theta_ref * L + c0 * theta_ref * heat
+
+    def entropies(self, q: Any, theta: Any) -> Any:
+        """s = beta L + c0 ln(theta/theta_ref), from theta = de/ds."""
+        L = self.log_strain(self.shape(q))
+        return self.coupling * L + self.heat_capacity * np.log(theta / self.reference_temperature)
+
+    def log_strain(self, pi: Any) -> Any:
+        """L = ln(lambda/lambda0), with pi = lambda^2."""
+        return 0.5 * np.log(pi) - np.log(self.natural_lengths)
+
+    def entropy_scale(self) -> Any:
+        return self.heat_capacity
+
+
+class Pendulum(Springs):
     name = "pendulum"
     n_positions = 4
     n_elements = 2
@@ -28,33 +57,16 @@ class Pendulum(System):
         "coupling": (),
         "heat_capacity": (),
     }
-    positive = ("masses", "natural_lengths", "reference_temperature", "heat_capacity")
-    non_negative = ("stiffness", "conductivity")
-
-    def inertia(self) -> Any:
-        return np.repeat(self.masses, 2)
 
     def shape(self, q: Any) -> Any:
         """pi = lambda^2, the squared lengths of the springs."""
         r_a, r_b = q[:2], q[2:] - q[:2]
         return np.array([r_a @ r_a, r_b @ r_b])
 
-    def element_energy(self, pi: Any, s: Any) -> Any:
-        """Internal energies, eq. (43)."""
-        c0, theta_ref = self.heat_capacity, self.reference_temperature
-        L = self.log_strain(pi)
-        heat = np.exp((s - self.coupling * L) / c0) - 1.0
-        return self.stiffness / 2 * L**2 + self.coupling * theta_ref * L + c0 * theta_ref * heat
-
     def conduction(self, theta: Any) -> Any:
         """M DS as one vector, eq. (22): written with a difference of temperatures it keeps its digits."""
         a, b = theta
         return self.conductivity * np.array([(b - a) / a, (a - b) / b])
-
-    def entropies(self, q: Any, theta: Any) -> Any:
-        """s = beta L + c0 ln(theta/theta_ref), from theta = de/ds."""
-        L = self.log_strain(self.shape(q))
-        return self.coupling * L + self.heat_capacity * np.log(theta / self.reference_temperature)
 
     def conduction_flow(self, theta: Any, t: Any) -> tuple[Any, Any]:
         """theta_a + theta_b stays, theta_a - theta_b decays as exp(-2 kappa t/c0): both springs have c0."""
@@ -66,13 +78,6 @@ class Pendulum(System):
         increments = self.heat_capacity * np.log1p(np.array([moved / a, -moved / b]))
         return increments, np.array([0.5 * (a + b) + mean, 0.5 * (a + b) - mean])
 
-    def log_strain(self, pi: Any) -> Any:
-        """L = ln(lambda/lambda0)."""
-        return 0.5 * np.log(pi) - np.log(self.natural_lengths)
-
     def invariants(self, q: Any, p: Any) -> dict[str, Any]:
         """Angular momentum q1 x p1 + q2 x p2."""
         return {"angular_momentum": q[0] * p[1] - q[1] * p[0] + q[2] * p[3] - q[3] * p[2]}
-
-    def entropy_scale(self) -> Any:
-        return self.heat_capacity

@@ -6,7 +6,7 @@ microseconds a call, of which the arithmetic is 0.1). Taylor methods need the fo
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -22,8 +22,7 @@ class Field:
 
         self._evaluate = evaluate
         n = system.size
-        rate, _ = system._kernel(System.vector_field.__wrapped__, (n,))  # type: ignore[attr-defined]
-        jacobian, _ = system._kernel(System.jacobian.__wrapped__, (n,))  # type: ignore[attr-defined]
+        (rate, _), (jacobian, _) = system.kernel("vector_field"), system.kernel("jacobian")
         self.size, self.c = n, system.constant_values
         self.rate_address, self.jacobian_address = rate.address, jacobian.address
         self.evaluations = 0
@@ -62,9 +61,14 @@ def expressions(
     variables : one object an unknown. constants : [time step, constants in declared order], as
     `System.constant_values`. functions : exp, log, sqrt, ... by name, for those that the system's formulas use.
     """
-    text, (size,) = system.formula_text(System.vector_field.__wrapped__, (system.size,))  # type: ignore[attr-defined]
-    namespace: dict[str, Any] = dict(functions)
-    exec(compile(text, f"<rates of {system.name}>", "exec"), namespace)
+    text, (size,) = system.formula("vector_field")
     out: dict[int, Any] = {}
-    namespace["kernel"](list(variables), list(constants), out)
+    as_python(text, functions)(list(variables), list(constants), out)
     return [out[i] for i in range(size)]
+
+
+def as_python(text: str, functions: Mapping[str, Any]) -> Callable[..., None]:
+    """kernel(state, constants, out) from the text of a `System.formula`, in the arithmetic of these functions."""
+    namespace: dict[str, Any] = dict(functions)
+    exec(compile(text, "<formula>", "exec"), namespace)
+    return namespace["kernel"]

@@ -20,6 +20,9 @@ from ..compiler.code_hash import content_hash
 from ..compiler.divided_differences import rectangle, symmetrised_slopes
 from ..errors import TcbenchError, unknown_name
 
+if TYPE_CHECKING:
+    from ..compiler.kernels import Kernel
+
 Array = NDArray[Any]
 
 
@@ -224,7 +227,7 @@ class System:
     def momenta(self, z: Any) -> Any:
         """The invariants in the order of `invariant_names`."""
         z = self.state(z)
-        return np.array([*self.invariants(z.q, z.p).values()] + [None], dtype=object)[:-1]
+        return trace.array(self.invariants(z.q, z.p).values())
 
     @cached_property
     def invariant_names(self) -> tuple[str, ...]:
@@ -235,7 +238,7 @@ class System:
     def temperatures(self, z: Any) -> Any:
         """theta = de/ds of each element."""
         z = self.state(z)
-        return self._element_slopes(self.shape(z.q), z.s)[1]
+        return self.element_slopes(self.shape(z.q), z.s)[1]
 
     @derived
     def shapes(self, z: Any) -> Any:
@@ -246,23 +249,22 @@ class System:
     def gradient(self, z: Any) -> Any:
         """DE, shape (size,)."""
         z = self.state(z)
-        stress, theta = self._element_slopes(self.shape(z.q), z.s)
+        stress, theta = self.element_slopes(self.shape(z.q), z.s)
         stress, theta = _mark(stress), _mark(theta)
-        return self._assemble(stress @ self._shape_gradient(z.q), z.p, theta)
+        return self.assemble(stress @ self.shape_gradient(z.q), z.p, theta)
 
     @derived
     def discrete_gradient(self, z0: Any, z1: Any) -> Any:
         """Algorithmic gradient D E(z0, z1) with DE . (z1 - z0) = E(z1) - E(z0), eqs. (27)-(33)."""
         z0, z1 = self.state(z0), self.state(z1)
         dz, mid = self.state(z1 - z0), self.state((z0 + z1) / 2)
-        slope = self._shape_gradient(mid.q)  # exact divided differences, as pi is at most quadratic
+        slope = self.shape_gradient(mid.q)  # exact divided differences, as pi is at most quadratic
         dpi = _mark(slope @ dz.q)
         pairs = [rectangle(*edges) for edges in zip(self.shape(z0.q), dpi, z0.s, dz.s, strict=True)]
-        pi = np.array([pair[0] for pair in pairs] + [None], dtype=object)[:-1]
-        s = np.array([pair[1] for pair in pairs] + [None], dtype=object)[:-1]
+        pi, s = (trace.array(side) for side in zip(*pairs, strict=True))
         slopes = [symmetrised_slopes(e) for e in self.element_energy(pi, s)]
         stress, theta = _mark([d_pi for d_pi, _ in slopes]), _mark([d_s for _, d_s in slopes])
-        return self._assemble(stress @ slope, mid.p, theta)
+        return self.assemble(stress @ slope, mid.p, theta)
 
     @derived
     def vector_field(self, z: Any) -> Any:
@@ -297,6 +299,39 @@ class System:
         slope_here = np.array(trace.substitute(list(slope.ravel()), here), dtype=object).reshape(slope.shape)
         return self.state(slope_here @ rate)
 
+    def assemble(self, by_q: Any, p: Any, theta: Any) -> State:
+        """A gradient of the energy from its parts: by the positions (n_positions,), momenta p, temperatures theta."""
+        return self.state(np.concatenate([by_q, p / self.inertia(), theta]))
+
+    def element_slopes(self, pi: Any, s: Any) -> tuple[Any, Any]:
+        """(de/dpi, de/ds), (n_elements,) each, of the elements at these strain measures and entropies; exact."""
+        n = self.n_elements
+        pi_, s_ = trace.variables("pi", n), trace.variables("s", n)
+        slopes = trace.jacobian(list(self.element_energy(pi_, s_)), [*pi_, *s_])
+        diagonal = [slopes[i, i] for i in range(n)] + [slopes[i, n + i] for i in range(n)]
+        here = dict(zip([*pi_, *s_], [*pi, *s], strict=True))
+        values = np.array(trace.substitute(diagonal, here), dtype=object)
+        return values[:n], values[n:]
+
+    def shape_gradient(self, q: Any) -> Any:
+        """d(shape)/dq at q, shape (n_elements, n_positions)."""
+        q_ = trace.variables("q", self.n_positions)
+        slope = trace.jacobian(list(self.shape(q_)), list(q_))
+        values = trace.substitute(list(slope.ravel()), dict(zip(q_, q, strict=True)))
+        return np.array(values, dtype=object).reshape(slope.shape)
+
+    def formula(self, name: str) -> tuple[str, tuple[int, ...]]:
+        """A derived function of one state ("vector_field", "energy", ...) as straight-line Python, and its shape.
+
+        The text defines kernel(a, b, out): a the state, b `constant_values`, out the values, flat; it needs the names
+        of the elementary functions that it calls.
+        """
+        return self._text(self._body(name), (self.size,))
+
+    def kernel(self, name: str) -> tuple[Kernel, tuple[int, ...]]:
+        """The same compiled: what `compiler.language.call` and `compiler.library.evaluate` take, and its shape."""
+        return self._kernel(self._body(name), (self.size,))
+
     @derived
     def exergy(self, z: Any) -> Any:
         """V = E - theta_ref S + offset >= 0: the Lyapunov functional (37), the natural scale of energy errors."""
@@ -312,30 +347,10 @@ class System:
     @cached_property
     def observer(self) -> tuple[Any, int]:
         """Kernel of `observe` and the number of its outputs, for the compiled loop."""
-        entry, shape = self._kernel(System.observe.__wrapped__, (self.size,))  # type: ignore[attr-defined]
+        entry, shape = self.kernel("observe")
         return entry, shape[0]
 
     # ---- machinery -------------------------------------------------------------------------------------
-
-    def _assemble(self, by_q: Any, p: Any, theta: Any) -> State:
-        return self.state(np.concatenate([by_q, p / self.inertia(), theta]))
-
-    def _element_slopes(self, pi: Any, s: Any) -> tuple[Any, Any]:
-        """(de/dpi, de/ds) of each element, exactly."""
-        n = self.n_elements
-        pi_, s_ = trace.variables("pi", n), trace.variables("s", n)
-        slopes = trace.jacobian(list(self.element_energy(pi_, s_)), [*pi_, *s_])
-        diagonal = [slopes[i, i] for i in range(n)] + [slopes[i, n + i] for i in range(n)]
-        here = dict(zip([*pi_, *s_], [*pi, *s], strict=True))
-        values = np.array(trace.substitute(diagonal, here), dtype=object)
-        return values[:n], values[n:]
-
-    def _shape_gradient(self, q: Any) -> Any:
-        """d(shape)/dq at q, shape (n_elements, n_positions)."""
-        q_ = trace.variables("q", self.n_positions)
-        slope = trace.jacobian(list(self.shape(q_)), list(q_))
-        values = trace.substitute(list(slope.ravel()), dict(zip(q_, q, strict=True)))
-        return np.array(values, dtype=object).reshape(slope.shape)
 
     @cached_property
     def symbolic(self) -> System:
@@ -381,7 +396,7 @@ class System:
         out = out.reshape((*batch, *shape))
         return float(out) if out.shape == () else self.state(out) if shape == (self.size,) else out
 
-    def _kernel(self, body: Callable[..., Any], sizes: tuple[int, ...]) -> Any:
+    def _kernel(self, body: Callable[..., Any], sizes: tuple[int, ...]) -> tuple[Kernel, tuple[int, ...]]:
         if self.by_arrays:
             raise TcbenchError(
                 f"This {self.name} of {self.size} variables is too large for formulas that are traced and compiled."
@@ -390,15 +405,12 @@ class System:
         if key not in _KERNELS:
             from ..compiler.kernels import Kernel
 
-            text, shape = self.formula_text(body, sizes)
+            text, shape = self._text(body, sizes)
             _KERNELS[key] = (Kernel(text, int(np.prod(shape))), shape)
         return _KERNELS[key]
 
-    def formula_text(self, body: Callable[..., Any], sizes: tuple[int, ...]) -> tuple[str, tuple[int, ...]]:
-        """Text of kernel(a, b, out) for a function of states of these sizes, and the shape of its result.
-
-        a: the states, one after the other; b: `constant_values`.
-        """
+    def _text(self, body: Callable[..., Any], sizes: tuple[int, ...]) -> tuple[str, tuple[int, ...]]:
+        """Text of kernel(a, b, out) for a function of states of these sizes, one after the other in a."""
         from ..compiler.kernels import straight_line
 
         symbolic = self.symbolic  # its symbols come first, whoever made them
@@ -408,6 +420,12 @@ class System:
             inputs = {x: f"a[{i}]" for i, x in enumerate(unknown)} | self.constant_symbols()
             outputs = [x if isinstance(x, trace.Symbol) else trace.const(float(x)) for x in result.ravel()]
             return straight_line(inputs, outputs), result.shape
+
+    def _body(self, name: str) -> Callable[..., Any]:
+        body = getattr(getattr(type(self), name, None), "__wrapped__", None)
+        if body is None:
+            raise TcbenchError(f"{name!r} is no derived function of the system {self.name!r}.")
+        return body
 
 
 def formulas_hash(kind: type[System]) -> str:
@@ -422,7 +440,7 @@ def _mark(values: Any) -> Any:
     """Accumulate derivatives through these values; numbers pass unchanged."""
     if np.asarray(values).dtype != object:
         return values
-    return np.array([trace.mark(x) if isinstance(x, trace.Symbol) else x for x in values] + [None], dtype=object)[:-1]
+    return trace.array(trace.mark(x) if isinstance(x, trace.Symbol) else x for x in values)
 
 
 KEPT = ("n_positions", "n_elements", "formulas")  # of an instance, by the one that has symbols for constants

@@ -9,7 +9,6 @@ import tcbench
 from tcbench.compiler import derivatives as trace
 from tcbench.integrator import Flow
 from tcbench.solver.flow_kernels import build
-from tcbench.systems.system import System
 
 SCENARIO = tcbench.scenarios()["short_term"]
 
@@ -24,7 +23,7 @@ def texts():
     """Everything that a step of the monolithic method computes."""
     kernels = build(tcbench.integrators()["tc_monolithic"].flows[0], SCENARIO.model)
     made = [kernels.setup, kernels.prologue, kernels.opening, kernels.iterate, kernels.polish, kernels.finish]
-    observe = SCENARIO.model.formula_text(System.observe.__wrapped__, (SCENARIO.model.size,))[0]
+    observe = SCENARIO.model.formula("observe")[0]
     return [*(k.text for k in made), kernels.full.text, observe]
 
 
