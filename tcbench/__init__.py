@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from .errors import TcbenchError
     from .hookspecs import hookimpl
     from .integrator import Flow, Integrator, family
-    from .metric import Metric
+    from .metric import Metric, Observable
     from .plugins import integrators, scenarios
     from .simulation.run import simulate
     from .simulation.trajectory import Trajectory
@@ -34,6 +34,7 @@ _HOME = {
     "Integrator": "integrator",
     "family": "integrator",
     "Metric": "metric",
+    "Observable": "metric",
     "integrators": "plugins",
     "scenarios": "plugins",
     "Results": "engine.run",
@@ -48,8 +49,8 @@ _HOME = {
 }
 
 __all__ = [
-    "Flow", "Integrator", "Metric", "Pendulum", "Range", "Results", "Scenario", "ScenarioFamily", "System",
-    "TcbenchError", "Trajectory", "family", "hookimpl", "integrators", "run", "scenarios", "simulate",
+    "Flow", "Integrator", "Metric", "Observable", "Pendulum", "Range", "Results", "Scenario", "ScenarioFamily",
+    "System", "TcbenchError", "Trajectory", "family", "hookimpl", "integrators", "run", "scenarios", "simulate",
 ]  # fmt: skip
 
 

@@ -1,10 +1,13 @@
-"""`Metric`: one further number of each trajectory."""
+"""`Metric`: one further number of each trajectory. `Observable`: one further number of each of its states."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from .simulation.trajectory import Trajectory
@@ -19,3 +22,18 @@ class Metric:
     unit: str = ""
     description: str = ""
     plugin: str = ""
+
+
+@dataclass(frozen=True)
+class Observable:
+    """A further quantity over time: `compute(trajectory)` -> numbers, one for each recorded time, shape (m,).
+
+    For `Trajectory.to_frame`, `plot` and `observe`. `unit` is shown beside its name.
+
+        Observable("kinetic", lambda run: (run.z[:, 4:8] ** 2).sum(axis=1) / 2)
+    """
+
+    name: str
+    compute: Callable[[Trajectory], NDArray[np.float64]]
+    unit: str = ""
+    description: str = ""

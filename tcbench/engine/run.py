@@ -39,6 +39,13 @@ class Results:
     left_out: Sequence[str] = ()  # sentences: why methods that were asked for are not in a study
     problems: Sequence[str] = ()  # sentences: lines of the folder that could not be read and were measured again
 
+    def _repr_html_(self) -> str:
+        """What a notebook shows: the tables and how many rows each has, and the first of them."""
+        rows = "".join(f"<tr><td>{name}</td><td>{len(table)}</td></tr>" for name, table in self.tables.items())
+        first = next(iter(self.tables.values()), None)
+        shown = "" if first is None else first.head(20).to_html(index=False)
+        return f"<table><tr><th>table</th><th>rows</th></tr>{rows}</table>{shown}"
+
     def __repr__(self) -> str:
         return f"<Results in {str(self.output)!r}: {', '.join(self.tables)}>"
 

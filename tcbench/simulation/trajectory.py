@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -10,7 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
+
     from ..integrator import Integrator
+    from ..metric import Observable
     from ..systems.scenario import Scenario
 
 STATUSES = (
@@ -101,6 +105,29 @@ class Trajectory:
         """E - theta_ref S (m,), eq. (37)."""
         reference = self.scenario.model.reference_temperature  # type: ignore[attr-defined]
         return self.energy - reference * self.entropy
+
+    def observe(self, observable: Observable) -> Floats:
+        """The observable at each recorded state, shape (m,); TcbenchError where it gives another shape."""
+        from .views import observed
+
+        return observed(self, observable)
+
+    def to_frame(self, observables: Sequence[Observable] = ()) -> DataFrame:
+        """One row a recorded state: t, q0.., p0.., s0.., energy, entropy, invariants, theta0.., and the observables."""
+        from .views import frame
+
+        return frame(self, observables)
+
+    def plot(self, observables: Sequence[Observable] = ()) -> Figure:
+        """Energy error over V0, entropy, temperatures, invariants and the observables against time, one panel each."""
+        from .views import picture
+
+        return picture(self, observables)
+
+    def _repr_html_(self) -> str:
+        from .views import as_html
+
+        return as_html(self)
 
     def __repr__(self) -> str:
         return (

@@ -1,0 +1,91 @@
+"""A trajectory as a table, as a picture and in a notebook."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import TcbenchError
+from ..metric import Observable
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
+
+    from .trajectory import Trajectory
+
+
+def columns(run: Trajectory, observables: Sequence[Observable] = ()) -> dict[str, np.ndarray]:
+    """What was recorded, by name: t, q0.., p0.., s0.., energy, entropy, invariants, theta0.., observables."""
+    n, m = run.scenario.model.n_positions, run.scenario.model.n_elements
+    names = [*(f"q{i}" for i in range(n)), *(f"p{i}" for i in range(n)), *(f"s{i}" for i in range(m))]
+    found = {"t": run.t, **dict(zip(names, run.z.T, strict=True)), "energy": run.energy, "entropy": run.entropy}
+    found |= dict(run.invariants) | {f"theta{i}": run.temperatures[:, i] for i in range(m)}
+    for observable in observables:
+        found[observable.name] = observed(run, observable)
+    return found
+
+
+def observed(run: Trajectory, observable: Observable) -> np.ndarray:
+    """The observable at each recorded state, shape (m,)."""
+    values = np.asarray(observable.compute(run), dtype=float)
+    if values.shape != run.t.shape:
+        raise TcbenchError(
+            f"The observable {observable.name!r} gave shape {values.shape}; one number for each of the "
+            f"{len(run.t)} recorded times is needed, shape {run.t.shape}."
+        )
+    return values
+
+
+def frame(run: Trajectory, observables: Sequence[Observable] = ()) -> DataFrame:
+    import pandas as pd
+
+    return pd.DataFrame(columns(run, observables))
+
+
+def picture(run: Trajectory, observables: Sequence[Observable] = ()) -> Figure:
+    """Energy error, entropy, errors of the invariants, temperatures, and each observable, against time."""
+    from matplotlib.figure import Figure
+
+    scale = run.scenario.initial_exergy
+    panels: list[tuple[str, dict[str, Any]]] = [
+        ("(E − E₀) / V₀", {"": (run.energy - run.energy[0]) / scale}),
+        ("entropy S", {"": run.entropy}),
+        ("temperatures θ", {f"element {i}": run.temperatures[:, i] for i in range(run.temperatures.shape[1])}),
+    ]
+    panels += [(f"{name} − initial value", {"": x - x[0]}) for name, x in run.invariants.items()]
+    panels += [(f"{o.name}{f' ({o.unit})' if o.unit else ''}", {"": observed(run, o)}) for o in observables]
+    rows = -(-len(panels) // 2)
+    figure = Figure(figsize=(9, 2.6 * rows), layout="constrained")
+    axes = figure.subplots(rows, 2, sharex=True, squeeze=False).ravel()
+    for ax, (label, lines) in zip(axes, panels, strict=False):
+        for name, values in lines.items():
+            ax.plot(run.t, values, label=name or None, linewidth=1)
+        ax.set_ylabel(label)
+        if len(lines) > 1:
+            ax.legend(frameon=False)
+    for ax in axes[len(panels) :]:
+        ax.set_visible(False)
+    figure.supxlabel("time t")
+    figure.suptitle(f"{run.integrator.name} on {run.scenario.name}: {run.status}")
+    return figure
+
+
+def as_html(run: Trajectory) -> str:
+    """What a notebook shows: how the run ended and what it kept."""
+    lost = np.abs(run.energy - run.energy[0]).max() / run.scenario.initial_exergy
+    told = {
+        "integrator": run.integrator.name, "scenario": run.scenario.name, "status": run.status,
+        "failure": run.failure, "steps": f"{run.steps}" + ("" if np.isnan(run.dt) else f" of {run.dt:g}"),
+        "time reached": f"{run.t[-1]:g}", "max |E − E₀| / V₀": f"{lost:.3g}",
+        "least increment of S": f"{run.summary.entropy_increment_min:.3g}",
+    }  # fmt: skip
+    rows = "".join(
+        f"<tr><th style='text-align:left'>{html.escape(k)}</th><td style='text-align:left'>{html.escape(v)}</td></tr>"
+        for k, v in told.items()
+        if v
+    )
+    return f"<table>{rows}</table>"
