@@ -14,6 +14,20 @@ PLUGINS = click.option(
     "--plugins-dir", "folders", multiple=True, type=click.Path(), metavar="FOLDER",
     help="Also load the plugin files in FOLDER (they are Python code: name only what you trust).",
 )  # fmt: skip
+
+
+class Folder(click.Path):
+    """A folder to write into; the empty name is a mistake, such as a shell variable that is not set."""
+
+    def __init__(self) -> None:
+        super().__init__(path_type=Path)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        if not str(value).strip():
+            raise TcbenchError("The name of the output folder is empty; the current folder is '.'.")
+        return super().convert(value, param, ctx)
+
+
 QUIET = click.option("--quiet", "-q", is_flag=True, help="No progress and no tables, errors only.")
 AS_JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
 
@@ -27,6 +41,9 @@ class Group(click.Group):
         except TcbenchError as error:
             click.echo(f"Error: {error}", err=True)
             ctx.exit(2)
+        except KeyboardInterrupt:
+            click.echo("Interrupted.", err=True)
+            ctx.exit(130)
         except BrokenPipeError:
             sys.stderr.close()
             ctx.exit(1)
@@ -51,13 +68,14 @@ def main() -> None:
 @click.option("--scenario", "-s", "scenarios", multiple=True, metavar="NAME", help="Repeat for several.")
 @click.option("--study", "studies", multiple=True, metavar="NAME", help="Repeat for several.")
 @click.option("--dt", "steps", multiple=True, type=float, help="Step size instead of the scenario's ladder; repeat.")
-@click.option("--output", "-o", type=click.Path(path_type=Path), default=Path("results/latest"), show_default=True)
+@click.option("--output", "-o", type=Folder(), default=Path("results/latest"), show_default=True)
 @click.option("--jobs", "-j", type=click.IntRange(1), help="Worker processes (default: the cores).")
 @click.option("--timeout", type=float, default=300.0, show_default=True, help="Seconds a cell may take.")
 @click.option("--memory-limit", type=click.IntRange(1), metavar="MIB", help="Address space of a worker, in MiB.")
 @click.option("--fresh", is_flag=True, help="Forget the rows that the output folder already has.")
 @click.option("--retry-failed", is_flag=True, help="Run again every cell whose status is not ok.")
 @click.option("--report/--no-report", default=None, help="Write report.html (default: with --all and no --study).")
+@click.option("--strict", is_flag=True, help="Exit with code 1 if a cell ended as exception, crash or timeout.")
 @click.option("--dry-run", is_flag=True, help="Say what would run and for how long; run nothing.")
 @click.option("--dask", metavar="ADDRESS", help="Send the cells to this Dask scheduler (extra: cluster).")
 @click.option("--tls-ca", type=click.Path(exists=True), help="TLS certificate authority of the scheduler.")
@@ -115,7 +133,7 @@ def simulate(folders: tuple[str, ...], as_json: bool, **options: Any) -> None:
 @click.argument("names", nargs=-1, required=True, metavar="INTEGRATOR... SCENARIO")
 @click.option("--x", required=True, metavar="AXIS", help="name=low:high:n[:log], as in dt=0.02:4:40:log.")
 @click.option("--y", required=True, metavar="AXIS", help="The same; constants are multiples of the scenario's own.")
-@click.option("--output", "-o", type=click.Path(path_type=Path), default=Path("results/map"), show_default=True)
+@click.option("--output", "-o", type=Folder(), default=Path("results/map"), show_default=True)
 @click.option("--jobs", "-j", type=click.IntRange(1), help="Worker processes (default: the cores).")
 @click.option("--timeout", type=float, default=300.0, show_default=True, help="Seconds a row of the map may take.")
 @PLUGINS
@@ -186,7 +204,7 @@ def plot(kind: str, folder: Path, folders: tuple[str, ...], **options: Any) -> N
 
 
 @main.command()
-@click.option("--output", "-o", type=click.Path(path_type=Path), default=Path("results/paper"), show_default=True)
+@click.option("--output", "-o", type=Folder(), default=Path("results/paper"), show_default=True)
 @click.option("--format", "suffix", type=click.Choice(["png", "svg", "pdf"]), default="png", show_default=True)
 def paper(output: Path, suffix: str) -> None:
     """Figures 2 to 9 of Romero (2009), with captions that say what differs from the paper's account."""

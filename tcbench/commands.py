@@ -30,7 +30,7 @@ def run_command(options: dict[str, Any], display: terminal.Display) -> int:
     chosen: dict[str, Any] = {name: list(options.pop(name)) or None for name in ("integrators", "scenarios", "studies")}
     dt = list(options.pop("steps")) or None
     security = {key[4:]: value for key in ("tls_ca", "tls_cert", "tls_key") if (value := options.pop(key))}
-    limit, report = options.pop("memory_limit"), options.pop("report")
+    limit, report, strict = (options.pop(name) for name in ("memory_limit", "report", "strict"))
     if options.pop("dry_run"):
         job = plan_job(**chosen, dt=dt)
         display.plan(preview(job, options["output"], options["retry_failed"], options["jobs"]), len(job.cells))
@@ -51,7 +51,10 @@ def run_command(options: dict[str, Any], display: terminal.Display) -> int:
         page = write_report(results.output)
         if not display.quiet:
             terminal.say(f"Report: {page}")
-    return 130 if results.summary.interrupted else 0
+    if results.summary.interrupted:
+        return 130
+    table = results.statuses
+    return int(strict and any(table.get(status) for status in terminal.LOUD))
 
 
 def list_command(as_json: bool) -> None:

@@ -107,6 +107,11 @@ class Integrator:
             object.__setattr__(self, name, frozenset(getattr(self, name)))
         for name in ("needs", "requires"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
+        if not isinstance(self.name, str):
+            raise TcbenchError(f"The name of an integrator is a word, not {self.name!r}.")
+        for way in ("step", "march", "adaptive"):
+            if getattr(self, way) is not None and not callable(getattr(self, way)):
+                raise TcbenchError(f"Integrator {self.name!r}: {way}= is a function, not {getattr(self, way)!r}.")
         base = self.name.partition("[")[0]
         if not _NAME.match(base):
             raise TcbenchError(f"Integrator name {self.name!r} must be lower-case letters, digits and underscores.")

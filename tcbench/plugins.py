@@ -5,8 +5,11 @@ A plugin that cannot be loaded stays listed with its traceback; it never hides t
 
 from __future__ import annotations
 
+import ast
 import hashlib
+import importlib
 import importlib.util
+import itertools
 import os
 import re
 import sys
@@ -16,7 +19,7 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
-from types import UnionType
+from types import ModuleType, UnionType
 from typing import Any, TypeVar
 
 import pluggy
@@ -76,7 +79,10 @@ def registry() -> Registry:
 def use_folders(folders: Iterable[str | Path]) -> None:
     """Also load the plugin files in these folders (or these files); forgets what was loaded before."""
     global _REGISTRY
-    for folder in map(Path, folders):
+    for named in folders:
+        if not str(named).strip():
+            raise TcbenchError("The name of a plugin folder is empty; the current folder is '.'.")
+        folder = Path(named)
         if not folder.exists():
             raise TcbenchError(f"The plugin folder {str(folder)!r} does not exist.")
         if folder.resolve() not in _FOLDERS:
@@ -134,6 +140,9 @@ def _split(name: str) -> tuple[str, dict[str, str]]:
     pairs = [item.partition("=") for item in variant["values"].split(",") if item]
     if not all(equals for _, equals, _ in pairs):
         raise TcbenchError(f"{name!r}: parameters are written {variant['base']}[param=value].")
+    names = [key.strip() for key, _, _ in pairs]
+    if twice := next((key for key in names if names.count(key) > 1), None):
+        raise TcbenchError(f"{name!r} gives {twice!r} twice.")
     return variant["base"], {key.strip(): value.strip() for key, _, value in pairs}
 
 
@@ -141,8 +150,12 @@ def expand_integrators(names: Iterable[str | Integrator]) -> list[Integrator]:
     """The integrators of these names; `name[param=all]` is the whole family."""
     result: list[Integrator] = []
     for name in names:
-        if isinstance(name, str) and name.endswith("=all]"):
-            result.extend(find_integrator(name.partition("[")[0]).variants())
+        base, values = _split(name) if isinstance(name, str) else ("", {})
+        if "all" in values.values():
+            method = find_integrator(base)
+            known = {key: method.parameters.get(key, ("all",)) for key in values}
+            chosen = [known[key] if value == "all" else (value,) for key, value in values.items()]
+            result += [method.variant(**dict(zip(values, v, strict=True))) for v in itertools.product(*chosen)]
         else:
             result.append(find_integrator(name))
     return list({i.name: i for i in result}.values())
@@ -180,11 +193,13 @@ def scenarios_for(method: Integrator) -> list[Scenario]:
 def _remedy() -> str:
     broken = registry().broken
     hint = f" Broken plugins (see tcbench list): {', '.join(o.name for o in broken)}." if broken else ""
-    return f"If it is yours, pass its folder with --plugins-dir.{hint}"
+    clashes = "".join(f" {o.error}" for o in broken if o.error.startswith(CLASH))
+    return f"If it is yours, pass its folder with --plugins-dir.{hint}{clashes}"
 
 
 def load(folders: Iterable[Path] = ()) -> Registry:
     """A fresh registry from the entry points of group "tcbench" and from plugin files."""
+    _forget_helpers()
     manager = pluggy.PluginManager(hookspecs.PROJECT)
     manager.add_hookspecs(hookspecs)
     result = Registry()
@@ -205,23 +220,87 @@ def _plugin_files(folders: Iterable[Path]) -> list[Path]:
     return list(dict.fromkeys(files))
 
 
+CLASH = "Two folders have a module "
+_HELPERS: dict[str, ModuleType] = {}  # modules beside plugin files that these have imported
+_PATHS: list[str] = []  # what was added to sys.path
+
+
+def _forget_helpers() -> None:
+    """What plugin files imported from beside them is imported anew: it may have been edited, or be another folder's."""
+    for name, module in _HELPERS.items():
+        if sys.modules.get(name) is module:
+            del sys.modules[name]
+    for path in _PATHS:
+        if path in sys.path:
+            sys.path.remove(path)
+    _HELPERS.clear()
+    _PATHS.clear()
+    importlib.invalidate_caches()
+
+
 def _import_file(path: Path) -> Any:
-    """Import a plugin file under a name of its own; its folder is importable, for helpers beside it."""
+    """Import a plugin file under a name of its own; its folder is importable, for helpers beside it.
+
+    Installed packages and Python's own modules come before helpers of their name, so a file called rich.py is in
+    nobody's way.
+    """
     tag = hashlib.sha256(str(path).encode()).hexdigest()[:8]
     name = f"tcbench_plugin_{tag}_{path.stem}"
     if str(path.parent) not in sys.path:
         sys.path.append(str(path.parent))
+        _PATHS.append(str(path.parent))
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
         raise ImportError(f"{path} is not a Python file")
+    _refuse_clash(path)
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module  # before it runs: cached kernels and dataclasses look their module up
+    before = set(sys.modules)
     try:
         spec.loader.exec_module(module)
     except BaseException:
         sys.modules.pop(name, None)
         raise
+    finally:
+        for found in set(sys.modules) - before:
+            if str(path.parent) in str(getattr(sys.modules[found], "__file__", "") or ""):
+                _HELPERS[found] = sys.modules[found]
     return module
+
+
+def _refuse_clash(path: Path) -> None:
+    """A helper beside the file that an import would look for in another plugin folder is a wrong one: refuse it."""
+    for name, own in _neighbours(path).items():
+        try:
+            found = getattr(sys.modules.get(name) or importlib.util.find_spec(name), "__file__", None)
+            found = found or getattr(importlib.util.find_spec(name), "origin", None)
+        except (ImportError, ValueError):
+            continue
+        if found and Path(found).resolve() != own and any(str(Path(found).resolve()).startswith(p) for p in _PATHS):
+            raise TcbenchError(
+                f"{CLASH}{name!r}, and Python would give {path.name} the wrong one: {own} and {found}. Rename one of "
+                "them, or run them apart."
+            )
+
+
+def _neighbours(path: Path) -> dict[str, Path]:
+    """Modules beside a file that it imports, anywhere in it, directly or through each other: name -> file."""
+    found: dict[str, Path] = {}
+    waiting = [path]
+    while waiting:
+        try:
+            tree = ast.parse(waiting.pop().read_bytes())
+        except (OSError, SyntaxError, ValueError):
+            continue
+        for node in ast.walk(tree):
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            names += [node.module] if isinstance(node, ast.ImportFrom) and node.module and not node.level else []
+            for top in {name.partition(".")[0] for name in names} - set(found):
+                for file in (path.parent / f"{top}.py", path.parent / top / "__init__.py"):
+                    if file.is_file() and file != path:
+                        found[top] = file.resolve()
+                        waiting.append(file)
+    return found
 
 
 def _register(manager: pluggy.PluginManager, result: Registry, origin: Origin, importer: Any) -> None:
@@ -230,10 +309,17 @@ def _register(manager: pluggy.PluginManager, result: Registry, origin: Origin, i
         manager.register(module, name=origin.name if origin.name not in result.origins else origin.path)
         manager.check_pending()
         result.origins[_unique(origin, result)] = replace(origin, path=origin.path or getattr(module, "__file__", ""))
-    except (Exception, SystemExit) as error:
+    except BaseException as error:  # SystemExit of a plugin is that plugin's failure too
+        if isinstance(error, KeyboardInterrupt):
+            raise
         if isinstance(error, pluggy.PluginValidationError):
             manager.unregister(error.plugin)
-        result.origins[_unique(origin, result)] = replace(origin, error=traceback.format_exc())
+        result.origins[_unique(origin, result)] = replace(origin, error=_told(error))
+
+
+def _told(error: BaseException) -> str:
+    """The traceback; of an error that says all that is to be said, its sentence."""
+    return str(error) if isinstance(error, TcbenchError) and str(error).startswith(CLASH) else traceback.format_exc()
 
 
 def _unique(origin: Origin, result: Registry) -> str:
@@ -254,9 +340,10 @@ def _collect(manager: pluggy.PluginManager, result: Registry) -> None:
             label = str(implementation.plugin_name)
             try:
                 items = _checked(implementation.function(), kind, hook_name)
-            except Exception:
-                key = label if label in result.origins else next(k for k in result.origins if label in k)
-                result.origins[key] = replace(result.origins[key], error=traceback.format_exc())
+            except BaseException as error:
+                if isinstance(error, KeyboardInterrupt):
+                    raise
+                _break(result, label)
                 continue
             for item in items:
                 if (hook_name, item.name) in owner:
@@ -273,10 +360,20 @@ def _collect(manager: pluggy.PluginManager, result: Registry) -> None:
             result.scenario_families[name] = item
         else:
             result.scenarios[name] = item
-    for name, method in result.integrators.items():
+    for name, method in list(result.integrators.items()):
         open_ones = {k: v for k, v in method.parameters.items() if callable(v)}
-        values = {k: tuple(str(x) for x in v(result.integrators)) for k, v in open_ones.items()}
-        result.integrators[name] = replace(method, parameters={**method.parameters, **values})
+        try:
+            values = {k: tuple(str(x) for x in v(result.integrators)) for k, v in open_ones.items()}
+            result.integrators[name] = replace(method, parameters={**method.parameters, **values})
+        except Exception:
+            _break(result, method.plugin)
+            del result.integrators[name]
+
+
+def _break(result: Registry, label: str) -> None:
+    """Note the error under way as that of the plugin."""
+    key = label if label in result.origins else next(k for k in result.origins if label in k)
+    result.origins[key] = replace(result.origins[key], error=traceback.format_exc())
 
 
 def _checked(items: Any, kind: type | UnionType, hook_name: str) -> list[Any]:

@@ -18,6 +18,7 @@ from tcbench.systems.pendulum import Springs
 from tcbench.systems.scenario import Scenario
 from tcbench.systems.system import System
 
+MOST_MASSES = 100_000  # the arrays of one state of more would hardly be meant
 LONGEST_TRACED = 30  # masses; code and its compilation grow faster than n
 
 
@@ -95,8 +96,10 @@ def chain(n: int, **changes: Any) -> Scenario:
 
 def chain_of(n: str) -> Scenario:
     """`chain` for the command line: n in words."""
-    if not n.isdecimal():
-        raise TcbenchError(f"A chain has a whole number of masses, at least 2, not {n!r}: chain[n=8].")
+    if not (n.isascii() and n.isdecimal() and len(n) < 8 and int(n) <= MOST_MASSES):
+        raise TcbenchError(
+            f"A chain has a whole number of masses, at least 2 and at most {MOST_MASSES}, not {n[:30]!r}: chain[n=8]."
+        )
     return chain(int(n))
 
 

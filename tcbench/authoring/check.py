@@ -122,7 +122,7 @@ def _runs_alone(name: str, method: Integrator, control: str, numbers: Sequence[s
     if method.kind == "adaptive":
         control, numbers = "--tolerance", ["1e-6", *numbers[1:]] if name == "runs" else ["0.5", "--t-end", "100"]
     folders = [*folders, *map(str, plugins.plugin_folders())]
-    command = [sys.executable, "-m", "tcbench", "simulate", method.name, scenario, control, *numbers, "--json"]
+    command = [sys.executable, "-P", "-m", "tcbench", "simulate", method.name, scenario, control, *numbers, "--json"]
     command += [word for folder in dict.fromkeys(folders) for word in ("--plugins-dir", folder)]
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=DEADLINE, check=False)

@@ -13,6 +13,8 @@ from __future__ import annotations
 
 import json
 import os
+import re
+import socket
 import subprocess
 import sys
 import threading
@@ -101,7 +103,7 @@ def run_share(job: str) -> tuple[str, list[str]]:
     The engine runs in a child process: Dask's workers are daemonic and may not have pebble's workers for
     children. The child ends with this process, because its standard input then closes.
     """
-    command = [sys.executable, "-m", "tcbench.engine.cluster"]
+    command = [sys.executable, "-P", "-m", "tcbench.engine.cluster"]
     # the Dask worker may have been given tcbench on its path rather than installed
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
     lines: list[str] = []
@@ -233,6 +235,7 @@ def _connect(address: str, security: Mapping[str, Any] | None) -> Client:
             f"Running on a cluster needs dask and distributed ({error}). Install them with: pip install "
             "'tcbench[cluster]'."
         ) from error
+    knock(address)
     try:
         options = Security(**security) if security else None
         client = Client(address, security=options, timeout=CONNECT_LIMIT_S, set_as_default=False)
@@ -250,6 +253,20 @@ def _connect(address: str, security: Mapping[str, Any] | None) -> Client:
             f"The Dask scheduler at {address} has no workers. Start some with `dask worker {address}`."
         ) from error
     return client
+
+
+def knock(address: str) -> None:
+    """Raise TcbenchError unless somebody listens there.
+
+    A `Client` that does not get through keeps its threads, and the process, for long."""
+    found = re.fullmatch(r"(tcp|tls|ws|wss)://(?P<host>\[[^\]]+\]|[^:/\[\]]+):(?P<port>\d{1,5})", str(address))
+    remedy = "Start one with `dask scheduler`, give the address that it prints, and the TLS files if it asks for them."
+    if found is None:
+        raise TcbenchError(f"{address!r} is no address of a Dask scheduler, such as tcp://host:8786. {remedy}")
+    try:
+        socket.create_connection((found["host"].strip("[]"), int(found["port"])), CONNECT_LIMIT_S).close()
+    except (OSError, OverflowError) as error:
+        raise TcbenchError(f"No Dask scheduler answers at {address} ({error}). {remedy}") from error
 
 
 def main(stdin: IO[str], stdout: IO[str]) -> int:

@@ -22,18 +22,22 @@ everything else is final.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import queue
 import random
+import shutil
 import tempfile
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from ..errors import TcbenchError
 from ..store.cells import Cell
+from ..store.lock import hold_lock
 from ..store.store import Rows, is_finished
 from .worker_slot import Crew, Slot
 
@@ -131,7 +135,8 @@ def run_cells(
     Parameters
     ----------
     measure : "package.module:function", called in a worker as `function(cell: dict, context: dict) -> dict`.
-    context : JSON values passed to every call (plugin folders, ...).
+    context : JSON values passed to every call (plugin folders, ...). "foreign" names by integrator or scenario the
+        plugin that brings it, where that is not tcbench: a worker that has run its code serves no other.
     store : an open `Store`, or `Rows` to keep the rows in memory.
     jobs : worker processes; the cores this process may use by default.
     timeout : seconds a cell may take, from its start in the worker; importing `measure` is not counted.
@@ -151,14 +156,16 @@ def run_cells(
     summary = Summary(planned=len(todo.to_run) + todo.finished, already_finished=todo.finished, seed=seed)
     if not todo.to_run:
         return summary
-    together = [(cell, {"timed": False}) for cell in todo.to_run if not cell.timed]
+    foreign = context.get("foreign", {})  # cells of one plugin in a row: its worker is used for nothing else
+    ordered = sorted(todo.to_run, key=lambda c: (foreign.get(c.integrator, ""), foreign.get(c.scenario, "")))
+    together = [(cell, {"timed": False}) for cell in ordered if not cell.timed]
     alone = [cell for cell in todo.to_run if cell.timed]
     random.Random(seed).shuffle(alone)
     one_by_one = [
         (cell, {"timed": True, "alone": True, "shuffle_order": order, "shuffle_seed": seed})
         for order, cell in enumerate(alone)
     ]
-    with tempfile.TemporaryDirectory(prefix="tcbench-", ignore_cleanup_errors=True) as logs:
+    with _log_folder() as logs:
         settings = {"measure": measure, "context": dict(context), "memory_limit": memory_limit, "logs": logs}
         run = _Run(Ledger(store, summary, on_event, len(todo.to_run)), Crew(settings, timeout))
         try:
@@ -168,6 +175,28 @@ def run_cells(
             summary.interrupted = True
     summary.elapsed_s = time.monotonic() - began
     return summary
+
+
+LOGS = "tcbench-logs-"  # beginning of the names of temporary folders
+
+
+@contextlib.contextmanager
+def _log_folder() -> Iterator[str]:
+    """A temporary folder for what cells print; those of runs that were killed are removed.
+
+    Each holds the lock of its folder, which the system drops when its process dies. A folder is a minute old before
+    others look at it, so that none is taken between its making and its locking.
+    """
+    for old in Path(tempfile.gettempdir()).glob(f"{LOGS}*"):
+        with contextlib.suppress(OSError, TcbenchError):
+            if time.time() - old.stat().st_mtime > 60 and (old / ".lock").exists():
+                with hold_lock(old / ".lock"):
+                    shutil.rmtree(old, ignore_errors=True)
+    with (
+        tempfile.TemporaryDirectory(prefix=LOGS, ignore_cleanup_errors=True) as folder,
+        hold_lock(Path(folder) / ".lock"),
+    ):
+        yield folder
 
 
 def usable_cores() -> int:
@@ -254,8 +283,8 @@ class _Run:
 
 
 def _check_limits(jobs: int, timeout: float, memory_limit: int | None, measure: str) -> None:
-    if jobs < 1:
-        raise TcbenchError(f"jobs is {jobs}; at least one worker is needed.")
+    if not (isinstance(jobs, int) and jobs >= 1):
+        raise TcbenchError(f"jobs is {jobs!r}; it is a whole number, and at least one worker is needed.")
     if not timeout > 0:
         raise TcbenchError(f"timeout is {timeout}; give the seconds that a cell may take, for example 60.")
     if memory_limit is not None and memory_limit < 64 * 2**20:

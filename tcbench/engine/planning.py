@@ -46,6 +46,8 @@ def plan_job(
     options: Mapping[str, Any] | None = None,
 ) -> Job:
     """Look everything up and plan the cells; raises TcbenchError before anything is written."""
+    for name, chosen_names in (("integrators", integrators), ("scenarios", scenarios), ("studies", studies)):
+        _check_list(name, chosen_names)
     forget()
     registry = plugins.registry()
     present = [name for name, method in registry.integrators.items() if not method.lacks]
@@ -72,10 +74,23 @@ def plan_job(
         raise TcbenchError(
             " ".join(["There is nothing to run: no integrator, scenario and step fit together.", *left_out])
         )
-    context = {"folders": [str(p) for p in plugins.plugin_folders()], "scenarios": custom}
+    context = {
+        "folders": [str(p) for p in plugins.plugin_folders()],
+        "scenarios": custom,
+        "foreign": _foreign([*methods, *selected]),
+    }
     absent = {name: m.lacks for name, m in registry.integrators.items() if m.lacks}
     unique = list({c.key: c for c in cells}.values())
     return Job(unique, context, chosen, here, left_out, methods, selected, absent)
+
+
+def _check_list(name: str, values: Any) -> None:
+    """None, or names and objects in a list that is not empty."""
+    if values is None or (isinstance(values, Sequence) and not isinstance(values, str) and len(values)):
+        return
+    if isinstance(values, Iterable) and not isinstance(values, str | Sequence | Mapping):
+        return  # a generator, or the values of a dict
+    raise TcbenchError(f"{name} is a list of at least one, or None for all of them, not {values!r}.")
 
 
 def _left_out(
@@ -107,6 +122,14 @@ def _why_not(method: Integrator, study: Study, scenarios: Sequence[Scenario]) ->
     return f"{method.name} is not in the study {study.name}: {why}."
 
 
+def _foreign(items: Sequence[Integrator | Scenario]) -> dict[str, str]:
+    """Whose code it is, by name, of what tcbench itself does not bring."""
+    origins = plugins.registry().origins
+    own = {label for label, origin in origins.items() if origin.distribution == "tcbench"}
+    named = {item.name: item.plugin for item in items if item.plugin not in own}
+    return {name: plugin or "session" for name, plugin in named.items()}
+
+
 def _can_be_named(scenario: Scenario) -> bool:
     """Does a worker find the same scenario by its name?"""
     try:
@@ -119,10 +142,13 @@ def _checked_steps(dt: Sequence[float] | None, scenarios: Sequence[Scenario]) ->
     """The steps asked for; each must fit at least the longest scenario."""
     if dt is None:
         return None
-    from ..simulation.run import checked_dt
+    from ..simulation.run import check_memory, checked_dt
 
     longest = max(scenarios, key=lambda s: s.t_end)
-    return [checked_dt(value, longest) for value in dt]
+    steps = [checked_dt(value, longest) for value in dt]
+    for step in steps:
+        check_memory(longest, step)
+    return steps
 
 
 def _cell(study: Study, method: Integrator, scenario: Scenario, options: dict[str, Any]) -> Cell:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -37,6 +38,7 @@ class Results:
     output: Path
     summary: Summary
     left_out: Sequence[str] = ()  # sentences: why methods that were asked for are not in a study
+    statuses: Mapping[str, int] = field(default_factory=dict)  # how its cells ended, those finished before included
     problems: Sequence[str] = ()  # sentences: lines of the folder that could not be read and were measured again
 
     def _repr_html_(self) -> str:
@@ -85,6 +87,10 @@ def execute(
 ) -> Results:  # fmt: skip
     """Run the cells of a job that have no final row yet; write rows, tables and manifest."""
     started = utc_now()
+    if dask is not None:
+        from .cluster import knock
+
+        knock(dask)  # before anything is written
     with Store.open(output, fresh=fresh) as store:
         packages = sorted({name for method in job.methods for name in method.requires})
         store.add_provenance(provenance(packages=packages))
@@ -101,9 +107,11 @@ def execute(
         every = read_tables(store)  # of all runs into this folder
         store.write_tables(every)
         store.write_declared(merged(store.declared(), declared(job)))
+        rows = store.rows()
+        statuses = Counter(str(rows[cell.key].get("status")) for cell in job.cells if cell.key in rows)
         data = {"cells": len(job.cells), "interrupted": summary.interrupted, "tables": sorted(every)}
         store.write_manifest(manifest(store.provenance_id, started, utc_now(), data, packages))
-        return Results(tables, Path(output), summary, job.left_out, tuple(dict.fromkeys(store.problems)))
+        return Results(tables, Path(output), summary, job.left_out, statuses, tuple(dict.fromkeys(store.problems)))
 
 
 def _run_cells(

@@ -17,8 +17,9 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from multiprocessing import resource_tracker
 from multiprocessing.context import SpawnContext, SpawnProcess
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -38,7 +39,7 @@ LOG_LIMIT = 2**20  # bytes of output a cell may have; the file is emptied when i
 
 
 class _Process(SpawnProcess):
-    """A spawned process that leaves the parent's main module alone.
+    """A spawned process that leaves the parent's main module alone, and the current folder.
 
     Workers get everything by name from `tcbench.worker`. Without this every worker would run the user's
     script again, unless it has an `if __name__ == "__main__"`.
@@ -48,16 +49,49 @@ class _Process(SpawnProcess):
 
     @staticmethod
     def _Popen(process_obj: Any) -> Any:  # the name that multiprocessing calls
-        main = sys.modules["__main__"]
-        with _Process._main:
-            kept = {name: getattr(main, name, None) for name in ("__spec__", "__file__")}
-            try:
-                for name in kept:  # what multiprocessing would find the main module by
-                    setattr(main, name, None)
-                return SpawnProcess._Popen(process_obj)  # type: ignore[attr-defined]
-            finally:
-                for name, value in kept.items():
-                    setattr(main, name, value)
+        with _Process._main, _hidden_main(), _safe_path(), _no_interrupts():
+            return SpawnProcess._Popen(process_obj)  # type: ignore[attr-defined]
+
+
+@contextlib.contextmanager
+def _hidden_main() -> Iterator[None]:
+    """What multiprocessing would find the main module by, away for a moment."""
+    main = sys.modules["__main__"]
+    kept = {name: getattr(main, name, None) for name in ("__spec__", "__file__")}
+    try:
+        for name in kept:
+            setattr(main, name, None)
+        yield
+    finally:
+        for name, value in kept.items():
+            setattr(main, name, value)
+
+
+@contextlib.contextmanager
+def _safe_path() -> Iterator[None]:
+    """Processes that start meanwhile (by `python -c`) do not import signal.py and the like from the current folder."""
+    before = os.environ.get("PYTHONSAFEPATH")
+    os.environ["PYTHONSAFEPATH"] = "1"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ["PYTHONSAFEPATH"]
+        else:
+            os.environ["PYTHONSAFEPATH"] = before
+
+
+@contextlib.contextmanager
+def _no_interrupts() -> Iterator[None]:
+    """Processes that start meanwhile never see Ctrl-C: it is the parent who ends them."""
+    if not hasattr(signal, "pthread_sigmask"):  # pragma: no cover -- Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 class _Context(SpawnContext):
@@ -75,6 +109,11 @@ class Crew:
     failed_starts: int = 0
     start_failure: dict[str, Any] = field(default_factory=dict)
     reapers: list[threading.Thread] = field(default_factory=list)
+
+    def code_of(self, cell: Cell) -> str:
+        """Whose code a cell runs beside tcbench's own; "" for nobody's."""
+        foreign = self.settings["context"].get("foreign", {})
+        return " ".join(filter(None, (foreign.get(name) for name in (cell.integrator, cell.scenario))))
 
     def wait_for_the_dead(self, limit: float = 10.0) -> None:
         """Return when every discarded worker is gone, or after `limit` seconds."""
@@ -103,9 +142,17 @@ class Slot:
         self._attempts = 0
         self._served = 0  # cells that the present worker has ended
         self._kept_output = ""
+        self._code = ""  # whose code the present worker has run, beside tcbench's own
 
     def submit(self, cell: Cell, extra: dict[str, Any]) -> dict[str, Any] | None:
-        """Hand a cell to the worker. Returns its row at once when workers cannot be started, else None."""
+        """Hand a cell to the worker. Returns its row at once when workers cannot be started, else None.
+
+        A worker that has run a plugin's code, which may have patched numpy, serves that plugin only.
+        """
+        code = self._crew.code_of(cell)
+        if self._code not in ("", code):
+            self.discard()
+        self._code = code
         self.cell, self._extra, self._attempts, self._kept_output = cell, extra, 0, ""
         if self._crew.failed_starts >= START_ATTEMPTS:
             return self._end(self._crew.start_failure)
@@ -157,6 +204,8 @@ class Slot:
         for fresh in (False, True):
             try:
                 if self._pool is None:
+                    with _Process._main, _safe_path():  # locks start it, and it is a process of its own
+                        resource_tracker.ensure_running()
                     settings = self._crew.settings | {"slot": self._number}
                     self._pool = ProcessPool(1, initializer=start, initargs=(settings,), context=_Context())
                     self._opened = time.monotonic()

@@ -60,7 +60,7 @@ def draw_all(jobs: Sequence[Job]) -> list[Drawn]:
 
 def _start(share: list[Job]) -> subprocess.Popen[bytes] | None:
     """A helper with its share; it starts to draw while this process draws its own."""
-    command = [sys.executable, "-c", "from tcbench.report.drawing import serve; serve()"]
+    command = [sys.executable, "-P", "-c", "from tcbench.report.drawing import serve; serve()"]
     try:
         helper = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
     except OSError:

@@ -53,13 +53,13 @@ def _next_states(
     """The state after one step, in one row, or those after up to `count` where the method marches itself."""
     start = model.state(z.copy())
     if integrator.march is not None:
-        rows = np.array(integrator.march(start, dt, count, model), dtype=np.float64, order="C")
+        rows = real(integrator.march(start, dt, count, model))
         if rows.ndim != 2 or not 1 <= len(rows) <= count or rows.shape[1] != len(z):
             raise ValueError(f"march returned shape {rows.shape}; up to {count} states of {len(z)} were asked for")
     else:
         assert integrator.step is not None
         before = (tuple(model.state(earlier.copy()) for earlier in past),) if integrator.memory else ()
-        result = np.array(integrator.step(start, dt, model, *before), dtype=np.float64, order="C")
+        result = real(integrator.step(start, dt, model, *before))
         if result.shape != z.shape:
             raise ValueError(f"the step returned shape {result.shape}, a state has shape {z.shape}")
         rows = result[None]
@@ -68,6 +68,14 @@ def _next_states(
         LOOPS.add_increments(z.copy(), rows, carry, states)
         return states
     return rows
+
+
+def real(values: Any) -> np.ndarray:
+    """A new array of doubles; numpy would drop imaginary parts with no more than a warning."""
+    found = np.asarray(values)
+    if found.dtype.kind == "c" or (found.dtype == object and any(isinstance(v, complex) for v in found.ravel())):
+        raise TypeError("complex numbers were returned; states are real")
+    return np.array(found, dtype=np.float64, order="C")
 
 
 class Monitor:
@@ -137,7 +145,7 @@ def run_adaptive(integrator: Integrator, scenario: Scenario, tolerance: float) -
 
 
 def _as_states(value: Any, shape: tuple[int, int]) -> np.ndarray:
-    z = np.array(value, dtype=np.float64)
+    z = real(value)
     if z.shape != shape:
         raise ValueError(f"the solver returned shape {z.shape}, {shape} were asked for")
     return z

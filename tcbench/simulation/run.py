@@ -67,23 +67,30 @@ def simulate(
     steps = scenario.steps(dt)
     if record_every is not None and not (isinstance(record_every, int | np.integer) and record_every >= 1):
         raise TcbenchError(f"record_every must be a whole number, at least 1, not {record_every!r}.")
-    every = max(1, steps) if record_every is None else int(record_every)
-    kept = (steps // every + 2) * (scenario.model.size + 2 * scenario.model.n_elements + 3) * 8 / 2**30
-    if kept > MOST_GIB:
-        raise TcbenchError(
-            f"{steps} steps of {dt:g} would keep {kept:.0f} GiB of states; give record_every= a larger number."
-        )
+    every = max(1, steps) if record_every is None else min(int(record_every), max(1, steps))
+    check_memory(scenario, dt, every)
     if integrator.kind == "step":
         return run_step(integrator, scenario, dt, steps, every)
     rules = Rules(continuation, residuals, m.COUNT_WRONG if audit_roots else m.NO_AUDIT)
     return run_flows(integrator, scenario, dt, steps, every, rules)
 
 
+def check_memory(scenario: Scenario, dt: float, every: int = 1) -> None:
+    """Raise TcbenchError where a run that keeps every `every`-th state would need more memory than could be meant."""
+    steps = scenario.steps(dt)
+    kept = (steps // every + 2) * (scenario.model.size + 2 * scenario.model.n_elements + 3) * 8 / 2**30
+    if kept > MOST_GIB:
+        raise TcbenchError(
+            f"{steps} steps of {dt:g} would keep {kept:.0f} GiB of states; give a longer dt, or record_every= a larger "
+            "number."
+        )
+
+
 def checked_dt(dt: Any, scenario: Scenario) -> float:
     """dt as a float, or the error that says what is wrong with it."""
     try:
         value = float(dt)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise TcbenchError(f"dt must be a number, not {dt!r}.") from None
     if not (math.isfinite(value) and value > 0):
         raise TcbenchError(f"dt must be positive and finite, not {value:g}.")
@@ -97,7 +104,7 @@ def checked_dt(dt: Any, scenario: Scenario) -> float:
 def _checked_tolerance(tolerance: float | None) -> float:
     try:
         value = 1e-6 if tolerance is None else float(tolerance)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise TcbenchError(f"tolerance must be a number, not {tolerance!r}.") from None
     if not (math.isfinite(value) and value > 0):
         raise TcbenchError(f"tolerance must be positive and finite, not {value:g}.")

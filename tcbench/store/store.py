@@ -113,6 +113,8 @@ class Store(Rows):
         fresh : set the earlier rows aside (renamed to `cells.N.old.jsonl`) and start with none.
         Raises `TcbenchError` when the folder cannot be written or another process is writing to it.
         """
+        if not str(folder).strip():
+            raise TcbenchError("The name of the output folder is empty; the current folder is '.'.")
         store = cls(Path(folder))
         try:
             store.folder.mkdir(parents=True, exist_ok=True)
@@ -127,6 +129,9 @@ class Store(Rows):
         except OSError as error:
             store.close()
             raise _cure(error, store.folder) from error
+        except ValueError as error:  # a null byte, half of a surrogate pair
+            store.close()
+            raise TcbenchError(f"{str(folder)!r} cannot be the name of a folder: {error}.") from error
         except BaseException:
             store.close()
             raise

@@ -45,6 +45,9 @@ class Axis:
         return "time step dt" if self.name == "dt" else f"{self.name} (multiple of the scenario's)"
 
 
+MOST_VALUES = 2000  # on an axis: more than a screen or a page can show
+
+
 def parse_axis(text: str) -> Axis:
     """An axis from `name=low:high:n[:log]`."""
     match = _AXIS.match(text.strip())
@@ -56,6 +59,8 @@ def parse_axis(text: str) -> Axis:
         raise TcbenchError(f"Axis {text!r}: low and high must be numbers.") from None
     if not (math.isfinite(low) and math.isfinite(high) and low < high and n >= 2):
         raise TcbenchError(f"Axis {text!r} needs low < high, both finite, and at least 2 values.")
+    if n > MOST_VALUES:
+        raise TcbenchError(f"Axis {text!r}: at most {MOST_VALUES} values, not {n}.")
     if low <= 0:
         raise TcbenchError(f"Axis {text!r}: low must be positive.")
     values = np.geomspace(low, high, n) if match["log"] else np.linspace(low, high, n)

@@ -50,6 +50,8 @@ class Scenario:
 
     def __post_init__(self) -> None:
         put = object.__setattr__
+        if not (isinstance(self.name, str) and self.name.strip()):
+            raise TcbenchError(f"The name of a scenario is a word, not {self.name!r}.")
         for name in ("positions", "momenta", "temperatures"):
             put(self, name, _numbers(name, getattr(self, name)))
         for name in ("t_end", "dt", "t_converge", "blowup_factor"):
@@ -206,7 +208,7 @@ class ScenarioFamily:
 def _numbers(name: str, value: Any) -> tuple[float, ...]:
     try:
         numbers = tuple(float(v) for v in np.ravel(value))
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise TcbenchError(f"{name} must be numbers, not {value!r}.") from None
     if not all(math.isfinite(v) for v in numbers):
         raise TcbenchError(f"{name} must be finite, not {value!r}.")
@@ -216,7 +218,7 @@ def _numbers(name: str, value: Any) -> tuple[float, ...]:
 def _positive(name: str, value: Any) -> float:
     try:
         number = float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise TcbenchError(f"{name} must be a number, not {value!r}.") from None
     if not (math.isfinite(number) and number > 0):
         raise TcbenchError(f"{name} must be positive and finite, not {value!r}.")

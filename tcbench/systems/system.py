@@ -103,7 +103,7 @@ class System:
     def _checked(self, name: str, shape: tuple[int, ...], value: Any) -> Any:
         try:
             array = np.asarray(value, dtype=float)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise TcbenchError(f"Constant {name!r} must be a number or {shape} numbers, not {value!r}.") from None
         if array.shape != shape:
             raise TcbenchError(f"Constant {name!r} must have shape {shape}, not {array.shape}.")

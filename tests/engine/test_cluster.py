@@ -124,6 +124,7 @@ def test_tls_options_reach_dask(monkeypatch):
         raise OSError("stop here")
 
     monkeypatch.setattr("distributed.Client", client)
+    monkeypatch.setattr(cluster, "knock", lambda address: None)
     with pytest.raises(TcbenchError, match="stop here"):
         run_on_dask(cells(), MEASURE, {}, Rows(), "tls://127.0.0.1:9", security={"require_encryption": True})
     assert seen["require_encryption"] is True and seen["address"].startswith("tls://")

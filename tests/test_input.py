@@ -1,0 +1,80 @@
+"""What Python callers get wrong: one sentence that names the argument, as TcbenchError."""
+
+import numpy as np
+import pytest
+
+import tcbench
+from tcbench import Integrator, TcbenchError
+
+HUGE = 10**400
+
+
+def scenario(**changes):
+    return tcbench.scenarios()["short_term"].replace(**changes)
+
+
+def step(z, h, system):
+    return z
+
+
+WRONG = {
+    "dt": lambda: tcbench.simulate("tc_monolithic", "short_term", dt=HUGE),
+    "t_end": lambda: tcbench.simulate("tc_monolithic", "short_term", t_end=HUGE),
+    "tolerance": lambda: tcbench.simulate("scipy_odeint", "short_term", tolerance=HUGE),
+    "record_every": lambda: tcbench.simulate("tc_monolithic", "short_term", record_every=0),
+    "positions": lambda: scenario(positions=(HUGE, 0, 0, 0)),
+    "momenta": lambda: scenario(momenta=(0, 0, 0, HUGE)),
+    "stiffness": lambda: scenario(stiffness=(HUGE, 1)),
+    "conductivity": lambda: scenario(conductivity=HUGE),
+    "blowup_factor": lambda: scenario(blowup_factor=HUGE),
+    "name of a scenario": lambda: scenario(name=float("nan")),
+    "name of an integrator": lambda: Integrator(name=7, order=1, step=step),
+    "step=": lambda: Integrator(name="a", order=1, step=0),
+    "adaptive=": lambda: Integrator(name="a", adaptive="solve"),
+    "march=": lambda: Integrator(name="a", order=1, step=step, march=3),
+    "integrators is a list": lambda: tcbench.run(integrators="tc_gauss"),
+    "scenarios is a list": lambda: tcbench.run(scenarios=""),
+    "scenarios is a list of at least one": lambda: tcbench.run(scenarios=[]),
+    "studies is a list": lambda: tcbench.run(studies={}),
+    "gives 'k' twice": lambda: tcbench.run(["tc_gauss[k=1,k=2]"], ["short_term"]),
+    "parameter of 'tc_strang'": lambda: tcbench.run(["tc_strang[a=all]"], ["short_term"]),
+    "output folder is empty": lambda: tcbench.run(["tc_gauss"], ["short_term"], ["conservation"], output=""),
+    "cannot be the name": lambda: tcbench.run(["tc_gauss"], ["short_term"], ["conservation"], output="\ud800"),
+    "cannot be the name of": lambda: tcbench.run(["tc_gauss"], ["short_term"], ["conservation"], output="a\0b"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("named", WRONG)
+def test_what_is_wrong_is_named(named, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(TcbenchError, match=named):
+        WRONG[named]()
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("jobs", [0, -1, float("nan"), 1.5])
+def test_a_number_of_jobs_is_a_whole_number(jobs, tmp_path):
+    with pytest.raises(TcbenchError, match="jobs is"):
+        tcbench.run(["tc_gauss"], ["short_term"], ["conservation"], tmp_path, dt=[0.3], jobs=jobs)
+
+
+def test_a_huge_record_every_keeps_the_first_state_and_the_last():
+    run = tcbench.simulate("tc_monolithic", "short_term", record_every=10**23, t_end=1.0)
+    assert len(run.t) == 2 and run.ok and np.isclose(run.t[-1], 1.0, atol=run.dt)
+
+
+def test_all_values_of_one_parameter_leave_the_others_alone():
+    from tcbench import family, plugins
+
+    def make(a="1", b="x"):
+        return Integrator(name="two", order=1, step=step)
+
+    method = family(make, a=(1, 2), b=("x", "y"))
+    registry = plugins.registry()
+    registry.integrators["two"] = method
+    try:
+        names = [m.name for m in plugins.expand_integrators(["two[a=all,b=y]"])]
+        assert names == ["two[b=y]", "two[a=2,b=y]"]
+        assert len(plugins.expand_integrators(["two[a=all,b=all]"])) == 4
+    finally:
+        del registry.integrators["two"]
