@@ -7,6 +7,7 @@ import hashlib
 import sys
 import uuid
 from collections.abc import Iterable, Iterator
+from dataclasses import fields
 from functools import cache, partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -27,6 +28,9 @@ MAIN = "__main__"
 INSTALLED = ("site-packages", "dist-packages")
 
 
+# what an Integrator says of itself, beside what it computes (the starter has sources of its own)
+SAID = ("name", "claims", "source", "tags", "description", "plugin", "base", "parameters", "family", "uses", "requires",
+        "starter")  # fmt: skip
 UNHASHABLE = "unhashable"  # source_hash of what has no hash: never the same twice
 
 
@@ -58,16 +62,8 @@ def method_sources(method: Integrator) -> list[str]:
         uses += method_sources(plugins.find_integrator(method.starter))
     if plugins.is_registered(method):
         return [source_hash(method.plugin), *uses]
-    seen = (
-        method.flows,
-        method.step,
-        method.march,
-        method.adaptive,
-        method.increments,
-        method.variables,
-        method.memory,
-    )
-    return [_or_unique(content_hash(*seen)), *uses]
+    seen = {f.name: getattr(method, f.name) for f in fields(method) if f.name not in SAID}
+    return [_or_unique(content_hash(seen)), *uses]
 
 
 def system_sources(system: type[System]) -> list[str]:
