@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from .metric import Metric, Observable
     from .plugins import integrators, scenarios
     from .simulation.run import simulate
+    from .simulation.stepper import stepper
     from .simulation.trajectory import Trajectory
     from .systems.pendulum import Pendulum
     from .systems.sampling import Range
@@ -44,6 +45,7 @@ _HOME = {
     "Scenario": "systems.scenario",
     "ScenarioFamily": "systems.scenario",
     "simulate": "simulation.run",
+    "stepper": "simulation.stepper",
     "System": "systems.system",
     "Trajectory": "simulation.trajectory",
 }
@@ -51,6 +53,7 @@ _HOME = {
 __all__ = [
     "Flow", "Integrator", "Metric", "Observable", "Pendulum", "Range", "Results", "Scenario", "ScenarioFamily",
     "System", "TcbenchError", "Trajectory", "family", "hookimpl", "integrators", "run", "scenarios", "simulate",
+    "stepper",
 ]  # fmt: skip
 
 

@@ -37,7 +37,7 @@ def traced_gap(method: Integrator, scenario: Scenario) -> float:
     model = scenario.model
     constants, worst = constants_of(method, scenario), 0.0
     compiled = compiled_flows(method.flows, model.symbolic)
-    flows = make_flows(method, scenario, scenario.dt, constants, Tally(), Rules(), compiled)
+    flows = make_flows(method, model, scenario.bound, scenario.dt, constants, Tally(), Rules(), compiled)
     constants[0] = scenario.dt
     for flow, kernels in zip(flows, compiled, strict=True):
         n = flow.nx

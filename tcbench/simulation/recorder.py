@@ -41,10 +41,15 @@ def new_run(scenario: Scenario, dt: float, steps: int, every: int, **fields: Any
     model, rows = scenario.model, steps // every + 2
     return Run(
         n=model.size, n_elements=model.n_elements, n_invariants=len(model.invariant_names), n_rows=rows,
-        every=every, h=dt, bound=scenario.blowup_factor * scenario.initial_exergy,
+        every=every, h=dt, bound=scenario.bound,
         reference=model.reference_temperature, entropy_tolerance=ENTROPY_TOLERANCE, entropy_fall=ENTROPY_FALL,
         z=scenario.z0.copy(), **fields,
     )  # fmt: skip
+
+
+def cause_of(reason: int) -> str:
+    """Why a step was not done, in words."""
+    return _STATUS[reason][1]
 
 
 def explain(reason: int, done: int, dt: float, scenario: Scenario) -> tuple[str, str]:

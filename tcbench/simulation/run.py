@@ -125,7 +125,7 @@ def run_flows(
         scenario, dt, steps, every, n_observables=n_observables, n_constants=len(c), n_flows=len(integrator.flows),
         observe=observe.address, opening=opening.address, now=opening.size - n_observables,
         of_step=any(flow.of_step for flow in integrator.flows), memory=integrator.memory, residuals=rules.residuals,
-        c=c, tally=tally, flows=Rows(make_flows(integrator, scenario, dt, c, tally, rules, kernels)),
+        c=c, tally=tally, flows=Rows(make_flows(integrator, model, scenario.bound, dt, c, tally, rules, kernels)),
     )  # fmt: skip
     # observed by the kernel that observes every step: the same round-off in E0 as in E
     LOOPS.open_step(run, run.z)

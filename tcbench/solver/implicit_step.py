@@ -159,31 +159,37 @@ class Rules:
 
 def make_flows(
     integrator: Integrator,
-    scenario: Scenario,
+    model: System,
+    bound: float,
     dt: float,
     c: np.ndarray,
     tally: Tally,
     rules: Rules,
     kernels: tuple[FlowKernels, ...],
 ) -> list[Flow]:
-    """The flows of a method on a scenario, ready for a step dt. c: constants, which all of them share."""
-    model = scenario.model
+    """The flows of a method on a system, ready for a step dt. c: constants, which all of them share; bound: of the
+    energy error."""
     observe, n_observables = model.observer
     shared = {
         "n": model.size, "n_constants": len(c), "n_observables": n_observables, "observe": observe.address,
         "continuation": rules.continuation, "audit": rules.audit, "residuals": rules.residuals,
-        "reference": model.reference_temperature, "bound": scenario.blowup_factor * scenario.initial_exergy,
+        "reference": model.reference_temperature, "bound": bound,
         "tally": tally, "c": c,
     }  # fmt: skip
     flows = []
     for formula, k in zip(integrator.flows, kernels, strict=True):
-        flow = Flow(**k.fields, **shared, h=formula.fraction * dt)
-        setup, tail = k.setup, flow.w[k.opening.size :]
-        if setup.size:
-            c[0] = formula.fraction * dt
-            evaluate(setup.address, c, c, tail)
+        flow = Flow(**k.fields, **shared)
+        set_length(flow, k, formula.fraction * dt)
         flows.append(flow)
     return flows
+
+
+def set_length(flow: Flow, kernels: FlowKernels, h: float) -> None:
+    """Make the flow one of length h, with what depends on h and the constants only."""
+    flow.h = h
+    if kernels.setup.size:
+        flow.c[0] = h
+        evaluate(kernels.setup.address, flow.c, flow.c, flow.w[kernels.opening.size :])
 
 
 class OneFlow:
@@ -196,7 +202,10 @@ class OneFlow:
         constants = constants_of(integrator, scenario)
         self.tally = Tally()
         kernels = compiled_flows(integrator.flows, scenario.model.symbolic)
-        self.record = make_flows(integrator, scenario, h, constants, self.tally, Rules(), kernels)[0]
+        flows = make_flows(
+            integrator, scenario.model, scenario.bound, h, constants, self.tally, Rules(), kernels
+        )  # fmt: skip
+        self.record = flows[0]
         self.x, self.dz, self.z = self.record.x, self.record.dz, scenario.z0
         self.record.start[:] = self.z
         self.prepare()

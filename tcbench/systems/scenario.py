@@ -116,6 +116,11 @@ class Scenario:
             self._cache["V0"] = max(float(self.model.exergy(self.z0)), floor)
         return self._cache["V0"]
 
+    @property
+    def bound(self) -> float:
+        """Largest |E - E0| of a run that is no blow-up."""
+        return self.blowup_factor * self.initial_exergy
+
     def replace(self, **changes: Any) -> Scenario:
         """A variant: any of the settings (name, t_end, dt, positions, momenta, temperatures, ...) or constants."""
         settings, constants = {}, dict(self.constants)

@@ -1,0 +1,80 @@
+"""`controlled[method=NAME]`: any one-step method with its step chosen by a tolerance, by step doubling.
+
+Each step is done once with h and once with two halves; their gap, over 2^p - 1, is the error of the halves. It is held
+at the tolerance per unit of the whole time, so that the errors of all steps add up to the tolerance. The result is that
+of the halves: steps of the method itself, so whatever law it keeps is kept. `tol=1e-6` fixes the tolerance, whatever is
+asked for. Source: Hairer, Norsett & Wanner, Solving ODEs I, II.4.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from tcbench import Integrator, TcbenchError, family, hookimpl, stepper
+from tcbench.plugins import find_integrator
+
+from .tc_gauss import tc_gauss
+
+DEFAULT = "tc_gauss"  # of high order: a low one takes very many steps to a tight tolerance
+SAFETY, SHRINK, GROW, SMALLEST, TINY = 0.9, 0.2, 5.0, 1e-12, 1e-300
+
+
+def controlled(method: Integrator, tolerance: float | None = None, name: str = "controlled"):
+    """`method` with a step that follows the tolerance (this one, or the one a run asks for)."""
+    if method.kind == "adaptive" or method.memory or method.order is None:
+        raise TcbenchError(f"{method.name!r} has no step of its own that could be controlled; take a one-step method.")
+
+    def adaptive(system, z0, times, rtol, atol):
+        return doubling(stepper(method, system), z0, times, tolerance or rtol, tolerance or atol)
+
+    return Integrator(
+        name=name, adaptive=adaptive, claims=method.claims, systems=method.systems, needs=method.needs,
+        requires=method.requires, uses=tuple(filter(None, (method.plugin,))),
+        source=f"step doubling around {method.name}",
+    )  # fmt: skip
+
+
+def doubling(step: Any, z: Any, times: Any, rtol: float, atol: float):
+    """States at the times, and counts. Raises ArithmeticError where no step is short enough."""
+    order, whole, t = step.order, times[-1] - times[0], times[0]
+    h, states, done, before = (rtol + atol) ** (1 / order), [z], 0, step.iterations
+    for end in times[1:]:
+        while t < end:
+            left = end - t
+            tried = left if left < 1.01 * h else min(h, left / 2)
+            try:
+                once, twice = step(z, tried), step(step(z, tried / 2), tried / 2)
+                gap = np.abs(twice - once) / (atol + rtol * np.maximum(np.abs(z), np.abs(twice)))
+                why = "they err by more than the tolerance"
+                error = float(gap.max()) / (2**order - 1) * whole / tried
+            except ArithmeticError as failed:
+                error, why = np.inf, str(failed)
+            proposed = tried * min(GROW, max(SHRINK, SAFETY * (error + TINY) ** (-1 / order)))
+            # a step that was cut to end at an output says nothing against a longer one
+            h = proposed if error > 1 or tried >= h else max(h, proposed)
+            if error <= 1:
+                z, t, done = twice, end if tried == left else t + tried, done + 2
+            elif h < SMALLEST * whole:
+                raise ArithmeticError(f"no step of {step.method.name} is short enough at t = {t:g}: {why}")
+        states.append(z)
+    return np.array(states), {"steps": done, "newton_iterations": step.iterations - before}
+
+
+def make(method: str = DEFAULT, tol: str = "asked"):
+    return controlled(
+        tc_gauss() if method == DEFAULT else find_integrator(method), None if tol == "asked" else float(tol)
+    )
+
+
+def one_step_methods(known: dict[str, Integrator]):
+    """Every method with a step, the default first."""
+    others = (n for n, i in known.items() if i.kind != "adaptive" and not i.memory and n != DEFAULT)
+    return [DEFAULT, *others]
+
+
+@hookimpl
+def tcbench_integrators():
+    tolerances = ("asked", *(f"1e-{k}" for k in range(2, 13)))
+    return [family(make, method=one_step_methods, tol=tolerances)]

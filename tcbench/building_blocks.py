@@ -1,0 +1,105 @@
+"""Building blocks of formulas: quotients that are 0/0 where two states are equal, written so that they are not.
+
+    from tcbench.building_blocks import divided_difference
+
+    slope = divided_difference(lambda s: np.exp(s / c), s0, s1)  # (exp(s1/c) - exp(s0/c))/(s1 - s0), also at s1 = s0
+
+All take numbers, symbols (inside a formula that is traced) and arrays of either, entry by entry; all are dimensionless.
+They keep their digits at any increment, zero included; so do the derivatives that tcbench takes of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from .compiler.derivatives import Symbol, const
+from .compiler.derivatives import lam as _lam
+from .compiler.derivatives import phi as _phi
+from .compiler.divided_differences import Corners, rectangle, symmetrised_slopes
+from .errors import TraceError
+
+__all__ = ["divided_difference", "divided_differences", "log1p_ratio", "phi"]
+
+
+def phi(x: Any) -> Any:
+    """(exp(x) - 1)/x, which is 1 at x = 0: exp(b) - exp(a) = exp(a) phi(b - a) (b - a)."""
+    return _each(_phi, x)
+
+
+def log1p_ratio(x: Any) -> Any:
+    """log(1 + x)/x, which is 1 at x = 0: log(b) - log(a) = log1p_ratio((b - a)/a) (b - a)/a. x > -1."""
+    return _each(_lam, x)
+
+
+def divided_difference(function: Callable[[Any], Any], a: Any, b: Any) -> Any:
+    """(function(b) - function(a))/(b - a), and the derivative where b = a; of the shape of a and b.
+
+    function : of one variable, by +, -, *, /, **, sqrt, exp, log, expm1 and log1p (TraceError names what else it uses).
+    """
+
+    def slope(a: Symbol, b: Symbol) -> Symbol:
+        x, _ = rectangle(a, b - a, const(0.0), const(0.0))
+        return _by_rules(function, x).pi_at_s0
+
+    return _each(slope, a, b)
+
+
+def divided_differences(function: Callable[[Any, Any], Any], a: Any, b: Any) -> tuple[Any, Any]:
+    """The two slopes (D1, D2) of function(x, y) from a = (x0, y0) to b = (x1, y1), with
+
+        D1 (x1 - x0) + D2 (y1 - y0) = function(x1, y1) - function(x0, y0):
+
+    each is the mean of the divided differences along the two opposite edges of the rectangle, Romero (2009), (31)-(32).
+    x and y may be arrays, entry by entry. Operations as in `divided_difference`.
+    """
+
+    def slopes(x0: Symbol, x1: Symbol, y0: Symbol, y1: Symbol) -> tuple[Symbol, Symbol]:
+        return symmetrised_slopes(_by_rules(function, *rectangle(x0, x1 - x0, y0, y1 - y0)))
+
+    (x0, y0), (x1, y1) = a, b
+    return (
+        _each(lambda *corners: slopes(*corners)[0], x0, x1, y0, y1),
+        _each(lambda *corners: slopes(*corners)[1], x0, x1, y0, y1),
+    )
+
+
+def _by_rules(function: Callable[..., Any], *corners: Corners) -> Corners:
+    try:
+        return function(*corners)
+    except TypeError as error:  # numpy hides the sentence that says which operation has no rule
+        if isinstance(error.__cause__, TraceError):
+            raise error.__cause__ from None
+        raise
+
+
+def _each(rule: Callable[..., Symbol], *arguments: Any) -> Any:
+    """The rule on every entry; numbers where all entries are numbers."""
+    arrays = np.broadcast_arrays(*(np.asarray(a, dtype=object) for a in arguments))
+    if any(isinstance(x, Symbol) for a in arrays for x in a.flat):
+        found = [rule(*map(_symbol, entries)) for entries in zip(*(a.flat for a in arrays), strict=True)]
+        return found[0] if arrays[0].ndim == 0 else _array(found).reshape(arrays[0].shape)
+    values = _numbers(rule, [np.asarray(a, dtype=float).ravel() for a in arrays])
+    return float(values[0]) if arrays[0].ndim == 0 else values.reshape(arrays[0].shape)
+
+
+def _symbol(x: Any) -> Symbol:
+    return x if isinstance(x, Symbol) else const(float(x))
+
+
+def _array(values: list[Any]) -> Any:
+    found = np.empty(len(values), dtype=object)
+    found[:] = values
+    return found
+
+
+def _numbers(rule: Callable[..., Symbol], columns: list[np.ndarray]) -> np.ndarray:
+    """The rule traced once, and run on numbers row by row."""
+    from .compiler.derivatives import variables
+    from .compiler.kernels import kernel
+
+    x = variables("x", len(columns))
+    found = kernel({s: f"a[{i}]" for i, s in enumerate(x)}, [rule(*x)])
+    return np.array([found(row, row)[0] for row in np.ascontiguousarray(np.stack(columns, axis=1))])

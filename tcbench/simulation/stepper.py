@@ -1,0 +1,100 @@
+"""`stepper`: one step of a registered method as a function, for methods that are made of others."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from ..compiler.records import Rows
+from ..errors import TcbenchError
+from ..integrator import Integrator
+from ..solver.flow_kernels import FlowKernels
+from ..solver.implicit_step import OK, Rules, compiled_flows, make_flows, set_length
+from ..systems.scenario import Scenario
+from ..systems.system import State, System
+from .compiled_loop import LOOPS, Run
+from .recorder import cause_of, new_tally
+
+
+def stepper(method: str | Integrator, system: System | Scenario | str) -> Stepper:
+    """One step of a method as a function, z1 = step(z, h), on a system (of a scenario, if that is given).
+
+    For Richardson extrapolation, composition, control of the step and whatever else is made of steps of other methods;
+    a plugin's `step` or `adaptive` may ask for it at every call, for it is kept with the system. The step is solved as
+    in a run, continuation included, and starts a run of its own: what rounding drops is not carried on to the next.
+
+    z : (q, p, s), shape (n,); h : positive (heat does not flow backwards: a negative step may not exist). Returns z1 as
+    a state; `iterations` counts Newton's so far.
+    Raises ArithmeticError, with the cause, where there is no step, and TcbenchError for methods without one: adaptive
+    solvers and multistep methods.
+    """
+    from .. import plugins
+
+    method = plugins.find_integrator(method)
+    if isinstance(system, str | Scenario):
+        system = plugins.find_scenario(system).model
+    if reason := method.lacks or method.suits(system):
+        raise TcbenchError(f"{method.name!r} cannot step a {system.name}: {reason}.")
+    if method.kind == "adaptive" or method.memory:
+        kind = "an adaptive solver" if method.kind == "adaptive" else "a multistep method"
+        raise TcbenchError(f"{method.name!r} is {kind}: it has no step that depends on z and h alone.")
+    kernels = compiled_flows(method.flows, system.symbolic) if method.kind == "flows" else ()
+    kept: dict[int, Stepper] = system.__dict__.setdefault("_steppers", {})
+    known = kept.get(id(method))
+    if known is None or known.method is not method or known.kernels is not kernels:
+        known = kept[id(method)] = Stepper(method, system, kernels)
+    return known
+
+
+class Stepper:
+    """z1 = step(z, h); see `stepper`. Not thread-safe."""
+
+    def __init__(self, method: Integrator, system: System, kernels: tuple[FlowKernels, ...]) -> None:
+        self.method, self.system, self.kernels = method, system, kernels
+        self._tally = new_tally()
+        self._run = self._prepared() if kernels else None
+
+    @property
+    def order(self) -> int | None:
+        return self.method.order
+
+    @property
+    def iterations(self) -> int:
+        """Newton iterations so far; 0 where the method solves by itself."""
+        return self._tally.iterations
+
+    def __call__(self, z: Any, h: float) -> State:
+        z, h = np.array(z, dtype=float), float(h)
+        if z.shape != (self.system.size,):
+            raise TcbenchError(f"A state of this {self.system.name} has shape ({self.system.size},), not {z.shape}.")
+        return self.system.state(self._by_function(z, h) if self._run is None else self._by_flows(self._run, z, h))
+
+    def _by_function(self, z: np.ndarray, h: float) -> np.ndarray:
+        assert self.method.step is not None
+        z1 = np.array(self.method.step(self.system.state(z), h, self.system), dtype=float)
+        return z + z1 if self.method.increments else z1
+
+    def _by_flows(self, run: Run, z: np.ndarray, h: float) -> np.ndarray:
+        if h != run.h:
+            run.h = h
+            for flow, formula, kernels in zip(run.flows.records, self.method.flows, self.kernels, strict=True):
+                set_length(flow, kernels, formula.fraction * h)
+        run.z[:], run.carry[:], run.c[-2 * len(z) :] = z, 0.0, np.tile(z, 2)
+        reason = LOOPS.march(run, 0, 1)
+        if reason != OK:
+            raise ArithmeticError(f"{self.method.name}, a step of {h:g}: {cause_of(reason)}")
+        return run.z.copy()
+
+    def _prepared(self) -> Run:
+        method, system, tally = self.method, self.system, self._tally
+        observe, n_observables = system.observer
+        opening, c = self.kernels[0].opening, np.concatenate([system.constant_values, np.zeros(2 * system.size)])
+        return Run(
+            n=system.size, n_elements=system.n_elements, n_invariants=len(system.invariant_names), n_rows=2, every=1,
+            n_flows=len(method.flows), n_observables=n_observables, n_constants=len(c), observe=observe.address,
+            opening=opening.address, now=opening.size - n_observables, h=1.0, bound=math.inf,
+            reference=system.reference_temperature, of_step=any(flow.of_step for flow in method.flows), c=c,
+            tally=tally, flows=Rows(make_flows(method, system, math.inf, 1.0, c, tally, Rules(), self.kernels)),
+        )  # fmt: skip

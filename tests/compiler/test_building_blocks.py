@@ -1,0 +1,82 @@
+"""The public building blocks: exact identities at any increment, on numbers, arrays and symbols."""
+
+import numpy as np
+import pytest
+
+import tcbench
+from tcbench import Integrator
+from tcbench.building_blocks import divided_difference, divided_differences, log1p_ratio, phi
+from tcbench.errors import TraceError
+
+STEPS = [0.0, 1e-300, 1e-12, -1e-8, 1e-3, 0.7, -0.4]
+
+
+@pytest.mark.parametrize("d", STEPS)
+def test_quotients_keep_their_digits(d):
+    mp = pytest.importorskip("mpmath")
+    with mp.workdps(700):
+        x = mp.mpf(d)
+        expected = (mp.expm1(x) / x, mp.log1p(x) / x) if d else (mp.mpf(1), mp.mpf(1))
+        a, b = mp.mpf(2.5), mp.mpf(2.5) + x  # the increment is that of doubles, b - a
+        b = mp.mpf(2.5 + d)
+        log = (mp.log(b) - mp.log(a)) / (b - a) if b != a else 1 / a
+    assert phi(d) == pytest.approx(float(expected[0]), rel=4e-16)
+    assert log1p_ratio(d) == pytest.approx(float(expected[1]), rel=4e-16)
+    assert divided_difference(np.log, 2.5, 2.5 + d) == pytest.approx(float(log), rel=1e-15)
+
+
+def test_arrays_are_taken_entry_by_entry():
+    assert np.array_equal(phi([[0.0, 1.0]]), [[1.0, phi(1.0)]])
+    found = divided_difference(lambda x: x**3, np.array([1.0, 2.0]), np.array([1.0, 3.0]))
+    assert np.allclose(found, [3.0, 19.0], rtol=1e-15)
+    assert divided_difference(lambda x: x * x, 1, np.array([1.0, 2.0])).shape == (2,)
+
+
+def test_two_slopes_add_up_to_the_difference():
+    def f(x, y):
+        return x * np.exp(y / 3) + np.sqrt(x) * y
+
+    rng = np.random.default_rng(1)
+    for size in (1.0, 1e-6, 0.0):
+        (x0, y0), (dx, dy) = rng.uniform(1, 2, 2), size * rng.uniform(-0.5, 0.5, 2)
+        first, second = divided_differences(f, (x0, y0), (x0 + dx, y0 + dy))
+        exact = f(x0 + dx, y0 + dy) - f(x0, y0)
+        assert abs(first * dx + second * dy - exact) < 1e-15 * max(1, abs(exact)) * 4
+    slopes = divided_differences(f, (1.5, 0.3), (1.5, 0.3))
+    gradient = (np.exp(0.1) + 0.3 / (2 * np.sqrt(1.5)), 0.5 * np.exp(0.1) + np.sqrt(1.5))
+    assert np.allclose(slopes, gradient, rtol=1e-15)
+
+
+def test_what_has_no_rule_is_named():
+    with pytest.raises(TraceError, match="'sin'"):
+        divided_difference(np.sin, 1.0, 2.0)
+
+
+def own_gradient(z0, z1, h, system):
+    """A discrete gradient made of the building blocks: logarithmic springs, as the pendulum has them."""
+    pi0, pi1 = system.shapes(z0), system.shapes(z1)
+    stress, theta = zip(*(
+        divided_differences(lambda pi, s, i=i: _energy(system, i, pi, s), (pi0[i], z0.s[i]), (pi1[i], z1.s[i]))
+        for i in range(2)
+    ), strict=True)  # fmt: skip
+    q = (z0.q + z1.q) / 2
+    slopes = np.zeros((2, 4), dtype=object)
+    slopes[0, :2], slopes[1, :2], slopes[1, 2:] = 2 * q[:2], -2 * (q[2:] - q[:2]), 2 * (q[2:] - q[:2])
+    p = (z0.p + z1.p) / 2
+    D = np.concatenate([np.array(stress, dtype=object) @ slopes, p / system.inertia(), np.array(theta, dtype=object)])
+    return z1 - z0 - h * (system.L @ D + system.dissipation(D[8:]))
+
+
+def _energy(system, i, pi, s):
+    """The i-th element's: the whole law at this pair, the other pair held at something of no account."""
+    pairs = [np.array([pi] * 2, dtype=object), np.array([s] * 2, dtype=object)]
+    return system.element_energy(*pairs)[i]
+
+
+def test_a_method_made_of_them_is_the_papers():
+    """And it starts where nothing moves: Newton's first point is z1 = z0."""
+    method = Integrator(name="own", order=2, flows=own_gradient)
+    own = tcbench.simulate(method, "short_term", dt=0.3)
+    theirs = tcbench.simulate("tc_monolithic", "short_term", dt=0.3)
+    assert own.ok and np.abs(own.z - theirs.z).max() < 1e-9
+    assert own.summary.energy_error_max < 1e-12 * max(1, abs(own.energy[0]))

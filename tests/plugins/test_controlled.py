@@ -1,0 +1,58 @@
+"""`controlled`: a tolerance is kept, and so is every law of the method inside."""
+
+import numpy as np
+import pytest
+from tcbench_plugins.controlled import controlled
+
+import tcbench
+from tcbench import Integrator, TcbenchError
+from tcbench.reference.lookup import reference_for
+
+
+@pytest.mark.parametrize("method", ["controlled", "controlled[method=tc_monolithic]", "controlled[method=tc_strang]"])
+@pytest.mark.parametrize("scenario", ["bound_equilibrium", "short_term"])
+def test_the_tolerance_and_the_laws_are_kept(method, scenario):
+    scenario = tcbench.scenarios()[scenario].replace(t_end=5.0)
+    exact = reference_for(scenario, [5.0]).states[0]
+    steps = []
+    for tolerance in (1e-4, 1e-6):
+        run = tcbench.simulate(method, scenario, tolerance=tolerance)
+        error = np.abs((run.z[-1] - exact) / (1 + np.abs(exact))).max()
+        assert run.ok and error < 5 * tolerance, (error, tolerance)  # errors of steps grow on the way to the end
+        assert run.summary.energy_error_max < 1e-12 * max(scenario.initial_exergy, abs(run.energy[0]))
+        assert run.summary.entropy_increment_min > -1e-12
+        assert run.summary.invariant_error_max["angular_momentum"] < 1e-11
+        steps.append(run.steps)
+    if method != "controlled":  # order two: a hundredth of the tolerance, ten times the steps
+        assert 5 < steps[1] / steps[0] < 20, steps
+
+
+def test_a_method_without_the_laws_keeps_the_tolerance_and_claims_nothing():
+    method = tcbench.plugins.find_integrator("controlled[method=verlet_heat4]")
+    run = tcbench.simulate(method, "short_term", t_end=5.0, tolerance=1e-6)
+    exact = reference_for(tcbench.scenarios()["short_term"], [5.0]).states[0]
+    assert run.ok and np.abs((run.z[-1] - exact) / (1 + np.abs(exact))).max() < 4e-6
+    assert method.claims == tcbench.integrators()["verlet_heat4"].claims and "energy" not in method.claims
+
+
+def test_a_fixed_tolerance_is_that_whatever_is_asked_for():
+    fixed = [tcbench.simulate("controlled[method=tc_monolithic,tol=1e-3]", "short_term", t_end=2.0, tolerance=t)
+             for t in (1e-2, 1e-5)]  # fmt: skip
+    asked = tcbench.simulate("controlled[method=tc_monolithic]", "short_term", t_end=2.0, tolerance=1e-3)
+    assert np.array_equal(fixed[0].z, fixed[1].z) and np.array_equal(fixed[0].z, asked.z)
+
+
+def test_where_no_step_exists_the_run_says_so():
+    def broken(z, h, system):
+        raise ArithmeticError("no")
+
+    run = tcbench.simulate(controlled(Integrator(name="broken", order=2, step=broken)), "short_term")
+    assert run.status == "exception" and "no step of broken is short enough at t = 0: no" in run.failure
+
+
+def test_every_one_step_method_can_be_controlled_and_nothing_else():
+    allowed = tcbench.integrators()["controlled"].parameters["method"]
+    assert allowed[0] == "tc_gauss" and {"tc_monolithic", "verlet_heat", "projected"} <= set(allowed)
+    assert not {"scipy_odeint", "controlled", "tc_gauss_adaptive"} & set(allowed)
+    with pytest.raises(TcbenchError, match="one-step"):
+        controlled(tcbench.integrators()["scipy_odeint"])

@@ -1,0 +1,75 @@
+"""`stepper`: one step of a registered method as a function."""
+
+import numpy as np
+import pytest
+
+import tcbench
+from tcbench import Integrator, TcbenchError
+from tcbench.studies import convergence
+
+SCENARIO = tcbench.scenarios()["short_term"]
+METHODS = ["tc_monolithic", "tc_strang", "midpoint_temperature", "verlet_heat", "tc_gauss", "projected"]
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_steps_are_those_of_a_run_whatever_was_done_in_between(method):
+    run = tcbench.simulate(method, SCENARIO, dt=0.1, t_end=0.5)
+    step, z = tcbench.stepper(method, SCENARIO), SCENARIO.z0
+    for expected in run.z[1:]:
+        step(SCENARIO.z0, 0.3)  # another step, another length
+        z = step(z, 0.1)
+        assert np.abs(z - expected).max() < 1e-12
+    assert z.q.shape == (4,) and step.order == tcbench.integrators()[method].order
+
+
+def test_it_is_kept_with_its_system_and_leaves_its_argument():
+    system, z = SCENARIO.model, SCENARIO.z0.copy()
+    step = tcbench.stepper("tc_monolithic", system)
+    assert tcbench.stepper("tc_monolithic", system) is step and tcbench.stepper("tc_strang", system) is not step
+    first, before = step(z, 0.1), step.iterations
+    again = step(z, 0.1)
+    assert np.array_equal(z, SCENARIO.z0) and np.array_equal(first, again) and step.iterations > before
+
+
+def test_a_step_that_does_not_exist_is_an_error_with_its_cause():
+    step = tcbench.stepper("midpoint_entropy", "stiff_spring")
+    with pytest.raises(ArithmeticError, match=r"midpoint_entropy, a step of 1e\+06: "):
+        step(tcbench.scenarios()["stiff_spring"].z0, 1e6)
+    assert np.isfinite(step(tcbench.scenarios()["stiff_spring"].z0, 0.01)).all()
+
+
+def test_what_has_no_step_is_refused():
+    def formula(z0, z1, h, system, before):
+        return z1 - before[0]
+
+    two = Integrator(name="two", order=1, memory=1, starter="tc_monolithic", flows=formula)
+    for method, words in (("scipy_odeint", "adaptive solver"), (two, "multistep")):
+        with pytest.raises(TcbenchError, match=words):
+            tcbench.stepper(method, SCENARIO)
+    with pytest.raises(TcbenchError, match=r"shape \(10,\)"):
+        tcbench.stepper("tc_monolithic", SCENARIO)([1.0, 2.0], 0.1)
+    with pytest.raises(TcbenchError, match="tc_banded"):
+        tcbench.stepper("tc_banded", SCENARIO)
+
+
+def test_a_formula_that_was_redefined_is_stepped_anew():
+    found = []
+    for theta in (0.5, 1.0):
+
+        def formula(z0, z1, h, system, theta=theta):
+            return z1 - z0 - h * system.vector_field(z0 + theta * (z1 - z0))
+
+        found.append(tcbench.stepper(Integrator(name="own", order=1, flows=formula), SCENARIO)(SCENARIO.z0, 0.1))
+    assert np.abs(found[0] - found[1]).max() > 1e-4
+
+
+def test_richardson_extrapolation_has_order_four():
+    def richardson(z, h, system):
+        step = tcbench.stepper("tc_monolithic", system)
+        return (4 * step(step(z, h / 2), h / 2) - step(z, h)) / 3
+
+    scenario = tcbench.scenarios()["bound_equilibrium"]
+    method = Integrator(name="richardson", order=4, step=richardson)
+    row = convergence.measure(method, scenario, {"dt": [scenario.t_converge / n for n in (4, 6, 8, 12, 16, 24, 32)]})
+    fit = next(item for item in row["orders"] if item["variable"] == "all")
+    assert fit["verdict"] == "as declared" and abs(fit["order"] - 4) < 0.1, fit
