@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from .compiler.derivatives import Symbol, const
+from .compiler.derivatives import Symbol, array, const, lifted, variables
 from .compiler.derivatives import lam as _lam
 from .compiler.derivatives import phi as _phi
 from .compiler.divided_differences import Corners, rectangle, symmetrised_slopes
@@ -79,25 +79,14 @@ def _each(rule: Callable[..., Symbol], *arguments: Any) -> Any:
     """The rule on every entry; numbers where all entries are numbers."""
     arrays = np.broadcast_arrays(*(np.asarray(a, dtype=object) for a in arguments))
     if any(isinstance(x, Symbol) for a in arrays for x in a.flat):
-        found = [rule(*map(_symbol, entries)) for entries in zip(*(a.flat for a in arrays), strict=True)]
-        return found[0] if arrays[0].ndim == 0 else _array(found).reshape(arrays[0].shape)
+        found = [rule(*map(lifted, entries)) for entries in zip(*(a.flat for a in arrays), strict=True)]
+        return found[0] if arrays[0].ndim == 0 else array(found).reshape(arrays[0].shape)
     values = _numbers(rule, [np.asarray(a, dtype=float).ravel() for a in arrays])
     return float(values[0]) if arrays[0].ndim == 0 else values.reshape(arrays[0].shape)
 
 
-def _symbol(x: Any) -> Symbol:
-    return x if isinstance(x, Symbol) else const(float(x))
-
-
-def _array(values: list[Any]) -> Any:
-    found = np.empty(len(values), dtype=object)
-    found[:] = values
-    return found
-
-
 def _numbers(rule: Callable[..., Symbol], columns: list[np.ndarray]) -> np.ndarray:
     """The rule traced once, and run on numbers row by row."""
-    from .compiler.derivatives import variables
     from .compiler.kernels import kernel
 
     x = variables("x", len(columns))

@@ -12,6 +12,7 @@ import numpy as np
 from .. import plugins
 from ..compiler import derivatives as trace
 from ..simulation.run import simulate
+from ..solver.quotients import REMEDY, zero_over_zero
 from ..studies.theorems import SEED, admissible_states
 from .check_line import FAIL, NONE, OK, Line, line
 from .jacobian_checks import given_gap, traced_gap
@@ -105,6 +106,19 @@ def keeps_its_input(method: Integrator) -> Line:
         method.adaptive(scenario.model, z0, times, 1e-6, 1e-6)
     same = np.array_equal(z0, before[0]) and np.array_equal(times, before[1])
     return line(name, same, "" if same else "z0 is changed in place", _COPY)
+
+
+def quotients(method: Integrator) -> Line:
+    """No formula divides 0 by 0 where nothing moves: Newton starts at z1 = z0, and a run may come to rest."""
+    name = "quotients"
+    if method.kind != "flows":
+        return Line(name, NONE, "for formulas only")
+    for scenario in scenarios(method):
+        z = next(admissible_states(scenario, np.random.default_rng(SEED)))
+        for flow in method.flows:
+            if place := zero_over_zero(flow, scenario.model, z, scenario.dt):
+                return Line(name, FAIL, f"0/0 at z1 = z0 ({place})", f"{REMEDY}.")
+    return Line(name, OK, "none is 0/0 at z1 = z0")
 
 
 def marches(method: Integrator) -> Line:
@@ -354,6 +368,7 @@ def time_per_step(method: Integrator) -> Line:
 TESTS: tuple[tuple[str, Callable[[Integrator], Line]], ...] = (
     ("deterministic", deterministic),
     ("input unchanged", keeps_its_input),
+    ("quotients", quotients),
     ("consistent", consistent),
     ("order", order),
     ("claims", claims),

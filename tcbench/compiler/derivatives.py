@@ -22,6 +22,7 @@ from .symbols import (
     intern,
     is_const,
     lam,
+    lifted,
     make,
     mark,
     maximum,
@@ -38,9 +39,9 @@ from .symbols import (
 )
 
 __all__ = [
-    "Symbol", "add", "array", "const", "depends_on", "guarded", "is_const", "jacobian", "lam", "mark", "maximum",
-    "minimum", "mul", "neg", "phi", "power", "rebuild", "reciprocal", "sub", "substitute", "topological", "tracing",
-    "variable",
+    "Symbol", "add", "array", "const", "depends_on", "guarded", "is_const", "jacobian", "lam", "lifted", "mark",
+    "maximum", "minimum", "mul", "neg", "phi", "power", "rebuild", "reciprocal", "sub", "substitute", "topological",
+    "tracing", "variable",
     "variables",
 ]  # fmt: skip
 
@@ -106,6 +107,7 @@ def jacobian(outputs: Sequence[Symbol], inputs: Sequence[Symbol]) -> NDArray[np.
     Marked nodes are seeds of their own; at the end they are expanded, the last one first.
     """
     zero, one = const(0.0), const(1.0)
+    outputs = [lifted(x) for x in outputs]
     columns = {x.number: j for j, x in enumerate(inputs)}
     tangents: dict[int, dict[int, Symbol]] = {number: {number: one} for number in columns}
     seeds: dict[int, dict[int, Symbol]] = {}  # marked node -> its own tangent

@@ -174,6 +174,11 @@ def const(value: float) -> Symbol:
     return intern("const", (), float(value) + 0.0)  # -0.0 and 0.0 are one constant
 
 
+def lifted(value: Any) -> Symbol:
+    """The value as a symbol: numbers become constants."""
+    return value if isinstance(value, Symbol) else const(float(value))
+
+
 def variable(name: str) -> Symbol:
     """A fresh input; two variables are never the same symbol."""
     return Symbol("var", (), name)

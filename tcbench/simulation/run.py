@@ -13,6 +13,7 @@ from ..errors import TcbenchError
 from ..integrator import Integrator
 from ..solver import implicit_step as m
 from ..solver.implicit_step import Rules, compiled_flows, constants_of, make_flows
+from ..solver.quotients import REMEDY, zero_over_zero
 from ..systems.scenario import Scenario
 from .compiled_loop import LOOPS, NOW
 from .python_loop import run_adaptive, run_step
@@ -145,4 +146,7 @@ def run_flows(
     status, failure = explain(reason, done, dt, scenario)
     if reason == m.OK and first.failure:
         status, failure = first.status, first.failure
+    if reason in (m.NONCONVERGED, m.NO_ROOT, m.NONFINITE):
+        places = [zero_over_zero(flow, model, run.z, dt) for flow in integrator.flows]
+        failure += "".join(f". The formula divides 0 by 0 at z1 = z0 ({place}): {REMEDY}" for place in places if place)
     return assemble(integrator, scenario, run, status, failure, wall)

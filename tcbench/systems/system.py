@@ -418,7 +418,7 @@ class System:
             unknown = trace.variables("x", sum(sizes))
             result = np.asarray(body(symbolic, *np.split(unknown, np.cumsum(sizes)[:-1])))
             inputs = {x: f"a[{i}]" for i, x in enumerate(unknown)} | self.constant_symbols()
-            outputs = [x if isinstance(x, trace.Symbol) else trace.const(float(x)) for x in result.ravel()]
+            outputs = [trace.lifted(x) for x in result.ravel()]
             return straight_line(inputs, outputs), result.shape
 
     def _body(self, name: str) -> Callable[..., Any]:
@@ -437,10 +437,10 @@ def formulas_hash(kind: type[System]) -> str:
 
 
 def _mark(values: Any) -> Any:
-    """Accumulate derivatives through these values; numbers pass unchanged."""
+    """Accumulate derivatives through these values; a number among symbols, as a rigid element has it, becomes one."""
     if np.asarray(values).dtype != object:
         return values
-    return trace.array(trace.mark(x) if isinstance(x, trace.Symbol) else x for x in values)
+    return trace.array(trace.mark(trace.lifted(x)) if isinstance(x, trace.Symbol | float | int) else x for x in values)
 
 
 KEPT = ("n_positions", "n_elements", "formulas")  # of an instance, by the one that has symbols for constants

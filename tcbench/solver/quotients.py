@@ -1,0 +1,38 @@
+"""Names a quotient of an author's formula that is 0/0 where nothing moves: Newton starts there."""
+
+from __future__ import annotations
+
+import traceback
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..integrator import Flow
+from ..systems.system import System
+
+REMEDY = (
+    "Write the quotient with tcbench.building_blocks (divided_difference, phi, log1p_ratio), which has its value there"
+)
+
+
+def zero_over_zero(flow: Flow, system: System, z: Any, h: float) -> str:
+    """Where the formula divides 0 by 0 at z1 = z0 = z: "file, line N", or "" if it does not.
+
+    The formula is run on plain numbers; one that cannot be is not judged here.
+    """
+    make = system.temperature_variables if flow.variables == "temperature" else system.state
+    states = [make(np.array(z)) for _ in range(2 + flow.stages + flow.memory + 2)]
+    arguments: list[Any] = [*states[:2], h, system]
+    arguments += [states[2 : 2 + flow.stages]] if flow.stages else []
+    arguments += [tuple(states[-flow.memory :])] if flow.memory else states[-2:] if flow.of_step else []
+    try:
+        with np.errstate(all="ignore", invalid="raise"):
+            flow.residual(*arguments)
+    except (FloatingPointError, ZeroDivisionError) as error:
+        frames = traceback.extract_tb(error.__traceback__)
+        own = [f for f in frames if f.filename == flow.residual.__code__.co_filename]
+        return f"{Path(own[-1].filename).name}, line {own[-1].lineno}" if own else ""
+    except Exception:
+        return ""
+    return ""
