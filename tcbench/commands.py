@@ -17,7 +17,7 @@ from .report.summary import summary
 from .store.encoding import csv_bytes
 from .store.store import Store, replace_file
 from .store.tables import only, read_tables
-from .studies.base import studies
+from .studies.base import default_studies
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -82,7 +82,7 @@ def list_command(as_json: bool) -> None:
             }
             for f in registry.scenario_families.values()
         ],
-        "studies": [{"name": s.name, "description": s.description} for s in studies().values()],
+        "studies": [{"name": s.name, "description": s.description} for s in default_studies().values()],
         "broken": [{"name": o.name, "path": o.path or o.distribution, "error": o.error} for o in registry.broken],
     }  # fmt: skip
     if as_json:

@@ -92,11 +92,6 @@ def constant_part(outputs: Sequence[Symbol], varying: Sequence[Symbol]) -> list[
     return list(found.values())
 
 
-def count_operations(outputs: Sequence[Symbol]) -> int:
-    """How many operations a kernel for these outputs performs."""
-    return sum(node.op not in ("const", "var") for node in topological(outputs))
-
-
 @dataclass(frozen=True)
 class Kernel:
     """Source text of one kernel; compiled when its address is first asked for."""

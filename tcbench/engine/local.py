@@ -23,7 +23,6 @@ everything else is final.
 from __future__ import annotations
 
 import contextlib
-import os
 import queue
 import random
 import shutil
@@ -35,6 +34,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from ..cores import usable_cores
 from ..errors import TcbenchError
 from ..store.cells import Cell
 from ..store.lock import hold_lock
@@ -197,11 +197,6 @@ def _log_folder() -> Iterator[str]:
         hold_lock(Path(folder) / ".lock"),
     ):
         yield folder
-
-
-def usable_cores() -> int:
-    """The cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @dataclass

@@ -12,7 +12,7 @@ from ..errors import TcbenchError
 from ..integrator import Integrator
 from ..store.cells import Cell
 from ..store.store import Rows, Store
-from ..studies.base import NAMES, Study, find_study
+from ..studies.base import Study, default_studies, find_study
 from ..systems.scenario import Scenario
 from .fingerprint import cell_fingerprint, forget
 from .measure import scenario_data
@@ -53,7 +53,7 @@ def plan_job(
     present = [name for name, method in registry.integrators.items() if not method.lacks]
     methods = plugins.expand_integrators(present if integrators is None else integrators)
     selected = [plugins.find_scenario(s).current() for s in (registry.scenarios if scenarios is None else scenarios)]
-    chosen = [find_study(name) for name in (NAMES if studies is None else dict.fromkeys(studies))]
+    chosen = [find_study(name) for name in (default_studies() if studies is None else dict.fromkeys(studies))]
     if len({s.name for s in selected}) < len(selected):
         raise TcbenchError("Two scenarios of one run have the same name; give variants a name: replace(name=...).")
     settings = {"dt": _checked_steps(dt, selected), **(options or {})}

@@ -109,17 +109,14 @@ def stored_file() -> dict[str, Any]:
     return json.loads(files(__package__).joinpath("data", "references.json").read_text(encoding="utf-8"))
 
 
-def stored(name_or_hash: str, expected_hash: str | None = None) -> Reference | None:
+def stored(name_or_hash: str) -> Reference | None:
     """The reference stored in the package for a scenario's name or hash; None if there is none.
 
-    With a hash, all records of that content are merged. With a name and `expected_hash`, a record whose
-    content has changed since it was certified counts as absent: a stale reference is worse than none.
+    With a hash, all records of that content are merged.
     """
     records = stored_file()["scenarios"]
     if name_or_hash in records:
         found = [records[name_or_hash]]
-        if expected_hash is not None and found[0]["hash"] != expected_hash:
-            return None
     else:
         found = [r for r in records.values() if r["hash"] == name_or_hash]
     rows = {float(t): (r, i) for r in found for i, t in enumerate(r["times"])}

@@ -13,6 +13,7 @@ import sys
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+from ..cores import usable_cores
 from .chart_kinds import find_kind
 from .html import png_element, svg_text
 
@@ -48,8 +49,7 @@ def draw(job: Job) -> Drawn:
 
 def draw_all(jobs: Sequence[Job]) -> list[Drawn]:
     """The charts in the order of the jobs."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    count = max(1, min(cores, MOST, len(jobs) // WORTH + 1))
+    count = max(1, min(usable_cores(), MOST, len(jobs) // WORTH + 1))
     shares = [list(jobs[i::count]) for i in range(count)]
     helpers = [_start(share) for share in shares[1:]]
     done = [[draw(job) for job in shares[0]]]

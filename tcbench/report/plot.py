@@ -32,7 +32,7 @@ def plot(
 ) -> Path:
     """Write one chart; its format is the suffix of `output` (.png, .svg or .pdf).
 
-    kind : a name of `figures.kinds()`. source : the folder of a run, or trajectories (for laws, four-panel, path).
+    kind : a name of `chart_kinds.kinds()`. source : the folder of a run, or trajectories (for laws, four-panel, path).
     scenario : needed where the run has several. integrators : only these. x, y : columns, of work-precision (x and y)
     and conservation (x). dt : of laws, four-panel and path, the runs of this step only.
 
@@ -49,8 +49,8 @@ def plot(
         raise TcbenchError(_absent(chosen, tables))
     tables = only(tables, "integrator", integrators or ())
     shown = _scenario(chosen, tables, scenario)
-    options: dict[str, Any] = {"x": x} if x and kind in ("work-precision", "conservation") else {}
-    if y and kind == "work-precision":
+    options: dict[str, Any] = {"x": x} if x and "x" in chosen.options else {}
+    if y and "y" in chosen.options:
         options["y"] = tuple(y)
     for column in [*options.get("y", ()), *([x] if "x" in options else [])]:
         if column not in tables[chosen.needs[0]]:

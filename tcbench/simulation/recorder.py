@@ -84,7 +84,7 @@ def assemble(
         invariants={name: observed[:, first + i] for i, name in enumerate(names)},
         temperatures=observed[:, first + len(names) : first + len(names) + n],
         status=status, failure=failure, steps=done, newton_iterations=run.counts[: rows - 1],
-        wall_time_s=wall, summary=summarise(run, names, scenario.initial_exergy),
+        wall_time_s=wall, summary=summarise(run, names),
         solver=solver or SolverCounts(
             newton_iterations=tally.iterations, retried=tally.retried, tracked=tally.tracked,
             continuation_tries=tally.tries, arcs=tally.arcs, folds=tally.folds, audited=tally.audited,
@@ -93,18 +93,18 @@ def assemble(
     )  # fmt: skip
 
 
-def summarise(run: Run, names: tuple[str, ...], exergy: float) -> Summary:
+def summarise(run: Run, names: tuple[str, ...]) -> Summary:
     s, dt, nan = run.tally, float(run.h), math.nan
     steps = s.steps
     spread = steps * s.sum_tt - s.sum_t**2
     drift = (steps * s.sum_te - s.sum_t * s.sum_e) / spread if steps > 1 and spread > 0 else nan
     return Summary(
-        energy_error_max=float(s.energy_error) / exergy if steps else nan,
-        energy_drift=float(drift) / exergy,
+        energy_error_max=float(s.energy_error) if steps else nan,
+        energy_drift=float(drift),
         entropy_increment_min=float(s.entropy_min) if steps else nan,
         second_law_violations=s.violations,
         first_entropy_fall=s.first_fall * dt if s.first_fall else nan,
-        lyapunov_increment_max=float(s.lyapunov_max) / exergy if steps else nan,
+        lyapunov_increment_max=float(s.lyapunov_max) if steps else nan,
         invariant_error_max={name: float(run.departures[i]) if steps else nan for i, name in enumerate(names)},
         residual_max=float(s.residual_max) if run.residuals and steps else nan,
     )

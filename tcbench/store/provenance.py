@@ -13,6 +13,8 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+from ..cores import usable_cores
+
 # a new version of these may change digits, so it changes keys
 NUMERICAL_PACKAGES = ("numpy", "scipy", "llvmlite")
 PACKAGES = (*NUMERICAL_PACKAGES, "pandas", "pebble", "dask", "distributed")
@@ -83,11 +85,10 @@ def versions(names: Iterable[str] = NUMERICAL_PACKAGES) -> dict[str, str]:
 @lru_cache(maxsize=1)
 def machine() -> dict[str, Any]:
     """CPU model, logical and usable cores, architecture and operating system; no host name."""
-    usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     return {
         "cpu": cpu_model(),
         "cores": os.cpu_count(),
-        "usable_cores": usable,
+        "usable_cores": usable_cores(),
         "architecture": platform.machine(),
         "system": platform.system(),
     }

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import TcbenchError, unknown_name
-from ..studies.base import NAMES, OTHERS, Study, find_study
+from ..studies.base import Study, studies
 from .cells import identity_of
 from .store import Rows, Store
 
@@ -25,7 +25,7 @@ def read_tables(source: str | Path | Store) -> dict[str, DataFrame]:
     latest = {identity_of(line["cell"]): line["key"] for line in store.lines() if line["cell"]}
     tables: dict[str, DataFrame] = {}
     kept = [] if latest else store.tables()
-    for study in map(find_study, NAMES + OTHERS):
+    for study in studies().values():
         try:
             tables |= make_tables([study], store, set(latest.values()))
         except (KeyError, ValueError, TypeError) as error:  # rows of another version of the study
@@ -40,10 +40,10 @@ def read_tables(source: str | Path | Store) -> dict[str, DataFrame]:
     return {name: table for name, table in tables.items() if len(table)}
 
 
-def make_tables(studies: Iterable[Study], store: Rows, keys: set[str] | None = None) -> dict[str, DataFrame]:
+def make_tables(chosen: Iterable[Study], store: Rows, keys: set[str] | None = None) -> dict[str, DataFrame]:
     """Tables of the rows in the store; of these keys only, when given."""
     tables: dict[str, DataFrame] = {}
-    for study in studies:
+    for study in chosen:
         records = [r for r in store.records(study.name) if keys is None or r["key"] in keys]
         if records:
             tables |= study.tabulate([{k: v for k, v in r.items() if k not in ("study", "key")} for r in records])

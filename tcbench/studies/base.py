@@ -5,6 +5,8 @@ from __future__ import annotations
 import importlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import unknown_name
@@ -28,6 +30,7 @@ class Study:
         Exceptions become rows of status "exception".
     tabulate(records) -> tables by name; a record is the row with integrator, scenario and the cell options; rows of
         failed cells have "status" and "failure" and may lack everything else.
+    place : studies run, and their tables stand, in this order. by_default : False for one that runs only when named.
     timed : cells run alone on the machine, after all others. metrics : rows have the columns of plugins' metrics.
     """
 
@@ -39,22 +42,33 @@ class Study:
     ]
     measure: Callable[[Integrator, Scenario, Row], Row]
     tabulate: Callable[[Sequence[Row]], dict[str, DataFrame]]
+    place: int = 100
+    by_default: bool = True
     timed: bool = False
     metrics: bool = False
 
 
-NAMES = ("conservation", "convergence", "equilibrium", "claims", "stability", "work_precision")  # what `run` does
-OTHERS = ("map",)  # has a command of its own
-
-
 def studies() -> dict[str, Study]:
-    """Every study by name, in the order in which they run."""
-    return {name: find_study(name) for name in NAMES}
+    """Every study by name, in the order of their places."""
+    found = sorted(map(find_study, study_names()), key=lambda study: (study.place, study.name))
+    return {study.name: study for study in found}
+
+
+def default_studies() -> dict[str, Study]:
+    """Those that a run does where none is named."""
+    return {name: study for name, study in studies().items() if study.by_default}
+
+
+@cache
+def study_names() -> tuple[str, ...]:
+    """Names of the files beside this one that define a STUDY; none is imported to find out."""
+    files = sorted(Path(__file__).parent.glob("*.py"))
+    return tuple(file.stem for file in files if "\nSTUDY = " in file.read_text(encoding="utf-8"))
 
 
 def find_study(name: str) -> Study:
     """The study in the file of this name beside this one, imported when it is first asked for."""
-    if name not in NAMES + OTHERS:
-        raise unknown_name("study", name, NAMES)
+    if name not in study_names():
+        raise unknown_name("study", name, default_studies())
     study: Study = importlib.import_module(f".{name}", __package__).STUDY
     return study

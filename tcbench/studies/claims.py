@@ -77,6 +77,7 @@ def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
 
 STUDY = Study(
     name="claims",
+    place=40,
     description="the paper's statements against measurements: theorems on random states, section 6 in its scenarios",
     tables=("claims",),
     plan=plan,

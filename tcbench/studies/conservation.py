@@ -92,6 +92,7 @@ def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
 
 STUDY = Study(
     name="conservation",
+    place=10,
     description="energy, entropy and momentum errors, blow-up time and solver effort on a ladder of steps",
     tables=("conservation", "series", "opening"),
     plan=plan,

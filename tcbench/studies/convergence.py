@@ -164,6 +164,7 @@ def _table(frame: DataFrame, columns: Sequence[str]) -> DataFrame:
 
 STUDY = Study(
     name="convergence",
+    place=20,
     description="order of convergence by group of variables, from the asymptotic window of a ladder of steps",
     tables=("convergence", "convergence_points"),
     plan=plan,

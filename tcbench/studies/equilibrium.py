@@ -196,6 +196,7 @@ def _table(frame: DataFrame, columns: Sequence[str]) -> DataFrame:
 
 STUDY = Study(
     name="equilibrium",
+    place=30,
     description="gap to the exact relative equilibrium over time, or the growth where none is within reach",
     tables=("equilibrium", "equilibrium_summary"),
     plan=plan,

@@ -163,6 +163,7 @@ def stability_map(integrators: Sequence[Integrator], scenario: Scenario, x: str,
 
 STUDY = Study(
     name="map",
+    by_default=False,
     description="outcome over two parameters, one cell a row of the map",
     tables=("map",),
     plan=plan,

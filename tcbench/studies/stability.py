@@ -67,6 +67,7 @@ def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
 
 STUDY = Study(
     name="stability",
+    place=50,
     description="largest stable step and the kind of its limit, with the shared solver and with plain Newton",
     tables=("stability", "stability_points", "blowup_sensitivity"),
     plan=plan,

@@ -219,6 +219,7 @@ def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
 
 STUDY = Study(
     name="work_precision",
+    place=60,
     description="error against time on ladders of steps and tolerances, and how the time grows with the work",
     tables=("work_precision", "time_to_accuracy", "cost"),
     plan=plan,

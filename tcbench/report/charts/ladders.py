@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.lines import Line2D
 
 from ...studies.columns import column as column_named
-from ...studies.columns import invariant_columns
+from .kind import Kind
 from .scales import log_axis, zero_log_axis
 from .style import (  # fmt: skip
     GREY,
@@ -52,7 +52,7 @@ def conservation(table: DataFrame, x: str = "dt") -> Figure:
 
     falls = np.maximum(0.0, -finite(table["entropy_increment_min"])) if "entropy_increment_min" in table else np.nan
     data = table.assign(entropy_fall_max=pd.Series(falls, index=table.index))
-    wanted = ("energy_error_max", "entropy_fall_max", *invariant_columns(data.columns))
+    wanted = ("energy_error_max", "entropy_fall_max", "angular_momentum_error_max")
     columns = [c for c in wanted if c in data and np.isfinite(finite(data[c])).any()] or ["energy_error_max"]
     figure, axes = panels(len(columns), 3, (3.6, 2.9))
     methods = [n for n in names(data) if np.isfinite(finite(data[x][data["integrator"].astype(str) == n])).any()]
@@ -201,3 +201,19 @@ def _bracket(ax: Axes, rows: DataFrame, name: str, y: float) -> None:
         ax.plot([stable], [y], color=colour, marker=LIMITS.get(limit, "D"), linestyle="none", zorder=4)
         if row.get("non_monotone") is not None and bool(row.get("non_monotone") == True):  # noqa: E712
             ax.annotate("*", (stable, y), xytext=(7, -1), textcoords="offset points", color=colour, va="center")
+
+
+def some_failed(points: DataFrame) -> bool:
+    """Blow-up times of runs that all reached the end are nothing to see."""
+    failed = points["status"].ne("ok")
+    return bool((failed & points["solver"].ne("plain") if "solver" in points else failed).any())
+
+
+KINDS = (
+    Kind("conservation", "conservation", "Largest losses of a run against its step size.", ("conservation",),
+         conservation, options=("x",)),
+    Kind("stable-step", "stability", "Largest stable step, by kind of limit.", ("stability",), stable_step,
+         by_scenario=False),
+    Kind("blowup", "stability", "Time at which a run failed, against its step size.", ("stability_points",), blowup,
+         ("blowup_sensitivity",), seen=some_failed),
+)  # fmt: skip

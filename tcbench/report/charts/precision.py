@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...studies.columns import column as column_named
+from .kind import Kind
 from .scales import log_axis, zero_log_axis
 from .style import (  # fmt: skip
     INK,
@@ -205,3 +206,11 @@ def _fitted_line(ax: Axes, name: str, h: Any, e: Any, fits: DataFrame | None) ->
     style = look(name)
     ax.plot(ends, constant * ends**order, color=style.colour, linestyle=style.dash, linewidth=1)
     return float(ends[1]), float(constant * ends[1] ** order), f"{order:.2f}", style.colour
+
+
+KINDS = (
+    Kind("work-precision", "work_precision", "Error against cost; one panel an error.", ("work_precision",),
+         work_precision, options=("x", "y")),
+    Kind("convergence", "convergence", "Error against step size; the number at a line's end is its fitted order.",
+         ("convergence_points",), convergence, ("convergence",)),
+)  # fmt: skip

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...studies.columns import column as column_named
+from .kind import OPENING, SERIES, Kind
 from .scales import log_axis, zero_log_axis
 from .style import GREY, INK, chart, finite, handle, legend, look, names, note, panels, short, titles  # fmt: skip
 
@@ -34,14 +35,12 @@ GAPS = ("entropy_gap", "strain_gap", "temperature_gap", "rotation_gap")
 
 @chart
 def laws(series: DataFrame) -> Figure:
-    """What several runs of one scenario lose in time: energy, entropy, every invariant, Lyapunov functional.
+    """What several runs of one scenario lose in time: energy, entropy, angular momentum, Lyapunov functional.
 
     series : rows of the table `series`. Magnitudes; a law that is kept exactly lies on the 0 at the foot of the axis.
     The line is the largest so far; beside it runs a thin one, the value, where runs are few. A cross ends a failed run.
     """
-    others = {c: f"{c.removesuffix('_error')}: |I − I₀| / |I₀|" for c in map(str, series) if c.endswith("_error")}
-    told = LAWS | {c: text for c, text in others.items() if c not in LAWS}
-    columns = [c for c in told if c in series and np.isfinite(finite(series[c])).any()] or ["energy_error"]
+    columns = [c for c in LAWS if c in series and np.isfinite(finite(series[c])).any()] or ["energy_error"]
     figure, axes = panels(len(columns), 2, (4.9, 2.7))
     methods = names(series)
     runs = _runs(series, methods)
@@ -59,7 +58,7 @@ def laws(series: DataFrame) -> Figure:
             )  # fmt: skip
             _end(ax, run, largest, style.colour)
         ax.set_xlabel(column_named("t").label)
-    titles(axes, [told[c] for c in columns])
+    titles(axes, [LAWS[c] for c in columns])
     legend(figure, methods)
     return figure
 
@@ -266,3 +265,15 @@ def history(table: DataFrame) -> Figure:
         ax.tick_params(axis="x", labelrotation=30, labelsize=7)
     titles(axes, found)
     return figure
+
+
+KINDS = (
+    Kind("laws", "conservation", "Losses in time, at the scenario's own step; on the 0 a law is kept exactly.",
+         (SERIES,), laws),
+    Kind("four-panel", "conservation", "Energy, entropy, temperatures and strains in time, as in the paper.",
+         (SERIES,), four_panel),
+    Kind("path", "conservation", "Paths of the masses in the plane over the first steps, coloured by temperature.",
+         (OPENING,), path),
+    Kind("equilibrium", "equilibrium", "Distance to the exact relative equilibrium in time.", ("equilibrium",),
+         equilibrium, ("equilibrium_summary",)),
+)  # fmt: skip

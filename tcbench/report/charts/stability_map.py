@@ -12,6 +12,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from .kind import Kind
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from pandas import DataFrame
@@ -106,3 +108,6 @@ def _panel(ax: Axes, table: DataFrame) -> None:
             scale("log")
     ax.set_xlim(x_edges[0], x_edges[-1])
     ax.set_ylim(y_edges[0], y_edges[-1])
+
+
+KINDS = (Kind("map", "stability", "How runs end in a plane of two parameters.", ("map",), map_figure),)
