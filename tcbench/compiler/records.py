@@ -12,12 +12,13 @@ import math
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Generic, TypeVar
+from typing import Any, ClassVar, Generic, Self, TypeVar
 
 import numpy as np
 
 HEAD = object.__basicsize__  # of CPython's objects; an array's data pointer follows
-NUMBERS = ("int", "float", "bool", "Kernel")
+WHOLE = ("int", "bool", "Kernel")
+NUMBERS = ("float", *WHOLE)
 R = TypeVar("R", bound="Record")
 RANKS = {"Floats": 1, "Matrix": 2, "Cube": 3, "Ints": 1}
 
@@ -44,8 +45,11 @@ class Rows(Generic[R]):
 
     def __init__(self, records: Sequence[R]) -> None:
         kind = type(records[0])
-        self.table = np.array([r.table for r in records], dtype=np.int64)
-        self.records: list[R] = [kind._over(row, r) for row, r in zip(self.table, records, strict=True)]
+        if len(records) == 1:
+            self.table, self.records = records[0].table[None], list(records)
+        else:
+            self.table = np.array([r.table for r in records])
+            self.records = [kind._over(row, r) for row, r in zip(self.table, records, strict=True)]
 
     def __getitem__(self, i: int) -> R:
         return self.records[i]
@@ -72,11 +76,12 @@ class Field:
     def __get__(self, record: Any, owner: type) -> Any:
         if record is None:
             return self
-        if self.kind in ("int", "Kernel", "bool"):
-            return int(record.table[self.index])
-        if self.kind == "float":
-            return record.table.view(np.float64)[self.index]
-        return record.kept[self.name]
+        found = record.kept.get(self.name)  # what is asked for often comes first: a run reads some twenty arrays
+        if found is not None:
+            return found
+        if self.kind in WHOLE:
+            return record.table.item(self.index)
+        return record.table.view(np.float64)[self.index] if self.kind == "float" else record.array(self)
 
     def __set__(self, record: Any, value: Any) -> None:
         if self.kind not in NUMBERS:
@@ -95,7 +100,9 @@ class Record:
     mutable: ClassVar[bool] = False
     table: np.ndarray
     kept: dict[str, Any]
+    plan: _Plan
     address: int
+    base: int  # where its own arrays begin
 
     def __init_subclass__(cls, mutable: bool = False, **arguments: Any) -> None:
         super().__init_subclass__(**arguments)
@@ -111,58 +118,112 @@ class Record:
             cls.fields[name] = field
             setattr(cls, name, field)
         cls.names = vars(sys.modules[cls.__module__])
-        made = [f for f in cls.fields.values() if f.is_array]
-        text = "".join(f"({', '.join(f.lengths)},), " for f in made)
-        cls._shapes = compile(f"[{text}]", f"<shapes of {cls.__name__}>", "eval")
-        cls._made = made
+        cls._plans = {}
 
     names: ClassVar[dict[str, Any]]
-    _made: ClassVar[list[Field]]
-    _shapes: ClassVar[Any]
+    _plans: ClassVar[dict[Any, _Plan]]
 
-    def __init__(self, **values: Any) -> None:
-        fields, kept = type(self).fields, {}
-        table = np.empty(len(fields), dtype=np.int64)
-        numbers: list[tuple[int, float]] = []
-        row = [0] * len(fields)
-        for name, value in values.items():
+    def __init__(self, make_arrays: bool = True, **values: Any) -> None:
+        """make_arrays=False: a pattern for `again`, without memory of its own."""
+        cls = type(self)
+        key = (*values, *[v for v in values.values() if type(v) is int])
+        plan = cls._plans.get(key) or cls._plans.setdefault(key, _Plan(cls, values))
+        table, kept = plan.table.copy(), {}
+        self.base = 0
+        if plan.memory and make_arrays:
+            kept[""] = np.zeros(plan.memory)
+            self.base = address_of(kept[""])
+            table[plan.own] += self.base
+        if plan.whole:
+            table[plan.whole_at] = [values[name] for name in plan.whole]
+        if plan.real:
+            table.view(np.float64)[plan.real_at] = [values[name] for name in plan.real]
+        for field in plan.given:
+            value = kept[field.name] = values[field.name]
+            table[field.index] = address_of(_checked(field, value, plan.shapes) if field.is_array else value.table)
+        self.table, self.kept, self.plan, self.address = table, kept, plan, address_of(table)
+
+    def again(self, **changes: Any) -> Self:
+        """A record like this one but for these fields, with memory of its own for what this one allocated; quicker."""
+        made = object.__new__(type(self))
+        table, plan = self.table.copy(), self.plan
+        kept = {name: value for name, value in self.kept.items() if name not in plan.own_names}
+        if plan.memory:
+            kept[""] = np.zeros(plan.memory)
+            made.base = address_of(kept[""])
+            table[plan.own] += made.base - self.base
+        floats, fields = table.view(np.float64), type(self).fields
+        for name, value in changes.items():
             field = fields[name]
             if field.kind == "float":
-                numbers.append((field.index, value))
+                floats[field.index] = value
             elif field.kind in NUMBERS:
-                row[field.index] = int(value)
+                table[field.index] = value
             else:
                 kept[name] = value
-                row[field.index] = address_of(_checked(field, value) if field.is_array else value.table)
-        shapes = dict(zip(type(self)._made, eval(type(self)._shapes, type(self).names, values), strict=True))
-        missing = [f for f in type(self)._made if f.name not in kept]
-        for f in type(self)._made:
-            if f.name in kept and kept[f.name].shape != shapes[f]:
-                raise TypeError(f"{f.name} has shape {kept[f.name].shape}, declared is {shapes[f]}")
-        if missing:
-            memory = np.zeros(sum(math.prod(shapes[f]) for f in missing))
-            start, begin = 0, address_of(memory)
-            for f in missing:
-                stop = start + math.prod(shapes[f])
-                part = memory[start:stop].reshape(shapes[f])
-                kept[f.name] = part.view(np.int64) if f.kind == "Ints" else part
-                row[f.index] = begin + 8 * start
-                start = stop
-        table[:] = row
-        for index, value in numbers:
-            table.view(np.float64)[index] = value
-        self.table, self.kept, self.address = table, kept, address_of(table)
+                table[field.index] = address_of(_checked(field, value, plan.shapes) if field.is_array else value.table)
+        made.table, made.kept, made.plan, made.address = table, kept, plan, address_of(table)
+        return made
+
+    def array(self, field: Field) -> Any:
+        """An array that the record allocated; it becomes an array when it is first asked for."""
+        start, shape = self.plan.shapes[field.name]
+        part = self.kept[""][start : start + math.prod(shape)]
+        part = part.view(np.int64) if field.kind == "Ints" else part if len(shape) == 1 else part.reshape(shape)
+        self.kept[field.name] = part
+        return part
+
+    def numbers(self) -> dict[str, Any]:
+        """All fields that are numbers, read at once."""
+        whole, real = self.table.tolist(), self.table.view(np.float64).tolist()
+        found = {name: whole[i] for name, i in self.plan.whole_fields}
+        found |= {name: real[i] for name, i in self.plan.real_fields}
+        return found
 
     @classmethod
     def _over(cls, row: np.ndarray, source: Any) -> Any:
         """The same record with its table in other memory."""
         record = object.__new__(cls)
-        record.table, record.kept, record.address = row, source.kept, address_of(row)
+        record.table, record.kept, record.plan, record.address = row, source.kept, source.plan, address_of(row)
         return record
 
 
-def _checked(field: Field, array: np.ndarray) -> np.ndarray:
+class _Plan:
+    """What making a record of a class from these names and sizes comes to."""
+
+    def __init__(self, cls: type[Record], values: dict[str, Any]) -> None:
+        for name in values:
+            if name not in cls.fields:
+                raise TypeError(f"{cls.__name__} has no field {name!r}")
+        arrays = [f for f in cls.fields.values() if f.is_array]
+        self.shapes: dict[str, tuple[int, tuple[int, ...]]] = {}  # beginning in the record's own memory, and shape
+        self.table, self.memory = np.zeros(len(cls.fields), dtype=np.int64), 0
+        own: list[Field] = []
+        for f in arrays:
+            shape = tuple(int(eval(length, cls.names, values)) for length in f.lengths)
+            self.shapes[f.name] = (self.memory, shape)
+            if f.name not in values:
+                self.table[f.index] = 8 * self.memory
+                own.append(f)
+                self.memory += math.prod(shape)
+        self.own = np.array([f.index for f in own], dtype=np.intp)
+        self.own_names = {"", *(f.name for f in own)}
+        numbers = [f for f in cls.fields.values() if f.kind in NUMBERS]
+        self.whole_fields = [(f.name, f.index) for f in numbers if f.kind != "float"]
+        self.real_fields = [(f.name, f.index) for f in numbers if f.kind == "float"]
+        fields = [cls.fields[name] for name in values]
+        self.given = [f for f in fields if f.kind not in NUMBERS]
+        whole = [f for f in fields if f.kind in NUMBERS and f.kind != "float"]
+        real = [f for f in fields if f.kind == "float"]
+        self.whole, self.whole_at = [f.name for f in whole], [f.index for f in whole]
+        self.real, self.real_at = [f.name for f in real], [f.index for f in real]
+
+
+def _checked(field: Field, array: np.ndarray, shapes: dict[str, tuple[int, tuple[int, ...]]]) -> np.ndarray:
     """The array, if it is one that compiled code can read."""
+    shape = shapes[field.name][1]
+    if array.shape != shape:
+        raise TypeError(f"{field.name} has shape {array.shape}, declared is {shape}")
     if array.dtype != (np.int64 if field.kind == "Ints" else np.float64) or not array.flags.c_contiguous:
         raise TypeError(f"{field.name} needs a contiguous array of {field.kind}")
     return array

@@ -154,6 +154,16 @@ def remember(run: Run, z: Floats, new: Floats) -> None:
             c[here + i] = earlier + (z[i] - new[i]) / run.h
 
 
+def begin(run: Run) -> None:
+    """Open the first step: its observables, the first and the last so far, by the kernel that observes every step."""
+    open_step(run, run.z)
+    now = run.flows[0].w[run.now : run.now + run.n_observables]
+    copy_into(run.observables[FIRST], now)
+    copy_into(run.observables[BEFORE], now)
+    copy_into(run.states[0], run.z)
+    copy_into(run.records[0], now)
+
+
 @rare
 def measure_residual(flow: Flow) -> None:
     """Keep the largest scaled residual of an accepted step."""
@@ -232,4 +242,4 @@ def march(run: Run, start: int, stop: int) -> int:
     return reason
 
 
-LOOPS = Library("time loop", march, monitor, open_step, verdict, add_increments)
+LOOPS = Library("time loop", march, monitor, begin, verdict, add_increments)

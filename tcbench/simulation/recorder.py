@@ -31,20 +31,37 @@ _STATUS = {
 }
 
 
+_NO_STEP = Tally(entropy_min=math.inf, lyapunov_max=-math.inf)
+_PATTERNS: dict[tuple[int, ...], Run] = {}  # a run of each size, without its memory
+MOST_PATTERNS = 1000
+
+
 def new_tally() -> Tally:
     """That of no step."""
-    return Tally(entropy_min=math.inf, lyapunov_max=-math.inf)
+    return _NO_STEP.again()
 
 
 def new_run(scenario: Scenario, dt: float, steps: int, every: int, **fields: Any) -> Run:
     """A run from a scenario's start: its criteria, and room for a row each `every` steps."""
     model, rows = scenario.model, steps // every + 2
-    return Run(
-        n=model.size, n_elements=model.n_elements, n_invariants=len(model.invariant_names), n_rows=rows,
+    sizes = (model.size, model.n_elements, len(model.invariant_names), fields["n_observables"], len(fields["c"]), rows)
+    like = _PATTERNS.get(sizes)
+    if like is None:
+        if len(_PATTERNS) >= MOST_PATTERNS:
+            _PATTERNS.clear()
+        names = ("n", "n_elements", "n_invariants", "n_observables", "n_constants", "n_rows")
+        like = _PATTERNS[sizes] = Run(
+            make_arrays=False,
+            **dict(zip(names, sizes, strict=True)),
+            entropy_tolerance=ENTROPY_TOLERANCE,
+            entropy_fall=ENTROPY_FALL,
+        )
+    run = like.again(
         every=every, h=dt, bound=scenario.bound,
-        reference=model.reference_temperature, entropy_tolerance=ENTROPY_TOLERANCE, entropy_fall=ENTROPY_FALL,
-        z=scenario.z0.copy(), **fields,
+        reference=model.reference_temperature, **fields,
     )  # fmt: skip
+    run.z[:] = scenario.z0
+    return run
 
 
 def cause_of(reason: int) -> str:
@@ -72,10 +89,10 @@ def assemble(
     solver: SolverCounts | None = None,
 ) -> Trajectory:
     """The Trajectory of the completed steps."""
-    tally, dt, every = run.tally, float(run.h), run.every
-    done = tally.steps
+    tally, dt, every = run.tally.numbers(), float(run.h), run.every
+    done = tally["steps"]
     rows = -(-done // every) + 1
-    t = np.minimum(np.arange(rows) * every, done) * dt
+    t = (np.arange(rows) if every == 1 else np.minimum(np.arange(rows) * every, done)) * dt
     names, n = scenario.model.invariant_names, scenario.model.n_elements
     observed, first = run.records[:rows], FIRST_INVARIANT
     return Trajectory(
@@ -84,29 +101,29 @@ def assemble(
         invariants={name: observed[:, first + i] for i, name in enumerate(names)},
         temperatures=observed[:, first + len(names) : first + len(names) + n],
         status=status, failure=failure, steps=done, newton_iterations=run.counts[: rows - 1],
-        wall_time_s=wall, summary=summarise(run, names),
+        wall_time_s=wall, summary=summarise(run, tally, names),
         solver=solver or SolverCounts(
-            newton_iterations=tally.iterations, retried=tally.retried, tracked=tally.tracked,
-            continuation_tries=tally.tries, arcs=tally.arcs, folds=tally.folds, audited=tally.audited,
-            wrong_roots=tally.wrong_roots,
+            newton_iterations=tally["iterations"], retried=tally["retried"], tracked=tally["tracked"],
+            continuation_tries=tally["tries"], arcs=tally["arcs"], folds=tally["folds"], audited=tally["audited"],
+            wrong_roots=tally["wrong_roots"],
         ),
     )  # fmt: skip
 
 
-def summarise(run: Run, names: tuple[str, ...]) -> Summary:
-    s, dt, nan = run.tally, float(run.h), math.nan
-    steps = s.steps
-    spread = steps * s.sum_tt - s.sum_t**2
-    drift = (steps * s.sum_te - s.sum_t * s.sum_e) / spread if steps > 1 and spread > 0 else nan
+def summarise(run: Run, tally: dict[str, Any], names: tuple[str, ...]) -> Summary:
+    s, dt, nan = tally, float(run.h), math.nan
+    steps = s["steps"]
+    spread = steps * s["sum_tt"] - s["sum_t"] ** 2
+    drift = (steps * s["sum_te"] - s["sum_t"] * s["sum_e"]) / spread if steps > 1 and spread > 0 else nan
     return Summary(
-        energy_error_max=float(s.energy_error) if steps else nan,
+        energy_error_max=s["energy_error"] if steps else nan,
         energy_drift=float(drift),
-        entropy_increment_min=float(s.entropy_min) if steps else nan,
-        second_law_violations=s.violations,
-        first_entropy_fall=s.first_fall * dt if s.first_fall else nan,
-        lyapunov_increment_max=float(s.lyapunov_max) if steps else nan,
-        invariant_error_max={name: float(run.departures[i]) if steps else nan for i, name in enumerate(names)},
-        residual_max=float(s.residual_max) if run.residuals and steps else nan,
+        entropy_increment_min=s["entropy_min"] if steps else nan,
+        second_law_violations=s["violations"],
+        first_entropy_fall=s["first_fall"] * dt if s["first_fall"] else nan,
+        lyapunov_increment_max=s["lyapunov_max"] if steps else nan,
+        invariant_error_max={name: x if steps else nan for name, x in zip(names, run.departures.tolist(), strict=True)},
+        residual_max=s["residual_max"] if run.residuals and steps else nan,
     )
 
 

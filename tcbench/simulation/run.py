@@ -15,7 +15,7 @@ from ..solver import implicit_step as m
 from ..solver.implicit_step import Rules, compiled_flows, constants_of, make_flows
 from ..solver.quotients import REMEDY, zero_over_zero
 from ..systems.scenario import Scenario
-from .compiled_loop import LOOPS, NOW
+from .compiled_loop import LOOPS
 from .python_loop import run_adaptive, run_step
 from .recorder import assemble, explain, new_run, new_tally
 from .starting import first_steps
@@ -128,23 +128,22 @@ def run_flows(
         of_step=any(flow.of_step for flow in integrator.flows), memory=integrator.memory, residuals=rules.residuals,
         c=c, tally=tally, flows=Rows(make_flows(integrator, model, scenario.bound, dt, c, tally, rules, kernels)),
     )  # fmt: skip
-    # observed by the kernel that observes every step: the same round-off in E0 as in E
-    LOOPS.open_step(run, run.z)
-    run.observables[:] = run.flows[0].w[run.now : run.now + n_observables]
-    run.states[0], run.records[0] = run.z, run.observables[NOW]
+    LOOPS.begin(run)
     begin = time.perf_counter()
-    first = first_steps(integrator, scenario, dt, steps)
-    reason, done = LOOPS.monitor(run, 1, first.z[1:]) if first.steps else m.OK, first.steps
-    if first.steps and first.steps == integrator.memory:
-        run.z[:], c[-integrator.memory * model.size :] = first.z[-1], first.slopes(dt)
-        np.add.at(run.counts, np.arange(first.steps) // every, first.iterations)
-        tally.iterations += first.iterations.sum()
-    while done < steps and reason == m.OK and not first.failure:
+    reason, done, first = m.OK, 0, None
+    if integrator.memory:
+        first = first_steps(integrator, scenario, dt, steps)
+        reason, done = LOOPS.monitor(run, 1, first.z[1:]) if first.steps else m.OK, first.steps
+        if done == integrator.memory:
+            run.z[:], c[-done * model.size :] = first.z[-1], first.slopes(dt)
+            np.add.at(run.counts, np.arange(done) // every, first.iterations)
+            tally.iterations += first.iterations.sum()
+    while done < steps and reason == m.OK and not (first and first.failure):
         reason = LOOPS.march(run, done, min(steps, done + CHUNK))
         done = run.tally.steps
     wall = time.perf_counter() - begin
     status, failure = explain(reason, done, dt, scenario)
-    if reason == m.OK and first.failure:
+    if reason == m.OK and first and first.failure:
         status, failure = first.status, first.failure
     if reason in (m.NONCONVERGED, m.NO_ROOT, m.NONFINITE):
         places = [zero_over_zero(flow, model, run.z, dt) for flow in integrator.flows]

@@ -52,6 +52,7 @@ class FlowKernels:
     blocks: tuple[int, ...]  # of each unknown, then of each eliminated one: 0 q, 1 p, 2 + i entropy of element i
     n_unknowns: int
     n_positive: int
+    patterns: dict[int, Any] = field(default_factory=dict, compare=False)  # Flow, by the number of constants
 
     @property
     def n_eliminated(self) -> int:

@@ -144,8 +144,9 @@ def _compiled_flows(formulas: tuple[Formula, ...], symbolic: System, seen: str =
 def constants_of(integrator: Integrator, scenario: Scenario) -> np.ndarray:
     """(h, constants, two states: those at the start of the step and of the run); of a multistep method, in place of the
     states, the slopes (earlier state - z)/h."""
-    further = np.zeros(integrator.memory * scenario.model.size) if integrator.memory else np.tile(scenario.z0, 2)
-    return np.concatenate([scenario.model.constant_values, further])
+    z0 = scenario.z0
+    further = [np.zeros(integrator.memory * len(z0))] if integrator.memory else [z0, z0]
+    return np.concatenate([scenario.model.constant_values, *further])
 
 
 @dataclass(frozen=True)
@@ -170,15 +171,19 @@ def make_flows(
     """The flows of a method on a system, ready for a step dt. c: constants, which all of them share; bound: of the
     energy error."""
     observe, n_observables = model.observer
-    shared = {
-        "n": model.size, "n_constants": len(c), "n_observables": n_observables, "observe": observe.address,
-        "continuation": rules.continuation, "audit": rules.audit, "residuals": rules.residuals,
-        "reference": model.reference_temperature, "bound": bound,
-        "tally": tally, "c": c,
-    }  # fmt: skip
     flows = []
     for formula, k in zip(integrator.flows, kernels, strict=True):
-        flow = Flow(**k.fields, **shared)
+        like = k.patterns.get(len(c))
+        if like is None:
+            like = k.patterns[len(c)] = Flow(
+                make_arrays=False, **k.fields,
+                n=model.size, n_constants=len(c), n_observables=n_observables, observe=observe.address,
+                tally=tally, c=c,
+            )  # fmt: skip
+        flow = like.again(
+            continuation=rules.continuation, audit=rules.audit, residuals=rules.residuals,
+            reference=model.reference_temperature, bound=bound, tally=tally, c=c,
+        )  # fmt: skip
         set_length(flow, k, formula.fraction * dt)
         flows.append(flow)
     return flows

@@ -7,16 +7,17 @@ on symbols (while a formula is traced) as an expression, on floats through a com
 
 from __future__ import annotations
 
+import sys
 import uuid
 from collections.abc import Callable, Mapping
-from functools import cached_property, wraps
+from functools import cache, cached_property, wraps
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..compiler import derivatives as trace
-from ..compiler.code_hash import content_hash
+from ..compiler.code_hash import content_hash, installed
 from ..compiler.divided_differences import rectangle, symmetrised_slopes
 from ..errors import TcbenchError, unknown_name
 
@@ -433,7 +434,14 @@ def formulas_hash(kind: type[System]) -> str:
 
     Another one each time where they have none (see code_hash): nothing traced is then used twice.
     """
-    return content_hash(kind) or uuid.uuid4().hex
+    return _installed_hash(kind) or content_hash(kind) or uuid.uuid4().hex  # type: ignore[arg-type]
+
+
+@cache
+def _installed_hash(kind: type[System]) -> str | None:
+    """The hash of a class that nobody edits: name and version of its package; a scenario asks at every call."""
+    file = getattr(sys.modules.get(kind.__module__), "__file__", None)
+    return content_hash(kind) if installed(kind.__module__, file) else None
 
 
 def _mark(values: Any) -> Any:
