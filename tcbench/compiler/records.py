@@ -19,6 +19,7 @@ import numpy as np
 HEAD = object.__basicsize__  # of CPython's objects; an array's data pointer follows
 WHOLE = ("int", "bool", "Kernel")
 NUMBERS = ("float", *WHOLE)
+MOST_PLANS = 5000
 R = TypeVar("R", bound="Record")
 RANKS = {"Floats": 1, "Matrix": 2, "Cube": 3, "Ints": 1}
 
@@ -76,12 +77,12 @@ class Field:
     def __get__(self, record: Any, owner: type) -> Any:
         if record is None:
             return self
-        found = record.kept.get(self.name)  # what is asked for often comes first: a run reads some twenty arrays
+        found = record._kept.get(self.name)  # what is asked for often comes first: a run reads some twenty arrays
         if found is not None:
             return found
         if self.kind in WHOLE:
             return record.table.item(self.index)
-        return record.table.view(np.float64)[self.index] if self.kind == "float" else record.array(self)
+        return record.table.view(np.float64)[self.index] if self.kind == "float" else record._array(self)
 
     def __set__(self, record: Any, value: Any) -> None:
         if self.kind not in NUMBERS:
@@ -99,10 +100,9 @@ class Record:
     fields: ClassVar[dict[str, Field]] = {}
     mutable: ClassVar[bool] = False
     table: np.ndarray
-    kept: dict[str, Any]
-    plan: _Plan
+    _kept: dict[str, Any]
+    _plan: _Plan
     address: int
-    base: int  # where its own arrays begin
 
     def __init_subclass__(cls, mutable: bool = False, **arguments: Any) -> None:
         super().__init_subclass__(**arguments)
@@ -110,6 +110,8 @@ class Record:
         for name, kind in inspect.get_annotations(cls).items():
             shape = cls.__dict__.get(name)
             lengths = shape.lengths if isinstance(shape, Sized) else ()
+            if hasattr(Record, name) or name in Record.__annotations__:
+                raise TypeError(f"{cls.__name__}.{name}: a record has something else of that name")
             field = Field(name, str(kind), len(cls.fields), lengths)
             if field.is_array and len(lengths) != RANKS[field.kind]:
                 raise TypeError(
@@ -126,14 +128,16 @@ class Record:
     def __init__(self, make_arrays: bool = True, **values: Any) -> None:
         """make_arrays=False: a pattern for `again`, without memory of its own."""
         cls = type(self)
-        key = (*values, *[v for v in values.values() if type(v) is int])
-        plan = cls._plans.get(key) or cls._plans.setdefault(key, _Plan(cls, values))
+        key = (*values, *[int(v) for v in values.values() if isinstance(v, int | np.integer)])
+        plan = cls._plans.get(key)
+        if plan is None:
+            if len(cls._plans) >= MOST_PLANS:
+                cls._plans.clear()
+            plan = cls._plans[key] = _Plan(cls, values)
         table, kept = plan.table.copy(), {}
-        self.base = 0
         if plan.memory and make_arrays:
             kept[""] = np.zeros(plan.memory)
-            self.base = address_of(kept[""])
-            table[plan.own] += self.base
+            table[plan.own] = plan.offsets + address_of(kept[""])
         if plan.whole:
             table[plan.whole_at] = [values[name] for name in plan.whole]
         if plan.real:
@@ -141,17 +145,16 @@ class Record:
         for field in plan.given:
             value = kept[field.name] = values[field.name]
             table[field.index] = address_of(_checked(field, value, plan.shapes) if field.is_array else value.table)
-        self.table, self.kept, self.plan, self.address = table, kept, plan, address_of(table)
+        self.table, self._kept, self._plan, self.address = table, kept, plan, address_of(table)
 
     def again(self, **changes: Any) -> Self:
-        """A record like this one but for these fields, with memory of its own for what this one allocated; quicker."""
+        """A record like this one but for these fields; quicker. Arrays that its class allocates are its own, zero."""
         made = object.__new__(type(self))
-        table, plan = self.table.copy(), self.plan
-        kept = {name: value for name, value in self.kept.items() if name not in plan.own_names}
+        table, plan = self.table.copy(), self._plan
+        kept = {name: value for name, value in self._kept.items() if name not in plan.own_names}
         if plan.memory:
             kept[""] = np.zeros(plan.memory)
-            made.base = address_of(kept[""])
-            table[plan.own] += made.base - self.base
+            table[plan.own] = plan.offsets + address_of(kept[""])
         floats, fields = table.view(np.float64), type(self).fields
         for name, value in changes.items():
             field = fields[name]
@@ -162,29 +165,29 @@ class Record:
             else:
                 kept[name] = value
                 table[field.index] = address_of(_checked(field, value, plan.shapes) if field.is_array else value.table)
-        made.table, made.kept, made.plan, made.address = table, kept, plan, address_of(table)
+        made.table, made._kept, made._plan, made.address = table, kept, plan, address_of(table)
         return made
 
-    def array(self, field: Field) -> Any:
+    def _array(self, field: Field) -> Any:
         """An array that the record allocated; it becomes an array when it is first asked for."""
-        start, shape = self.plan.shapes[field.name]
-        part = self.kept[""][start : start + math.prod(shape)]
+        start, shape = self._plan.shapes[field.name]
+        part = self._kept[""][start : start + math.prod(shape)]
         part = part.view(np.int64) if field.kind == "Ints" else part if len(shape) == 1 else part.reshape(shape)
-        self.kept[field.name] = part
+        self._kept[field.name] = part
         return part
 
-    def numbers(self) -> dict[str, Any]:
+    def as_numbers(self) -> dict[str, Any]:
         """All fields that are numbers, read at once."""
         whole, real = self.table.tolist(), self.table.view(np.float64).tolist()
-        found = {name: whole[i] for name, i in self.plan.whole_fields}
-        found |= {name: real[i] for name, i in self.plan.real_fields}
+        found = {name: whole[i] for name, i in self._plan.whole_fields}
+        found |= {name: real[i] for name, i in self._plan.real_fields}
         return found
 
     @classmethod
     def _over(cls, row: np.ndarray, source: Any) -> Any:
         """The same record with its table in other memory."""
         record = object.__new__(cls)
-        record.table, record.kept, record.plan, record.address = row, source.kept, source.plan, address_of(row)
+        record.table, record._kept, record._plan, record.address = row, source._kept, source._plan, address_of(row)
         return record
 
 
@@ -203,10 +206,10 @@ class _Plan:
             shape = tuple(int(eval(length, cls.names, values)) for length in f.lengths)
             self.shapes[f.name] = (self.memory, shape)
             if f.name not in values:
-                self.table[f.index] = 8 * self.memory
                 own.append(f)
                 self.memory += math.prod(shape)
         self.own = np.array([f.index for f in own], dtype=np.intp)
+        self.offsets = np.array([8 * self.shapes[f.name][0] for f in own], dtype=np.int64)
         self.own_names = {"", *(f.name for f in own)}
         numbers = [f for f in cls.fields.values() if f.kind in NUMBERS]
         self.whole_fields = [(f.name, f.index) for f in numbers if f.kind != "float"]

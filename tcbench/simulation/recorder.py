@@ -89,7 +89,7 @@ def assemble(
     solver: SolverCounts | None = None,
 ) -> Trajectory:
     """The Trajectory of the completed steps."""
-    tally, dt, every = run.tally.numbers(), float(run.h), run.every
+    tally, dt, every = run.tally.as_numbers(), float(run.h), run.every
     done = tally["steps"]
     rows = -(-done // every) + 1
     t = (np.arange(rows) if every == 1 else np.minimum(np.arange(rows) * every, done)) * dt

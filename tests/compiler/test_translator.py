@@ -169,6 +169,21 @@ def test_records_are_read_and_written_as_in_python():
     assert both[0][1] == 2 and both[0][4:7] == [1, 0, 2]
 
 
+def test_a_record_made_after_a_pattern_has_memory_of_its_own():
+    pattern = Part(make_arrays=False, n=3, weight=0.5)
+    first, second = pattern.again(wanted=True), pattern.again(weight=2.0, x=np.arange(3.0))
+    first.x[:], first.grid[:] = 1.0, 2.0
+    again = first.again(weight=3.0)
+    assert second.x.tolist() == [0.0, 1.0, 2.0] and not second.grid.any() and not again.x.any()
+    assert [float(p.weight) for p in (pattern, first, second, again)] == [0.5, 0.5, 2.0, 3.0]
+    assert (first.wanted, second.wanted, again.wanted, len(again.grid)) == (1, 0, 1, 3)
+    again = second.again()  # its x is its own, not what `second` was given
+    again.x[:] = 5.0
+    whole = Whole(parts=Rows([again]), n_parts=1, tally=Tally(), marks=np.zeros(1, dtype=np.int64))
+    again.wanted = True
+    assert LIBRARY.records(whole, 1.0) == 6 * (5.0 + again.weight) and second.x.tolist() == [0.0, 1.0, 2.0]
+
+
 def test_records_say_what_does_not_fit():
     with pytest.raises(TypeError, match=r"x has shape \(2,\), declared is \(3,\)"):
         Part(n=3, weight=1.0, wanted=True, x=np.zeros(2))
@@ -176,6 +191,10 @@ def test_records_say_what_does_not_fit():
         Part(n=3, weight=1.0, wanted=True, x=np.zeros(3, dtype=np.float32))
     with pytest.raises(AttributeError, match="is given when the record is made"):
         Part(n=3, weight=1.0, wanted=True).x = np.zeros(3)
+    with pytest.raises(TypeError, match="has no field 'y'"):
+        Part(n=3, weight=1.0, wanted=True, y=1.0)
+    with pytest.raises(TypeError, match="something else of that name"):
+        type("Bad", (Record,), {"__annotations__": {"address": "int"}, "__module__": __name__})
     with pytest.raises(TypeError, match="needs sized"):
         type("Bad", (Record,), {"__annotations__": {"x": "Floats"}, "__module__": __name__})
 

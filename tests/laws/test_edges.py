@@ -55,7 +55,7 @@ def test_a_momentum_that_cancels_is_measured_against_its_terms():
     ("arguments", "sentence"),
     [
         ((5, "short_term"), "a name or an Integrator"), (("tc_strang", 7), "a name or a Scenario"),
-        (("tc_strang", "short_term", 1e-9), "give record_every= a larger number"),
+        (("tc_strang", "short_term", 1e-9), "record_every= a larger number"),
     ],
 )  # fmt: skip
 def test_wrong_kinds_of_arguments_are_named(arguments, sentence):
