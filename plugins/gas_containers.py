@@ -46,6 +46,10 @@ class GasContainers(System):
         """s = 3/2 ln E + ln V."""
         return 1.5 * np.log(1.5 * theta) + np.log(self.shape(q))
 
+    def points(self, q):
+        """Each gas as the line from its end of the cylinder to the wall."""
+        return [[(0, 0), (q[0], 0)], [(2, 0), (q[0], 0)]]
+
     def exergy_offset(self):
         """Minus the least of E - theta_ref S: equal volumes, both gases at theta_ref."""
         reference = self.reference_temperature

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from .integrator import Flow, Integrator, family
     from .metric import Metric, Observable
     from .plugins import integrators, scenarios
+    from .report.animation import animate
     from .simulation.run import simulate
     from .simulation.stepper import stepper
     from .simulation.trajectory import Trajectory
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from .systems.system import System
 
 _HOME = {
+    "animate": "report.animation",
     "TcbenchError": "errors",
     "hookimpl": "hookspecs",
     "Flow": "integrator",
@@ -52,8 +54,8 @@ _HOME = {
 
 __all__ = [
     "Flow", "Integrator", "Metric", "Observable", "Pendulum", "Range", "Results", "Scenario", "ScenarioFamily",
-    "System", "TcbenchError", "Trajectory", "family", "hookimpl", "integrators", "run", "scenarios", "simulate",
-    "stepper",
+    "System", "TcbenchError", "Trajectory", "animate", "family", "hookimpl", "integrators", "run", "scenarios",
+    "simulate", "stepper",
 ]  # fmt: skip
 
 

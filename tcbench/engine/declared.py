@@ -5,14 +5,11 @@ from __future__ import annotations
 import ast
 import inspect
 from collections.abc import Mapping
-from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from .. import plugins
-from ..errors import TcbenchError
+from ..systems.plane import links
 
 if TYPE_CHECKING:
     from ..integrator import Integrator
@@ -88,28 +85,8 @@ def scenario_facts(scenario: Scenario) -> dict[str, Any]:
         "dt": scenario.dt, "t_converge": scenario.t_converge, "ladder": list(scenario.ladder), "shows": scenario.shows,
         "source": scenario.source, "plugin": scenario.plugin, "initial_exergy": float(scenario.initial_exergy),
         "initial_energy": float(model.energy(z0)), "invariants": list(model.invariant_names),
-        "links": links(scenario),
+        "links": links(model),
     }  # fmt: skip
-
-
-def links(scenario: Scenario) -> list[list[int]]:
-    """For springs in the plane: the two points that each element joins; point 0 is the origin, k the k-th mass.
-
-    Found by trying: the strain measure of a spring is the squared distance of two points. [] if any is not.
-    """
-    model = scenario.model
-    if model.n_positions % 2 or model.n_positions > 200:
-        return []
-    trials = np.random.default_rng(0).normal(size=(3, model.n_positions))
-    points = np.concatenate([np.zeros((3, 1, 2)), trials.reshape(3, -1, 2)], axis=1)
-    try:
-        measures = np.array([model.shape(q) for q in trials], dtype=float)
-    except (TcbenchError, ArithmeticError, TypeError, ValueError):
-        return []
-    pairs = list(combinations(range(points.shape[1]), 2))
-    squares = np.array([((points[:, a] - points[:, b]) ** 2).sum(axis=1) for a, b in pairs])
-    found = [np.flatnonzero(np.all(np.isclose(squares, measure), axis=1)) for measure in measures.T]
-    return [list(pairs[match[0]]) for match in found] if all(len(match) for match in found) else []
 
 
 def merged(earlier: Mapping[str, Any], later: Mapping[str, Any]) -> dict[str, dict[str, Any]]:

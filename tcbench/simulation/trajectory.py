@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
+    from matplotlib.animation import FuncAnimation
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
@@ -123,6 +125,12 @@ class Trajectory:
         from .views import picture
 
         return picture(self, observables)
+
+    def animate(self, *others: Trajectory, path: str | Path | None = None, **options: Any) -> FuncAnimation | Path:
+        """The run in motion, beside others of the same scenario; see `tcbench.animate`."""
+        import tcbench  # by the public door: pictures stand above runs
+
+        return tcbench.animate([self, *others], path, **options)
 
     def _repr_html_(self) -> str:
         from .views import as_html

@@ -159,6 +159,13 @@ class System:
             "says so with Integrator(needs=('conduction_flow',)): it is then left out here."
         )
 
+    def points(self, q: Any) -> Any:
+        """The two ends of each element in the plane, shape (n_elements, 2, 2), for pictures; dimensionless.
+
+        Optional: springs between points of the plane are found without it.
+        """
+        raise TcbenchError(f"System {self.name!r} does not say where its elements are: it has no points(q).")
+
     def entropy_scale(self) -> Any:
         """Size of a typical entropy increment, for Newton's stopping test."""
         return 1.0

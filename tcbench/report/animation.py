@@ -1,0 +1,253 @@
+"""A system in motion: methods side by side, elements coloured by temperature, the laws running below."""
+
+from __future__ import annotations
+
+import base64
+import io
+import shutil
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import matplotlib
+import numpy as np
+
+from ..errors import TcbenchError
+from ..systems.plane import segments
+from .charts.style import STYLE, look
+
+if TYPE_CHECKING:
+    from matplotlib.animation import FuncAnimation
+    from PIL.Image import Image
+
+    from ..simulation.trajectory import Trajectory
+
+FRAMES, FPS = 120, 20
+TRAIL = 12  # frames of a mass's way that are shown
+MOST_METHODS = 4
+SUFFIXES = (".gif", ".mp4", ".html")
+WIDEST = 1.6  # view, over what the runs that ended well need: a run that flies apart leaves it
+LOST = 3.0  # errors of the energy over V0 that are shown
+PAGE = """<!doctype html><meta charset="utf-8"><title>tcbench</title><img id="f" alt="the runs, frame by frame"><br>
+<button id="b">pause</button> <input id="s" type="range" min="0" value="0" style="width:30em" aria-label="frame">
+<script>
+const d = FRAMES, f = document.getElementById("f"), s = document.getElementById("s"), b = document.getElementById("b");
+let k = 0, on = true;
+s.max = d.length - 1;
+const show = () => { f.src = "data:image/png;base64," + d[k]; s.value = k; };
+setInterval(() => { if (on) { k = (k + 1) % d.length; show(); } }, WAIT);
+s.oninput = () => { on = false; b.textContent = "play"; k = +s.value; show(); };
+b.onclick = () => { on = !on; b.textContent = on ? "pause" : "play"; };
+show();
+</script>
+"""
+
+
+def animate(
+    runs: Trajectory | Sequence[Trajectory], path: str | Path | None = None, frames: int = FRAMES, fps: int = FPS
+) -> FuncAnimation | Path:
+    """The runs of one scenario side by side, in the same time; a run that failed stops where it did and says so.
+
+    path : writes .gif, .mp4 (needs ffmpeg) or .html (one file, with controls) and returns the path; without it the
+    animation itself is returned, for a notebook. Raises TcbenchError for no run, more than four, different scenarios,
+    other suffixes, and systems that cannot be drawn in the plane (see System.points).
+    """
+    chosen: list[Any] = [runs] if hasattr(runs, "scenario") else list(runs)  # type: ignore[arg-type]
+    if path is not None:
+        return save(chosen, path, frames, fps)
+    from matplotlib.animation import FuncAnimation
+
+    _checked(chosen)
+    with matplotlib.rc_context(STYLE):
+        stage = _Stage(chosen, frames)
+        return FuncAnimation(stage.figure, stage.show, frames=frames, interval=1000 / fps, blit=False)
+
+
+def save(runs: Sequence[Trajectory], path: str | Path, frames: int = FRAMES, fps: int = FPS) -> Path:
+    """Write the animation; see `animate`."""
+    path = Path(path)
+    if path.suffix not in SUFFIXES:
+        raise TcbenchError(f"{str(path)!r}: an animation is written as {', '.join(SUFFIXES)}.")
+    if path.suffix == ".mp4" and not shutil.which("ffmpeg"):
+        raise TcbenchError("An .mp4 needs the program ffmpeg, which is not installed. Write a .gif or .html instead.")
+    if not path.resolve().parent.is_dir():
+        raise TcbenchError(f"The folder of {str(path)!r} does not exist; create it first.")
+    _checked(runs)
+    pictures = _pictures(runs, frames)
+    try:
+        {".gif": _as_gif, ".mp4": _as_mp4, ".html": _as_html}[path.suffix](pictures, path, fps)
+    except OSError as error:
+        raise TcbenchError(f"{str(path)!r} cannot be written: {error.strerror or error}.") from None
+    return path
+
+
+def _pictures(runs: Sequence[Trajectory], frames: int) -> list[Image]:
+    """Every frame; what stands still is drawn once."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from PIL import Image
+
+    with matplotlib.rc_context(STYLE):
+        stage = _Stage(runs, frames)
+        stage.figure.set_dpi(80)
+        canvas = FigureCanvasAgg(stage.figure)
+        for artist in stage.moving:
+            artist.set_animated(True)
+        canvas.draw()
+        background = canvas.copy_from_bbox(stage.figure.bbox)  # type: ignore[attr-defined]
+        found = []
+        for frame in range(frames):
+            canvas.restore_region(background)  # type: ignore[attr-defined]
+            stage.show(frame)
+            for artist in stage.moving:
+                artist.axes.draw_artist(artist)
+            found.append(Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB"))
+    return found
+
+
+def _as_gif(pictures: Sequence[Image], path: Path, fps: int) -> None:
+    first, *rest = [picture.quantize(64) for picture in pictures]
+    first.save(path, save_all=True, append_images=rest, duration=round(1000 / fps), loop=0, optimize=True)
+
+
+def _as_mp4(pictures: Sequence[Image], path: Path, fps: int) -> None:
+    width, height = pictures[0].size
+    command = ["ffmpeg", "-y", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}",
+               "-r", str(fps), "-i", "-", "-pix_fmt", "yuv420p", "-vf", "crop=trunc(iw/2)*2:trunc(ih/2)*2",
+               str(path)]  # fmt: skip
+    done = subprocess.run(command, input=b"".join(p.tobytes() for p in pictures), capture_output=True)
+    if done.returncode:
+        raise TcbenchError(
+            f"ffmpeg could not write {str(path)!r}: {done.stderr.decode(errors='replace').strip()[:300]}"
+        )
+
+
+def _as_html(pictures: Sequence[Image], path: Path, fps: int) -> None:
+    encoded = []
+    for picture in pictures:
+        buffer = io.BytesIO()
+        picture.quantize(64).save(buffer, "PNG", optimize=True)
+        encoded.append(base64.b64encode(buffer.getvalue()).decode())
+    path.write_text(PAGE.replace("FRAMES", str(encoded)).replace("WAIT", str(1000 / fps)), encoding="utf-8")
+
+
+def _checked(runs: Sequence[Trajectory]) -> None:
+    if not 1 <= len(runs) <= MOST_METHODS:
+        raise TcbenchError(f"An animation shows 1 to {MOST_METHODS} runs side by side, not {len(runs)}.")
+    names = {run.scenario.name for run in runs}
+    if len(names) > 1:
+        raise TcbenchError(f"An animation shows runs of one scenario, not of {', '.join(sorted(names))}.")
+
+
+class _Stage:
+    """The figure and what moves in it."""
+
+    def __init__(self, runs: Sequence[Trajectory], frames: int) -> None:
+        from matplotlib.figure import Figure
+
+        self.runs = runs
+        self.times = np.linspace(0.0, max(run.t[-1] for run in runs), frames)
+        self.rows = [np.searchsorted(run.t, self.times, side="right") - 1 for run in runs]
+        self.places = [segments(run.scenario.model, run.z[:, : run.scenario.model.n_positions]) for run in runs]
+        self.figure = Figure(figsize=(3.4 * max(2, len(runs)), 6.2), layout="constrained")
+        parts: Any = self.figure.subfigures(2, 1, height_ratios=(1.35, 1))
+        above, below = parts
+        axes = above.subplots(1, len(runs), squeeze=False)[0]
+        self.views = [_View(*parts) for parts in zip(axes, runs, self.places, strict=True)]
+        half = self._half_width()
+        heat = self._heat()
+        for view in self.views:
+            view.frame(half, heat)
+        above.suptitle(runs[0].scenario.name)
+        self.lines = self._laws(below)
+        self.moving = [a for view in self.views for a in view.moving] + [x[0] for lines in self.lines for x in lines]
+        self.figure.draw_without_rendering()
+        self.figure.set_layout_engine("none")  # found once: it would take most of the time of each frame
+
+    def _half_width(self) -> float:
+        """Of the view: what the runs that ended well need, or the start where none did."""
+        good = [place for run, place in zip(self.runs, self.places, strict=True) if run.ok]
+        return WIDEST / 1.45 * max(float(np.abs(p).max()) for p in (good or [p[:1] for p in self.places]))
+
+    def _heat(self) -> tuple[float, float]:
+        known = np.concatenate([run.temperatures.ravel() for run in self.runs])
+        low, high = np.percentile(known[np.isfinite(known)], (1, 99))
+        return float(low), float(max(high, low + 1e-9))
+
+    def _laws(self, below: Any) -> list[list[Any]]:
+        """One panel a law with a line a method; returns for each run its (line, times, values)."""
+        first = self.runs[0]
+        names = list(first.invariants)
+        axes = below.subplots(1, 2 + len(names), squeeze=False)[0]
+        labels = ["(E − E₀) / V₀", "entropy S", *(f"{name.replace('_', ' ')}, change" for name in names)]
+        found: list[list[Any]] = [[] for _ in self.runs]
+        for k, (ax, label) in enumerate(zip(axes, labels, strict=True)):
+            for i, run in enumerate(self.runs):
+                values = _values(run, k, names)
+                (line,) = ax.plot([], [], color=look(run.integrator.name).colour, label=run.integrator.name)
+                found[i].append((line, run.t, values))
+            every = np.concatenate([v[np.isfinite(v)] for lines in found for v in [lines[k][2]]])
+            low, high = (float(every.min()), float(every.max())) if len(every) else (0.0, 1.0)
+            if k == 0:
+                low, high = max(low, -LOST), min(high, LOST)
+            room = 0.08 * (high - low) or 1e-12
+            ax.set(xlim=(0, self.times[-1] or 1.0), ylim=(low - room, high + room), xlabel="time t", title=label)
+            ax.yaxis.set_major_formatter(lambda value, _: f"{value:.3g}")
+        if len(self.runs) > 1:
+            axes[0].legend(loc="upper left", fontsize=7)
+        return found
+
+    def show(self, frame: int) -> list[Any]:
+        """Move everything to this frame."""
+        for view, rows, lines in zip(self.views, self.rows, self.lines, strict=True):
+            row = int(rows[frame])
+            view.show(row, [int(r) for r in rows[max(0, frame - TRAIL) : frame + 1]], float(self.times[frame]))
+            for line, t, values in lines:
+                line.set_data(t[: row + 1], values[: row + 1])
+        return []
+
+
+def _values(run: Trajectory, law: int, names: Sequence[str]) -> Any:
+    if law == 0:
+        return (run.energy - run.energy[0]) / run.scenario.initial_exergy
+    if law == 1:
+        return run.entropy
+    values = run.invariants.get(names[law - 2], np.full(len(run.t), np.nan))
+    return values - values[0]
+
+
+class _View:
+    """One run: its elements as lines, masses at their ends, and the masses' way."""
+
+    def __init__(self, ax: Any, run: Trajectory, place: Any) -> None:
+        self.ax, self.run, self.place = ax, run, place
+
+    def frame(self, half: float, heat: tuple[float, float]) -> None:
+        from matplotlib.collections import LineCollection
+
+        centre = (self.place[0].reshape(-1, 2).max(axis=0) + self.place[0].reshape(-1, 2).min(axis=0)) / 2
+        still = np.ptp(self.place[..., 1]) == 0.0  # everything on a line: look at its middle
+        x0 = float(centre[0]) if still else 0.0
+        self.ax.set(xlim=(x0 - half, x0 + half), ylim=(-half, half), aspect="equal", xticks=[], yticks=[])
+        self.ax.set_title(self.run.integrator.name, color=look(self.run.integrator.name).colour, fontweight="bold")
+        self.ax.grid(False)
+        self.springs = LineCollection([], linewidths=4, cmap="coolwarm", clim=heat, capstyle="round")
+        self.ax.add_collection(self.springs)
+        (self.trail,) = self.ax.plot([], [], ".", color="#999999", markersize=2)
+        (self.masses,) = self.ax.plot([], [], "o", color="#222222", markersize=8)
+        self.text = self.ax.text(0.02, 0.02, "", transform=self.ax.transAxes, fontsize=8, va="bottom")
+        self.moving = [self.springs, self.trail, self.masses, self.text]
+
+    def show(self, row: int, before: Sequence[int], t: float) -> None:
+        here = self.place[row]
+        self.springs.set_segments(list(here))
+        self.springs.set_array(self.run.temperatures[row])
+        ends = here[:, 1]
+        self.masses.set_data(ends[:, 0], ends[:, 1])
+        way = self.place[list(before)][:, :, 1].reshape(-1, 2)
+        self.trail.set_data(way[:, 0], way[:, 1])
+        over = t > self.run.t[-1] + 1e-12 or (not self.run.ok and row == len(self.run.t) - 1)
+        self.text.set_text(
+            f"{self.run.status} at t = {self.run.t[-1]:.3g}" if over and not self.run.ok else f"t = {t:.3g}"
+        )
+        self.text.set_color("#b00020" if over and not self.run.ok else "#222222")

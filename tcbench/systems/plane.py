@@ -1,0 +1,57 @@
+"""Where the elements of a system stand in the plane, for pictures."""
+
+from __future__ import annotations
+
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import TcbenchError
+from .system import System
+
+MOST = 100  # masses beyond which nothing is drawn
+
+
+def links(model: System) -> list[list[int]]:
+    """For springs in the plane: the two points that each element joins; point 0 is the origin, k the k-th mass.
+
+    Found by trying: the strain measure of a spring is the squared distance of two points. [] if any is not.
+    """
+    if model.n_positions % 2 or model.n_positions > 2 * MOST:
+        return []
+    trials = np.random.default_rng(0).normal(size=(3, model.n_positions))
+    points = np.concatenate([np.zeros((3, 1, 2)), trials.reshape(3, -1, 2)], axis=1)
+    try:
+        measures = np.array([model.shape(q) for q in trials], dtype=float)
+    except (TcbenchError, ArithmeticError, TypeError, ValueError):
+        return []
+    pairs = list(combinations(range(points.shape[1]), 2))
+    squares = np.array([((points[:, a] - points[:, b]) ** 2).sum(axis=1) for a, b in pairs])
+    found = [np.flatnonzero(np.all(np.isclose(squares, measure), axis=1)) for measure in measures.T]
+    return [list(pairs[match[0]]) for match in found] if all(len(match) for match in found) else []
+
+
+def segments(model: System, q: Any) -> NDArray[np.float64]:
+    """The ends of each element in the plane at each of the positions q (m, n_positions), shape (m, elements, 2, 2).
+
+    As the system's `points(q)` says; otherwise springs between masses. TcbenchError where neither is possible.
+    """
+    states = np.asarray(q, dtype=float)
+    if model.defines("points"):
+        found = np.array([model.points(row) for row in states], dtype=float)
+        if found.shape != (len(states), model.n_elements, 2, 2):
+            raise TcbenchError(
+                f"points(q) of the system {model.name!r} gave shape {found.shape[1:]}; the two ends of each element in "
+                f"the plane are needed, shape {(model.n_elements, 2, 2)}."
+            )
+        return found
+    joined = links(model)
+    if not joined:
+        raise TcbenchError(
+            f"The elements of {model.name!r} are no springs in the plane, so it cannot be drawn as it is. Give the "
+            "system points(q): the two ends of each element, shape (elements, 2, 2)."
+        )
+    places = np.concatenate([np.zeros((len(states), 1, 2)), states.reshape(len(states), -1, 2)], axis=1)
+    return places[:, np.array(joined)]

@@ -1,0 +1,78 @@
+"""Runs in motion: every frame, side by side, where a failed run stops; and what cannot be drawn says why."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import tcbench
+from tcbench import TcbenchError
+from tcbench.report import animation
+from tcbench.systems.plane import links, segments
+
+
+@pytest.fixture(scope="module")
+def runs():
+    return [tcbench.simulate(m, "stiff_spring", dt=0.15, t_end=6) for m in ("midpoint_entropy", "tc_monolithic")]
+
+
+def test_a_gif_has_every_frame_and_the_failed_run_stops_where_it_failed(runs, tmp_path):
+    path = tcbench.animate(runs, tmp_path / "movie.gif", frames=60)
+    assert runs[0].status == "blowup" and runs[1].ok and path.stat().st_size < 2e6
+    movie = Image.open(path)
+    assert movie.n_frames == 60
+    frames = []
+    for k in range(60):
+        movie.seek(k)
+        frames.append(np.asarray(movie.convert("L"), dtype=int))
+    left, right = (slice(40, 250), slice(0, 260)), (slice(40, 250), slice(280, 540))
+    moved = [[np.abs(b[side] - a[side]).max() > 60 for side in (left, right)] for a, b in pairwise(frames)]
+    last = int(60 * runs[0].t[-1] / runs[1].t[-1]) + 2 + animation.TRAIL  # its trail fades
+    assert any(m[0] for m in moved[:last]) and not any(m[0] for m in moved[last:])  # it stands still
+    assert sum(m[1] for m in moved) >= 38  # its 40 steps, each a new place
+
+
+def test_springs_stand_where_the_masses_are_and_take_the_colours_of_their_temperatures(runs):
+    model, z = runs[1].scenario.model, runs[1].z
+    place = segments(model, z[:, :4])
+    assert links(model) == [[0, 1], [1, 2]] and place.shape == (len(z), 2, 2, 2)
+    assert np.array_equal(place[:, 0, 1], z[:, :2]) and np.array_equal(place[:, 1, 1], z[:, 2:4])
+    assert np.allclose(np.linalg.norm(place[:, 1, 1] - place[:, 1, 0], axis=1) ** 2, model.shapes(z)[:, 1])
+    stage = animation._Stage(runs, 10)
+    stage.show(9)
+    assert np.array_equal(stage.views[1].springs.get_array(), runs[1].temperatures[stage.rows[1][9]])
+    assert stage.views[0].text.get_text() == f"blowup at t = {runs[0].t[-1]:.3g}"
+    line, times, values = stage.lines[1][0]
+    assert np.array_equal(line.get_xdata(), times[: stage.rows[1][9] + 1]) and abs(values).max() < 1e-10
+
+
+def test_an_html_page_is_one_file_without_a_network(runs, tmp_path):
+    text = runs[1].animate(path=tmp_path / "movie.html", frames=5).read_text()
+    assert text.count("iVBOR") == 5 and "http" not in text and "<script>" in text
+
+
+def test_a_system_says_where_its_elements_are(tmp_path):
+    run = tcbench.simulate("tc_monolithic", "gas_containers", t_end=3.0)
+    assert tcbench.animate(run, tmp_path / "gas.gif", frames=4).exists()
+    place = segments(run.scenario.model, run.z[:, :1])
+    assert np.array_equal(place[:, 0, 1, 0], run.z[:, 0]) and np.all(place[:, 1, 0, 0] == 2.0)
+
+
+def test_what_cannot_be_animated_is_refused_with_a_sentence(runs, tmp_path, monkeypatch):
+    other = tcbench.simulate("tc_monolithic", "short_term", t_end=1.0)
+    for wrong, path, message in (
+        ([], "a.gif", "1 to 4 runs side by side, not 0"),
+        ([*runs, other], "a.gif", "runs of one scenario, not of short_term, stiff_spring"),
+        (runs, "a.avi", "written as .gif, .mp4, .html"),
+        (runs, "no/folder/a.gif", "does not exist; create it first"),
+    ):
+        with pytest.raises(TcbenchError, match=message):
+            tcbench.animate(wrong, tmp_path / path)
+    monkeypatch.setattr(animation.shutil, "which", lambda name: None)
+    with pytest.raises(TcbenchError, match="needs the program ffmpeg"):
+        tcbench.animate(runs, tmp_path / "a.mp4")
+    gas = tcbench.simulate("tc_monolithic", "gas_containers", t_end=1.0)
+    monkeypatch.delattr(type(gas.scenario.model), "points")
+    with pytest.raises(TcbenchError, match=r"no springs in the plane.*points\(q\)"):
+        tcbench.animate(gas)
