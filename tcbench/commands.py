@@ -245,12 +245,13 @@ def paper_command(output: Path, suffix: str) -> None:
 
 
 def compare_command(run_a: Path, run_b: Path, fail_on_regression: bool, as_json: bool) -> int:
-    from .store.compare import compare, regressions
+    from .store.compare import compare, other_machine, regressions
 
     for folder in (run_a, run_b):
         if not folder.is_dir():
             raise TcbenchError(f"There is no run in {str(folder)!r}.")
     changes = compare(run_a, run_b)
+    terminal.warn(list(filter(None, [other_machine(run_a, run_b)])))
     worse = regressions(changes)
     if as_json:
         terminal.print_json(json.loads(changes.to_json(orient="records", double_precision=15)))

@@ -94,10 +94,10 @@ def machine() -> dict[str, Any]:
     }
 
 
-def machine_name() -> str:
-    """The kind of machine that a timing belongs to (`Cell.machine`): equal on equal machines."""
-    kind = machine()
-    return f"{kind['cpu']}, {kind['cores']} cores, {kind['architecture']} {kind['system']}"
+def machine_name(kind: Mapping[str, Any] | None = None) -> str:
+    """The kind of machine that a timing belongs to (`Cell.machine`): equal on equal machines. This one by default."""
+    kind = machine() if kind is None else kind
+    return "{cpu}, {cores} cores, {architecture} {system}".format_map({**dict.fromkeys(machine(), "?"), **kind})
 
 
 def cpu_model() -> str:

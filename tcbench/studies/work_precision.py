@@ -26,6 +26,7 @@ HALVINGS = range(-2, 9)  # steps are the scenario's own, over 2^k
 LONGEST = 500.0  # horizons: the last stored reference up to here
 UNSTORED = 25.0  # where none is stored: errors of chaotic scenarios would outgrow any reference
 SPENT_S = 0.05  # a rung is repeated until this much time has passed
+SAMPLES = 40  # of a rung that a row keeps, at most: for the comparison of runs
 SLOW_S = 0.25  # after a run as slow as this the finer rungs are left out
 HORIZONS = (0.125, 0.25, 0.5, 1.0)  # of the run whose cost is measured against its length
 COLUMNS = (
@@ -168,8 +169,14 @@ def _times(seconds: Sequence[float]) -> Row:
     import statistics
 
     if not seconds:
-        return {"wall_time_min_s": math.nan, "wall_time_median_s": math.nan}
-    return {"wall_time_min_s": min(seconds), "wall_time_median_s": statistics.median(seconds)}
+        return {"wall_time_min_s": math.nan, "wall_time_median_s": math.nan, "samples": []}
+    times = {"wall_time_min_s": min(seconds), "wall_time_median_s": statistics.median(seconds)}
+    return times | {"samples": _samples(seconds)}
+
+
+def _samples(seconds: Sequence[float]) -> list[float]:
+    """Some of the repeats, evenly spread over them, to four digits."""
+    return [float(f"{s:.4g}") for s in seconds[:: math.ceil(len(seconds) / SAMPLES)]]
 
 
 def _errors(scenario: Scenario, state: Any, exact: Any, floor: float) -> Row:
@@ -194,7 +201,7 @@ def _horizons(integrator: Integrator, scenario: Scenario, run_at: Any) -> list[R
         row, seconds = _timed(run_at(integrator, shorter, value), spent=SPENT_S / 5)
         if row["status"] != "ok" or seconds[0] > SLOW_S:
             break
-        rows.append({"t": shorter.t_end, "seconds": min(seconds)})
+        rows.append({"t": shorter.t_end, "seconds": min(seconds), "samples": _samples(seconds)})
     return rows
 
 

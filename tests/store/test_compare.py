@@ -9,7 +9,7 @@ import pytest
 
 from tcbench.errors import TcbenchError
 from tcbench.store.cells import Cell
-from tcbench.store.compare import compare, regressions
+from tcbench.store.compare import compare, other_machine, regressions
 from tcbench.store.store import Store
 
 BASE = {
@@ -142,3 +142,108 @@ def test_a_folder_without_a_run_is_refused(tmp_path):
     Store.open(tmp_path / "empty").close()
     with pytest.raises(TcbenchError, match="no rows"):
         compare(run(tmp_path / "c", {1: {}}), tmp_path / "empty")
+
+
+# -- machines, samples, published tables
+
+
+def with_machine(folder, cpu):
+    """The folder's runs, measured on this kind of machine."""
+    with Store.open(folder) as store:
+        store.write_manifest({"machine": {"cpu": cpu, "cores": 2, "architecture": "x", "system": "Linux"}})
+    return folder
+
+
+def test_timings_of_different_machines_are_left_out_and_a_sentence_says_so(tmp_path):
+    a, b = (
+        run(tmp_path / n, {1: {"us_per_step": t, "energy_error_max": e}})
+        for n, t, e in (("a", 1, 1e-6), ("b", 9, 2e-6))
+    )
+    assert other_machine(a, b) == "" and set(compare(a, b)["column"]) == {"us_per_step", "energy_error_max"}
+    with_machine(a, "Intel Xeon"), with_machine(b, "Apple M4")
+    assert compare(a, b)["column"].tolist() == ["energy_error_max"]
+    assert "different machines (Intel Xeon, 2 cores, x Linux and Apple M4, " in other_machine(a, b)
+    with_machine(b, "Intel Xeon")
+    assert set(compare(a, b)["column"]) == {"us_per_step", "energy_error_max"}
+
+
+def rung(samples):
+    times = {"wall_time_min_s": min(samples), "wall_time_median_s": sorted(samples)[len(samples) // 2]}
+    return {"points": [{"value": 0.1, "status": "ok", "repeats": len(samples), "samples": samples, **times}]}
+
+
+def noisy(seconds, spread, count=40, shift=0):
+    """Samples about `seconds`, the same ones each time."""
+    return [seconds * (1 + spread * math.sin(7.3 * k + shift)) for k in range(count)]
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "found"),
+    [
+        (noisy(1.0, 0.02), noisy(1.10, 0.02, shift=1), True),  # 10 %, which a flat 15 % would not see
+        (noisy(1.0, 0.02), noisy(0.90, 0.02, shift=1), True),
+        (noisy(1.0, 0.02), noisy(1.03, 0.02, shift=1), False),  # real, and too small for a word
+        (noisy(1.0, 0.9), noisy(1.2, 0.9, shift=1), False),  # 20 % that the spread explains
+        (noisy(1.0, 0.0, 4), noisy(1.1, 0.0, 4), False),  # four samples show nothing: the flat noise counts
+        (noisy(1.0, 0.0, 4), noisy(1.4, 0.0, 4), True),
+    ],
+)
+def test_timings_are_judged_by_their_samples(tmp_path, before, after, found):
+    result = changes(tmp_path, rung(before), rung(after))
+    assert (len(result) > 0) == found
+    if found:
+        worse = after[0] > before[0]
+        assert (len(regressions(result)) > 0) == worse and result["column"].str.contains("wall_time").all()
+
+
+def test_how_far_a_timed_ladder_went_is_no_change(tmp_path):
+    two, three = ({"points": [{"value": v, "error": 1e-3} for v in range(n)]} for n in (2, 3))
+    assert changes(tmp_path / "1", two, three).empty and changes(tmp_path / "2", three, two).empty
+    worse = {"points": [{"value": 0, "error": 1e-3}, {"value": 1, "error": 1e-2}]}
+    assert changes(tmp_path / "3", worse, three)["column"].tolist() == ["points[1].error"]
+
+
+def test_a_published_baseline_finds_its_partners_in_a_new_run(tmp_path):
+    """Tables on one side, rows on the other, of another version and machine: matched by what they are."""
+    import shutil
+
+    import tcbench
+
+    options = {"integrators": ["tc_strang"], "scenarios": ["short_term"], "dt": [0.3, 0.6]}
+    new = tmp_path / "new"
+    tcbench.run(**options, studies=["conservation", "convergence", "stability", "work_precision"], output=new)
+    published = tmp_path / "published"
+    shutil.copytree(new / "tables", published / "tables")
+    shutil.copy(new / "manifest.json", published)
+    for path in (published / "tables").iterdir():
+        if path.suffix == ".parquet":
+            path.unlink()  # the baseline keeps CSV
+            continue
+        frame = pandas.read_csv(path)
+        for column in ("source_hash", "scenario_hash", "plugin", "tcbench_version", "why"):
+            frame[column] = "of then" if column != "scenario_hash" else frame.get(column)
+        frame.to_csv(path, index=False)
+    both = [compare(published, new), compare(new, published), compare(new, new)]
+    assert all(found.empty for found in both), both[0].to_string()
+    table = pandas.read_csv(published / "tables" / "conservation.csv")
+    table.loc[table["dt"] == 0.6, "energy_error_final"] = 0.5
+    table.to_csv(published / "tables" / "conservation.csv", index=False)
+    (change,) = compare(published, new).to_dict("records")
+    assert (change["integrator"], change["column"], change["options"]) == (
+        "tc_strang",
+        "energy_error_final",
+        '{"dt":0.6}',
+    )
+
+
+def test_the_baseline_of_this_repository_finds_partners_for_all_that_was_run(tmp_path):
+    from pathlib import Path
+
+    import tcbench
+
+    baseline = Path(__file__).resolve().parents[2] / "results" / "baseline"
+    tcbench.run(["tc_monolithic"], ["short_term"], ["conservation"], tmp_path)
+    found = compare(baseline, tmp_path)
+    assert not found["kind"].eq("new").any()
+    lost = found[found["kind"].eq("missing")]
+    assert lost[(lost["study"] == "conservation") & (lost["scenario"] == "short_term")]["integrator"].nunique() == 4
