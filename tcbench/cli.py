@@ -3,33 +3,38 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 
+from . import progress
 from .errors import TcbenchError
+from .options import LATEST, ChartKind, Sectioned, completion, many, output, runs
+from .studies.base import study_names
+
+ENVIRONMENT = """\b
+Environment:
+  TCBENCH_PLUGINS_DIR  folders of plugin files, as --plugins-dir
+  TCBENCH_CACHE_DIR    where compiled kernels and references are kept
+  NO_COLOR             plain text on a terminal, too
+"""
+
 
 PLUGINS = click.option(
-    "--plugins-dir", "folders", multiple=True, type=click.Path(), metavar="FOLDER",
-    help="Also load the plugin files in FOLDER (they are Python code: name only what you trust).",
+    "--plugins-dir", "folders", multiple=True, type=click.Path(), metavar="FOLDER", envvar="TCBENCH_PLUGINS_DIR",
+    show_envvar=True, help="Also load the plugin files in FOLDER (they are Python code: name only what you trust).",
 )  # fmt: skip
-
-
-class Folder(click.Path):
-    """A folder to write into; the empty name is a mistake, such as a shell variable that is not set."""
-
-    def __init__(self) -> None:
-        super().__init__(path_type=Path)
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        if not str(value).strip():
-            raise TcbenchError("The name of the output folder is empty; the current folder is '.'.")
-        return super().convert(value, param, ctx)
 
 
 QUIET = click.option("--quiet", "-q", is_flag=True, help="No progress and no tables, errors only.")
 AS_JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
+JOBS = click.option("--jobs", "-j", type=click.IntRange(1), help="Worker processes (default: the cores).")
+INTEGRATORS = many("integrator", "Integrator to run (default: all).")
+SCENARIOS = many("scenario", "Scenario to run (default: all).")
+ROWS_OF_INTEGRATORS = many("integrator", "Rows of this integrator.")
+ROWS_OF_SCENARIOS = many("scenario", "Rows of this scenario.")
 
 
 class Group(click.Group):
@@ -56,22 +61,46 @@ class Group(click.Group):
         return super().resolve_command(ctx, args)
 
 
-@click.group(cls=Group, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.group(
+    cls=Group, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100}, epilog=ENVIRONMENT
+)
 @click.version_option(package_name="tcbench")
-def main() -> None:
+@click.pass_context
+def main(ctx: click.Context) -> None:
     """Benchmark for thermodynamically consistent (GENERIC, metriplectic) time integrators."""
+    before, progress.default = progress.default, True  # the command line says in a pipe, too, what it waits for
+    ctx.call_on_close(lambda: setattr(progress, "default", before))
 
 
-@main.command()
+@main.command(cls=Sectioned)
 @click.option("--all", "everything", is_flag=True, help="Every integrator, scenario and study.")
-@click.option("--integrator", "-i", "integrators", multiple=True, metavar="NAME", help="Repeat for several.")
-@click.option("--scenario", "-s", "scenarios", multiple=True, metavar="NAME", help="Repeat for several.")
-@click.option("--study", "studies", multiple=True, metavar="NAME", help="Repeat for several.")
-@click.option("--dt", "steps", multiple=True, type=float, help="Step size instead of the scenario's ladder; repeat.")
-@click.option("--output", "-o", type=Folder(), default=Path("results/latest"), show_default=True)
-@click.option("--jobs", "-j", type=click.IntRange(1), help="Worker processes (default: the cores).")
+@INTEGRATORS
+@SCENARIOS
+@click.option(
+    "--study",
+    "studies",
+    multiple=True,
+    metavar="NAME",
+    shell_complete=lambda c, p, i: list(study_names()),
+    help=f"Study to run (default: all): {', '.join(study_names())}. Patterns, too; repeat for several.",
+)
+@click.option(
+    "--dt",
+    "steps",
+    multiple=True,
+    type=float,
+    metavar="STEP",
+    help="Step size instead of the scenario's ladder, for methods of a fixed step; repeat for several.",
+)
+@output(LATEST)
+@JOBS
 @click.option("--timeout", type=float, default=300.0, show_default=True, help="Seconds a cell may take.")
-@click.option("--memory-limit", type=click.IntRange(1), metavar="MIB", help="Address space of a worker, in MiB.")
+@click.option(
+    "--memory-limit",
+    type=click.IntRange(1),
+    metavar="MIB",
+    help="Address space of a worker, in MiB (on Linux; elsewhere it is not enforced).",
+)
 @click.option("--fresh", is_flag=True, help="Forget the rows that the output folder already has.")
 @click.option("--retry-failed", is_flag=True, help="Run again every cell whose status is not ok.")
 @click.option("--report/--no-report", default=None, help="Write report.html (default: with --all and no --study).")
@@ -89,29 +118,31 @@ def run(everything: bool, folders: tuple[str, ...], quiet: bool, as_json: bool, 
     from . import terminal
     from .commands import run_command
 
-    load_plugins(folders)
+    prepare(folders, quiet)
     if not everything and not (options["integrators"] or options["scenarios"] or options["studies"]):
         raise TcbenchError("Say what to run: --all, or a selection with -i, -s and --study. See tcbench list.")
     if options["report"] is None:
         options["report"] = everything and not options["studies"]
-    code = run_command(options, terminal.Display(quiet=quiet or as_json, as_json=as_json))
-    sys.exit(code)
+    sys.exit(run_command(options, terminal.Display(quiet=quiet, as_json=as_json)))
 
 
 @main.command("list")
+@many("integrator", "List this integrator.")
+@many("scenario", "List this scenario.")
 @PLUGINS
 @AS_JSON
-def list_(folders: tuple[str, ...], as_json: bool) -> None:
+def list_(folders: tuple[str, ...], **options: Any) -> None:
     """Integrators, scenarios and studies, with claims and sources; and plugins that failed to load."""
     from .commands import list_command
 
-    load_plugins(folders)
-    list_command(as_json)
+    prepare(folders)
+    list_command(**options)
 
 
 @main.command()
-@click.argument("integrator")
-@click.argument("scenario")
+@click.argument("names", nargs=-1, metavar="INTEGRATOR SCENARIO")
+@many("integrator", "Instead of the first word.")
+@many("scenario", "Instead of the last word.")
 @click.option("--dt", type=float, help="Step; the scenario's own by default.")
 @click.option("--t-end", type=float, help="Horizon; the scenario's own by default.")
 @click.option("--tolerance", type=float, help="Of an adaptive solver, instead of --dt.")
@@ -121,108 +152,129 @@ def list_(folders: tuple[str, ...], as_json: bool) -> None:
 @click.option("--csv", type=click.Path(path_type=Path, dir_okay=False), help="Write the trajectory to this file.")
 @PLUGINS
 @AS_JSON
-def simulate(folders: tuple[str, ...], as_json: bool, **options: Any) -> None:
+def simulate(
+    names: tuple[str, ...], integrators: tuple[str, ...], scenarios: tuple[str, ...], folders: tuple[str, ...],
+    as_json: bool, **options: Any,
+) -> None:  # fmt: skip
     """Run one integrator on one scenario."""
     from .commands import simulate_command
 
-    load_plugins(folders)
-    simulate_command(as_json=as_json, **options)
+    prepare(folders)
+    methods, chosen = words(names, integrators, scenarios)
+    simulate_command(methods, chosen, as_json=as_json, **options)
 
 
 @main.command("map")
-@click.argument("names", nargs=-1, required=True, metavar="INTEGRATOR... SCENARIO")
+@click.argument("names", nargs=-1, metavar="INTEGRATOR... SCENARIO")
+@many("integrator", "Instead of the words before the last.")
+@many("scenario", "Instead of the last word.")
 @click.option("--x", required=True, metavar="AXIS", help="name=low:high:n[:log], as in dt=0.02:4:40:log.")
 @click.option("--y", required=True, metavar="AXIS", help="The same; constants are multiples of the scenario's own.")
-@click.option("--output", "-o", type=Folder(), default=Path("results/map"), show_default=True)
-@click.option("--jobs", "-j", type=click.IntRange(1), help="Worker processes (default: the cores).")
+@output(Path("results/map"))
+@JOBS
 @click.option("--timeout", type=float, default=300.0, show_default=True, help="Seconds a row of the map may take.")
 @PLUGINS
 @QUIET
-def map_(names: tuple[str, ...], folders: tuple[str, ...], quiet: bool, **options: Any) -> None:
+@AS_JSON
+def map_(
+    names: tuple[str, ...], integrators: tuple[str, ...], scenarios: tuple[str, ...], folders: tuple[str, ...],
+    quiet: bool, as_json: bool, **options: Any,
+) -> None:  # fmt: skip
     """A stability map over two parameters; several integrators are drawn side by side."""
     from . import terminal
     from .commands import map_command
 
-    load_plugins(folders)
-    sys.exit(map_command(names, options, terminal.Display(quiet=quiet)))
+    prepare(folders, quiet)
+    methods, chosen = words(names, integrators, scenarios)
+    sys.exit(map_command(methods, chosen, options, terminal.Display(quiet=quiet, as_json=as_json)))
 
 
 @main.command()
-@click.argument("scenario")
+@click.argument("names", nargs=-1, metavar="SCENARIO...")
+@many("scenario", "The same as a word.")
 @PLUGINS
 @AS_JSON
-def reference(scenario: str, folders: tuple[str, ...], as_json: bool) -> None:
-    """Compute the reference solution of a scenario anew and compare it with the one in use."""
+def reference(names: tuple[str, ...], scenarios: tuple[str, ...], folders: tuple[str, ...], as_json: bool) -> None:
+    """Compute the reference solution of scenarios anew and compare it with the one in use."""
     from .commands import reference_command
 
-    load_plugins(folders)
-    sys.exit(reference_command(scenario, as_json))
+    prepare(folders)
+    if not (names or scenarios):
+        raise TcbenchError("Say of which scenario: tcbench reference SCENARIO. See tcbench list.")
+    sys.exit(reference_command([*names, *scenarios], as_json))
 
 
 @main.command()
-@click.argument("folder", type=click.Path(path_type=Path))
+@runs()
 @click.option("--table", metavar="NAME", help="This table alone, whatever its length.")
-@click.option("--scenario", "-s", "scenarios", multiple=True, metavar="NAME", help="Rows of this one; repeat.")
-@click.option("--integrator", "-i", "integrators", multiple=True, metavar="NAME", help="Rows of this one; repeat.")
+@ROWS_OF_SCENARIOS
+@ROWS_OF_INTEGRATORS
 @PLUGINS
 @AS_JSON
 def show(folder: Path, folders: tuple[str, ...], as_json: bool, **options: Any) -> None:
-    """The tables of a run so far, also while it is running; of a large run a summary."""
+    """The tables of a run so far, also while it is running; of a large run a summary. FOLDER: results/latest."""
     from .commands import show_command
 
-    load_plugins(folders)
+    prepare(folders)
     show_command(folder, as_json=as_json, **options)
 
 
 @main.command()
-@click.argument("folder", type=click.Path(path_type=Path))
+@runs()
 @PLUGINS
-def report(folder: Path, folders: tuple[str, ...]) -> None:
-    """Write report.html of a run: one self-contained page."""
+@AS_JSON
+def report(folder: Path, folders: tuple[str, ...], as_json: bool) -> None:
+    """Write report.html of a run: one self-contained page. FOLDER: results/latest."""
     from .commands import report_command
 
-    load_plugins(folders)
-    report_command(folder)
+    prepare(folders)
+    report_command(folder, as_json)
 
 
 @main.command()
-@click.argument("kind")
-@click.argument("folder", type=click.Path(path_type=Path))
+@click.argument("kind", type=ChartKind(), required=False, metavar="[KIND]")
+@runs()
 @click.option("--output", "-o", type=click.Path(path_type=Path), help="PNG, SVG or PDF by suffix (default: KIND.png).")
-@click.option("--scenario", "-s", metavar="NAME", help="Needed where the run has several.")
-@click.option("--integrator", "-i", "integrators", multiple=True, metavar="NAME", help="Only these; repeat.")
+@click.option(
+    "--scenario", "-s", metavar="NAME", shell_complete=completion("scenarios"), help="Needed where the run has several."
+)
+@many("integrator", "Draw this integrator (default: all of the run).")
 @click.option("--x", metavar="COLUMN", help="Column of the horizontal axis (work-precision, conservation).")
 @click.option("--y", multiple=True, metavar="COLUMN", help="Columns of the vertical axis (work-precision); repeat.")
 @click.option("--dt", type=float, help="Of laws, four-panel and path: the runs of this step only.")
 @PLUGINS
-def plot(kind: str, folder: Path, folders: tuple[str, ...], **options: Any) -> None:
-    """Draw one chart of a run; an unknown KIND lists those that exist."""
+@AS_JSON
+def plot(kind: str | None, folder: Path, folders: tuple[str, ...], as_json: bool, **options: Any) -> None:
+    """Draw one chart of a run; without a KIND, list the kinds. FOLDER: results/latest."""
     from .commands import plot_command
 
-    load_plugins(folders)
-    plot_command(kind, folder, **options)
+    prepare(folders)
+    plot_command(kind, folder, as_json=as_json, **options)
 
 
 @main.command()
-@click.option("--output", "-o", type=Folder(), default=Path("results/paper"), show_default=True)
+@output(Path("results/paper"))
 @click.option("--format", "suffix", type=click.Choice(["png", "svg", "pdf"]), default="png", show_default=True)
-def paper(output: Path, suffix: str) -> None:
+@AS_JSON
+def paper(output: Path, suffix: str, as_json: bool) -> None:
     """Figures 2 to 9 of Romero (2009), with captions that say what differs from the paper's account."""
     from .commands import paper_command
 
-    paper_command(output, suffix)
+    paper_command(output, suffix, as_json)
 
 
 @main.command()
-@click.argument("run_a", type=click.Path(path_type=Path))
-@click.argument("run_b", type=click.Path(path_type=Path))
+@runs("run_a", required=True, shown="RUN_A")
+@runs("run_b", shown="[RUN_B]")
+@ROWS_OF_SCENARIOS
+@ROWS_OF_INTEGRATORS
 @click.option("--fail-on-regression", is_flag=True, help="Exit with code 1 if RUN_B is worse.")
 @AS_JSON
-def compare(run_a: Path, run_b: Path, fail_on_regression: bool, as_json: bool) -> None:
-    """What changed from RUN_A to RUN_B beyond noise, cell by cell."""
+def compare(run_a: Path, run_b: Path, **options: Any) -> None:
+    """What changed from RUN_A to RUN_B beyond noise, cell by cell. RUN_B: results/latest."""
     from .commands import compare_command
 
-    sys.exit(compare_command(run_a, run_b, fail_on_regression, as_json))
+    sys.exit(compare_command(run_a, run_b, **options))
 
 
 @main.command()
@@ -230,28 +282,49 @@ def compare(run_a: Path, run_b: Path, fail_on_regression: bool, as_json: bool) -
 @click.argument("name")
 @click.option("--package", is_flag=True, help="A complete distribution: pyproject, source, a test.")
 @click.option("--folder", type=click.Path(path_type=Path, file_okay=False), default=Path(), help="Where to write it.")
-def new(kind: str, name: str, package: bool, folder: Path) -> None:
+@AS_JSON
+def new(kind: str, name: str, package: bool, folder: Path, as_json: bool) -> None:
     """Write a commented plugin that runs as it is: an integrator, a scenario or a system."""
     from .commands import new_command
 
-    new_command(kind, name, package, folder)
+    new_command(kind, name, package, folder, as_json)
 
 
 @main.command()
-@click.argument("target", metavar="FILE|NAME")
+@click.argument("targets", nargs=-1, metavar="FILE|NAME...")
+@many("integrator", "Check this integrator.")
+@many("scenario", "Check this scenario.")
+@click.option("--only", metavar="LINE[,LINE]", default="", help="These lines alone, as in --only order,claims.")
 @PLUGINS
 @AS_JSON
-def check(target: str, folders: tuple[str, ...], as_json: bool) -> None:
-    """Check a plugin line by line: does it keep the contract, and what it claims? Exit code 0 or 1."""
+def check(
+    targets: tuple[str, ...], integrators: tuple[str, ...], scenarios: tuple[str, ...], only: str,
+    folders: tuple[str, ...], as_json: bool,
+) -> None:  # fmt: skip
+    """Check plugins line by line: do they keep the contract, and what they claim? Exit code 0 or 1."""
     from .commands import check_command
 
-    load_plugins(folders)
-    sys.exit(check_command(target, as_json))
+    prepare(folders)
+    if not (targets or integrators or scenarios):
+        raise TcbenchError("Say what to check: tcbench check FILE, or the name of an integrator or scenario.")
+    chosen = [line.strip() for line in only.split(",") if line.strip()]
+    sys.exit(check_command([*targets, *integrators, *scenarios], chosen, as_json))
 
 
-def load_plugins(folders: tuple[str, ...]) -> None:
-    """Make the plugin folders of the command line known."""
+def prepare(folders: tuple[str, ...], quiet: bool = False) -> None:
+    """Make the plugin folders of the command line known, and say nothing on the way if that is wanted."""
+    if quiet:
+        progress.default = False
     if folders:
         from . import plugins
 
         plugins.use_folders(folders)
+
+
+def words(
+    names: tuple[str, ...], integrators: tuple[str, ...], scenarios: tuple[str, ...]
+) -> tuple[Sequence[str], Sequence[str]]:
+    """Integrators and scenarios of words without -i and -s: the last is the scenario, unless -s names one."""
+    if names and not scenarios:
+        return (*integrators, *names[:-1]), names[-1:]
+    return (*integrators, *names), scenarios

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import sys
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,6 +15,7 @@ from . import plugins, terminal
 from .engine.planning import plan_job, preview
 from .engine.run import run
 from .errors import TcbenchError, unknown_name
+from .progress import LOUD, waiting
 from .report.summary import summary
 from .store.encoding import csv_bytes
 from .store.store import Store, replace_file
@@ -35,30 +38,60 @@ def run_command(options: dict[str, Any], display: terminal.Display) -> int:
         job = plan_job(**chosen, dt=dt)
         display.plan(preview(job, options["output"], options["retry_failed"], options["jobs"]), len(job.cells))
         return 0
-    with display.progress() as on_event:
-        results = run(
-            **chosen, dt=dt, memory_limit=limit * 2**20 if limit else None, security=security or None,
-            on_event=on_event, **options,
-        )  # fmt: skip
-    overview = summary(results.tables, plugins.integrators())
-    every = summary(read_tables(results.output), plugins.integrators())  # of all runs into this folder
-    replace_file(results.output / "summary.csv", csv_bytes(every), results.output)
-    display.results(results, overview)
-    terminal.warn([*results.problems, *results.left_out])
+    if limit and not sys.platform.startswith("linux"):
+        terminal.warn([f"--memory-limit is not enforced on {sys.platform}."])
+    results = run(
+        **chosen, dt=dt, memory_limit=limit * 2**20 if limit else None, security=security or None, **options
+    )  # fmt: skip
+    with waiting("summing up"):
+        overview = summary(results.tables, plugins.integrators())
+        every = summary(read_tables(results.output), plugins.integrators())  # of all runs into this folder
+        replace_file(results.output / "summary.csv", csv_bytes(every), results.output)
+    page = None
     if report and not results.summary.interrupted:
         from .report.write_report import write_report
 
-        page = write_report(results.output)
-        if not display.quiet:
+        with waiting("writing report.html"):
+            page = write_report(results.output)
+    if display.as_json:
+        terminal.print_json({
+            "output": str(results.output), "ran": results.summary.run, "statuses": dict(results.summary.statuses),
+            "elapsed_s": results.summary.elapsed_s, "interrupted": results.summary.interrupted,
+            "report": page and str(page), "tables": records(results.tables),
+        })  # fmt: skip
+    elif not display.quiet:
+        display.results(results, overview)
+        if page:
             terminal.say(f"Report: {page}")
+    terminal.warn([*results.problems, *results.left_out, *not_run(chosen["integrators"], dt)])
     if results.summary.interrupted:
         return 130
-    table = results.statuses
-    return int(strict and any(table.get(status) for status in terminal.LOUD))
+    return 1 if strict and any(results.statuses.get(status) for status in LOUD) else 0
 
 
-def list_command(as_json: bool) -> None:
+def records(tables: Mapping[str, DataFrame]) -> dict[str, Any]:
+    """Tables by name as lists of rows, for JSON."""
+    return {name: json.loads(t.to_json(orient="records", double_precision=15)) for name, t in tables.items()}
+
+
+def not_run(asked: list[str] | None, dt: list[float] | None) -> list[str]:
+    """Sentences on what a run left out although nobody said so: absent peers, and steps that do not apply."""
+    sentences = []
+    for name, method in plugins.integrators().items() if asked is None else ():
+        if method.lacks:
+            sentences.append(f"{name} was not run: {method.lacks}.")
+    chosen = plugins.expand_integrators(plugins.present() if asked is None else asked)
+    adaptive = [method.name for method in chosen if method.kind == "adaptive"]
+    if dt and adaptive:
+        sentences.append(f"--dt does not apply to methods that choose their steps: {', '.join(adaptive)}.")
+    return sentences
+
+
+def list_command(integrators: Sequence[str], scenarios: Sequence[str], as_json: bool) -> None:
     registry = plugins.registry()
+    methods = plugins.expand_integrators(integrators) if integrators else registry.integrators.values()
+    chosen = plugins.expand_scenarios(scenarios) if scenarios else registry.scenarios.values()
+    whole = not (integrators or scenarios)
     data = {
         "integrators": [
             {
@@ -66,23 +99,23 @@ def list_command(as_json: bool) -> None:
                 "systems": sorted(i.systems), "needs": list(i.needs), "lacks": i.lacks,
                 "parameters": {k: list(v) for k, v in i.parameters.items()}, "plugin": i.plugin,
             }
-            for i in registry.integrators.values()
+            for i in methods if integrators or whole
         ],
         "scenarios": [
             {
                 "name": s.name, "system": s.system.name, "t_end": s.t_end, "dt": s.dt, "shows": s.shows,
                 "source": s.source, "plugin": s.plugin,
             }
-            for s in registry.scenarios.values()
+            for s in chosen if scenarios or whole
         ],
         "scenario_families": [
             {
                 "name": f.name, "parameters": dict(f.defaults), "shows": f.shows, "source": f.source,
                 "plugin": f.plugin,
             }
-            for f in registry.scenario_families.values()
+            for f in registry.scenario_families.values() if whole
         ],
-        "studies": [{"name": s.name, "description": s.description} for s in default_studies().values()],
+        "studies": [{"name": s.name, "description": s.description} for s in default_studies().values() if whole],
         "broken": [{"name": o.name, "path": o.path or o.distribution, "error": o.error} for o in registry.broken],
     }  # fmt: skip
     if as_json:
@@ -91,21 +124,33 @@ def list_command(as_json: bool) -> None:
         terminal.print_listing(data)
 
 
+def one_of(kind: str, found: Sequence[Any], many: str) -> Any:
+    """The one integrator or scenario that was selected."""
+    if len(found) == 1:
+        return found[0]
+    names = ", ".join(item.name for item in found) or "none"
+    raise TcbenchError(f"One {kind} is needed here, not {len(found)} ({names}). {many}")
+
+
 def simulate_command(
-    integrator: str, scenario: str, dt: float | None, t_end: float | None, tolerance: float | None, plain: bool,
-    record_every: int, audit_roots: bool, csv: Path | None, as_json: bool,
+    integrators: Sequence[str], scenarios: Sequence[str], dt: float | None, t_end: float | None,
+    tolerance: float | None, plain: bool, record_every: int, audit_roots: bool, csv: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
     from .simulation import metrics
     from .simulation.run import simulate
 
+    many = "tcbench simulate INTEGRATOR SCENARIO; tcbench run takes many."
+    integrator = one_of("integrator", plugins.expand_integrators(integrators), many)
+    scenario = one_of("scenario", plugins.expand_scenarios(scenarios), many)
     if csv is not None and not csv.resolve().parent.is_dir():
         raise TcbenchError(f"The folder of {str(csv)!r} does not exist; create it first.")
-    if dt is not None and plugins.find_integrator(integrator).kind == "adaptive":
-        raise TcbenchError(f"{integrator!r} chooses its steps: give --tolerance instead of --dt.")
-    run_ = simulate(
-        integrator, scenario, dt, t_end, tolerance=tolerance, continuation=not plain, record_every=record_every,
-        residuals=True, audit_roots=audit_roots,
-    )  # fmt: skip
+    if dt is not None and integrator.kind == "adaptive":
+        raise TcbenchError(f"{integrator.name!r} chooses its steps: give --tolerance instead of --dt.")
+    with waiting(f"{integrator.name} on {scenario.name}"):
+        run_ = simulate(
+            integrator, scenario, dt, t_end, tolerance=tolerance, continuation=not plain, record_every=record_every,
+            residuals=True, audit_roots=audit_roots,
+        )  # fmt: skip
     row = {"integrator": run_.integrator.name, "scenario": run_.scenario.name, "dt": run_.dt}
     row |= metrics.conservation(run_)
     row |= {name: value for name, value in asdict(run_.solver).items() if value and name != "unknown"}
@@ -131,42 +176,53 @@ def _write_csv(run_: Any, path: Path) -> None:
         raise TcbenchError(f"{str(path)!r} cannot be written: {error.strerror}.") from None
 
 
-def map_command(names: tuple[str, ...], options: dict[str, Any], display: terminal.Display) -> int:
+def map_command(
+    methods: Sequence[str], scenarios: Sequence[str], options: dict[str, Any], display: terminal.Display
+) -> int:
     """Run the map, one cell a row of it; tables and one picture in the output folder."""
     from .engine.run import execute
     from .report.charts.stability_map import map_figure
 
-    *methods, scenario = names
-    if not methods:
+    if not (methods and scenarios):
         raise TcbenchError("tcbench map takes at least one integrator, and then the scenario.")
+    scenario = one_of("scenario", plugins.expand_scenarios(scenarios), "A map is of one.")
     axes = {"x": options.pop("x"), "y": options.pop("y")}
-    job = plan_job(methods, [scenario], ["map"], options=axes)
-    with display.progress() as on_event:
-        results = execute(job, on_event=on_event, **options)
-    if "map" in results.tables:
-        picture = results.output / "map.png"
-        map_figure(results.tables["map"]).savefig(picture, dpi=150, bbox_inches="tight")
-        if not display.quiet:
-            outcomes = results.tables["map"].groupby(["integrator", "outcome"], sort=True).size()
-            terminal.print_frame(outcomes.rename("cells").reset_index(), "outcomes")
-            terminal.say(f"Picture: {picture}. Table: {results.output}/tables/map.csv")
+    with waiting("planning"):
+        job = plan_job(methods, [scenario], ["map"], options=axes)
+    output = options.pop("output")
+    results = execute(job, output, options)
+    picture = output / "map.png"
+    table = results.tables.get("map")
+    if table is not None:
+        with waiting("drawing the map"):
+            map_figure(table).savefig(picture, dpi=150, bbox_inches="tight")
+    if display.as_json:
+        terminal.print_json({"output": str(output), "picture": str(picture), "tables": records(results.tables)})
+    elif table is not None and not display.quiet:
+        outcomes = table.groupby(["integrator", "outcome"], sort=True).size()
+        terminal.print_frame(outcomes.rename("cells").reset_index(), "outcomes")
+        terminal.say(f"Picture: {picture}. Table: {output}/tables/map.csv")
     return 130 if results.summary.interrupted else 0
 
 
-def reference_command(scenario: str, as_json: bool) -> int:
-    """0 if the reference in use is confirmed, 1 if not."""
+def reference_command(names: Sequence[str], as_json: bool) -> int:
+    """0 if the references in use are confirmed, 1 if not."""
     from .reference.lookup import recompute
 
-    found = recompute(plugins.find_scenario(scenario))
+    found = []
+    for scenario in plugins.expand_scenarios(names):
+        with waiting(f"computing the reference of {scenario.name}"):
+            found.append(recompute(scenario))
     if as_json:
-        terminal.print_json(found)
+        terminal.print_json(found[0] if len(found) == 1 else found)
     else:
-        rows = [[terminal.number(row[k]) for k in ("t", "gap", "certificate", "check")] for row in found["rows"]]
-        title = f"{found['scenario']}: {found['method']}"
-        columns = ["t", "gap to the one in use", "certificate", "check"]
-        terminal.console().print(terminal.make_table(title, columns, rows))
-        terminal.say(f"It {'agrees' if found['agrees'] else 'does NOT agree'} with the reference in use.")
-    return 0 if found["agrees"] else 1
+        for each in found:
+            rows = [[terminal.number(row[k]) for k in ("t", "gap", "certificate", "check")] for row in each["rows"]]
+            title = f"{each['scenario']}: {each['method']}"
+            columns = ["t", "gap to the one in use", "certificate", "check"]
+            terminal.console().print(terminal.make_table(title, columns, rows))
+            terminal.say(f"It {'agrees' if each['agrees'] else 'does NOT agree'} with the reference in use.")
+    return 0 if all(each["agrees"] for each in found) else 1
 
 
 def show_command(
@@ -175,8 +231,9 @@ def show_command(
     """The tables of a small run, or the one that is named; of a large run its summary, and what there is."""
     if not folder.is_dir():
         raise TcbenchError(f"There is no run in {str(folder)!r}. tcbench run --output FOLDER makes one.")
-    store = Store.read(folder)
-    tables = read_tables(store)
+    with waiting("reading the rows"):
+        store = Store.read(folder)
+        tables = read_tables(store)
     terminal.warn(store.problems)
     if not tables:
         raise TcbenchError(f"{str(folder)!r} holds no finished cell yet.")
@@ -189,8 +246,7 @@ def show_command(
     if table is not None:
         tables = {table: tables[table]}
     if as_json:
-        terminal.print_json({name: json.loads(t.to_json(orient="records", double_precision=15)) for name, t in
-                             tables.items()})  # fmt: skip
+        terminal.print_json(records(tables))
     elif table is not None:
         terminal.print_table(table, tables[table])
     elif sum(len(t) for name, t in tables.items() if name not in terminal.LONG) <= SHOWN_ROWS:
@@ -217,44 +273,75 @@ def _is_installed(name: str) -> bool:
         return False
 
 
-def report_command(folder: Path) -> None:
+def report_command(folder: Path, as_json: bool) -> None:
     from .report.write_report import write_report
 
-    terminal.say(f"Wrote {write_report(folder)}")
+    with waiting("writing report.html"):
+        page = write_report(folder)
+    wrote([page], as_json)
     terminal.warn(absent_methods(read_tables(folder)))
 
 
+def wrote(paths: Sequence[Path], as_json: bool) -> None:
+    """Say which files were written."""
+    if as_json:
+        terminal.print_json({"files": [str(path) for path in paths]})
+    else:
+        for path in paths:
+            terminal.say(f"Wrote {path}")
+
+
 def plot_command(
-    kind: str, folder: Path, output: Path | None, scenario: str | None, integrators: tuple[str, ...], x: str | None,
-    y: tuple[str, ...], dt: float | None,
+    kind: str | None, folder: Path, output: Path | None, scenario: str | None, integrators: tuple[str, ...],
+    x: str | None, y: tuple[str, ...], dt: float | None, as_json: bool,
 ) -> None:  # fmt: skip
+    if kind is None:
+        from .report.chart_kinds import kinds
+
+        found = {name: chart.text for name, chart in kinds().items()}
+        if as_json:
+            terminal.print_json(found)
+        else:
+            table = terminal.make_table("tcbench plot KIND", ["kind", "shows"], list(map(list, found.items())))
+            terminal.console().print(table)
+        return
     from .report.plot import plot
 
-    path = plot(
-        kind, folder, output or f"{kind}.png", scenario=scenario, integrators=list(integrators) or None, x=x,
-        y=list(y) or None, dt=dt,
-    )  # fmt: skip
-    terminal.say(f"Wrote {path}")
+    with waiting(f"drawing {kind}"):
+        path = plot(
+            kind, folder, output or f"{kind}.png", scenario=scenario, integrators=list(integrators) or None, x=x,
+            y=list(y) or None, dt=dt,
+        )  # fmt: skip
+    wrote([path], as_json)
 
 
-def paper_command(output: Path, suffix: str) -> None:
+def paper_command(output: Path, suffix: str, as_json: bool) -> None:
     from .report.paper_figures import paper_figures
 
-    for path in paper_figures(output, f".{suffix}"):
-        terminal.say(f"Wrote {path}")
+    with waiting("drawing the paper's figures"):
+        paths = list(paper_figures(output, f".{suffix}"))
+    wrote(paths, as_json)
 
 
-def compare_command(run_a: Path, run_b: Path, fail_on_regression: bool, as_json: bool) -> int:
+def compare_command(
+    run_a: Path, run_b: Path, scenarios: Sequence[str], integrators: Sequence[str], fail_on_regression: bool,
+    as_json: bool,
+) -> int:  # fmt: skip
     from .store.compare import compare, other_machine, regressions
 
     for folder in (run_a, run_b):
         if not folder.is_dir():
             raise TcbenchError(f"There is no run in {str(folder)!r}.")
-    changes = compare(run_a, run_b)
+    with waiting("comparing"):
+        changes = compare(run_a, run_b)
+        for column, names in (("scenario", scenarios), ("integrator", integrators)):
+            if names:
+                known = only(read_tables(run_a) | {"changes": changes}, column, names)  # names the runs do not have
+                changes = known["changes"]
     terminal.warn(list(filter(None, [other_machine(run_a, run_b)])))
     worse = regressions(changes)
     if as_json:
-        terminal.print_json(json.loads(changes.to_json(orient="records", double_precision=15)))
+        terminal.print_json(records({"changes": changes})["changes"])
     elif changes.empty:
         terminal.say("Nothing changed beyond noise.")
     else:
@@ -263,9 +350,12 @@ def compare_command(run_a: Path, run_b: Path, fail_on_regression: bool, as_json:
     return 1 if fail_on_regression and len(worse) else 0
 
 
-def new_command(kind: str, name: str, package: bool, folder: Path) -> None:
+def new_command(kind: str, name: str, package: bool, folder: Path, as_json: bool) -> None:
     from .authoring.scaffold import new_file, new_package
 
+    if as_json:
+        wrote([(new_package if package else new_file)(kind, name, folder)], as_json)
+        return
     if package:
         root = new_package(kind, name, folder)
         terminal.say(f"Wrote {root}/. Next: pip install -e {root}, then tcbench list.")
@@ -279,15 +369,28 @@ def new_command(kind: str, name: str, package: bool, folder: Path) -> None:
     )
 
 
-def check_command(target: str, as_json: bool) -> int:
-    """0 if every line passes, 1 if not."""
-    from .authoring.check import check, printable
+def check_command(targets: Sequence[str], only: Sequence[str], as_json: bool) -> int:
+    """0 if every line passes, 1 if not. Each line is printed when it is known."""
+    from .authoring import check
 
-    reports = check(target)
+    reports = []
+    for subject in [subject for target in targets for subject in check.subjects(target, only)]:
+        if not as_json:
+            terminal.say(f"{subject.kind} {subject.name}")
+        found: list[Any] = []
+        while True:
+            with waiting(f"checking {subject.name}"):
+                item = next(subject.lines, None)
+            if item is None:
+                break
+            found.append(item)
+            for text in check.printable(item) if not as_json else ():
+                terminal.say(text)
+        reports.append(check.Report(subject.name, subject.kind, tuple(found)))
+        if not as_json:
+            terminal.say(check.verdict(reports[-1]))
     good = all(report.ok for report in reports)
     if as_json:
-        terminal.print_json({"target": target, "ok": good, "reports": [report.as_dict() for report in reports]})
-    else:
-        for text in printable(reports):
-            terminal.say(text)
+        data = {"target": " ".join(targets), "ok": good, "reports": [report.as_dict() for report in reports]}
+        terminal.print_json(data)
     return 0 if good else 1

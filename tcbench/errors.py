@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import fnmatch
 from collections.abc import Iterable
 
 
@@ -29,3 +30,19 @@ def unknown_name(kind: str, name: str, known: Iterable[str], remedy: str = "") -
     guess = f" Did you mean {close[0]!r}?" if close else ""
     listing = f" Known: {', '.join(names)}." if names else f" No {kind} is registered."
     return UnknownNameError(f"No {kind} is called {name!r}.{guess}{listing}{' ' + remedy if remedy else ''}")
+
+
+def matching(kind: str, name: str, known: Iterable[str], remedy: str = "") -> list[str]:
+    """The known names that `name` means: itself, or those that fit a pattern with * or ?; an error if there is none."""
+    names = list(known)
+    found = [name] if name in names else []
+    if not found and is_pattern(name):
+        found = [one for one in names if fnmatch.fnmatchcase(one, name.replace("[", "[[]"))]
+    if not found:
+        raise unknown_name(kind, name, names, remedy)
+    return found
+
+
+def is_pattern(name: str) -> bool:
+    """Is a name written with * or ?, to mean several?"""
+    return "*" in name or "?" in name

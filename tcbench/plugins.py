@@ -25,9 +25,10 @@ from typing import Any, TypeVar
 import pluggy
 
 from . import hookspecs
-from .errors import TcbenchError, unknown_name
+from .errors import TcbenchError, is_pattern, matching, unknown_name
 from .integrator import Integrator
 from .metric import Metric
+from .progress import waiting
 from .systems.scenario import Scenario, ScenarioFamily
 
 GROUP = "tcbench"
@@ -72,7 +73,8 @@ def registry() -> Registry:
     """The registry, loaded on first use."""
     global _REGISTRY
     if _REGISTRY is None:
-        _REGISTRY = load(plugin_folders())
+        with waiting("loading plugins"):
+            _REGISTRY = load(plugin_folders())
     return _REGISTRY
 
 
@@ -147,9 +149,12 @@ def _split(name: str) -> tuple[str, dict[str, str]]:
 
 
 def expand_integrators(names: Iterable[str | Integrator]) -> list[Integrator]:
-    """The integrators of these names; `name[param=all]` is the whole family."""
+    """The integrators of these names; `name[param=all]` is the whole family, `tc_*` every one whose name fits."""
     result: list[Integrator] = []
     for name in names:
+        if isinstance(name, str) and is_pattern(name):
+            result.extend(registry().integrators[one] for one in matching("integrator", name, present(), _remedy()))
+            continue
         base, values = _split(name) if isinstance(name, str) else ("", {})
         if "all" in values.values():
             method = find_integrator(base)
@@ -159,6 +164,23 @@ def expand_integrators(names: Iterable[str | Integrator]) -> list[Integrator]:
         else:
             result.append(find_integrator(name))
     return list({i.name: i for i in result}.values())
+
+
+def present() -> list[str]:
+    """Names of the registered integrators whose packages are installed."""
+    return [name for name, method in registry().integrators.items() if not method.lacks]
+
+
+def expand_scenarios(names: Iterable[str | Scenario]) -> list[Scenario]:
+    """The scenarios of these names, each once; a pattern such as `*_term` is every registered one whose name fits."""
+    result: list[Scenario] = []
+    for name in names:
+        if isinstance(name, str) and is_pattern(name):
+            known = registry().scenarios
+            result.extend(known[one] for one in matching("scenario", name, known, _remedy()))
+        else:
+            result.append(find_scenario(name))
+    return [scenario for k, scenario in enumerate(result) if scenario not in result[:k]]
 
 
 def find_scenario(name: str | Scenario) -> Scenario:

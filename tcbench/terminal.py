@@ -1,12 +1,11 @@
-"""What the terminal shows: progress with time left, tables that fit 80 columns, plain text when piped."""
+"""What the terminal shows: tables that fit 80 columns, plain text when piped."""
 
 from __future__ import annotations
 
 import json
 import math
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
@@ -17,10 +16,8 @@ from .studies.columns import column, shown
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-    from .engine.local import Event, Plan
+    from .engine.local import Plan
     from .engine.run import Results
-
-FAILURES_SHOWN = 5
 
 
 def console() -> Console:
@@ -191,39 +188,10 @@ def print_listing(data: Mapping[str, Any]) -> None:
 
 
 class Display:
-    """Progress and results of a run."""
+    """Results of a run."""
 
     def __init__(self, quiet: bool = False, as_json: bool = False) -> None:
         self.quiet, self.as_json = quiet, as_json
-
-    @contextmanager
-    def progress(self) -> Iterator[Callable[[Event], None] | None]:
-        """A live bar with the time left on a terminal; failures are printed as they come."""
-        if self.quiet:
-            yield None
-            return
-        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-        errors = Console(stderr=True, highlight=False, emoji=False, markup=False)
-        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-        with Progress(*columns, console=errors, disable=not errors.is_terminal) as bar:
-            task = bar.add_task("starting workers", total=None)
-            printed = 0
-
-            def on_event(event: Event) -> None:
-                nonlocal printed
-                bar.update(task, completed=event.done, total=event.total, description=event.cell.study)
-                if event.kind == "failed" and event.row is not None and event.row.get("status") in LOUD:
-                    printed += 1
-                    if printed <= FAILURES_SHOWN:
-                        bar.print(
-                            f"{event.cell.integrator} on {event.cell.scenario}: {event.row.get('failure')}",
-                            soft_wrap=True,
-                        )
-
-            yield on_event
-        if printed > FAILURES_SHOWN:
-            errors.print(f"... and {printed - FAILURES_SHOWN} more failures of this kind; see the tables.")
 
     def plan(self, plan: Plan, total: int) -> None:
         seconds = plan.estimate_s
@@ -233,13 +201,6 @@ class Display:
     def results(self, results: Results, overview: DataFrame) -> None:
         """What a run ends with: the summary of all studies, or of the conservation study alone where that ran."""
         summary = results.summary
-        if self.as_json:
-            statuses = dict(summary.statuses)
-            print_json({"output": str(results.output), "ran": summary.run, "statuses": statuses,
-                        "elapsed_s": summary.elapsed_s, "interrupted": summary.interrupted})  # fmt: skip
-            return
-        if self.quiet:
-            return
         if set(results.tables).difference(LONG) == {"conservation"}:
             self._overview(results.tables["conservation"])
         elif len(overview) and not overview.drop(columns=["scenario", "integrator", "claims broken"]).eq("-").all(None):
@@ -264,6 +225,3 @@ class Display:
             else:
                 middle = part[(part["dt"] == steps[len(steps) // 2]) | part["dt"].isna()]
                 _print_block(f"\n{scenario}, one of {len(steps)} steps", SHOWN["conservation"], middle)
-
-
-LOUD = ("exception", "crash", "timeout")  # a method that fails physically is a result, not an alarm

@@ -8,13 +8,17 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import tempfile
+import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .. import plugins
-from ..errors import TcbenchError
+from ..errors import TcbenchError, matching
+from . import integrator_checks, scenario_checks
+from .check_cost import estimate
 from .check_line import FAIL, NONE, OK, Line, line
 
 if TYPE_CHECKING:
@@ -22,12 +26,27 @@ if TYPE_CHECKING:
     from ..plugins import Origin
     from ..systems.scenario import Scenario
 
-DEADLINE = 60.0  # seconds for a run in a process of its own, start-up and a first compilation included
+DEADLINE = 60.0  # seconds for a run in a process of its own, from when tcbench itself is loaded and compiled there
+SLOW_S = 30.0  # loading and compiling that takes longer is that of a large system: the run may take longer, too
+WARM_LIMIT = 900.0  # seconds for that; more on a slow machine means that something else is wrong
+ALONE = ("runs", "step too large")  # lines that are runs in a process of their own
+OF_INTEGRATORS = ("metadata", *(name for name, _ in integrator_checks.TESTS), *ALONE, "time per step")
+OF_SCENARIOS = tuple(name for name, _ in scenario_checks.TESTS)
+WIDTH = max(map(len, OF_INTEGRATORS))  # of the names of lines; those of the operators may be longer
+
+
+@dataclass(frozen=True)
+class Subject:
+    """What is checked: an integrator, a scenario, or a file that brings neither; its lines come as they are known."""
+
+    name: str
+    kind: str
+    lines: Iterator[Line]
 
 
 @dataclass(frozen=True)
 class Report:
-    """All lines for one integrator or scenario (or for a file that brings neither)."""
+    """All lines for one subject."""
 
     name: str
     kind: str
@@ -41,21 +60,34 @@ class Report:
         return {"name": self.name, "kind": self.kind, "ok": self.ok, "lines": [asdict(line) for line in self.lines]}
 
 
-def check(target: str) -> list[Report]:
-    """The reports of a plugin file, or of a registered integrator or scenario."""
+def check(target: str, only: Sequence[str] = ()) -> list[Report]:
+    """The reports of a plugin file, or of registered integrators or scenarios."""
+    return [Report(subject.name, subject.kind, tuple(subject.lines)) for subject in subjects(target, only)]
+
+
+def subjects(target: str, only: Sequence[str] = ()) -> list[Subject]:
+    """What a target (a file, a name, a pattern) stands for. only : the lines to check, all if there are none.
+
+    Nothing is run before the lines are asked for; raises TcbenchError for targets and lines that do not exist.
+    """
+    known = dict.fromkeys((*OF_INTEGRATORS, *OF_SCENARIOS))
+    chosen = [one for name in only for one in matching("line of tcbench check", name, known)]
     path = Path(target)
     if path.suffix == ".py" or path.exists():
-        return _check_file(path)
+        return _of_file(path, chosen)
     registry = plugins.registry()
     broken = [o for o in registry.broken if o.name == target]
     if broken:
-        return [Report(target, "plugin", (_loads(broken[0]),))]
+        return [Subject(target, "plugin", iter([_loads(broken[0])]))]
     if target in registry.scenarios:
-        return [check_scenario(registry.scenarios[target])]
-    return [check_integrator(method, []) for method in plugins.expand_integrators([target])]
+        return [_of_scenario(registry.scenarios[target], chosen)]
+    return [_of_integrator(method, [], chosen) for method in plugins.expand_integrators([target])]
 
 
-def _check_file(path: Path) -> list[Report]:
+def _of_file(path: Path, only: Sequence[str]) -> list[Subject]:
+    def found(*lines: Line) -> list[Subject]:
+        return [Subject(path.stem, "plugin", iter(lines))]
+
     if not path.is_file():
         raise TcbenchError(f"There is no plugin file {str(path)!r}. tcbench new integrator NAME writes one.")
     try:
@@ -63,19 +95,18 @@ def _check_file(path: Path) -> list[Report]:
         registry = plugins.registry()
     except TcbenchError as error:  # two plugins with one name
         remedy = "Rename yours; tcbench list shows the names that are taken."
-        return [Report(path.stem, "plugin", (Line("loads", OK), Line("unique name", FAIL, str(error), remedy)))]
+        return found(Line("loads", OK), Line("unique name", FAIL, str(error), remedy))
     origin = next(o for o in registry.origins.values() if o.path and Path(o.path).resolve() == path.resolve())
     if origin.error:
-        return [Report(path.stem, "plugin", (_loads(origin),))]
+        return found(_loads(origin))
     labels = {origin.name, origin.path}
     methods = [i for i in registry.integrators.values() if i.plugin in labels]
-    scenarios = [s for s in registry.scenarios.values() if s.plugin in labels]
-    reports = [check_integrator(v, [str(path.resolve())]) for i in methods for v in i.variants() or [i]]
-    reports += [check_scenario(s) for s in scenarios]
-    if not reports and not any(m.plugin in labels for m in registry.metrics.values()):
+    result = [_of_integrator(v, [str(path.resolve())], only) for i in methods for v in i.variants() or [i]]
+    result += [_of_scenario(s, only) for s in registry.scenarios.values() if s.plugin in labels]
+    if not result and not any(m.plugin in labels for m in registry.metrics.values()):
         remedy = "Decorate a function with @hookimpl: tcbench_integrators, tcbench_scenarios or tcbench_metrics."
-        return [Report(path.stem, "plugin", (Line("registers something", FAIL, "no hook is implemented", remedy),))]
-    return reports or [Report(path.stem, "plugin", (Line("loads", OK, "brings metrics only"),))]
+        return found(Line("registers something", FAIL, "no hook is implemented", remedy))
+    return result or found(Line("loads", OK, "brings metrics only"))
 
 
 def _loads(origin: Origin) -> Line:
@@ -85,23 +116,33 @@ def _loads(origin: Origin) -> Line:
     return Line("loads", FAIL, found + where, "Mend the line that the message names; tcbench list shows the traceback.")
 
 
-def check_integrator(method: Integrator, folders: Sequence[str]) -> Report:
-    """Every line for one integrator. Begins in a process of its own: a hang or a crash ends there."""
-    from . import integrator_checks as contract
+def _of_integrator(method: Integrator, folders: Sequence[str], only: Sequence[str]) -> Subject:
+    return Subject(method.name, "integrator", integrator_lines(method, folders, only))
 
-    lines = [Line("loads", OK), Line("unique name", OK), contract.metadata(method)]
-    tests = dict(contract.TESTS)
-    if method.kind == "flows":  # harmless to trace here; and a formula that fails it does not run
-        lines.append(_guarded("input unchanged", tests.pop("input unchanged"), method))
-    started = _runs_alone("runs", method, "--dt", ["0.01", "--t-end", "0.1"], folders)
-    lines.append(started)
+
+def integrator_lines(method: Integrator, folders: Sequence[str] = (), only: Sequence[str] = ()) -> Iterator[Line]:
+    """Every line for one integrator. Begins in a process of its own: a hang or a crash ends there."""
+    wanted = set(only or OF_INTEGRATORS)
+    yield Line("loads", OK)
+    yield Line("unique name", OK)
+    if "metadata" in wanted:
+        yield integrator_checks.metadata(method)
+    tests = {name: test for name, test in integrator_checks.TESTS if name in wanted}
+    if method.kind == "flows" and "input unchanged" in tests:  # harmless to trace here; what fails it does not run
+        yield _guarded("input unchanged", tests.pop("input unchanged"), method)
+    started = _runs_alone("runs", method, folders)
+    yield started
     if started.verdict == FAIL:
-        lines.append(Line("the rest", NONE, "not checked: the method does not run"))
-        return Report(method.name, "integrator", tuple(lines))
-    lines += [_guarded(name, test, method) for name, test in tests.items()]
-    lines.append(_runs_alone("step too large", method, "--dt", ["1000", "--t-end", "10000"], folders))
-    lines.append(_guarded("time per step", contract.time_per_step, method))
-    return Report(method.name, "integrator", tuple(lines))
+        yield Line("the rest", NONE, "not checked: the method does not run")
+        return
+    if slow := _guarded("estimate", lambda method: estimate(method, [*tests]), method):
+        yield slow
+    for name, test in tests.items():
+        yield _guarded(name, test, method)
+    if "step too large" in wanted:
+        yield _runs_alone("step too large", method, folders)
+    if "time per step" in wanted:
+        yield _guarded("time per step", integrator_checks.time_per_step, method)
 
 
 def _guarded(name: str, test: Callable[[Any], Any], subject: Any) -> Any:
@@ -115,51 +156,80 @@ def _guarded(name: str, test: Callable[[Any], Any], subject: Any) -> Any:
         return Line(name, FAIL, sentence, "The plugin must not raise on an admissible state; see the sentence.")
 
 
-def _runs_alone(name: str, method: Integrator, control: str, numbers: Sequence[str], folders: Sequence[str]) -> Line:
-    """A run in a process of its own, from the command line: ends in time, with a status."""
+def _runs_alone(name: str, method: Integrator, folders: Sequence[str]) -> Line:
+    """A run in a process of its own: ends in time, with a status."""
     named = [scenario.name for scenario in plugins.scenarios_for(method)]
     scenario = "short_term" if "short_term" in named else named[0]
+    settings: dict[str, float] = {"dt": 0.01, "t_end": 0.1} if name == "runs" else {"dt": 1000.0, "t_end": 10000.0}
     if method.kind == "adaptive":
-        control, numbers = "--tolerance", ["1e-6", *numbers[1:]] if name == "runs" else ["0.5", "--t-end", "100"]
+        settings = {"tolerance": 1e-6, "t_end": 0.1} if name == "runs" else {"tolerance": 0.5, "t_end": 100.0}
     folders = [*folders, *map(str, plugins.plugin_folders())]
-    command = [sys.executable, "-P", "-m", "tcbench", "simulate", method.name, scenario, control, *numbers, "--json"]
-    command += [word for folder in dict.fromkeys(folders) for word in ("--plugins-dir", folder)]
-    try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=DEADLINE, check=False)
-    except subprocess.TimeoutExpired:
-        found = f"no answer after {DEADLINE:.0f} s ({' '.join(command[3:])})"
-        return Line(name, FAIL, found, "Bound the number of iterations and raise an exception when they run out.")
-    if done.returncode != 0:
-        last = (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]
-        return Line(name, FAIL, last, "The process must not die: see the sentence; a segmentation fault shows no more.")
-    row = json.loads(done.stdout[done.stdout.index("{") :])
+    job = {
+        "folders": list(dict.fromkeys(folders)), "integrator": method.name, "scenario": scenario, "settings": settings,
+    }  # fmt: skip
+    with tempfile.TemporaryDirectory(prefix="tcbench-check-", ignore_cleanup_errors=True) as folder:
+        command = [sys.executable, "-P", "-m", f"{__package__}.alone", folder, json.dumps(job)]
+        ended, deadline = _in_time(command, Path(folder))
+        shown = ", ".join(f"{key} = {value:g}" for key, value in settings.items())
+        if not ended:
+            found = f"no answer after {deadline:.0f} s ({scenario}, {shown})"
+            return Line(name, FAIL, found, "Bound the number of iterations and raise an exception when they run out.")
+        answer = Path(folder) / "row.json"
+        if not answer.exists():
+            last = (Path(folder) / "output").read_text(errors="replace").strip().splitlines() or [ended]
+            return Line(name, FAIL, last[-1], "The process must not die: see the sentence; a segmentation fault shows "
+                        "no more.")  # fmt: skip
+        row = json.loads(answer.read_text())
     if name == "runs":
         found = row["status"] if row["status"] == "ok" else f"{row['status']}: {row['failure']}"
         return line(name, row["status"] == "ok", found, "See the sentence; it names the step and your line.")
-    return Line(
-        name, OK, f"h = {numbers[0]}: status {row['status']}" if control == "--dt" else f"status {row['status']}"
-    )
+    return Line(name, OK, f"h = 1000: status {row['status']}" if "dt" in settings else f"status {row['status']}")
 
 
-def check_scenario(scenario: Scenario) -> Report:
+def _in_time(command: Sequence[str], folder: Path) -> tuple[str, float]:
+    """How a process ended (see alone.py), "" if it had to be killed; and the deadline that it had.
+
+    The clock starts when tcbench is loaded and compiled there: what that took is ours. A system so large that ours
+    takes long is given ten times as long.
+    """
+    started, ready, deadline = time.monotonic(), None, DEADLINE
+    with open(folder / "output", "wb") as output, subprocess.Popen(command, stdout=output, stderr=output) as child:
+        while child.poll() is None:
+            time.sleep(0.01)
+            now = time.monotonic()
+            if ready is None and (folder / "ready").exists():
+                ready = now
+                warm = ready - started
+                deadline = DEADLINE if warm < SLOW_S else max(DEADLINE, 10 * warm)
+            late = now - started > WARM_LIMIT if ready is None else now - ready > deadline
+            if late:
+                child.kill()
+                return "", deadline
+    return f"exit code {child.returncode}", deadline
+
+
+def _of_scenario(scenario: Scenario, only: Sequence[str]) -> Subject:
+    return Subject(scenario.name, "scenario", scenario_lines(scenario, only))
+
+
+def scenario_lines(scenario: Scenario, only: Sequence[str] = ()) -> Iterator[Line]:
     """Every line for one scenario and its system."""
-    from . import scenario_checks as contract_scenario
+    yield Line("loads", OK)
+    yield Line("unique name", OK)
+    for name, test in scenario_checks.TESTS:
+        if not only or name in only:
+            found = _guarded(name, test, scenario)
+            yield from found if isinstance(found, list) else [found]
 
-    lines = [Line("loads", OK), Line("unique name", OK)]
-    for name, test in contract_scenario.TESTS:
-        found = _guarded(name, test, scenario)
-        lines += found if isinstance(found, list) else [found]
-    return Report(scenario.name, "scenario", tuple(lines))
+
+def printable(item: Line) -> Iterator[str]:
+    """A line as text, with its remedy below it."""
+    yield f"  {item.verdict:4}  {item.check:{WIDTH}}  {item.found}".rstrip()
+    if item.remedy:
+        yield f"        {'':{WIDTH}}  -> {item.remedy}"
 
 
-def printable(reports: Sequence[Report]) -> Iterator[str]:
-    """The reports as lines of text."""
-    for report in reports:
-        yield f"{report.kind} {report.name}"
-        width = max(len(item.check) for item in report.lines)
-        for item in report.lines:
-            yield f"  {item.verdict:4}  {item.check:{width}}  {item.found}".rstrip()
-            if item.remedy:
-                yield f"        {'':{width}}  -> {item.remedy}"
-        failed = sum(item.verdict == FAIL for item in report.lines)
-        yield f"{report.name}: {'all lines pass' if report.ok else f'{failed} to mend'}\n"
+def verdict(report: Report) -> str:
+    """The last line of a report."""
+    failed = sum(item.verdict == FAIL for item in report.lines)
+    return f"{report.name}: {'all lines pass' if report.ok else f'{failed} to mend'}\n"

@@ -225,7 +225,7 @@ def order(method: Integrator) -> Line:
     if method.kind == "adaptive":
         return _adaptive_order(method)
     for scenario in scenarios(method):
-        row = convergence.measure(method, scenario, {"dt": _ladder(method, scenario)})
+        row = convergence.measure(method, scenario, {"dt": ladder(method, scenario)})
         fit = next(item for item in row["orders"] if item["variable"] == "all")
         found.append(f"{scenario.name} {fit['order']:.2f}")
         if fit["verdict"] == "undetermined" and _least_error(row) <= ROUNDOFF:
@@ -241,7 +241,7 @@ def _least_error(row: dict[str, Any]) -> float:
     return min((error for error in errors if math.isfinite(error)), default=math.inf)
 
 
-def _ladder(method: Integrator, scenario: Scenario) -> list[float]:
+def ladder(method: Integrator, scenario: Scenario) -> list[float]:
     """Halvings; closer steps for high orders, which reach round-off in few."""
     if (method.order or 0) > 6:
         return [scenario.t_converge / n for n in (1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 20, 24, 32)]
@@ -280,14 +280,20 @@ def claims(method: Integrator) -> Line:
     if not method.claims:
         return Line(name, NONE, "nothing is claimed")
     worst: dict[str, float] = {}
+    stuck, done = "", 0
     for one, where in _claim_runs(method):
-        if one.steps == 0:
-            return Line(name, FAIL, f"{where}: {one.failure}", "The method must run where its claims are to hold.")
+        if one.steps == 0:  # as in the report: a law is judged on the steps that a method completes
+            stuck = stuck or f"{where}: {one.failure}"
+            continue
+        done += 1
         for law, value in _violations(method, one).items():
             worst[law] = max(worst.get(law, 0.0), value)
             if not value <= limit:
                 return Line(name, FAIL, f"{law} is violated by {value:.1e} ({where})", _claim_remedy(method, law))
-    return Line(name, OK, ", ".join(f"{law} {value:.0e}" for law, value in sorted(worst.items())))
+    if not done:
+        return Line(name, FAIL, stuck, "Not one step is completed where the claims are to hold; see the sentence.")
+    found = ", ".join(f"{law} {value:.0e}" for law, value in sorted(worst.items()))
+    return Line(name, OK, f"{found}; judged on completed steps (none in {stuck})" if stuck else found)
 
 
 def _claim_remedy(method: Integrator, law: str) -> str:
@@ -297,20 +303,21 @@ def _claim_remedy(method: Integrator, law: str) -> str:
 
 
 def _claim_runs(method: Integrator) -> Iterator[tuple[Trajectory, str]]:
-    for scenario in plugins.scenarios_for(method):
-        steps = min(scenario.steps(scenario.dt), 10 * STEPS if method.kind == "flows" else STEPS)
+    for scenario, steps in claim_lengths(method):
         yield run(method, scenario, scenario.dt, steps), f"{scenario.name}, {steps} steps of {scenario.dt:g}"
     for scenario in scenarios(method):
-        rng, solved = np.random.default_rng(SEED), 0
+        rng = np.random.default_rng(SEED)
         states = admissible_states(scenario, rng)
         for _ in range(RANDOM_STEPS):
             dt = float(np.exp(rng.uniform(np.log(1e-3), np.log(scenario.dt))))
             one = run(method, start_at(scenario, next(states), dt), dt, 1 + method.memory)
-            if one.steps > method.memory:
-                solved += 1
-                yield one, f"one step of {dt:.2g} from a random state of {scenario.system.name}"
-        if solved < RANDOM_STEPS / 2:
-            yield one, f"only {solved} of {RANDOM_STEPS} random steps of {scenario.system.name} were solved"
+            yield one, f"one step of {dt:.2g} from a random state of {scenario.system.name}"
+
+
+def claim_lengths(method: Integrator) -> list[tuple[Scenario, int]]:
+    """The scenarios whose first steps the claims are judged on, and how many steps those are."""
+    most = 10 * STEPS if method.kind == "flows" else STEPS
+    return [(scenario, min(scenario.steps(scenario.dt), most)) for scenario in plugins.scenarios_for(method)]
 
 
 def _violations(method: Integrator, one: Trajectory) -> dict[str, float]:

@@ -12,7 +12,7 @@ from ..errors import TcbenchError
 from ..integrator import Integrator
 from ..store.cells import Cell
 from ..store.store import Rows, Store
-from ..studies.base import Study, default_studies, find_study
+from ..studies.base import Study, default_studies, expand_studies, find_study
 from ..systems.scenario import Scenario
 from .fingerprint import cell_fingerprint, forget
 from .measure import scenario_data
@@ -50,10 +50,9 @@ def plan_job(
         _check_list(name, chosen_names)
     forget()
     registry = plugins.registry()
-    present = [name for name, method in registry.integrators.items() if not method.lacks]
-    methods = plugins.expand_integrators(present if integrators is None else integrators)
-    selected = [plugins.find_scenario(s).current() for s in (registry.scenarios if scenarios is None else scenarios)]
-    chosen = [find_study(name) for name in (default_studies() if studies is None else dict.fromkeys(studies))]
+    methods = plugins.expand_integrators(plugins.present() if integrators is None else integrators)
+    selected = [s.current() for s in plugins.expand_scenarios(registry.scenarios if scenarios is None else scenarios)]
+    chosen = [find_study(name) for name in (default_studies() if studies is None else expand_studies(studies))]
     if len({s.name for s in selected}) < len(selected):
         raise TcbenchError("Two scenarios of one run have the same name; give variants a name: replace(name=...).")
     settings = {"dt": _checked_steps(dt, selected), **(options or {})}

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..integrator import Integrator
+from ..progress import of_cells, waiting
 from ..store.cells import Cell
 from ..store.provenance import manifest, provenance, utc_now
 from ..store.store import Store
@@ -68,6 +69,7 @@ def run(
     dask: str | None = None,
     security: Mapping[str, str] | None = None,
     on_event: Callable[[Event], None] | None = None,
+    progress: bool | None = None,
 ) -> Results:
     """Run studies; None means all of a kind. Finished cells of the same folder are not run again.
 
@@ -75,17 +77,24 @@ def run(
     output : folder for the rows (cells.jsonl), tables/ (CSV and Parquet) and manifest.json.
     jobs, timeout (s), memory_limit (bytes) : of the worker processes. fresh : forget earlier rows.
     retry_failed : run again whatever did not end well. dask : address of a scheduler to use instead.
+    progress : None, a bar on a terminal and in Jupyter, nothing in a pipe; True, in a pipe a line a minute; False,
+        nothing. on_event : called with each event of the engine, too.
     """
-    job = plan_job(integrators, scenarios, studies, dt=dt, options=options)
-    return execute(job, output, jobs, timeout, memory_limit, fresh, retry_failed, dask, security, on_event)
+    with waiting("planning", progress):
+        job = plan_job(integrators, scenarios, studies, dt=dt, options=options)
+    limits = {"jobs": jobs, "timeout": timeout, "memory_limit": memory_limit, "retry_failed": retry_failed}
+    return execute(job, output, limits, fresh=fresh, dask=dask, security=security, on_event=on_event, progress=progress)
 
 
 def execute(
-    job: Job, output: str | Path, jobs: int | None = None, timeout: float = 300.0, memory_limit: int | None = None,
-    fresh: bool = False, retry_failed: bool = False, dask: str | None = None, security: Mapping[str, str] | None = None,
-    on_event: Callable[[Event], None] | None = None,
+    job: Job, output: str | Path, limits: Mapping[str, Any], *, fresh: bool = False, dask: str | None = None,
+    security: Mapping[str, str] | None = None, on_event: Callable[[Event], None] | None = None,
+    progress: bool | None = None,
 ) -> Results:  # fmt: skip
-    """Run the cells of a job that have no final row yet; write rows, tables and manifest."""
+    """Run the cells of a job that have no final row yet; write rows, tables and manifest.
+
+    limits : jobs, timeout, memory_limit and retry_failed, of the engine.
+    """
     started = utc_now()
     if dask is not None:
         from .cluster import knock
@@ -96,19 +105,24 @@ def execute(
         store.add_provenance(provenance(packages=packages))
         local = [cell for cell in job.cells if cell.key in job.here]
         remote = [cell for cell in job.cells if cell.key not in job.here]
-        limits: dict[str, Any] = {
-            "jobs": jobs, "timeout": timeout, "memory_limit": memory_limit, "retry_failed": retry_failed,
-        }  # fmt: skip
-        summary = _run_cells(remote, job.context, store, limits, on_event, dask, security)
-        if not summary.interrupted:
-            measure_here(local, job, store, summary, retry_failed, on_event)
-        store.renew(cell.key for cell in job.cells)
-        tables = make_tables(job.studies, store, {cell.key for cell in job.cells})
-        every = read_tables(store)  # of all runs into this folder
-        store.write_tables(every)
-        store.write_declared(merged(store.declared(), declared(job)))
-        rows = store.rows()
-        statuses = Counter(str(rows[cell.key].get("status")) for cell in job.cells if cell.key in rows)
+        with of_cells(progress) as show:
+
+            def tell(event: Event) -> None:
+                show(event)
+                if on_event is not None:
+                    on_event(event)
+
+            summary = _run_cells(remote, job.context, store, dict(limits), tell, dask, security)
+            if not summary.interrupted:
+                measure_here(local, job, store, summary, bool(limits.get("retry_failed")), tell)
+        with waiting("writing tables", progress):
+            store.renew(cell.key for cell in job.cells)
+            tables = make_tables(job.studies, store, {cell.key for cell in job.cells})
+            every = read_tables(store)  # of all runs into this folder
+            store.write_tables(every)
+            store.write_declared(merged(store.declared(), declared(job)))
+            rows = store.rows()
+            statuses = Counter(str(rows[cell.key].get("status")) for cell in job.cells if cell.key in rows)
         data = {"cells": len(job.cells), "interrupted": summary.interrupted, "tables": sorted(every)}
         store.write_manifest(manifest(store.provenance_id, started, utc_now(), data, packages))
         return Results(tables, Path(output), summary, job.left_out, statuses, tuple(dict.fromkeys(store.problems)))
@@ -116,7 +130,7 @@ def execute(
 
 def _run_cells(
     cells: list[Cell], context: dict[str, Any], store: Store, limits: dict[str, Any],
-    on_event: Callable[[Event], None] | None, dask: str | None, security: Mapping[str, str] | None,
+    on_event: Callable[[Event], None], dask: str | None, security: Mapping[str, str] | None,
 ) -> Summary:  # fmt: skip
     if dask is None:
         from .local import run_cells

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..errors import TcbenchError, unknown_name
+from ..errors import TcbenchError, matching
 from ..studies.base import Study, studies
 from .cells import identity_of
 from .store import Rows, Store
@@ -54,14 +54,13 @@ def only(tables: Mapping[str, DataFrame], column: str, names: Sequence[str]) -> 
     """The rows of these names in the tables that have the column, the other tables as they are; all if none is named.
 
     A table need not have rows of each (that of blow-ups has the methods that failed); a name that none has is an error.
+    A name may be a pattern, as in "tc_*".
     """
     known = {str(value) for table in tables.values() if column in table for value in table[column].dropna()}
-    for name in names:
-        if name not in known:
-            raise unknown_name(f"{column} of this run", name, known)
     if not names:
         return dict(tables)
+    chosen = [one for name in names for one in matching(f"{column} of this run", name, known)]
     return {
-        key: table[table[column].astype(str).isin(list(names))] if column in table else table
+        key: table[table[column].astype(str).isin(chosen)] if column in table else table
         for key, table in tables.items()
     }

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..errors import unknown_name
+from ..errors import is_pattern, matching, unknown_name
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -64,6 +64,13 @@ def study_names() -> tuple[str, ...]:
     """Names of the files beside this one that define a STUDY; none is imported to find out."""
     files = sorted(Path(__file__).parent.glob("*.py"))
     return tuple(file.stem for file in files if "\nSTUDY = " in file.read_text(encoding="utf-8"))
+
+
+def expand_studies(names: Iterable[str]) -> list[str]:
+    """The studies of these names, each once; a pattern such as `con*` is every one run by default whose name fits."""
+    known = default_studies()
+    found = [one for name in names for one in (matching("study", name, known) if is_pattern(name) else [name])]
+    return list(dict.fromkeys(found))
 
 
 def find_study(name: str) -> Study:

@@ -1,6 +1,8 @@
 """`tcbench check` finds every planted fault, on its own line and with a remedy, and passes what is right."""
 
 import json
+import sys
+import time
 
 import numpy as np
 import pytest
@@ -75,7 +77,8 @@ def test_an_adaptive_solver_passes():
 
 @pytest.mark.parametrize("name", list(tcbench.scenarios()))
 def test_every_built_in_scenario_passes(name):
-    assert check.check_scenario(tcbench.scenarios()[name]).ok
+    lines = list(check.scenario_lines(tcbench.scenarios()[name]))
+    assert len(lines) > 6 and {line.check: line.found for line in lines if line.verdict == check.FAIL} == {}
 
 
 # ---- planted faults
@@ -246,3 +249,62 @@ def test_files_that_do_not_load_or_bring_nothing_fail_with_a_remedy(tmp_path):
 def test_unknown_targets_are_refused_with_a_sentence(tmp_path):
     assert command("tc_stran").exit_code == 2
     assert "tcbench new integrator" in command(str(tmp_path / "none.py")).output
+
+
+def test_lines_come_as_they_are_known_and_only_some_if_asked(tmp_path, monkeypatch):
+    lines = check.integrator_lines(made(step=explicit_midpoint), only=["deterministic"])
+    assert [next(lines).check, next(lines).check] == ["loads", "unique name"]  # before anything was run
+    done = command(write(tmp_path), "--only", "restart,metadata", "--json")
+    (report,) = json.loads(done.stdout)["reports"]
+    assert [line["check"] for line in report["lines"]] == ["loads", "unique name", "metadata", "runs", "restart"]
+    refused = command("tc_strang", "--only", "restrt")
+    assert refused.exit_code == 2 and "Did you mean 'restart'?" in refused.output
+
+
+def test_the_deadline_begins_when_tcbench_is_loaded(tmp_path, monkeypatch):
+    monkeypatch.setattr(check, "DEADLINE", 5.0)
+    script = "import pathlib, sys, time; folder = pathlib.Path(sys.argv[1]); {}(folder / 'ready').touch(); {}"
+    slow_start, hang = script.format("time.sleep(6); ", ""), script.format("", "time.sleep(100)")
+    assert check._in_time([sys.executable, "-c", slow_start, str(tmp_path)], tmp_path) == ("exit code 0", 5.0)
+    (tmp_path / "ready").unlink()
+    assert check._in_time([sys.executable, "-c", hang, str(tmp_path)], tmp_path) == ("", 5.0)
+
+
+def test_an_exception_inside_a_step_is_shown_where_it_stops_a_line():
+    def step(z, h, system):
+        if h < 1e-3:
+            raise RuntimeError("my root finder gave up")
+        return explicit_midpoint(z, h, system)
+
+    found = contract.consistent(made(step=step))
+    assert found.verdict == check.FAIL and "my root finder gave up" in found.found and "sign" not in found.remedy
+
+
+def test_claims_are_judged_on_completed_steps_as_in_the_report():
+    def choosy(z, h, system, broken=False):
+        if not hasattr(system, "stiffness") or system.stiffness[1] > 100:  # refuses some scenarios
+            raise RuntimeError("not for me")
+        z1, q, p = np.array(z), slice(0, system.n_positions), slice(system.n_positions, 2 * system.n_positions)
+        z1[p] += h * np.asarray(system.vector_field(z))[p]  # central forces keep the momentum
+        z1[q] += h * np.asarray(system.vector_field(z1))[q] + broken * 1e-3 * h
+        return z1
+
+    kept = contract.claims(made(step=choosy, claims={"angular_momentum"}))
+    assert kept.verdict == check.OK and "not for me" in kept.found and "angular_momentum" in kept.found
+    broken = made(step=lambda z, h, s: choosy(z, h, s, True), claims={"angular_momentum"})
+    assert contract.claims(broken).verdict == check.FAIL
+    never = contract.claims(made(step=lambda z, h, system: 1 / 0, claims={"energy"}))
+    assert never.verdict == check.FAIL and "ZeroDivisionError" in never.found
+
+
+def test_a_slow_method_is_told_how_long_its_lines_take():
+    from tcbench.authoring.check_cost import estimate
+
+    def slow(z, h, system):
+        time.sleep(0.01)
+        return explicit_midpoint(z, h, system)
+
+    found = estimate(made(step=slow, claims={"angular_momentum"}), list(TESTS))
+    assert found.verdict == check.NONE and "about" in found.found and "order" in found.found
+    assert estimate(made(step=explicit_midpoint), ["restart"]) is None
+    assert estimate(made(flows=implicit_midpoint), list(TESTS)) is None

@@ -1,0 +1,89 @@
+"""What the options of several commands have in common: types, defaults, completion, help."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from .errors import TcbenchError
+
+LATEST = Path("results/latest")  # where `run` writes and whatever reads a run looks, unless told otherwise
+
+
+def completion(kind: str) -> Callable[..., list[str]]:
+    """Names of plugins for the shell's completion."""
+
+    def names(ctx: click.Context, parameter: click.Parameter, incomplete: str) -> list[str]:
+        from . import plugins
+
+        return [name for name in getattr(plugins, kind)() if name.startswith(incomplete)]
+
+    return names
+
+
+def many(kind: str, help: str) -> Callable[..., Any]:
+    """-i or -s: several names or patterns."""
+    return click.option(
+        f"--{kind}", f"-{kind[0]}", f"{kind}s", multiple=True, metavar="NAME", shell_complete=completion(f"{kind}s"),
+        help=f"{help} Or a pattern ('{'tc_*' if kind == 'integrator' else '*_term'}'); repeat for several.",
+    )  # fmt: skip
+
+
+def runs(name: str = "folder", required: bool = False, shown: str = "[FOLDER]") -> Callable[..., Any]:
+    """The folder of a run."""
+    default = None if required else LATEST
+    return click.argument(
+        name, type=click.Path(path_type=Path), required=required, default=default, metavar=shown
+    )  # fmt: skip
+
+
+class Folder(click.Path):
+    """A folder to write into; the empty name is a mistake, such as a shell variable that is not set."""
+
+    def __init__(self) -> None:
+        super().__init__(path_type=Path)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        if not str(value).strip():
+            raise TcbenchError("The name of the output folder is empty; the current folder is '.'.")
+        return super().convert(value, param, ctx)
+
+
+def output(default: Path, help: str = "Folder to write to.") -> Callable[..., Any]:
+    return click.option(
+        "--output", "-o", type=Folder(), default=default, show_default=True, help=help
+    )  # fmt: skip
+
+
+class ChartKind(click.Choice):
+    """The kinds of charts, looked up when they are asked for: drawing takes a while to import."""
+
+    case_sensitive = True
+
+    def __init__(self) -> None:
+        pass
+
+    @property
+    def choices(self) -> tuple[str, ...]:  # type: ignore[override]
+        from .report.chart_kinds import kinds
+
+        return tuple(kinds())
+
+    def convert(self, value: Any, parameter: click.Parameter | None, ctx: click.Context | None) -> str:
+        from .report.chart_kinds import find_kind
+
+        return find_kind(value).name
+
+
+class Sectioned(click.Command):
+    """A command whose options of a cluster stand under a heading of their own."""
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        records = [record for p in self.get_params(ctx) if (record := p.get_help_record(ctx)) is not None]
+        cluster = [record for record in records if record[0].startswith(("--dask", "--tls"))]
+        for heading, part in (("Options", [r for r in records if r not in cluster]), ("Cluster", cluster)):
+            with formatter.section(heading):
+                formatter.write_dl(part)

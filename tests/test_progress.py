@@ -1,0 +1,142 @@
+"""Waits are announced where someone is looking: a terminal, Jupyter, and in a pipe if that was asked for."""
+
+import contextlib
+import os
+import pty
+import subprocess
+import sys
+import time
+import types
+
+import pytest
+
+import tcbench
+from tcbench import progress
+from tcbench.engine.local import Event
+from tcbench.store.cells import Cell
+
+
+@pytest.fixture(autouse=True)
+def impatient(monkeypatch):
+    monkeypatch.setattr(progress, "AFTER_S", 0.05)
+    monkeypatch.setattr(progress, "EVERY_S", 0.05)
+    monkeypatch.setattr(progress, "default", None)
+
+
+def wait(show=None, seconds=0.4, **settings):
+    with progress.waiting("digging", show) as meter:
+        for name, value in settings.items():
+            setattr(meter, name, value)
+        time.sleep(seconds)
+
+
+def test_in_a_pipe_a_line_now_and_then_if_asked_for_and_nothing_otherwise(capsys):
+    wait()
+    wait(False)
+    assert capsys.readouterr() == ("", "")
+    wait(True, done=3, total=12)
+    out, err = capsys.readouterr()
+    assert out == "" and len(err.splitlines()) >= 3
+    assert all(line.startswith("digging, 3 of 12, ") and " left" in line for line in err.splitlines())
+
+
+def test_a_short_wait_says_nothing_and_one_within_another_is_part_of_it(capsys, monkeypatch):
+    with progress.waiting("outer", True), progress.waiting("inner", True):
+        time.sleep(0.3)
+    assert "outer" in (err := capsys.readouterr().err) and "inner" not in err
+    monkeypatch.setattr(progress, "AFTER_S", 30.0)
+    began = time.monotonic()
+    wait(True, 0.0)
+    assert capsys.readouterr().err == "" and time.monotonic() - began < 5.0
+
+
+def test_the_wait_ends_with_its_block_by_an_error_too(capsys):
+    with pytest.raises(KeyboardInterrupt), progress.waiting("digging", True):
+        time.sleep(0.2)
+        raise KeyboardInterrupt
+    count = len(capsys.readouterr().err.splitlines())
+    time.sleep(0.2)
+    assert count >= 1 and capsys.readouterr().err == "" and progress._open is None
+
+
+def test_jupyter_gets_a_bar_that_is_updated(monkeypatch):
+    shown = []
+    handle = types.SimpleNamespace(update=lambda data, raw: shown.append(data))
+    display = types.SimpleNamespace(display=lambda data, raw, display_id: shown.append(data) or handle)
+    shell = types.SimpleNamespace(kernel=object())
+    monkeypatch.setitem(sys.modules, "IPython", types.SimpleNamespace(get_ipython=lambda: shell, display=display))
+    monkeypatch.setitem(sys.modules, "IPython.display", display)
+    monkeypatch.setattr(progress._Jupyter, "every", lambda self: 0.05)
+    wait(done=1, total=4)
+    assert len(shown) >= 3 and '<progress value="1" max="4">' in shown[-1]["text/html"]
+    assert shown[0]["text/plain"].startswith("digging")
+    shown.clear()
+    wait(False)
+    assert shown == []
+
+
+def cell(name="mine"):
+    return Cell("conservation", name, "short_term", {}, False, "", "")
+
+
+def test_alarming_failures_are_printed_as_they_come_the_first_five(capsys):
+    def events(show):
+        with progress.of_cells(show) as tell:
+            for k in range(8):
+                tell(Event("failed", cell(), {"status": "crash", "failure": f"dead {k}"}, k, k, 9, 1))
+            tell(Event("failed", cell(), {"status": "blowup", "failure": "a result"}, 9, 9, 9, 0))
+
+    events(True)
+    err = capsys.readouterr().err
+    assert "mine on short_term: dead 4" in err and "dead 5" not in err and "and 3 more" in err and "result" not in err
+    events(None)
+    assert capsys.readouterr().err == ""
+
+
+def test_run_from_python_is_silent_in_a_pipe_and_speaks_when_asked(tmp_path, capsys):
+    chosen = {"integrators": ["tc_strang"], "scenarios": ["short_term"], "studies": ["conservation"], "dt": [0.3]}
+    tcbench.run(**chosen, output=tmp_path / "a")
+    assert capsys.readouterr() == ("", "")
+    seen = []
+    tcbench.run(**chosen, output=tmp_path / "b", progress=True, on_event=seen.append)
+    assert "so far" in capsys.readouterr().err and [event.kind for event in seen] == ["started", "finished"]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="no pseudo-terminals")
+def test_on_a_terminal_there_is_a_bar_from_python(tmp_path):
+    script = (
+        "import tcbench\nfrom tcbench import progress\nprogress.AFTER_S = 0.05\n"
+        f"tcbench.run(['tc_strang'], ['short_term'], ['conservation'], {str(tmp_path / 'out')!r}, dt=[0.3])\n"
+    )
+    parent, child = pty.openpty()
+    environment = os.environ | {"TERM": "xterm", "COLUMNS": "100"}
+    with subprocess.Popen(
+        [sys.executable, "-c", script], stderr=child, stdout=subprocess.PIPE, env=environment
+    ) as process:
+        os.close(child)
+        text = ""
+        with contextlib.suppress(OSError):  # how the end of a pseudo-terminal reads on Linux
+            while part := os.read(parent, 4096):
+                text += part.decode(errors="replace")
+        os.close(parent)
+        assert process.stdout.read() == b""
+    assert process.returncode == 0 and "0:00:" in text
+    assert "starting workers" in text or "conservation" in text
+
+
+PLUGIN = """
+import time
+from tcbench import hookimpl
+
+@hookimpl
+def tcbench_integrators():
+    time.sleep(3)
+    return []
+"""
+
+
+def test_the_command_line_says_in_a_pipe_that_plugins_take_long_to_load(tmp_path):
+    (tmp_path / "slow.py").write_text(PLUGIN)
+    command = [sys.executable, "-m", "tcbench", "list", "--json", "--plugins-dir", str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert "loading plugins" in done.stderr and done.stdout.startswith("{")
