@@ -13,7 +13,7 @@ from .. import plugins
 from ..compiler import derivatives as trace
 from ..simulation.run import simulate
 from ..solver.quotients import REMEDY, zero_over_zero
-from ..studies.theorems import SEED, admissible_states
+from ..studies.theorems import SEED, admissible_states, energy_defect, entropy_fall
 from .check_line import FAIL, NONE, OK, Line, line
 from .jacobian_checks import given_gap, traced_gap
 
@@ -322,12 +322,11 @@ def claim_lengths(method: Integrator) -> list[tuple[Scenario, int]]:
 
 def _violations(method: Integrator, one: Trajectory) -> dict[str, float]:
     """How far each claim is missed, relative to the size of the quantity."""
-    scale = max(one.scenario.initial_exergy, abs(float(one.energy[0])), 1e-3)
     result = {}
     if "energy" in method.claims:
-        result["energy"] = one.summary.energy_error_max / scale
+        result["energy"] = energy_defect(one)
     if "entropy" in method.claims:
-        result["entropy"] = max(0.0, -one.summary.entropy_increment_min) / max(1.0, abs(float(one.entropy[0])))
+        result["entropy"] = entropy_fall(one)
     for law, error in one.summary.invariant_error_max.items():
         if law in method.claims:
             arms = np.abs(one.z[:, : 2 * one.scenario.model.n_positions]).max() ** 2

@@ -30,6 +30,7 @@ STEPS = 100  # random steps for each integrator
 ROUNDOFF = 1e-13  # of operators: sums of some ten terms of one size
 SOLVED = 1e-12  # of a step: what a converged Newton iteration leaves, relative
 EQUIVARIANT = 1e-9  # two solves of one step, in turned coordinates: round-off times the condition of the step
+SMALLEST = 1e-3  # energy that errors are measured against where a system has next to none
 ENOUGH = 0.9  # part of the random steps that must be solved for a verdict on them
 DT_RANGE = (1e-3, 3.0)
 
@@ -295,7 +296,7 @@ def _from_state(scenario: Scenario, z: State) -> Scenario:
 
 
 def _scale(run: Trajectory) -> float:
-    return max(run.scenario.initial_exergy, abs(float(run.energy[0])))
+    return max(run.scenario.initial_exergy, abs(float(run.energy[0])), SMALLEST)
 
 
 def energy_defect(run: Trajectory) -> float:
