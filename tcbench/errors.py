@@ -19,6 +19,10 @@ class TraceError(TcbenchError):
     """A formula that cannot be turned into compiled code; the message names the line and a remedy."""
 
 
+class MachineError(TcbenchError):
+    """A full disk, a folder that cannot be written: not the method's fault, so that its cell is to be run again."""
+
+
 class ChangedError(TcbenchError):
     """Code that a session changed after it was imported, so that another process would compute something else."""
 

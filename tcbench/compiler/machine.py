@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import TcbenchError
+from ..errors import MachineError, TcbenchError
 from ..files import replacing
 
 NUMERICAL_PACKAGES = ("compiler", "systems", "solver", "simulation")  # what compiled code is made of
@@ -66,7 +66,7 @@ def cache_folder(plugin: Path | None = None) -> Path:
     except OSError:
         writable = False
     if not writable:
-        raise TcbenchError(
+        raise MachineError(
             f"The cache of compiled code, {str(folder)!r}, cannot be written. "
             "Set TCBENCH_CACHE_DIR to a folder that can."
         )
@@ -106,7 +106,7 @@ def kept(path: Path, make: Callable[[], bytes]) -> bytes:
                 file.flush()
                 os.fsync(file.fileno())  # a power cut must not leave a name without its content
         except OSError as error:
-            raise TcbenchError(
+            raise MachineError(
                 f"Compiled code cannot be written to {str(path.parent)!r}: {error.strerror or error}. "
                 "Make room there, or set TCBENCH_CACHE_DIR to another folder."
             ) from error

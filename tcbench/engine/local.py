@@ -16,8 +16,8 @@ What becomes of a misbehaving cell (all others are unaffected):
 A cell that kills a worker in which others have run before gets a second try in a new one, so that it is not
 blamed for a thread or a leak that an earlier cell left behind.
 
-On resume `crash`, `timeout` and MemoryError run again, for they depend on the machine and the limits;
-everything else is final.
+On resume `crash`, `timeout`, MemoryError and MachineError (a full disk) run again, for they depend on the machine and
+the limits; everything else is final.
 """
 
 from __future__ import annotations

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import errno
 import faulthandler
 import importlib
 import io
@@ -24,6 +25,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from ..errors import MachineError
 from ..store.encoding import encode_values
 
 MESSAGE_LIMIT = 2000  # characters kept of an exception's message, and of the ends of its traceback and of the output
@@ -37,6 +39,7 @@ ONE_THREAD = (
     "NUMEXPR_NUM_THREADS",
 )
 
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EMFILE, errno.ENFILE)  # no cell's fault
 _settings: dict[str, Any] = {}
 
 
@@ -128,10 +131,11 @@ def exception_row(error: BaseException) -> dict[str, Any]:
     except BaseException:
         lines = ""
     first = short.splitlines()[0][:300] if short else ""
+    disk = isinstance(error, OSError) and error.errno in FULL
     return {
         "status": "exception",
         "failure": f"{name}: {first}" if first else name,
-        "exception_type": name,
+        "exception_type": MachineError.__name__ if disk else name,
         "exception_message": short,
         "traceback_tail": tail(lines),
     }

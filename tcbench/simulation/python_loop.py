@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ..errors import MachineError
 from ..integrator import Integrator
 from ..systems.scenario import Scenario
 from .compiled_loop import LOOPS, NOW, OK
@@ -33,6 +34,8 @@ def run_step(integrator: Integrator, scenario: Scenario, dt: float, steps: int, 
     while done < steps and reason == OK and not failure:
         try:
             states = _next_states(integrator, model, z, carry, dt, min(TOGETHER, steps - done), past)
+        except MachineError:
+            raise
         except Exception as error:  # a plugin may raise anything: that is a row, not a crash
             failure = exception_sentence(error, done + 1, (done + 1) * dt)
             break
@@ -129,6 +132,8 @@ def run_adaptive(integrator: Integrator, scenario: Scenario, tolerance: float) -
         result = integrator.adaptive(model, scenario.z0.copy(), t, tolerance, tolerance)
         states, counts = result if isinstance(result, tuple) else (result, {})
         states = _as_states(states, (len(t), model.size))
+    except MachineError:
+        raise
     except Exception as error:
         failure = exception_sentence(error, 1, 0.0)
     wall = time.perf_counter() - begin

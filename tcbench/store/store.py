@@ -38,11 +38,11 @@ if TYPE_CHECKING:
 ROWS = "cells.jsonl"
 # What the machine or the user's limits did to a cell, not the cell itself: worth another attempt on resume.
 UNFINISHED_STATUSES = frozenset({"crash", "timeout"})
-UNFINISHED_ERRORS = frozenset({"MemoryError", "ChangedError"})
+UNFINISHED_ERRORS = frozenset({"MemoryError", "ChangedError", "MachineError"})
 
 
 def is_finished(row: Mapping[str, Any]) -> bool:
-    """Whether the row is final: any status but crash, timeout, exhausted memory and code that is not as it was."""
+    """Whether the row is final: any but crash, timeout, exhausted memory or disk, and code that is not as it was."""
     return row.get("status") not in UNFINISHED_STATUSES and row.get("exception_type") not in UNFINISHED_ERRORS
 
 

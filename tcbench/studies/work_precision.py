@@ -12,6 +12,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from ..errors import MachineError
 from .base import Row, Study
 from .cost import cost_rows, time_to_accuracy
 
@@ -135,6 +136,8 @@ def _adaptive(integrator: Integrator, scenario: Scenario, tolerance: float) -> C
         begin = time.perf_counter()
         try:
             found = integrator.adaptive(model, z0.copy(), ends, tolerance, tolerance)  # type: ignore[misc]
+        except MachineError:
+            raise
         except Exception as error:  # a solver that gives up is a point of the chart
             return seen | {"status": "exception", "failure": f"{type(error).__name__}: {error}"[:300]}, 0.0
         elapsed = time.perf_counter() - begin
