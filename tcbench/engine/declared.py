@@ -23,7 +23,7 @@ LAWS = {"energy", "entropy"}
 
 
 def declared(job: Job) -> dict[str, dict[str, Any]]:
-    """The methods and scenarios of a job by name, and the peers that are not installed with what each is."""
+    """The methods and scenarios of a job by name, and those that are not installed with what they lack."""
     return {
         "integrators": {method.name: method_facts(method) for method in job.methods},
         "scenarios": {scenario.name: scenario_facts(scenario) for scenario in job.scenarios},

@@ -1,124 +1,71 @@
-"""Pieces of the report page: charts as inline SVG, tables as embedded files, numbers as text."""
+"""Pieces of the report page: tables and scripts as text that can stand inside an HTML file."""
 
 from __future__ import annotations
 
 import base64
 import gzip
-import io
 import json
 import math
-import re
 from collections.abc import Mapping
+from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
-from ..store.encoding import inert
+from ..studies.columns import column as known
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-    from pandas import DataFrame
+    from pandas import DataFrame, Series
 
-COMPRESS = 30_000  # bytes from which an embedded CSV is compressed
-PICTURE_DPI = 90
-_ID = re.compile(r'\bid="([^"]*)"')
-_REFERENCE = re.compile(r'(url\(#|xlink:href="#|href="#)([^")]+)')
-_STYLE = re.compile(r'style="([^"]*)"')
-_TAG = re.compile(r"<[^>]*>")
-_DECIMALS = re.compile(r"(?<=\d\.\d)\d+")  # of coordinates: tenths of a point are enough
-_COLOUR = re.compile(r"#[0-9a-f]{6}\b")
+LONGEST = 12_000  # characters of a message that are kept
+SENTENCES = ("failure",)  # bookkeeping that a reader needs
 
 
-class Charts:
-    """Turns figures into elements of one page. Their styles are collected in one sheet.
+def packed_table(table: DataFrame, digits: int) -> str:
+    """A table as columns of JSON, compressed, in base64; without what only says where its rows come from.
 
-    Written out, styles are the larger part of a chart, and as classes their colours can follow the page's theme.
+    A column of words is a list of the distinct ones and the places in it; -1 is no word. NaN and infinities are null.
     """
-
-    def __init__(self) -> None:
-        self._classes: dict[str, str] = {}
-        self._count = 0
-
-    def sheet(self) -> str:
-        """The style sheet of all charts so far; a colour is a variable whose default is the print colour."""
-        rules = (f".{name}{{{_themed(style)}}}" for style, name in self._classes.items())
-        return "\n".join(rules)
-
-    def element(self, svg: str) -> str:
-        """An SVG document as an element of the page: unique ids, styles as classes, no more digits than can be seen."""
-        svg = svg[svg.index("<svg") :]
-        self._count += 1
-        prefix = f"c{self._count}-"
-        used = {match[2] for match in _REFERENCE.finditer(svg)}
-        svg = _ID.sub(lambda m: f'id="{prefix}{m[1]}"' if m[1] in used else "", svg)
-        svg = _REFERENCE.sub(lambda m: f"{m[1]}{prefix}{m[2]}", svg)
-        svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
-        svg = _STYLE.sub(lambda m: f'class="{self._class(m[1])}"', svg)
-        svg = _TAG.sub(lambda m: _DECIMALS.sub("", m[0]), svg)
-        return re.sub(r"\s+(?=[/>])|(?<=\n)\s+", "", svg)
-
-    def _class(self, style: str) -> str:
-        return self._classes.setdefault(style, f"s{len(self._classes)}")
+    shown = [c for c in table.columns if known(str(c)).shown or c in SENTENCES]
+    columns = {str(c): _column(table[c], digits) for c in shown if table[c].notna().any()}
+    return packed(json.dumps(columns, separators=(",", ":"), ensure_ascii=True, allow_nan=False))
 
 
-def _themed(style: str) -> str:
-    return _COLOUR.sub(lambda c: f"var(--{c[0][1:]},{c[0]})", style)
+def packed(text: str) -> str:
+    return base64.b64encode(gzip.compress(text.encode("utf-8", "replace"), mtime=0)).decode()
 
 
-def svg_text(figure: Figure) -> str:
-    """The figure as an SVG document on no background."""
-    import matplotlib
-
-    from .charts.style import STYLE
-
-    with matplotlib.rc_context(STYLE | {"path.simplify_threshold": 0.3}):
-        buffer = io.StringIO()
-        figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
-    return buffer.getvalue()
-
-
-def png_element(figure: Figure) -> str:
-    """The figure as an image element of few colours, its data inside."""
-    from PIL import Image
-
-    buffer, small = io.BytesIO(), io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=PICTURE_DPI)
-    Image.open(buffer).convert("RGB").quantize(64, method=Image.Quantize.FASTOCTREE).save(
-        small, format="png", optimize=True
-    )
-    width, height = (round(PICTURE_DPI * v) for v in figure.get_size_inches())
-    data = base64.b64encode(small.getvalue()).decode()
-    return f'<img class="picture" alt="" width="{width}" height="{height}" src="data:image/png;base64,{data}">'
+def _column(values: Series, digits: int) -> Any:
+    kind = values.dtype.kind
+    if kind == "b":
+        return values.tolist()
+    if kind in "iu":
+        return values.tolist()
+    if kind == "f":
+        return [float(f"{v:.{digits}g}") if math.isfinite(v) else None for v in values.tolist()]
+    plain = [None if _missing(v) else v for v in values.tolist()]
+    if all(v is None or isinstance(v, bool) for v in plain):
+        return plain
+    words = ["" if v is None else str(v)[:LONGEST] for v in plain]
+    distinct = list(dict.fromkeys(word for word, v in zip(words, plain, strict=True) if v is not None))
+    place = {word: i for i, word in enumerate(distinct)}
+    return {"words": distinct, "at": [-1 if v is None else place[w] for w, v in zip(words, plain, strict=True)]}
 
 
-def table_href(table: DataFrame, digits: int = 12) -> tuple[str, str]:
-    """A table as a data URI and the suffix of its file: CSV, compressed where large (pandas reads both)."""
-    data = inert(table).to_csv(index=False, lineterminator="\n", float_format=f"%.{digits}g").encode("utf-8", "replace")
-    if len(data) < COMPRESS:
-        return f"data:text/csv;base64,{base64.b64encode(data).decode()}", "csv"
-    packed = gzip.compress(data, mtime=0)
-    return f"data:application/gzip;base64,{base64.b64encode(packed).decode()}", "csv.gz"
+def _missing(value: Any) -> bool:
+    return value is None or (isinstance(value, float) and math.isnan(value)) or type(value).__name__ == "NAType"
 
 
-def cell(value: Any) -> dict[str, Any]:
-    """A table cell: text to show, number to sort by (None for text), and what a tooltip adds."""
-    if value is None or (isinstance(value, float) and math.isnan(value)):
-        return {"text": "", "order": "", "exact": ""}
-    if hasattr(value, "item"):
-        value = value.item()
-    if isinstance(value, bool):
-        return {"text": "yes" if value else "no", "order": None, "exact": ""}
-    if isinstance(value, int):
-        return {"text": str(value), "order": value, "exact": ""}
-    if isinstance(value, float):
-        return {"text": f"{value:.3g}", "order": repr(value), "exact": repr(value)}
-    return {"text": str(value), "order": None, "exact": ""}
+def library() -> str:
+    """DataTables, compressed: the page unpacks it for the first table. Licence: templates/vendor/LICENSES.txt."""
+    return packed((files(__package__) / "templates" / "vendor" / "dataTables.min.js").read_text("utf-8"))
 
 
-def is_numeric(table: DataFrame, column: str) -> bool:
-    return table[column].dtype.kind in "iuf"
+def script_text(name: str) -> str:
+    """A script of the page, as it may stand inside a script element."""
+    return (files(__package__) / "templates" / name).read_text("utf-8").replace("</script", "<\\/script")
 
 
 def script_json(data: Any) -> str:
-    """JSON that can stand inside a script element."""
+    """JSON that can stand inside a script element; numbers to six digits."""
     text = json.dumps(_strict(data), separators=(",", ":"), ensure_ascii=True, allow_nan=False)
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 

@@ -208,6 +208,8 @@ def everything(methods, scenarios=SCENARIOS, **settings):
         "convergence": fits,
         "convergence_points": points,
         "work_precision": work_precision(methods, scenarios),
+        "time_to_accuracy": time_to_accuracy(methods, scenarios),
+        "cost": cost(methods, scenarios),
         "stability": stability(methods, scenarios),
         "stability_points": stability_points(methods, scenarios),
         "blowup_sensitivity": sensitivity(methods, scenarios),
@@ -218,12 +220,82 @@ def everything(methods, scenarios=SCENARIOS, **settings):
     }
 
 
-def write_run(folder, tables, rows=()):
+def time_to_accuracy(methods, scenarios=SCENARIOS):
+    """Methods reach what they reach in the order of their places; every third misses 1e-6, every second 1e-9."""
+    rows = []
+    for s, scenario in enumerate(scenarios):
+        for target, misses in ((1e-3, 99), (1e-6, 3), (1e-9, 2)):
+            times = {
+                m: 1e-5 * (1 + (i + s) % 7) / target**0.2 if (i + 1) % misses else np.nan for i, m in enumerate(methods)
+            }
+            of = {m: times[m] for m in PEERS if m in times and np.isfinite(times[m])}
+            best = min(of, key=of.get, default="")
+            rows += [
+                {"integrator": m, "scenario": scenario, "measure": "error", "target": target, "time_s": t,
+                 "best_peer": best, "ratio_to_best_peer": of.get(best, np.nan) / t, "best_scipy": "",
+                 "ratio_to_best_scipy": np.nan}
+                for m, t in times.items()
+            ]  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def cost(methods, scenarios=SCENARIOS):
+    rows = [{"integrator": m, "scenario": s, "us_per_step": 0.5 + i} for s in scenarios for i, m in enumerate(methods)]
+    return pd.DataFrame(rows)
+
+
+def ensemble(methods):
+    """The tables of runs from random starts."""
+    shares, profile = [], []
+    for i, name in enumerate(methods):
+        for dt in (0.1, 0.3, 0.9):
+            share = 0.0 if name.startswith("tc") else min(1.0, 0.2 * dt * (1 + i % 4))
+            row = {"integrator": name, "dt": dt, "runs": 200, "failed": round(200 * share), "share": share}
+            shares.append(row | {"low": max(0.0, share - 0.03), "high": min(1.0, share + 0.03)})
+        for tau in (1, 2, 5, 10, 100, 1000):
+            share = min(1.0, 0.1 * np.log(1 + tau) * (1 + i % 3) / 2)
+            profile.append({"integrator": name, "target": 1e-6, "tau": tau, "share": share})
+    return {"failure_share": pd.DataFrame(shares), "performance_profile": pd.DataFrame(profile)}
+
+
+def declared(methods, scenarios=SCENARIOS):
+    """What a folder says of its methods and scenarios."""
+    claims = ["angular_momentum", "energy", "entropy"]
+    told = {
+        m: {"family": "Romero (2009)" if m in FIVE else "other structure", "kind": "flows", "order": 2,
+            "source": "(A1)",
+            "claims": claims if m.startswith("tc") else claims[:1], "description": f"What {m} is.", "tags": [],
+            "formula": "def step(z0, z1, h, system):\n    return z1 - z0", "plugin": m}
+        for m in methods
+    }  # fmt: skip
+    data = {
+        "system": "pendulum", "constants": {"masses": [1.0, 2.0]}, "positions": [1.0, 0.0, 2.2, 0.0],
+        "momenta": [0.0, 2.0, 1.0, 0.0], "temperatures": [380.0, 310.0], "t_end": 25.0, "blowup_factor": 1.0, "dt": 0.3,
+        "shows": "what a spring does", "source": "eq. (44)", "initial_exergy": 48.5, "initial_energy": 421.6,
+        "invariants": ["angular_momentum"], "links": [[0, 1], [1, 2]],
+    }  # fmt: skip
+    return {"integrators": told, "scenarios": dict.fromkeys(scenarios, data), "absent": {}}
+
+
+def write_hostile(folder, report):
+    """A run whose names and messages are hostile, and its page: (path, text)."""
+    methods, scenarios = ["tc_monolithic", HOSTILE, "x" * 10_000], [*SCENARIOS, HOSTILE]
+    settings = {"failing": lambda name, h: name != "tc_monolithic", "failure": (HOSTILE * 300)[:10_000]}
+    told = declared(methods, scenarios)
+    told["integrators"][HOSTILE] |= {"description": HOSTILE * 9, "formula": f"{HOSTILE}</script>", "source": HOSTILE}
+    told["scenarios"][HOSTILE] = told["scenarios"]["short_term"] | {"shows": HOSTILE, "constants": {HOSTILE: 1.0}}
+    path = report(write_run(folder, everything(methods, scenarios, **settings), (), told))
+    return path, path.read_text("utf-8")
+
+
+def write_run(folder, tables, rows=(), declared=None):
     """A run folder with these tables and rows."""
     with Store.open(folder) as store:
         store.add_provenance({"tcbench": "0.1.0", "machine": {"cpu": "a CPU"}})
         for i, (cell, row) in enumerate(rows):
             store.append(str(i), row, cell)
         store.write_tables(tables)
+        if declared is not None:
+            store.write_declared(declared)
         store.write_manifest({"tcbench": "0.1.0", "command": ["/opt/x/tcbench", "run", "--all"], "started": "now"})
     return folder

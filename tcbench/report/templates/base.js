@@ -1,0 +1,130 @@
+// Small things that every view needs: elements, numbers as text, the tables of the page, the tooltip.
+const page = JSON.parse(document.getElementById("page").textContent);
+const SVG = "http://www.w3.org/2000/svg";
+const $ = (id) => document.getElementById(id);
+
+const fill = (element, attributes, children) => {
+  for (const [key, value] of Object.entries(attributes)) {
+    if (value === undefined || value === null || value === false) continue;
+    if (key.startsWith("on")) element.addEventListener(key.slice(2), value);
+    else element.setAttribute(key, value === true ? "" : value);
+  }
+  element.append(...children.flat().filter((child) => child !== null && child !== undefined && child !== false));
+  return element;
+};
+const el = (tag, attributes = {}, ...children) => fill(document.createElement(tag), attributes, children);
+const shape = (tag, attributes = {}, ...children) => fill(document.createElementNS(SVG, tag), attributes, children);
+
+const known = (value) => typeof value === "number" && Number.isFinite(value);
+const SUPER = { "-": "⁻", 0: "⁰", 1: "¹", 2: "²", 3: "³", 4: "⁴", 5: "⁵", 6: "⁶", 7: "⁷", 8: "⁸", 9: "⁹" };
+const power = (n) => `10${[...String(n)].map((c) => SUPER[c]).join("")}`;
+const number = (value, digits = 3) => {
+  if (!known(value)) return "–";
+  const size = Math.abs(value);
+  if (size !== 0 && (size >= 1e5 || size < 1e-3)) {
+    return value.toExponential(digits - 1).replace(/\.?0+e/, "e").replace("e+", "e");
+  }
+  return String(+value.toPrecision(digits));
+};
+const seconds = (value) => {
+  if (!known(value)) return "–";
+  const [size, unit] = value >= 1 ? [1, "s"] : value >= 1e-3 ? [1e-3, "ms"] : [1e-6, "µs"];
+  return `${number(value / size)} ${unit}`;
+};
+const words = (name) => String(name).replaceAll("_", " ");
+const label = (column) => page.labels[column] || words(column);
+const short = (text, length = 40) => (String(text).length > length ? `${String(text).slice(0, length - 1)}…` : String(text));
+const broken = (name) => String(name).split(/(?<=_)/).flatMap((part) => [part, el("wbr")]);  // may break after "_"
+const extent = (values) => values.reduce(([lo, hi], v) => [Math.min(lo, v), Math.max(hi, v)], [Infinity, -Infinity]);
+const unique = (values) => [...new Set(values)];
+
+const link = (place) => `#${Object.entries(place).map(([k, v]) => `${k}=${encodeURIComponent(v)}`).join("&")}`;
+const method = Object.fromEntries(page.methods.map((m) => [m.name, m]));
+const told = page.declared.integrators, scenes = page.declared.scenarios;
+const colour = (name) => `var(--family-${method[name] ? method[name].family : 4})`;
+const lawful = (m) => m.laws.some((l) => l.of > 0) && m.laws.every((l) => l.kept === l.of);
+const PAPER = page.methods.filter((m) => m.family === 0).map((m) => m.name);
+
+// a table of the page is packed; it is unpacked when a view first asks for it
+const unpack = async (id) => {
+  const packed = Uint8Array.from(atob($(id).textContent), (c) => c.charCodeAt(0));
+  return new Response(new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"))).text();
+};
+const loaded = {};
+const table = (name) => {
+  if (!page.tables[name]) return Promise.resolve(null);
+  loaded[name] ||= unpack(`table-${name}`).then((text) => {
+    const found = { name, size: page.tables[name], columns: {} };
+    for (const [column, values] of Object.entries(JSON.parse(text))) {
+      found.columns[column] = Array.isArray(values) ? values : values.at.map((i) => (i < 0 ? null : values.words[i]));
+    }
+    return found;
+  });
+  return loaded[name];
+};
+// the rows of a table that agree with `where`, as objects
+const rows = (found, where = {}) => {
+  if (!found) return [];
+  const names = Object.keys(found.columns), wanted = Object.entries(where).filter(([c]) => found.columns[c]);
+  const chosen = [];
+  for (let i = 0; i < found.size; i += 1) {
+    if (wanted.every(([c, v]) => found.columns[c][i] === v)) {
+      chosen.push(Object.fromEntries(names.map((c) => [c, found.columns[c][i]])));
+    }
+  }
+  return chosen;
+};
+const grouped = (list, key) => {
+  const groups = new Map();
+  for (const item of list) {
+    if (!groups.has(item[key])) groups.set(item[key], []);
+    groups.get(item[key]).push(item);
+  }
+  return groups;
+};
+
+const select = (title, values, chosen, changed) => {
+  const box = el("select", { onchange: () => changed(box.value) },
+    values.map(([value, text]) => el("option", { value, selected: value === chosen }, short(text, 60))));
+  return el("label", {}, `${title} `, box);
+};
+const chips = (title, names, chosen, toggled) => el("div", { class: "chips", role: "group", "aria-label": title },
+  names.map((name) => el("button", {
+    type: "button", "aria-pressed": String(chosen.has(name)), title: name, style: `--own:${colour(name)}`,
+    onclick: (event) => {
+      chosen[chosen.has(name) ? "delete" : "add"](name);
+      event.currentTarget.setAttribute("aria-pressed", String(chosen.has(name)));
+      toggled();
+    },
+  }, short(name))));
+
+const tip = $("tip");
+const showTip = (lines, x, y) => {
+  tip.replaceChildren(...lines.map((line, i) => el(i ? "div" : "strong", {}, short(line, 400))));
+  tip.hidden = false;
+  const { width, height } = tip.getBoundingClientRect();
+  tip.style.left = `${Math.max(4, Math.min(x + 14, innerWidth - width - 8))}px`;
+  tip.style.top = `${y + 16 + height > innerHeight ? Math.max(4, y - height - 10) : y + 16}px`;
+};
+const hideTip = () => { tip.hidden = true; };
+// an element whose tooltip answers to pointer and keyboard
+const tipped = (element, lines) => fill(element, {
+  onpointermove: (event) => showTip(lines(), event.clientX, event.clientY), onpointerleave: hideTip,
+  onfocus: () => { const box = element.getBoundingClientRect(); showTip(lines(), box.left, box.bottom - 12); },
+  onblur: hideTip,
+}, []);
+
+// what depends on the width of its place is drawn again when that changes
+const watcher = new ResizeObserver((entries) => {
+  for (const { target, contentRect } of entries) {
+    const width = Math.floor(contentRect.width);
+    if (width > 40 && target.drawnAt !== width && target.draw) { target.drawnAt = width; target.draw(width); }
+  }
+});
+const drawn = (place, draw) => {
+  place.draw = draw;
+  const width = Math.floor(place.clientWidth);
+  if (width > 40) { place.drawnAt = width; draw(width); }
+  watcher.observe(place);
+  return place;
+};

@@ -1,0 +1,28 @@
+// Which view is shown: `#method=NAME`, `#scenario=NAME`, `#scenario=NAME&method=NAME`, `#lens=KEY`, `#table=NAME`, `#failures` ...
+const VIEWS = { overview, scenario: scenarios, method: methods, failures: failuresView, claims: claimsView, table: tablesView, measured: async () => {} };
+const where = () => {
+  const place = {};
+  for (const part of location.hash.slice(1).split("&").filter(Boolean)) {
+    const [key, ...rest] = part.split("=");
+    try { place[key] = decodeURIComponent(rest.join("=")); } catch { place[key] = rest.join("="); }
+  }
+  return place;
+};
+let turn = 0;
+const route = async () => {
+  const place = where(), mine = (turn += 1);
+  const name = place.scenario !== undefined ? "scenario" : Object.keys(VIEWS).find((v) => place[v] !== undefined) || "overview";
+  hideTip();
+  for (const view of document.querySelectorAll("main > .view")) view.hidden = view.id !== `view-${name}`;
+  for (const tab of document.querySelectorAll("#tabs a")) {
+    if (tab.dataset.view === name) tab.setAttribute("aria-current", "page"); else tab.removeAttribute("aria-current");
+  }
+  if (mine > 1) scrollTo(0, 0);
+  await VIEWS[name](place);
+  document.documentElement.dataset.ready = name;
+};
+addEventListener("hashchange", route);
+addEventListener("keydown", (event) => { if (event.key === "Escape") hideTip(); });
+addEventListener("scroll", hideTip, { passive: true });
+document.documentElement.classList.remove("no-script");
+route();

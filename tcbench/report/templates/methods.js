@@ -1,0 +1,119 @@
+// Methods, one at a time: what it is, claims against measurements, order, stable steps, speed and accuracy, failures.
+const inMethod = { scenario: null, variable: "all", speed: null };
+
+const measured = async (m) => {
+  const ladder = rows(await table("conservation"), { integrator: m.name });
+  const columns = { energy: "energy_error_max", entropy: "second_law_violations" };
+  const lines = m.laws.filter((l) => l.of).map((law) => {
+    const column = columns[law.law] || `${law.law}_error_max`;
+    const worst = ladder.filter((r) => known(r[column]) && !(r.steps === 0)).sort((a, b) => b[column] - a[column])[0];
+    const verdict = law.kept === law.of ? (law.claimed ? "kept" : "kept, not claimed") : law.claimed ? "BROKEN" : "not claimed, not kept";
+    return [words(law.law), law.claimed === null ? "?" : law.claimed ? "yes" : "no", `${law.kept} of ${law.of}`, worst ? number(worst[column]) : "–",
+      worst ? `${worst.scenario}, ${known(worst.dt) ? `h = ${number(worst.dt)}` : `tolerance ${number(worst.tolerance)}`}` : "–", verdict];
+  });
+  const absent = m.laws.filter((l) => !l.of).map((l) => words(l.law));
+  return [simple(["law", "claimed", "kept in runs", "worst", "where", "verdict"], lines),
+    empty(`Energy and momenta: the largest error over V₀ and over the initial value, kept up to 1e-9. Entropy: steps on which it fell.${absent.length ? ` Not measured: ${absent.join(", ")}.` : ""}`)];
+};
+// a plain table; texts wrap, numbers and names do not
+const simple = (head, lines) => {
+  const inside = (c, i) => {
+    const kind = [c === "BROKEN" && "bad", typeof c === "string" && c.length > 28 && "text"].filter(Boolean).join(" ");
+    return el(i ? "td" : "th", { class: kind || false, scope: i ? false : "row" }, c instanceof Node ? c : short(c, 600));
+  };
+  return el("div", { class: "scroll", tabindex: 0 }, el("table", { class: "simple" },
+    el("thead", {}, el("tr", {}, head.map((h) => el("th", { scope: "col" }, h)))),
+    el("tbody", {}, lines.map((line) => el("tr", {}, line.map(inside))))));
+};
+
+const orders = async (m) => {
+  const fits = rows(await table("convergence"), { integrator: m.name });
+  if (!fits.length) return null;
+  const variables = unique(fits.map((r) => r.variable)), where = unique(fits.map((r) => r.scenario));
+  if (!variables.includes(inMethod.variable)) [inMethod.variable] = variables;
+  if (!where.includes(inMethod.scenario)) inMethod.scenario = where.find((s) => s === "short_term") || where[0];
+  const points = rows(await table("convergence_points"), { integrator: m.name });
+  const place = el("div", {}), root = el("div", {});
+  const draw = () => {
+    const fit = fits.find((r) => r.scenario === inMethod.scenario && r.variable === inMethod.variable);
+    const lines_ = where.map((s) => fits.find((r) => r.scenario === s && r.variable === inMethod.variable)).filter(Boolean)
+      .map((r) => [el("a", { href: link({ scenario: r.scenario, method: m.name }) }, r.scenario), known(r.order) ? r.order.toFixed(3) : "–", known(r.order_low) ? `${r.order_low.toFixed(3)} to ${r.order_high.toFixed(3)}` : "–", r.points_used ?? "–",
+        known(r.dt_min) ? `${number(r.dt_min)} to ${number(r.dt_max)}` : "–", r.verdict || ""]);
+    root.replaceChildren(el("div", { class: "tools" },
+      select("scenario", where.map((s) => [s, s]), inMethod.scenario, (s) => { inMethod.scenario = s; draw(); }),
+      select("variable", variables.map((v) => [v, VARIABLES[v] || v]), inMethod.variable, (v) => { inMethod.variable = v; draw(); })),
+    el("div", { class: "two" }, el("figure", {}, el("figcaption", {}, fit ? `${inMethod.scenario}: order ${orderWith(fit)}` : ""), place),
+      simple(["scenario", "order", "interval", "points", "steps h", "verdict"], lines_)));
+    const mine = points.filter((r) => r.scenario === inMethod.scenario && r.variable === inMethod.variable && known(r.error) && r.error > 0);
+    drawn(place, (width) => place.replaceChildren(orderChart(m, mine, fit, width)));
+  };
+  draw();
+  return root;
+};
+const VARIABLES = { all: "the whole state", q: "positions q", p: "momenta p", s: "entropies s", theta: "temperatures θ" };
+const orderChart = (m, points, fit, width) => {
+  if (!points.length) return empty("No run has an error here.");
+  const series = [{ name: m.name, dots: true, fore: true, points: points.sort((a, b) => b.dt - a.dt).map((r) => ({
+    x: r.dt, y: r.error, hollow: !r.used, tell: () => [`h = ${number(r.dt)}: error ${number(r.error)}`, r.used ? "in the fit" : `not in the fit: ${r.reason || ""}`] })) }];
+  const used = points.filter((r) => r.used);
+  if (fit && known(fit.order) && used.length) {
+    const middle = used.reduce((sum, r) => sum + Math.log(r.error) - fit.order * Math.log(r.dt), 0) / used.length;
+    const at = (h) => ({ x: h, y: Math.exp(middle) * h ** fit.order });
+    series.push({ name: `order ${number(fit.order)}`, colour: "var(--soft)", fore: true, points: [at(fit.dt_max), at(fit.dt_min)] });
+  }
+  return lines(width, 280, { series, x: { kind: "log", domain: padded("log", extent(points.map((r) => r.dt))), label: "step size h", text: number },
+    y: { kind: "log", domain: padded("log", extent(points.map((r) => r.error))), label: "error (filled: in the fit)" }, title: "Error against step size" });
+};
+
+const stable = async (m) => {
+  const all = rows(await table("stability"), { integrator: m.name });
+  if (!all.length) return null;
+  const lines_ = all.map((r) => [el("a", { href: link({ scenario: r.scenario, method: m.name }) }, r.scenario),
+    r.limit === "none" ? `no limit up to ${number(r.dt_cap)}` : r.limit ? number(r.dt_stable) : "no answer", r.limit && r.limit !== "none" ? `${r.limit}: ${LIMITS[r.limit] || ""}` : r.failure || "",
+    r.limit_plain === "none" ? `no limit up to ${number(r.dt_cap)}` : number(r.dt_stable_plain)]);
+  return [simple(["scenario", "largest stable h", "what ends it", "with plain Newton"], lines_)];
+};
+
+const speedOf = async (m) => {
+  const work = await table("work_precision"), mine = rows(work, { integrator: m.name });
+  if (!mine.length) return null;
+  const where = unique(mine.map((r) => r.scenario)), place = el("div", {}), root = el("div", {});
+  if (!where.includes(inMethod.speed)) inMethod.speed = where.includes("bound_equilibrium") ? "bound_equilibrium" : where[0];
+  const reached = rows(await table("time_to_accuracy"), { integrator: m.name, measure: "error" });
+  const lines_ = where.map((s) => [s, ...[1e-3, 1e-6, 1e-9].map((target) => {
+    const row = reached.find((r) => r.scenario === s && r.target === target);
+    return row ? (known(row.time_s) ? seconds(row.time_s) : "not reached") : "–";
+  })]);
+  const draw = () => {
+    const error = ERRORS.find((e) => work.columns[e]?.some(known)), all = rows(work, { scenario: inMethod.speed });
+    root.replaceChildren(el("div", { class: "tools" }, select("scenario", where.map((s) => [s, s]), inMethod.speed, (s) => { inMethod.speed = s; draw(); })),
+      el("div", { class: "two" }, place, simple(["scenario", "to 10⁻³", "to 10⁻⁶", "to 10⁻⁹"], lines_)));
+    const fore = new Set([m.name, ...leaders(speedSeries(all, error))]);
+    drawn(place, (width) => place.replaceChildren(speedChart(all, error, width, 300, fore, (name) => { location.hash = link({ method: name }); })));
+  };
+  draw();
+  return root;
+};
+
+const ended = async (m) => {
+  const found = [];
+  for (const [study, step] of [["conservation", "dt"], ["work_precision", "value"], ["convergence_points", "dt"]]) {
+    for (const r of rows(await table(study), { integrator: m.name })) {
+      if (r.status && r.status !== "ok" && (study !== "convergence_points" || r.variable === "all")) found.push([el("a", { href: link({ scenario: r.scenario, method: m.name }) }, short(r.scenario)), words(study.replace("_points", "")), known(r[step]) ? number(r[step]) : known(r.tolerance) ? `tol ${number(r.tolerance)}` : "–", r.status, r.failure || ""]);
+    }
+  }
+  return found.length ? simple(["scenario", "study", "step or tolerance", "status", "what happened"], found.slice(0, 200)) : empty("Every run of this method reached its end.");
+};
+
+const methods = async (place) => {
+  const root = $("method-page"), m = method[place.method] || page.methods[0];
+  if (!m) { root.replaceChildren(empty("This run has no method.")); return; }
+  const it = told[m.name], part = (title, content) => content && el("section", {}, el("h3", {}, title), content);
+  root.replaceChildren(
+    el("div", { class: "choose" }, select("Method", page.methods.map((x) => [x.name, x.name]), m.name, (name) => { location.hash = link({ method: name }); })),
+    el("h2", { style: `--own:${colour(m.name)}` }, short(m.name, 80)),
+    el("p", { class: "soft" }, [page.families[m.family], it?.source && short(it.source, 200), it && { flows: "implicit, tcbench's Newton", step: "a step of its own", adaptive: "chooses its steps" }[it.kind], it?.order && `declared order ${it.order}`].filter(Boolean).join(" · ")),
+    el("div", { class: "two" }, el("section", {}, it ? [el("p", { class: "told" }, it.description), it.formula ? el("details", { open: true }, el("summary", {}, "Its formula, as its author wrote it"), el("pre", { tabindex: 0 }, it.formula)) : ""] : empty("This folder does not say what the method is: run its command again with this version of tcbench.")),
+      part("Claimed and measured", m.laws.length ? await measured(m) : empty("This run measured no laws.")) || ""));
+  for (const content of [part("Order", await orders(m)), part("Speed and accuracy", await speedOf(m)), part("Largest stable steps", await stable(m)), part("Runs that failed", await ended(m))]) if (content) root.append(content);
+};

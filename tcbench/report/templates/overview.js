@@ -1,0 +1,256 @@
+// Overview: methods x scenarios through a lens, speed against accuracy, how large a step may be.
+const LENSES = {
+  "time 0.001": ["time to an error of 10⁻³, over the best", "time"],
+  "time 1e-06": ["time to an error of 10⁻⁶, over the best", "time"],
+  "time 1e-09": ["time to an error of 10⁻⁹, over the best", "time"],
+  "time energy 1e-12": ["time to an energy error of 10⁻¹², over the best", "time"],
+  energy: ["largest energy error at the scenario's step, over V₀", "small"],
+  step: ["largest stable step h", "step"],
+  cost: ["microseconds a step", "cost"],
+};
+const view = { lens: null, sorted: null, scenario: null, error: null, fore: null, wide: "steps", speed: "scenario" };
+
+const dots = (m) => el("span", { class: "dots" }, m.laws.map((law) => {
+  const share = law.of ? law.kept / law.of : 0;
+  const size = !law.of ? "none" : share === 1 ? "all" : share >= 0.5 ? "most" : share > 0 ? "few" : "no";
+  const said = law.claimed === null ? "" : law.claimed ? "claimed; " : "not claimed; ";
+  const text = law.of ? `${said}kept in ${law.kept} of ${law.of} runs` : `${said}not measured: no run has it`;
+  return el("span", { class: `dot ${size}${law.claimed === false ? " unclaimed" : ""}`, title: `${words(law.law)}: ${text}` });
+}));
+const orderText = (m) => (m.order ? (known(m.order.median) ? m.order.low.toFixed(1).replace(/\.0$/, "") : "?") : "·");
+const orderTip = (m) => (!m.order ? "no fixed step" : !m.order.of ? "the steps show no order"
+  : `fitted order ${m.order.low.toFixed(2)} to ${m.order.high.toFixed(2)} on ${m.order.of} scenarios; declared ${m.order.declared ?? "none"}`);
+const stepText = (m) => (!m.step || !m.step.of ? "·" : m.step.limited ? (m.step.least ? number(m.step.least, 2) : "none") : `> ${number(m.step.cap, 2)}`);
+const stepTip = (m) => (!m.step || !m.step.of ? "not studied: no fixed step" : m.step.limited
+  ? `least of the largest stable steps, on ${m.step.where}; a limit on ${m.step.limited} of ${m.step.of} scenarios`
+  : `no limit found on ${m.step.of} scenarios`);
+
+const cellText = (kind, value, best) => {
+  if (value === null) return "–";
+  if (kind === "time") return value === best ? "best" : number(value / best, value / best < 10 ? 2 : 3);
+  if (kind === "step" && Array.isArray(value)) return `> ${number(value[1], 2)}`;
+  return number(value, 2);
+};
+// how strongly a cell is tinted, 0 to 1: better is stronger
+const strength = (kind, value, best) => {
+  if (value === null) return 0;
+  if (kind === "step") return Array.isArray(value) ? 0.75 : Math.max(0.04, Math.min(0.6, 0.45 + 0.22 * Math.log10(value)));
+  if (kind === "small") return value <= 1e-9 ? 0.75 : Math.max(0.03, -Math.log10(value) / 14);
+  const ratio = Math.log10(value / best);
+  return ratio === 0 ? 1 : Math.max(0.05, 0.75 - 0.19 * ratio);
+};
+
+const matrix = () => {
+  const lens = page.lenses.find((l) => l.key === view.lens), kind = lens ? LENSES[lens.key][1] : "";
+  const value = (m, s) => lens?.cells[m]?.[s];
+  const best = {}, star = {};
+  for (const s of page.scenarios) {
+    const found = page.methods.filter((m) => known(value(m.name, s))).sort((a, b) => value(a.name, s) - value(b.name, s));
+    best[s] = found.length ? value(found[0].name, s) : null;
+    if (kind === "time") star[s] = found.find(lawful)?.name;
+  }
+  const badness = (m, s) => {
+    const v = value(m.name, s);
+    if (v === undefined) return Infinity;
+    if (v === null) return 1e300;
+    return kind === "step" ? -(Array.isArray(v) ? 1e9 : v) : v / (kind === "time" || kind === "cost" ? best[s] : 1);
+  };
+  const mean = (m) => page.scenarios.reduce((sum, s) => sum + Math.log(1e9 + Math.min(1e12, badness(m, s) * 1e6)), 0);
+  const by = view.sorted ? (a, b) => badness(a, view.sorted) - badness(b, view.sorted) || (a.name < b.name ? -1 : 1)
+    : (a, b) => a.family - b.family || mean(a) - mean(b) || (a.name < b.name ? -1 : 1);
+  const ordered = [...page.methods].sort(by);
+  const head = el("tr", {}, el("th", { scope: "col" }, "method"), el("th", { scope: "col", title: "energy, entropy, momentum" }, "laws"),
+    el("th", { scope: "col", title: "lowest fitted order" }, "order"), el("th", { scope: "col", title: "least of the largest stable steps" }, "h stable"),
+    page.scenarios.map((s) => el("th", { scope: "col", "aria-sort": view.sorted === s ? "ascending" : "none" },
+      el("button", { type: "button", title: `${s}: sort by it`, onclick: () => { view.sorted = view.sorted === s ? null : s; drawMatrix(); } },
+        ...broken(short(s, 34)), view.sorted === s ? " ↓" : ""))));
+  const body = [];
+  let family = null;
+  for (const m of ordered) {
+    if (!view.sorted && m.family !== family) {
+      family = m.family;
+      body.push(el("tr", { class: "family" }, el("th", { colspan: 4 + page.scenarios.length, scope: "colgroup" },
+        el("span", { class: "swatch", style: `background:${colour(m.name)}` }), page.families[family])));
+    }
+    body.push(el("tr", {},
+      el("th", { scope: "row" }, view.sorted ? el("span", { class: "swatch", style: `background:${colour(m.name)}` }) : null,
+        el("a", { href: link({ method: m.name }), title: m.name }, short(m.name, 26))),
+      el("td", {}, dots(m)), el("td", { title: orderTip(m) }, orderText(m)), el("td", { title: stepTip(m) }, stepText(m)),
+      page.scenarios.map((s) => {
+        const v = value(m.name, s), failed = page.failures[m.name]?.[s], tint = v === undefined ? 0 : strength(kind, v, best[s]);
+        if (v === undefined && !failed) return el("td", {});
+        const first = star[s] === m.name;
+        const cell = el("a", { href: link({ scenario: s, method: m.name }), tabindex: -1, class: `cell${failed ? " failed" : ""}${tint > 0.5 ? " strong" : ""}`,
+          style: `--tint:${Math.round(100 * tint)}%` }, v === undefined ? " " : cellText(kind, v, best[s]), first ? "★" : "");
+        return el("td", {}, tipped(cell, () => [`${m.name} on ${s}`, ...cellTip(kind, v, best[s]),
+          ...(first ? ["★ first of the methods that kept every law in every run"] : []),
+          ...(failed ? [`${failed[0]} of ${failed[1]} runs failed. ${failed[2]}`] : [])]));
+      })));
+  }
+  return el("table", { class: "matrix" }, el("thead", {}, head), el("tbody", {}, body));
+};
+const cellTip = (kind, v, best) => {
+  if (v === undefined) return ["not measured through this lens"];
+  if (v === null) return [kind === "time" ? "not reached on its ladder" : kind === "small" ? "the run failed" : "no stable step found"];
+  if (kind === "time") return [`${seconds(v)}${v === best ? ", the best here" : `, ${number(v / best, 3)} times the best`}`];
+  if (kind === "step") return [Array.isArray(v) ? `no limit found up to h = ${number(v[1])}` : `stable up to h = ${number(v)}`];
+  return [kind === "small" ? `|E − E₀| / V₀ up to ${number(v)}` : `${number(v)} µs a step`];
+};
+const drawMatrix = () => {
+  $("matrix").replaceChildren(matrix());
+  $("matrix-note").textContent = view.lens?.startsWith("time") ? "★ first of those that keep every law. " : "";
+};
+// arrow keys move among the links of a row and between rows
+const walk = (event) => {
+  const move = { ArrowRight: [0, 1], ArrowLeft: [0, -1], ArrowDown: [1, 0], ArrowUp: [-1, 0] }[event.key];
+  const cell = event.target.closest?.("th, td"), row = cell?.parentElement;
+  if (!move || !row?.closest("tbody")) return;
+  event.preventDefault();
+  let next = null;
+  if (move[1]) {
+    const links = [...row.querySelectorAll("a")];
+    next = links[links.indexOf(event.target) + move[1]];
+  } else {
+    const all = [...row.parentElement.children];
+    for (let i = all.indexOf(row) + move[0]; all[i] && !next; i += move[0]) next = all[i].children[cell.cellIndex]?.querySelector("a");
+  }
+  next?.focus();
+};
+
+const ERRORS = ["error", "error_q", "error_p", "error_s", "error_theta", "energy_error_max", "angular_momentum_error_max"];
+// the first of each family to the smallest error that it reaches
+const leaders = (series) => {
+  const found = new Set();
+  for (const [, mine] of grouped(series, "family")) {
+    for (const target of [1e-9, 1e-6, 1e-3, Infinity]) {
+      const times = mine.map((s) => [s.name, Math.min(...s.points.filter((p) => p.y <= target).map((p) => p.x))]).filter(([, t]) => known(t));
+      if (times.length) { found.add(times.sort((a, b) => a[1] - b[1])[0][0]); break; }
+    }
+  }
+  return found;
+};
+const speedSeries = (all, error) => [...grouped(all, "integrator")].map(([name, mine]) => {
+  const control = (r) => `${r.control === "dt" ? "h" : "rtol"} = ${number(r.value)}`;
+  const zero = error.endsWith("_error_max");
+  return {
+    name, family: method[name]?.family,
+    points: mine.filter((r) => r.status === "ok" && known(r.wall_time_min_s) && known(r[error]) && (zero ? r[error] >= 0 : r[error] > 0))
+      .map((r) => ({ x: r.wall_time_min_s, y: r[error], tell: () => [`${control(r)}: ${seconds(r.wall_time_min_s)}, error ${number(r[error])}`] })),
+    failed: mine.filter((r) => r.status !== "ok").map((r) => ({ r, tell: () => [`${control(r)} failed: ${r.failure || r.status}`] })),
+  };
+});
+const speedChart = (all, error, width, height, fore, toggled) => {
+  const series = speedSeries(all, error), points = series.flatMap((s) => s.points);
+  if (!points.length) return empty("No completed run has an error here.");
+  const zero = error.endsWith("_error_max"), positive = points.map((p) => p.y).filter((y) => y > 0);
+  const x = { kind: "log", domain: padded("log", extent(points.map((p) => p.x))), label: "wall time ← better", text: seconds };
+  const y = { kind: zero ? "zerolog" : "log", domain: padded("log", positive.length ? extent(positive) : [1e-17, 1]), label: `${label(error)} ↓ better` };
+  const shown = fore || leaders(series);
+  for (const s of series) {  // a failed run has no time: its cross stands above the first time of its method
+    const first = Math.min(...s.points.map((p) => p.x));
+    s.fore = shown.has(s.name);
+    s.crosses = s.failed.map(({ r, tell }, i) => ({ x: known(r.wall_time_min_s) ? r.wall_time_min_s : (known(first) ? first : x.domain[0] * 1.4), tell, i }));
+    if (!s.fore) s.crosses = s.crosses.slice(0, 1);
+  }
+  const svg = lines(width, height, { series, x, y, toggled: (name) => toggled(name, shown), title: "Error against time, one line a method; the tables have the numbers" });
+  return svg;
+};
+const toggle = (name, shown) => {
+  view.fore = new Set(shown);
+  view.fore[view.fore.has(name) ? "delete" : "add"](name);
+  overviewCharts();
+};
+
+const drawSpeed = async () => {
+  const found = await table("work_precision"), place = $("speed"), controls = $("speed-controls");
+  if (!found) { $("speed-panel").hidden = true; return; }
+  const there = unique(found.columns.scenario), errors = ERRORS.filter((e) => found.columns[e]?.some(known));
+  const profile = page.tables.performance_profile ? [["profile", "whole ensemble"]] : [];
+  view.scenario = there.includes(view.scenario) ? view.scenario : there.includes("bound_equilibrium") ? "bound_equilibrium" : there[0];
+  view.error = errors.includes(view.error) ? view.error : errors[0];
+  controls.replaceChildren(
+    select("Scenario", [...there.map((s) => [s, s]), ...profile], view.speed === "profile" ? "profile" : view.scenario, (s) => {
+      view.speed = s === "profile" ? s : "scenario";
+      if (s !== "profile") view.scenario = s;
+      view.fore = null; drawSpeed();
+    }),
+    view.speed === "profile" ? "" : select("error of", errors.map((e) => [e, words(e === "error" ? "the state" : label(e))]), view.error, (e) => { view.error = e; drawSpeed(); }));
+  if (view.speed === "profile") { await drawProfile(place); return; }
+  const all = rows(found, { scenario: view.scenario });
+  drawn(place, (width) => place.replaceChildren(speedChart(all, view.error, width, width < 500 ? 300 : 284, view.fore, toggle)));
+};
+
+// of runs from random starts: the share that a method brings to the target within tau times the best time
+const drawProfile = async (place) => {
+  const all = rows(await table("performance_profile"));
+  const target = Math.max(...unique(all.map((r) => r.target)).filter((t) => t <= 1e-6), Math.min(...all.map((r) => r.target)));
+  const series = [...grouped(all.filter((r) => r.target === target), "integrator")].map(([name, mine]) => ({
+    name, family: method[name]?.family,
+    points: mine.sort((a, b) => a.tau - b.tau).map((r) => ({ x: r.tau, y: r.share, tell: () => [
+      `within ${number(r.tau)} times the best: ${number(100 * r.share)} %${known(r.low) ? ` (${number(100 * r.low)} to ${number(100 * r.high)})` : ""}`] })),
+  }));
+  const ranked = [...series].sort((a, b) => b.points.at(-1).y - a.points.at(-1).y || b.points[0].y - a.points[0].y);
+  const shown = view.fore || new Set([...grouped(ranked, "family").values()].map((mine) => mine[0].name));
+  for (const s of series) s.fore = shown.has(s.name);
+  const x = { kind: "log", domain: extent(all.map((r) => r.tau)), label: "time over the best (τ)" };
+  drawn(place, (width) => place.replaceChildren(lines(width, 284, {
+    series, x, y: { kind: "linear", domain: [0, 1.02], label: `share of starts with an error of ${number(target)} ↑ better` },
+    toggled: (name) => toggle(name, shown), title: "Performance profile over the ensemble",
+  })));
+};
+
+// one bar a method to the first scenario on which it fails; a cross a scenario, a tick where plain Newton fails
+const stepBars = (all, width) => {
+  const methods = [...grouped(all, "integrator")].map(([name, mine]) => ({ name, mine,
+    ends: mine.filter((r) => r.limit && r.limit !== "none"), cap: Math.max(...mine.map((r) => r.dt_cap).filter(known)) }));
+  const least = (m) => (m.ends.length ? Math.min(...m.ends.map((r) => (known(r.dt_stable) ? r.dt_stable : 0))) : Infinity);
+  methods.sort((a, b) => (method[a.name]?.family ?? 4) - (method[b.name]?.family ?? 4) || least(b) - least(a) || (a.name < b.name ? -1 : 1));
+  const steps = all.flatMap((r) => [r.dt_stable, r.dt_cap, r.dt_stable_plain]).filter((v) => known(v) && v > 0);
+  if (!steps.length) return empty("No method has a stable step here.");
+  const domain = padded("log", extent(steps)), left = Math.min(150, 14 + 6.6 * Math.max(...methods.map((m) => short(m.name, 20).length)));
+  const row = Math.max(10, Math.min(18, 214 / methods.length)), height = row * methods.length + 40;
+  const f = frame(width, height, { x: { kind: "log", domain, label: "step size h → better", text: number }, y: { kind: "none" }, title: "Largest stable step of each method",
+    margin: { left, right: 74, top: 4, bottom: 34 } });
+  methods.forEach((m, i) => {
+    const y = 4 + row * (i + 0.5), first = least(m), end = f.X(known(first) ? Math.max(first, domain[0]) : m.cap);
+    const group = shape("g", { class: "bar", style: `--own:${colour(m.name)}` });
+    group.append(shape("rect", { class: "hit", x: 0, y: y - row / 2, width, height: row }), shape("line", { class: "thick", x1: left, x2: end, y1: y, y2: y }));
+    group.append(shape("text", { x: left - 6, y: y + 4, "text-anchor": "end" }, short(m.name, 20)));
+    for (const r of m.mine) if (known(r.dt_stable_plain) && r.limit_plain !== "none") group.append(shape("line", { class: "tick", x1: f.X(r.dt_stable_plain), x2: f.X(r.dt_stable_plain), y1: y - 4, y2: y + 4 }));
+    for (const r of m.ends) group.append(shape("path", { class: "cross", d: cross(known(r.dt_stable) ? f.X(r.dt_stable) : left, y) }));
+    if (!m.ends.length) group.append(shape("path", { class: "arrow", d: `M${end},${y - 4}l6,4l-6,4z` }), shape("text", { class: "soft", x: end + 9, y: y + 4 }, "no limit"));
+    const told = () => [m.name, ...(m.ends.length ? m.ends.map((r) => `${r.scenario}: up to h = ${number(r.dt_stable)}, ${r.limit}`) : [`no limit found up to h = ${number(m.cap)}`])];
+    f.svg.append(tipped(fill(shape("a", { href: link({ method: m.name }), "aria-label": told().join("; ") }), {}, [group]), told));
+  });
+  return f.svg;
+};
+// of an ensemble: the share of random starts on which a method failed, against its step, with the interval
+const shareChart = (all, width) => {
+  const series = [...grouped(all, "integrator")].map(([name, mine]) => ({ name, fore: mine.some((r) => r.failed > 0), dots: true,
+    points: mine.sort((a, b) => a.dt - b.dt).map((r) => ({ x: r.dt, y: r.share, tell: () => [
+      `h = ${number(r.dt)}: ${r.failed} of ${r.runs} failed, ${number(100 * r.share)} % (${number(100 * r.low)} to ${number(100 * r.high)} %)`] })) }));
+  return lines(width, 300, { series, x: { kind: "log", domain: padded("log", extent(all.map((r) => r.dt))), label: "step size h", text: number },
+    y: { kind: "linear", domain: [-0.02, 1.02], label: "share of starts that failed ↓ better" }, title: "Failure shares", margin: { right: 90 } });
+};
+const drawSteps = async () => {
+  const stability = await table("stability"), shares = await table("failure_share"), place = $("steps"), controls = $("steps-controls");
+  $("steps-panel").hidden = !stability && !shares;
+  if (!stability && !shares) return;
+  if (!stability) view.wide = "shares";
+  const choices = [...(stability ? [["steps", "the scenarios"]] : []), ...(shares ? [["shares", "an ensemble of random starts"]] : [])];
+  controls.replaceChildren(choices.length > 1 ? select("On", choices, view.wide, (v) => { view.wide = v; drawSteps(); }) : "",
+    view.wide === "steps" ? "A bar ends where the first scenario fails; × each that fails; | where plain Newton does." : "Of runs from random starts, with 95 % intervals.");
+  const all = rows(view.wide === "steps" ? stability : shares);
+  drawn(place, (width) => place.replaceChildren(view.wide === "steps" ? stepBars(all, width) : shareChart(all, width)));
+};
+const overviewCharts = () => Promise.all([drawSpeed(), drawSteps()]);
+
+const overview = async (place) => {
+  const keys = page.lenses.map((l) => l.key);
+  view.lens = keys.includes(place.lens) ? place.lens : keys.includes(view.lens) ? view.lens : keys.includes("time 1e-06") ? "time 1e-06" : keys[0];
+  $("matrix-controls").replaceChildren(keys.length
+    ? select("Cells:", keys.map((k) => [k, LENSES[k][0]]), view.lens, (k) => { view.lens = k; drawMatrix(); }) : "");
+  drawMatrix();
+  await overviewCharts();
+};
+$("matrix").addEventListener("keydown", walk);

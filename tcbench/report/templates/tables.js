@@ -1,0 +1,84 @@
+// Tables: sorted and searched by DataTables, which is unpacked when the first one is shown; saved as CSV.
+let library = null;
+const dataTables = () => {
+  library ||= unpack("library").then((text) => { document.head.append(el("script", {}, text)); });
+  return library;
+};
+// text that begins as a formula does gets an apostrophe, as in the files of the run: no spreadsheet computes it
+const inert = (v) => (typeof v === "string" && /^(?:[=+@\t\r]|-.)/.test(v) ? `'${v}` : String(v));
+const quoted = (v) => (v === null || v === undefined ? "" : /[",\n\r]/.test(String(v)) ? `"${inert(v).replaceAll('"', '""')}"` : inert(v));
+const save = (found, chosen) => {
+  const names = Object.keys(found.columns), text = [names.map(quoted).join(","), ...chosen.map((r) => names.map((c) => quoted(r[c])).join(","))].join("\n");
+  const url = URL.createObjectURL(new Blob([`${text}\n`], { type: "text/csv" }));
+  el("a", { href: url, download: `${found.name}.csv` }).click();
+  setTimeout(() => URL.revokeObjectURL(url), 10000);
+};
+const FILTERS = new Set(["integrator", "scenario", "status", "verdict", "variable", "limit", "study", "section", "solver", "measure", "target"]);
+const inCell = (v, kind) => (kind !== "display" || v === null ? v : typeof v === "number" ? number(v, 4) : typeof v === "boolean" ? (v ? "yes" : "no") : v);
+
+// one table with its search, its lists of values and its file
+const listing = async (name, where = {}) => {
+  const found = await table(name);
+  await dataTables();
+  const chosen = rows(found, where);
+  const names = Object.keys(found.columns).filter((c) => where[c] === undefined && chosen.some((r) => r[c] !== null && r[c] !== ""));
+  const grid = el("table", { class: "data" }), box = el("input", { type: "search", "aria-label": `search ${name}` });
+  const holder = el("div", { class: "listing" });
+  const picked = {}, tools = el("div", { class: "tools" }, el("label", {}, "Search ", box));
+  holder.append(tools, el("div", { class: "grid-of-rows scroll", tabindex: 0, role: "region", "aria-label": `table ${name}` }, grid));
+  const render = (c) => (v, kind) => { const shown = inCell(v, kind); return kind === "display" && typeof shown === "string" ? document.createTextNode(short(shown, 2000)) : shown; };
+  const live = new DataTable(grid, {
+    data: chosen.map((r) => names.map((c) => r[c])), columns: names.map((c) => ({ title: label(c) === c ? c : c, type: numeric(chosen, c) ? "num" : "string", className: numeric(chosen, c) ? "number" : chosen.some((r) => String(r[c] ?? "").length > 45) ? "text" : "word", render: render(c) })),
+    order: [], paging: chosen.length > 100, pageLength: 100, lengthChange: false, deferRender: true, autoWidth: false, info: chosen.length > 100,
+    layout: { topStart: null, topEnd: null, bottomStart: chosen.length > 100 ? "info" : null, bottomEnd: chosen.length > 100 ? "paging" : null },
+  });
+  const filter = (c, v) => { picked[c] = v; live.column(names.indexOf(c)).search((text, row) => !v || String(row[names.indexOf(c)]) === v).draw(); };
+  for (const c of names.filter((n) => FILTERS.has(n))) {
+    const values = unique(chosen.map((r) => r[c]).filter((v) => v !== null)).map(String).sort();
+    if (values.length > 1 && values.length <= 100) tools.append(select(words(c), [["", "all"], ...values.map((v) => [v, v])], "", (v) => filter(c, v)));
+  }
+  box.addEventListener("input", () => live.search(box.value).draw());
+  tools.append(el("button", { type: "button", onclick: () => save(found, chosen) }, `Save ${name}.csv (${chosen.length} rows)`));
+  return holder;
+};
+const numeric = (chosen, c) => chosen.every((r) => r[c] === null || typeof r[c] === "number");
+
+// a list of the tables that have rows there, one of them open
+const listings = async (place, title, where, start) => {
+  const there = [];
+  for (const name of Object.keys(page.tables)) if (!Object.keys(where).length || page.tables[name] && rows(await tableWith(name, where), where).length) there.push(name);
+  if (!there.length) return;
+  const holder = el("div", {});
+  let open = there.includes(start) ? start : null;
+  const show = async (name) => {
+    open = name;
+    buttons.querySelectorAll("button").forEach((b) => b.setAttribute("aria-pressed", String(b.dataset.name === name)));
+    holder.replaceChildren(await listing(name, where));
+  };
+  const buttons = el("div", { class: "chips plain", role: "group", "aria-label": title }, there.map((name) => el("button", { type: "button", "data-name": name, "aria-pressed": "false", onclick: () => show(name) },
+    `${words(name)}`, Object.keys(where).length ? "" : el("small", {}, ` ${page.tables[name]}`))));
+  place.replaceChildren(el("h3", {}, title), buttons, holder);
+  if (open) await show(open);
+};
+const tableWith = async (name, where) => { const found = await table(name); return Object.keys(where).every((c) => found.columns[c]) ? found : null; };
+
+const tablesView = async (place) => listings($("table-page"), "Every table of this run", {}, place.table || Object.keys(page.tables)[0]);
+
+const failuresView = async () => {
+  const root = $("failure-page"), ladders = Object.entries(page.failures).flatMap(([m, at]) => Object.entries(at).map(([s, [failed, runs, text]]) => ({ m, s, failed, runs, text })));
+  if (!ladders.length) { root.replaceChildren(el("h2", {}, "Where methods fail"), empty("Nowhere: every run on the ladders of steps and tolerances reached its end.")); return; }
+  const total = ladders.reduce((n, f) => n + f.failed, 0);
+  root.replaceChildren(el("h2", {}, "Where methods fail"), el("p", {}, `${total} runs on the ladders of steps and tolerances failed, in ${ladders.length} pairs of method and scenario. A failure is a result: each sentence says at which step and why, here of the smallest step that failed.`),
+    simple(["method", "scenario", "failed", "what happened"], ladders.sort((a, b) => (method[a.m]?.family ?? 4) - (method[b.m]?.family ?? 4) || (a.m < b.m ? -1 : a.m > b.m ? 1 : b.failed - a.failed))
+      .map((f) => [el("a", { href: link({ method: f.m }) }, el("span", { class: "swatch", style: `background:${colour(f.m)}` }), short(f.m)), el("a", { href: link({ scenario: f.s, method: f.m }) }, short(f.s)), `${f.failed} of ${f.runs}`, f.text])));
+};
+
+const claimsView = async () => {
+  const root = $("claim-page"), all = rows(await table("claims"));
+  const rank = (r) => (r.verdict === "holds" ? 2 : r.verdict ? 0 : 1);
+  const counts = [...grouped(all, "verdict")].sort(([a], [b]) => (a === "holds") - (b === "holds"))
+    .map(([v, list]) => `${v || "not measured"} ${list.length}`).join(", ");
+  root.replaceChildren(el("h2", {}, "The paper's claims"), el("p", {}, `${all.length} statements of Romero (2009) were checked: ${counts}.`),
+    simple(["claim", "section", "expected", "measured", "verdict", "why"], all.map((r, i) => [r, i]).sort(([a, i], [b, j]) => rank(a) - rank(b) || i - j)
+      .map(([r]) => [r.claim || "", r.section || "", r.expected || "", r.measured || "", r.verdict || "not measured", r.why || ""])));
+};

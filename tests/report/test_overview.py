@@ -1,0 +1,226 @@
+"""Every sentence of the Overview is computed again here, another way, from the tables of small and large runs."""
+
+import math
+import re
+import statistics
+
+import awkward
+import numpy as np
+import pandas as pd
+import pytest
+
+import tcbench
+from tcbench.report import matrix, overview
+from tcbench.store.tables import read_tables
+
+
+def sentences(tables, declared=None):
+    return {found.title: (found.lead, found.text) for found in overview.findings(tables, declared or {})}
+
+
+def records(tables, name):
+    return tables[name].to_dict("records") if name in tables else []
+
+
+def is_number(value):
+    return isinstance(value, int | float) and math.isfinite(value)
+
+
+def expected_accuracy(tables):
+    rows = [r for r in records(tables, "time_to_accuracy") if r["measure"] == "error"]
+    scenarios = {r["scenario"] for r in rows}
+    for target, text in ((1e-6, "1e-6"), (1e-3, "1e-3")):
+        winners = []
+        for scenario in scenarios:
+            times = {r["integrator"]: r["time_s"] for r in rows if (r["scenario"], r["target"]) == (scenario, target)}
+            times = {name: t for name, t in times.items() if is_number(t)}
+            winners += [min(times, key=times.get)] if times else []
+        if winners:
+            most = max(winners.count(name) for name in winners)
+            name = sorted(n for n in set(winners) if winners.count(n) == most)[0]
+            mine = [r for r in rows if r["integrator"] == name and r["target"] == target and is_number(r["time_s"])]
+            return name, f"first to an error of {text} on {most} of {len(scenarios)} scenarios", mine
+    return "none", "no method reached an error of 1e-3 on any scenario", []
+
+
+def expected_lawful(tables):
+    rows = records(tables, "conservation")
+    laws = [("energy_error_max", 1e-9), ("second_law_violations", 0), ("angular_momentum_error_max", 1e-9)]
+    bad = set()
+    for r in rows:
+        values = [(r[c], most) for c, most in laws if is_number(r[c])]
+        if r["status"] != "ok" or r["steps"] == 0 or not values or any(v > most for v, most in values):
+            bad.add(r["integrator"])
+    methods = {r["integrator"] for r in rows}
+    return sorted(methods - bad), len(methods), rows
+
+
+def expected_cheapest(tables):
+    fixed = {r["integrator"] for r in records(tables, "work_precision") if r["control"] == "dt"}
+    times = {}
+    for r in records(tables, "cost"):
+        if r["integrator"] in fixed and is_number(r["us_per_step"]):
+            times.setdefault(r["integrator"], []).append(r["us_per_step"])
+    medians = {name: statistics.median(found) for name, found in times.items()}
+    name = min(sorted(medians), key=medians.get)
+    return name, medians[name], len(times[name])
+
+
+def random_tables(seed):
+    """A run of random size whose methods are good and bad at everything, with gaps."""
+    random = np.random.default_rng(seed)
+    methods = [f"m{i:02d}" for i in range(int(random.integers(1, 40)))]
+    scenarios = [f"s{i}" for i in range(int(random.integers(1, 9)))]
+    peers = set(methods[-3:]) if len(methods) > 6 else set()
+    good = {m for m in methods if random.random() < 0.3}
+    conservation, work, times, cost, stable = [], [], [], [], []
+    for s in scenarios:
+        has_momentum = random.random() < 0.7
+        for m in methods:
+            for h in (0.1, 0.3, 0.9):
+                failed = m not in good and random.random() < 0.1
+                conservation.append({
+                    "integrator": m, "scenario": s, "dt": math.nan if m in peers else h * (1 + (s == "s0")),
+                    "status": "blowup" if failed else "ok", "steps": 0 if failed and random.random() < 0.5 else 80,
+                    "energy_error_max": 1e-14 if m in good else 10.0 ** random.uniform(-12, 0),
+                    "second_law_violations": 0 if m in good else int(random.integers(0, 3)),
+                    "angular_momentum_error_max": 1e-15 if has_momentum else math.nan,
+                })  # fmt: skip
+                work.append({
+                    "integrator": m, "scenario": s, "control": "rtol" if m in peers else "dt", "value": h,
+                    "status": "ok" if random.random() < 0.95 else "nonconverged",
+                    "peer": "scipy" if m == methods[-1] else "other" if m in peers else "",
+                })  # fmt: skip
+            cost.append(
+                {"integrator": m, "scenario": s, "us_per_step": random.choice([random.uniform(0.1, 9), math.nan])}
+            )
+            kind = random.choice(["none", "physical", "solver"])
+            if m not in peers:
+                stable.append({
+                    "integrator": m, "scenario": s, "limit": kind, "dt_stable": random.uniform(0.1, 1), "dt_cap": 4.0,
+                    "dt_unstable": math.nan if kind == "none" else random.uniform(1, 2),
+                })  # fmt: skip
+        for target in (1e-3, 1e-6, 1e-9):
+            reached = {
+                m: random.uniform(1e-4, 1) if random.random() < 0.5 - 0.1 * (seed % 5) else math.nan for m in methods
+            }
+            of = {m: reached[m] for m in peers if is_number(reached[m])}
+            scipy = reached[methods[-1]] if methods[-1] in of else math.nan
+            best = min(of, key=of.get) if of else ""
+            times += [{
+                "integrator": m, "scenario": s, "measure": "error", "target": target, "time_s": t, "best_peer": best,
+                "ratio_to_best_peer": of.get(best, math.nan) / t, "best_scipy": methods[-1] if is_number(scipy) else "",
+                "ratio_to_best_scipy": scipy / t,
+            } for m, t in reached.items()]  # fmt: skip
+    made = {"conservation": conservation, "work_precision": work, "time_to_accuracy": times, "cost": cost}
+    return {name: pd.DataFrame(rows) for name, rows in (made | {"stability": stable}).items() if rows}
+
+
+@pytest.mark.parametrize("seed", range(25))
+def test_the_four_sentences_follow_from_the_tables(seed):
+    tables = random_tables(seed)
+    said = sentences(tables)
+
+    name, start, mine = expected_accuracy(tables)
+    lead, text = said["An accurate trajectory"]
+    assert lead == name and text.startswith(start)
+    for factor, order, whom, count in re.findall(r"([\d.e+]+) times (before|behind) (.*?) \(median of (\d+)\)", text):
+        column = "ratio_to_best_scipy" if "SciPy" in whom else "ratio_to_best_peer"
+        ratios = [r[column] for r in mine if is_number(r[column])]
+        middle = statistics.median(ratios)
+        assert len(ratios) == int(count) and (middle >= 1) == (order == "before")
+        assert float(factor) == pytest.approx(middle if middle >= 1 else 1 / middle, rel=0.051)
+    compared = [r for r in mine if is_number(r["ratio_to_best_peer"])]
+    assert ("median of" in text) == (bool(compared) and name not in {r["best_peer"] for r in compared})
+
+    keep, methods, rows = expected_lawful(tables)
+    lead, text = said["The laws at any step"]
+    if keep:
+        runs = [r for r in rows if r["integrator"] in keep]
+        assert lead == f"{len(keep)} of {methods} methods" and f"in each of {len(runs)} runs" in text
+        assert text.split(": ")[-1].startswith(keep[0])
+        named = re.search(r"up to h = ([\d.]+)", text)
+        largest = [
+            max((r["dt"] for r in runs if r["integrator"] == k and is_number(r["dt"])), default=None) for k in keep
+        ]
+        largest = [h for h in largest if h is not None]
+        assert (named is None and not largest) or float(named[1]) == pytest.approx(min(largest), rel=6e-3)
+    else:
+        assert lead == "none"
+
+    name, middle, count = expected_cheapest(tables)
+    lead, text = said["The cheapest step"]
+    assert lead == name and float(text.split(" µs")[0]) == pytest.approx(middle, rel=0.051)
+    assert f"median of {count} scenarios" in text or (count == 1 and "on one scenario" in text)
+    limits = [r for r in records(tables, "stability") if r["integrator"] == name]
+    ends = [r["dt_unstable"] for r in limits if r["limit"] != "none"]
+    if ends:
+        assert f"fails on {len(ends)} of {len(limits)}, from h = {min(ends):.2g}" in text
+    elif limits:
+        assert "no limit of its step found" in text
+
+    bad = [(r, r["dt"]) for r in records(tables, "conservation") if r["status"] != "ok"]
+    bad += [(r, r["value"]) for r in records(tables, "work_precision") if r["status"] != "ok" and r["control"] == "dt"]
+    failed = sum(r["status"] != "ok" for t in ("conservation", "work_precision") for r in records(tables, t))
+    runs = len(tables["conservation"]) + len(tables["work_precision"])
+    lead, text = said["What fails"]
+    assert lead == (f"{failed} of {runs} runs" if failed else "nothing")
+    fixed = [(h, r["integrator"], r["scenario"]) for r, h in bad if is_number(h)]
+    if fixed:
+        assert text == "at the smallest step: {1} on {2}, h = {0:.2g}".format(*min(fixed))
+
+
+def test_a_small_real_run_says_only_what_it_has(tmp_path):
+    tcbench.run(["tc_monolithic", "midpoint_entropy"], ["stiff_spring"], ["conservation"], tmp_path, jobs=1)
+    tables = read_tables(tmp_path)
+    said = sentences(tables)
+    rows = tables["conservation"].to_dict("records")
+    failed = sorted(r["dt"] for r in rows if r["status"] != "ok")
+    assert list(said) == ["The laws at any step", "The cheapest step", "What fails"]
+    assert said["The laws at any step"] == (
+        "1 of 2 methods",
+        "kept energy, entropy and momentum in each of 5 runs, at steps up to h = 1.2: tc_monolithic",
+    )
+    assert said["What fails"][0] == f"{len(failed)} of 10 runs" and f"h = {failed[0]:.2g}" in said["What fails"][1]
+    own = {r["integrator"]: r["us_per_step"] for r in rows if r["dt"] == 0.3 and r["status"] == "ok"}
+    lead, text = said["The cheapest step"]
+    assert lead == min(own, key=own.get) and text.startswith(f"{own[lead]:.2g} µs a step, on one scenario")
+
+
+def test_when_every_run_failed_nothing_is_praised():
+    table = awkward.conservation(awkward.FIVE, failing=lambda name, h: True).assign(steps=0)
+    said = sentences({"conservation": table})
+    assert said["The laws at any step"] == ("none", "kept every law in every run; midpoint_entropy in 0 of 15")
+    assert "The cheapest step" not in said and said["What fails"][0] == "75 of 75 runs"
+    assert overview.findings({}, {}) == []
+
+
+def test_no_study_no_sentence():
+    whole = random_tables(3)
+    for absent, title in (("time_to_accuracy", "An accurate trajectory"), ("conservation", "The laws at any step")):
+        assert title not in sentences({name: table for name, table in whole.items() if name != absent})
+
+
+def test_laws_count_the_runs_that_could_keep_them():
+    table = awkward.conservation(["tc_monolithic", "midpoint_entropy"], ["short_term"], lambda name, h: False)
+    table.loc[0, "steps"] = 0
+    table.loc[1, "energy_error_max"] = 1e-3
+    table["angular_momentum_error_max"] = math.nan
+    table["linear_momentum_error_max"] = 1e-15
+    told = {"integrators": {"tc_monolithic": {"claims": ["energy"], "family": "Romero (2009)"}}}
+    rows = {m["name"]: m for m in matrix.methods({"conservation": table}, told)}
+    laws = {law["law"]: law for law in rows["tc_monolithic"]["laws"]}
+    assert laws["energy"] == {"law": "energy", "claimed": True, "kept": 3, "of": 4}
+    assert laws["linear_momentum"]["of"] == 4 and "angular_momentum" not in laws
+    assert laws["entropy"]["claimed"] is False and rows["tc_monolithic"]["family"] == 0
+    assert rows["midpoint_entropy"]["laws"][0]["claimed"] is None and rows["midpoint_entropy"]["family"] == 4
+
+
+def test_cells_are_numbers_dashes_or_nothing():
+    tables = awkward.everything(awkward.FIVE)
+    lenses = {lens["key"]: lens["cells"] for lens in matrix.lenses(tables, {"scenarios": {"short_term": {"dt": 0.3}}})}
+    assert lenses["step"]["tc_monolithic"]["short_term"] == ["none", 12.0]
+    assert lenses["energy"]["midpoint_entropy"]["short_term"] is None  # it failed at that step
+    assert "scipy_radau" not in lenses["energy"]
+    failed = matrix.failures(tables)
+    assert failed["midpoint_entropy"]["short_term"] == [3, 12, "h = 0.3: blew up"] and "tc_strang" not in failed

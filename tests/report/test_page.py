@@ -1,0 +1,336 @@
+"""The report page in a real browser: its views, links, keyboard, sizes and colours, and no word on the console."""
+
+import csv
+import io
+
+import awkward
+import browser as chromium
+import numpy as np
+import pandas as pd
+import pytest
+
+from tcbench.report.write_report import write_report
+
+SIXTY = [*awkward.FIVE, *awkward.PEERS, *(f"method_{i:02d}" for i in range(53))]
+VIEWS = (
+    "", "#scenario=short_term", "#method=tc_strang", "#scenario=cold_spring&method=midpoint_entropy", "#failures",
+    "#claims", "#table=stability", "#measured",
+)  # fmt: skip
+READY = "() => document.documentElement.dataset.ready"
+
+
+def write(folder, methods, scenarios=awkward.SCENARIOS, extra=None, **settings):
+    tables = awkward.everything(methods, scenarios, **settings) | (extra or {})
+    return write_report(awkward.write_run(folder / "run", tables, (), awkward.declared(methods, scenarios)))
+
+
+@pytest.fixture(scope="module")
+def full(tmp_path_factory):
+    return write(tmp_path_factory.mktemp("full"), [*awkward.FIVE, *awkward.PEERS])
+
+
+@pytest.fixture(scope="module")
+def sixty(tmp_path_factory):
+    return write(tmp_path_factory.mktemp("sixty"), SIXTY, extra=awkward.ensemble(SIXTY))
+
+
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory):
+    return write(tmp_path_factory.mktemp("alone"), ["tc_monolithic"], ["short_term"])
+
+
+@pytest.fixture(scope="module")
+def failed(tmp_path_factory):
+    return write(tmp_path_factory.mktemp("failed"), awkward.FIVE, failing=lambda name, h: True)
+
+
+@pytest.fixture(scope="module")
+def hostile(tmp_path_factory):
+    return awkward.write_hostile(tmp_path_factory.mktemp("hostile") / "run", write_report)[0]
+
+
+@pytest.fixture(scope="module")
+def browser():
+    yield from chromium.launched()
+
+
+@pytest.fixture
+def visit(browser):
+    """Open a page; afterwards: no console message, no request but for the page itself."""
+    contexts, messages, requests = [], [], []
+
+    def opened(path, place="", width=1400, **settings):
+        context = browser.new_context(viewport={"width": width, "height": 900}, **settings)
+        contexts.append(context)
+        page = context.new_page()
+        page.on("console", lambda message: messages.append(message.text))
+        page.on("pageerror", lambda error: messages.append(str(error)))
+        page.on("dialog", lambda dialog: (messages.append("dialog"), dialog.dismiss()))
+        page.on("request", lambda request: requests.append(request.url))
+        page.goto(path.as_uri() + place)
+        if settings.get("java_script_enabled", True):
+            page.wait_for_function(READY)
+        return page
+
+    yield opened
+    for context in contexts:
+        context.close()
+    assert messages == []
+    assert [url[:100] for url in requests if not url.startswith(("file:", "data:", "blob:"))] == []
+    assert len([url for url in requests if url.startswith("file:")]) == len(contexts)
+
+
+def go(page, place):
+    """To another view by its link; what it shows is there when this returns."""
+    page.evaluate(
+        """place => new Promise(done => { delete document.documentElement.dataset.ready; location.hash = place;
+           const wait = () => document.documentElement.dataset.ready ? done() : setTimeout(wait, 10); wait(); })""",
+        place or "#overview",
+    )
+
+
+def overflow(page):
+    return page.evaluate("Math.max(document.documentElement.scrollWidth, document.body.scrollWidth) - innerWidth")
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width", [400, 1400])
+@pytest.mark.parametrize("which", ["full", "hostile", "sixty", "alone", "failed"])
+def test_no_view_overflows_and_text_is_readable(which, width, scheme, request, visit):
+    page = visit(request.getfixturevalue(which), "", width, color_scheme=scheme)
+    for place in VIEWS:
+        go(page, place)
+        page.wait_for_timeout(60)
+        assert overflow(page) <= 0, place
+        assert page.evaluate("document.querySelectorAll('main > .view:not([hidden])').length") == 1
+        assert page.locator("main > .view:visible").inner_text().strip()
+        light = page.evaluate(
+            """() => ['body', '.view:not([hidden]) svg text'].map(s => document.querySelector(s)).filter(Boolean)
+                 .map(e => { const style = getComputedStyle(e);
+                   const parts = (e.tagName === 'BODY' ? style.color : style.fill).match(/\\d+/g);
+                   return (+parts[0] + +parts[1] + +parts[2]) / 765; })"""
+        )
+        assert all(v > 0.55 if scheme == "dark" else v < 0.45 for v in light), place
+
+
+def test_the_overview_is_one_screen(full, visit):
+    page = visit(full)
+    assert page.evaluate("document.documentElement.scrollHeight") <= 900
+    assert page.locator(".finding").count() == 4 and page.locator(".matrix tbody tr:not(.family)").count() == 7
+    assert page.locator("#speed .line").count() == 7 and page.locator("#steps .thick").count() == 7
+
+
+def test_a_deep_link_opens_its_place_and_tabs_lead_on(full, visit):
+    page = visit(full, "#method=tc_strang")
+    assert page.locator("h2:visible").first.text_content() == "tc_strang"
+    assert "def step(z0, z1, h, system)" in page.locator("pre").text_content()
+    page.locator("#tabs a", has_text="Scenarios").click()
+    page.locator("#scenario-page h2").wait_for()
+    assert page.locator("[aria-current=page]", has_text="Scenarios").count() == 1
+    page.go_back()
+    page.locator("#method-page h2", has_text="tc_strang").wait_for()
+    go(page, "#scenario=no_such&method=nothing")  # a link of another run
+    assert page.locator("#scenario-page h2").is_visible()
+    go(page, "#method=%E0%A4%A")
+    assert page.locator("#method-page h2").is_visible()
+
+
+def test_the_fastest_lawful_method_on_a_scenario_is_one_click_away(full, visit):
+    page = visit(full)
+    page.locator(".matrix thead button[title^='stiff_spring']").click()
+    first = page.locator(".matrix tbody tr").filter(has_text="★").first
+    times = awkward.time_to_accuracy([*awkward.FIVE, *awkward.PEERS])
+    rows = times[(times["scenario"] == "stiff_spring") & (times["target"] == 1e-6) & times["time_s"].notna()]
+    lawful = rows[rows["integrator"].str.startswith("tc")]
+    assert first.locator("th").text_content() == lawful.sort_values("time_s")["integrator"].iloc[0]
+    shown = page.locator(".matrix tbody th[scope=row]").all_text_contents()
+    assert shown[: len(rows)] == rows.sort_values("time_s")["integrator"].tolist()
+
+
+def test_why_a_run_ends_is_one_click_away(full, visit):
+    page = visit(full)
+    page.locator(".matrix .cell.failed[href='#scenario=cold_spring&method=midpoint_temperature']").click()
+    told = page.locator(".pair")
+    told.wait_for()
+    assert "h = 0.3: blew up" in told.inner_text() and "5 of its 12 runs" in told.inner_text()
+
+
+def test_the_order_with_its_interval_is_one_click_away(full, visit):
+    page = visit(full)
+    page.locator(".matrix th a", has_text="tc_staggered").click()
+    page.locator("figcaption", has_text="order 1.00 (0.980 to 1.020), declared 1").wait_for()
+
+
+def test_a_lens_recolours_the_cells(full, visit):
+    page = visit(full)
+    cell = page.locator(".matrix .cell[href='#scenario=short_term&method=tc_monolithic']")
+    assert cell.text_content() == "best★"
+    page.locator("#matrix-controls select").select_option("step")
+    assert cell.text_content() == "> 12"
+    page.locator(".finding").nth(1).click()
+    page.wait_for_function("() => document.querySelector('#matrix-controls select').value === 'energy'")
+    assert cell.text_content() == "1e-15"
+
+
+def test_lines_answer_to_pointer_click_and_keys(full, visit):
+    page = visit(full)
+    chart = page.locator("#speed svg")
+    box = page.locator("#speed g.rest .line").first.bounding_box()
+    page.mouse.move(box["x"] + 1, box["y"] + 1)
+    page.locator("#tip:visible").wait_for()
+    name = page.locator("#tip strong").text_content()
+    assert page.locator("#speed .name", has_text=name).count() == 0
+    page.mouse.click(box["x"] + 1, box["y"] + 1)
+    page.locator("#speed .name", has_text=name).wait_for()
+    chart.focus()
+    page.keyboard.press("ArrowRight")
+    assert page.locator("#speed g.hot").count() == 1 and page.locator("#tip").is_visible()
+    page.keyboard.press("Escape")
+    assert not page.locator("#tip").is_visible()
+
+
+def test_failed_rungs_are_crosses_and_no_line_leads_to_them(full, visit):
+    page = visit(full)
+    page.locator("#speed-controls select").first.select_option("stiff_spring")
+    page.wait_for_function("() => document.querySelectorAll('#speed .cross').length > 0")
+    top = page.evaluate("Math.max(...[...document.querySelectorAll('#speed .cross')].map(c => c.getBBox().y))")
+    assert top < 30
+
+
+def test_the_player_plays(full, visit):
+    page = visit(full, "#scenario=stiff_spring")
+    assert page.locator(".player .side").count() == 2 and page.locator(".player canvas").count() == 2
+    painted = (
+        "() => [...document.querySelector('canvas').getContext('2d').getImageData(0, 0, 640, 460).data].some(v => v)"
+    )
+    page.wait_for_function(painted)
+    page.locator(".player button").click()
+    page.wait_for_function("() => +document.querySelector('.player input').value > 0.5")
+    page.locator(".player button").click()
+    assert page.locator(".player button").text_content() == "▶ Play"
+    page.locator(".player input").fill("25")
+    assert page.locator(".player output").last.text_content() == "t = 25.0"
+    assert page.locator(".running").first.text_content().startswith("E = 60")
+    page.locator("label", has_text="left").locator("select").select_option("scipy_radau")
+    page.locator(".side h4", has_text="scipy_radau").wait_for()
+
+
+def test_methods_in_time_are_chosen_by_name(full, visit):
+    page = visit(full, "#scenario=short_term")
+    names = page.locator(".panels figure").first.locator(".name")
+    assert sorted(names.all_text_contents()) == sorted(awkward.FIVE)
+    page.locator(".chips button", has_text="tc_strang").click()
+    page.wait_for_function("() => document.querySelectorAll('.panels figure:first-child .name').length === 4")
+    assert "tc_strang" not in names.all_text_contents()
+
+
+def test_tables_sort_search_filter_and_are_saved(full, visit):
+    page = visit(full, "#table=conservation", accept_downloads=True)
+    grid = page.locator("table.data")
+    head = grid.locator("thead th").nth(2)
+    assert head.inner_text().startswith("dt")
+    column = "() => [...document.querySelectorAll('table.data tbody tr')].map(r => +r.children[2].textContent)"
+    sorted_ = f"() => {{ const v = ({column})(); return v.length > 5 && v.every((x, i) => !i || v[i - 1] <= x); }}"
+    head.locator("[role=button]").focus()
+    page.keyboard.press("Enter")
+    page.wait_for_function(sorted_)
+    page.locator(".listing select").first.select_option("cvode_bdf")
+    page.wait_for_function("() => document.querySelectorAll('table.data tbody tr').length === 15")
+    page.locator(".listing input").fill("stiff")
+    page.wait_for_function("() => document.querySelectorAll('table.data tbody tr').length === 5")
+    with page.expect_download() as waiting:
+        page.locator("button", has_text="Save conservation.csv").click()
+    rows = list(csv.DictReader(io.StringIO(waiting.value.path().read_text("utf-8"))))
+    wanted = awkward.conservation([*awkward.FIVE, *awkward.PEERS])
+    assert len(rows) == len(wanted)
+    np.testing.assert_allclose([float(r["energy_error_max"]) for r in rows], wanted["energy_error_max"], rtol=1e-9)
+
+
+def test_with_an_ensemble_its_shares_and_profile_stand_beside(sixty, visit):
+    page = visit(sixty)
+    page.locator("#steps-controls select").select_option("shares")
+    page.locator("#steps svg[aria-label='Failure shares']").wait_for()
+    page.locator("#speed-controls select").first.select_option("profile")
+    page.locator("#speed svg[aria-label^='Performance profile']").wait_for()
+    assert page.locator("#speed .line").count() == 60
+
+
+def test_one_method_alone_has_every_view(alone, visit):
+    page = visit(alone)
+    assert page.locator(".finding").count() == 4 and page.locator(".matrix tbody th a").count() == 1
+    go(page, "#scenario=short_term")
+    assert page.locator(".player .side").count() == 1
+
+
+def test_hostile_names_stay_text_in_every_view(hostile, visit):
+    page = visit(hostile)
+    for place in VIEWS:
+        go(page, place)
+    page.locator("#tabs a[data-view=method]").click()
+    page.locator("#method-page select").first.select_option(awkward.HOSTILE)
+    page.locator("#method-page h2", has_text="alert('x')").wait_for()
+    assert "</script>" in page.locator("pre").text_content()
+    assert page.evaluate("document.querySelectorAll('[onerror], [onload], [onclick], main script').length") == 0
+
+
+def test_every_control_is_reached_by_keyboard(full, visit):
+    page = visit(full)
+    page.keyboard.press("Tab")
+    assert page.evaluate("document.activeElement.textContent") == "Skip to the overview"
+    reached = set()
+    for _ in range(45):
+        page.keyboard.press("Tab")
+        reached.add(page.evaluate("document.activeElement.tagName.toLowerCase()"))
+    assert {"a", "select", "button", "svg"} <= reached
+    page.locator(".matrix th a").first.focus()
+    page.keyboard.press("ArrowRight")
+    here = page.evaluate("document.activeElement.getAttribute('href')")
+    assert here.startswith("#scenario=") and page.locator("#tip").is_visible()
+    page.keyboard.press("ArrowDown")
+    assert page.evaluate("document.activeElement.getAttribute('href')") != here
+    page.keyboard.press("Enter")
+    page.locator(".pair").wait_for()
+
+
+def test_the_page_prints_in_light_colours_without_controls(full, visit):
+    page = visit(full, color_scheme="dark")
+    page.emulate_media(media="print")
+    assert page.locator("#tabs").is_hidden() and page.locator("#matrix-controls").is_hidden()
+    assert page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
+    assert page.locator(".matrix").is_visible() and page.locator("#speed svg").is_visible()
+
+
+def test_without_scripts_the_sentences_and_a_table_are_there(full, visit):
+    page = visit(full, java_script_enabled=False)
+    assert page.locator(".finding:visible").count() == 4
+    assert page.locator("noscript table tr, table.simple tr").count() >= 8
+    assert not page.locator("#tabs").is_visible()
+
+
+def test_family_colours_are_told_apart_by_the_colour_blind(full, visit):
+    """The least distance of two families' colours, as a deuteranope and a protanope see them (Vienot et al. 1999)."""
+    see = {
+        "deuteranope": np.array([[0.29275, 0.70725, 0.0], [0.29275, 0.70725, 0.0], [-0.02234, 0.02234, 1.0]]),
+        "protanope": np.array([[0.11238, 0.88762, 0.0], [0.11238, 0.88762, 0.0], [0.00401, -0.00401, 1.0]]),
+    }
+    for scheme in ("light", "dark"):
+        page = visit(full, color_scheme=scheme)
+        read = (
+            "[0, 1, 2, 3].map(i => getComputedStyle(document.documentElement).getPropertyValue(`--family-${i}`).trim())"
+        )
+        colours = [[int(c[i : i + 2], 16) / 255 for i in (1, 3, 5)] for c in page.evaluate(read)]
+        for matrix in see.values():
+            seen = [np.clip(matrix @ np.array(c) ** 2.2, 0, 1) ** (1 / 2.2) for c in colours]
+            least = min(np.linalg.norm(a - b) for i, a in enumerate(seen) for b in seen[:i])
+            assert least > 0.12, (scheme, least)
+
+
+def test_a_users_own_system_is_drawn_without_springs(tmp_path, visit):
+    """Series of positions that are no points in the plane: lines, and no picture."""
+    series = awkward.series(["mine"], ["rod"]).drop(columns=["x_1", "x_2", "y_1", "y_2"]).assign(q_1=0.5)
+    tables = {"conservation": awkward.conservation(["mine"], ["rod"]), "series": series}
+    told = awkward.declared(["mine"], ["rod"])
+    told["scenarios"]["rod"] = told["scenarios"]["rod"] | {"links": [], "system": "rod", "invariants": []}
+    page = visit(write_report(awkward.write_run(tmp_path / "run", tables, (), told)), "#scenario=rod&method=mine")
+    assert page.locator("canvas").count() == 0
+    assert "q 1 = 0.5" in page.locator(".side").inner_text() and isinstance(tables["series"], pd.DataFrame)
