@@ -11,7 +11,7 @@ import click
 
 from . import progress
 from .errors import TcbenchError
-from .options import LATEST, ChartKind, Sectioned, completion, many, output, runs
+from .options import CONFIG, LATEST, ChartKind, Sectioned, completion, many, output, runs
 from .studies.base import study_names
 
 ENVIRONMENT = """\b
@@ -73,6 +73,7 @@ def main(ctx: click.Context) -> None:
 
 
 @main.command(cls=Sectioned)
+@CONFIG
 @click.option("--all", "everything", is_flag=True, help="Every integrator, scenario and study.")
 @INTEGRATORS
 @SCENARIOS
@@ -261,6 +262,17 @@ def paper(output: Path, suffix: str, as_json: bool) -> None:
     from .commands import paper_command
 
     paper_command(output, suffix, as_json)
+
+
+@main.command()
+@click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="FOLDER...")
+@output(Path("site"), "Folder of the site.")
+@AS_JSON
+def publish(folders: tuple[Path, ...], output: Path, as_json: bool) -> None:
+    """A static site of several runs: an index by machine, each run's report and its tables."""
+    from .commands import publish_command
+
+    publish_command(folders, output, as_json)
 
 
 @main.command()

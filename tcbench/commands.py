@@ -315,6 +315,14 @@ def plot_command(
     wrote([path], as_json)
 
 
+def publish_command(folders: tuple[Path, ...], output: Path, as_json: bool) -> None:
+    from .report.publish import publish
+
+    with waiting("writing the site"):
+        path = publish(folders, output)
+    wrote([path], as_json)
+
+
 def paper_command(output: Path, suffix: str, as_json: bool) -> None:
     from .report.paper_figures import paper_figures
 

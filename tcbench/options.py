@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from .errors import TcbenchError
+from .errors import TcbenchError, unknown_name
 
 LATEST = Path("results/latest")  # where `run` writes and whatever reads a run looks, unless told otherwise
 
@@ -76,6 +76,35 @@ class ChartKind(click.Choice):
         from .report.chart_kinds import find_kind
 
         return find_kind(value).name
+
+
+def read_config(ctx: click.Context, parameter: click.Parameter, path: Path | None) -> None:
+    """Take options from a TOML file, by the names they have on the command line, which wins over the file."""
+    if path is None:
+        return
+    import tomllib
+
+    try:
+        given = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:  # ValueError: not TOML, or not text
+        raise TcbenchError(f"{str(path)!r} cannot be read: {getattr(error, 'strerror', None) or error}.") from None
+    known = {word.lstrip("-"): p for p in ctx.command.params for word in p.opts if word.startswith("--")}
+    known.pop("config", None)
+    values = {}
+    for name, value in given.items():
+        if name not in known:
+            raise unknown_name(f"option in {str(path)!r}", name, known)
+        option = known[name]
+        if isinstance(value, dict):
+            raise TcbenchError(f"{name!r} in {str(path)!r} is a table; options are values and lists of values.")
+        values[option.name or ""] = value if isinstance(value, list) or not option.multiple else [value]
+    ctx.default_map = {**(ctx.default_map or {}), **values}
+
+
+CONFIG = click.option(
+    "--config", type=click.Path(path_type=Path, dir_okay=False), callback=read_config, is_eager=True,
+    expose_value=False, metavar="FILE", help="Take options from this TOML file: their names here, without dashes.",
+)  # fmt: skip
 
 
 class Sectioned(click.Command):

@@ -178,8 +178,8 @@ def _named(file: Path, name: str) -> bool:
     return (file.parent.name if file.name == "__init__.py" else file.stem) == name
 
 
-def _collect(path: Path, found: dict[str, str], seen: set[Path]) -> None:
-    """Add to `found`, by relative name, the hashes of `path` and of the local modules it imports."""
+def local_files(path: Path, seen: set[Path]) -> Iterator[tuple[str, bytes]]:
+    """Relative name and content of a file and of the local modules that it imports, but for those in `seen`."""
     stack = [path]
     base = _import_folder(path)
     while stack:
@@ -188,12 +188,17 @@ def _collect(path: Path, found: dict[str, str], seen: set[Path]) -> None:
             continue
         seen.add(current)
         text = current.read_bytes().replace(b"\r\n", b"\n")
-        name = current.relative_to(base).as_posix() if current.is_relative_to(base) else current.name
+        yield current.relative_to(base).as_posix() if current.is_relative_to(base) else current.name, text
+        stack += [file.resolve() for file in _local_imports(current, text)]
+
+
+def _collect(path: Path, found: dict[str, str], seen: set[Path]) -> None:
+    """Add to `found`, by relative name, the hashes of `path` and of the local modules it imports."""
+    for name, text in local_files(path, seen):
         digest = hashlib.sha256(text).hexdigest()
         if found.get(name, digest) != digest:  # two plugins in two folders may each have a helper.py
             name = f"{name}#{digest}"
         found[name] = digest
-        stack += [file.resolve() for file in _local_imports(current, text)]
 
 
 def _import_folder(path: Path) -> Path:

@@ -18,6 +18,7 @@ from ..systems.scenario import Scenario
 from .declared import declared, merged
 from .measure import MEASURE, measure_here
 from .planning import Job, plan_job
+from .sources import keep
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -121,6 +122,7 @@ def execute(
             every = read_tables(store)  # of all runs into this folder
             store.write_tables(every)
             store.write_declared(merged(store.declared(), declared(job)))
+            keep(job, Path(output))
             rows = store.rows()
             statuses = Counter(str(rows[cell.key].get("status")) for cell in job.cells if cell.key in rows)
         data = {"cells": len(job.cells), "interrupted": summary.interrupted, "tables": sorted(every)}
