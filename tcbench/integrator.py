@@ -16,6 +16,7 @@ from .errors import TcbenchError, unknown_name
 if TYPE_CHECKING:
     from .systems.system import System
 
+WAYS = ("flows", "step", "adaptive")  # to step; an integrator gives one
 _NAME = re.compile(r"[a-z][a-z0-9_]*\Z")
 
 
@@ -115,7 +116,7 @@ class Integrator:
         base = self.name.partition("[")[0]
         if not _NAME.match(base):
             raise TcbenchError(f"Integrator name {self.name!r} must be lower-case letters, digits and underscores.")
-        ways = [way for way in ("flows", "step", "adaptive") if getattr(self, way) is not None]
+        ways = [way for way in WAYS if getattr(self, way) is not None]
         if len(ways) != 1:
             given = " and ".join(ways) or "none of them"
             raise TcbenchError(f"Integrator {self.name!r} must give one of flows=, step=, adaptive=; it gives {given}.")
@@ -152,7 +153,7 @@ class Integrator:
     @property
     def kind(self) -> str:
         """ "flows", "step" or "adaptive"."""
-        return "flows" if self.flows is not None else "step" if self.step is not None else "adaptive"
+        return next(way for way in WAYS if getattr(self, way) is not None)
 
     def suits(self, system: System) -> str:
         """ "" if the method is for this system, otherwise why not, to go on after "NAME: ...", without a full stop."""

@@ -120,7 +120,7 @@ SHOWN = {  # columns of a table that fit a terminal
 }  # fmt: skip
 
 
-STEPS = ("dt", "tolerance")  # shown where some method has them
+CONTROLS = ("dt", "tolerance")  # shown where some method has them
 WHOLE = 40  # rows of the conservation table that a run prints in full; of more, the middle steps
 LONG = (
     "convergence_points",
@@ -154,7 +154,7 @@ def print_table(name: str, table: DataFrame) -> None:
 
 
 def _print_block(title: str, columns: Sequence[str], part: DataFrame) -> None:
-    columns = [c for c in columns if c in part and (c not in STEPS or part[c].notna().any())]
+    columns = [c for c in columns if c in part and (c not in CONTROLS or part[c].notna().any())]
     rows = [[number(v) for v in row] for row in part[columns].itertuples(index=False)]
     console().print(make_table(title, [column(c).short for c in columns], rows))
 

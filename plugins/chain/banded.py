@@ -58,7 +58,7 @@ def _newton(model: Any, z: Floats, h: float) -> tuple[Floats, int]:
     dq, ds = h * p / model.masses[:, None], np.zeros(n)
     scale = max(1.0, float(np.abs(r0).max()))
     for iteration in range(1, ITERATIONS + 1):
-        residual, diagonals = _system(model, p, s, h, r0, _stretch(dq), dq, ds)
+        residual, diagonals = newton_system(model, p, s, h, r0, _stretch(dq), dq, ds)
         try:
             delta = solve_banded((BELOW, ABOVE), diagonals, -residual.ravel(), overwrite_ab=True).reshape(n, 3)
         except (ValueError, np.linalg.LinAlgError):
@@ -80,7 +80,7 @@ def _stretch(dq: Floats) -> Floats:
     return np.diff(dq, axis=0, prepend=np.zeros((1, 2)))
 
 
-def _system(
+def newton_system(
     model: Any, p: Floats, s: Floats, h: float, r0: Floats, dr: Floats, dq: Floats, ds: Floats
 ) -> tuple[Floats, Floats]:
     """Residual, shape (n, 3), and the Jacobian's diagonals, shape (BELOW + ABOVE + 1, 3 n)."""

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 PREFERRED = ("bound_equilibrium", "gas_containers")  # scenarios that no method finds hard, one a system
 SOLVED = {"flows": 1e-12, "step": 1e-10, "adaptive": 1e-6}  # what may be left of a conserved quantity, relative
 ROUNDOFF = 1e-11  # an error that no order can be read from
-STEPS = 200  # of a run in plain Python
+RUN_STEPS = 200  # of a run in plain Python
 RANDOM_STEPS = 40
 GENTLE = 0.1  # part of the scenario's own step at which every method runs, explicit ones too
 SMALL = (1e-4, 1e-5)  # steps of the limit h -> 0, as parts of the scenario's own
@@ -316,7 +316,7 @@ def _claim_runs(method: Integrator) -> Iterator[tuple[Trajectory, str]]:
 
 def claim_lengths(method: Integrator) -> list[tuple[Scenario, int]]:
     """The scenarios whose first steps the claims are judged on, and how many steps those are."""
-    most = 10 * STEPS if method.kind == "flows" else STEPS
+    most = 10 * RUN_STEPS if method.kind == "flows" else RUN_STEPS
     return [(scenario, min(scenario.steps(scenario.dt), most)) for scenario in plugins.scenarios_for(method)]
 
 

@@ -34,9 +34,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ..cores import usable_cores
 from ..errors import TcbenchError
 from ..store.cells import Cell
+from ..store.cores import usable_cores
 from ..store.lock import hold_lock
 from ..store.store import Rows, is_finished
 from .worker_slot import Crew, Slot

@@ -89,7 +89,7 @@ def encode_line(key: str, row: Mapping[str, Any], cell: Mapping[str, Any] | None
 
 def _without_nonfinite(value: Any, pointer: str, nonfinite: dict[str, str]) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
-        nonfinite[pointer] = "nan" if math.isnan(value) else "inf" if value > 0 else "-inf"
+        nonfinite[pointer] = str(float(value))  # "nan", "inf" or "-inf"
         return None
     if isinstance(value, dict):
         escaped = {k: k.replace("~", "~0").replace("/", "~1") for k in value}

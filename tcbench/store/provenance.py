@@ -13,7 +13,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from ..cores import usable_cores
+from .cores import usable_cores
 
 # a new version of these may change digits, so it changes keys
 NUMERICAL_PACKAGES = ("numpy", "scipy", "llvmlite")

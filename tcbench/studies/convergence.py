@@ -86,7 +86,8 @@ def _end_state(integrator: Integrator, scenario: Scenario, n: int) -> tuple[floa
     extra = {"residuals": True} if integrator.kind == "flows" else {}
     run = simulate(integrator, scenario, dt=dt, t_end=t_end, record_every=None, **extra)
     left = run.summary.residual_max  # NaN for explicit methods, which solve nothing
-    return dt, run.status, n * left if left == left else 0.0, run.z[-1] if run.ok and run.steps == n else None
+    arrived = run.ok and run.steps == n
+    return dt, run.status, n * left if left == left else 0.0, run.z[-1] if arrived else None
 
 
 def groups(model: System, z: Any) -> dict[str, Any]:

@@ -57,7 +57,7 @@ class Outcome:
         return self.kind == OK
 
 
-def judge(run: Trajectory) -> Outcome:
+def outcome_of(run: Trajectory) -> Outcome:
     """The outcome of a trajectory."""
     kinds = {"ok": OK, "nonconverged": SOLVER, "no_root": BRANCH}
     kind, time, failure = kinds.get(run.status, PHYSICAL), float(run.t[-1]), run.failure
@@ -75,7 +75,7 @@ def outcome(integrator: Integrator, scenario: Scenario, dt: float, continuation:
     """The outcome of `simulate`, with the shared solver or with plain Newton from z0."""
     from ..simulation.run import simulate
 
-    return judge(simulate(integrator, scenario, dt, continuation=continuation, record_every=None))
+    return outcome_of(simulate(integrator, scenario, dt, continuation=continuation, record_every=None))
 
 
 def principal_outcome(integrator: Integrator, scenario: Scenario, dt: float, until_fold: bool = False) -> Outcome:
@@ -87,7 +87,7 @@ def principal_outcome(integrator: Integrator, scenario: Scenario, dt: float, unt
 
     steps = scenario.steps(dt)
     rules = Rules(audit=STOP_AT_FOLD if until_fold else PRINCIPAL)
-    return judge(run_flows(integrator, scenario, dt, steps, max(1, steps), rules))
+    return outcome_of(run_flows(integrator, scenario, dt, steps, max(1, steps), rules))
 
 
 def step_of(rung: int) -> float:
@@ -177,7 +177,7 @@ def first_fold(integrator: Integrator, scenario: Scenario, cap: int, unstable: i
     return next(rung for rung in range(lowest - FOLD_BELOW, lowest + 1) if rung == lowest or folds(rung))
 
 
-def certify(integrator: Integrator, scenario: Scenario, found: Boundary) -> tuple[str, bool]:
+def confirmed(integrator: Integrator, scenario: Scenario, found: Boundary) -> tuple[str, bool]:
     """(kind of limit, do the arc's own runs at both ends say the same?)."""
     ends: list[Outcome | None] = [
         None if rung is None else principal_outcome(integrator, scenario, step_of(rung))
@@ -212,7 +212,7 @@ def maximum_step(integrator: Integrator, scenario: Scenario) -> tuple[dict[str, 
         for solver, continuation in (("continuation", True), ("plain", False))
     }
     full, plain = boundary(ladders["continuation"]), boundary(ladders["plain"])
-    limit, certified = certify(integrator, scenario, full)
+    limit, certified = confirmed(integrator, scenario, full)
     limit_plain = plain_limit(integrator, scenario, plain, ladders["plain"])
     fold = first_fold(integrator, scenario, cap, full.unstable)
     failed = None if full.unstable is None else ladders["continuation"][full.unstable]

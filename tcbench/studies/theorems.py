@@ -26,7 +26,7 @@ CONTRADICTS = "contradicts the printed equations"
 
 SEED = 20090706  # any number would do; a fixed one makes the table repeatable
 STATES = 200  # random pairs of states for the operators
-STEPS = 100  # random steps for each integrator
+RANDOM_STEPS = 100  # random steps for each integrator
 ROUNDOFF = 1e-13  # of operators: sums of some ten terms of one size
 SOLVED = 1e-12  # of a step: what a converged Newton iteration leaves, relative
 EQUIVARIANT = 1e-9  # two solves of one step, in turned coordinates: round-off times the condition of the step
@@ -277,13 +277,13 @@ def steps(integrator: Integrator, scenario: Scenario) -> list[Finding]:
 
 
 def random_steps(integrator: Integrator, scenario: Scenario) -> list[Trajectory]:
-    """STEPS single steps from random admissible states, dt log-uniform in DT_RANGE."""
+    """RANDOM_STEPS single steps from random admissible states, dt log-uniform in DT_RANGE."""
     from ..simulation.run import simulate
 
     rng = np.random.default_rng(SEED)
     states = admissible_states(scenario, rng)
     runs = []
-    for _ in range(STEPS):
+    for _ in range(RANDOM_STEPS):
         start = _from_state(scenario, next(states))
         dt = float(np.exp(rng.uniform(*np.log(DT_RANGE))))
         runs.append(simulate(integrator, start, dt=dt, t_end=(1 + integrator.memory) * dt))

@@ -29,6 +29,7 @@ UNSTORED = 25.0  # where none is stored: errors of chaotic scenarios would outgr
 SPENT_S = 0.05  # a rung is repeated until this much time has passed
 SAMPLES = 40  # of a rung that a row keeps, at most: for the comparison of runs
 SLOW_S = 0.25  # after a run as slow as this the finer rungs are left out
+PEERS = {"scipy": "scipy", "peer": "other"}  # tag -> what the tables call it; the first that fits
 HORIZONS = (0.125, 0.25, 0.5, 1.0)  # of the run whose cost is measured against its length
 COLUMNS = (
     "integrator", "scenario", "control", "value", "status", "error", "error_q", "error_p", "error_s", "error_theta",
@@ -59,7 +60,10 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
         point, seconds = _timed(run_at(integrator, scenario, value), warm=any(p["repeats"] for p in points))
         state = point.pop("state", None)
         points.append(
-            {"value": value, "repeats": len(seconds)} | point | _errors(scenario, state, exact, floor) | _times(seconds)
+            {"value": value, "repeats": len(seconds)}
+            | point
+            | errors_of(scenario, state, exact, floor)
+            | _times(seconds)
         )
         if seconds and seconds[0] > SLOW_S:
             break
@@ -70,7 +74,7 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
         "control": "rtol" if integrator.kind == "adaptive" else "dt",
         "t": t_end,
         "reference": reference.source,
-        "peer": "scipy" if "scipy" in integrator.tags else "other" if "peer" in integrator.tags else "",
+        "peer": next((kind for tag, kind in PEERS.items() if tag in integrator.tags), ""),
         "points": points,
         "horizons": _horizons(integrator, scenario, run_at),
     }
@@ -182,7 +186,7 @@ def _samples(seconds: Sequence[float]) -> list[float]:
     return [float(f"{s:.4g}") for s in seconds[:: math.ceil(len(seconds) / SAMPLES)]]
 
 
-def _errors(scenario: Scenario, state: Any, exact: Any, floor: float) -> Row:
+def errors_of(scenario: Scenario, state: Any, exact: Any, floor: float) -> Row:
     """Errors by group of variables; one within 10 times the reference's own uncertainty is NaN, and the row says so."""
     from .convergence import groups, relative_error
 

@@ -402,7 +402,9 @@ class System:
                 a = arrays[0] if len(arrays) == 1 else np.concatenate(arrays)
                 evaluate(entry.address, np.ascontiguousarray(a), self.constant_values, out[0])
         out = out.reshape((*batch, *shape))
-        return float(out) if out.shape == () else self.state(out) if shape == (self.size,) else out
+        if out.shape == ():
+            return float(out)
+        return self.state(out) if shape == (self.size,) else out
 
     def _kernel(self, body: Callable[..., Any], sizes: tuple[int, ...]) -> tuple[Kernel, tuple[int, ...]]:
         if self.by_arrays:

@@ -38,7 +38,7 @@ def test_the_banded_jacobian_agrees_with_differences():
     def system(u):
         dq, ds = u.reshape(n, 3)[:, :2], u.reshape(n, 3)[:, 2]
         dr = np.diff(dq, axis=0, prepend=np.zeros((1, 2)))
-        return banded._system(model, p, np.asarray(z.s), 0.1, r0, dr, dq, ds)
+        return banded.newton_system(model, p, np.asarray(z.s), 0.1, r0, dr, dq, ds)
 
     u = 0.05 * rng.normal(size=3 * n)
     diagonals, found = system(u)[1], np.zeros((3 * n, 3 * n))

@@ -89,7 +89,7 @@ def test_sensitivity_of_the_blow_up_time(midpoint_cells):
 def test_an_entropy_fall_is_a_physical_failure_of_a_run_that_completes():
     rate = INTEGRATORS["midpoint_temperature"].variant(reading="rate")
     run = simulate(rate, "short_term", dt=0.3)
-    judged = stability.judge(run)
+    judged = stability.outcome_of(run)
     assert run.status == "ok" and judged.kind == "physical" and "entropy" in judged.failure
     assert judged.blowup_time == run.summary.first_entropy_fall
 

@@ -41,8 +41,8 @@ def test_a_cell_has_a_rung_for_each_setting_with_its_time_and_errors(records):
 
 def test_errors_within_the_references_own_are_hidden_and_marked():
     exact = np.arange(1.0, 11.0)
-    hidden = study._errors(SCENARIO, exact + 1e-14, exact, floor=1e-12)
-    shown = study._errors(SCENARIO, exact + 1e-9, exact, floor=1e-12)
+    hidden = study.errors_of(SCENARIO, exact + 1e-14, exact, floor=1e-12)
+    shown = study.errors_of(SCENARIO, exact + 1e-9, exact, floor=1e-12)
     assert math.isnan(hidden["error"]) and hidden["reference_limited"] and not shown["reference_limited"]
     assert shown["error_p"] == pytest.approx(2e-10, rel=0.01)
 

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 LIMITS = {"physical": "s", "branch": "^", "solver": "o", "none": ">"}
-STEPS = ("dt_stable", "dt_unstable", "dt_half", "dt_stable_plain", "dt_cap")
+STEP_COLUMNS = ("dt_stable", "dt_unstable", "dt_half", "dt_stable_plain", "dt_cap")
 MEANING = {
     "physical": "physical limit", "branch": "the branch of solutions ends", "solver": "Newton's limit, a root exists",
     "none": "no limit found",
@@ -155,7 +155,7 @@ def stable_step(table: DataFrame) -> Figure:
     left = 0.25 + 0.062 * max([len(short(n, 26)) for n in methods], default=0)
     size = (3.6 + left, max(1.5, 0.19 * len(methods) + 0.75))
     figure, axes = panels(len(scenarios), 2 if len(methods) <= 14 else 3, size, left)
-    every = [finite(table[c]) for c in STEPS if c in table]
+    every = [finite(table[c]) for c in STEP_COLUMNS if c in table]
     spans = np.concatenate(every) if every else np.array([])
     for i, (ax, scenario) in enumerate(zip(axes, scenarios, strict=True)):
         part = table[table["scenario"].astype(str) == scenario] if scenario else table
@@ -183,7 +183,7 @@ def stable_step(table: DataFrame) -> Figure:
 
 def _bracket(ax: Axes, rows: DataFrame, name: str, y: float) -> None:
     for _, row in rows.iterrows():
-        values: dict[str, Any] = {c: finite([row.get(c)])[0] for c in STEPS}
+        values: dict[str, Any] = {c: finite([row.get(c)])[0] for c in STEP_COLUMNS}
         limit, colour = str(row.get("limit")), look(name).colour
         stable = values["dt_stable"]
         if limit == "none" and not np.isfinite(stable):

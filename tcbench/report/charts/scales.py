@@ -14,6 +14,13 @@ FLOOR = 1e-17  # of quantities that conservation laws make zero: below round-off
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
+TICKS = (  # up to so many decades on an axis: where in each decade ticks stand
+    (1.0, (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0)),
+    (1.7, (1.0, 2.0, 5.0)),
+    (np.inf, (1.0,)),
+)
+
+
 def power_text(value: float, _position: int | None = None) -> str:
     """10⁻³ for powers of ten, plain digits near 1, nothing between."""
     if value == 0:
@@ -43,7 +50,7 @@ def log_axis(ax: Axes, which: str, values: Any = None) -> None:
         pad = max((high / low) ** 0.06, 1.15)
         (ax.set_xlim if which == "x" else ax.set_ylim)(low / pad, high * pad)
     decades = np.log10(good.max() / good.min()) if len(good) else 4.0
-    subs = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0) if decades < 1.0 else (1.0, 2.0, 5.0) if decades < 1.7 else (1.0,)
+    subs = next(ticks for most, ticks in TICKS if decades < most)
     axis.set_major_locator(LogLocator(subs=subs, numticks=8))
     axis.set_major_formatter(FuncFormatter(power_text))
     axis.set_minor_locator(NullLocator())

@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from tcbench import cores
+from tcbench.store import cores
 
 
 @pytest.fixture
