@@ -19,7 +19,7 @@ class Conservation:
         self.run = tcbench.simulate(integrator, scenario, record_every=None)
 
     def track_energy_error(self, integrator, scenario):
-        return self.run.summary.energy_error_max / self.run.scenario.initial_exergy
+        return self.run.summary.energy_error_max
 
     track_energy_error.unit = "|E - E0| / V0"
 

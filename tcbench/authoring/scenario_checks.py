@@ -78,7 +78,7 @@ def paper_methods(scenario: Scenario) -> Line:
         method = plugins.find_integrator(name)
         one = simulate(method, scenario, dt=scenario.dt, t_end=min(scenario.t_end, 20 * scenario.dt))
         statuses[one.status] = statuses.get(one.status, 0) + 1
-        wrong = one.summary.energy_error_max > 1e-10 * max(scenario.initial_exergy, abs(float(one.energy[0])))
+        wrong = one.summary.energy_error_max > 1e-10 * max(1.0, abs(float(one.energy[0])) / scenario.initial_exergy)
         if "energy" in method.claims and (not one.ok or wrong):
             remedy = "A method that conserves energy elsewhere must here: look at element_energy() and conduction()."
             return Line("the paper's methods", FAIL, f"{name}: {one.failure or 'energy is lost'}", remedy)

@@ -6,7 +6,9 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from ..studies.columns import ERROR_MAX, claim_column, invariant_columns
 from ..studies.columns import column as column_named
+from ..studies.cost import reach
 from .chart_kinds import of_scenario
 
 if TYPE_CHECKING:
@@ -14,12 +16,6 @@ if TYPE_CHECKING:
 
 KEPT = 1e-9  # relative error up to which a conserved quantity counts as kept: round-off and solver, over any horizon
 TARGET = 1e-6  # error of "time to 1e-6"
-ERRORS = ("error_q", "error_p", "error_s", "error_theta")
-MEASURES = {  # claim -> column of `conservation`
-    "energy": "energy_error_max",
-    "entropy": "second_law_violations",
-    "angular_momentum": "angular_momentum_error_max",
-}
 ABSENT = "-"
 UNTESTED = "no step done"
 
@@ -65,18 +61,24 @@ def rows_of(table: DataFrame, integrator: str, scenario: str) -> DataFrame:
 
 
 def claims_kept(rows: DataFrame | None, method: Any) -> tuple[str, int]:
-    """ "3 of 3", or which are broken, over the completed steps of every run; and how many are broken."""
+    """ "3 of 3", or which are broken, over the completed steps of every run; and how many are broken.
+
+    A claim counts where it was measured: what a system does not have, nothing keeps.
+    """
     if rows is None or not len(rows) or method is None:
         return ABSENT, 0
-    claims = [c for c in MEASURES if c in method.claims and MEASURES[c] in rows]
-    if not claims:
+    if not method.claims:
         return "claims none", 0
     rows = completed(rows)
     if not len(rows):
         return UNTESTED, 0
-    broken = [c for c in claims if not kept(c, worst(rows, MEASURES[c]))]
-    text = f"{len(claims) - len(broken)} of {len(claims)}"
-    return (f"{text}, not {', '.join(broken)}" if broken else text), len(broken)
+    found = {claim: worst(rows, claim_column(claim)) for claim in sorted(method.claims)}
+    measured = [claim for claim, value in found.items() if not math.isnan(value)]
+    broken = [claim for claim in measured if not kept(claim, found[claim])]
+    parts = [f"{len(measured) - len(broken)} of {len(measured)}"]
+    parts += [f"not {', '.join(broken)}"] if broken else []
+    parts += [f"{len(found) - len(measured)} not measured"] if len(measured) < len(found) else []
+    return ", ".join(parts), len(broken)
 
 
 def completed(rows: DataFrame) -> DataFrame:
@@ -86,7 +88,7 @@ def completed(rows: DataFrame) -> DataFrame:
 
 def worst(rows: DataFrame, column: str) -> float:
     """The largest finite value, NaN if there is none."""
-    values = [float(v) for v in rows[column] if v is not None and math.isfinite(float(v))]
+    values = [float(v) for v in rows.get(column, ()) if v is not None and math.isfinite(float(v))]
     return max(values, default=math.nan)
 
 
@@ -127,15 +129,10 @@ def number(value: Any) -> float:
 
 
 def time_to_target(rows: DataFrame | None) -> str:
-    """Least measured time of a completed run whose errors in q, p, s and theta are all at most 1e-6."""
+    """Time to a state error of 1e-6, as in the table time_to_accuracy."""
     if rows is None or not len(rows):
         return ABSENT
-    best = math.inf
-    for _, row in rows[rows["status"].eq("ok")].iterrows():
-        errors = [number(row.get(c)) for c in ERRORS]
-        known = [e for e in errors if math.isfinite(e)]  # a masked error is below what the reference can tell
-        if known and max(known) <= TARGET:
-            best = min(best, number(row.get("wall_time_min_s")))
+    best = reach(rows.to_dict("records"), "error", TARGET)
     return seconds(best) if math.isfinite(best) else "not reached"
 
 
@@ -161,7 +158,9 @@ def claimed(tables: Mapping[str, DataFrame], declared: Mapping[str, Any]) -> Dat
     table = tables.get("conservation")
     if table is not None:
         for integrator, part in table.groupby("integrator", sort=False):
-            rows += [row for claim in MEASURES if (row := _law(str(integrator), part, claim, declared)) is not None]
+            invariants = [name.removesuffix(ERROR_MAX) for name in invariant_columns(part.columns)]
+            laws = dict.fromkeys(("energy", "entropy", *invariants, *_claims(integrator, declared)))
+            rows += [row for claim in laws if (row := _law(str(integrator), part, claim, declared)) is not None]
     fits = tables.get("convergence")
     if fits is not None and "declared" in fits:
         for integrator, part in fits[fits["variable"].astype(str) == "all"].groupby("integrator", sort=False):
@@ -170,14 +169,18 @@ def claimed(tables: Mapping[str, DataFrame], declared: Mapping[str, Any]) -> Dat
 
 
 def _law(integrator: str, part: DataFrame, claim: str, declared: Mapping[str, Any]) -> dict[str, Any] | None:
-    column = MEASURES[claim]
-    if column not in part or integrator not in declared:
+    column = claim_column(claim)
+    if integrator not in declared:
         return None
-    values = completed(part)[column].astype(float)
-    if not values.notna().any():
-        return None
+    promised = claim in _claims(integrator, declared)
+    values = completed(part)[column].astype(float).dropna() if column in part else None
+    if values is None or not len(values):
+        unseen = {"claim": claim, "claimed": "yes", "worst measured": math.nan, "verdict": "not measured"}
+        label = column_named(column).label
+        told = promised and len(completed(part))  # of a method that did no step, nothing is said
+        return {"integrator": integrator, **unseen, "measure": label, "where": ""} if told else None
     row = part.loc[values.idxmax()]
-    holds, promised = kept(claim, float(values.max())), claim in declared[integrator].claims
+    holds = kept(claim, float(values.max()))
     verdict = {(True, True): "kept", (True, False): "broken", (False, True): "kept, not claimed"}
     return {
         "integrator": integrator,
@@ -188,6 +191,10 @@ def _law(integrator: str, part: DataFrame, claim: str, declared: Mapping[str, An
         "where": f"{row['scenario']}, dt = {number(row.get('dt')):.3g}",
         "verdict": verdict.get((promised, holds), "not claimed, not kept"),
     }
+
+
+def _claims(integrator: Any, declared: Mapping[str, Any]) -> list[str]:
+    return sorted(declared[integrator].claims) if integrator in declared else []
 
 
 def _order(integrator: str, part: DataFrame) -> dict[str, Any]:

@@ -15,7 +15,7 @@ def energy_error_max(run: Trajectory) -> float:
     At the level of round-off for a method that conserves energy (Theorem 1). V_0, unlike E_0, does not depend on the
     arbitrary constant of the energy.
     """
-    return run.summary.energy_error_max / run.scenario.initial_exergy
+    return run.summary.energy_error_max
 
 
 def energy_error_final(run: Trajectory) -> float:
@@ -25,7 +25,7 @@ def energy_error_final(run: Trajectory) -> float:
 
 def energy_drift(run: Trajectory) -> float:
     """Least-squares slope of (E_k - E_0) / V_0 in time; per unit of time."""
-    return run.summary.energy_drift / run.scenario.initial_exergy
+    return run.summary.energy_drift
 
 
 def entropy_increment_min(run: Trajectory) -> float:
@@ -42,23 +42,40 @@ CANCELLED = 1e-12  # a sum that is smaller than this part of its terms is their 
 
 
 def angular_momentum_error_max(run: Trajectory) -> float:
-    """Largest |J_k - J_0| / |J_0|; NaN for a system without angular momentum.
+    """Largest |J_k - J_0| / |J_0|; NaN for a system without angular momentum. As of any invariant: see below."""
+    return invariant_errors(run).get("angular_momentum_error_max", np.nan)
 
-    Where J_0 is round-off of its terms, the departure is over their size: see `angular_momentum_scale`.
+
+def invariant_errors(run: Trajectory) -> dict[str, float]:
+    """NAME_error_max of each invariant: largest |I_k - I_0| / |I_0|.
+
+    Where I_0 is round-off of its terms, the departure is over their size: see `invariant_scale`.
     """
-    return run.summary.invariant_error_max.get("angular_momentum", np.nan) / angular_momentum_scale(run)
+    found = run.summary.invariant_error_max
+    return {f"{name}_error_max": error / invariant_scale(run, name) for name, error in found.items()}
 
 
-def angular_momentum_scale(run: Trajectory) -> float:
-    """|J_0|; where it is round-off of its terms (or 0) their size, |q_0| |p_0|; 1 if that is 0."""
-    initial, start = abs(float(run.angular_momentum[0])), run.scenario.model.state(run.z[0])
-    size = float(np.linalg.norm(start.q) * np.linalg.norm(start.p))
+def invariant_scale(run: Trajectory, name: str) -> float:
+    """|I_0|; where it is round-off of its terms (or 0) their size; 1 if that is 0.
+
+    Their size is |q_0| |p_0| for the angular momentum, |dI/dq| |q_0| + |dI/dp| |p_0| for others (differences of I).
+    """
+    initial, model, z = abs(float(run.invariants[name][0])), run.scenario.model, run.z[0]
+    start = model.state(z)
+    if name == "angular_momentum":
+        size = float(np.linalg.norm(start.q) * np.linalg.norm(start.p))
+    else:
+        index, moved = model.invariant_names.index(name), np.flatnonzero(z[: 2 * model.n_positions])
+        steps = np.eye(len(z))[moved] * (1e-4 * z[moved])[:, None]
+        up, down = (np.array([model.momenta(z + sign * step)[index] for step in steps]) for sign in (1, -1))
+        terms = np.abs(up - down) / 2e-4  # |dI/dz_i z_i|
+        size = float(terms.sum()) if len(terms) else 0.0
     return initial if initial > CANCELLED * size else size or 1.0
 
 
 def lyapunov_increment_max(run: Trajectory) -> float:
     """Largest increase of E - theta_ref S in a step, over V_0; not positive for TC methods (Theorem 6)."""
-    return run.summary.lyapunov_increment_max / run.scenario.initial_exergy
+    return run.summary.lyapunov_increment_max
 
 
 def residual_max(run: Trajectory) -> float:
@@ -103,6 +120,7 @@ def conservation(run: Trajectory) -> dict[str, Any]:
         "entropy_increment_min": entropy_increment_min(run),
         "second_law_violations": second_law_violations(run),
         "angular_momentum_error_max": angular_momentum_error_max(run),
+        **invariant_errors(run),
         "lyapunov_increment_max": lyapunov_increment_max(run),
         "residual_max": residual_max(run),
         "newton_iterations_mean": newton_iterations_mean(run),

@@ -101,7 +101,7 @@ def assemble(
         invariants={name: observed[:, first + i] for i, name in enumerate(names)},
         temperatures=observed[:, first + len(names) : first + len(names) + n],
         status=status, failure=failure, steps=done, newton_iterations=run.counts[: rows - 1],
-        wall_time_s=wall, summary=summarise(run, tally, names),
+        wall_time_s=wall, summary=summarise(run, tally, names, scenario.initial_exergy),
         solver=solver or SolverCounts(
             newton_iterations=tally["iterations"], retried=tally["retried"], tracked=tally["tracked"],
             continuation_tries=tally["tries"], arcs=tally["arcs"], folds=tally["folds"], audited=tally["audited"],
@@ -110,18 +110,18 @@ def assemble(
     )  # fmt: skip
 
 
-def summarise(run: Run, tally: dict[str, Any], names: tuple[str, ...]) -> Summary:
+def summarise(run: Run, tally: dict[str, Any], names: tuple[str, ...], exergy: float) -> Summary:
     s, dt, nan = tally, float(run.h), math.nan
     steps = s["steps"]
     spread = steps * s["sum_tt"] - s["sum_t"] ** 2
     drift = (steps * s["sum_te"] - s["sum_t"] * s["sum_e"]) / spread if steps > 1 and spread > 0 else nan
     return Summary(
-        energy_error_max=s["energy_error"] if steps else nan,
-        energy_drift=float(drift),
+        energy_error_max=s["energy_error"] / exergy if steps else nan,
+        energy_drift=float(drift) / exergy,
         entropy_increment_min=s["entropy_min"] if steps else nan,
         second_law_violations=s["violations"],
         first_entropy_fall=s["first_fall"] * dt if s["first_fall"] else nan,
-        lyapunov_increment_max=s["lyapunov_max"] if steps else nan,
+        lyapunov_increment_max=s["lyapunov_max"] / exergy if steps else nan,
         invariant_error_max={name: x if steps else nan for name, x in zip(names, run.departures.tolist(), strict=True)},
         residual_max=s["residual_max"] if run.residuals and steps else nan,
     )

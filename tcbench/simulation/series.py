@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .metrics import angular_momentum_scale
+from .metrics import invariant_scale
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -23,10 +23,10 @@ ROW = ("series", "opening")  # where a row keeps them, and the names of the tabl
 def columns(run: Trajectory, keep: Any = slice(None)) -> dict[str, np.ndarray]:
     """What a run did, column -> values at the recorded states `keep` (an index or a slice).
 
-    energy_error |E - E_0|/V_0; entropy_fall (largest S so far) - S; NAME and NAME_error of each invariant (that of the
-    angular momentum |J - J_0|/|J_0|, as in the tables); lyapunov_rise: (E - theta_ref S) above its least value so far,
-    over V_0; temperature_a, strain_a (log strain) of each element; x_1, y_1, ... of each mass, for systems in the
-    plane, q_1, ... for others. "So far" is over every recorded state.
+    energy_error |E - E_0|/V_0; entropy_fall (largest S so far) - S; NAME and NAME_error of each invariant (the error
+    |I - I_0|/|I_0|, as in the tables); lyapunov_rise: (E - theta_ref S) above its least value so far, over V_0;
+    temperature_a, strain_a (log strain) of each element; x_1, y_1, ... of each mass, for systems in the plane, q_1, ...
+    for others. "So far" is over every recorded state.
     """
     model, scale, L = run.scenario.model, run.scenario.initial_exergy, run.lyapunov
     found = {
@@ -36,8 +36,7 @@ def columns(run: Trajectory, keep: Any = slice(None)) -> dict[str, np.ndarray]:
         "lyapunov_rise": (L - np.minimum.accumulate(L)) / scale,
     }  # fmt: skip
     for name, values in run.invariants.items():
-        size = angular_momentum_scale(run) if name == "angular_momentum" else abs(values[0]) or 1.0
-        found |= {name: values, f"{name}_error": np.abs(values - values[0]) / size}
+        found |= {name: values, f"{name}_error": np.abs(values - values[0]) / invariant_scale(run, name)}
     found = {name: values[keep] for name, values in found.items()}
     if model.n_elements > len(ELEMENTS):
         return found

@@ -29,12 +29,13 @@ Floats = NDArray[np.float64]
 class Summary:
     """Extremes over every completed step, also of steps that were not recorded. Dimensionless.
 
-    energy_error_max : largest |E_k - E_0|; energy_drift : least-squares slope of E_k - E_0 in time.
+    energy_error_max : largest |E_k - E_0| / V_0, V_0 being `Scenario.initial_exergy`; energy_drift : least-squares
+    slope of (E_k - E_0) / V_0 in time: as in the tables, where these names are columns.
     entropy_increment_min : least S_{k+1} - S_k; second_law_violations : increments below -1e-13 max(1, |S|);
     first_entropy_fall : time of the first increment below -1e-10 (NaN if none).
-    lyapunov_increment_max : largest increase of E - theta_ref S in a step.
-    invariant_error_max : largest departure of each invariant. residual_max : largest scaled residual of an accepted
-    step (NaN if residuals were not asked for).
+    lyapunov_increment_max : largest increase of (E - theta_ref S) / V_0 in a step.
+    invariant_error_max : largest departure of each invariant, absolute (the columns NAME_error_max are relative).
+    residual_max : largest scaled residual of an accepted step (NaN if residuals were not asked for).
     """
 
     energy_error_max: float

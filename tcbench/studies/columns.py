@@ -10,6 +10,7 @@ from fnmatch import fnmatchcase
 from functools import cache
 from typing import Any, NamedTuple
 
+ERROR_MAX = "_error_max"
 NOISE = 1e-9  # relative differences up to here mean nothing
 WANDER = 0.15  # of timings, which wander by 5 to 13 %
 
@@ -124,6 +125,16 @@ COLUMNS = (  # the first that fits counts: names before patterns
     _timing("*_us", unit="us"),
     *(_error(pattern) for pattern in ("*error*", "*drift*", "*violations*", "*iterations*", "*residual*", "*_gap*")),
 )
+
+
+def invariant_columns(names: Iterable[Any]) -> list[str]:
+    """Those of the conservation table that say how far an invariant was missed: NAME_error_max."""
+    return [n for n in map(str, names) if n.endswith(ERROR_MAX) and n != "energy_error_max"]
+
+
+def claim_column(claim: str) -> str:
+    """The column of the conservation table by which a claim is judged: "energy", "entropy" or an invariant's name."""
+    return "second_law_violations" if claim == "entropy" else f"{claim}{ERROR_MAX}"
 
 
 @cache

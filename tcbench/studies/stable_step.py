@@ -66,7 +66,7 @@ def outcome_of(run: Trajectory) -> Outcome:
         kind, time, failure = PHYSICAL, fall, f"t = {fall:.6g}: the entropy fell by more than 1e-10 in a step"
     return Outcome(
         dt=run.dt, kind=kind, status=run.status, blowup_time=math.nan if kind == OK else time,
-        energy_error=run.summary.energy_error_max / run.scenario.initial_exergy,
+        energy_error=run.summary.energy_error_max,
         continuation_steps=run.solver.tracked, folds=run.solver.folds, failure=failure,
     )  # fmt: skip
 

@@ -301,7 +301,7 @@ def _scale(run: Trajectory) -> float:
 
 def energy_defect(run: Trajectory) -> float:
     """Largest |E_k - E_0| over max(V0, |E0|): round-off of E is in proportion to E, which may exceed V0."""
-    return run.summary.energy_error_max / _scale(run)
+    return run.summary.energy_error_max * run.scenario.initial_exergy / _scale(run)
 
 
 def entropy_fall(run: Trajectory) -> float:
@@ -311,7 +311,7 @@ def entropy_fall(run: Trajectory) -> float:
 
 def lyapunov_rise(run: Trajectory) -> float:
     """Largest rise of E - theta_ref S in a step, not below 0, over max(V0, |E0|)."""
-    return max(0.0, run.summary.lyapunov_increment_max) / _scale(run)
+    return max(0.0, run.summary.lyapunov_increment_max) * run.scenario.initial_exergy / _scale(run)
 
 
 def _momentum(name: str) -> Callable[[Trajectory], float]:

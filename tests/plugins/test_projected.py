@@ -123,14 +123,14 @@ def test_projected_methods_obey_the_laws(base, scenario):
     scenario = tcbench.scenarios()[scenario]
     run = tcbench.simulate(projected(find_integrator(base)), scenario, dt=0.02, t_end=20.0)
     assert run.status == "ok"
-    assert run.summary.energy_error_max <= 1e-12 * scenario.initial_exergy
+    assert run.summary.energy_error_max <= 1e-12
     assert run.summary.entropy_increment_min >= -1e-13
     assert run.summary.invariant_error_max["angular_momentum"] <= 1e-12 * max(1.0, abs(run.angular_momentum[0]))
 
 
 def test_a_system_without_invariants():
     run = tcbench.simulate("projected[method=midpoint_temperature]", "gas_containers")
-    assert run.status == "ok" and run.summary.energy_error_max <= 1e-13 * run.scenario.initial_exergy
+    assert run.status == "ok" and run.summary.energy_error_max <= 1e-13
 
 
 def test_where_the_entropy_would_fall_momenta_give_the_energy():
@@ -151,7 +151,7 @@ def test_where_the_entropy_would_fall_momenta_give_the_energy():
 
 def test_without_a_state_in_reach_entropy_and_momenta_are_kept():
     run = tcbench.simulate("projected[method=verlet_heat]", "stiff_spring", dt=0.06)
-    assert run.steps > 40 and run.summary.energy_error_max > 1e-6 * run.scenario.initial_exergy
+    assert run.steps > 40 and run.summary.energy_error_max > 1e-6
     assert run.summary.entropy_increment_min >= -1e-13
     assert run.summary.invariant_error_max["angular_momentum"] <= 1e-12 * abs(run.angular_momentum[0])
     early = np.abs(run.energy[:40] - run.energy[0]).max()

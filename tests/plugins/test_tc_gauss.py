@@ -45,7 +45,7 @@ def test_more_stages_reach_round_off_in_a_few_steps(k):
 def test_the_laws_hold_over_a_long_time(integrator):
     run = tcbench.simulate(integrator, "bound_equilibrium", t_end=15000.0)
     assert run.status == "ok"
-    assert run.summary.energy_error_max <= 1e-12 * run.scenario.initial_exergy
+    assert run.summary.energy_error_max <= 1e-12
     assert run.summary.entropy_increment_min >= -1e-13
     assert run.summary.invariant_error_max["angular_momentum"] <= 1e-12 * abs(run.angular_momentum[0])
 
@@ -57,7 +57,7 @@ def test_adaptive_steps_keep_the_laws_and_follow_the_tolerance(scenario, toleran
     scenario = scenario.replace(t_end=min(scenario.t_end, 25.0))
     run = tcbench.simulate("tc_gauss_adaptive", scenario, tolerance=tolerance)
     assert run.status == "ok" and run.summary.entropy_increment_min >= -1e-13
-    assert run.summary.energy_error_max <= 1e-12 * scenario.initial_exergy
+    assert run.summary.energy_error_max <= 1e-12
     exact = reference_for(scenario, [1.0]).states[0].astype(float)
     short = tcbench.simulate("tc_gauss_adaptive", scenario, t_end=1.0, tolerance=tolerance)
     assert np.max(np.abs(short.z[-1] - exact) / np.maximum(1, np.abs(exact))) <= tolerance

@@ -89,9 +89,8 @@ def test_record_every_keeps_the_same_states_and_the_whole_summary():
     assert np.array_equal(some.z[:-1], every.z[::10]) and np.array_equal(some.z[-1], every.z[-1])
     assert np.allclose(some.t[:-1], every.t[::10]) and some.t[-1] == every.t[-1]
     assert len(ends.t) == 2 and np.array_equal(ends.z[-1], every.z[-1])
-    assert (
-        some.summary.energy_error_max == every.summary.energy_error_max == np.abs(every.energy - every.energy[0]).max()
-    )
+    largest = np.abs(every.energy - every.energy[0]).max() / every.scenario.initial_exergy
+    assert some.summary.energy_error_max == every.summary.energy_error_max == largest
     assert ends.summary.entropy_increment_min == np.diff(every.entropy).min()
     assert some.newton_iterations.sum() == every.newton_iterations.sum() == ends.solver.newton_iterations
 
@@ -371,4 +370,4 @@ def test_a_residual_of_the_wrong_size_is_refused():
 def test_a_million_steps_hold_the_energy_and_keep_a_thousand_states():
     run = tcbench.simulate("tc_monolithic", "bound_equilibrium", dt=0.05, t_end=50_000.0, record_every=1000)
     assert run.steps == 1_000_000 and run.z.shape == (1001, 10)
-    assert run.summary.energy_error_max <= 1e-12 * run.scenario.initial_exergy
+    assert run.summary.energy_error_max <= 1e-12

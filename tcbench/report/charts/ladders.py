@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.lines import Line2D
 
 from ...studies.columns import column as column_named
+from ...studies.columns import invariant_columns
 from .kind import Kind
 from .scales import log_axis, zero_log_axis
 from .style import (  # fmt: skip
@@ -52,7 +53,7 @@ def conservation(table: DataFrame, x: str = "dt") -> Figure:
 
     falls = np.maximum(0.0, -finite(table["entropy_increment_min"])) if "entropy_increment_min" in table else np.nan
     data = table.assign(entropy_fall_max=pd.Series(falls, index=table.index))
-    wanted = ("energy_error_max", "entropy_fall_max", "angular_momentum_error_max")
+    wanted = ("energy_error_max", "entropy_fall_max", *invariant_columns(data.columns))
     columns = [c for c in wanted if c in data and np.isfinite(finite(data[c])).any()] or ["energy_error_max"]
     figure, axes = panels(len(columns), 3, (3.6, 2.9))
     methods = [n for n in names(data) if np.isfinite(finite(data[x][data["integrator"].astype(str) == n])).any()]

@@ -35,12 +35,14 @@ GAPS = ("entropy_gap", "strain_gap", "temperature_gap", "rotation_gap")
 
 @chart
 def laws(series: DataFrame) -> Figure:
-    """What several runs of one scenario lose in time: energy, entropy, angular momentum, Lyapunov functional.
+    """What several runs of one scenario lose in time: energy, entropy, every invariant, Lyapunov functional.
 
     series : rows of the table `series`. Magnitudes; a law that is kept exactly lies on the 0 at the foot of the axis.
     The line is the largest so far; beside it runs a thin one, the value, where runs are few. A cross ends a failed run.
     """
-    columns = [c for c in LAWS if c in series and np.isfinite(finite(series[c])).any()] or ["energy_error"]
+    others = {c: f"{c.removesuffix('_error')}: |I − I₀| / |I₀|" for c in map(str, series) if c.endswith("_error")}
+    told = LAWS | {c: text for c, text in others.items() if c not in LAWS}
+    columns = [c for c in told if c in series and np.isfinite(finite(series[c])).any()] or ["energy_error"]
     figure, axes = panels(len(columns), 2, (4.9, 2.7))
     methods = names(series)
     runs = _runs(series, methods)
@@ -58,7 +60,7 @@ def laws(series: DataFrame) -> Figure:
             )  # fmt: skip
             _end(ax, run, largest, style.colour)
         ax.set_xlabel(column_named("t").label)
-    titles(axes, [LAWS[c] for c in columns])
+    titles(axes, [told[c] for c in columns])
     legend(figure, methods)
     return figure
 
