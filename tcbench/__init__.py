@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from .metric import Metric, Observable
     from .plugins import integrators, scenarios
     from .report.animation import animate
+    from .report.plot import draw
     from .simulation.run import simulate
     from .simulation.stepper import stepper
     from .simulation.trajectory import Trajectory
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 
 _HOME = {
     "animate": "report.animation",
+    "draw": "report.plot",
     "TcbenchError": "errors",
     "hookimpl": "hookspecs",
     "Flow": "integrator",
@@ -54,7 +56,7 @@ _HOME = {
 
 __all__ = [
     "Flow", "Integrator", "Metric", "Observable", "Pendulum", "Range", "Results", "Scenario", "ScenarioFamily",
-    "System", "TcbenchError", "Trajectory", "animate", "family", "hookimpl", "integrators", "run", "scenarios",
+    "System", "TcbenchError", "Trajectory", "animate", "draw", "family", "hookimpl", "integrators", "run", "scenarios",
     "simulate", "stepper",
 ]  # fmt: skip
 

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import TcbenchError, unknown_name
 from ..files import replacing
 from .chart_kinds import OPENING, SERIES, Kind, find_kind, of_scenario, with_fallbacks
+from .charts.theme import Theme, own_settings, using
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
@@ -29,17 +32,17 @@ def plot(
     x: str | None = None,
     y: Sequence[str] | None = None,
     dt: float | None = None,
+    theme: Theme | None = None,
 ) -> Path:
-    """Write one chart; its format is the suffix of `output` (.png, .svg or .pdf).
+    """Write one chart; its format is the suffix of `output` (.png, .svg or .pdf; the last two are vectors).
 
     kind : a name of `chart_kinds.kinds()`. source : the folder of a run, or trajectories (for laws, four-panel, path).
     scenario : needed where the run has several. integrators : only these. x, y : columns, of work-precision (x and y)
-    and conservation (x). dt : of laws, four-panel and path, the runs of this step only.
+    and conservation (x). dt : of laws, four-panel and path, the runs of this step only. theme : sizes, fonts, order and
+    names of methods; the user's own matplotlibrc counts.
 
     Raises TcbenchError for an unknown kind, scenario, integrator or suffix, and for tables that the run does not have.
     """
-    from pandas.api.types import is_numeric_dtype
-
     from ..store.tables import only
 
     chosen = find_kind(kind)
@@ -47,17 +50,54 @@ def plot(
     tables = _tables(chosen, source, scenario, dt)
     if not chosen.possible(tables):
         raise TcbenchError(_absent(chosen, tables))
-    tables = only(tables, "integrator", integrators or ())
+    theme = theme or Theme()
+    tables = only(tables, "integrator", integrators or list(theme.labels))
     shown = _scenario(chosen, tables, scenario)
-    options: dict[str, Any] = {"x": x} if x and "x" in chosen.options else {}
-    if y and "y" in chosen.options:
+    options = _columns(chosen, tables[chosen.needs[0]], x, y)
+    theme = replace(theme, settings={**own_settings(), **theme.settings})
+    with using(theme):
+        return save(chosen.draw(chosen.select(tables, shown), **options), path)
+
+
+def draw(
+    kind: str, table: DataFrame | Mapping[str, DataFrame], ax: Axes | None = None, *, scenario: str | None = None,
+    x: str | None = None, y: Sequence[str] | None = None, methods: Mapping[str, str] | Sequence[str] | None = None,
+) -> Figure:  # fmt: skip
+    """A chart of a table, as a matplotlib Figure to change and save; nothing is written.
+
+    kind : a name of `tcbench plot`. table : a table of a run, such as results.tables["work_precision"], or several by
+    name where the chart takes several. ax : draw into this Axes (charts of one panel; y= chooses one) and return its
+    Figure. methods : only these, in this order; a mapping says what to write for each.
+
+    Raises TcbenchError for what the table does not have.
+    """
+    from ..store.tables import only
+
+    chosen = find_kind(kind)
+    tables = dict(table) if isinstance(table, Mapping) else {chosen.needs[0]: table}
+    if not chosen.possible(tables):
+        raise TcbenchError(_absent(chosen, tables))
+    labels = dict(methods) if isinstance(methods, Mapping) else {name: name for name in methods or ()}
+    tables = only(tables, "integrator", list(labels))
+    options = _columns(chosen, tables[chosen.needs[0]], x, y)
+    shown = _scenario(chosen, tables, scenario)
+    with using(Theme(labels=labels, axes=ax)):
+        return chosen.draw(chosen.select(tables, shown), **options)
+
+
+def _columns(kind: Kind, table: DataFrame, x: str | None, y: Sequence[str] | None) -> dict[str, Any]:
+    """The options x and y of the charts that take them, if they are columns of numbers."""
+    from pandas.api.types import is_numeric_dtype
+
+    options: dict[str, Any] = {"x": x} if x and "x" in kind.options else {}
+    if y and "y" in kind.options:
         options["y"] = tuple(y)
     for column in [*options.get("y", ()), *([x] if "x" in options else [])]:
-        if column not in tables[chosen.needs[0]]:
-            raise unknown_name("column", str(column), [str(c) for c in tables[chosen.needs[0]].columns])
-        if not is_numeric_dtype(tables[chosen.needs[0]][column]):
+        if column not in table:
+            raise unknown_name("column", str(column), [str(c) for c in table.columns])
+        if not is_numeric_dtype(table[column]):
             raise TcbenchError(f"The column {column!r} has no numbers to draw.")
-    return save(chosen.draw(chosen.select(tables, shown), **options), path)
+    return options
 
 
 def checked_output(output: str | Path) -> Path:
@@ -76,9 +116,10 @@ def save(figure: Figure, path: Path) -> Path:
 
     from .charts.style import STYLE
 
+    fonts: Any = STYLE | {"pdf.fonttype": 42}
     metadata: dict[str, Any] = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(path.suffix.lower(), {})
     try:
-        with replacing(path) as temporary, matplotlib.rc_context(STYLE | {"pdf.fonttype": 42}):
+        with replacing(path) as temporary, matplotlib.rc_context(fonts):
             figure.savefig(temporary, dpi=160, metadata=metadata)
     except OSError as error:
         raise TcbenchError(f"{str(path)!r} cannot be written: {error.strerror or error}.") from None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import wraps
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast
 
@@ -11,6 +12,9 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+
+from ...errors import TcbenchError
+from . import theme
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -23,7 +27,7 @@ PURPLE, OLIVE, GREY, INDIGO, WINE, TEAL, ROSE = (
     "#cc79a7", "#8a7a1f", "#7f7f7f", "#332288", "#882255", "#44aa99", "#cc6677",
 )  # fmt: skip
 COLOURS = (PURPLE, OLIVE, GREY, INDIGO, WINE, TEAL, ROSE)
-MARKERS = ("P", "X", "h", "<", ">", "p", "*", "d", "H", "8")
+MARKERS = ("P", "X", "h", "<", ">", "p", "*", "d")  # told apart in print
 DASHES = ("-", "--", "-.", (0, (1, 1)), (0, (5, 1, 1, 1, 1, 1)))
 INK = "#222222"
 
@@ -80,16 +84,24 @@ KNOWN = {
 
 
 def look(name: str) -> Look:
-    """The look of an integrator, a function of its name alone: the same in every chart and every run.
+    """The look of an integrator: its colour a function of its name alone, the same in every chart and every run.
+
+    So is its marker, unless another method of the same chart has it.
 
     Variants, `base[parameter=value]`, keep the colour of their base.
     """
     name = str(name)
+    if name in (drawn := theme.current().looks):
+        return cast(Look, drawn[name])
+    return _look(name)
+
+
+def _look(name: str) -> Look:
     if name in KNOWN:
         return KNOWN[name]
     number = int.from_bytes(hashlib.sha256(name.encode("utf-8", "replace")).digest()[:8], "big")
     base, bracket, _ = name.partition("[")
-    colour = look(base).colour if bracket and base else COLOURS[number % len(COLOURS)]
+    colour = _look(base).colour if bracket and base else COLOURS[number % len(COLOURS)]
     number //= len(COLOURS)
     return Look(colour, MARKERS[number % len(MARKERS)], DASHES[number // len(MARKERS) % len(DASHES)])
 
@@ -98,25 +110,37 @@ Chart = TypeVar("Chart", bound=Callable[..., Figure])
 
 
 def chart(draw: Chart) -> Chart:
-    """Draw with tcbench's style, whatever the caller's matplotlib settings are; restores them."""
+    """Draw with tcbench's style and the theme's, whatever the caller's matplotlib settings are; restores them."""
 
     @wraps(draw)
     def styled(*arguments: Any, **options: Any) -> Figure:
-        with matplotlib.rc_context(STYLE):
-            return draw(*arguments, **options)
+        chosen = theme.current()
+        drawn = {n: None for a in arguments if hasattr(a, "columns") for n in names(a)}
+        looks = theme.distinct(list(drawn), _look, (*(k.marker for k in KNOWN.values()), *MARKERS))
+        settings: Any = theme.scaled(STYLE, chosen.scale) | dict(chosen.settings)
+        with theme.using(replace(chosen, looks=looks)), matplotlib.rc_context(settings):
+            figure: Any = draw(*arguments, **options)
+            if isinstance(figure, Borrowed):
+                return cast(Figure, figure.figure)
+            if chosen.size is not None and isinstance(figure, Panels):
+                figure.resize(*chosen.size)
+            elif chosen.size is not None:
+                figure.set_size_inches(*chosen.size)
+            return cast(Figure, figure)
 
     return cast(Chart, styled)
 
 
 def names(table: DataFrame, column: str = "integrator") -> list[str]:
-    """The distinct names of a column: those with a fixed look first, then by alphabet."""
-    known = list(KNOWN)
+    """The distinct names of a column: in the theme's order, or those with a fixed look first, then by alphabet."""
+    known = [*theme.current().labels, *KNOWN]
     found = {str(n) for n in table[column].dropna().unique()} if column in table else set()
     return sorted(found, key=lambda n: (known.index(n) if n in known else len(known), n))
 
 
 def short(name: str, length: int = 32) -> str:
-    """A name that fits a legend: printable, on one line."""
+    """A name that fits a legend: as the theme says it, printable, on one line."""
+    name = theme.current().labels.get(str(name), name)
     text = " ".join("".join(c if c.isprintable() else " " for c in str(name)).split())
     return text if len(text) <= length else f"{text[: length - 1]}…"
 
@@ -138,7 +162,7 @@ class Panels(Figure):
 
     def place(self, above: float = 0.0, beside: float = 0.0, below: float = 0.0) -> None:
         """Put the panels in their places, with room above and beside them for a legend, below them for a caption."""
-        self.above, self.beside = above, beside
+        self.above, self.beside, self.below = above, beside, below
         (width, height), bottom, top = self.cell, 0.48, 0.27
         whole = (width * self.columns + beside, height * self.rows + above + below)
         self.set_size_inches(*whole)
@@ -150,13 +174,43 @@ class Panels(Figure):
             ax.xaxis.set_label_coords(0.5, -0.3 / inner[1])
             ax.yaxis.set_label_coords(-(self.left - 0.16) / inner[0], 0.5)
 
+    def resize(self, width: float, height: float) -> None:
+        """The whole figure in this size, in inches: panels take what legends leave."""
+        cell = ((width - self.beside) / self.columns, (height - self.above - self.below) / self.rows)
+        if cell[0] < self.left + self.right + 0.5 or cell[1] < 1.25:
+            least = (
+                self.columns * (self.left + self.right + 0.5) + self.beside, self.rows * 1.25 + self.above + self.below
+            )  # fmt: skip
+            raise TcbenchError(
+                f"{width:g} x {height:g} inches are too few: this chart needs {least[0]:.1f} x {least[1]:.1f}."
+            )
+        self.cell = cell
+        self.place(self.above, self.beside, self.below)
+
 
 def panels(
     count: int, columns: int = 2, size: tuple[float, float] = (4.2, 2.9), left: float = 0.68, right: float = 0.2
 ) -> tuple[Panels, list[Axes]]:
     """A figure with `count` panels, row by row; size of each, and margins beside its axes, in inches."""
+    given = theme.current().axes
+    if given is not None:
+        if count > 1:
+            raise TcbenchError(
+                f"This chart has {count} panels, and one Axes was given: choose one with y=, or give none."
+            )
+        return Borrowed(given), [given]  # type: ignore[return-value]
     figure = Panels(max(1, count), columns, size, left, right)
     return figure, figure.grid
+
+
+class Borrowed:
+    """The figure of an Axes that the caller made: nothing of its size and layout is changed."""
+
+    def __init__(self, ax: Axes) -> None:
+        self.ax, self.figure = ax, ax.figure
+
+    def place(self, above: float = 0.0, beside: float = 0.0, below: float = 0.0) -> None:
+        """Its places are the caller's."""
 
 
 def ok(table: DataFrame) -> Any:
@@ -181,12 +235,16 @@ def handle(name: str, **changes: Any) -> Line2D:
     return Line2D([], [], label=short(name), **(settings | changes))
 
 
-def legend(figure: Panels, methods: Sequence[str], extra: Iterable[Line2D] = (), above: float = 0.0) -> None:
+def legend(figure: Panels | Borrowed, methods: Sequence[str], extra: Iterable[Line2D] = (), above: float = 0.0) -> None:
     """One legend for the whole figure: above it for a few names, beside it for many.
 
     above : inches that the panels themselves need over their upper edge.
     """
     handles = [*(handle(name) for name in methods), *extra]
+    if isinstance(figure, Borrowed):
+        if handles:
+            figure.ax.legend(handles=handles)
+        return
     if not handles:
         figure.place(above)
         return
@@ -216,8 +274,8 @@ def end_labels(ax: Axes, ends: Sequence[tuple[float, float, str, str]]) -> None:
     placed = spread(heights, gap=0.075, low=0.02, high=0.98)
     for (_, text, colour), y in zip(points, placed, strict=True):
         ax.annotate(
-            short(text), (1.015, y), xycoords="axes fraction", color=colour, fontsize=7.5, va="center", ha="left",
-            annotation_clip=False,
+            short(text), (1.015, y), xycoords="axes fraction", color=colour, fontsize=7.5 * theme.current().scale,
+            va="center", ha="left", annotation_clip=False,
         )  # fmt: skip
 
 
