@@ -10,8 +10,8 @@ from typing import Any
 import click
 
 from . import progress
+from .commands.options import CONFIG, LATEST, ChartKind, Sectioned, completion, many, output, runs
 from .errors import TcbenchError
-from .options import CONFIG, LATEST, ChartKind, Sectioned, completion, many, output, runs
 from .studies.base import study_names
 
 ENVIRONMENT = """\b
@@ -117,7 +117,7 @@ def main(ctx: click.Context) -> None:
 def run(everything: bool, folders: tuple[str, ...], quiet: bool, as_json: bool, **options: Any) -> None:
     """Run studies and write tables. Finished cells of the output folder are not run again."""
     from . import terminal
-    from .commands import run_command
+    from .commands.actions import run_command
 
     prepare(folders, quiet)
     if not everything and not (options["integrators"] or options["scenarios"] or options["studies"]):
@@ -134,7 +134,7 @@ def run(everything: bool, folders: tuple[str, ...], quiet: bool, as_json: bool, 
 @AS_JSON
 def list_(folders: tuple[str, ...], **options: Any) -> None:
     """Integrators, scenarios and studies, with claims and sources; and plugins that failed to load."""
-    from .commands import list_command
+    from .commands.actions import list_command
 
     prepare(folders)
     list_command(**options)
@@ -158,7 +158,7 @@ def simulate(
     as_json: bool, **options: Any,
 ) -> None:  # fmt: skip
     """Run one integrator on one scenario."""
-    from .commands import simulate_command
+    from .commands.actions import simulate_command
 
     prepare(folders)
     methods, chosen = words(names, integrators, scenarios)
@@ -183,7 +183,7 @@ def map_(
 ) -> None:  # fmt: skip
     """A stability map over two parameters; several integrators are drawn side by side."""
     from . import terminal
-    from .commands import map_command
+    from .commands.actions import map_command
 
     prepare(folders, quiet)
     methods, chosen = words(names, integrators, scenarios)
@@ -197,7 +197,7 @@ def map_(
 @AS_JSON
 def reference(names: tuple[str, ...], scenarios: tuple[str, ...], folders: tuple[str, ...], as_json: bool) -> None:
     """Compute the reference solution of scenarios anew and compare it with the one in use."""
-    from .commands import reference_command
+    from .commands.actions import reference_command
 
     prepare(folders)
     if not (names or scenarios):
@@ -214,7 +214,7 @@ def reference(names: tuple[str, ...], scenarios: tuple[str, ...], folders: tuple
 @AS_JSON
 def show(folder: Path, folders: tuple[str, ...], as_json: bool, **options: Any) -> None:
     """The tables of a run so far, also while it is running; of a large run a summary. FOLDER: results/latest."""
-    from .commands import show_command
+    from .commands.actions import show_command
 
     prepare(folders)
     show_command(folder, as_json=as_json, **options)
@@ -226,7 +226,7 @@ def show(folder: Path, folders: tuple[str, ...], as_json: bool, **options: Any) 
 @AS_JSON
 def report(folder: Path, folders: tuple[str, ...], as_json: bool) -> None:
     """Write report.html of a run: one self-contained page. FOLDER: results/latest."""
-    from .commands import report_command
+    from .commands.actions import report_command
 
     prepare(folders)
     report_command(folder, as_json)
@@ -243,14 +243,49 @@ def report(folder: Path, folders: tuple[str, ...], as_json: bool) -> None:
 @click.option("--x", metavar="COLUMN", help="Column of the horizontal axis (work-precision, conservation).")
 @click.option("--y", multiple=True, metavar="COLUMN", help="Columns of the vertical axis (work-precision); repeat.")
 @click.option("--dt", type=float, help="Of laws, four-panel and path: the runs of this step only.")
+@click.option("--size", metavar="WxH", help="Of the picture: 6x4 in inches, or 15x10cm.")
+@click.option("--font-size", type=float, metavar="POINTS", help="Of labels; titles and numbers follow (9 by default).")
+@click.option("--methods", metavar="LIST", help="These, in this order, with their names: NAME=LABEL,NAME,...")
+@click.option("--style", metavar="FILE", help="A matplotlib style, a file or a name; your matplotlibrc counts.")
 @PLUGINS
 @AS_JSON
 def plot(kind: str | None, folder: Path, folders: tuple[str, ...], as_json: bool, **options: Any) -> None:
     """Draw one chart of a run; without a KIND, list the kinds. FOLDER: results/latest."""
-    from .commands import plot_command
+    from .commands.pictures import plot_command
 
     prepare(folders)
     plot_command(kind, folder, as_json=as_json, **options)
+
+
+@main.command()
+@click.argument("names", nargs=-1, metavar="INTEGRATOR... SCENARIO")
+@many("integrator", "Instead of the words before the last.")
+@many("scenario", "Instead of the last word.")
+@click.option(
+    "--output",
+    "-o",
+    type=click.Path(path_type=Path),
+    default=Path("movie.gif"),
+    show_default=True,
+    help="GIF, MP4 (needs ffmpeg) or HTML by suffix.",
+)
+@click.option("--dt", type=float, help="Step; the scenario's own by default.")
+@click.option("--t-end", type=float, help="Horizon; the scenario's own by default.")
+@click.option("--tolerance", type=float, help="Of adaptive solvers.")
+@click.option("--frames", type=click.IntRange(2, 2000), default=120, show_default=True, help="Pictures in all.")
+@click.option("--fps", type=click.IntRange(1, 60), default=20, show_default=True, help="Pictures a second.")
+@PLUGINS
+@AS_JSON
+def animate(
+    names: tuple[str, ...], integrators: tuple[str, ...], scenarios: tuple[str, ...], folders: tuple[str, ...],
+    as_json: bool, **options: Any,
+) -> None:  # fmt: skip
+    """Methods in motion, side by side: elements coloured by temperature, the laws running below."""
+    from .commands.pictures import animate_command
+
+    prepare(folders)
+    methods, chosen = words(names, integrators, scenarios)
+    animate_command(methods, chosen, as_json=as_json, **options)
 
 
 @main.command()
@@ -259,7 +294,7 @@ def plot(kind: str | None, folder: Path, folders: tuple[str, ...], as_json: bool
 @AS_JSON
 def paper(output: Path, suffix: str, as_json: bool) -> None:
     """Figures 2 to 9 of Romero (2009), with captions that say what differs from the paper's account."""
-    from .commands import paper_command
+    from .commands.pictures import paper_command
 
     paper_command(output, suffix, as_json)
 
@@ -270,7 +305,7 @@ def paper(output: Path, suffix: str, as_json: bool) -> None:
 @AS_JSON
 def publish(folders: tuple[Path, ...], output: Path, as_json: bool) -> None:
     """A static site of several runs: an index by machine, each run's report and its tables."""
-    from .commands import publish_command
+    from .commands.pictures import publish_command
 
     publish_command(folders, output, as_json)
 
@@ -284,7 +319,7 @@ def publish(folders: tuple[Path, ...], output: Path, as_json: bool) -> None:
 @AS_JSON
 def compare(run_a: Path, run_b: Path, **options: Any) -> None:
     """What changed from RUN_A to RUN_B beyond noise, cell by cell. RUN_B: results/latest."""
-    from .commands import compare_command
+    from .commands.actions import compare_command
 
     sys.exit(compare_command(run_a, run_b, **options))
 
@@ -297,7 +332,7 @@ def compare(run_a: Path, run_b: Path, **options: Any) -> None:
 @AS_JSON
 def new(kind: str, name: str, package: bool, folder: Path, as_json: bool) -> None:
     """Write a commented plugin that runs as it is: an integrator, a scenario or a system."""
-    from .commands import new_command
+    from .commands.actions import new_command
 
     new_command(kind, name, package, folder, as_json)
 
@@ -314,7 +349,7 @@ def check(
     folders: tuple[str, ...], as_json: bool,
 ) -> None:  # fmt: skip
     """Check plugins line by line: do they keep the contract, and what they claim? Exit code 0 or 1."""
-    from .commands import check_command
+    from .commands.actions import check_command
 
     prepare(folders)
     if not (targets or integrators or scenarios):

@@ -29,6 +29,17 @@ def say(text: str) -> None:
     console().print(text, soft_wrap=True)
 
 
+def put(table: Table) -> None:
+    """Print a table; a pipe gets no blanks at the ends of lines."""
+    screen = console()
+    if screen.is_terminal:
+        screen.print(table)
+        return
+    with screen.capture() as text:
+        screen.print(table)
+    sys.stdout.write("".join(f"{line.rstrip()}\n" for line in text.get().splitlines()))
+
+
 def warn(sentences: Sequence[str]) -> None:
     """What the user should know but no command fails for, on stderr."""
     for sentence in sentences:
@@ -96,7 +107,7 @@ def _numeric(text: str) -> bool:
 def print_frame(frame: DataFrame, title: str, columns: Sequence[str] | None = None) -> None:
     names = [c for c in (columns or frame.columns) if c in frame.columns]
     rows = [[number(value) for value in row] for row in frame[names].itertuples(index=False)]
-    console().print(make_table(title, names, rows))
+    put(make_table(title, names, rows))
 
 
 SHOWN = {  # columns of a table that fit a terminal
@@ -156,17 +167,17 @@ def print_table(name: str, table: DataFrame) -> None:
 def _print_block(title: str, columns: Sequence[str], part: DataFrame) -> None:
     columns = [c for c in columns if c in part and (c not in CONTROLS or part[c].notna().any())]
     rows = [[number(v) for v in row] for row in part[columns].itertuples(index=False)]
-    console().print(make_table(title, [column(c).short for c in columns], rows))
+    put(make_table(title, [column(c).short for c in columns], rows))
 
 
 def print_contents(tables: Mapping[str, DataFrame], folder: Any) -> None:
     """Which tables there are, and how to see one."""
-    console().print(make_table("\ntables", ["table", "rows"], [[name, str(len(t))] for name, t in tables.items()]))
+    put(make_table("\ntables", ["table", "rows"], [[name, str(len(t))] for name, t in tables.items()]))
     say(f"\nOne of them: tcbench show {folder} --table NAME [-s SCENARIO] [-i INTEGRATOR]")
 
 
 def print_row(row: Mapping[str, Any]) -> None:
-    console().print(make_table("", ["", ""], [[k, number(v)] for k, v in row.items() if v != ""]))
+    put(make_table("", ["", ""], [[k, number(v)] for k, v in row.items() if v != ""]))
 
 
 def print_listing(data: Mapping[str, Any]) -> None:
@@ -175,14 +186,14 @@ def print_listing(data: Mapping[str, Any]) -> None:
          "; ".join(f"{k}: {', '.join(v)}" for k, v in i["parameters"].items())]
         for i in data["integrators"]
     ]  # fmt: skip
-    console().print(make_table("Integrators", ["name", "order", "claims", "source", "parameters"], rows))
+    put(make_table("Integrators", ["name", "order", "claims", "source", "parameters"], rows))
     rows = [[s["name"], number(s["t_end"]), number(s["dt"]), s["shows"], s["source"]] for s in data["scenarios"]]
     for f in data["scenario_families"]:
         label = ",".join(f"{k}={v}" for k, v in f["parameters"].items())
         rows.append([f"{f['name']}[{label}]", "", "", f"{f['shows']}; run when named, with any value", f["source"]])
-    console().print(make_table("\nScenarios", ["name", "t_end", "dt", "shows", "source"], rows))
+    put(make_table("\nScenarios", ["name", "t_end", "dt", "shows", "source"], rows))
     rows = [[s["name"], s["description"]] for s in data["studies"]]
-    console().print(make_table("\nStudies", ["name", "measures"], rows))
+    put(make_table("\nStudies", ["name", "measures"], rows))
     for origin in data["broken"]:
         say(f"\nBroken plugin {origin['name']!r} ({origin['path']}):\n{origin['error']}")
 

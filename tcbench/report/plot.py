@@ -89,6 +89,10 @@ def _columns(kind: Kind, table: DataFrame, x: str | None, y: Sequence[str] | Non
     """The options x and y of the charts that take them, if they are columns of numbers."""
     from pandas.api.types import is_numeric_dtype
 
+    for name, given in (("x", x), ("y", y)):
+        if given and name not in kind.options:
+            there = ", ".join(kind.options) or "none"
+            raise TcbenchError(f"The chart {kind.name!r} has no option {name}; those that it has: {there}.")
     options: dict[str, Any] = {"x": x} if x and "x" in kind.options else {}
     if y and "y" in kind.options:
         options["y"] = tuple(y)

@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from .errors import TcbenchError, unknown_name
+from ..errors import TcbenchError, unknown_name
 
 LATEST = Path("results/latest")  # where `run` writes and whatever reads a run looks, unless told otherwise
 
@@ -17,7 +17,7 @@ def completion(kind: str) -> Callable[..., list[str]]:
     """Names of plugins for the shell's completion."""
 
     def names(ctx: click.Context, parameter: click.Parameter, incomplete: str) -> list[str]:
-        from . import plugins
+        from .. import plugins
 
         return [name for name in getattr(plugins, kind)() if name.startswith(incomplete)]
 
@@ -68,12 +68,12 @@ class ChartKind(click.Choice):
 
     @property
     def choices(self) -> tuple[str, ...]:  # type: ignore[override]
-        from .report.chart_kinds import kinds
+        from ..report.chart_kinds import kinds
 
         return tuple(kinds())
 
     def convert(self, value: Any, parameter: click.Parameter | None, ctx: click.Context | None) -> str:
-        from .report.chart_kinds import find_kind
+        from ..report.chart_kinds import find_kind
 
         return find_kind(value).name
 

@@ -11,16 +11,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from . import plugins, terminal
-from .engine.planning import plan_job, preview
-from .engine.run import run
-from .errors import TcbenchError, unknown_name
-from .progress import LOUD, waiting
-from .report.summary import summary
-from .store.encoding import csv_bytes
-from .store.store import Store, replace_file
-from .store.tables import only, read_tables
-from .studies.base import default_studies
+from .. import plugins, terminal
+from ..engine.planning import plan_job, preview
+from ..engine.run import run
+from ..errors import TcbenchError, unknown_name
+from ..progress import LOUD, waiting
+from ..report.summary import summary
+from ..store.encoding import csv_bytes
+from ..store.store import Store, replace_file
+from ..store.tables import only, read_tables
+from ..studies.base import default_studies
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -49,7 +49,7 @@ def run_command(options: dict[str, Any], display: terminal.Display) -> int:
         replace_file(results.output / "summary.csv", csv_bytes(every), results.output)
     page = None
     if report and not results.summary.interrupted:
-        from .report.write_report import write_report
+        from ..report.write_report import write_report
 
         with waiting("writing report.html"):
             page = write_report(results.output)
@@ -136,8 +136,8 @@ def simulate_command(
     integrators: Sequence[str], scenarios: Sequence[str], dt: float | None, t_end: float | None,
     tolerance: float | None, plain: bool, record_every: int, audit_roots: bool, csv: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
-    from .simulation import metrics
-    from .simulation.run import simulate
+    from ..simulation import metrics
+    from ..simulation.run import simulate
 
     many = "tcbench simulate INTEGRATOR SCENARIO; tcbench run takes many."
     integrator = one_of("integrator", plugins.expand_integrators(integrators), many)
@@ -180,8 +180,8 @@ def map_command(
     methods: Sequence[str], scenarios: Sequence[str], options: dict[str, Any], display: terminal.Display
 ) -> int:
     """Run the map, one cell a row of it; tables and one picture in the output folder."""
-    from .engine.run import execute
-    from .report.charts.stability_map import map_figure
+    from ..engine.run import execute
+    from ..report.charts.stability_map import map_figure
 
     if not (methods and scenarios):
         raise TcbenchError("tcbench map takes at least one integrator, and then the scenario.")
@@ -207,7 +207,7 @@ def map_command(
 
 def reference_command(names: Sequence[str], as_json: bool) -> int:
     """0 if the references in use are confirmed, 1 if not."""
-    from .reference.lookup import recompute
+    from ..reference.lookup import recompute
 
     found = []
     for scenario in plugins.expand_scenarios(names):
@@ -220,7 +220,7 @@ def reference_command(names: Sequence[str], as_json: bool) -> int:
             rows = [[terminal.number(row[k]) for k in ("t", "gap", "certificate", "check")] for row in each["rows"]]
             title = f"{each['scenario']}: {each['method']}"
             columns = ["t", "gap to the one in use", "certificate", "check"]
-            terminal.console().print(terminal.make_table(title, columns, rows))
+            terminal.put(terminal.make_table(title, columns, rows))
             terminal.say(f"It {'agrees' if each['agrees'] else 'does NOT agree'} with the reference in use.")
     return 0 if all(each["agrees"] for each in found) else 1
 
@@ -274,7 +274,7 @@ def _is_installed(name: str) -> bool:
 
 
 def report_command(folder: Path, as_json: bool) -> None:
-    from .report.write_report import write_report
+    from ..report.write_report import write_report
 
     with waiting("writing report.html"):
         page = write_report(folder)
@@ -291,51 +291,11 @@ def wrote(paths: Sequence[Path], as_json: bool) -> None:
             terminal.say(f"Wrote {path}")
 
 
-def plot_command(
-    kind: str | None, folder: Path, output: Path | None, scenario: str | None, integrators: tuple[str, ...],
-    x: str | None, y: tuple[str, ...], dt: float | None, as_json: bool,
-) -> None:  # fmt: skip
-    if kind is None:
-        from .report.chart_kinds import kinds
-
-        found = {name: chart.text for name, chart in kinds().items()}
-        if as_json:
-            terminal.print_json(found)
-        else:
-            table = terminal.make_table("tcbench plot KIND", ["kind", "shows"], list(map(list, found.items())))
-            terminal.console().print(table)
-        return
-    from .report.plot import plot
-
-    with waiting(f"drawing {kind}"):
-        path = plot(
-            kind, folder, output or f"{kind}.png", scenario=scenario, integrators=list(integrators) or None, x=x,
-            y=list(y) or None, dt=dt,
-        )  # fmt: skip
-    wrote([path], as_json)
-
-
-def publish_command(folders: tuple[Path, ...], output: Path, as_json: bool) -> None:
-    from .report.publish import publish
-
-    with waiting("writing the site"):
-        path = publish(folders, output)
-    wrote([path], as_json)
-
-
-def paper_command(output: Path, suffix: str, as_json: bool) -> None:
-    from .report.paper_figures import paper_figures
-
-    with waiting("drawing the paper's figures"):
-        paths = list(paper_figures(output, f".{suffix}"))
-    wrote(paths, as_json)
-
-
 def compare_command(
     run_a: Path, run_b: Path, scenarios: Sequence[str], integrators: Sequence[str], fail_on_regression: bool,
     as_json: bool,
 ) -> int:  # fmt: skip
-    from .store.compare import compare, other_machine, regressions
+    from ..store.compare import compare, other_machine, regressions
 
     for folder in (run_a, run_b):
         if not folder.is_dir():
@@ -359,7 +319,7 @@ def compare_command(
 
 
 def new_command(kind: str, name: str, package: bool, folder: Path, as_json: bool) -> None:
-    from .authoring.scaffold import new_file, new_package
+    from ..authoring.scaffold import new_file, new_package
 
     if as_json:
         wrote([(new_package if package else new_file)(kind, name, folder)], as_json)
@@ -379,7 +339,7 @@ def new_command(kind: str, name: str, package: bool, folder: Path, as_json: bool
 
 def check_command(targets: Sequence[str], only: Sequence[str], as_json: bool) -> int:
     """0 if every line passes, 1 if not. Each line is printed when it is known."""
-    from .authoring import check
+    from ..authoring import check
 
     reports = []
     for subject in [subject for target in targets for subject in check.subjects(target, only)]:
