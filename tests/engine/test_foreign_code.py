@@ -219,3 +219,12 @@ def test_what_a_killed_run_leaves_behind_is_removed_by_the_next(tmp_path, monkey
         path.touch()
     with Store.open(tmp_path / "run"):
         assert {p.name for p in (tmp_path / "run").rglob("*") if p.is_file()} == {".lock", "cells.jsonl"}
+
+
+def test_charts_of_a_method_that_is_not_installed_are_drawn_or_the_error_names_the_cause(tmp_path):
+    plugin(tmp_path / "p" / "mine.py", step="h = 0.01 * h")
+    assert run("-i", "mine", "-i", "tc_monolithic", "--plugins-dir", "p", cwd=tmp_path).returncode == 0
+    drawn = tcbench("plot", "four-panel", "out", "-s", "short_term", "-i", "mine", "-o", "a.png", cwd=tmp_path)
+    assert drawn.returncode == 0 and (tmp_path / "a.png").stat().st_size > 1000, drawn.stderr
+    wrong = tcbench("plot", "four-panel", "out", "-s", "short_term", "-i", "nobody", "-o", "b.png", cwd=tmp_path)
+    assert wrong.returncode == 2 and "No integrator of this run is called 'nobody'" in wrong.stderr
