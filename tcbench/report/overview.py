@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 Tables = Mapping[str, Any]
 TARGETS = (1e-6, 1e-3)  # errors of an accurate trajectory; the second where no method reaches the first
+LONGEST = 40  # characters of a name in a sentence
+TURNING = "\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"  # bidirectional controls
 NAMED = 3  # methods that a sentence names before it counts the others
 
 
@@ -54,9 +56,15 @@ def accurate(tables: Tables) -> Finding | None:
         name = min(wins, key=lambda n: (-wins[n], n))
         reached = [row for row in rows if row["integrator"] == name]
         text = f"first to an error of {power(target)} on {wins[name]} of {scenarios} scenarios{_against_peers(reached)}"
-        return Finding(title, name, text, f"#lens=time {target:g}")
+        return Finding(title, called(name), text, f"#lens=time {target:g}")
     text = f"no method reached an error of {power(TARGETS[-1])} on any scenario"
     return Finding(title, "none", text, "#lens=time 0.001")
+
+
+def called(name: str) -> str:
+    """A name as part of a sentence: short, and without characters that turn the direction of what follows."""
+    plain = "".join(c for c in name if c not in TURNING)
+    return plain if len(plain) <= LONGEST else f"{plain[: LONGEST - 1]}…"
 
 
 def power(value: float) -> str:
@@ -95,22 +103,25 @@ def lawful(tables: Tables) -> Finding | None:
         return None
     title, href = "The laws at any step", "#lens=energy"
     columns = law_columns(table)
-    shares, most = {}, {}
+    shares, steps_of = {}, {}
     for name, rows in table.groupby("integrator", sort=True):
         good = rows["status"].eq("ok") & _all_kept(rows, columns)
         shares[str(name)] = (int(good.sum()), len(rows))
-        most[str(name)] = max((float(h) for h in rows["dt"] if finite(h)), default=math.nan)
+        steps_of[str(name)] = max((float(h) for h in rows["dt"] if finite(h)), default=math.nan)
     keep = [name for name, (good, runs) in shares.items() if good == runs]
     if not keep:
         name = max(shares, key=lambda n: shares[n][0] / shares[n][1])
         good, runs = shares[name]
-        return Finding(title, "none", f"kept every law in every run; {name} in {good} of {runs}", href)
-    steps = [most[name] for name in keep if finite(most[name])]
+        most = (
+            f"kept every law in every run; {called(name)} in {good} of {runs}" if good else "ended a run with every law"
+        )
+        return Finding(title, "no method", most, href)
+    steps = [steps_of[name] for name in keep if finite(steps_of[name])]
     largest = f", at steps up to h = {min(steps):.3g}" if steps else ""
     runs = sum(shares[name][1] for name in keep)
     words = _listed([law.replace("angular_", "").replace("_", " ") for law in columns], "and")
     return Finding(
-        title, f"{len(keep)} of {len(shares)} methods",
+        title, f"{len(keep)} of {len(shares)} method{'s' if len(shares) > 1 else ''}",
         f"kept {words} in each of {runs} runs{largest}: {_some(keep)}", href,
     )  # fmt: skip
 
@@ -132,7 +143,7 @@ def cheapest(tables: Tables, declared: Tables) -> Finding | None:
     name = min(typical, key=lambda n: (typical[n], n))
     count = len(times[name])
     text = f"{typical[name]:.2g} µs a step, {f'median of {count} scenarios' if count > 1 else 'on one scenario'}"
-    return Finding("The cheapest step", name, text + _where_it_fails(tables, name), "#lens=cost")
+    return Finding("The cheapest step", called(name), text + _where_it_fails(tables, name), "#lens=cost")
 
 
 def _where_it_fails(tables: Tables, name: str) -> str:
@@ -173,7 +184,7 @@ def failing(tables: Tables) -> Finding | None:
     least = min(steps, default=None)
     text = "no run with a fixed step among them"
     if least is not None:
-        text = f"at the smallest step: {least[1]} on {least[2]}, h = {least[0]:.2g}"
+        text = f"at the smallest step: {called(least[1])} on {called(least[2])}, h = {least[0]:.2g}"
     return Finding("What fails", f"{failed} of {runs} runs", text, "#failures")
 
 
@@ -185,5 +196,5 @@ def _listed(words: Iterable[str], last: str) -> str:
 
 def _some(names: Sequence[str]) -> str:
     """The first names, and how many others."""
-    rest = len(names) - NAMED
+    rest, names = len(names) - NAMED, [called(name) for name in names]
     return _listed(names, "and") if rest <= 0 else f"{', '.join(names[:NAMED])} and {rest} more"

@@ -23,8 +23,8 @@ def test_every_method_is_told_with_its_family_claims_and_formula():
 
 
 def test_springs_in_the_plane_are_found_and_other_elements_are_not():
-    assert declared.links(tcbench.scenarios()["short_term"]) == [[0, 1], [1, 2]]
-    assert declared.links(tcbench.scenarios()["gas_containers"]) == []
+    assert declared.links(tcbench.scenarios()["short_term"].model) == [[0, 1], [1, 2]]
+    assert declared.links(tcbench.scenarios()["gas_containers"].model) == []
 
 
 class Triangle(System):
@@ -54,7 +54,7 @@ class Triangle(System):
 def test_the_springs_of_a_users_own_system_are_found_in_their_order():
     start = {"positions": (1, 0, 0, 1), "momenta": (0, 0, 0, 0), "temperatures": (1, 1, 1)}
     scenario = tcbench.Scenario("mine", Triangle, {"reference_temperature": 1}, **start, t_end=1, dt=0.1)
-    assert declared.links(scenario) == [[1, 2], [0, 1], [0, 2]]
+    assert declared.links(scenario.model) == [[1, 2], [0, 1], [0, 2]]
 
 
 def test_a_folder_keeps_what_earlier_runs_declared(tmp_path):

@@ -137,7 +137,9 @@ def test_the_four_sentences_follow_from_the_tables(seed):
     lead, text = said["The laws at any step"]
     if keep:
         runs = [r for r in rows if r["integrator"] in keep]
-        assert lead == f"{len(keep)} of {methods} methods" and f"in each of {len(runs)} runs" in text
+        assert (
+            lead == f"{len(keep)} of {methods} method{'s' * (methods > 1)}" and f"in each of {len(runs)} runs" in text
+        )
         assert text.split(": ")[-1].startswith(keep[0])
         named = re.search(r"up to h = ([\d.]+)", text)
         largest = [
@@ -146,7 +148,7 @@ def test_the_four_sentences_follow_from_the_tables(seed):
         largest = [h for h in largest if h is not None]
         assert (named is None and not largest) or float(named[1]) == pytest.approx(min(largest), rel=6e-3)
     else:
-        assert lead == "none"
+        assert lead == "no method"
 
     name, middle, count = expected_cheapest(tables)
     lead, text = said["The cheapest step"]
@@ -190,9 +192,15 @@ def test_a_small_real_run_says_only_what_it_has(tmp_path):
 def test_when_every_run_failed_nothing_is_praised():
     table = awkward.conservation(awkward.FIVE, failing=lambda name, h: True).assign(steps=0)
     said = sentences({"conservation": table})
-    assert said["The laws at any step"] == ("none", "kept every law in every run; midpoint_entropy in 0 of 15")
+    assert said["The laws at any step"] == ("no method", "ended a run with every law")
     assert "The cheapest step" not in said and said["What fails"][0] == "75 of 75 runs"
     assert overview.findings({}, {}) == []
+
+
+def test_a_name_cannot_turn_or_flood_a_sentence():
+    table = awkward.conservation([awkward.HOSTILE, "x" * 10_000], ["s"], failing=lambda name, h: True)
+    _, text = sentences({"conservation": table})["What fails"]
+    assert "\u202e" not in text and len(text) < 150
 
 
 def test_no_study_no_sentence():

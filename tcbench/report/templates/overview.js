@@ -215,7 +215,7 @@ const stepBars = (all, width) => {
     const y = 4 + row * (i + 0.5), first = least(m), end = f.X(known(first) ? Math.max(first, domain[0]) : m.cap);
     const group = shape("g", { class: "bar", style: `--own:${colour(m.name)}` });
     group.append(shape("rect", { class: "hit", x: 0, y: y - row / 2, width, height: row }), shape("line", { class: "thick", x1: left, x2: end, y1: y, y2: y }));
-    group.append(shape("text", { x: left - 6, y: y + 4, "text-anchor": "end" }, short(m.name, 20)));
+    group.append(shape("text", { x: left - 6, y: y + 4, "text-anchor": "end", "font-size": Math.min(11, row) }, short(m.name, 20)));
     for (const r of m.mine) if (known(r.dt_stable_plain) && r.limit_plain !== "none") group.append(shape("line", { class: "tick", x1: f.X(r.dt_stable_plain), x2: f.X(r.dt_stable_plain), y1: y - 4, y2: y + 4 }));
     for (const r of m.ends) group.append(shape("path", { class: "cross", d: cross(known(r.dt_stable) ? f.X(r.dt_stable) : left, y) }));
     if (!m.ends.length) group.append(shape("path", { class: "arrow", d: `M${end},${y - 4}l6,4l-6,4z` }), shape("text", { class: "soft", x: end + 9, y: y + 4 }, "no limit"));
