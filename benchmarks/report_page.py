@@ -2,8 +2,8 @@
 
     python benchmarks/report_page.py results/latest
 
-Not a test: wall-clock times depend on the machine and on what else it does; the seconds of the browser's main thread depend
-on that least. Chromium and playwright are needed for both.
+Not a test: wall-clock times depend on the machine and on what else it does; the seconds of the browser's main thread
+depend on that least. Chromium and playwright are needed for both.
 """
 
 import shutil
