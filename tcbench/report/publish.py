@@ -93,13 +93,21 @@ def _published(run: Path, name: str, output: Path) -> Entry:
         if (run / file).is_file():
             shutil.copyfile(run / file, place / file)
     (place / "manifest.json").write_text(json.dumps(manifest, indent=2, sort_keys=True), encoding="utf-8")
-    machine: dict[str, Any] = manifest.get("machine") or {}
     git: dict[str, Any] = manifest.get("git") or {}
     return Entry(
         name=name, folder=name, ended=str(manifest.get("ended", "")), version=str(manifest.get("tcbench", "")),
-        machine=", ".join(str(machine[k]) for k in ("cpu", "cores", "system") if k in machine) or "unknown",
+        machine=_machine(manifest.get("machine") or {}),
         python=str(manifest.get("python", "")), commit=str(git.get("commit") or "")[:10],
         integrators=len(declared.get("integrators", {})), scenarios=len(declared.get("scenarios", {})),
         tables=tuple(sorted(p.stem for p in (place / "tables").glob("*.csv"))), sources=(place / "sources").is_dir(),
         unfinished=bool(manifest.get("interrupted")),
     )  # fmt: skip
+
+
+def _machine(facts: dict[str, Any]) -> str:
+    words = [
+        str(facts.get("cpu") or ""),
+        f"{facts['cores']} cores" if "cores" in facts else "",
+        str(facts.get("system") or ""),
+    ]
+    return ", ".join(filter(None, words)) or "machine not known"

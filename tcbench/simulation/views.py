@@ -59,7 +59,17 @@ def picture(run: Trajectory, observables: Sequence[Observable] = ()) -> Figure:
     panels += [(f"{name} − initial value", {"": x - x[0]}) for name, x in run.invariants.items()]
     panels += [(f"{o.name}{f' ({o.unit})' if o.unit else ''}", {"": observed(run, o)}) for o in observables]
     rows = -(-len(panels) // 2)
-    figure = Figure(figsize=(9, 2.6 * rows), layout="constrained")
+
+    class Picture(Figure):
+        """A figure that a notebook shows without pyplot."""
+
+        def _repr_png_(self) -> bytes:
+            from io import BytesIO
+
+            self.savefig(page := BytesIO(), format="png")
+            return page.getvalue()
+
+    figure = Picture(figsize=(9, 2.6 * rows), layout="constrained")
     axes = figure.subplots(rows, 2, sharex=True, squeeze=False).ravel()
     for ax, (label, lines) in zip(axes, panels, strict=False):
         for name, values in lines.items():
