@@ -21,7 +21,7 @@ class Kind:
 
     needs : tables that must be there, the first one is what the chart shows; also : tables used where they are there.
     figure : these tables in this order (None for an absent one), of one scenario if by_scenario, and the options that
-    it names -> Figure. study : what measures it. seen : is there anything to see in its table?
+    it names -> Figure. study : what measures it.
     """
 
     name: str
@@ -32,7 +32,6 @@ class Kind:
     also: tuple[str, ...] = ()
     by_scenario: bool = True
     options: tuple[str, ...] = ()
-    seen: Callable[[DataFrame], bool] | None = None
 
     def draw(self, tables: Tables, **options: Any) -> Figure:
         return self.figure(*(tables.get(name) for name in (*self.needs, *self.also)), **options)
@@ -44,10 +43,6 @@ class Kind:
         """The tables that this chart draws, of one scenario."""
         chosen = {name: tables[name] for name in (*self.needs, *self.also) if name in tables}
         return {name: of_scenario(table, scenario) for name, table in chosen.items()}
-
-    def worth(self, chosen: Tables) -> bool:
-        """Is there anything to see?"""
-        return self.seen is None or self.seen(chosen[self.needs[0]])
 
     def scenarios(self, tables: Tables) -> list[str | None]:
         """The scenarios that it can be drawn for; [None] for a chart of all together."""

@@ -204,17 +204,11 @@ def _bracket(ax: Axes, rows: DataFrame, name: str, y: float) -> None:
             ax.annotate("*", (stable, y), xytext=(7, -1), textcoords="offset points", color=colour, va="center")
 
 
-def some_failed(points: DataFrame) -> bool:
-    """Blow-up times of runs that all reached the end are nothing to see."""
-    failed = points["status"].ne("ok")
-    return bool((failed & points["solver"].ne("plain") if "solver" in points else failed).any())
-
-
 KINDS = (
     Kind("conservation", "conservation", "Largest losses of a run against its step size.", ("conservation",),
          conservation, options=("x",)),
     Kind("stable-step", "stability", "Largest stable step, by kind of limit.", ("stability",), stable_step,
          by_scenario=False),
     Kind("blowup", "stability", "Time at which a run failed, against its step size.", ("stability_points",), blowup,
-         ("blowup_sensitivity",), seen=some_failed),
+         ("blowup_sensitivity",)),
 )  # fmt: skip
