@@ -16,6 +16,12 @@ spurious roots with that spring collapsed. What passes such a point and is not b
 well, provided that on the way back its exergy rose by ten times the scenario's V0. A TC method cannot be called lost
 that way: each of its roots has V(z1) <= V(z0).
 
+A step of a method that keeps both laws has a root for every h (docs/physics.md, section 8). Where its curve cannot be
+followed, because a weak spring collapses at the start of it and the curve turns within less than double precision can
+tell, `detour` follows others: the roots of R(x, eta h) + (1 - eta) b, with some vector b, a push that lets the spring
+swing past its end. They begin at the one root of R(x, 0) + b, end at the same equations, and what was said of signs
+holds for them: where one of them first reaches eta = 1, det J > 0.
+
 Unknowns are scaled as in Newton's stopping test, u = (x * scale, eta); nothing is allocated inside the loops.
 """
 
@@ -39,6 +45,7 @@ RUN_AWAY = 10.0  # rise of the exergy over V0 after which a falling branch is on
 CORRECTIONS = 6
 FIRST_STEP = 0.25
 BISECTIONS = 40
+DETOURS = 24
 
 
 @rare
@@ -58,8 +65,8 @@ def linearise(flow: Flow, v: Floats, t: Floats) -> float:
     for i in range(n):
         for j in range(n):
             A[i, j] = found[n + i * n + j] / scale[j]
-        A[i, n] = found[n + n * n + i] * flow.h
-        A[i, m] = -found[i]
+        A[i, n] = found[n + n * n + i] * flow.h - flow.shift[i]
+        A[i, m] = -(found[i] + (1.0 - v[n]) * flow.shift[i])
         A[i, m + 1] = 0.0
     copy_into(A[n], t)
     A[n, m] = 0.0
@@ -175,8 +182,8 @@ def exergy_rise(flow: Flow, v: Floats) -> float:
 
 
 @rare
-def follow(flow: Flow, tolerance: float) -> tuple[int, int, int]:
-    """Follow the curve once, at one tolerance; returns (code, Jacobians, folds)."""
+def follow(flow: Flow, tolerance: float, shifted: bool) -> tuple[int, int, int]:
+    """Follow the curve once, at one tolerance; returns (code, Jacobians, folds). shifted: that of a detour."""
     n = flow.nx
     u, v, t, t_new = flow.points[0], flow.points[1], flow.points[2], flow.points[3]
     fill(u, 0.0)
@@ -185,6 +192,10 @@ def follow(flow: Flow, tolerance: float) -> tuple[int, int, int]:
     jacobians, folds, run_away = 1, 0, False
     if linearise(flow, u, t) <= 0.0:
         return UNDETERMINED, jacobians, folds
+    if shifted:
+        first, jacobians = correct(flow, u, t, np.inf, ON_CURVE)
+        if not first < np.inf or linearise(flow, u, t) <= 0.0:
+            return UNDETERMINED, jacobians, folds
     tangent(flow, t)
     ds, size, highest = FIRST_STEP * tolerance / COARSE, 0.0, 0.0
     for _ in range(ARC_STEPS):
@@ -238,7 +249,7 @@ def arc(flow: Flow) -> tuple[int, int, int]:
     total, lost, folds = 0, 0, 0
     for level in range(3):
         tolerance = COARSE if level == 0 else MEDIUM if level == 1 else FINE
-        code, jacobians, folds = follow(flow, tolerance)
+        code, jacobians, folds = follow(flow, tolerance, False)
         total += jacobians
         if code in (FOUND, COLD_ROOT):
             return code, total, folds
@@ -246,3 +257,21 @@ def arc(flow: Flow) -> tuple[int, int, int]:
             lost += 1
     set_step(flow, 1.0)
     return (LOST if lost == 3 else UNDETERMINED), total, folds
+
+
+@rare
+def detour(flow: Flow) -> tuple[int, int]:
+    """A root of the flow over its step where `arc` is undetermined; (FOUND or UNDETERMINED, Jacobians)."""
+    total = 0
+    for attempt in range(1, DETOURS + 1):
+        size = 0.1 * 2.0 ** (attempt % 6)  # of b, beside the unknowns; its directions are as good as random
+        for i in range(flow.nx):
+            flow.shift[i] = size * np.cos(1.7 * attempt * (i + 1.0) + 0.4 * attempt) / flow.scale[i]
+        code, jacobians, _ = follow(flow, MEDIUM, True)
+        total += jacobians
+        if code == FOUND:
+            fill(flow.shift, 0.0)
+            return FOUND, total
+    fill(flow.shift, 0.0)
+    set_step(flow, 1.0)
+    return UNDETERMINED, total

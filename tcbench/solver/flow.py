@@ -25,6 +25,7 @@ class Tally(Record, mutable=True):
     tracked: int
     tries: int
     arcs: int
+    detours: int
     folds: int
     audited: int
     wrong_roots: int
@@ -51,6 +52,7 @@ class Flow(Record):
     continuation: bool  # the whole cascade; otherwise plain Newton
     audit: int  # see implicit_step
     residuals: bool
+    has_root: bool  # whatever h: a method that keeps both laws
     reference: float  # temperature of the exergy
     bound: float  # V0
     tally: Tally
@@ -69,3 +71,4 @@ class Flow(Record):
     seen: Matrix = sized("2", "n_observables")
     points: Matrix = sized("4", "nx + 1")  # of the arc
     bordered: Matrix = sized("nx + 1", "nx + 3")
+    shift: Floats = sized("nx")  # of a detour; else 0

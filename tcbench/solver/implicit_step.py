@@ -20,7 +20,7 @@ from ..integrator import Flow as Formula
 from ..integrator import Integrator, Residual
 from ..systems.scenario import Scenario
 from ..systems.system import System
-from .continuation import COLD_ROOT, FOUND, LOST, UNDETERMINED, arc
+from .continuation import COLD_ROOT, FOUND, LOST, UNDETERMINED, arc, detour
 from .flow import Flow, Tally
 from .flow_kernels import FlowKernels, build
 from .newton import ACCEPTED, REJECTED, newton, plain_newton, set_step, track
@@ -31,6 +31,7 @@ OK, NONCONVERGED, NO_ROOT, NONFINITE, COLLAPSED, COLD, BLOWUP, NO_WARM_ROOT, FOL
 # what follows the arc at every step: the audit counts accepted roots that are not the principal one; the other two take
 # the arc's root itself, and the last ends the run at the first fold
 NO_AUDIT, COUNT_WRONG, PRINCIPAL, STOP_AT_FOLD = range(4)
+LAWS = {"energy", "entropy"}
 SAME_ROOT = 1e-6  # scaled distance below which two roots are one
 
 
@@ -90,6 +91,10 @@ def by_arc(flow: Flow, reason: int) -> tuple[int, int]:
             return OK, jacobians
         if code == LOST:
             return NO_ROOT, jacobians
+        if code == UNDETERMINED and flow.has_root and flow.audit < PRINCIPAL:
+            tally.detours += 1
+            code, more = detour(flow)
+            return (OK if code == FOUND else NONCONVERGED), jacobians + more
         return (NO_WARM_ROOT if code == COLD_ROOT else NONCONVERGED), jacobians
     if reason == OK and code != UNDETERMINED:
         tally.audited += 1
@@ -181,7 +186,8 @@ def make_flows(
                 tally=tally, c=c,
             )  # fmt: skip
         flow = like.again(
-            continuation=rules.continuation, audit=rules.audit, residuals=rules.residuals,
+            has_root=integrator.claims >= LAWS, continuation=rules.continuation, audit=rules.audit,
+            residuals=rules.residuals,
             reference=model.reference_temperature, bound=bound, tally=tally, c=c,
         )  # fmt: skip
         set_length(flow, k, formula.fraction * dt)
