@@ -21,7 +21,8 @@ from ..files import replacing
 
 NUMERICAL_PACKAGES = ("compiler", "systems", "solver", "simulation")  # what compiled code is made of
 SEAL = b"tcbench object 1\n"  # then the SHA-256 of what follows
-TARGET = "TCBENCH_TARGET"  # processor and features to compile for, as in x86-64-v3 or skylake:-avx2
+TARGET = "TCBENCH_TARGET"  # processor and features to compile for, as in x86-64-v3 or x86-64-v3:-fma
+LEVELS = ("x86-64", "x86-64-v2", "x86-64-v3", "x86-64-v4")  # SSE2, SSE4.2, AVX2, AVX-512
 
 
 def numerical_sources() -> list[Path]:
@@ -121,11 +122,14 @@ def target() -> tuple[str, str]:
     """(processor, features) to compile for: this machine's, or those of $TCBENCH_TARGET."""
     import llvmlite.binding as llvm
 
-    asked = os.environ.get(TARGET, "")
-    if asked:
-        cpu, _, features = asked.partition(":")
-        return cpu, features
-    return llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
+    asked, host = os.environ.get(TARGET, ""), llvm.get_host_cpu_name()
+    if not asked:
+        return host, llvm.get_host_cpu_features().flatten()
+    cpu, _, features = asked.partition(":")
+    known = [host, *(LEVELS if platform.machine().lower() in ("x86_64", "amd64") else ())]
+    if cpu not in known:  # LLVM would end the process
+        raise TcbenchError(f"{TARGET} names no processor known here: {cpu!r}. Known: {', '.join(known)}.")
+    return cpu, features
 
 
 @cache
@@ -135,10 +139,7 @@ def _machine() -> Any:
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     cpu, features = target()
-    try:
-        return llvm.Target.from_default_triple().create_target_machine(cpu=cpu, features=features, opt=3, jit=True)
-    except RuntimeError as error:
-        raise TcbenchError(f"{TARGET}={os.environ.get(TARGET, '')!r} names no processor of LLVM: {error}.") from error
+    return llvm.Target.from_default_triple().create_target_machine(cpu=cpu, features=features, opt=3, jit=True)
 
 
 def compile_object(code: str, loops: bool) -> bytes:

@@ -246,5 +246,9 @@ class OneFlow:
         """(FOUND, LOST, COLD_ROOT or UNDETERMINED, Jacobians, folds)."""
         return SOLVERS.arc(self.record)
 
+    def detour(self) -> tuple[int, int]:
+        """(FOUND or UNDETERMINED, Jacobians): what follows an arc that is undetermined, of a method with both laws."""
+        return SOLVERS.detour(self.record)
 
-SOLVERS = Library("solvers", newton, plain_newton, track, arc)
+
+SOLVERS = Library("solvers", newton, plain_newton, track, arc, detour)
