@@ -1,6 +1,6 @@
 """tcbench beside a hand-written C++ step, plain numpy and SciPy, in one run, as ratios.
 
-    python benchmarks/compare_limits.py [--repeats 30]
+    python benchmarks/compare_limits.py [--repeats 30] [--target x86-64 | x86-64-v3 | x86-64-v4] [--steps-only]
 
 Every figure is the minimum of interleaved repeats, so that drift of a shared machine hits all of them.
 """
@@ -8,6 +8,7 @@ Every figure is the minimum of interleaved repeats, so that drift of a shared ma
 from __future__ import annotations
 
 import argparse
+import os
 import shutil
 import subprocess
 import tempfile
@@ -18,20 +19,21 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 import tcbench
+from tcbench.compiler.machine import TARGET
 
 CASES = (("short_term", 0.3, 83), ("long_term", 0.3, 1666), ("bound_equilibrium", 0.05, 1000))
 METHODS = ("tc_monolithic", "tc_staggered", "tc_strang", "midpoint_entropy", "midpoint_temperature")
 SOURCE = Path(__file__).with_name("tc_step.cpp")
 
 
-def compile_limit(folder: str) -> str | None:
+def compile_limit(folder: str, target: str) -> str | None:
     compiler = shutil.which("g++") or shutil.which("c++")
     if compiler is None:
         print("No C++ compiler here: the hand-written step is left out.")
         return None
-    target = f"{folder}/tc_step"
-    subprocess.run([compiler, "-O3", "-march=native", str(SOURCE), "-o", target], check=True)
-    return target
+    program = f"{folder}/tc_step"
+    subprocess.run([compiler, "-O3", f"-march={target or 'native'}", str(SOURCE), "-o", program], check=True)
+    return program
 
 
 def cpp_time(program: str, scenario: tcbench.Scenario, h: float, steps: int, inner: int) -> tuple[float, float]:
@@ -97,7 +99,7 @@ def python_step_overhead(scenario: tcbench.Scenario) -> float:
     return min(run.wall_time_s / run.steps for run in runs)
 
 
-def compare(case: tuple[str, float, int], program: str | None, repeats: int) -> None:
+def compare(case: tuple[str, float, int], program: str | None, repeats: int, steps_only: bool) -> None:
     name, h, steps = case
     scenario = tcbench.scenarios()[name].replace(t_end=1500.0, name=f"{name}_long")
     inner = max(1, 4000 // steps)
@@ -113,6 +115,8 @@ def compare(case: tuple[str, float, int], program: str | None, repeats: int) -> 
     print(f"\n{name}, h = {h:g}, {steps} steps ({'ratios to C++' if program else 'ratios to tc_monolithic'})")
     for label, (seconds, iterations) in best.items():
         print(f"  {label:22s} {1e6 * seconds:9.3f} us/step {seconds / limit:9.2f}   {iterations:5.2f} Newton/step")
+    if steps_only:
+        return
     plain = min(numpy_time(scenario, h, 30) for _ in range(3))
     own = best["tc_monolithic"][0]
     print(
@@ -129,11 +133,14 @@ def compare(case: tuple[str, float, int], program: str | None, repeats: int) -> 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--repeats", type=int, default=30, help="interleaved repeats; minima are reported")
-    repeats = parser.parse_args().repeats
+    parser.add_argument("--target", default="", help="processor that both are compiled for; this machine's by default")
+    parser.add_argument("--steps-only", action="store_true", help="neither numpy nor SciPy")
+    options = parser.parse_args()
+    os.environ[TARGET] = options.target  # read when the first kernel is compiled
     with tempfile.TemporaryDirectory() as folder:
-        program = compile_limit(folder)
+        program = compile_limit(folder, options.target)
         for case in CASES:
-            compare(case, program, repeats)
+            compare(case, program, options.repeats, options.steps_only)
     scenario = tcbench.scenarios()["short_term"]
     print(f"\nwarm simulate call beside its steps: {1e6 * call_overhead(scenario):.0f} us")
     print(f"added to a plain Python step:        {1e6 * python_step_overhead(scenario):.1f} us a step")
