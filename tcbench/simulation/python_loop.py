@@ -88,7 +88,7 @@ class Monitor:
         self.scenario, model = scenario, scenario.model
         size = 2 + len(model.invariant_names) + 2 * model.n_elements
         self.observe = 0 if model.by_arrays else model.observer[0].address
-        c = model.constant_values
+        c, self.tally = model.constant_values, new_tally()
         self.run = new_run(
             scenario,
             dt,
@@ -98,7 +98,7 @@ class Monitor:
             observe=self.observe,
             n_constants=len(c),
             c=c,
-            tally=new_tally(),
+            tally=self.tally,
         )
         self.run.observables[:] = model.observe(scenario.z0)
         self.run.states[0], self.run.records[0] = scenario.z0, self.run.observables[NOW]
@@ -107,7 +107,7 @@ class Monitor:
         """(why the run ended or OK, completed steps) after these states, those of step `first` and the next."""
         rows = np.ascontiguousarray(rows)  # kernels and the compiled loop read rows as they lie in memory
         if self.observe:
-            return LOOPS.monitor(self.run, first, rows), self.run.tally.steps
+            return LOOPS.monitor(self.run, first, rows), self.tally.steps
         reason = OK
         for step, z in enumerate(rows, start=first):
             self.run.observables[NOW] = self.scenario.model.observe(z)

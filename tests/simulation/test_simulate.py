@@ -57,9 +57,15 @@ def test_compiled_steps_agree_with_scipy_on_the_formula_written_by_hand(method, 
 def test_plain_python_gives_what_the_compiled_code_gives():
     code = (
         "import tcbench\n"
-        "for i in ('tc_monolithic', 'tc_strang', 'midpoint_temperature'):\n"
-        "    r = tcbench.simulate(i, 'stiff_spring', dt=0.3, t_end=0.9)\n"
-        "    print(r.status, *(x.hex() for x in r.z[-1]))\n"
+        "for method, scenario, dt, t_end in (\n"
+        "    ('tc_monolithic', 'stiff_spring', 0.3, 0.9), ('tc_strang', 'stiff_spring', 0.3, 0.9),\n"
+        "    ('midpoint_temperature', 'stiff_spring', 0.3, 0.9), ('tc_gauss', 'short_term', 0.3, 0.6),\n"
+        "    ('tc_monolithic', 'short_term', 12.0, 12.0), ('midpoint_entropy', 'stiff_spring', 1.5, 6.0),\n"
+        "    ('tc_monolithic', 'stiff_spring', 12.0, 24.0), ('midpoint_temperature', 'cold_spring', 12.0, 12.0),\n"
+        "):  # Newton, tracking, arcs and folds, a blow-up, a lost branch\n"
+        "    r = tcbench.simulate(method, scenario, dt=dt, t_end=t_end)\n"
+        "    s = r.solver\n"
+        "    print(r.status, r.steps, s.tracked, s.arcs, s.folds, *(x.hex() for x in r.z[-1]))\n"
     )
     outputs = []
     for disabled in ("0", "1"):
@@ -67,9 +73,11 @@ def test_plain_python_gives_what_the_compiled_code_gives():
         done = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True)
         outputs.append([line.split() for line in done.stdout.splitlines()])
     for compiled, plain in zip(*outputs, strict=True):
-        assert compiled[0] == plain[0] == "ok"
-        a, b = ([float.fromhex(x) for x in line[1:]] for line in (compiled, plain))
+        assert compiled[:5] == plain[:5]  # status, steps, and what the solver needed
+        a, b = ([float.fromhex(x) for x in line[5:]] for line in (compiled, plain))
         assert np.allclose(a, b, rtol=1e-11, atol=1e-11)  # fused multiply-add rounds differently
+    seen = [line[0] for line in outputs[0]]
+    assert {"ok", "blowup", "no_root"} == set(seen) and sum(int(line[4]) for line in outputs[0]) >= 3  # folds
 
 
 def test_n_plus_m_steps_equal_n_and_then_m():
