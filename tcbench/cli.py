@@ -93,6 +93,9 @@ def main(ctx: click.Context) -> None:
     metavar="STEP",
     help="Step size instead of the scenario's ladder, for methods of a fixed step; repeat for several.",
 )
+@click.option("--size", type=int, help="Random scenarios of the study ensemble.")
+@click.option("--seed", type=int, help="Which ones: ensembles of different seeds have none in common.")
+@click.option("--budget", type=float, help="Seconds of timed runs of the study ensemble, divided equally.")
 @output(LATEST)
 @JOBS
 @click.option("--timeout", type=float, default=300.0, show_default=True, help="Seconds a cell may take.")
@@ -171,6 +174,8 @@ def simulate(
 @many("scenario", "Instead of the last word.")
 @click.option("--x", required=True, metavar="AXIS", help="name=low:high:n[:log], as in dt=0.02:4:40:log.")
 @click.option("--y", required=True, metavar="AXIS", help="The same; constants are multiples of the scenario's own.")
+@click.option("--size", type=int, help="Scenarios in each cell of a map of random scenarios (default: 30).")
+@click.option("--seed", type=int, help="Which ones.")
 @output(Path("results/map"))
 @JOBS
 @click.option("--timeout", type=float, default=300.0, show_default=True, help="Seconds a row of the map may take.")
@@ -181,7 +186,10 @@ def map_(
     names: tuple[str, ...], integrators: tuple[str, ...], scenarios: tuple[str, ...], folders: tuple[str, ...],
     quiet: bool, as_json: bool, **options: Any,
 ) -> None:  # fmt: skip
-    """A stability map over two parameters; several integrators are drawn side by side."""
+    """A stability map over two parameters; several integrators are drawn side by side.
+
+    Of random scenarios (`random`) the share of failures over the step and a constant, such as stiffness=0.03:300:6:log.
+    """
     from . import terminal
     from .commands.actions import map_command
 

@@ -120,7 +120,7 @@ def find_integrator(name: str | Integrator) -> Integrator:
     if not isinstance(name, str):
         raise TcbenchError(f"An integrator is a name or an Integrator, not {name!r}.")
     known = registry().integrators
-    base, values = _split(name)
+    base, values = split_name(name)
     if base not in known:
         raise unknown_name("integrator", base, known, _remedy())
     return known[base].variant(**values) if values else known[base]
@@ -134,8 +134,8 @@ def is_registered(method: Integrator) -> bool:
         return False
 
 
-def _split(name: str) -> tuple[str, dict[str, str]]:
-    """Base and values of `base[param=value,...]`."""
+def split_name(name: str) -> tuple[str, dict[str, str]]:
+    """Base and values of `base[param=value,...]`; no values of a plain name."""
     variant = _VARIANT.match(name)
     if not variant:
         return name, {}
@@ -155,7 +155,7 @@ def expand_integrators(names: Iterable[str | Integrator]) -> list[Integrator]:
         if isinstance(name, str) and is_pattern(name):
             result.extend(registry().integrators[one] for one in matching("integrator", name, present(), _remedy()))
             continue
-        base, values = _split(name) if isinstance(name, str) else ("", {})
+        base, values = split_name(name) if isinstance(name, str) else ("", {})
         if "all" in values.values():
             method = find_integrator(base)
             known = {key: method.parameters.get(key, ("all",)) for key in values}
@@ -192,10 +192,24 @@ def find_scenario(name: str | Scenario) -> Scenario:
     known, families = registry().scenarios, registry().scenario_families
     if name in known:
         return known[name]
-    base, values = _split(name)
+    base, values = split_name(name)
     if base in families:
         return _member(base, tuple(sorted(values.items())))
     raise unknown_name("scenario", base, [*known, *families], _remedy())
+
+
+def find_family(name: str) -> ScenarioFamily:
+    """The family of scenarios of that name."""
+    families = registry().scenario_families
+    if name not in families:
+        raise unknown_name("family of scenarios", name, families, _remedy())
+    return families[name]
+
+
+def is_sampled(scenario: Scenario) -> bool:
+    """Is it a member of a family that random scenarios are drawn from?"""
+    family = registry().scenario_families.get(scenario.name.partition("[")[0])
+    return family is not None and family.sample is not None
 
 
 @cache

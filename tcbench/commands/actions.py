@@ -32,16 +32,18 @@ def run_command(options: dict[str, Any], display: terminal.Display) -> int:
     """Plan, run with progress, print the summary; 130 after Ctrl-C."""
     chosen: dict[str, Any] = {name: list(options.pop(name)) or None for name in ("integrators", "scenarios", "studies")}
     dt = list(options.pop("steps")) or None
+    drawn = {name: options.pop(name) for name in ("size", "seed", "budget")}
     security = {key[4:]: value for key in ("tls_ca", "tls_cert", "tls_key") if (value := options.pop(key))}
     limit, report, strict = (options.pop(name) for name in ("memory_limit", "report", "strict"))
     if options.pop("dry_run"):
-        job = plan_job(**chosen, dt=dt)
+        job = plan_job(**chosen, dt=dt, options=drawn)
         display.plan(preview(job, options["output"], options["retry_failed"], options["jobs"]), len(job.cells))
         return 0
     if limit and not sys.platform.startswith("linux"):
         terminal.warn([f"--memory-limit is not enforced on {sys.platform}."])
     results = run(
-        **chosen, dt=dt, memory_limit=limit * 2**20 if limit else None, security=security or None, **options
+        **chosen, dt=dt, options=drawn, memory_limit=limit * 2**20 if limit else None, security=security or None,
+        **options,
     )  # fmt: skip
     with waiting("summing up"):
         overview = summary(results.tables, plugins.integrators())
@@ -181,27 +183,32 @@ def map_command(
 ) -> int:
     """Run the map, one cell a row of it; tables and one picture in the output folder."""
     from ..engine.run import execute
-    from ..report.charts.stability_map import map_figure
+    from ..report.chart_kinds import find_kind
 
     if not (methods and scenarios):
         raise TcbenchError("tcbench map takes at least one integrator, and then the scenario.")
     scenario = one_of("scenario", plugins.expand_scenarios(scenarios), "A map is of one.")
-    axes = {"x": options.pop("x"), "y": options.pop("y")}
+    settings = {name: options.pop(name) for name in ("x", "y", "size", "seed")}
+    drawn = plugins.is_sampled(scenario)
+    if not drawn and (settings["size"] is not None or settings["seed"] is not None):
+        raise TcbenchError("--size and --seed are for maps of random scenarios: tcbench map INTEGRATOR random ...")
+    name = "failure_map" if drawn else "map"
     with waiting("planning"):
-        job = plan_job(methods, [scenario], ["map"], options=axes)
+        job = plan_job(methods, [scenario], ["ensemble_map" if drawn else "map"], options=settings)
     output = options.pop("output")
     results = execute(job, output, options)
-    picture = output / "map.png"
-    table = results.tables.get("map")
+    picture = output / f"{name}.png"
+    table = results.tables.get(name)
     if table is not None:
         with waiting("drawing the map"):
-            map_figure(table).savefig(picture, dpi=150, bbox_inches="tight")
+            find_kind(name.replace("_", "-")).draw(results.tables).savefig(picture, dpi=150, bbox_inches="tight")
     if display.as_json:
         terminal.print_json({"output": str(output), "picture": str(picture), "tables": records(results.tables)})
     elif table is not None and not display.quiet:
-        outcomes = table.groupby(["integrator", "outcome"], sort=True).size()
-        terminal.print_frame(outcomes.rename("cells").reset_index(), "outcomes")
-        terminal.say(f"Picture: {picture}. Table: {output}/tables/map.csv")
+        grouped = table.groupby("integrator" if drawn else ["integrator", "outcome"], sort=True)
+        outcomes = grouped[["runs", "failed"]].sum() if drawn else grouped.size().rename("cells")
+        terminal.print_frame(outcomes.reset_index(), "outcomes")
+        terminal.say(f"Picture: {picture}. Table: {output}/tables/{name}.csv")
     return 130 if results.summary.interrupted else 0
 
 

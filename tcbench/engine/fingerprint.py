@@ -34,7 +34,7 @@ SAID = ("name", "claims", "source", "tags", "description", "plugin", "base", "pa
 UNHASHABLE = "unhashable"  # source_hash of what has no hash: never the same twice
 
 
-def cell_fingerprint(study: Study, method: Integrator, scenario: Scenario) -> tuple[str, str]:
+def cell_fingerprint(study: Study, method: Integrator, scenario: Scenario, options: dict[str, Any]) -> tuple[str, str]:
     """Hash of everything that a row depends on beside its options, and the machine where it is a timing."""
     metrics = plugins.metrics() if study.metrics else {}
     mark = fingerprint(
@@ -42,7 +42,7 @@ def cell_fingerprint(study: Study, method: Integrator, scenario: Scenario) -> tu
         study=_study_hash(study.name), versions=_versions() | method.versions(), order=method.order,
         metrics={name: source_hash(metric.plugin) for name, metric in metrics.items()},
     )  # fmt: skip
-    return mark, _machine() if study.timed else ""
+    return mark, _machine() if study.is_timed(options) else ""
 
 
 def forget() -> None:

@@ -57,15 +57,17 @@ def plan_job(
         raise TcbenchError("Two scenarios of one run have the same name; give variants a name: replace(name=...).")
     settings = {"dt": _checked_steps(dt, selected), **(options or {})}
     custom = {s.name: data for s in selected if not _can_be_named(s) and (data := scenario_data(s)) is not None}
-    remote = {s.name for s in selected if s.name in custom or _can_be_named(s)}
+    remote = {s.name: s.name in custom or _can_be_named(s) for s in selected}
     cells, here, seen = [], {}, set()
     for study in chosen:
-        for method, scenario, cell_options in study.plan(methods, selected, settings):
+        for method, scenario, cell_options in study.plan(methods, _of_study(study, selected, scenarios), settings):
             if method.suits(scenario.model):
                 continue
             seen.add((method.name, study.name))
             cell = _cell(study, method, scenario, cell_options)
-            if scenario.name not in remote or not plugins.is_registered(method):
+            if scenario.name not in remote:  # one that the study drew
+                remote[scenario.name] = _can_be_named(scenario)
+            if not remote[scenario.name] or not plugins.is_registered(method):
                 here[cell.key] = method, scenario
             cells.append(cell)
     left_out = [] if integrators is None else _left_out(methods, chosen, selected, seen, studies is not None)
@@ -92,6 +94,14 @@ def _check_list(name: str, values: Any) -> None:
     raise TcbenchError(f"{name} is a list of at least one, or None for all of them, not {values!r}.")
 
 
+def _of_study(study: Study, selected: Sequence[Scenario], named: Any) -> Sequence[Scenario]:
+    """The scenarios that a study plans with: one that draws its own gets the random families, where none is named."""
+    if not study.sampled or named is not None:
+        return selected
+    families = plugins.registry().scenario_families
+    return [plugins.find_scenario(name) for name, family in families.items() if family.sample is not None]
+
+
 def _left_out(
     methods: Sequence[Integrator], chosen: Sequence[Study], scenarios: Sequence[Scenario], seen: set[tuple[str, str]],
     by_name: bool,
@@ -110,6 +120,8 @@ def _why_not(method: Integrator, study: Study, scenarios: Sequence[Scenario]) ->
     reasons = [method.suits(scenario.model) for scenario in scenarios]
     if method.lacks:
         why = method.lacks
+    elif study.sampled and not any(plugins.is_sampled(scenario) for scenario in scenarios):
+        why = "it draws its own scenarios; leave --scenario out, or name a random family, as in random[stiffness=1:10]"
     elif reasons and all(reasons):
         why = "; ".join(dict.fromkeys(reasons))
     elif method.kind == "adaptive":
@@ -151,8 +163,8 @@ def _checked_steps(dt: Sequence[float] | None, scenarios: Sequence[Scenario]) ->
 
 
 def _cell(study: Study, method: Integrator, scenario: Scenario, options: dict[str, Any]) -> Cell:
-    mark, machine = cell_fingerprint(study, method, scenario)
-    return Cell(study.name, method.name, scenario.name, options, study.timed, mark, machine)
+    mark, machine = cell_fingerprint(study, method, scenario, options)
+    return Cell(study.name, method.name, scenario.name, options, study.is_timed(options), mark, machine)
 
 
 def preview(job: Job, output: str | Path, retry_failed: bool, jobs: int | None) -> Plan:

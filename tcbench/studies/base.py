@@ -31,7 +31,8 @@ class Study:
     tabulate(records) -> tables by name; a record is the row with integrator, scenario and the cell options; rows of
         failed cells have "status" and "failure" and may lack everything else.
     place : studies run, and their tables stand, in this order. by_default : False for one that runs only when named.
-    timed : cells run alone on the machine, after all others. metrics : rows have the columns of plugins' metrics.
+    timed : cells run alone on the machine, after all others (or a function of the cell options: which of them do).
+    metrics : rows have the columns of plugins' metrics. sampled : plan draws its scenarios from families.
     """
 
     name: str
@@ -44,8 +45,13 @@ class Study:
     tabulate: Callable[[Sequence[Row]], dict[str, DataFrame]]
     place: int = 100
     by_default: bool = True
-    timed: bool = False
+    timed: bool | Callable[[Row], bool] = False
     metrics: bool = False
+    sampled: bool = False
+
+    def is_timed(self, options: Row) -> bool:
+        """Does the cell of these options run alone?"""
+        return self.timed(options) if callable(self.timed) else self.timed
 
 
 def studies() -> dict[str, Study]:

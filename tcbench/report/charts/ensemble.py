@@ -1,0 +1,267 @@
+"""Charts of the study `ensemble`: shares of failures, laws, error against time, profiles, and where methods fail."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import matplotlib
+import numpy as np
+from matplotlib.ticker import FuncFormatter, LogLocator
+
+from .kind import Kind
+from .scales import FLOOR, log_axis
+from .style import GREY, INK, chart, end_labels, finite, look, names, note, panels, short, titles
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
+
+NAMED = 7  # lines of a panel that are coloured and named; the others are grey
+BAND = 0.13  # opacity of a band
+FEWEST = 5  # runs: a share of fewer says nothing
+CONTROLS = {"dt": "step size h", "tolerance": "tolerance"}
+
+
+def first(table: DataFrame) -> DataFrame:
+    """The rows of the first ensemble of a table."""
+    return table[table["ensemble"] == table["ensemble"].iloc[0]]
+
+
+@chart
+def failure_share(table: DataFrame) -> Figure:
+    """Share of runs that failed against the step (and, of adaptive solvers, the tolerance), with 95 % bands.
+
+    table : rows of `failure_share` of one ensemble. Methods that never failed are one line, at 0, with the largest
+    upper limit among them; their number is its name.
+    """
+    enough = table[finite(table["runs"]) >= FEWEST]
+    shown = [control for control in CONTROLS if control in enough and np.isfinite(finite(enough[control])).any()]
+    figure, axes = panels(max(1, len(shown)), 2, (5.4, 3.3), right=1.5)
+    if not shown:
+        note(axes[0], f"no step or tolerance has {FEWEST} runs")
+    for ax, control in zip(axes, shown, strict=False):
+        part = enough[np.isfinite(finite(enough[control]))]
+        _shares(ax, part.sort_values(control, kind="stable"), control)
+    figure.place()
+    return figure
+
+
+def _shares(ax: Axes, part: DataFrame, control: str) -> None:
+    log_axis(ax, "x", finite(part[control]))
+    _percent(ax)
+    failing = [n for n in names(part) if finite(part.loc[part["integrator"] == n, "failed"]).sum() > 0]
+    never = [n for n in names(part) if n not in failing]
+    worst = {n: float(finite(part.loc[part["integrator"] == n, "share"]).mean()) for n in failing}
+    named = sorted(failing, key=lambda n: -worst[n])[:NAMED]
+    ends = []
+    for name in [*(n for n in failing if n not in named), *reversed(named)]:
+        rows = part[part["integrator"] == name]
+        x, share = finite(rows[control]), finite(rows["share"])
+        colour = look(name).colour if name in named else GREY
+        if name in named:
+            ax.fill_between(x, finite(rows["low"]), finite(rows["high"]), color=colour, alpha=BAND, linewidth=0)
+        ax.plot(x, share, color=colour, linestyle=look(name).dash, marker=look(name).marker, markersize=3.5)
+        ends.append((float(x[-1]), float(share[-1]), name, colour))
+    if never:
+        rows = part[part["integrator"].isin(never)]
+        x = np.unique(finite(rows[control]))
+        high = [float(finite(rows.loc[finite(rows[control]) == value, "high"]).max()) for value in x]
+        ax.fill_between(x, 0.0, high, color=INK, alpha=BAND, linewidth=0)
+        ax.plot(x, np.zeros(len(x)), color=INK, linewidth=2.2, clip_on=False)
+        text = never[0] if len(never) == 1 else f"0 of all runs: {len(never)} methods"
+        ends.append((float(x[-1]), 0.0, text, INK))
+    end_labels(ax, ends)
+    ax.set_xlabel(CONTROLS[control])
+    ax.set_ylabel("share of runs that failed")
+
+
+def _percent(ax: Axes) -> None:
+    ax.set_ylim(-0.02, 1.02)
+    ax.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{100 * y:.0f} %"))
+
+
+@chart
+def performance_profiles(table: DataFrame) -> Figure:
+    """Share of scenarios solved within tau times the fastest, one panel a target, with 95 % bands.
+
+    table : rows of `performance_profile` of one ensemble. At tau = 1: how often a method is the first.
+    """
+    targets = list(dict.fromkeys(zip(table["measure"].astype(str), table["target"].astype(float), strict=True)))
+    figure, axes = panels(max(1, len(targets)), 2, (5.4, 3.1), right=1.4)
+    texts = []
+    for ax, (measure, target) in zip(axes, targets, strict=False):
+        part = table[(table["measure"] == measure) & (table["target"] == target)]
+        _profiles(ax, part)
+        runs, left_out = (int(part[c].iloc[0]) for c in ("runs", "without_reference"))
+        missing = f", {left_out} without a reference" if left_out else ""
+        texts.append(f"{measure} to {target:.0e}: {runs} scenarios{missing}")
+    titles(axes, texts)
+    figure.place()
+    return figure
+
+
+def _profiles(ax: Axes, part: DataFrame) -> None:
+    ax.set_xlabel("time over the fastest method's, τ")
+    ax.set_ylabel("share of scenarios")
+    if not np.isfinite(finite(part["share"])).any():
+        note(ax, "no scenario has a reference that is good enough")
+        return
+    log_axis(ax, "x", finite(part["tau"]))
+    ax.set_xlim(1.0, float(finite(part["tau"]).max()))
+    _percent(ax)
+    score = {n: float(finite(part.loc[part["integrator"] == n, "share"]).mean()) for n in names(part)}
+    named = [n for n in sorted(score, key=lambda n: -score[n]) if score[n] > 0][:NAMED]
+    ends = []
+    for name in [*(n for n in score if n not in named and score[n] > 0), *reversed(named)]:
+        rows = part[part["integrator"] == name]
+        tau, share = finite(rows["tau"]), finite(rows["share"])
+        colour = look(name).colour if name in named else GREY
+        if name in named:
+            ax.fill_between(tau, finite(rows["low"]), finite(rows["high"]), color=colour, alpha=BAND, linewidth=0,
+                            step="post")  # fmt: skip
+            ends.append((float(tau[-1]), float(share[-1]), name, colour))
+        ax.step(
+            tau, share, where="post", color=colour, linestyle=look(name).dash, linewidth=1.6 if name in named else 0.7
+        )
+    end_labels(ax, ends)
+
+
+@chart
+def error_time(points: DataFrame, integrators: Sequence[str] | None = None) -> Figure:
+    """Error of the state against time: every run a dot, and the medians of each setting joined, from coarse to fine.
+
+    points : rows of `ensemble_points` of one ensemble. integrators : those to draw in colour; by default those with the
+    least median time at the middle of the errors. The other runs are grey.
+    """
+    figure, (ax,) = panels(1, 1, (7.0, 4.6), right=1.5)
+    error, seconds = finite(points["error"]), finite(points["time_s"])
+    good = np.isfinite(error) & (error > 0) & np.isfinite(seconds) & (seconds > 0)
+    ax.set_xlabel("time of a run, s")
+    ax.set_ylabel("error of the state at the end")
+    if not good.any():
+        note(ax, "no run has a reference to be compared with")
+        return figure
+    log_axis(ax, "x", seconds[good])
+    log_axis(ax, "y", np.clip(error[good], FLOOR, 1e3))
+    known = points[good]
+    chosen = list(integrators) if integrators else _leaders(known)
+    method = known["integrator"].astype(str).to_numpy()
+    others = ~np.isin(method, chosen)
+    ax.plot(seconds[good][others], error[good][others], ".", color=GREY, markersize=2, alpha=0.25, rasterized=True)
+    ends = []
+    for name in chosen:
+        colour, mine = look(name).colour, known[method == name]
+        ax.plot(
+            finite(mine["time_s"]), finite(mine["error"]), ".", color=colour, markersize=2.5, alpha=0.3, rasterized=True
+        )
+        groups = mine.groupby("value")
+        middle = groups[["time_s", "error"]].median().sort_index(ascending=False)
+        middle = middle[
+            groups.size().reindex(middle.index) >= 0.7 * groups.size().max()
+        ]  # those that every scenario had time for
+        ax.plot(middle["time_s"], middle["error"], color=colour, marker=look(name).marker, markersize=5,
+                markeredgecolor="white", markeredgewidth=0.5)  # fmt: skip
+        last = middle.iloc[-1]
+        ends.append((float(last["time_s"]), float(last["error"]), name, colour))
+    end_labels(ax, ends)
+    return figure
+
+
+def _leaders(points: DataFrame) -> list[str]:
+    """The methods that are the fastest at errors around 1e-3, 1e-6 and 1e-9, by median."""
+    found: dict[str, None] = {}
+    error = np.log10(np.clip(finite(points["error"]), FLOOR, None))
+    for centre in (-3, -6, -9):
+        near = points[np.abs(error - centre) < 1.5]
+        times = near.groupby("integrator")["time_s"].median().sort_values()
+        found |= dict.fromkeys(str(name) for name in times.index[:3])
+    return list(found)[:NAMED]
+
+
+@chart
+def law_quantiles(table: DataFrame) -> Figure:
+    """What methods lose of each law: median, 99 % and worst of all runs; filled dots where the method claims the law.
+
+    table : rows of `ensemble_laws` of one ensemble.
+    """
+    known = list(dict.fromkeys(table["law"].astype(str)))
+    methods = names(table)
+    figure, axes = panels(max(1, len(known)), 3, (3.6, 0.75 + 0.17 * max(4, len(methods))), left=1.45)
+    values = finite(table["worst"])
+    for ax, law in zip(axes, known, strict=False):
+        log_axis(ax, "x", np.clip(values[np.isfinite(values)], FLOOR, None))
+        ax.set_xlim(left=FLOOR / 3)
+        ax.xaxis.set_major_locator(LogLocator(numticks=5))
+        for place, name in enumerate(reversed(methods)):
+            rows = table[(table["integrator"] == name) & (table["law"] == law)]
+            if len(rows):
+                _dots(ax, rows.iloc[0], place, look(name).colour)
+        ax.set_yticks(range(len(methods)), [short(name, 22) for name in reversed(methods)], fontsize=7)
+        ax.set_ylim(-0.7, len(methods) - 0.3)
+        ax.set_xlabel("error (median, 99 %, worst)")
+    titles(axes, [law.replace("_", " ") for law in known])
+    figure.place()
+    return figure
+
+
+def _dots(ax: Axes, row: Any, place: int, colour: str) -> None:
+    x = np.clip(finite([row["median"], row["quantile_99"], row["worst"]]), FLOOR, None)
+    fill = colour if bool(row["claimed"]) else "white"
+    ax.plot(x[[0, 2]], [place, place], color=colour, linewidth=0.8)
+    for value, size in zip(x, (5.0, 3.5, 3.5), strict=True):
+        ax.plot([value], [place], "o", color=colour, markerfacecolor=fill, markersize=size, markeredgewidth=0.9)
+
+
+@chart
+def where_it_fails(table: DataFrame) -> Figure:
+    """Shares of failures over a constant and the step, one panel a method: where to look.
+
+    table : rows of `failure_map` of one ensemble. The number in a cell is its share in per cent; a cell in which no run
+    failed is white.
+    """
+    methods = names(table)
+    figure, axes = panels(max(1, len(methods)), 3, (4.0, 3.4), left=0.8, right=0.25)
+    for ax, name in zip(axes, methods, strict=False):
+        _map_panel(ax, table[table["integrator"] == name])
+    titles(axes, methods)
+    figure.place(above=0.05)
+    return figure
+
+
+def _map_panel(ax: Axes, rows: DataFrame) -> None:
+    columns, heights = np.unique(finite(rows["x_low"])), np.unique(finite(rows["y_low"]))
+    share = np.full((len(heights), len(columns)), np.nan)
+    i, j = np.searchsorted(heights, finite(rows["y_low"])), np.searchsorted(columns, finite(rows["x_low"]))
+    share[i, j] = finite(rows["share"])
+    ax.imshow(share, origin="lower", aspect="auto", cmap=matplotlib.colormaps["Oranges"], vmin=0, vmax=1)
+    for (row, column), value in np.ndenumerate(share):
+        if np.isfinite(value):
+            ax.text(column, row, f"{100 * value:.0f}", ha="center", va="center", fontsize=6.5,
+                    color="white" if value > 0.6 else INK)  # fmt: skip
+    for axis, which, values in ((ax.xaxis, "x", columns), (ax.yaxis, "y", heights)):
+        top = rows.set_index(f"{which}_low")[f"{which}_high"]
+        axis.set_ticks(range(len(values)), [_cell_text(v, float(top.loc[[v]].iloc[0])) for v in values], fontsize=6.5)
+    ax.grid(False)
+    ax.set_xlabel(str(rows["x_name"].iloc[0]).replace("dt", CONTROLS["dt"]))
+    ax.set_ylabel(str(rows["y_name"].iloc[0]).replace("dt", CONTROLS["dt"]))
+
+
+def _cell_text(low: float, high: float) -> str:
+    return f"{low:.3g}" if low == high else f"{low:.3g}–{high:.3g}"
+
+
+KINDS = (
+    Kind("failure-share", "ensemble", "Share of random scenarios on which a method fails, with 95 % bands.",
+         ("failure_share",), lambda table: failure_share(first(table)), by_scenario=False),
+    Kind("performance-profile", "ensemble", "Share of random scenarios that a method solves within τ times the fastest "
+         "one's time; at τ = 1, those where it is the fastest.", ("performance_profile",),
+         lambda table: performance_profiles(first(table)), by_scenario=False),
+    Kind("error-time", "ensemble", "Error against time on random scenarios: every run, and the medians.",
+         ("ensemble_points",), lambda table: error_time(first(table)), by_scenario=False),
+    Kind("law-quantiles", "ensemble", "Losses over random scenarios: median, 99 % and worst of all runs; filled where "
+         "the law is claimed.", ("ensemble_laws",), lambda table: law_quantiles(first(table)), by_scenario=False),
+    Kind("failure-map", "ensemble_map", "Share of failures, per cent, over a constant and the step.", ("failure_map",),
+         lambda table: where_it_fails(first(table)), by_scenario=False),
+)  # fmt: skip

@@ -1,0 +1,121 @@
+"""Maps of where: the share of random scenarios on which a method fails, over a constant and the step.
+
+Axes are written as those of the stability map, `name=low:high:n[:log]`. `dt` is the step, at n values; the name of a
+range of the family (stiffness, conductivity, ...) is cut into n bins. In a bin that number is drawn from the bin
+and everything else as always, from the same seeds, so that neighbouring cells differ by it alone.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .. import plugins
+from ..errors import TcbenchError, unknown_name
+from .base import Row, Study
+from .ensemble import APART, whole
+from .map import Axis, parse_axis
+from .statistics import wilson
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+    from ..integrator import Integrator
+    from ..systems.scenario import Scenario, ScenarioFamily
+
+SIZE = 30  # scenarios in a cell
+LARGEST = 10_000
+
+
+def bins(axis: Axis) -> list[tuple[float, float]]:
+    """(low, high) of each place on an axis; equal for steps."""
+    if axis.name == "dt":
+        return [(value, value) for value in axis.values]
+    low, high, n = axis.values[0], axis.values[-1], len(axis.values)
+    edges = np.geomspace(low, high, n + 1) if axis.log else np.linspace(low, high, n + 1)
+    spelled = [float(f"{edge:.6g}") for edge in edges]
+    return list(itertools.pairwise(spelled))
+
+
+def family_axis(text: str, family: ScenarioFamily) -> Axis:
+    axis = parse_axis(text)
+    if axis.name != "dt" and axis.name not in family.ranges:
+        raise unknown_name(f"axis of a map of {family.name!r}", axis.name, ["dt", *family.ranges])
+    return axis
+
+
+def plan(
+    integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]
+) -> list[tuple[Integrator, Scenario, Row]]:
+    """One cell a row of the map; options: x, y (axes as written), size (scenarios in a cell), seed."""
+    size = whole(options, "size", SIZE, 2, LARGEST)
+    first = APART * whole(options, "seed", 0, 0, 10**9)
+    cells: list[tuple[Integrator, Scenario, Row]] = []
+    for scenario in scenarios:
+        family = plugins.find_family(plugins.split_name(scenario.name)[0])
+        x, y = (family_axis(options[axis], family) for axis in ("x", "y"))
+        if x.name == y.name:
+            raise TcbenchError(f"Both axes of the map are {x.name!r}; they must differ.")
+        for method in integrators:
+            if method.kind == "adaptive":
+                raise TcbenchError(f"{method.name!r} chooses its steps; a map needs a method with a step.")
+            cell = {"x": options["x"], "y": options["y"], "seeds": [first, first + size]}
+            cells += [(method, scenario, cell | {"row": row}) for row in range(len(bins(y)))]
+    return cells
+
+
+def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
+    """One row of the map: at each place of x how many runs there were, and how many failed in which way."""
+    from . import ensemble_runs as runs
+
+    name, given = plugins.split_name(scenario.name)
+    family = plugins.find_family(name)
+    x, y = family_axis(options["x"], family), family_axis(options["y"], family)
+    across = bins(y)[options["row"]]
+    cells = []
+    for along in bins(x):
+        spans = {x.name: along, y.name: across}
+        dt = spans.pop("dt", (scenario.dt, scenario.dt))[0]
+        ranges = {axis: f"{low!r}:{high!r}" for axis, (low, high) in spans.items()}
+        members = [family.member(**(given | ranges | {"seed": str(seed)})) for seed in range(*options["seeds"])]
+        fitting = [member if dt <= member.t_end else replace(member, t_end=dt) for member in members]
+        kinds = [runs.KINDS[k] for k in runs.shares(integrator, fitting, [dt])[0]["kinds"]]
+        failed = {kind: kinds.count(kind) for kind in runs.KINDS[1:6]}
+        cells.append({"x_low": along[0], "x_high": along[1], "runs": len(kinds), "kinds": failed})
+    return {"status": "ok", "cells": cells, "names": [x.name, y.name], "across": list(across), "family": name}
+
+
+def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
+    """`failure_map`: a row a cell, with the share of failures and its 95 % interval. Rows that were lost are absent."""
+    import pandas as pd
+
+    rows: list[Row] = []
+    for record in records:
+        for cell in record.get("cells") or []:
+            failed = sum(cell["kinds"].values())
+            low, high = wilson(failed, cell["runs"])
+            rows.append(
+                {"ensemble": record["family"], "integrator": record["integrator"]}
+                | {"x_name": record["names"][0], "x_low": cell["x_low"], "x_high": cell["x_high"]}
+                | {"y_name": record["names"][1], "y_low": record["across"][0], "y_high": record["across"][1]}
+                | {"runs": cell["runs"], "failed": failed, "share": failed / cell["runs"], "low": low, "high": high}
+                | cell["kinds"] | {"first_seed": record["seeds"][0]}
+            )  # fmt: skip
+    table = pd.DataFrame(rows)
+    return {"failure_map": table.sort_values(["integrator", "y_low", "x_low"], ignore_index=True)} if rows else {}
+
+
+STUDY = Study(
+    name="ensemble_map",
+    description="share of random scenarios on which a method fails, over a constant and the step",
+    tables=("failure_map",),
+    plan=plan,
+    measure=measure,
+    tabulate=tabulate,
+    by_default=False,
+    sampled=True,
+)

@@ -1,0 +1,208 @@
+"""What one cell of the study `ensemble` measures: a method, or the references, on a block of random scenarios."""
+
+from __future__ import annotations
+
+import math
+import random
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ..integrator import Integrator
+from ..simulation import metrics
+from ..simulation.run import simulate
+from ..simulation.trajectory import Trajectory
+from ..systems.scenario import Scenario
+from . import quick_reference
+from .base import Row
+from .stable_step import outcome_of
+
+TOLERANCES = (1e-3, 1e-5, 1e-7, 1e-9, 1e-11, 1e-13)  # of adaptive solvers
+COARSEST = 64  # steps over the horizon at the first rung of a ladder; each next rung has twice as many
+RUNGS = 16
+MOST_REPEATS = 5
+PARTS = (1 / 64, 1 / 8)  # of the horizon: an adaptive run whose part takes long is not made
+KEPT = 1e-9  # relative error up to which a conserved quantity counts as kept, as in the summary of a run
+KINDS = ("ok", "solver", "branch", "physical", "law", "exception", "too slow")
+
+
+def shares(integrator: Integrator, scenarios: Sequence[Scenario], steps: Sequence[float]) -> list[Row]:
+    """One row a step: `kinds` (an index into KINDS for each scenario), `laws` (largest error, each) and `sentences`.
+
+    sentences : of the runs that failed, by the scenario's place in the block.
+    """
+    rows = []
+    for dt in steps:
+        runs = [simulate(integrator, scenario, dt, record_every=None) for scenario in scenarios]
+        outcomes = [outcome(integrator, run) for run in runs]
+        rows.append({
+            "dt": dt,
+            "kinds": [KINDS.index(kind) for kind, _ in outcomes],
+            "laws": by_law([laws(run) for run in runs]),
+            "broken": by_law([broken(run) for run in runs]),
+            "sentences": {str(i): sentence for i, (_, sentence) in enumerate(outcomes) if sentence},
+        })  # fmt: skip
+    return rows
+
+
+def outcome(integrator: Integrator, run: Trajectory) -> tuple[str, str]:
+    """Kind of failure, one of KINDS, and the sentence; a run that ended well and broke a claimed law has failed too."""
+    if run.status == "exception":
+        return "exception", run.failure
+    found = outcome_of(run)
+    if not found.ok:
+        return found.kind, found.failure
+    lost = [law for law, is_broken in broken(run).items() if is_broken and law in integrator.claims]
+    return ("law", f"{', '.join(lost)} not kept") if lost else ("ok", "")
+
+
+def laws(run: Trajectory) -> dict[str, float]:
+    """Largest error of each law over the completed steps; NaN where there are none. Dimensionless.
+
+    energy: |E - E0|/V0; entropy: the largest fall in a step; invariants: their departure over the size of their terms,
+    |q0| |p0| (random momenta may cancel), at least 1e-12 of it.
+    """
+    found = {"energy": metrics.energy_error_max(run), "entropy": max(0.0, -run.summary.entropy_increment_min)}
+    start = run.scenario.model.state(run.z[0])
+    size = float(np.linalg.norm(start.q) * np.linalg.norm(start.p)) or 1.0
+    return found | {name: error / size for name, error in run.summary.invariant_error_max.items()}
+
+
+def broken(run: Trajectory) -> dict[str, bool]:
+    """Which laws the run broke beyond round-off, whether the method claims them or not."""
+    worst = {name: bool(error > KEPT) for name, error in laws(run).items()}
+    return worst | {"entropy": run.summary.second_law_violations > 0}
+
+
+def by_law(rows: Sequence[dict[str, Any]]) -> dict[str, list[Any]]:
+    return {name: [row[name] for row in rows] for name in rows[0]} if rows else {}
+
+
+# -- references
+
+
+def references(scenarios: Sequence[Scenario]) -> list[Row]:
+    return [quick_reference.solve(scenario) for scenario in scenarios]
+
+
+# -- error against time
+
+
+def timings(integrator: Integrator, scenarios: Sequence[Scenario], share_s: float, seed: int) -> list[list[Row]]:
+    """For each scenario the rungs of a ladder from coarse to fine: value, kind, time_s (least of repeats), repeats,
+    state at t_end, energy_error there, and of adaptive runs their laws.
+
+    Every scenario gets `share_s` seconds (of the processor: a busy machine cuts no ladder short): a rung that would
+    probably not end within them is not begun, and what is left goes to repeats. Scenarios come in an order shuffled
+    anew for each repeat, so that a slow moment of the machine does not meet one of them only.
+    """
+    warm_up(integrator, scenarios[0])
+    order = random.Random(seed)
+    spent = [0.0] * len(scenarios)
+    ladders: list[list[Row]] = [[] for _ in scenarios]
+    for repeat in range(MOST_REPEATS):
+        for i in order.sample(range(len(scenarios)), len(scenarios)):
+            begin = time.process_time()
+            if repeat == 0:
+                _first_time(integrator, scenarios[i], ladders[i], share_s)
+            else:
+                _again(integrator, scenarios[i], ladders[i], share_s - spent[i])
+            spent[i] += time.process_time() - begin
+    return ladders
+
+
+_WARM: set[tuple[Any, ...]] = set()  # in this process
+
+
+def warm_up(integrator: Integrator, scenario: Scenario) -> None:
+    """Whatever compiles or loads does so before the clock runs; heyoka compiles anew for each tolerance."""
+    known = integrator.name, scenario.model.structure
+    if known not in _WARM:
+        _WARM.add(known)
+        for value in ladder(integrator, scenario) if integrator.kind == "adaptive" else [scenario.t_end / COARSEST]:
+            run_once(integrator, scenario.replace(t_end=value if value > 1e-3 else 1e-2), value)
+
+
+def ladder(integrator: Integrator, scenario: Scenario) -> list[float]:
+    """Tolerances, or steps that divide the horizon; coarse to fine."""
+    if integrator.kind == "adaptive":
+        return list(TOLERANCES)
+    return [scenario.t_end / (COARSEST * 2**k) for k in range(RUNGS)]
+
+
+def _first_time(integrator: Integrator, scenario: Scenario, rungs: list[Row], share_s: float) -> None:
+    adaptive = integrator.kind == "adaptive"
+    begin, growth = time.process_time(), 1.5 if adaptive else 2.0
+    for value in ladder(integrator, scenario):
+        left = share_s - (time.process_time() - begin)
+        if rungs and growth * max(rungs[-1].get("time_s") or 0.0, 0.0) > left:
+            break
+        if adaptive and not rungs and _too_slow(integrator, scenario, value, left):
+            rungs.append({"value": value, "kind": KINDS.index("too slow"), "sentence": "a part of it took too long"})
+            break
+        rungs.append({"value": value} | run_once(integrator, scenario, value))
+        left = share_s - (time.process_time() - begin)
+        if adaptive and rungs[-1]["kind"] == 0 and 2.0 * rungs[-1]["time_s"] < left:
+            rungs[-1] |= _observed(integrator, scenario, value)
+
+
+def _again(integrator: Integrator, scenario: Scenario, rungs: list[Row], left: float) -> None:
+    for rung in rungs:
+        if rung["kind"] == 0 and rung["time_s"] < left:
+            left -= rung["time_s"]
+            again = run_once(integrator, scenario, rung["value"])
+            if again["kind"] == 0:
+                rung["time_s"], rung["repeats"] = min(rung["time_s"], again["time_s"]), rung["repeats"] + 1
+
+
+def _too_slow(integrator: Integrator, scenario: Scenario, tolerance: float, left: float) -> bool:
+    """Would the whole run take longer than is left? From runs over parts of the horizon."""
+    for part in PARTS:
+        begin = time.process_time()
+        run_once(integrator, scenario.replace(t_end=part * scenario.t_end), tolerance)
+        if (time.process_time() - begin) * PARTS[1] / PARTS[0] > left:
+            return True
+    return False
+
+
+def run_once(integrator: Integrator, scenario: Scenario, value: float) -> Row:
+    """One run to t_end: kind, sentence, time_s, repeats = 1, state (of runs that ended well) and energy_error."""
+    if integrator.kind != "adaptive":
+        run = simulate(integrator, scenario, value, record_every=None)
+        kind, sentence = outcome(integrator, run)
+        return _rung(scenario, kind, sentence, run.wall_time_s, run.z[-1])
+    assert integrator.adaptive is not None
+    model, z0, ends = scenario.model, np.array(scenario.z0), np.array([0.0, scenario.t_end])
+    begin = time.perf_counter()
+    try:
+        found = integrator.adaptive(model, z0, ends, value, value)
+    except Exception as error:  # a solver that gives up is a point of the picture
+        elapsed = time.perf_counter() - begin
+        return _rung(scenario, "exception", f"{type(error).__name__}: {error}"[:200], elapsed, None)
+    elapsed = time.perf_counter() - begin
+    z = np.asarray((found[0] if isinstance(found, tuple) else found)[-1], dtype=float)
+    left = abs(float(model.energy(z)) - float(model.energy(scenario.z0))) if np.all(np.isfinite(z)) else math.inf
+    if not left <= scenario.blowup_factor * scenario.initial_exergy:
+        return _rung(scenario, "physical", "the end state is not finite, or beyond the exergy bound", elapsed, None)
+    return _rung(scenario, "ok", "", elapsed, z)
+
+
+def _rung(scenario: Scenario, kind: str, sentence: str, seconds: float, z: Any) -> Row:
+    row: Row = {"kind": KINDS.index(kind), "time_s": seconds, "repeats": 1}
+    if sentence:
+        row["sentence"] = sentence
+    if kind == "ok":
+        model = scenario.model
+        error = abs(float(model.energy(z)) - float(model.energy(scenario.z0))) / scenario.initial_exergy
+        row |= {"state": [float(x) for x in z], "energy_error": error}
+    return row
+
+
+def _observed(integrator: Integrator, scenario: Scenario, tolerance: float) -> Row:
+    """The laws of an adaptive run at 200 times, and whether it failed on the way."""
+    run = simulate(integrator, scenario, tolerance=tolerance)
+    kind, sentence = outcome(integrator, run)
+    row: Row = {"laws": laws(run), "broken": broken(run), "kind": KINDS.index(kind)}
+    return row | ({"sentence": sentence} if sentence else {})

@@ -1,0 +1,109 @@
+"""What a sample says of all scenarios: intervals of shares, quantiles, performance profiles, agreement of rankings."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Z95 = 1.959963984540054  # two-sided 95 % point of the normal distribution
+RESAMPLES = 1000
+LIMITS = (0.025, 0.975)
+
+
+def wilson(hits: int, runs: int, z: float = Z95) -> tuple[float, float]:
+    """Interval of a share, by Wilson (1927): right for shares near 0 and 1 too; (NaN, NaN) of no runs.
+
+    95 % by default. 0 of 100 gives (0, 0.037).
+    """
+    if runs == 0:
+        return math.nan, math.nan
+    share, spread = hits / runs, z * z / runs
+    centre = (share + spread / 2) / (1 + spread)
+    half = z / (1 + spread) * math.sqrt(share * (1 - share) / runs + spread / (4 * runs))
+    low, high = max(0.0, centre - half), min(1.0, centre + half)
+    return (0.0 if hits == 0 else low), (1.0 if hits == runs else high)
+
+
+def quantile(values: Sequence[float] | Floats, q: float) -> float:
+    """The q-quantile of the numbers among the values, linear between neighbours; NaN of none. Infinite ones count."""
+    known = np.sort(np.asarray(values, dtype=float))
+    known = known[~np.isnan(known)]
+    if not len(known):
+        return math.nan
+    place = q * (len(known) - 1)
+    low, high = known[math.floor(place)], known[math.ceil(place)]
+    return float(low if low == high else low + (place - math.floor(place)) * (high - low))
+
+
+def resamples(count: int, times: int = RESAMPLES, seed: int = 0) -> Floats:
+    """How often each of `count` things is in each of `times` samples drawn with replacement, shape (times, count).
+
+    From the bits of PCG64: the same bands for ever.
+    """
+    bits = np.random.PCG64(np.random.SeedSequence([seed, count]))
+    drawn = (bits.random_raw(times * count) % np.uint64(max(count, 1))).astype(np.int64).reshape(times, count)
+    weights = np.zeros((times, count))
+    np.add.at(weights, (np.arange(times)[:, None], drawn), 1.0)
+    return weights
+
+
+def band(samples: Floats) -> tuple[Floats, Floats]:
+    """Limits of the middle 95 % along the first axis."""
+    low, high = np.quantile(samples, LIMITS, axis=0)
+    return low, high
+
+
+def ratios(times: Floats) -> Floats:
+    """Times over the least of their row, shape (scenarios, methods); infinite where a method did not get there."""
+    times = np.where(np.isfinite(times) & (times > 0), times, np.inf)
+    best = times.min(axis=1, keepdims=True)
+    with np.errstate(invalid="ignore"):
+        return np.where(np.isfinite(times), times / best, np.inf)
+
+
+def profile(times: Floats, taus: Floats) -> tuple[Floats, Floats, Floats]:
+    """Performance profiles of Dolan and More (2002) and their bands, each of shape (methods, taus).
+
+    times : seconds (scenarios, methods), infinite or NaN for failures. The profile of a method at tau is the share of
+    all scenarios that it solved in at most tau times the time of the fastest; at 1, those where it was the fastest.
+    """
+    count, methods = times.shape
+    within = (ratios(times)[:, :, None] <= taus * (1 + 1e-12)).astype(float)
+    if count == 0:
+        nothing = np.full((methods, len(taus)), np.nan)
+        return nothing, nothing, nothing
+    samples = (resamples(count) @ within.reshape(count, -1) / count).reshape(-1, methods, len(taus))
+    low, high = band(samples)
+    return within.mean(axis=0), low, high
+
+
+def kendall_tau(a: Sequence[float] | Floats, b: Sequence[float] | Floats) -> float:
+    """Kendall's tau-b of two scores of the same things: 1 where they rank alike, -1 where opposite; ties allowed."""
+    x, y = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
+    upper = np.triu_indices(len(x), 1)
+    dx, dy = _signs(x)[upper], _signs(y)[upper]
+    scale = math.sqrt(float((dx != 0).sum()) * float((dy != 0).sum()))
+    return float((dx * dy).sum()) / scale if scale else math.nan
+
+
+def _signs(x: Any) -> Any:
+    """Signs of all differences; two infinite values are equal."""
+    return (x[:, None] > x).astype(int) - (x[:, None] < x).astype(int)
+
+
+def rank_agreement(first: Floats, second: Floats, times: int = RESAMPLES) -> tuple[float, float, float]:
+    """Kendall's tau of the rankings by two ensembles and its 95 % interval: (tau, low, high).
+
+    first, second : scores (scenarios, methods) of the same methods, such as 1 for a failure; methods are ranked by
+    their means. The interval is a bootstrap over the scenarios of both.
+    """
+    weights = [resamples(len(x), times, seed) @ x / len(x) for seed, x in enumerate((first, second))]
+    taus = [kendall_tau(a, b) for a, b in zip(*weights, strict=True)]
+    known = np.array([t for t in taus if not math.isnan(t)])
+    low, high = (quantile(known, q) for q in LIMITS)
+    return kendall_tau(first.mean(axis=0), second.mean(axis=0)), low, high

@@ -1,0 +1,332 @@
+"""The study of random scenarios: what it counts, that it goes on where it was killed, and who judges whom."""
+
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+
+import tcbench
+from tcbench import Integrator, Range, ScenarioFamily, TcbenchError, plugins
+from tcbench.cli import main
+from tcbench.studies import ensemble, ensemble_runs, ensemble_tables, quick_reference
+from tcbench.studies.base import default_studies
+from tcbench.studies.ensemble import STUDY, measure, plan, tabulate
+from tcbench.studies.statistics import wilson
+
+RANDOM = plugins.registry().scenario_families["random"]
+
+
+def methods(*names):
+    return [plugins.find_integrator(name) for name in names]
+
+
+def records(cells):
+    return [
+        {"integrator": i.name, "scenario": s.name} | options | measure(i, s, json.loads(json.dumps(options)))
+        for i, s, options in cells
+    ]
+
+
+@pytest.fixture(scope="module")
+def shares():
+    cells = plan(methods("tc_strang", "midpoint_entropy"), [RANDOM.member()], {"size": 60, "budget": 0})
+    assert {cell["part"] for _, _, cell in cells} == {"shares"}
+    return tabulate(records(cells))
+
+
+def test_shares_are_those_of_single_runs(shares):
+    table = shares["failure_share"]
+    row = table[(table.integrator == "midpoint_entropy") & (table.dt == 0.4)].iloc[0]
+    runs = [tcbench.simulate("midpoint_entropy", f"random[seed={k}]", dt=0.4) for k in range(60)]
+    failed = [run for run in runs if not run.ok]
+    assert (row.runs, row.failed) == (60, len(failed)) and len(failed) > 10
+    assert (row.share, row.low, row.high) == (len(failed) / 60, *wilson(len(failed), 60))
+    assert row[["solver", "branch", "physical", "law", "exception"]].sum() == row.failed
+    assert row.branch == sum(run.status == "no_root" for run in failed)
+    assert (
+        row.example.endswith(failed[0].failure)
+        and failed[0].scenario.name == f"random[{row.example[: row.example.index(':')].replace(' ', '=')}]"
+    )
+
+
+def test_the_figures_that_were_measured_from_outside_are_reproduced_within_their_intervals(shares):
+    """On 100 other random scenarios, by another generator: 11, 24, 43, 61 % at h = 0.05 to 0.4, and 0 for tc_strang."""
+    table = shares["failure_share"]
+    for dt, before in ((0.05, 11), (0.1, 24), (0.2, 43), (0.4, 61)):
+        row = table[(table.integrator == "midpoint_entropy") & (table.dt == dt)].iloc[0]
+        low, high = wilson(before, 100)
+        assert row.low <= high and low <= row.high
+    assert table[table.integrator == "tc_strang"].failed.sum() == 0
+
+
+def test_laws_say_who_broke_what_and_where(shares):
+    table = shares["ensemble_laws"].set_index(["integrator", "law"])
+    kept = table.loc[("tc_strang", "energy")]
+    assert kept.claimed and kept.broken == 0 and kept.worst < 1e-9 and kept.runs == 420
+    lost = table.loc[("midpoint_entropy", "energy")]
+    assert not lost.claimed and lost.broken > 100 and lost["median"] <= lost.quantile_99 <= lost.worst
+    scenario, dt = f"random[seed={int(lost.worst_seed)}]", lost.worst_dt
+    run = tcbench.simulate("midpoint_entropy", scenario, dt=dt)
+    assert run.summary.energy_error_max == pytest.approx(lost.worst, rel=1e-6)
+
+
+def test_a_run_that_ends_well_and_breaks_a_claimed_law_has_failed():
+    known = plugins.find_integrator("midpoint_entropy")
+    liar = Integrator(name="liar", order=2, claims={"energy"}, flows=known.flows)
+    rows = ensemble_runs.shares(liar, [RANDOM.member(seed=str(k)) for k in range(6)], [0.05])
+    kinds = [ensemble_runs.KINDS[k] for k in rows[0]["kinds"]]
+    assert "law" in kinds and "ok" not in kinds
+    assert "energy not kept" in rows[0]["sentences"].values()
+
+
+def test_a_method_that_raises_is_a_kind_of_failure_of_its_own():
+    def step(z, h, system):
+        raise ZeroDivisionError("by design")
+
+    rows = ensemble_runs.shares(Integrator(name="bad", order=1, step=step), [RANDOM.member()], [0.1])
+    assert [ensemble_runs.KINDS[k] for k in rows[0]["kinds"]] == ["exception"]
+    assert "by design" in rows[0]["sentences"]["0"]
+
+
+def test_a_lost_cell_counts_against_the_method():
+    lost = {"integrator": "hangs", "part": "shares", "ensemble": "random", "seeds": [0, 10], "dt": [0.1, 0.2],
+            "status": "timeout", "failure": "The cell did not end within 1 s and was stopped."}  # fmt: skip
+    table = tabulate([lost])["failure_share"]
+    assert table.failed.tolist() == [10, 10] == table.exception.tolist()
+    assert table.example[0].startswith("seed 0: The cell did not end")
+
+
+# -- planning
+
+
+def test_ensembles_of_two_seeds_share_no_scenario_and_a_larger_one_goes_on_where_a_smaller_stopped():
+    def cells(**options):
+        return {
+            (i.name, s.name, json.dumps(o))
+            for i, s, o in plan(methods("tc_strang"), [RANDOM.member()], {"budget": 0} | options)
+        }
+
+    assert cells(size=100) < cells(size=200)
+    names = [{name for _, name, _ in cells(size=100, seed=seed)} for seed in (0, 1)]
+    assert names[0] == {"random[seed=0]", "random[seed=50]"} and not names[0] & names[1]
+
+
+def test_the_budget_is_divided_over_methods_and_decides_how_many_scenarios_are_timed():
+    assert ensemble.timed_size(1000, 20, {"budget": 60.0}) == 100
+    assert ensemble.timed_size(1000, 40, {"budget": 60.0}) == 50
+    assert ensemble.timed_size(30, 2, {}) == 30
+    assert ensemble.timed_size(1000, 1000, {}) == 10
+    assert ensemble.timed_size(1000, 5, {"budget": 0}) == 0
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [({"size": 1}, "size"), ({"size": 1.5}, "size"), ({"seed": -1}, "seed"), ({"budget": -1}, "budget"),
+     ({"size": 10**7}, "size"), ({"budget": "x"}, "budget")],
+)  # fmt: skip
+def test_options_that_make_no_sense_are_refused(options, sentence):
+    with pytest.raises(TcbenchError, match=sentence):
+        plan(methods("tc_strang"), [RANDOM.member()], options)
+
+
+def test_only_random_families_are_drawn_from(tmp_path):
+    assert plan(methods("tc_strang"), [tcbench.scenarios()["short_term"]], {}) == []
+    with pytest.raises(TcbenchError, match="draws its own scenarios"):
+        tcbench.run(["tc_strang"], ["short_term"], ["ensemble"], output=tmp_path)
+    stiff = plugins.find_scenario("random[stiffness=100:300]")
+    cells = plan(methods("tc_strang"), [stiff], {"size": 2, "budget": 0})
+    assert cells[0][2]["ensemble"] == "random[stiffness=100:300]"
+    assert all(min(s.constants["stiffness"]) >= 100 for s in ensemble.members(cells[0][1], [0, 5]))
+
+
+def test_a_family_of_another_system_is_run_the_same_way(monkeypatch):
+    base = tcbench.scenarios()["gas_containers"]
+
+    def sample(draw):
+        return base.replace(momenta=tuple(draw("momenta", len(base.momenta))))
+
+    family = ScenarioFamily("random_gas", sample=sample, ranges={"momenta": Range(0.1, 1.0)})
+    monkeypatch.setitem(plugins.registry().scenario_families, "random_gas", family)
+    cells = plan(methods("tc_strang"), [family.member()], {"size": 3, "budget": 0, "dt": [0.1]})
+    table = tabulate(records(cells))["failure_share"]
+    assert table.loc[0, ["ensemble", "runs", "failed"]].tolist() == ["random_gas", 3, 0]
+
+
+# -- the engine
+
+
+def test_killed_and_started_again_it_gives_the_same_tables_to_the_last_digit(tmp_path):
+    command = [sys.executable, "-m", "tcbench", "run", "--study", "ensemble", "-i", "tc_strang", "-i", "verlet_heat",
+               "--size", "400", "--dt", "0.2", "--budget", "0", "-j", "1", "-q", "-o"]  # fmt: skip
+    whole, killed = tmp_path / "whole", tmp_path / "killed"
+    subprocess.run([*command, str(whole)], check=True, timeout=200)
+    with subprocess.Popen([*command, str(killed)], start_new_session=True) as run:
+        rows = killed / "cells.jsonl"
+        while not (rows.exists() and rows.read_bytes().count(b"\n") >= 2):
+            assert run.poll() is None
+            time.sleep(0.002)
+        os.killpg(run.pid, signal.SIGKILL)
+    assert 2 <= rows.read_bytes().count(b"\n") < 16
+    subprocess.run([*command, str(killed)], check=True, timeout=200)
+    assert len({json.loads(line)["key"] for line in rows.read_text().splitlines()}) == 16
+    for name in ("failure_share", "ensemble_laws"):
+        assert (killed / "tables" / f"{name}.csv").read_text() == (whole / "tables" / f"{name}.csv").read_text()
+
+
+def test_from_the_command_line_and_from_python_it_is_the_same(tmp_path):
+    arguments = ["run", "--study", "ensemble", "-i", "tc_strang", "--size", "4", "--seed", "2", "--budget", "0"]
+    arguments += ["--dt", "0.4", "-q"]
+    result = CliRunner().invoke(main, [*arguments, "-o", str(tmp_path / "a")])
+    assert result.exit_code == 0, result.output
+    found = tcbench.run(["tc_strang"], studies=["ensemble"], dt=[0.4], output=tmp_path / "b",
+                        options={"size": 4, "seed": 2, "budget": 0})  # fmt: skip
+    table = pd.read_csv(tmp_path / "a/tables/failure_share.csv")
+    assert table.first_seed.tolist() == found.tables["failure_share"].first_seed.tolist() == [2_000_000]
+    assert table.share.tolist() == found.tables["failure_share"].share.tolist()
+    bad = CliRunner().invoke(main, [*arguments, "--size", "0", "-o", str(tmp_path / "c")])
+    assert bad.exit_code == 2 and "size of an ensemble is a whole number" in bad.output
+
+
+def test_the_map_says_where_a_method_fails(tmp_path):
+    arguments = ["map", "midpoint_entropy", "random", "--x", "dt=0.05:0.8:2:log", "--y", "stiffness=0.03:300:2:log"]
+    result = CliRunner().invoke(main, [*arguments, "--size", "12", "-o", str(tmp_path)])
+    assert result.exit_code == 0, result.output
+    table = pd.read_csv(tmp_path / "tables" / "failure_map.csv")
+    assert table[["y_low", "y_high"]].drop_duplicates().values.tolist() == [[0.03, 3.0], [3.0, 300.0]]
+    assert set(table.runs) == {12} and sorted(table.x_low.unique()) == [0.05, 0.8]
+    stiff = table[(table.y_low == 3.0) & (table.x_low == 0.8)].iloc[0]
+    scenarios = [RANDOM.member(seed=str(k), stiffness="3.0:300.0") for k in range(12)]
+    assert stiff.failed == sum(not tcbench.simulate("midpoint_entropy", s, dt=0.8).ok for s in scenarios) > 3
+    assert (tmp_path / "failure_map.png").stat().st_size > 5000
+    for extra, sentence in ((["--y", "stiff=1:2:2"], "stiffness"), (["--y", "dt=0.1:1:2"], "must differ")):
+        bad = CliRunner().invoke(main, [*arguments, *extra, "-o", str(tmp_path / "bad")])
+        assert bad.exit_code == 2 and sentence in bad.output
+    bad = CliRunner().invoke(main, [*arguments[:2], "short_term", *arguments[3:], "--size", "3", "-o", str(tmp_path)])
+    assert bad.exit_code == 2 and "random scenarios" in bad.output
+
+
+# -- references, errors and times
+
+PEERLESS = pytest.mark.skipif(
+    bool(plugins.find_integrator("heyoka").lacks), reason="the second family of references needs heyoka"
+)
+
+
+@pytest.fixture(scope="module")
+def timed():
+    """Records of the timings of 20 scenarios, with references of all three families."""
+    chosen = methods("tc_gauss_adaptive", "heyoka", "scipy_odeint", "verlet_heat4", "tc_strang")
+    cells = plan(chosen, [RANDOM.member()], {"size": 20, "dt": [0.4]})
+    found = records([cell for cell in cells if cell[2]["part"] == "timings"])
+    for start in (0, 10):
+        scenarios = ensemble.members(RANDOM.member(), [start, start + 10])
+        solved = [quick_reference.solve(scenario, count=3) for scenario in scenarios]
+        found.append({"integrator": "", "part": "references", "ensemble": "random", "seeds": [start, start + 10],
+                      "references": solved})  # fmt: skip
+    return found
+
+
+@PEERLESS
+def test_quick_references_agree_with_the_certified_one():
+    from tcbench.reference.lookup import reference_for
+
+    scenario = tcbench.scenarios()["short_term"]
+    found = quick_reference.solve(scenario)
+    exact = reference_for(scenario, [scenario.t_end]).states[0]
+    assert found["gap"] < 1e-9
+    for state in found["states"].values():
+        assert quick_reference.distance(state, exact) <= 10 * found["gap"]
+
+
+@PEERLESS
+def test_the_growth_of_a_disturbance_tells_chaotic_scenarios_from_others(timed):
+    rows = pd.DataFrame([r for record in timed for r in record.get("references", [])])
+    assert np.isfinite(rows.lyapunov).all()
+    known = rows[np.isfinite(rows.gap)]
+    order = known.lyapunov.rank().corr(np.log(known.gap).rank())
+    assert order > 0.6  # what grows fast is known badly
+
+
+@PEERLESS
+@pytest.mark.parametrize("family", quick_reference.FAMILIES)
+def test_leaving_a_family_of_references_out_changes_no_share_by_more_than_its_interval(timed, family):
+    known = ensemble_tables.scenario_rows(timed)
+    names = sorted({r["integrator"] for r in timed if r["part"] == "timings"})
+    ladders = [ensemble_tables.with_errors(timed, known, without) for without in ("", family)]
+    for measure_name, target in (("state", 1e-3), ("state", 1e-6)):
+        seeds = ensemble_tables.usable(known, measure_name, target, range(20))
+        assert len(seeds) >= 8
+        times = [ensemble_tables.times_to(each, names, seeds, measure_name, target) for each in ladders]
+        _, low, high = ensemble_tables.profile(times[0], np.array([1.0, 10.0, 100.0]))
+        other = ensemble_tables.profile(times[1], np.array([1.0, 10.0, 100.0]))[0]
+        assert np.all((low - 1e-12 <= other) & (other <= high + 1e-12))
+
+
+@PEERLESS
+def test_no_method_is_compared_with_its_own_family(timed):
+    own = {r["integrator"]: r["own"] for r in timed if r["part"] == "timings"}
+    assert own["tc_gauss_adaptive"] == "collocation" and own["heyoka"] == "taylor" and own["tc_strang"] == ""
+    states = ensemble_tables.scenario_rows(timed)[1]["states"]
+    assert quick_reference.reference_for(states, "collocation").tolist() == states["heyoka"]
+    assert quick_reference.reference_for(states, "taylor").tolist() == states["tc_gauss_adaptive[k=6]"]
+    assert quick_reference.reference_for(states, "taylor", "collocation").tolist() == states["scipy_dop853"]
+    assert quick_reference.own_family(["projected", "gauss"]) == "collocation"  # a wrapper's family is what it wraps
+
+
+@PEERLESS
+def test_profiles_count_failures_and_leave_out_what_has_no_reference(timed):
+    tables = tabulate(timed)
+    firsts, profiles = tables["first_share"], tables["performance_profile"]
+    known = ensemble_tables.scenario_rows(timed)
+    for target in (1e-3, 1e-6, 1e-9):
+        rows = firsts[(firsts.measure == "state") & (firsts.target == target)]
+        good = sum(row["reference_gap"] <= 0.1 * target for row in known.values())
+        assert set(rows.runs) == {good} and set(rows.without_reference) == {20 - good}
+        assert rows["first"].sum() <= good and (rows.reached <= good).all()
+    fine = firsts[(firsts.measure == "state") & (firsts.target == 1e-9)].set_index("integrator")
+    assert fine.loc["tc_strang", "reached"] == 0  # order 2 does not get there within its share of the time
+    one = profiles[(profiles.tau == 1.0) & (profiles.target == 1e-6)].set_index("integrator").share
+    first = firsts[firsts.target == 1e-6].set_index("integrator").share
+    assert one.to_dict() == first.to_dict()
+    assert (profiles.low <= profiles.share).all() and (profiles.share <= profiles.high).all()
+
+
+@PEERLESS
+def test_accuracy_is_of_completed_runs_with_a_reference(timed):
+    table = tabulate(timed)["ensemble_accuracy"].set_index(["integrator", "value"])
+    row = table.loc[("tc_gauss_adaptive", 1e-9)]
+    assert row.runs + row.without_reference + row.failed >= row.runs > 5
+    assert row.error_10 <= row.error_median <= row.error_90 and row.time_10_s <= row.time_median_s <= row.time_90_s
+    assert row.error_median < table.loc[("tc_gauss_adaptive", 1e-3)].error_median
+
+
+def test_where_solvers_failed_there_is_no_reference():
+    assert quick_reference.largest_gap({"heyoka": [1.0, 2.0], "tc_gauss_adaptive[k=6]": [math.nan, 0.0]}) == math.inf
+    gap = quick_reference.largest_gap({"heyoka": [1.0, 2.0], "tc_gauss_adaptive[k=6]": [1.0, 2.5]})
+    assert gap == pytest.approx(0.25)
+    assert quick_reference.reference_for({"heyoka": [math.nan]}, "") is None
+
+
+def test_a_slow_adaptive_solver_does_not_hold_the_ensemble_up():
+    def adaptive(system, z0, t_eval, rtol, atol):
+        begin = time.process_time()
+        while time.process_time() - begin < 0.02 * (t_eval[-1] - t_eval[0]):  # half a second over the horizon
+            pass
+        return np.array([z0] * len(t_eval))
+
+    slow = Integrator(name="slow", adaptive=adaptive)
+    ladders = ensemble_runs.timings(slow, [RANDOM.member(seed=str(k)) for k in range(3)], 0.03, 0)
+    assert [[ensemble_runs.KINDS[rung["kind"]] for rung in rungs] for rungs in ladders] == [["too slow"]] * 3
+
+
+def test_the_study_is_part_of_all_and_says_what_it_is():
+    assert "ensemble" in default_studies() and "ensemble_map" not in default_studies() and STUDY.sampled
+    assert STUDY.is_timed({"part": "timings"}) and not STUDY.is_timed({"part": "shares"})

@@ -1,0 +1,98 @@
+"""Intervals, profiles and rankings against values worked out elsewhere."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tcbench.studies.statistics import kendall_tau, profile, quantile, rank_agreement, ratios, resamples, wilson
+
+
+@pytest.mark.parametrize(
+    ("hits", "runs", "low", "high"),
+    # 0 of n: z^2/(n + z^2); n/2 of n: 1/2 -+ z/(2 sqrt(n + z^2)); the last from the roots of (p - x)^2 = z^2 x(1 - x)/n
+    [
+        (0, 100, 0.0, 0.0369935), (100, 100, 0.9630065, 1.0), (10, 20, 0.2992980, 0.7007020),
+        (1, 10, 0.0178762, 0.4041500),
+    ],
+)  # fmt: skip
+def test_wilson_intervals(hits, runs, low, high):
+    assert wilson(hits, runs) == pytest.approx((low, high), abs=1e-7)
+
+
+@given(st.integers(1, 500).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n))))
+def test_a_wilson_interval_contains_its_share_and_stays_a_share(pair):
+    hits, runs = pair
+    low, high = wilson(hits, runs)
+    assert 0.0 <= low <= hits / runs <= high <= 1.0
+
+
+def test_no_runs_have_no_interval():
+    assert all(math.isnan(x) for x in wilson(0, 0))
+
+
+def test_wilson_intervals_cover_what_they_say():
+    """Over all outcomes of 50 runs at a share of 0.1, by their probability: 95 %, but for its steps."""
+    p, n = 0.1, 50
+    covered = sum(
+        math.comb(n, k) * p**k * (1 - p) ** (n - k) for k in range(n + 1) if wilson(k, n)[0] <= p <= wilson(k, n)[1]
+    )
+    assert 0.93 < covered < 0.98
+
+
+def test_quantiles_are_numpys_and_infinite_values_count():
+    values = np.random.PCG64(3).random_raw(40).astype(float)
+    for q in (0.0, 0.1, 0.5, 0.99, 1.0):
+        assert quantile(values, q) == pytest.approx(np.quantile(values, q), rel=1e-14)
+    assert quantile([1.0, math.inf, math.nan], 1.0) == math.inf
+    assert math.isnan(quantile([math.nan], 0.5))
+
+
+def test_a_performance_profile_worked_out_by_hand():
+    """Four scenarios, three methods; the third fails twice, and nobody solves the last scenario."""
+    nan = math.nan
+    times = np.array([[1.0, 2.0, 4.0], [3.0, 1.0, nan], [1.0, 1.5, 10.0], [nan, nan, nan]])
+    assert ratios(times).tolist()[:3] == [[1, 2, 4], [3, 1, math.inf], [1, 1.5, 10]]
+    middle, low, high = profile(times, np.array([1.0, 2.0, 4.0, 100.0]))
+    assert middle.tolist() == [[0.5, 0.5, 0.75, 0.75], [0.25, 0.75, 0.75, 0.75], [0.0, 0.0, 0.25, 0.5]]
+    assert np.all(low <= middle) and np.all(middle <= high) and np.all(high[:2, 3] < 1.0001)
+
+
+def test_a_profile_of_no_scenarios_is_not_a_number():
+    assert np.isnan(profile(np.empty((0, 2)), np.array([1.0]))[0]).all()
+
+
+def test_resamples_draw_as_many_as_there_are_and_are_the_same_for_ever():
+    weights = resamples(7, 500)
+    assert np.all(weights.sum(axis=1) == 7)
+    assert weights.mean(axis=0) == pytest.approx(np.ones(7), abs=0.15)
+    assert weights[0].tolist() == resamples(7, 1)[0].tolist() == FIRST
+
+
+FIRST = [0.0, 0.0, 0.0, 3.0, 0.0, 3.0, 1.0]
+
+
+def test_kendalls_tau_against_pairs_counted_one_by_one():
+    a, b = [1, 2, 3, 4, 4, math.inf], [2, 1, 3, 5, 4, math.inf]
+    concordant = discordant = ties_a = ties_b = 0
+    for i, j in itertools.combinations(range(6), 2):
+        x = (a[i] > a[j]) - (a[i] < a[j])
+        y = (b[i] > b[j]) - (b[i] < b[j])
+        concordant += x * y > 0
+        discordant += x * y < 0
+        ties_a += x == 0
+        ties_b += y == 0
+    expected = (concordant - discordant) / math.sqrt((15 - ties_a) * (15 - ties_b))
+    assert kendall_tau(a, b) == pytest.approx(expected, rel=1e-14)
+    assert kendall_tau([1, 2, 3], [1, 2, 3]) == 1.0 and kendall_tau([1, 2, 3], [3, 2, 1]) == -1.0
+
+
+def test_two_samples_of_the_same_methods_agree_and_opposite_ones_do_not():
+    draws = np.random.PCG64(1).random_raw(2 * 60 * 5).reshape(2, 60, 5) / 2.0**64
+    failed = (draws < np.array([0.05, 0.2, 0.4, 0.6, 0.9])).astype(float)
+    tau, low, high = rank_agreement(failed[0], failed[1])
+    assert low <= tau <= high and low > 0.5
+    assert rank_agreement(failed[0], failed[1][:, ::-1])[2] < 0.0
