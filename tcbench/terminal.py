@@ -176,8 +176,17 @@ def print_contents(tables: Mapping[str, DataFrame], folder: Any) -> None:
     say(f"\nOne of them: tcbench show {folder} --table NAME [-s SCENARIO] [-i INTEGRATOR]")
 
 
-def print_row(row: Mapping[str, Any]) -> None:
-    put(make_table("", ["", ""], [[k, number(v)] for k, v in row.items() if v != ""]))
+def print_row(row: Mapping[str, Any], verdicts: Mapping[str, str]) -> None:
+    """One run: each number with what it is, and whether a claim that it measures was kept."""
+    rows = [[k, number(v), meaning(k), verdicts.get(k, "")] for k, v in row.items() if v != ""]
+    put(make_table("", ["", "", "", ""], rows))
+
+
+def meaning(name: str) -> str:
+    """What a column holds and its unit, as far as its name does not say it."""
+    told = column(name)
+    label = "" if told.label.replace(" ", "_") == name else told.label
+    return label or told.unit
 
 
 def print_listing(data: Mapping[str, Any]) -> None:
@@ -198,6 +207,14 @@ def print_listing(data: Mapping[str, Any]) -> None:
         say(f"\nBroken plugin {origin['name']!r} ({origin['path']}):\n{origin['error']}")
 
 
+def print_methods(methods: Sequence[Sequence[str]], remarks: Sequence[str]) -> None:
+    """The table of `report.by_method`, headings first, and the sentences below it."""
+    headings, *rows = methods
+    put(make_table("", headings, rows))
+    for sentence in remarks:
+        say(sentence)
+
+
 class Display:
     """Results of a run."""
 
@@ -209,14 +226,16 @@ class Display:
         time = "unknown: no earlier rows to judge by" if seconds is None else f"about {seconds:.1f} s"
         say(f"{total} cells: {plan.finished} finished, {len(plan.to_run)} to run. Time: {time}.")
 
-    def results(self, results: Results, overview: DataFrame) -> None:
-        """What a run ends with: the summary of all studies, or of the conservation study alone where that ran."""
+    def results(self, results: Results, methods: Sequence[Sequence[str]], remarks: Sequence[str]) -> None:
+        """What a run ends with, in 30 lines: the rows of a small one, of a large one a line a method."""
         summary = results.summary
-        if set(results.tables).difference(LONG) == {"conservation"}:
-            self._overview(results.tables["conservation"])
-        elif len(overview) and not overview.drop(columns=["scenario", "integrator", "claims broken"]).eq("-").all(None):
-            print_frame(overview, "\nsummary")
-        else:  # studies that the summary has no column for
+        small = results.tables.get("conservation")
+        if small is not None and len(small) <= WHOLE and set(results.tables).difference(LONG) == {"conservation"}:
+            for scenario, part in small.groupby("scenario", sort=False):
+                _print_block(f"\n{scenario}", SHOWN["conservation"], part)
+        elif len(methods) > 1 and len(methods[0]) > 1:
+            print_methods(methods, remarks)
+        else:  # studies that say nothing of single methods
             print_tables(results.tables)
         counts = ", ".join(f"{n} {status}" for status, n in sorted(summary.statuses.items()))
         say(
@@ -226,13 +245,3 @@ class Display:
         if summary.interrupted:
             say(f"Interrupted with {summary.left} cells left; the same command resumes.")
         say(f"Tables: {results.output}/tables/ (CSV and Parquet). To see them: tcbench show {results.output}")
-
-    def _overview(self, table: DataFrame) -> None:
-        """Per scenario, every row of a small run, at the middle step of the ladder of a large one."""
-        for scenario, part in table.groupby("scenario", sort=False):
-            steps = sorted(part["dt"].dropna().unique())
-            if len(table) <= WHOLE or len(steps) < 2:
-                _print_block(f"\n{scenario}", SHOWN["conservation"], part)
-            else:
-                middle = part[(part["dt"] == steps[len(steps) // 2]) | part["dt"].isna()]
-                _print_block(f"\n{scenario}, one of {len(steps)} steps", SHOWN["conservation"], middle)

@@ -240,7 +240,8 @@ def test_names_that_a_run_does_not_have_are_refused(tmp_path):
 
 
 def test_what_was_not_run_is_named_at_the_end():
-    from tcbench import commands, plugins
+    from tcbench import plugins
+    from tcbench.commands import actions as commands
     from tcbench.integrator import Integrator
 
     absent = Integrator(name="far_away", order=1, step=lambda z, h, system: z, requires=("no-such-package",))

@@ -16,7 +16,8 @@ from ..engine.planning import plan_job, preview
 from ..engine.run import run
 from ..errors import TcbenchError, unknown_name
 from ..progress import LOUD, waiting
-from ..report.summary import summary
+from ..report.by_method import by_method, remarks
+from ..report.summary import summary, verdicts
 from ..store.encoding import csv_bytes
 from ..store.store import Store, replace_file
 from ..store.tables import only, read_tables
@@ -46,8 +47,8 @@ def run_command(options: dict[str, Any], display: terminal.Display) -> int:
         **options,
     )  # fmt: skip
     with waiting("summing up"):
-        overview = summary(results.tables, plugins.integrators())
-        every = summary(read_tables(results.output), plugins.integrators())  # of all runs into this folder
+        store = Store.read(results.output)
+        every = summary(read_tables(store), plugins.integrators())  # of all runs into this folder
         replace_file(results.output / "summary.csv", csv_bytes(every), results.output)
     page = None
     if report and not results.summary.interrupted:
@@ -62,7 +63,7 @@ def run_command(options: dict[str, Any], display: terminal.Display) -> int:
             "report": page and str(page), "tables": records(results.tables),
         })  # fmt: skip
     elif not display.quiet:
-        display.results(results, overview)
+        display.results(results, by_method(results.tables, told(store)), remarks(results.tables))
         if page:
             terminal.say(f"Report: {page}")
     terminal.warn([*results.problems, *results.left_out, *not_run(chosen["integrators"], dt)])
@@ -161,7 +162,7 @@ def simulate_command(
     if as_json:
         terminal.print_json(row)
     else:
-        terminal.print_row(row)
+        terminal.print_row(row, verdicts(integrator, row))
         if csv is not None:
             terminal.say(f"{len(run_.t)} states in {csv}")
 
@@ -259,9 +260,21 @@ def show_command(
     elif sum(len(t) for name, t in tables.items() if name not in terminal.LONG) <= SHOWN_ROWS:
         terminal.print_tables(tables)
     else:
-        terminal.print_frame(summary(tables, plugins.integrators()), "summary")
+        if scenarios:
+            terminal.print_frame(summary(tables, plugins.integrators()).drop(columns="claims broken"), "summary")
+        else:
+            terminal.print_methods(by_method(tables, told(store)), remarks(tables))
         terminal.warn(absent_methods(tables))
         terminal.print_contents(tables, folder)
+
+
+def told(store: Store) -> dict[str, Any]:
+    """What the folder says of its methods; where it does not, what those that are installed here say."""
+    from ..engine.declared import method_facts
+
+    found = store.declared()
+    known = {name: method_facts(method) for name, method in plugins.integrators().items()}
+    return found if found.get("integrators") else {**found, "integrators": known}
 
 
 def absent_methods(tables: dict[str, DataFrame]) -> list[str]:

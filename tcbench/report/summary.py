@@ -81,6 +81,20 @@ def claims_kept(rows: DataFrame | None, method: Any) -> tuple[str, int]:
     return ", ".join(parts), len(broken)
 
 
+def verdicts(method: Any, row: Mapping[str, Any]) -> dict[str, str]:
+    """Column -> what a run says of the law that it measures: claimed or not, kept or not; "" for every other column."""
+    laws = {claim_column(claim): claim for claim in ("energy", "entropy", *method.claims)}
+    laws |= {
+        name: str(name).removesuffix(ERROR_MAX) for name in row if str(name).endswith(ERROR_MAX) and name not in laws
+    }
+    found = {}
+    for column, law in laws.items():
+        if math.isfinite(number(row.get(column))) and number(row.get("steps", 1)) > 0:
+            holds = kept(law, number(row[column]))
+            found[column] = f"{'claimed' if law in method.claims else 'not claimed'}, {'kept' if holds else 'not kept'}"
+    return found
+
+
 def completed(rows: DataFrame) -> DataFrame:
     """The runs of which at least one step was completed: the others say nothing of a law."""
     return rows[rows["steps"].astype(float) > 0] if "steps" in rows else rows

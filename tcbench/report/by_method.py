@@ -1,0 +1,145 @@
+"""What a run ends with on a terminal: one row a method, then what failed and the paper's statements."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from statistics import median
+from typing import TYPE_CHECKING, Any
+
+from .matrix import finite, methods
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+Tables = Mapping[str, Any]
+HEADINGS = ("method", "claims kept", "order (declared)", "stable step", "to 1e-6", "x best", "failed runs")
+TARGET = 1e-6
+FOLD_ABOVE = 20  # methods, so that 30 lines hold everything
+HOLDS = "holds"
+
+
+def by_method(tables: Tables, declared: Tables) -> list[list[str]]:
+    """HEADINGS, then one row a method: best first within families; SciPy's solvers are one row where many run.
+
+    claims kept: of those that some system of the run can show. stable step: the least over the scenarios, and how many
+    have no limit. to 1e-6: scenarios on which the error of the state reached it; x best: its time there over that of
+    the fastest method, median over these scenarios.
+    """
+    rows = methods(tables, declared)
+    ratios = times_over_best(tables.get("time_to_accuracy"))
+    rows.sort(key=lambda r: (r["family"], *_rank(ratios.get(r["name"], [])), r["name"]))
+    folded = _scipy(tables) if len(rows) > FOLD_ABOVE else set()
+    shown = [_row(r, ratios.get(r["name"])) for r in rows if r["name"] not in folded]
+    group = [r for r in rows if r["name"] in folded]
+    if group:
+        shown.append(_folded(group, ratios))
+    used = [i for i in range(len(HEADINGS)) if i == 0 or any(row[i] != "-" for row in shown)]
+    return [[HEADINGS[i] for i in used], *([row[i] for i in used] for row in shown)]
+
+
+def times_over_best(table: DataFrame | None) -> dict[str, list[float]]:
+    """Method -> its time to 1e-6 over the fastest method's, one a scenario; infinite where it did not get there."""
+    found: dict[str, list[float]] = {}
+    if table is None:
+        return found
+    rows = table[table["measure"].eq("error") & table["target"].eq(TARGET)]
+    for _, part in rows.groupby("scenario", sort=True):
+        best = min((float(t) for t in part["time_s"] if finite(t)), default=math.inf)
+        for name, time in zip(part["integrator"], part["time_s"], strict=True):
+            found.setdefault(str(name), []).append(float(time) / best if finite(time) else math.inf)
+    return found
+
+
+def _rank(ratios: Sequence[float]) -> tuple[float, float]:
+    reached = [r for r in ratios if finite(r)]
+    return -len(reached), median(reached) if reached else math.inf
+
+
+def _scipy(tables: Tables) -> set[str]:
+    table = tables.get("work_precision")
+    return set() if table is None or "peer" not in table else set(table.loc[table["peer"].eq("scipy"), "integrator"])
+
+
+def _row(r: Mapping[str, Any], ratios: Sequence[float] | None) -> list[str]:
+    reached = [x for x in ratios or () if finite(x)]
+    return [
+        str(r["name"]),
+        claims(r["laws"]),
+        _order(r["order"]),
+        _step(r["step"]),
+        f"{len(reached)} of {len(ratios)}" if ratios else "-",
+        f"{median(reached):.3g}" if reached else "-",
+        f"{r['failed']} of {r['runs']}" if r["runs"] else "-",
+    ]
+
+
+def claims(laws: Sequence[Mapping[str, Any]]) -> str:
+    """ "2 of 3" claims kept in every run; a claim that no system of the run can show does not count."""
+    claimed = [law for law in laws if law["claimed"]]
+    shown = [law for law in claimed if law["of"]]
+    if not claimed:
+        return "none" if any(law["claimed"] is False for law in laws) else "-"
+    if not shown:
+        return "-"
+    kept = sum(law["kept"] == law["of"] for law in shown)
+    missing = len(claimed) - len(shown)
+    return f"{kept} of {len(shown)}" + (f", {missing} not measured" if missing else "")
+
+
+def _order(order: Mapping[str, Any] | None) -> str:
+    if order is None or order["low"] is None:
+        return "-"
+    low, high = f"{order['low']:.2f}", f"{order['high']:.2f}"
+    declared = f" ({order['declared']:g})" if finite(order["declared"]) else ""
+    return f"{low if low == high else f'{low}..{high}'}{declared}"
+
+
+def _step(step: Mapping[str, Any] | None) -> str:
+    if step is None or not step["of"]:
+        return "-"
+    if not step["limited"]:
+        return "no limit"
+    least = f"{step['least']:.3g}" if step["least"] else "none"
+    return f"{least} ({step['of'] - step['limited']} of {step['of']} free)"
+
+
+def _folded(group: Sequence[Mapping[str, Any]], ratios: Mapping[str, Sequence[float]]) -> list[str]:
+    best = min(group, key=lambda r: _rank(ratios.get(r["name"], [])))
+    failed, runs = sum(r["failed"] for r in group), sum(r["runs"] for r in group)
+    row = _row(best, ratios.get(best["name"]))
+    return [f"{len(group)} of SciPy's; best: {best['name']}", *row[1:6], f"{failed} of {runs}"]
+
+
+def remarks(tables: Tables) -> list[str]:
+    """Sentences below the table: what failed, and what the paper's statements came to."""
+    return [sentence for sentence in (_failed(tables), _paper(tables.get("claims"))) if sentence]
+
+
+def _failed(tables: Tables) -> str:
+    statuses: Counter[str] = Counter()
+    runs = 0
+    for name in ("conservation", "work_precision"):
+        table = tables.get(name)
+        if table is not None and len(table):
+            statuses.update(str(s) for s in table["status"] if s != "ok")
+            runs += len(table)
+    if not runs:
+        return ""
+    if not statuses:
+        return f"All {runs} runs of the ladders of steps and tolerances reached their end."
+    parts = ", ".join(f"{count} {status}" for status, count in statuses.most_common())
+    return f"{statuses.total()} of {runs} runs of the ladders failed, which is a result: {parts}."
+
+
+def _paper(table: DataFrame | None) -> str:
+    if table is None or not len(table):
+        return ""
+    counts = Counter(str(v) for v in table["verdict"] if isinstance(v, str))
+    rest = ", ".join(
+        f"{n} {verdict if n == 1 else verdict.replace('does', 'do').replace('contradicts', 'contradict')}"
+        for verdict, n in counts.items() if verdict != HOLDS
+    )  # fmt: skip
+    told = f"{counts[HOLDS]} hold" + (f", {rest}" if rest else "")
+    return f"The paper: {sum(counts.values())} statements checked: {told}."
