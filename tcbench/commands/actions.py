@@ -18,8 +18,9 @@ from ..errors import TcbenchError, unknown_name
 from ..progress import LOUD, waiting
 from ..report.by_method import by_method, remarks
 from ..report.summary import summary, verdicts
+from ..store.disk import replace_file
 from ..store.encoding import csv_bytes
-from ..store.store import Store, replace_file
+from ..store.store import Store
 from ..store.tables import only, read_tables
 from ..studies.base import default_studies
 

@@ -17,8 +17,6 @@ counts. Everything that is read back is data: JSON, CSV, Parquet; nothing is unp
 
 from __future__ import annotations
 
-import contextlib
-import errno
 import hashlib
 import json
 import os
@@ -29,8 +27,9 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 from ..errors import TcbenchError
 from .cells import identity_of
+from .disk import cure, replace_file
 from .encoding import active, canonical_json, csv_bytes, decode_line, encode_line, parquet_bytes, pretty
-from .lock import hold_lock, sync_folder
+from .lock import hold_lock
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -44,6 +43,14 @@ UNFINISHED_ERRORS = frozenset({"MemoryError", "ChangedError", "MachineError"})
 def is_finished(row: Mapping[str, Any]) -> bool:
     """Whether the row is final: any but crash, timeout, exhausted memory or disk, and code that is not as it was."""
     return row.get("status") not in UNFINISHED_STATUSES and row.get("exception_type") not in UNFINISHED_ERRORS
+
+
+def _place(line: Mapping[str, Any]) -> tuple[Any, ...]:
+    """By study, scenario, integrator and options: numbers by size, anything else as text."""
+    cell = line["cell"]
+    options = sorted(dict(cell.get("options", {})).items())
+    sized = [(n, 0, v, "") if isinstance(v, int | float) else (n, 1, 0.0, canonical_json(v)) for n, v in options]
+    return *(str(cell.get(name)) for name in ("study", "scenario", "integrator")), sized, line["key"]
 
 
 class Rows:
@@ -78,13 +85,16 @@ class Rows:
         return list(self._lines.values())
 
     def records(self, study: str | None = None) -> list[dict[str, Any]]:
-        """Flat dicts for tables: study, integrator, scenario, the options, the row, and the key."""
+        """Flat dicts for tables: study, integrator, scenario, the options, the row, and the key.
+
+        In an order of their own: tables must not depend on which worker was the first to end.
+        """
         return [
             {name: line["cell"].get(name) for name in ("study", "integrator", "scenario")}
             | dict(line["cell"].get("options", {}))
             | line["row"]
             | {"key": line["key"]}
-            for line in self._lines.values()
+            for line in sorted(self._lines.values(), key=_place)
             if study is None or line["cell"].get("study") == study
         ]
 
@@ -128,7 +138,7 @@ class Store(Rows):
             store._load()
         except OSError as error:
             store.close()
-            raise _cure(error, store.folder) from error
+            raise cure(error, store.folder) from error
         except ValueError as error:  # a null byte, half of a surrogate pair
             store.close()
             raise TcbenchError(f"{str(folder)!r} cannot be the name of a folder: {error}.") from error
@@ -315,7 +325,7 @@ class Store(Rows):
                 os.ftruncate(self._file, start)
             except OSError:
                 self._needs_newline = True
-            raise _cure(error, self.folder) from error
+            raise cure(error, self.folder) from error
         self._needs_newline = False
 
     def _probe(self) -> None:
@@ -365,37 +375,3 @@ class Store(Rows):
         except (OSError, ValueError, RecursionError) as error:
             self.problems.append(f"{path} cannot be read: {error}.")
             return None
-
-
-def replace_file(path: Path, content: bytes, folder: Path) -> None:
-    """Write a file of a run folder, completely or not at all, and return when it is on the disk.
-
-    Raises `TcbenchError` when that is not possible.
-    """
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with open(temporary, "wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, path)
-        sync_folder(path.parent)
-    except OSError as error:
-        with contextlib.suppress(OSError):
-            temporary.unlink(missing_ok=True)
-        raise _cure(error, folder) from error
-
-
-def _cure(error: OSError, folder: Path) -> TcbenchError:
-    """The sentence for an operating-system error while writing."""
-    if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
-        return TcbenchError(
-            f"No space is left for the run in {folder} ({error.strerror}). The rows finished so far are "
-            "intact: "
-            "free some space and run the same command again; it goes on where it stopped."
-        )
-    return TcbenchError(
-        f"Cannot write to the run folder {folder}: {error.strerror or error}. Choose another folder or "
-        "change its permissions."
-    )

@@ -132,7 +132,7 @@ def test_tls_options_reach_dask(monkeypatch):
 
 def test_a_share_that_keeps_being_lost_ends_as_rows_of_its_own_cells():
     summary, store = cluster.Summary(), Rows()
-    run = cluster._ClusterRun(None, {}, store, summary, None, 4)  # type: ignore[arg-type]
+    run = cluster._ClusterRun(None, {}, cluster.Ledger(store, summary, None, 4))  # type: ignore[arg-type]
     waiting, sent = [[cell for cell in cells() if cell.study == "t"] + cells()[:3]], 0
     waiting = [waiting[0][2:], waiting[0][:2]]
     while waiting:

@@ -306,7 +306,9 @@ def test_a_killed_run_takes_a_worker_that_hangs_in_c_with_it(tmp_path):
 
 
 def test_overhead_2000_cells_of_1_ms_on_two_workers():
-    began = time.monotonic()
+    began = time.process_time()
     summary = run_cells(good_cells(2000, sleep=0.001), MEASURE, {}, Rows(), jobs=2)
     assert summary.statuses == {"ok": 2000}
-    assert time.monotonic() - began < 4.0  # 2 s measured
+    assert (
+        time.process_time() - began < 10.0
+    )  # of this process; 2 s measured, a cost that grows with the square has 100
