@@ -1,5 +1,6 @@
 """Code that nobody named is not run, and what a plugin does to its process is undone before another's cells."""
 
+import contextlib
 import json
 import os
 import signal
@@ -186,13 +187,20 @@ def test_a_complex_result_is_refused_not_cut(tmp_path):
 def test_ctrl_c_ends_with_130_and_without_tracebacks(tmp_path, delay):
     command = [str(SCRIPT), "run", "--all", "-o", str(tmp_path / "out")]
     # a session of its own: the signal goes to the whole group, as a terminal sends it
-    child = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True)
-    deadline = time.monotonic() + 60
-    while not (tmp_path / "out").exists() and time.monotonic() < deadline and child.poll() is None:
-        time.sleep(0.02)
-    time.sleep(delay)
-    os.killpg(child.pid, signal.SIGINT)
-    _, errors = child.communicate(timeout=60)
+    child = subprocess.Popen(
+        command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),  # a job in the background ignores it
+    )  # fmt: skip
+    try:
+        deadline = time.monotonic() + 60
+        while not (tmp_path / "out").exists() and time.monotonic() < deadline and child.poll() is None:
+            time.sleep(0.02)
+        time.sleep(delay)
+        os.killpg(child.pid, signal.SIGINT)
+        _, errors = child.communicate(timeout=60)
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(child.pid, signal.SIGKILL)
     assert child.returncode == 130 and "Traceback" not in errors, errors[-2000:]
 
 
