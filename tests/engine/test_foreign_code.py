@@ -189,7 +189,8 @@ def test_ctrl_c_ends_with_130_and_without_tracebacks(tmp_path, delay):
     # a session of its own: the signal goes to the whole group, as a terminal sends it
     child = subprocess.Popen(
         command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),  # a job in the background ignores it
+        # a job in the background starts with the signal ignored
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     )  # fmt: skip
     try:
         deadline = time.monotonic() + 60
