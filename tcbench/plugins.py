@@ -5,21 +5,16 @@ A plugin that cannot be loaded stays listed with its traceback; it never hides t
 
 from __future__ import annotations
 
-import ast
-import hashlib
-import importlib
-import importlib.util
 import itertools
 import os
 import re
-import sys
 import traceback
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
-from types import ModuleType, UnionType
+from types import UnionType
 from typing import Any, TypeVar
 
 import pluggy
@@ -28,6 +23,7 @@ from . import hookspecs
 from .errors import TcbenchError, is_pattern, matching, unknown_name
 from .integrator import Integrator
 from .metric import Metric
+from .plugin_files import CLASH, forget_helpers, import_file, plugin_files
 from .progress import waiting
 from .systems.scenario import Scenario, ScenarioFamily
 
@@ -65,14 +61,21 @@ class Registry:
         return [origin for origin in self.origins.values() if origin.error]
 
 
+UNREADY = "The file"
 _REGISTRY: Registry | None = None
 _FOLDERS: list[Path] = []
+_LOADING: list[str] = []  # the plugin that is being imported
 
 
 def registry() -> Registry:
     """The registry, loaded on first use."""
     global _REGISTRY
     if _REGISTRY is None:
+        if _LOADING:
+            raise TcbenchError(
+                f"{UNREADY} {_LOADING[0]!r} asks for what is registered while it is imported as a plugin. If it is a "
+                'script, put its commands under `if __name__ == "__main__":`, or give --plugins-dir the plugin\'s file.'
+            )
         with waiting("loading plugins"):
             _REGISTRY = load(plugin_folders())
     return _REGISTRY
@@ -235,111 +238,21 @@ def _remedy() -> str:
 
 def load(folders: Iterable[Path] = ()) -> Registry:
     """A fresh registry from the entry points of group "tcbench" and from plugin files."""
-    _forget_helpers()
+    forget_helpers()
     manager = pluggy.PluginManager(hookspecs.PROJECT)
     manager.add_hookspecs(hookspecs)
     result = Registry()
     for point in sorted(entry_points(group=GROUP), key=lambda p: p.name):
         distribution, version = (point.dist.name, point.dist.version) if point.dist else ("", "")
         _register(manager, result, Origin(point.name, distribution, version), point.load)
-    for path in _plugin_files(folders):
-        _register(manager, result, Origin(path.stem, path=str(path)), lambda path=path: _import_file(path))
+    for path in plugin_files(folders):
+        _register(manager, result, Origin(path.stem, path=str(path)), lambda path=path: import_file(path))
     _collect(manager, result)
     return result
 
 
-def _plugin_files(folders: Iterable[Path]) -> list[Path]:
-    files: list[Path] = []
-    for folder in folders:
-        found = [folder] if folder.is_file() else sorted(folder.glob("*.py"))
-        files.extend(p.resolve() for p in found if not p.name.startswith(("_", "test_", "conftest", "setup")))
-    return list(dict.fromkeys(files))
-
-
-CLASH = "Two folders have a module "
-_HELPERS: dict[str, ModuleType] = {}  # modules beside plugin files that these have imported
-_PATHS: list[str] = []  # what was added to sys.path
-
-
-def _forget_helpers() -> None:
-    """What plugin files imported from beside them is imported anew: it may have been edited, or be another folder's."""
-    for name, module in _HELPERS.items():
-        if sys.modules.get(name) is module:
-            del sys.modules[name]
-    for path in _PATHS:
-        if path in sys.path:
-            sys.path.remove(path)
-    _HELPERS.clear()
-    _PATHS.clear()
-    importlib.invalidate_caches()
-
-
-def _import_file(path: Path) -> Any:
-    """Import a plugin file under a name of its own; its folder is importable, for helpers beside it.
-
-    Installed packages and Python's own modules come before helpers of their name, so a file called rich.py is in
-    nobody's way.
-    """
-    tag = hashlib.sha256(str(path).encode()).hexdigest()[:8]
-    name = f"tcbench_plugin_{tag}_{path.stem}"
-    if str(path.parent) not in sys.path:
-        sys.path.append(str(path.parent))
-        _PATHS.append(str(path.parent))
-    spec = importlib.util.spec_from_file_location(name, path)
-    if spec is None or spec.loader is None:
-        raise ImportError(f"{path} is not a Python file")
-    _refuse_clash(path)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # before it runs: cached kernels and dataclasses look their module up
-    before = set(sys.modules)
-    try:
-        spec.loader.exec_module(module)
-    except BaseException:
-        sys.modules.pop(name, None)
-        raise
-    finally:
-        for found in set(sys.modules) - before:
-            if str(path.parent) in str(getattr(sys.modules[found], "__file__", "") or ""):
-                _HELPERS[found] = sys.modules[found]
-    return module
-
-
-def _refuse_clash(path: Path) -> None:
-    """A helper beside the file that an import would look for in another plugin folder is a wrong one: refuse it."""
-    for name, own in _neighbours(path).items():
-        try:
-            found = getattr(sys.modules.get(name) or importlib.util.find_spec(name), "__file__", None)
-            found = found or getattr(importlib.util.find_spec(name), "origin", None)
-        except (ImportError, ValueError):
-            continue
-        if found and Path(found).resolve() != own and any(str(Path(found).resolve()).startswith(p) for p in _PATHS):
-            raise TcbenchError(
-                f"{CLASH}{name!r}, and Python would give {path.name} the wrong one: {own} and {found}. Rename one of "
-                "them, or run them apart."
-            )
-
-
-def _neighbours(path: Path) -> dict[str, Path]:
-    """Modules beside a file that it imports, anywhere in it, directly or through each other: name -> file."""
-    found: dict[str, Path] = {}
-    waiting = [path]
-    while waiting:
-        try:
-            tree = ast.parse(waiting.pop().read_bytes())
-        except (OSError, SyntaxError, ValueError):
-            continue
-        for node in ast.walk(tree):
-            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
-            names += [node.module] if isinstance(node, ast.ImportFrom) and node.module and not node.level else []
-            for top in {name.partition(".")[0] for name in names} - set(found):
-                for file in (path.parent / f"{top}.py", path.parent / top / "__init__.py"):
-                    if file.is_file() and file != path:
-                        found[top] = file.resolve()
-                        waiting.append(file)
-    return found
-
-
 def _register(manager: pluggy.PluginManager, result: Registry, origin: Origin, importer: Any) -> None:
+    _LOADING.append(origin.path or origin.name)
     try:
         module = importer()
         manager.register(module, name=origin.name if origin.name not in result.origins else origin.path)
@@ -351,11 +264,17 @@ def _register(manager: pluggy.PluginManager, result: Registry, origin: Origin, i
         if isinstance(error, pluggy.PluginValidationError):
             manager.unregister(error.plugin)
         result.origins[_unique(origin, result)] = replace(origin, error=_told(error))
+    finally:
+        _LOADING.pop()
 
 
 def _told(error: BaseException) -> str:
     """The traceback; of an error that says all that is to be said, its sentence."""
-    return str(error) if isinstance(error, TcbenchError) and str(error).startswith(CLASH) else traceback.format_exc()
+    return (
+        str(error)
+        if isinstance(error, TcbenchError) and str(error).startswith((CLASH, UNREADY))
+        else traceback.format_exc()
+    )
 
 
 def _unique(origin: Origin, result: Registry) -> str:
@@ -374,6 +293,7 @@ def _collect(manager: pluggy.PluginManager, result: Registry) -> None:
     for hook_name, kind, target in targets:
         for implementation in getattr(manager.hook, hook_name).get_hookimpls():
             label = str(implementation.plugin_name)
+            _LOADING.append(label)
             try:
                 items = _checked(implementation.function(), kind, hook_name)
             except BaseException as error:
@@ -381,6 +301,8 @@ def _collect(manager: pluggy.PluginManager, result: Registry) -> None:
                     raise
                 _break(result, label)
                 continue
+            finally:
+                _LOADING.pop()
             for item in items:
                 if (hook_name, item.name) in owner:
                     raise TcbenchError(

@@ -99,6 +99,29 @@ def test_a_broken_plugin_stays_listed_with_its_traceback_and_costs_no_other(fold
         plugins.find_integrator("nobody")
 
 
+def test_a_script_in_the_folder_is_refused_with_a_sentence_and_spoils_nothing(folder):
+    """It asks for the registry that is just being made: once a recursion that ended in half-imported packages."""
+    (folder / "script.py").write_text("import tcbench\ntcbench.simulate('tc_monolithic', 'short_term')\n")
+    (folder / "good.py").write_text(GOOD)
+    plugins.use_folders([folder])
+    (broken,) = plugins.registry().broken
+    assert broken.name == "script" and "__main__" in broken.error and "Traceback" not in broken.error
+    assert "mine" in tcbench.integrators()
+
+
+def test_packages_of_an_environment_in_the_plugin_folder_are_not_helpers_beside_the_plugin(folder, monkeypatch):
+    packages = folder / ".venv" / "site-packages"
+    packages.mkdir(parents=True)
+    (packages / "installed_here.py").write_text("")
+    (folder / "beside.py").write_text("")
+    (folder / "mine.py").write_text("import installed_here, beside\n" + GOOD)
+    monkeypatch.syspath_prepend(packages)
+    plugins.use_folders([folder / "mine.py"])
+    assert not plugins.registry().broken
+    plugins.load()
+    assert "installed_here" in sys.modules and "beside" not in sys.modules
+
+
 def test_two_plugins_with_one_name_are_refused_with_both_named(folder):
     (folder / "first.py").write_text(GOOD)
     (folder / "second.py").write_text(GOOD)

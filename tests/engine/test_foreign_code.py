@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from tcbench import TcbenchError, plugins
+from tcbench import TcbenchError, plugin_files, plugins
 from tcbench.store.store import Store
 
 SCRIPT = Path(sys.executable).with_name("tcbench")
@@ -54,7 +54,7 @@ def folders():
     yield
     plugins._FOLDERS.clear()
     plugins._REGISTRY = None
-    plugins._forget_helpers()
+    plugin_files.forget_helpers()
 
 
 def helped(folder, name, factor, late=False):
@@ -108,14 +108,6 @@ def test_nothing_in_the_current_folder_runs_unless_it_is_named(tmp_path):
     assert not (tmp_path / "ran").exists(), (tmp_path / "ran").read_text()
     assert rows(tmp_path / "out")["tc_monolithic"]["status"] == "ok"
     assert (tmp_path / "out" / "report.html").is_file()
-
-
-def test_the_drawing_helpers_do_not_import_from_the_current_folder(tmp_path, monkeypatch):
-    from tcbench.report import drawing
-
-    (tmp_path / "tcbench.py").write_text("raise SystemExit(1)\n")
-    monkeypatch.chdir(tmp_path)
-    assert drawing._finish(drawing._start([])) == []
 
 
 def test_a_worker_that_ran_a_plugins_code_serves_no_other_plugin(tmp_path):
