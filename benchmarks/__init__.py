@@ -1,1 +1,1 @@
-"""The asv suite: speed and quality of every registered integrator, over the commits."""
+"""The asv suite over the commits: every_commit.py is what `asv run` does, every_method.py what `--bench` adds."""

@@ -157,7 +157,9 @@ def run_cells(
     if not todo.to_run:
         return summary
     foreign = context.get("foreign", {})  # cells of one plugin in a row: its worker is used for nothing else
-    ordered = sorted(todo.to_run, key=lambda c: (foreign.get(c.integrator, ""), foreign.get(c.scenario, "")))
+    ordered = sorted(
+        compiled_once(todo.to_run), key=lambda c: (foreign.get(c.integrator, ""), foreign.get(c.scenario, ""))
+    )
     together = [(cell, {"timed": False}) for cell in ordered if not cell.timed]
     alone = [cell for cell in todo.to_run if cell.timed]
     random.Random(seed).shuffle(alone)
@@ -175,6 +177,21 @@ def run_cells(
             summary.interrupted = True
     summary.elapsed_s = time.monotonic() - began
     return summary
+
+
+def compiled_once(cells: Sequence[Cell]) -> list[Cell]:
+    """The cells in an order in which neighbours compile different things, so that two workers seldom compile the same.
+
+    First one cell of each integrator, then one on each of its scenarios, then all the others, which find every kernel
+    in the cache.
+    """
+    turns: list[list[Cell]] = [[], [], []]
+    seen: set[tuple[str, ...]] = set()
+    for cell in cells:
+        pair = (cell.integrator, cell.scenario)
+        turns[0 if pair[:1] not in seen else 1 if pair not in seen else 2].append(cell)
+        seen |= {pair[:1], pair}
+    return [cell for turn in turns for cell in turn]
 
 
 LOGS = "tcbench-logs-"  # beginning of the names of temporary folders

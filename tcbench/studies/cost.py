@@ -42,7 +42,7 @@ def reach(points: Sequence[Row], measure: str, target: float) -> float:
     """Least time to an error of `target`: of the rungs at or below it, or between two neighbours by a straight line in
     logarithms. An error hidden by the reference's own counts as reached."""
     found = []
-    known = [(_error(p, measure), p["wall_time_min_s"]) for p in points if p.get("status") == "ok"]
+    known = [(reached_error(p, measure), p["wall_time_min_s"]) for p in points if p.get("status") == "ok"]
     known = [(e, t) for e, t in known if _is_number(e) and _is_number(t)]
     for e, t in known:
         if e <= target:
@@ -54,8 +54,12 @@ def reach(points: Sequence[Row], measure: str, target: float) -> float:
     return min(found, default=math.nan)
 
 
-def _error(point: Row, measure: str) -> Any:
-    return 0.0 if measure == "error" and point.get("reference_limited") else point.get(measure)
+def reached_error(point: Row, measure: str) -> float:
+    """The error of a rung: 0 where the reference's own hides it, infinite where the rung failed or does not tell."""
+    if point.get("status") != "ok":
+        return math.inf
+    error = 0.0 if measure == "error" and point.get("reference_limited") else point.get(measure)
+    return float(error) if error is not None and math.isfinite(error) else math.inf
 
 
 def _is_number(value: Any) -> bool:

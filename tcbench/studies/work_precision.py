@@ -1,20 +1,22 @@
 """Work and precision: the time that each method needs for an error, against the certified reference.
 
 One cell is one method on one scenario, measured alone on the machine; it goes down a ladder of steps or tolerances.
-Each rung is warm (one run is not timed where it might load something), and repeated until 50 ms have passed. A
+Each rung is warm (one run is not timed where it might load something), and repeated until 20 ms have passed. A
 fixed-step run is timed inside `simulate`, its diagnostics of every step included; an adaptive solver from call to
-return, asked for the end time only.
+return, asked for the end time only. Finer rungs that cost much and tell nothing new are left out (see `enough`); the
+column left_out of the last rung that was run says which and why.
 """
 
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from ..errors import MachineError
 from .base import Row, Study
-from .cost import cost_rows, time_to_accuracy
+from .cost import TARGETS, cost_rows, reached_error, time_to_accuracy
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -26,15 +28,18 @@ TOLERANCES = tuple(10.0**-k for k in range(1, 13))
 HALVINGS = range(-2, 9)  # steps are the scenario's own, over 2^k
 LONGEST = 500.0  # horizons: the last stored reference up to here
 UNSTORED = 25.0  # where none is stored: errors of chaotic scenarios would outgrow any reference
-SPENT_S = 0.05  # a rung is repeated until this much time has passed
+SPENT_S = 0.02  # a rung is repeated until this much time has passed
 SAMPLES = 40  # of a rung that a row keeps, at most: for the comparison of runs
 SLOW_S = 0.25  # after a run as slow as this the finer rungs are left out
+SLOW_FAILURES = 2  # ... or after so many failed ones as slow as this
+ROUND_OFF = 3  # rungs without a better energy error, after which it is taken to be round-off
 PEERS = {"scipy": "scipy", "peer": "other"}  # tag -> what the tables call it; the first that fits
 HORIZONS = (0.125, 0.25, 0.5, 1.0)  # of the run whose cost is measured against its length
 COLUMNS = (
     "integrator", "scenario", "control", "value", "status", "error", "error_q", "error_p", "error_s", "error_theta",
     "energy_error_max", "angular_momentum_error_max", "entropy_fall_max", "reference_limited", "wall_time_min_s",
     "wall_time_median_s", "repeats", "steps", "newton_iterations", "rhs_evaluations", "t", "peer", "failure",
+    "left_out",
 )  # fmt: skip
 
 
@@ -56,7 +61,13 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
     exact, floor = reference.states[0], 10.0 * float(reference.floor[0])
     run_at = _adaptive if integrator.kind == "adaptive" else _fixed
     points: list[Row] = []
-    for value in ladder(integrator, scenario, options.get("dt")):
+    took: list[float] = []
+    rungs = ladder(integrator, scenario, options.get("dt"))
+    for value in rungs:
+        if why := enough(points, took):
+            points[-1]["left_out"] = f"{len(rungs) - len(points)} finer ones, to {rungs[-1]:.3g}: {why}"
+            break
+        begin = time.perf_counter()
         point, seconds = _timed(run_at(integrator, scenario, value), warm=any(p["repeats"] for p in points))
         state = point.pop("state", None)
         points.append(
@@ -65,8 +76,7 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
             | errors_of(scenario, state, exact, floor)
             | _times(seconds)
         )
-        if seconds and seconds[0] > SLOW_S:
-            break
+        took.append(seconds[0] if seconds else time.perf_counter() - begin)
     good = [p["status"] for p in points]
     return {
         "status": "ok" if "ok" in good else good[-1],
@@ -76,8 +86,29 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
         "reference": reference.source,
         "peer": next((kind for tag, kind in PEERS.items() if tag in integrator.tags), ""),
         "points": points,
-        "horizons": _horizons(integrator, scenario, run_at),
+        "horizons": _horizons(integrator, scenario),
     }
+
+
+def enough(points: Sequence[Row], took: Sequence[float]) -> str:
+    """Why finer rungs are not worth their time, "" if they are. took : seconds of one run of each rung.
+
+    A rung that is slow is the last one, for the next would be slower still; one that is not slow is followed by the
+    next as long as an accuracy of the table time_to_accuracy is not reached, or it is cheap.
+    """
+    if not points or took[-1] <= SPENT_S:
+        return ""
+    slow = [point["status"] for point, seconds in zip(points, took, strict=True) if seconds > SLOW_S]
+    if "ok" in slow:
+        return f"a run took {took[-1]:.2g} s, more than {SLOW_S:g} s"
+    if len(slow) >= SLOW_FAILURES:
+        return f"{len(slow)} runs that failed took more than {SLOW_S:g} s each"
+    errors = [reached_error(point, "error") for point in points]
+    losses = [reached_error(point, "energy_error_max") for point in points]
+    kept = min(losses) <= min(TARGETS["energy_error_max"])
+    if len(points) > ROUND_OFF:
+        kept = kept or min(losses[-ROUND_OFF:]) > 0.5 * min(losses[:-ROUND_OFF])
+    return "every accuracy that is asked for is reached" if min(errors) <= min(TARGETS["error"]) and kept else ""
 
 
 def horizon(scenario: Scenario) -> float:
@@ -116,20 +147,20 @@ def _fixed(integrator: Integrator, scenario: Scenario, dt: float) -> Callable[[b
     return run
 
 
-def _adaptive(integrator: Integrator, scenario: Scenario, tolerance: float) -> Callable[[bool], tuple[Row, float]]:
+def _adaptive(
+    integrator: Integrator, scenario: Scenario, tolerance: float, invariants: bool = True
+) -> Callable[[bool], tuple[Row, float]]:
     """The first run, which takes no time, gives the invariants at 200 times; the others go straight to the end."""
-    import time
-
     import numpy as np
 
     from ..simulation.metrics import angular_momentum_error_max, energy_error_max
     from ..simulation.run import simulate
 
     ends, z0, model = np.array([0.0, scenario.t_end]), scenario.z0, scenario.model
-    seen: Row = {}
+    seen: Row = {"status": "ok", "failure": "", "energy_error_max": 0.0}
 
     def run(first: bool) -> tuple[Row, float]:
-        if first:
+        if first and invariants:
             result = simulate(integrator, scenario, tolerance=tolerance)
             seen.update(
                 status=result.status, failure=result.failure, energy_error_max=energy_error_max(result),
@@ -199,13 +230,16 @@ def errors_of(scenario: Scenario, state: Any, exact: Any, floor: float) -> Row:
     return {name: e if e > floor else math.nan for name, e in errors.items()} | {"reference_limited": limited}
 
 
-def _horizons(integrator: Integrator, scenario: Scenario, run_at: Any) -> list[Row]:
+def _horizons(integrator: Integrator, scenario: Scenario) -> list[Row]:
     """Time of runs over parts of the horizon: at the scenario's own step, or at a tolerance of 1e-6."""
-    value = TOLERANCES[5] if integrator.kind == "adaptive" else min(scenario.dt, HORIZONS[0] * scenario.t_end)
     rows = []
     for part in HORIZONS:
         shorter = scenario.replace(t_end=part * scenario.t_end)
-        row, seconds = _timed(run_at(integrator, shorter, value), spent=SPENT_S / 5)
+        if integrator.kind == "adaptive":
+            run = _adaptive(integrator, shorter, TOLERANCES[5], invariants=False)
+        else:
+            run = _fixed(integrator, shorter, min(scenario.dt, HORIZONS[0] * scenario.t_end))
+        row, seconds = _timed(run, warm=True, spent=SPENT_S / 2)
         if row["status"] != "ok" or seconds[0] > SLOW_S:
             break
         rows.append({"t": shorter.t_end, "seconds": min(seconds), "samples": _samples(seconds)})

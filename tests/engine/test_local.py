@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from tcbench.engine.local import Event, plan, run_cells
+from tcbench.engine.local import Event, compiled_once, plan, run_cells
 from tcbench.engine.worker_slot import START_ATTEMPTS
 from tcbench.errors import TcbenchError
 from tcbench.store.cells import Cell
@@ -312,3 +312,13 @@ def test_overhead_2000_cells_of_1_ms_on_two_workers():
     assert (
         time.process_time() - began < 10.0
     )  # of this process; 2 s measured, a cost that grows with the square has 100
+
+
+def test_workers_begin_with_different_integrators():
+    def made(scenario, integrator, dt):
+        return Cell("conservation", integrator, scenario, {"dt": dt})
+
+    cells = [made(s, i, dt) for s in "xy" for i in "abc" for dt in (0.1, 0.2)]
+    found = [(c.integrator, c.scenario) for c in compiled_once(cells)]
+    assert found[:6] == [("a", "x"), ("b", "x"), ("c", "x"), ("a", "y"), ("b", "y"), ("c", "y")]
+    assert sorted(c.key for c in compiled_once(cells)) == sorted(c.key for c in cells)
