@@ -29,7 +29,7 @@ JUDGED = ("wall_time_median_s", "seconds")  # stand for the timings of a rung th
 KEYS = {
     "conservation": ("dt", "tolerance"), "convergence": ("variable",), "convergence_points": ("variable", "dt"),
     "equilibrium": ("dt", "t"), "equilibrium_summary": ("dt",), "claims": ("claim", "section", "group"),
-    "stability": (), "stability_points": ("solver", "dt"), "blowup_sensitivity": ("factor",),
+    "stability": (), "stability_points": ("solver", "dt"), "blowup_sensitivity": ("factor",), "stable_tolerances": (),
     "work_precision": ("control", "value"), "map": ("x_name", "x", "y_name", "y"),
 }  # fmt: skip
 ANY_KEY = ("variable", "dt", "tolerance", "t", "measure", "target", "claim", "factor", "tau", "control")  # of others

@@ -23,6 +23,9 @@ POINTS = (
     "integrator", "scenario", "solver", "dt", "status", "blowup_time", "continuation_steps", "kind", "energy_error_max",
     "folds",
 )  # fmt: skip
+TOLERANCES = (
+    "integrator", "scenario", "tolerance_stable", "tolerance_unstable", "limit", "cause", "status", "failure",
+)  # fmt: skip
 SENSITIVITY = (
     "integrator", "scenario", "dt", "factor", "blowup_time", "median", "low", "high", "failed", "runs",
 )  # fmt: skip
@@ -31,13 +34,16 @@ SENSITIVITY = (
 def plan(
     integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]
 ) -> list[tuple[Integrator, Scenario, Row]]:
-    return [(i, s, {}) for s in scenarios for i in integrators if i.kind == "flows"]
+    return [(i, s, {}) for s in scenarios for i in integrators]
 
 
 def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
     from . import stable_step as stability
 
-    row, points = stability.maximum_step(integrator, scenario)
+    if integrator.kind == "adaptive":
+        return {"status": "ok", **stability.loosest_tolerance(integrator, scenario)}
+    search = stability.maximum_step if integrator.kind == "flows" else stability.maximum_own_step
+    row, points = search(integrator, scenario)
     own = stability.outcome(integrator, scenario, scenario.dt)
     dt = row["dt_unstable"] if own.ok else scenario.dt  # the scenario's own step where that fails
     blowup = [] if math.isnan(dt) else stability.sensitivity(integrator, scenario, dt)
@@ -55,21 +61,25 @@ def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
         ]
         return pd.DataFrame(rows, columns=list(columns))
 
-    table = pd.DataFrame(list(records)).drop(columns=["points", "sensitivity"], errors="ignore")
-    rest = [c for c in table.columns if c not in COLUMNS]
-    table = table.reindex(columns=[*COLUMNS, *rest])
+    def one_each(rows: Sequence[Row], columns: Sequence[str]) -> DataFrame:
+        table = pd.DataFrame(list(rows)).drop(columns=["points", "sensitivity"], errors="ignore")
+        table = table.reindex(columns=[*columns, *(c for c in table.columns if c not in columns)])
+        return table.sort_values(["scenario", "integrator"], kind="stable", ignore_index=True)
+
+    adaptive = [r for r in records if "tolerance_stable" in r]
     return {
-        "stability": table.sort_values(["scenario", "integrator"], kind="stable", ignore_index=True),
+        "stability": one_each([r for r in records if "tolerance_stable" not in r], COLUMNS),
         "stability_points": nested("points", POINTS),
         "blowup_sensitivity": nested("sensitivity", SENSITIVITY),
+        "stable_tolerances": one_each(adaptive, TOLERANCES),
     }
 
 
 STUDY = Study(
     name="stability",
     place=50,
-    description="largest stable step and the kind of its limit, with the shared solver and with plain Newton",
-    tables=("stability", "stability_points", "blowup_sensitivity"),
+    description="largest stable step and the kind of its limit; of adaptive solvers the loosest tolerance that holds",
+    tables=("stability", "stability_points", "blowup_sensitivity", "stable_tolerances"),
     plan=plan,
     measure=measure,
     tabulate=tabulate,

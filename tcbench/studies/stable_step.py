@@ -59,7 +59,7 @@ class Outcome:
 
 def outcome_of(run: Trajectory) -> Outcome:
     """The outcome of a trajectory."""
-    kinds = {"ok": OK, "nonconverged": SOLVER, "no_root": BRANCH}
+    kinds = {"ok": OK, "nonconverged": SOLVER, "exception": SOLVER, "no_root": BRANCH}
     kind, time, failure = kinds.get(run.status, PHYSICAL), float(run.t[-1]), run.failure
     fall = run.summary.first_entropy_fall
     if math.isfinite(fall) and (kind == OK or fall <= time):
@@ -232,6 +232,56 @@ def maximum_step(integrator: Integrator, scenario: Scenario) -> tuple[dict[str, 
         for solver, ladder in ladders.items() for p in ladder.points()
     ]  # fmt: skip
     return row, points
+
+
+def maximum_own_step(integrator: Integrator, scenario: Scenario) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """The same for a method that is given by a step function: one ladder of runs, and no arc to say whose fault it is.
+
+    limit : `solver` where the step function gave up (it raised an exception), `physical` where the run was bad.
+    """
+    cap = cap_rung(scenario)
+    ladder = Ladder(lambda dt: outcome(integrator, scenario, dt), cap)
+    found = boundary(ladder)
+    failed = None if found.unstable is None else ladder[found.unstable]
+    row = {
+        "dt_stable": _step(found.stable), "dt_unstable": _step(found.unstable), "dt_half": _step(found.half),
+        "limit": failed.kind if failed else NONE, "non_monotone": found.non_monotone, "dt_cap": step_of(cap),
+        "cause": failed.failure if failed else "",
+    }  # fmt: skip
+    points = [
+        {
+            "solver": "own", "dt": p.dt, "status": p.status, "kind": p.kind, "blowup_time": p.blowup_time,
+            "energy_error_max": p.energy_error,
+        }
+        for p in ladder.points()
+    ]  # fmt: skip
+    return row, points
+
+
+TOLERANCES = tuple(10 ** (-k / 2) for k in range(17))  # 1, 0.32, ... 1e-8
+HOLDS = 3  # so many tolerances in a row must hold
+
+
+def loosest_tolerance(integrator: Integrator, scenario: Scenario) -> dict[str, Any]:
+    """One row of `stable_tolerances`: the loosest tolerance of an adaptive solver at which, and at the next two tighter
+    ones, a run does not fail (NaN if there is none down to 1e-8), and why the next looser one does."""
+    from ..simulation.run import simulate
+
+    held: list[float] = []
+    failed: tuple[float, Outcome | None] = (math.nan, None)
+    for tolerance in TOLERANCES:
+        one = outcome_of(simulate(integrator, scenario, tolerance=tolerance))
+        if one.ok:
+            held.append(tolerance)
+        else:
+            held, failed = [], (tolerance, one)
+        if len(held) == HOLDS:
+            break
+    last = failed[1]
+    return {
+        "tolerance_stable": held[0] if len(held) == HOLDS else math.nan, "tolerance_unstable": failed[0],
+        "limit": last.kind if last else NONE, "cause": last.failure if last else "",
+    }  # fmt: skip
 
 
 def _step(rung: int | None) -> float:
