@@ -34,6 +34,7 @@ class TaylorMethod:
         back, _ = system.kernel("entropy_variables")
         given = np.concatenate([system.constant_values, setup(system.constant_values, system.constant_values)])
         self.counts = Counts()
+        self.reached: Floats | None = None  # where the last march ended
         self.work = Work(
             size=system.size, order=order, n_given=len(given),
             n_target=system.size + 2 + len(system.invariant_names), to_series=series.address,
@@ -51,6 +52,7 @@ class TaylorMethod:
         """States at `times`, shape (len(times), n), and their cost; ArithmeticError where steps become too short."""
         states = np.empty((len(times), self.size))
         states[0] = z0
+        self.reached = None
         self.counts.table[:] = 0
         self._start(z0)
         done = self.loops.adaptive_steps(self.work, times, tolerance, states)
@@ -59,10 +61,15 @@ class TaylorMethod:
         return states, {"steps": self.counts.steps, "rejected": self.counts.rejected}
 
     def march(self, z: Floats, h: float, count: int) -> Floats:
-        """States after up to `count` steps of length h, as many as succeed; ArithmeticError where none does."""
+        """States after up to `count` steps of length h, as many as succeed; ArithmeticError where none does.
+
+        From where the last march ended it goes on: a run keeps the invariants of its own start, not of each part's.
+        """
         states = np.empty((count, self.size))
-        self._start(z)
+        if self.reached is None or not np.array_equal(z, self.reached):
+            self._start(z)
         done = self.loops.fixed_steps(self.work, h, states)
+        self.reached = states[done - 1] if done == count else None
         if done == 0:
             raise ArithmeticError("the series gives no admissible state after this step")
         return states[:done]
