@@ -136,7 +136,6 @@ BAD = [
         ("run", "-i", "verlet_heat", "-s", "chain[n=4]"),
         "conduction_flow, which the system chain does not",
     ),
-    (("run", "-i", "tc_gauss", "--study", "stability"), "a step in Python does not show"),
     (("run", "--all", "-o", ""), "name of the output folder is empty"),
     (("run", "--all", "--plugins-dir", ""), "name of a plugin folder is empty"),
     (("simulate", "tc_monolithic", "short_term", "--plugins-dir", ""), "name of a plugin folder is empty"),

@@ -126,8 +126,6 @@ def _why_not(method: Integrator, study: Study, scenarios: Sequence[Scenario]) ->
         why = "; ".join(dict.fromkeys(reasons))
     elif method.kind == "adaptive":
         why = "a method that chooses its steps has no step size to vary"
-    elif method.kind == "step":
-        why = "it follows the roots of a residual, which a step in Python does not show"
     else:
         why = "none of these scenarios and steps fits"
     return f"{method.name} is not in the study {study.name}: {why}."
