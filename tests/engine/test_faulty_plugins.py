@@ -43,7 +43,7 @@ def test_faulty_plugins_cost_their_own_cells_and_nothing_else(tmp_path):
     for name, (body, _) in FAULTS.items():
         text = HEADER + f"def step(z, h, system):\n    {body}\n" + FOOTER.format(name=name)
         (plugins / f"{name}.py").write_text(text)
-    slow = HEADER + "time.sleep(1.5)\ndef step(z, h, system):\n    return z\n" + FOOTER.format(name="slow_import")
+    slow = HEADER + "time.sleep(1.0)\ndef step(z, h, system):\n    return z\n" + FOOTER.format(name="slow_import")
     (plugins / "slow_import.py").write_text(slow)
     for name, text in BROKEN.items():
         (plugins / f"{name}.py").write_text(text)
@@ -51,7 +51,7 @@ def test_faulty_plugins_cost_their_own_cells_and_nothing_else(tmp_path):
     clean = run(tmp_path, tmp_path / "clean")
     assert clean.returncode == 0, clean.stderr
     chosen = [word for name in [*FAULTS, "slow_import"] for word in ("-i", name)]
-    limits = ("--timeout", "10", "--memory-limit", "6000")
+    limits = ("--timeout", "6", "--memory-limit", "6000")
     faulty = run(tmp_path, tmp_path / "faulty", "--plugins-dir", str(plugins), *chosen, *limits)
     assert faulty.returncode == 0, faulty.stderr
     assert len(faulty.stdout) < 20_000 and len(faulty.stderr) < 20_000  # whoever shouts, shouts into a file
