@@ -26,7 +26,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..files import replacing
-from .collocation import LONG, Jacobian, ReferenceFailed, RightHandSide, integrate, tableau
+from .collocation import Jacobian, ReferenceFailed, RightHandSide, integrate, tableau
+from .precision import DESCRIPTION, ENOUGH, EPS, LONG, long_number
 
 FORMAT = 1
 # Both collocations share the rounding of the right-hand side: on stiff_spring the error was 3 times the gap.
@@ -148,7 +149,7 @@ def compute(
     """Reference at `times` for any smooth z' = rhs(t, z), from three runs that share no step and no
     coefficient.
 
-    Gauss (8 stages, order 16) and Radau IIA (9 stages, order 17) in np.longdouble: four times their gap is
+    Gauss (8 stages, order 16) and Radau IIA (9 stages, order 17) in extended precision: four times their gap is
     the certificate; SciPy's LSODA checks both. If SciPy disagrees by more than 1e-5, its gap becomes the
     certificate: then the equations are too hard for one of the three, and nobody knows for which.
 
@@ -159,8 +160,8 @@ def compute(
     if not times or times[0] <= 0 or any(b <= a for a, b in pairwise(times)):
         raise ValueError(f"Reference times must be positive and increasing; got {times}.")
     z = np.asarray(z0, LONG)
-    probe = np.asarray(rhs(LONG(0), z) if not vectorized else rhs(np.zeros(1, LONG), z[:, None]))
-    extended = probe.dtype == LONG and np.finfo(LONG).eps < 1e-18
+    probe = np.asarray(rhs(long_number(0), z) if not vectorized else rhs(np.zeros(1, LONG), z[:, None]))
+    extended = probe.dtype == LONG and EPS < ENOUGH
     gauss, radau = (
         integrate(
             tableau(kind, s),
@@ -177,12 +178,12 @@ def compute(
     check = _scipy_gaps(rhs, jac, z.astype(float), times, gauss, vectorized)
     eps = float(np.finfo(float).eps)
     certificate = tuple(
-        max(SAFETY * gap(a, b), float(np.finfo(LONG).eps), c if c > CONTRADICTION else 0.0)
+        max(SAFETY * gap(a, b), EPS, c if c > CONTRADICTION else 0.0)
         for a, b, c in zip(radau, gauss, check, strict=True)
     )
     source = (
         f"Gauss 8-stage against Radau IIA 9-stage collocation in "
-        f"{'extended' if extended else 'double'} precision; SciPy agrees to {max(check):.1e}"
+        f"{DESCRIPTION if extended or probe.dtype == LONG else 'double precision'}; SciPy agrees to {max(check):.1e}"
     )
     floor = tuple(max(c, eps / 2) for c in certificate)
     return Reference(times, gauss.astype(float), certificate, floor, source)
@@ -242,6 +243,17 @@ def write_atomically(path: Path, text: str) -> None:
 
 
 __all__ = [
-    "LONG", "Reference", "ReferenceFailed", "cached", "compute", "gap", "integrate", "scenario_hash", "stored",
-    "stored_file", "tableau", "write_atomically",
+    "LONG",
+    "Reference",
+    "ReferenceFailed",
+    "cached",
+    "compute",
+    "gap",
+    "integrate",
+    "long_number",
+    "scenario_hash",
+    "stored",
+    "stored_file",
+    "tableau",
+    "write_atomically",
 ]  # fmt: skip

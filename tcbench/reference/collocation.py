@@ -14,9 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-# Extended precision is 64 bits of mantissa on x86; elsewhere np.longdouble may be plain double and the
-# certificate shows it.
-LONG = np.longdouble
+from .precision import LONG, long_number
+
 RightHandSide = Callable[[Any, Any], Any]
 Jacobian = Callable[[float, NDArray[np.float64]], ArrayLike]
 
@@ -79,7 +78,7 @@ def tableau(kind: str, s: int) -> Tableau:
         for _ in range(3):
             (p, d), (p_, d_) = _legendre(s, x), _legendre(s - 1, x)
             x = x - (p - p_) / (d - d_)
-        x[-1] = LONG(1)
+        x[-1] = long_number(1)
         c = (1 + x) / 2
     else:
         raise ValueError(f"Unknown collocation '{kind}'. Known: gauss, radau.")
@@ -112,13 +111,13 @@ def integrate(
     """States at `times` (increasing, from t = 0) by adaptive collocation in extended precision, shape
     (len(times), m).
 
-    rhs(t, z) is called with np.longdouble arrays of shape (m,), or, if `vectorized`, with t (s,) and z (m,
+    rhs(t, z) is called with extended arrays of shape (m,), or, if `vectorized`, with t (s,) and z (m,
     s). `tolerance` bounds h |last Legendre coefficient of dz/dt| / max(1, |z|) on each step. The end point
     is far more accurate than that (superconvergence), except in a stiff component, where it is about that.
     """
     z = np.asarray(z0, LONG)
     f = _stages(rhs, vectorized)
-    t, h, s = LONG(0), LONG(1e-3), len(method.c)
+    t, h, s = long_number(0), long_number(1e-3), len(method.c)
     last: tuple[NDArray[Any], Any] | None = None  # stage derivatives of the last step and its length
     states, steps, deadline = [], 0, time.monotonic() + max_seconds
     for end in times:
@@ -130,9 +129,9 @@ def integrate(
                     f"{steps - 1} tries with h = {float(h):.2g}. Shorten the horizon, or raise max_steps and "
                     "max_seconds."
                 )
-            remaining = LONG(end) - t
+            remaining = long_number(end) - t
             # Halving what is left avoids a tiny last step, whose extrapolated guess would be poor.
-            step = remaining if remaining <= h * LONG(1.01) else min(h, remaining / 2)
+            step = remaining if remaining <= h * long_number(1.01) else min(h, remaining / 2)
             guess = None if last is None else method.extrapolation(float(step / last[1])) @ last[0]
             K = _solve_stages(method, f, jac, t, z, step, guess)
             if K is None:
@@ -141,11 +140,15 @@ def integrate(
             tail = np.abs(method.legendre[-1] @ K.astype(float))
             error = float(step) * float(np.max(tail / np.maximum(1, np.abs(z.astype(float)))))
             factor = min(3.0, 0.85 * (tolerance / max(error, 1e-300)) ** (1 / s))
-            h = step * LONG(max(0.2, factor)) if step == remaining or factor < 1 else max(h, step * LONG(factor))
+            h = (
+                step * long_number(max(0.2, factor))
+                if step == remaining or factor < 1
+                else max(h, step * long_number(factor))
+            )
             if error > 5 * tolerance:
                 last = None
                 continue
-            t = LONG(end) if step == remaining else t + step
+            t = long_number(end) if step == remaining else t + step
             z, last = z + step * (method.b @ K), (K, step)
         states.append(z)
     return np.array(states)
@@ -198,7 +201,7 @@ def _solve_stages(
 def _difference_jacobian(f: RightHandSide, t: NDArray[Any], z: NDArray[Any]) -> NDArray[np.float64]:
     """df/dz (m, m) by central differences in the precision of z."""
     m = len(z)
-    size = LONG(1e-5) * np.maximum(1, np.abs(z))
+    size = long_number(1e-5) * np.maximum(1, np.abs(z))
     steps = np.diag(size)
     up = f(np.repeat(t, m), z + steps)
     down = f(np.repeat(t, m), z - steps)

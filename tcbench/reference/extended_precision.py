@@ -1,7 +1,7 @@
 """A system's own equations in extended precision, whoever wrote the system.
 
 The vector field is derived from the author's formulas as a graph (`trace`); printed as straight-line Python and
-run on np.longdouble instead of being compiled, it keeps all 64 bits of mantissa that x86 has.
+run on extended numbers (see precision.py) instead of being compiled, it keeps all their digits.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from numpy.typing import NDArray
 
 from ..systems.right_hand_side import as_python
 from ..systems.scenario import Scenario
-from .collocation import LONG
+from .precision import EPS, LONG
 
 Longs = NDArray[Any]
 
 
 @dataclass(frozen=True)
 class ExtendedFunction:
-    """One of a system's derived functions in np.longdouble: z (n,) or (n, k), k states at once -> (m,) or (m, k).
+    """One of a system's derived functions in extended precision: z (n,) or (n, k), k states at once -> (m,) or (m, k).
 
     text : the code that runs. constants : doubles, taken as they are.
     """
@@ -40,7 +40,7 @@ class ExtendedFunction:
 
     def fingerprint(self, z0: Longs) -> str:
         """Hash of everything that a solution from `z0` depends on."""
-        digest = hashlib.sha256(self.text.encode())
+        digest = hashlib.sha256(f"{EPS}{self.text}".encode())
         for array in (self.constants, z0):
             digest.update(",".join(map(str, array)).encode() + b";")
         return digest.hexdigest()[:32]
@@ -56,12 +56,12 @@ def extended(scenario: Scenario, name: str) -> ExtendedFunction:
 
 def _phi(x: Longs) -> Longs:
     """expm1(x)/x, 1 at 0."""
-    return np.where(x == 0, LONG(1), np.expm1(x) / np.where(x == 0, LONG(1), x))
+    return np.where(x == 0, 1, np.expm1(x) / np.where(x == 0, 1, x))
 
 
 def _lam(x: Longs) -> Longs:
     """log1p(x)/x, 1 at 0."""
-    return np.where(x == 0, LONG(1), np.log1p(x) / np.where(x == 0, LONG(1), x))
+    return np.where(x == 0, 1, np.log1p(x) / np.where(x == 0, 1, x))
 
 
 _FUNCTIONS: dict[str, Any] = {

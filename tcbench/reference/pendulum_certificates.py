@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .certified import FORMAT, LONG, integrate, scenario_hash, stored_file, tableau, write_atomically
+from .certified import FORMAT, integrate, long_number, scenario_hash, stored_file, tableau, write_atomically
 
 PRECISIONS = (160, 220)
 DIGITS = 30  # stored: certificates are about 1e-44, thirty digits are enough for extended precision
@@ -200,9 +200,9 @@ def taylor_states(
 
 def collocation_states(
     constants: Mapping[str, Any], initial: Mapping[str, Any], times: Sequence[str], rounded: bool = False
-) -> NDArray[np.longdouble]:
-    """The same states (n, 10) by Gauss collocation in np.longdouble; equations written anew, in vectors."""
-    c = {k: np.array([LONG(str(x)) for x in v]) for k, v in exact_constants(constants, rounded).items()}
+) -> NDArray[Any]:
+    """The same states (n, 10) by Gauss collocation in extended precision; equations written anew, in vectors."""
+    c = {k: np.array([long_number(str(x)) for x in v]) for k, v in exact_constants(constants, rounded).items()}
     (kappa,), (ref,), (beta,), (c0,) = (
         c[k] for k in ("conductivity", "reference_temperature", "coupling", "heat_capacity")
     )
@@ -219,7 +219,7 @@ def collocation_states(
         flux = kappa * (theta[::-1] - theta) / theta
         return np.concatenate([z[4:6] / c["masses"][0], z[6:8] / c["masses"][1], pull[1] - pull[0], -pull[1], flux])
 
-    z0 = np.array([LONG(str(x)) for x in exact_state(constants, initial, rounded)])
+    z0 = np.array([long_number(str(x)) for x in exact_state(constants, initial, rounded)])
     return integrate(tableau("gauss", 8), rhs, None, z0, [float(t) for t in times], vectorized=True)
 
 

@@ -18,9 +18,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..reference.precision import LONG
+
 Floats = NDArray[np.float64]
 
-LONG = np.longdouble
 # S is flat at its top: its values fix the strains only to about the square root of round-off.
 AGREEMENT = 1e-6
 LOWEST_STRAIN = -8.0  # springs shorter than e^-8 natural lengths are collapsed, not in equilibrium

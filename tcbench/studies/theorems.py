@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..reference.collocation import LONG
+from ..reference.precision import LONG
 from ..systems.system import State, System
 
 if TYPE_CHECKING:
