@@ -249,7 +249,7 @@ def report(folder: Path, folders: tuple[str, ...], as_json: bool) -> None:
 )
 @many("integrator", "Draw this integrator (default: all of the run).")
 @click.option("--x", metavar="COLUMN", help="Column of the horizontal axis (work-precision, conservation).")
-@click.option("--y", multiple=True, metavar="COLUMN", help="Columns of the vertical axis (work-precision); repeat.")
+@click.option("--y", multiple=True, metavar="COLUMN", help="Panels: columns, or variables, laws; repeat.")
 @click.option("--dt", type=float, help="Of laws, four-panel and path: the runs of this step only.")
 @click.option("--size", metavar="WxH", help="Of the picture: 6x4 in inches, or 15x10cm.")
 @click.option("--font-size", type=float, metavar="POINTS", help="Of labels; titles and numbers follow (9 by default).")

@@ -13,25 +13,18 @@ from .actions import one_of, wrote
 
 
 def plot_command(
-    kind: str | None, folder: Path, output: Path | None, scenario: str | None, integrators: tuple[str, ...],
-    x: str | None, y: tuple[str, ...], dt: float | None, as_json: bool, size: str | None, font_size: float | None,
-    methods: str | None, style: str | None,
+    kind: str | None, folder: Path, output: Path | None, integrators: tuple[str, ...], methods: str | None,
+    as_json: bool, **options: Any,
 ) -> None:  # fmt: skip
     if kind is None:
         _list_kinds(as_json)
         return
-    from ..report.charts.theme import FONT_SIZE, Theme, checked_font_size, parse_methods, parse_size, style_settings
     from ..report.plot import plot
 
-    theme = Theme(
-        labels=parse_methods(methods) if methods else {}, settings=style_settings(style) if style else {},
-        font_size=checked_font_size(font_size or FONT_SIZE), size=parse_size(size) if size else None,
-    )  # fmt: skip
+    if methods and integrators:
+        raise TcbenchError("Name methods with -i or with --methods, which also orders and labels them; not with both.")
     with waiting(f"drawing {kind}"):
-        path = plot(
-            kind, folder, output or f"{kind}.png", scenario=scenario, integrators=list(integrators) or None, x=x,
-            y=list(y) or None, dt=dt, theme=theme,
-        )  # fmt: skip
+        path = plot(kind, folder, output or f"{kind}.png", methods=methods or integrators, **options)
     wrote([path], as_json)
 
 

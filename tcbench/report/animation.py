@@ -15,7 +15,8 @@ import numpy as np
 
 from ..errors import TcbenchError
 from ..systems.plane import segments
-from .charts.style import STYLE, look
+from .charts.style import look
+from .charts.theme import STYLE
 
 if TYPE_CHECKING:
     from matplotlib.animation import FuncAnimation

@@ -140,8 +140,9 @@ def measurement(run: Trajectory) -> str:
 def draw(figure: PaperFigure, runs: list[Trajectory]) -> Figure:
     """The four panels with the caption below them."""
     from ..simulation import series
+    from .charts.layout import Panels
     from .charts.runs import four_panel
-    from .charts.style import INK, Panels
+    from .charts.theme import INK
 
     drawn = four_panel(series.trajectories(runs))
     assert isinstance(drawn, Panels)

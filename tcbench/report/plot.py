@@ -1,16 +1,15 @@
-"""`plot`: one chart of a run folder, or of trajectories, as PNG, SVG or PDF."""
+"""`draw` and `plot`: one chart of a run folder, of tables or of trajectories, as a Figure or as PNG, SVG or PDF."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from ..errors import TcbenchError, unknown_name
 from ..files import replacing
 from .chart_kinds import OPENING, SERIES, Kind, find_kind, of_scenario, with_fallbacks
-from .charts.theme import Theme, own_settings, using
+from .charts import theme
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,89 +18,87 @@ if TYPE_CHECKING:
 
     from ..simulation.trajectory import Trajectory
 
+    Source: TypeAlias = str | Path | DataFrame | Mapping[str, DataFrame] | Trajectory | Iterable[Trajectory]
+
 SUFFIXES = (".png", ".svg", ".pdf")
 
 
-def plot(
-    kind: str,
-    source: str | Path | Trajectory | Iterable[Trajectory],
-    output: str | Path,
-    *,
-    scenario: str | None = None,
-    integrators: Sequence[str] | None = None,
-    x: str | None = None,
-    y: Sequence[str] | None = None,
-    dt: float | None = None,
-    theme: Theme | None = None,
-) -> Path:
+def plot(kind: str, data: Source, output: str | Path, **options: Any) -> Path:
     """Write one chart; its format is the suffix of `output` (.png, .svg or .pdf; the last two are vectors).
 
-    kind : a name of `chart_kinds.kinds()`. source : the folder of a run, or trajectories (for laws, four-panel, path).
-    scenario : needed where the run has several. integrators : only these. x, y : columns, of work-precision (x and y)
-    and conservation (x). dt : of laws, four-panel and path, the runs of this step only. theme : sizes, fonts, order and
-    names of methods; the user's own matplotlibrc counts.
-
-    Raises TcbenchError for an unknown kind, scenario, integrator or suffix, and for tables that the run does not have.
+    kind, data, options : as of `draw`. Raises TcbenchError as it does, and for an unknown suffix.
     """
-    from ..store.tables import only
-
-    chosen = find_kind(kind)
     path = checked_output(output)
-    tables = _tables(chosen, source, scenario, dt)
-    if not chosen.possible(tables):
-        raise TcbenchError(_absent(chosen, tables))
-    theme = theme or Theme()
-    tables = only(tables, "integrator", integrators or list(theme.labels))
-    shown = _scenario(chosen, tables, scenario)
-    options = _columns(chosen, tables[chosen.needs[0]], x, y)
-    theme = replace(theme, settings={**own_settings(), **theme.settings})
-    with using(theme):
-        return save(chosen.draw(chosen.select(tables, shown), **options), path)
+    return save(draw(kind, data, **options), path)
 
 
 def draw(
-    kind: str, table: DataFrame | Mapping[str, DataFrame], ax: Axes | None = None, *, scenario: str | None = None,
-    x: str | None = None, y: Sequence[str] | None = None, methods: Mapping[str, str] | Sequence[str] | None = None,
-) -> Figure:  # fmt: skip
-    """A chart of a table, as a matplotlib Figure to change and save; nothing is written.
+    kind: str,
+    data: Source,
+    ax: Axes | None = None,
+    *,
+    scenario: str | None = None,
+    methods: str | Sequence[str] | Mapping[str, str] | None = None,
+    x: str | None = None,
+    y: str | Sequence[str] | None = None,
+    dt: float | None = None,
+    size: str | Sequence[float] | None = None,
+    font_size: float | None = None,
+    style: str | Path | Mapping[str, Any] | None = None,
+) -> Figure:
+    """A chart as a matplotlib Figure, to change and to save; nothing is written, and a notebook shows it.
 
-    kind : a name of `tcbench plot`. table : a table of a run, such as results.tables["work_precision"], or several by
-    name where the chart takes several. ax : draw into this Axes (charts of one panel; y= chooses one) and return its
-    Figure. methods : only these, in this order; a mapping says what to write for each.
+    kind : a name of `tcbench plot`. data : the folder of a run; a table, such as results.tables["work_precision"], or
+    several by name where the chart takes several; trajectories, for laws, four-panel and path. ax : draw into this Axes
+    (charts of one panel; y= chooses one) and return its Figure. scenario : needed where the data have several.
+    methods : only these, in this order; a mapping, or a str as on the command line, "tc_strang=Strang,gauss2", says
+    what to write for each. x, y : columns; y of charts whose panels are variables, laws or measures: these. dt : of
+    laws, four-panel and path, the runs of this step only. size : of the figure, in inches, or "15x10cm". font_size :
+    points. style : a matplotlib style, its file, its name or its settings, over what your own matplotlibrc sets.
 
-    Raises TcbenchError for what the table does not have.
+    Raises TcbenchError for an unknown kind, scenario, method, column or style, for what the data do not have, and for a
+    size too small for the panels.
     """
     from ..store.tables import only
 
     chosen = find_kind(kind)
-    tables = dict(table) if isinstance(table, Mapping) else {chosen.needs[0]: table}
+    if ax is not None and size is not None:
+        raise TcbenchError("An Axes has the size of its figure: give ax or size, not both.")
+    wanted = theme.asked(methods, size, font_size, style, ax)
+    tables = _tables(chosen, data, dt)
     if not chosen.possible(tables):
         raise TcbenchError(_absent(chosen, tables))
-    labels = dict(methods) if isinstance(methods, Mapping) else {name: name for name in methods or ()}
-    tables = only(tables, "integrator", list(labels))
-    options = _columns(chosen, tables[chosen.needs[0]], x, y)
-    shown = _scenario(chosen, tables, scenario)
-    with using(Theme(labels=labels, axes=ax)):
-        return chosen.draw(chosen.select(tables, shown), **options)
+    tables = only(tables, "integrator", list(wanted.labels))
+    shown = chosen.select(tables, _scenario(chosen, tables, scenario))
+    shown, options = _columns(chosen, shown, x, [y] if isinstance(y, str) else list(y or ()))
+    with theme.using(wanted):
+        return chosen.draw(shown, **options)
 
 
-def _columns(kind: Kind, table: DataFrame, x: str | None, y: Sequence[str] | None) -> dict[str, Any]:
-    """The options x and y of the charts that take them, if they are columns of numbers."""
+def _columns(
+    kind: Kind, tables: dict[str, DataFrame], x: str | None, y: Sequence[str]
+) -> tuple[dict[str, DataFrame], dict[str, Any]]:
+    """The tables of the panels in y, and the options x and y of the charts that take them as columns of numbers."""
     from pandas.api.types import is_numeric_dtype
 
+    able = (*kind.options, *(["y"] if kind.picks else []))
     for name, given in (("x", x), ("y", y)):
-        if given and name not in kind.options:
-            there = ", ".join(kind.options) or "none"
-            raise TcbenchError(f"The chart {kind.name!r} has no option {name}; those that it has: {there}.")
-    options: dict[str, Any] = {"x": x} if x and "x" in kind.options else {}
-    if y and "y" in kind.options:
-        options["y"] = tuple(y)
-    for column in [*options.get("y", ()), *([x] if "x" in options else [])]:
+        if given and name not in able:
+            raise TcbenchError(f"The chart {kind.name!r} has no option {name}; those that it has: "
+                               f"{', '.join(able) or 'none'}.")  # fmt: skip
+    table = tables[kind.needs[0]]
+    if kind.picks and y:
+        known = [str(value) for value in table[kind.picks].dropna().unique()]
+        for value in y:
+            if value not in known:
+                raise unknown_name(f"{kind.picks} of this run", value, known)
+        return tables | {kind.needs[0]: table[table[kind.picks].astype(str).isin(y)]}, {}
+    for column in [*y, *([x] if x else [])]:
         if column not in table:
             raise unknown_name("column", str(column), [str(c) for c in table.columns])
         if not is_numeric_dtype(table[column]):
             raise TcbenchError(f"The column {column!r} has no numbers to draw.")
-    return options
+    return tables, ({"x": x} if x else {}) | ({"y": tuple(y)} if y else {})
 
 
 def checked_output(output: str | Path) -> Path:
@@ -118,9 +115,9 @@ def save(figure: Figure, path: Path) -> Path:
     """Write a figure: complete or not at all, and the same bytes for the same figure."""
     import matplotlib
 
-    from .charts.style import STYLE
-
-    fonts: Any = STYLE | {"pdf.fonttype": 42}
+    fonts: Any = {name: theme.STYLE[name] for name in theme.STYLE if not name.startswith("figure")} | {
+        "pdf.fonttype": 42
+    }
     metadata: dict[str, Any] = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(path.suffix.lower(), {})
     try:
         with replacing(path) as temporary, matplotlib.rc_context(fonts):
@@ -130,20 +127,25 @@ def save(figure: Figure, path: Path) -> Path:
     return path
 
 
-def _tables(
-    kind: Kind, source: str | Path | Trajectory | Iterable[Trajectory], scenario: str | None, dt: float | None
-) -> dict[str, DataFrame]:
+def _tables(kind: Kind, data: Source, dt: float | None) -> dict[str, DataFrame]:
+    from pandas import DataFrame
+
     from ..simulation import series
     from ..simulation.trajectory import Trajectory
     from ..store.tables import read_tables
 
-    if isinstance(source, str | Path):
-        tables = with_fallbacks(read_tables(source))
-        return _at_step(tables, dt) if _of_runs(kind) else tables
-    runs = [source] if isinstance(source, Trajectory) else list(source)
-    if not _of_runs(kind):
+    if isinstance(data, DataFrame):
+        data = {kind.needs[0]: data}
+    if isinstance(data, str | Path):
+        data = read_tables(data)
+    if isinstance(data, Mapping):
+        tables = with_fallbacks(data)
+    elif not _of_runs(kind):
         raise TcbenchError(f"The chart {kind.name!r} shows the tables of a run: give its folder, not trajectories.")
-    return dict.fromkeys((SERIES, OPENING), series.trajectories(runs))
+    else:
+        runs = [data] if isinstance(data, Trajectory) else list(data)
+        tables = dict.fromkeys((SERIES, OPENING), series.trajectories(runs))
+    return _at_step(tables, dt) if _of_runs(kind) else tables
 
 
 def _of_runs(kind: Kind) -> bool:

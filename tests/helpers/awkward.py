@@ -246,16 +246,25 @@ def cost(methods, scenarios=SCENARIOS):
 
 def ensemble(methods):
     """The tables of runs from random starts."""
-    shares, profile = [], []
+    shares, profile, laws = [], [], []
     for i, name in enumerate(methods):
+        same = {"ensemble": "random", "integrator": name}
         for dt in (0.1, 0.3, 0.9):
             share = 0.0 if name.startswith("tc") else min(1.0, 0.2 * dt * (1 + i % 4))
-            row = {"integrator": name, "dt": dt, "runs": 200, "failed": round(200 * share), "share": share}
+            row = same | {"dt": dt, "tolerance": np.nan, "runs": 200, "failed": round(200 * share), "share": share}
             shares.append(row | {"low": max(0.0, share - 0.03), "high": min(1.0, share + 0.03)})
         for tau in (1, 2, 5, 10, 100, 1000):
             share = min(1.0, 0.1 * np.log(1 + tau) * (1 + i % 3) / 2)
-            profile.append({"integrator": name, "target": 1e-6, "tau": tau, "share": share})
-    return {"failure_share": pd.DataFrame(shares), "performance_profile": pd.DataFrame(profile)}
+            row = same | {"measure": "state", "target": 1e-6, "tau": tau, "share": share, "runs": 200}
+            profile.append(
+                row | {"low": max(0.0, share - 0.05), "high": min(1.0, share + 0.05), "without_reference": 3}
+            )
+        for law in ("energy", "entropy", "angular_momentum"):
+            worst = 1e-13 if name.startswith("tc") else 0.1
+            row = same | {"law": law, "claimed": name.startswith("tc"), "runs": 600, "broken": 0, "worst": worst}
+            laws.append(row | {"quantile_99": worst / 9, "median": worst / 99})
+    made = {"failure_share": shares, "performance_profile": profile, "ensemble_laws": laws}
+    return {name: pd.DataFrame(rows) for name, rows in made.items()}
 
 
 def declared(methods, scenarios=SCENARIOS):

@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
-from tcbench.report.charts import ensemble
+from tcbench.report.charts import ensemble, style, theme
 from tcbench.studies.statistics import wilson
 
 METHODS = {
@@ -95,6 +95,23 @@ def test_methods_that_never_failed_are_one_line_that_says_how_many():
     table.loc[table["integrator"] == "midpoint_entropy", ["failed", "share"]] = [7, 0.07]
     found = texts(ensemble.failure_share(table))
     assert "midpoint_entropy" in found and "0 of all runs: 2 methods" in found and "tc_strang" not in found
+
+
+def test_lines_that_are_named_have_colours_of_their_own():
+    table = share_table(awkward.FORTY[5:])
+    (ax,) = ensemble.failure_share(table).axes
+    coloured = [line.get_color() for line in ax.lines if line.get_color() not in (style.GREY, theme.INK)]
+    assert len(coloured) == ensemble.NAMED and len(set(coloured)) == 6
+    (ax, _) = ensemble.performance_profiles(profile_table(awkward.FORTY[5:11])).axes
+    assert len({line.get_color() for line in ax.lines}) == 6
+
+
+def test_a_cell_of_the_map_without_a_failure_is_white():
+    table = map_table(["tc_monolithic"])
+    table.loc[table["x_low"] == 0.1, "share"] = 0.0
+    (image,) = ensemble.where_it_fails(table).axes[0].get_images()
+    colours = image.to_rgba(image.get_array())
+    assert np.all(colours[:, 0, :3] == 1.0) and np.all(colours[:, 1, 2] < 0.9)
 
 
 def test_too_few_runs_draw_no_share():

@@ -1,16 +1,20 @@
 """Charts for papers: size, fonts, order and names of the methods, a style file, one's own Axes; markers that differ."""
 
 import awkward
+import matplotlib
 import pytest
 from click.testing import CliRunner
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 
 import tcbench
 from tcbench import TcbenchError
 from tcbench.cli import main
+from tcbench.report.chart_kinds import kinds
 from tcbench.report.charts import ladders, style, theme
 
 NAMES = ["sdirk2", "tc_gauss", "scipy_odeint", "gauss2", "tc_monolithic", "heyoka"]
+TABLES = awkward.everything(NAMES, ["short_term"]) | awkward.ensemble(NAMES)
 
 
 @pytest.fixture(scope="module")
@@ -22,12 +26,22 @@ def drawn(ax):
     return [line.get_label() for line in ax.get_lines() if not line.get_label().startswith("_")]
 
 
-def test_methods_of_one_chart_have_markers_of_their_own(table):
-    figure = ladders.conservation(table)
-    handles = figure.legends[0].legend_handles
-    markers = {h.get_label(): h.get_marker() for h in handles if h.get_label() in NAMES}
-    assert set(markers) == set(NAMES) and len(set(markers.values())) == len(NAMES)
-    assert style.look("tc_monolithic") == style.KNOWN["tc_monolithic"]
+@pytest.mark.parametrize("methods", [NAMES, awkward.FORTY[:13]])
+def test_methods_of_one_chart_have_looks_of_their_own(methods):
+    table = awkward.conservation(methods, ["short_term"])
+    handles = [h for h in ladders.conservation(table).legends[0].legend_handles if h.get_label() in methods]
+    assert [h.get_label() for h in handles] == style.names(table) and len(handles) == len(methods)
+    assert len({h.get_marker() for h in handles}) == len(methods)
+    assert len({(h.get_color(), h.get_linestyle()) for h in handles}) == len(methods)
+    assert style.looks(methods)["tc_monolithic"] == style.look("tc_monolithic") == style.KNOWN["tc_monolithic"]
+
+
+def test_variants_have_the_colour_of_their_base_and_many_methods_differ():
+    found = style.looks(["tc_gauss", "tc_gauss[k=2]", "midpoint_entropy", "midpoint_entropy[reading=rate]"])
+    assert found["tc_gauss"].colour == found["tc_gauss[k=2]"].colour
+    assert found["midpoint_entropy[reading=rate]"].colour == style.KNOWN["midpoint_entropy"].colour
+    assert len({(one.colour, one.dash) for one in found.values()}) == len({one.marker for one in found.values()}) == 4
+    assert len({(one.colour, str(one.dash)) for one in style.looks(awkward.FORTY).values()}) == 35
 
 
 def test_a_chart_is_drawn_into_an_axes_with_names_and_order_of_ones_own(table):
@@ -42,8 +56,10 @@ def test_a_chart_is_drawn_into_an_axes_with_names_and_order_of_ones_own(table):
     assert texts[:2] == ["TC", "Gauss, k = 2"] and not set(NAMES) & set(texts)
     with pytest.raises(TcbenchError, match="panels, and one Axes was given"):
         tcbench.draw("conservation", table, ax)
-    with pytest.raises(TcbenchError, match="'conservation' has no option y"):
-        tcbench.draw("conservation", table, y=["energy_error_max"])
+    with pytest.raises(TcbenchError, match="ax or size, not both"):
+        tcbench.draw("work-precision", work, ax, y="error_q", size="3x2")
+    with pytest.raises(TcbenchError, match="'blowup' has no option x; those that it has: none"):
+        tcbench.draw("blowup", awkward.everything(NAMES, ["short_term"])["stability_points"], x="dt")
     with pytest.raises(TcbenchError, match="Did you mean 'gauss2'"):
         tcbench.draw("conservation", table, methods=["gauss3"])
 
@@ -51,16 +67,77 @@ def test_a_chart_is_drawn_into_an_axes_with_names_and_order_of_ones_own(table):
 def test_size_font_and_style_are_those_asked_for(table, tmp_path):
     sheet = tmp_path / "mine.mplstyle"
     sheet.write_text("lines.linewidth: 3.5\naxes.edgecolor: red\n")
-    chosen = theme.Theme(size=(9.0, 4.0), font_size=12.0, settings=theme.style_settings(sheet))
-    with theme.using(chosen):
-        figure = ladders.conservation(table)
-    plain = ladders.conservation(table)
+    figure = tcbench.draw("conservation", table, size=(9.0, 4.0), font_size=12, style=sheet)
+    plain = tcbench.draw("conservation", table)
     assert tuple(figure.get_size_inches()) == pytest.approx((9.0, 4.0))
     ax, before = figure.axes[0], plain.axes[0]
-    assert ax.xaxis.label.get_size() == pytest.approx(before.xaxis.label.get_size() * 12 / 9)
+    assert ax.xaxis.label.get_size() == 12 and before.xaxis.label.get_size() == 9
     assert ax.spines["left"].get_edgecolor()[0] == 1.0 and before.spines["left"].get_edgecolor()[0] != 1.0
-    with theme.using(theme.Theme(size=(1.0, 1.0))), pytest.raises(TcbenchError, match="too few: this chart needs"):
-        ladders.conservation(table)
+    sheet.write_text("font.size: 6\naxes.labelsize: 20\n")
+    assert tcbench.draw("conservation", table, style=sheet).axes[0].xaxis.label.get_size() == 20
+    assert tcbench.draw("conservation", table, style=sheet, font_size=7).axes[0].xaxis.label.get_size() == 7
+    for message, options in {
+        "too few: this chart needs": {"size": "1x1"}, "is no size": {"size": (3, 2, 1)}, "sets nothing": {"style": {}},
+        "no matplotlib style": {"style": {"font.sze": 3}}, "between 3 and 40": {"font_size": 0.1},
+    }.items():  # fmt: skip
+        with pytest.raises(TcbenchError, match=message):
+            tcbench.draw("conservation", table, **options)
+
+
+KINDS_OF_TEST = {name: kind for name, kind in kinds().items() if set(kind.needs) <= set(TABLES)}
+
+
+@pytest.mark.parametrize("kind", KINDS_OF_TEST)
+def test_no_type_is_larger_or_smaller_than_what_was_asked_for_implies(kind):
+    """Every text of a chart follows the size of type: twice the points, twice every size."""
+    sizes = {
+        points: [text.get_fontsize() for text in tcbench.draw(kind, TABLES, font_size=points).findobj(Text)]
+        for points in (5.0, 10.0)
+    }
+    assert set(sizes[10.0]) == {2 * size for size in sizes[5.0]} and max(sizes[10.0]) <= 12
+
+
+@pytest.mark.parametrize("size", ["3.3x6", "7x2.6", "18x12cm"])
+def test_in_a_small_picture_nothing_lies_upon_the_panels_or_outside(table, size):
+    figure = tcbench.draw("conservation", table, size=size, font_size=6)
+    figure.canvas.draw()
+    whole, legend = figure.bbox, figure.legends[0].get_window_extent()
+    for ax in figure.axes:
+        box = ax.get_tightbbox()
+        assert box.x0 >= -2 and box.y0 >= -2 and box.x1 <= whole.x1 + 2 and box.y1 <= whole.y1 + 2
+        assert not box.overlaps(legend)
+    assert legend.x1 <= whole.x1 + 2 and legend.y0 >= 0
+
+
+def test_the_users_own_settings_of_matplotlib_count(table):
+    with matplotlib.rc_context({"axes.grid": False, "font.size": 12.0, "axes.labelcolor": "red"}):
+        ax = tcbench.draw("conservation", table).axes[0]
+    assert ax.xaxis.label.get_color() == "red" and ax.xaxis.label.get_fontsize() == 12.0
+    assert tcbench.draw("conservation", table).axes[0].xaxis.label.get_color() == theme.INK
+    lines = tcbench.draw("conservation", table, style="grayscale").axes[0].lines
+    assert lines[0].get_color() == "0.00"
+    dark = tcbench.draw("conservation", table, style="dark_background")
+    assert dark.legends[0].get_texts()[0].get_color() == "white"
+    assert dark.get_facecolor() == (0, 0, 0, 1)
+
+
+def test_panels_are_chosen_with_y(table):
+    labels = [ax.get_ylabel() for ax in tcbench.draw("conservation", table, y="entropy_increment_min").axes]
+    assert labels == ["largest fall of S in a step"]
+    figure = tcbench.draw("convergence", TABLES, y=["theta", "q"])
+    assert [ax.get_title(loc="left") for ax in figure.axes] == ["positions q", "temperatures θ"]
+    with pytest.raises(TcbenchError, match="variable of this run is called 'heat'"):
+        tcbench.draw("convergence", TABLES, y="heat")
+    with pytest.raises(TcbenchError, match="Did you mean 'energy_error_max'"):
+        tcbench.draw("conservation", table, y="energy_error")
+    own = Figure().add_subplot()
+    assert (
+        tcbench.draw("law-quantiles", TABLES, own, y="energy") is own.figure and own.get_title(loc="left") == "energy"
+    )
+
+
+def test_a_notebook_shows_a_figure(table):
+    assert tcbench.draw("conservation", table)._repr_png_()[:4] == b"\x89PNG"
 
 
 @pytest.mark.parametrize(

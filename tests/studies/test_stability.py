@@ -198,7 +198,7 @@ def test_a_lost_row_of_a_map_stays_visible():
 def test_the_figure_of_a_map(small_map):
     figure = map_figure(small_map)
     panels = figure.axes
-    assert [ax.get_title() for ax in panels] == ["midpoint_entropy", "tc_monolithic"]
+    assert [ax.get_title(loc="left") for ax in panels] == ["tc_monolithic", "midpoint_entropy"]
     assert panels[0].get_xlabel() == "time step dt" and "stiffness[1]" in panels[0].get_ylabel()
     assert panels[0].get_xscale() == "log"
     figure.canvas.draw()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import matplotlib
@@ -10,16 +10,19 @@ import numpy as np
 from matplotlib.ticker import FuncFormatter, LogLocator
 
 from .kind import Kind
+from .layout import end_labels, handle, legend, line_labels, note, panels, titles, type_size
 from .scales import FLOOR, log_axis
-from .style import GREY, INK, chart, end_labels, finite, look, names, note, panels, short, titles
+from .style import GREY, Look, chart, finite, ink, look, looks, names, short
+from .theme import INK
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
-NAMED = 7  # lines of a panel that are coloured and named; the others are grey
+NAMED = 6  # lines of a panel that are coloured and named; the others are grey
 BAND = 0.13  # opacity of a band
+OTHER = Look(GREY, "", "-")
 FEWEST = 5  # runs: a share of fewer says nothing
 CONTROLS = {"dt": "step size h", "tolerance": "tolerance"}
 
@@ -41,37 +44,43 @@ def failure_share(table: DataFrame) -> Figure:
     figure, axes = panels(max(1, len(shown)), 2, (5.4, 3.3), right=1.5)
     if not shown:
         note(axes[0], f"no step or tolerance has {FEWEST} runs")
-    for ax, control in zip(axes, shown, strict=False):
-        part = enough[np.isfinite(finite(enough[control]))]
-        _shares(ax, part.sort_values(control, kind="stable"), control)
+    parts = [enough[np.isfinite(finite(enough[c]))].sort_values(c, kind="stable") for c in shown]
+    coloured = looks([name for part in parts for name in _most_failing(part)[:NAMED]])
+    for ax, part, control in zip(axes, parts, shown, strict=False):
+        _shares(ax, part, control, coloured)
     figure.place()
     return figure
 
 
-def _shares(ax: Axes, part: DataFrame, control: str) -> None:
+def _most_failing(part: DataFrame) -> list[str]:
+    """The methods that failed at all, the one with the largest mean share first."""
+    worst = {n: float(finite(part.loc[part["integrator"] == n, "share"]).mean()) for n in names(part)}
+    return sorted((n for n in worst if worst[n] > 0), key=lambda n: -worst[n])
+
+
+def _shares(ax: Axes, part: DataFrame, control: str, coloured: Mapping[str, Look]) -> None:
     log_axis(ax, "x", finite(part[control]))
     _percent(ax)
-    failing = [n for n in names(part) if finite(part.loc[part["integrator"] == n, "failed"]).sum() > 0]
+    failing = _most_failing(part)
     never = [n for n in names(part) if n not in failing]
-    worst = {n: float(finite(part.loc[part["integrator"] == n, "share"]).mean()) for n in failing}
-    named = sorted(failing, key=lambda n: -worst[n])[:NAMED]
     ends = []
-    for name in [*(n for n in failing if n not in named), *reversed(named)]:
+    for name in reversed(failing):
         rows = part[part["integrator"] == name]
         x, share = finite(rows[control]), finite(rows["share"])
-        colour = look(name).colour if name in named else GREY
-        if name in named:
+        style = coloured.get(name, OTHER)
+        colour = style.colour
+        if name in coloured:
             ax.fill_between(x, finite(rows["low"]), finite(rows["high"]), color=colour, alpha=BAND, linewidth=0)
-        ax.plot(x, share, color=colour, linestyle=look(name).dash, marker=look(name).marker, markersize=3.5)
+        ax.plot(x, share, color=colour, linestyle=style.dash, marker=style.marker, markersize=3.5)
         ends.append((float(x[-1]), float(share[-1]), name, colour))
     if never:
         rows = part[part["integrator"].isin(never)]
         x = np.unique(finite(rows[control]))
         high = [float(finite(rows.loc[finite(rows[control]) == value, "high"]).max()) for value in x]
-        ax.fill_between(x, 0.0, high, color=INK, alpha=BAND, linewidth=0)
-        ax.plot(x, np.zeros(len(x)), color=INK, linewidth=2.2, clip_on=False)
+        ax.fill_between(x, 0.0, high, color=ink(), alpha=BAND, linewidth=0)
+        ax.plot(x, np.zeros(len(x)), color=ink(), linewidth=2.2, clip_on=False)
         text = never[0] if len(never) == 1 else f"0 of all runs: {len(never)} methods"
-        ends.append((float(x[-1]), 0.0, text, INK))
+        ends.append((float(x[-1]), 0.0, text, ink()))
     end_labels(ax, ends)
     ax.set_xlabel(CONTROLS[control])
     ax.set_ylabel("share of runs that failed")
@@ -91,9 +100,10 @@ def performance_profiles(table: DataFrame) -> Figure:
     targets = list(dict.fromkeys(zip(table["measure"].astype(str), table["target"].astype(float), strict=True)))
     figure, axes = panels(max(1, len(targets)), 2, (5.4, 3.1), right=1.4)
     texts = []
-    for ax, (measure, target) in zip(axes, targets, strict=False):
-        part = table[(table["measure"] == measure) & (table["target"] == target)]
-        _profiles(ax, part)
+    parts = [table[(table["measure"] == measure) & (table["target"] == target)] for measure, target in targets]
+    coloured = looks([name for part in parts for name in _leading(part)[:NAMED]])
+    for ax, part, (measure, target) in zip(axes, parts, targets, strict=False):
+        _profiles(ax, part, coloured)
         runs, left_out = (int(part[c].iloc[0]) for c in ("runs", "without_reference"))
         missing = f", {left_out} without a reference" if left_out else ""
         texts.append(f"{measure} to {target:.0e}: {runs} scenarios{missing}")
@@ -102,7 +112,13 @@ def performance_profiles(table: DataFrame) -> Figure:
     return figure
 
 
-def _profiles(ax: Axes, part: DataFrame) -> None:
+def _leading(part: DataFrame) -> list[str]:
+    """The methods that solve anything, the one with the largest mean share first."""
+    score = {n: float(finite(part.loc[part["integrator"] == n, "share"]).mean()) for n in names(part)}
+    return sorted((n for n in score if score[n] > 0), key=lambda n: -score[n])
+
+
+def _profiles(ax: Axes, part: DataFrame, coloured: Mapping[str, Look]) -> None:
     ax.set_xlabel("time over the fastest method's, τ")
     ax.set_ylabel("share of scenarios")
     if not np.isfinite(finite(part["share"])).any():
@@ -111,20 +127,19 @@ def _profiles(ax: Axes, part: DataFrame) -> None:
     log_axis(ax, "x", finite(part["tau"]))
     ax.set_xlim(1.0, float(finite(part["tau"]).max()))
     _percent(ax)
-    score = {n: float(finite(part.loc[part["integrator"] == n, "share"]).mean()) for n in names(part)}
-    named = [n for n in sorted(score, key=lambda n: -score[n]) if score[n] > 0][:NAMED]
+    leading = _leading(part)
     ends = []
-    for name in [*(n for n in score if n not in named and score[n] > 0), *reversed(named)]:
+    for name in reversed(leading):
         rows = part[part["integrator"] == name]
         tau, share = finite(rows["tau"]), finite(rows["share"])
-        colour = look(name).colour if name in named else GREY
-        if name in named:
+        named = name in leading[:NAMED]
+        style = coloured[name] if named else OTHER
+        colour = style.colour
+        if named:
             ax.fill_between(tau, finite(rows["low"]), finite(rows["high"]), color=colour, alpha=BAND, linewidth=0,
                             step="post")  # fmt: skip
             ends.append((float(tau[-1]), float(share[-1]), name, colour))
-        ax.step(
-            tau, share, where="post", color=colour, linestyle=look(name).dash, linewidth=1.6 if name in named else 0.7
-        )
+        ax.step(tau, share, where="post", color=colour, linestyle=style.dash, linewidth=1.6 if named else 0.7)
     end_labels(ax, ends)
 
 
@@ -135,10 +150,10 @@ def error_time(points: DataFrame, integrators: Sequence[str] | None = None) -> F
     points : rows of `ensemble_points` of one ensemble. integrators : those to draw in colour; by default those with the
     least median time at the middle of the errors. The other runs are grey.
     """
-    figure, (ax,) = panels(1, 1, (7.0, 4.6), right=1.5)
+    figure, (ax,) = panels(1, 1, (7.0, 4.6), right=0.8)
     error, seconds = finite(points["error"]), finite(points["time_s"])
     good = np.isfinite(error) & (error > 0) & np.isfinite(seconds) & (seconds > 0)
-    ax.set_xlabel("time of a run, s")
+    ax.set_xlabel("time of a run, s (lines: medians of each setting)")
     ax.set_ylabel("error of the state at the end")
     if not good.any():
         note(ax, "no run has a reference to be compared with")
@@ -151,8 +166,8 @@ def error_time(points: DataFrame, integrators: Sequence[str] | None = None) -> F
     others = ~np.isin(method, chosen)
     ax.plot(seconds[good][others], error[good][others], ".", color=GREY, markersize=2, alpha=0.25, rasterized=True)
     ends = []
-    for name in chosen:
-        colour, mine = look(name).colour, known[method == name]
+    for name, style in looks(chosen).items():
+        colour, mine = style.colour, known[method == name]
         ax.plot(
             finite(mine["time_s"]), finite(mine["error"]), ".", color=colour, markersize=2.5, alpha=0.3, rasterized=True
         )
@@ -161,11 +176,11 @@ def error_time(points: DataFrame, integrators: Sequence[str] | None = None) -> F
         middle = middle[
             groups.size().reindex(middle.index) >= 0.7 * groups.size().max()
         ]  # those that every scenario had time for
-        ax.plot(middle["time_s"], middle["error"], color=colour, marker=look(name).marker, markersize=5,
-                markeredgecolor="white", markeredgewidth=0.5)  # fmt: skip
+        ax.plot(middle["time_s"], middle["error"], color=colour, marker=style.marker, markersize=5,
+                markeredgecolor=ax.get_facecolor(), markeredgewidth=0.5)  # fmt: skip
         last = middle.iloc[-1]
         ends.append((float(last["time_s"]), float(last["error"]), name, colour))
-    end_labels(ax, ends)
+    line_labels(ax, ends)
     return figure
 
 
@@ -193,22 +208,23 @@ def law_quantiles(table: DataFrame) -> Figure:
     for ax, law in zip(axes, known, strict=False):
         log_axis(ax, "x", np.clip(values[np.isfinite(values)], FLOOR, None))
         ax.set_xlim(left=FLOOR / 3)
-        ax.xaxis.set_major_locator(LogLocator(numticks=5))
+        ax.xaxis.set_major_locator(LogLocator(numticks=4))
         for place, name in enumerate(reversed(methods)):
             rows = table[(table["integrator"] == name) & (table["law"] == law)]
             if len(rows):
                 _dots(ax, rows.iloc[0], place, look(name).colour)
-        ax.set_yticks(range(len(methods)), [short(name, 22) for name in reversed(methods)], fontsize=7)
+        ax.set_yticks(range(len(methods)), [short(name, 22) for name in reversed(methods)], fontsize=type_size(7))
         ax.set_ylim(-0.7, len(methods) - 0.3)
-        ax.set_xlabel("error (median, 99 %, worst)")
+        ax.set_xlabel("median, 99 %, worst")
     titles(axes, [law.replace("_", " ") for law in known])
-    figure.place()
+    dot = {"color": ink(), "marker": "o", "linestyle": "none"}
+    legend(figure, [], [handle("claimed", **dot), handle("not claimed", markerfacecolor="none", **dot)])
     return figure
 
 
 def _dots(ax: Axes, row: Any, place: int, colour: str) -> None:
     x = np.clip(finite([row["median"], row["quantile_99"], row["worst"]]), FLOOR, None)
-    fill = colour if bool(row["claimed"]) else "white"
+    fill = colour if bool(row["claimed"]) else matplotlib.rcParams["axes.facecolor"]
     ax.plot(x[[0, 2]], [place, place], color=colour, linewidth=0.8)
     for value, size in zip(x, (5.0, 3.5, 3.5), strict=True):
         ax.plot([value], [place], "o", color=colour, markerfacecolor=fill, markersize=size, markeredgewidth=0.9)
@@ -235,14 +251,17 @@ def _map_panel(ax: Axes, rows: DataFrame) -> None:
     share = np.full((len(heights), len(columns)), np.nan)
     i, j = np.searchsorted(heights, finite(rows["y_low"])), np.searchsorted(columns, finite(rows["x_low"]))
     share[i, j] = finite(rows["share"])
-    ax.imshow(share, origin="lower", aspect="auto", cmap=matplotlib.colormaps["Oranges"], vmin=0, vmax=1)
+    colours = matplotlib.colormaps["Oranges"].with_extremes(under="white", bad=GREY)
+    ax.imshow(share, origin="lower", aspect="auto", cmap=colours, vmin=1e-9, vmax=1)
     for (row, column), value in np.ndenumerate(share):
         if np.isfinite(value):
-            ax.text(column, row, f"{100 * value:.0f}", ha="center", va="center", fontsize=6.5,
+            ax.text(column, row, f"{100 * value:.0f}", ha="center", va="center", fontsize=type_size(6.5),
                     color="white" if value > 0.6 else INK)  # fmt: skip
     for axis, which, values in ((ax.xaxis, "x", columns), (ax.yaxis, "y", heights)):
         top = rows.set_index(f"{which}_low")[f"{which}_high"]
-        axis.set_ticks(range(len(values)), [_cell_text(v, float(top.loc[[v]].iloc[0])) for v in values], fontsize=6.5)
+        axis.set_ticks(
+            range(len(values)), [_cell_text(v, float(top.loc[[v]].iloc[0])) for v in values], fontsize=type_size(6.5)
+        )
     ax.grid(False)
     ax.set_xlabel(str(rows["x_name"].iloc[0]).replace("dt", CONTROLS["dt"]))
     ax.set_ylabel(str(rows["y_name"].iloc[0]).replace("dt", CONTROLS["dt"]))
@@ -257,11 +276,12 @@ KINDS = (
          ("failure_share",), lambda table: failure_share(first(table)), by_scenario=False),
     Kind("performance-profile", "ensemble", "Share of random scenarios that a method solves within τ times the fastest "
          "one's time; at τ = 1, those where it is the fastest.", ("performance_profile",),
-         lambda table: performance_profiles(first(table)), by_scenario=False),
+         lambda table: performance_profiles(first(table)), by_scenario=False, picks="measure"),
     Kind("error-time", "ensemble", "Error against time on random scenarios: every run, and the medians.",
          ("ensemble_points",), lambda table: error_time(first(table)), by_scenario=False),
     Kind("law-quantiles", "ensemble", "Losses over random scenarios: median, 99 % and worst of all runs; filled where "
-         "the law is claimed.", ("ensemble_laws",), lambda table: law_quantiles(first(table)), by_scenario=False),
+         "the law is claimed.", ("ensemble_laws",), lambda table: law_quantiles(first(table)), by_scenario=False,
+         picks="law"),
     Kind("failure-map", "ensemble_map", "Share of failures, per cent, over a constant and the step.", ("failure_map",),
          lambda table: where_it_fails(first(table)), by_scenario=False),
 )  # fmt: skip

@@ -21,7 +21,8 @@ class Kind:
 
     needs : tables that must be there, the first one is what the chart shows; also : tables used where they are there.
     figure : these tables in this order (None for an absent one), of one scenario if by_scenario, and the options that
-    it names -> Figure. study : what measures it.
+    it names -> Figure. study : what measures it. picks : the column whose values are its panels, where the option y
+    names some of these.
     """
 
     name: str
@@ -32,6 +33,7 @@ class Kind:
     also: tuple[str, ...] = ()
     by_scenario: bool = True
     options: tuple[str, ...] = ()
+    picks: str = ""
 
     def draw(self, tables: Tables, **options: Any) -> Figure:
         return self.figure(*(tables.get(name) for name in (*self.needs, *self.also)), **options)

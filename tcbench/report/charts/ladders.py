@@ -11,23 +11,9 @@ from matplotlib.lines import Line2D
 from ...studies.columns import column as column_named
 from ...studies.columns import invariant_columns
 from .kind import Kind
+from .layout import failed_handle, failed_tracks, legend, note, panels, titles, type_size
 from .scales import log_axis, zero_log_axis
-from .style import (  # fmt: skip
-    GREY,
-    INK,
-    chart,
-    failed_handle,
-    failed_tracks,
-    finite,
-    legend,
-    look,
-    names,
-    note,
-    ok,
-    panels,
-    short,
-    titles,
-)
+from .style import GREY, chart, finite, ink, look, names, ok, short
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -43,18 +29,20 @@ MEANING = {
 
 
 @chart
-def conservation(table: DataFrame, x: str = "dt") -> Figure:
+def conservation(table: DataFrame, x: str = "dt", y: Sequence[str] | None = None) -> Figure:
     """What each method loses against its step, for one scenario: energy, entropy, angular momentum.
 
     table : rows of `conservation`. Every error is a magnitude; 0 has its own place at the foot of the axis. Failed runs
-    are crosses on tracks above the others (what they lost before is in the table).
+    are crosses on tracks above the others (what they lost before is in the table). y : columns, one panel each;
+    entropy_increment_min shows by how much the entropy fell.
     """
     import pandas as pd
 
     falls = np.maximum(0.0, -finite(table["entropy_increment_min"])) if "entropy_increment_min" in table else np.nan
     data = table.assign(entropy_fall_max=pd.Series(falls, index=table.index))
     wanted = ("energy_error_max", "entropy_fall_max", *invariant_columns(data.columns))
-    columns = [c for c in wanted if c in data and np.isfinite(finite(data[c])).any()] or ["energy_error_max"]
+    measured = [c for c in wanted if c in data and np.isfinite(finite(data[c])).any()] or ["energy_error_max"]
+    columns = ["entropy_fall_max" if c == "entropy_increment_min" else c for c in y or measured]
     figure, axes = panels(len(columns), 3, (3.6, 2.9))
     methods = [n for n in names(data) if np.isfinite(finite(data[x][data["integrator"].astype(str) == n])).any()]
     for ax, column in zip(axes, columns, strict=True):
@@ -120,7 +108,7 @@ def blowup(table: DataFrame, sensitivity: DataFrame | None = None) -> Figure:
     ax.axhline(ax.get_ylim()[1], color=GREY, linewidth=0.6)
     ax.set_xlabel(column_named("dt").label)
     ax.set_ylabel(column_named("blowup_time").label)
-    ended = Line2D([], [], marker="o", linestyle="none", color=INK, markerfacecolor="none", label="reached the end")
+    ended = Line2D([], [], marker="o", linestyle="none", color=ink(), markerfacecolor="none", label="reached the end")
     without = [failed_handle("failed, no time known")] if timeless.any() else []
     legend(figure, methods, [ended, *without], above=min(1.1, 0.1 * len(methods)))
     return figure
@@ -164,18 +152,20 @@ def stable_step(table: DataFrame) -> Figure:
         for row, name in enumerate(methods):
             _bracket(ax, part[part["integrator"].astype(str) == name], name, len(methods) - 1 - row)
         ax.set_ylim(-0.7, len(methods) - 0.3)
-        ax.set_yticks(range(len(methods)), [short(n, 26) for n in reversed(methods)], fontsize=7)
+        ax.set_yticks(range(len(methods)), [short(n, 26) for n in reversed(methods)], fontsize=type_size(7))
         ax.grid(axis="y", visible=False)
         if i >= len(scenarios) - figure.columns:
             ax.set_xlabel(column_named("dt").label)
     titles(axes, scenarios)
     kinds = set(table["limit"].dropna().astype(str)) if "limit" in table else set()
     keys = [
-        Line2D([], [], color=INK, marker=m, linestyle="none", label=MEANING[k]) for k, m in LIMITS.items() if k in kinds
+        Line2D([], [], color=ink(), marker=m, linestyle="none", label=MEANING[k])
+        for k, m in LIMITS.items()
+        if k in kinds
     ]
     keys.append(Line2D([], [], color=GREY, marker="|", linestyle="none", label="limit with plain Newton"))
     if "non_monotone" in table and table["non_monotone"].fillna(False).astype(bool).any():
-        keys.append(Line2D([], [], color=INK, marker="*", linestyle="none", label="stable again above"))
+        keys.append(Line2D([], [], color=ink(), marker="*", linestyle="none", label="stable again above"))
     if not np.isfinite(finite(table["dt_stable"])).all():
         keys.append(failed_handle("no stable step, or no answer"))
     legend(figure, [], keys)
@@ -201,12 +191,20 @@ def _bracket(ax: Axes, rows: DataFrame, name: str, y: float) -> None:
             ax.plot([values["dt_stable_plain"]], [y], color=GREY, marker="|", markersize=8, markeredgewidth=1.4)
         ax.plot([stable], [y], color=colour, marker=LIMITS.get(limit, "D"), linestyle="none", zorder=4)
         if row.get("non_monotone") is not None and bool(row.get("non_monotone") == True):  # noqa: E712
-            ax.annotate("*", (stable, y), xytext=(7, -1), textcoords="offset points", color=colour, va="center")
+            ax.annotate(
+                "★",
+                (stable, y),
+                xytext=(6, 0),
+                fontsize=type_size(7),
+                textcoords="offset points",
+                color=colour,
+                va="center",
+            )
 
 
 KINDS = (
     Kind("conservation", "conservation", "Largest losses of a run against its step size.", ("conservation",),
-         conservation, options=("x",)),
+         conservation, options=("x", "y")),
     Kind("stable-step", "stability", "Largest stable step, by kind of limit.", ("stability",), stable_step,
          by_scenario=False),
     Kind("blowup", "stability", "Time at which a run failed, against its step size.", ("stability_points",), blowup,

@@ -9,25 +9,9 @@ import numpy as np
 
 from ...studies.columns import column as column_named
 from .kind import Kind
+from .layout import failed_handle, failed_tracks, handle, legend, line_labels, note, panels, spread, titles, type_size
 from .scales import log_axis, zero_log_axis
-from .style import (  # fmt: skip
-    INK,
-    chart,
-    end_labels,
-    failed_handle,
-    failed_tracks,
-    finite,
-    handle,
-    legend,
-    look,
-    names,
-    note,
-    ok,
-    panels,
-    short,
-    spread,
-    titles,
-)
+from .style import chart, finite, ink, look, names, ok, short
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -111,17 +95,18 @@ def _name(ax: Axes, leaders: dict[str, list[tuple[float, float]]]) -> None:
     middles = {name: points[len(points) // 2] for name, points in leaders.items()}
     inches = ax.get_window_extent().width / ax.figure.dpi
     for name, point in middles.items():  # by how much wider the panel must be for the name to fit in
-        width = 0.04 + 0.6 * SMALL / 72 * len(short(name)) / inches
+        width = 0.04 + 0.6 * type_size(SMALL) / 72 * len(short(name)) / inches
         room = max(room, (width - float(to_axes.transform(point)[0])) / (1.0 - width))
     left, right = ax.get_xlim()
     ax.set_xlim(left / (right / left) ** room, right)
     places = {name: to_axes.transform(point) for name, point in middles.items()}
     ascending = sorted(places, key=lambda name: float(places[name][1]))
-    heights = spread([float(places[name][1]) for name in ascending], gap=0.07, low=0.03, high=0.97)
+    gap = 1.35 * type_size(SMALL) / 72 * ax.figure.dpi / ax.get_window_extent().height
+    heights = spread([float(places[name][1]) for name in ascending], gap, low=0.03, high=0.97)
     for name, height in zip(ascending, heights, strict=True):
         ax.annotate(
             short(name), (float(places[name][0]) - 0.02, height), xycoords="axes fraction", color=look(name).colour,
-            fontsize=SMALL, va="center", ha="right",
+            fontsize=type_size(SMALL), va="center", ha="right",
         )  # fmt: skip
 
 
@@ -141,7 +126,7 @@ def convergence(points: DataFrame, fits: DataFrame | None = None) -> Figure:
     """
     variables = [v for v in [*VARIABLES, *names(points, "variable")] if v in set(points["variable"].astype(str))]
     variables = list(dict.fromkeys(variables)) or ["all"]
-    figure, axes = panels(len(variables), 3, (3.7, 2.8), right=0.45)
+    figure, axes = panels(len(variables), 3, (3.7, 2.8), right=0.3)
     methods = names(points)
     for ax, variable in zip(axes, variables, strict=True):
         part = points[points["variable"].astype(str) == variable]
@@ -150,7 +135,7 @@ def convergence(points: DataFrame, fits: DataFrame | None = None) -> Figure:
         ax.set_xlabel(column_named("dt").label)
         ax.set_ylabel("error")
     titles(axes, [VARIABLES.get(v, v) for v in variables])
-    extra = [handle("", marker="o", linestyle="none", color=INK, markerfacecolor="none")]
+    extra = [handle("", marker="o", linestyle="none", color=ink(), markerfacecolor="none")]
     extra[0].set_label("not in the fit")
     if _failed_points(points).any():
         extra.append(failed_handle())
@@ -190,7 +175,7 @@ def _slopes(ax: Axes, part: DataFrame, fits: DataFrame | None, methods: Sequence
         if end is not None:
             ends.append(end)
     if len(ends) <= 12:
-        end_labels(ax, ends)
+        line_labels(ax, ends)
 
 
 def _fitted_line(ax: Axes, name: str, h: Any, e: Any, fits: DataFrame | None) -> tuple[float, float, str, str] | None:
@@ -212,5 +197,5 @@ KINDS = (
     Kind("work-precision", "work_precision", "Error against cost; one panel an error.", ("work_precision",),
          work_precision, options=("x", "y")),
     Kind("convergence", "convergence", "Error against step size; the number at a line's end is its fitted order.",
-         ("convergence_points",), convergence, ("convergence",)),
+         ("convergence_points",), convergence, ("convergence",), picks="variable"),
 )  # fmt: skip

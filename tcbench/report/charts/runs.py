@@ -9,8 +9,9 @@ import numpy as np
 
 from ...studies.columns import column as column_named
 from .kind import OPENING, SERIES, Kind
+from .layout import handle, legend, note, panels, titles, type_size
 from .scales import log_axis, zero_log_axis
-from .style import GREY, INK, chart, finite, handle, legend, look, names, note, panels, short, titles  # fmt: skip
+from .style import GREY, chart, finite, ink, look, names, short
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -34,15 +35,16 @@ GAPS = ("entropy_gap", "strain_gap", "temperature_gap", "rotation_gap")
 
 
 @chart
-def laws(series: DataFrame) -> Figure:
+def laws(series: DataFrame, y: Sequence[str] | None = None) -> Figure:
     """What several runs of one scenario lose in time: energy, entropy, every invariant, Lyapunov functional.
 
     series : rows of the table `series`. Magnitudes; a law that is kept exactly lies on the 0 at the foot of the axis.
     The line is the largest so far; beside it runs a thin one, the value, where runs are few. A cross ends a failed run.
+    y : columns, one panel each; those above by default.
     """
     others = {c: f"{c.removesuffix('_error')}: |I − I₀| / |I₀|" for c in map(str, series) if c.endswith("_error")}
     told = LAWS | {c: text for c, text in others.items() if c not in LAWS}
-    columns = [c for c in told if c in series and np.isfinite(finite(series[c])).any()] or ["energy_error"]
+    columns = list(y or [c for c in told if c in series and np.isfinite(finite(series[c])).any()]) or ["energy_error"]
     figure, axes = panels(len(columns), 2, (4.9, 2.7))
     methods = names(series)
     runs = _runs(series, methods)
@@ -60,7 +62,7 @@ def laws(series: DataFrame) -> Figure:
             )  # fmt: skip
             _end(ax, run, largest, style.colour)
         ax.set_xlabel(column_named("t").label)
-    titles(axes, [told[c] for c in columns])
+    titles(axes, [told.get(c, column_named(c).label) for c in columns])
     legend(figure, methods)
     return figure
 
@@ -125,8 +127,8 @@ def _name_elements(ax: Axes, runs: Sequence[tuple[str, DataFrame]], columns: Seq
     if len(columns) > 1 and runs:
         letters = [column.rpartition("_")[2] for column in columns]
         dashes = ("-", "--", ":")
-        keys = [handle(f"spring {x}", color=INK, marker="", linestyle=dashes[i % 3]) for i, x in enumerate(letters)]
-        ax.legend(handles=keys, loc="best", fontsize=7, handlelength=2.2, framealpha=0.0)
+        keys = [handle(f"spring {x}", color=ink(), marker="", linestyle=dashes[i % 3]) for i, x in enumerate(letters)]
+        ax.legend(handles=keys, loc="best", fontsize=type_size(7), handlelength=2.2, framealpha=0.0)
 
 
 def _numbered(series: DataFrame, stem: str) -> list[str]:
@@ -173,17 +175,15 @@ def path(series: DataFrame, columns: int = 3) -> Figure:
             )
             mappable.set_array(finite(run[heat[min(i, len(heat) - 1)]])[:-1])
             ax.add_collection(mappable)
-            ax.plot(*points[0], marker="o", markerfacecolor="none", color=INK, markersize=6)
-            ax.plot(*points[-1], marker="o", color=INK, markersize=4)
-            ax.annotate(str(i + 1), points[0], xytext=(5, 5), textcoords="offset points", fontsize=7)
-        ax.plot(0, 0, marker="+", color=INK, markersize=8)
+            ax.plot(*points[0], marker="o", markerfacecolor="none", color=ink(), markersize=6)
+            ax.plot(*points[-1], marker="o", color=ink(), markersize=4)
+            ax.annotate(str(i + 1), points[0], xytext=(5, 5), textcoords="offset points", fontsize=type_size(7))
+        ax.plot(0, 0, marker="+", color=ink(), markersize=8)
         ax.set_aspect("equal", adjustable="datalim")
         ax.autoscale_view()
         ax.set_title(short(name), loc="left")
     if mappable is not None:
-        figure.place(beside=0.9)
-        bar = figure.add_axes((1 - 0.75 / figure.get_size_inches()[0], 0.16, 0.13 / figure.get_size_inches()[0], 0.68))
-        figure.colorbar(mappable, cax=bar, label="temperature θ of the spring that holds the mass")
+        figure.bar(mappable, "temperature θ of its spring")
     if more > 0:
         axes[-1].set_xlabel(f"and {more} more runs that are not drawn")
     return figure
@@ -241,7 +241,7 @@ def _exact(ax: Axes, columns: Sequence[str], summary: DataFrame | None) -> None:
         if summary is not None and exact in summary:
             for value in {v for v in finite(summary[exact]) if np.isfinite(v)}:
                 if low - 0.25 * (high - low) <= value <= high + 0.25 * (high - low):
-                    ax.axhline(value, color=INK, linestyle=":", linewidth=1)
+                    ax.axhline(value, color=ink(), linestyle=":", linewidth=1)
 
 
 def _zero(ax: Axes, _which: str, values: Any) -> None:
@@ -261,17 +261,17 @@ def history(table: DataFrame) -> Figure:
         part = table[table["benchmark"].astype(str) == benchmark].sort_values("date")
         groups = part.groupby([c for c in ("machine", "parameters") if c in part], dropna=False)
         for i, (_, line) in enumerate(groups):
-            colour = GREY if i else INK
+            colour = GREY if i else ink()
             ax.plot(pd.to_datetime(line["date"]), finite(line["value"]), color=colour, marker="o", markersize=3)
         ax.set_ylim(bottom=0)
-        ax.tick_params(axis="x", labelrotation=30, labelsize=7)
+        ax.tick_params(axis="x", labelrotation=30, labelsize=type_size(7))
     titles(axes, found)
     return figure
 
 
 KINDS = (
     Kind("laws", "conservation", "Losses in time, at the scenario's own step; on the 0 a law is kept exactly.",
-         (SERIES,), laws),
+         (SERIES,), laws, options=("y",)),
     Kind("four-panel", "conservation", "Energy, entropy, temperatures and strains in time, as in the paper.",
          (SERIES,), four_panel),
     Kind("path", "conservation", "Paths of the masses in the plane over the first steps, coloured by temperature.",

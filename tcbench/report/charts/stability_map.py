@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-import matplotlib
 import numpy as np
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import BoundaryNorm, ListedColormap
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from .kind import Kind
+from .layout import legend, panels, titles
+from .style import chart, names
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
     from pandas import DataFrame
 
 # classes of a cell: a sequence of blues for completed runs, then colours that differ from it in lightness and in hue
@@ -31,7 +32,6 @@ CLASSES = (
 PHYSICAL, BRANCH, UNDECIDED, NOT_RUN = 3, 4, 5, 6
 HATCH = "//////"
 HATCH_COLOUR = "#333333"
-STYLE: Any = {"font.size": 9, "hatch.linewidth": 0.5, "hatch.color": HATCH_COLOUR, "text.parse_math": False}
 TEXT = "only plain Newton from z0 fails", "a branch folds"
 
 
@@ -52,27 +52,25 @@ def edges(centres: np.ndarray) -> np.ndarray:
     return np.exp(outer) if log else outer
 
 
+@chart
 def map_figure(table: DataFrame) -> Figure:
     """Maps of several integrators side by side, one scenario; the columns are those of `maps.COLUMNS`."""
-    names = list(dict.fromkeys(table["integrator"]))
-    x_name, y_name, scenario = (str(table[c].iloc[0]) for c in ("x_name", "y_name", "scenario"))
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(1.2 + 3.4 * len(names), 4.6), layout="constrained")
-        axes = figure.subplots(1, len(names), sharex=True, sharey=True, squeeze=False)[0]
-        for ax, name in zip(axes, names, strict=True):
-            _panel(ax, table[table["integrator"] == name])
-            ax.set_title(name)
-            ax.set_xlabel(_label(x_name))
-        axes[0].set_ylabel(_label(y_name))
-        figure.suptitle(f"{scenario}: outcome of one run a cell")
-        used = {cell_class(o, e) for o, e in zip(table["outcome"], table["energy_error_max"], strict=True)}
-        handles: list[Any] = [
-            Patch(facecolor=colour, edgecolor="#888888", label=text)
-            for k, (text, colour) in enumerate(CLASSES) if k in used
-        ]  # fmt: skip
-        handles.append(Patch(facecolor="white", edgecolor=HATCH_COLOUR, hatch=HATCH, label=TEXT[0]))
-        handles.append(Line2D([], [], marker="o", color="black", markersize=3, linestyle="", label=TEXT[1]))
-        figure.legend(handles=handles, loc="outside lower center", ncols=2 if len(names) < 3 else 4, frameon=False)
+    methods = names(table)
+    x_name, y_name = (str(table[c].iloc[0]) for c in ("x_name", "y_name"))
+    figure, axes = panels(len(methods), 4, (3.4, 3.6))
+    for ax, name in zip(axes, methods, strict=True):
+        _panel(ax, table[table["integrator"].astype(str) == name])
+        ax.set_xlabel(_label(x_name))
+        ax.set_ylabel(_label(y_name))
+    titles(axes, methods)
+    used = {cell_class(o, e) for o, e in zip(table["outcome"], table["energy_error_max"], strict=True)}
+    handles: list[Any] = [
+        Patch(facecolor=colour, edgecolor="#888888", label=text)
+        for k, (text, colour) in enumerate(CLASSES) if k in used
+    ]  # fmt: skip
+    handles.append(Patch(facecolor="white", edgecolor=HATCH_COLOUR, hatch=HATCH, label=TEXT[0]))
+    handles.append(Line2D([], [], marker="o", color="black", markersize=3, linestyle="", label=TEXT[1]))
+    legend(figure, [], handles)
     return figure
 
 

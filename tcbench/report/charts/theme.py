@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
@@ -13,28 +13,59 @@ import matplotlib
 
 from ...errors import TcbenchError
 
-FONT_SIZE = 9.0  # of the charts as they are; the other sizes follow it
+FONT_SIZE = 9.0  # of the charts as they are; the other sizes follow it, and margins are measured for it
 SMALLEST, LARGEST = 3.0, 40.0  # points, inches
+INK = "#222222"
+
+STYLE: Any = {
+    "font.size": FONT_SIZE,
+    "axes.titlesize": 9,
+    "axes.titley": 1.0,  # a place of its own: matplotlib would measure every label to find one
+    "axes.labelsize": 9,
+    "axes.edgecolor": INK,
+    "axes.labelcolor": INK,
+    "text.color": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "xtick.labelsize": 8,
+    "ytick.labelsize": 8,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "#c8c8c8",
+    "grid.linewidth": 0.5,
+    "grid.alpha": 0.6,
+    "axes.axisbelow": True,
+    "lines.linewidth": 1.4,
+    "lines.markersize": 5,
+    "legend.frameon": False,
+    "legend.fontsize": 8,
+    "figure.facecolor": "white",
+    "figure.dpi": 100,
+    "text.parse_math": False,  # names come from plugins: a dollar sign is a dollar sign
+    "svg.fonttype": "none",
+    "svg.hashsalt": "tcbench",
+    "path.simplify": True,
+    "agg.path.chunksize": 20000,
+    "hatch.linewidth": 0.5,
+}
+SIZES = ("font.size", "axes.titlesize", "axes.labelsize", "xtick.labelsize", "ytick.labelsize", "legend.fontsize")
+CYCLE = "axes.prop_cycle"
 
 
 @dataclass
 class Theme:
     """labels : names of methods -> what to write instead, in the order in which they are drawn; others are left out.
 
-    settings : matplotlib's, over those of the charts. font_size in points. size : width and height in inches.
-    axes : draw into these instead of a new figure. looks : of this drawing, filled in by it.
+    settings : matplotlib's, over those of the charts. size : width and height in inches. axes : draw into these instead
+    of a new figure. looks : of the methods of the chart under way.
     """
 
     labels: Mapping[str, str] = field(default_factory=dict)
     settings: Mapping[str, Any] = field(default_factory=dict)
-    font_size: float = FONT_SIZE
     size: tuple[float, float] | None = None
     axes: Any = None
-    looks: dict[str, Any] = field(default_factory=dict)
-
-    @property
-    def scale(self) -> float:
-        return self.font_size / FONT_SIZE
+    looks: Mapping[str, Any] = field(default_factory=dict)
 
 
 _CURRENT: ContextVar[Theme] = ContextVar("theme")
@@ -55,19 +86,45 @@ def using(theme: Theme) -> Iterator[None]:
         _CURRENT.reset(token)
 
 
+def rc(settings: Mapping[str, Any]) -> Any:
+    """STYLE with these over it; a size of type that is given alone takes all others along."""
+    k = float(settings.get("font.size", FONT_SIZE)) / FONT_SIZE
+    return STYLE | {name: STYLE[name] * k for name in SIZES} | dict(settings)
+
+
+def scale() -> float:
+    """How large the type of the drawing under way is against the one that margins are measured for."""
+    return float(matplotlib.rcParams["font.size"]) / FONT_SIZE
+
+
+def asked(
+    methods: str | Sequence[str] | Mapping[str, str] | None, size: str | Sequence[float] | None,
+    font_size: float | None, style: str | Path | Mapping[str, Any] | None, axes: Any = None,
+) -> Theme:  # fmt: skip
+    """The theme of these options, over what the user's own matplotlibrc or script sets."""
+    if isinstance(methods, str):
+        methods = parse_methods(methods)
+    labels = dict(methods) if isinstance(methods, Mapping) else {name: name for name in methods or ()}
+    settings = own_settings() | ({} if style is None else style_settings(style))
+    if font_size is not None:
+        settings = {k: v for k, v in settings.items() if k not in SIZES} | {"font.size": checked_font_size(font_size)}
+    return Theme(labels, settings, None if size is None else parse_size(size), axes)
+
+
 def own_settings() -> dict[str, Any]:
-    """What the user's own matplotlibrc changes of matplotlib's defaults, colours and sizes and fonts."""
-    given: Any = matplotlib.rcParamsOrig  # type: ignore[attr-defined]
+    """What the user's matplotlibrc, or script, sets otherwise than matplotlib does, of what charts would set."""
+    now: Any = matplotlib.rcParams
     plain: Any = matplotlib.rcParamsDefault
-    return {k: v for k, v in given.items() if not k.startswith(("backend", "toolbar", "interactive"))
-            and k in plain and plain[k] != v}  # fmt: skip
+    return {name: now[name] for name in (*STYLE, CYCLE) if now[name] != plain[name]}
 
 
-def style_settings(style: str | Path) -> dict[str, Any]:
-    """The settings of a matplotlib style: a file, or the name of one that matplotlib has."""
+def style_settings(style: str | Path | Mapping[str, Any]) -> dict[str, Any]:
+    """The settings of a matplotlib style: a file, the name of one that matplotlib has, or the settings themselves."""
     from matplotlib import style as styles
 
     library: Any = styles.library
+    if isinstance(style, Mapping):
+        return _read("The style", lambda: matplotlib.RcParams(style))
     if str(style) in library:
         return dict(library[str(style)])
     path = Path(style)
@@ -75,25 +132,30 @@ def style_settings(style: str | Path) -> dict[str, Any]:
         raise TcbenchError(
             f"{str(style)!r} is neither a file nor a style of matplotlib: {', '.join(styles.available)}."
         )
-    try:
-        found: Any = matplotlib.rc_params_from_file(path, fail_on_error=True, use_default_template=False)
-        return dict(found)
-    except (KeyError, ValueError, UnicodeDecodeError) as error:
-        raise TcbenchError(f"{str(path)!r} is no matplotlib style: {str(error).strip()[:300]}") from None
+    return _read(repr(str(path)), lambda: matplotlib.rc_params_from_file(path, True, use_default_template=False))
 
 
-def parse_size(text: str) -> tuple[float, float]:
-    """ "6x4", in inches, or "15x10cm"."""
-    number, unit = (text[:-2], 1 / 2.54) if text.endswith("cm") else (text.removesuffix("in"), 1.0)
-    width, times, height = number.partition("x")
+def _read(name: str, settings: Callable[[], Any]) -> dict[str, Any]:
     try:
-        size = float(width) * unit, float(height) * unit
+        found = {k: v for k, v in settings().items() if not k.startswith(("backend", "interactive", "toolbar"))}
+    except (KeyError, ValueError) as error:
+        raise TcbenchError(f"{name} is no matplotlib style: {str(error).strip()[:300]}") from None
+    if not found:
+        raise TcbenchError(f"{name} sets nothing that matplotlib knows; its lines are like `font.size: 8`.")
+    return found
+
+
+def parse_size(size: str | Sequence[float]) -> tuple[float, float]:
+    """Inches of "6x4", of "15x10cm", or of two numbers of them."""
+    text = size if isinstance(size, str) else "x".join(map(str, size))
+    text, unit = (text[:-2], 1 / 2.54) if text.endswith("cm") else (text.removesuffix("in"), 1.0)
+    try:
+        width, height = (float(length) * unit for length in text.split("x"))
     except ValueError:
-        times = ""
-        size = (0.0, 0.0)
-    if not times or not all(0.5 <= length <= LARGEST for length in size):
-        raise TcbenchError(f"{text!r} is no size: write WIDTHxHEIGHT in inches, 6x4, or 15x10cm; 0.5 to 40 inches.")
-    return size
+        width = height = 0.0
+    if not all(0.5 <= length <= LARGEST for length in (width, height)):
+        raise TcbenchError(f"{size!r} is no size: write WIDTHxHEIGHT in inches, 6x4, or 15x10cm; 0.5 to 40 inches.")
+    return width, height
 
 
 def parse_methods(text: str) -> dict[str, str]:
@@ -125,23 +187,3 @@ def checked_font_size(value: float) -> float:
     if not SMALLEST <= value <= LARGEST:
         raise TcbenchError(f"A font size of {value:g} points is not between {SMALLEST:g} and {LARGEST:g}.")
     return float(value)
-
-
-def scaled(settings: Mapping[str, Any], factor: float) -> dict[str, Any]:
-    """The settings with every font size given in points multiplied."""
-    sized = ("font.size", "axes.titlesize", "axes.labelsize", "xtick.labelsize", "ytick.labelsize", "legend.fontsize")
-    return {k: v * factor if k in sized and isinstance(v, int | float) else v for k, v in settings.items()}
-
-
-def distinct(names: list[str], look: Callable[[str], Any], markers: tuple[str, ...]) -> dict[str, Any]:
-    """The looks of these names, with markers that none of them shares as long as there are enough."""
-    used: set[str] = set()
-    found = {}
-    for name in names:
-        style = look(name)
-        if style.marker in used:
-            free = [m for m in markers if m not in used]
-            style = style._replace(marker=free[0]) if free else style
-        used.add(style.marker)
-        found[name] = style
-    return found
