@@ -1,4 +1,4 @@
-"""What the report says first: four sentences, each computed from the tables, and nothing that they do not carry."""
+"""What the report says first: a few sentences, each computed from the tables, and nothing that they do not carry."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Finding:
 
 def findings(tables: Tables, declared: Tables) -> list[Finding]:
     """The sentences that these tables allow, in the order in which a reader asks."""
-    found = (accurate(tables), lawful(tables), cheapest(tables, declared), failing(tables))
+    found = (accurate(tables), lawful(tables), cheapest(tables, declared), failing(tables), random_starts(tables))
     return [finding for finding in found if finding is not None]
 
 
@@ -188,13 +188,30 @@ def failing(tables: Tables) -> Finding | None:
     return Finding("What fails", f"{failed} of {runs} runs", text, "#failures")
 
 
+def random_starts(tables: Tables) -> Finding | None:
+    """Of the first ensemble: the methods that never failed, in how many runs, and the one with the largest share."""
+    table = tables.get("failure_share")
+    if table is None or not len(table):
+        return None
+    rows = table[table["ensemble"] == table["ensemble"].iloc[0]]
+    runs, failed = (rows.groupby("integrator", sort=True)[c].sum() for c in ("runs", "failed"))
+    never = [str(name) for name in failed.index if not failed[name]]
+    lead = f"{len(never)} of {len(failed)} method{'s' if len(failed) > 1 else ''}" if never else "no method"
+    text = f"never failed in {sum(runs[n] for n in never)} runs: {_some(never, 2)}" if never else "ended every run"
+    if len(never) < len(failed):
+        worst = max(rows.to_dict("records"), key=lambda r: (r["share"] if finite(r["share"]) else -1.0, r["runs"]))
+        at = f"h = {worst['dt']:.3g}" if finite(worst["dt"]) else f"tolerance {worst['tolerance']:.0e}"
+        text += f"; most often {called(str(worst['integrator']))}, in {worst['failed']} of {worst['runs']} at {at}"
+    return Finding("From random starts", lead, text, "#overview=ensemble")
+
+
 def _listed(words: Iterable[str], last: str) -> str:
     """ "a, b and c"."""
     *head, tail = list(words)
     return f"{', '.join(head)} {last} {tail}" if head else tail
 
 
-def _some(names: Sequence[str]) -> str:
+def _some(names: Sequence[str], most: int = NAMED) -> str:
     """The first names, and how many others."""
-    rest, names = len(names) - NAMED, [called(name) for name in names]
-    return _listed(names, "and") if rest <= 0 else f"{', '.join(names[:NAMED])} and {rest} more"
+    rest, names = len(names) - most, [called(name) for name in names]
+    return _listed(names, "and") if rest <= 0 else f"{', '.join(names[:most])} and {rest} more"

@@ -3,6 +3,7 @@
 import math
 import re
 import statistics
+from pathlib import Path
 
 import awkward
 import numpy as np
@@ -57,9 +58,17 @@ def expected_lawful(tables):
 
 def expected_cheapest(tables):
     fixed = {r["integrator"] for r in records(tables, "work_precision") if r["control"] == "dt"}
+    rows = [r for r in records(tables, "cost") if r["integrator"] in fixed]
+    if not rows:  # not timed alone: the completed runs of the ladder at the step in its middle
+        ladders = {}
+        for r in records(tables, "conservation"):
+            ladders.setdefault(r["scenario"], set()).add(r["dt"])
+        own = {s: sorted(h for h in steps if is_number(h)) for s, steps in ladders.items()}
+        rows = [r for r in records(tables, "conservation") if r["status"] == "ok"]
+        rows = [r for r in rows if r["dt"] == own[r["scenario"]][len(own[r["scenario"]]) // 2]]
     times = {}
-    for r in records(tables, "cost"):
-        if r["integrator"] in fixed and is_number(r["us_per_step"]):
+    for r in rows:
+        if is_number(r["us_per_step"]):
             times.setdefault(r["integrator"], []).append(r["us_per_step"])
     medians = {name: statistics.median(found) for name, found in times.items()}
     name = min(sorted(medians), key=medians.get)
@@ -112,17 +121,39 @@ def random_tables(seed):
                 "ratio_to_best_peer": of.get(best, math.nan) / t, "best_scipy": methods[-1] if is_number(scipy) else "",
                 "ratio_to_best_scipy": scipy / t,
             } for m, t in reached.items()]  # fmt: skip
+    shares = [
+        {"ensemble": ensemble, "integrator": m, "runs": 100, "failed": 0 if m in good else int(random.integers(0, 99)),
+         "dt": math.nan if m in peers else h, "tolerance": h / 100 if m in peers else math.nan}
+        for ensemble in ("random", "other") for m in methods for h in (0.1, 0.4)
+    ]  # fmt: skip
+    shares = [row | {"share": row["failed"] / row["runs"]} for row in shares]
     made = {"conservation": conservation, "work_precision": work, "time_to_accuracy": times, "cost": cost}
-    return {name: pd.DataFrame(rows) for name, rows in (made | {"stability": stable}).items() if rows}
+    made |= {"stability": stable, "failure_share": shares}
+    return {name: pd.DataFrame(rows) for name, rows in made.items() if rows}
 
 
 @pytest.mark.parametrize("seed", range(25))
-def test_the_four_sentences_follow_from_the_tables(seed):
+def test_the_sentences_follow_from_the_tables(seed):
     tables = random_tables(seed)
-    said = sentences(tables)
+    assert len(check_sentences(tables)) == 5
 
+
+def test_the_sentences_of_a_large_real_run_follow_from_its_tables():
+    """The published run: five methods, seven scenarios, every study but those of time."""
+    tables = read_tables(Path(__file__).parents[2] / "results" / "baseline")
+    assert len(tables["conservation"]) > 150 and len(check_sentences(tables)) == 3
+
+
+def check_sentences(tables):
+    """Each sentence that these tables allow agrees with what is computed here; their titles."""
+    said = sentences(tables)
+    for title, (lead, text) in said.items():
+        CHECKS[title](tables, lead, text)
+    return list(said)
+
+
+def check_accuracy(tables, lead, text):
     name, start, mine = expected_accuracy(tables)
-    lead, text = said["An accurate trajectory"]
     assert lead == name and text.startswith(start)
     for factor, order, whom, count in re.findall(r"([\d.e+]+) times (before|behind) (.*?) \(median of (\d+)\)", text):
         column = "ratio_to_best_scipy" if "SciPy" in whom else "ratio_to_best_peer"
@@ -133,8 +164,9 @@ def test_the_four_sentences_follow_from_the_tables(seed):
     compared = [r for r in mine if is_number(r["ratio_to_best_peer"])]
     assert ("median of" in text) == (bool(compared) and name not in {r["best_peer"] for r in compared})
 
+
+def check_lawful(tables, lead, text):
     keep, methods, rows = expected_lawful(tables)
-    lead, text = said["The laws at any step"]
     if keep:
         runs = [r for r in rows if r["integrator"] in keep]
         assert (
@@ -150,8 +182,9 @@ def test_the_four_sentences_follow_from_the_tables(seed):
     else:
         assert lead == "no method"
 
+
+def check_cheapest(tables, lead, text):
     name, middle, count = expected_cheapest(tables)
-    lead, text = said["The cheapest step"]
     assert lead == name and float(text.split(" µs")[0]) == pytest.approx(middle, rel=0.051)
     assert f"median of {count} scenarios" in text or (count == 1 and "on one scenario" in text)
     limits = [r for r in records(tables, "stability") if r["integrator"] == name]
@@ -161,15 +194,42 @@ def test_the_four_sentences_follow_from_the_tables(seed):
     elif limits:
         assert "no limit of its step found" in text
 
+
+def check_failing(tables, lead, text):
     bad = [(r, r["dt"]) for r in records(tables, "conservation") if r["status"] != "ok"]
     bad += [(r, r["value"]) for r in records(tables, "work_precision") if r["status"] != "ok" and r["control"] == "dt"]
     failed = sum(r["status"] != "ok" for t in ("conservation", "work_precision") for r in records(tables, t))
-    runs = len(tables["conservation"]) + len(tables["work_precision"])
-    lead, text = said["What fails"]
+    runs = len(records(tables, "conservation")) + len(records(tables, "work_precision"))
     assert lead == (f"{failed} of {runs} runs" if failed else "nothing")
     fixed = [(h, r["integrator"], r["scenario"]) for r, h in bad if is_number(h)]
     if fixed:
         assert text == "at the smallest step: {1} on {2}, h = {0:.2g}".format(*min(fixed))
+
+
+def check_random_starts(tables, lead, text):
+    rows = [r for r in records(tables, "failure_share") if r["ensemble"] == tables["failure_share"]["ensemble"][0]]
+    methods = {r["integrator"] for r in rows}
+    never = sorted(methods - {r["integrator"] for r in rows if r["failed"]})
+    ended = sum(r["runs"] for r in rows if r["integrator"] in never)
+    assert lead == (f"{len(never)} of {len(methods)} method{'s' * (len(methods) > 1)}" if never else "no method")
+    assert text.startswith(f"never failed in {ended} runs: {never[0]}" if never else "ended every run")
+    told = re.search(
+        r"most often (\S+), in (\d+) of (\d+) at (h|tolerance) = ?([\d.e-]+)$",
+        text.replace("tolerance ", "tolerance = "),
+    )
+    assert (told is None) == (len(never) == len(methods))
+    if told:
+        name, failed, runs, control, at = told.groups()
+        column = "dt" if control == "h" else "tolerance"
+        (row,) = [r for r in rows if r["integrator"] == name and r[column] == pytest.approx(float(at), rel=0.06)]
+        assert (row["failed"], row["runs"]) == (int(failed), int(runs))
+        assert row["failed"] / row["runs"] == max(r["failed"] / r["runs"] for r in rows)
+
+
+CHECKS = {
+    "An accurate trajectory": check_accuracy, "The laws at any step": check_lawful,
+    "The cheapest step": check_cheapest, "What fails": check_failing, "From random starts": check_random_starts,
+}  # fmt: skip
 
 
 def test_a_small_real_run_says_only_what_it_has(tmp_path):

@@ -35,6 +35,14 @@ def sixty(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
+def large(tmp_path_factory):
+    """As many methods and scenarios as there are, with names as long, and an ensemble."""
+    methods = [*awkward.FIVE, *awkward.PEERS, *(f"a_method_of_ours_{i:02d}" for i in range(19))]
+    scenarios = ["relative_equilibrium", *awkward.SCENARIOS, "bound_equilibrium", "fast_conduction", "long_term", "gas"]
+    return write(tmp_path_factory.mktemp("large"), methods, scenarios, extra=awkward.ensemble(methods))
+
+
+@pytest.fixture(scope="module")
 def alone(tmp_path_factory):
     return write(tmp_path_factory.mktemp("alone"), ["tc_monolithic"], ["short_term"])
 
@@ -118,6 +126,59 @@ def test_the_overview_is_one_screen(full, visit):
     assert page.evaluate("document.documentElement.scrollHeight") <= 900
     assert page.locator(".finding").count() == 4 and page.locator(".matrix tbody tr:not(.family)").count() == 7
     assert page.locator("#speed .line").count() == 7 and page.locator("#steps .thick").count() == 7
+
+
+def test_a_large_run_with_an_ensemble_is_one_screen_of_five_sentences(large, visit):
+    assert large.stat().st_size < 4e6
+    page = visit(large)
+    assert page.evaluate("document.documentElement.scrollHeight") <= 900
+    assert page.locator(".matrix tbody tr:not(.family)").count() == 26 and page.locator(".finding").count() == 5
+    page.locator(".finding", has_text="From random starts").click()
+    page.locator("#steps svg[aria-label='Failure shares']").wait_for()
+    page.locator("#speed svg[aria-label^='Performance profile']").wait_for()
+    assert page.evaluate("document.documentElement.scrollHeight") <= 900
+
+
+def test_a_run_of_one_study_leaves_no_half_of_the_screen_empty(tmp_path, visit):
+    path = awkward.write_run(tmp_path / "run", {"conservation": awkward.conservation(awkward.FIVE)}, (), {})
+    page = visit(write_report(path))
+    assert page.locator("#speed-panel").is_hidden() and page.locator("#steps-panel").is_hidden()
+    columns = page.evaluate("getComputedStyle(document.querySelector('.overview')).gridTemplateColumns")
+    assert len(columns.split()) == 1
+
+
+CONTRAST = """() => {
+  const parts = (c) => c.match(/[-.\\d]+/g).map(Number);
+  const rgb = (c) => parts(c).map((v, i) => (i === 3 || c.startsWith("color(") ? v : v / 255));
+  const linear = (v) => (v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4);
+  const light = (c) => 0.2126 * linear(c[0]) + 0.7152 * linear(c[1]) + 0.0722 * linear(c[2]);
+  const page = rgb(getComputedStyle(document.body).backgroundColor);
+  return [...document.querySelectorAll(".matrix .cell")].map((cell) => {
+    const style = getComputedStyle(cell), b = rgb(style.backgroundColor);
+    const through = b[3] ?? 1, seen = [0, 1, 2].map((i) => through * b[i] + (1 - through) * page[i]);
+    const [text, back] = [light(rgb(style.color)), light(seen)];
+    return (Math.max(text, back) + 0.05) / (Math.min(text, back) + 0.05);
+  });
+}"""
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_every_cell_can_be_read_on_its_colour(large, scheme, visit):
+    """WCAG 2.1, 1.4.3: a contrast of at least 4.5."""
+    page = visit(large, color_scheme=scheme)
+    lenses = page.locator("#matrix-controls select")
+    for lens in lenses.locator("option").evaluate_all("options => options.map(o => o.value)"):
+        lenses.select_option(lens)
+        found = page.evaluate(CONTRAST)
+        assert len(found) >= 100 and min(found) >= 4.5, lens
+
+
+def test_on_a_wide_screen_no_table_of_a_method_is_cut_off(large, visit):
+    page = visit(large)
+    cut = "() => [...document.querySelectorAll('#method-page .two .scroll')].map(e => e.scrollWidth - e.clientWidth)"
+    for name in ("tc_strang", "midpoint_temperature", "scipy_radau"):
+        go(page, f"#method={name}")
+        assert page.evaluate(cut) and max(page.evaluate(cut)) <= 1, name
 
 
 def test_a_deep_link_opens_its_place_and_tabs_lead_on(full, visit):

@@ -83,7 +83,7 @@ const placeNames = (f, names, beside) => {
   }
 };
 
-// lines of one family have its colour; where several are in front their dashes differ
+// lines of one family have its colour; where several are in front their dashes differ, and every other one is nearer to ink
 const DASHES = ["", "7 3", "2 2", "9 3 2 3", "4 2", "1 3"];
 
 // series: {name, points: [{x, y, tell}], crosses: [{x, tell}], fore, dots}; toggled(name) when one is chosen;
@@ -94,6 +94,7 @@ const lines = (width, height, { series, toggled, beside, ...axes }) => {
   for (const one of series.filter((s) => s.fore)) {
     const key = one.colour || colour(one.name), before = front.get(key) || 0;
     one.dash = DASHES[before % DASHES.length];
+    one.colour = before % 2 ? `color-mix(in srgb, ${key} 50%, var(--text))` : key;
     front.set(key, before + 1);
   }
   for (const one of [...series].sort((a, b) => !!a.fore - !!b.fore)) {

@@ -31,13 +31,13 @@ const cellText = (kind, value, best) => {
   if (kind === "step" && Array.isArray(value)) return `> ${number(value[1], 2)}`;
   return number(value, 2);
 };
-// how strongly a cell is tinted, 0 to 1: better is stronger
+// how strongly a cell is tinted, 1 for the best: better is stronger, and never between where no text could be read
 const strength = (kind, value, best) => {
   if (value === null) return 0;
-  if (kind === "step") return Array.isArray(value) ? 0.75 : Math.max(0.04, Math.min(0.6, 0.45 + 0.22 * Math.log10(value)));
-  if (kind === "small") return value <= 1e-9 ? 0.75 : Math.max(0.03, -Math.log10(value) / 14);
+  if (kind === "step") return Array.isArray(value) ? 0.58 : Math.max(0.04, Math.min(0.5, 0.38 + 0.18 * Math.log10(value)));
+  if (kind === "small") return value <= 1e-9 ? 0.58 : Math.max(0.03, -Math.log10(value) / 18);
   const ratio = Math.log10(value / best);
-  return ratio === 0 ? 1 : Math.max(0.05, 0.75 - 0.19 * ratio);
+  return ratio === 0 ? 1 : Math.max(0.05, 0.58 - 0.15 * ratio);
 };
 
 const matrix = () => {
@@ -80,7 +80,7 @@ const matrix = () => {
         const v = value(m.name, s), failed = page.failures[m.name]?.[s], tint = v === undefined ? 0 : strength(kind, v, best[s]);
         if (v === undefined && !failed) return el("td", {});
         const first = star[s] === m.name;
-        const cell = el("a", { href: link({ scenario: s, method: m.name }), tabindex: -1, class: `cell${failed ? " failed" : ""}${tint > 0.5 ? " strong" : ""}`,
+        const cell = el("a", { href: link({ scenario: s, method: m.name }), tabindex: -1, class: `cell${failed ? " failed" : ""}${tint === 1 ? " strong" : ""}`,
           style: `--tint:${Math.round(100 * tint)}%` }, v === undefined ? " " : cellText(kind, v, best[s]), first ? "★" : "");
         return el("td", {}, tipped(cell, () => [`${m.name} on ${s}`, ...cellTip(kind, v, best[s]),
           ...(first ? ["★ first of the methods that kept every law in every run"] : []),
@@ -182,7 +182,7 @@ const drawSpeed = async () => {
 
 // of runs from random starts: the share that a method brings to the target within tau times the best time
 const drawProfile = async (place) => {
-  const all = rows(await table("performance_profile"));
+  const all = firstEnsemble(rows(await table("performance_profile"))).filter((r) => r.measure !== "energy");
   const target = Math.max(...unique(all.map((r) => r.target)).filter((t) => t <= 1e-6), Math.min(...all.map((r) => r.target)));
   const series = [...grouped(all.filter((r) => r.target === target), "integrator")].map(([name, mine]) => ({
     name, family: method[name]?.family,
@@ -190,12 +190,12 @@ const drawProfile = async (place) => {
       `within ${number(r.tau)} times the best: ${number(100 * r.share)} %${known(r.low) ? ` (${number(100 * r.low)} to ${number(100 * r.high)})` : ""}`] })),
   }));
   const ranked = [...series].sort((a, b) => b.points.at(-1).y - a.points.at(-1).y || b.points[0].y - a.points[0].y);
-  const shown = view.fore || new Set([...grouped(ranked, "family").values()].map((mine) => mine[0].name));
+  const shown = view.fore || new Set([...grouped(ranked.filter((s) => s.points.at(-1).y > 0), "family").values()].map((mine) => mine[0].name));
   for (const s of series) s.fore = shown.has(s.name);
   const x = { kind: "log", domain: extent(all.map((r) => r.tau)), label: "time over the best (τ)" };
   drawn(place, (width) => place.replaceChildren(lines(width, 284, {
     series, x, y: { kind: "linear", domain: [0, 1.02], label: `share of starts with an error of ${number(target)} ↑ better` },
-    toggled: (name) => toggle(name, shown), title: "Performance profile over the ensemble",
+    toggled: (name) => toggle(name, shown), title: "Performance profile over the ensemble", ...marginFor(series),
   })));
 };
 
@@ -208,7 +208,7 @@ const stepBars = (all, width) => {
   const steps = all.flatMap((r) => [r.dt_stable, r.dt_cap, r.dt_stable_plain]).filter((v) => known(v) && v > 0);
   if (!steps.length) return empty("No method has a stable step here.");
   const domain = padded("log", extent(steps)), left = Math.min(150, 14 + 6.6 * Math.max(...methods.map((m) => short(m.name, 20).length)));
-  const row = Math.max(10, Math.min(18, 214 / methods.length)), height = row * methods.length + 40;
+  const row = Math.max(8, Math.min(18, 214 / methods.length)), height = row * methods.length + 40;
   const f = frame(width, height, { x: { kind: "log", domain, label: "step size h → better", text: number }, y: { kind: "none" }, title: "Largest stable step of each method",
     margin: { left, right: 74, top: 4, bottom: 34 } });
   methods.forEach((m, i) => {
@@ -218,19 +218,22 @@ const stepBars = (all, width) => {
     group.append(shape("text", { x: left - 6, y: y + 4, "text-anchor": "end", "font-size": Math.min(11, row) }, short(m.name, 20)));
     for (const r of m.mine) if (known(r.dt_stable_plain) && r.limit_plain !== "none") group.append(shape("line", { class: "tick", x1: f.X(r.dt_stable_plain), x2: f.X(r.dt_stable_plain), y1: y - 4, y2: y + 4 }));
     for (const r of m.ends) group.append(shape("path", { class: "cross", d: cross(known(r.dt_stable) ? f.X(r.dt_stable) : left, y) }));
-    if (!m.ends.length) group.append(shape("path", { class: "arrow", d: `M${end},${y - 4}l6,4l-6,4z` }), shape("text", { class: "soft", x: end + 9, y: y + 4 }, "no limit"));
+    if (!m.ends.length) group.append(shape("path", { class: "arrow", d: `M${end},${y - 4}l6,4l-6,4z` }), shape("text", { class: "soft", x: end + 9, y: y + 4, "font-size": Math.min(11, row) }, "no limit"));
     const told = () => [m.name, ...(m.ends.length ? m.ends.map((r) => `${r.scenario}: up to h = ${number(r.dt_stable)}, ${r.limit}`) : [`no limit found up to h = ${number(m.cap)}`])];
     f.svg.append(tipped(fill(shape("a", { href: link({ method: m.name }), "aria-label": told().join("; ") }), {}, [group]), told));
   });
   return f.svg;
 };
+// names in the right margin, as wide as the longest of them
+const marginFor = (series) => ({ beside: true, margin: { right: 24 + 6.4 * Math.max(0, ...series.filter((s) => s.fore).map((s) => short(s.name, 24).length)) } });
+const firstEnsemble = (all) => all.filter((r) => r.ensemble === all[0].ensemble);
 // of an ensemble: the share of random starts on which a method failed, against its step, with the interval
 const shareChart = (all, width) => {
   const series = [...grouped(all, "integrator")].map(([name, mine]) => ({ name, fore: mine.some((r) => r.failed > 0), dots: true,
     points: mine.sort((a, b) => a.dt - b.dt).map((r) => ({ x: r.dt, y: r.share, tell: () => [
       `h = ${number(r.dt)}: ${r.failed} of ${r.runs} failed, ${number(100 * r.share)} % (${number(100 * r.low)} to ${number(100 * r.high)} %)`] })) }));
-  return lines(width, 300, { series, x: { kind: "log", domain: padded("log", extent(all.map((r) => r.dt))), label: "step size h", text: number },
-    y: { kind: "linear", domain: [-0.02, 1.02], label: "share of starts that failed ↓ better" }, title: "Failure shares", margin: { right: 90 } });
+  return lines(width, 262, { series, x: { kind: "log", domain: padded("log", extent(all.map((r) => r.dt))), label: "step size h", text: number },
+    y: { kind: "linear", domain: [-0.02, 1.02], label: "share of starts that failed ↓ better" }, title: "Failure shares", ...marginFor(series) });
 };
 const drawSteps = async () => {
   const stability = await table("stability"), shares = await table("failure_share"), place = $("steps"), controls = $("steps-controls");
@@ -240,7 +243,7 @@ const drawSteps = async () => {
   const choices = [...(stability ? [["steps", "the scenarios"]] : []), ...(shares ? [["shares", "an ensemble of random starts"]] : [])];
   controls.replaceChildren(choices.length > 1 ? select("On", choices, view.wide, (v) => { view.wide = v; drawSteps(); }) : "",
     view.wide === "steps" ? "A bar ends where the first scenario fails; × each that fails; | where plain Newton does." : "Of runs from random starts, with 95 % intervals.");
-  const all = rows(view.wide === "steps" ? stability : shares);
+  const all = view.wide === "steps" ? rows(stability) : firstEnsemble(rows(shares)).filter((r) => known(r.dt));
   drawn(place, (width) => place.replaceChildren(view.wide === "steps" ? stepBars(all, width) : shareChart(all, width)));
 };
 const overviewCharts = () => Promise.all([drawSpeed(), drawSteps()]);
@@ -250,6 +253,10 @@ const overview = async (place) => {
   view.lens = keys.includes(place.lens) ? place.lens : keys.includes(view.lens) ? view.lens : keys.includes("time 1e-06") ? "time 1e-06" : keys[0];
   $("matrix-controls").replaceChildren(keys.length
     ? select("Cells:", keys.map((k) => [k, LENSES[k][0]]), view.lens, (k) => { view.lens = k; drawMatrix(); }) : "");
+  if (place.overview === "ensemble") {
+    view.wide = "shares";
+    if (page.tables.performance_profile) view.speed = "profile";
+  }
   drawMatrix();
   await overviewCharts();
 };

@@ -114,7 +114,7 @@ const scenarios = async (place) => {
     player(both.map(shownOf), scenes[name] || {}));
   };
   root.replaceChildren(
-    el("nav", { class: "choose", "aria-label": "scenarios" }, page.scenarios.map((s) => el("a", { href: link({ scenario: s }), "aria-current": s === name ? "page" : false }, short(s)))),
+    el("nav", { class: "choose", "aria-label": "scenarios", hidden: page.scenarios.length < 2 }, page.scenarios.map((s) => el("a", { href: link({ scenario: s }), "aria-current": s === name ? "page" : false }, short(s)))),
     el("h2", {}, short(name, 80)), place.method ? await together(place.method, name) : "",
     el("div", { class: "two" }, el("section", {}, el("h3", {}, "What it is"), about(name)),
       el("section", {}, el("h3", {}, "What happens, at its own step"), runs.length ? stage : empty("This run keeps no time series of this scenario."))),
