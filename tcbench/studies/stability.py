@@ -24,7 +24,8 @@ POINTS = (
     "folds",
 )  # fmt: skip
 TOLERANCES = (
-    "integrator", "scenario", "tolerance_stable", "tolerance_unstable", "limit", "cause", "status", "failure",
+    "integrator", "scenario", "tolerance_stable", "tolerance_unstable", "confirmed", "limit", "cause", "status",
+    "failure",
 )  # fmt: skip
 SENSITIVITY = (
     "integrator", "scenario", "dt", "factor", "blowup_time", "median", "low", "high", "failed", "runs",

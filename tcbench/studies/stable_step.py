@@ -11,6 +11,7 @@ Definitions (docs/stability.md tells the story):
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Any
@@ -130,13 +131,13 @@ def cap_rung(scenario: Scenario) -> int:
     return min(CAP, math.floor(FINE * math.log2(scenario.t_end) + 1e-9))
 
 
-def boundary(ladder: Ladder) -> Boundary:
-    """Coarse ladder up to the cap, then the fine one from two octaves below its first failure up to half failing."""
+def boundary(ladder: Ladder, below: int = BELOW) -> Boundary:
+    """Coarse ladder up to the cap, then the fine one from `below` its first failure up to half failing."""
     coarse = range(START, ladder.cap + 1, COARSE)
     failed = ladder.first_failure(coarse)
     if failed is None:
         return Boundary(ladder.cap, None, None, False)
-    low = max(START, failed - BELOW)
+    low = max(START, failed - below)
     if failed == START:
         low = next((r for r in range(START - COARSE, LOWEST - 1, -COARSE) if ladder[r].ok), LOWEST)
     unstable = ladder.first_failure(range(low, failed + 1))
@@ -241,7 +242,7 @@ def maximum_own_step(integrator: Integrator, scenario: Scenario) -> tuple[dict[s
     """
     cap = cap_rung(scenario)
     ladder = Ladder(lambda dt: outcome(integrator, scenario, dt), cap)
-    found = boundary(ladder)
+    found = boundary(ladder, below=COARSE)  # runs in Python that get through are dear: one coarse interval, not eight
     failed = None if found.unstable is None else ladder[found.unstable]
     row = {
         "dt_stable": _step(found.stable), "dt_unstable": _step(found.unstable), "dt_half": _step(found.half),
@@ -259,7 +260,9 @@ def maximum_own_step(integrator: Integrator, scenario: Scenario) -> tuple[dict[s
 
 
 TOLERANCES = tuple(10 ** (-k / 2) for k in range(17))  # 1, 0.32, ... 1e-8
-HOLDS = 3  # so many tolerances in a row must hold
+HOLDS = 3  # so many tolerances in a row must hold, ...
+SLOW_S = 0.25  # ... or one where a run takes longer than this: tighter ones would take longer still
+SLOW_FAILURES = 2  # so many failed runs as slow as that end the search
 
 
 def loosest_tolerance(integrator: Integrator, scenario: Scenario) -> dict[str, Any]:
@@ -268,18 +271,20 @@ def loosest_tolerance(integrator: Integrator, scenario: Scenario) -> dict[str, A
     from ..simulation.run import simulate
 
     held: list[float] = []
-    failed: tuple[float, Outcome | None] = (math.nan, None)
+    failed, last, slow = math.nan, None, 0
     for tolerance in TOLERANCES:
+        begin = time.perf_counter()
         one = outcome_of(simulate(integrator, scenario, tolerance=tolerance))
+        is_slow = time.perf_counter() - begin > SLOW_S
         if one.ok:
             held.append(tolerance)
         else:
-            held, failed = [], (tolerance, one)
-        if len(held) == HOLDS:
+            held, failed, last, slow = [], tolerance, one, slow + is_slow
+        if len(held) == HOLDS or (held and is_slow) or slow == SLOW_FAILURES:
             break
-    last = failed[1]
+    holds = held[0] if held and (len(held) == HOLDS or is_slow) else math.nan
     return {
-        "tolerance_stable": held[0] if len(held) == HOLDS else math.nan, "tolerance_unstable": failed[0],
+        "tolerance_stable": holds, "tolerance_unstable": failed, "confirmed": len(held),
         "limit": last.kind if last else NONE, "cause": last.failure if last else "",
     }  # fmt: skip
 

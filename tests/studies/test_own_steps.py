@@ -67,6 +67,15 @@ def test_a_solver_that_never_holds_has_none():
     assert row["tolerance_unstable"] == S.TOLERANCES[-1]
 
 
+def test_slow_solvers_are_spared_repetitions(monkeypatch):
+    monkeypatch.setattr(S, "SLOW_S", 0.0)  # every run is slow
+    row = S.loosest_tolerance(tcbench.integrators()["tc_gauss_adaptive"], SCENARIO)
+    assert row["confirmed"] == 1 and row["tolerance_stable"] > 0
+    broken = Integrator(name="broken", adaptive=lambda *_: 1 / 0)
+    row = S.loosest_tolerance(broken, SCENARIO)
+    assert math.isnan(row["tolerance_stable"]) and row["tolerance_unstable"] == S.TOLERANCES[S.SLOW_FAILURES - 1]
+
+
 def test_every_kind_is_in_its_table():
     methods = [tcbench.integrators()[name] for name in ("tc_gauss", "tc_gauss_adaptive")]
     assert len(stability.plan(methods, [SCENARIO], {})) == 2
