@@ -40,9 +40,8 @@ from .symbols import (
 
 __all__ = [
     "Symbol", "add", "array", "const", "depends_on", "guarded", "is_const", "jacobian", "lam", "lifted", "mark",
-    "maximum", "minimum", "mul", "neg", "phi", "power", "rebuild", "reciprocal", "sub", "substitute", "topological",
-    "tracing", "variable",
-    "variables",
+    "maximum", "minimum", "mul", "neg", "phi", "power", "rebuild", "reciprocal", "sparse_jacobian", "sub", "substitute",
+    "Substitution", "topological", "topological_beyond", "tracing", "variable", "variables",
 ]  # fmt: skip
 
 
@@ -102,11 +101,20 @@ def topological(outputs: Iterable[Symbol]) -> list[Symbol]:
 
 
 def jacobian(outputs: Sequence[Symbol], inputs: Sequence[Symbol]) -> NDArray[np.object_]:
-    """Exact derivatives by forward accumulation; object array, shape (len(outputs), len(inputs)).
+    """Exact derivatives; object array, shape (len(outputs), len(inputs))."""
+    result = np.full((len(outputs), len(inputs)), const(0.0), dtype=object)
+    for i, row in enumerate(sparse_jacobian(outputs, inputs)):
+        for j, slope in row.items():
+            result[i, j] = slope
+    return result
+
+
+def sparse_jacobian(outputs: Sequence[Symbol], inputs: Sequence[Symbol]) -> list[dict[int, Symbol]]:
+    """Exact derivatives by forward accumulation: of each output a row, position of the input -> slope, zeros left out.
 
     Marked nodes are seeds of their own; at the end they are expanded, the last one first.
     """
-    zero, one = const(0.0), const(1.0)
+    one = const(1.0)
     outputs = [lifted(x) for x in outputs]
     columns = {x.number: j for j, x in enumerate(inputs)}
     tangents: dict[int, dict[int, Symbol]] = {number: {number: one} for number in columns}
@@ -122,15 +130,14 @@ def jacobian(outputs: Sequence[Symbol], inputs: Sequence[Symbol]) -> NDArray[np.
         for argument, partial in zip(node.args, _partials(node), strict=True):
             _accumulate(tangent, partial, tangents.get(argument.number, {}))
         tangents[node.number] = tangent
-    result = np.full((len(outputs), len(inputs)), zero, dtype=object)
-    for i, node in enumerate(outputs):
+    rows = []
+    for node in outputs:
         tangent = dict(tangents.get(node.number, {}))
         while pending := [number for number in tangent if number in seeds]:
             number = max(pending)
             _accumulate(tangent, tangent.pop(number), seeds[number])
-        for number, t in tangent.items():
-            result[i, columns[number]] = t
-    return result
+        rows.append({columns[number]: t for number, t in tangent.items() if not is_const(t, 0.0)})
+    return rows
 
 
 def _accumulate(tangent: dict[int, Symbol], factor: Symbol, inner: Mapping[int, Symbol]) -> None:
@@ -140,15 +147,39 @@ def _accumulate(tangent: dict[int, Symbol], factor: Symbol, inner: Mapping[int, 
         tangent[number] = add(tangent[number], term) if number in tangent else term
 
 
-def substitute(outputs: Sequence[Symbol], replacement: Mapping[Symbol, Symbol]) -> list[Symbol]:
-    """The outputs with some nodes replaced, simplified again on the way."""
-    new: dict[int, Symbol] = {node.number: by for node, by in replacement.items()}
-    for node in topological(outputs):
-        if node.number not in new:
+def topological_beyond(outputs: Iterable[Symbol], known: Mapping[int, Any]) -> list[Symbol]:
+    """Nodes that the outputs need and that are not among the known ones (by number), arguments before users."""
+    seen: dict[int, Symbol] = {}
+    stack = list(outputs)
+    while stack:
+        node = stack.pop()
+        if node.number not in seen and node.number not in known:
+            seen[node.number] = node
+            stack.extend(node.args)
+    return [seen[number] for number in sorted(seen)]
+
+
+class Substitution:
+    """Nodes replaced in one formula after the other, simplified again on the way; work is done once."""
+
+    def __init__(self, replacement: Mapping[Symbol, Symbol]) -> None:
+        self.new: dict[int, Symbol] = {node.number: by for node, by in replacement.items()}
+
+    def __call__(self, output: Symbol) -> Symbol:
+        new = self.new
+        for node in topological_beyond([output], new):
             args = tuple(new[a.number] for a in node.args)
             changed = any(a is not b for a, b in zip(args, node.args, strict=True))
             new[node.number] = rebuild(node.op, args) if changed else node
-    return [new[node.number] for node in outputs]
+        return new[output.number]
+
+
+def substitute(outputs: Sequence[Symbol], replacement: Mapping[Symbol, Symbol]) -> list[Symbol]:
+    """The outputs with some nodes replaced, simplified again on the way."""
+    changed = Substitution(replacement)
+    for node in topological_beyond(outputs, changed.new):
+        changed(node)
+    return [changed(node) for node in outputs]
 
 
 def rebuild(op: str, args: tuple[Any, ...]) -> Any:

@@ -25,6 +25,7 @@ from ..compiler.kernels import Kernel, constant_part, kernel
 from ..errors import TcbenchError, TraceError
 from ..integrator import Flow, Residual
 from ..systems.system import State, System
+from .reduction import Reduction, reduce
 
 
 @dataclass(frozen=True)
@@ -69,15 +70,6 @@ class FlowKernels:
         }  # fmt: skip
 
 
-@dataclass
-class _Reduction:
-    """Rows and unknowns that Newton has to deal with, and formulas for the eliminated increments."""
-
-    rows: list[Symbol]
-    unknowns: list[Symbol]
-    eliminated: dict[Symbol, Symbol] = field(default_factory=dict)
-
-
 def build(flow: Flow, system: System) -> FlowKernels:
     """Trace, reduce, differentiate and print one flow; nothing is compiled yet."""
     symbolic = system.symbolic  # its symbols come first, whoever made them
@@ -92,9 +84,9 @@ def _build(flow: Flow, system: System) -> FlowKernels:
     temperature = flow.variables == "temperature"
     y0 = sym.temperature_variables(z0) if temperature else sym.state(z0)
     start = trace.variables("start", n * (flow.memory or 2))
-    reduction = _reduce(_trace(flow, sym, y0, d, h, _further(flow, sym, z0, h, start)), list(d))
+    reduction = reduce(_trace(flow, sym, y0, d, h, _further(flow, sym, z0, h, start)), list(d))
     x = reduction.unknowns
-    increments = np.array(_increments(reduction, d), dtype=object)
+    increments = np.array(reduction.increments(d), dtype=object)
     y1 = sym.state(np.asarray(y0) + increments[:n])
     dz = (
         np.concatenate([increments[: n - system.n_elements], sym.entropy_variables(y1).s - sym.state(z0).s])
@@ -107,15 +99,16 @@ def _build(flow: Flow, system: System) -> FlowKernels:
     stored, names = factors.stored()
     downhill = [trace.neg(r) for r in reduction.rows]
     correction, chord = factors.solve(downhill), stored.solve(downhill)
-    moved = [e for e in reduction.eliminated if _linear(reduction.eliminated[e], x)]
+    moved = reduction.moved()
     slopes = trace.jacobian([reduction.eliminated[e] for e in moved], x)
     image = [list(slopes @ step) if x and moved else [] for step in (correction, chord)]
     positive = list(y1.s) if temperature else []
     d_dh: Any = trace.jacobian(reduction.rows, [h])[:, 0] if x else []
 
-    index = [_index(e, d) % n for e in [*x, *moved]]
+    place = {s: i for i, s in enumerate(d)}
+    index = [place[e] % n for e in [*x, *moved]]
     scales = _scales(index, sym, y0, z0, temperature)
-    fixed = [*_start(reduction), *_guess(reduction, d, sym, y0, z0, h, temperature), *scales]
+    fixed = [*_start(reduction), *_guess([place[s] for s in x], sym, z0, h, temperature), *scales]
 
     corrections = [*correction, *image[0]]
     sizes = [trace.mul(abs(step), scale) for step, scale in zip(corrections, scales, strict=True)]
@@ -229,10 +222,6 @@ def _file(function: Residual) -> str:
     return getattr(getattr(function, "__code__", None), "co_filename", "")
 
 
-def _index(symbol: Symbol, d: Any) -> int:
-    return next(i for i, s in enumerate(d) if s is symbol)
-
-
 def _block(index: int, system: System) -> int:
     n = system.n_positions
     return 0 if index < n else 1 if index < 2 * n else 2 + index - 2 * n
@@ -240,45 +229,6 @@ def _block(index: int, system: System) -> int:
 
 def _ones(size: int) -> Any:
     return array([const(1.0)] * size)
-
-
-def _reduce(rows: list[Symbol], unknowns: list[Symbol]) -> _Reduction:
-    """Drop unknowns that do not move, and eliminate those that their row gives linearly."""
-    state = _Reduction(rows, unknowns)
-    while True:
-        found = _eliminable(state)
-        if found is None:
-            state.rows.reverse()  # entropies first: their pivots are safe at any h (an M-matrix)
-            state.unknowns.reverse()
-            return state
-        row, unknown, formula = found
-        keep = [i for i in range(len(state.rows)) if i != row]
-        state.unknowns = [state.unknowns[i] for i in keep]
-        state.rows = trace.substitute([state.rows[i] for i in keep], {unknown: formula})
-        formulas = trace.substitute(list(state.eliminated.values()), {unknown: formula})
-        state.eliminated = dict(zip(state.eliminated, formulas, strict=True)) | {unknown: formula}
-
-
-def _eliminable(state: _Reduction) -> tuple[int, Symbol, Symbol] | None:
-    """A row i that reads a*d_i + g = 0 with a constant a > 0 and g free of d_i, affine in the other unknowns."""
-    for i, (row, unknown) in enumerate(zip(state.rows, state.unknowns, strict=True)):
-        slopes = trace.jacobian([row], state.unknowns)[0]
-        moving = trace.depends_on(slopes, state.unknowns)
-        a = slopes[i]
-        if a.op != "const" or a.value <= 0 or any(s.number in moving for s in slopes):
-            continue
-        (g,) = trace.substitute([row], {unknown: const(0.0)})
-        return i, unknown, trace.neg(trace.mul(g, trace.reciprocal(a)))
-    return None
-
-
-def _linear(formula: Symbol, x: Sequence[Symbol]) -> bool:
-    """Does the formula move with the unknowns (eliminated rows are affine by construction)?"""
-    return formula.number in trace.depends_on([formula], x)
-
-
-def _increments(reduction: _Reduction, d: Iterable[Symbol]) -> list[Symbol]:
-    return [reduction.eliminated.get(s, s) for s in d]
 
 
 @dataclass
@@ -336,7 +286,7 @@ def _factorise(jacobian: Any) -> tuple[_Factors, list[Symbol]]:
     return factors, [A[k][k] for k in range(n)]
 
 
-def _start(reduction: _Reduction) -> list[Symbol]:
+def _start(reduction: Reduction) -> list[Symbol]:
     """Unknowns for which the eliminated increments vanish: Newton from z1 = z0.
 
     Newton does not see the initial value of an unknown that enters linearly (momenta, once positions are eliminated),
@@ -346,8 +296,7 @@ def _start(reduction: _Reduction) -> list[Symbol]:
     x, zero = reduction.unknowns, const(0.0)
     start = dict.fromkeys(x, zero)
     for formula in reduction.eliminated.values():
-        slopes = trace.jacobian([formula], x)[0] if x else []
-        moving = [(s, a) for s, a in zip(x, slopes, strict=True) if not trace.is_const(a, 0.0)]
+        moving = [(x[j], a) for j, a in sorted(trace.sparse_jacobian([formula], x)[0].items())]
         if len(moving) == 1:
             (symbol, slope), (offset,) = moving[0], trace.substitute([formula], dict.fromkeys(x, zero))
             start[symbol] = trace.neg(trace.mul(offset, trace.reciprocal(slope)))
@@ -355,7 +304,7 @@ def _start(reduction: _Reduction) -> list[Symbol]:
 
 
 def _guess(
-    reduction: _Reduction, d: Any, system: System, y0: State, z0: Any, h: Symbol, temperature: bool
+    index: Sequence[int], system: System, z0: Any, h: Symbol, temperature: bool
 ) -> list[Symbol]:
     """A nearer initial value: the explicit drift for (q, p), one step of the trapezoidal rule for the conduction.
 
@@ -363,8 +312,8 @@ def _guess(
     """
     zero, m = const(0.0), system.n_elements
     first = 2 * system.n_positions
-    if not any(first <= _index(s, d) < first + m for s in reduction.unknowns):
-        return [zero for _ in reduction.unknowns]
+    if not any(first <= i < first + m for i in index):
+        return [zero for _ in index]
     s0 = list(z0[first:])
     theta = system.temperatures(z0)
     rate = np.array(system.conduction(theta), dtype=object)
@@ -377,7 +326,7 @@ def _guess(
     factors, _ = _factorise(matrix)
     step = factors.solve([h * r for r in rate])
     known = {first + i: g for i, g in enumerate(step)}
-    return [known.get(_index(s, d), zero) for s in reduction.unknowns]
+    return [known.get(i, zero) for i in index]
 
 
 def _scales(index: Sequence[int], system: System, y0: State, z0: Any, temperature: bool) -> list[Symbol]:

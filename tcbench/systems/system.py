@@ -20,6 +20,7 @@ from ..compiler import derivatives as trace
 from ..compiler.code_hash import content_hash, installed
 from ..compiler.divided_differences import rectangle, symmetrised_slopes
 from ..errors import TcbenchError, unknown_name
+from .operators import Poisson, SparseRows
 
 if TYPE_CHECKING:
     from ..compiler.kernels import Kernel
@@ -191,12 +192,9 @@ class System:
         return np.concatenate([[0.0], *parts]).astype(np.float64)
 
     @property
-    def L(self) -> NDArray[np.float64]:
-        """The Poisson matrix: canonical on (q, p), zero on s."""
-        n, matrix = self.n_positions, np.zeros((self.size, self.size))
-        matrix[:n, n : 2 * n] = np.eye(n)
-        matrix[n : 2 * n, :n] = -np.eye(n)
-        return matrix
+    def L(self) -> Poisson:
+        """The Poisson matrix: canonical on (q, p), zero on s; an operator, np.asarray(L) makes it dense."""
+        return Poisson(self.n_positions, self.n_elements)
 
     @property
     def DS(self) -> NDArray[np.float64]:
@@ -315,18 +313,24 @@ class System:
         """(de/dpi, de/ds), (n_elements,) each, of the elements at these strain measures and entropies; exact."""
         n = self.n_elements
         pi_, s_ = trace.variables("pi", n), trace.variables("s", n)
-        slopes = trace.jacobian(list(self.element_energy(pi_, s_)), [*pi_, *s_])
-        diagonal = [slopes[i, i] for i in range(n)] + [slopes[i, n + i] for i in range(n)]
+        slopes = trace.sparse_jacobian(list(self.element_energy(pi_, s_)), [*pi_, *s_])
+        zero = trace.const(0.0)
+        diagonal = [row.get(i, zero) for i, row in enumerate(slopes)]
+        diagonal += [row.get(n + i, zero) for i, row in enumerate(slopes)]
         here = dict(zip([*pi_, *s_], [*pi, *s], strict=True))
         values = np.array(trace.substitute(diagonal, here), dtype=object)
         return values[:n], values[n:]
 
-    def shape_gradient(self, q: Any) -> Any:
-        """d(shape)/dq at q, shape (n_elements, n_positions)."""
+    def shape_gradient(self, q: Any) -> SparseRows:
+        """d(shape)/dq at q, shape (n_elements, n_positions); an operator."""
         q_ = trace.variables("q", self.n_positions)
-        slope = trace.jacobian(list(self.shape(q_)), list(q_))
-        values = trace.substitute(list(slope.ravel()), dict(zip(q_, q, strict=True)))
-        return np.array(values, dtype=object).reshape(slope.shape)
+        rows = trace.sparse_jacobian(list(self.shape(q_)), list(q_))
+        entries = [(i, j, x) for i, row in enumerate(rows) for j, x in row.items()]
+        values = trace.substitute([x for _, _, x in entries], dict(zip(q_, q, strict=True)))
+        found: list[dict[int, trace.Symbol]] = [{} for _ in rows]
+        for (i, j, _), value in zip(entries, values, strict=True):
+            found[i][j] = value
+        return SparseRows(found, self.n_positions)
 
     def formula(self, name: str) -> tuple[str, tuple[int, ...]]:
         """A derived function of one state ("vector_field", "energy", ...) as straight-line Python, and its shape.

@@ -1,0 +1,128 @@
+"""Which unknowns Newton has to deal with: the others do not move, or are linear in those that stay.
+
+Works on the graph of the residual; its cost is linear in the number of rows where each of them sees few unknowns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+from ..compiler import derivatives as trace
+from ..compiler.derivatives import Symbol, const
+
+SMALL = 64  # unknowns up to which rows are taken one by one, each time through all of them
+FREE, AFFINE, CURVED = range(3)  # how a node depends on the unknowns
+
+
+@dataclass
+class Reduction:
+    """Rows and unknowns that Newton has to deal with, and formulas for the eliminated increments."""
+
+    rows: list[Symbol]
+    unknowns: list[Symbol]
+    eliminated: dict[Symbol, Symbol] = field(default_factory=dict)
+
+    def increments(self, d: Iterable[Symbol]) -> list[Symbol]:
+        return [self.eliminated.get(s, s) for s in d]
+
+    def moved(self) -> list[Symbol]:
+        """Those eliminated unknowns that move with the others (their rows are affine by construction)."""
+        moving = trace.depends_on(self.eliminated.values(), self.unknowns) if self.eliminated else set()
+        return [e for e, formula in self.eliminated.items() if formula.number in moving]
+
+
+def reduce(rows: Sequence[Symbol], unknowns: Sequence[Symbol]) -> Reduction:
+    """Drop unknowns that do not move, and eliminate those that their own row gives explicitly or linearly.
+
+    A row i goes that reads a*d_i + g = 0 with a constant a > 0 and g free of d_i, affine in the other unknowns.
+    """
+    if len(unknowns) <= SMALL:
+        return _one_by_one(Reduction(list(rows), list(unknowns)))
+    left, eliminated = list(zip(rows, unknowns, strict=True)), dict[Symbol, Symbol]()
+    curvature = _Curvature(unknowns)
+    while True:  # what was eliminated may make another row linear
+        kept, before = [], len(eliminated)
+        inserted = trace.Substitution(eliminated)
+        for row, unknown in left:
+            row = inserted(row)
+            formula = _solved(row, unknown, curvature)
+            if formula is None:
+                kept.append((row, unknown))
+            else:
+                eliminated[unknown] = formula
+                inserted = trace.Substitution(eliminated)
+        left = kept
+        if len(eliminated) == before:
+            break
+    left.reverse()  # entropies first: their pivots are safe at any h (an M-matrix)
+    return Reduction([row for row, _ in left], [unknown for _, unknown in left], _closed(eliminated))
+
+
+def _one_by_one(state: Reduction) -> Reduction:
+    """The same at a cost that grows as the square: the order in which nodes are made decides the last digits of what is
+    computed, and those of small systems stay what they were."""
+    while True:
+        found = _eliminable(state)
+        if found is None:
+            state.rows.reverse()
+            state.unknowns.reverse()
+            return state
+        row, unknown, formula = found
+        keep = [i for i in range(len(state.rows)) if i != row]
+        state.unknowns = [state.unknowns[i] for i in keep]
+        state.rows = trace.substitute([state.rows[i] for i in keep], {unknown: formula})
+        formulas = trace.substitute(list(state.eliminated.values()), {unknown: formula})
+        state.eliminated = dict(zip(state.eliminated, formulas, strict=True)) | {unknown: formula}
+
+
+def _eliminable(state: Reduction) -> tuple[int, Symbol, Symbol] | None:
+    for i, (row, unknown) in enumerate(zip(state.rows, state.unknowns, strict=True)):
+        (slopes,) = trace.sparse_jacobian([row], state.unknowns)
+        moving = trace.depends_on(slopes.values(), state.unknowns)
+        a = slopes.get(i, const(0.0))
+        if a.op != "const" or a.value <= 0 or any(s.number in moving for s in slopes.values()):
+            continue
+        (g,) = trace.substitute([row], {unknown: const(0.0)})
+        return i, unknown, trace.neg(trace.mul(g, trace.reciprocal(a)))
+    return None
+
+
+def _closed(eliminated: dict[Symbol, Symbol]) -> dict[Symbol, Symbol]:
+    """The formulas in terms of what stays: each may contain only those that were eliminated after it."""
+    closed: dict[Symbol, Symbol] = {}
+    inserted = trace.Substitution(closed)
+    for unknown, formula in reversed(eliminated.items()):
+        closed[unknown] = inserted.new[unknown.number] = inserted(formula)
+    return {unknown: closed[unknown] for unknown in eliminated}
+
+
+def _solved(row: Symbol, unknown: Symbol, curvature: _Curvature) -> Symbol | None:
+    """The formula that the row gives for its unknown, or None."""
+    if curvature(row) == CURVED:
+        return None
+    (slope,) = trace.sparse_jacobian([row], [unknown])
+    a = slope.get(0, const(0.0))
+    if a.op != "const" or a.value <= 0:
+        return None
+    (g,) = trace.substitute([row], {unknown: const(0.0)})
+    return trace.neg(trace.mul(g, trace.reciprocal(a)))
+
+
+class _Curvature:
+    """How nodes depend on the unknowns: not at all, as sums with fixed coefficients, or in another way."""
+
+    def __init__(self, unknowns: Iterable[Symbol]) -> None:
+        self.found = {x.number: AFFINE for x in unknowns}
+
+    def __call__(self, output: Symbol) -> int:
+        for node in trace.topological_beyond([output], self.found):
+            parts = [self.found[a.number] for a in node.args]
+            if node.op in ("add", "sub", "neg", "mark"):
+                kind = max(parts)
+            elif node.op == "mul":
+                kind = min(CURVED, sum(parts))
+            else:
+                kind = CURVED if any(parts) else FREE
+            self.found[node.number] = kind
+        return self.found[output.number]
