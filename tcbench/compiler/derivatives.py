@@ -39,9 +39,34 @@ from .symbols import (
 )
 
 __all__ = [
-    "Symbol", "add", "array", "const", "depends_on", "guarded", "is_const", "jacobian", "lam", "lifted", "mark",
-    "maximum", "minimum", "mul", "neg", "phi", "power", "rebuild", "reciprocal", "sparse_jacobian", "sub", "substitute",
-    "Substitution", "topological", "topological_beyond", "tracing", "variable", "variables",
+    "Substitution",
+    "Symbol",
+    "add",
+    "array",
+    "const",
+    "depends_on",
+    "guarded",
+    "is_const",
+    "jacobian",
+    "lam",
+    "lifted",
+    "mark",
+    "maximum",
+    "minimum",
+    "mul",
+    "neg",
+    "phi",
+    "power",
+    "rebuild",
+    "reciprocal",
+    "sparse_jacobian",
+    "sub",
+    "substitute",
+    "topological",
+    "topological_beyond",
+    "tracing",
+    "variable",
+    "variables",
 ]  # fmt: skip
 
 

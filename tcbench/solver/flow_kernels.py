@@ -303,9 +303,7 @@ def _start(reduction: Reduction) -> list[Symbol]:
     return [start[s] for s in x]
 
 
-def _guess(
-    index: Sequence[int], system: System, z0: Any, h: Symbol, temperature: bool
-) -> list[Symbol]:
+def _guess(index: Sequence[int], system: System, z0: Any, h: Symbol, temperature: bool) -> list[Symbol]:
     """A nearer initial value: the explicit drift for (q, p), one step of the trapezoidal rule for the conduction.
 
     Conduction is stiff: its explicit step overshoots, and no step at all costs Newton an iteration.
