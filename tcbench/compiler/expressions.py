@@ -11,6 +11,8 @@ import builtins
 from functools import cache
 from typing import Any
 
+import numpy as np
+
 from . import language
 from .arithmetic import ARITHMETIC, INTRINSICS, LIBRARY, Arithmetic
 from .records import Field
@@ -30,7 +32,10 @@ class Expressions(Arithmetic):
     def _name(self, node: ast.Name) -> Value:
         name = node.id
         if name not in self.assigned:
-            return self.literal(node, self.outside(node))
+            found = self.outside(node)
+            if isinstance(found, np.ndarray):
+                return Value(Array(1, INT, sized=False), (self.module.table(found),))
+            return self.literal(node, found)
         if name not in self.known:
             raise self.refusal(node, f"{name!r} is not set on every way that leads here")
         if name in self.values:
@@ -184,6 +189,14 @@ class Expressions(Arithmetic):
             return Value(FLOAT, (self.machine_call(INTRINSICS.get(function) or LIBRARY[function], x),))
         if function is language.call:
             return self._kernel_call(node)
+        if function is language.scratch:
+            self.module.external.add("declare noalias ptr @malloc(i64)")
+            size = self.emit(f"mul nsw i64 {self.number(node.args[0], INT)[1]}, 8")
+            return Value(Array(sized=False), (self.emit(f"call ptr @malloc(i64 {size})"),))
+        if function is language.release:
+            self.module.external.add("declare void @free(ptr)")
+            self.lines.append(f"  call void @free(ptr {self.part(self.value(node.args[0]))})")
+            return Value(NOTHING, ())
         return self._function_call(node, function)
 
     def _kernel_call(self, node: ast.Call) -> Value:

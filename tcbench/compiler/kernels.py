@@ -6,9 +6,10 @@ can call any of them by address.
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache, cached_property
 from typing import Any
 
@@ -16,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .derivatives import Symbol, depends_on, topological
-from .language import FUNCTIONS, PLAIN, PYTHON_KERNELS
+from .language import FUNCTIONS, PLAIN, PYTHON_KERNELS, release, scratch
 
 WIDTH = 8  # doubles in a vector of lanes.py
 _BINARY = {"add": "+", "sub": "-", "mul": "*"}
@@ -32,11 +33,8 @@ def straight_line(inputs: Mapping[Symbol, str], outputs: Sequence[Symbol]) -> st
     for node in nodes:
         if node.number in names:
             continue
-        if node.op == "const" and math.isinf(node.value):
-            names[node.number] = "inf"
-            continue
         if node.op == "const":
-            names[node.number] = f"({node.value!r})" if node.value < 0 else repr(node.value)
+            names[node.number] = literal(node)
             continue
         if node.op == "mark" and node not in inputs:
             names[node.number] = names[node.args[0].number]
@@ -52,7 +50,7 @@ def straight_line(inputs: Mapping[Symbol, str], outputs: Sequence[Symbol]) -> st
         elif node.op == "var":
             raise ValueError(f"the kernel needs {node!r}, which is no input of it")
         else:
-            lines.append(f"{name} = {_operation(node, [names[x.number] for x in node.args])}")
+            lines.append(f"{name} = {operation(node, [names[x.number] for x in node.args])}")
     lines += [f"out[{i}] = {names[node.number]}" for i, node in enumerate(outputs)]
     return "def kernel(a, b, out):\n" + "".join(f"    {line}\n" for line in lines or ["pass"])
 
@@ -70,7 +68,15 @@ def topological_above(inputs: Mapping[Symbol, Any], outputs: Sequence[Symbol]) -
     return [seen[number] for number in sorted(seen)]
 
 
-def _operation(node: Symbol, args: list[str]) -> str:
+def literal(node: Symbol) -> str:
+    """A constant as text."""
+    if math.isinf(node.value):
+        return "inf"
+    return f"({node.value!r})" if node.value < 0 else repr(node.value)
+
+
+def operation(node: Symbol, args: list[str]) -> str:
+    """What a node does with these, as text."""
     if node.op in _BINARY:
         return f"{args[0]} {_BINARY[node.op]} {args[1]}"
     if node.op == "neg":
@@ -98,11 +104,12 @@ class Kernel:
 
     text: str
     size: int
+    table: NDArray[np.int64] | None = field(default=None, compare=False)  # whole numbers that the text reads
 
     @cached_property
     def address(self) -> int:
         """Address of the compiled code, to be passed as an integer into compiled loops."""
-        return _load(self.text)
+        return _load(self.text, self.table)
 
     def __call__(self, a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
         """Evaluate once; returns a new array, shape (size,). `a` and `b` must be contiguous."""
@@ -123,26 +130,28 @@ def namespace() -> dict[str, Any]:
     from . import special
 
     names = ("phi", "phi_pair", "dphi", "lam", "lam_pair", "dlam")
-    return {"inf": math.inf, **FUNCTIONS, **{name: getattr(special, name) for name in names}}
+    loops = {"scratch": scratch, "release": release}
+    return {"inf": math.inf, **FUNCTIONS, **loops, **{name: getattr(special, name) for name in names}}
 
 
-def _load(text: str) -> int:
+def _load(text: str, table: NDArray[np.int64] | None) -> int:
     """Address of the compiled text: of machine code, or made up where nothing is compiled."""
     if not PLAIN:
         from .machine import load  # LLVM is imported when something is compiled, not before
 
-        return load(text, _code)
-    scope = dict(namespace())
+        key = text if table is None else text + hashlib.sha256(table.tobytes()).hexdigest()
+        return load(key, lambda _: _code(text, table))
+    scope = namespace() | {"table": table}
     exec(compile(text, "<kernel>", "exec"), scope)
     address = len(PYTHON_KERNELS) + 1
     PYTHON_KERNELS[address] = scope["kernel"]
     return address
 
 
-def _code(text: str) -> str:
+def _code(text: str, table: NDArray[np.int64] | None) -> str:
     """LLVM code of a kernel's text; functions of `special` become part of it."""
     from .translator import Module
 
     module = Module()
-    module.kernel(text, namespace())
+    module.kernel(text, namespace() if table is None else namespace() | {"table": table})
     return module.text()

@@ -43,6 +43,15 @@ def call(kernel: Kernel, a: Any, b: Any, out: Any) -> None:
         run_kernel(kernel, a, b, out)
 
 
+def scratch(size: int) -> Floats:
+    """Room for so many numbers while a kernel runs; `release` it at the end."""
+    return np.empty(size)
+
+
+def release(array: Floats) -> None:
+    """Give back what `scratch` gave."""
+
+
 def copy_into(target: Floats, source: Floats) -> None:
     """target[:] = source."""
     for i in range(len(source)):

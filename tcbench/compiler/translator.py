@@ -56,13 +56,24 @@ class Module:
     code: list[str] = field(default_factory=list)
     declared: dict[str, int] = field(default_factory=dict)
     open: list[Any] = field(default_factory=list)  # functions that are being translated
+    external: set[str] = field(default_factory=set)  # declarations of C functions that take other than doubles
+    tables: dict[int, tuple[str, Any]] = field(default_factory=dict)  # arrays of whole numbers, by identity
 
     def declare(self, name: str, count: int) -> None:
         self.declared[name] = count
 
     def text(self) -> str:
         declarations = [f"declare double @{n}({', '.join(['double'] * k)})" for n, k in self.declared.items()]
-        return "\n".join([*self.code, *declarations, "!0 = !{}", ""])
+        return "\n".join([*self.code, *declarations, *sorted(self.external), "!0 = !{}", ""])
+
+    def table(self, values: Any) -> str:
+        """The name of a constant array of whole numbers."""
+        if id(values) not in self.tables:
+            name = f"@table{len(self.tables)}"
+            self.tables[id(values)] = (name, values)
+            items = ", ".join(f"i64 {x}" for x in values.tolist())
+            self.code.append(f"{name} = internal constant [{len(values)} x i64] [{items}]")
+        return self.tables[id(values)][0]
 
     def function(self, function: Callable[..., Any]) -> Function:
         """A Python function, translated when it is first asked for."""
