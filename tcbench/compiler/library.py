@@ -51,6 +51,29 @@ class Library:
         return module.text()
 
 
+_CALLBACKS: list[Any] = []  # for as long as the process lives
+
+
+def callback(function: Callable[[Any, Any, Any], None], sizes: tuple[int, int, int]) -> Kernel:
+    """Address of a Python function of three arrays of these sizes, to be called from compiled code as a kernel."""
+    if language.PLAIN:
+        address = len(language.PYTHON_KERNELS) + 1
+        language.PYTHON_KERNELS[address] = lambda *arrays: function(
+            *(np.ravel(x)[:size] for x, size in zip(arrays, sizes, strict=True))
+        )
+        return address
+
+    kept = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 3)(
+        lambda *places: function(*(_numbers(at, size) for at, size in zip(places, sizes, strict=True)))
+    )
+    _CALLBACKS.append(kept)
+    return ctypes.cast(kept, ctypes.c_void_p).value or 0
+
+
+def _numbers(place: int, size: int) -> np.ndarray:
+    return np.frombuffer((ctypes.c_double * size).from_address(place), dtype=np.float64)
+
+
 def _quiet(function: Callable[..., Any]) -> Callable[..., Any]:
     """The Python function, without warnings of what compiled code does in silence."""
 

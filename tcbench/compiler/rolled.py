@@ -11,7 +11,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .kernels import Kernel, literal, operation, topological_above
 from .symbols import Symbol
@@ -109,16 +108,14 @@ class _Roller:
         for node in self.nodes:
             if node.op not in CHAINS or node.number in self.inputs:
                 continue
-            first, second = node.args
-            for x, y in ((first, second), (second, first)):
-                inner = terms.get(x.number)
-                if inner and x.op == node.op and len(users[x.number]) == 1 and x.number not in roots:
-                    terms[node.number] = inner
-                    inner.append(y)
-                    found.pop(x.number, None)
-                    break
+            x, y = sorted(node.args, key=lambda a: -len(terms.get(a.number, ())))
+            inner = terms.get(x.number)
+            if inner and x.op == node.op and len(users[x.number]) == 1 and x.number not in roots:
+                terms[node.number] = inner
+                inner.append(y)
+                found.pop(x.number, None)
             else:
-                terms[node.number] = [first, second]
+                terms[node.number] = list(node.args)
             if len(terms[node.number]) > LONGEST:
                 found[node.number] = terms[node.number]
         return found

@@ -10,7 +10,7 @@ from ..compiler.records import Record, Rows, sized
 from ..solver.flow import Flow, Tally
 from ..solver.implicit_step import BLOWUP, COLD, COLLAPSED, NO_AUDIT, NONFINITE, OK, PRINCIPAL, solve_flow
 from ..solver.linear_algebra import add_increments, move
-from ..solver.newton import ACCEPTED, REJECTED, finish, quick
+from ..solver.newton import ACCEPTED, REJECTED, finish, quick, quick_sparse
 
 E, S, FIRST_INVARIANT = 0, 1, 2  # in a row of observables
 FIRST, BEFORE, NOW = range(3)  # rows of `observables`
@@ -193,7 +193,10 @@ def one_step(run: Run, z: Floats, carry: Floats, after: Floats, trial: Floats) -
         if flow.continuation and flow.audit < PRINCIPAL:
             for i in range(n):
                 flow.x[i] = flow.w[n + i]
-            code, count = quick(flow)
+            if flow.ns > 0:
+                code, count = quick_sparse(flow)
+            else:
+                code, count = quick(flow)
             iterations += count
         if code != ACCEPTED or flow.audit != NO_AUDIT:
             reason, more = solve_flow(flow, here, code == ACCEPTED)

@@ -33,6 +33,7 @@ from ..compiler.language import Floats, call, copy_into, fill, rare
 from .flow import Flow
 from .linear_algebra import solve_bordered
 from .newton import ACCEPTED, newton, set_step
+from .sparse import sparse_bordered, sparse_iterate
 
 FOUND, UNDETERMINED, LOST, COLD_ROOT = range(4)
 
@@ -50,8 +51,7 @@ DETOURS = 24
 
 @rare
 def linearise(flow: Flow, v: Floats, t: Floats) -> float:
-    """At v: the Newton correction perpendicular to t in A[:, m] and the tangent, not normalised, in A[:, m + 1], where
-    A is `bordered`.
+    """At v: the Newton correction perpendicular to t in `correction` and the tangent, not normalised, in `direction`.
 
     Returns the sign of det B; B has t as its last row.
     """
@@ -62,6 +62,8 @@ def linearise(flow: Flow, v: Floats, t: Floats) -> float:
         flow.x[i] = v[i] / scale[i]
     set_step(flow, v[n])
     call(flow.full, flow.w, flow.x, found)
+    if flow.ns > 0:
+        return sparse_bordered(flow, t, v[n])
     for i in range(n):
         for j in range(n):
             A[i, j] = found[n + i * n + j] / scale[j]
@@ -71,38 +73,41 @@ def linearise(flow: Flow, v: Floats, t: Floats) -> float:
     copy_into(A[n], t)
     A[n, m] = 0.0
     A[n, m + 1] = 1.0
-    return solve_bordered(A)
+    sign = solve_bordered(A)
+    for i in range(m):
+        flow.correction[i], flow.direction[i] = A[i, m], A[i, m + 1]
+    return sign
 
 
 def tangent(flow: Flow, t: Floats) -> float:
-    """The tangent that `linearise` left in the last column of `bordered`, normalised, into t.
+    """The tangent that `linearise` left in `direction`, normalised, into t.
 
     Returns its cosine with the tangent that borders the matrix: the product of that one with the column is 1.
     """
-    A, norm = flow.bordered, 0.0
+    norm = 0.0
     for i in range(len(t)):
-        norm += A[i, len(t) + 1] ** 2
+        norm += flow.direction[i] ** 2
     cosine = 1.0 / np.sqrt(norm)
     for i in range(len(t)):
-        t[i] = A[i, len(t) + 1] * cosine
+        t[i] = flow.direction[i] * cosine
     return cosine
 
 
 @rare
 def correct(flow: Flow, v: Floats, t: Floats, limit: float, close: float) -> tuple[float, int]:
-    """Newton from the predicted point v, in place, perpendicular to t; `bordered` as `linearise` leaves it.
+    """Newton from the predicted point v, in place, perpendicular to t; `direction` as `linearise` leaves it.
 
     Converged when a correction is below `close`, rejected when one is beyond `limit`. Returns (first correction,
     iterations); the first correction is infinite when the step must be shortened.
     """
-    A, n = flow.bordered, flow.nx
+    n = flow.nx
     first, previous = np.inf, np.inf
     for iteration in range(1, CORRECTIONS + 1):
         sign = linearise(flow, v, t)
         delta, total = 0.0, 0.0
         for i in range(n + 1):
-            step = A[i, n + 1]
-            total += abs(step) + abs(A[i, n + 2])
+            step = flow.correction[i]
+            total += abs(step) + abs(flow.direction[i])
             delta = abs(step) if abs(step) > delta else delta
             v[i] += step
         if sign <= 0.0 or not (total < np.inf) or delta > limit or delta > 0.5 * previous:
@@ -154,7 +159,10 @@ def land(flow: Flow, cosine: float, ds: float, s: float) -> tuple[int, int]:
     set_step(flow, 1.0)
     for i in range(n):
         x[i] = hermite(u[i], v[i], t[i], t_new[i] / cosine, ds, s) / scale[i]
-    call(flow.iterate, flow.w, x, d)
+    if flow.ns > 0:
+        sparse_iterate(flow)
+    else:
+        call(flow.iterate, flow.w, x, d)
     for i in range(2 * n + flow.ne, 2 * n + flow.ne + flow.npos):
         if not d[i] > 0.0:
             return COLD_ROOT, 1

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..compiler.language import Floats, Kernel, Matrix
+from ..compiler.language import Floats, Ints, Kernel, Matrix
 from ..compiler.records import Record, sized
 
 
@@ -40,6 +40,10 @@ class Flow(Record):
     npos: int  # temperatures among what `iterate` returns
     nd: int
     nw: int
+    nj: int  # unknowns of a dense Jacobian, or 0
+    ns: int  # those of a sparse one, or 0
+    nnz: int  # entries of the sparse one
+    nfull: int  # residual, Jacobian, d residual/dh
     n_constants: int
     n_observables: int
     prologue: Kernel
@@ -48,6 +52,7 @@ class Flow(Record):
     finish: Kernel
     full: Kernel
     observe: Kernel
+    factorise: Kernel  # of a sparse Jacobian: see `Pattern`
     h: float  # its part of the step
     continuation: bool  # the whole cascade; otherwise plain Newton
     audit: int  # see implicit_step
@@ -63,12 +68,22 @@ class Flow(Record):
     d: Floats = sized("nd")
     dz: Floats = sized("n")
     scale: Floats = sized("nx + ne")  # 1/size of the unknowns
-    derivatives: Floats = sized("nx * (nx + 2)")  # residual, Jacobian, d residual/dh
-    jacobian: Matrix = sized("nx", "nx")
+    derivatives: Floats = sized("nfull")
+    jacobian: Matrix = sized("nj", "nj")
     old: Floats = sized("nx")
     known: Floats = sized("nx")
     accepted: Floats = sized("n")
     seen: Matrix = sized("2", "n_observables")
     points: Matrix = sized("4", "nx + 1")  # of the arc
-    bordered: Matrix = sized("nx + 1", "nx + 3")
+    bordered: Matrix = sized("nj + 1", "nj + 3")
+    correction: Floats = sized("nx + 1")  # of the arc's corrector
+    direction: Floats = sized("nx + 1")  # of its tangent, not normalised
     shift: Floats = sized("nx")  # of a detour; else 0
+    first: Ints = sized("ns + 1")  # a sparse Jacobian: see `Pattern`
+    columns: Ints = sized("nnz")
+    diagonal: Ints = sized("ns")
+    order: Ints = sized("ns")
+    place: Ints = sized("ns")  # what is written on
+    factors: Floats = sized("nnz")
+    krylov: Matrix = sized("8", "ns")
+    solved: Floats = sized("2 * ns + 1")

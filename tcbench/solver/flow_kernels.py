@@ -22,10 +22,16 @@ from ..compiler import derivatives as trace
 from ..compiler.code_hash import content_hash
 from ..compiler.derivatives import Symbol, array, const
 from ..compiler.kernels import Kernel, constant_part, kernel
+from ..compiler.rolled import rolled
 from ..errors import TcbenchError, TraceError
 from ..integrator import Flow, Residual
 from ..systems.system import State, System
+from .pattern import Pattern
 from .reduction import Reduction, reduce
+
+UNROLLED = 32  # unknowns up to which the elimination is unrolled; beyond, Newton works on a sparse matrix
+LARGE = 80  # length of a state up to which an explicit formula is unrolled
+ZERO_PIVOT = "The residual's Jacobian has a structural zero on its diagonal; reorder the rows."
 
 
 @dataclass(frozen=True)
@@ -41,6 +47,9 @@ class FlowKernels:
     polish(w, x) -> (correction with the factors that the last iterate left[nx], its image[ne], its size)
     finish(w, x) -> z1 - z0
     full(w, x) -> (residual[nx], Jacobian[nx * nx], d residual/dh[nx])
+
+    Where the Jacobian is sparse, iterate and full are one: (residual[nx], entries[nnz], d residual/dh[nx],
+    thetas[npos]); prologue and opening are one, and there is no polish.
     """
 
     setup: Kernel
@@ -53,6 +62,7 @@ class FlowKernels:
     blocks: tuple[int, ...]  # of each unknown, then of each eliminated one: 0 q, 1 p, 2 + i entropy of element i
     n_unknowns: int
     n_positive: int
+    pattern: Pattern | None = None  # of a sparse Jacobian
     patterns: dict[int, Any] = field(default_factory=dict, compare=False)  # Flow, by the number of constants
 
     @property
@@ -60,14 +70,20 @@ class FlowKernels:
         return len(self.blocks) - self.n_unknowns
 
     @cached_property
-    def fields(self) -> dict[str, int]:
+    def fields(self) -> dict[str, Any]:
         """Sizes and addresses, as `Flow` names them; everything is compiled when they are first asked for."""
-        return {
+        found = {
             "nx": self.n_unknowns, "ne": self.n_eliminated, "npos": self.n_positive, "nd": self.iterate.size,
             "nw": self.opening.size + self.setup.size, "prologue": self.prologue.address,
             "iterate": self.iterate.address, "polish": self.polish.address, "finish": self.finish.address,
-            "full": self.full.address,
+            "full": self.full.address, "nfull": max(self.full.size, self.iterate.size), "nj": self.n_unknowns,
+            "ns": 0, "nnz": 0,
         }  # fmt: skip
+        p = self.pattern
+        if p is not None:
+            found |= {"nj": 0, "ns": p.n, "nnz": p.nnz, "nd": 2 * p.n + self.n_positive, "factorise": p.factorise}
+            found |= {"first": p.first, "columns": p.columns, "diagonal": p.diagonal, "order": p.order}
+        return found
 
 
 def build(flow: Flow, system: System) -> FlowKernels:
@@ -85,6 +101,7 @@ def _build(flow: Flow, system: System) -> FlowKernels:
     y0 = sym.temperature_variables(z0) if temperature else sym.state(z0)
     start = trace.variables("start", n * (flow.memory or 2))
     reduction = reduce(_trace(flow, sym, y0, d, h, _further(flow, sym, z0, h, start)), list(d))
+    slopes = _ordered(reduction) if len(reduction.unknowns) > UNROLLED else None
     x = reduction.unknowns
     increments = np.array(reduction.increments(d), dtype=object)
     y1 = sym.state(np.asarray(y0) + increments[:n])
@@ -93,30 +110,19 @@ def _build(flow: Flow, system: System) -> FlowKernels:
         if (temperature)
         else increments[:n]
     )
-
-    jacobian = trace.jacobian(reduction.rows, x)
-    factors, pivots = _factorise(jacobian)
-    stored, names = factors.stored()
-    downhill = [trace.neg(r) for r in reduction.rows]
-    correction, chord = factors.solve(downhill), stored.solve(downhill)
-    moved = reduction.moved()
-    slopes = trace.jacobian([reduction.eliminated[e] for e in moved], x)
-    image = [list(slopes @ step) if x and moved else [] for step in (correction, chord)]
-    positive = list(y1.s) if temperature else []
-    d_dh: Any = trace.jacobian(reduction.rows, [h])[:, 0] if x else []
-
     place = {s: i for i, s in enumerate(d)}
-    index = [place[e] % n for e in [*x, *moved]]
-    scales = _scales(index, sym, y0, z0, temperature)
-    fixed = [*_start(reduction), *_guess([place[s] for s in x], sym, z0, h, temperature), *scales]
-
-    corrections = [*correction, *image[0]]
-    sizes = [trace.mul(abs(step), scale) for step, scale in zip(corrections, scales, strict=True)]
-    iterate = [*corrections, *pivots, *positive, _size(sizes, correction), _lowest([*pivots, *positive])]
-    chords = [trace.mul(abs(step), scale) for step, scale in zip([*chord, *image[1]], scales, strict=True)]
-    polish = [*chord, *image[1], _size(chords, chord)]
-    full = [*reduction.rows, *jacobian.ravel(), *d_dh]
-    hoisted = _hoisted([*iterate, *polish, *full, *dz], [*x, *names])
+    where = [place[s] for s in x]
+    positive = list(y1.s) if temperature else []
+    if slopes is None:
+        parts = _dense_parts(
+            reduction, positive, h, lambda moved: _scales(where, moved, place, sym, y0, z0, temperature)
+        )
+        guess = _guess(where, sym, z0, h, temperature)
+    else:
+        parts = _sparse_parts(reduction, slopes, positive, h, _scales(where, [], place, sym, y0, z0, temperature))
+        guess = [const(0.0)] * len(x)
+    fixed = [*_start(reduction), *guess, *parts.scales]
+    hoisted = _hoisted([*parts.iterate, *parts.polish, *parts.full, *dz], [*x, *parts.stored])
     opening = [*fixed, *hoisted, *sym.observe(z0)]
     # of an explicit flow the step size is constant as well; where Newton works, continuation varies it
     fixed_constants = constant_part(opening, [*z0, *start, *([h] if x else [])])
@@ -126,19 +132,88 @@ def _build(flow: Flow, system: System) -> FlowKernels:
     prologue_inputs |= {s: f"out[{len(opening) + i}]" for i, s in enumerate(fixed_constants)}
     reads: dict[Symbol, str] = {s: f"a[{len(fixed) + i}]" for i, s in enumerate(hoisted)}
     reads |= {s: f"b[{i}]" for i, s in enumerate(x)}
-    blocks = tuple(_block(i, system) for i in index)
+    stored = {f: f"out[{len(parts.iterate) + i}]" for i, f in enumerate(parts.stored)}
+    blocks = tuple(_block(place[s] % n, system) for s in [*x, *parts.moved])
+    make = kernel if n <= LARGE and slopes is None else rolled
+    opened = make(prologue_inputs, opening)
+    iterate = make(reads, [*parts.iterate, *parts.stored.values()])
     return FlowKernels(
-        setup=kernel({h: "b[0]", **system.constant_symbols()}, fixed_constants),
-        prologue=kernel(prologue_inputs, [*fixed, *hoisted]),
-        opening=kernel(prologue_inputs, opening),
-        iterate=kernel(reads, [*iterate, *names.values()]),
-        polish=kernel(reads | {f: f"out[{len(iterate) + i}]" for i, f in enumerate(names)}, polish),
-        finish=kernel(reads, list(dz)),
-        full=kernel(reads, full),
+        setup=make({h: "b[0]", **system.constant_symbols()}, fixed_constants),
+        prologue=opened if slopes else make(prologue_inputs, [*fixed, *hoisted]),
+        opening=opened,
+        iterate=iterate,
+        polish=kernel(reads | stored, parts.polish),
+        finish=make(reads, list(dz)),
+        full=iterate if slopes else make(reads, parts.full),
         blocks=blocks,
         n_unknowns=len(x),
         n_positive=len(positive),
+        pattern=slopes.pattern if slopes else None,
     )
+
+
+@dataclass
+class _Parts:
+    """What differs between small systems, whose elimination is unrolled, and large ones."""
+
+    iterate: list[Symbol]
+    full: list[Symbol]
+    scales: list[Symbol]
+    polish: list[Symbol] = field(default_factory=list)
+    moved: list[Symbol] = field(default_factory=list)
+    stored: dict[Symbol, Symbol] = field(default_factory=dict)
+
+
+def _dense_parts(reduction: Reduction, positive: list[Symbol], h: Symbol, scales_of: Any) -> _Parts:
+    x = reduction.unknowns
+    jacobian = trace.jacobian(reduction.rows, x)
+    factors, pivots = _factorise(jacobian)
+    stored, names = factors.stored()
+    downhill = [trace.neg(r) for r in reduction.rows]
+    correction, chord = factors.solve(downhill), stored.solve(downhill)
+    moved = reduction.moved()
+    slopes = trace.jacobian([reduction.eliminated[e] for e in moved], x)
+    image = [list(slopes @ step) if x and moved else [] for step in (correction, chord)]
+    d_dh: Any = trace.jacobian(reduction.rows, [h])[:, 0] if x else []
+    scales = scales_of(moved)
+    corrections = [*correction, *image[0]]
+    sizes = [trace.mul(abs(step), scale) for step, scale in zip(corrections, scales, strict=True)]
+    iterate = [*corrections, *pivots, *positive, _size(sizes, correction), _lowest([*pivots, *positive])]
+    chords = [trace.mul(abs(step), scale) for step, scale in zip([*chord, *image[1]], scales, strict=True)]
+    polish = [*chord, *image[1], _size(chords, chord)]
+    return _Parts(iterate, [*reduction.rows, *jacobian.ravel(), *d_dh], scales, polish, moved, names)
+
+
+def _sparse_parts(
+    reduction: Reduction, slopes: _Slopes, positive: list[Symbol], h: Symbol, scales: list[Symbol]
+) -> _Parts:
+    d_dh = [row.get(0, const(0.0)) for row in trace.sparse_jacobian(reduction.rows, [h])]
+    full = [*reduction.rows, *slopes.entries, *d_dh, *positive]
+    return _Parts(full, full, scales)
+
+
+@dataclass
+class _Slopes:
+    """A sparse Jacobian: where it has entries, and what they are."""
+
+    pattern: Pattern
+    entries: list[Symbol]
+
+
+def _ordered(reduction: Reduction) -> _Slopes:
+    """The Jacobian; rows and unknowns are put into the order of its pattern."""
+    rows = trace.sparse_jacobian(reduction.rows, reduction.unknowns)
+    found = [(i, j, slope) for i, row in enumerate(rows) for j, slope in row.items()]
+    pattern = Pattern(len(rows), [i for i, _, _ in found], [j for _, j, _ in found])
+    entries = [const(0.0)] * pattern.nnz
+    for place, (_, _, slope) in zip(pattern.places, found, strict=True):
+        entries[place] = slope
+    if any(trace.is_const(entries[k], 0.0) for k in pattern.diagonal):
+        raise TraceError(ZERO_PIVOT)
+    reduction.rows = [reduction.rows[i] for i in pattern.order]
+    reduction.unknowns = [reduction.unknowns[i] for i in pattern.order]
+    pattern.order[:] = np.arange(pattern.n)
+    return _Slopes(pattern, entries)
 
 
 _EXPLICIT: dict[tuple[Residual, tuple, str | None], FlowKernels] = {}
@@ -273,7 +348,7 @@ def _factorise(jacobian: Any) -> tuple[_Factors, list[Symbol]]:
     factors = _Factors({}, {}, [])
     for k in range(n):
         if trace.is_const(A[k][k], 0.0):
-            raise TraceError("The residual's Jacobian has a structural zero on its diagonal; reorder the rows.")
+            raise TraceError(ZERO_PIVOT)
         factors.inverse.append(trace.reciprocal(A[k][k]))
         for j in range(k + 1, n):
             factors.upper[k, j] = A[k][j]
@@ -327,11 +402,14 @@ def _guess(index: Sequence[int], system: System, z0: Any, h: Symbol, temperature
     return [known.get(i, zero) for i in index]
 
 
-def _scales(index: Sequence[int], system: System, y0: State, z0: Any, temperature: bool) -> list[Symbol]:
+def _scales(
+    where: Sequence[int], moved: Sequence[Symbol], place: Any, system: System, y0: State, z0: Any, temperature: bool
+) -> list[Symbol]:
     """1/size of each unknown: positions and momenta max(1, |block|), entropies c0, temperatures theta."""
-    n = system.n_positions
+    n, size = system.n_positions, system.size
     entropy = _ones(system.n_elements) * system.entropy_scale()
     sizes = [_largest(z0[:n]), _largest(z0[n : 2 * n]), *(list(y0.s) if temperature else entropy)]
+    index = [i % size for i in [*where, *(place[e] for e in moved)]]
     return [trace.reciprocal(sizes[0 if i < n else 1 if i < 2 * n else 2 + i - 2 * n]) for i in index]
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from ..compiler.language import call, copy_into, fill, rare
 from .flow import Flow
 from .linear_algebra import solve_pivoted
+from .sparse import sparse_correction, sparse_iterate
 
 ACCEPTED, REJECTED = 0, 1
 MAX_ITERATIONS = 8
@@ -24,6 +25,7 @@ QUICK = 0.3  # corrections with old factors are tried below this
 NEGLIGIBLE = 1e-16  # predicted error that no further correction would change
 CHORD_FLOOR = 1e-14  # a correction with old factors that no longer shrinks is round-off below this
 STALLED = 1e-11  # above this a correction must halve from one iteration to the next
+SPARSE_FLOOR = 1e-8  # relative residual of the linear system of a small correction: the next one mends it
 SMALL_PIVOT = 1e-7  # below this the elimination without pivoting is repeated with pivoting
 
 PLAIN_ITERATIONS = 20
@@ -43,6 +45,8 @@ def set_step(flow: Flow, fraction: float) -> None:
 def pivoted_correction(flow: Flow) -> float:
     """Newton correction into d[:nx] through the dense Jacobian; returns the sign of its determinant."""
     n = flow.nx
+    if flow.ns > 0:
+        return sparse_iterate(flow)
     call(flow.full, flow.w, flow.x, flow.derivatives)
     for i in range(n):
         flow.d[i] = -flow.derivatives[i]
@@ -129,17 +133,20 @@ def newton(flow: Flow) -> tuple[int, int]:
     previous = np.inf
     small = 0
     for iteration in range(1, MAX_ITERATIONS + 1):
-        call(flow.iterate, w, x, d)
         sign = 1.0
         smallest = np.inf
-        for i in range(n + ne, 2 * n + ne):
-            pivot = d[i]
-            if pivot < 0.0:
-                sign = -sign
-            size = abs(pivot)
-            smallest = size if size < smallest else smallest
-        if smallest < SMALL_PIVOT:
-            sign = pivoted_correction(flow)
+        if flow.ns > 0:
+            sign, smallest = sparse_iterate(flow), 0.0
+        else:
+            call(flow.iterate, w, x, d)
+            for i in range(n + ne, 2 * n + ne):
+                pivot = d[i]
+                if pivot < 0.0:
+                    sign = -sign
+                size = abs(pivot)
+                smallest = size if size < smallest else smallest
+            if smallest < SMALL_PIVOT:
+                sign = pivoted_correction(flow)
         total = 0.0
         delta = 0.0
         for i in range(n):
@@ -169,6 +176,35 @@ def newton(flow: Flow) -> tuple[int, int]:
         if delta > 0.5 * previous and delta > STALLED:
             return REJECTED, iteration
         previous = delta
+    return REJECTED, MAX_ITERATIONS
+
+
+@rare
+def quick_sparse(flow: Flow) -> tuple[int, int]:
+    """`quick` where the Jacobian is sparse: each linear system as exactly as the correction deserves, with incomplete
+    factors of the first."""
+    x, d, scale, n = flow.x, flow.d, flow.scale, flow.nx
+    for i in range(n):
+        scale[i] = flow.w[2 * n + i]
+    previous, tolerance = np.inf, 1e-3
+    for iteration in range(1, MAX_ITERATIONS + 1):
+        call(flow.iterate, flow.w, x, flow.derivatives)
+        for i in range(2 * n + flow.nnz, 2 * n + flow.nnz + flow.npos):
+            if not flow.derivatives[i] > 0.0:
+                return REJECTED, iteration
+        if sparse_correction(flow, tolerance, iteration == 1) <= 0.0:
+            return REJECTED, iteration
+        total, delta = 0.0, 0.0
+        for i in range(n):
+            size = abs(d[i]) * scale[i]
+            delta = size if size > delta else delta
+            total += d[i]
+            x[i] += d[i]
+        if not (abs(total) < np.inf and delta <= 0.5 * previous):
+            return REJECTED, iteration
+        if delta * max(delta, tolerance) < NEGLIGIBLE:
+            return finish(flow), iteration
+        previous, tolerance = delta, max(SPARSE_FLOOR, min(1e-3, 0.1 * delta))
     return REJECTED, MAX_ITERATIONS
 
 

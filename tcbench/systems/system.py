@@ -338,7 +338,9 @@ class System:
         The text defines kernel(a, b, out): a the state, b `constant_values`, out the values, flat; it needs the names
         of the elementary functions that it calls.
         """
-        return self._text(self._body(name), (self.size,))
+        from ..compiler.kernels import straight_line
+
+        return self._traced(self._body(name), (self.size,), straight_line)
 
     def kernel(self, name: str) -> tuple[Kernel, tuple[int, ...]]:
         """The same compiled: what `compiler.language.call` and `compiler.library.evaluate` take, and its shape."""
@@ -417,23 +419,21 @@ class System:
             )
         key = (self.structure, body.__name__, sizes)
         if key not in _KERNELS:
-            from ..compiler.kernels import Kernel
+            from ..compiler.kernels import kernel as straight
+            from ..compiler.rolled import rolled
 
-            text, shape = self._text(body, sizes)
-            _KERNELS[key] = (Kernel(text, int(np.prod(shape))), shape)
+            _KERNELS[key] = self._traced(body, sizes, rolled if self.size > LARGE else straight)
         return _KERNELS[key]
 
-    def _text(self, body: Callable[..., Any], sizes: tuple[int, ...]) -> tuple[str, tuple[int, ...]]:
-        """Text of kernel(a, b, out) for a function of states of these sizes, one after the other in a."""
-        from ..compiler.kernels import straight_line
-
+    def _traced(self, body: Callable[..., Any], sizes: tuple[int, ...], made: Callable[..., Any]) -> tuple[Any, Any]:
+        """made(inputs, outputs) of a function of states of these sizes, one after the other in a; and its shape."""
         symbolic = self.symbolic  # its symbols come first, whoever made them
         with trace.tracing():
             unknown = trace.variables("x", sum(sizes))
             result = np.asarray(body(symbolic, *np.split(unknown, np.cumsum(sizes)[:-1])))
             inputs = {x: f"a[{i}]" for i, x in enumerate(unknown)} | self.constant_symbols()
             outputs = [trace.lifted(x) for x in result.ravel()]
-            return straight_line(inputs, outputs), result.shape
+            return made(inputs, outputs), result.shape
 
     def _body(self, name: str) -> Callable[..., Any]:
         body = getattr(getattr(type(self), name, None), "__wrapped__", None)
@@ -464,6 +464,7 @@ def _mark(values: Any) -> Any:
     return trace.array(trace.mark(trace.lifted(x)) if isinstance(x, trace.Symbol | float | int) else x for x in values)
 
 
+LARGE = 80  # length of a state beyond which formulas become loops: see compiler.rolled
 KEPT = ("n_positions", "n_elements", "formulas")  # of an instance, by the one that has symbols for constants
 _SYMBOLIC: dict[tuple, System] = {}
 _KERNELS: dict[tuple, Any] = {}

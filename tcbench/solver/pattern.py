@@ -1,0 +1,80 @@
+"""The Jacobian's pattern: an order in which it is a narrow band, its rows one after the other, and SuperLU behind it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..compiler.library import callback
+
+Ints = NDArray[np.int64]
+
+
+class Pattern:
+    """Where a square matrix of n rows has entries, in compressed rows of the reverse Cuthill-McKee order.
+
+    order (n,): row and column k of the stored matrix is unknown order[k]; first (n + 1,), columns (nnz,),
+    diagonal (n,): its compressed rows; places: of each given entry, where it is among the nnz (of equal ones the same).
+    """
+
+    def __init__(self, n: int, rows: Sequence[int] | Ints, columns: Sequence[int] | Ints) -> None:
+        from scipy.sparse import coo_matrix
+        from scipy.sparse.csgraph import reverse_cuthill_mckee
+
+        self.n = n
+        i = np.concatenate([np.asarray(rows, np.int64), np.arange(n)])
+        j = np.concatenate([np.asarray(columns, np.int64), np.arange(n)])
+        graph = coo_matrix((np.ones(len(i), np.int8), (i, j)), shape=(n, n)).tocsr()
+        self.order = np.ascontiguousarray(reverse_cuthill_mckee(graph + graph.T, symmetric_mode=True), dtype=np.int64)
+        inverse = np.empty(n, np.int64)
+        inverse[self.order] = np.arange(n)
+        key, found = np.unique(inverse[i] * n + inverse[j], return_inverse=True)
+        self.places = found[: len(rows)].astype(np.int64)
+        self.columns = np.ascontiguousarray(key % n)
+        self.first = np.searchsorted(key, np.arange(n + 1) * n).astype(np.int64)
+        self.diagonal = found[len(rows) :][self.order].astype(np.int64)
+
+    @property
+    def nnz(self) -> int:
+        return len(self.columns)
+
+    @cached_property
+    def factorise(self) -> int:
+        """Address of factorise(J, right, out): J the entries, right two right-hand sides (2, n), out: two solutions
+        (2, n), then the sign of the determinant (0: singular)."""
+        return callback(self._factorise, (self.nnz, 2 * self.n, 2 * self.n + 1))
+
+    def _factorise(self, J: Any, right: Any, out: Any) -> None:
+        from scipy.sparse import csc_matrix
+        from scipy.sparse.linalg import splu
+
+        n = self.n
+        out[:] = 0.0
+        if not np.all(np.isfinite(J)):
+            return
+        transposed = csc_matrix((J.copy(), self.columns, self.first), shape=(n, n))
+        try:
+            factors = splu(
+                transposed, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+            )
+        except RuntimeError:  # exactly singular
+            return
+        for k in range(2):
+            out[k * n : (k + 1) * n] = factors.solve(right[k * n : (k + 1) * n].copy(), trans="T")
+        signs = np.prod(np.sign(factors.U.diagonal()))
+        out[2 * n] = signs * _parity(factors.perm_r) * _parity(factors.perm_c)
+
+
+def _parity(permutation: NDArray[Any]) -> int:
+    """1 for an even permutation, -1 for an odd one."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    n = len(permutation)
+    graph = coo_matrix((np.ones(n, np.int8), (np.arange(n), permutation)), shape=(n, n))
+    cycles = connected_components(graph, directed=False, return_labels=False)
+    return -1 if (n - cycles) % 2 else 1

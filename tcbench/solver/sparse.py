@@ -1,0 +1,191 @@
+"""Newton's correction where the Jacobian is sparse: ILU(0) and BiCGStab, and a whole factorisation where that fails.
+
+In the restricted Python. At usual steps the matrix is near the identity: the incomplete factors are nearly the whole
+ones, their pivots have the signs of the whole ones', and the number of iterations does not depend on the size.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..compiler.language import Floats, Matrix, call, copy_into, fill, rare
+from .flow import Flow
+
+KRYLOV_STEPS = 30  # of BiCGStab, after which the matrix is factorised
+LEAST_PIVOT = 1e-2  # of the incomplete factors, over the row's largest entry: below it they are not trusted
+FINEST = 1e-10  # relative residual of a linear system in the careful solvers
+RIGHT, SHADOW, SEARCH, IMAGE, MOVED, SMOOTHED, OTHER, FOUND = range(8)  # rows of `krylov`
+
+
+@rare
+def incomplete_factors(flow: Flow, entries: int) -> bool:
+    """ILU(0) of the Jacobian, which begins at derivatives[entries], into `factors`; False where a pivot is too small or
+    negative."""
+    first, columns, diagonal, factors, place = flow.first, flow.columns, flow.diagonal, flow.factors, flow.place
+    for k in range(flow.nnz):
+        factors[k] = flow.derivatives[entries + k]
+    for i in range(flow.ns):
+        start, stop = first[i], first[i + 1]
+        largest = 0.0
+        for k in range(start, stop):
+            place[columns[k]] = k + 1
+            largest = max(largest, abs(factors[k]))
+        for k in range(start, diagonal[i]):
+            row = columns[k]
+            factor = factors[k] * factors[diagonal[row]]
+            factors[k] = factor
+            for m in range(diagonal[row] + 1, first[row + 1]):
+                at = place[columns[m]]
+                if at > 0:
+                    factors[at - 1] -= factor * factors[m]
+        for k in range(start, stop):
+            place[columns[k]] = 0
+        pivot = factors[diagonal[i]]
+        if not pivot > LEAST_PIVOT * largest:
+            return False
+        factors[diagonal[i]] = 1.0 / pivot  # the inverse is kept
+    return True
+
+
+@rare
+def precondition(flow: Flow, right: Floats, found: Floats) -> None:
+    """found = (L U)^-1 right, by the incomplete factors."""
+    first, columns, diagonal, factors = flow.first, flow.columns, flow.diagonal, flow.factors
+    n = flow.ns
+    for i in range(n):
+        total = right[i]
+        for k in range(first[i], diagonal[i]):
+            total -= factors[k] * found[columns[k]]
+        found[i] = total
+    for step in range(n):
+        i = n - 1 - step
+        total = found[i]
+        for k in range(diagonal[i] + 1, first[i + 1]):
+            total -= factors[k] * found[columns[k]]
+        found[i] = total * factors[diagonal[i]]
+
+
+@rare
+def multiply(flow: Flow, entries: int, x: Floats, found: Floats) -> None:
+    """found = J x."""
+    first, columns, derivatives = flow.first, flow.columns, flow.derivatives
+    for i in range(flow.ns):
+        total = 0.0
+        for k in range(first[i], first[i + 1]):
+            total += derivatives[entries + k] * x[columns[k]]
+        found[i] = total
+
+
+@rare
+def dot(x: Floats, y: Floats) -> float:
+    total = 0.0
+    for i in range(len(x)):
+        total += x[i] * y[i]
+    return total
+
+
+@rare
+def krylov(flow: Flow, entries: int, tolerance: float) -> bool:
+    """BiCGStab (van der Vorst 1992) for J x = krylov[RIGHT], preconditioned, into krylov[FOUND]; did it converge?"""
+    k: Matrix = flow.krylov
+    r, shadow, p, v, y, z, t, x = k[RIGHT], k[SHADOW], k[SEARCH], k[IMAGE], k[MOVED], k[SMOOTHED], k[OTHER], k[FOUND]
+    n = flow.ns
+    copy_into(shadow, r)
+    fill(x, 0.0)
+    fill(p, 0.0)
+    fill(v, 0.0)
+    before, alpha, omega = 1.0, 1.0, 1.0
+    size = dot(r, r)
+    goal = tolerance * tolerance * size
+    if not size < np.inf:
+        return False
+    for _ in range(KRYLOV_STEPS):
+        if size <= goal:
+            return True
+        rho = dot(shadow, r)
+        beta = (rho / before) * (alpha / omega)
+        for i in range(n):
+            p[i] = r[i] + beta * (p[i] - omega * v[i])
+        precondition(flow, p, y)
+        multiply(flow, entries, y, v)
+        alpha = rho / dot(shadow, v)
+        for i in range(n):
+            r[i] -= alpha * v[i]
+            x[i] += alpha * y[i]
+        size = dot(r, r)
+        if size <= goal:
+            return True
+        precondition(flow, r, z)
+        multiply(flow, entries, z, t)
+        omega = dot(t, r) / dot(t, t)
+        for i in range(n):
+            x[i] += omega * z[i]
+            r[i] -= omega * t[i]
+        size = dot(r, r)
+        before = rho
+        if not size < np.inf:
+            return False
+    return size <= goal
+
+
+@rare
+def factorised(flow: Flow) -> float:
+    """The solutions for krylov[0] and krylov[1] by a whole factorisation, into `solved`; the determinant's sign."""
+    call(flow.factorise, flow.derivatives[flow.ns :], flow.krylov, flow.solved)
+    return flow.solved[2 * flow.ns]
+
+
+@rare
+def sparse_correction(flow: Flow, tolerance: float, fresh: bool) -> float:
+    """Newton's correction into d[:nx]; returns the sign of the determinant, 1 where the incomplete factors do.
+
+    `derivatives` begins with the residual and the Jacobian. fresh: make new incomplete factors.
+    """
+    n, order = flow.ns, flow.order
+    right, found = flow.krylov[RIGHT], flow.krylov[FOUND]
+    for i in range(n):
+        right[i] = -flow.derivatives[order[i]]
+    if (not fresh or incomplete_factors(flow, n)) and krylov(flow, n, tolerance):
+        for i in range(n):
+            flow.d[order[i]] = found[i]
+        return 1.0
+    for i in range(n):
+        right[i] = -flow.derivatives[order[i]]
+    fill(flow.krylov[SHADOW], 0.0)
+    sign = factorised(flow)
+    for i in range(n):
+        flow.d[order[i]] = flow.solved[i]
+    return sign
+
+
+@rare
+def sparse_iterate(flow: Flow) -> float:
+    """Residual and Jacobian at x, the correction into d[:nx], temperatures behind as `newton` reads them; the sign."""
+    n, behind = flow.nx, 2 * flow.nx + flow.nnz
+    call(flow.iterate, flow.w, flow.x, flow.derivatives)
+    for i in range(flow.npos):
+        flow.d[2 * n + i] = flow.derivatives[behind + i]
+    return sparse_correction(flow, FINEST, True)
+
+
+@rare
+def sparse_bordered(flow: Flow, t: Floats, eta: float) -> float:
+    """As `linearise`, where the Jacobian is sparse: the border is eliminated. At x; returns the sign of det B."""
+    n, order, found, scale = flow.nx, flow.order, flow.derivatives, flow.scale
+    for i in range(n):
+        at = order[i]
+        flow.krylov[0, i] = -(found[at] + (1.0 - eta) * flow.shift[at])
+        flow.krylov[1, i] = found[n + flow.nnz + at] * flow.h - flow.shift[at]
+    sign = factorised(flow)
+    along, across = 0.0, t[n]
+    for i in range(n):
+        at = order[i]
+        flow.correction[at], flow.direction[at] = flow.solved[i] * scale[at], flow.solved[n + i] * scale[at]
+        along += t[at] * flow.correction[at]
+        across -= t[at] * flow.direction[at]
+    last = -along / across
+    for i in range(n):
+        flow.correction[i] -= last * flow.direction[i]
+        flow.direction[i] = -flow.direction[i] / across
+    flow.correction[n], flow.direction[n] = last, 1.0 / across
+    return sign if across > 0.0 else -sign if across < 0.0 else 0.0
