@@ -140,7 +140,7 @@ def _load(text: str, table: NDArray[np.int64] | None) -> int:
         from .machine import load  # LLVM is imported when something is compiled, not before
 
         key = text if table is None else text + hashlib.sha256(table.tobytes()).hexdigest()
-        return load(key, lambda: _code(text, table), loops=table is not None)
+        return load(key, lambda _: _code(text, table), loops=table is not None)
     scope = namespace() | {"table": table}
     exec(compile(text, "<kernel>", "exec"), scope)
     address = len(PYTHON_KERNELS) + 1

@@ -71,7 +71,7 @@ def callback(function: Callable[[Any, Any, Any], None], sizes: tuple[int, int, i
 
 
 def _numbers(place: int, size: int) -> np.ndarray:
-    return np.frombuffer((ctypes.c_double * size).from_address(place), dtype=np.float64)
+    return np.ctypeslib.as_array((ctypes.c_double * size).from_address(place))
 
 
 def _quiet(function: Callable[..., Any]) -> Callable[..., Any]:

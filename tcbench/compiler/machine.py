@@ -178,8 +178,8 @@ def addresses(key: str, symbols: Iterable[str], code: Callable[[], str], folder:
     return [engine.get_function_address(symbol) for symbol in symbols]
 
 
-def load(text: str, code: Callable[[], str], loops: bool) -> int:
+def load(text: str, code: Callable[[str], str], loops: bool = False) -> int:
     """Address of a kernel, given by its text (or what tells it apart) and what makes LLVM code of that."""
     if text not in _LOADED:
-        (_LOADED[text],) = addresses(text, ["kernel"], code, cache_folder(), loops)
+        (_LOADED[text],) = addresses(text, ["kernel"], lambda: code(text), cache_folder(), loops)
     return _LOADED[text]

@@ -229,11 +229,11 @@ class _Roller:
                 place = self.places[node.number]
                 groups.setdefault(f" {place[0]}", []).append((place, i))
         for value, copies in groups.items():
-            i = f"i{self.loops}"
+            name = f"i{self.loops}"
             self.loops += 1
-            source = self._access([place for place, _ in copies], i) if value.startswith(" ") else value
-            target = self._access([("out", at) for _, at in copies], i)
-            self.lines += [f"for {i} in range({len(copies)}):", f"    {target} = {source}"]
+            source = self._access([place for place, _ in copies], name) if value.startswith(" ") else value
+            target = self._access([("out", at) for _, at in copies], name)
+            self.lines += [f"for {name} in range({len(copies)}):", f"    {target} = {source}"]
 
 
 def _renamed(text: str, names: Mapping[str, str]) -> str:

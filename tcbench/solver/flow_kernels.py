@@ -26,12 +26,12 @@ from ..compiler.rolled import rolled
 from ..errors import TcbenchError, TraceError
 from ..integrator import Flow, Residual
 from ..systems.system import State, System
+from .elimination import ZERO_PIVOT, factorise
 from .pattern import Pattern
 from .reduction import Reduction, reduce
 
 UNROLLED = 32  # unknowns up to which the elimination is unrolled; beyond, Newton works on a sparse matrix
 LARGE = 80  # length of a state up to which an explicit formula is unrolled
-ZERO_PIVOT = "The residual's Jacobian has a structural zero on its diagonal; reorder the rows."
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class FlowKernels:
     @cached_property
     def fields(self) -> dict[str, Any]:
         """Sizes and addresses, as `Flow` names them; everything is compiled when they are first asked for."""
-        found = {
+        found: dict[str, Any] = {
             "nx": self.n_unknowns, "ne": self.n_eliminated, "npos": self.n_positive, "nd": self.iterate.size,
             "nw": self.opening.size + self.setup.size, "prologue": self.prologue.address,
             "iterate": self.iterate.address, "polish": self.polish.address, "finish": self.finish.address,
@@ -114,9 +114,9 @@ def _build(flow: Flow, system: System) -> FlowKernels:
     where = [place[s] for s in x]
     positive = list(y1.s) if temperature else []
     if slopes is None:
-        parts = _dense_parts(
-            reduction, positive, h, lambda moved: _scales(where, moved, place, sym, y0, z0, temperature)
-        )
+        moved = reduction.moved()
+        scales = _scales(where, moved, place, sym, y0, z0, temperature)
+        parts = _dense_parts(reduction, moved, positive, h, scales)
         guess = _guess(where, sym, z0, h, temperature)
     else:
         parts = _sparse_parts(reduction, slopes, positive, h, _scales(where, [], place, sym, y0, z0, temperature))
@@ -164,18 +164,18 @@ class _Parts:
     stored: dict[Symbol, Symbol] = field(default_factory=dict)
 
 
-def _dense_parts(reduction: Reduction, positive: list[Symbol], h: Symbol, scales_of: Any) -> _Parts:
+def _dense_parts(
+    reduction: Reduction, moved: list[Symbol], positive: list[Symbol], h: Symbol, scales: list[Symbol]
+) -> _Parts:
     x = reduction.unknowns
     jacobian = trace.jacobian(reduction.rows, x)
-    factors, pivots = _factorise(jacobian)
+    factors, pivots = factorise(jacobian)
     stored, names = factors.stored()
     downhill = [trace.neg(r) for r in reduction.rows]
     correction, chord = factors.solve(downhill), stored.solve(downhill)
-    moved = reduction.moved()
     slopes = trace.jacobian([reduction.eliminated[e] for e in moved], x)
     image = [list(slopes @ step) if x and moved else [] for step in (correction, chord)]
     d_dh: Any = trace.jacobian(reduction.rows, [h])[:, 0] if x else []
-    scales = scales_of(moved)
     corrections = [*correction, *image[0]]
     sizes = [trace.mul(abs(step), scale) for step, scale in zip(corrections, scales, strict=True)]
     iterate = [*corrections, *pivots, *positive, _size(sizes, correction), _lowest([*pivots, *positive])]
@@ -306,61 +306,6 @@ def _ones(size: int) -> Any:
     return array([const(1.0)] * size)
 
 
-@dataclass
-class _Factors:
-    """L U of the Jacobian without pivoting, on the graph; constants stay constants."""
-
-    lower: dict[tuple[int, int], Symbol]
-    upper: dict[tuple[int, int], Symbol]
-    inverse: list[Symbol]  # of the pivots
-
-    def solve(self, right: Sequence[Symbol]) -> list[Symbol]:
-        b, n = list(right), len(self.inverse)
-        for (i, k), factor in self.lower.items():  # ordered by k, then i
-            b[i] = trace.sub(b[i], trace.mul(factor, b[k]))
-        for k in reversed(range(n)):
-            for j in range(k + 1, n):
-                b[k] = trace.sub(b[k], trace.mul(self.upper[k, j], b[j]))
-            b[k] = trace.mul(b[k], self.inverse[k])
-        return b
-
-    def stored(self) -> tuple[_Factors, dict[Symbol, Symbol]]:
-        """The same factors as fresh inputs, and what each of those stands for."""
-        names: dict[Symbol, Symbol] = {}
-        twin: dict[Symbol, Symbol] = {}
-
-        def name(value: Symbol) -> Symbol:
-            if value.op == "const":
-                return value
-            if value not in twin:
-                twin[value] = trace.variable("factor")
-                names[twin[value]] = value
-            return twin[value]
-
-        lower = {key: name(v) for key, v in self.lower.items()}
-        upper = {key: name(v) for key, v in self.upper.items()}
-        return _Factors(lower, upper, [name(v) for v in self.inverse]), names
-
-
-def _factorise(jacobian: Any) -> tuple[_Factors, list[Symbol]]:
-    """LU factors without pivoting, and the pivots (their signs give the sign of the determinant)."""
-    n, A = len(jacobian), [list(row) for row in jacobian]
-    factors = _Factors({}, {}, [])
-    for k in range(n):
-        if trace.is_const(A[k][k], 0.0):
-            raise TraceError(ZERO_PIVOT)
-        factors.inverse.append(trace.reciprocal(A[k][k]))
-        for j in range(k + 1, n):
-            factors.upper[k, j] = A[k][j]
-        for i in range(k + 1, n):
-            if trace.is_const(A[i][k], 0.0):
-                continue
-            factor = factors.lower[i, k] = trace.mul(A[i][k], factors.inverse[k])
-            for j in range(k + 1, n):
-                A[i][j] = trace.sub(A[i][j], trace.mul(factor, A[k][j]))
-    return factors, [A[k][k] for k in range(n)]
-
-
 def _start(reduction: Reduction) -> list[Symbol]:
     """Unknowns for which the eliminated increments vanish: Newton from z1 = z0.
 
@@ -396,7 +341,7 @@ def _guess(index: Sequence[int], system: System, z0: Any, h: Symbol, temperature
         rate = rate * slope
     A = trace.jacobian(list(rate), s0)
     matrix = [[const(float(i == j)) - 0.5 * h * A[i, j] / slope[j] for j in range(m)] for i in range(m)]
-    factors, _ = _factorise(matrix)
+    factors, _ = factorise(matrix)
     step = factors.solve([h * r for r in rate])
     known = {first + i: g for i, g in enumerate(step)}
     return [known.get(i, zero) for i in index]

@@ -1,4 +1,4 @@
-"""The Jacobian's pattern: an order in which it is a narrow band, its rows one after the other, and SuperLU behind it."""
+"""A sparse Jacobian's pattern: an order in which it is a narrow band, its compressed rows, and SuperLU behind it."""
 
 from __future__ import annotations
 

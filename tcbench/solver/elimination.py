@@ -1,0 +1,68 @@
+"""The Jacobian of a small system, factorised on the graph: its zeros cost nothing, and nothing is looped over."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from ..compiler import derivatives as trace
+from ..compiler.derivatives import Symbol
+from ..errors import TraceError
+
+ZERO_PIVOT = "The residual's Jacobian has a structural zero on its diagonal; reorder the rows."
+
+
+@dataclass
+class Factors:
+    """L U of the Jacobian without pivoting, on the graph; constants stay constants."""
+
+    lower: dict[tuple[int, int], Symbol]
+    upper: dict[tuple[int, int], Symbol]
+    inverse: list[Symbol]  # of the pivots
+
+    def solve(self, right: Sequence[Symbol]) -> list[Symbol]:
+        b, n = list(right), len(self.inverse)
+        for (i, k), factor in self.lower.items():  # ordered by k, then i
+            b[i] = trace.sub(b[i], trace.mul(factor, b[k]))
+        for k in reversed(range(n)):
+            for j in range(k + 1, n):
+                b[k] = trace.sub(b[k], trace.mul(self.upper[k, j], b[j]))
+            b[k] = trace.mul(b[k], self.inverse[k])
+        return b
+
+    def stored(self) -> tuple[Factors, dict[Symbol, Symbol]]:
+        """The same factors as fresh inputs, and what each of those stands for."""
+        names: dict[Symbol, Symbol] = {}
+        twin: dict[Symbol, Symbol] = {}
+
+        def name(value: Symbol) -> Symbol:
+            if value.op == "const":
+                return value
+            if value not in twin:
+                twin[value] = trace.variable("factor")
+                names[twin[value]] = value
+            return twin[value]
+
+        lower = {key: name(v) for key, v in self.lower.items()}
+        upper = {key: name(v) for key, v in self.upper.items()}
+        return Factors(lower, upper, [name(v) for v in self.inverse]), names
+
+
+def factorise(jacobian: Any) -> tuple[Factors, list[Symbol]]:
+    """LU factors without pivoting, and the pivots (their signs give the sign of the determinant)."""
+    n, A = len(jacobian), [list(row) for row in jacobian]
+    factors = Factors({}, {}, [])
+    for k in range(n):
+        if trace.is_const(A[k][k], 0.0):
+            raise TraceError(ZERO_PIVOT)
+        factors.inverse.append(trace.reciprocal(A[k][k]))
+        for j in range(k + 1, n):
+            factors.upper[k, j] = A[k][j]
+        for i in range(k + 1, n):
+            if trace.is_const(A[i][k], 0.0):
+                continue
+            factor = factors.lower[i, k] = trace.mul(A[i][k], factors.inverse[k])
+            for j in range(k + 1, n):
+                A[i][j] = trace.sub(A[i][j], trace.mul(factor, A[k][j]))
+    return factors, [A[k][k] for k in range(n)]
