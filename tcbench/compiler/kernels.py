@@ -148,7 +148,7 @@ def _load(text: str, table: NDArray[np.int64] | None) -> int:
     return address
 
 
-def _code(text: str, table: NDArray[np.int64] | None) -> str:
+def _code(text: str, table: NDArray[np.int64] | None = None) -> str:
     """LLVM code of a kernel's text; functions of `special` become part of it."""
     from .translator import Module
 

@@ -59,11 +59,13 @@ class Poisson(Operator):
         self.shape = (2 * n_positions + n_elements, 2 * n_positions + n_elements)
 
     def times(self, x: Any) -> Any:
-        x, n = np.asarray(x), self.n
+        x, n = np.asanyarray(x), self.n
         if x.shape != (self.shape[0],):
             raise ValueError(f"L has shape {self.shape} and is applied to shape {x.shape}")
         still = array([const(0.0)] * self.m) if x.dtype == object else np.zeros(self.m)
-        return np.concatenate([x[n : 2 * n], -x[:n], still])
+        found = np.concatenate([x[n : 2 * n], -x[:n], still]).view(type(x))
+        found.__array_finalize__(x)  # a state stays one
+        return found
 
     def before(self, x: Any) -> Any:
         return self.times(-np.asarray(x))  # L is skew
