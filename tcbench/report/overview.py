@@ -195,7 +195,7 @@ def random_starts(tables: Tables) -> Finding | None:
         return None
     rows = table[table["ensemble"] == table["ensemble"].iloc[0]]
     runs, failed = (rows.groupby("integrator", sort=True)[c].sum() for c in ("runs", "failed"))
-    never = [str(name) for name in failed.index if not failed[name]]
+    never = [str(name) for name in runs.sort_values(ascending=False, kind="stable").index if not failed[name]]
     lead = f"{len(never)} of {len(failed)} method{'s' if len(failed) > 1 else ''}" if never else "no method"
     text = f"never failed in {sum(runs[n] for n in never)} runs: {_some(never, 2)}" if never else "ended every run"
     if len(never) < len(failed):

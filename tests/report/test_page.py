@@ -314,6 +314,7 @@ def test_with_an_ensemble_its_shares_and_profile_stand_beside(sixty, visit):
     page.locator("#speed-controls select").first.select_option("profile")
     page.locator("#speed svg[aria-label^='Performance profile']").wait_for()
     assert page.locator("#speed .line").count() == 60
+    assert page.locator("#steps .band").count() > 10 and page.locator("#speed .band").count() == 2  # of those named
 
 
 def test_one_method_alone_has_every_view(alone, visit):
@@ -353,12 +354,19 @@ def test_every_control_is_reached_by_keyboard(full, visit):
     page.locator(".pair").wait_for()
 
 
-def test_the_page_prints_in_light_colours_without_controls(full, visit):
+def test_the_page_prints_in_light_colours_without_controls_and_says_what_cells_and_dots_mean(full, visit):
     page = visit(full, color_scheme="dark")
     page.emulate_media(media="print")
-    assert page.locator("#tabs").is_hidden() and page.locator("#matrix-controls").is_hidden()
+    assert page.locator("#tabs").is_hidden()
     assert page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
     assert page.locator(".matrix").is_visible() and page.locator("#speed svg").is_visible()
+    assert page.locator("#matrix-controls").is_visible() and page.locator(".dot.all").first.is_visible()
+    style = "e => { const s = getComputedStyle(e); return [s.appearance, s.borderTopWidth, s.printColorAdjust]; }"
+    assert page.locator("#matrix-controls select").evaluate(style)[:2] == ["none", "0px"]
+    for painted in (".matrix .dot", ".matrix .cell", ".matrix .swatch"):  # else paper would show every law as broken
+        assert page.locator(painted).first.evaluate(style)[2] == "exact", painted
+    go(page, "#scenario=stiff_spring")
+    assert page.locator(".player button").is_hidden() and page.locator("canvas").first.is_visible()
 
 
 def test_without_scripts_the_sentences_and_a_table_are_there(full, visit):

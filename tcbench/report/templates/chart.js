@@ -86,7 +86,7 @@ const placeNames = (f, names, beside) => {
 // lines of one family have its colour; where several are in front their dashes differ, and every other one is nearer to ink
 const DASHES = ["", "7 3", "2 2", "9 3 2 3", "4 2", "1 3"];
 
-// series: {name, points: [{x, y, tell}], crosses: [{x, tell}], fore, dots}; toggled(name) when one is chosen;
+// series: {name, points: [{x, y, low, high, tell}], crosses: [{x, tell}], fore, dots}; low and high: a band; toggled(name) when one is chosen;
 // beside: the names stand in the right margin
 const lines = (width, height, { series, toggled, beside, ...axes }) => {
   const f = frame(width, height, axes), { svg, X, Y } = f;
@@ -100,6 +100,11 @@ const lines = (width, height, { series, toggled, beside, ...axes }) => {
   for (const one of [...series].sort((a, b) => !!a.fore - !!b.fore)) {
     const group = shape("g", { class: one.fore ? "fore" : "rest", style: `--own:${one.colour || colour(one.name)}` });
     const place = (p) => ({ ...p, name: one.name, px: X(p.x), py: Y(p.y) });
+    const banded = one.fore ? one.points.filter((p) => known(p.low) && known(p.high)) : [];
+    if (banded.length > 1) {
+      const back = [...banded].reverse().map((p) => ({ x: p.x, y: p.low }));
+      group.append(shape("path", { class: "band", d: `${path([...banded.map((p) => ({ x: p.x, y: p.high })), ...back], X, Y)}Z` }));
+    }
     group.append(shape("path", { class: "line", d: path(one.points, X, Y), "stroke-dasharray": one.dash || false }));
     for (const p of one.points) {
       if (!known(p.x) || !known(p.y)) continue;

@@ -186,7 +186,7 @@ const drawProfile = async (place) => {
   const target = Math.max(...unique(all.map((r) => r.target)).filter((t) => t <= 1e-6), Math.min(...all.map((r) => r.target)));
   const series = [...grouped(all.filter((r) => r.target === target), "integrator")].map(([name, mine]) => ({
     name, family: method[name]?.family,
-    points: mine.sort((a, b) => a.tau - b.tau).map((r) => ({ x: r.tau, y: r.share, tell: () => [
+    points: mine.sort((a, b) => a.tau - b.tau).map((r) => ({ x: r.tau, y: r.share, low: r.low, high: r.high, tell: () => [
       `within ${number(r.tau)} times the best: ${number(100 * r.share)} %${known(r.low) ? ` (${number(100 * r.low)} to ${number(100 * r.high)})` : ""}`] })),
   }));
   const ranked = [...series].sort((a, b) => b.points.at(-1).y - a.points.at(-1).y || b.points[0].y - a.points[0].y);
@@ -208,7 +208,7 @@ const stepBars = (all, width) => {
   const steps = all.flatMap((r) => [r.dt_stable, r.dt_cap, r.dt_stable_plain]).filter((v) => known(v) && v > 0);
   if (!steps.length) return empty("No method has a stable step here.");
   const domain = padded("log", extent(steps)), left = Math.min(150, 14 + 6.6 * Math.max(...methods.map((m) => short(m.name, 20).length)));
-  const row = Math.max(8, Math.min(18, 214 / methods.length)), height = row * methods.length + 40;
+  const row = methods.length > 30 ? 11 : Math.max(8, Math.min(18, 214 / methods.length)), height = row * methods.length + 40;
   const f = frame(width, height, { x: { kind: "log", domain, label: "step size h → better", text: number }, y: { kind: "none" }, title: "Largest stable step of each method",
     margin: { left, right: 74, top: 4, bottom: 34 } });
   methods.forEach((m, i) => {
@@ -230,7 +230,7 @@ const firstEnsemble = (all) => all.filter((r) => r.ensemble === all[0].ensemble)
 // of an ensemble: the share of random starts on which a method failed, against its step, with the interval
 const shareChart = (all, width) => {
   const series = [...grouped(all, "integrator")].map(([name, mine]) => ({ name, fore: mine.some((r) => r.failed > 0), dots: true,
-    points: mine.sort((a, b) => a.dt - b.dt).map((r) => ({ x: r.dt, y: r.share, tell: () => [
+    points: mine.sort((a, b) => a.dt - b.dt).map((r) => ({ x: r.dt, y: r.share, low: r.low, high: r.high, tell: () => [
       `h = ${number(r.dt)}: ${r.failed} of ${r.runs} failed, ${number(100 * r.share)} % (${number(100 * r.low)} to ${number(100 * r.high)} %)`] })) }));
   return lines(width, 262, { series, x: { kind: "log", domain: padded("log", extent(all.map((r) => r.dt))), label: "step size h", text: number },
     y: { kind: "linear", domain: [-0.02, 1.02], label: "share of starts that failed ↓ better" }, title: "Failure shares", ...marginFor(series) });
@@ -242,7 +242,7 @@ const drawSteps = async () => {
   if (!stability) view.wide = "shares";
   const choices = [...(stability ? [["steps", "the scenarios"]] : []), ...(shares ? [["shares", "an ensemble of random starts"]] : [])];
   controls.replaceChildren(choices.length > 1 ? select("On", choices, view.wide, (v) => { view.wide = v; drawSteps(); }) : "",
-    view.wide === "steps" ? "A bar ends where the first scenario fails; × each that fails; | where plain Newton does." : "Of runs from random starts, with 95 % intervals.");
+    view.wide === "steps" ? "A bar ends where the first scenario fails; × each that fails; | where plain Newton does." : "Of runs from random starts, with 95 % bands.");
   const all = view.wide === "steps" ? rows(stability) : firstEnsemble(rows(shares)).filter((r) => known(r.dt));
   drawn(place, (width) => place.replaceChildren(view.wide === "steps" ? stepBars(all, width) : shareChart(all, width)));
 };
