@@ -127,6 +127,12 @@ SHOWN = {  # columns of a table that fit a terminal
     "time_to_accuracy": (
         "integrator", "measure", "target", "time_s", "ratio_to_best_peer", "ratio_to_best_scipy",
     ),
+    "failure_share": (
+        "integrator", "dt", "tolerance", "runs", "failed", "share", "low", "high", "solver", "branch", "physical",
+        "law",
+    ),
+    "ensemble_laws": ("integrator", "law", "claimed", "runs", "broken", "median", "quantile_99", "worst"),
+    "first_share": ("integrator", "measure", "target", "runs", "first", "reached", "share", "low", "high"),
     "cost": ("integrator", "exponent_steps", "exponent_horizon", "us_per_step"),
 }  # fmt: skip
 
@@ -140,6 +146,10 @@ LONG = (
     "work_precision",
     "series",
     "opening",
+    "ensemble_accuracy",
+    "ensemble_points",
+    "ensemble_scenarios",
+    "performance_profile",
 )  # shown when asked for by name
 
 

@@ -88,6 +88,11 @@ COLUMNS = (  # the first that fits counts: names before patterns
     Column("limit_plain", short="plain limit"),
     _step("dt_stable_plain", "stable"),
     Column("dt_unstable_plain", short="unstable"),
+    # ensembles
+    Column("failed", worse="higher"),
+    Column("broken", worse="higher"),
+    Column("quantile_99", short="99 %"),
+    Column("tau", "time over the fastest method's, τ"),
     # equilibrium
     _error("entropy_gap", "entropy: S* − S", "entropy gap"),
     _error("strain_gap", "log strains: max |L − L*|"),
