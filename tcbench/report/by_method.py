@@ -14,7 +14,16 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 Tables = Mapping[str, Any]
-HEADINGS = ("method", "claims kept", "order (declared)", "stable step", "to 1e-6", "x best", "failed runs")
+HEADINGS = (
+    "method",
+    "claims kept",
+    "order (declared)",
+    "stable step",
+    "to 1e-6",
+    "x best",
+    "failed runs",
+    "random failed",
+)
 TARGET = 1e-6
 FOLD_ABOVE = 20  # methods, so that 30 lines hold everything
 HOLDS = "holds"
@@ -25,16 +34,17 @@ def by_method(tables: Tables, declared: Tables) -> list[list[str]]:
 
     claims kept: of those that some system of the run can show. stable step: the least over the scenarios, and how many
     have no limit. to 1e-6: scenarios on which the error of the state reached it; x best: its time there over that of
-    the fastest method, median over these scenarios.
+    the fastest method, median over these scenarios. random failed: runs of an ensemble, over all steps or tolerances.
     """
     rows = methods(tables, declared)
     ratios = times_over_best(tables.get("time_to_accuracy"))
     rows.sort(key=lambda r: (r["family"], *_rank(ratios.get(r["name"], [])), r["name"]))
     folded = _scipy(tables) if len(rows) > FOLD_ABOVE else set()
-    shown = [_row(r, ratios.get(r["name"])) for r in rows if r["name"] not in folded]
+    random = random_failures(tables.get("failure_share"))
+    shown = [_row(r, ratios.get(r["name"]), random) for r in rows if r["name"] not in folded]
     group = [r for r in rows if r["name"] in folded]
     if group:
-        shown.append(_folded(group, ratios))
+        shown.append(_folded(group, ratios, random))
     used = [i for i in range(len(HEADINGS)) if i == 0 or any(row[i] != "-" for row in shown)]
     return [[HEADINGS[i] for i in used], *([row[i] for i in used] for row in shown)]
 
@@ -52,6 +62,14 @@ def times_over_best(table: DataFrame | None) -> dict[str, list[float]]:
     return found
 
 
+def random_failures(table: DataFrame | None) -> dict[str, tuple[int, int]]:
+    """Method -> how many runs of an ensemble failed, and of how many."""
+    if table is None or not len(table):
+        return {}
+    sums = table.groupby("integrator")[["failed", "runs"]].sum()
+    return {str(name): (int(row["failed"]), int(row["runs"])) for name, row in sums.iterrows()}
+
+
 def _rank(ratios: Sequence[float]) -> tuple[float, float]:
     reached = [r for r in ratios if finite(r)]
     return -len(reached), median(reached) if reached else math.inf
@@ -62,7 +80,7 @@ def _scipy(tables: Tables) -> set[str]:
     return set() if table is None or "peer" not in table else set(table.loc[table["peer"].eq("scipy"), "integrator"])
 
 
-def _row(r: Mapping[str, Any], ratios: Sequence[float] | None) -> list[str]:
+def _row(r: Mapping[str, Any], ratios: Sequence[float] | None, random: Mapping[str, tuple[int, int]]) -> list[str]:
     reached = [x for x in ratios or () if finite(x)]
     return [
         str(r["name"]),
@@ -72,7 +90,14 @@ def _row(r: Mapping[str, Any], ratios: Sequence[float] | None) -> list[str]:
         f"{len(reached)} of {len(ratios)}" if ratios else "-",
         f"{median(reached):.3g}" if reached else "-",
         f"{r['failed']} of {r['runs']}" if r["runs"] else "-",
+        _share(*random.get(r["name"], (0, 0))),
     ]
+
+
+def _share(failed: int, runs: int) -> str:
+    if not runs:
+        return "-"
+    return f"{100 * failed / runs:.3g} % of {runs}" if failed else f"none of {runs}"
 
 
 def claims(laws: Sequence[Mapping[str, Any]]) -> str:
@@ -105,11 +130,13 @@ def _step(step: Mapping[str, Any] | None) -> str:
     return f"{least} ({step['of'] - step['limited']} of {step['of']} free)"
 
 
-def _folded(group: Sequence[Mapping[str, Any]], ratios: Mapping[str, Sequence[float]]) -> list[str]:
+def _folded(
+    group: Sequence[Mapping[str, Any]], ratios: Mapping[str, Sequence[float]], random: Mapping[str, tuple[int, int]]
+) -> list[str]:
     best = min(group, key=lambda r: _rank(ratios.get(r["name"], [])))
     failed, runs = sum(r["failed"] for r in group), sum(r["runs"] for r in group)
-    row = _row(best, ratios.get(best["name"]))
-    return [f"{len(group)} of SciPy's; best: {best['name']}", *row[1:6], f"{failed} of {runs}"]
+    row = _row(best, ratios.get(best["name"]), random)
+    return [f"{len(group)} of SciPy's; best: {best['name']}", *row[1:6], f"{failed} of {runs}", row[7]]
 
 
 def remarks(tables: Tables) -> list[str]:

@@ -84,3 +84,12 @@ def test_simulate_says_what_numbers_mean_and_whether_claims_were_kept():
     assert "max |E − E₀| / V₀" in told["energy_error_max"] and "not claimed, not kept" in told["energy_error_max"]
     assert "claimed, kept" in told["angular_momentum_error_max"] and "not claimed" not in told["second_law_violations"]
     assert module.TARGET == 1e-6
+
+
+def test_an_ensemble_alone_has_a_row_a_method_over_all_its_steps():
+    table = pd.DataFrame(
+        [("a", 0.1, 200, 0), ("a", 0.2, 200, 0), ("b", 0.1, 200, 3), ("b", 0.2, 200, 5)],
+        columns=["integrator", "dt", "runs", "failed"],
+    )
+    rows = by_method({"failure_share": table}, {})
+    assert rows == [["method", "random failed"], ["a", "none of 400"], ["b", "2 % of 400"]]
