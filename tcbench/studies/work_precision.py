@@ -37,7 +37,8 @@ PEERS = {"scipy": "scipy", "peer": "other"}  # tag -> what the tables call it; t
 HORIZONS = (0.125, 0.25, 0.5, 1.0)  # of the run whose cost is measured against its length
 COLUMNS = (
     "integrator", "scenario", "control", "value", "status", "error", "error_q", "error_p", "error_s", "error_theta",
-    "energy_error_max", "angular_momentum_error_max", "entropy_fall_max", "reference_limited", "wall_time_min_s",
+    "energy_error_max", "angular_momentum_error_max", "entropy_fall_max", "reference_limited", "reference_floor",
+    "wall_time_min_s",
     "wall_time_median_s", "repeats", "steps", "newton_iterations", "rhs_evaluations", "t", "peer", "failure",
     "left_out",
 )  # fmt: skip
@@ -84,6 +85,7 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
         "control": "rtol" if integrator.kind == "adaptive" else "dt",
         "t": t_end,
         "reference": reference.source,
+        "reference_floor": float(reference.floor[0]),
         "peer": next((kind for tag, kind in PEERS.items() if tag in integrator.tags), ""),
         "points": points,
         "horizons": _horizons(integrator, scenario),
