@@ -199,8 +199,9 @@ def test_the_figure_of_a_map(small_map):
     figure = map_figure(small_map)
     panels = figure.axes
     assert [ax.get_title(loc="left") for ax in panels] == ["tc_monolithic", "midpoint_entropy"]
-    assert panels[0].get_xlabel() == "time step dt" and "stiffness[1]" in panels[0].get_ylabel()
+    assert panels[0].get_xlabel() == "step size h" and "stiffness[1]" in panels[0].get_ylabel()
     assert panels[0].get_xscale() == "log"
     figure.canvas.draw()
+    assert {"0.1", "1", "10"} <= {text.get_text() for text in panels[0].get_xticklabels()}
     assert cell_class("ok", 0.005) == 0 and cell_class("ok", 0.05) == 1 and cell_class("ok", 0.5) == 2
     assert CLASSES[cell_class("branch", math.nan)][0].startswith("branch")

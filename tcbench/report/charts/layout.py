@@ -33,9 +33,8 @@ class Panels(Figure):
         k, self.fixed = scale(), current().size
         self.cell, self.left, self.right = (cell[0] * k, cell[1] * k), left * k, right * k
         self.columns = max(1, min(columns, count))
-        if self.fixed:  # as many columns as make the shape of a panel nearest to its own
-            shape = math.log(self.fixed[0] / self.fixed[1] * self.cell[1] / self.cell[0])
-            self.columns = min(range(1, count + 1), key=lambda n: abs(shape - math.log(n / -(-count // n))))
+        if self.fixed:
+            self.columns = _columns(count, self.fixed[0] / self.fixed[1] * self.cell[1] / self.cell[0])
         self.rows = -(-count // self.columns)
         self.above, self.beside, self.below = 0.0, 0.0, 0.0
         super().__init__()
@@ -106,6 +105,12 @@ class Panels(Figure):
         self.place(self.above, 0.9 * k, self.below)
         whole = self.get_size_inches()[0]
         self.colorbar(mappable, cax=self.add_axes((1 - 0.75 * k / whole, 0.16, 0.13 / whole, 0.68)), label=text)
+
+
+def _columns(count: int, shape: float) -> int:
+    """How many columns leave the panels nearest to their own shape, and few places empty."""
+    rows = {n: -(-count // n) for n in range(1, count + 1)}
+    return min(rows, key=lambda n: abs(math.log(shape * rows[n] / n)) + math.log(n * rows[n] / count))
 
 
 class Borrowed:

@@ -10,8 +10,10 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from ...studies.columns import column as column_named
 from .kind import Kind
 from .layout import legend, panels, titles
+from .scales import log_axis
 from .style import chart, names
 
 if TYPE_CHECKING:
@@ -61,6 +63,7 @@ def map_figure(table: DataFrame) -> Figure:
     for ax, name in zip(axes, methods, strict=True):
         _panel(ax, table[table["integrator"].astype(str) == name])
         ax.set_xlabel(_label(x_name))
+    for ax in axes[:: figure.columns]:
         ax.set_ylabel(_label(y_name))
     titles(axes, methods)
     used = {cell_class(o, e) for o, e in zip(table["outcome"], table["energy_error_max"], strict=True)}
@@ -75,7 +78,7 @@ def map_figure(table: DataFrame) -> Figure:
 
 
 def _label(name: str) -> str:
-    return "time step dt" if name == "dt" else f"{name} (multiple of the scenario's)"
+    return column_named("dt").label if name == "dt" else f"{name} (multiple of the scenario's)"
 
 
 def _box(x: np.ndarray, y: np.ndarray, i: int, j: int) -> list[tuple[float, float]]:
@@ -101,9 +104,10 @@ def _panel(ax: Axes, table: DataFrame) -> None:
     folds = table[table["folds"].fillna(False).astype(bool)]
     # a white rim keeps the dot visible on the dark colours
     ax.plot(folds["x"], folds["y"], "o", color="black", markersize=2.2, markeredgecolor="white", markeredgewidth=0.3)
-    for scale, values in ((ax.set_xscale, x), (ax.set_yscale, y)):
+    for axis, values in (("x", x), ("y", y)):
         if len(values) > 2 and not np.allclose(np.diff(values), values[1] - values[0]):
-            scale("log")
+            log_axis(ax, axis, values)
+    ax.grid(False)
     ax.set_xlim(x_edges[0], x_edges[-1])
     ax.set_ylim(y_edges[0], y_edges[-1])
 
