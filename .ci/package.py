@@ -1,8 +1,8 @@
 """Builds the sdist and the wheel, checks both, and runs them on each Python that is found, without the repository.
 
 For each interpreter: a fresh environment, the wheel, README's first command on a small selection from an empty
-folder, and from the unpacked sdist the tests of the command line, on other Pythons than this one also those of the
-laws. TCBENCH_PYTHONS adds interpreters, separated as in PATH.
+folder, and from the unpacked sdist the tests of the command line; on Pythons other than this one the laws, too.
+TCBENCH_PYTHONS adds interpreters, separated as in PATH.
 """
 
 import os
