@@ -55,7 +55,9 @@ def accurate(tables: Tables) -> Finding | None:
         wins = Counter(row["integrator"] for row in fastest.values())
         name = min(wins, key=lambda n: (-wins[n], n))
         reached = [row for row in rows if row["integrator"] == name]
-        text = f"first to an error of {power(target)} on {wins[name]} of {scenarios} scenarios{_against_peers(reached)}"
+        first = "first to" if table["integrator"].nunique() > 1 else "reached"  # alone, it has overtaken nobody
+        where = f"on {wins[name]} of {scenarios} scenario{'s' if scenarios > 1 else ''}"
+        text = f"{first} an error of {power(target)} {where}{_against_peers(reached)}"
         return Finding(title, called(name), text, f"#lens=time {target:g}")
     text = f"no method reached an error of {power(TARGETS[-1])} on any scenario"
     return Finding(title, "none", text, "#lens=time 0.001")

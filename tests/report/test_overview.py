@@ -40,7 +40,9 @@ def expected_accuracy(tables):
             most = max(winners.count(name) for name in winners)
             name = sorted(n for n in set(winners) if winners.count(n) == most)[0]
             mine = [r for r in rows if r["integrator"] == name and r["target"] == target and is_number(r["time_s"])]
-            return name, f"first to an error of {text} on {most} of {len(scenarios)} scenarios", mine
+            first = "first to" if len({r["integrator"] for r in rows}) > 1 else "reached"
+            many = "s" if len(scenarios) > 1 else ""
+            return name, f"{first} an error of {text} on {most} of {len(scenarios)} scenario{many}", mine
     return "none", "no method reached an error of 1e-3 on any scenario", []
 
 

@@ -250,7 +250,8 @@ const overviewCharts = () => Promise.all([drawSpeed(), drawSteps()]);
 
 const overview = async (place) => {
   const keys = page.lenses.map((l) => l.key);
-  view.lens = keys.includes(place.lens) ? place.lens : keys.includes(view.lens) ? view.lens : keys.includes("time 1e-06") ? "time 1e-06" : keys[0];
+  const reached = (key) => Object.values(page.lenses.find((l) => l.key === key)?.cells || {}).some((row) => Object.values(row).some(known));
+  view.lens = keys.includes(place.lens) ? place.lens : keys.includes(view.lens) ? view.lens : ["time 1e-06", "time 0.001"].find(reached) || keys[0];
   $("matrix-controls").replaceChildren(keys.length
     ? select("Cells:", keys.map((k) => [k, LENSES[k][0]]), view.lens, (k) => { view.lens = k; drawMatrix(); }) : "");
   if (place.overview === "ensemble") {

@@ -106,7 +106,7 @@ const scenarios = async (place) => {
   const stage = el("div", {}), charts = el("div", {});
   const perform = (wanted) => {
     const [left, right] = pair(runs, wanted);
-    const pick = (which, now) => select(which, names.map((n) => [n, n]), now, (n) => { chosenIn[which] = n; chosenIn[which === "left" ? "right" : "left"] = which === "left" ? right : left; perform(); });
+    const pick = (which, now) => select(right ? which : "method", names.map((n) => [n, n]), now, (n) => { chosenIn[which] = n; chosenIn[which === "left" ? "right" : "left"] = which === "left" ? right : left; perform(); });
     const both = [left, right].filter(Boolean).map((n) => runs.find((r) => r.name === n));
     const spans = [["opening", `the first ${both[0].opening?.length - 1} steps`], ["whole", "the whole run, thinned"]];
     stage.replaceChildren(el("div", { class: "tools" }, pick("left", left), right ? pick("right", right) : "",
