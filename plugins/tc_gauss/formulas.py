@@ -15,7 +15,8 @@ from tcbench.compiler import derivatives as trace
 from tcbench.compiler.kernels import WIDTH, Kernel, constant_part, kernel
 from tcbench.compiler.language import PLAIN
 from tcbench.errors import TcbenchError
-from tcbench.reference.collocation import LONG, gauss_nodes, tableau
+from tcbench.reference.collocation import gauss_nodes, tableau
+from tcbench.reference.precision import LONG
 from tcbench.systems.momenta import lengthening, restored_momenta
 from tcbench.systems.system import System
 
