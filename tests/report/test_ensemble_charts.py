@@ -120,7 +120,7 @@ def test_too_few_runs_draw_no_share():
 
 def test_a_profile_says_how_many_scenarios_it_is_of():
     figure = ensemble.performance_profiles(profile_table(awkward.FIVE))
-    assert figure.axes[0].get_title(loc="left") == "state to 1e-06: 30 scenarios, 4 without a reference"
+    assert figure.axes[0].get_title(loc="left") == "state to 1e-6: 30 scenarios, 4 without reference"
 
 
 def test_a_law_that_is_claimed_is_filled():

@@ -5,6 +5,7 @@ import matplotlib
 import pytest
 from click.testing import CliRunner
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.text import Text
 
 import tcbench
@@ -89,12 +90,23 @@ KINDS_OF_TEST = {name: kind for name, kind in kinds().items() if set(kind.needs)
 
 @pytest.mark.parametrize("kind", KINDS_OF_TEST)
 def test_no_type_is_larger_or_smaller_than_what_was_asked_for_implies(kind):
-    """Every text of a chart follows the size of type: twice the points, twice every size."""
-    sizes = {
-        points: [text.get_fontsize() for text in tcbench.draw(kind, TABLES, font_size=points).findobj(Text)]
-        for points in (5.0, 10.0)
-    }
-    assert set(sizes[10.0]) == {2 * size for size in sizes[5.0]} and max(sizes[10.0]) <= 12
+    """Every text of a chart, line and marker follows the size of type: twice the points, twice every size."""
+    small, large = (tcbench.draw(kind, TABLES, font_size=points) for points in (5.0, 10.0))
+    sizes = [{text.get_fontsize() for text in figure.findobj(Text)} for figure in (small, large)]
+    assert sizes[1] == {2 * size for size in sizes[0]} and max(sizes[1]) <= 12
+    for size in (Line2D.get_linewidth, Line2D.get_markersize):
+        drawn = [[size(line) for ax in figure.axes for line in ax.lines] for figure in (small, large)]
+        assert drawn[1] == pytest.approx([2 * value for value in drawn[0]])
+
+
+@pytest.mark.parametrize("kind", KINDS_OF_TEST)
+@pytest.mark.parametrize(("size", "points"), [((10, 9), 9), ((7, 6), 6)])
+def test_nothing_stands_outside_a_picture_of_any_size(kind, size, points):
+    figure = tcbench.draw(kind, TABLES, size=size, font_size=points)
+    figure.canvas.draw()
+    box = figure.get_tightbbox()
+    assert tuple(figure.get_size_inches()) == size
+    assert min(box.x0, box.y0, size[0] - box.x1, size[1] - box.y1) >= -0.03
 
 
 @pytest.mark.parametrize("size", ["3.3x6", "7x2.6", "18x12cm"])
@@ -162,6 +174,7 @@ def test_a_picture_for_a_paper_from_the_command_line(tmp_path, monkeypatch):
         (["--font-size", "99"], "not between 3 and 40"),
         (["--style", "no_such_style"], "neither a file nor a style"),
         (["--methods", "=x"], "write the methods as"),
+        (["--methods", "tc_monolithic", "-i", "tc_monolithic"], "not with both"),
     ):
         done = CliRunner().invoke(main, ["plot", "conservation", *wrong, "-o", "b.svg"])
         assert done.exit_code == 2 and message in done.output and not (tmp_path / "b.svg").exists()

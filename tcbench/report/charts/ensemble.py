@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.ticker import FuncFormatter, LogLocator
 
 from .kind import Kind
-from .layout import end_labels, handle, legend, line_labels, note, panels, titles, type_size
+from .layout import end_labels, handle, legend, line_labels, note, panels, pt, titles
 from .scales import FLOOR, log_axis
 from .style import GREY, Look, chart, finite, ink, look, looks, names, short
 from .theme import INK
@@ -70,15 +70,15 @@ def _shares(ax: Axes, part: DataFrame, control: str, coloured: Mapping[str, Look
         style = coloured.get(name, OTHER)
         colour = style.colour
         if name in coloured:
-            ax.fill_between(x, finite(rows["low"]), finite(rows["high"]), color=colour, alpha=BAND, linewidth=0)
-        ax.plot(x, share, color=colour, linestyle=style.dash, marker=style.marker, markersize=3.5)
+            ax.fill_between(x, finite(rows["low"]), finite(rows["high"]), color=colour, alpha=BAND, linewidth=pt(0))
+        ax.plot(x, share, color=colour, linestyle=style.dash, marker=style.marker, markersize=pt(3.5))
         ends.append((float(x[-1]), float(share[-1]), name, colour))
     if never:
         rows = part[part["integrator"].isin(never)]
         x = np.unique(finite(rows[control]))
         high = [float(finite(rows.loc[finite(rows[control]) == value, "high"]).max()) for value in x]
         ax.fill_between(x, 0.0, high, color=ink(), alpha=BAND, linewidth=0)
-        ax.plot(x, np.zeros(len(x)), color=ink(), linewidth=2.2, clip_on=False)
+        ax.plot(x, np.zeros(len(x)), color=ink(), linewidth=pt(2.2), clip_on=False)
         text = never[0] if len(never) == 1 else f"0 of all runs: {len(never)} methods"
         ends.append((float(x[-1]), 0.0, text, ink()))
     end_labels(ax, ends)
@@ -105,8 +105,8 @@ def performance_profiles(table: DataFrame) -> Figure:
     for ax, part, (measure, target) in zip(axes, parts, targets, strict=False):
         _profiles(ax, part, coloured)
         runs, left_out = (int(part[c].iloc[0]) for c in ("runs", "without_reference"))
-        missing = f", {left_out} without a reference" if left_out else ""
-        texts.append(f"{measure} to {target:.0e}: {runs} scenarios{missing}")
+        missing = f", {left_out} without reference" if left_out else ""
+        texts.append(f"{measure} to {target:.0e}: {runs} scenarios{missing}".replace("e-0", "e-"))
     titles(axes, texts)
     figure.place()
     return figure
@@ -139,7 +139,7 @@ def _profiles(ax: Axes, part: DataFrame, coloured: Mapping[str, Look]) -> None:
             ax.fill_between(tau, finite(rows["low"]), finite(rows["high"]), color=colour, alpha=BAND, linewidth=0,
                             step="post")  # fmt: skip
             ends.append((float(tau[-1]), float(share[-1]), name, colour))
-        ax.step(tau, share, where="post", color=colour, linestyle=style.dash, linewidth=1.6 if named else 0.7)
+        ax.step(tau, share, where="post", color=colour, linestyle=style.dash, linewidth=pt(1.6 if named else 0.7))
     end_labels(ax, ends)
 
 
@@ -164,20 +164,34 @@ def error_time(points: DataFrame, integrators: Sequence[str] | None = None) -> F
     chosen = list(integrators) if integrators else _leaders(known)
     method = known["integrator"].astype(str).to_numpy()
     others = ~np.isin(method, chosen)
-    ax.plot(seconds[good][others], error[good][others], ".", color=GREY, markersize=2, alpha=0.25, rasterized=True)
+    ax.plot(
+        seconds[good][others],
+        error[good][others],
+        ".",
+        color=GREY,
+        markersize=pt(2),
+        alpha=0.25,
+        rasterized=True,
+    )
     ends = []
     for name, style in looks(chosen).items():
         colour, mine = style.colour, known[method == name]
         ax.plot(
-            finite(mine["time_s"]), finite(mine["error"]), ".", color=colour, markersize=2.5, alpha=0.3, rasterized=True
+            finite(mine["time_s"]),
+            finite(mine["error"]),
+            ".",
+            color=colour,
+            markersize=pt(2.5),
+            alpha=0.3,
+            rasterized=True,
         )
         groups = mine.groupby("value")
         middle = groups[["time_s", "error"]].median().sort_index(ascending=False)
         middle = middle[
             groups.size().reindex(middle.index) >= 0.7 * groups.size().max()
         ]  # those that every scenario had time for
-        ax.plot(middle["time_s"], middle["error"], color=colour, marker=style.marker, markersize=5,
-                markeredgecolor=ax.get_facecolor(), markeredgewidth=0.5)  # fmt: skip
+        ax.plot(middle["time_s"], middle["error"], color=colour, marker=style.marker, markersize=pt(5),
+                markeredgecolor=ax.get_facecolor(), markeredgewidth=pt(0.5))  # fmt: skip
         last = middle.iloc[-1]
         ends.append((float(last["time_s"]), float(last["error"]), name, colour))
     line_labels(ax, ends)
@@ -213,7 +227,7 @@ def law_quantiles(table: DataFrame) -> Figure:
             rows = table[(table["integrator"] == name) & (table["law"] == law)]
             if len(rows):
                 _dots(ax, rows.iloc[0], place, look(name).colour)
-        ax.set_yticks(range(len(methods)), [short(name, 22) for name in reversed(methods)], fontsize=type_size(7))
+        ax.set_yticks(range(len(methods)), [short(name, 22) for name in reversed(methods)], fontsize=pt(7))
         ax.set_ylim(-0.7, len(methods) - 0.3)
         ax.set_xlabel("median, 99 %, worst")
     titles(axes, [law.replace("_", " ") for law in known])
@@ -225,9 +239,9 @@ def law_quantiles(table: DataFrame) -> Figure:
 def _dots(ax: Axes, row: Any, place: int, colour: str) -> None:
     x = np.clip(finite([row["median"], row["quantile_99"], row["worst"]]), FLOOR, None)
     fill = colour if bool(row["claimed"]) else matplotlib.rcParams["axes.facecolor"]
-    ax.plot(x[[0, 2]], [place, place], color=colour, linewidth=0.8)
+    ax.plot(x[[0, 2]], [place, place], color=colour, linewidth=pt(0.8))
     for value, size in zip(x, (5.0, 3.5, 3.5), strict=True):
-        ax.plot([value], [place], "o", color=colour, markerfacecolor=fill, markersize=size, markeredgewidth=0.9)
+        ax.plot([value], [place], "o", color=colour, markerfacecolor=fill, markersize=pt(size), markeredgewidth=pt(0.9))
 
 
 @chart
@@ -255,12 +269,12 @@ def _map_panel(ax: Axes, rows: DataFrame) -> None:
     ax.imshow(share, origin="lower", aspect="auto", cmap=colours, vmin=1e-9, vmax=1)
     for (row, column), value in np.ndenumerate(share):
         if np.isfinite(value):
-            ax.text(column, row, f"{100 * value:.0f}", ha="center", va="center", fontsize=type_size(6.5),
+            ax.text(column, row, f"{100 * value:.0f}", ha="center", va="center", fontsize=pt(6.5),
                     color="white" if value > 0.6 else INK)  # fmt: skip
     for axis, which, values in ((ax.xaxis, "x", columns), (ax.yaxis, "y", heights)):
         top = rows.set_index(f"{which}_low")[f"{which}_high"]
         axis.set_ticks(
-            range(len(values)), [_cell_text(v, float(top.loc[[v]].iloc[0])) for v in values], fontsize=type_size(6.5)
+            range(len(values)), [_cell_text(v, float(top.loc[[v]].iloc[0])) for v in values], fontsize=pt(6.5)
         )
     ax.grid(False)
     ax.set_xlabel(str(rows["x_name"].iloc[0]).replace("dt", CONTROLS["dt"]))

@@ -7,13 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.lines import Line2D
+from matplotlib.transforms import ScaledTranslation
 
 from ...studies.columns import column as column_named
 from ...studies.columns import invariant_columns
 from .kind import Kind
-from .layout import failed_handle, failed_tracks, legend, note, panels, titles, type_size
+from .layout import failed_handle, failed_tracks, legend, note, panels, pt, titles
 from .scales import log_axis, zero_log_axis
 from .style import GREY, chart, finite, ink, look, names, ok, short
+from .theme import scale
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -87,16 +89,16 @@ def blowup(table: DataFrame, sensitivity: DataFrame | None = None) -> Figure:
         return figure
     log_axis(ax, "x", h)
     names_of = table["integrator"].astype(str).to_numpy()
-    step = min(0.035, 0.3 / max(len(methods), 1))
+    pitch = scale() * min(0.08, 0.9 / max(len(methods), 1))  # inches between the tracks
     for rank, name in enumerate(methods):
         mine, style = names_of == name, look(name)
         pick = np.flatnonzero(mine & ~done & np.isfinite(times))
         pick = pick[np.argsort(h[pick])]
-        drawn: Any = {"color": style.colour, "marker": style.marker, "markersize": 3.2 if len(table) > 150 else 5}
+        drawn: Any = {"color": style.colour, "marker": style.marker, "markersize": pt(3.2 if len(table) > 150 else 5)}
         ax.plot(h[pick], times[pick], linestyle="none", **drawn)  # no line: runs between two failures may succeed
-        tracks = np.full(int((mine & done).sum()), 1.03 + step * rank)
         hollow: Any = drawn | {"linestyle": "none", "markerfacecolor": "none", "clip_on": False}
-        ax.plot(h[mine & done], tracks, transform=ax.get_xaxis_transform(), **hollow)
+        up = ScaledTranslation(0.0, (1 + rank) * pitch, ax.figure.dpi_scale_trans)
+        ax.plot(h[mine & done], np.ones(int((mine & done).sum())), transform=ax.get_xaxis_transform() + up, **hollow)
     timeless = ~done & ~np.isfinite(times)
     failed_tracks(ax, {name: h[(names_of == name) & timeless] for name in methods}, grow=False)
     if not np.isfinite(times[~done]).any():
@@ -105,12 +107,12 @@ def blowup(table: DataFrame, sensitivity: DataFrame | None = None) -> Figure:
     if sensitivity is not None:
         _ranges(ax, sensitivity)
     ax.set_ylim(bottom=0)
-    ax.axhline(ax.get_ylim()[1], color=GREY, linewidth=0.6)
+    ax.axhline(ax.get_ylim()[1], color=GREY, linewidth=pt(0.6))
     ax.set_xlabel(column_named("dt").label)
     ax.set_ylabel(column_named("blowup_time").label)
     ended = Line2D([], [], marker="o", linestyle="none", color=ink(), markerfacecolor="none", label="reached the end")
     without = [failed_handle("failed, no time known")] if timeless.any() else []
-    legend(figure, methods, [ended, *without], above=min(1.1, 0.1 * len(methods)))
+    legend(figure, methods, [ended, *without], above=(1 + len(methods)) * pitch)
     return figure
 
 
@@ -126,8 +128,9 @@ def _ranges(ax: Axes, table: DataFrame) -> None:
         if np.isfinite([h, low, middle, high]).all():
             aside = 1 + 0.015 * (methods.index(str(row["integrator"])) - (len(methods) - 1) / 2)
             ax.errorbar(
-                h * aside, middle, yerr=[[max(0.0, middle - low)], [max(0.0, high - middle)]], capsize=3, marker="_",
-                color=look(row["integrator"]).colour, markersize=8, linewidth=1.8, alpha=0.8, zorder=4,
+                h * aside, middle, yerr=[[max(0.0, middle - low)], [max(0.0, high - middle)]], capsize=pt(3),
+                marker="_", color=look(row["integrator"]).colour, markersize=pt(8), linewidth=pt(1.8),
+                alpha=0.8, zorder=4,
             )  # fmt: skip
 
 
@@ -152,7 +155,7 @@ def stable_step(table: DataFrame) -> Figure:
         for row, name in enumerate(methods):
             _bracket(ax, part[part["integrator"].astype(str) == name], name, len(methods) - 1 - row)
         ax.set_ylim(-0.7, len(methods) - 0.3)
-        ax.set_yticks(range(len(methods)), [short(n, 26) for n in reversed(methods)], fontsize=type_size(7))
+        ax.set_yticks(range(len(methods)), [short(n, 26) for n in reversed(methods)], fontsize=pt(7))
         ax.grid(axis="y", visible=False)
         if i >= len(scenarios) - figure.columns:
             ax.set_xlabel(column_named("dt").label)
@@ -182,20 +185,34 @@ def _bracket(ax: Axes, rows: DataFrame, name: str, y: float) -> None:
         if not np.isfinite(stable):
             ax.plot([0.01], [y], transform=ax.get_yaxis_transform(), color=colour, marker="x", clip_on=False)
             continue
-        ax.plot([ax.get_xlim()[0], stable], [y, y], color=colour, linewidth=3, alpha=0.35, solid_capstyle="butt")
+        ax.plot([ax.get_xlim()[0], stable], [y, y], color=colour, linewidth=pt(3), alpha=0.35, solid_capstyle="butt")
         if np.isfinite(values["dt_half"]) and values["dt_half"] > stable:
-            ax.plot([stable, values["dt_half"]], [y, y], color=colour, linestyle=":", linewidth=1.6)
+            ax.plot([stable, values["dt_half"]], [y, y], color=colour, linestyle=":", linewidth=pt(1.6))
         if np.isfinite(values["dt_unstable"]):
-            ax.plot([values["dt_unstable"]], [y], color=colour, marker="|", markersize=11, markeredgewidth=1.4)
+            ax.plot(
+                [values["dt_unstable"]],
+                [y],
+                color=colour,
+                marker="|",
+                markersize=pt(11),
+                markeredgewidth=pt(1.4),
+            )
         if np.isfinite(values["dt_stable_plain"]) and str(row.get("limit_plain")) != "none":
-            ax.plot([values["dt_stable_plain"]], [y], color=GREY, marker="|", markersize=8, markeredgewidth=1.4)
+            ax.plot(
+                [values["dt_stable_plain"]],
+                [y],
+                color=GREY,
+                marker="|",
+                markersize=pt(8),
+                markeredgewidth=pt(1.4),
+            )
         ax.plot([stable], [y], color=colour, marker=LIMITS.get(limit, "D"), linestyle="none", zorder=4)
         if row.get("non_monotone") is not None and bool(row.get("non_monotone") == True):  # noqa: E712
             ax.annotate(
                 "★",
                 (stable, y),
                 xytext=(6, 0),
-                fontsize=type_size(7),
+                fontsize=pt(7),
                 textcoords="offset points",
                 color=colour,
                 va="center",

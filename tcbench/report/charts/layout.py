@@ -19,8 +19,7 @@ from .theme import current, scale
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-LEAST = 0.5  # inches of a panel that can still be read, at type of 9 points
-FAILED: Any = {"marker": "x", "linestyle": "none", "markersize": 5, "markeredgewidth": 1.4}
+LEAST = (1.0, 0.5)  # inches of a panel that can still be read, at type of 9 points
 
 
 class Panels(Figure):
@@ -66,12 +65,12 @@ class Panels(Figure):
         whole = self.fixed or (self.width + beside, self.height + above + below)
         width, height = (whole[0] - beside) / self.columns, (whole[1] - above - below) / self.rows
         inner = (width - self.left - self.right, height - bottom - top)
-        if min(inner) < LEAST * k:
-            need = [length + LEAST * k - room for length, room in ((width, inner[0]), (height, inner[1]))]
-            need = [need[0] * self.columns + beside, need[1] * self.rows + above + below]
+        lack = [max(0.0, least * k - room) for least, room in zip(LEAST, inner, strict=True)]
+        if any(lack):
+            needed = whole[0] + lack[0] * self.columns, whole[1] + lack[1] * self.rows
             raise TcbenchError(
                 f"{whole[0]:.3g} x {whole[1]:.3g} inches are too few: this chart needs "
-                f"{max(need[0], whole[0]):.1f} x {max(need[1], whole[1]):.1f}, or smaller type."
+                f"{math.ceil(10 * needed[0]) / 10} x {math.ceil(10 * needed[1]) / 10}, or smaller type."
             )
         self.set_size_inches(*whole)
         for i, ax in enumerate(self.grid):
@@ -87,24 +86,28 @@ class Panels(Figure):
         item = (0.55 + 0.072 * max(len(str(h.get_label())) for h in handles)) * k
         columns = max(1, int((self.width - 0.1) / item))
         rows = -(-len(handles) // columns)
-        if rows <= 4 and len(handles) <= 14:
+        per_column = max(1 if self.fixed else 16, int((self.height + above - 0.2) / (0.148 * k)))
+        aside = -(-len(handles) // per_column)
+        few = rows <= 4 and len(handles) <= 14
+        if self.fixed:  # where it leaves more to the panels
+            leaves = self.width * (self.height - 0.185 * rows * k), (self.width - aside * item * 0.86) * self.height
+            few = leaves[0] >= leaves[1]
+        if few:
             self.place(above + (0.08 + 0.185 * rows) * k)
             self.legend(handles=handles, loc="upper left", bbox_to_anchor=(0.0, 1.0), ncols=columns, handlelength=2.6,
                         columnspacing=1.4, borderaxespad=0.3)  # fmt: skip
             return
-        per_column = max(1 if self.fixed else 16, int((self.height + above - 0.2) / (0.148 * k)))
-        columns = -(-len(handles) // per_column)
         lack = (0.148 * min(len(handles), per_column) + 0.2) * k - self.height
-        self.place(max(above, lack), columns * item * 0.86)
-        self.legend(handles=handles, loc="upper right", bbox_to_anchor=(1.0, 1.0), ncols=columns, fontsize=type_size(7),
+        self.place(max(above, lack), aside * item * 0.86)
+        self.legend(handles=handles, loc="upper right", bbox_to_anchor=(1.0, 1.0), ncols=aside, fontsize=pt(7),
                     handlelength=2.4, columnspacing=1.2, borderaxespad=0.3)  # fmt: skip
 
     def bar(self, mappable: Any, text: str) -> None:
         """A scale of colours beside all panels."""
         k = scale()
-        self.place(self.above, 0.9 * k, self.below)
+        self.place(self.above, 1.0 * k, self.below)
         whole = self.get_size_inches()[0]
-        self.colorbar(mappable, cax=self.add_axes((1 - 0.75 * k / whole, 0.16, 0.13 / whole, 0.68)), label=text)
+        self.colorbar(mappable, cax=self.add_axes((1 - 0.85 * k / whole, 0.16, 0.13 / whole, 0.68)), label=text)
 
 
 def _columns(count: int, shape: float) -> int:
@@ -150,8 +153,8 @@ def panels(
     return figure, figure.grid
 
 
-def type_size(size: float) -> float:
-    """A size of type that is `size` points where the chart's is 9."""
+def pt(size: float) -> float:
+    """Of type, lines and markers: `size` points where the chart's type is 9."""
     return size * scale()
 
 
@@ -182,7 +185,7 @@ def end_labels(ax: Axes, ends: Sequence[tuple[float, float, str, str]]) -> None:
     gap = 1.3 * _pixels(ax, 7.5) / ax.get_window_extent().height
     for (_, text, colour), y in zip(found, spread(heights, gap, low=0.02, high=0.98), strict=True):
         ax.annotate(
-            short(text), (1.015, y), xycoords="axes fraction", color=colour, fontsize=type_size(7.5), va="center",
+            short(text), (1.015, y), xycoords="axes fraction", color=colour, fontsize=pt(7.5), va="center",
             ha="left", annotation_clip=False,
         )  # fmt: skip
 
@@ -198,14 +201,14 @@ def line_labels(ax: Axes, ends: Sequence[tuple[float, float, str, str]]) -> None
         placed.append(at)
         ax.annotate(
             short(text), tuple(ax.transData.inverted().transform(at)), xytext=(4, 0), textcoords="offset points",
-            va="center", ha="left", color=colour, fontsize=type_size(7.5), annotation_clip=False, zorder=6,
-            path_effects=[withStroke(linewidth=2, foreground=ax.get_facecolor())],
+            va="center", ha="left", color=colour, fontsize=pt(7.5), annotation_clip=False, zorder=6,
+            path_effects=[withStroke(linewidth=pt(2), foreground=ax.get_facecolor())],
         )  # fmt: skip
 
 
 def _pixels(ax: Axes, size: float) -> float:
     """Height of type of that size."""
-    return type_size(size) / 72 * float(ax.figure.dpi)
+    return pt(size) / 72 * float(ax.figure.dpi)
 
 
 def spread(positions: Sequence[float], gap: float, low: float, high: float) -> list[float]:
@@ -233,9 +236,7 @@ def spread(positions: Sequence[float], gap: float, low: float, high: float) -> l
 
 def note(ax: Axes, text: str) -> None:
     """A sentence in an empty panel."""
-    ax.text(
-        0.5, 0.5, text, transform=ax.transAxes, ha="center", va="center", fontsize=type_size(8), color=GREY, wrap=True
-    )
+    ax.text(0.5, 0.5, text, transform=ax.transAxes, ha="center", va="center", fontsize=pt(8), color=GREY, wrap=True)
     ax.set_xticks([])
     ax.set_yticks([])
 
@@ -255,13 +256,17 @@ def failed_tracks(ax: Axes, crosses: Mapping[str, Any], grow: bool = True) -> No
     if grow:
         ax.set_ylim(top=float(scale.inverted().transform(np.array([low + (high - low) / (0.97 - share)]))[0]))
     for rank, name in enumerate(failing):
-        style = FAILED | {"color": look(name).colour, "clip_on": False, "zorder": 5}
+        style = _failed() | {"color": look(name).colour, "clip_on": False, "zorder": 5}
         heights = np.full(len(crosses[name]), 0.985 - rank * share / len(failing))
         ax.plot(crosses[name], heights, transform=ax.get_xaxis_transform(), **style)
 
 
+def _failed() -> dict[str, Any]:
+    return {"marker": "x", "linestyle": "none", "markersize": pt(5), "markeredgewidth": pt(1.4)}
+
+
 def failed_handle(text: str = "failed") -> Line2D:
-    return Line2D([], [], label=text, color=ink(), **FAILED)
+    return Line2D([], [], label=text, color=ink(), **_failed())
 
 
 def titles(axes: Sequence[Axes], texts: Mapping[int, str] | Sequence[str]) -> None:

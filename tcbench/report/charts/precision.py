@@ -9,7 +9,7 @@ import numpy as np
 
 from ...studies.columns import column as column_named
 from .kind import Kind
-from .layout import failed_handle, failed_tracks, handle, legend, line_labels, note, panels, spread, titles, type_size
+from .layout import failed_handle, failed_tracks, handle, legend, line_labels, note, panels, pt, spread, titles
 from .scales import log_axis, zero_log_axis
 from .style import chart, finite, ink, look, names, ok, short
 
@@ -95,18 +95,18 @@ def _name(ax: Axes, leaders: dict[str, list[tuple[float, float]]]) -> None:
     middles = {name: points[len(points) // 2] for name, points in leaders.items()}
     inches = ax.get_window_extent().width / ax.figure.dpi
     for name, point in middles.items():  # by how much wider the panel must be for the name to fit in
-        width = 0.04 + 0.6 * type_size(SMALL) / 72 * len(short(name)) / inches
+        width = 0.04 + 0.6 * pt(SMALL) / 72 * len(short(name)) / inches
         room = max(room, (width - float(to_axes.transform(point)[0])) / (1.0 - width))
     left, right = ax.get_xlim()
     ax.set_xlim(left / (right / left) ** room, right)
     places = {name: to_axes.transform(point) for name, point in middles.items()}
     ascending = sorted(places, key=lambda name: float(places[name][1]))
-    gap = 1.35 * type_size(SMALL) / 72 * ax.figure.dpi / ax.get_window_extent().height
+    gap = 1.35 * pt(SMALL) / 72 * ax.figure.dpi / ax.get_window_extent().height
     heights = spread([float(places[name][1]) for name in ascending], gap, low=0.03, high=0.97)
     for name, height in zip(ascending, heights, strict=True):
         ax.annotate(
             short(name), (float(places[name][0]) - 0.02, height), xycoords="axes fraction", color=look(name).colour,
-            fontsize=type_size(SMALL), va="center", ha="right",
+            fontsize=pt(SMALL), va="center", ha="right",
         )  # fmt: skip
 
 
@@ -189,7 +189,7 @@ def _fitted_line(ax: Axes, name: str, h: Any, e: Any, fits: DataFrame | None) ->
     constant = np.exp(np.mean(np.log(e) - order * np.log(h)))
     ends = np.array([h.min(), h.max()])
     style = look(name)
-    ax.plot(ends, constant * ends**order, color=style.colour, linestyle=style.dash, linewidth=1)
+    ax.plot(ends, constant * ends**order, color=style.colour, linestyle=style.dash, linewidth=pt(1))
     return float(ends[1]), float(constant * ends[1] ** order), f"{order:.2f}", style.colour
 
 

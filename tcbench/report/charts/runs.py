@@ -9,7 +9,7 @@ import numpy as np
 
 from ...studies.columns import column as column_named
 from .kind import OPENING, SERIES, Kind
-from .layout import handle, legend, note, panels, titles, type_size
+from .layout import handle, legend, note, panels, pt, titles
 from .scales import log_axis, zero_log_axis
 from .style import GREY, chart, finite, ink, look, names, short
 
@@ -54,10 +54,10 @@ def laws(series: DataFrame, y: Sequence[str] | None = None) -> Figure:
             t, value = finite(run["t"]), np.abs(finite(run[column]))
             style = look(name)
             if len(runs) <= 3:
-                ax.plot(t, value, color=style.colour, linewidth=0.5, alpha=0.45)
+                ax.plot(t, value, color=style.colour, linewidth=pt(0.5), alpha=0.45)
             largest = np.fmax.accumulate(value) if len(value) else value
             ax.plot(
-                t, largest, color=style.colour, linestyle=style.dash, marker=style.marker, markersize=4,
+                t, largest, color=style.colour, linestyle=style.dash, marker=style.marker, markersize=pt(4),
                 markevery=_every(len(t), rank),
             )  # fmt: skip
             _end(ax, run, largest, style.colour)
@@ -89,7 +89,12 @@ def _end(ax: Axes, run: DataFrame, values: Any, colour: str) -> None:
         good = np.flatnonzero(np.isfinite(values))
         if len(good):
             ax.plot(
-                [run["t"].iloc[good[-1]]], [values[good[-1]]], color=colour, marker="x", markersize=8, markeredgewidth=2
+                [run["t"].iloc[good[-1]]],
+                [values[good[-1]]],
+                color=colour,
+                marker="x",
+                markersize=pt(8),
+                markeredgewidth=pt(2),
             )
 
 
@@ -109,7 +114,13 @@ def four_panel(series: DataFrame) -> Figure:
         for name, run in runs:
             for i, column in enumerate(shown):
                 value, style = finite(run[column]), look(name)
-                ax.plot(finite(run["t"]), value, color=style.colour, linestyle=("-", "--", ":")[i % 3], linewidth=1.1)
+                ax.plot(
+                    finite(run["t"]),
+                    value,
+                    color=style.colour,
+                    linestyle=("-", "--", ":")[i % 3],
+                    linewidth=pt(1.1),
+                )
                 _end(ax, run, value, style.colour)
         if text.startswith("energy"):
             _roomy(ax, series["energy"])
@@ -128,7 +139,7 @@ def _name_elements(ax: Axes, runs: Sequence[tuple[str, DataFrame]], columns: Seq
         letters = [column.rpartition("_")[2] for column in columns]
         dashes = ("-", "--", ":")
         keys = [handle(f"spring {x}", color=ink(), marker="", linestyle=dashes[i % 3]) for i, x in enumerate(letters)]
-        ax.legend(handles=keys, loc="best", fontsize=type_size(7), handlelength=2.2, framealpha=0.0)
+        ax.legend(handles=keys, loc="best", fontsize=pt(7), handlelength=2.2, framealpha=0.0)
 
 
 def _numbered(series: DataFrame, stem: str) -> list[str]:
@@ -175,10 +186,10 @@ def path(series: DataFrame, columns: int = 3) -> Figure:
             )
             mappable.set_array(finite(run[heat[min(i, len(heat) - 1)]])[:-1])
             ax.add_collection(mappable)
-            ax.plot(*points[0], marker="o", markerfacecolor="none", color=ink(), markersize=6)
-            ax.plot(*points[-1], marker="o", color=ink(), markersize=4)
-            ax.annotate(str(i + 1), points[0], xytext=(5, 5), textcoords="offset points", fontsize=type_size(7))
-        ax.plot(0, 0, marker="+", color=ink(), markersize=8)
+            ax.plot(*points[0], marker="o", markerfacecolor="none", color=ink(), markersize=pt(6))
+            ax.plot(*points[-1], marker="o", color=ink(), markersize=pt(4))
+            ax.annotate(str(i + 1), points[0], xytext=(5, 5), textcoords="offset points", fontsize=pt(7))
+        ax.plot(0, 0, marker="+", color=ink(), markersize=pt(8))
         ax.set_aspect("equal", adjustable="datalim")
         ax.autoscale_view()
         ax.set_title(short(name), loc="left")
@@ -227,8 +238,8 @@ def _gap(ax: Axes, run: DataFrame, column: str, name: str, rank: int, how: str) 
     shown = np.isfinite(value) & (t > 0)
     value = np.abs(value) if how == "magnitude" else value
     ax.plot(
-        t[shown], value[shown], color=style.colour, linestyle=style.dash if how == "magnitude" else how, markersize=4,
-        marker=style.marker, markevery=_every(int(shown.sum()), rank),
+        t[shown], value[shown], color=style.colour, linestyle=style.dash if how == "magnitude" else how,
+        marker=style.marker, markersize=pt(4), markevery=_every(int(shown.sum()), rank),
     )  # fmt: skip
     _end(ax, run[shown], value[shown], style.colour)
 
@@ -241,7 +252,7 @@ def _exact(ax: Axes, columns: Sequence[str], summary: DataFrame | None) -> None:
         if summary is not None and exact in summary:
             for value in {v for v in finite(summary[exact]) if np.isfinite(v)}:
                 if low - 0.25 * (high - low) <= value <= high + 0.25 * (high - low):
-                    ax.axhline(value, color=ink(), linestyle=":", linewidth=1)
+                    ax.axhline(value, color=ink(), linestyle=":", linewidth=pt(1))
 
 
 def _zero(ax: Axes, _which: str, values: Any) -> None:
@@ -262,9 +273,9 @@ def history(table: DataFrame) -> Figure:
         groups = part.groupby([c for c in ("machine", "parameters") if c in part], dropna=False)
         for i, (_, line) in enumerate(groups):
             colour = GREY if i else ink()
-            ax.plot(pd.to_datetime(line["date"]), finite(line["value"]), color=colour, marker="o", markersize=3)
+            ax.plot(pd.to_datetime(line["date"]), finite(line["value"]), color=colour, marker="o", markersize=pt(3))
         ax.set_ylim(bottom=0)
-        ax.tick_params(axis="x", labelrotation=30, labelsize=type_size(7))
+        ax.tick_params(axis="x", labelrotation=30, labelsize=pt(7))
     titles(axes, found)
     return figure
 

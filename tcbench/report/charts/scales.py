@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter, NullLocator
 
+from .theme import scale
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
@@ -55,6 +57,15 @@ def log_axis(ax: Axes, which: str, values: Any = None) -> None:
     axis.set_major_formatter(FuncFormatter(power_text))
     axis.set_minor_locator(NullLocator())
     axis.set_minor_formatter(NullFormatter())
+
+
+def thin_out(ax: Axes) -> None:
+    """As many ticks on logarithmic axes as have room for their numbers."""
+    box, room = ax.get_window_extent(), ax.figure.dpi * scale()
+    for axis, length, each in ((ax.xaxis, box.width, 0.4), (ax.yaxis, box.height, 0.25)):
+        locator = axis.get_major_locator()
+        if isinstance(locator, LogLocator):
+            locator.set_params(numticks=max(2, min(8, int(length / (each * room)))))
 
 
 def zero_log_axis(ax: Axes, values: Any, floor: float = FLOOR) -> None:

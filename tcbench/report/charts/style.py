@@ -13,6 +13,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from . import theme
+from .scales import thin_out
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -111,6 +112,8 @@ def chart(draw: Chart) -> Chart:
             matplotlib.rc_context(theme.rc(chosen.settings)),
         ):
             figure: Any = draw(*arguments, **options)
+            for ax in getattr(figure, "grid", ()):
+                thin_out(ax)
         return figure if isinstance(figure, Figure) else cast(Figure, figure.figure)  # of an Axes that was given
 
     return cast(Chart, styled)

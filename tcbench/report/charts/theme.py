@@ -49,6 +49,7 @@ STYLE: Any = {
     "agg.path.chunksize": 20000,
     "hatch.linewidth": 0.5,
 }
+LINES = ("lines.linewidth", "lines.markersize")
 SIZES = ("font.size", "axes.titlesize", "axes.labelsize", "xtick.labelsize", "ytick.labelsize", "legend.fontsize")
 CYCLE = "axes.prop_cycle"
 
@@ -87,9 +88,9 @@ def using(theme: Theme) -> Iterator[None]:
 
 
 def rc(settings: Mapping[str, Any]) -> Any:
-    """STYLE with these over it; a size of type that is given alone takes all others along."""
+    """STYLE with these over it; a size of type that is given alone takes all others along, and lines and markers."""
     k = float(settings.get("font.size", FONT_SIZE)) / FONT_SIZE
-    return STYLE | {name: STYLE[name] * k for name in SIZES} | dict(settings)
+    return STYLE | {name: STYLE[name] * k for name in (*SIZES, *LINES)} | dict(settings)
 
 
 def scale() -> float:
