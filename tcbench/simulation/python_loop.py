@@ -31,9 +31,10 @@ def run_step(integrator: Integrator, scenario: Scenario, dt: float, steps: int, 
     first = first_steps(integrator, scenario, dt, steps)
     reason, done = monitor.add(1, first.z[1:]) if first.steps else (OK, 0)
     past, z, failure = list(first.z[-2::-1]), first.z[-1], first.failure
+    alone, loaded, count = done + 1, begin, 1  # the first step by itself: it may load and compile what the others use
     while done < steps and reason == OK and not failure:
         try:
-            states = _next_states(integrator, model, z, carry, dt, min(TOGETHER, steps - done), past)
+            states = _next_states(integrator, model, z, carry, dt, min(count, steps - done), past)
         except MachineError:
             raise
         except Exception as error:  # a plugin may raise anything: that is a row, not a crash
@@ -42,7 +43,10 @@ def run_step(integrator: Integrator, scenario: Scenario, dt: float, steps: int, 
         reason, done = monitor.add(done + 1, states)
         past = [z, *past][: integrator.memory]
         z = states[-1]
-    wall = time.perf_counter() - begin
+        if count == 1 and done == alone:
+            loaded, count = time.perf_counter(), TOGETHER
+    end = time.perf_counter()
+    wall = (end - loaded) * done / (done - alone) if done > alone else end - begin
     status, sentence = explain(reason, done, dt, scenario)
     if failure and reason == OK:
         status, sentence = first.status if first.failure else "exception", failure

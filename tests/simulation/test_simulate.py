@@ -275,27 +275,30 @@ def test_a_march_that_ends_early_is_asked_again_and_a_blowup_within_it_is_found(
     def up_to_seven(z, h, count, system):
         return in_one_go(z, h, min(count, 7), system)
 
-    def explodes_after_ten(z, h, count, system):
+    START = SCENARIOS["bound_equilibrium"].z0
+
+    def explodes_after_eleven(z, h, count, system):
         states = np.repeat(np.array(z)[None], count, axis=0)
         states[10:, 4] += 100.0
         return states
 
-    def fails_after_ten(z, h, count, system):
-        states = in_one_go(z, h, 20, system)
-        if not np.array_equal(z, SCENARIOS["bound_equilibrium"].z0):
+    def fails_after_eleven(z, h, count, system):
+        if np.array_equal(z, START):  # the first step is asked for by itself
+            return in_one_go(z, h, count, system)
+        if not np.array_equal(z, euler(START, h, system)):
             raise ArithmeticError("no root")
-        return states[:10]
+        return in_one_go(z, h, 20, system)[:10]
 
     def run(march):
         method = Integrator(name="e", order=1, step=euler, march=march)
         return tcbench.simulate(method, "bound_equilibrium", dt=0.001, t_end=0.1)
 
     assert run(up_to_seven).steps == 100 and run(up_to_seven).ok
-    found = run(explodes_after_ten)
-    assert found.status == "blowup" and "step 11 " in found.failure and len(found.t) == 12
-    found = run(fails_after_ten)
-    assert found.status == "exception" and "step 11 " in found.failure and found.steps == 10
-    assert "up to 100 states of 10 were asked for" in run(lambda z, h, count, system: np.zeros((count, 5))).failure
+    found = run(explodes_after_eleven)
+    assert found.status == "blowup" and "step 12 " in found.failure and len(found.t) == 13
+    found = run(fails_after_eleven)
+    assert found.status == "exception" and "step 12 " in found.failure and found.steps == 11
+    assert "up to 1 states of 10 were asked for" in run(lambda z, h, count, system: np.zeros((count, 5))).failure
     assert run(lambda z, h, count, system: np.zeros((0, 10))).status == "exception"
 
 
@@ -379,3 +382,17 @@ def test_a_million_steps_hold_the_energy_and_keep_a_thousand_states():
     run = tcbench.simulate("tc_monolithic", "bound_equilibrium", dt=0.05, t_end=50_000.0, record_every=1000)
     assert run.steps == 1_000_000 and run.z.shape == (1001, 10)
     assert run.summary.energy_error_max <= 1e-12
+
+
+def test_what_the_first_step_loads_is_not_the_time_of_steps(monkeypatch):
+    from tcbench.simulation import python_loop
+
+    clock = [0.0]
+    monkeypatch.setattr(python_loop.time, "perf_counter", lambda: clock[0])
+
+    def step(z, h, system):
+        clock[0] += 1.0 if clock[0] else 1000.0
+        return euler(z, h, system)
+
+    found = tcbench.simulate(Integrator(name="e", order=1, step=step), "bound_equilibrium", dt=0.001, t_end=0.01)
+    assert found.steps == 10 and found.wall_time_s == 10.0
