@@ -254,7 +254,7 @@ def ensemble(methods):
             row = same | {"dt": dt, "tolerance": np.nan, "runs": 200, "failed": round(200 * share), "share": share}
             shares.append(row | {"low": max(0.0, share - 0.03), "high": min(1.0, share + 0.03)})
         for tau in (1, 2, 5, 10, 100, 1000):
-            share = min(1.0, 0.1 * np.log(1 + tau) * (1 + i % 3) / 2)
+            share = min(1.0, 0.1 * np.log(1 + tau) * (3 if i in (3, 4) else 1 + i % 2) / 2)
             row = same | {"measure": "state", "target": 1e-6, "tau": tau, "share": share, "runs": 200}
             profile.append(
                 row | {"low": max(0.0, share - 0.05), "high": min(1.0, share + 0.05), "without_reference": 3}

@@ -94,11 +94,11 @@ const lines = (width, height, { series, toggled, beside, ...axes }) => {
   for (const one of series.filter((s) => s.fore)) {
     const key = one.colour || colour(one.name), before = front.get(key) || 0;
     one.dash = DASHES[before % DASHES.length];
-    one.colour = before % 2 ? `color-mix(in srgb, ${key} 50%, var(--text))` : key;
+    one.own = before % 2 ? `color-mix(in srgb, ${key} 50%, var(--text))` : key;
     front.set(key, before + 1);
   }
   for (const one of [...series].sort((a, b) => !!a.fore - !!b.fore)) {
-    const group = shape("g", { class: one.fore ? "fore" : "rest", style: `--own:${one.colour || colour(one.name)}` });
+    const group = shape("g", { class: one.fore ? "fore" : "rest", style: `--own:${(one.fore && one.own) || one.colour || colour(one.name)}` });
     const place = (p) => ({ ...p, name: one.name, px: X(p.x), py: Y(p.y) });
     const banded = one.fore ? one.points.filter((p) => known(p.low) && known(p.high)) : [];
     if (banded.length > 1) {
@@ -121,7 +121,7 @@ const lines = (width, height, { series, toggled, beside, ...axes }) => {
   }
   placeNames(f, series.filter((s) => s.fore).flatMap((s) => {
     const last = s.points.findLast((p) => known(p.x) && known(p.y));
-    return last ? [{ text: short(s.name, 24), x: X(last.x), y: Y(last.y), colour: s.colour || colour(s.name) }] : [];
+    return last ? [{ text: short(s.name, 24), x: X(last.x), y: Y(last.y), colour: s.own || s.colour || colour(s.name) }] : [];
   }), beside);
   answer(svg, targets, drawnOf, toggled);
   return svg;

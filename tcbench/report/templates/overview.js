@@ -190,7 +190,9 @@ const drawProfile = async (place) => {
       `within ${number(r.tau)} times the best: ${number(100 * r.share)} %${known(r.low) ? ` (${number(100 * r.low)} to ${number(100 * r.high)})` : ""}`] })),
   }));
   const ranked = [...series].sort((a, b) => b.points.at(-1).y - a.points.at(-1).y || b.points[0].y - a.points[0].y);
-  const shown = view.fore || new Set([...grouped(ranked.filter((s) => s.points.at(-1).y > 0), "family").values()].map((mine) => mine[0].name));
+  const first = [...series].sort((a, b) => b.points[0].y - a.points[0].y).slice(0, 2);  // most often the fastest, or next to it
+  const best = [...grouped(ranked.filter((s) => s.points.at(-1).y > 0), "family").values()].map((mine) => mine[0]);
+  const shown = view.fore || new Set([...best, ...first].map((s) => s.name));
   for (const s of series) s.fore = shown.has(s.name);
   const x = { kind: "log", domain: extent(all.map((r) => r.tau)), label: "time over the best (τ)" };
   drawn(place, (width) => place.replaceChildren(lines(width, 284, {
