@@ -123,6 +123,7 @@ def run_cells(
     measure: str,
     context: Mapping[str, Any],
     store: Rows,
+    *,
     jobs: int | None = None,
     timeout: float = 60.0,
     memory_limit: int | None = None,
