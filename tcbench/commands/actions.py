@@ -137,7 +137,7 @@ def one_of(kind: str, found: Sequence[Any], many: str) -> Any:
 
 
 def simulate_command(
-    *, integrators: Sequence[str], scenarios: Sequence[str], dt: float | None, t_end: float | None,
+    integrators: Sequence[str], scenarios: Sequence[str], *, dt: float | None, t_end: float | None,
     tolerance: float | None, plain: bool, record_every: int, audit_roots: bool, csv: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
     from ..simulation import metrics
