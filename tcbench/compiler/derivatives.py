@@ -70,7 +70,7 @@ __all__ = [
 ]  # fmt: skip
 
 
-def _partials(node: Symbol) -> tuple[Symbol, ...]:
+def partials(node: Symbol) -> tuple[Symbol, ...]:
     """Derivative of a node by each of its arguments."""
     op, args = node.op, node.args
     one = const(1.0)
@@ -152,7 +152,7 @@ def sparse_jacobian(outputs: Sequence[Symbol], inputs: Sequence[Symbol]) -> list
             tangents[node.number] = {node.number: one}
             continue
         tangent: dict[int, Symbol] = {}
-        for argument, partial in zip(node.args, _partials(node), strict=True):
+        for argument, partial in zip(node.args, partials(node), strict=True):
             _accumulate(tangent, partial, tangents.get(argument.number, {}))
         tangents[node.number] = tangent
     rows = []
@@ -195,7 +195,7 @@ class Substitution:
         for node in topological_beyond([output], new):
             args = tuple(new[a.number] for a in node.args)
             changed = any(a is not b for a, b in zip(args, node.args, strict=True))
-            new[node.number] = rebuild(node.op, args) if changed else node
+            new[node.number] = rebuild(node.op, args, node.value) if changed else node
         return new[output.number]
 
 
@@ -207,8 +207,12 @@ def substitute(outputs: Sequence[Symbol], replacement: Mapping[Symbol, Symbol]) 
     return [changed(node) for node in outputs]
 
 
-def rebuild(op: str, args: tuple[Any, ...]) -> Any:
-    """The node `op(*args)` through the simplifying constructors."""
+def rebuild(op: str, args: tuple[Any, ...], value: Any = None) -> Any:
+    """The node `op(*args)` through the simplifying constructors; value: what it carries beside its arguments."""
+    if value is not None:
+        from . import spaces
+
+        return spaces.rebuilt(op, args, value)
     constructors: dict[str, Any] = {
         "add": add, "sub": sub, "mul": mul, "neg": neg, "recip": reciprocal, "phi": phi, "lam": lam,
         "mark": mark, "max": maximum, "min": minimum,

@@ -34,7 +34,8 @@ class Expressions(Arithmetic):
         if name not in self.assigned:
             found = self.outside(node)
             if isinstance(found, np.ndarray):
-                return Value(Array(1, INT, sized=False), (self.module.table(found),))
+                at = self.emit(f"load ptr, ptr {self.module.table()}, !invariant.load !0")
+                return Value(Array(1, INT, sized=False, fixed=True), (at,))
             return self.literal(node, found)
         if name not in self.known:
             raise self.refusal(node, f"{name!r} is not set on every way that leads here")
@@ -112,7 +113,8 @@ class Expressions(Arithmetic):
             return Value(results.kind.kinds[which], (results.parts[which],))
         place = self.place(node)
         if isinstance(place.kind, str):
-            return Value(place.kind, (self.emit(f"load {place.kind}, ptr {self.part(place)}, align 8"),))
+            fixed = ", !invariant.load !0" if place.fixed else ""
+            return Value(place.kind, (self.emit(f"load {place.kind}, ptr {self.part(place)}, align 8{fixed}"),))
         return place
 
     def place(self, node: ast.Subscript) -> Value:
@@ -138,7 +140,7 @@ class Expressions(Arithmetic):
                 offset = self.emit(f"add nsw i64 {offset}, {self._index(listed[axis], owner, axis)}")
         at = self.offset(owner, offset)
         if len(listed) == kind.rank:
-            return Value(kind.item, (at,))
+            return Value(kind.item, (at,), kind.fixed)
         return Value(Array(kind.rank - len(listed), kind.item), (at, *owner.parts[1 + len(listed) :]))
 
     def _index(self, node: ast.expr, owner: Value, axis: int) -> str:

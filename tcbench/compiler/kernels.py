@@ -139,8 +139,7 @@ def _load(text: str, table: NDArray[np.int64] | None) -> int:
     if not PLAIN:
         from .machine import load  # LLVM is imported when something is compiled, not before
 
-        key = text if table is None else text + hashlib.sha256(table.tobytes()).hexdigest()
-        return load(key, lambda _: _code(text, table), loops=table is not None)
+        return load(text, lambda _: _code(text, table), table)
     scope = namespace() | {"table": table}
     exec(compile(text, "<kernel>", "exec"), scope)
     address = len(PYTHON_KERNELS) + 1
@@ -153,5 +152,7 @@ def _code(text: str, table: NDArray[np.int64] | None = None) -> str:
     from .translator import Module
 
     module = Module()
+    if table is not None:
+        module.table()
     module.kernel(text, namespace() if table is None else namespace() | {"table": table})
     return module.text()

@@ -6,6 +6,7 @@ was made of and for which processor. A file carries its checksum: a damaged one 
 
 from __future__ import annotations
 
+import ctypes
 import hashlib
 import os
 import platform
@@ -160,6 +161,7 @@ def compile_object(code: str, loops: bool) -> bytes:
 
 _ENGINES: list[Any] = []  # of all that is loaded, for as long as the process lives
 _LOADED: dict[str, int] = {}
+_TABLES: list[np.ndarray] = []  # that loaded code reads
 
 
 def addresses(key: str, symbols: Iterable[str], code: Callable[[], str], folder: Path, loops: bool) -> list[int]:
@@ -178,8 +180,18 @@ def addresses(key: str, symbols: Iterable[str], code: Callable[[], str], folder:
     return [engine.get_function_address(symbol) for symbol in symbols]
 
 
-def load(text: str, code: Callable[[str], str], loops: bool = False) -> int:
-    """Address of a kernel, given by its text (or what tells it apart) and what makes LLVM code of that."""
-    if text not in _LOADED:
-        (_LOADED[text],) = addresses(text, ["kernel"], lambda: code(text), cache_folder(), loops)
-    return _LOADED[text]
+def load(text: str, code: Callable[[str], str], table: np.ndarray | None = None) -> int:
+    """Address of a kernel, given by its text (or what tells it apart) and what makes LLVM code of that.
+
+    table: whole numbers that it reads. One piece of machine code serves any table; each has a copy in memory.
+    """
+    key = text if table is None else text + hashlib.sha256(table.tobytes()).hexdigest()
+    if key not in _LOADED:
+        symbols = ["kernel", *(["table_at"] if table is not None else [])]
+        found = addresses(text, symbols, lambda: code(text), cache_folder(), loops=table is not None)
+        if table is not None:
+            place = ctypes.CFUNCTYPE(ctypes.c_int64)(found[1])()
+            ctypes.c_int64.from_address(place).value = table.ctypes.data
+            _TABLES.append(table)
+        _LOADED[key] = found[0]
+    return _LOADED[key]

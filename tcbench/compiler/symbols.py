@@ -13,6 +13,8 @@ import threading
 import weakref
 from collections.abc import Callable, Iterable, Iterator, Mapping, MutableMapping
 from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -22,6 +24,7 @@ from ..errors import TraceError
 
 _INTERN: MutableMapping[tuple, Symbol] = weakref.WeakValueDictionary()  # expressions that exist
 _LOCK = threading.RLock()
+_OF_ARGUMENTS = object()
 _COUNTER = iter(range(sys.maxsize))
 _REMEDY = (
     "Formulas must be branch-free numpy (arithmetic, sqrt, exp, log, expm1, log1p, sin, cos, tanh, arctan, @); "
@@ -58,14 +61,46 @@ def _refuse(what: str) -> TraceError:
     return TraceError(f"{_where_in_user_code()}: {what}. {_REMEDY}.")
 
 
+@dataclass(frozen=True, eq=False)
+class Space:
+    """What a symbol stands for all of (positions, elements, ...), and which of the two representatives it is."""
+
+    name: str
+    which: int
+
+
+@cache
+def space_of(name: str, which: int) -> Space:
+    return Space(name, which)
+
+
+class MixedSpaces(TraceError):
+    """A formula that does not do the same with all entries of an array."""
+
+
+def mixed_up(what: str) -> MixedSpaces:
+    return MixedSpaces(f"{_where_in_user_code()}: {what}")
+
+
+def mixed(a: Symbol, b: Symbol) -> MixedSpaces:
+    names = [x.space.name if x.space else "number" for x in (a, b)]
+    if names[0] == names[1]:
+        return mixed_up(f"two different {names[0]}s meet in one operation")
+    return mixed_up(f"a {names[0]} and a {names[1]} meet in one operation")
+
+
 class Symbol:
     """One value of the expression graph; behaves as a number in numpy object arrays."""
 
-    __slots__ = ("__weakref__", "args", "number", "op", "value")
+    __slots__ = ("__weakref__", "args", "number", "op", "sample", "space", "twin", "value")
+    sample: float | None
+    space: Space | None
+    twin: Symbol | None
 
     def __init__(self, op: str, args: tuple[Symbol, ...], value: Any) -> None:
         self.op, self.args, self.value = op, args, value
         self.number = next(_COUNTER)  # order of creation: a topological order
+        self.space = self.twin = self.sample = None  # see `spaces`: of a symbol that stands for an array
 
     def __repr__(self) -> str:
         return f"{self.op}#{self.number}" if self.value is None else f"{self.op}:{self.value}"
@@ -158,16 +193,38 @@ def _lift(other: Any, operation: Any) -> Any:
     if isinstance(other, Symbol):
         return operation(other)
     if isinstance(other, int | float | np.floating | np.integer):
-        return operation(const(float(other)))
+        known = getattr(other, "symbol", None)  # of a `spaces.Count`
+        return operation(const(float(other)) if known is None else known)
     return NotImplemented
 
 
-def intern(op: str, args: tuple[Symbol, ...], value: Any = None) -> Symbol:
+def intern(op: str, args: tuple[Symbol, ...], value: Any = None, space: Any = _OF_ARGUMENTS) -> Symbol:
     key = (op, tuple(a.number for a in args), value)
     node = _INTERN.get(key)
     if node is None:
+        if space is _OF_ARGUMENTS:
+            space = None
+            for a in args:
+                if a.space is not space and a.space is not None:
+                    if space is not None:
+                        return _across(op, args)
+                    space = a.space
         node = _INTERN[key] = Symbol(op, args, value)
+        node.space = space
     return node
+
+
+def _across(op: str, args: tuple[Symbol, ...]) -> Symbol:
+    """An operation of symbols of several spaces: a sum (an extreme) over all entries, or refused."""
+    if op not in ("add", "max", "min"):
+        raise mixed(*[a for a in args if a.space is not None][:2])
+    from .spaces import across
+
+    return across(op, *args)
+
+
+def rebuilt_pair(op: str, a: Symbol, b: Symbol) -> Symbol:
+    return {"add": add, "max": maximum, "min": minimum}[op](a, b)
 
 
 def const(value: float) -> Symbol:

@@ -20,6 +20,11 @@ from .statements import Body
 from .values import BOOL, INT, NOTHING, Array, Several, TranslationError, kind_of, machine_kinds
 
 KERNEL = Array(sized=False)
+TABLE = """@table = global ptr null
+define i64 @table_at() {
+  %at = ptrtoint ptr @table to i64
+  ret i64 %at
+}"""
 
 
 @dataclass(frozen=True)
@@ -57,7 +62,6 @@ class Module:
     declared: dict[str, int] = field(default_factory=dict)
     open: list[Any] = field(default_factory=list)  # functions that are being translated
     external: set[str] = field(default_factory=set)  # declarations of C functions that take other than doubles
-    tables: dict[int, tuple[str, Any]] = field(default_factory=dict)  # arrays of whole numbers, by identity
 
     def declare(self, name: str, count: int) -> None:
         self.declared[name] = count
@@ -66,14 +70,11 @@ class Module:
         declarations = [f"declare double @{n}({', '.join(['double'] * k)})" for n, k in self.declared.items()]
         return "\n".join([*self.code, *declarations, *sorted(self.external), "!0 = !{}", ""])
 
-    def table(self, values: Any) -> str:
-        """The name of a constant array of whole numbers."""
-        if id(values) not in self.tables:
-            name = f"@table{len(self.tables)}"
-            self.tables[id(values)] = (name, values)
-            items = ", ".join(f"i64 {x}" for x in values.tolist())
-            self.code.append(f"{name} = internal constant [{len(values)} x i64] [{items}]")
-        return self.tables[id(values)][0]
+    def table(self) -> str:
+        """The place of the address of the kernel's table, which is filled in when the code is loaded."""
+        if TABLE not in self.code:
+            self.code.append(TABLE)
+        return "@table"
 
     def function(self, function: Callable[..., Any]) -> Function:
         """A Python function, translated when it is first asked for."""

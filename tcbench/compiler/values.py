@@ -29,6 +29,7 @@ class Array:
     rank: int = 1
     item: str = FLOAT
     sized: bool = True
+    fixed: bool = False  # never written to
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,7 @@ class Several:
 class Value(NamedTuple):
     kind: Any
     parts: tuple[Part, ...]
+    fixed: bool = False  # the place of a number that never changes
 
 
 def machine_kinds(kind: Any) -> list[str]:

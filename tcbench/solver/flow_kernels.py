@@ -23,8 +23,10 @@ from ..compiler.code_hash import content_hash
 from ..compiler.derivatives import Symbol, array, const
 from ..compiler.kernels import Kernel, constant_part, kernel
 from ..compiler.rolled import rolled
+from ..compiler.symbols import MixedSpaces
 from ..errors import TcbenchError, TraceError
 from ..integrator import Flow, Residual
+from ..systems.network import Network
 from ..systems.system import State, System
 from .elimination import ZERO_PIVOT, factorise
 from .pattern import Pattern
@@ -63,6 +65,7 @@ class FlowKernels:
     n_unknowns: int
     n_positive: int
     pattern: Pattern | None = None  # of a sparse Jacobian
+    way: str = ""  # how its steps are solved, in words
     patterns: dict[int, Any] = field(default_factory=dict, compare=False)  # Flow, by the number of constants
 
     @property
@@ -89,6 +92,13 @@ class FlowKernels:
 def build(flow: Flow, system: System) -> FlowKernels:
     """Trace, reduce, differentiate and print one flow; nothing is compiled yet."""
     symbolic = system.symbolic  # its symbols come first, whoever made them
+    if isinstance(symbolic, Network) and system.size * (1 + flow.stages) > LARGE:
+        from .space_flow import space_flow
+
+        try:
+            return space_flow(flow, symbolic).kernels(symbolic.mesh)
+        except MixedSpaces:
+            pass
     with trace.tracing():
         return _build(flow, symbolic)
 
@@ -100,7 +110,7 @@ def _build(flow: Flow, system: System) -> FlowKernels:
     temperature = flow.variables == "temperature"
     y0 = sym.temperature_variables(z0) if temperature else sym.state(z0)
     start = trace.variables("start", n * (flow.memory or 2))
-    reduction = reduce(_trace(flow, sym, y0, d, h, _further(flow, sym, z0, h, start)), list(d))
+    reduction = reduce(traced(flow, sym, y0, d, h, further(flow, sym, z0, h, start)), list(d))
     slopes = _ordered(reduction) if len(reduction.unknowns) > UNROLLED else None
     x = reduction.unknowns
     increments = np.array(reduction.increments(d), dtype=object)
@@ -122,7 +132,7 @@ def _build(flow: Flow, system: System) -> FlowKernels:
         parts = _sparse_parts(reduction, slopes, positive, h, _scales(where, [], place, sym, y0, z0, temperature))
         guess = [const(0.0)] * len(x)
     fixed = [*_start(reduction), *guess, *parts.scales]
-    hoisted = _hoisted([*parts.iterate, *parts.polish, *parts.full, *dz], [*x, *parts.stored])
+    hoisted = hoisted_values([*parts.iterate, *parts.polish, *parts.full, *dz], [*x, *parts.stored])
     opening = [*fixed, *hoisted, *sym.observe(z0)]
     # of an explicit flow the step size is constant as well; where Newton works, continuation varies it
     fixed_constants = constant_part(opening, [*z0, *start, *([h] if x else [])])
@@ -253,7 +263,7 @@ def _lowest(values: Sequence[Symbol]) -> Symbol:
     return result
 
 
-def _further(flow: Flow, system: System, z0: Any, h: Symbol, start: Any) -> list[Any]:
+def further(flow: Flow, system: System, z0: Any, h: Symbol, start: Any) -> list[Any]:
     """The last arguments of a formula: states at the start of the step and the run, or those of earlier steps.
 
     Of an earlier state what is known is its slope, v = (state - z0)/h of the whole step: as z0 + h v it comes to z0
@@ -268,7 +278,7 @@ def _further(flow: Flow, system: System, z0: Any, h: Symbol, start: Any) -> list
     return [tuple(states)] if states else []
 
 
-def _trace(flow: Flow, system: System, y0: State, d: Any, h: Symbol, further: list[Any]) -> list[Symbol]:
+def traced(flow: Flow, system: System, y0: State, d: Any, h: Symbol, further: list[Any]) -> list[Symbol]:
     """Run the author's formula on symbols; a flat list of residual rows."""
     n = system.size
     y1 = system.state(np.asarray(y0) + d[:n])
@@ -366,7 +376,7 @@ def _largest(values: Iterable[Symbol]) -> Symbol:
     return result
 
 
-def _hoisted(outputs: Sequence[Symbol], x: Sequence[Symbol]) -> list[Symbol]:
+def hoisted_values(outputs: Sequence[Symbol], x: Sequence[Symbol]) -> list[Symbol]:
     """Values that stay fixed during Newton and are read by what does not."""
     moving = trace.depends_on(outputs, x)
     found: dict[int, Symbol] = {}

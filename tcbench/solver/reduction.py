@@ -32,12 +32,13 @@ class Reduction:
         return [e for e, formula in self.eliminated.items() if formula.number in moving]
 
 
-def reduce(rows: Sequence[Symbol], unknowns: Sequence[Symbol]) -> Reduction:
+def reduce(rows: Sequence[Symbol], unknowns: Sequence[Symbol], sweep: bool = False) -> Reduction:
     """Drop unknowns that do not move, and eliminate those that their own row gives explicitly or linearly.
 
     A row i goes that reads a*d_i + g = 0 with a constant a > 0 and g free of d_i, affine in the other unknowns.
+    sweep: whatever the number; of arrays (`spaces`), of which a row may see other entries of an unknown: it then stays.
     """
-    if len(unknowns) <= SMALL:
+    if len(unknowns) <= SMALL and not sweep:
         return _one_by_one(Reduction(list(rows), list(unknowns)))
     left, eliminated = list(zip(rows, unknowns, strict=True)), dict[Symbol, Symbol]()
     curvature = _Curvature(unknowns)

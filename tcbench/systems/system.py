@@ -312,7 +312,7 @@ class System:
     def element_slopes(self, pi: Any, s: Any) -> tuple[Any, Any]:
         """(de/dpi, de/ds), (n_elements,) each, of the elements at these strain measures and entropies; exact."""
         n = self.n_elements
-        pi_, s_ = trace.variables("pi", n), trace.variables("s", n)
+        pi_, s_ = self.fresh("pi", "element"), self.fresh("s", "element")
         slopes = trace.sparse_jacobian(list(self.element_energy(pi_, s_)), [*pi_, *s_])
         zero = trace.const(0.0)
         diagonal = [row.get(i, zero) for i, row in enumerate(slopes)]
@@ -321,9 +321,13 @@ class System:
         values = np.array(trace.substitute(diagonal, here), dtype=object)
         return values[:n], values[n:]
 
-    def shape_gradient(self, q: Any) -> SparseRows:
+    def fresh(self, name: str, space: str) -> Any:
+        """New variables, one for each "position" or "element"."""
+        return trace.variables(name, self.n_positions if space == "position" else self.n_elements)
+
+    def shape_gradient(self, q: Any) -> Any:
         """d(shape)/dq at q, shape (n_elements, n_positions); an operator."""
-        q_ = trace.variables("q", self.n_positions)
+        q_ = self.fresh("q", "position")
         rows = trace.sparse_jacobian(list(self.shape(q_)), list(q_))
         entries = [(i, j, x) for i, row in enumerate(rows) for j, x in row.items()]
         values = trace.substitute([x for _, _, x in entries], dict(zip(q_, q, strict=True)))

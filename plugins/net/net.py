@@ -1,0 +1,111 @@
+"""A net of nx by ny masses in the plane, joined by thermoelastic springs; two corners are tied to fixed points."""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from functools import cache
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+
+from tcbench import Scenario
+from tcbench.errors import TcbenchError
+from tcbench.systems.network import Network
+from tcbench.systems.pendulum import Springs
+from tcbench.systems.system import System
+
+MOST = 1000  # masses along a side
+SPACING = 1.1
+
+
+class Net(Network, Springs):
+    """Springs between points of the plane; each two springs that share a mass conduct heat. See `net_system`."""
+
+    name = "net"
+
+    def inertia(self) -> Any:
+        return self.per_position(self.masses)
+
+    def element_shape(self, q: Any) -> Any:
+        x, y = q[2] - q[0], q[3] - q[1]
+        return x * x + y * y
+
+    def link(self, a: Any, b: Any) -> tuple[Any, Any]:
+        return self.conductivity * ((b - a) / a), self.conductivity * ((a - b) / b)
+
+
+@cache
+def net_system(nx: int, ny: int) -> type[System]:
+    """The class of nets with nx by ny masses; mass (i, j) is number i * ny + j."""
+    number = np.arange(nx * ny).reshape(nx, ny)
+    springs = [*zip(number[:-1].ravel(), number[1:].ravel()), *zip(number[:, :-1].ravel(), number[:, 1:].ravel())]
+    corner = [(0, nx * ny), ((nx - 1) * ny, nx * ny + 1)]  # tied to the fixed points beyond the last mass
+    pairs = np.array([*springs, *corner])
+    anchors = SPACING * np.array([[-1.0, 0.0], [nx, 0.0]])
+    at: dict[int, list[int]] = defaultdict(list)
+    for k, (a, b) in enumerate(pairs):
+        for mass in (a, b):
+            if mass < nx * ny:
+                at[mass].append(k)
+    coordinates = 2 * pairs[:, :, None] + np.arange(2)
+    body = {
+        "n_positions": 2 * nx * ny,
+        "elements": coordinates.reshape(len(pairs), 4),
+        "links": np.array([pair for mass in range(nx * ny) for pair in combinations(at[mass], 2)]).reshape(-1, 2),
+        "points": np.arange(2 * nx * ny).reshape(-1, 2),
+        "anchors": anchors.ravel(),
+        "constants": {
+            "masses": "point", "stiffness": "element", "natural_lengths": "element", "conductivity": (),
+            "reference_temperature": (), "coupling": (), "heat_capacity": (),
+        },
+        "__module__": __name__, "__qualname__": f"Net{nx}x{ny}", "__doc__": f"A net of {nx} by {ny} masses.",
+    }  # fmt: skip
+    return type(f"Net{nx}x{ny}", (Net,), body)
+
+
+def net(nx: int, ny: int, **changes: Any) -> Scenario:
+    """A stretched net with a hot patch that is let go: heat spreads while it swings; changes as for replace()."""
+    kind = net_system(nx, ny)
+    m = kind.n_elements
+    i, j = (x.ravel() for x in np.meshgrid(np.arange(nx), np.arange(ny), indexing="ij"))
+    ends = kind.elements.reshape(m, 2, 2)  # type: ignore[attr-defined]
+    places = SPACING * np.stack([i, j], axis=1)
+    middle = np.concatenate([places.ravel(), kind.anchors])[ends].mean(axis=1)  # type: ignore[attr-defined]
+    distance = ((middle - SPACING * np.array([nx - 1, ny - 1]) / 2) ** 2).sum(axis=1)
+    speed = 0.3 * np.stack([np.sin(0.7 * (j + 1)), np.sin(0.9 * (i + 1))], axis=1)
+    scenario = Scenario(
+        name=f"net_{nx}x{ny}",
+        system=kind,
+        constants={
+            "masses": np.ones(nx * ny), "stiffness": np.full(m, 10.0), "natural_lengths": np.ones(m),
+            "conductivity": 10.0, "reference_temperature": 300.0, "coupling": 0.2, "heat_capacity": 5.0,
+        },
+        positions=tuple(places.ravel()),
+        momenta=tuple(speed.ravel()),
+        temperatures=tuple(300 + 60 * np.exp(-distance / (0.1 * max(nx, ny) ** 2 + 1.0))),
+        t_end=25.0,
+        dt=0.1,
+        shows="cost against size, in the plane",
+        source="Romero (2009), section 4, with the masses and springs of a net",
+    )  # fmt: skip
+    return scenario.replace(**changes) if changes else scenario
+
+
+def net_of(nx: str, ny: str) -> Scenario:
+    """`net` for the command line: sizes in words."""
+    for size in (nx, ny):
+        if not (size.isascii() and size.isdecimal() and len(size) < 6 and 2 <= int(size) <= MOST):
+            raise TcbenchError(
+                f"A net has 2 to {MOST} masses along each side, not {size[:30]!r}: net[nx=10,ny=10]."
+            )
+    return net(int(nx), int(ny))
+
+
+def __getattr__(name: str) -> Any:
+    """Net3x3, ...: workers look the class of a scenario up by its name."""
+    found = re.fullmatch(r"Net([1-9]\d*)x([1-9]\d*)", name)
+    if found is None:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return net_system(int(found[1]), int(found[2]))

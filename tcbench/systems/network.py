@@ -1,0 +1,324 @@
+"""`Network`: a system of equal elements between positions, and equal links between elements, of any size.
+
+The author writes what one element and one link do; where they are is a table. A formula is then traced once, on one
+element for all of them, and becomes loops: what a step costs follows the size, what a start costs hardly does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..compiler import derivatives as trace
+from ..compiler import spaces
+from ..compiler.kernels import Kernel
+from ..compiler.space_kernels import SCALAR, Mesh, Slot, SpaceKernel, space_kernel
+from ..compiler.spaces import Count, Map
+from ..compiler.symbols import MixedSpaces, Symbol, array, mixed_up
+from ..errors import TcbenchError
+from .system import KEPT, LARGE, State, System, derived
+
+Ints = NDArray[np.int64]
+SPACES = ("position", "element", "link", "point")
+
+
+class Network(System):
+    """Base class; see `System` for what is common to all.
+
+    elements : whole numbers, shape (n_elements, k): the positions (coordinates) that each element sees. Numbers from
+        n_positions on are the fixed coordinates `anchors`, in their order.
+    links : shape (n_links, 2): pairs of elements between which heat is conducted.
+    points : shape (n_points, d): the coordinates of each mass, for invariants; optional.
+    constants : name -> "position", "element", "link" or "point" (one number for each) or a shape.
+
+    The author writes `inertia`, `element_energy`, `entropies` as for any System, and instead of shape and conduction:
+    `element_shape(q)`: strain measure, from the k coordinates of an element; `link(a, b)`: the entropy rates of the two
+    elements of a link from their temperatures, a * rate_a + b * rate_b = 0; and, optionally, `point_invariants(q, p)`,
+    the share of one mass in the invariants, by name. All of them get arrays, one entry for each element, link or mass,
+    and do the same with every entry.
+    """
+
+    elements: ClassVar[Any] = np.zeros((0, 1), np.int64)
+    links: ClassVar[Any] = np.zeros((0, 2), np.int64)
+    points: ClassVar[Any] = np.zeros((0, 1), np.int64)
+    anchors: ClassVar[Any] = np.zeros(0)
+    spaces_of_constants: ClassVar[Mapping[str, str]] = {}
+    traced_by_spaces: bool = False
+
+    def __init_subclass__(cls, **arguments: Any) -> None:
+        super().__init_subclass__(**arguments)
+        for name in ("elements", "links", "points"):
+            setattr(cls, name, np.ascontiguousarray(getattr(cls, name), dtype=np.int64))
+        cls.anchors = np.ascontiguousarray(cls.anchors, dtype=float)
+        cls.n_elements = len(cls.elements)
+        if "constants" in cls.__dict__:
+            declared = cls.__dict__["constants"]
+            cls.spaces_of_constants = {n: s for n, s in declared.items() if isinstance(s, str)}
+        sizes = cls.mesh_sizes()
+        for name, space in cls.spaces_of_constants.items():
+            if space not in SPACES:
+                raise TcbenchError(
+                    f"{cls.__name__}: the constant {name!r} is one number for each {space!r}; known are "
+                    f"{', '.join(SPACES)}."
+                )
+        of_spaces = {n: (sizes[s],) for n, s in cls.spaces_of_constants.items()}
+        cls.constants = {n: of_spaces.get(n, s) for n, s in cls.constants.items()}
+        cls._check_tables()
+
+    @classmethod
+    def mesh_sizes(cls) -> dict[str, int]:
+        """How many there are of each space."""
+        counted = {"element": len(cls.elements), "link": len(cls.links), "point": len(cls.points)}
+        return {"position": cls.n_positions, "anchor": len(cls.anchors), **counted}
+
+    @classmethod
+    def _check_tables(cls) -> None:
+        limits = {
+            "elements": cls.n_positions + len(cls.anchors), "links": len(cls.elements), "points": cls.n_positions,
+        }  # fmt: skip
+        for name, limit in limits.items():
+            table = getattr(cls, name)
+            if table.ndim != 2 or (name == "links" and table.shape[1] != 2):
+                raise TcbenchError(f"{cls.__name__}: {name} is a table, one row for each; its shape is {table.shape}.")
+            if table.size and not (table.min() >= 0 and table.max() < limit):
+                raise TcbenchError(
+                    f"{cls.__name__}: {name} names {table.min()} to {table.max()}; there are 0 to {limit - 1}."
+                )
+
+    # ---- written by the author -------------------------------------------------------------------------
+
+    def element_shape(self, q: Any) -> Any:
+        """Strain measure of an element, positive, from its coordinates q[0], q[1], ...: linear or quadratic in them."""
+        raise TypeError(f"{type(self).__name__} must define element_shape()")
+
+    def link(self, a: Any, b: Any) -> tuple[Any, Any]:
+        """Entropy rates (of the first, of the second element) of a link, from their temperatures."""
+        raise TypeError(f"{type(self).__name__} must define link()")
+
+    def point_invariants(self, q: Any, p: Any) -> dict[str, Any]:
+        """Share of one mass in the invariants, from its coordinates and momenta q[0], p[0], ...; none by default."""
+        return {}
+
+    # ---- what a System needs ---------------------------------------------------------------------------
+
+    def per_position(self, values: Any) -> Any:
+        """Numbers that belong to masses ("point"), at each of their coordinates: shape (n_positions,)."""
+        if self.traced_by_spaces:
+            path = (Map("owner", 0, "position", "point"),)
+            return array(spaces.gather(x, path) for x in values)
+        return np.asarray(values)[self.mesh.maps["owner"][:, 0]]
+
+    def shape(self, q: Any) -> Any:
+        return self.element_shape([self._at_ends(q, k) for k in range(self.elements.shape[1])])
+
+    def conduction(self, theta: Any) -> Any:
+        ends = ("links", 0), ("links", 1)
+        if self.traced_by_spaces:
+            maps = [Map(*end, "link", "element") for end in ends]
+            rates = self.link(*(array(spaces.gather(x, (m,)) for x in theta) for m in maps))
+            if not len(rates):
+                return array([trace.const(0.0)] * len(theta))
+            return array(
+                spaces.scatter([(trace.lifted(rate[k]), m) for rate, m in zip(rates, maps, strict=True)])
+                for k in range(len(theta))
+            )
+        theta, (first, second) = np.asarray(theta), self.links.T
+        gained = self.link(theta[first], theta[second])
+        total = np.zeros(theta.shape) if theta.dtype != object else array([trace.const(0.0)] * len(theta))
+        for rate, where in zip(gained, (first, second), strict=True):
+            np.add.at(total, where, rate)
+        return total
+
+    def invariants(self, q: Any, p: Any) -> dict[str, Any]:
+        if not len(self.points):
+            return {}
+        columns = range(self.points.shape[1])
+        local = [[self._at_points(x, k) for k in columns] for x in (q, p)]
+        return {name: sum(share) for name, share in self.point_invariants(*local).items()}
+
+    def _at_ends(self, q: Any, k: int) -> Any:
+        """Coordinate k of each element."""
+        if not self.traced_by_spaces:
+            return np.concatenate([np.asarray(q), self.anchors])[self.elements[:, k]]
+        spaces.symmetric(q)
+        path = (Map("elements", k, "element", "position"),)
+        anchor = self.anchor_symbol if len(self.anchors) else None
+        if anchor is None:
+            return array(spaces.gather(x, path) for x in q)
+        return array(spaces.gather(trace.lifted(x), path, anchor) for x in q)
+
+    def _at_points(self, x: Any, k: int) -> Any:
+        if not self.traced_by_spaces:
+            return np.asarray(x)[self.points[:, k]]
+        spaces.symmetric(x)
+        return array(spaces.gather(v, (Map("points", k, "point", "position"),)) for v in x)
+
+    def shape_gradient(self, q: Any) -> Any:
+        if not self.traced_by_spaces:
+            return super().shape_gradient(q)
+        return _LocalSlope(self, q)
+
+    def fresh(self, name: str, space: str) -> Any:
+        return spaces.variable(name, space) if self.traced_by_spaces else super().fresh(name, space)
+
+    @derived
+    def temperature_field(self, y: Any) -> Any:
+        """d(q, p, theta)/dt, by the chain rule from the vector field."""
+        if not self.traced_by_spaces:
+            return System.temperature_field.__wrapped__(self, y)  # type: ignore[attr-defined]
+        z, rate = self.fresh_state("z"), self.vector_field(self.entropy_variables(y))
+        tangent = spaces.along(list(self.temperature_variables(z)), dict(zip(z, rate, strict=True)))
+        here = dict(zip(z, self.entropy_variables(y), strict=True))
+        return self.state(array(trace.substitute(tangent, here)))
+
+    def fresh_state(self, name: str) -> State:
+        """New variables (q, p, s)."""
+        parts = [self.fresh(f"{name}{x}", s) for x, s in zip("qps", ("position", "position", "element"), strict=True)]
+        return self.state(np.concatenate(parts))
+
+    @cached_property
+    def constant_values(self) -> NDArray[np.float64]:
+        """(time step, the constants in declared order, the anchors): the second argument of every kernel."""
+        parts = [np.ravel(getattr(self, name)) for name in self.constants]
+        return np.concatenate([[0.0], *parts, self.anchors]).astype(np.float64)
+
+    # ---- tracing one for all ---------------------------------------------------------------------------
+
+    @cached_property
+    def mesh(self) -> Mesh:
+        """Sizes and index tables, for kernels."""
+        owner = np.zeros((self.n_positions, 1), np.int64)
+        for k in range(self.points.shape[1] if len(self.points) else 0):
+            owner[self.points[:, k], 0] = np.arange(len(self.points))
+        maps = {"elements": self.elements, "links": self.links, "points": self.points, "owner": owner}
+        return Mesh(self.mesh_sizes(), maps)
+
+    @cached_property
+    def by_spaces(self) -> Network:
+        """The same network with two representatives of everything in place of all: what formulas are traced on."""
+        clone = object.__new__(type(self))
+        clone.__dict__.update({k: v for k, v in self.__dict__.items() if k in KEPT})
+        for name in ("position", "element"):
+            number = Count(spaces.REPRESENTATIVES)
+            number.symbol = spaces.count(name)
+            setattr(clone, f"n_{name}s", number)
+        clone.traced_by_spaces = True
+        clone.anchor_symbol = spaces.variable("anchor", "anchor")[0]
+        clone.anchor_symbol.twin = clone.anchor_symbol  # both representatives see all of them
+        for name, shape in self.constants.items():
+            space = self.spaces_of_constants.get(name)
+            if space:
+                setattr(clone, name, spaces.variable(name, space))
+            else:
+                symbols = trace.variables(name, int(np.prod(shape)))
+                setattr(clone, name, symbols[0] if shape == () else symbols.reshape(shape))
+        clone.__dict__["symbolic"] = clone
+        return clone
+
+    def constant_slots(self) -> list[Slot]:
+        """What stands in `constant_values`, of a network with representatives; the first is the time step."""
+        slots = [Slot(SCALAR, None)]
+        for name in self.constants:
+            values, space = np.ravel(getattr(self, name)), self.spaces_of_constants.get(name)
+            slots += [Slot(space, values[0])] if space else [Slot(SCALAR, x) for x in values]
+        return [*slots, Slot("anchor", self.anchor_symbol)]
+
+    def _kernel(self, body: Callable[..., Any], sizes: tuple[int, ...]) -> tuple[Kernel, tuple[int, ...]]:
+        if self.size <= LARGE or any(n != self.size for n in sizes):
+            return super()._kernel(body, sizes)
+        key = (self.structure, body.__name__, sizes)
+        known = _BY_SPACES.get(key)
+        if known is None:
+            try:
+                known = self._by_spaces(body, len(sizes))
+            except MixedSpaces:
+                known = super()._kernel(body, sizes)
+            _BY_SPACES[key] = known
+        return known
+
+    def _by_spaces(self, body: Callable[..., Any], count: int) -> tuple[Kernel, tuple[int, ...]]:
+        net = self.symbolic.by_spaces
+        with trace.tracing():
+            states = [net.fresh_state(f"z{k}") for k in range(count)]
+            result = np.asarray(body(net, *states))
+            kinds = net.output_spaces(body.__name__, result)
+            outputs, place, flat = [], 0, list(result.ravel())
+            for space in kinds:
+                pair = flat[place : place + (1 if space == SCALAR else spaces.REPRESENTATIVES)]
+                outputs.append(Slot(space, trace.lifted(pair[0]) if space == SCALAR else spaces.symmetric(pair)))
+                place += len(pair)
+            inputs = {"a": [s for z in states for s in state_slots(z)], "b": net.constant_slots()}
+            made = space_kernel(inputs, outputs)
+        kernel = made.kernel(self.mesh)
+        return kernel, (kernel.size,) if result.shape else ()
+
+    def output_spaces(self, name: str, result: Any) -> list[str]:
+        """What a derived function gives, entry by entry."""
+        two = spaces.REPRESENTATIVES
+        if not result.shape:
+            return [SCALAR]
+        if result.shape == (3 * two,) and name != "observe":
+            return ["position", "position", "element"]
+        if name == "observe":
+            return [SCALAR] * (len(result) - 2 * two) + ["element", "element"]
+        if name in ("temperatures", "shapes"):
+            return ["element"]
+        if name == "momenta":
+            return [SCALAR] * len(result)
+        raise mixed_up(f"{name!r} is not known element by element")
+
+
+class _LocalSlope:
+    """d(shape)/dq of a network that is traced by spaces, as an operator."""
+
+    __array_ufunc__ = None
+
+    def __init__(self, net: Network, q: Any) -> None:
+        self.net, self.columns = net, range(net.elements.shape[1])
+        local = [net.fresh(f"q{k}", "element") for k in self.columns]
+        flat = [x for pair in local for x in pair]
+        rows = trace.sparse_jacobian([trace.lifted(x) for x in net.element_shape(local)], flat)
+        ends = [net._at_ends(q, k) for k in self.columns]
+        here = dict(zip(flat, (x for pair in ends for x in pair), strict=True))
+        two, zero = spaces.REPRESENTATIVES, trace.const(0.0)
+        slopes = [[rows[r].get(two * k + r, zero) for k in self.columns] for r in range(two)]
+        self.slopes = [trace.substitute(row, here) for row in slopes]
+
+    def _map(self, k: int) -> Map:
+        return Map("elements", k, "element", "position")
+
+    def __matmul__(self, x: Any) -> Any:
+        """Rates of the shapes from rates of the positions; fixed ones have none."""
+        zero = trace.const(0.0)
+        return array(
+            sum((slope * spaces.gather(trace.lifted(v), (self._map(k),)) for k, slope in enumerate(row)), zero)
+            for v, row in zip(x, self.slopes, strict=True)
+        )
+
+    def __rmatmul__(self, x: Any) -> Any:
+        """Forces at the positions from stresses."""
+        return array(
+            spaces.scatter([(stress * slope, self._map(k)) for k, slope in enumerate(row)])
+            for stress, row in zip(x, self.slopes, strict=True)
+        )
+
+
+def state_slots(z: Any) -> list[Slot]:
+    """The three blocks of a state of representatives."""
+    two = spaces.REPRESENTATIVES
+    kinds = ("position", "position", "element")
+    return [Slot(space, z[two * k]) for k, space in enumerate(kinds)]
+
+
+def blocks(values: Sequence[Any]) -> list[Symbol]:
+    """The first of each two representatives, after a look at whether the second does the same."""
+    two = spaces.REPRESENTATIVES
+    return [spaces.symmetric(values[i : i + two]) for i in range(0, len(values), two)]
+
+
+_BY_SPACES: dict[tuple, Any] = {}
+__all__ = ["Network", "SpaceKernel", "blocks", "state_slots"]
