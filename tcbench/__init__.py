@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from .simulation.run import simulate
     from .simulation.stepper import stepper
     from .simulation.trajectory import Trajectory
+    from .systems.network import Network
     from .systems.pendulum import Pendulum
     from .systems.sampling import Range
     from .systems.scenario import Scenario, ScenarioFamily
@@ -44,6 +45,7 @@ _HOME = {
     "scenarios": "plugins",
     "Results": "engine.run",
     "run": "engine.run",
+    "Network": "systems.network",
     "Pendulum": "systems.pendulum",
     "Range": "systems.sampling",
     "Scenario": "systems.scenario",
@@ -55,9 +57,9 @@ _HOME = {
 }
 
 __all__ = [
-    "Flow", "Integrator", "Metric", "Observable", "Pendulum", "Range", "Results", "Scenario", "ScenarioFamily",
-    "System", "TcbenchError", "Trajectory", "animate", "draw", "family", "hookimpl", "integrators", "run", "scenarios",
-    "simulate", "stepper",
+    "Flow", "Integrator", "Metric", "Network", "Observable", "Pendulum", "Range", "Results", "Scenario",
+    "ScenarioFamily", "System", "TcbenchError", "Trajectory", "animate", "draw", "family", "hookimpl", "integrators",
+    "run", "scenarios", "simulate", "stepper",
 ]  # fmt: skip
 
 

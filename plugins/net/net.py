@@ -40,9 +40,10 @@ class Net(Network, Springs):
 def net_system(nx: int, ny: int) -> type[System]:
     """The class of nets with nx by ny masses; mass (i, j) is number i * ny + j."""
     number = np.arange(nx * ny).reshape(nx, ny)
-    springs = [*zip(number[:-1].ravel(), number[1:].ravel()), *zip(number[:, :-1].ravel(), number[:, 1:].ravel())]
-    corner = [(0, nx * ny), ((nx - 1) * ny, nx * ny + 1)]  # tied to the fixed points beyond the last mass
-    pairs = np.array([*springs, *corner])
+    along = np.stack([number[:-1].ravel(), number[1:].ravel()], axis=1)
+    across = np.stack([number[:, :-1].ravel(), number[:, 1:].ravel()], axis=1)
+    corners = [(0, nx * ny), ((nx - 1) * ny, nx * ny + 1)]  # tied to the fixed points beyond the last mass
+    pairs = np.concatenate([along, across, corners])
     anchors = SPACING * np.array([[-1.0, 0.0], [nx, 0.0]])
     at: dict[int, list[int]] = defaultdict(list)
     for k, (a, b) in enumerate(pairs):
@@ -97,9 +98,7 @@ def net_of(nx: str, ny: str) -> Scenario:
     """`net` for the command line: sizes in words."""
     for size in (nx, ny):
         if not (size.isascii() and size.isdecimal() and len(size) < 6 and 2 <= int(size) <= MOST):
-            raise TcbenchError(
-                f"A net has 2 to {MOST} masses along each side, not {size[:30]!r}: net[nx=10,ny=10]."
-            )
+            raise TcbenchError(f"A net has 2 to {MOST} masses along each side, not {size[:30]!r}: net[nx=10,ny=10].")
     return net(int(nx), int(ny))
 
 

@@ -222,7 +222,7 @@ class _Writer:
     def _scalars(self, depth: int) -> list[str]:
         lines = []
         for node in self.nodes:
-            if self.stage[node.number] != (depth, SCALAR) or node.op == "over_all" and node.number not in self.source:
+            if self.stage[node.number] != (depth, SCALAR) or (node.op == "over_all" and node.number not in self.source):
                 continue
             if node.number in self.source:
                 letter, k = self.source[node.number]
@@ -303,11 +303,11 @@ class _Writer:
 
     def _summed(self, stage: tuple[int, str], i: str, read: Any, names: dict[int, str]) -> list[str]:
         """What this loop adds to sums: at the ends of elements, over all, and into a Jacobian."""
-        lines: list[str] = []
 
         def value(x: Symbol) -> str:
             return literal(x) if x.op == "const" else names[x.number] if x.number in self.names else read(x)
 
+        sums: list[str] = []  # after what they read
         for node in self.nodes:
             if node.number in self.source:
                 continue
@@ -315,18 +315,16 @@ class _Writer:
                 array, at = self.stored[node.number]
                 for x, m in zip(node.args, node.value, strict=True):
                     if self.stage[x.number] == stage:
-                        item = f"{array}[{self.slot('at', array, at)} + table[{self.slot('path', (m,))} + {i}]]"
-                        lines.append(("+", item, value(x)))  # type: ignore[arg-type]
+                        place = f"{self.slot('at', array, at)} + table[{self.slot('path', (m,))} + {i}]"
+                        sums.append(f"{array}[{place}] += {value(x)}")
             elif node.op == "over_all" and self.stage[node.args[0].number] == stage:
-                total, x = self.names[node.number], value(node.args[0])
-                op = node.value[0]
-                joined = f"{total} + {x}" if op == "add" else f"{op}({total}, {x})"
-                lines.append(("=", total, joined))  # type: ignore[arg-type]
+                total, item, op = self.names[node.number], value(node.args[0]), node.value[0]
+                sums.append(f"{total} = " + (f"{total} + {item}" if op == "add" else f"{op}({total}, {item})"))
         for k, (term, slope) in enumerate(self.terms):
             if (self.level[slope.number], term.over) == stage:
-                at = self.slot("at", "out", self.terms_at)
-                lines.append(("+", f"out[{at} + table[{self.slot('places', k)} + {i}]]", value(slope)))  # type: ignore[arg-type]
-        return [f"{item} {'+=' if sign == '+' else '='} {x}" for sign, item, x in lines]  # type: ignore[misc]
+                place = f"{self.slot('at', 'out', self.terms_at)} + table[{self.slot('places', k)} + {i}]"
+                sums.append(f"out[{place}] += {value(slope)}")
+        return sums
 
     def _last(self) -> list[str]:
         """Outputs that are numbers, inputs, or the same as others."""

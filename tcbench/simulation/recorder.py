@@ -86,7 +86,7 @@ def assemble(
     status: str,
     failure: str,
     wall: float,
-    solver: SolverCounts | None = None,
+    way: str = "",
 ) -> Trajectory:
     """The Trajectory of the completed steps."""
     tally, dt, every = run.tally.as_numbers(), float(run.h), run.every
@@ -102,10 +102,10 @@ def assemble(
         temperatures=observed[:, first + len(names) : first + len(names) + n],
         status=status, failure=failure, steps=done, newton_iterations=run.counts[: rows - 1],
         wall_time_s=wall, summary=summarise(run, tally, names, scenario.initial_exergy),
-        solver=solver or SolverCounts(
+        solver=SolverCounts(
             newton_iterations=tally["iterations"], retried=tally["retried"], tracked=tally["tracked"],
             continuation_tries=tally["tries"], arcs=tally["arcs"], folds=tally["folds"], audited=tally["audited"],
-            wrong_roots=tally["wrong_roots"],
+            wrong_roots=tally["wrong_roots"], way=way,
         ),
     )  # fmt: skip
 

@@ -148,4 +148,5 @@ def run_flows(
     if reason in (m.NONCONVERGED, m.NO_ROOT, m.NONFINITE):
         places = [zero_over_zero(flow, model, run.z, dt) for flow in integrator.flows]
         failure += "".join(f". The formula divides 0 by 0 at z1 = z0 ({place}): {REMEDY}" for place in places if place)
-    return assemble(integrator, scenario, run, status, failure, wall)
+    way = "; ".join(dict.fromkeys(k.way for k in kernels))
+    return assemble(integrator, scenario, run, status, failure, wall, way)

@@ -91,19 +91,19 @@ class FlowKernels:
 
 def build(flow: Flow, system: System) -> FlowKernels:
     """Trace, reduce, differentiate and print one flow; nothing is compiled yet."""
-    symbolic = system.symbolic  # its symbols come first, whoever made them
+    symbolic, why = system.symbolic, ""  # its symbols come first, whoever made them
     if isinstance(symbolic, Network) and system.size * (1 + flow.stages) > LARGE:
         from .space_flow import space_flow
 
         try:
             return space_flow(flow, symbolic).kernels(symbolic.mesh)
-        except MixedSpaces:
-            pass
+        except MixedSpaces as error:
+            why = f", traced as a whole ({error})"
     with trace.tracing():
-        return _build(flow, symbolic)
+        return _build(flow, symbolic, why)
 
 
-def _build(flow: Flow, system: System) -> FlowKernels:
+def _build(flow: Flow, system: System, why: str) -> FlowKernels:
     sym, n = system.symbolic, system.size
     h, z0 = trace.variable("h"), trace.variables("z", n)
     d = trace.variables("d", n * (1 + flow.stages))
@@ -138,7 +138,7 @@ def _build(flow: Flow, system: System) -> FlowKernels:
     fixed_constants = constant_part(opening, [*z0, *start, *([h] if x else [])])
     constants = system.constant_symbols()
     prologue_inputs = {**{s: f"a[{i}]" for i, s in enumerate(z0)}, h: "b[0]", **constants}
-    prologue_inputs |= {s: f"b[{len(constants) + 1 + i}]" for i, s in enumerate(start)}
+    prologue_inputs |= {s: f"b[{system.n_constant_values + i}]" for i, s in enumerate(start)}
     prologue_inputs |= {s: f"out[{len(opening) + i}]" for i, s in enumerate(fixed_constants)}
     reads: dict[Symbol, str] = {s: f"a[{len(fixed) + i}]" for i, s in enumerate(hoisted)}
     reads |= {s: f"b[{i}]" for i, s in enumerate(x)}
@@ -159,6 +159,7 @@ def _build(flow: Flow, system: System) -> FlowKernels:
         n_unknowns=len(x),
         n_positive=len(positive),
         pattern=slopes.pattern if slopes else None,
+        way=f"sparse: {len(x)} unknowns{why}" if slopes else f"unrolled: {len(x)} unknowns" if x else f"explicit{why}",
     )
 
 

@@ -5,7 +5,7 @@ Works on the graph of the residual; its cost is linear in the number of rows whe
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field
 
 from ..compiler import derivatives as trace
@@ -32,11 +32,14 @@ class Reduction:
         return [e for e, formula in self.eliminated.items() if formula.number in moving]
 
 
-def reduce(rows: Sequence[Symbol], unknowns: Sequence[Symbol], sweep: bool = False) -> Reduction:
+def reduce(
+    rows: Sequence[Symbol], unknowns: Sequence[Symbol], sweep: bool = False, only: Collection[Symbol] | None = None
+) -> Reduction:
     """Drop unknowns that do not move, and eliminate those that their own row gives explicitly or linearly.
 
     A row i goes that reads a*d_i + g = 0 with a constant a > 0 and g free of d_i, affine in the other unknowns.
     sweep: whatever the number; of arrays (`spaces`), of which a row may see other entries of an unknown: it then stays.
+    only: the unknowns that may go; None: any.
     """
     if len(unknowns) <= SMALL and not sweep:
         return _one_by_one(Reduction(list(rows), list(unknowns)))
@@ -47,7 +50,7 @@ def reduce(rows: Sequence[Symbol], unknowns: Sequence[Symbol], sweep: bool = Fal
         inserted = trace.Substitution(eliminated)
         for row, unknown in left:
             row = inserted(row)
-            formula = _solved(row, unknown, curvature)
+            formula = _solved(row, unknown, curvature) if only is None or unknown in only else None
             if formula is None:
                 kept.append((row, unknown))
             else:

@@ -40,7 +40,7 @@ class SpaceFlow:
     iterate: SpaceKernel
     finish: SpaceKernel
     unknowns: tuple[str, ...]  # spaces of the blocks of unknowns
-    which: tuple[int, ...]  # of each block its place among the blocks of increments
+    which: tuple[int, ...]  # of each block its place among the blocks of increments, those of stages included
     terms: tuple[tuple[int, int, Term], ...]  # block of rows, block of columns, and which entries
     n_positive: int  # blocks of temperatures that have to be positive
 
@@ -57,7 +57,7 @@ class SpaceFlow:
         return FlowKernels(
             setup=empty, prologue=opening, opening=opening, iterate=iterate, polish=empty,
             finish=self.finish.kernel(mesh), full=iterate, blocks=(0,) * n, n_unknowns=n, n_positive=positive,
-            pattern=pattern, way=f"sparse, in loops over the elements: {n} unknowns",
+            pattern=pattern, way=(f"sparse: {n} unknowns" if n else "explicit") + ", in loops over the elements",
         )  # fmt: skip
 
     def _pattern(self, mesh: Mesh, offsets: Sequence[int]) -> tuple[Pattern, list[NDArray[np.int64]]]:
@@ -89,9 +89,14 @@ def _fixed(mesh: Mesh, path: spaces.Path, index: NDArray[np.int64]) -> NDArray[n
 
 
 def space_flow(flow: Flow, network: Network) -> SpaceFlow:
-    """Trace, reduce and differentiate one flow; MixedSpaces where it does not do the same with all entries."""
+    """Trace, reduce and differentiate one flow; MixedSpaces where it does not do the same with all entries, or where
+    its kernels are not what the whole trace gives on a small network."""
+    from .patch import compare
+
     with trace.tracing():
-        return _space_flow(flow, network.symbolic.by_spaces)
+        made = _space_flow(flow, network.symbolic.by_spaces)
+    compare(made, flow, network.symbolic.example)
+    return made
 
 
 def _space_flow(flow: Flow, net: Network) -> SpaceFlow:
@@ -111,13 +116,13 @@ def _space_flow(flow: Flow, net: Network) -> SpaceFlow:
     y1 = net.state(np.asarray(y0) + np.array([*both, None], dtype=object)[:-1])
     dz = list(made)
     if temperature:
-        dz[2] = spaces.symmetric(net.entropy_variables(y1).s - z0.s)
-    positive = [spaces.symmetric(y1.s)] if temperature else []
-    place = {s: i % len(KINDS) for i, s in enumerate(first)}
-    kinds = [KINDS[place[s]] for s in x]
+        dz[2] = spaces.symmetric(list(net.entropy_variables(y1).s - z0.s))
+    positive = [spaces.symmetric(list(y1.s))] if temperature else []
+    place = {s: i for i, s in enumerate(first)}
+    kinds = [KINDS[place[s] % len(KINDS)] for s in x]
     flat = [(i, term, slope) for i, row in enumerate(terms) for term, slope in row.items()]
     slopes = [slope for _, _, slope in flat]
-    sized = [_scale(place[s], net, z0, y0, temperature) for s in x]
+    sized = [_scale(place[s] % len(KINDS), net, z0, y0, temperature) for s in x]
     fixed = [*_start(reduction), *[const(0.0)] * len(x), *sized]
     hoisted = hoisted_values([*reduction.rows, *slopes, *d_dh, *positive, *dz], x)
     kept = [Slot(v.space.name if v.space else SCALAR, v) for v in hoisted]
@@ -129,7 +134,10 @@ def _space_flow(flow: Flow, net: Network) -> SpaceFlow:
     constants = net.constant_slots()
     inputs = {"a": state_slots(z0), "b": [Slot(SCALAR, h), *constants[1:], *_states(start)]}
     opening = [Slot(k, v) for k, v in zip(kinds * 3, fixed, strict=True)]
-    reads = {"a": [*(Slot(k, None) for k in kinds * 3), *kept], "b": [Slot(k, s) for k, s in zip(kinds, x, strict=True)]}
+    reads = {
+        "a": [*(Slot(k, None) for k in kinds * 3), *kept],
+        "b": [Slot(k, s) for k, s in zip(kinds, x, strict=True)],
+    }
     out = [Slot(k, row) for k, row in zip(kinds, reduction.rows, strict=True)]
     out += [Slot(ENTRIES, None), *(Slot(k, v) for k, v in zip(kinds, d_dh, strict=True))]
     out += [Slot("element", v) for v in positive]

@@ -48,6 +48,7 @@ class Network(System):
     anchors: ClassVar[Any] = np.zeros(0)
     spaces_of_constants: ClassVar[Mapping[str, str]] = {}
     traced_by_spaces: bool = False
+    anchor_symbol: Symbol  # of one that is
 
     def __init_subclass__(cls, **arguments: Any) -> None:
         super().__init_subclass__(**arguments)
@@ -186,6 +187,54 @@ class Network(System):
         parts = [np.ravel(getattr(self, name)) for name in self.constants]
         return np.concatenate([[0.0], *parts, self.anchors]).astype(np.float64)
 
+    @property
+    def n_constant_values(self) -> int:
+        return super().n_constant_values + len(self.anchors)
+
+    # ---- a part of it ----------------------------------------------------------------------------------
+
+    def patch(self, most: int) -> Network:
+        """The same system made of some neighbouring elements, at most so many: small enough to be traced as a whole."""
+        chosen = self._neighbours(most)
+        seen = np.unique(self.elements[chosen])
+        positions = seen[seen < self.n_positions]
+        if len(self.points):
+            whole = np.isin(self.points, positions).any(axis=1)
+            positions = np.unique(self.points[whole])
+        anchors = seen[seen >= self.n_positions]
+        links = np.flatnonzero(np.isin(self.links, chosen).all(axis=1))
+        points = np.flatnonzero(np.isin(self.points, positions).all(axis=1)) if len(self.points) else np.zeros(0, int)
+        number = dict(zip([*positions.tolist(), *anchors.tolist()], range(len(positions) + len(anchors)), strict=True))
+        element = {int(e): k for k, e in enumerate(chosen)}
+        kept = {"position": positions, "element": chosen, "link": links, "point": points}
+        body = {
+            "n_positions": len(positions), "anchors": self.anchors[anchors - self.n_positions],
+            "elements": np.array([[number[int(i)] for i in row] for row in self.elements[chosen]], np.int64),
+            "links": np.array([[element[int(e)] for e in row] for row in self.links[links]], np.int64).reshape(-1, 2),
+            "points": np.array([[number[int(i)] for i in row] for row in self.points[points]], np.int64).reshape(
+                -1, self.points.shape[1]
+            ),
+            "constants": {n: self.spaces_of_constants.get(n, s) for n, s in self.constants.items()},
+            "__module__": type(self).__module__,
+        }  # fmt: skip
+        of = self.spaces_of_constants
+        values = {n: getattr(self, n)[kept[of[n]]] if n in of else getattr(self, n) for n in self.constants}
+        return type(f"{type(self).__name__}Patch", (type(self),), body)(**values)
+
+    def _neighbours(self, most: int) -> Ints:
+        """Elements that hang together, one at a fixed place among them if there is any."""
+        fixed = np.flatnonzero((self.elements >= self.n_positions).any(axis=1))
+        chosen = np.array([fixed[0] if len(fixed) else 0])
+        while len(chosen) < most:
+            reached = self.elements[chosen]
+            touching: Any = np.isin(self.elements, reached[reached < self.n_positions]).any(axis=1)
+            touching[self.links[np.isin(self.links, chosen).any(axis=1)].ravel()] = True
+            further = np.setdiff1d(np.flatnonzero(touching), chosen)
+            if not len(further):
+                break
+            chosen = np.concatenate([chosen, further[: most - len(chosen)]])
+        return np.sort(chosen)
+
     # ---- tracing one for all ---------------------------------------------------------------------------
 
     @cached_property
@@ -196,6 +245,13 @@ class Network(System):
             owner[self.points[:, k], 0] = np.arange(len(self.points))
         maps = {"elements": self.elements, "links": self.links, "points": self.points, "owner": owner}
         return Mesh(self.mesh_sizes(), maps)
+
+    @cached_property
+    def symbolic(self) -> System:
+        """As of any System; `example` is one with these formulas that has numbers."""
+        found = super().symbolic
+        found.__dict__.setdefault("example", self)
+        return found
 
     @cached_property
     def by_spaces(self) -> Network:

@@ -192,6 +192,11 @@ class System:
         return np.concatenate([[0.0], *parts]).astype(np.float64)
 
     @property
+    def n_constant_values(self) -> int:
+        """Length of `constant_values`."""
+        return 1 + sum(int(np.prod(shape)) for shape in self.constants.values())
+
+    @property
     def L(self) -> Poisson:
         """The Poisson matrix: canonical on (q, p), zero on s; an operator, np.asarray(L) makes it dense."""
         return Poisson(self.n_positions, self.n_elements)

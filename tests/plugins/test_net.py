@@ -1,0 +1,86 @@
+"""Nets of springs: right (against plain numpy), lawful at every size, and of the order that methods declare."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tcbench_plugins.net.net import net, net_of, net_system
+
+import tcbench
+from tcbench.solver import flow_kernels, implicit_step
+
+from ..helpers.plain_net import PlainNet
+
+FIVE = ["tc_monolithic", "tc_staggered", "tc_strang", "midpoint_entropy", "midpoint_temperature"]
+TC = FIVE[:3]
+
+
+@pytest.fixture(params=["unrolled", "loops"])
+def way(request, monkeypatch):
+    """Small nets as they are solved, and as large ones are."""
+    if request.param == "loops":
+        monkeypatch.setattr(flow_kernels, "LARGE", 0)
+        monkeypatch.setattr(flow_kernels, "UNROLLED", 0)
+    implicit_step._compiled_flows.cache_clear()
+    yield request.param
+    implicit_step._compiled_flows.cache_clear()
+
+
+@pytest.mark.parametrize("method", FIVE)
+def test_states_are_those_of_plain_numpy(method, way):
+    scenario = net(3, 3)
+    plain = PlainNet(3, 3, scenario.constants, scenario.system.anchors)
+    run = tcbench.simulate(method, scenario, dt=0.1, t_end=1.0)
+    assert run.ok and run.steps == 10
+    z = np.array(scenario.z0)
+    for expected in run.z[1:]:
+        z = plain.step(method, z, 0.1)
+        assert np.abs(z - expected).max() < 1e-12 * np.abs(z).max()
+
+
+@pytest.mark.parametrize("size", [(2, 2), (4, 3), (7, 7), (12, 20)])
+@pytest.mark.parametrize("method", [*TC, "tc_gonzalez", "projected[method=midpoint_entropy]"])
+def test_the_laws_hold_at_every_size(method, size):
+    run = tcbench.simulate(method, net(*size), dt=0.1, t_end=1.0)
+    assert run.ok and run.summary.energy_error_max < 1e-12 and run.summary.entropy_increment_min > -1e-13
+
+
+@pytest.mark.parametrize("method", [*FIVE, "tc_itoh_abe", "gauss2"])
+def test_orders(method):
+    scenario, order = net(6, 6), tcbench.integrators()[method].order
+    steps = (0.1, 0.05) if order < 4 else (0.2, 0.1)
+    fine = tcbench.simulate("gauss2", scenario, dt=0.02, t_end=1.0).z[-1]
+    errors = [np.abs(tcbench.simulate(method, scenario, dt=h, t_end=1.0).z[-1] - fine).max() for h in steps]
+    assert abs(np.log2(errors[0] / errors[1]) - order) < 0.3
+
+
+@settings(max_examples=12, deadline=None)
+@given(seed=st.integers(0, 10**6), h=st.floats(0.01, 0.4))
+def test_random_states_keep_the_laws(seed, h):
+    rng, scenario = np.random.default_rng(seed), net(5, 4)
+    q = np.array(scenario.positions) + rng.uniform(-0.3, 0.3, len(scenario.positions))
+    changed = scenario.replace(
+        positions=tuple(q), momenta=tuple(rng.normal(size=len(q))),
+        temperatures=tuple(rng.uniform(200, 400, scenario.system.n_elements)), name="random",
+    )  # fmt: skip
+    run = tcbench.simulate("tc_monolithic", changed, dt=h, t_end=3 * h)
+    assert run.ok and run.summary.energy_error_max < 1e-12 and run.summary.entropy_increment_min > -1e-12
+
+
+def test_long_steps_are_solved_by_tracking_and_whole_factorisations():
+    run = tcbench.simulate("tc_monolithic", net(8, 8), dt=0.8, t_end=4.0)
+    assert run.ok and run.solver.tracked > 0 and run.summary.energy_error_max < 1e-12
+
+
+@pytest.mark.parametrize("size", ["1", "0", "x", "-3", "1001", "2.5"])
+def test_sizes_are_whole_numbers(size):
+    with pytest.raises(tcbench.TcbenchError, match="2 to 1000 masses"):
+        net_of("4", size)
+
+
+def test_it_is_anchored_and_neighbours_conduct():
+    kind = net_system(3, 2)
+    assert kind.n_positions == 12 and kind.n_elements == 9 and len(kind.anchors) == 4
+    model = net(3, 2).model
+    theta = np.linspace(280, 330, 9)
+    assert abs(theta @ model.conduction(theta)) < 1e-10 and model.conduction(theta).sum() > 0

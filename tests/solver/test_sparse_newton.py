@@ -1,0 +1,76 @@
+"""Newton on a sparse matrix has the rules, the tracking, the arc and the verdicts of the unrolled one."""
+
+import numpy as np
+import pytest
+
+import tcbench
+from tcbench.solver import flow_kernels, implicit_step
+from tcbench.solver.pattern import Pattern, _parity
+
+CASES = [
+    ("tc_monolithic", "short_term", 0.3), ("tc_monolithic", "cold_spring", 2.5), ("tc_strang", "long_term", 1.0),
+    ("midpoint_entropy", "stiff_spring", 0.3), ("midpoint_temperature", "cold_spring", 1.0),
+    ("gauss2", "short_term", 1.0),
+    ("tc_monolithic", "stiff_spring", 2.5), ("tc_staggered", "gas_containers", 0.3),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("method", "scenario", "h"), CASES)
+def test_statuses_and_states_are_those_of_the_unrolled_elimination(method, scenario, h, monkeypatch):
+    runs = []
+    for limit in (32, 0):
+        monkeypatch.setattr(flow_kernels, "UNROLLED", limit)
+        implicit_step._compiled_flows.cache_clear()
+        runs.append(tcbench.simulate(method, scenario, dt=h, t_end=min(25.0, 20 * h)))
+    implicit_step._compiled_flows.cache_clear()
+    unrolled, sparse = runs
+    assert "unrolled" in unrolled.solver.way and "sparse" in sparse.solver.way
+    assert (unrolled.status, unrolled.failure, unrolled.steps) == (sparse.status, sparse.failure, sparse.steps)
+    first = min(4, len(sparse.z))
+    assert np.abs(unrolled.z[:first] - sparse.z[:first]).max() < 1e-11
+
+
+def test_a_pattern_has_every_entry_and_the_diagonal():
+    rng = np.random.default_rng(1)
+    rows, columns = rng.integers(0, 20, (2, 60))
+    pattern = Pattern(20, rows, columns)
+    values = rng.normal(size=60)
+    entries = np.zeros(pattern.nnz)
+    np.add.at(entries, pattern.places, values)
+    dense = np.zeros((20, 20))
+    for i in range(20):
+        for k in range(pattern.first[i], pattern.first[i + 1]):
+            dense[pattern.order[i], pattern.order[pattern.columns[k]]] = entries[k]
+    expected = np.zeros((20, 20))
+    np.add.at(expected, (rows, columns), values)
+    assert np.array_equal(dense, expected)
+    assert np.array_equal(pattern.columns[pattern.diagonal], np.arange(20))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_factorisation_has_both_solutions_and_the_sign_of_the_determinant(seed):
+    rng = np.random.default_rng(seed)
+    n = 15
+    A = np.where(rng.uniform(size=(n, n)) < 0.3, rng.normal(size=(n, n)), 0.0) + np.diag(rng.normal(size=n))
+    rows, columns = np.nonzero(A)
+    pattern = Pattern(n, rows, columns)
+    entries = np.zeros(pattern.nnz)
+    np.add.at(entries, pattern.places, A[rows, columns])
+    right, out = rng.normal(size=2 * n), np.zeros(2 * n + 1)
+    pattern._factorise(entries, right, out)
+    permuted = A[np.ix_(pattern.order, pattern.order)]
+    for k in range(2):
+        assert np.allclose(permuted @ out[k * n : (k + 1) * n], right[k * n : (k + 1) * n], atol=1e-8)
+    assert out[-1] == np.sign(np.linalg.det(A))
+
+
+def test_parity():
+    assert (
+        _parity(np.array([0, 1, 2])) == 1 and _parity(np.array([1, 0, 2])) == -1 and _parity(np.array([1, 2, 0])) == 1
+    )
+
+
+def test_a_singular_matrix_says_so():
+    pattern, out = Pattern(3, [0, 1, 2], [0, 1, 2]), np.ones(7)
+    pattern._factorise(np.array([1.0, 0.0, 1.0]), np.ones(6), out)
+    assert out[-1] == 0.0
