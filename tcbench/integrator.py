@@ -159,11 +159,6 @@ class Integrator:
         """ "" if the method is for this system, otherwise why not, to go on after "NAME: ...", without a full stop."""
         if self.systems and system.name not in self.systems:
             return f"it is written for {', '.join(sorted(self.systems))} only, not for {system.name}"
-        if system.by_arrays and not self.systems:
-            return (
-                f"the system {system.name} is too large for formulas that are traced and compiled, and needs a method "
-                f"that is written for it (systems={{{system.name!r}}})"
-            )
         missing = [name for name in self.needs if not system.defines(name)]
         return f"it needs {', '.join(missing)}, which the system {system.name} does not define" if missing else ""
 

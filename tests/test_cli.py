@@ -131,7 +131,6 @@ BAD = [
     (("simulate", "tc_monolithic", "short_term", "--csv", "no/such/folder/run.csv"), "does not exist"),
     (("simulate", "scipy_odeint", "short_term", "--dt", "0.1"), "give --tolerance instead of --dt"),
     (("run", "-i", "scipy_odeint", "--study", "convergence"), "has no step size to vary"),
-    (("run", "-i", "tc_banded", "-s", "short_term"), "it is written for chain only"),
     (
         ("run", "-i", "verlet_heat", "-s", "chain[n=4]"),
         "conduction_flow, which the system chain does not",

@@ -1,8 +1,6 @@
 """A chain of n masses in the plane and n thermoelastic springs, the first tied to the origin; the pendulum is n = 2.
 
-A family of scenarios that shows cost against size. For small n it is a System like any other, and formulas are traced
-for it. Tracing a step with thousands of unknowns is no use: for large n, `banded.py` has the monolithic method with a
-banded Newton.
+A family of scenarios that shows cost against size, and a `Network`: formulas are traced on one spring for all.
 """
 
 from __future__ import annotations
@@ -14,46 +12,33 @@ from typing import Any
 import numpy as np
 
 from tcbench.errors import TcbenchError
+from tcbench.systems.network import Network
 from tcbench.systems.pendulum import Springs
 from tcbench.systems.scenario import Scenario
 from tcbench.systems.system import System
 
 MOST_MASSES = 100_000  # the arrays of one state of more would hardly be meant
-LONGEST_TRACED = 30  # masses; code and its compilation grow faster than n
 
 
-class Chain(Springs):
+class Chain(Network, Springs):
     """Springs as in the pendulum; heat is conducted between neighbours. Subclasses fix n: see `chain_system`."""
 
     name = "chain"
 
-    def springs(self, q: Any) -> Any:
-        """Vectors along the springs, shape (n, 2)."""
-        r = np.asarray(q).reshape(-1, 2)
-        return np.concatenate([r[:1], r[1:] - r[:-1]])
+    def inertia(self) -> Any:
+        return self.per_position(self.masses)
 
-    def shape(self, q: Any) -> Any:
-        """Squared lengths of the springs."""
-        r = self.springs(q)
-        return r[:, 0] * r[:, 0] + r[:, 1] * r[:, 1]
+    def element_shape(self, q: Any) -> Any:
+        """Squared length of a spring, from the coordinates of its two ends."""
+        x, y = q[2] - q[0], q[3] - q[1]
+        return x * x + y * y
 
-    def conduction(self, theta: Any) -> Any:
-        """Eq. (22) for each pair of neighbours."""
-        theta = np.asarray(theta)
-        gap = theta[1:] - theta[:-1]
-        gained = np.concatenate([gap / theta[:-1], [0.0]]) - np.concatenate([[0.0], gap / theta[1:]])
-        return self.conductivity * gained
+    def link(self, a: Any, b: Any) -> tuple[Any, Any]:
+        """Eq. (22) for two neighbours."""
+        return self.conductivity * ((b - a) / a), self.conductivity * ((a - b) / b)
 
-    def invariants(self, q: Any, p: Any) -> dict[str, Any]:
-        return {"angular_momentum": sum(q[0::2] * p[1::2] - q[1::2] * p[0::2])}
-
-    def element_slopes(self, pi: Any, s: Any) -> tuple[Any, Any]:
-        """In closed form for numbers; long chains are not traced."""
-        if np.asarray(pi).dtype == object:
-            return super().element_slopes(pi, s)
-        theta = self.reference_temperature * np.exp((s - self.coupling * self.log_strain(pi)) / self.heat_capacity)
-        stress = self.stiffness * self.log_strain(pi) - self.coupling * (theta - self.reference_temperature)
-        return stress / (2 * pi), theta
+    def point_invariants(self, q: Any, p: Any) -> dict[str, Any]:
+        return {"angular_momentum": q[0] * p[1] - q[1] * p[0]}
 
 
 @cache
@@ -61,11 +46,20 @@ def chain_system(n: int) -> type[System]:
     """The class of chains with n masses."""
     if n < 2:
         raise TcbenchError(f"A chain has at least 2 masses, not {n}.")
-    each = dict.fromkeys(("masses", "stiffness", "natural_lengths"), (n,))
-    common = dict.fromkeys(("conductivity", "reference_temperature", "coupling", "heat_capacity"), ())
-    body = {"n_positions": 2 * n, "n_elements": n, "constants": each | common, "__module__": __name__}
-    body["by_arrays"] = n > LONGEST_TRACED
-    return type(f"Chain{n}", (Chain,), body | {"__doc__": f"A chain of {n} masses.", "__qualname__": f"Chain{n}"})
+    mass = np.arange(2 * n).reshape(n, 2)
+    body = {
+        "n_positions": 2 * n,
+        "elements": np.concatenate([np.concatenate([[[2 * n, 2 * n + 1]], mass[:-1]]), mass], axis=1),
+        "links": np.stack([np.arange(n - 1), np.arange(1, n)], axis=1),
+        "points": mass,
+        "anchors": np.zeros(2),
+        "constants": {
+            "masses": "point", "stiffness": "element", "natural_lengths": "element", "conductivity": (),
+            "reference_temperature": (), "coupling": (), "heat_capacity": (),
+        },
+        "__module__": __name__, "__qualname__": f"Chain{n}", "__doc__": f"A chain of {n} masses.",
+    }  # fmt: skip
+    return type(f"Chain{n}", (Chain,), body)
 
 
 def chain(n: int, **changes: Any) -> Scenario:

@@ -263,6 +263,24 @@ def jacobian_terms(outputs: Sequence[Symbol], unknowns: Sequence[Symbol]) -> lis
     return [_expanded(tangents.get(x.number, {}), seeds) for x in outputs]
 
 
+def gradient(output: Symbol, unknown: Symbol) -> Symbol:
+    """Derivative of a number by each entry of an array, where it is made of sums over entries that each see a few."""
+    from .derivatives import sparse_jacobian, topological
+
+    sums = [node for node in topological([output]) if node.op == "over_all"]
+    (weights,) = sparse_jacobian([output], sums)
+    terms, total = [], const(0.0)
+    for k, weight in sorted(weights.items()):
+        for term, slope in jacobian_terms([sums[k].args[0]], [unknown])[0].items():
+            if term.rows or len(term.columns) > 1 or sums[k].value[0] != "add":
+                raise symbols.mixed_up("this derivative of a sum over all is not known")
+            if term.columns:
+                terms.append((symbols.mul(weight, slope), term.columns[0]))
+            else:
+                total = symbols.add(total, symbols.mul(weight, slope))
+    return symbols.add(total, scatter(terms)) if terms else total
+
+
 def _identity(x: Symbol) -> dict[Term, Symbol]:
     if x.space is None:
         raise symbols.mixed_up("a number is an unknown")

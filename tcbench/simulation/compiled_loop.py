@@ -26,7 +26,7 @@ class Run(Record):
     n_observables: int
     n_constants: int
     n_rows: int
-    observe: Kernel  # 0: there is none
+    observe: Kernel
     opening: Kernel  # prologue of the first flow and observables in one
     now: int  # where in its w the observables begin
     every: int  # steps from one record to the next
@@ -114,14 +114,12 @@ def judge(run: Run, step: int, z: Floats, now: Floats) -> tuple[int, int]:
 def monitor(run: Run, first: int, rows: Matrix) -> int:
     """`judge` for states that come from Python, of step `first` and the next, up to one that ends the run.
 
-    They are observed here, if there is a kernel for that; if not, observables[2] holds those of the only row. Returns
-    why the run ends, or OK; completed steps in the tally.
+    Returns why the run ends, or OK; completed steps in the tally.
     """
     reason, now = OK, run.observables[NOW]
     run.tally.steps = first - 1
     for i in range(len(rows)):
-        if run.observe != 0:
-            call(run.observe, rows[i], run.c, now)
+        call(run.observe, rows[i], run.c, now)
         reason, done = judge(run, first + i, rows[i], now)
         run.tally.steps = done
         if done == first + i:

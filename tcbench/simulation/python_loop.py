@@ -91,7 +91,6 @@ class Monitor:
     def __init__(self, scenario: Scenario, dt: float, steps: int, every: int) -> None:
         self.scenario, model = scenario, scenario.model
         size = 2 + len(model.invariant_names) + 2 * model.n_elements
-        self.observe = 0 if model.by_arrays else model.observer[0].address
         c, self.tally = model.constant_values, new_tally()
         self.run = new_run(
             scenario,
@@ -99,7 +98,7 @@ class Monitor:
             steps,
             every,
             n_observables=size,
-            observe=self.observe,
+            observe=model.observer[0].address,
             n_constants=len(c),
             c=c,
             tally=self.tally,
@@ -110,15 +109,7 @@ class Monitor:
     def add(self, first: int, rows: np.ndarray) -> tuple[int, int]:
         """(why the run ended or OK, completed steps) after these states, those of step `first` and the next."""
         rows = np.ascontiguousarray(rows)  # kernels and the compiled loop read rows as they lie in memory
-        if self.observe:
-            return LOOPS.monitor(self.run, first, rows), self.tally.steps
-        reason = OK
-        for step, z in enumerate(rows, start=first):
-            self.run.observables[NOW] = self.scenario.model.observe(z)
-            reason = LOOPS.monitor(self.run, step, z[None])
-            if reason != OK:
-                break
-        return reason, self.run.tally.steps
+        return LOOPS.monitor(self.run, first, rows), self.tally.steps
 
     def trajectory(self, integrator: Integrator, status: str, failure: str, wall: float) -> Trajectory:
         return assemble(integrator, self.scenario, self.run, status, failure, wall)

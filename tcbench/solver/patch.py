@@ -23,6 +23,7 @@ from .reduction import reduce
 
 MOST = 12  # elements
 TRIES = 60  # random states, until there is one at which the formula has a value
+PARTS = ("residual", "Jacobian", "slope in h", "new state", "energy")  # that are compared
 AGREE = 1e-9  # of the largest number of a kind; sums are in another order
 
 Floats = NDArray[np.float64]
@@ -44,8 +45,7 @@ def compare(made: Any, flow: Flow, example: Network) -> None:
         found = _by_loops(made, small, z0, flow, rng)
         expected = whole(*found.inputs)
         if all(np.all(np.isfinite(x)) for x in expected):
-            for name, x, y in zip(("residual", "Jacobian", "slope in h", "new state", "energy"), found.results, expected,
-                                  strict=True):  # fmt: skip
+            for name, x, y in zip(PARTS, found.results, expected, strict=True):
                 if x.shape != y.shape or not np.all(np.abs(x - y) <= AGREE * (1.0 + np.abs(y).max(initial=0.0))):
                     raise MixedSpaces(
                         f"{flow.residual.__name__!r} gives another {name} on {len(small.elements)} elements than "

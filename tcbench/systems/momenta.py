@@ -24,9 +24,9 @@ def restored_momenta(z0: Any, system: System, invariants: dict[str, Any]) -> tup
     inertia = system.inertia() * np.ones(system.n_positions)
     p = z0.p
     directions: list[tuple[Any, Any]] = []
-    symbols = trace.variables("p", system.n_positions)
+    symbols = system.fresh("p", "position")
     for name, before in invariants.items():
-        gradient = trace.jacobian([system.invariants(z0.q, symbols)[name]], list(symbols))[0]
+        gradient = system.slopes(system.invariants(z0.q, symbols)[name], symbols)
         if trace.depends_on(list(gradient), list(symbols)) & {x.number for x in gradient}:
             raise TcbenchError(f"The invariant {name!r} is not linear in the momenta, which the projection needs.")
         direction = inertia * gradient

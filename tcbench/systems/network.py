@@ -163,6 +163,12 @@ class Network(System):
             return super().shape_gradient(q)
         return _LocalSlope(self, q)
 
+    def slopes(self, value: Any, by: Any) -> Any:
+        if not self.traced_by_spaces:
+            return super().slopes(value, by)
+        found = spaces.gradient(trace.lifted(value), by[0])
+        return array([found, spaces.twin(found)])
+
     def fresh(self, name: str, space: str) -> Any:
         return spaces.variable(name, space) if self.traced_by_spaces else super().fresh(name, space)
 

@@ -79,7 +79,6 @@ class System:
     positive: ClassVar[tuple[str, ...]] = ()  # constants that must be > 0
     non_negative: ClassVar[tuple[str, ...]] = ()
     source: ClassVar[str] = ""
-    by_arrays: ClassVar[bool] = False  # evaluate formulas as whole-array numpy: of systems too large to be traced
     formulas: str = ""  # hash of the formulas of the class as they were when the instance was made
 
     if TYPE_CHECKING:  # constants become attributes: numbers or arrays, or symbols while a formula is traced
@@ -330,6 +329,10 @@ class System:
         """New variables, one for each "position" or "element"."""
         return trace.variables(name, self.n_positions if space == "position" else self.n_elements)
 
+    def slopes(self, value: Any, by: Any) -> Any:
+        """Derivatives of a number by an array of variables (as `fresh` makes them), which it is a function of."""
+        return trace.jacobian([value], list(by))[0]
+
     def shape_gradient(self, q: Any) -> Any:
         """d(shape)/dq at q, shape (n_elements, n_positions); an operator."""
         q_ = self.fresh("q", "position")
@@ -399,33 +402,25 @@ class System:
         return {x: f"b[{i + 1}]" for i, x in enumerate(symbols)}
 
     def _evaluate(self, body: Callable[..., Any], arrays: list[Array]) -> Any:
-        """`body` at a state or a batch of them (leading axes): compiled, or in plain numpy where it asks for that."""
+        """`body` at a state or a batch of them (leading axes): by a compiled kernel."""
         from ..compiler.library import ROWS, evaluate
 
         batch = np.broadcast_shapes(*(a.shape[:-1] for a in arrays))
-        if batch or self.by_arrays:
+        if batch:
             rows = [np.broadcast_to(a, (*batch, a.shape[-1])).reshape(-1, a.shape[-1]) for a in arrays]
-        if self.by_arrays:
-            out = np.array([body(self, *states) for states in zip(*rows, strict=True)], dtype=float)
-            shape = out.shape[1:]
-        else:
-            entry, shape = self._kernel(body, tuple(a.shape[-1] for a in arrays))
-            out = np.empty((len(rows[0]) if batch else 1, entry.size))
-            if batch:
-                ROWS.evaluate_rows(entry.address, np.concatenate(rows, axis=1), self.constant_values, out)
-            else:  # the common case, where microseconds count
-                a = arrays[0] if len(arrays) == 1 else np.concatenate(arrays)
-                evaluate(entry.address, np.ascontiguousarray(a), self.constant_values, out[0])
+        entry, shape = self._kernel(body, tuple(a.shape[-1] for a in arrays))
+        out = np.empty((len(rows[0]) if batch else 1, entry.size))
+        if batch:
+            ROWS.evaluate_rows(entry.address, np.concatenate(rows, axis=1), self.constant_values, out)
+        else:  # the common case, where microseconds count
+            a = arrays[0] if len(arrays) == 1 else np.concatenate(arrays)
+            evaluate(entry.address, np.ascontiguousarray(a), self.constant_values, out[0])
         out = out.reshape((*batch, *shape))
         if out.shape == ():
             return float(out)
         return self.state(out) if shape == (self.size,) else out
 
     def _kernel(self, body: Callable[..., Any], sizes: tuple[int, ...]) -> tuple[Kernel, tuple[int, ...]]:
-        if self.by_arrays:
-            raise TcbenchError(
-                f"This {self.name} of {self.size} variables is too large for formulas that are traced and compiled."
-            )
         key = (self.structure, body.__name__, sizes)
         if key not in _KERNELS:
             from ..compiler.kernels import kernel as straight

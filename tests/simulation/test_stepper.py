@@ -48,8 +48,8 @@ def test_what_has_no_step_is_refused():
             tcbench.stepper(method, SCENARIO)
     with pytest.raises(TcbenchError, match=r"shape \(10,\)"):
         tcbench.stepper("tc_monolithic", SCENARIO)([1.0, 2.0], 0.1)
-    with pytest.raises(TcbenchError, match="tc_banded"):
-        tcbench.stepper("tc_banded", SCENARIO)
+    with pytest.raises(TcbenchError, match="written for chain only"):
+        tcbench.stepper(Integrator(name="for_chains", order=1, step=formula, systems={"chain"}), SCENARIO)
 
 
 def test_a_formula_that_was_redefined_is_stepped_anew():
