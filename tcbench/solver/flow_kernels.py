@@ -26,13 +26,13 @@ from ..compiler.rolled import rolled
 from ..compiler.symbols import MixedSpaces
 from ..errors import TcbenchError, TraceError
 from ..integrator import Flow, Residual
-from ..systems.network import Network
+from ..systems.network import FEW, Network
 from ..systems.system import State, System
 from .elimination import ZERO_PIVOT, factorise
 from .pattern import Pattern
 from .reduction import Reduction, reduce
 
-UNROLLED = 32  # unknowns up to which the elimination is unrolled; beyond, Newton works on a sparse matrix
+UNROLLED = 24  # unknowns up to which the elimination is unrolled; beyond, Newton works on a sparse matrix
 LARGE = 80  # length of a state up to which an explicit formula is unrolled
 
 
@@ -92,7 +92,7 @@ class FlowKernels:
 def build(flow: Flow, system: System) -> FlowKernels:
     """Trace, reduce, differentiate and print one flow; nothing is compiled yet."""
     symbolic, why = system.symbolic, ""  # its symbols come first, whoever made them
-    if isinstance(symbolic, Network) and system.size * (1 + flow.stages) > LARGE:
+    if isinstance(symbolic, Network) and system.size > FEW:
         from .space_flow import space_flow
 
         try:

@@ -20,9 +20,10 @@ from ..compiler.space_kernels import SCALAR, Mesh, Slot, SpaceKernel, space_kern
 from ..compiler.spaces import Count, Map
 from ..compiler.symbols import MixedSpaces, Symbol, array, mixed_up
 from ..errors import TcbenchError
-from .system import KEPT, LARGE, State, System, derived
+from .system import KEPT, State, System, derived
 
 Ints = NDArray[np.int64]
+FEW = 24  # length of a state up to which formulas are traced as a whole
 SPACES = ("position", "element", "link", "point")
 
 
@@ -290,7 +291,7 @@ class Network(System):
         return [*slots, Slot("anchor", self.anchor_symbol)]
 
     def _kernel(self, body: Callable[..., Any], sizes: tuple[int, ...]) -> tuple[Kernel, tuple[int, ...]]:
-        if self.size <= LARGE or any(n != self.size for n in sizes):
+        if self.size <= FEW or any(n != self.size for n in sizes):
             return super()._kernel(body, sizes)
         key = (self.structure, body.__name__, sizes)
         known = _BY_SPACES.get(key)

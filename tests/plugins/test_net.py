@@ -15,12 +15,11 @@ FIVE = ["tc_monolithic", "tc_staggered", "tc_strang", "midpoint_entropy", "midpo
 TC = FIVE[:3]
 
 
-@pytest.fixture(params=["unrolled", "loops"])
+@pytest.fixture(params=["as a whole", "in loops over the elements"])
 def way(request, monkeypatch):
-    """Small nets as they are solved, and as large ones are."""
-    if request.param == "loops":
-        monkeypatch.setattr(flow_kernels, "LARGE", 0)
-        monkeypatch.setattr(flow_kernels, "UNROLLED", 0)
+    """As a network, and as a system that declares no elements."""
+    if request.param == "as a whole":
+        monkeypatch.setattr(flow_kernels, "FEW", 10**6)
     implicit_step._compiled_flows.cache_clear()
     yield request.param
     implicit_step._compiled_flows.cache_clear()
@@ -31,7 +30,7 @@ def test_states_are_those_of_plain_numpy(method, way):
     scenario = net(3, 3)
     plain = PlainNet(3, 3, scenario.constants, scenario.system.anchors)
     run = tcbench.simulate(method, scenario, dt=0.1, t_end=1.0)
-    assert run.ok and run.steps == 10
+    assert run.ok and run.steps == 10 and ("loops" in run.solver.way) == ("loops" in way)
     z = np.array(scenario.z0)
     for expected in run.z[1:]:
         z = plain.step(method, z, 0.1)

@@ -18,7 +18,7 @@ CASES = [
 @pytest.mark.parametrize(("method", "scenario", "h"), CASES)
 def test_statuses_and_states_are_those_of_the_unrolled_elimination(method, scenario, h, monkeypatch):
     runs = []
-    for limit in (32, 0):
+    for limit in (24, 0):
         monkeypatch.setattr(flow_kernels, "UNROLLED", limit)
         implicit_step._compiled_flows.cache_clear()
         runs.append(tcbench.simulate(method, scenario, dt=h, t_end=min(25.0, 20 * h)))
