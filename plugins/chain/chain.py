@@ -11,10 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from tcbench.errors import TcbenchError
-from tcbench.systems.network import Network
+from tcbench import Network, Scenario, TcbenchError
 from tcbench.systems.pendulum import Springs
-from tcbench.systems.scenario import Scenario
 from tcbench.systems.system import System
 
 MOST_MASSES = 100_000  # the arrays of one state of more would hardly be meant

@@ -10,9 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from tcbench import Scenario
-from tcbench.errors import TcbenchError
-from tcbench.systems.network import Network
+from tcbench import Network, Scenario, TcbenchError
 from tcbench.systems.pendulum import Springs
 from tcbench.systems.system import System
 
