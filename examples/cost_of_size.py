@@ -37,8 +37,8 @@ def measured(kind, n):
 
 
 def exponent(rows):
-    """Slope of log(ms a step) against log(unknowns) over the larger half: where the work outweighs what is fixed."""
-    x, y = np.log([[row[2], row[4]] for row in rows[-3:]]).T
+    """Slope of log(ms a step) against log(unknowns) without the smallest, of which the fixed part counts."""
+    x, y = np.log([[row[2], row[4]] for row in rows[1:]]).T
     return np.polyfit(x, y, 1)[0]
 
 
