@@ -110,7 +110,8 @@ def _formulas(system: Any, constant_symbols: dict[Any, str]) -> Formulas:
     ]
     values = [[x if isinstance(x, trace.Symbol) else trace.const(float(x)) for x in body[1]] for body in bodies]
     fixed = constant_part([x for row in values for x in row], [h, *(x for body in bodies for x in body[0])])
-    places = {x: i for i, x in enumerate([*constants, *fixed])}
+    places = {x: int(text[2:-1]) for x, text in constants.items()}  # of 'b[3]'; constants that are 0 have no symbol
+    places |= {x: system.n_constant_values + i for i, x in enumerate(fixed)}
     known = {x: f"b[{i}]" for x, i in places.items()}
     made = [
         kernel({x: f"a[{i}]" for i, x in enumerate(unknown)} | known, row)

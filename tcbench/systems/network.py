@@ -273,11 +273,13 @@ class Network(System):
         clone.anchor_symbol = spaces.variable("anchor", "anchor")[0]
         clone.anchor_symbol.twin = clone.anchor_symbol  # both representatives see all of them
         for name, shape in self.constants.items():
-            space = self.spaces_of_constants.get(name)
-            if space:
+            space, count = self.spaces_of_constants.get(name), int(np.prod(shape))
+            if space and count and sum(n == name for n, _ in self.zeros) == count:
+                setattr(clone, name, array([trace.const(0.0)] * spaces.REPRESENTATIVES))
+            elif space:
                 setattr(clone, name, spaces.variable(name, space))
             else:
-                symbols = trace.variables(name, int(np.prod(shape)))
+                symbols = self.symbols_of(name)
                 setattr(clone, name, symbols[0] if shape == () else symbols.reshape(shape))
         clone.__dict__["symbolic"] = clone
         return clone
@@ -288,6 +290,7 @@ class Network(System):
         for name in self.constants:
             values, space = np.ravel(getattr(self, name)), self.spaces_of_constants.get(name)
             slots += [Slot(space, values[0])] if space else [Slot(SCALAR, x) for x in values]
+        slots = [slot if slot.symbol is None or slot.symbol.op != "const" else Slot(slot.space, None) for slot in slots]
         return [*slots, Slot("anchor", self.anchor_symbol)]
 
     def _kernel(self, body: Callable[..., Any], sizes: tuple[int, ...]) -> tuple[Kernel, tuple[int, ...]]:

@@ -79,6 +79,7 @@ class System:
     positive: ClassVar[tuple[str, ...]] = ()  # constants that must be > 0
     non_negative: ClassVar[tuple[str, ...]] = ()
     source: ClassVar[str] = ""
+    zeros: tuple[tuple[str, int], ...] = ()  # constants (name, index) that are 0: what they switch off costs nothing
     formulas: str = ""  # hash of the formulas of the class as they were when the instance was made
 
     if TYPE_CHECKING:  # constants become attributes: numbers or arrays, or symbols while a formula is traced
@@ -100,6 +101,7 @@ class System:
                 raise TcbenchError(f"System {self.name!r} needs a value for the constant {name!r}.")
             setattr(self, name, self._checked(name, shape, values[name]))
         self.formulas = formulas_hash(type(self))
+        self.zeros = tuple((n, i) for n in self.constants for i in np.flatnonzero(np.ravel(getattr(self, n)) == 0.0))
 
     def _checked(self, name: str, shape: tuple[int, ...], value: Any) -> Any:
         try:
@@ -386,7 +388,7 @@ class System:
             clone = object.__new__(type(self))
             clone.__dict__.update({k: v for k, v in self.__dict__.items() if k in KEPT})
             for name, shape in self.constants.items():
-                symbols = trace.variables(name, int(np.prod(shape)))
+                symbols = self.symbols_of(name)
                 setattr(clone, name, symbols[0] if shape == () else symbols.reshape(shape))
             _SYMBOLIC[key] = clone
         return _SYMBOLIC[key]
@@ -394,12 +396,20 @@ class System:
     @property
     def structure(self) -> tuple:
         """Systems of equal structure share formulas and kernels."""
-        return (type(self), self.n_positions, self.n_elements, self.formulas)
+        return (type(self), self.n_positions, self.n_elements, self.formulas, self.zeros)
+
+    def symbols_of(self, name: str) -> Any:
+        """New symbols for the entries of a constant; 0 for those that are switched off."""
+        symbols = trace.variables(name, int(np.prod(self.constants[name])))
+        for n, i in self.zeros:
+            if n == name:
+                symbols[i] = trace.const(0.0)
+        return symbols
 
     def constant_symbols(self) -> dict[trace.Symbol, str]:
         """Kernel inputs for the constants: symbol -> 'b[1]', ...; b[0] is the time step."""
         symbols = [x for name in self.constants for x in np.ravel(getattr(self.symbolic, name))]
-        return {x: f"b[{i + 1}]" for i, x in enumerate(symbols)}
+        return {x: f"b[{i + 1}]" for i, x in enumerate(symbols) if x.op != "const"}
 
     def _evaluate(self, body: Callable[..., Any], arrays: list[Array]) -> Any:
         """`body` at a state or a batch of them (leading axes): by a compiled kernel."""
@@ -469,6 +479,6 @@ def _mark(values: Any) -> Any:
 
 
 LARGE = 80  # length of a state beyond which formulas become loops: see compiler.rolled
-KEPT = ("n_positions", "n_elements", "formulas")  # of an instance, by the one that has symbols for constants
+KEPT = ("n_positions", "n_elements", "formulas", "zeros")  # of an instance, by the one that has symbols for constants
 _SYMBOLIC: dict[tuple, System] = {}
 _KERNELS: dict[tuple, Any] = {}
