@@ -101,7 +101,9 @@ class System:
                 raise TcbenchError(f"System {self.name!r} needs a value for the constant {name!r}.")
             setattr(self, name, self._checked(name, shape, values[name]))
         self.formulas = formulas_hash(type(self))
-        self.zeros = tuple((n, i) for n in self.constants for i in np.flatnonzero(np.ravel(getattr(self, n)) == 0.0))
+        self.zeros = tuple(
+            (n, int(i)) for n in self.constants for i in np.flatnonzero(np.ravel(getattr(self, n)) == 0.0)
+        )
 
     def _checked(self, name: str, shape: tuple[int, ...], value: Any) -> Any:
         try:
