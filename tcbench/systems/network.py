@@ -18,8 +18,8 @@ from ..compiler import spaces
 from ..compiler.kernels import Kernel
 from ..compiler.space_kernels import SCALAR, Mesh, Slot, SpaceKernel, space_kernel
 from ..compiler.spaces import Count, Map
-from ..compiler.symbols import MixedSpaces, Symbol, array, mixed_up
-from ..errors import TcbenchError
+from ..compiler.symbols import Symbol, array, mixed_up
+from ..errors import TcbenchError, TraceError
 from .system import KEPT, State, System, derived
 
 Ints = NDArray[np.int64]
@@ -301,7 +301,7 @@ class Network(System):
         if known is None:
             try:
                 known = self._by_spaces(body, len(sizes))
-            except MixedSpaces:
+            except TraceError:  # not the same for all entries, or a derivative that is a matrix
                 known = super()._kernel(body, sizes)
             _BY_SPACES[key] = known
         return known

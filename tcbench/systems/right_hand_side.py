@@ -7,6 +7,7 @@ microseconds a call, of which the arithmetic is 0.1). Taylor methods need the fo
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -22,12 +23,10 @@ class Field:
 
         self._evaluate = evaluate
         n = system.size
-        (rate, _), (jacobian, _) = system.kernel("vector_field"), system.kernel("jacobian")
-        self.size, self.c = n, system.constant_values
-        self.rate_address, self.jacobian_address = rate.address, jacobian.address
+        self.system, self.size, self.c = system, n, system.constant_values
+        self.rate_address = system.kernel("vector_field")[0].address
         self.evaluations = 0
-        self._rate, self._jacobian = np.empty(n), np.empty((n, n))
-        self._flat = self._jacobian.reshape(-1)
+        self._rate = np.empty(n)
 
     def shared(self, t: float, z: Any) -> Any:
         """The rate in one array that every call fills anew: for solvers that copy what they get."""
@@ -49,8 +48,15 @@ class Field:
 
     def jacobian(self, t: float, z: Any) -> Any:
         """d rate/dz, shape (n, n), in one array that every call fills anew."""
-        self._evaluate(self.jacobian_address, z, self.c, self._flat)
-        return self._jacobian
+        address, found, flat = self._jacobian
+        self._evaluate(address, z, self.c, flat)
+        return found
+
+    @cached_property
+    def _jacobian(self) -> tuple[int, Any, Any]:
+        """Address of the kernel and the array, as it is and flat; for those that ask."""
+        found = np.empty((self.size, self.size))
+        return self.system.kernel("jacobian")[0].address, found, found.reshape(-1)
 
 
 def expressions(
