@@ -95,6 +95,22 @@ def waiting(text: str, show: bool | None = None) -> Iterator[Meter]:
 
 
 @contextmanager
+def part(text: str) -> Iterator[Meter]:
+    """A part of what is being waited for, said behind it while it lasts; a wait of its own where there is none."""
+    outer = _open
+    if outer is None:
+        with waiting(text) as meter:
+            yield meter
+        return
+    before = outer.text, outer.done, outer.total
+    outer.text = f"{outer.text}: {text}" if text else outer.text
+    try:
+        yield outer
+    finally:
+        outer.text, outer.done, outer.total = before
+
+
+@contextmanager
 def of_cells(show: bool | None = None) -> Iterator[Callable[[Event], None]]:
     """Progress of a run: what it yields takes the engine's events. Alarming failures are printed as they come."""
     silent = _face(default if show is None else show) is None

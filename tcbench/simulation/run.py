@@ -11,6 +11,7 @@ import numpy as np
 from ..compiler.records import Rows
 from ..errors import TcbenchError
 from ..integrator import Integrator
+from ..progress import part
 from ..solver import implicit_step as m
 from ..solver.implicit_step import Rules, compiled_flows, constants_of, make_flows
 from ..solver.quotients import REMEDY, zero_over_zero
@@ -22,6 +23,7 @@ from .starting import first_steps
 from .trajectory import Trajectory
 
 MOST_GIB = 16.0  # of recorded states, more of which would hardly be meant
+SMALL = 100  # length of a state; of longer ones fewer steps
 CHUNK = 100_000  # steps between looks at the clock and the keyboard
 
 
@@ -138,9 +140,12 @@ def run_flows(
             run.z[:], c[-done * model.size :] = first.z[-1], first.slopes(dt)
             np.add.at(run.counts, np.arange(done) // every, first.iterations)
             tally.iterations += first.iterations.sum()
-    while done < steps and reason == m.OK and not (first and first.failure):
-        reason = LOOPS.march(run, done, min(steps, done + CHUNK))
-        done = run.tally.steps
+    chunk = CHUNK if model.size <= SMALL else max(1, CHUNK * SMALL // (5 * model.size))
+    with part("") as meter:
+        while done < steps and reason == m.OK and not (first and first.failure):
+            reason = LOOPS.march(run, done, min(steps, done + chunk))
+            done = run.tally.steps
+            meter.done, meter.total = done, steps
     wall = time.perf_counter() - begin
     status, failure = explain(reason, done, dt, scenario)
     if reason == m.OK and first and first.failure:

@@ -29,6 +29,7 @@ from ..integrator import Flow, Residual
 from ..systems.network import FEW, Network
 from ..systems.system import State, System
 from .elimination import ZERO_PIVOT, factorise
+from .foresight import foreseen
 from .pattern import Pattern
 from .reduction import Reduction, reduce
 
@@ -96,10 +97,11 @@ def build(flow: Flow, system: System) -> FlowKernels:
         from .space_flow import space_flow
 
         try:
-            return space_flow(flow, symbolic).kernels(symbolic.mesh)
+            with foreseen(system, 1 + flow.stages, by_loops=True):
+                return space_flow(flow, symbolic).kernels(symbolic.mesh)
         except MixedSpaces as error:
             why = f", traced as a whole ({error})"
-    with trace.tracing():
+    with foreseen(system, 1 + flow.stages, by_loops=False), trace.tracing():
         return _build(flow, symbolic, why)
 
 
