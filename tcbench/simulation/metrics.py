@@ -59,7 +59,8 @@ def invariant_errors(run: Trajectory) -> dict[str, float]:
 def invariant_scale(run: Trajectory, name: str) -> float:
     """|I_0|; where it is round-off of its terms (or 0) their size; 1 if that is 0.
 
-    Their size is |q_0| |p_0| for the angular momentum (and in large systems), |dI/dq| |q_0| + |dI/dp| |p_0| for others (differences of I).
+    Their size is |q_0| |p_0| for the angular momentum (and for all in large systems),
+    |dI/dq| |q_0| + |dI/dp| |p_0| for others (differences of I).
     """
     initial, model, z = abs(float(run.invariants[name][0])), run.scenario.model, run.z[0]
     start = model.state(z)
