@@ -7,7 +7,6 @@ import numpy as np
 
 from tcbench import Integrator, hookimpl
 from tcbench.systems.right_hand_side import Field
-from tcbench.systems.sparse_jacobian import sparse_jacobian
 
 DENSE = 80  # length of a state up to which a dense Jacobian is the faster one
 IMPLICIT = ("Radau", "BDF", "LSODA")
@@ -53,6 +52,8 @@ def door_of_solve_ivp(method):
         field = Field(system)
         extra = {"jac": field.jacobian} if method in IMPLICIT else {}
         if extra and method != "LSODA" and system.size > DENSE:
+            from tcbench.systems.sparse_jacobian import sparse_jacobian  # networks, when there is one
+
             jacobian = sparse_jacobian(system)
             extra = {"jac": lambda t, z: jacobian(z)}
         solution = scipy.integrate.solve_ivp(

@@ -2,7 +2,11 @@
 
 from tcbench import ScenarioFamily, hookimpl
 
-from .chain import chain_of
+
+def chain_of(n):
+    from . import chain  # networks are imported when one is asked for, not when plugins are listed
+
+    return chain.chain_of(n)
 
 
 @hookimpl

@@ -14,7 +14,7 @@ import traceback
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,16 +22,16 @@ from ..compiler import derivatives as trace
 from ..compiler.code_hash import content_hash
 from ..compiler.derivatives import Symbol, array, const
 from ..compiler.kernels import Kernel, constant_part, kernel
-from ..compiler.rolled import rolled
 from ..compiler.symbols import MixedSpaces
 from ..errors import TcbenchError, TraceError
 from ..integrator import Flow, Residual
-from ..systems.network import FEW, Network
-from ..systems.system import State, System
+from ..systems.system import FEW, State, System
 from .elimination import ZERO_PIVOT, factorise
 from .foresight import foreseen
-from .pattern import Pattern
 from .reduction import Reduction, reduce
+
+if TYPE_CHECKING:
+    from .pattern import Pattern
 
 UNROLLED = 24  # unknowns up to which the elimination is unrolled; beyond, Newton works on a sparse matrix
 LARGE = 80  # length of a state up to which an explicit formula is unrolled
@@ -93,12 +93,12 @@ class FlowKernels:
 def build(flow: Flow, system: System) -> FlowKernels:
     """Trace, reduce, differentiate and print one flow; nothing is compiled yet."""
     symbolic, why = system.symbolic, ""  # its symbols come first, whoever made them
-    if isinstance(symbolic, Network) and system.size > FEW:
+    if hasattr(type(symbolic), "by_spaces") and system.size > FEW:  # a Network
         from .space_flow import space_flow
 
         try:
             with foreseen(system, 1 + flow.stages, by_loops=True):
-                return space_flow(flow, symbolic).kernels(symbolic.mesh)
+                return space_flow(flow, symbolic).kernels(symbolic.mesh)  # type: ignore[arg-type]
         except MixedSpaces as error:
             why = f", traced as a whole ({error})"
     with foreseen(system, 1 + flow.stages, by_loops=False), trace.tracing():
@@ -146,7 +146,7 @@ def _build(flow: Flow, system: System, why: str) -> FlowKernels:
     reads |= {s: f"b[{i}]" for i, s in enumerate(x)}
     stored = {f: f"out[{len(parts.iterate) + i}]" for i, f in enumerate(parts.stored)}
     blocks = tuple(_block(place[s] % n, system) for s in [*x, *parts.moved])
-    make = kernel if n <= LARGE and slopes is None else rolled
+    make = kernel if n <= LARGE and slopes is None else _rolled()
     opened = make(prologue_inputs, opening)
     iterate = make(reads, [*parts.iterate, *parts.stored.values()])
     return FlowKernels(
@@ -163,6 +163,12 @@ def _build(flow: Flow, system: System, why: str) -> FlowKernels:
         pattern=slopes.pattern if slopes else None,
         way=f"sparse: {len(x)} unknowns{why}" if slopes else f"unrolled: {len(x)} unknowns" if x else f"explicit{why}",
     )
+
+
+def _rolled() -> Any:
+    from ..compiler.rolled import rolled  # of large systems only
+
+    return rolled
 
 
 @dataclass
@@ -215,6 +221,8 @@ class _Slopes:
 
 def _ordered(reduction: Reduction) -> _Slopes:
     """The Jacobian; rows and unknowns are put into the order of its pattern."""
+    from .pattern import Pattern  # of large systems only
+
     rows = trace.sparse_jacobian(reduction.rows, reduction.unknowns)
     found = [(i, j, slope) for i, row in enumerate(rows) for j, slope in row.items()]
     pattern = Pattern(len(rows), [i for i, _, _ in found], [j for _, j, _ in found])

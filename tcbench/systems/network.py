@@ -20,10 +20,9 @@ from ..compiler.space_kernels import SCALAR, Mesh, Slot, SpaceKernel, space_kern
 from ..compiler.spaces import Count, Map
 from ..compiler.symbols import Symbol, array, mixed_up
 from ..errors import TcbenchError, TraceError
-from .system import KEPT, State, System, derived
+from .system import FEW, KEPT, State, System, derived
 
 Ints = NDArray[np.int64]
-FEW = 24  # length of a state up to which formulas are traced as a whole
 SPACES = ("position", "element", "link", "point")
 
 

@@ -14,8 +14,8 @@ from ..compiler.kernels import Kernel
 from ..compiler.rolled import rolled
 from ..compiler.space_kernels import Mesh, Slot, space_kernel
 from ..compiler.symbols import MixedSpaces
-from .network import FEW, Network, blocks, state_slots
-from .system import System
+from .network import Network, blocks, state_slots
+from .system import FEW, System
 
 
 def sparse_jacobian(system: System) -> Callable[[Any], Any]:

@@ -480,6 +480,7 @@ def _mark(values: Any) -> Any:
     return trace.array(trace.mark(trace.lifted(x)) if isinstance(x, trace.Symbol | float | int) else x for x in values)
 
 
+FEW = 24  # length of a network's state up to which its formulas are traced as a whole
 LARGE = 80  # length of a state beyond which formulas become loops: see compiler.rolled
 KEPT = ("n_positions", "n_elements", "formulas", "zeros")  # of an instance, by the one that has symbols for constants
 _SYMBOLIC: dict[tuple, System] = {}
