@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections import defaultdict
 from functools import cache
-from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -43,16 +42,18 @@ def net_system(nx: int, ny: int) -> type[System]:
     corners = [(0, nx * ny), ((nx - 1) * ny, nx * ny + 1)]  # tied to the fixed points beyond the last mass
     pairs = np.concatenate([along, across, corners])
     anchors = SPACING * np.array([[-1.0, 0.0], [nx, 0.0]])
-    at: dict[int, list[int]] = defaultdict(list)
-    for k, (a, b) in enumerate(pairs):
-        for mass in (a, b):
+    springs: dict[int, list[int]] = defaultdict(list)  # of each mass
+    links = []
+    for k, ends in enumerate(pairs.tolist()):
+        for mass in ends:
             if mass < nx * ny:
-                at[mass].append(k)
+                links += [(other, k) for other in springs[mass]]
+                springs[mass].append(k)
     coordinates = 2 * pairs[:, :, None] + np.arange(2)
     body = {
         "n_positions": 2 * nx * ny,
         "elements": coordinates.reshape(len(pairs), 4),
-        "links": np.array([pair for mass in range(nx * ny) for pair in combinations(at[mass], 2)]).reshape(-1, 2),
+        "links": np.array(links),
         "points": np.arange(2 * nx * ny).reshape(-1, 2),
         "anchors": anchors.ravel(),
         "constants": {
