@@ -1,4 +1,4 @@
-"""Nets of springs in the plane, `net[nx=4,ny=4]`: a system that grows."""
+"""Nets of springs, `net[nx=4,ny=4]` in the plane and `truss3d[nx=2,ny=2,nz=4]` in space: systems that grow."""
 
 from tcbench import ScenarioFamily, hookimpl
 
@@ -9,7 +9,18 @@ def net_of(nx, ny):
     return net.net_of(nx, ny)
 
 
+def truss_of(nx, ny, nz):
+    from . import truss
+
+    return truss.truss_of(nx, ny, nz)
+
+
 @hookimpl
 def tcbench_scenarios():
-    source = "Romero (2009), section 4, with the masses and springs of a net"
-    return [ScenarioFamily("net", net_of, {"nx": "4", "ny": "4"}, "cost against size, in the plane", source)]
+    source = "Romero (2009), section 4, with the masses and springs of a"
+    return [
+        ScenarioFamily("net", net_of, {"nx": "4", "ny": "4"}, "cost against size, in the plane", f"{source} net"),
+        ScenarioFamily(
+            "truss3d", truss_of, {"nx": "2", "ny": "2", "nz": "4"}, "cost against size, in space", f"{source} bar"
+        ),
+    ]

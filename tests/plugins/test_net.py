@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from tcbench_plugins.net.net import net, net_of, net_system
 
 import tcbench
+from tcbench.plugins import find_scenario
 from tcbench.solver import flow_kernels, implicit_step
 
 from ..helpers.plain_net import PlainNet
@@ -51,6 +52,20 @@ def test_orders(method):
     fine = tcbench.simulate("gauss2", scenario, dt=0.02, t_end=1.0).z[-1]
     errors = [np.abs(tcbench.simulate(method, scenario, dt=h, t_end=1.0).z[-1] - fine).max() for h in steps]
     assert abs(np.log2(errors[0] / errors[1]) - order) < 0.3
+
+
+@pytest.mark.parametrize("size", [(2, 2, 1), (2, 2, 6), (3, 3, 4)])
+def test_a_bar_in_space_keeps_the_laws_and_its_clamped_end(size):
+    run = tcbench.simulate("tc_strang", "truss3d[nx={},ny={},nz={}]".format(*size), dt=0.1, t_end=1.0)
+    assert run.ok and run.summary.energy_error_max < 1e-12 and run.summary.entropy_increment_min > -1e-12
+    assert "loops over the elements" in run.solver.way
+    assert np.ptp(run.z[:, 0]) > 1e-3  # it moves
+
+
+def test_a_bar_has_a_size():
+    for size in ("1", "0", "201", "x"):
+        with pytest.raises(tcbench.TcbenchError, match="bar has"):
+            find_scenario(f"truss3d[nx={size}]")
 
 
 @settings(max_examples=12, deadline=None)
