@@ -57,6 +57,12 @@ class Page(HTMLParser):
         return pd.DataFrame(plain)
 
 
+@pytest.fixture(autouse=True)
+def elsewhere(tmp_path, monkeypatch):
+    """Away from a record of asv in the working directory."""
+    monkeypatch.chdir(tmp_path)
+
+
 def make(folder, tables, rows=(), declared=None):
     path = report.write_report(awkward.write_run(folder, tables, rows, declared))
     return path, path.read_text("utf-8")
