@@ -18,7 +18,8 @@ import numpy as np
 from tcbench import Integrator, hookimpl
 from tcbench.compiler.derivatives import array
 from tcbench.compiler.divided_differences import Corners, rectangle, symmetrised_slopes
-from tcbench.systems.system import State, System
+from tcbench.systems.state import State
+from tcbench.systems.system import System
 
 TINY = 1e-60  # beside squares of relative increments: 0/0 becomes 0 where nothing moves
 

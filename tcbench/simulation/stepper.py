@@ -13,7 +13,8 @@ from ..integrator import Integrator
 from ..solver.flow_kernels import FlowKernels
 from ..solver.implicit_step import OK, Rules, compiled_flows, make_flows, set_length
 from ..systems.scenario import Scenario
-from ..systems.system import State, System
+from ..systems.state import State
+from ..systems.system import System
 from .compiled_loop import LOOPS, Run
 from .recorder import cause_of, new_tally
 

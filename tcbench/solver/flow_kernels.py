@@ -25,7 +25,8 @@ from ..compiler.kernels import Kernel, constant_part, kernel
 from ..compiler.symbols import MixedSpaces
 from ..errors import TcbenchError, TraceError
 from ..integrator import Flow, Residual
-from ..systems.system import FEW, State, System
+from ..systems.state import State
+from ..systems.system import FEW, System
 from .elimination import ZERO_PIVOT, factorise
 from .foresight import foreseen
 from .reduction import Reduction, reduce

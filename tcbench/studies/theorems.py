@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..reference.precision import LONG
-from ..systems.system import State, System
+from ..systems.state import State
+from ..systems.system import System
 
 if TYPE_CHECKING:
     from ..integrator import Integrator

@@ -20,7 +20,8 @@ from ..compiler.space_kernels import SCALAR, Mesh, Slot, SpaceKernel, space_kern
 from ..compiler.spaces import Count, Map
 from ..compiler.symbols import Symbol, array, mixed_up
 from ..errors import TcbenchError, TraceError
-from .system import FEW, KEPT, State, System, derived
+from .state import State
+from .system import FEW, KEPT, System, derived
 
 Ints = NDArray[np.int64]
 SPACES = ("position", "element", "link", "point")

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from ..errors import TcbenchError, unknown_name
 from .sampling import Draw, Range, seed_of
-from .system import System, formulas_hash
+from .state import formulas_hash
+from .system import System
 
 REST = 1e-10  # least exergy of a scenario, relative to its energy: see Scenario.initial_exergy
 SETTINGS = ("name", "t_end", "dt", "positions", "momenta", "temperatures", "t_converge", "blowup_factor")

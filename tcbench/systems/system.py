@@ -7,53 +7,23 @@ on symbols (while a formula is traced) as an expression, on floats through a com
 
 from __future__ import annotations
 
-import sys
-import uuid
 from collections.abc import Callable, Mapping
-from functools import cache, cached_property, wraps
+from functools import cached_property, wraps
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..compiler import derivatives as trace
-from ..compiler.code_hash import content_hash, installed
 from ..compiler.divided_differences import rectangle, symmetrised_slopes
 from ..errors import TcbenchError, unknown_name
 from .operators import Poisson, SparseRows
+from .state import State, formulas_hash
 
 if TYPE_CHECKING:
     from ..compiler.kernels import Kernel
 
 Array = NDArray[Any]
-
-
-class State(np.ndarray):
-    """Array, last axis (q, p, s), with the blocks by name; `theta` names the last block in (q, p, theta)."""
-
-    n_positions: int
-
-    def __new__(cls, values: Any, n_positions: int) -> State:
-        state = np.asarray(values).view(cls)
-        state.n_positions = n_positions
-        return state
-
-    def __array_finalize__(self, source: Any) -> None:
-        self.n_positions = getattr(source, "n_positions", 0)
-
-    @property
-    def q(self) -> Array:
-        return self.view(np.ndarray)[..., : self.n_positions]
-
-    @property
-    def p(self) -> Array:
-        return self.view(np.ndarray)[..., self.n_positions : 2 * self.n_positions]
-
-    @property
-    def s(self) -> Array:
-        return self.view(np.ndarray)[..., 2 * self.n_positions :]
-
-    theta = s
 
 
 def derived(body: Callable[..., Any]) -> Callable[..., Any]:
@@ -456,21 +426,6 @@ class System:
         if body is None:
             raise TcbenchError(f"{name!r} is no derived function of the system {self.name!r}.")
         return body
-
-
-def formulas_hash(kind: type[System]) -> str:
-    """Hash of what a class of systems computes now: a global that its formulas read may have changed in between.
-
-    Another one each time where they have none (see code_hash): nothing traced is then used twice.
-    """
-    return _installed_hash(kind) or content_hash(kind) or uuid.uuid4().hex  # type: ignore[arg-type]
-
-
-@cache
-def _installed_hash(kind: type[System]) -> str | None:
-    """The hash of a class that nobody edits: name and version of its package; a scenario asks at every call."""
-    file = getattr(sys.modules.get(kind.__module__), "__file__", None)
-    return content_hash(kind) if installed(kind.__module__, file) else None
 
 
 def _mark(values: Any) -> Any:

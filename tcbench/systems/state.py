@@ -1,0 +1,61 @@
+"""What a `System` is made of beside formulas: `State`, a vector with names, and the hash that tells edited formulas."""
+
+from __future__ import annotations
+
+import sys
+import uuid
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..compiler.code_hash import content_hash, installed
+
+if TYPE_CHECKING:
+    from .system import System
+
+Array = NDArray[Any]
+
+
+class State(np.ndarray):
+    """Array, last axis (q, p, s), with the blocks by name; `theta` names the last block in (q, p, theta)."""
+
+    n_positions: int
+
+    def __new__(cls, values: Any, n_positions: int) -> State:
+        state = np.asarray(values).view(cls)
+        state.n_positions = n_positions
+        return state
+
+    def __array_finalize__(self, source: Any) -> None:
+        self.n_positions = getattr(source, "n_positions", 0)
+
+    @property
+    def q(self) -> Array:
+        return self.view(np.ndarray)[..., : self.n_positions]
+
+    @property
+    def p(self) -> Array:
+        return self.view(np.ndarray)[..., self.n_positions : 2 * self.n_positions]
+
+    @property
+    def s(self) -> Array:
+        return self.view(np.ndarray)[..., 2 * self.n_positions :]
+
+    theta = s
+
+
+def formulas_hash(kind: type[System]) -> str:
+    """Hash of what a class of systems computes now: a global that its formulas read may have changed in between.
+
+    Another one each time where they have none (see code_hash): nothing traced is then used twice.
+    """
+    return _installed_hash(kind) or content_hash(kind) or uuid.uuid4().hex  # type: ignore[arg-type]
+
+
+@cache
+def _installed_hash(kind: type[System]) -> str | None:
+    """The hash of a class that nobody edits: name and version of its package; a scenario asks at every call."""
+    file = getattr(sys.modules.get(kind.__module__), "__file__", None)
+    return content_hash(kind) if installed(kind.__module__, file) else None
