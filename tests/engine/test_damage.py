@@ -63,7 +63,8 @@ def test_a_full_disk_is_no_final_row(tmp_path, monkeypatch):
 def test_a_cache_without_room_ends_in_a_sentence_and_the_next_run_measures(tmp_path):
     cache = tmp_path / "cache"
     limited = f"ulimit -f 4; exec {SCRIPT} run -i tc_monolithic -s short_term --study conservation --dt 0.3 -o out"
-    env = os.environ | {"TCBENCH_CACHE_DIR": str(cache)}
+    # Python would leave byte code cut at the limit beside the sources, for every later process to stumble over
+    env = os.environ | {"TCBENCH_CACHE_DIR": str(cache), "PYTHONDONTWRITEBYTECODE": "1"}
     done = subprocess.run(["bash", "-c", limited], cwd=tmp_path, env=env, capture_output=True, text=True)
     assert "Traceback" not in done.stderr, done.stderr
     assert not Store.read(tmp_path / "out").finished_keys()
