@@ -130,7 +130,7 @@ def test_a_system_of_a_module_runs_in_workers_and_an_edit_of_what_it_imports_is_
 
     first, count = measured()
     assert first["status"] == "ok" and count == 1 and measured()[1] == 0
-    (tmp_path / "factor_of_mine.py").write_text("factor = 9.0  # of another length: Python looks at size and whole seconds only\n")
+    (tmp_path / "factor_of_mine.py").write_text("factor = 9.0  # longer\n")  # .pyc: size and seconds
     stale, count = measured()  # the session still has the old module: the worker, which has the new one, refuses
     assert count == 1 and "was changed in the session" in stale["failure"]
     importlib.reload(sys.modules["factor_of_mine"])
