@@ -11,53 +11,29 @@ from typing import Any
 
 import numpy as np
 
-from tcbench import Network, Scenario, TcbenchError
-from tcbench.systems.pendulum import Springs
-from tcbench.systems.system import System
+from tcbench import Scenario, TcbenchError
+from tcbench.systems.spring_network import SpringNetwork
 
 MOST_MASSES = 100_000  # the arrays of one state of more would hardly be meant
 
 
-class Chain(Network, Springs):
-    """Springs as in the pendulum; heat is conducted between neighbours. Subclasses fix n: see `chain_system`."""
+class Chain(SpringNetwork):
+    """Subclasses fix n: see `chain_system`."""
 
     name = "chain"
-
-    def inertia(self) -> Any:
-        return self.per_position(self.masses)
-
-    def element_shape(self, q: Any) -> Any:
-        """Squared length of a spring, from the coordinates of its two ends."""
-        x, y = q[2] - q[0], q[3] - q[1]
-        return x * x + y * y
-
-    def link(self, a: Any, b: Any) -> tuple[Any, Any]:
-        """Eq. (22) for two neighbours."""
-        return self.conductivity * ((b - a) / a), self.conductivity * ((a - b) / b)
 
     def point_invariants(self, q: Any, p: Any) -> dict[str, Any]:
         return {"angular_momentum": q[0] * p[1] - q[1] * p[0]}
 
 
 @cache
-def chain_system(n: int) -> type[System]:
+def chain_system(n: int) -> type[SpringNetwork]:
     """The class of chains with n masses."""
     if n < 2:
         raise TcbenchError(f"A chain has at least 2 masses, not {n}.")
-    mass = np.arange(2 * n).reshape(n, 2)
-    body = {
-        "n_positions": 2 * n,
-        "elements": np.concatenate([np.concatenate([[[2 * n, 2 * n + 1]], mass[:-1]]), mass], axis=1),
-        "links": np.stack([np.arange(n - 1), np.arange(1, n)], axis=1),
-        "points": mass,
-        "anchors": np.zeros(2),
-        "constants": {
-            "masses": "point", "stiffness": "element", "natural_lengths": "element", "conductivity": (),
-            "reference_temperature": (), "coupling": (), "heat_capacity": (),
-        },
-        "__module__": __name__, "__qualname__": f"Chain{n}", "__doc__": f"A chain of {n} masses.",
-    }  # fmt: skip
-    return type(f"Chain{n}", (Chain,), body)
+    pairs = np.stack([np.r_[n, : n - 1], np.arange(n)], axis=1)  # the origin is point n
+    names = {"__module__": __name__, "__qualname__": f"Chain{n}", "__doc__": f"A chain of {n} masses."}
+    return Chain.over(pairs, np.zeros((1, 2)), **names)
 
 
 def chain(n: int, **changes: Any) -> Scenario:

@@ -3,66 +3,33 @@
 from __future__ import annotations
 
 import re
-from collections import defaultdict
 from functools import cache
 from typing import Any
 
 import numpy as np
 
-from tcbench import Network, Scenario, TcbenchError
-from tcbench.systems.pendulum import Springs
-from tcbench.systems.system import System
+from tcbench import Scenario, TcbenchError
+from tcbench.systems.spring_network import SpringNetwork
 
 MOST = 1000  # masses along a side
 SPACING = 1.1
 
 
-class Net(Network, Springs):
-    """Springs between points of the plane; each two springs that share a mass conduct heat. See `net_system`."""
+class Net(SpringNetwork):
+    """Springs between points of the plane. See `net_system`."""
 
     name = "net"
 
-    def inertia(self) -> Any:
-        return self.per_position(self.masses)
-
-    def element_shape(self, q: Any) -> Any:
-        x, y = q[2] - q[0], q[3] - q[1]
-        return x * x + y * y
-
-    def link(self, a: Any, b: Any) -> tuple[Any, Any]:
-        return self.conductivity * ((b - a) / a), self.conductivity * ((a - b) / b)
-
 
 @cache
-def net_system(nx: int, ny: int) -> type[System]:
+def net_system(nx: int, ny: int) -> type[SpringNetwork]:
     """The class of nets with nx by ny masses; mass (i, j) is number i * ny + j."""
     number = np.arange(nx * ny).reshape(nx, ny)
     along = np.stack([number[:-1].ravel(), number[1:].ravel()], axis=1)
     across = np.stack([number[:, :-1].ravel(), number[:, 1:].ravel()], axis=1)
     corners = [(0, nx * ny), ((nx - 1) * ny, nx * ny + 1)]  # tied to the fixed points beyond the last mass
-    pairs = np.concatenate([along, across, corners])
-    anchors = SPACING * np.array([[-1.0, 0.0], [nx, 0.0]])
-    springs: dict[int, list[int]] = defaultdict(list)  # of each mass
-    links = []
-    for k, ends in enumerate(pairs.tolist()):
-        for mass in ends:
-            if mass < nx * ny:
-                links += [(other, k) for other in springs[mass]]
-                springs[mass].append(k)
-    coordinates = 2 * pairs[:, :, None] + np.arange(2)
-    body = {
-        "n_positions": 2 * nx * ny,
-        "elements": coordinates.reshape(len(pairs), 4),
-        "links": np.array(links),
-        "points": np.arange(2 * nx * ny).reshape(-1, 2),
-        "anchors": anchors.ravel(),
-        "constants": {
-            "masses": "point", "stiffness": "element", "natural_lengths": "element", "conductivity": (),
-            "reference_temperature": (), "coupling": (), "heat_capacity": (),
-        },
-        "__module__": __name__, "__qualname__": f"Net{nx}x{ny}", "__doc__": f"A net of {nx} by {ny} masses.",
-    }  # fmt: skip
-    return type(f"Net{nx}x{ny}", (Net,), body)
+    names = {"__module__": __name__, "__qualname__": f"Net{nx}x{ny}", "__doc__": f"A net of {nx} by {ny} masses."}
+    return Net.over(np.concatenate([along, across, corners]), SPACING * np.array([[-1.0, 0.0], [nx, 0.0]]), **names)
 
 
 def net(nx: int, ny: int, **changes: Any) -> Scenario:

@@ -3,38 +3,26 @@
 from __future__ import annotations
 
 import re
-from collections import defaultdict
 from functools import cache
 from typing import Any
 
 import numpy as np
 
-from tcbench import Network, Scenario, TcbenchError
-from tcbench.systems.pendulum import Springs
-from tcbench.systems.system import System
+from tcbench import Scenario, TcbenchError
+from tcbench.systems.spring_network import SpringNetwork
 
 MOST = 200  # masses along an edge
 NEIGHBOURS = [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0), (1, 0, 1), (0, 1, 1), (1, -1, 0), (1, 0, -1), (0, 1, -1)]
 
 
-class Truss(Network, Springs):
-    """Springs between points of space; each two springs that share a mass conduct heat. See `truss_system`."""
+class Truss(SpringNetwork):
+    """Springs between points of space. See `truss_system`."""
 
     name = "truss3d"
 
-    def inertia(self) -> Any:
-        return self.per_position(self.masses)
-
-    def element_shape(self, q: Any) -> Any:
-        x, y, z = q[3] - q[0], q[4] - q[1], q[5] - q[2]
-        return x * x + y * y + z * z
-
-    def link(self, a: Any, b: Any) -> tuple[Any, Any]:
-        return self.conductivity * ((b - a) / a), self.conductivity * ((a - b) / b)
-
 
 @cache
-def truss_system(nx: int, ny: int, nz: int) -> type[System]:
+def truss_system(nx: int, ny: int, nz: int) -> type[SpringNetwork]:
     """The class of bars with nx by ny by nz masses, in front of nx by ny fixed points at z = -1."""
     sizes, free = np.array([nx, ny, nz + 1]), nx * ny * nz
     place = np.stack(np.meshgrid(*map(np.arange, sizes), indexing="ij"), axis=-1).reshape(-1, 3)
@@ -44,23 +32,8 @@ def truss_system(nx: int, ny: int, nz: int) -> type[System]:
         (k, number[other]) for k, p in enumerate(place.tolist()) for step in NEIGHBOURS
         if (other := tuple(a + b for a, b in zip(p, step, strict=True))) in number and min(k, number[other]) < free
     ]  # fmt: skip
-    springs: dict[int, list[int]] = defaultdict(list)
-    links = []
-    for k, ends in enumerate(pairs):
-        for mass in (m for m in ends if m < free):
-            links += [(other, k) for other in springs[mass]]
-            springs[mass].append(k)
-    body = {
-        "n_positions": 3 * free, "anchors": (place[free:] - [0, 0, 1]).ravel(),
-        "elements": (3 * np.array(pairs)[:, :, None] + np.arange(3)).reshape(-1, 6), "links": np.array(links),
-        "points": np.arange(3 * free).reshape(-1, 3),
-        "constants": {
-            "masses": "point", "stiffness": "element", "natural_lengths": "element", "conductivity": (),
-            "reference_temperature": (), "coupling": (), "heat_capacity": (),
-        },
-        "__module__": __name__, "__qualname__": f"Truss{nx}x{ny}x{nz}", "__doc__": f"A bar of {free} masses.",
-    }  # fmt: skip
-    return type(f"Truss{nx}x{ny}x{nz}", (Truss,), body)
+    names = {"__module__": __name__, "__qualname__": f"Truss{nx}x{ny}x{nz}", "__doc__": f"A bar of {free} masses."}
+    return Truss.over(pairs, place[free:] - [0, 0, 1], **names)
 
 
 def truss(nx: int, ny: int, nz: int, **changes: Any) -> Scenario:

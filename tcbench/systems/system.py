@@ -45,7 +45,7 @@ class System:
     name: ClassVar[str] = ""
     n_positions: int = 0
     n_elements: int = 0
-    constants: ClassVar[Mapping[str, tuple[int, ...]]] = {}  # name -> shape
+    constants: ClassVar[Mapping[str, Any]] = {}  # name -> shape, a tuple; of a Network also the space it belongs to
     positive: ClassVar[tuple[str, ...]] = ()  # constants that must be > 0
     non_negative: ClassVar[tuple[str, ...]] = ()
     source: ClassVar[str] = ""
