@@ -8,6 +8,7 @@ import importlib
 import importlib.util
 import sys
 from collections.abc import Iterable
+from importlib.machinery import EXTENSION_SUFFIXES, SOURCE_SUFFIXES, ExtensionFileLoader, FileFinder, SourceFileLoader
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -26,6 +27,34 @@ def plugin_files(folders: Iterable[Path]) -> list[Path]:
 CLASH = "Two folders have a module "
 _HELPERS: dict[str, ModuleType] = {}  # modules beside plugin files that these have imported
 _PATHS: list[str] = []  # what was added to sys.path
+_FOLDERS: set[Path] = set()  # of the files that were imported
+
+
+class AsWritten(SourceFileLoader):
+    """Compiles what a file says now. Python takes byte code for current if the source has the size and the whole second
+    that it was made from, so a file that a script edits would be measured under its new hash with its old formula."""
+
+    def get_code(self, fullname: str) -> Any:
+        path = self.get_filename(fullname)
+        return self.source_to_code(self.get_data(path), path)
+
+
+def _read_as_written(folder: str) -> Any:
+    """A path hook: modules in folders of plugin files, and in packages there, but not in an environment there."""
+    path = Path(folder)
+    above = next((f for f in _FOLDERS if path.is_relative_to(f)), None)
+    if above is None or _in_environment(path, above):
+        raise ImportError(f"no plugin files in {folder}")
+    return FileFinder(folder, (ExtensionFileLoader, EXTENSION_SUFFIXES), (AsWritten, SOURCE_SUFFIXES))
+
+
+def _in_environment(path: Path, above: Path) -> bool:
+    roots = [Path(prefix) for prefix in (sys.prefix, sys.base_prefix)]
+    within = any(root.is_relative_to(above) and path.is_relative_to(root) for root in roots)
+    return within or "site-packages" in path.relative_to(above).parts
+
+
+sys.path_hooks.insert(0, _read_as_written)
 
 
 def forget_helpers() -> None:
@@ -52,15 +81,19 @@ def import_file(path: Path) -> Any:
     if str(path.parent) not in sys.path:
         sys.path.append(str(path.parent))
         _PATHS.append(str(path.parent))
-    spec = importlib.util.spec_from_file_location(name, path)
-    if spec is None or spec.loader is None:
+    if path.parent not in _FOLDERS:
+        _FOLDERS.add(path.parent)
+        sys.path_importer_cache.pop(str(path.parent), None)
+    loader = AsWritten(name, str(path))
+    spec = importlib.util.spec_from_file_location(name, path, loader=loader)
+    if spec is None:
         raise ImportError(f"{path} is not a Python file")
     _refuse_clash(path)
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module  # before it runs: cached kernels and dataclasses look their module up
     before = set(sys.modules)
     try:
-        spec.loader.exec_module(module)
+        loader.exec_module(module)
     except BaseException:
         sys.modules.pop(name, None)
         raise

@@ -18,7 +18,7 @@ from ..store.provenance import package_version
 from ..store.store import Rows
 from ..studies.base import find_study
 from ..systems.scenario import Scenario
-from .fingerprint import UNHASHABLE, method_sources, worker_finds
+from .fingerprint import UNHASHABLE, method_sources, system_sources, worker_finds
 
 if TYPE_CHECKING:
     from .local import Event, Summary
@@ -33,7 +33,19 @@ def measure_cell(cell: dict[str, Any], context: dict[str, Any]) -> dict[str, Any
     method = plugins.find_integrator(cell["integrator"])
     custom = context.get("scenarios", {}).get(cell["scenario"])
     scenario = _rebuild(custom) if custom else plugins.find_scenario(cell["scenario"])
+    _refuse_edited(method.name, method_sources(method), context.get("integrator_sources", {}))
+    _refuse_edited(scenario.name, system_sources(scenario.system), context.get("scenario_sources", {}))
     return _measure(method, scenario, cell)
+
+
+def _refuse_edited(name: str, sources: list[str], planned: Mapping[str, list[str]]) -> None:
+    """A worker reads files when it starts, perhaps in the middle of a run: no row of theirs for those of the plan."""
+    expected = planned.get(name, sources)
+    if sources != expected and not any(mark.startswith(UNHASHABLE) for mark in expected):
+        raise ChangedError(
+            f"The files of {name} are not those that the run was planned with: edited meanwhile, or others on this "
+            "machine. Run again, and what they say now is measured."
+        )
 
 
 def _measure(method: Integrator, scenario: Scenario, cell: Mapping[str, Any]) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from ..store.cells import Cell
 from ..store.store import Rows, Store
 from ..studies.base import Study, default_studies, expand_studies, find_study
 from ..systems.scenario import Scenario
-from .fingerprint import cell_fingerprint, forget
+from .fingerprint import cell_fingerprint, forget, method_sources, system_sources
 from .measure import scenario_data
 
 if TYPE_CHECKING:
@@ -79,6 +79,8 @@ def plan_job(
         "folders": [str(p) for p in plugins.plugin_folders()],
         "scenarios": custom,
         "foreign": _foreign([*methods, *selected]),
+        "integrator_sources": {m.name: method_sources(m) for m in methods if plugins.is_registered(m)},
+        "scenario_sources": {s.name: system_sources(s.system) for s in selected if s.name not in custom},
     }
     absent = {name: m.lacks for name, m in registry.integrators.items() if m.lacks}
     unique = list({c.key: c for c in cells}.values())

@@ -28,6 +28,7 @@ from typing import Any
 from ..errors import MachineError
 from ..store.encoding import encode_values
 
+DIED = "Fatal Python error"  # what faulthandler writes first
 MESSAGE_LIMIT = 2000  # characters kept of an exception's message, and of the ends of its traceback and of the output
 ROW_LIMIT = 64 * 2**20  # bytes of JSON a row may have
 # Cells run side by side, one a core: threads inside them would only get in each other's way and blur timings.
@@ -55,7 +56,8 @@ def start(settings: dict[str, Any]) -> None:
     _own_streams()
     _settings["folder"] = os.getcwd()
     with contextlib.suppress(Exception):
-        faulthandler.enable(file=2)  # a segfault then leaves its Python traceback in the output
+        # a segfault then leaves its Python traceback in the output; other threads are the engine's own
+        faulthandler.enable(file=2, all_threads=False)
     if settings.get("memory_limit"):
         _limit_memory(int(settings["memory_limit"]))
 
@@ -147,7 +149,10 @@ def cut(text: str, limit: int = MESSAGE_LIMIT) -> str:
 
 
 def tail(text: str, limit: int = MESSAGE_LIMIT) -> str:
-    """The end of a text."""
+    """The end of a text; of an interpreter that died, the end of what it said before and the innermost frames."""
+    said, died, frames = text.partition(DIED)
+    if died:
+        return tail(said, limit) + cut(died + frames, limit)
     return text if len(text) <= limit else "..." + text[-limit:]
 
 
@@ -155,8 +160,8 @@ def read_tail(path: Path, limit: int = MESSAGE_LIMIT) -> str:
     """The end of an output file as text; empty when there is none."""
     try:
         with open(path, "rb") as file:
-            file.seek(max(0, os.fstat(file.fileno()).st_size - 4 * limit))
-            return tail(file.read(4 * limit).decode(errors="replace").replace("\0", ""), limit)
+            file.seek(max(0, os.fstat(file.fileno()).st_size - 10 * limit))  # faulthandler gives up to 100 frames
+            return tail(file.read(10 * limit).decode(errors="replace").replace("\0", ""), limit)
     except OSError:
         return ""
 

@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 
 from tcbench.engine.local import Event, compiled_once, plan, run_cells
+from tcbench.engine.worker import tail
 from tcbench.engine.worker_slot import START_ATTEMPTS
 from tcbench.errors import TcbenchError
 from tcbench.store.cells import Cell
@@ -87,8 +88,15 @@ def test_every_fault_costs_its_own_cell_and_nothing_else(tmp_path):
         assert (row["status"], {k: row.get(k) for k in says}) == (status, says), name
         assert (row["failure"] == "") == (status in ("ok", "nonfinite")), name
     tails = {name: rows[Cell("s", name, "x").key].get("output_tail", "") for name in EXPECTED}
-    assert "about to read address 0" in tails["segfault"] and "no play" in tails["prints"]
+    assert "about to read address 0" in tails["segfault"] and "in fault_segfault" in tails["segfault"]
+    assert "no play" in tails["prints"]
     assert max(map(len, written)) < 20_000  # the 10 MB message was cut
+
+
+def test_what_was_said_before_a_crash_and_its_innermost_frames_are_kept():
+    dump = "Fatal Python error: Segmentation fault\n\n" + "".join(f'  File "a.py", line {k} in f\n' for k in range(100))
+    kept = tail("chatter\n" * 5000 + "the last word\n" + dump)
+    assert "the last word\nFatal Python error" in kept and "line 0 in f" in kept and len(kept) < 4100
 
 
 def test_a_module_that_kills_the_worker_on_import_becomes_rows_and_no_endless_restart(tmp_path, monkeypatch):

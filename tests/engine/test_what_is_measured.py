@@ -1,6 +1,7 @@
 """A row is used again only where it would come out the same: objects, Systems, modules, plugin files, packages."""
 
 import importlib
+import os
 import subprocess
 import sys
 import textwrap
@@ -13,8 +14,10 @@ import pytest
 import tcbench
 from tcbench import Integrator, plugins
 from tcbench.engine import fingerprint
+from tcbench.engine.local import run_cells
+from tcbench.engine.measure import MEASURE
 from tcbench.engine.planning import plan_job
-from tcbench.store.store import Store
+from tcbench.store.store import Rows, Store
 from tests.simulation.test_changed_formulas import springs
 
 WEIGHT = 0.5
@@ -166,6 +169,45 @@ def test_a_plugin_file_that_is_edited_during_the_session_is_read_again(tmp_path,
     plugins.use_folders([file])
     second = run(out, ["from_a_file"])
     assert second.summary.run == 1 and error(second) != error(first)
+
+
+HELPED = "import pack.share\n" + PLUGIN.replace("({a})", "pack.share.old").replace("{b}", "pack.share.new")
+
+
+@pytest.mark.parametrize("python", ["this", "another"])
+def test_an_edit_of_one_size_and_second_is_measured(tmp_path, folders, monkeypatch, python):
+    """Python would take its byte code of the file before for current: own files, helpers and packages beside them."""
+    monkeypatch.delenv("PYTHONDONTWRITEBYTECODE", raising=False)
+    monkeypatch.setattr(sys, "dont_write_bytecode", False)
+    (tmp_path / "pack").mkdir()
+    (tmp_path / "pack" / "__init__.py").write_text("")
+    share, out = tmp_path / "pack" / "share.py", tmp_path / "out"
+    (tmp_path / "from_a_file.py").write_text(HELPED.format(c=2))
+    errors = []
+    for values in ("old, new = 0.5, 0.5\n", "old, new = 0.0, 1.0\n"):
+        share.write_text(values)
+        os.utime(share, (1e9, 1e9))
+        if python == "this":
+            plugins.use_folders([tmp_path])
+            errors.append(error(run(out, ["from_a_file"])))
+        else:
+            command = [sys.executable, "-m", "tcbench", "run", "-i", "from_a_file", "-s", "short_term", "--study",
+                       "conservation", "--dt", "0.3", "--plugins-dir", str(tmp_path), "--output", str(out)]  # fmt: skip
+            subprocess.run(command, check=True, capture_output=True)
+            errors.append(pandas.read_csv(out / "tables" / "conservation.csv")["energy_error_max"].item())
+    assert errors[0] != errors[1]
+
+
+def test_a_file_that_is_edited_after_the_plan_gives_no_row_of_the_plan(tmp_path, folders):
+    file = tmp_path / "from_a_file.py"
+    file.write_text(PLUGIN.format(a=0.5, b=0.5, c=2))
+    plugins.use_folders([file])
+    job = plan_job(["from_a_file"], ["short_term"], ["conservation"], dt=[0.3])
+    file.write_text(PLUGIN.format(a=0.0, b=1.0, c=2))
+    rows = Rows()
+    run_cells(job.cells, MEASURE, job.context, rows, jobs=1)
+    (row,) = rows.rows().values()
+    assert row["exception_type"] == "ChangedError" and "not those that the run was planned with" in row["failure"]
 
 
 def test_a_metric_that_is_edited_is_measured_again(tmp_path, folders):
