@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -214,23 +214,16 @@ def maximum_step(integrator: Integrator, scenario: Scenario) -> tuple[dict[str, 
     }
     full, plain = boundary(ladders["continuation"]), boundary(ladders["plain"])
     limit, certified = confirmed(integrator, scenario, full)
-    limit_plain = plain_limit(integrator, scenario, plain, ladders["plain"])
-    fold = first_fold(integrator, scenario, cap, full.unstable)
-    failed = None if full.unstable is None else ladders["continuation"][full.unstable]
-    row = {
-        "dt_stable": _step(full.stable), "dt_unstable": _step(full.unstable), "dt_half": _step(full.half),
-        "dt_fold": _step(fold), "limit": limit, "non_monotone": full.non_monotone, "dt_cap": step_of(cap),
-        "dt_stable_plain": _step(plain.stable), "limit_plain": limit_plain,
+    row = _limits(full, ladders["continuation"], limit) | {
+        "dt_fold": _step(first_fold(integrator, scenario, cap, full.unstable)),
+        "dt_stable_plain": _step(plain.stable),
+        "limit_plain": plain_limit(integrator, scenario, plain, ladders["plain"]),
         "dt_unstable_plain": _step(plain.unstable), "dt_half_plain": _step(plain.half),
         "non_monotone_plain": plain.non_monotone, "certified": certified,
-        "cause": failed.failure if failed else "",
     }  # fmt: skip
     points = [
-        {
-            "solver": solver, "dt": p.dt, "status": p.status, "kind": p.kind, "blowup_time": p.blowup_time,
-            "continuation_steps": p.continuation_steps, "energy_error_max": p.energy_error, "folds": p.folds,
-        }
-        for solver, ladder in ladders.items() for p in ladder.points()
+        point | {"continuation_steps": p.continuation_steps, "folds": p.folds}
+        for solver, ladder in ladders.items() for p, point in _points(solver, ladder)
     ]  # fmt: skip
     return row, points
 
@@ -240,23 +233,26 @@ def maximum_own_step(integrator: Integrator, scenario: Scenario) -> tuple[dict[s
 
     limit : `solver` where the step function gave up (it raised an exception), `physical` where the run was bad.
     """
-    cap = cap_rung(scenario)
-    ladder = Ladder(lambda dt: outcome(integrator, scenario, dt), cap)
+    ladder = Ladder(lambda dt: outcome(integrator, scenario, dt), cap_rung(scenario))
     found = boundary(ladder, below=COARSE)  # runs in Python that get through are dear: one coarse interval, not eight
-    failed = None if found.unstable is None else ladder[found.unstable]
-    row = {
+    limit = NONE if found.unstable is None else ladder[found.unstable].kind
+    return _limits(found, ladder, limit), [point for _, point in _points("own", ladder)]
+
+
+def _limits(found: Boundary, ladder: Ladder, limit: str) -> dict[str, Any]:
+    return {
         "dt_stable": _step(found.stable), "dt_unstable": _step(found.unstable), "dt_half": _step(found.half),
-        "limit": failed.kind if failed else NONE, "non_monotone": found.non_monotone, "dt_cap": step_of(cap),
-        "cause": failed.failure if failed else "",
+        "limit": limit, "non_monotone": found.non_monotone, "dt_cap": step_of(ladder.cap),
+        "cause": "" if found.unstable is None else ladder[found.unstable].failure,
     }  # fmt: skip
-    points = [
-        {
-            "solver": "own", "dt": p.dt, "status": p.status, "kind": p.kind, "blowup_time": p.blowup_time,
+
+
+def _points(solver: str, ladder: Ladder) -> Iterator[tuple[Outcome, dict[str, Any]]]:
+    for p in ladder.points():
+        yield p, {
+            "solver": solver, "dt": p.dt, "status": p.status, "kind": p.kind, "blowup_time": p.blowup_time,
             "energy_error_max": p.energy_error,
-        }
-        for p in ladder.points()
-    ]  # fmt: skip
-    return row, points
+        }  # fmt: skip
 
 
 TOLERANCES = tuple(10 ** (-k / 2) for k in range(17))  # 1, 0.32, ... 1e-8

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -188,24 +189,10 @@ def _bracket(ax: Axes, rows: DataFrame, name: str, y: float) -> None:
         ax.plot([ax.get_xlim()[0], stable], [y, y], color=colour, linewidth=pt(3), alpha=0.35, solid_capstyle="butt")
         if np.isfinite(values["dt_half"]) and values["dt_half"] > stable:
             ax.plot([stable, values["dt_half"]], [y, y], color=colour, linestyle=":", linewidth=pt(1.6))
-        if np.isfinite(values["dt_unstable"]):
-            ax.plot(
-                [values["dt_unstable"]],
-                [y],
-                color=colour,
-                marker="|",
-                markersize=pt(11),
-                markeredgewidth=pt(1.4),
-            )
-        if np.isfinite(values["dt_stable_plain"]) and str(row.get("limit_plain")) != "none":
-            ax.plot(
-                [values["dt_stable_plain"]],
-                [y],
-                color=GREY,
-                marker="|",
-                markersize=pt(8),
-                markeredgewidth=pt(1.4),
-            )
+        plain = math.nan if str(row.get("limit_plain")) == "none" else values["dt_stable_plain"]
+        for dt, hue, size in ((values["dt_unstable"], colour, 11), (plain, GREY, 8)):
+            if np.isfinite(dt):
+                ax.plot([dt], [y], color=hue, marker="|", markersize=pt(size), markeredgewidth=pt(1.4))
         ax.plot([stable], [y], color=colour, marker=LIMITS.get(limit, "D"), linestyle="none", zorder=4)
         if row.get("non_monotone") is not None and bool(row.get("non_monotone") == True):  # noqa: E712
             ax.annotate(
