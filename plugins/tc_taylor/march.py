@@ -26,6 +26,7 @@ class Work(Record):
     order: int
     n_given: int
     n_target: int
+    to_start: Kernel  # see mending.start_kernel
     to_series: Kernel  # see recurrences.series_kernels
     to_state: Kernel
     to_mend: Kernel  # see mending.mending_kernels
@@ -38,6 +39,13 @@ class Work(Record):
     length: Floats = sized("1")
     target: Floats = sized("n_target")  # a state, the energy and lowest entropy and invariants that it should have
     mended: Floats = sized("size + 2")  # the state that has them, its entropy, the least of what must be positive
+
+
+def begin(w: Work, z: Floats) -> None:
+    """At z: with its energy, entropy and invariants as those to be kept."""
+    call(w.to_start, z, w.given, w.target)
+    for i in range(w.size):
+        w.y[i] = w.target[i]
 
 
 def mended_state(w: Work, h: float) -> bool:
@@ -66,11 +74,14 @@ def step_length(w: Work, tolerance: float) -> float:
     return h
 
 
-def adaptive_steps(w: Work, times: Floats, tolerance: float, states: Matrix) -> int:
-    """States (q, p, s) at `times` from y on, each mended; how many rows were reached.
+def adaptive_steps(w: Work, z: Floats, times: Floats, tolerance: float, states: Matrix) -> int:
+    """States (q, p, s) at `times` from z on, each mended; how many rows were reached.
 
     A step ends where its series does, not at output times: states on the way come from the series.
     """
+    begin(w, z)
+    for i in range(w.size):
+        states[0][i] = z[i]
     t, h, row, fresh = times[0], 0.0, 1, True
     while row < len(times):
         if fresh:
@@ -100,7 +111,7 @@ def adaptive_steps(w: Work, times: Floats, tolerance: float, states: Matrix) -> 
 
 
 def fixed_steps(w: Work, h: float, states: Matrix) -> int:
-    """States (q, p, s) after each of the steps of length h, up to the first that ends in none; how many."""
+    """States (q, p, s) after each of the steps of length h from y on, up to the first that ends in none; how many."""
     for row in range(len(states)):
         call(w.to_series, w.y, w.given, w.coefficients)
         if not mended_state(w, h):
@@ -111,4 +122,4 @@ def fixed_steps(w: Work, h: float, states: Matrix) -> int:
     return len(states)
 
 
-LOOPS = Library("taylor", adaptive_steps, fixed_steps)
+LOOPS = Library("taylor", begin, adaptive_steps, fixed_steps)

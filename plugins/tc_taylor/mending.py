@@ -17,8 +17,19 @@ from tcbench.compiler import derivatives as trace
 from tcbench.compiler.kernels import Kernel, constant_part, kernel
 from tcbench.systems.momenta import lengthening, restored_momenta
 
+from .series import ONE, Normal
+
 ROUND_OFF = 4e-15  # of the heat: what the energy of a mended state may miss
 SMALLEST_SHARE = 1e-12  # of the energy, as kinetic energy free to change: below it nothing is taken from there
+
+
+def start_kernel(system: System) -> Kernel:
+    """(q, p, s) -> (q, p, theta), energy, entropy, invariants: what a run is to keep."""
+    sym = system.symbolic
+    z = trace.variables("z", system.size)
+    laws = [sym.energy(z), sym.entropy(z), *sym.momenta(z)]
+    inputs = {x: f"a[{i}]" for i, x in enumerate(z)} | system.constant_symbols()
+    return kernel(inputs, [*sym.temperature_variables(z), *laws])
 
 
 def mending_kernels(system: System) -> tuple[Kernel, Kernel, list[trace.Symbol]]:
@@ -35,15 +46,20 @@ def mending_kernels(system: System) -> tuple[Kernel, Kernel, list[trace.Symbol]]
     p, free = restored_momenta(sym.state(np.concatenate([q, p, theta])), sym, targets)
     pi = sym.shape(q)
     inertia = sym.inertia()
+    warmth, s = _energies(sym, list(given[:size])), list(sym.entropies(q, theta))
+    slopes = [trace.jacobian([s[i]], [theta[i]])[0, 0] for i in range(len(s))]
+    capacity = [trace.jacobian([x], [t])[0, 0] for x, t in zip(warmth, theta, strict=True)]
+    linear = not set(theta) & set(trace.topological(capacity))
 
     def total(momenta: Any, warm: Any) -> Any:
-        return sum(0.5 * momenta**2 / inertia) + sum(sym.element_energy(pi, sym.entropies(q, warm)))
+        return sum(0.5 * momenta**2 / inertia) + sum(at(warmth, warm))
 
-    s = list(sym.entropies(q, theta))
-    slopes = [trace.jacobian([s[i]], [theta[i]])[0, 0] for i in range(len(s))]
+    def at(formulas: list[trace.Symbol], warm: Any) -> list[trace.Symbol]:
+        return trace.substitute(formulas, dict(zip(theta, warm, strict=True)))
+
     warm = theta
-    for _ in range(2):  # Newton for the part by which all temperatures grow: exact at once where heat is linear in them
-        heat = sum(t * t * x for t, x in zip(warm, slopes, strict=True))
+    for _ in range(1 if linear else 2):  # Newton for the part by which all temperatures grow
+        heat = sum(t * t * x for t, x in zip(warm, at(slopes, warm), strict=True))
         warm = warm * (1.0 + (energy - total(p, warm)) / heat)
 
     def outputs(momenta: Any, warm: Any, s: Any) -> list[trace.Symbol]:
@@ -66,3 +82,13 @@ def mending_kernels(system: System) -> tuple[Kernel, Kernel, list[trace.Symbol]]
     places = {x: f"b[{len(system.constant_values) + i}]" for i, x in enumerate(constants)}
     inputs = {x: f"a[{i}]" for i, x in enumerate(given)} | system.constant_symbols() | places
     return kernel(inputs, mended), kernel(inputs, held), constants
+
+
+def _energies(sym: System, y: list[trace.Symbol]) -> list[trace.Symbol]:
+    """Of the elements, at y = (q, p, theta), in normal form: no exponential of a logarithm."""
+    n = sym.n_positions
+    normal = Normal({})
+    for i, symbol in enumerate(y):
+        normal.known[symbol.number] = {((normal.series("var", index=i), 1),): ONE}
+    q, theta = np.array(y[:n], dtype=object), np.array(y[2 * n :], dtype=object)
+    return normal.symbols(normal.of(list(sym.element_energy(sym.shape(q), sym.entropies(q, theta)))), y)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from tcbench import System, TcbenchError
 from tcbench.compiler.kernels import Kernel, kernel
 
-from .mending import mending_kernels
+from .mending import mending_kernels, start_kernel
 from .recurrences import series_kernels
 
 Floats = NDArray[np.float64]
@@ -30,32 +30,24 @@ class TaylorMethod:
                 f"(at most {MOST_ELEMENTS}). Take tc_gauss or tc_monolithic."
             )
         self.loops, self.system, self.size = LOOPS, system, system.size
-        series, polynomial, mend, hold, setup = kernels(system, order)
+        series, polynomial, mend, hold, setup, start = kernels(system, order)
         back, _ = system.kernel("entropy_variables")
         given = np.concatenate([system.constant_values, setup(system.constant_values, system.constant_values)])
         self.counts = Counts()
         self.reached: Floats | None = None  # where the last march ended
         self.work = Work(
-            size=system.size, order=order, n_given=len(given),
+            size=system.size, order=order, n_given=len(given), to_start=start.address,
             n_target=system.size + 2 + len(system.invariant_names), to_series=series.address,
             to_state=polynomial.address, to_mend=mend.address, to_hold=hold.address, to_entropies=back.address,
             counts=self.counts, given=given,
         )  # fmt: skip
 
-    def _start(self, z: Floats) -> None:
-        """At z: with its energy, entropy and invariants as those to be kept."""
-        size, seen = self.size, self.system.observe(z)
-        self.work.y[:] = self.system.temperature_variables(z)
-        self.work.target[size:] = seen[: len(self.work.target) - size]
-
     def adaptive(self, z0: Floats, times: Floats, tolerance: float) -> tuple[Floats, dict[str, int]]:
         """States at `times`, shape (len(times), n), and their cost; ArithmeticError where steps become too short."""
         states = np.empty((len(times), self.size))
-        states[0] = z0
         self.reached = None
         self.counts.table[:] = 0
-        self._start(z0)
-        done = self.loops.adaptive_steps(self.work, times, tolerance, states)
+        done = self.loops.adaptive_steps(self.work, z0, times, tolerance, states)
         if done < len(times):
             raise ArithmeticError(f"the step became too short before t = {times[done]:g}")
         return states, {"steps": self.counts.steps, "rejected": self.counts.rejected}
@@ -67,7 +59,7 @@ class TaylorMethod:
         """
         states = np.empty((count, self.size))
         if self.reached is None or not np.array_equal(z, self.reached):
-            self._start(z)
+            self.loops.begin(self.work, z)
         done = self.loops.fixed_steps(self.work, h, states)
         self.reached = states[done - 1] if done == count else None
         if done == 0:
@@ -76,10 +68,11 @@ class TaylorMethod:
 
 
 def kernels(system: System, order: int) -> tuple[Kernel, ...]:
-    """(series, polynomial, mend, hold, setup), once for each structure of system."""
+    """(series, polynomial, mend, hold, setup, start), once for each structure of system."""
     key = (system.structure, order)
     if key not in _KERNELS:
         mend, hold, fixed = mending_kernels(system)
         series, polynomial, more = series_kernels(system, order, len(system.constant_values) + len(fixed))
-        _KERNELS[key] = series, polynomial, mend, hold, kernel(system.constant_symbols(), [*fixed, *more])
+        setup = kernel(system.constant_symbols(), [*fixed, *more])
+        _KERNELS[key] = series, polynomial, mend, hold, setup, start_kernel(system)
     return _KERNELS[key]

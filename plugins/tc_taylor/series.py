@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cache, reduce
 from typing import Any
 
 import numpy as np
@@ -128,6 +129,30 @@ class Normal:
         x = self.series("exp", (self.single(inside),))
         self.form_of[id(x)] = inside
         return self.times(outside, {((x, 1),): ONE})
+
+    def symbols(self, forms: list[Linear], names: list[Symbol]) -> list[Symbol]:
+        """The sums as formulas again. names: of the variables, by index; no time derivative is in them."""
+
+        @cache
+        def of(x: Series) -> Symbol:
+            if x.kind == "var":
+                return names[x.index]
+            parts = [of(part) for part in x.parts]
+            match x.kind:
+                case "sum":
+                    *weights, constant = x.weights
+                    return trace.add(reduce(trace.add, map(trace.mul, weights, parts)), constant)
+                case "product":
+                    return trace.mul(*parts)
+                case "quotient":
+                    return trace.mul(parts[0], trace.reciprocal(parts[1]))
+            return getattr(parts[0], {"atan": "arctan"}.get(x.kind, x.kind))()
+
+        def term(key: Monomial, weight: Symbol) -> Symbol:
+            factors = [of(x) if k > 0 else trace.reciprocal(of(x)) for x, k in key for _ in range(abs(k))]
+            return reduce(trace.mul, factors, weight)
+
+        return [reduce(trace.add, (term(*item) for item in form.items()), ZERO) for form in forms]
 
     def derivative(self, form: Linear) -> Linear:
         """The series' derivative in time."""

@@ -12,6 +12,7 @@ from tcbench_plugins.tc_taylor.series import ONE, Normal
 import tcbench
 from tcbench import TcbenchError
 from tcbench.compiler import derivatives as trace
+from tcbench.compiler.kernels import kernel
 from tcbench.plugins import find_integrator, find_scenario
 from tcbench.reference.lookup import reference_for
 
@@ -49,6 +50,16 @@ def test_the_series_of_each_operation_solves_its_equation(name):
         rate = sum(k * a * h ** (k - 1) for k, a in enumerate(coefficients) if k)
         misses.append(abs(rate - f(here)))
     assert misses[1] < 1e-9 and (misses[0] < 1e-14 or misses[0] / misses[1] > 0.6 * 2**order)
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_the_normal_form_is_the_same_formula(name):
+    f, y = FUNCTIONS[name], trace.variable("y")
+    normal = Normal({})
+    normal.known[y.number] = {((normal.series("var", index=0), 1),): ONE}
+    again = kernel({y: "a[0]"}, normal.symbols(normal.of([f(y)]), [y]))
+    for value in (-0.7, 0.4, 1.9):
+        assert again(np.array([value]), np.zeros(1)) == pytest.approx(f(value), rel=1e-14)
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
