@@ -49,14 +49,14 @@ def run_command(options: dict[str, Any], display: terminal.Display) -> int:
     )  # fmt: skip
     with waiting("summing up"):
         store = Store.read(results.output)
-        every = summary(read_tables(store), plugins.integrators())  # of all runs into this folder
-        replace_file(results.output / "summary.csv", csv_bytes(every), results.output)
+        tables = read_tables(store)  # of all runs into this folder
+        replace_file(results.output / "summary.csv", csv_bytes(summary(tables, plugins.integrators())), results.output)
     page = None
     if report and not results.summary.interrupted:
         from ..report.write_report import write_report
 
         with waiting("writing report.html"):
-            page = write_report(results.output)
+            page = write_report(results.output, (store, tables))
     if display.as_json:
         terminal.print_json({
             "output": str(results.output), "ran": results.summary.run, "statuses": dict(results.summary.statuses),

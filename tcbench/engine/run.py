@@ -13,7 +13,7 @@ from ..progress import of_cells, waiting
 from ..store.cells import Cell
 from ..store.provenance import manifest, provenance, utc_now
 from ..store.store import Store
-from ..store.tables import make_tables, read_tables
+from ..store.tables import latest_keys, make_tables, read_tables
 from ..systems.scenario import Scenario
 from .declared import declared, merged
 from .measure import MEASURE, measure_here
@@ -118,8 +118,10 @@ def execute(
                 measure_here(local, job, store, summary, bool(limits.get("retry_failed")), tell)
         with waiting("writing tables", progress):
             store.renew(cell.key for cell in job.cells)
-            tables = make_tables(job.studies, store, {cell.key for cell in job.cells})
-            every = read_tables(store)  # of all runs into this folder
+            keys = {cell.key for cell in job.cells}
+            tables = make_tables(job.studies, store, keys)
+            every = tables if keys == latest_keys(store) else read_tables(store)  # of all runs into this folder
+            every = {name: table for name, table in every.items() if len(table)}
             store.write_tables(every)
             store.write_declared(merged(store.declared(), declared(job)))
             keep(job, Path(output))

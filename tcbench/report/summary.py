@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 from ..studies.columns import ERROR_MAX, claim_column, invariant_columns
 from ..studies.columns import column as column_named
 from ..studies.cost import reach
-from .chart_kinds import of_scenario
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -18,6 +17,7 @@ KEPT = 1e-9  # relative error up to which a conserved quantity counts as kept: r
 TARGET = 1e-6  # error of "time to 1e-6"
 ABSENT = "-"
 UNTESTED = "no step done"
+JUDGED = ("conservation", "convergence", "stability", "work_precision")  # tables that the summary draws on
 
 
 def summary(tables: Mapping[str, DataFrame], declared: Mapping[str, Any]) -> DataFrame:
@@ -27,18 +27,11 @@ def summary(tables: Mapping[str, DataFrame], declared: Mapping[str, Any]) -> Dat
     """
     import pandas as pd
 
-    pairs: dict[tuple[str, str], None] = {}
-    for table in tables.values():
-        if {"integrator", "scenario"} <= set(table.columns):
-            for pair in zip(table["scenario"].astype(str), table["integrator"].astype(str), strict=True):
-                pairs[pair] = None
+    found = {name: by_pair(tables[name]) for name in JUDGED if name in tables}
+    pairs = {pair for name, table in tables.items() for pair in (found[name] if name in found else by_pair(table))}
     rows = []
     for scenario, integrator in sorted(pairs):
-        part = {
-            name: rows_of(table, integrator, scenario)
-            for name, table in tables.items()
-            if {"integrator", "scenario"} <= set(table.columns)
-        }
+        part = {name: groups.get((scenario, integrator)) for name, groups in found.items()}
         kept, worth = claims_kept(part.get("conservation"), declared.get(integrator))
         rows.append(
             {
@@ -55,9 +48,11 @@ def summary(tables: Mapping[str, DataFrame], declared: Mapping[str, Any]) -> Dat
     return pd.DataFrame(rows)
 
 
-def rows_of(table: DataFrame, integrator: str, scenario: str) -> DataFrame:
-    part = of_scenario(table, scenario)
-    return part[part["integrator"].astype(str) == integrator]
+def by_pair(table: DataFrame) -> dict[tuple[str, str], DataFrame]:
+    """The rows of each (scenario, integrator) of a table that has both."""
+    if not {"integrator", "scenario"} <= set(table.columns):
+        return {}
+    return dict(iter(table.groupby([table["scenario"].astype(str), table["integrator"].astype(str)], sort=False)))
 
 
 def claims_kept(rows: DataFrame | None, method: Any) -> tuple[str, int]:

@@ -25,17 +25,18 @@ HISTORY = "history"
 LONGEST_NAME = 80
 
 
-def write_report(folder: str | Path) -> Path:
+def write_report(folder: str | Path, known: tuple[Store, Mapping[str, DataFrame]] | None = None) -> Path:
     """Write `report.html` into a run folder, complete or not at all; returns its path.
+
+    known : the folder's store and tables, where they have been read.
 
     Everything that the run has is shown, and nothing is said of studies that it has not. Raises TcbenchError where
     there is no run or nothing can be written.
     """
-    store = Store.read(folder)
-    tables: dict[str, DataFrame] = dict(read_tables(store))
+    store, tables = known or (found := Store.read(folder), read_tables(found))
     if not any(len(table) for table in tables.values()):
         raise TcbenchError(f"{str(folder)!r} holds no finished cell yet; there is nothing to report.")
-    text = _environment().get_template("report.html").render(**_content(store, tables))
+    text = _environment().get_template("report.html").render(**_content(store, dict(tables)))
     path = Path(folder) / "report.html"
     try:
         with replacing(path) as temporary:

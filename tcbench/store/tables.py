@@ -22,12 +22,12 @@ def read_tables(source: str | Path | Store) -> dict[str, DataFrame]:
     there are none, as in a published run that keeps its tables only, or where rows cannot be tabulated.
     """
     store = source if isinstance(source, Store) else Store.read(source)
-    latest = {identity_of(line["cell"]): line["key"] for line in store.lines() if line["cell"]}
+    latest = latest_keys(store)
     tables: dict[str, DataFrame] = {}
     kept = [] if latest else store.tables()
     for study in studies().values():
         try:
-            tables |= make_tables([study], store, set(latest.values()))
+            tables |= make_tables([study], store, latest)
         except (KeyError, ValueError, TypeError) as error:  # rows of another version of the study
             store.problems.append(f"The rows of study {study.name!r} cannot be tabulated: {error!r}.")
             kept += [name for name in store.tables() if name in study.tables]
@@ -38,6 +38,11 @@ def read_tables(source: str | Path | Store) -> dict[str, DataFrame]:
             except TcbenchError as error:
                 store.problems.append(str(error))
     return {name: table for name, table in tables.items() if len(table)}
+
+
+def latest_keys(store: Store) -> set[str]:
+    """The key of the last row of each cell."""
+    return set({identity_of(line["cell"]): line["key"] for line in store.lines() if line["cell"]}.values())
 
 
 def make_tables(chosen: Iterable[Study], store: Rows, keys: set[str] | None = None) -> dict[str, DataFrame]:

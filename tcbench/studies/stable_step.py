@@ -26,7 +26,7 @@ from ..systems.scenario import Scenario
 FINE = 64  # rungs an octave
 COARSE = 16  # fine rungs in a coarse one: 2^(k/4)
 WINDOW = 16  # rungs of the window of dt_half
-LOWEST, START, CAP = -10 * FINE, -6 * FINE, 2 * FINE  # 2^-10, 2^-6 and 4
+LOWEST, FINEST, START, CAP = -10 * FINE, -6 * FINE, -5 * FINE, 2 * FINE  # 2^-10, 2^-6, 2^-5 and 4
 BELOW = 2 * FINE  # the fine ladder starts two octaves below the first coarse failure: a coarse one errs by up to 2x
 FOLD_BELOW = 2 * COARSE
 SPREAD, SAMPLES = 0.01, 41  # steps of the sensitivity of a blow-up time
@@ -137,7 +137,7 @@ def boundary(ladder: Ladder, below: int = BELOW) -> Boundary:
     failed = ladder.first_failure(coarse)
     if failed is None:
         return Boundary(ladder.cap, None, None, False)
-    low = max(START, failed - below)
+    low = max(FINEST, failed - below)
     if failed == START:
         low = next((r for r in range(START - COARSE, LOWEST - 1, -COARSE) if ladder[r].ok), LOWEST)
     unstable = ladder.first_failure(range(low, failed + 1))

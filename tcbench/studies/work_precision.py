@@ -192,12 +192,14 @@ def _timed(
     """What a run gives, and the seconds of its repeats; a run that fails is not repeated.
 
     warm: the method has run before. A long first run is then one of the repeats: it has nothing left to load.
+    spent: seconds for all repeats, what surrounds them included (of runs of 20 us that is most of it).
     """
     row, elapsed = run(True)
     if row["status"] != "ok":
         return row, []
     seconds: list[float] = [elapsed] if warm and elapsed >= spent else []
-    while not seconds or (sum(seconds) < spent and len(seconds) < 1000):
+    end = time.perf_counter() + spent
+    while not seconds or (sum(seconds) < spent and time.perf_counter() < end):
         row, elapsed = run(False)
         if row["status"] != "ok":
             return row, []
