@@ -37,6 +37,9 @@ draw blowup_times blowup -s stiff_spring --size 7x3.4 --methods midpoint_entropy
 draw equilibrium equilibrium -s relative_equilibrium --size 8x4.4 --methods tc_monolithic,tc_staggered,midpoint_entropy
 run=results/gallery-map
 draw map map --size 8x4.4
+run=results/gallery-size
+tcbench run --study size -i tc_monolithic -i tc_strang --quiet -o "$run"
+draw size size --size 9x4.6
 run=results/gallery-failures
 draw failure_map failure-map --size 7.5x3.2
 tcbench animate midpoint_entropy tc_monolithic stiff_spring --dt 0.15 --t-end 6 --frames 60 --fps 15 -o "$out/blowup.gif"

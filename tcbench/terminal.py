@@ -134,6 +134,10 @@ SHOWN = {  # columns of a table that fit a terminal
     "ensemble_laws": ("integrator", "law", "claimed", "runs", "broken", "median", "quantile_99", "worst"),
     "first_share": ("integrator", "measure", "target", "runs", "first", "reached", "share", "low", "high"),
     "cost": ("integrator", "exponent_steps", "exponent_horizon", "us_per_step"),
+    "size": (
+        "integrator", "numbers", "status", "first_step_s", "us_per_step", "memory_mb", "energy_error_max",
+        "entropy_increment_min", "angular_momentum_error_max",
+    ),
 }  # fmt: skip
 
 
@@ -163,15 +167,15 @@ def print_tables(tables: Mapping[str, DataFrame]) -> None:
 
 
 def print_table(name: str, table: DataFrame) -> None:
-    """One table, one block a scenario where there are several."""
-    columns = SHOWN.get(name)
+    """One table, one block a scenario, or a family of them, where there are several."""
+    columns, by = SHOWN.get(name), "family" if "family" in table else "scenario"
     if name == "claims":
         print_frame(table, "\nclaims", ("claim", "measured", "verdict"))
-    elif columns is None or "scenario" not in table:
+    elif columns is None or by not in table:
         print_frame(table, f"\n{name}", [c for c in shown(table.columns) if table[c].notna().any()])
     else:
-        for scenario, part in table.groupby("scenario", sort=False):
-            _print_block(f"\n{name}: {scenario}", columns, part)
+        for group, part in table.groupby(by, sort=False):
+            _print_block(f"\n{name}: {group}", columns, part)
 
 
 def _print_block(title: str, columns: Sequence[str], part: DataFrame) -> None:

@@ -63,7 +63,7 @@ def test_the_sdist_has_every_file_of_the_checkout(built):
     with tarfile.open(sdist) as archive:
         names = {name.partition("/")[2] for name in archive.getnames()}
     assert not [name for name in files if (ROOT / name).is_file() and name not in names]
-    assert {"tests/conftest.py", "docs/index.md", "examples/cost_of_size.py", "CITATION.cff"} <= names
+    assert {"tests/conftest.py", "docs/index.md", "examples/net_beside_bdf.py", "CITATION.cff"} <= names
 
 
 def test_the_wheel_has_the_program_and_nothing_else(built):

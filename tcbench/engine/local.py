@@ -137,7 +137,8 @@ def run_cells(
     ----------
     measure : "package.module:function", called in a worker as `function(cell: dict, context: dict) -> dict`.
     context : JSON values passed to every call (plugin folders, ...). "foreign" names by integrator or scenario the
-        plugin that brings it, where that is not tcbench: a worker that has run its code serves no other.
+        plugin that brings it, where that is not tcbench: a worker that has run its code serves no other. "fresh" names
+        studies whose cells each have a new worker.
     store : an open `Store`, or `Rows` to keep the rows in memory.
     jobs : worker processes; the cores this process may use by default.
     timeout : seconds a cell may take, from its start in the worker; importing `measure` is not counted.

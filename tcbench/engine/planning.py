@@ -79,6 +79,7 @@ def plan_job(
         "folders": [str(p) for p in plugins.plugin_folders()],
         "scenarios": custom,
         "foreign": _foreign([*methods, *selected]),
+        "fresh": [study.name for study in chosen if study.fresh],
         "integrator_sources": {m.name: method_sources(m) for m in methods if plugins.is_registered(m)},
         "scenario_sources": {s.name: system_sources(s.system) for s in selected if s.name not in custom},
     }
@@ -97,7 +98,9 @@ def _check_list(name: str, values: Any) -> None:
 
 
 def _of_study(study: Study, selected: Sequence[Scenario], named: Any) -> Sequence[Scenario]:
-    """The scenarios that a study plans with: one that draws its own gets the random families, where none is named."""
+    """What a study plans with: where no scenario is named its own, and the random families for one that draws."""
+    if named is None and study.scenarios:
+        return [plugins.find_scenario(name) for name in study.scenarios]
     if not study.sampled or named is not None:
         return selected
     families = plugins.registry().scenario_families

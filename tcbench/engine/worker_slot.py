@@ -147,10 +147,12 @@ class Slot:
     def submit(self, cell: Cell, extra: dict[str, Any]) -> dict[str, Any] | None:
         """Hand a cell to the worker. Returns its row at once when workers cannot be started, else None.
 
-        A worker that has run a plugin's code, which may have patched numpy, serves that plugin only.
+        A worker that has run a plugin's code, which may have patched numpy, serves that plugin only; a cell of a study
+        that is "fresh" has a worker to itself.
         """
         code = self._crew.code_of(cell)
-        if self._code not in ("", code):
+        fresh = self._served > 0 and cell.study in self._crew.settings["context"].get("fresh", ())
+        if fresh or self._code not in ("", code):
             self.discard()
         self._code = code
         self.cell, self._extra, self._attempts, self._kept_output = cell, extra, 0, ""

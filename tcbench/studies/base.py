@@ -33,6 +33,8 @@ class Study:
     place : studies run, and their tables stand, in this order. by_default : False for one that runs only when named.
     timed : cells run alone on the machine, after all others (or a function of the cell options: which of them do).
     metrics : rows have the columns of plugins' metrics. sampled : plan draws its scenarios from families.
+    scenarios : names of those that it runs on where none is named; () for all. fresh : each cell in a process that has
+        run no other.
     """
 
     name: str
@@ -48,6 +50,8 @@ class Study:
     timed: bool | Callable[[Row], bool] = False
     metrics: bool = False
     sampled: bool = False
+    scenarios: tuple[str, ...] = ()
+    fresh: bool = False
 
     def is_timed(self, options: Row) -> bool:
         """Does the cell of these options run alone?"""

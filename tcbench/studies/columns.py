@@ -115,6 +115,13 @@ COLUMNS = (  # the first that fits counts: names before patterns
     Column("ratio_to_best_scipy", short="best SciPy/this", timing=True, noise=WANDER),
     Column("exponent_steps", short="time ~ steps^", timing=True, noise=WANDER),
     Column("exponent_horizon", short="time ~ horizon^", timing=True, noise=WANDER),
+    Column("exponent_first", short="first ~ size^", timing=True, noise=WANDER),
+    Column("exponent_step", short="step ~ size^", timing=True, noise=WANDER),
+    Column("exponent_memory", short="memory ~ size^", timing=True, noise=WANDER),
+    # size
+    Column("numbers", "numbers in a state"),
+    _timing("first_step_s", "time to the first step, s", "first step"),
+    _timing("memory_mb", "memory, MB", "MB", "MB"),
     # sentences, and how often
     Column("repeats", compared=False),
     *(Column(n, compared=False) for n in ("why", "command", "note", "measured", "reason", "reference", "cause")),

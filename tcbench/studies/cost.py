@@ -90,9 +90,9 @@ def cost_rows(records: Sequence[Row]) -> list[Row]:
     return rows
 
 
-def exponent(pairs: Sequence[tuple[float, float]]) -> float:
+def exponent(pairs: Sequence[tuple[float, float]], least: float = LEAST_S) -> float:
     """a of time ~ work^a by least squares in logarithms, over runs long enough to measure; NaN of fewer than three."""
-    used = [(math.log(w), math.log(t)) for w, t in pairs if w > 0 and _is_number(t) and t > LEAST_S]
+    used = [(math.log(w), math.log(t)) for w, t in pairs if w > 0 and _is_number(t) and t > least]
     if len({w for w, _ in used}) < 3:
         return math.nan
     mean_w, mean_t = (sum(x) / len(used) for x in zip(*used, strict=True))

@@ -153,6 +153,9 @@ def test_timed_cells_run_alone_after_the_rest_in_one_worker_in_shuffled_order():
     assert all(end <= begin for (_, end), (begin, _) in itertools.pairwise(spans))
     assert max(rows[cell.key]["seen"] for cell in together) < spans[0][0]
     assert len({rows[cell.key]["pid"] for cell in timed}) == 1
+    fresh = Rows()
+    run_cells(timed[:3], "faults:pid", {"fresh": ["t"]}, fresh, jobs=2)
+    assert len({row["pid"] for row in fresh.rows().values()}) == 3  # of a study that asks for it, in one each
     order = [rows[cell.key]["shuffle_order"] for cell in timed]
     assert sorted(order) == list(range(6)) and order != sorted(order)
     assert all(rows[cell.key]["alone"] and rows[cell.key]["shuffle_seed"] == 3 for cell in timed)

@@ -1,0 +1,144 @@
+"""Size: what methods cost on systems that grow, and what they keep there.
+
+A cell is a method on a system of one size, in a process that has run nothing else. There a step on the pendulum loads
+what every run needs; then, with no kernel at hand, comes the first step: tables, trace, compilation. A step is timed
+over runs that are warm, and the laws are those of such a run.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .base import Row, Study
+from .cost import exponent
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+    from ..integrator import Integrator
+    from ..systems.scenario import Scenario
+
+SCENARIOS = (
+    *(f"chain[n={n}]" for n in (100, 1000, 10_000, 100_000)), *(f"net[nx={n},ny={n}]" for n in (10, 20, 50, 100)),
+)  # fmt: skip
+PENDULUM = "short_term"
+WORK, FEWEST, MOST = 300_000, 5, 1000  # numbers times steps of a timed run; steps of one
+REPEATS = 3
+COLUMNS = (
+    "integrator", "family", "scenario", "numbers", "dt", "status", "first_step_s", "us_per_step", "memory_mb", "steps",
+    "energy_error_max", "entropy_increment_min", "angular_momentum_error_max", "newton_iterations_mean", "way",
+    "failure",
+)  # fmt: skip
+GROWING = {"first_step_s": "exponent_first", "us_per_step": "exponent_step", "memory_mb": "exponent_memory"}
+
+
+def plan(
+    integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]
+) -> list[tuple[Integrator, Scenario, Row]]:
+    """One cell a method with a step, scenario and step; the scenario's own step unless others are asked for."""
+    stepping = [i for i in integrators if i.kind != "adaptive" and not i.lacks]
+    return [(i, s, {"dt": dt}) for s in scenarios for i in stepping for dt in options.get("dt") or [s.dt]]
+
+
+def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
+    from .. import plugins
+    from ..simulation import metrics
+    from ..simulation.run import simulate
+
+    dt, numbers = options["dt"], scenario.model.size
+    pendulum = plugins.find_scenario(PENDULUM)
+    if not integrator.suits(pendulum.model):
+        simulate(integrator, pendulum, dt=pendulum.dt, t_end=pendulum.dt)
+    before = peak_memory()
+    with no_kernels():
+        begin = time.perf_counter()
+        run = simulate(integrator, scenario, dt=dt, t_end=dt)
+        first = time.perf_counter() - begin
+        found = {"family": scenario.system.name, "numbers": numbers, "first_step_s": first}
+        if run.ok:
+            end = dt * max(FEWEST, min(MOST, WORK // numbers))
+            runs = [simulate(integrator, scenario, dt=dt, t_end=end, record_every=None) for _ in range(REPEATS)]
+            run = min(runs, key=metrics.us_per_step)
+    return metrics.conservation(run) | found | {"way": run.solver.way, "memory_mb": peak_memory() - before}
+
+
+@contextmanager
+def no_kernels() -> Iterator[None]:
+    """Nothing is found in the cache of compiled code."""
+    from ..compiler.machine import cache_folder
+
+    name = "TCBENCH_CACHE_DIR"
+    before = os.environ.get(name)
+    with tempfile.TemporaryDirectory() as folder:
+        os.environ[name] = folder
+        cache_folder.cache_clear()
+        try:
+            yield
+        finally:
+            cache_folder.cache_clear()
+            os.environ.pop(name)
+            if before is not None:
+                os.environ[name] = before
+
+
+def peak_memory() -> float:
+    """The largest memory that this process has had so far, MB; NaN where the system does not tell."""
+    try:  # on Linux ru_maxrss would be that of the parent where that had more
+        lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
+        return next(float(line.split()[1]) / 1024 for line in lines if line.startswith("VmHWM"))
+    except (OSError, StopIteration):
+        pass
+    try:
+        import resource
+    except ImportError:  # pragma: no cover -- Windows
+        return math.nan
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (2**20 if sys.platform == "darwin" else 2**10)
+
+
+def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
+    """`size`: a row a method and size; `size_exponents`: how its times and its memory grow with the numbers of a state,
+    a row a method, family and step."""
+    import pandas as pd
+
+    table = pd.DataFrame([{"family": r["scenario"].partition("[")[0]} | r for r in records])  # crashes have none
+    table = table.reindex(columns=[*COLUMNS, *(c for c in table.columns if c not in COLUMNS)])
+    order = ["family", "integrator", "dt", "numbers"]
+    table = table.sort_values(order, kind="stable", ignore_index=True)
+    fits = []
+    done = sorted((r for r in records if r.get("status") == "ok"), key=_group)
+    for (kind, name, dt), group in itertools.groupby(done, _group):
+        rows = sorted(group, key=lambda r: r["numbers"])
+        fits.append(
+            {"integrator": name, "family": kind, "dt": dt, "smallest": rows[0]["numbers"]}
+            | {"largest": rows[-1]["numbers"]}
+            | {to: exponent([(r["numbers"], r[of]) for r in rows], least=0.0) for of, to in GROWING.items()}
+        )
+    return {"size": table, "size_exponents": pd.DataFrame(fits)}
+
+
+def _group(row: Row) -> tuple[Any, ...]:
+    return row["family"], row["integrator"], row["dt"]
+
+
+STUDY = Study(
+    name="size",
+    place=70,
+    description="chains and nets that grow: seconds to the first step, time a step, memory, and the laws",
+    tables=("size", "size_exponents"),
+    plan=plan,
+    measure=measure,
+    tabulate=tabulate,
+    by_default=False,
+    timed=True,
+    scenarios=SCENARIOS,
+    fresh=True,
+)
