@@ -17,6 +17,7 @@ BEST = 0.135  # contraction for which a unit of time costs least: it grows as h^
 RETREAT, ADVANCE = 0.7, 1.1  # of a step that is too long for the quadrature, and of the bound after steps that failed
 FIRST = 4.0  # times the decay time of the conduction: see first_step
 COARSEST = 0  # level of quadrature
+PATIENCE, GROWING = 4, 1.15  # steps whose cost is looked at, and whose length is taken to be settled; see advance
 FAR = 2.5  # ratio of steps up to which the last polynomials are extrapolated
 
 
@@ -108,17 +109,48 @@ def remember_laws(w: Work, z: Floats) -> None:
 def adaptive_steps(w: Work, z0: Floats, times: Floats, tolerance: float, residual: float, states: Matrix) -> int:
     """States at `times` from z0; SOLVED or FAILED. The steps are chosen so that the defect stays at the tolerance, and
     are solved to the residual."""
+    begin(w, z0)
+    copy_into(states[0], z0)
+    row, _, _ = advance(w, times, tolerance, residual, states, 1, times[0], 0.0, math.inf)
+    return SOLVED if row == len(times) else FAILED
+
+
+def begin(w: Work, z: Floats) -> None:
+    """At z: with its energy and invariants as those to be kept."""
+    go_to(w, z)
+    remember_laws(w, w.z)
+
+
+def go_to(w: Work, z: Floats) -> None:
+    """On from z; what is to be kept stays."""
+    copy_into(w.z, z)
+    fill(w.carry, 0.0)
+    call(w.to_start, w.z, w.c, w.start)
+
+
+def advance(
+    w: Work,
+    times: Floats,
+    tolerance: float,
+    residual: float,
+    states: Matrix,
+    row: int,
+    t: float,
+    h: float,
+    most: float,
+) -> tuple[int, float, float]:
+    """States at times[row:] from the state at t on; returns (row that is next, t, the next step).
+
+    It ends early where steps become too short (then the last is 0), and where PATIENCE of them take more iterations for
+    a unit of time than `most` and do not grow, or are cut by output times.
+    h : of the first step; 0: to be found.
+    """
     k = w.k
     z, carry = w.z, w.carry
-    copy_into(z, z0)
-    fill(carry, 0.0)
-    call(w.to_start, z, w.c, w.start)
-    remember_laws(w, z)
-    copy_into(states[0], z)
-    t, h, last = times[0], 0.0, 0.0
+    last, taken, begun, spent, dear = 0.0, 0, t, w.counts.iterations, False
     # for which the iteration converges, and the coarsest quadrature keeps the energy, as far as is known
     longest, roughest = math.inf, math.inf
-    for row in range(1, len(times)):
+    while row < len(times):
         while t < times[row]:
             set_scale(w, z)
             if h == 0.0:
@@ -140,19 +172,34 @@ def adaptive_steps(w: Work, z0: Floats, times: Floats, tolerance: float, residua
                 longest = h if code != SOLVED else longest
                 last = 0.0
                 if not h > 1e-12 * max(1.0, abs(t)):
-                    return FAILED
+                    return row, t, 0.0
                 continue
             w.counts.steps += 1
             add_compensated(z, w.dz, carry)
             copy_into(w.start, w.end)
             t = times[row] if step == left else t + step
-            last = step
+            last, cut = step, step < h
             h = max(h, step * factor) if step < h and factor >= 1.0 else step * min(GROW, factor)
             roughest = step * RETREAT if step <= roughest and w.seen[1] > 0.0 else roughest * ADVANCE
             longest *= ADVANCE
             h = min(h, longest)
-        copy_into(states[row], z)
-    return SOLVED
+            taken += 1
+            if taken == PATIENCE:
+                if w.counts.iterations - spent > most * (t - begun) and (cut or h < GROWING * step):
+                    dear = True
+                    break
+                taken, begun, spent = 0, t, w.counts.iterations
+        if t == times[row]:
+            copy_into(states[row], z)
+            row += 1
+        if dear:
+            break
+    return row, t, h
+
+
+def decay_rate(w: Work) -> float:
+    """The fastest of the conduction at the start of the step; never 0."""
+    return max(-w.start[w.n + 2 * w.e + 2], 1e-300)
 
 
 def fixed_steps(w: Work, h: float, z0: Floats, increments: Matrix) -> int:

@@ -53,13 +53,10 @@ class GaussMethod:
         return self.march(z, h, 1)[0]
 
     def adaptive(self, z0: Floats, times: Floats, tolerance: float) -> tuple[Floats, dict[str, int]]:
-        """States at `times`, and what they cost. The end of a step is superconvergent (order 2k), its polynomial is not
-        (order k + 1): the defect is held at the power of the tolerance that belongs to an error of its size."""
-        k, states = self.stages, np.empty((len(times), self.size))
+        """States at `times`, and what they cost."""
+        states = np.empty((len(times), self.size))
         self.counts.table[:] = 0
-        defect = tolerance ** ((k + 1) / (2 * k))
-        residual = max(FINEST, SOLVED_TO * tolerance)
-        code = self.loops.adaptive_steps(self.work, z0, times, defect, residual, states)
+        code = self.loops.adaptive_steps(self.work, z0, times, *self.held(tolerance), states)
         if code != SOLVED:
             raise ArithmeticError("the step became too short")
         return states, {
@@ -67,6 +64,12 @@ class GaussMethod:
             "newton_iterations": self.counts.iterations,
             "rejected": self.counts.rejected,
         }
+
+    def held(self, tolerance: float) -> tuple[float, float]:
+        """Defect and residual of adaptive steps. The end of a step is superconvergent (order 2k), its polynomial is not
+        (order k + 1): the defect is held at the power of the tolerance that belongs to an error of its size."""
+        k = self.stages
+        return tolerance ** ((k + 1) / (2 * k)), max(FINEST, SOLVED_TO * tolerance)
 
 
 def _work(system: System, k: int, addresses: dict[str, int], **fields: Any) -> Any:

@@ -28,7 +28,8 @@ def method_of(system, order):
 
 
 def order_of(tolerance):
-    return min(ORDERS, key=lambda order: abs(order - LEAST + EFFORT * math.log(min(tolerance, 1.0))))
+    best = LEAST - EFFORT * math.log(min(tolerance, 1.0))
+    return min(max(2 * round(best / 2), ORDERS[0]), ORDERS[-1])
 
 
 def adaptive(system, z0, t_eval, rtol, atol):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from tcbench.compiler.language import Floats, Kernel, Matrix, call
+from tcbench.compiler.language import Floats, Kernel, Matrix, call, copy_into
 from tcbench.compiler.library import Library
 from tcbench.compiler.records import Record, sized
 
@@ -44,8 +44,13 @@ class Work(Record):
 def begin(w: Work, z: Floats) -> None:
     """At z: with its energy, entropy and invariants as those to be kept."""
     call(w.to_start, z, w.given, w.target)
+    go_to(w, w.target)
+
+
+def go_to(w: Work, state: Floats) -> None:
+    """On from (q, p, theta), which is the first part of `state`."""
     for i in range(w.size):
-        w.y[i] = w.target[i]
+        w.y[i] = state[i]
 
 
 def mended_state(w: Work, h: float) -> bool:
@@ -75,20 +80,31 @@ def step_length(w: Work, tolerance: float) -> float:
 
 
 def adaptive_steps(w: Work, z: Floats, times: Floats, tolerance: float, states: Matrix) -> int:
-    """States (q, p, s) at `times` from z on, each mended; how many rows were reached.
-
-    A step ends where its series does, not at output times: states on the way come from the series.
-    """
+    """States (q, p, s) at `times` from z on, each mended; how many rows were reached."""
     begin(w, z)
-    for i in range(w.size):
-        states[0][i] = z[i]
-    t, h, row, fresh = times[0], 0.0, 1, True
+    copy_into(states[0], z)
+    row, _, _ = advance(w, times, tolerance, states, 1, times[0], math.inf, 1)
+    return row
+
+
+def advance(
+    w: Work, times: Floats, tolerance: float, states: Matrix, row: int, t: float, most: float, patience: int
+) -> tuple[int, float, float]:
+    """States (q, p, s) at times[row:] from y at t on, each mended; returns (row that is next, t, the last step).
+
+    A step ends where its series does, not at output times: states on the way come from the series. It ends early where
+    steps become too short (then the last is 0), and after `patience` of them in a row that were longer than `most`: so
+    they are where stiffness bounds them.
+    """
+    h, fresh, long = 0.0, True, 0
     while row < len(times):
         if fresh:
+            if long == patience:
+                return row, t, h
             call(w.to_series, w.y, w.given, w.coefficients)
             h = step_length(w, tolerance)
         if not h > SHORTEST * max(1.0, abs(t)):
-            return row
+            return row, t, 0.0
         lowest, here, good = w.target[w.size + 1], row, True
         while good and here < len(times) and times[here] <= t + h:
             good = mended_state(w, times[here] - t)
@@ -105,9 +121,9 @@ def adaptive_steps(w: Work, z: Floats, times: Floats, tolerance: float, states: 
         w.counts.steps += 1
         row = here
         t += h
-        for i in range(w.size):
-            w.y[i] = w.mended[i]
-    return row
+        long = long + 1 if h > most else 0
+        go_to(w, w.mended)
+    return row, t, h
 
 
 def fixed_steps(w: Work, h: float, states: Matrix) -> int:
@@ -116,8 +132,7 @@ def fixed_steps(w: Work, h: float, states: Matrix) -> int:
         call(w.to_series, w.y, w.given, w.coefficients)
         if not mended_state(w, h):
             return row
-        for i in range(w.size):
-            w.y[i] = w.mended[i]
+        go_to(w, w.mended)
         call(w.to_entropies, w.y, w.given, states[row])
     return len(states)
 

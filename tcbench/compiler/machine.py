@@ -48,7 +48,7 @@ def sources_hash(folder: Path | None = None) -> str:
     digest = hashlib.sha256()
     versions = f"numpy={np.__version__};llvmlite={llvmlite.__version__};python={platform.python_version()};"
     digest.update(f"{versions}{platform.machine()};".encode())
-    for path in [*numerical_sources(), *(sorted(folder.glob("*.py")) if folder else [])]:
+    for path in [*numerical_sources(), *(_below(folder) if folder else [])]:
         digest.update(path.name.encode() + b"\0" + path.read_bytes())
     return digest.hexdigest()[:16]
 
@@ -76,9 +76,20 @@ def cache_folder(plugin: Path | None = None) -> Path:
 
 
 def plugin_folder(function: Callable[..., Any]) -> Path | None:
-    """The folder of a function that is not tcbench's own."""
+    """The folder of a function that is not tcbench's own: of its outermost package, whose parts may use each other."""
     path = Path(function.__code__.co_filename).resolve()
-    return None if Path(__file__).resolve().parent.parent in path.parents else path.parent
+    if Path(__file__).resolve().parent.parent in path.parents:
+        return None
+    folder = path.parent
+    while (folder.parent / "__init__.py").is_file():
+        folder = folder.parent
+    return folder
+
+
+def _below(folder: Path) -> list[Path]:
+    """The Python files of a folder and of the packages in it."""
+    packages = [package.parent for package in folder.glob("*/__init__.py")]
+    return sorted([*folder.glob("*.py"), *(path for package in packages for path in package.rglob("*.py"))])
 
 
 # object files -------------------------------------------------------------------------------------------------------

@@ -33,7 +33,8 @@ class Family(NamedTuple):
 
 FAMILIES = {  # in order of preference
     "collocation": Family(
-        (("tc_gauss_adaptive[k=6]", 1e-13), ("tc_gauss_adaptive[k=4]", 1e-13)), frozenset({"tc_gauss", "gauss"})
+        (("tc_gauss_adaptive[k=6]", 1e-13), ("tc_gauss_adaptive[k=4]", 1e-13)),
+        frozenset({"tc_gauss", "tc_auto", "gauss"}),
     ),
     "taylor": Family((("heyoka", 1e-16),), frozenset({"peers_heyoka", "tc_taylor"})),
     "runge_kutta": Family((("scipy_dop853", 1e-13),), frozenset({"peers_scipy"})),

@@ -69,6 +69,15 @@ def test_every_numerical_source_is_part_of_the_key(tmp_path, monkeypatch):
     with_plugin = plain(tmp_path / "plugin")
     (tmp_path / "plugin" / "loops.py").write_text("a = 2\n")
     assert len({before, with_plugin, plain(tmp_path / "plugin")}) == 3
+    for part in ("", "one", "two"):  # parts of a package use each other: the key of either follows both
+        (tmp_path / "pack" / part).mkdir()
+        (tmp_path / "pack" / part / "__init__.py").write_text("def f(): pass\n")
+    scope: dict = {}
+    file = tmp_path / "pack" / "one" / "__init__.py"
+    exec(compile(file.read_text(), str(file), "exec"), scope)
+    package = plain(machine.plugin_folder(scope["f"]))
+    (tmp_path / "pack" / "two" / "loops.py").write_text("a = 1\n")
+    assert plain(machine.plugin_folder(scope["f"])) != package
     shutil.rmtree(tmp_path / "tcbench" / "solver")
     with pytest.raises(TcbenchError, match="'solver' has no sources"):
         plain()

@@ -1,0 +1,59 @@
+"""Taylor series where conduction is not stiff, Gauss collocation where it is: both mended to all laws.
+
+tc_auto goes over from tc_taylor to tc_gauss_adaptive and back during a run, by the stiffness that it measures: steps
+over the decay time of the conduction. See march.py and docs/methods.md.
+"""
+
+import numpy as np
+
+from tcbench import Integrator, hookimpl
+
+from ..tc_gauss import method as gauss_method
+from ..tc_taylor import method_of as taylor_method
+from ..tc_taylor import order_of
+from ..tc_taylor.method import MOST_ELEMENTS
+
+STAGES = 5
+EXACT = {"energy", "entropy", "angular_momentum"}
+SOURCE = "Taylor series or Gauss collocation, whichever costs less where the run is (docs/methods.md)"
+
+
+def methods_of(system, tolerance):
+    """The implicit one, and the explicit one of the order for this tolerance; none where it is not for the system."""
+    made, order = system.__dict__.setdefault("_auto_methods", {}), order_of(tolerance)
+    if order not in made:
+        explicit = taylor_method(system, order) if system.n_elements <= MOST_ELEMENTS else None
+        made[order] = gauss_method(system, STAGES), explicit
+    return made[order]
+
+
+def adaptive(system, z0, t_eval, rtol, atol):
+    z0, times = (np.ascontiguousarray(x, dtype=float) for x in (z0, t_eval))
+    gauss, taylor = methods_of(system, rtol)
+    return gauss.adaptive(z0, times, rtol) if taylor is None else both(gauss, taylor, z0, times, rtol)
+
+
+def both(gauss, taylor, z0, times, tolerance):
+    """States at `times`, and what they cost; ArithmeticError where the steps of both become too short."""
+    from .march import LOOPS
+
+    states = np.empty((len(times), len(z0)))
+    taylor.reached = None
+    g, e = gauss.counts, taylor.counts
+    g.table.fill(0)
+    e.table.fill(0)
+    done = LOOPS.steps(taylor.work, gauss.work, z0, times, tolerance, *gauss.held(tolerance), states)
+    if done < len(times):
+        raise ArithmeticError(f"the step became too short before t = {times[done]:g}")
+    return states, {
+        "steps": g.steps + e.steps, "rejected": g.rejected + e.rejected, "newton_iterations": g.iterations,
+    }  # fmt: skip
+
+
+@hookimpl
+def tcbench_integrators():
+    return [
+        Integrator(
+            name="tc_auto", claims=EXACT, source=SOURCE, adaptive=adaptive, tags={"collocation", "explicit", "taylor"}
+        )
+    ]

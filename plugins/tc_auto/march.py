@@ -1,0 +1,58 @@
+"""One run by two methods: which one steps, and how a state goes from one to the other."""
+
+from __future__ import annotations
+
+from tcbench.compiler.language import Floats, Matrix, call, copy_into
+from tcbench.compiler.library import Library
+
+from ..tc_gauss import march as gauss
+from ..tc_gauss.memory import Work as Gauss
+from ..tc_taylor import march as taylor
+from ..tc_taylor.march import Work as Taylor
+
+# Explicit steps are measured in decay times of the conduction; they are stable up to 5 or 6.
+STIFF_FROM_THE_START = 0.7  # of the first series' step: what decays stands in its terms
+STIFF = 3.5  # from here on conduction bounds them
+STABLE = 5.0  # of those that conduction bounds
+PATIENCE = 16  # stiff steps in a row before the other method is tried, and twice as many each time
+LONGER = 6.0  # the first implicit step, over the last explicit one
+COST, COST_OF_ORDER = 1.6, 0.01  # an explicit step of order p takes the time of so many iterations, and of so many p^2
+
+
+def steps(
+    e: Taylor, g: Gauss, z: Floats, times: Floats, tolerance: float, defect: float, residual: float, states: Matrix
+) -> int:
+    """States (q, p, s) at `times` from z on; how many rows were reached."""
+    taylor.begin(e, z)
+    gauss.begin(g, z)
+    copy_into(states[0], z)
+    call(e.to_series, e.y, e.given, e.coefficients)
+    explicit = taylor.step_length(e, tolerance) * gauss.decay_rate(g) < STIFF_FROM_THE_START
+    row, t, h, patience, given_up = 1, times[0], 0.0, PATIENCE, False
+    while row < len(times):
+        rate = gauss.decay_rate(g)
+        if explicit:
+            row, t, h = taylor.advance(e, times, tolerance, states, row, t, STIFF / rate, patience)
+            call(e.to_entropies, e.y, e.given, g.here)
+            gauss.go_to(g, g.here)
+            patience *= 2
+        else:
+            most = (COST + COST_OF_ORDER * e.order * e.order) * rate / STABLE
+            row, t, h = gauss.advance(g, times, defect, residual, states, row, t, LONGER * h, most)
+            keep_laws(e, g)
+        if h == 0.0 and given_up:
+            return row
+        given_up = h == 0.0
+        explicit = not explicit
+    return row
+
+
+def keep_laws(e: Taylor, g: Gauss) -> None:
+    """The explicit method on from the other's state, to the energy and invariants of the start of the run."""
+    taylor.begin(e, g.z)
+    e.target[e.size] = g.run[0]
+    for i in range(e.size + 2, len(e.target)):
+        e.target[i] = g.laws[i]
+
+
+LOOPS = Library("auto", steps)

@@ -1,0 +1,87 @@
+"""tc_auto: the better of two methods by measured stiffness, one run with one set of laws across the switch."""
+
+import numpy as np
+import pytest
+from hypothesis import given, reject
+from hypothesis import strategies as st
+from states import admissible_states
+from tcbench_plugins.tc_auto import adaptive, methods_of
+
+import tcbench
+from tcbench.plugins import find_scenario
+from tcbench.reference.lookup import reference_for
+
+END = np.array([0.0, 20.0])
+
+
+def shares(system, tolerance):
+    """(implicit, explicit) steps of the last run."""
+    implicit, explicit = methods_of(system, tolerance)
+    return implicit.counts.steps, explicit.counts.steps
+
+
+@pytest.mark.parametrize(
+    "name, same", [("short_term", "tc_gauss_adaptive"), ("fast_conduction", "tc_gauss_adaptive"),
+                   ("bound_equilibrium", "tc_taylor"), ("gas_containers", "tc_taylor")],
+)  # fmt: skip
+def test_where_one_method_is_right_throughout_the_run_is_its_own(name, same):
+    scenario = tcbench.scenarios()[name]
+    found, _ = adaptive(scenario.model, scenario.z0, END, 1e-7, 1e-7)
+    assert (shares(scenario.model, 1e-7)[0] == 0) == (same == "tc_taylor")
+    alone, _ = tcbench.integrators()[same].adaptive(scenario.model, scenario.z0, END, 1e-7, 1e-7)
+    assert np.array_equal(found, alone)
+
+
+@pytest.mark.parametrize("name", ["cold_spring", "stiff_spring"])
+def test_a_run_that_goes_over_keeps_its_laws_and_its_tolerance(name):
+    scenario = tcbench.scenarios()[name].replace(t_end=1.0)
+    reference = reference_for(scenario, [1.0]).states[-1].astype(float)
+    for tolerance in (1e-4, 1e-8):
+        run = tcbench.simulate("tc_auto", scenario, tolerance=tolerance)
+        implicit, explicit = shares(scenario.model, tolerance)
+        assert run.ok and implicit > 3 and explicit > 3
+        error = np.max(np.abs(run.z[-1] - reference) / np.maximum(1.0, np.abs(reference)))
+        assert error <= 3e3 * tolerance  # what the scenario itself makes of a disturbance, as of tc_taylor's
+        assert np.abs(run.energy - run.energy[0]).max() <= 1e-12 * scenario.initial_exergy
+        assert np.diff(run.entropy).min() >= -1e-13
+
+
+def test_it_goes_to_and_fro_as_stiffness_comes_and_goes():
+    """Close encounters ask for steps so short that conduction does not bound them; between them it does."""
+    scenario = tcbench.scenarios()["cold_spring"]
+    _, alone = tcbench.integrators()["tc_gauss_adaptive"].adaptive(scenario.model, scenario.z0, END, 1e-4, 1e-4)
+    _, cost = adaptive(scenario.model, scenario.z0, END, 1e-4, 1e-4)
+    implicit, explicit = shares(scenario.model, 1e-4)
+    assert explicit > 3 and implicit > 3 and cost["newton_iterations"] < alone["newton_iterations"]
+
+
+@given(admissible_states(), st.floats(-10, -2), st.floats(-1, 3))
+def test_every_law_holds_from_random_states_whatever_conducts(state, exponent, conductivity):
+    scenario = tcbench.scenarios()["short_term"].replace(
+        positions=state[:4],
+        momenta=state[4:8],
+        temperatures=state[8:],
+        conductivity=10.0**conductivity,
+        t_end=0.5,
+        dt=0.1,
+    )
+    run = tcbench.simulate("tc_auto", scenario, tolerance=10.0**exponent)
+    if "too short" in run.failure:  # two springs that collapse head-on: the solution itself ends
+        reject()
+    assert run.ok, run.failure
+    heat = 5.0 * sum(scenario.temperatures)  # round-off of the energy is that of c0 theta
+    assert np.abs(run.energy - run.energy[0]).max() <= 1e-12 * scenario.initial_exergy + 8e-15 * heat
+    assert np.diff(run.entropy).min() >= -1e-13 * max(1.0, abs(run.entropy).max())
+    scale = np.linalg.norm(scenario.positions) * np.linalg.norm(scenario.momenta)
+    assert np.abs(run.angular_momentum - run.angular_momentum[0]).max() <= 1e-12 * (1.0 + scale)
+
+
+def test_output_times_are_hit_and_a_large_system_is_left_to_collocation():
+    scenario = tcbench.scenarios()["stiff_spring"]
+    times = np.linspace(0.0, 2.0, 41)
+    many, _ = adaptive(scenario.model, scenario.z0, times, 1e-9, 1e-9)
+    few, _ = adaptive(scenario.model, scenario.z0, times[[0, 20, 40]], 1e-9, 1e-9)
+    assert many.shape == (41, 10) and np.abs(many[[20, 40]] - few[1:]).max() < 1e-6
+    chain = find_scenario("chain[n=30]")
+    found, _ = adaptive(chain.model, chain.z0, np.array([0.0, 0.1]), 1e-5, 1e-5)
+    assert np.isfinite(found).all()
