@@ -12,7 +12,7 @@ from tcbench.reference.lookup import reference_for
 from tcbench.systems.right_hand_side import Field, expressions
 
 PEERS = [i.name for i in tcbench.integrators().values() if "peer" in i.tags and not i.lacks]
-LOOSE = {"cvode": 1e-6, "solve_ivp_bdf": 1e-6, "scipy_odeint": 1e-7, "solve_ivp_lsoda": 1e-7}
+LOOSE = {"cvode": 1e-6, "diffrax": 1e-7, "solve_ivp_bdf": 1e-6, "scipy_odeint": 1e-7, "solve_ivp_lsoda": 1e-7}
 
 
 @pytest.mark.parametrize("scenario", ["short_term", "gas_containers"])
@@ -58,20 +58,20 @@ ABSENT = """
 import importlib.metadata, importlib.util
 find, known = importlib.util.find_spec, importlib.metadata.version
 def version(name):
-    if name in ("heyoka", "scikit-sundae"):
+    if name in ("heyoka", "scikit-sundae", "diffrax", "jax"):
         raise importlib.metadata.PackageNotFoundError(name)
     return known(name)
 importlib.metadata.version = version
-importlib.util.find_spec = lambda name, *a: None if name in ("heyoka", "sksundae") else find(name, *a)
+importlib.util.find_spec = lambda name, *a: None if name in ("heyoka", "sksundae", "diffrax", "jax") else find(name, *a)
 import tcbench
 from tcbench.plugins import registry
 from tcbench.studies.work_precision import plan
 found = tcbench.integrators()
 assert not registry().broken
-for name in ("cvode", "heyoka"):
+for name in ("cvode", "heyoka", "diffrax"):
     assert "pip install" in found[name].lacks and not found[name].suits(tcbench.scenarios()["short_term"].model)
 scenario = tcbench.scenarios()["short_term"]
-assert {i.name for i, _, _ in plan(list(found.values()), [scenario], {})} == set(found) - {"cvode", "heyoka"}
+assert {i.name for i, _, _ in plan(list(found.values()), [scenario], {})} == set(found) - {"cvode", "heyoka", "diffrax"}
 try:
     tcbench.simulate("cvode", "short_term")
 except tcbench.TcbenchError as error:
