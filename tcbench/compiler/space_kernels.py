@@ -7,7 +7,7 @@ machine code serves a network of any size, and what works on a small one is what
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -75,20 +75,13 @@ class SpaceKernel:
             elif what == "at":
                 head.append(offsets[which[0]][which[1]])
             else:
-                row = mesh.along(which[0]) if what == "path" else places[which[0]]
+                # those of a loop's terms side by side, as it reads them
+                row = mesh.along(which[0]) if what == "path" else np.stack([places[k] for k in which], axis=1).ravel()
                 head.append(start)
                 rows.append(row)
                 start += len(row)
         table = np.concatenate([np.array(head, np.int64), *rows, np.zeros(1, np.int64)])
         return Kernel(self.text, out[-1] + extra, table)
-
-
-@dataclass
-class _Stage:
-    """What is computed in one loop over a space, after what it needs of other spaces."""
-
-    nodes: list[Symbol] = field(default_factory=list)
-    lines: list[str] = field(default_factory=list)
 
 
 def space_kernel(
@@ -320,10 +313,10 @@ class _Writer:
             elif node.op == "over_all" and self.stage[node.args[0].number] == stage:
                 total, item, op = self.names[node.number], value(node.args[0]), node.value[0]
                 sums.append(f"{total} = " + (f"{total} + {item}" if op == "add" else f"{op}({total}, {item})"))
-        for k, (term, slope) in enumerate(self.terms):
-            if (self.level[slope.number], term.over) == stage:
-                place = f"{self.slot('at', 'out', self.terms_at)} + table[{self.slot('places', k)} + {i}]"
-                sums.append(f"out[{place}] += {value(slope)}")
+        here = [k for k, (term, x) in enumerate(self.terms) if (self.level[x.number], term.over) == stage]
+        for m, k in enumerate(here):
+            place = f"table[{self.slot('places', *here)} + {len(here)} * {i} + {m}]"
+            sums.append(f"out[{self.slot('at', 'out', self.terms_at)} + {place}] += {value(self.terms[k][1])}")
         return sums
 
     def _last(self) -> list[str]:

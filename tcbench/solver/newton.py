@@ -25,6 +25,8 @@ QUICK = 0.3  # corrections with old factors are tried below this
 NEGLIGIBLE = 1e-16  # predicted error that no further correction would change
 CHORD_FLOOR = 1e-14  # a correction with old factors that no longer shrinks is round-off below this
 STALLED = 1e-11  # above this a correction must halve from one iteration to the next
+SPARSE_FIRST = 1e-4  # relative residual of the linear system of a first correction
+SPARSE_SHARE = 1e-2  # ... of a later one over the correction before, so that it is no larger than what Newton leaves
 SPARSE_FLOOR = 1e-8  # relative residual of the linear system of a small correction: the next one mends it
 SMALL_PIVOT = 1e-7  # below this the elimination without pivoting is repeated with pivoting
 
@@ -186,7 +188,7 @@ def quick_sparse(flow: Flow) -> tuple[int, int]:
     x, d, scale, n = flow.x, flow.d, flow.scale, flow.nx
     for i in range(n):
         scale[i] = flow.w[2 * n + i]
-    previous, tolerance = np.inf, 1e-3
+    previous, tolerance = np.inf, SPARSE_FIRST
     for iteration in range(1, MAX_ITERATIONS + 1):
         call(flow.iterate, flow.w, x, flow.derivatives)
         for i in range(2 * n + flow.nnz, 2 * n + flow.nnz + flow.npos):
@@ -204,7 +206,7 @@ def quick_sparse(flow: Flow) -> tuple[int, int]:
             return REJECTED, iteration
         if delta * max(delta, tolerance) < NEGLIGIBLE:
             return finish(flow), iteration
-        previous, tolerance = delta, max(SPARSE_FLOOR, min(1e-3, 0.1 * delta))
+        previous, tolerance = delta, max(SPARSE_FLOOR, min(SPARSE_FIRST, SPARSE_SHARE * delta))
     return REJECTED, MAX_ITERATIONS
 
 
