@@ -19,6 +19,7 @@ from .tc_gauss import tc_gauss
 
 DEFAULT = "tc_gauss"  # of high order: a low one takes very many steps to a tight tolerance
 SAFETY, SHRINK, GROW, SMALLEST, TINY = 0.9, 0.2, 5.0, 1e-12, 1e-300
+ROUND_OFF = 4e-16  # of a component: a gap as small says nothing of the method
 
 
 def controlled(method: Integrator, tolerance: float | None = None, name: str = "controlled"):
@@ -32,7 +33,7 @@ def controlled(method: Integrator, tolerance: float | None = None, name: str = "
     return Integrator(
         name=name, adaptive=adaptive, claims=method.claims, systems=method.systems, needs=method.needs,
         requires=method.requires, uses=tuple(filter(None, (method.plugin,))),
-        source=f"step doubling around {method.name}",
+        source=f"step doubling around {method.name}", tags=set() if tolerance is None else {"fixed tolerance"},
     )  # fmt: skip
 
 
@@ -46,16 +47,22 @@ def doubling(step: Any, z: Any, times: Any, rtol: float, atol: float):
             tried = left if left < 1.01 * h else min(h, left / 2)
             try:
                 once, twice = step(z, tried), step(step(z, tried / 2), tried / 2)
-                gap = np.abs(twice - once) / (atol + rtol * np.maximum(np.abs(z), np.abs(twice)))
+                gap, size = np.abs(twice - once), np.maximum(np.abs(z), np.abs(twice))
                 why = "they err by more than the tolerance"
-                error = float(gap.max()) / (2**order - 1) * whole / tried
+                error = float((gap / (atol + rtol * size)).max()) / (2**order - 1) * whole / tried
+                rounded = bool((gap <= ROUND_OFF * np.maximum(1.0, size)).all())
             except ArithmeticError as failed:
-                error, why = np.inf, str(failed)
+                error, why, rounded = np.inf, str(failed), False
             proposed = tried * min(GROW, max(SHRINK, SAFETY * (error + TINY) ** (-1 / order)))
             # a step that was cut to end at an output says nothing against a longer one
             h = proposed if error > 1 or tried >= h else max(h, proposed)
             if error <= 1:
                 z, t, done = twice, end if tried == left else t + tried, done + 2
+            elif rounded:  # shorter steps would err by as much, and there would be more of them
+                raise ArithmeticError(
+                    f"a tolerance of {rtol:g} over t = {whole:g} asks for steps of {step.method.name} that err by less "
+                    "than round-off; take a looser one, a shorter run, or a method of higher order"
+                )
             elif h < SMALLEST * whole:
                 raise ArithmeticError(f"no step of {step.method.name} is short enough at t = {t:g}: {why}")
         states.append(z)

@@ -26,7 +26,7 @@ def stepper(method: str | Integrator, system: System | Scenario | str) -> Steppe
     a plugin's `step` or `adaptive` may ask for it at every call, for it is kept with the system. The step is solved as
     in a run, continuation included, and starts a run of its own: what rounding drops is not carried on to the next.
 
-    z : (q, p, s), shape (n,); h : positive (heat does not flow backwards: a negative step may not exist). Returns z1 as
+    z : (q, p, s), shape (n,); h : finite; where heat is conducted a negative step may not exist. Returns z1 as
     a state; `iterations` counts Newton's so far.
     Raises ArithmeticError, with the cause, where there is no step, and TcbenchError for methods without one: adaptive
     solvers and multistep methods.
@@ -70,6 +70,8 @@ class Stepper:
         z, h = np.array(z, dtype=float), float(h)
         if z.shape != (self.system.size,):
             raise TcbenchError(f"A state of this {self.system.name} has shape ({self.system.size},), not {z.shape}.")
+        if not (math.isfinite(h) and np.isfinite(z).all()):
+            raise TcbenchError(f"A step begins at a finite state and has a finite length, not z = {z!r} and h = {h:g}.")
         return self.system.state(self._by_function(z, h) if self._run is None else self._by_flows(self._run, z, h))
 
     def _by_function(self, z: np.ndarray, h: float) -> np.ndarray:
@@ -85,7 +87,8 @@ class Stepper:
         run.z[:], run.carry[:], run.c[-2 * len(z) :] = z, 0.0, np.tile(z, 2)
         reason = LOOPS.march(run, 0, 1)
         if reason != OK:
-            raise ArithmeticError(f"{self.method.name}, a step of {h:g}: {cause_of(reason)}")
+            backwards = ", for heat does not flow backwards" if h < 0 else ""
+            raise ArithmeticError(f"{self.method.name}, a step of {h:g}: {cause_of(reason)}{backwards}")
         return run.z.copy()
 
     def _prepared(self) -> Run:

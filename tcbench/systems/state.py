@@ -31,6 +31,10 @@ class State(np.ndarray):
     def __array_finalize__(self, source: Any) -> None:
         self.n_positions = getattr(source, "n_positions", 0)
 
+    def __array_wrap__(self, array: Any, context: Any = None, return_scalar: bool = False) -> Any:
+        """What has no axis left, as the largest component, is a number."""
+        return array[()] if array.ndim == 0 else super().__array_wrap__(array, context, return_scalar)
+
     @property
     def q(self) -> Array:
         return self.view(np.ndarray)[..., : self.n_positions]

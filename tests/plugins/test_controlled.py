@@ -50,6 +50,17 @@ def test_where_no_step_exists_the_run_says_so():
     assert run.status == "exception" and "no step of broken is short enough at t = 0: no" in run.failure
 
 
+def test_a_tolerance_below_round_off_is_refused_at_once():
+    run = tcbench.simulate("controlled[method=tc_monolithic]", "short_term", t_end=25.0, tolerance=1e-9)
+    assert run.status == "exception" and "err by less than round-off; take a looser one" in run.failure
+
+
+def test_check_asks_no_order_of_a_fixed_tolerance():
+    from tcbench.authoring.integrator_checks import _adaptive_order
+
+    assert _adaptive_order(tcbench.plugins.find_integrator("controlled[method=tc_monolithic,tol=1e-6]")).verdict == "-"
+
+
 def test_every_one_step_method_can_be_controlled_and_nothing_else():
     allowed = tcbench.integrators()["controlled"].parameters["method"]
     assert allowed[0] == "tc_gauss" and {"tc_monolithic", "verlet_heat", "projected"} <= set(allowed)

@@ -73,3 +73,14 @@ def test_richardson_extrapolation_has_order_four():
     row = convergence.measure(method, scenario, {"dt": [scenario.t_converge / n for n in (4, 6, 8, 12, 16, 24, 32)]})
     fit = next(item for item in row["orders"] if item["variable"] == "all")
     assert fit["verdict"] == "as declared" and abs(fit["order"] - 4) < 0.1, fit
+
+
+def test_what_is_no_step_is_refused_with_its_reason():
+    scenario = tcbench.scenarios()["short_term"]
+    step, z = tcbench.stepper("tc_monolithic", scenario), scenario.z0
+    for state, h in ((z, np.nan), (z, np.inf), (np.nan * z, 0.1)):
+        with pytest.raises(TcbenchError, match="finite"):
+            step(state, h)
+    with pytest.raises(ArithmeticError, match="heat does not flow backwards"):
+        step(z, -0.3)
+    assert isinstance(np.abs(step(z, 0.1) - z).max(), float)
