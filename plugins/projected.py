@@ -1,6 +1,7 @@
-"""Thermodynamic projection: any one-step method made to keep energy and momenta, with an entropy that never falls.
+"""Thermodynamic projection: any method made to keep energy and momenta, with an entropy that never falls.
 
-After each step the result is moved to the nearest state, in a simple sense, with the values that the run began with:
+After each step (of an adaptive solver: at each output time) the result is moved to the nearest state, in a simple
+sense, with the values that the run began with:
 1. the momenta are rotated back: along m dJ/dp, for each invariant J, which must be linear in p;
 2. all entropies are shifted by the same amount until the energy is right, if the total then is no lower than before
    the step; otherwise to the total before the step,
@@ -10,8 +11,8 @@ the part is stopped, entropy and momenta are kept and the energy is not. It happ
 fails, and close to an equilibrium, where little kinetic energy is left; so projected methods claim entropy and momenta.
 The correction is as small as the error of one step, so the order stays. Source: docs/methods.md.
 
-`projected[method=NAME]` wraps any registered one-step method. The default is verlet_heat4: explicit, of order four, and
-with the projection thermodynamically consistent.
+`projected[method=NAME]` wraps any registered method, peers included. The default is verlet_heat4: explicit, of order
+four, and with the projection thermodynamically consistent.
 """
 
 from __future__ import annotations
@@ -36,16 +37,17 @@ SMALLEST_SHARE = 1e-12  # of the energy, as kinetic energy free to change: below
 def projected(method: Integrator, name: str = "projected") -> Integrator:
     """`method` with the thermodynamic projection after each step; an Integrator of the same order.
 
-    Raises TcbenchError for adaptive solvers: they have no step to project.
+    Raises TcbenchError for multistep methods: their earlier states would have to be projected, too.
     """
-    if method.kind == "adaptive" or method.memory:
-        kind = "an adaptive solver" if method.kind == "adaptive" else "a multistep method"
-        raise TcbenchError(f"{method.name!r} is {kind}; only a one-step method can be projected.")
+    if method.memory:
+        raise TcbenchError(f"{method.name!r} is a multistep method: take a one-step method or an adaptive solver.")
     common: dict[str, Any] = {
         "name": name, "claims": {"entropy", "angular_momentum"}, "tags": method.tags | {"projected"},
         "source": f"thermodynamic projection around {method.name}", "description": "", "uses": (method.plugin,),
         "parameters": {}, "family": None,
     }  # fmt: skip
+    if method.adaptive is not None:
+        return replace(method, **common, adaptive=_projected_outputs(method.adaptive))
     if method.kind == "flows":
         return replace(method, **common, flows=[*method.flows, Flow(projection, of_step=True)])
     assert method.step is not None
@@ -85,24 +87,33 @@ def _projected_step(step: Callable[..., Any], increments: bool) -> Callable[...,
     return stepped
 
 
+def _projected_outputs(adaptive: Callable[..., Any]) -> Callable[..., Any]:
+    """What a user of a solver can do: its outputs are projected, its own steps are as they were."""
+
+    def solved(system: System, z0: Any, times: Any, rtol: float, atol: float) -> Any:
+        found = adaptive(system, z0, times, rtol, atol)
+        states, counts = found if isinstance(found, tuple) else (found, {})
+        mended = [np.asarray(z0, dtype=float)]
+        for state in np.asarray(states, dtype=float)[1:]:
+            mended.append(state + apply_explicit(projection, system, mended[-1], state))
+        return np.array(mended), counts
+
+    return solved
+
+
 def project(method=VERLET_HEAT4.name):
     return projected(VERLET_HEAT4 if method == VERLET_HEAT4.name else find_integrator(method))
 
 
-def one_step_methods(known):
+def methods(known):
     """Those that a projection changes: not the ones that keep the energy already, nor those for one system only."""
     others = (
-        n
-        for n, i in known.items()
-        if i.kind != "adaptive"
-        and not i.memory
-        and "energy" not in i.claims
-        and not i.systems
-        and i.family is not project
-    )
+        n for n, i in known.items()
+        if not i.memory and "energy" not in i.claims and not i.systems and i.family is not project
+    )  # fmt: skip
     return [VERLET_HEAT4.name, *(name for name in others if name != VERLET_HEAT4.name)]
 
 
 @hookimpl
 def tcbench_integrators():
-    return [family(project, method=one_step_methods)]
+    return [family(project, method=methods)]

@@ -170,9 +170,22 @@ def test_steps_and_flows_are_projected_alike():
 
 
 def test_what_can_be_projected():
-    with pytest.raises(TcbenchError, match="adaptive solver"):
-        projected(find_integrator("scipy_odeint"))
-    with pytest.raises(TcbenchError, match="scipy_odeint"):
-        find_integrator("projected[method=scipy_odeint]")
+    with pytest.raises(TcbenchError, match="multistep method"):
+        projected(Integrator(name="two", order=2, memory=1, starter="tc_monolithic", flows=lambda *z: z[1] - z[0]))
+    with pytest.raises(TcbenchError, match="tc_monolithic"):
+        find_integrator("projected[method=tc_monolithic]")  # it keeps the energy already
     assert {"midpoint_entropy", "gauss3"} <= set(find_integrator("projected").parameters["method"])
     assert find_integrator("projected[method=gauss2]").uses == (find_integrator("gauss2").plugin,)
+
+
+@pytest.mark.parametrize("peer", ["solve_ivp_bdf", "scipy_odeint"])
+def test_a_peer_keeps_the_laws_at_its_outputs_and_its_accuracy(peer):
+    scenario = tcbench.scenarios()["bound_equilibrium"].replace(t_end=10.0)
+    exact = reference_for(scenario, [10.0]).states[0]
+    alone, run = (tcbench.simulate(name, scenario, tolerance=1e-6) for name in (peer, f"projected[method={peer}]"))
+    assert np.abs(alone.energy - alone.energy[0]).max() > 1e-6 * scenario.initial_exergy
+    assert np.abs(run.energy - run.energy[0]).max() < 1e-12 * scenario.initial_exergy
+    assert np.abs(run.angular_momentum - run.angular_momentum[0]).max() < 1e-12
+    assert np.diff(run.entropy).min() > -1e-13
+    assert np.abs(run.z[-1] - exact).max() < 2 * np.abs(alone.z[-1] - exact).max()
+    assert "peer" in find_integrator(f"projected[method={peer}]").tags
