@@ -9,22 +9,22 @@ import numpy as np
 from tcbench import Integrator, hookimpl
 
 from ..tc_gauss import method as gauss_method
+from ..tc_gauss import stages_of
 from ..tc_taylor import method_of as taylor_method
 from ..tc_taylor import order_of
 from ..tc_taylor.method import MOST_ELEMENTS
 
-STAGES = 5
 EXACT = {"energy", "entropy", "angular_momentum"}
 SOURCE = "Taylor series or Gauss collocation, whichever costs less where the run is (docs/methods.md)"
 
 
 def methods_of(system, tolerance):
     """The implicit one, and the explicit one of the order for this tolerance; none where it is not for the system."""
-    made, order = system.__dict__.setdefault("_auto_methods", {}), order_of(tolerance)
-    if order not in made:
-        explicit = taylor_method(system, order) if system.n_elements <= MOST_ELEMENTS else None
-        made[order] = gauss_method(system, STAGES), explicit
-    return made[order]
+    made, chosen = system.__dict__.setdefault("_auto_methods", {}), (stages_of(tolerance), order_of(tolerance))
+    if chosen not in made:
+        explicit = taylor_method(system, chosen[1]) if system.n_elements <= MOST_ELEMENTS else None
+        made[chosen] = gauss_method(system, chosen[0]), explicit
+    return made[chosen]
 
 
 def adaptive(system, z0, t_eval, rtol, atol):
