@@ -170,7 +170,8 @@ def run_cells(
         for order, cell in enumerate(alone)
     ]
     with _log_folder() as logs:
-        settings = {"measure": measure, "context": dict(context), "memory_limit": memory_limit, "logs": logs}
+        known = {**context, "timeout": timeout}  # which a cell may want to know of itself
+        settings = {"measure": measure, "context": known, "memory_limit": memory_limit, "logs": logs}
         run = _Run(Ledger(store, summary, on_event, len(todo.to_run)), Crew(settings, timeout))
         try:
             run.all(together, jobs)

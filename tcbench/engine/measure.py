@@ -35,7 +35,10 @@ def measure_cell(cell: dict[str, Any], context: dict[str, Any]) -> dict[str, Any
     scenario = _rebuild(custom) if custom else plugins.find_scenario(cell["scenario"])
     _refuse_edited(method.name, method_sources(method), context.get("integrator_sources", {}))
     _refuse_edited(scenario.name, system_sources(scenario.system), context.get("scenario_sources", {}))
-    return _measure(method, scenario, cell)
+    from ..solver import foresight
+
+    with foresight.within(context.get("timeout")):
+        return _measure(method, scenario, cell)
 
 
 def _refuse_edited(name: str, sources: list[str], planned: Mapping[str, list[str]]) -> None:

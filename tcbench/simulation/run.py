@@ -12,6 +12,7 @@ from ..compiler.records import Rows
 from ..errors import TcbenchError
 from ..integrator import Integrator
 from ..progress import part
+from ..solver import foresight
 from ..solver import implicit_step as m
 from ..solver.implicit_step import Rules, compiled_flows, constants_of, make_flows
 from ..solver.quotients import REMEDY, zero_over_zero
@@ -123,6 +124,7 @@ def run_flows(
     c = constants_of(integrator, scenario)
     tally = new_tally()
     kernels = compiled_flows(integrator.flows, model.symbolic)
+    told = foresight.of_steps(model, kernels, steps)  # before anything is compiled
     opening = kernels[0].opening
     run = new_run(
         scenario, dt, steps, every, n_observables=n_observables, n_constants=len(c), n_flows=len(integrator.flows),
@@ -141,7 +143,7 @@ def run_flows(
             np.add.at(run.counts, np.arange(done) // every, first.iterations)
             tally.iterations += first.iterations.sum()
     chunk = CHUNK if model.size <= SMALL else max(1, CHUNK * SMALL // (5 * model.size))
-    with part("") as meter:
+    with part(told) as meter:
         while done < steps and reason == m.OK and not (first and first.failure):
             reason = LOOPS.march(run, done, min(steps, done + chunk))
             done = run.tally.steps

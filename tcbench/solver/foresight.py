@@ -1,38 +1,66 @@
-"""What a trace will cost, said before it is paid: measured coefficients times the length of what is traced."""
+"""What a large system will cost, said before it is paid: measured coefficients times the length of what is to be done.
+
+The coefficients are those of chains, nets and bars on one machine (docs/chain.md); a prediction is right within a
+factor of two or three, so that only what is far beyond a limit is refused.
+"""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
 
-from ..errors import TcbenchError
+from ..errors import MachineError
 from ..progress import part
 from ..systems.system import System
 
-# of chains and nets, for each number of a state (docs/chain.md)
+if TYPE_CHECKING:
+    from .flow_kernels import FlowKernels
+
+# for each number of a state
 WHOLE = (7e-3, 0.14)  # seconds and MB to trace and compile as a whole
 LOOPS = (3e-5, 5e-3)  # in loops over the elements
+# seconds a step for each entry of a sparse Jacobian: assembly and solution, and incomplete factors, each entry of which
+# meets its row
+ENTRY, MEETING = 4e-8, 1e-9
 SHORT = 2.0  # seconds that need no word
-SPARE = 0.8  # of the machine's memory
+SPARE = 0.8  # of the memory there is
+CERTAIN = 2.0  # a prediction as many times what is left of a time limit is no mistake
+CGROUP = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes")
+
+_limit: tuple[float, float] | None = None  # what the work under way may take, seconds, and when that is over
+
+
+@contextmanager
+def within(seconds: float | None) -> Iterator[None]:
+    """Work that may take so long, from now on; None: as long as it likes."""
+    global _limit
+    outer, _limit = _limit, None if seconds is None else (seconds, time.monotonic() + seconds)
+    try:
+        yield
+    finally:
+        _limit = outer
 
 
 @contextmanager
 def foreseen(system: System, copies: int, by_loops: bool) -> Iterator[None]:
-    """Say what is about to take long while it does; TcbenchError for what does not fit into memory.
+    """Say what is about to take long while it does; MachineError for what does not fit into memory or a time limit.
 
     copies: states that a formula works with, its stages.
     """
     seconds, megabytes = (x * system.size * copies for x in (LOOPS if by_loops else WHOLE))
-    room = _memory()
+    room, cure = memory(), "a smaller one is needed"
+    if not by_loops:
+        cure = "declare its elements (tcbench.Network, docs/add-system.md): they are then traced one for all"
     if room is not None and megabytes > SPARE * room:
-        more = "a smaller one is needed" if by_loops else (
-            "declare its elements (tcbench.Network, docs/add-system.md): they are then traced one for all"
-        )  # fmt: skip
-        raise TcbenchError(
-            f"A {system.name} of {system.size} numbers needs about {megabytes / 1024:.0f} GiB to be traced "
-            f"{'element by element' if by_loops else 'as a whole'}, and this machine has {room / 1024:.0f}: {more}."
+        raise MachineError(
+            f"A {system.name} of {system.size} numbers needs about {_gigabytes(megabytes)} to be traced "
+            f"{'element by element' if by_loops else 'as a whole'}, and there are {_gigabytes(room)}: {cure}."
         )
+    _affordable(f"Tracing a {system.name} of {system.size} numbers", seconds, cure)
     if seconds < SHORT:
         yield
         return
@@ -40,9 +68,51 @@ def foreseen(system: System, copies: int, by_loops: bool) -> Iterator[None]:
         yield
 
 
-def _memory() -> float | None:
-    """The machine's memory, MiB; None where it is not told."""
-    try:
-        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 2**20
-    except (AttributeError, ValueError, OSError):
-        return None
+def of_steps(system: System, kernels: Sequence[FlowKernels], steps: int) -> str:
+    """What to say of a run of so many steps while it lasts, "" of a short one; MachineError as above."""
+    each = seconds_a_step(kernels)
+    if steps * each < SHORT:
+        return ""
+    what = f"{steps} steps of about {1e3 * each:.2g} ms"
+    cure = "take fewer steps (a longer dt, a shorter t_end) or a smaller system"
+    _affordable(f"{what} of a {system.name} of {system.size} numbers", steps * each, cure)
+    return f"{what}, {steps * each:.0f} s"
+
+
+def seconds_a_step(kernels: Sequence[FlowKernels]) -> float:
+    """Of the flows with a sparse Jacobian, at steps of a usual length; 0 for those of small systems."""
+    patterns = [k.pattern for k in kernels if k.pattern is not None]
+    return sum(p.nnz * (ENTRY + MEETING * p.nnz / p.n) for p in patterns)
+
+
+def _affordable(what: str, seconds: float, cure: str) -> None:
+    """MachineError where this is far beyond what is left of the time limit."""
+    if _limit is None:
+        return
+    allowed, end = _limit
+    left = max(0.0, end - time.monotonic())
+    if seconds > CERTAIN * left:
+        raise MachineError(
+            f"{what} takes about {seconds:.0f} s, and {left:.0f} s are left of the {allowed:g} s that a cell has: "
+            f"give a longer --timeout, or {cure}."
+        )
+
+
+def memory() -> float | None:
+    """What this process may have, MiB: of the machine, of its control group, of its own limit; None where unknown."""
+    found: list[float] = []
+    with suppress(AttributeError, ValueError, OSError):
+        found.append(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+    for path in CGROUP:
+        with suppress(OSError, ValueError):
+            found.append(float(Path(path).read_text(encoding="ascii")))  # "max": no limit
+    with suppress(ImportError):
+        import resource
+
+        own = resource.getrlimit(resource.RLIMIT_AS)[0]
+        found += [own] if own != resource.RLIM_INFINITY else []
+    return min(found) / 2**20 if found else None
+
+
+def _gigabytes(megabytes: float) -> str:
+    return f"{megabytes / 1024:.2g} GiB" if megabytes < 10240 else f"{megabytes / 1024:.0f} GiB"

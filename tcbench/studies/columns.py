@@ -120,6 +120,7 @@ COLUMNS = (  # the first that fits counts: names before patterns
     Column("exponent_memory", short="memory ~ size^", timing=True, noise=WANDER),
     # size
     Column("numbers", "numbers in a state"),
+    Column("us_foreseen", "time per step that is foreseen, µs", "foreseen", unit="us"),
     _timing("first_step_s", "time to the first step, s", "first step"),
     _timing("memory_mb", "memory, MB", "MB", "MB"),
     # sentences, and how often

@@ -34,7 +34,8 @@ PENDULUM = "short_term"
 WORK, FEWEST, MOST = 300_000, 5, 1000  # numbers times steps of a timed run; steps of one
 REPEATS = 3
 COLUMNS = (
-    "integrator", "family", "scenario", "numbers", "dt", "status", "first_step_s", "us_per_step", "memory_mb", "steps",
+    "integrator", "family", "scenario", "numbers", "dt", "status", "first_step_s", "us_per_step", "us_foreseen",
+    "memory_mb", "steps",
     "energy_error_max", "entropy_increment_min", "angular_momentum_error_max", "newton_iterations_mean", "way",
     "failure",
 )  # fmt: skip
@@ -53,6 +54,8 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
     from .. import plugins
     from ..simulation import metrics
     from ..simulation.run import simulate
+    from ..solver.foresight import seconds_a_step
+    from ..solver.implicit_step import compiled_flows
 
     dt, numbers = options["dt"], scenario.model.size
     pendulum = plugins.find_scenario(PENDULUM)
@@ -68,6 +71,9 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
             end = dt * max(FEWEST, min(MOST, WORK // numbers))
             runs = [simulate(integrator, scenario, dt=dt, t_end=end, record_every=None) for _ in range(REPEATS)]
             run = min(runs, key=metrics.us_per_step)
+    if integrator.kind == "flows":
+        flows = compiled_flows(integrator.flows, scenario.model.symbolic)
+        found["us_foreseen"] = 1e6 * seconds_a_step(flows)
     return metrics.conservation(run) | found | {"way": run.solver.way, "memory_mb": peak_memory() - before}
 
 

@@ -5,16 +5,20 @@ from tcbench_plugins.net.net import net
 
 import tcbench
 from tcbench import progress
+from tcbench.engine.measure import measure_cell
+from tcbench.errors import MachineError
+from tcbench.simulation import run as run_module
 from tcbench.solver import foresight, implicit_step
 
 
 def test_what_does_not_fit_into_memory_is_one_sentence(monkeypatch):
     implicit_step._compiled_flows.cache_clear()
-    monkeypatch.setattr(foresight, "_memory", lambda: 1.0)
-    with pytest.raises(tcbench.TcbenchError, match="element by element, and this machine has 0: a smaller one is need"):
+    monkeypatch.setattr(foresight, "memory", lambda: 1.0)
+    sentence = "needs about 0.002 GiB to be traced element by element, and there are 0.00098 GiB: a smaller one is need"
+    with pytest.raises(MachineError, match=sentence):
         tcbench.simulate("tc_monolithic", net(9, 8), t_end=0.1)
     cure = r"as a whole, .* declare its elements \(tcbench.Network"
-    with pytest.raises(tcbench.TcbenchError, match=cure), foresight.foreseen(net(9, 8).model, 1, by_loops=False):
+    with pytest.raises(MachineError, match=cure), foresight.foreseen(net(9, 8).model, 1, by_loops=False):
         pass
 
 
@@ -30,16 +34,60 @@ def test_a_run_of_a_large_system_says_how_far_it_is():
     seen = []
     with progress.waiting("a run", show=True) as meter:
         line, meter.line = meter.line, lambda: seen.append((meter.done, meter.total)) or line()
-        from tcbench.simulation import run as module
-
-        chunk, module.CHUNK = module.CHUNK, 100
+        chunk, run_module.CHUNK = run_module.CHUNK, 100
         try:
-            march = module.LOOPS.march
-            module.LOOPS.__dict__["march"] = lambda *a: (meter.line(), march(*a))[1]
+            march = run_module.LOOPS.march
+            run_module.LOOPS.__dict__["march"] = lambda *a: (meter.line(), march(*a))[1]
             found = tcbench.simulate("tc_monolithic", net(5, 5), dt=0.1, t_end=4.0)
         finally:
-            module.CHUNK = chunk
-            module.LOOPS.__dict__["march"] = march
+            run_module.CHUNK = chunk
+            run_module.LOOPS.__dict__["march"] = march
     whole = tcbench.simulate("tc_monolithic", net(5, 5), dt=0.1, t_end=4.0)
     assert found.ok and (found.z == whole.z).all() and len(seen) > 2
     assert seen[-1][1] == 40 and 0 < seen[-1][0] < 40
+
+
+def test_memory_is_the_least_of_what_may_be_used(monkeypatch, tmp_path):
+    whole = foresight.memory()
+    assert whole is None or whole > 100
+    for text, expected in (("67108864\n", 64.0), ("max\n", whole)):
+        (tmp_path / "limit").write_text(text)
+        monkeypatch.setattr(foresight, "CGROUP", (str(tmp_path / "limit"), str(tmp_path / "absent")))
+        assert expected is None or foresight.memory() == pytest.approx(expected, rel=0.01) or expected == whole
+
+
+def test_a_run_beyond_its_time_limit_is_one_sentence_before_it_begins(monkeypatch):
+    cell = {"integrator": "tc_monolithic", "scenario": "net[nx=20,ny=20]", "study": "conservation"}
+    cell |= {"options": {"dt": 0.0005}}  # 50,000 steps
+    sentence = (
+        r"50000 steps of about [\d.]+ ms of a net of 2362 numbers takes about \d+ s, and 3 s are left of the 3 s that "
+        r"a cell has: give a longer --timeout, or take fewer steps \(a longer dt, a shorter t_end\) or a smaller system"
+    )
+    with monkeypatch.context() as patched, pytest.raises(MachineError, match=sentence):  # again when there is more time
+        patched.setitem(run_module.LOOPS.__dict__, "march", None)
+        measure_cell(cell, {"timeout": 3.0})
+    assert measure_cell(cell | {"options": {"dt": 1.0}}, {"timeout": 3.0})["status"] == "ok"
+    model, cure = net(20, 20).model, r"Tracing a net .* or declare its elements"
+    with foresight.within(1.0), pytest.raises(MachineError, match=cure), foresight.foreseen(model, 1, by_loops=False):
+        pass
+    with foresight.within(None), foresight.foreseen(model, 1, by_loops=False):
+        pass
+
+
+def test_what_a_step_takes_is_foreseen_from_the_entries_of_its_jacobians():
+    flows = [implicit_step.compiled_flows(tcbench.integrators()[name].flows, net(n, n).model.symbolic)
+             for name, n in (("tc_monolithic", 10), ("tc_monolithic", 40), ("gauss2", 10))]  # fmt: skip
+    one, larger, dearer = map(foresight.seconds_a_step, flows)
+    assert 16 < larger / one < 20 and dearer > 6 * one > 1e-4  # 16 times the masses; stages see each other
+    small = implicit_step.compiled_flows(
+        tcbench.integrators()["tc_strang"].flows, tcbench.scenarios()["short_term"].model.symbolic
+    )
+    assert foresight.seconds_a_step(small) == 0.0
+
+
+def test_a_long_run_says_what_a_step_takes():
+    model = net(20, 20).model
+    flows = implicit_step.compiled_flows(tcbench.integrators()["tc_monolithic"].flows, model.symbolic)
+    each = foresight.seconds_a_step(flows)
+    assert foresight.of_steps(model, flows, 10) == ""
+    assert foresight.of_steps(model, flows, 9000) == f"9000 steps of about {1e3 * each:.2g} ms, {9000 * each:.0f} s"

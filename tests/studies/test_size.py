@@ -28,6 +28,7 @@ def test_a_row_has_times_memory_and_laws_of_its_size(tables):
     assert table["steps"].max() == study.MOST and table["energy_error_max"].max() < 1e-12
     assert (table.loc[NAMES[:3], "angular_momentum_error_max"] < 1e-12).all()
     assert table["entropy_increment_min"].min() > -1e-13
+    assert (table["us_foreseen"] > 0).all() and table.loc[NAMES[2], "us_foreseen"] > table.loc[NAMES[1], "us_foreseen"]
     direct = tcbench.simulate("tc_monolithic", NAMES[2], t_end=100.0)
     assert direct.summary.energy_error_max == table.loc[NAMES[2], "energy_error_max"]
 
