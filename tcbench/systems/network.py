@@ -94,7 +94,10 @@ class Network(System):
     # ---- written by the author -------------------------------------------------------------------------
 
     def element_shape(self, q: Any) -> Any:
-        """Strain measure of an element, positive, from its coordinates q[0], q[1], ...: linear or quadratic in them."""
+        """Strain measure of an element, positive, from its coordinates q[0], q[1], ...: linear or quadratic in them.
+
+        Of a rigid one, a heat bath, it is a constant; `rigid + (1 - rigid) * ...` with an element constant has both.
+        """
         raise TypeError(f"{type(self).__name__} must define element_shape()")
 
     def link(self, a: Any, b: Any) -> tuple[Any, Any]:
@@ -115,7 +118,12 @@ class Network(System):
         return np.asarray(values)[self.mesh.maps["owner"][:, 0]]
 
     def shape(self, q: Any) -> Any:
-        return self.element_shape([self._at_ends(q, k) for k in range(self.elements.shape[1])])
+        return self.strains([self._at_ends(q, k) for k in range(self.elements.shape[1])])
+
+    def strains(self, q: Any) -> Any:
+        """`element_shape`, an entry for each element also where it is one number for all, as of rigid ones."""
+        found = np.asarray(self.element_shape(q))
+        return found if found.shape else np.full(self.n_elements, found)
 
     def conduction(self, theta: Any) -> Any:
         ends = ("links", 0), ("links", 1)
@@ -347,7 +355,7 @@ class _LocalSlope:
         self.net, self.columns = net, range(net.elements.shape[1])
         local = [net.fresh(f"q{k}", "element") for k in self.columns]
         flat = [x for pair in local for x in pair]
-        rows = trace.sparse_jacobian([trace.lifted(x) for x in net.element_shape(local)], flat)
+        rows = trace.sparse_jacobian([trace.lifted(x) for x in net.strains(local)], flat)
         ends = [net._at_ends(q, k) for k in self.columns]
         here = dict(zip(flat, (x for pair in ends for x in pair), strict=True))
         two, zero = spaces.REPRESENTATIVES, trace.const(0.0)

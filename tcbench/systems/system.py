@@ -60,7 +60,7 @@ class System:
         super().__init_subclass__(**arguments)
         if "shape" in cls.__dict__:  # everything in an element sees the positions through its strain measure only
             shape = cls.__dict__["shape"]
-            cls.shape = wraps(shape)(lambda self, q: _mark(shape(self, q)))  # type: ignore[method-assign]
+            cls.shape = wraps(shape)(lambda self, q: _mark_like(shape(self, q), q))  # type: ignore[method-assign]
 
     def __init__(self, **values: Any) -> None:
         for name in values:
@@ -433,6 +433,11 @@ def _mark(values: Any) -> Any:
     if np.asarray(values).dtype != object:
         return values
     return trace.array(trace.mark(trace.lifted(x)) if isinstance(x, trace.Symbol | float | int) else x for x in values)
+
+
+def _mark_like(values: Any, q: Any) -> Any:
+    """The same where q is symbols: then rigid elements, all of which have a number, are no exception."""
+    return _mark(np.asarray(values, dtype=object) if np.asarray(q).dtype == object else values)
 
 
 FEW = 24  # length of a network's state up to which its formulas are traced as a whole

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import tcbench
-from tcbench import Scenario, System
+from tcbench import Network, Scenario, System
 
 
 class SpringAndBath(System):
@@ -63,3 +63,104 @@ def test_the_gradient_of_a_rigid_element_is_zero_and_its_temperature_is_not():
     step = 1e-6 * np.eye(6)
     differences = [(model.energy(z + e) - model.energy(z - e)) / 2e-6 for e in step]
     assert np.allclose(model.gradient(z), differences, rtol=1e-7, atol=1e-8)
+
+
+N = 10  # springs of a chain, each with a bath
+
+
+class ChainOfBaths(SpringAndBath):
+    """Springs between N masses in a row, the first tied to the origin, and a bath for each spring."""
+
+    name = "chain_of_baths"
+    n_positions = 2 * N
+    n_elements = 2 * N
+
+    def inertia(self):
+        return np.ones(2 * N)
+
+    def shape(self, q):
+        steps = np.concatenate([q[:2], q[2:] - q[:-2]]).reshape(N, 2)
+        return np.concatenate([(steps**2).sum(axis=1), np.ones(N)])
+
+    def conduction(self, theta):
+        springs, baths = theta[:N], theta[N:]
+        a, b = np.concatenate([springs, springs[:-1]]), np.concatenate([baths, springs[1:]])
+        gained, given = self.conductivity * (b - a) / a, self.conductivity * (a - b) / b
+        nothing = np.array([0.0])
+        from_left, from_right = np.concatenate([nothing, given[N:]]), np.concatenate([gained[N:], nothing])
+        return np.concatenate([gained[:N] + from_left + from_right, given[:N]])
+
+    def invariants(self, q, p):
+        return {"angular_momentum": q[::2] @ p[1::2] - q[1::2] @ p[::2]}
+
+
+class NetOfBaths(Network):
+    """The same from tables."""
+
+    name = "net_of_baths"
+    n_positions = 2 * N
+    points = np.arange(2 * N).reshape(N, 2)
+    anchors = np.zeros(2)
+    ends = np.stack([np.r_[N, : N - 1], np.arange(N)], axis=1)
+    elements = np.tile((2 * ends[:, :, None] + np.arange(2)).reshape(N, 4), (2, 1))
+    links = np.concatenate([np.arange(2 * N).reshape(2, N).T, np.stack([np.arange(N - 1), np.arange(1, N)], axis=1)])
+    constants = {"rigid": "element", "conductivity": (), "reference_temperature": ()}
+    element_energy = SpringAndBath.element_energy
+    entropies = SpringAndBath.entropies
+
+    def inertia(self):
+        return np.ones(self.n_positions)
+
+    def element_shape(self, q):
+        return self.rigid + (1.0 - self.rigid) * ((q[2] - q[0]) ** 2 + (q[3] - q[1]) ** 2)
+
+    def link(self, a, b):
+        return self.conductivity * (b - a) / a, self.conductivity * (a - b) / b
+
+    def point_invariants(self, q, p):
+        return {"angular_momentum": q[0] * p[1] - q[1] * p[0]}
+
+
+class Bricks(NetOfBaths):
+    """Nothing but baths: heat in a chain of bricks."""
+
+    name = "bricks"
+
+    def element_shape(self, q):
+        return 1.0
+
+
+def of_baths(system, **more):
+    row = np.arange(N)
+    return Scenario(
+        name=system.name, system=system, constants={"conductivity": 0.5, "reference_temperature": 3.0} | more,
+        positions=np.stack([1.1 * (row + 1), 0.0 * row], axis=1).ravel(),
+        momenta=np.stack([0.0 * row, 0.3 * np.sin(row + 1.0)], axis=1).ravel(),
+        temperatures=3.0 + 0.5 * np.cos(np.arange(2.0 * N)), t_end=3.0, dt=0.1,
+    )  # fmt: skip
+
+
+RIGID = np.repeat([0.0, 1.0], N)
+
+
+@pytest.mark.parametrize("method", ["tc_monolithic", "tc_staggered", "tc_strang", "midpoint_temperature", "gauss2"])
+def test_a_network_with_baths_is_the_same_system_and_keeps_the_laws(method):
+    run = tcbench.simulate(method, of_baths(NetOfBaths, rigid=RIGID))
+    whole = tcbench.simulate(method, of_baths(ChainOfBaths))
+    assert run.ok and "in loops over the elements" in run.solver.way and "in loops" not in whole.solver.way
+    assert np.abs(run.z - whole.z).max() < 1e-12 * np.abs(whole.z).max()
+    assert run.summary.entropy_increment_min > -1e-13
+    assert run.summary.invariant_error_max["angular_momentum"] < 1e-12
+    if method.startswith("tc_"):
+        assert run.summary.energy_error_max * run.scenario.initial_exergy < 1e-13
+    model, z = run.scenario.model, run.z[-1]
+    assert np.all(model.shapes(z)[N:] == 1.0) and np.allclose(model.gradient(z), whole.scenario.model.gradient(z))
+
+
+@pytest.mark.parametrize("method", ["tc_monolithic", "tc_strang", "gauss2"])
+def test_a_network_of_rigid_elements_alone_conducts_heat(method):
+    run = tcbench.simulate(method, of_baths(Bricks, rigid=np.ones(2 * N)), t_end=100.0)
+    assert run.ok and "in loops over the elements" in run.solver.way
+    assert np.ptp(run.temperatures[0]) > 0.9 and np.ptp(run.temperatures[-1]) < 0.2
+    assert run.summary.entropy_increment_min > -1e-13
+    assert run.summary.energy_error_max * run.scenario.initial_exergy < (1e-6 if method == "gauss2" else 1e-12)
