@@ -79,7 +79,9 @@ def run_on_dask(
     limits = {"jobs": jobs_per_share, "timeout": timeout, "memory_limit": memory_limit, "seed": seed}
     job = {"measure": measure, "context": dict(context), **limits}
     client = _connect(address, security)
-    run = _ClusterRun(client, job, Ledger(store, summary, on_event, len(todo.to_run)))
+    run = _ClusterRun(
+        client, job, Ledger(store, summary, on_event, len(todo.to_run), context.get("integrator_sources", {}))
+    )
     try:
         threads = sum(info["nthreads"] for info in client.scheduler_info(n_workers=-1)["workers"].values())
         together = [cell for cell in todo.to_run if not cell.timed]

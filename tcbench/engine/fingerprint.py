@@ -6,7 +6,7 @@ import ast
 import hashlib
 import sys
 import uuid
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import fields
 from functools import cache, partial
 from importlib.util import find_spec
@@ -17,6 +17,7 @@ from .. import plugins
 from ..compiler.code_hash import content_hash
 from ..errors import TcbenchError
 from ..integrator import Integrator
+from ..store.cells import UNHASHABLE
 from ..store.encoding import canonical_json
 from ..store.provenance import machine_name, versions
 from ..studies import base
@@ -31,7 +32,6 @@ INSTALLED = ("site-packages", "dist-packages")
 # what an Integrator says of itself, beside what it computes (the starter has sources of its own)
 SAID = ("name", "claims", "source", "tags", "description", "plugin", "base", "parameters", "family", "uses", "requires",
         "starter")  # fmt: skip
-UNHASHABLE = "unhashable"  # source_hash of what has no hash: never the same twice
 
 
 def cell_fingerprint(study: Study, method: Integrator, scenario: Scenario, options: dict[str, Any]) -> tuple[str, str]:
@@ -64,6 +64,11 @@ def method_sources(method: Integrator) -> list[str]:
         return [source_hash(method.plugin), *uses]
     seen = {f.name: getattr(method, f.name) for f in fields(method) if f.name not in SAID}
     return [_or_unique(content_hash(seen)), *uses]
+
+
+def method_mark(sources: Sequence[str]) -> str:
+    """What a row says of the sources that measured it, its `source_hash`: short, of the method's own file."""
+    return UNHASHABLE if sources[0].startswith(UNHASHABLE) else sources[0][:12]
 
 
 def system_sources(system: type[System]) -> list[str]:

@@ -39,6 +39,7 @@ from ..store.cells import Cell
 from ..store.cores import usable_cores
 from ..store.lock import hold_lock
 from ..store.store import Rows, is_finished
+from .fingerprint import method_mark
 from .worker_slot import Crew, Slot
 
 TICK_S = 0.05  # how often deadlines are looked at
@@ -169,10 +170,11 @@ def run_cells(
         (cell, {"timed": True, "alone": True, "shuffle_order": order, "shuffle_seed": seed})
         for order, cell in enumerate(alone)
     ]
+    sources = context.get("integrator_sources", {})
     with _log_folder() as logs:
         known = {**context, "timeout": timeout}  # which a cell may want to know of itself
         settings = {"measure": measure, "context": known, "memory_limit": memory_limit, "logs": logs}
-        run = _Run(Ledger(store, summary, on_event, len(todo.to_run)), Crew(settings, timeout))
+        run = _Run(Ledger(store, summary, on_event, len(todo.to_run), sources), Crew(settings, timeout))
         try:
             run.all(together, jobs)
             run.all(one_by_one, 1, exclusive=True)
@@ -221,12 +223,16 @@ def _log_folder() -> Iterator[str]:
 
 @dataclass
 class Ledger:
-    """Where the rows of a run go: each is written, counted and shown. total : cells that the run has to run."""
+    """Where the rows of a run go: each is written, counted and shown.
+
+    total : cells that the run has to run. sources : of the methods, by name: rows of crashes say what crashed, too.
+    """
 
     store: Rows
     summary: Summary
     on_event: Callable[[Event], None] | None
     total: int
+    sources: Mapping[str, Sequence[str]] = field(default_factory=dict)
 
     def start(self, cell: Cell, running: int) -> None:
         """Show that a cell begins."""
@@ -234,6 +240,8 @@ class Ledger:
 
     def write(self, cell: Cell, row: dict[str, Any], running: int, provenance: str | None = None) -> None:
         """Write the row of a cell; `TcbenchError` when that is not possible."""
+        if known := self.sources.get(cell.integrator):
+            row.setdefault("source_hash", method_mark(known))
         self.store.append(cell.key, row, cell.as_dict(), provenance)
         status = str(row.get("status"))
         self.summary.run += 1

@@ -18,7 +18,7 @@ from ..store.provenance import package_version
 from ..store.store import Rows
 from ..studies.base import find_study
 from ..systems.scenario import Scenario
-from .fingerprint import UNHASHABLE, method_sources, system_sources, worker_finds
+from .fingerprint import UNHASHABLE, method_mark, method_sources, system_sources, worker_finds
 
 if TYPE_CHECKING:
     from .local import Event, Summary
@@ -54,10 +54,9 @@ def _refuse_edited(name: str, sources: list[str], planned: Mapping[str, list[str
 def _measure(method: Integrator, scenario: Scenario, cell: Mapping[str, Any]) -> dict[str, Any]:
     row = find_study(cell["study"]).measure(method, scenario, dict(cell["options"]))
     origin = plugins.registry().origins.get(method.plugin)
-    mark = method_sources(method)[0]
     return row | {
         "plugin": str(origin) if origin and origin.distribution else method.plugin,
-        "source_hash": UNHASHABLE if mark.startswith(UNHASHABLE) else mark[:12],
+        "source_hash": method_mark(method_sources(method)),
         "scenario_hash": scenario.hash,
         "tcbench_version": package_version("tcbench"),
     }
@@ -87,7 +86,10 @@ def measure_here(
 def _row_here(cell: Cell, method: Integrator, scenario: Scenario) -> dict[str, Any]:
     from .worker import complete_row
 
-    return complete_row(lambda: _measure(method, scenario, cell.as_dict()), {"timed": cell.timed})
+    return complete_row(
+        lambda: _measure(method, scenario, cell.as_dict()),
+        {"timed": cell.timed, "source_hash": method_mark(method_sources(method))},
+    )
 
 
 def scenario_data(scenario: Scenario) -> dict[str, Any] | None:

@@ -13,7 +13,7 @@ from ..progress import of_cells, waiting
 from ..store.cells import Cell
 from ..store.provenance import manifest, provenance, utc_now
 from ..store.store import Store
-from ..store.tables import latest_keys, make_tables, read_tables
+from ..store.tables import latest_keys, make_tables, older_formulas, read_tables
 from ..systems.scenario import Scenario
 from .declared import declared, merged
 from .measure import MEASURE, measure_here
@@ -41,7 +41,7 @@ class Results:
     summary: Summary
     left_out: Sequence[str] = ()  # sentences: why methods that were asked for are not in a study
     statuses: Mapping[str, int] = field(default_factory=dict)  # how its cells ended, those finished before included
-    problems: Sequence[str] = ()  # sentences: lines of the folder that could not be read and were measured again
+    problems: Sequence[str] = ()  # sentences: lines that could not be read, rows of older formulas
 
     def _repr_html_(self) -> str:
         """What a notebook shows: the tables and how many rows each has, and the first of them."""
@@ -117,10 +117,14 @@ def execute(
             if not summary.interrupted:
                 measure_here(local, job, store, summary, bool(limits.get("retry_failed")), tell)
         with waiting("writing tables", progress):
-            store.renew(cell.key for cell in job.cells)
+            store.renew([cell.key for cell in job.cells], latest_keys(store))
             keys = {cell.key for cell in job.cells}
             tables = make_tables(job.studies, store, keys)
-            every = tables if keys == latest_keys(store) else read_tables(store)  # of all runs into this folder
+            if keys == latest_keys(store):
+                every = tables
+                store.problems += older_formulas(store)
+            else:
+                every = read_tables(store)  # of all runs into this folder
             every = {name: table for name, table in every.items() if len(table)}
             store.write_tables(every)
             store.write_declared(merged(store.declared(), declared(job)))

@@ -33,19 +33,22 @@ def plugin_files(job: Job) -> dict[str, bytes]:
         if origin.path and not origin.distribution:
             for name, text in local_files(Path(origin.path).resolve(), seen):
                 path = Path(name)
-                mark = f"{path.stem}-{hashlib.sha256(text).hexdigest()[:8]}{path.suffix}"
-                found[name if found.get(name, text) == text else path.with_name(mark).as_posix()] = text
+                found[name if found.get(name, text) == text else _marked(path, text).as_posix()] = text
     return found
 
 
 def keep(job: Job, output: Path) -> list[Path]:
-    """Write them into the run's folder; returns their paths. Files of earlier runs into the folder stay."""
+    """Write them into the run's folder; returns their paths.
+
+    A file of an earlier run that has been edited since stays beside the current one, part of its hash in its name.
+    """
     written = []
     for name, text in plugin_files(job).items():
         path = output / FOLDER / name
         try:
-            if path.is_file() and path.read_bytes() != text:  # what an earlier run into this folder measured stays
-                path = path.with_name(f"{path.stem}-{hashlib.sha256(text).hexdigest()[:8]}{path.suffix}")
+            if path.is_file() and (earlier := path.read_bytes()) != text:
+                path.replace(_marked(path, earlier))
+                _marked(path, text).unlink(missing_ok=True)  # an edit that was undone
             path.parent.mkdir(parents=True, exist_ok=True)
             with replacing(path) as temporary:
                 temporary.write_bytes(text)
@@ -53,3 +56,7 @@ def keep(job: Job, output: Path) -> list[Path]:
             raise TcbenchError(f"{str(path)!r} cannot be written: {error.strerror}.") from None
         written.append(path)
     return written
+
+
+def _marked(path: Path, text: bytes) -> Path:
+    return path.with_name(f"{path.stem}-{hashlib.sha256(text).hexdigest()[:8]}{path.suffix}")

@@ -16,6 +16,8 @@ from typing import Any
 from ..errors import TcbenchError
 from .encoding import canonical_json, plain
 
+UNHASHABLE = "unhashable"  # source_hash of what has no hash: never the same twice
+
 
 @dataclass(frozen=True)
 class Cell:

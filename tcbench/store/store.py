@@ -21,12 +21,11 @@ import hashlib
 import json
 import os
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from ..errors import TcbenchError
-from .cells import identity_of
 from .disk import cure, replace_file
 from .encoding import active, canonical_json, csv_bytes, decode_line, encode_line, parquet_bytes, pretty
 from .lock import hold_lock
@@ -195,12 +194,11 @@ class Store(Rows):
         self._write(encode_line(key, row, cell, self.provenance_id if provenance is None else provenance))
         super().append(key, row, cell, self.provenance_id if provenance is None else provenance)
 
-    def renew(self, keys: Iterable[str]) -> None:
-        """Rows that are used again count as the latest of their cell, before those of other sources: written again."""
-        latest = {identity_of(line["cell"]): key for key, line in self._lines.items() if line["cell"]}
+    def renew(self, keys: Iterable[str], latest: Collection[str]) -> None:
+        """Rows that are used again and are not among the latest, those of other sources being so, are written again."""
         for key in keys:
             line = self._lines.get(key)
-            if line is not None and latest.get(identity_of(line["cell"]), key) != key:
+            if line is not None and key not in latest:
                 self.append(key, line["row"], line["cell"], line["provenance"])
 
     def add_provenance(self, data: Mapping[str, Any], default: bool = True) -> str:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..errors import TcbenchError, matching
 from ..studies.base import Study, studies
-from .cells import identity_of
+from .cells import UNHASHABLE, identity_of
 from .store import Rows, Store
 
 if TYPE_CHECKING:
@@ -23,6 +24,7 @@ def read_tables(source: str | Path | Store) -> dict[str, DataFrame]:
     """
     store = source if isinstance(source, Store) else Store.read(source)
     latest = latest_keys(store)
+    store.problems += older_formulas(store)
     tables: dict[str, DataFrame] = {}
     kept = [] if latest else store.tables()
     for study in studies().values():
@@ -40,9 +42,37 @@ def read_tables(source: str | Path | Store) -> dict[str, DataFrame]:
     return {name: table for name, table in tables.items() if len(table)}
 
 
-def latest_keys(store: Store) -> set[str]:
-    """The key of the last row of each cell."""
-    return set({identity_of(line["cell"]): line["key"] for line in store.lines() if line["cell"]}.values())
+def latest_keys(store: Rows) -> set[str]:
+    """The keys of the rows that tables are made of: the last of each cell, but for those of older formulas."""
+    return _latest(store)[0]
+
+
+def older_formulas(store: Rows) -> list[str]:
+    """A sentence for each method of which cells are left out of the tables, as an older formula measured them."""
+    return [
+        f"{count} row{'s' * (count > 1)} of {name} that an older version of its formula measured "
+        f"{'are' if count > 1 else 'is'} not in the tables (cells.jsonl still has {'them' if count > 1 else 'it'}); "
+        "the command that measured them measures the formula as it is now."
+        for name, count in sorted(_latest(store)[1].items())
+    ]
+
+
+def _latest(store: Rows) -> tuple[set[str], Counter[str]]:
+    """The keys for tables, and by integrator how many cells have none.
+
+    A folder has the rows of all runs into it, and rows of two formulas under one name would be judged as one method: so
+    a method is what measured its last row (`source_hash`), whatever the cell. What has no hash cannot be told apart.
+    """
+    cells = {identity_of(line["cell"]): line for line in store.lines() if line["cell"]}
+    marks = {line["cell"]["integrator"]: mark for line in store.lines() if line["cell"] and (mark := _mark(line))}
+    older = [line for line in cells.values() if _mark(line) not in ("", marks.get(line["cell"]["integrator"]))]
+    current = {line["key"] for line in cells.values()} - {line["key"] for line in older}
+    return current, Counter(line["cell"]["integrator"] for line in older)
+
+
+def _mark(line: Mapping[str, Any]) -> str:
+    mark = str(line["row"].get("source_hash") or "")
+    return "" if mark == UNHASHABLE else mark
 
 
 def make_tables(chosen: Iterable[Study], store: Rows, keys: set[str] | None = None) -> dict[str, DataFrame]:

@@ -2,6 +2,7 @@
 
 import json
 
+import pandas
 import pytest
 from click.testing import CliRunner
 
@@ -115,3 +116,35 @@ def test_what_cannot_be_published_is_said(folder):
     assert done.exit_code == 2 and "would lie in the run" in done.output and not (folder / "out" / "site").exists()
     (folder / "taken").write_text("")
     assert run("publish", "out", "-o", "taken").exit_code == 2
+
+
+def test_rows_of_an_older_formula_are_left_out_and_a_sentence_says_so(folder):
+    def steps():
+        table = pandas.read_csv(folder / "out" / "tables" / "conservation.csv")
+        return sorted(table[table.integrator == "mine"].dt)
+
+    def edit(old, new):
+        (folder / "own" / "mine.py").write_text(PLUGIN.replace(old, new))
+
+    command = ("run", "--config", "study.toml", "--dt")
+    assert run(*command, "0.05").exit_code == 0 and steps() == [0.05]
+    edit("half * (z1 - z0)", "0.5 * half * (z1 - z0)")
+    done = run(*command, "0.1", "--dt", "0.3")
+    sentence = "1 row of mine that an older version of its formula measured is not in the tables"
+    assert done.exit_code == 0 and sentence in done.output and steps() == [0.1, 0.3]
+    table = pandas.read_csv(folder / "out" / "tables" / "conservation.csv")  # a narrower run truncates no other method
+    assert sorted(table[table.integrator == "tc_monolithic"].dt) == [0.05, 0.1, 0.3]
+    shown = run("show", "out")
+    assert sentence in shown.output and len((folder / "out" / "cells.jsonl").read_text().splitlines()) == 6
+    # cells that fail are told by their formula, too
+    edit("return z1", "raise ValueError(z0)  #")
+    assert run(*command, "0.2").exit_code == 0 and steps() == [0.2]
+    assert steps() == [0.2]
+    # undone: the older rows are used again, and are what the method is
+    edit("", "")
+    done = run(*command, "0.05")
+    assert done.exit_code == 0 and steps() == [0.05]
+    assert "3 rows of mine" in done.output and "1 row of" not in done.output
+    sources = {p.name: p.read_text() for p in (folder / "out" / "sources").glob("mine*.py")}
+    assert sources.pop("mine.py") == PLUGIN and len(sources) == 2 and all("-" in name for name in sources)
+    assert any("raise" in text for text in sources.values()) and PLUGIN not in sources.values()
