@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from fnmatch import fnmatch
 from statistics import median
@@ -33,6 +34,7 @@ KEYS = {
     "work_precision": ("control", "value"), "map": ("x_name", "x", "y_name", "y"),
 }  # fmt: skip
 ANY_KEY = ("variable", "dt", "tolerance", "t", "measure", "target", "claim", "factor", "tau", "control")  # of others
+RUNG = ("value", *ANY_KEY)  # of an entry of a list in a row
 DERIVED = ("time_to_accuracy", "cost", "series", "opening")
 TIMED = ("work_precision",)
 COLUMNS = (
@@ -225,7 +227,16 @@ def _row_changes(
             continue
         worse = any(_worse(part, a, b) for part in path)
         found.append(
-            _entry(cell, "value", name, a, b, math.nan if math.isinf(difference) else difference, allowed, worse)
+            _entry(
+                cell,
+                "value",
+                _with_rungs(name, before, after),
+                a,
+                b,
+                math.nan if math.isinf(difference) else difference,
+                allowed,
+                worse,
+            )
         )
     return found
 
@@ -265,6 +276,19 @@ def _flat(row: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]
             yield f"{prefix}{name}", value
 
 
+def _with_rungs(name: str, *rows: Mapping[str, Any]) -> str:
+    """A name like `points[3].error` with what the rung is: `points[dt=0.05, variable=q].error`."""
+    found = re.fullmatch(r"(\w+)\[(\d+)\]\.(.+)", name)
+    for row in rows if found else ():
+        group, index, rest = found.groups()  # type: ignore[union-attr]
+        rung = row[group][int(index)] if int(index) < len(row.get(group, ())) else {}
+        values = {str(row.get("control", key)) if key == "value" else key: rung[key] for key in RUNG if key in rung}
+        said = [f"{key}={value:.6g}" if _is_number(value) else f"{key}={value}" for key, value in values.items()]
+        if said and rest not in RUNG:
+            return f"{group}[{', '.join(said)}].{rest}"
+    return name
+
+
 def _difference(a: Any, b: Any, floor: float) -> float | None:
     """Relative difference of two values; infinite where they differ in kind, None where they are equal."""
     a, b = (None if v == "" or (isinstance(v, float) and math.isnan(v)) else v for v in (a, b))
@@ -287,7 +311,8 @@ def _worse(column: str, a: Any, b: Any) -> bool:
         return a in known.good and b not in known.good
     numbers = [_is_number(v) and not math.isnan(v) for v in (a, b)]
     if all(numbers):
-        return bool((known.worse == "higher" and b > a) or (known.worse == "lower" and b < a))
+        larger = known.worse == "larger" and abs(b) > abs(a)
+        return bool(larger or (known.worse == "higher" and b > a) or (known.worse == "lower" and b < a))
     return bool(known.worse) and numbers[0]  # a number became NaN or nothing
 
 

@@ -19,7 +19,8 @@ class Column(NamedTuple):
     """One column, or those whose names match a shell pattern.
 
     label : on the axis of a chart. short : heading on a terminal. unit : of the values; "" is dimensionless.
-    worse : "higher" or "lower"; "" where no direction is better.
+    worse : "higher", "lower" or "larger" (in magnitude, of errors, which may be signed); "" where no direction is
+        better.
     good : words that say that all went well, of a column of words.
     noise : relative difference that means nothing. timing : measured with a clock; counts only where a cell ran alone.
     shown : it says what came out; otherwise it says where a row comes from. compared : differences between runs count.
@@ -38,7 +39,7 @@ class Column(NamedTuple):
 
 
 def _error(name: str, label: str = "", short: str = "", unit: str = "") -> Column:
-    return Column(name, label, short, worse="higher", unit=unit)
+    return Column(name, label, short, worse="larger", unit=unit)
 
 
 def _timing(name: str, label: str = "", short: str = "", unit: str = "s") -> Column:
@@ -68,9 +69,9 @@ COLUMNS = (  # the first that fits counts: names before patterns
     _error("energy_error_final", "|E − E₀| / V₀ at the end"),
     _error("angular_momentum_error_max", "max |J − J₀| / |J₀|", "|dJ|/J"),
     Column("entropy_increment_min", "least increment of S in a step", "min dS", worse="lower"),
-    _error("entropy_fall_max", "largest fall of S in a step"),
+    Column("entropy_fall_max", "largest fall of S in a step", worse="higher"),
     _error("second_law_violations", "steps on which S fell"),
-    _error("lyapunov_increment_max", "largest rise of E − θ_ref S in a step"),
+    Column("lyapunov_increment_max", "largest rise of E − θ_ref S in a step", worse="higher"),
     # errors
     Column("reference_floor", "what errors below ten times this say nothing of", "floor"),
     _error("error_q", "error of positions q"),

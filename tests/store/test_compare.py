@@ -15,6 +15,8 @@ from tcbench.store.store import Store
 BASE = {
     "status": "ok",
     "energy_error_max": 2e-6,
+    "energy_drift": -1.09e-6,
+    "lyapunov_increment_max": -1e-6,
     "us_per_step": 1.0,
     "errors": {"q": [1.0, 2.0]},
     "cell_time_s": 1.0,
@@ -60,6 +62,9 @@ def test_noise_is_no_change(tmp_path, after):
         ({"errors": {"q": [1.0]}}, "errors.q.length", False),
         ({"status": "blowup", "energy_error_max": 7.0}, "status", True),
         ({"anything": 3.0}, "anything", False),
+        ({"energy_drift": -9.86e-4}, "energy_drift", True),  # signed errors by their magnitude
+        ({"energy_drift": 1e-7}, "energy_drift", False),
+        ({"lyapunov_increment_max": -1e-3}, "lyapunov_increment_max", False),  # a fall of what may only fall
     ],
 )
 def test_a_change_beyond_noise_is_found_and_judged(tmp_path, after, column, worse):
@@ -93,6 +98,14 @@ def test_round_off_is_no_change_however_large_its_ratio(tmp_path):
 def test_what_stands_in_a_list_of_a_row_is_judged_as_well(tmp_path, before, after, worse):
     found = changes(tmp_path, {"points": [{"dt": 0.1} | before]}, {"points": [{"dt": 0.1} | after]})
     assert found.empty if worse is None else len(found) > 0 and len(regressions(found)) == worse
+
+
+def test_a_rung_is_named_by_its_step_and_variable(tmp_path):
+    points = [{"variable": v, "dt": h, "error": 1e-3} for v in "qp" for h in (0.1, 0.05)]
+    found = changes(tmp_path, {"points": points}, {"points": [*points[:3], points[3] | {"error": 2e-3}]})
+    assert found["column"].tolist() == ["points[variable=p, dt=0.05].error"]
+    found = changes(tmp_path / "2", {"points": points}, {"points": [*points[:3], points[3] | {"dt": 0.04}]})
+    assert found["column"].tolist() == ["points[3].dt"]
 
 
 def test_noise_is_the_users_to_set(tmp_path):
@@ -200,7 +213,7 @@ def test_how_far_a_timed_ladder_went_is_no_change(tmp_path):
     two, three = ({"points": [{"value": v, "error": 1e-3} for v in range(n)]} for n in (2, 3))
     assert changes(tmp_path / "1", two, three).empty and changes(tmp_path / "2", three, two).empty
     worse = {"points": [{"value": 0, "error": 1e-3}, {"value": 1, "error": 1e-2}]}
-    assert changes(tmp_path / "3", worse, three)["column"].tolist() == ["points[1].error"]
+    assert changes(tmp_path / "3", worse, three)["column"].tolist() == ["points[value=1].error"]
 
 
 def test_a_published_baseline_finds_its_partners_in_a_new_run(tmp_path):
