@@ -27,23 +27,24 @@ class ChangedError(TcbenchError):
     """Code that a session changed after it was imported, so that another process would compute something else."""
 
 
-def unknown_name(kind: str, name: str, known: Iterable[str], remedy: str = "") -> UnknownNameError:
-    """The error for a mistyped name: nearest match first, then everything that exists."""
+def unknown_name(kind: str, name: str, known: Iterable[str], remedy: str = "", cause: str = "") -> UnknownNameError:
+    """The error for a mistyped name: what may be the cause, the nearest match, everything that exists, what to do."""
     names = sorted(known)
     close = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
     guess = f" Did you mean {close[0]!r}?" if close else ""
     listing = f" Known: {', '.join(names)}." if names else f" No {kind} is registered."
-    return UnknownNameError(f"No {kind} is called {name!r}.{guess}{listing}{' ' + remedy if remedy else ''}")
+    cause, remedy = (f" {text}" if text else "" for text in (cause, remedy))
+    return UnknownNameError(f"No {kind} is called {name!r}.{cause}{guess}{listing}{remedy}")
 
 
-def matching(kind: str, name: str, known: Iterable[str], remedy: str = "") -> list[str]:
+def matching(kind: str, name: str, known: Iterable[str], remedy: str = "", cause: str = "") -> list[str]:
     """The known names that `name` means: itself, or those that fit a pattern with * or ?; an error if there is none."""
     names = list(known)
     found = [name] if name in names else []
     if not found and is_pattern(name):
         found = [one for one in names if fnmatch.fnmatchcase(one, name.replace("[", "[[]"))]
     if not found:
-        raise unknown_name(kind, name, names, remedy)
+        raise unknown_name(kind, name, names, remedy, cause)
     return found
 
 

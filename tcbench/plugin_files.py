@@ -24,7 +24,10 @@ def plugin_files(folders: Iterable[Path]) -> list[Path]:
     return list(dict.fromkeys(files))
 
 
-CLASH = "Two folders have a module "
+class RefusedError(TcbenchError):
+    """A plugin file that is not taken as it is; the sentence says all that there is to say."""
+
+
 _HELPERS: dict[str, ModuleType] = {}  # modules beside plugin files that these have imported
 _PATHS: list[str] = []  # what was added to sys.path
 _FOLDERS: set[Path] = set()  # of the files that were imported
@@ -89,6 +92,7 @@ def import_file(path: Path) -> Any:
     if spec is None:
         raise ImportError(f"{path} is not a Python file")
     _refuse_clash(path)
+    _refuse_twice(path)
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module  # before it runs: cached kernels and dataclasses look their module up
     before = set(sys.modules)
@@ -118,9 +122,24 @@ def _refuse_clash(path: Path) -> None:
         except (ImportError, ValueError):
             continue
         if found and Path(found).resolve() != own and any(str(Path(found).resolve()).startswith(p) for p in _PATHS):
-            raise TcbenchError(
-                f"{CLASH}{name!r}, and Python would give {path.name} the wrong one: {own} and {found}. Rename one of "
-                "them, or run them apart."
+            raise RefusedError(
+                f"Two folders have a module {name!r}, and Python would give {path.name} the wrong one: {own} and "
+                f"{found}. Rename one of them, or run them apart."
+            )
+
+
+def _refuse_twice(path: Path) -> None:
+    """Two hooks of one name: Python keeps the last alone, and what the first brings would be missing without a word."""
+    try:
+        found = [node for node in ast.parse(path.read_bytes()).body if isinstance(node, ast.FunctionDef)]
+    except (SyntaxError, ValueError):
+        return  # its import says so
+    for name in dict.fromkeys(node.name for node in found if node.name.startswith("tcbench_")):
+        lines = [str(node.lineno) for node in found if node.name == name]
+        if len(lines) > 1:
+            raise RefusedError(
+                f"{name} is defined in line {' and again in line '.join(lines)}, and Python keeps the last one only. "
+                "Return everything from one function."
             )
 
 

@@ -23,7 +23,7 @@ from . import hookspecs
 from .errors import TcbenchError, is_pattern, matching, unknown_name
 from .integrator import Integrator
 from .metric import Metric
-from .plugin_files import CLASH, forget_helpers, import_file, plugin_files
+from .plugin_files import RefusedError, forget_helpers, import_file, plugin_files
 from .progress import waiting
 from .systems.scenario import Scenario, ScenarioFamily
 
@@ -34,13 +34,22 @@ Named = TypeVar("Named", Integrator, Scenario, Metric)
 
 @dataclass(frozen=True)
 class Origin:
-    """Where a plugin came from: entry-point name and distribution, or file; `error` is a traceback or ""."""
+    """Where a plugin came from: entry-point name and distribution, or file.
+
+    Of one that was not loaded `error` is the traceback and `reason` says the same in a sentence; else they are "".
+    """
 
     name: str
     distribution: str = ""
     version: str = ""
     path: str = ""
     error: str = ""
+    reason: str = ""
+
+    @property
+    def sentence(self) -> str:
+        """That it was not loaded, and why."""
+        return f"{self.distribution or Path(self.path).name or self.name} was not loaded: {self.reason.rstrip('.')}."
 
     def __str__(self) -> str:
         return f"{self.distribution} {self.version}".strip() or self.path
@@ -61,7 +70,6 @@ class Registry:
         return [origin for origin in self.origins.values() if origin.error]
 
 
-UNREADY = "The file"
 _REGISTRY: Registry | None = None
 _FOLDERS: list[Path] = []
 _LOADING: list[str] = []  # the plugin that is being imported
@@ -72,8 +80,8 @@ def registry() -> Registry:
     global _REGISTRY
     if _REGISTRY is None:
         if _LOADING:
-            raise TcbenchError(
-                f"{UNREADY} {_LOADING[0]!r} asks for what is registered while it is imported as a plugin. If it is a "
+            raise RefusedError(
+                f"The file {_LOADING[0]!r} asks for what is registered while it is imported as a plugin. If it is a "
                 'script, put its commands under `if __name__ == "__main__":`, or give --plugins-dir the plugin\'s file.'
             )
         with waiting("loading plugins"):
@@ -125,7 +133,7 @@ def find_integrator(name: str | Integrator) -> Integrator:
     known = registry().integrators
     base, values = split_name(name)
     if base not in known:
-        raise unknown_name("integrator", base, known, _remedy())
+        raise unknown_name("integrator", base, known, *_remedy())
     return known[base].variant(**values) if values else known[base]
 
 
@@ -156,7 +164,7 @@ def expand_integrators(names: Iterable[str | Integrator]) -> list[Integrator]:
     result: list[Integrator] = []
     for name in names:
         if isinstance(name, str) and is_pattern(name):
-            result.extend(registry().integrators[one] for one in matching("integrator", name, present(), _remedy()))
+            result.extend(registry().integrators[one] for one in matching("integrator", name, present(), *_remedy()))
             continue
         base, values = split_name(name) if isinstance(name, str) else ("", {})
         if "all" in values.values():
@@ -180,7 +188,7 @@ def expand_scenarios(names: Iterable[str | Scenario]) -> list[Scenario]:
     for name in names:
         if isinstance(name, str) and is_pattern(name):
             known = registry().scenarios
-            result.extend(known[one] for one in matching("scenario", name, known, _remedy()))
+            result.extend(known[one] for one in matching("scenario", name, known, *_remedy()))
         else:
             result.append(find_scenario(name))
     return [scenario for k, scenario in enumerate(result) if scenario not in result[:k]]
@@ -198,14 +206,14 @@ def find_scenario(name: str | Scenario) -> Scenario:
     base, values = split_name(name)
     if base in families:
         return _member(base, tuple(sorted(values.items())))
-    raise unknown_name("scenario", base, [*known, *families], _remedy())
+    raise unknown_name("scenario", base, [*known, *families], *_remedy())
 
 
 def find_family(name: str) -> ScenarioFamily:
     """The family of scenarios of that name."""
     families = registry().scenario_families
     if name not in families:
-        raise unknown_name("family of scenarios", name, families, _remedy())
+        raise unknown_name("family of scenarios", name, families, *_remedy())
     return families[name]
 
 
@@ -229,11 +237,16 @@ def scenarios_for(method: Integrator) -> list[Scenario]:
     raise TcbenchError(f"No registered scenario suits {method.name!r}; bring one with tcbench_scenarios, in its file.")
 
 
-def _remedy() -> str:
-    broken = registry().broken
-    hint = f" Broken plugins (see tcbench list): {', '.join(o.name for o in broken)}." if broken else ""
-    clashes = "".join(f" {o.error}" for o in broken if o.error.startswith(CLASH))
-    return f"If it is yours, pass its folder with --plugins-dir.{hint}{clashes}"
+def _remedy() -> tuple[str, str]:
+    """What to do about a name that is not there, and what may be to blame: files that were not loaded."""
+    folders = ", ".join(str(folder) for folder in plugin_folders())
+    looked = f"Plugin files were looked for in {folders}." if folders else ""
+    return looked or "If it is yours, pass its folder with --plugins-dir.", " ".join(not_loaded())
+
+
+def not_loaded() -> list[str]:
+    """A sentence on each plugin that was not loaded; `tcbench list` has the tracebacks."""
+    return [origin.sentence for origin in registry().broken]
 
 
 def load(folders: Iterable[Path] = ()) -> Registry:
@@ -263,18 +276,23 @@ def _register(manager: pluggy.PluginManager, result: Registry, origin: Origin, i
             raise
         if isinstance(error, pluggy.PluginValidationError):
             manager.unregister(error.plugin)
-        result.origins[_unique(origin, result)] = replace(origin, error=_told(error))
+        result.origins[_unique(origin, result)] = replace(origin, **_told(error, origin.path))
     finally:
         _LOADING.pop()
 
 
-def _told(error: BaseException) -> str:
-    """The traceback; of an error that says all that is to be said, its sentence."""
-    return (
-        str(error)
-        if isinstance(error, TcbenchError) and str(error).startswith((CLASH, UNREADY))
-        else traceback.format_exc()
-    )
+def _told(error: BaseException, path: str) -> dict[str, str]:
+    """The traceback of the error under way, and a sentence: what is wrong, and in which line of the plugin's file."""
+    if isinstance(error, RefusedError):
+        return {"error": str(error), "reason": str(error)}
+    where = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if path and frame.filename == path]
+    reason = str(error) if isinstance(error, TcbenchError) else f"{type(error).__name__}: {error}"
+    if isinstance(error, SyntaxError):
+        file = Path(error.filename or path).name
+        reason, where = error.msg, [error.lineno] if file == Path(path).name else []
+        reason += "" if where else f" ({file}, line {error.lineno})"
+    reason = f"{reason.rstrip('.')}, line {where[-1]}" if where else reason
+    return {"error": traceback.format_exc(), "reason": reason}
 
 
 def _unique(origin: Origin, result: Registry) -> str:
@@ -299,7 +317,7 @@ def _collect(manager: pluggy.PluginManager, result: Registry) -> None:
             except BaseException as error:
                 if isinstance(error, KeyboardInterrupt):
                     raise
-                _break(result, label)
+                _break(result, label, error)
                 continue
             finally:
                 _LOADING.pop()
@@ -323,15 +341,15 @@ def _collect(manager: pluggy.PluginManager, result: Registry) -> None:
         try:
             values = {k: tuple(str(x) for x in v(result.integrators)) for k, v in open_ones.items()}
             result.integrators[name] = replace(method, parameters={**method.parameters, **values})
-        except Exception:
-            _break(result, method.plugin)
+        except Exception as error:
+            _break(result, method.plugin, error)
             del result.integrators[name]
 
 
-def _break(result: Registry, label: str) -> None:
+def _break(result: Registry, label: str, error: BaseException) -> None:
     """Note the error under way as that of the plugin."""
     key = label if label in result.origins else next(k for k in result.origins if label in k)
-    result.origins[key] = replace(result.origins[key], error=traceback.format_exc())
+    result.origins[key] = replace(result.origins[key], **_told(error, result.origins[key].path))
 
 
 def _checked(items: Any, kind: type | UnionType, hook_name: str) -> list[Any]:

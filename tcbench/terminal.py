@@ -218,7 +218,7 @@ def print_listing(data: Mapping[str, Any]) -> None:
     rows = [[s["name"], s["description"]] for s in data["studies"]]
     put(make_table("\nStudies", ["name", "measures"], rows))
     for origin in data["broken"]:
-        say(f"\nBroken plugin {origin['name']!r} ({origin['path']}):\n{origin['error']}")
+        say(f"\nPlugin {origin['name']!r} ({origin['path']}):\n{origin['error']}")
 
 
 def print_methods(methods: Sequence[Sequence[str]], remarks: Sequence[str]) -> None:

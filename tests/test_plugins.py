@@ -6,9 +6,11 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 
 import tcbench
 from tcbench import TcbenchError, hookspecs, plugins
+from tcbench.cli import main
 
 ROOT = Path(__file__).parent.parent
 GOOD = """
@@ -82,6 +84,7 @@ BROKEN = {
     "listless.py": (GOOD.replace("return [", "return 7 #"), "TypeError"),
     "wrong_type.py": (GOOD.replace("return [Integrator", "return [dict"), "must return a list of Integrator"),
     "nameless.py": (GOOD.replace('name="mine"', 'name="Mine!"'), "must be lower-case"),
+    "twice.py": (GOOD + GOOD[GOOD.index("@hookimpl") :], "line 8 and again in line 11"),
     "orderless.py": (GOOD.replace("order=2, ", ""), "must declare its order"),
 }  # fmt: skip
 
@@ -95,8 +98,44 @@ def test_a_broken_plugin_stays_listed_with_its_traceback_and_costs_no_other(fold
     broken = {origin.name: origin.error for origin in plugins.registry().broken}
     assert list(broken) == [name.removesuffix(".py")] and message in broken[name.removesuffix(".py")]
     assert {"mine", "tc_monolithic"} <= set(tcbench.integrators())
-    with pytest.raises(TcbenchError, match=f"Broken plugins .*{name.removesuffix('.py')}"):
+    with pytest.raises(TcbenchError, match=rf"'nobody'\. {name} was not loaded: .*Known: .*") as raised:
         plugins.find_integrator("nobody")
+    assert "--plugins-dir" not in str(raised.value) and str(folder) in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    ("source", "sentence"),
+    [
+        ("x = (1,\n", "syn.py was not loaded: '(' was never closed, line 1."),
+        ("\nimport no_such_module_here\n", "syn.py was not loaded: ModuleNotFoundError: No module named "
+         "'no_such_module_here', line 2."),
+        (GOOD.replace("return [", "return 7 #"), "TypeError: 'int' object is not iterable."),
+        (GOOD.replace('name="mine"', 'name="Mine!"'), "must be lower-case letters, digits and underscores, line 9."),
+        (GOOD + GOOD[GOOD.index("@hookimpl") :], "syn.py was not loaded: tcbench_integrators is defined in line 8 and "
+         "again in line 11, and Python keeps the last one only. Return everything from one function."),
+    ],
+)  # fmt: skip
+def test_a_file_that_is_not_loaded_is_one_sentence_also_where_nothing_of_it_is_asked_for(folder, source, sentence):
+    (folder / "syn.py").write_text(source)
+    common = ["--plugins-dir", str(folder)]
+    run = [
+        "run",
+        "-i",
+        "tc_stra*",
+        "-s",
+        "short_term",
+        "--study",
+        "conservation",
+        "--dt",
+        "0.3",
+        "-o",
+        str(folder / "o"),
+    ]
+    for words in (["list", *common], [*run, *common]):
+        plugins._FOLDERS.clear()
+        plugins._REGISTRY = None
+        done = CliRunner().invoke(main, words)
+        assert done.exit_code == 0 and done.stderr.splitlines()[-1].endswith(sentence), done.stderr
 
 
 def test_a_script_in_the_folder_is_refused_with_a_sentence_and_spoils_nothing(folder):

@@ -67,7 +67,7 @@ def run_command(options: dict[str, Any], display: terminal.Display) -> int:
         display.results(results, by_method(results.tables, told(store)), remarks(results.tables))
         if page:
             terminal.say(f"Report: {page}")
-    terminal.warn([*results.problems, *results.left_out, *not_run(chosen["integrators"], dt)])
+    terminal.warn([*results.problems, *results.left_out, *not_run(chosen["integrators"], dt), *plugins.not_loaded()])
     if results.summary.interrupted:
         return 130
     return 1 if strict and any(results.statuses.get(status) for status in LOUD) else 0
@@ -126,6 +126,7 @@ def list_command(integrators: Sequence[str], scenarios: Sequence[str], as_json: 
         terminal.print_json(data)
     else:
         terminal.print_listing(data)
+        terminal.warn(plugins.not_loaded())
 
 
 def one_of(kind: str, found: Sequence[Any], many: str) -> Any:
