@@ -356,7 +356,10 @@ def check(
     targets: tuple[str, ...], integrators: tuple[str, ...], scenarios: tuple[str, ...], only: str,
     folders: tuple[str, ...], as_json: bool,
 ) -> None:  # fmt: skip
-    """Check plugins line by line: do they keep the contract, and what they claim? Exit code 0 or 1."""
+    """Check plugins line by line: do they keep the contract, and what they claim?
+
+    Exit code 0: no line fails; 1: some do; 2: there is no such plugin.
+    """
     from .commands.actions import check_command
 
     prepare(folders)

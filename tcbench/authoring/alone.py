@@ -13,11 +13,12 @@ import json
 import sys
 from pathlib import Path
 
+from ..errors import TcbenchError
+
 
 def main(folder: Path, job: dict) -> None:
     """job: plugin folders, integrator, scenario (names), and settings of simulate."""
     from .. import plugins
-    from ..errors import TcbenchError
     from ..simulation.run import simulate
 
     plugins.use_folders(job["folders"])
@@ -32,5 +33,7 @@ def main(folder: Path, job: dict) -> None:
 if __name__ == "__main__":
     try:
         main(Path(sys.argv[1]), json.loads(sys.argv[2]))
+    except TcbenchError as error:  # a formula that is refused, for instance: the sentence says all
+        (Path(sys.argv[1]) / "row.json").write_text(json.dumps({"status": "refused", "failure": str(error)}))
     except Exception as error:
         sys.exit(f"{type(error).__name__}: {error}")

@@ -180,6 +180,8 @@ def _runs_alone(name: str, method: Integrator, folders: Sequence[str]) -> Line:
             return Line(name, FAIL, last[-1], "The process must not die: see the sentence; a segmentation fault shows "
                         "no more.")  # fmt: skip
         row = json.loads(answer.read_text())
+    if row["status"] == "refused":
+        return Line(name, FAIL, row["failure"], "Mend what the sentence names.")
     if name == "runs":
         found = row["status"] if row["status"] == "ok" else f"{row['status']}: {row['failure']}"
         return line(name, row["status"] == "ok", found, "See the sentence; it names the step and your line.")

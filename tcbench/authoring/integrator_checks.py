@@ -294,6 +294,8 @@ def claims(method: Integrator) -> Line:
                 return Line(name, FAIL, f"{law} is violated by {value:.1e} ({where})", _claim_remedy(method, law))
     if not done:
         return Line(name, FAIL, stuck, "Not one step is completed where the claims are to hold; see the sentence.")
+    if not worst:
+        return Line(name, NONE, "nothing that is claimed can be measured; see metadata")
     found = ", ".join(f"{law} {value:.0e}" for law, value in sorted(worst.items()))
     return Line(name, OK, f"{found}; judged on completed steps (none in {stuck})" if stuck else found)
 

@@ -228,6 +228,8 @@ def rebuilt_pair(op: str, a: Symbol, b: Symbol) -> Symbol:
 
 
 def const(value: float) -> Symbol:
+    if math.isnan(value):
+        raise TraceError(f"{_where_in_user_code()}: the formula contains NaN.")
     return intern("const", (), float(value) + 0.0)  # -0.0 and 0.0 are one constant
 
 

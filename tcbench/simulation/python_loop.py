@@ -66,15 +66,20 @@ def _next_states(
     else:
         assert integrator.step is not None
         before = (tuple(model.state(earlier.copy()) for earlier in past),) if integrator.memory else ()
-        result = real(integrator.step(start, dt, model, *before))
+        given = integrator.step(start, dt, model, *before)
+        result = real(given)
         if result.shape != z.shape:
-            raise ValueError(f"the step returned shape {result.shape}, a state has shape {z.shape}")
+            raise ValueError(f"the step returned shape {result.shape}, a state has shape {z.shape}{_nothing(given)}")
         rows = result[None]
     if integrator.increments:
         states = np.empty_like(rows)
         LOOPS.add_increments(z.copy(), rows, carry, states)
         return states
     return rows
+
+
+def _nothing(given: Any) -> str:
+    return "; is `return` missing?" if given is None else ""
 
 
 def real(values: Any) -> np.ndarray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import traceback
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,8 @@ from ..systems.scenario import Scenario
 from .compiled_loop import FIRST_INVARIANT, E, Run, S
 from .trajectory import SolverCounts, Summary, Trajectory
 
+OURS = Path(__file__).parents[1]
+INSTALLED = {"site-packages", "dist-packages"}
 ENTROPY_TOLERANCE = 1e-13  # what one converged solve leaves over: a smaller fall is round-off
 ENTROPY_FALL = 1e-10  # a fall beyond this is a failure of the second law
 
@@ -128,8 +131,9 @@ def summarise(run: Run, tally: dict[str, Any], names: tuple[str, ...], exergy: f
 
 
 def exception_sentence(error: BaseException, step: int, t: float) -> str:
-    """One line for an exception in a plugin: type, message, and the last line of its own code."""
-    frames = traceback.extract_tb(error.__traceback__)
-    where = f" at {frames[-1].filename.rsplit('/', 1)[-1]}:{frames[-1].lineno}" if frames else ""
+    """One line for an exception in a plugin: type, message, and the innermost line of its own code, if there is one."""
+    frames = [f for f in traceback.extract_tb(error.__traceback__) if not Path(f.filename).is_relative_to(OURS)]
+    frames = [f for f in frames if not INSTALLED.intersection(Path(f.filename).parts)] or frames
+    where = f" at {Path(frames[-1].filename).name}:{frames[-1].lineno}" if frames else ""
     message = str(error).splitlines()[0][:300] if str(error) else ""
     return f"step {step} (t = {t:.6g}): {type(error).__name__}{': ' + message if message else ''}{where}"

@@ -308,8 +308,13 @@ def traced(flow: Flow, system: System, y0: State, d: Any, h: Symbol, further: li
             "Formulas are branch-free numpy on symbols; for what calls LAPACK or SciPy use step= instead of flows=."
         ) from error
     if result.size != len(d):
+        given = (
+            "nothing (is `return` missing?)"
+            if result.shape == () and result.item() is None
+            else f"{result.size} numbers"
+        )
         raise TraceError(
-            f"The residual {flow.residual.__name__!r} returned {result.size} numbers; a state of {system.name!r} "
+            f"The residual {flow.residual.__name__!r} returned {given}; a state of {system.name!r} "
             f"has {n}{f' and there are {len(stages)} stages' if stages else ''}, so it must return {len(d)}."
         )
     return [r if isinstance(r, Symbol) else const(float(r)) for r in result.ravel()]

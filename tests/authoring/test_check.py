@@ -308,3 +308,52 @@ def test_a_slow_method_is_told_how_long_its_lines_take():
     assert found.verdict == check.NONE and "about" in found.found and "order" in found.found
     assert estimate(made(step=explicit_midpoint), ["restart"]) is None
     assert estimate(made(flows=implicit_midpoint), list(TESTS)) is None
+
+
+FORMULAS = """
+import numpy as np
+from tcbench import Integrator, hookimpl
+
+def branching(z0, z1, h, system):
+    return z1 if z0[0] > 0 else z0
+
+def silent(z0, z1, h, system):
+    z1 - z0 - h * system.vector_field((z0 + z1) / 2)
+
+def nothing(z, h, system):
+    z + h
+
+def scipys(z, h, system):
+    from scipy.optimize import brentq
+    return brentq(lambda x: 1.0, 0.0, 1.0)
+
+@hookimpl
+def tcbench_integrators():
+    formulas = [Integrator(name=f.__name__, order=2, source="x", flows=f) for f in (branching, silent)]
+    return formulas + [Integrator(name=f.__name__, order=2, source="x", step=f) for f in (nothing, scipys)]
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("branching", "mine.py, line 6: a comparison of symbols"),
+        ("silent", "returned nothing (is `return` missing?)"),
+        ("nothing", "is `return` missing?"),
+        ("scipys", "at mine.py:16"),
+    ],
+)
+def test_the_sentence_names_the_line_of_the_plugin_and_none_of_ours(tmp_path, name, words):
+    (tmp_path / "mine.py").write_text(FORMULAS)
+    done = command(name, "--only", "runs", "--plugins-dir", str(tmp_path))
+    assert done.exit_code == 1 and words in done.stdout, done.stdout
+    assert not any(
+        ours in done.stdout for ours in ("python_loop.py", "symbols.py", "segmentation fault", "must not die")
+    )
+    method = plugins.find_integrator(name)
+    assert ".py:" not in check._guarded("order", TESTS["order"], method).found.replace("mine.py:", "")
+
+
+def test_a_claim_that_no_system_has_is_not_passed_as_measured():
+    found = contract.claims(made(flows=implicit_midpoint, claims={"enregy"}))
+    assert found.verdict == check.NONE and "metadata" in found.found

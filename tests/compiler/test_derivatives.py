@@ -117,3 +117,10 @@ def test_what_cannot_be_traced_is_refused_with_the_line_and_a_remedy(formula):
     line = formula.__code__.co_firstlineno + 1
     assert f"test_derivatives.py, line {line}" in str(caught.value)
     assert "step=" in str(caught.value)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.float64("nan")])
+def test_a_formula_with_nan_is_refused_with_its_line_and_no_warning_of_numpy(value, recwarn):
+    with pytest.raises(TraceError, match=r"test_derivatives.py, line \d+: the formula contains NaN\.$"):
+        trace.variables("x", 2) * value
+    assert not recwarn.list
