@@ -16,8 +16,10 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .engine.local import Event
+    from .engine.remaining import Remaining
 
 AFTER_S = 2.0  # a wait as short as this needs no word
+GROUND = 0.1  # of a wait whose parts are alike tells how long the rest takes
 EVERY_S = 60.0  # between the lines in a pipe
 FAILURES_SHOWN = 5
 LOUD = ("exception", "crash", "timeout")  # a method that fails physically is a result, not an alarm
@@ -28,11 +30,15 @@ _open: Meter | None = None
 
 
 class Meter:
-    """How far a wait has come. `text`, `done` and `total` (None: not known) may be set at any time, from any thread."""
+    """How far a wait has come. `text`, `done` and `total` (None: not known) may be set at any time, from any thread.
+
+    `left` gives the seconds still to go, None where nothing is known of them; without it they follow from `done`.
+    """
 
     def __init__(self, text: str) -> None:
         self.text, self.done, self.total = text, 0, None  # type: str, int, int | None
         self.began = time.monotonic()
+        self.left: Callable[[], float | None] | None = None
         self._face: _Terminal | _Jupyter | _Pipe | None = None
         self._lock = threading.Lock()
 
@@ -43,9 +49,19 @@ class Meter:
         if self.total:
             parts.append(f"{self.done} of {self.total}")
         parts.append(f"{_duration(passed)} so far")
-        if self.total and 0 < self.done < self.total:
-            parts.append(f"about {_duration(passed * (self.total - self.done) / self.done)} left")
+        if left := self.remaining():
+            parts.append(left)
         return ", ".join(parts)
+
+    def remaining(self) -> str:
+        """For how long still, in words; "" while there is no ground for a number."""
+        if self.left is not None:
+            seconds = self.left()
+        elif self.total and GROUND * self.total <= self.done < self.total:
+            seconds = (time.monotonic() - self.began) * (self.total - self.done) / self.done
+        else:
+            seconds = None
+        return "" if seconds is None else f"about {_duration(seconds)} left"
 
     def say(self, sentence: str) -> None:
         """A line that stays, above the bar where there is one."""
@@ -111,15 +127,21 @@ def part(text: str) -> Iterator[Meter]:
 
 
 @contextmanager
-def of_cells(show: bool | None = None) -> Iterator[Callable[[Event], None]]:
-    """Progress of a run: what it yields takes the engine's events. Alarming failures are printed as they come."""
+def of_cells(show: bool | None = None, remaining: Remaining | None = None) -> Iterator[Callable[[Event], None]]:
+    """Progress of a run: what it yields takes the engine's events. Alarming failures are printed as they come.
+
+    remaining : is told of each cell that ends, and tells how long the others will take.
+    """
     silent = _face(default if show is None else show) is None
     loud = 0
     with waiting("starting workers", show) as meter:
+        meter.left = remaining.seconds if remaining is not None else lambda: None
 
         def on_event(event: Event) -> None:
             nonlocal loud
             meter.text, meter.done, meter.total = event.cell.study, event.done, event.total
+            if event.row is not None and remaining is not None:
+                remaining.finished(event.cell, event.row)
             if event.kind == "failed" and event.row is not None and event.row.get("status") in LOUD:
                 loud += 1
                 if loud <= FAILURES_SHOWN and not silent:
@@ -154,22 +176,25 @@ class _Terminal:
 
     def open(self, meter: Meter) -> None:
         from rich.console import Console
-        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
         columns = (
             TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[count]}"), TimeElapsedColumn(),
-            TimeRemainingColumn(),
+            TextColumn("{task.fields[left]}"),
         )  # fmt: skip
         console = Console(stderr=True, highlight=False, emoji=False, markup=False)
         self.bar = Progress(*columns, console=console, auto_refresh=False, transient=True, redirect_stdout=False)
-        self.task = self.bar.add_task(meter.text, total=None, count="")
+        self.task = self.bar.add_task(meter.text, total=None, count="", left="")
         self.bar.tasks[0].start_time = self.bar.get_time() - (time.monotonic() - meter.began)
         self.bar.start()
         self.draw(meter)
 
     def draw(self, meter: Meter) -> None:
         count = f"{meter.done}/{meter.total}" if meter.total else ""
-        self.bar.update(self.task, description=meter.text, completed=meter.done, total=meter.total, count=count)
+        self.bar.update(
+            self.task, description=meter.text, completed=meter.done, total=meter.total, count=count,
+            left=meter.remaining(),
+        )  # fmt: skip
         self.bar.refresh()
 
     def close(self, meter: Meter) -> None:

@@ -13,6 +13,7 @@ import pytest
 import tcbench
 from tcbench import progress
 from tcbench.engine.local import Event
+from tcbench.engine.remaining import Remaining
 from tcbench.store.cells import Cell
 
 
@@ -140,3 +141,39 @@ def test_the_command_line_says_in_a_pipe_that_plugins_take_long_to_load(tmp_path
     command = [sys.executable, "-m", "tcbench", "list", "--json", "--plugins-dir", str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     assert "loading plugins" in done.stderr and done.stdout.startswith("{")
+
+
+def test_nothing_is_said_of_the_time_left_without_ground_for_it(capsys):
+    wait(True, done=3, total=301)
+    assert " left" not in capsys.readouterr().err
+
+
+def of(study, name, number, timed=False):
+    return Cell(study, name, "short_term", {"k": number}, timed)
+
+
+def test_the_time_left_is_weighed_by_study_and_method_and_silent_about_the_unknown():
+    fast = [of("conservation", "quick", k) for k in range(4)]
+    slow = [of("work_precision", name, 0, timed=True) for name in ("quick", "slow")]
+    left = Remaining([*fast, *slow], jobs=2)
+    assert left.seconds() is None
+    for cell in fast:
+        left.finished(cell, {"cell_time_s": 1.0})
+    assert left.seconds() is None  # no cell of the study that is left has ended: 4 of 6 cells say nothing of it
+    left.finished(slow[0], {"cell_time_s": 30.0})
+    assert left.seconds() is None  # of that study, but of another method
+    lines = [{"cell": of("work_precision", "slow", 7).as_dict(), "row": {"cell_time_s": 200.0}}]
+    left = Remaining([*fast[:2], *slow[1:]], 2, [*lines, {"cell": fast[3].as_dict(), "row": {"cell_time_s": 1.0}}])
+    assert left.seconds() == pytest.approx(201.0, abs=0.5)  # timed ones alone, the others on two workers
+    left._at -= 300.0
+    assert left.seconds() is None  # what was told is over
+
+
+def test_the_line_of_a_run_has_the_time_left_when_there_is_ground(capsys):
+    cells = [of("conservation", "quick", k) for k in range(40)]
+    with progress.of_cells(True, Remaining(cells, 1)) as tell:
+        time.sleep(0.3)
+        first = capsys.readouterr().err
+        tell(Event("finished", cells[0], {"status": "ok", "cell_time_s": 10.0}, 1, 0, 40, 1))
+        time.sleep(0.2)
+    assert " left" not in first and "1 of 40" in (line := capsys.readouterr().err) and "about 6 min 30 s left" in line

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from ..integrator import Integrator
 from ..progress import of_cells, waiting
 from ..store.cells import Cell
+from ..store.cores import usable_cores
 from ..store.provenance import manifest, provenance, utc_now
 from ..store.store import Store
 from ..store.tables import latest_keys, make_tables, older_formulas, read_tables
@@ -18,6 +19,7 @@ from ..systems.scenario import Scenario
 from .declared import declared, merged
 from .measure import MEASURE, measure_here
 from .planning import Job, plan_job
+from .remaining import Remaining
 from .sources import keep
 
 if TYPE_CHECKING:
@@ -96,6 +98,8 @@ def execute(
 
     limits : jobs, timeout, memory_limit and retry_failed, of the engine.
     """
+    from .local import plan
+
     started = utc_now()
     if dask is not None:
         from .cluster import knock
@@ -106,7 +110,10 @@ def execute(
         store.add_provenance(provenance(packages=packages))
         local = [cell for cell in job.cells if cell.key in job.here]
         remote = [cell for cell in job.cells if cell.key not in job.here]
-        with of_cells(progress) as show:
+        todo = plan(job.cells, store, bool(limits.get("retry_failed"))).to_run
+        jobs = jobs if isinstance(jobs := limits.get("jobs"), int) and jobs > 0 else usable_cores()
+        remaining = None if dask else Remaining(todo, jobs, store.lines())  # a cluster's workers come and go
+        with of_cells(progress, remaining) as show:
 
             def tell(event: Event) -> None:
                 show(event)

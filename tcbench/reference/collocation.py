@@ -126,8 +126,8 @@ def integrate(
             if steps > max_steps or time.monotonic() > deadline or h < 1e-14 * max(1, end):
                 raise ReferenceFailed(
                     f"{method.name} collocation stopped at t = {float(t):.6g} of {end:g} after "
-                    f"{steps - 1} tries with h = {float(h):.2g}. Shorten the horizon, or raise max_steps and "
-                    "max_seconds."
+                    f"{steps - 1} tries with h = {float(h):.2g}. Give the scenario a smaller t_converge: "
+                    "references are for systems of some dozens of numbers, or for short times."
                 )
             remaining = long_number(end) - t
             # Halving what is left avoids a tiny last step, whose extrapolated guess would be poor.

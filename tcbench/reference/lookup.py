@@ -7,8 +7,10 @@ system's own traced equations (`extended`), and cached under a hash of all that 
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import os
+import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -18,9 +20,11 @@ from numpy.typing import NDArray
 
 from ..errors import TcbenchError
 from ..systems.scenario import Scenario
-from .certified import LONG, Reference, cached, compute, gap, scenario_hash, stored, stored_file
+from .certified import LONG, Reference, cached, compute, gap, scenario_hash, stored, stored_file, write_atomically
+from .collocation import ReferenceFailed
 
 DEADLINE = 100.0  # seconds for each of the two collocations: a cell has 300 for everything
+REMEMBERED_S = 24 * 3600.0  # of a failure: another day the machine may have more time
 HORIZON = 25.0  # `recompute` goes no further where nothing is stored: chaotic scenarios lose their digits
 DISAGREEMENT = 1e-10  # two computations further apart than this certify nothing
 
@@ -35,7 +39,23 @@ def reference_for(scenario: Scenario, times: Sequence[float]) -> Reference:
     if known is not None and all(_has(known, t) for t in times):
         return _at(known, times)
     recipe = _Recipe(scenario, tuple(float(t) for t in times))
-    return cached(cache_folder(), recipe.key, recipe.compute)
+    return cached(cache_folder(), recipe.key, lambda: _once(recipe))
+
+
+def _once(recipe: _Recipe) -> Reference:
+    """What the recipe gives; a failure is remembered for a while, for each method would wait for it again."""
+    note = cache_folder() / f"{recipe.key}.failed"
+    try:
+        if time.time() - note.stat().st_mtime < REMEMBERED_S:
+            raise ReferenceFailed(f"{note.read_text(encoding='utf-8')} (Found before; to try again delete {note}.)")
+    except OSError:  # none, or removed by somebody else
+        pass
+    try:
+        return recipe.compute()
+    except ReferenceFailed as error:
+        with contextlib.suppress(OSError, TcbenchError):
+            write_atomically(note, str(error))
+        raise
 
 
 def stored_for(scenario: Scenario) -> Reference | None:

@@ -305,7 +305,7 @@ def test_a_slow_method_is_told_how_long_its_lines_take():
         return explicit_midpoint(z, h, system)
 
     found = estimate(made(step=slow, claims={"angular_momentum"}), list(TESTS))
-    assert found.verdict == check.NONE and "about" in found.found and "order" in found.found
+    assert found.verdict == check.NONE and "at least" in found.found and "order" in found.found
     assert estimate(made(step=explicit_midpoint), ["restart"]) is None
     assert estimate(made(flows=implicit_midpoint), list(TESTS)) is None
 

@@ -130,5 +130,28 @@ def test_recomputing_a_stored_reference_reproduces_it():
 
 def test_a_solution_that_cannot_be_computed_is_an_error_that_says_where(monkeypatch):
     monkeypatch.setattr(truth, "DEADLINE", 0.0)
-    with pytest.raises(ReferenceFailed, match="stopped at t = "):
-        truth.reference_for(tcbench.scenarios()["short_term"].replace(coupling=0.22), [1.0])
+    scenario = tcbench.scenarios()["short_term"].replace(coupling=0.22)
+    with pytest.raises(ReferenceFailed, match=r"stopped at t = .*smaller t_converge"):
+        truth.reference_for(scenario, [1.0])
+
+
+def test_a_reference_that_failed_is_not_tried_by_each_method_again(monkeypatch):
+    scenario, tries = tcbench.scenarios()["short_term"].replace(coupling=0.22), []
+
+    def failing(*_, **__):
+        tries.append(1)
+        raise ReferenceFailed("no end in sight")
+
+    monkeypatch.setattr(truth, "compute", failing)
+    for _ in range(3):
+        with pytest.raises(ReferenceFailed, match="no end in sight") as raised:
+            truth.reference_for(scenario, [1.0])
+    (note,) = truth.cache_folder().glob("*.failed")
+    assert len(tries) == 1 and str(note) in str(raised.value)
+    note.unlink()
+    with pytest.raises(ReferenceFailed):
+        truth.reference_for(scenario, [1.0])
+    monkeypatch.setattr(truth, "REMEMBERED_S", 0.0)  # another day
+    with pytest.raises(ReferenceFailed):
+        truth.reference_for(scenario, [1.0])
+    assert len(tries) == 3
