@@ -38,6 +38,7 @@ POINTS_0, POINTS_1, POINTS_2, POINTS_3 = POINTS
 MAX_ITERATIONS = 60
 CONVERGED = 1e-15  # scaled residual, beside which rounding is larger
 STAGNATED = 2e-14  # below this a residual that no longer shrinks is round-off
+ROUNDED = 4.0  # the same in residuals: where conduction is stiff, round-off is about one (see `fixed_point`)
 ROUGH = 1e-3  # residual down to which the coarsest quadrature will do
 MENDED = 10.0  # residuals: by how much mending may change momenta
 MOST = 0.1  # of the kinetic energy that is free to change: what mending may move
@@ -180,7 +181,7 @@ def fixed_point(w: Work, h: float, z: Floats, level: int, residual: float) -> in
             first = size
         elif size > STAGNATED:
             shrunk, taken = size, since - 1
-        if size <= residual or (size <= STAGNATED and size > 0.5 * previous):
+        if size <= residual or (size <= max(STAGNATED, ROUNDED * residual) and size > 0.5 * previous):
             if taken > 0:  # the contraction, for the choice of the next step
                 w.seen[0] = (shrunk / first) ** (1.0 / taken)
             return SOLVED

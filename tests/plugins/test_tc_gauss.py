@@ -170,3 +170,13 @@ def test_a_step_without_a_root_is_an_error_that_becomes_a_row():
     scenario = tcbench.scenarios()["short_term"]
     with pytest.raises(ArithmeticError, match="no solution"):
         GaussMethod(scenario.model, 2).increments(np.full(10, np.nan), 0.1)
+
+
+@pytest.mark.parametrize("k", [5, 6, 7, 8])
+def test_round_off_in_stiff_conduction_rejects_no_step(k):
+    """It is about one residual there: a residual that no longer shrinks is not one that does not converge."""
+    scenario = tcbench.scenarios()["relative_equilibrium"]
+    solve = find_integrator(f"tc_gauss_adaptive[k={k}]").adaptive
+    for tolerance in (1e-8, 1e-9, 1e-10, 1e-11, 1e-12):
+        _, cost = solve(scenario.model, scenario.z0, np.array([0.0, 1500.0]), tolerance, tolerance)
+        assert cost["rejected"] == 0 and cost["steps"] < 100
