@@ -251,6 +251,8 @@ class Display:
             print_methods(methods, remarks)
         else:  # studies that say nothing of single methods
             print_tables(results.tables)
+            for sentence in remarks:
+                say(f"\n{sentence}")
         counts = ", ".join(f"{n} {status}" for status, n in sorted(summary.statuses.items()))
         say(
             f"\n{summary.run} cells in {summary.elapsed_s:.1f} s ({counts or 'nothing new'}), "

@@ -67,7 +67,15 @@ def run_command(options: dict[str, Any], display: terminal.Display) -> int:
         display.results(results, by_method(results.tables, told(store)), remarks(results.tables))
         if page:
             terminal.say(f"Report: {page}")
-    terminal.warn([*results.problems, *results.left_out, *not_run(chosen["integrators"], dt), *plugins.not_loaded()])
+    terminal.warn(
+        [
+            *results.problems,
+            *results.left_out,
+            *not_run(chosen["integrators"], dt),
+            *short_ladder(dt, results.tables),
+            *plugins.not_loaded(),
+        ]
+    )
     if results.summary.interrupted:
         return 130
     return 1 if strict and any(results.statuses.get(status) for status in LOUD) else 0
@@ -89,6 +97,18 @@ def not_run(asked: list[str] | None, dt: list[float] | None) -> list[str]:
     if dt and adaptive:
         sentences.append(f"--dt does not apply to methods that choose their steps: {', '.join(adaptive)}.")
     return sentences
+
+
+def short_ladder(dt: list[float] | None, tables: Mapping[str, DataFrame]) -> list[str]:
+    """A sentence where --dt leaves the study of orders too few steps to see one."""
+    from ..studies.order_fit import MIN_POINTS
+
+    if not dt or len(set(dt)) >= MIN_POINTS or "convergence" not in tables:
+        return []
+    return [
+        f"--dt gives the study convergence {len(set(dt))} step{'s' * (len(set(dt)) > 1)}, and an order takes at least "
+        f"{MIN_POINTS}: leave --dt out for the study's own ladder, or give more steps."
+    ]
 
 
 def list_command(integrators: Sequence[str], scenarios: Sequence[str], as_json: bool) -> None:
@@ -261,6 +281,8 @@ def show_command(
         terminal.print_table(table, tables[table])
     elif sum(len(t) for name, t in tables.items() if name not in terminal.LONG) <= SHOWN_ROWS:
         terminal.print_tables(tables)
+        for sentence in remarks(tables):
+            terminal.say(f"\n{sentence}")
     else:
         if scenarios:
             terminal.print_frame(summary(tables, plugins.integrators()).drop(columns="claims broken"), "summary")

@@ -70,7 +70,11 @@ def plan_job(
             if not remote[scenario.name] or not plugins.is_registered(method):
                 here[cell.key] = method, scenario
             cells.append(cell)
-    left_out = [] if integrators is None else _left_out(methods, chosen, selected, seen, studies is not None)
+    left_out = (
+        []
+        if integrators is None
+        else [*_left_out(methods, chosen, selected, seen, studies is not None), *_unsuited(methods, selected)]
+    )
     if not cells:
         raise TcbenchError(
             " ".join(["There is nothing to run: no integrator, scenario and step fit together.", *left_out])
@@ -117,6 +121,17 @@ def _left_out(
         missing = [study for study in chosen if (method.name, study.name) not in seen]
         if by_name or len(missing) == len(chosen):
             sentences += [_why_not(method, study, scenarios) for study in missing[: None if by_name else 1]]
+    return sentences
+
+
+def _unsuited(methods: Sequence[Integrator], scenarios: Sequence[Scenario]) -> list[str]:
+    """On which scenarios methods were not run that run on others of them."""
+    sentences = []
+    for method in methods:
+        reasons = {scenario.name: method.suits(scenario.model) for scenario in scenarios}
+        for why in dict.fromkeys(filter(None, reasons.values())) if not all(reasons.values()) else ():
+            names = ", ".join(name for name, reason in reasons.items() if reason == why)
+            sentences.append(f"{method.name} is not run on {names}: {why}.")
     return sentences
 
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
-from .matrix import finite, methods
+from ..progress import LOUD
+from .matrix import finite, methods, unmeasured
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -24,6 +25,7 @@ HEADINGS = (
     "failed runs",
     "random failed",
 )
+REASONS = 4  # sentences on what has no result: the tables have the rest
 TARGET = 1e-6
 FOLD_ABOVE = 20  # methods, so that 30 lines hold everything
 HOLDS = "holds"
@@ -141,7 +143,26 @@ def _folded(
 
 def remarks(tables: Tables) -> list[str]:
     """Sentences below the table: what failed, and what the paper's statements came to."""
-    return [sentence for sentence in (_failed(tables), _paper(tables.get("claims"))) if sentence]
+    return [sentence for sentence in (_failed(tables), *_missing(tables), _paper(tables.get("claims"))) if sentence]
+
+
+def _missing(tables: Tables) -> list[str]:
+    """What gave no result and which orders none, with the reasons, each reason once."""
+    reasons: dict[str, list[str]] = {}
+    for item in unmeasured(tables):
+        reasons.setdefault(item.why, []).append(f"{item.study} of {item.integrator} on {item.scenario}")
+    sentences = [f"No result of {_some(what)}: {why}" for why, what in reasons.items()]
+    notes: dict[str, list[str]] = {}
+    for row in tables["convergence"].to_dict("records") if "convergence" in tables else ():
+        if row.get("verdict") == "undetermined" and row.get("status") not in LOUD and isinstance(row.get("note"), str):
+            notes.setdefault(row["note"], []).append(f"{row['integrator']} on {row['scenario']}")
+    sentences += [f"Order undetermined of {_some(dict.fromkeys(what))}: {note}" for note, what in notes.items()]
+    return sentences[:REASONS]
+
+
+def _some(names: Iterable[str]) -> str:
+    found = list(names)
+    return ", ".join(found[:2]) + (f" and {len(found) - 2} more" if len(found) > 2 else "")
 
 
 def _failed(tables: Tables) -> str:

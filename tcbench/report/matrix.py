@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from statistics import median
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+from ..progress import LOUD
 from .summary import KEPT
 
 if TYPE_CHECKING:
@@ -211,8 +212,38 @@ def _stable(tables: Tables) -> dict[str, dict[str, Any]]:
     return cells
 
 
+class Unmeasured(NamedTuple):
+    """A cell of another study than those of the ladders that ended without a result."""
+
+    study: str
+    integrator: str
+    scenario: str
+    why: str
+
+    @property
+    def sentence(self) -> str:
+        """What is missing, and why."""
+        return f"{self.study} of {self.integrator} on {self.scenario}: {self.why}"
+
+
+def unmeasured(tables: Tables) -> list[Unmeasured]:
+    """The cells that ended as exception, crash or timeout, in studies whose tables have one row or few a cell."""
+    found: dict[tuple[str, str, str], Unmeasured] = {}
+    for study in ("convergence", "equilibrium_summary", "stability"):
+        table = tables.get(study)
+        if table is None or "status" not in table:
+            continue
+        for row in table[table["status"].isin(LOUD)].to_dict("records"):
+            said = [row.get(name) for name in ("failure", "note")]
+            why = next((str(text) for text in said if isinstance(text, str) and text), str(row["status"]))
+            item = Unmeasured(study.removesuffix("_summary"), str(row["integrator"]), str(row["scenario"]), why)
+            found.setdefault(item[:3], item)
+    return list(found.values())
+
+
 def failures(tables: Tables, longest: int = 300) -> dict[str, dict[str, Any]]:
-    """{method: {scenario: [failed, runs, sentence of the failed run at the smallest step]}} of the ladders."""
+    """{method: {scenario: [failed, runs, sentence of the failed run at the smallest step]}} of the ladders, and of
+    what other studies could not measure."""
     found: dict[str, dict[str, list[Any]]] = {}
     for study, step in (("conservation", "dt"), ("work_precision", "value")):
         table = tables.get(study)
@@ -227,6 +258,9 @@ def failures(tables: Tables, longest: int = 300) -> dict[str, dict[str, Any]]:
                 text = row.get("failure")
                 said = text if isinstance(text, str) and text else str(row["status"])
                 cell[2], cell[3] = _at(row, step) + said[:longest], size
+    for item in unmeasured(tables):
+        cell = found.setdefault(item.integrator, {}).setdefault(item.scenario, [0, 0, "", math.inf])
+        cell[:3] = [cell[0] + 1, cell[1] + 1, cell[2] or item.sentence[:longest]]
     return {m: {s: c[:3] for s, c in cells.items() if c[0]} for m, cells in found.items() if any(
         c[0] for c in cells.values())}  # fmt: skip
 

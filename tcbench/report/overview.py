@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
-from .matrix import finite, is_fixed, law_columns, laws_kept, own_steps
+from .matrix import Unmeasured, finite, is_fixed, law_columns, laws_kept, own_steps, unmeasured
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -119,7 +119,7 @@ def lawful(tables: Tables) -> Finding | None:
         )
         return Finding(title, "no method", most, href)
     steps = [steps_of[name] for name in keep if finite(steps_of[name])]
-    largest = f", at steps up to h = {min(steps):.3g}" if steps else ""
+    largest = f", at every step tried, up to h = {min(steps):.3g}" if steps else ""
     runs = sum(shares[name][1] for name in keep)
     words = _listed([law.replace("angular_", "").replace("_", " ") for law in columns], "and")
     return Finding(
@@ -179,15 +179,26 @@ def failing(tables: Tables) -> Finding | None:
             step = row.get("dt") if study == "conservation" else row.get("value") if is_fixed(row) else None
             if finite(step):
                 steps.append((float(step), str(row["integrator"]), str(row["scenario"])))  # type: ignore[arg-type]
+    without = unmeasured(tables)
+    if not runs and without:
+        return Finding("What fails", _without(without), without[0].sentence, "#failures")
     if not runs:
         return None
     if not failed:
-        return Finding("What fails", "nothing", f"all {runs} runs reached their end", "#failures")
+        text = f"all {runs} runs of the ladders reached their end"
+        if without:
+            return Finding("What fails", _without(without), f"{without[0].sentence}; {text}", "#failures")
+        return Finding("What fails", "nothing", text.replace(" of the ladders", ""), "#failures")
     least = min(steps, default=None)
     text = "no run with a fixed step among them"
     if least is not None:
         text = f"at the smallest step: {called(least[1])} on {called(least[2])}, h = {least[0]:.2g}"
+    text += f"; {_without(without)} besides" if without else ""
     return Finding("What fails", f"{failed} of {runs} runs", text, "#failures")
+
+
+def _without(rows: Sequence[Unmeasured]) -> str:
+    return f"{len(rows)} measurement{'s' * (len(rows) > 1)} without a result"
 
 
 def random_starts(tables: Tables) -> Finding | None:

@@ -30,7 +30,7 @@ _STATUS = {
     m.COLD: ("unphysical", "a temperature is not positive"),
     m.NO_WARM_ROOT: ("unphysical", "the principal root has a temperature that is not positive"),
     m.FOLDED: ("ok", ""),  # the run was to end at the first fold
-    m.BLOWUP: ("blowup", "|E - E0| exceeded {factor:g} times the initial exergy V0 = {V0:.6g}"),
+    m.BLOWUP: ("blowup", "|E - E0| exceeded {factor}the initial exergy V0 = {V0:.6g}"),
 }
 
 
@@ -78,7 +78,8 @@ def explain(reason: int, done: int, dt: float, scenario: Scenario) -> tuple[str,
     if not cause:
         return status, ""
     step = done if reason == m.BLOWUP else done + 1  # the state of a blow-up exists; otherwise the next step failed
-    cause = cause.format(factor=scenario.blowup_factor, V0=scenario.initial_exergy)
+    factor = "" if scenario.blowup_factor == 1 else f"{scenario.blowup_factor:g} times "
+    cause = cause.format(factor=factor, V0=scenario.initial_exergy)
     return status, f"step {step} (t = {step * dt:.6g}, dt = {dt:g}): {cause}"
 
 
