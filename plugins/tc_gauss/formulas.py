@@ -5,6 +5,7 @@ See `step` for the equations. The kernels on vectors treat all nodes, or eight q
 
 from __future__ import annotations
 
+from contextlib import suppress
 from functools import cache, reduce
 from typing import Any, NamedTuple
 
@@ -14,11 +15,13 @@ from numpy.typing import NDArray
 from tcbench.compiler import derivatives as trace
 from tcbench.compiler.kernels import WIDTH, Kernel, constant_part, kernel
 from tcbench.compiler.language import PLAIN
+from tcbench.compiler.symbols import MixedSpaces
 from tcbench.errors import TcbenchError
 from tcbench.reference.collocation import gauss_nodes, tableau
 from tcbench.reference.precision import LONG
 from tcbench.systems.momenta import lengthening, restored_momenta
-from tcbench.systems.system import System
+from tcbench.systems.network import Network
+from tcbench.systems.system import FEW, System
 
 # points of the quadratures, whole numbers of vectors: the coarsest that keeps the energy is taken
 POINTS = (8, 16, 32, 64)
@@ -84,30 +87,25 @@ class Formulas(NamedTuple):
 
 @cache
 def formulas(structure: tuple) -> Formulas:
-    """The formulas of a system, traced from its functions."""
+    """The formulas of a system, traced from its functions; of a large network on one element for all."""
     symbolic = STRUCTURES[structure].symbolic
+    if isinstance(symbolic, Network) and symbolic.size > FEW:
+        from .by_elements import formulas_of
+
+        with suppress(MixedSpaces):  # not the same for all elements
+            return Formulas(formulas_of(symbolic), kernel({}, []), {}, None)
     with trace.tracing() as table:
-        return _formulas(symbolic, STRUCTURES[structure].constant_symbols())._replace(table=table)
+        return whole_formulas(symbolic, STRUCTURES[structure].constant_symbols())._replace(table=table)
 
 
-def _formulas(system: Any, constant_symbols: dict[Any, str]) -> Formulas:
+def whole_formulas(system: Any, constant_symbols: dict[Any, str]) -> Formulas:
     from tcbench.compiler.vector_kernels import can_express
 
-    n, e = system.n_positions, system.n_elements
     h = trace.variable("h")
     constants = {h: "b[0]"} | constant_symbols
     z = trace.variables("z", system.size)
-    v, q = trace.variables("v", n), trace.variables("q", n)
-    pi, s = trace.variables("pi", e), trace.variables("s", e)
-    sigma, theta = trace.variables("sigma", e), trace.variables("theta", e)
-    stress, temperature = system.element_slopes(pi, s)
-    bodies: list[tuple[list[Any], list[Any]]] = [  # inputs, values
-        (list(z), _start(system, z)),
-        ([*v, *q], list(system.shape_gradient(q) @ v)),
-        ([*pi, *s], [*stress, *temperature]),
-        ([*v, *q, *sigma, *theta], [*(-(sigma @ system.shape_gradient(q))), *system.conduction(theta)]),
-        _mending(system, z),
-    ]
+    bodies = [*iterated(system), _mending(system, z)]
+    bodies.insert(0, (list(z), _start(system, z)))
     values = [[x if isinstance(x, trace.Symbol) else trace.const(float(x)) for x in body[1]] for body in bodies]
     fixed = constant_part([x for row in values for x in row], [h, *(x for body in bodies for x in body[0])])
     places = {x: int(text[2:-1]) for x, text in constants.items()}  # of 'b[3]'; constants that are 0 have no symbol
@@ -118,6 +116,18 @@ def _formulas(system: Any, constant_symbols: dict[Any, str]) -> Formulas:
         for (unknown, _), row in zip(bodies, values, strict=True)
     ]
     return Formulas(made, kernel(constants, fixed), places if all(map(can_express, values[1:4])) else {}, None)
+
+
+def iterated(system: Any) -> list[tuple[list[Any], list[Any]]]:
+    """Inputs and values of what an iteration asks for: rates of the shapes, slopes of the elements, rates."""
+    v, q = (system.fresh(name, "position") for name in "vq")
+    pi, s, sigma, theta = (system.fresh(name, "element") for name in ("pi", "s", "sigma", "theta"))
+    stress, temperature = system.element_slopes(pi, s)
+    return [
+        ([*v, *q], list(system.shape_gradient(q) @ v)),
+        ([*pi, *s], [*stress, *temperature]),
+        ([*v, *q, *sigma, *theta], [*(-(sigma @ system.shape_gradient(q))), *system.conduction(theta)]),
+    ]
 
 
 class Given(NamedTuple):
@@ -229,20 +239,24 @@ def _start(system: Any, z: Any) -> list[Any]:
     n, e, state = system.n_positions, system.n_elements, system.state(z)
     rate, theta = system.vector_field(z)[n:], system.temperatures(z)
     energy = system.energy(z)
-    # some rounding errors of each element's heat, of the work that it holds, of the motion, of positions under their
-    # forces and of the total
-    pi = system.shape(state.q)
-    held = [abs(x) for x in system.element_slopes(pi, state.s)[0] * pi]
-    moving = state.p @ (state.p / system.inertia())
-    placed = [abs(x) for x in rate[:n] * state.q]
-    heat = sum(theta * (np.ones(e) * system.entropy_scale()))
-    noise = 2.0**-51 * (heat + sum(held) + moving + sum(placed) + abs(energy) + 1.0)
+    noise = noise_of(system, z, energy)
     u = v = [0.0] * e
     if e == 2:
         slope = trace.jacobian(list(rate[n:]), list(state.s))
         u, v = [1.0, -theta[0] / theta[1]], list(slope[0])
     decay = sum(a * b for a, b in zip(u, v, strict=True))
     return [*rate, *system.shape(state.q), energy, noise, decay, *u, *v]
+
+
+def noise_of(system: Any, z: Any, energy: Any) -> Any:
+    """Some rounding errors of each element's heat, of the work that it holds, of the motion, of positions under their
+    forces and of the total."""
+    n, e, state = system.n_positions, system.n_elements, system.state(z)
+    pi, theta, force = system.shape(state.q), system.temperatures(z), system.vector_field(z)[n : 2 * n]
+    held = sum(abs(x) for x in system.element_slopes(pi, state.s)[0] * pi)
+    placed = sum(abs(x) for x in force * state.q)
+    heat = sum(theta * (np.ones(e) * system.entropy_scale()))
+    return 2.0**-51 * (heat + held + state.p @ (state.p / system.inertia()) + placed + abs(energy) + 1.0)
 
 
 def _mending(system: Any, z: Any) -> tuple[list[Any], list[Any]]:

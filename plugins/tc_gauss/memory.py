@@ -50,6 +50,7 @@ class Work(Record):
     m: int
     n_constants: int
     n_given: int
+    n_newton: int  # unknowns of Newton's method, which is for small systems; 0: none
     n_ends: int
     n_invariants: int
     to_start: Kernel  # see `formulas.Formulas`
@@ -94,9 +95,9 @@ class Work(Record):
     FG: Floats = sized("m")
     rho: Floats = sized("k")
     left: Matrix = sized("k", "k")
-    J: Matrix = sized("k * m", "k * m")  # of Newton's method
-    rhs: Floats = sized("k * m")
-    base: Floats = sized("k * m")
+    J: Matrix = sized("n_newton", "n_newton")
+    rhs: Floats = sized("n_newton")
+    base: Floats = sized("n_newton")
     x0: Floats = sized("2 * e")  # shapes and entropies at the start
     dz: Floats = sized("n + m")
     z1: Floats = sized("n + m")

@@ -325,7 +325,7 @@ def try_step(w: Work, h: float, z: Floats, known: bool, coarsest: int, residual:
     while True:
         w.seen[1] = level
         done = fixed_point(w, h, z, level, residual)
-        if done != SOLVED and careful:
+        if done != SOLVED and careful and w.n_newton > 0:
             guess(w)
             done = newton(w, h, z, level)
         if done != SOLVED:

@@ -39,7 +39,7 @@ def compare(made: Any, flow: Flow, example: Network) -> None:
     whole = _Whole(flow, small, made)
     rng = np.random.default_rng(0)
     for attempt in range(TRIES):
-        z0 = _state(small, rng, attempt)
+        z0 = random_state(small, rng, attempt)
         if z0 is None:
             continue
         found = _by_loops(made, small, z0, flow, rng)
@@ -56,7 +56,7 @@ def compare(made: Any, flow: Flow, example: Network) -> None:
     raise MixedSpaces(f"no state was found at which {flow.residual.__name__!r} has a value")
 
 
-def _state(small: Network, rng: np.random.Generator, attempt: int) -> Floats | None:
+def random_state(small: Network, rng: np.random.Generator, attempt: int) -> Floats | None:
     """A random state with positive shapes and temperatures, if this attempt finds one."""
     n, m = small.n_positions, small.n_elements
     q = rng.normal(size=n) if attempt % 2 else np.cumsum(rng.uniform(0.5, 1.5, n))

@@ -1,0 +1,73 @@
+"""tc_gauss on networks: formulas traced on one element for all are those of the whole trace, and keep its promises."""
+
+import numpy as np
+import pytest
+from tcbench_plugins.chain.chain import chain
+from tcbench_plugins.net.net import net
+from tcbench_plugins.tc_gauss import by_elements, formulas
+
+import tcbench
+from tcbench.compiler.symbols import MixedSpaces
+
+
+def whole_trace(monkeypatch, scenario):
+    """The scenario's system with formulas that were traced as a whole."""
+    monkeypatch.setattr(formulas, "FEW", 10**6)
+    formulas.formulas.cache_clear()
+    scenario.model.__dict__.pop("_gauss_methods", None)
+
+
+@pytest.fixture(autouse=True)
+def afresh():
+    yield
+    formulas.formulas.cache_clear()
+
+
+@pytest.mark.parametrize("method", ["tc_gauss", "tc_gauss[k=1]", "tc_gauss_adaptive[k=4]"])
+@pytest.mark.parametrize("scenario", [net(3, 3), chain(6)], ids=["net", "chain"])
+def test_states_are_those_of_the_whole_trace(method, scenario, monkeypatch):
+    settings = {"tolerance": 1e-8} if "adaptive" in method else {"dt": 0.05}
+    scenario = scenario.replace(t_end=0.5)
+    scenario.model.__dict__.pop("_gauss_methods", None)
+    formulas.formulas.cache_clear()
+    run = tcbench.simulate(method, scenario, **settings)
+    assert not formulas.formulas(scenario.model.structure).places  # by elements
+    whole_trace(monkeypatch, scenario)
+    expected = tcbench.simulate(method, scenario, **settings)
+    assert run.ok and expected.ok
+    assert np.abs(run.z - expected.z).max() < (1e-7 if "adaptive" in method else 1e-11) * np.abs(expected.z).max()
+
+
+@pytest.mark.parametrize("method", ["tc_gauss[k=1]", "tc_gauss[k=2]", "tc_gauss"])
+def test_orders_and_laws_on_a_net(method):
+    scenario, order = net(6, 6), tcbench.plugins.find_integrator(method).order
+    fine = tcbench.simulate("tc_gauss[k=4]", scenario, dt=0.0125, t_end=0.4).z[-1]
+    steps = (0.05, 0.025) if order < 6 else (0.1, 0.05)
+    runs = [tcbench.simulate(method, scenario, dt=h, t_end=0.4) for h in steps]
+    errors = [np.abs(run.z[-1] - fine).max() for run in runs]
+    assert abs(np.log2(errors[0] / errors[1]) - order) < 0.5
+    for run in runs:
+        assert run.ok and run.summary.energy_error_max < 1e-12 and run.summary.entropy_increment_min > -1e-13
+
+
+@pytest.mark.parametrize("name", ["chain[n=500]", "net[nx=20,ny=20]"])
+def test_large_systems_step_and_keep_the_laws(name):
+    for run in (
+        tcbench.simulate("tc_gauss[k=2]", name, dt=0.05, t_end=0.25),
+        tcbench.simulate("tc_gauss_adaptive", name, t_end=0.5, tolerance=1e-6),
+    ):
+        assert run.ok and run.summary.energy_error_max < 1e-11 and run.summary.entropy_increment_min > -1e-12
+        for name_of, error in run.summary.invariant_error_max.items():
+            assert error < 1e-11 * np.abs(run.z[0, : 2 * 500]).max() * 500, name_of
+
+
+def test_formulas_that_differ_from_the_whole_trace_are_noticed(monkeypatch):
+    model = net(4, 3).model
+    monkeypatch.setattr(by_elements, "iterated", lambda net: formulas.iterated(net)[:2] + [_doubled(net)])
+    with pytest.raises(MixedSpaces, match="something else"):
+        by_elements.formulas_of(model.symbolic)
+
+
+def _doubled(net):
+    inputs, values = formulas.iterated(net)[2]
+    return inputs, [2.0 * x for x in values]
