@@ -74,6 +74,7 @@ COLUMNS = (  # the first that fits counts: names before patterns
     Column("lyapunov_increment_max", "largest rise of E − θ_ref S in a step", worse="higher"),
     # errors
     Column("reference_floor", "what errors below ten times this say nothing of", "floor"),
+    _error("error", "error of the state"),
     _error("error_q", "error of positions q"),
     _error("error_p", "error of momenta p"),
     _error("error_s", "error of entropies s"),

@@ -409,3 +409,19 @@ def test_a_users_own_system_is_drawn_without_springs(tmp_path, visit):
     page = visit(write_report(awkward.write_run(tmp_path / "run", tables, (), told)), "#scenario=rod&method=mine")
     assert page.locator("canvas").count() == 0
     assert "q 1 = 0.5" in page.locator(".side").inner_text() and isinstance(tables["series"], pd.DataFrame)
+
+
+def test_what_is_wider_than_a_narrow_window_fades_where_it_goes_on(full, visit):
+    page = visit(full, "#method=tc_monolithic", 400)
+    page.wait_for_function("document.querySelector('#view-method .scroll[data-more~=right]')")
+    page.evaluate("for (const box of document.querySelectorAll('.scroll')) box.scrollLeft = 1e4")
+    page.wait_for_function("document.querySelector('#view-method .scroll[data-more=left]')")
+    assert page.evaluate("getComputedStyle(document.querySelector('.scroll[data-more=left]')).maskImage") != "none"
+    wide = visit(full, "#method=tc_monolithic", 1400)
+    wide.wait_for_timeout(100)
+    assert (
+        wide.evaluate(
+            "document.querySelectorAll('#view-method .scroll:is([data-more~=left],[data-more~=right])').length"
+        )
+        == 0
+    )

@@ -180,3 +180,24 @@ def test_a_picture_for_a_paper_from_the_command_line(tmp_path, monkeypatch):
         assert done.exit_code == 2 and message in done.output and not (tmp_path / "b.svg").exists()
     done = CliRunner().invoke(main, ["animate", "tc_monolithic", "stiff_spring", "--t-end", "3", "--frames", "3"])
     assert done.exit_code == 0 and (tmp_path / "movie.gif").stat().st_size > 1000
+
+
+def test_titles_of_narrow_panels_are_broken_into_lines_and_not_cut():
+    figure = tcbench.draw("laws", TABLES, size=(3.35, 3.6), font_size=7)
+    figure.canvas.draw()
+    boxes = [
+        ax.title.get_window_extent() if ax.get_title() else ax._left_title.get_window_extent() for ax in figure.axes
+    ]
+    assert any("\n" in ax.get_title(loc="left") for ax in figure.axes)
+    for k, box in enumerate(boxes):
+        assert box.x1 <= figure.bbox.x1 and not any(box.overlaps(other) for other in boxes[k + 1 :])
+        assert not any(box.overlaps(ax.get_window_extent()) for ax in figure.axes)
+
+
+def test_a_legend_takes_the_width_that_there_is(table):
+    few = table[table["integrator"].isin(NAMES[:5])]
+    figure = tcbench.draw("conservation", few, size=(6.7, 3.0), font_size=8)
+    figure.canvas.draw()
+    (legend,) = figure.legends
+    places = {round(text.get_window_extent().y0) for text in legend.get_texts()}
+    assert legend.get_window_extent().x1 <= figure.bbox.x1 and len(places) == 1

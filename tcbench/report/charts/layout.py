@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import io
 import math
+import textwrap
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,6 +21,7 @@ from .theme import current, scale
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+LETTER = 0.064  # inches of a letter of a title or a legend, at type of 9 points
 LEAST = (1.0, 0.5)  # inches of a panel that can still be read, at type of 9 points
 
 
@@ -60,10 +63,10 @@ class Panels(Figure):
         """
         self.above, self.beside, self.below = above, beside, below
         k = scale()
-        titled = any(ax.get_title(loc="left") for ax in self.grid)
-        bottom, top = 0.48 * k, (0.27 if titled else 0.12) * k
         whole = self.fixed or (self.width + beside, self.height + above + below)
         width, height = (whole[0] - beside) / self.columns, (whole[1] - above - below) / self.rows
+        lines = max(_wrapped(ax, int((width - self.left - 0.06 * k) / (LETTER * k))) for ax in self.grid)
+        bottom, top = 0.48 * k, (0.12 + 0.15 * lines) * k
         inner = (width - self.left - self.right, height - bottom - top)
         lack = [max(0.0, least * k - room) for least, room in zip(LEAST, inner, strict=True)]
         if any(lack):
@@ -83,8 +86,10 @@ class Panels(Figure):
     def key(self, handles: Sequence[Any], above: float) -> None:
         """One legend for the whole figure: above it for a few names, beside it for many."""
         k = scale()
-        item = (0.55 + 0.072 * max(len(str(h.get_label())) for h in handles)) * k
-        columns = max(1, int((self.width - 0.1) / item))
+        widths = [(0.62 + LETTER * len(str(h.get_label()))) * k for h in handles]
+        item, columns = (0.55 + 0.072 * max(len(str(h.get_label())) for h in handles)) * k, len(handles)
+        while columns > 1 and sum(max(part) for part in np.array_split(widths, columns)) > self.width - 0.1:
+            columns -= 1  # matplotlib makes each column as wide as its widest name, and no column wider
         rows = -(-len(handles) // columns)
         per_column = max(1 if self.fixed else 16, int((self.height + above - 0.2) / (0.148 * k)))
         aside = -(-len(handles) // per_column)
@@ -108,6 +113,18 @@ class Panels(Figure):
         self.place(self.above, 1.0 * k, self.below)
         whole = self.get_size_inches()[0]
         self.colorbar(mappable, cax=self.add_axes((1 - 0.85 * k / whole, 0.16, 0.13 / whole, 0.68)), label=text)
+
+
+def _wrapped(ax: Axes, letters: int) -> int:
+    """Break the title of a panel where it is wider than its room; how many lines it has."""
+    text = ax.get_title(loc="left").replace("\n", " ")
+    if not text:
+        return 0
+    parts = [text] if len(text) <= letters else text.replace(": ", ":\n").split("\n")  # a formula stays in one piece
+    fold = partial(textwrap.wrap, width=max(letters, 8), break_long_words=False, break_on_hyphens=False)
+    lines = [line for part in parts for line in fold(part)]
+    ax.set_title("\n".join(lines), loc="left")
+    return len(lines)
 
 
 def _columns(count: int, shape: float) -> int:

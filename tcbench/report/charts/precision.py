@@ -133,7 +133,7 @@ def convergence(points: DataFrame, fits: DataFrame | None = None) -> Figure:
         fit = None if fits is None else fits[fits["variable"].astype(str) == variable]
         _slopes(ax, part, fit, methods)
         ax.set_xlabel(column_named("dt").label)
-        ax.set_ylabel("error")
+        ax.set_ylabel(column_named("error" if variable == "all" else f"error_{variable}").label)
     titles(axes, [VARIABLES.get(v, v) for v in variables])
     extra = [handle("", marker="o", linestyle="none", color=ink(), markerfacecolor="none")]
     extra[0].set_label("not in the fit")

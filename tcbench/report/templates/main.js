@@ -21,6 +21,18 @@ const route = async () => {
   await VIEWS[name](place);
   document.documentElement.dataset.ready = name;
 };
+// what is wider than its place fades at the edge behind which there is more
+const fade = () => {
+  for (const box of document.querySelectorAll(".scroll")) {
+    const left = box.scrollLeft > 1, right = box.scrollWidth - box.clientWidth - box.scrollLeft > 1;
+    box.dataset.more = [left && "left", right && "right"].filter(Boolean).join(" ");
+  }
+};
+let due = 0;
+const soon = () => { cancelAnimationFrame(due); due = requestAnimationFrame(fade); };
+new MutationObserver(soon).observe(document.querySelector("main"), { childList: true, subtree: true, attributeFilter: ["hidden", "open"] });
+addEventListener("resize", soon);
+document.addEventListener("scroll", soon, { capture: true, passive: true });
 addEventListener("hashchange", route);
 addEventListener("keydown", (event) => { if (event.key === "Escape") hideTip(); });
 addEventListener("scroll", hideTip, { passive: true });
