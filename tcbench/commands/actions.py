@@ -23,6 +23,7 @@ from ..store.encoding import csv_bytes
 from ..store.store import Store
 from ..store.tables import only, read_tables
 from ..studies.base import default_studies
+from .left_out import not_run, short_ladder
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -84,31 +85,6 @@ def run_command(options: dict[str, Any], display: terminal.Display) -> int:
 def records(tables: Mapping[str, DataFrame]) -> dict[str, Any]:
     """Tables by name as lists of rows, for JSON."""
     return {name: json.loads(t.to_json(orient="records", double_precision=15)) for name, t in tables.items()}
-
-
-def not_run(asked: list[str] | None, dt: list[float] | None) -> list[str]:
-    """Sentences on what a run left out although nobody said so: absent peers, and steps that do not apply."""
-    sentences = []
-    for name, method in plugins.integrators().items() if asked is None else ():
-        if method.lacks:
-            sentences.append(f"{name} was not run: {method.lacks}.")
-    chosen = plugins.expand_integrators(plugins.present() if asked is None else asked)
-    adaptive = [method.name for method in chosen if method.kind == "adaptive"]
-    if dt and adaptive:
-        sentences.append(f"--dt does not apply to methods that choose their steps: {', '.join(adaptive)}.")
-    return sentences
-
-
-def short_ladder(dt: list[float] | None, tables: Mapping[str, DataFrame]) -> list[str]:
-    """A sentence where --dt leaves the study of orders too few steps to see one."""
-    from ..studies.order_fit import MIN_POINTS
-
-    if not dt or len(set(dt)) >= MIN_POINTS or "convergence" not in tables:
-        return []
-    return [
-        f"--dt gives the study convergence {len(set(dt))} step{'s' * (len(set(dt)) > 1)}, and an order takes at least "
-        f"{MIN_POINTS}: leave --dt out for the study's own ladder, or give more steps."
-    ]
 
 
 def list_command(integrators: Sequence[str], scenarios: Sequence[str], as_json: bool) -> None:
