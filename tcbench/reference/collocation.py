@@ -127,7 +127,7 @@ def integrate(
                 raise ReferenceFailed(
                     f"{method.name} collocation stopped at t = {float(t):.6g} of {end:g} after "
                     f"{steps - 1} tries with h = {float(h):.2g}. Give the scenario a smaller t_converge: "
-                    "references are for systems of some dozens of numbers, or for short times."
+                    "references are for systems of some hundreds of numbers, and short times."
                 )
             remaining = long_number(end) - t
             # Halving what is left avoids a tiny last step, whose extrapolated guess would be poor.
