@@ -20,6 +20,7 @@ from .tc_gauss import tc_gauss
 DEFAULT = "tc_gauss"  # of high order: a low one takes very many steps to a tight tolerance
 SAFETY, SHRINK, GROW, SMALLEST, TINY = 0.9, 0.2, 5.0, 1e-12, 1e-300
 ROUND_OFF = 4e-16  # of a component: a gap as small says nothing of the method
+STUCK = 8  # steps in a row, each shorter than the last, whose gap is round-off and yet too large
 
 
 def controlled(method: Integrator, tolerance: float | None = None, name: str = "controlled"):
@@ -40,7 +41,7 @@ def controlled(method: Integrator, tolerance: float | None = None, name: str = "
 def doubling(step: Any, z: Any, times: Any, rtol: float, atol: float):
     """States at the times, and counts. Raises ArithmeticError where no step is short enough."""
     order, whole, t = step.order, times[-1] - times[0], times[0]
-    h, states, done, before = (rtol + atol) ** (1 / order), [z], 0, step.iterations
+    h, states, done, before, stuck = (rtol + atol) ** (1 / order), [z], 0, step.iterations, 0
     for end in times[1:]:
         while t < end:
             left = end - t
@@ -54,16 +55,17 @@ def doubling(step: Any, z: Any, times: Any, rtol: float, atol: float):
             except ArithmeticError as failed:
                 error, why, rounded = np.inf, str(failed), False
             proposed = tried * min(GROW, max(SHRINK, SAFETY * (error + TINY) ** (-1 / order)))
+            stuck = stuck + 1 if error > 1 and rounded else 0
             # a step that was cut to end at an output says nothing against a longer one
             h = proposed if error > 1 or tried >= h else max(h, proposed)
             if error <= 1:
                 z, t, done = twice, end if tried == left else t + tried, done + 2
-            elif rounded:  # shorter steps would err by as much, and there would be more of them
-                raise ArithmeticError(
-                    f"a tolerance of {rtol:g} over t = {whole:g} asks for steps of {step.method.name} that err by less "
-                    "than round-off; take a looser one, a shorter run, or a method of higher order"
-                )
-            elif h < SMALLEST * whole:
+            elif stuck == STUCK or h < SMALLEST * whole:
+                if stuck:
+                    why = (
+                        f"a tolerance of {rtol:g} over t = {whole:g} asks for errors below round-off; take a looser "
+                        "one, a shorter run, or a method of higher order"
+                    )
                 raise ArithmeticError(f"no step of {step.method.name} is short enough at t = {t:g}: {why}")
         states.append(z)
     return np.array(states), {"steps": done, "newton_iterations": step.iterations - before}

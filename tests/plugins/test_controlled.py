@@ -52,7 +52,7 @@ def test_where_no_step_exists_the_run_says_so():
 
 def test_a_tolerance_below_round_off_is_refused_at_once():
     run = tcbench.simulate("controlled[method=tc_monolithic]", "short_term", t_end=25.0, tolerance=1e-9)
-    assert run.status == "exception" and "err by less than round-off; take a looser one" in run.failure
+    assert run.status == "exception" and "errors below round-off; take a looser one" in run.failure
 
 
 def test_check_asks_no_order_of_a_fixed_tolerance():
