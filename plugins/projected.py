@@ -95,7 +95,7 @@ def _projected_outputs(adaptive: Callable[..., Any]) -> Callable[..., Any]:
         states, counts = found if isinstance(found, tuple) else (found, {})
         mended = [np.asarray(z0, dtype=float)]
         for state in np.asarray(states, dtype=float)[1:]:
-            mended.append(state + apply_explicit(projection, system, mended[-1], state))
+            mended.append(state + apply_explicit(projection, system, mended[-1], state, mended[0]))
         return np.array(mended), counts
 
     return solved

@@ -47,6 +47,7 @@ ALLOWED = {
     "",
     "collections",
     "dataclasses",
+    "contextlib",
     "functools",
     "typing",
     "math",

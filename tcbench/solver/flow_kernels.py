@@ -241,10 +241,10 @@ def _ordered(reduction: Reduction) -> _Slopes:
 _EXPLICIT: dict[tuple[Residual, tuple, str | None], FlowKernels] = {}
 
 
-def apply_explicit(formula: Residual, system: System, start: Any, end: Any) -> Any:
+def apply_explicit(formula: Residual, system: System, start: Any, end: Any, first: Any = None) -> Any:
     """What an explicit flow of the whole step (of_step=True) adds to `end`, by its compiled formula; shape (n,).
 
-    start : the state at which the step, and here the run as well, began.
+    start, first : the states at which the step and the run began; without the latter they are one.
     """
     from ..compiler.library import evaluate
 
@@ -252,7 +252,7 @@ def apply_explicit(formula: Residual, system: System, start: Any, end: Any) -> A
     if key[-1] is None or key not in _EXPLICIT:
         _EXPLICIT[key] = build(Flow(formula, of_step=True), system)
     kernels = _EXPLICIT[key]
-    c = np.concatenate([system.constant_values, start, start])
+    c = np.concatenate([system.constant_values, start, start if first is None else first])
     w = np.zeros(kernels.opening.size + kernels.setup.size)
     w[kernels.opening.size :] = kernels.setup(c, c)
     evaluate(kernels.prologue.address, np.ascontiguousarray(end, dtype=float), c, w)

@@ -12,14 +12,13 @@ import tcbench
 from tcbench import TcbenchError
 
 SCENARIOS = tcbench.scenarios()
-WRAPPERS = (
-    "controlled",
-)  # their members are all other methods, of low order millions of steps: tests/plugins has theirs
+WRAPPERS = ("controlled", "projected")  # adaptive members are all other methods: tests/plugins has theirs
 METHODS = {
     v.name: v
     for i in tcbench.integrators().values()
     if not i.systems
-    for v in ([i] if i.name in WRAPPERS else i.variants())
+    for v in i.variants()
+    if not v.lacks and (v.name == i.name or i.name not in WRAPPERS or v.kind != "adaptive")
 }
 VARIANTS = list(METHODS)
 STEPPED = [name for name, method in METHODS.items() if method.kind != "adaptive"]

@@ -27,7 +27,7 @@ def test_names_are_told_once():
     assert len(names) == len(set(names))
 
 
-@pytest.mark.parametrize("name, worse", [("entropy_increment_min", "lower"), ("error_of_a_plugin", "higher")])
+@pytest.mark.parametrize("name, worse", [("entropy_increment_min", "lower"), ("error_of_a_plugin", "larger")])
 def test_directions(name, worse):
     assert column(name).worse == worse
 
