@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from tcbench import Scenario, TcbenchError
-from tcbench.systems.spring_network import SpringNetwork
+from tcbench.systems.spring_network import SpringNetwork, whole_number
 
 MOST_MASSES = 100_000  # the arrays of one state of more would hardly be meant
 
@@ -64,11 +64,12 @@ def chain(n: int, **changes: Any) -> Scenario:
 
 def chain_of(n: str) -> Scenario:
     """`chain` for the command line: n in words."""
-    if not (n.isascii() and n.isdecimal() and len(n) < 8 and int(n) <= MOST_MASSES):
+    masses = whole_number(n, 2, MOST_MASSES)
+    if masses is None:
         raise TcbenchError(
             f"A chain has a whole number of masses, at least 2 and at most {MOST_MASSES}, not {n[:30]!r}: chain[n=8]."
         )
-    return chain(int(n))
+    return chain(masses)
 
 
 def __getattr__(name: str) -> Any:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from tcbench import Scenario, TcbenchError
-from tcbench.systems.spring_network import SpringNetwork
+from tcbench.systems.spring_network import SpringNetwork, whole_number
 
 MOST = 1000  # masses along a side
 SPACING = 1.1
@@ -63,7 +63,7 @@ def net(nx: int, ny: int, **changes: Any) -> Scenario:
 def net_of(nx: str, ny: str) -> Scenario:
     """`net` for the command line: sizes in words."""
     for size in (nx, ny):
-        if not (size.isascii() and size.isdecimal() and len(size) < 6 and 2 <= int(size) <= MOST):
+        if whole_number(size, 2, MOST) is None:
             raise TcbenchError(f"A net has 2 to {MOST} masses along each side, not {size[:30]!r}: net[nx=10,ny=10].")
     return net(int(nx), int(ny))
 

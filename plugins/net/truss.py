@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from tcbench import Scenario, TcbenchError
-from tcbench.systems.spring_network import SpringNetwork
+from tcbench.systems.spring_network import SpringNetwork, whole_number
 
 MOST = 200  # masses along an edge
 NEIGHBOURS = [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0), (1, 0, 1), (0, 1, 1), (1, -1, 0), (1, 0, -1), (0, 1, -1)]
@@ -66,7 +66,7 @@ def truss(nx: int, ny: int, nz: int, **changes: Any) -> Scenario:
 def truss_of(nx: str, ny: str, nz: str) -> Scenario:
     """`truss` for the command line: sizes in words."""
     for size in (nx, ny, nz):
-        if not (size.isascii() and size.isdecimal() and len(size) < 6 and 1 <= int(size) <= MOST):
+        if whole_number(size, 1, MOST) is None:
             raise TcbenchError(
                 f"A bar has 1 to {MOST} masses along each edge, not {size[:30]!r}: truss3d[nx=2,ny=2,nz=8]."
             )

@@ -129,15 +129,7 @@ def go_to(w: Work, z: Floats) -> None:
 
 
 def advance(
-    w: Work,
-    times: Floats,
-    tolerance: float,
-    residual: float,
-    states: Matrix,
-    row: int,
-    t: float,
-    h: float,
-    most: float,
+    w: Work, times: Floats, tolerance: float, residual: float, states: Matrix, row: int, t: float, h: float, most: float
 ) -> tuple[int, float, float]:
     """States at times[row:] from the state at t on; returns (row that is next, t, the next step).
 

@@ -70,11 +70,9 @@ def plan_job(
             if not remote[scenario.name] or not plugins.is_registered(method):
                 here[cell.key] = method, scenario
             cells.append(cell)
-    left_out = (
-        []
-        if integrators is None
-        else [*_left_out(methods, chosen, selected, seen, studies is not None), *_unsuited(methods, selected)]
-    )
+    left_out: list[str] = []
+    if integrators is not None:
+        left_out = _left_out(methods, chosen, selected, seen, studies is not None) + _unsuited(methods, selected)
     if not cells:
         raise TcbenchError(
             " ".join(["There is nothing to run: no integrator, scenario and step fit together.", *left_out])

@@ -14,7 +14,7 @@ from ..store.cells import Cell
 from ..store.cores import usable_cores
 from ..store.provenance import manifest, provenance, utc_now
 from ..store.store import Store
-from ..store.tables import latest_keys, make_tables, older_formulas, read_tables
+from ..store.tables import latest_rows, make_tables, read_tables
 from ..systems.scenario import Scenario
 from .declared import declared, merged
 from .measure import MEASURE, measure_here
@@ -124,12 +124,13 @@ def execute(
             if not summary.interrupted:
                 measure_here(local, job, store, summary, bool(limits.get("retry_failed")), tell)
         with waiting("writing tables", progress):
-            store.renew([cell.key for cell in job.cells], latest_keys(store))
             keys = {cell.key for cell in job.cells}
+            store.renew([cell.key for cell in job.cells], latest_rows(store)[0])
             tables = make_tables(job.studies, store, keys)
-            if keys == latest_keys(store):
+            latest, older = latest_rows(store)
+            if keys == latest:
                 every = tables
-                store.problems += older_formulas(store)
+                store.problems += older
             else:
                 every = read_tables(store)  # of all runs into this folder
             every = {name: table for name, table in every.items() if len(table)}

@@ -17,7 +17,7 @@ from .cells import identity_of
 from .encoding import canonical_json
 from .provenance import machine_name
 from .store import Store
-from .tables import latest_keys, read_tables
+from .tables import latest_rows, read_tables
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -149,7 +149,7 @@ Cells = dict[str, tuple[dict[str, Any], dict[str, Any]]]
 
 def _both(a: Store, b: Store) -> tuple[Cells, Cells]:
     """Identity -> (cell, row) of two runs: of their rows, or of their tables where one of them has no rows."""
-    latest = [latest_keys(store) for store in (a, b)]
+    latest = [latest_rows(store)[0] for store in (a, b)]
     rows = [
         {identity_of(line["cell"]): (line["cell"], line["row"]) for line in store.lines() if line["key"] in keys}
         for store, keys in zip((a, b), latest, strict=True)

@@ -23,8 +23,8 @@ def read_tables(source: str | Path | Store) -> dict[str, DataFrame]:
     there are none, as in a published run that keeps its tables only, or where rows cannot be tabulated.
     """
     store = source if isinstance(source, Store) else Store.read(source)
-    latest = latest_keys(store)
-    store.problems += older_formulas(store)
+    latest, older = latest_rows(store)
+    store.problems += older
     tables: dict[str, DataFrame] = {}
     kept = [] if latest else store.tables()
     for study in studies().values():
@@ -42,23 +42,9 @@ def read_tables(source: str | Path | Store) -> dict[str, DataFrame]:
     return {name: table for name, table in tables.items() if len(table)}
 
 
-def latest_keys(store: Rows) -> set[str]:
-    """The keys of the rows that tables are made of: the last of each cell, but for those of older formulas."""
-    return _latest(store)[0]
-
-
-def older_formulas(store: Rows) -> list[str]:
-    """A sentence for each method of which cells are left out of the tables, as an older formula measured them."""
-    return [
-        f"{count} row{'s' * (count > 1)} of {name} that an older version of its formula measured "
-        f"{'are' if count > 1 else 'is'} not in the tables (cells.jsonl still has {'them' if count > 1 else 'it'}); "
-        "the command that measured them measures the formula as it is now."
-        for name, count in sorted(_latest(store)[1].items())
-    ]
-
-
-def _latest(store: Rows) -> tuple[set[str], Counter[str]]:
-    """The keys for tables, and by integrator how many cells have none.
+def latest_rows(store: Rows) -> tuple[set[str], list[str]]:
+    """The keys of the rows that tables are made of, the last of each cell but for those of older formulas; and a
+    sentence for each method that has such.
 
     A folder has the rows of all runs into it, and rows of two formulas under one name would be judged as one method: so
     a method is what measured its last row (`source_hash`), whatever the cell. What has no hash cannot be told apart.
@@ -66,8 +52,17 @@ def _latest(store: Rows) -> tuple[set[str], Counter[str]]:
     cells = {identity_of(line["cell"]): line for line in store.lines() if line["cell"]}
     marks = {line["cell"]["integrator"]: mark for line in store.lines() if line["cell"] and (mark := _mark(line))}
     older = [line for line in cells.values() if _mark(line) not in ("", marks.get(line["cell"]["integrator"]))]
-    current = {line["key"] for line in cells.values()} - {line["key"] for line in older}
-    return current, Counter(line["cell"]["integrator"] for line in older)
+    keys = {line["key"] for line in cells.values()} - {line["key"] for line in older}
+    counts = Counter(line["cell"]["integrator"] for line in older)
+    return keys, [_told(name, count) for name, count in sorted(counts.items())]
+
+
+def _told(name: str, count: int) -> str:
+    rows, are, them = ("rows", "are", "them") if count > 1 else ("row", "is", "it")
+    return (
+        f"{count} {rows} of {name} that an older version of its formula measured {are} not in the tables (cells.jsonl "
+        f"still has {them}); the command that measured them measures the formula as it is now."
+    )
 
 
 def _mark(line: Mapping[str, Any]) -> str:

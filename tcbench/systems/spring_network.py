@@ -60,3 +60,9 @@ def _meeting(pairs: NDArray[Any], n_masses: int) -> NDArray[Any]:
                 links += [(other, k) for other in springs[mass]]
                 springs[mass].append(k)
     return np.array(links)
+
+
+def whole_number(text: str, least: int, most: int) -> int | None:
+    """The number that a word of the command line is; None if it is none from `least` to `most`."""
+    known = text.isascii() and text.isdecimal() and len(text) <= len(str(most))
+    return int(text) if known and least <= int(text) <= most else None

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...studies.columns import column as column_named
+from ...studies.size import GROWING
 from .kind import Kind
 from .layout import legend, line_labels, note, panels, titles
 from .scales import log_axis
@@ -18,12 +19,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
-EXPONENTS = {
-    "first_step_s": "exponent_first",
-    "us_per_step": "exponent_step",
-    "memory_mb": "exponent_memory",
-}  # in the order of the panels
-
 
 @chart
 def size(table: DataFrame, fits: DataFrame | None = None, y: Sequence[str] | None = None) -> Figure:
@@ -32,7 +27,7 @@ def size(table: DataFrame, fits: DataFrame | None = None, y: Sequence[str] | Non
     table : rows of `size`; fits : rows of `size_exponents`; y : other columns of `size`. The number at the end of a
     line is its exponent. Runs that failed are left out.
     """
-    columns, families = list(y or EXPONENTS), names(table, "family") or [""]
+    columns, families = list(y or GROWING), names(table, "family") or [""]
     figure, axes = panels(len(columns) * len(families), len(columns), (3.3, 2.7), right=0.35)
     pairs = [(family, column) for family in families for column in columns]
     for ax, (family, column) in zip(axes, pairs, strict=True):
@@ -66,10 +61,10 @@ def _lines(ax: Axes, rows: DataFrame, fits: DataFrame | None, column: str) -> No
 
 def _exponent(fits: DataFrame | None, key: Any, column: str) -> float:
     """The exponent of a method's column, NaN if none is known."""
-    if fits is None or column not in EXPONENTS or EXPONENTS[column] not in fits:
+    if fits is None or column not in GROWING or GROWING[column] not in fits:
         return np.nan
     mine = fits[(fits["integrator"].astype(str) == key[0]) & (fits["dt"] == key[1])]
-    return float(finite(mine[EXPONENTS[column]])[0]) if len(mine) else np.nan
+    return float(finite(mine[GROWING[column]])[0]) if len(mine) else np.nan
 
 
 KINDS = (
