@@ -15,20 +15,24 @@ ZERO_PIVOT = "The residual's Jacobian has a structural zero on its diagonal; reo
 
 @dataclass
 class Factors:
-    """L U of the Jacobian without pivoting, on the graph; constants stay constants."""
+    """L D U of the Jacobian without pivoting, on the graph; constants stay constants.
+
+    U has ones on its diagonal, and each unknown found goes into all equations above it at once: what waits for what is
+    a chain of n products and sums, where row by row it would be one of n^2/2.
+    """
 
     lower: dict[tuple[int, int], Symbol]
     upper: dict[tuple[int, int], Symbol]
-    inverse: list[Symbol]  # of the pivots
+    inverse: list[Symbol]  # of the pivots, D
 
     def solve(self, right: Sequence[Symbol]) -> list[Symbol]:
         b, n = list(right), len(self.inverse)
         for (i, k), factor in self.lower.items():  # ordered by k, then i
             b[i] = trace.sub(b[i], trace.mul(factor, b[k]))
-        for k in reversed(range(n)):
-            for j in range(k + 1, n):
+        b = [trace.mul(x, inverse) for x, inverse in zip(b, self.inverse, strict=True)]
+        for j in reversed(range(n)):
+            for k in range(j):
                 b[k] = trace.sub(b[k], trace.mul(self.upper[k, j], b[j]))
-            b[k] = trace.mul(b[k], self.inverse[k])
         return b
 
     def stored(self) -> tuple[Factors, dict[Symbol, Symbol]]:
@@ -58,7 +62,7 @@ def factorise(jacobian: Any) -> tuple[Factors, list[Symbol]]:
             raise TraceError(ZERO_PIVOT)
         factors.inverse.append(trace.reciprocal(A[k][k]))
         for j in range(k + 1, n):
-            factors.upper[k, j] = A[k][j]
+            factors.upper[k, j] = trace.mul(A[k][j], factors.inverse[k])
         for i in range(k + 1, n):
             if trace.is_const(A[i][k], 0.0):
                 continue
