@@ -29,64 +29,102 @@ def odeint(system, z0, t_eval, rtol, atol):
 def door_of_ode(name, stages):
     """Dormand and Prince's programs, called by `scipy.integrate.ode`; `stages` right-hand sides a step."""
 
-    def adaptive(system, z0, t_eval, rtol, atol):
+    def outputs(system, z0, t_eval, rtol, atol):
         import scipy.integrate
 
-        field = Field(system)
+        field, counts = Field(system), {}
         solver = scipy.integrate.ode(field.shared).set_integrator(name, rtol=rtol, atol=atol, nsteps=10_000_000)
         solver.set_initial_value(z0, t_eval[0])
-        states = [z0]
-        for t in t_eval[1:]:
-            states.append(solver.integrate(t).copy())
-            if not solver.successful():
-                raise RuntimeError(f"{name} stopped before t = {t:g} (code {solver.get_return_code()})")
-        return np.array(states), {"steps": field.evaluations // stages, "rhs_evaluations": field.evaluations}
 
-    return adaptive
+        def states():
+            yield z0
+            for t in t_eval[1:]:
+                state = solver.integrate(t).copy()
+                if not solver.successful():
+                    raise RuntimeError(f"{name} stopped before t = {t:g} (code {solver.get_return_code()})")
+                counts.update(steps=field.evaluations // stages, rhs_evaluations=field.evaluations)
+                yield state
+
+        return states(), counts
+
+    return whole(outputs), outputs
 
 
 def door_of_solve_ivp(method):
-    def adaptive(system, z0, t_eval, rtol, atol):
-        import scipy.integrate
-
-        field = Field(system)
-        extra = {"jac": field.jacobian} if method in IMPLICIT else {}
-        if extra and method != "LSODA" and system.size > DENSE:
+    def extras(system, field):
+        if method not in IMPLICIT:
+            return {}
+        if method != "LSODA" and system.size > DENSE:
             from tcbench.systems.sparse_jacobian import sparse_jacobian  # networks, when there is one
 
             jacobian = sparse_jacobian(system)
-            extra = {"jac": lambda t, z: jacobian(z)}
+            return {"jac": lambda t, z: jacobian(z)}
+        return {"jac": field.jacobian}
+
+    def outputs(system, z0, t_eval, rtol, atol):
+        """What solve_ivp does, one state after the other."""
+        import scipy.integrate
+
+        field, counts = Field(system), {}
+        start, end = float(t_eval[0]), float(t_eval[-1])
+        solver = getattr(scipy.integrate, method)(
+            field.rate, start, z0, end, rtol=rtol, atol=atol, **extras(system, field)
+        )
+
+        def states():
+            row, passed = 0, solver.direction * np.asarray(t_eval)
+            while row < len(t_eval):
+                message = solver.step()
+                if solver.status == "failed":
+                    raise RuntimeError(f"solve_ivp {method}: {message}")
+                here = np.searchsorted(passed, solver.direction * solver.t, side="right")
+                if here > row:
+                    between = solver.dense_output()(t_eval[row:here])
+                    counts["rhs_evaluations"] = int(solver.nfev)
+                    yield from between.T
+                    row = here
+
+        return states(), counts
+
+    all_outputs = whole(outputs)
+
+    def adaptive(system, z0, t_eval, rtol, atol):
+        import scipy.integrate
+
+        if len(t_eval) > 2:
+            return all_outputs(system, z0, t_eval, rtol, atol)
+        field = Field(system)
         solution = scipy.integrate.solve_ivp(
-            field.rate,
-            (t_eval[0], t_eval[-1]),
-            z0,
-            method,
-            t_eval if len(t_eval) > 2 else None,
-            rtol=rtol,
-            atol=atol,
-            **extra,
+            field.rate, (t_eval[0], t_eval[-1]), z0, method, rtol=rtol, atol=atol, **extras(system, field)
         )
         if not solution.success:
             raise RuntimeError(f"solve_ivp {method}: {solution.message}")
-        counts = {"rhs_evaluations": int(solution.nfev)}
-        if len(t_eval) > 2:
-            return solution.y.T, counts
-        return solution.y.T[[0, -1]], counts | {"steps": len(solution.t) - 1}
+        return solution.y.T[[0, -1]], {"rhs_evaluations": int(solution.nfev), "steps": len(solution.t) - 1}
+
+    return adaptive, outputs
+
+
+def whole(outputs):
+    """The states of `outputs`, all of them."""
+
+    def adaptive(system, z0, t_eval, rtol, atol):
+        states, counts = outputs(system, z0, t_eval, rtol, atol)
+        return np.array(list(states)), counts
 
     return adaptive
 
 
-def peer(name, adaptive, source):
-    return Integrator(name=name, adaptive=adaptive, source=source, tags={"peer", "scipy"})
+def peer(name, source, adaptive, outputs=None):
+    return Integrator(name=name, adaptive=adaptive, outputs=outputs, source=source, tags={"peer", "scipy"})
 
 
 @hookimpl
 def tcbench_integrators():
-    doors = [peer("scipy_odeint", odeint, "scipy.integrate.odeint (ODEPACK LSODA)")]
+    doors = [peer("scipy_odeint", "scipy.integrate.odeint (ODEPACK LSODA)", odeint)]
     for name, stages in (("dopri5", 6), ("dop853", 11)):
-        doors.append(peer(f"scipy_{name}", door_of_ode(name, stages), f"scipy.integrate.ode, {name} (Hairer)"))
+        doors.append(peer(f"scipy_{name}", f"scipy.integrate.ode, {name} (Hairer)", *door_of_ode(name, stages)))
     for method in ("RK45", "DOP853", "Radau", "BDF", "LSODA"):
         doors.append(
-            peer(f"solve_ivp_{method.lower()}", door_of_solve_ivp(method), f"scipy.integrate.solve_ivp {method}")
+            peer(f"solve_ivp_{method.lower()}", f"scipy.integrate.solve_ivp {method}", *door_of_solve_ivp(method))
         )
     return doors

@@ -47,7 +47,7 @@ def projected(method: Integrator, name: str = "projected") -> Integrator:
         "parameters": {}, "family": None,
     }  # fmt: skip
     if method.adaptive is not None:
-        return replace(method, **common, adaptive=_projected_outputs(method.adaptive))
+        return replace(method, **common, adaptive=_projected_outputs(method.adaptive), outputs=None)
     if method.kind == "flows":
         return replace(method, **common, flows=[*method.flows, Flow(projection, of_step=True)])
     assert method.step is not None

@@ -56,6 +56,9 @@ class Integrator:
     march : rows = march(z, h, count, system), shape (up to count, n): what `step` returns in the next steps, as many as
         succeed, from a compiled loop of your own. Optional, beside step=.
     adaptive : z = adaptive(system, z0, t_eval, rtol, atol), shape (len(t_eval), n), swept over tolerance.
+    outputs : states, counts = outputs(system, z0, t_eval, rtol, atol): an iterator of the rows of `adaptive`, and a
+        dict of counts that is kept up to date meanwhile, so that a run that has failed is not carried to its end.
+        Optional, beside adaptive=.
     memory, starter : of a multistep method. With memory=k the formula (one, of the whole step) or the step function has
         one more argument, `before`, the k states before z0, all h apart: before[0] is that of one step before.
         The first k steps are done by the method `starter`, of order at least order - 1.
@@ -79,6 +82,7 @@ class Integrator:
     step: Callable[..., Any] | None = None
     march: Callable[..., Any] | None = None
     adaptive: Callable[..., Any] | None = None
+    outputs: Callable[..., Any] | None = None
     increments: bool = False
     memory: int = 0
     starter: str | Integrator = ""
@@ -110,7 +114,7 @@ class Integrator:
             object.__setattr__(self, name, tuple(getattr(self, name)))
         if not isinstance(self.name, str):
             raise TcbenchError(f"The name of an integrator is a word, not {self.name!r}.")
-        for way in ("step", "march", "adaptive"):
+        for way in ("step", "march", "adaptive", "outputs"):
             if getattr(self, way) is not None and not callable(getattr(self, way)):
                 raise TcbenchError(f"Integrator {self.name!r}: {way}= is a function, not {getattr(self, way)!r}.")
         base = self.name.partition("[")[0]
@@ -122,6 +126,8 @@ class Integrator:
             raise TcbenchError(f"Integrator {self.name!r} must give one of flows=, step=, adaptive=; it gives {given}.")
         if self.march is not None and self.step is None:
             raise TcbenchError(f"Integrator {self.name!r} gives march= without step=, which march= repeats.")
+        if self.outputs is not None and self.adaptive is None:
+            raise TcbenchError(f"Integrator {self.name!r} gives outputs= without adaptive=, which outputs= repeats.")
         if self.variables not in ("entropy", "temperature"):
             raise TcbenchError(
                 f"Integrator {self.name!r}: variables must be 'entropy' or 'temperature', not {self.variables!r}."

@@ -31,6 +31,8 @@ WRONG = {
     "name of an integrator": lambda: Integrator(name=7, order=1, step=step),
     "step=": lambda: Integrator(name="a", order=1, step=0),
     "adaptive=": lambda: Integrator(name="a", adaptive="solve"),
+    "outputs=": lambda: Integrator(name="a", adaptive=step, outputs=[]),
+    "outputs= without adaptive=": lambda: Integrator(name="a", order=1, step=step, outputs=step),
     "march=": lambda: Integrator(name="a", order=1, step=step, march=3),
     "integrators is a list": lambda: tcbench.run(integrators="tc_gauss"),
     "scenarios is a list": lambda: tcbench.run(scenarios=""),

@@ -16,6 +16,7 @@ from ..solver.quotients import REMEDY, zero_over_zero
 from ..studies.theorems import SEED, admissible_states, energy_defect, entropy_fall
 from .check_line import FAIL, NONE, OK, Line, line
 from .jacobian_checks import given_gap, traced_gap
+from .second_ways import march_gap, outputs_gap
 
 if TYPE_CHECKING:
     from ..integrator import Flow, Integrator
@@ -29,6 +30,7 @@ ROUNDOFF = 1e-11  # an error that no order can be read from
 RUN_STEPS = 200  # of a run in plain Python
 RANDOM_STEPS = 40
 GENTLE = 0.1  # part of the scenario's own step at which every method runs, explicit ones too
+REPEATED = 5  # steps or output times at which two ways of a method are compared
 SMALL = (1e-4, 1e-5)  # steps of the limit h -> 0, as parts of the scenario's own
 
 
@@ -123,21 +125,26 @@ def quotients(method: Integrator) -> Line:
 
 def marches(method: Integrator) -> Line:
     """`march` gives what `step` gives, and as often as was asked for."""
-    name, count = "march", 5
     if method.march is None:
-        return Line(name, NONE, "none is given (march= is for a compiled loop of your own)")
-    assert method.step is not None
+        return Line("march", NONE, "none is given (march= is for a compiled loop of your own)")
+    remedy = "march(z, h, count, system) returns what step returns in the next steps, shape (count, n)."
+    return _second_way(method, "march", "step", march_gap, remedy)
+
+
+def gives_outputs(method: Integrator) -> Line:
+    """`outputs` gives what `adaptive` gives, one by one."""
+    if method.outputs is None:
+        return Line("outputs", NONE, "none is given (outputs= ends the runs of an adaptive solver where they fail)")
+    remedy = "outputs(system, z0, t_eval, rtol, atol) returns an iterator of the rows of adaptive, and a dict."
+    return _second_way(method, "outputs", "adaptive", outputs_gap, remedy)
+
+
+def _second_way(method: Integrator, name: str, first: str, gap_of: Callable[..., Any], remedy: str) -> Line:
     for scenario in scenarios(method):
-        z, h = scenario.model.state(scenario.z0.copy()), scenario.dt * GENTLE
-        found, expected = np.asarray(method.march(z, h, count, scenario.model), float), []
-        for _ in range(count):
-            expected.append(np.array(method.step(z, h, scenario.model)))
-            z = scenario.model.state(np.asarray(z) + expected[-1] if method.increments else expected[-1])
-        gap = np.abs(found - expected).max() if found.shape == np.shape(expected) else math.inf
+        shape, gap = gap_of(method, scenario, scenario.dt * GENTLE, REPEATED)
         if not gap <= ROUNDOFF * np.abs(scenario.z0).max():
-            remedy = "march(z, h, count, system) returns what step returns in the next steps, shape (count, n)."
-            return Line(name, FAIL, f"shape {found.shape}, {gap:.1e} from what step gives ({scenario.name})", remedy)
-    return Line(name, OK, f"{count} steps as by step")
+            return Line(name, FAIL, f"shape {shape}, {gap:.1e} from what {first} gives ({scenario.name})", remedy)
+    return Line(name, OK, f"{REPEATED} rows as by {first}")
 
 
 def _overwrites(flow: Flow, model: System) -> bool:
@@ -383,5 +390,6 @@ TESTS: tuple[tuple[str, Callable[[Integrator], Line]], ...] = (
     ("claims", claims),
     ("restart", restart),
     ("march", marches),
+    ("outputs", gives_outputs),
     ("Jacobian", jacobian),
 )

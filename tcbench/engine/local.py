@@ -172,7 +172,7 @@ def run_cells(
     ]
     sources = context.get("integrator_sources", {})
     with _log_folder() as logs:
-        known = {**context, "timeout": timeout}  # which a cell may want to know of itself
+        known = {**context, "timeout": timeout, "shared_runs": logs}  # which a cell may want to know of itself
         settings = {"measure": measure, "context": known, "memory_limit": memory_limit, "logs": logs}
         run = _Run(Ledger(store, summary, on_event, len(todo.to_run), sources), Crew(settings, timeout))
         try:

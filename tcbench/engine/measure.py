@@ -35,10 +35,11 @@ def measure_cell(cell: dict[str, Any], context: dict[str, Any]) -> dict[str, Any
     scenario = _rebuild(custom) if custom else plugins.find_scenario(cell["scenario"])
     _refuse_edited(method.name, method_sources(method), context.get("integrator_sources", {}))
     _refuse_edited(scenario.name, system_sources(scenario.system), context.get("scenario_sources", {}))
+    from ..simulation import shared_runs
     from ..solver import foresight
 
-    with foresight.within(context.get("timeout")):
-        return _measure(method, scenario, cell)
+    with foresight.within(context.get("timeout")), shared_runs.kept_in(context.get("shared_runs")):
+        return _measure(method, scenario, cell) | {"shared_runs": shared_runs.found()}
 
 
 def _refuse_edited(name: str, sources: list[str], planned: Mapping[str, list[str]]) -> None:

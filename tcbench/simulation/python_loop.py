@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -13,8 +13,10 @@ import numpy as np
 from ..errors import MachineError
 from ..integrator import Integrator
 from ..systems.scenario import Scenario
+from . import shared_runs
 from .compiled_loop import LOOPS, NOW, OK
 from .recorder import assemble, exception_sentence, explain, new_run, new_tally
+from .shared_runs import Solved
 from .starting import first_steps
 from .trajectory import SolverCounts, Trajectory
 
@@ -121,32 +123,62 @@ class Monitor:
 
 
 def run_adaptive(integrator: Integrator, scenario: Scenario, tolerance: float) -> Trajectory:
-    """One adaptive run at rtol = atol = tolerance, reported at evenly spaced times."""
-    assert integrator.adaptive is not None
-    model = scenario.model
+    """One adaptive run at rtol = atol = tolerance, reported at evenly spaced times.
+
+    It ends at the first of them at which it has failed where the solver gives its states one by one (`outputs`).
+    """
     t = np.linspace(0.0, scenario.t_end, POINTS + 1)
+    found = shared_runs.known(integrator.name, scenario, tolerance)
+    if found is None:
+        found = _solve(integrator, scenario, t, tolerance)
+        shared_runs.keep(integrator.name, scenario, tolerance, found)
     monitor = Monitor(scenario, t[1], POINTS, 1)
+    reason, done = monitor.add(1, found.states[1:]) if len(found.states) > 1 else (OK, 0)
+    status, sentence = ("exception", found.failure) if found.failure else explain(reason, done, t[1], scenario)
+    run = monitor.trajectory(integrator, status, sentence, found.wall_s)
+    solver = SolverCounts(
+        newton_iterations=found.counts.get("newton_iterations", 0),
+        rhs_evaluations=found.counts.get("rhs_evaluations", 0),
+        unknown=tuple(name for name in ("steps", "newton_iterations") if name not in found.counts),
+    )
+    return replace(run, dt=math.nan, steps=found.counts.get("steps", done), solver=solver)
+
+
+def _solve(integrator: Integrator, scenario: Scenario, t: np.ndarray, tolerance: float) -> Solved:
+    """Call the solver; its exceptions are a failure."""
+    assert integrator.adaptive is not None
+    model, z0 = scenario.model, scenario.z0.copy()
+    states, counts, failure = np.empty((0, model.size)), {}, ""
     begin = time.perf_counter()
-    failure, reason, done, states, counts = "", OK, 0, np.empty((0, model.size)), {}
     try:
-        result = integrator.adaptive(model, scenario.z0.copy(), t, tolerance, tolerance)
-        states, counts = result if isinstance(result, tuple) else (result, {})
-        states = _as_states(states, (len(t), model.size))
+        if integrator.outputs is not None:
+            rows, counts = integrator.outputs(model, z0, t, tolerance, tolerance)
+            states = _until_failed(rows, scenario, t)
+        else:
+            result = integrator.adaptive(model, z0, t, tolerance, tolerance)
+            states, counts = result if isinstance(result, tuple) else (result, {})
+            states = _as_states(states, (len(t), model.size))
     except MachineError:
         raise
     except Exception as error:
-        failure = exception_sentence(error, 1, 0.0)
+        states, failure = np.empty((0, model.size)), exception_sentence(error, 1, 0.0)
     wall = time.perf_counter() - begin
-    if len(states) > 1:
-        reason, done = monitor.add(1, states[1:])
-    status, sentence = ("exception", failure) if failure else explain(reason, done, t[1], scenario)
-    run = monitor.trajectory(integrator, status, sentence, wall)
-    solver = SolverCounts(
-        newton_iterations=int(counts.get("newton_iterations", 0)),
-        rhs_evaluations=int(counts.get("rhs_evaluations", 0)),
-        unknown=tuple(name for name in ("steps", "newton_iterations") if name not in counts),
-    )
-    return replace(run, dt=math.nan, steps=int(counts.get("steps", done)), solver=solver)
+    return Solved(states, {name: int(value) for name, value in counts.items()}, failure, wall)
+
+
+def _until_failed(rows: Iterator[Any], scenario: Scenario, t: np.ndarray) -> np.ndarray:
+    """The states that an iterator gives, up to the first that has failed."""
+    monitor, states, reason = Monitor(scenario, t[1], POINTS, 1), np.empty((len(t), scenario.model.size)), OK
+    for i in range(len(t)):
+        row = next(rows, None)
+        if row is None:
+            raise ValueError(f"outputs ended after {i} states, {len(t)} were asked for")
+        states[i] = _as_states(row, states[i].shape)
+        if i:
+            reason, _ = monitor.add(i, states[i : i + 1])
+        if reason != OK:
+            return states[: i + 1]
+    return states
 
 
 def _as_states(value: Any, shape: tuple[int, int]) -> np.ndarray:

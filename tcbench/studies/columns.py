@@ -131,9 +131,9 @@ COLUMNS = (  # the first that fits counts: names before patterns
     # where a row comes from: how, where and when its cell ran
     *(_origin(n, compared=True) for n in ("scenario_hash", "study", "exception_type")),
     *(_origin(n) for n in ("plugin", "tcbench_version", "samples")),
-    *(_origin(n) for n in ("source_hash", "cell_time_s", "timed", "key", "failure", "fingerprint", "machine")),
+    *(_origin(n) for n in ("source_hash", "cell_time_s", "shared_runs", "timed", "key", "failure", "fingerprint")),
     *(_origin(n) for n in ("output_tail", "traceback", "traceback_tail", "exception_message", "worker_host_cpu")),
-    *(_origin(n) for n in ("shuffle_order", "shuffle_seed", "alone", "series", "opening")),
+    *(_origin(n) for n in ("machine", "shuffle_order", "shuffle_seed", "alone", "series", "opening")),
     _timing("wall_time_s")._replace(shown=False, compared=False),
     # of plugins, and inside rows
     _step("dt_stable*"),

@@ -40,7 +40,7 @@ def plan(
 
 def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
     from .. import plugins
-    from ..simulation import metrics, series
+    from ..simulation import metrics, series, shared_runs
     from ..simulation.run import simulate
 
     adaptive = integrator.kind == "adaptive"
@@ -49,7 +49,10 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
     run = simulate(integrator, scenario, **extra)
     row = metrics.conservation(run)
     if run.wall_time_s < SHORT_S:  # timed again: nothing is left to load, and no residuals are evaluated
-        again = simulate(integrator, scenario, **(extra if adaptive else {"dt": options["dt"], "record_every": None}))
+        with shared_runs.made_anew():
+            again = simulate(
+                integrator, scenario, **(extra if adaptive else {"dt": options["dt"], "record_every": None})
+            )
         row["us_per_step"] = min(row["us_per_step"], metrics.us_per_step(again))
     row |= {name: metric.compute(run) for name, metric in plugins.metrics().items()}
     return row | series.kept(run) if _drawn(scenario, options) else row
@@ -71,12 +74,14 @@ def _warm_up(integrator: Integrator, scenario: Scenario, extra: Mapping[str, Any
 
     By tolerance, too, since heyoka compiles anew for each.
     """
+    from ..simulation import shared_runs
     from ..simulation.run import simulate
 
     name = integrator.name, scenario.model.structure, extra.get("tolerance")
     if integrator.kind != "flows" and name not in _WARM:
         _WARM.add(name)
-        simulate(integrator, scenario.replace(t_end=extra.get("dt", 1e-3 * scenario.t_end)), **extra)
+        with shared_runs.made_anew():
+            simulate(integrator, scenario.replace(t_end=extra.get("dt", 1e-3 * scenario.t_end)), **extra)
 
 
 def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:

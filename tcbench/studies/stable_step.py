@@ -11,7 +11,6 @@ Definitions (docs/stability.md tells the story):
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
@@ -269,9 +268,8 @@ def loosest_tolerance(integrator: Integrator, scenario: Scenario) -> dict[str, A
     held: list[float] = []
     failed, last, slow = math.nan, None, 0
     for tolerance in TOLERANCES:
-        begin = time.perf_counter()
-        one = outcome_of(simulate(integrator, scenario, tolerance=tolerance))
-        is_slow = time.perf_counter() - begin > SLOW_S
+        run = simulate(integrator, scenario, tolerance=tolerance)
+        one, is_slow = outcome_of(run), run.wall_time_s > SLOW_S
         if one.ok:
             held.append(tolerance)
         else:

@@ -1,10 +1,12 @@
 """Work and precision: the time that each method needs for an error, against the certified reference.
 
 One cell is one method on one scenario, measured alone on the machine; it goes down a ladder of steps or tolerances.
-Each rung is warm (one run is not timed where it might load something), and repeated until 20 ms have passed. A
+Each rung is warm (one run is not timed where it might load something), and repeated until 10 ms have passed. A
 fixed-step run is timed inside `simulate`, its diagnostics of every step included; an adaptive solver from call to
-return, asked for the end time only. Finer rungs that cost much and tell nothing new are left out (see `enough`); the
-column left_out of the last rung that was run says which and why.
+return, asked for the end time only. Its errors in the invariants are those of a run that reports 200 times; where that
+takes long, another cell, before and not alone, has left it for the timed one (`simulation.shared_runs`). Finer rungs
+that cost much and tell nothing new are left out (see `enough`); the column left_out of the last rung that was run says
+which and why.
 """
 
 from __future__ import annotations
@@ -28,13 +30,18 @@ TOLERANCES = tuple(10.0**-k for k in range(1, 13))
 HALVINGS = range(-2, 9)  # steps are the scenario's own, over 2^k
 LONGEST = 500.0  # horizons: the last stored reference up to here
 UNSTORED = 25.0  # where none is stored: errors of chaotic scenarios would outgrow any reference
-SPENT_S = 0.02  # a rung is repeated until this much time has passed
+SPENT_S = 0.01  # a rung is repeated until this much time has passed
+CHEAP_S = 0.02  # after a rung that takes no longer the next is never left out
+QUICK_S = 0.002  # solvers whose loosest run takes no longer leave none for the timed cell
 SAMPLES = 40  # of a rung that a row keeps, at most: for the comparison of runs
 SLOW_S = 0.25  # after a run as slow as this the finer rungs are left out
 SLOW_FAILURES = 2  # ... or after so many failed ones as slow as this
 ROUND_OFF = 3  # rungs without a better energy error, after which it is taken to be round-off
 PEERS = {"scipy": "scipy", "peer": "other"}  # tag -> what the tables call it; the first that fits
 HORIZONS = (0.125, 0.25, 0.5, 1.0)  # of the run whose cost is measured against its length
+OWN = TOLERANCES[5]  # at which that is done
+LAWS = "laws"  # the part that is not timed
+WARM = 1e-3  # part of the horizon of a run that only loads and compiles
 COLUMNS = (
     "integrator", "scenario", "control", "value", "status", "error", "error_q", "error_p", "error_s", "error_theta",
     "energy_error_max", "angular_momentum_error_max", "entropy_fall_max", "reference_limited", "reference_floor",
@@ -47,9 +54,14 @@ COLUMNS = (
 def plan(
     integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]
 ) -> list[tuple[Integrator, Scenario, Row]]:
-    """One cell a pair; a `dt` list replaces the ladder of steps. Solvers that lack a package are left out."""
+    """One timed cell a pair, and one before it of an adaptive solver; a `dt` list replaces the ladder of steps.
+
+    Solvers that lack a package are left out.
+    """
     steps = {"dt": list(options["dt"])} if options.get("dt") else {}
-    return [(i, s, dict(steps)) for s in scenarios for i in integrators if not i.lacks]
+    pairs = [(i, s) for s in scenarios for i in integrators if not i.lacks]
+    laws = [(i, s, {"part": LAWS}) for i, s in pairs if i.kind == "adaptive"]
+    return [*laws, *((i, s, dict(steps)) for i, s in pairs)]
 
 
 def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
@@ -58,6 +70,8 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
 
     t_end = horizon(scenario)
     scenario = scenario.replace(t_end=t_end)
+    if options.get("part") == LAWS:
+        return {"status": "ok", "made": _make_laws(integrator, scenario)}
     reference = reference_for(scenario, [t_end])
     exact, floor = reference.states[0], 10.0 * float(reference.floor[0])
     run_at = _adaptive if integrator.kind == "adaptive" else _fixed
@@ -70,14 +84,14 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
             break
         begin = time.perf_counter()
         point, seconds = _timed(run_at(integrator, scenario, value), warm=any(p["repeats"] for p in points))
-        state = point.pop("state", None)
+        state, first_s = point.pop("state", None), point.pop("first_s", 0.0)
         points.append(
             {"value": value, "repeats": len(seconds)}
             | point
             | errors_of(scenario, state, exact, floor)
             | _times(seconds)
         )
-        took.append(seconds[0] if seconds else time.perf_counter() - begin)
+        took.append(seconds[0] if seconds else max(first_s, time.perf_counter() - begin))
     good = [p["status"] for p in points]
     return {
         "status": "ok" if "ok" in good else good[-1],
@@ -88,7 +102,7 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
         "reference_floor": float(reference.floor[0]),
         "peer": next((kind for tag, kind in PEERS.items() if tag in integrator.tags), ""),
         "points": points,
-        "horizons": _horizons(integrator, scenario),
+        "horizons": _horizons(integrator, scenario, points),
     }
 
 
@@ -98,7 +112,7 @@ def enough(points: Sequence[Row], took: Sequence[float]) -> str:
     A rung that is slow is the last one, for the next would be slower still; one that is not slow is followed by the
     next as long as an accuracy of the table time_to_accuracy is not reached, or it is cheap.
     """
-    if not points or took[-1] <= SPENT_S:
+    if not points or took[-1] <= CHEAP_S:
         return ""
     slow = [point["status"] for point, seconds in zip(points, took, strict=True) if seconds > SLOW_S]
     if "ok" in slow:
@@ -155,19 +169,25 @@ def _adaptive(
     """The first run, which takes no time, gives the invariants at 200 times; the others go straight to the end."""
     import numpy as np
 
+    from ..simulation import shared_runs
     from ..simulation.metrics import angular_momentum_error_max, energy_error_max
     from ..simulation.run import simulate
 
     ends, z0, model = np.array([0.0, scenario.t_end]), scenario.z0, scenario.model
+    start = WARM * ends
     seen: Row = {"status": "ok", "failure": "", "energy_error_max": 0.0}
 
     def run(first: bool) -> tuple[Row, float]:
         if first and invariants:
+            read = shared_runs.found()
             result = simulate(integrator, scenario, tolerance=tolerance)
+            if shared_runs.found() > read and result.ok:  # nothing has been loaded or compiled
+                integrator.adaptive(model, z0.copy(), start, tolerance, tolerance)  # type: ignore[misc]
             seen.update(
                 status=result.status, failure=result.failure, energy_error_max=energy_error_max(result),
                 angular_momentum_error_max=angular_momentum_error_max(result),
                 entropy_fall_max=max(0.0, -result.summary.entropy_increment_min),
+                first_s=result.wall_time_s,
             )  # fmt: skip
             return seen, 0.0
         begin = time.perf_counter()
@@ -186,6 +206,27 @@ def _adaptive(
     return run
 
 
+def _make_laws(integrator: Integrator, scenario: Scenario) -> int:
+    """Make the runs that tell the errors in the invariants, and leave them for the timed cell; how many."""
+    from ..simulation import shared_runs
+    from ..simulation.run import simulate
+
+    if not shared_runs.are_shared():
+        return 0
+    with shared_runs.made_anew():
+        _, loosest = (simulate(integrator, scenario, tolerance=TOLERANCES[0]) for _ in range(2))
+    if loosest.ok and loosest.wall_time_s < QUICK_S:
+        return 0
+    made, slow = 0, list[bool]()
+    while made < len(TOLERANCES) and not any(slow) and len(slow) < SLOW_FAILURES:
+        read, begin = shared_runs.found(), time.process_time()  # however busy the machine is
+        run = simulate(integrator, scenario, tolerance=TOLERANCES[made])
+        seconds = time.process_time() - begin if shared_runs.found() == read else run.wall_time_s
+        slow += [run.ok] if seconds > SLOW_S else []
+        made += 1
+    return made
+
+
 def _timed(
     run: Callable[[bool], tuple[Row, float]], warm: bool = False, spent: float = SPENT_S
 ) -> tuple[Row, list[float]]:
@@ -197,7 +238,7 @@ def _timed(
     row, elapsed = run(True)
     if row["status"] != "ok":
         return row, []
-    seconds: list[float] = [elapsed] if warm and elapsed >= spent else []
+    seconds: list[float] = [elapsed] if warm and elapsed >= 2 * spent else []
     end = time.perf_counter() + spent
     while not seconds or (sum(seconds) < spent and time.perf_counter() < end):
         row, elapsed = run(False)
@@ -234,13 +275,18 @@ def errors_of(scenario: Scenario, state: Any, exact: Any, floor: float) -> Row:
     return {name: e if e > floor else math.nan for name, e in errors.items()} | {"reference_limited": limited}
 
 
-def _horizons(integrator: Integrator, scenario: Scenario) -> list[Row]:
-    """Time of runs over parts of the horizon: at the scenario's own step, or at a tolerance of 1e-6."""
-    rows = []
+def _horizons(integrator: Integrator, scenario: Scenario, points: Sequence[Row]) -> list[Row]:
+    """Time of runs over parts of the horizon: at the scenario's own step, or at a tolerance of 1e-6 (of which the whole
+    is a rung)."""
+    rows: list[Row] = []
     for part in HORIZONS:
         shorter = scenario.replace(t_end=part * scenario.t_end)
         if integrator.kind == "adaptive":
-            run = _adaptive(integrator, shorter, TOLERANCES[5], invariants=False)
+            rung = next((p for p in points if p["value"] == OWN and p["samples"]), None)
+            if part == 1.0 and rung and rung["samples"][0] <= SLOW_S:
+                rows.append({"t": shorter.t_end, "seconds": rung["wall_time_min_s"], "samples": rung["samples"]})
+                break
+            run = _adaptive(integrator, shorter, OWN, invariants=False)
         else:
             run = _fixed(integrator, shorter, min(scenario.dt, HORIZONS[0] * scenario.t_end))
         row, seconds = _timed(run, warm=True, spent=SPENT_S / 2)
@@ -254,6 +300,7 @@ def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
     """`work_precision`: a row a rung; `time_to_accuracy` and `cost`: see cost.py. A failed cell keeps one row."""
     import pandas as pd
 
+    records = [record for record in records if record.get("part") != LAWS]
     rows: list[Row] = []
     for record in records:
         common = {k: v for k, v in record.items() if k not in ("points", "horizons", "dt")}
@@ -277,5 +324,5 @@ STUDY = Study(
     plan=plan,
     measure=measure,
     tabulate=tabulate,
-    timed=True,
+    timed=lambda options: options.get("part") != LAWS,
 )

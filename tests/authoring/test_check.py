@@ -74,7 +74,9 @@ def solve_ivp(system, z0, t_eval, rtol, atol):
 
 
 def test_an_adaptive_solver_passes():
-    found = verdicts(made(adaptive=solve_ivp, order=None))
+    outputs = lambda *given: (iter(solve_ivp(*given)), {})  # noqa: E731
+    found = verdicts(made(adaptive=solve_ivp, outputs=outputs, order=None))
+    assert found["outputs"].verdict == "ok"
     assert {line.verdict for line in found.values()} == {"ok", "-"} and found["order"].verdict == "ok"
 
 
@@ -162,6 +164,14 @@ FAULTS = {
     "a march with another step": (
         made(step=explicit_midpoint, march=lambda z, h, count, s: [explicit_midpoint(z, h, s)] * count),
         "march", "from what step gives",
+    ),
+    "an output too few": (
+        made(adaptive=solve_ivp, outputs=lambda s, z, t, r, a: (iter(solve_ivp(s, z, t, r, a)[:-1]), {}), order=None),
+        "outputs", "shape (4, 10)",
+    ),
+    "outputs of another tolerance": (
+        made(adaptive=solve_ivp, outputs=lambda s, z, t, r, a: (iter(solve_ivp(s, z, t, 0.1, 0.1)), {}), order=None),
+        "outputs", "from what adaptive gives",
     ),
     "exception": (made(step=lambda z, h, system: 1 / 0), "restart", "ZeroDivisionError"),
     "tolerances ignored": (

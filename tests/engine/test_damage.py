@@ -15,7 +15,7 @@ from tcbench.store.store import Store
 
 SCRIPT = Path(sys.executable).with_name("tcbench")
 posix = pytest.mark.skipif(os.name == "nt", reason="limits of file sizes are POSIX")
-BOOKKEEPING = ("cell_time_s", "wall_time_s", "us_per_step", "shuffle_order", "samples")
+BOOKKEEPING = ("cell_time_s", "wall_time_s", "shared_runs", "us_per_step", "shuffle_order", "samples")
 
 
 def run(folder, out, *words, methods=("tc_monolithic", "tc_gauss"), cache, **environment):

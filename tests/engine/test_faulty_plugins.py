@@ -64,7 +64,7 @@ def test_faulty_plugins_cost_their_own_cells_and_nothing_else(tmp_path):
         if expected:
             assert row["status"] == expected, (integrator, row)
             assert row["failure"] and len(row["failure"]) < 5000
-    timing = {"us_per_step", "wall_time_s", "cell_time_s"}
+    timing = {"us_per_step", "wall_time_s", "cell_time_s", "shared_runs"}
     untouched = {(i, s): {k: v for k, v in row.items() if k not in timing} for i, s, row in found}
     for integrator, scenario, row in rows(tmp_path / "clean"):
         assert untouched[integrator, scenario] == {k: v for k, v in row.items() if k not in timing}  # bit for bit

@@ -29,7 +29,7 @@ KILLS = int(os.environ.get("TCBENCH_KILLS", "40"))
 METHODS = ("tc_monolithic", "tc_staggered", "tc_strang", "midpoint_entropy", "midpoint_temperature")
 METHODS += ("tc_gonzalez", "tc_mean_value", "gauss2", "verlet_heat", "projected")
 SCENARIOS = ("short_term", "stiff_spring", "cold_spring", "fast_conduction")  # 10 x 4 x 5 steps of the ladder
-CLOCK = ("us_per_step", "wall_time_s", "cell_time_s", "source_hash")
+CLOCK = ("us_per_step", "wall_time_s", "cell_time_s", "shared_runs", "source_hash")
 AIMS = {"rows": 200, "tables": 6, "other": 5, "cache": 1}  # kind of file -> writes of it in a run, about
 
 

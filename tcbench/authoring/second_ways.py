@@ -1,0 +1,38 @@
+"""How far a second way of a method is from the first: `march` from `step`, `outputs` from `adaptive`."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from ..integrator import Integrator
+    from ..systems.scenario import Scenario
+
+
+def march_gap(method: Integrator, scenario: Scenario, h: float, count: int) -> tuple[tuple[int, ...], float]:
+    """Shape of what `march` returns, and its distance from what as many calls of `step` do (infinite: other shapes)."""
+    assert method.march is not None and method.step is not None
+    model, expected = scenario.model, []
+    z = model.state(scenario.z0.copy())
+    found = np.asarray(method.march(z, h, count, model), float)
+    for _ in range(count):
+        expected.append(np.array(method.step(z, h, model)))
+        z = model.state(np.asarray(z) + expected[-1] if method.increments else expected[-1])
+    return found.shape, _gap(found, np.array(expected))
+
+
+def outputs_gap(method: Integrator, scenario: Scenario, span: float, count: int) -> tuple[tuple[int, ...], float]:
+    """The same of the states that `outputs` gives and those of `adaptive`, at so many times."""
+    assert method.outputs is not None and method.adaptive is not None
+    model, times = scenario.model, np.linspace(0.0, span, count)
+    states, _ = method.outputs(model, scenario.z0.copy(), times, 1e-6, 1e-6)
+    found = np.array(list(states), float)
+    expected = method.adaptive(model, scenario.z0.copy(), times, 1e-6, 1e-6)
+    return found.shape, _gap(found, np.asarray(expected[0] if isinstance(expected, tuple) else expected, float))
+
+
+def _gap(found: np.ndarray, expected: np.ndarray) -> float:
+    return float(np.abs(found - expected).max()) if found.shape == expected.shape else math.inf

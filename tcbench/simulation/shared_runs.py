@@ -1,0 +1,101 @@
+"""Runs of adaptive solvers that several cells of one `tcbench run` need: made once, and read by the others.
+
+Conservation, equilibrium, stability and work_precision ask for the same run of the same solver, some of which take ten
+seconds. The first cell that makes such a run leaves what the solver gave in a folder of the run under way, which is
+removed at its end. Everything that is measured on the run is computed again from that, with the seconds that the solver
+took when it ran. Nothing is shared outside a worker of such a run.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..files import replacing
+from ..systems.scenario import Scenario
+
+SHORTEST_S = 0.02  # runs that take less are made again
+MOST_NUMBERS = 100_000  # of a run's states
+
+_folder: Path | None = None
+_found = 0
+
+
+@dataclass(frozen=True)
+class Solved:
+    """What an adaptive solver gave.
+
+    states : at the first output times, all but of a run that failed, shape (up to 201, n); counts : of steps and the
+    like; failure : why it gave up, "" if it did not (then there are no states); wall_s : seconds that it took.
+    """
+
+    states: np.ndarray
+    counts: dict[str, int]
+    failure: str
+    wall_s: float
+
+
+@contextmanager
+def kept_in(folder: str | None) -> Iterator[None]:
+    """Runs are shared with whatever else uses this folder; None: with nobody."""
+    global _folder, _found
+    outer, _folder, _found = _folder, Path(folder) if folder else None, 0
+    try:
+        yield
+    finally:
+        _folder = outer
+
+
+def are_shared() -> bool:
+    """Is there anybody to share with?"""
+    return _folder is not None
+
+
+@contextmanager
+def made_anew() -> Iterator[None]:
+    """Runs of one's own."""
+    global _folder
+    outer, _folder = _folder, None
+    try:
+        yield
+    finally:
+        _folder = outer
+
+
+def found() -> int:
+    """How many runs have been read, not made, since `kept_in`."""
+    return _found
+
+
+def known(name: str, scenario: Scenario, tolerance: float) -> Solved | None:
+    """The run of this solver, if it was made before."""
+    global _found
+    if _folder is None:
+        return None
+    with suppress(OSError, ValueError, KeyError):
+        data = json.loads(_place(_folder, name, scenario, tolerance).read_text(encoding="utf-8"))
+        states = np.array(data.pop("states"), dtype=float).reshape(-1, scenario.model.size)
+        _found += 1
+        return Solved(states, **data)
+    return None
+
+
+def keep(name: str, scenario: Scenario, tolerance: float, run: Solved) -> None:
+    """Leave a run to others if it took long."""
+    if _folder is None or run.wall_s < SHORTEST_S or run.states.size > MOST_NUMBERS:
+        return
+    data: dict[str, Any] = asdict(run) | {"states": run.states.tolist()}
+    with suppress(OSError), replacing(_place(_folder, name, scenario, tolerance)) as temporary:  # the others run it too
+        temporary.write_text(json.dumps(data), encoding="utf-8")
+
+
+def _place(folder: Path, name: str, scenario: Scenario, tolerance: float) -> Path:
+    what = json.dumps([name, scenario.name, scenario.as_dict(), tolerance], sort_keys=True)
+    return folder / f"run-{hashlib.sha256(what.encode()).hexdigest()[:24]}.json"
