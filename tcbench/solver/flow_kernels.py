@@ -11,7 +11,7 @@ The author's formula r(z0, z1, h, system) is run once on symbols. Then, exactly 
 from __future__ import annotations
 
 import traceback
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -20,7 +20,7 @@ import numpy as np
 
 from ..compiler import derivatives as trace
 from ..compiler.code_hash import content_hash
-from ..compiler.derivatives import Symbol, array, const
+from ..compiler.derivatives import Symbol, const
 from ..compiler.kernels import Kernel, constant_part, kernel
 from ..compiler.symbols import MixedSpaces
 from ..errors import TcbenchError, TraceError
@@ -28,6 +28,7 @@ from ..integrator import Flow, Residual
 from ..systems.state import State
 from ..systems.system import FEW, System
 from .elimination import ZERO_PIVOT, factorise
+from .first_values import near_start, plain_start, scales_of
 from .foresight import foreseen
 from .reduction import Reduction, reduce
 
@@ -128,13 +129,13 @@ def _build(flow: Flow, system: System, why: str) -> FlowKernels:
     positive = list(y1.s) if temperature else []
     if slopes is None:
         moved = reduction.moved()
-        scales = _scales(where, moved, place, sym, y0, z0, temperature)
+        scales = scales_of(where, moved, place, sym, y0, z0, temperature)
         parts = _dense_parts(reduction, moved, positive, h, scales)
-        guess = _guess(where, sym, z0, h, temperature)
+        guess = near_start(where, sym, z0, h, temperature)
     else:
-        parts = _sparse_parts(reduction, slopes, positive, h, _scales(where, [], place, sym, y0, z0, temperature))
+        parts = _sparse_parts(reduction, slopes, positive, h, scales_of(where, [], place, sym, y0, z0, temperature))
         guess = [const(0.0)] * len(x)
-    fixed = [*_start(reduction), *guess, *parts.scales]
+    fixed = [*plain_start(reduction), *guess, *parts.scales]
     hoisted = hoisted_values([*parts.iterate, *parts.polish, *parts.full, *dz], [*x, *parts.stored])
     opening = [*fixed, *hoisted, *sym.observe(z0)]
     # of an explicit flow the step size is constant as well; where Newton works, continuation varies it
@@ -327,70 +328,6 @@ def _file(function: Residual) -> str:
 def _block(index: int, system: System) -> int:
     n = system.n_positions
     return 0 if index < n else 1 if index < 2 * n else 2 + index - 2 * n
-
-
-def _ones(size: int) -> Any:
-    return array([const(1.0)] * size)
-
-
-def _start(reduction: Reduction) -> list[Symbol]:
-    """Unknowns for which the eliminated increments vanish: Newton from z1 = z0.
-
-    Newton does not see the initial value of an unknown that enters linearly (momenta, once positions are eliminated),
-    so this reproduces Newton on the full set of unknowns started at z0. Unknowns equal to zero are instead
-    the explicit drift q0 + h p0/m, which is nearer.
-    """
-    x, zero = reduction.unknowns, const(0.0)
-    start = dict.fromkeys(x, zero)
-    for formula in reduction.eliminated.values():
-        moving = [(x[j], a) for j, a in sorted(trace.sparse_jacobian([formula], x)[0].items())]
-        if len(moving) == 1:
-            (symbol, slope), (offset,) = moving[0], trace.substitute([formula], dict.fromkeys(x, zero))
-            start[symbol] = trace.neg(trace.mul(offset, trace.reciprocal(slope)))
-    return [start[s] for s in x]
-
-
-def _guess(index: Sequence[int], system: System, z0: Any, h: Symbol, temperature: bool) -> list[Symbol]:
-    """A nearer initial value: the explicit drift for (q, p), one step of the trapezoidal rule for the conduction.
-
-    Conduction is stiff: its explicit step overshoots, and no step at all costs Newton an iteration.
-    """
-    zero, m = const(0.0), system.n_elements
-    first = 2 * system.n_positions
-    if not any(first <= i < first + m for i in index):
-        return [zero for _ in index]
-    s0 = list(z0[first:])
-    theta = system.temperatures(z0)
-    rate = np.array(system.conduction(theta), dtype=object)
-    slope = array([const(1.0)] * m)
-    if temperature:
-        slope = np.diagonal(trace.jacobian(list(theta), s0))
-        rate = rate * slope
-    A = trace.jacobian(list(rate), s0)
-    matrix = [[const(float(i == j)) - 0.5 * h * A[i, j] / slope[j] for j in range(m)] for i in range(m)]
-    factors, _ = factorise(matrix)
-    step = factors.solve([h * r for r in rate])
-    known = {first + i: g for i, g in enumerate(step)}
-    return [known.get(i, zero) for i in index]
-
-
-def _scales(
-    where: Sequence[int], moved: Sequence[Symbol], place: Any, system: System, y0: State, z0: Any, temperature: bool
-) -> list[Symbol]:
-    """1/size of each unknown: positions and momenta max(1, |block|), entropies c0, temperatures theta."""
-    n, size = system.n_positions, system.size
-    entropy = _ones(system.n_elements) * system.entropy_scale()
-    sizes = [_largest(z0[:n]), _largest(z0[n : 2 * n]), *(list(y0.s) if temperature else entropy)]
-    index = [i % size for i in [*where, *(place[e] for e in moved)]]
-    return [trace.reciprocal(sizes[0 if i < n else 1 if i < 2 * n else 2 + i - 2 * n]) for i in index]
-
-
-def _largest(values: Iterable[Symbol]) -> Symbol:
-    """max(1, |v_1|, |v_2|, ...)."""
-    result = const(1.0)
-    for value in values:
-        result = trace.maximum(result, abs(value))
-    return result
 
 
 def hoisted_values(outputs: Sequence[Symbol], x: Sequence[Symbol]) -> list[Symbol]:

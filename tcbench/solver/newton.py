@@ -23,6 +23,7 @@ QUADRATIC = 1e-8  # below this the next correction of a quadratic sequence is be
 CHORD = 1e-6  # below this one more correction with the same factors does
 QUICK = 0.3  # corrections with old factors are tried below this
 NEGLIGIBLE = 1e-16  # predicted error that no further correction would change
+SQUARED = 1e-11  # Newton's error after a correction below this is its square times curvature: below round-off to 1e6
 CHORD_FLOOR = 1e-14  # a correction with old factors that no longer shrinks is round-off below this
 STALLED = 1e-11  # above this a correction must halve from one iteration to the next
 SPARSE_FIRST = 1e-4  # relative residual of the linear system of a first correction
@@ -86,6 +87,8 @@ def quick(flow: Flow) -> tuple[int, int]:
             return REJECTED, iteration
         for i in range(n):
             x[i] += d[i]
+        if delta < SQUARED:
+            return finish(flow), iteration
         last, seen = delta, False
         while last < QUICK:
             call(flow.polish, w, x, d)

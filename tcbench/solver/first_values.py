@@ -1,0 +1,105 @@
+"""Where Newton begins, and by what its corrections are measured: formulas in the state at the start of a step."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..compiler import derivatives as trace
+from ..compiler.derivatives import Symbol, array, const
+from ..systems.state import State
+from ..systems.system import System
+from .elimination import factorise
+from .reduction import Reduction
+
+TINY = 1e-100  # beside a kinetic energy that may be zero
+
+
+def _ones(size: int) -> Any:
+    return array([const(1.0)] * size)
+
+
+def plain_start(reduction: Reduction) -> list[Symbol]:
+    """Unknowns for which the eliminated increments vanish: Newton from z1 = z0.
+
+    Newton does not see the initial value of an unknown that enters linearly (momenta, once positions are eliminated),
+    so this reproduces Newton on the full set of unknowns started at z0. Unknowns equal to zero are instead
+    the explicit drift q0 + h p0/m, which is nearer.
+    """
+    x, zero = reduction.unknowns, const(0.0)
+    start = dict.fromkeys(x, zero)
+    for formula in reduction.eliminated.values():
+        moving = [(x[j], a) for j, a in sorted(trace.sparse_jacobian([formula], x)[0].items())]
+        if len(moving) == 1:
+            (symbol, slope), (offset,) = moving[0], trace.substitute([formula], dict.fromkeys(x, zero))
+            start[symbol] = trace.neg(trace.mul(offset, trace.reciprocal(slope)))
+    return [start[s] for s in x]
+
+
+def near_start(index: Sequence[int], system: System, z0: Any, h: Symbol, temperature: bool) -> list[Symbol]:
+    """A nearer initial value: Taylor to second order for p while s is frozen, the trapezoidal rule for the conduction.
+
+    Conduction is stiff: its explicit step overshoots, and no step at all costs Newton an iteration. Forces may be stiff
+    as well: as much of their part is left out as the kinetic energy of the change of p is of that of p.
+    """
+    n, m = system.n_positions, system.n_elements
+    first = 2 * n
+    moving, heated = any(n <= i < first for i in index), any(first <= i < first + m for i in index)
+    known: dict[int, Symbol] = {}
+    t, believed, path = trace.variable("t"), const(0.0), z0[:n]
+    if moving:
+        inertia = system.inertia()
+        drift = h * z0[n:first] / inertia
+        carried = np.concatenate([z0[:n] + t * drift, z0[n:]])
+        force, change = _derivatives(system.vector_field(carried)[n:first], t, 1)
+        dp = h * (force + 0.5 * change)
+        kinetic = [sum(0.5 * p**2 / inertia) for p in (dp, z0[n:first])]
+        believed = trace.maximum(const(0.0), 1.0 - kinetic[0] / (kinetic[1] + TINY))
+        known |= {n + i: believed * x for i, x in enumerate(dp)}
+        path = z0[:n] + t * (drift + t * (0.5 * h * h * force / inertia))
+    if heated:
+        s0 = list(z0[first:])
+        theta = system.temperatures(z0)
+        rate = np.array(system.conduction(theta), dtype=object)
+        slope = _ones(m)
+        if temperature:
+            slope = np.diagonal(trace.jacobian(list(theta), s0))
+            rate = rate * slope
+        A = trace.jacobian(list(rate), s0)
+        matrix = [[const(float(i == j)) - 0.5 * h * A[i, j] / slope[j] for j in range(m)] for i in range(m)]
+        right = h * rate
+        if moving:  # temperatures change as elements stretch, too
+            warmed = system.temperatures(np.concatenate([path, z0[n:]]))
+            _, by_t, by_tt = _derivatives(warmed if temperature else system.conduction(warmed), t, 2)
+            right = right + believed * (by_t + 0.5 * by_tt if temperature else 0.5 * h * by_t)
+        known |= {first + i: g for i, g in enumerate(factorise(matrix)[0].solve(list(right)))}
+    return [known.get(i, const(0.0)) for i in index]
+
+
+def _derivatives(values: Sequence[Symbol], t: Symbol, order: int) -> list[Any]:
+    """Of the values by t up to this order, at t = 0; the values first."""
+    found = [array(values)]
+    for _ in range(order):
+        found.append(trace.jacobian(list(found[-1]), [t])[:, 0])
+    return [array(trace.substitute(list(x), {t: const(0.0)})) for x in found]
+
+
+def scales_of(
+    where: Sequence[int], moved: Sequence[Symbol], place: Any, system: System, y0: State, z0: Any, temperature: bool
+) -> list[Symbol]:
+    """1/size of each unknown: positions and momenta max(1, |block|), entropies c0, temperatures theta."""
+    n, size = system.n_positions, system.size
+    entropy = _ones(system.n_elements) * system.entropy_scale()
+    sizes = [_largest(z0[:n]), _largest(z0[n : 2 * n]), *(list(y0.s) if temperature else entropy)]
+    index = [i % size for i in [*where, *(place[e] for e in moved)]]
+    return [trace.reciprocal(sizes[0 if i < n else 1 if i < 2 * n else 2 + i - 2 * n]) for i in index]
+
+
+def _largest(values: Iterable[Symbol]) -> Symbol:
+    """max(1, |v_1|, |v_2|, ...)."""
+    result = const(1.0)
+    for value in values:
+        result = trace.maximum(result, abs(value))
+    return result

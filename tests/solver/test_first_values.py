@@ -1,0 +1,62 @@
+"""Where Newton begins: near the root at short steps, harmless at long ones, and elsewhere for plain Newton."""
+
+import numpy as np
+import pytest
+
+import tcbench
+from tcbench.solver.implicit_step import OneFlow
+from tcbench.solver.newton import ACCEPTED
+
+METHODS = ("tc_monolithic", "tc_staggered", "midpoint_entropy", "midpoint_temperature")
+SCENARIO = tcbench.scenarios()["bound_equilibrium"]
+
+
+def starts(method, h, scenario=SCENARIO):
+    """(the flow, the near start, the plain one)."""
+    flow = OneFlow(tcbench.integrators()[method], scenario, h)
+    n = flow.record.nx
+    return flow, flow.record.w[n : 2 * n].copy(), flow.record.w[:n].copy()
+
+
+def distance(method, h, scenario):
+    """Of the near start and of the plain one from the root, in the sizes of the unknowns."""
+    flow, near, plain = starts(method, h, scenario)
+    assert flow.newton(near)[0] == ACCEPTED
+    return [np.abs((flow.x - x) * flow.record.scale[: len(x)]).max() for x in (near, plain)]
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_the_near_start_is_right_to_second_order(method):
+    """Where no heat flows: what the entropies' change does to the forces is left out."""
+    even = SCENARIO.replace(temperatures=(300, 300))
+    near, plain = np.transpose([distance(method, h, even) for h in (0.02, 0.01, 0.005)])
+    assert (near < 0.05 * plain).all()
+    # third powers of h in the error: 8 when it halves
+    assert (near[:-1] > 6.0 * near[1:]).all() and (near[:-1] < 10.0 * near[1:]).all()
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_stiff_forces_are_not_believed(method):
+    """Where they would change p by more than there is, the momenta start as they are: 0, of all increments."""
+    flow, near, _ = starts(method, 1.0, tcbench.scenarios()["stiff_spring"])
+    momenta = near[-4:]
+    assert np.isfinite(near).all() and not momenta.any()
+    _, near, _ = starts(method, 0.01, tcbench.scenarios()["stiff_spring"])
+    assert near[-4:].any()
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_at_rest_nothing_is_divided_by_zero(method):
+    """No momenta, no forces: springs at their natural lengths and reference temperature."""
+    rest = SCENARIO.replace(positions=(2, 0, 3, 0), momenta=(0, 0, 0, 0), temperatures=(300, 300))
+    flow, near, _ = starts(method, 0.3, rest)
+    assert np.abs(near).max() < 1e-13
+    run = tcbench.simulate(method, rest, dt=0.3, t_end=30.0)
+    assert run.ok and run.solver.retried == 0 and np.abs(run.z - run.z[0]).max() < 1e-12
+
+
+def test_the_first_newton_is_enough_at_short_steps():
+    """From the drift alone, half of these steps took a second Jacobian; at long steps nothing is lost."""
+    for method, most in (("tc_monolithic", 1.05), ("tc_staggered", 2.05), ("midpoint_temperature", 1.05)):
+        solver = tcbench.simulate(method, SCENARIO, dt=0.05, t_end=20.0).solver
+        assert solver.newton_iterations <= most * 400 and solver.retried == solver.tracked == 0
