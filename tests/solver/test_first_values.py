@@ -38,7 +38,7 @@ def test_the_near_start_is_right_to_second_order(method):
 @pytest.mark.parametrize("method", METHODS)
 def test_stiff_forces_are_not_believed(method):
     """Where they would change p by more than there is, the momenta start as they are: 0, of all increments."""
-    flow, near, _ = starts(method, 1.0, tcbench.scenarios()["stiff_spring"])
+    _, near, _ = starts(method, 1.0, tcbench.scenarios()["stiff_spring"])
     momenta = near[-4:]
     assert np.isfinite(near).all() and not momenta.any()
     _, near, _ = starts(method, 0.01, tcbench.scenarios()["stiff_spring"])
@@ -49,7 +49,7 @@ def test_stiff_forces_are_not_believed(method):
 def test_at_rest_nothing_is_divided_by_zero(method):
     """No momenta, no forces: springs at their natural lengths and reference temperature."""
     rest = SCENARIO.replace(positions=(2, 0, 3, 0), momenta=(0, 0, 0, 0), temperatures=(300, 300))
-    flow, near, _ = starts(method, 0.3, rest)
+    _, near, _ = starts(method, 0.3, rest)
     assert np.abs(near).max() < 1e-13
     run = tcbench.simulate(method, rest, dt=0.3, t_end=30.0)
     assert run.ok and run.solver.retried == 0 and np.abs(run.z - run.z[0]).max() < 1e-12
