@@ -19,10 +19,18 @@ def _targets(node: ast.AST) -> Iterable[str]:
             yield from _targets(part)
 
 
+def _all_statements(body: Iterable[ast.stmt]) -> Iterable[ast.stmt]:
+    """Those of a body and of the bodies in it; what their expressions are made of is not looked at."""
+    for node in body:
+        yield node
+        for inner in ("body", "orelse"):
+            yield from _all_statements(getattr(node, inner, ()))
+
+
 def _assignments(tree: ast.FunctionDef) -> dict[str, int]:
     """How often each local name is assigned; arguments count."""
     counts = {a.arg: 1 for a in tree.args.args}
-    for node in ast.walk(tree):
+    for node in _all_statements(tree.body):
         targets = node.targets if isinstance(node, ast.Assign) else []
         if isinstance(node, ast.AugAssign | ast.AnnAssign | ast.For):
             targets = [node.target]
@@ -88,7 +96,7 @@ class Body(Expressions):
 
     def arrive(self, label: str, known: set[str]) -> None:
         self.start_block(label)
-        self.is_open, self.known = True, known
+        self.is_open, self.known = True, set(known)
 
     # names ----------------------------------------------------------------------------------------------------------
 
@@ -111,7 +119,7 @@ class Body(Expressions):
                 raise self.refusal(node, f"{name!r} is {say(cell.kind)} above and {say(value.kind)} here")
             for i, kind in enumerate(machine_kinds(cell.kind)):
                 self.lines.append(f"  store {kind} {self.part(value, i)}, ptr {cell.parts[i]}")
-        self.known = self.known | {name}
+        self.known.add(name)
 
     def store(self, target: ast.expr, value: Value) -> None:
         if isinstance(target, ast.Name):

@@ -194,7 +194,7 @@ def local_files(path: Path, seen: set[Path]) -> Iterator[tuple[str, bytes]]:
         seen.add(current)
         text = current.read_bytes().replace(b"\r\n", b"\n")
         yield current.relative_to(base).as_posix() if current.is_relative_to(base) else current.name, text
-        stack += [file.resolve() for file in _local_imports(current, text)]
+        stack += _local_imports(current, text)
 
 
 def _collect(path: Path, found: dict[str, str], seen: set[Path]) -> None:
@@ -217,7 +217,7 @@ def _import_folder(path: Path) -> Path:
 @cache
 def _local_imports(path: Path, text: bytes) -> tuple[Path, ...]:
     """The files behind the import statements of one file, where they are local."""
-    return tuple(_find_imports(path, text))
+    return tuple(file.resolve() for file in dict.fromkeys(_find_imports(path, text)))
 
 
 def _find_imports(path: Path, text: bytes) -> Iterator[Path]:

@@ -115,7 +115,8 @@ def inert(frame: DataFrame) -> DataFrame:
     """The table with an apostrophe before text that begins as a formula does (CWE-1236); "-" alone is none."""
     frame = frame.copy()
     for name in [n for n in frame.columns if frame[n].dtype.kind not in "biufM"]:
-        frame[name] = [f"'{v}" if isinstance(v, str) and FORMULA.match(v) else v for v in frame[name]]
+        if any(isinstance(v, str) and FORMULA.match(v) for v in frame[name].unique()):  # of a hundred thousand a few
+            frame[name] = [f"'{v}" if isinstance(v, str) and FORMULA.match(v) else v for v in frame[name]]
     frame.columns = [f"'{name}" if FORMULA.match(str(name)) else name for name in frame.columns]
     return frame
 
@@ -148,7 +149,7 @@ def _flat(frame: DataFrame) -> DataFrame:
     """A copy whose cells are scalars: nested values as JSON text, column names as text."""
     frame = frame.copy()
     frame.columns = [str(name) for name in frame.columns]
-    for name in [n for n in frame.columns if frame[n].dtype.kind == "O"]:
+    for name in [n for n in frame.columns if frame[n].dtype == object]:  # not of text, which nests nothing
         nested = [isinstance(value, (list, tuple, dict, set)) or hasattr(value, "tolist") for value in frame[name]]
         if any(nested):
             values = [json.dumps(v, default=plain) if n else v for v, n in zip(frame[name], nested, strict=True)]

@@ -27,6 +27,7 @@ COARSE = 16  # fine rungs in a coarse one: 2^(k/4)
 WINDOW = 16  # rungs of the window of dt_half
 LOWEST, FINEST, START, CAP = -10 * FINE, -6 * FINE, -5 * FINE, 2 * FINE  # 2^-10, 2^-6, 2^-5 and 4
 BELOW = 2 * FINE  # the fine ladder starts two octaves below the first coarse failure: a coarse one errs by up to 2x
+LONG = 3000  # steps of a run: where it takes more, the fine ladder starts one octave below
 FOLD_BELOW = 2 * COARSE
 SPREAD, SAMPLES = 0.01, 41  # steps of the sensitivity of a blow-up time
 FACTORS = (0.5, 1.0, 4.0)  # of the blow-up bound
@@ -101,6 +102,7 @@ class Ladder:
 
     evaluate: Callable[[float], Outcome]
     cap: int
+    dear: int = LOWEST  # on the rungs below this a run has more than LONG steps
     seen: dict[int, Outcome] = field(default_factory=dict)
 
     def __getitem__(self, rung: int) -> Outcome:
@@ -130,13 +132,19 @@ def cap_rung(scenario: Scenario) -> int:
     return min(CAP, math.floor(FINE * math.log2(scenario.t_end) + 1e-9))
 
 
+def ladder_of(scenario: Scenario, evaluate: Callable[[float], Outcome]) -> Ladder:
+    """The ladder of a scenario, none of its rungs evaluated yet."""
+    return Ladder(evaluate, cap_rung(scenario), math.ceil(FINE * math.log2(scenario.t_end / LONG)))
+
+
 def boundary(ladder: Ladder, below: int = BELOW) -> Boundary:
-    """Coarse ladder up to the cap, then the fine one from `below` its first failure up to half failing."""
+    """Coarse ladder up to the cap, then the fine one from `below` its first failure (less where runs are dear) up to
+    half failing."""
     coarse = range(START, ladder.cap + 1, COARSE)
     failed = ladder.first_failure(coarse)
     if failed is None:
         return Boundary(ladder.cap, None, None, False)
-    low = max(FINEST, failed - below)
+    low = max(FINEST, failed - below, min(ladder.dear, failed - FINE))
     if failed == START:
         low = next((r for r in range(START - COARSE, LOWEST - 1, -COARSE) if ladder[r].ok), LOWEST)
     unstable = ladder.first_failure(range(low, failed + 1))
@@ -206,15 +214,14 @@ def plain_limit(integrator: Integrator, scenario: Scenario, found: Boundary, lad
 
 def maximum_step(integrator: Integrator, scenario: Scenario) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """One row of the `stability` table and the rows of `stability_points`, for a method that is given by flows."""
-    cap = cap_rung(scenario)
     ladders = {
-        solver: Ladder(lambda dt, c=continuation: outcome(integrator, scenario, dt, c), cap)  # type: ignore[misc]
+        solver: ladder_of(scenario, lambda dt, c=continuation: outcome(integrator, scenario, dt, c))  # type: ignore[misc]
         for solver, continuation in (("continuation", True), ("plain", False))
     }
     full, plain = boundary(ladders["continuation"]), boundary(ladders["plain"])
     limit, certified = confirmed(integrator, scenario, full)
     row = _limits(full, ladders["continuation"], limit) | {
-        "dt_fold": _step(first_fold(integrator, scenario, cap, full.unstable)),
+        "dt_fold": _step(first_fold(integrator, scenario, cap_rung(scenario), full.unstable)),
         "dt_stable_plain": _step(plain.stable),
         "limit_plain": plain_limit(integrator, scenario, plain, ladders["plain"]),
         "dt_unstable_plain": _step(plain.unstable), "dt_half_plain": _step(plain.half),
@@ -232,7 +239,7 @@ def maximum_own_step(integrator: Integrator, scenario: Scenario) -> tuple[dict[s
 
     limit : `solver` where the step function gave up (it raised an exception), `physical` where the run was bad.
     """
-    ladder = Ladder(lambda dt: outcome(integrator, scenario, dt), cap_rung(scenario))
+    ladder = ladder_of(scenario, lambda dt: outcome(integrator, scenario, dt))
     found = boundary(ladder, below=COARSE)  # runs in Python that get through are dear: one coarse interval, not eight
     limit = NONE if found.unstable is None else ladder[found.unstable].kind
     return _limits(found, ladder, limit), [point for _, point in _points("own", ladder)]

@@ -42,6 +42,23 @@ def test_a_tc_method_has_no_limit(integrator, scenario):
     assert not row["sensitivity"] and "branch" not in {p["kind"] for p in row["points"]}
 
 
+@pytest.mark.parametrize("t_end, octaves", [(25.0, 2), (1500.0, 1)])
+def test_the_fine_ladder_is_shorter_where_runs_are_long(t_end, octaves):
+    """Runs fail from 0.3 on: the fine ladder begins one or two octaves below 2^-1.5, the first coarse failure."""
+
+    def evaluate(dt):
+        kind = stability.OK if dt < 0.3 else stability.PHYSICAL
+        return stability.Outcome(dt, kind, "ok", math.nan, 0.0, 0, 0, "")
+
+    ladder = stability.ladder_of(SCENARIOS["short_term"].replace(t_end=t_end, dt=0.1), evaluate)
+    found = stability.boundary(ladder)
+    assert stability.step_of(found.stable) < 0.3 <= stability.step_of(found.unstable) and not found.non_monotone
+    fine = [rung for rung in ladder.seen if rung % stability.COARSE]
+    first_failure = round(64 * math.log2(2**-1.5))
+    assert min(fine) == first_failure - octaves * stability.FINE + 1
+    assert all(rung in ladder.seen for rung in range(min(fine), found.unstable))
+
+
 def test_kinds_of_limit_of_the_midpoint_rules(midpoint_cells):
     assert {key: row["limit"] for key, row in midpoint_cells.items()} == {
         ("midpoint_entropy", "stiff_spring"): "physical",
