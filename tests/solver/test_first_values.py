@@ -18,11 +18,11 @@ def starts(method, h, scenario=SCENARIO):
     return flow, flow.record.w[n : 2 * n].copy(), flow.record.w[:n].copy()
 
 
-def distance(method, h, scenario):
-    """Of the near start and of the plain one from the root, in the sizes of the unknowns."""
+def distance(method, h, scenario, which=slice(None)):
+    """Of the near start and of the plain one from the root, in the sizes of these unknowns."""
     flow, near, plain = starts(method, h, scenario)
     assert flow.newton(near)[0] == ACCEPTED
-    return [np.abs((flow.x - x) * flow.record.scale[: len(x)]).max() for x in (near, plain)]
+    return [np.abs((flow.x - x) * flow.record.scale[: len(x)])[which].max() for x in (near, plain)]
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -33,6 +33,13 @@ def test_the_near_start_is_right_to_second_order(method):
     assert (near < 0.05 * plain).all()
     # third powers of h in the error: 8 when it halves
     assert (near[:-1] > 6.0 * near[1:]).all() and (near[:-1] < 10.0 * near[1:]).all()
+
+
+@pytest.mark.parametrize("method", ["tc_monolithic", "midpoint_entropy"])
+def test_springs_that_stretch_change_what_is_conducted(method):
+    """The entropies, which come first, are right to second order where heat flows, too."""
+    near = np.array([distance(method, h, SCENARIO, slice(2))[0] for h in (0.02, 0.01, 0.005)])
+    assert (near[:-1] > 6.0 * near[1:]).all()
 
 
 @pytest.mark.parametrize("method", METHODS)
