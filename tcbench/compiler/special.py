@@ -11,6 +11,7 @@ from __future__ import annotations
 from .language import expm1, log1p
 
 PHI_SERIES = 0.3  # |x| below this: the first omitted term of phi is 0.3^12/13! = 9e-17
+LAM_TAYLOR = 0.05  # |x| below this: the first omitted term of lam is 0.05^12/13 = 2e-17
 LAM_SERIES = 0.14  # |x/(2 + x)| below this: the first omitted term of lam is 0.14^18/19 = 2e-17
 
 
@@ -49,8 +50,20 @@ def _artanh_tail(u: float) -> float:
     return low + u2 * u2 * top
 
 
+def _log_tail(x: float) -> float:
+    """(lam(x) - 1)/x for |x| < LAM_TAYLOR: sum of -(-x)^k/(k + 2)."""
+    x2 = x * x
+    x4 = x2 * x2
+    low = (x * (1 / 3) - (1 / 2)) + x2 * (x * (1 / 5) - (1 / 4))
+    mid = (x * (1 / 7) - (1 / 6)) + x2 * (x * (1 / 9) - (1 / 8))
+    top = (x * (1 / 11) - (1 / 10)) - x2 * (1 / 12)
+    return low + x4 * (mid + x4 * top)
+
+
 def lam(x: float) -> float:
-    """log1p(x)/x, through log1p(x) = 2 artanh(x/(2 + x))."""
+    """log1p(x)/x, through log1p(x) = 2 artanh(x/(2 + x)) unless x is small."""
+    if abs(x) < LAM_TAYLOR:
+        return 1.0 + x * _log_tail(x)
     r = 1.0 / (2.0 + x)
     y = x * r
     if abs(y) < LAM_SERIES:
@@ -61,6 +74,9 @@ def lam(x: float) -> float:
 
 def lam_pair(x: float) -> tuple[float, float]:
     """lam and its derivative, which is (1 - lam)/x - 1/(1 + x)."""
+    if abs(x) < LAM_TAYLOR:
+        tail = _log_tail(x)
+        return 1.0 + x * tail, -tail - 1.0 / (1.0 + x)
     r = 1.0 / (2.0 + x)
     y = x * r
     if abs(y) < LAM_SERIES:

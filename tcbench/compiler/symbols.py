@@ -351,6 +351,8 @@ def mul(a: Symbol, b: Symbol) -> Symbol:
             return neg(b)
         if b.op == "mul" and is_const(b.args[0]):
             return mul(const(a.value * b.args[0].value), b.args[1])
+        if b.op == "add" and b.args[0] is b.args[1]:  # c (x + x) is (2c) x, exactly
+            return mul(const(2.0 * a.value), b.args[0])
         halved = _halve_midpoint(a, b)
         if halved is not None:
             return halved

@@ -91,6 +91,7 @@ def test_increments_and_midpoints_are_taken_from_the_unknown_not_from_a_differen
     z, d = trace.variable("z"), trace.variable("d")
     assert (z + d) - z is d
     assert (z + (z + d)) / 2 is z + 0.5 * d
+    assert (d + d) / 2 is d and 3.0 * (d + d) is 6.0 * d
 
 
 def test_equal_expressions_are_one_symbol():

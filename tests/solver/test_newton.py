@@ -92,3 +92,10 @@ def test_plain_newton_is_the_one_of_the_literature():
     for dt, status in ((0.6, "ok"), (0.63, "nonconverged"), (2.0, "ok"), (2.5, "nonconverged"), (3.0, "ok")):
         assert simulate("tc_monolithic", SCENARIO, dt=dt, continuation=False).status == status
         assert simulate("tc_monolithic", SCENARIO, dt=dt).status == "ok"
+
+
+@pytest.mark.parametrize("method", ["tc_monolithic", "tc_staggered", "tc_strang"])
+def test_a_correction_whose_square_is_below_round_off_is_the_last(method):
+    """Late in this run first corrections are some 1e-12 and nothing looks at the residual again: it is round-off."""
+    run = tcbench.simulate(method, "long_term", dt=0.3, residuals=True, record_every=None)
+    assert run.ok and run.summary.residual_max < 5e-14
