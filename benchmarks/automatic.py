@@ -8,7 +8,7 @@ import tcbench
 from tcbench.studies.work_precision import horizon
 
 NAMES = ("tc_taylor", "tc_gauss_adaptive", "tc_auto")
-REPEATS, TOLERANCES = 14, (1e-4, 1e-7, 1e-10)
+REPEATS, TOLERANCES = 40, (1e-4, 1e-7, 1e-10)
 
 
 def main() -> None:

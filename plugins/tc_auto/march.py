@@ -10,13 +10,13 @@ from ..tc_gauss.memory import Work as Gauss
 from ..tc_taylor import march as taylor
 from ..tc_taylor.march import Work as Taylor
 
-# Explicit steps are measured in decay times of the conduction; they are stable up to 5 or 6.
-STIFF_FROM_THE_START = 0.7  # of the first series' step: what decays stands in its terms
-STIFF = 3.5  # from here on conduction bounds them
-STABLE = 5.0  # of those that conduction bounds
-PATIENCE = 16  # stiff steps in a row before the other method is tried, and twice as many each time
+# Explicit steps are measured in decay times of the conduction.
+STIFF_FROM_THE_START = 1.2  # of the first series' step: what decays stands in its terms
+STABLE, STABLE_OF_ORDER = 2.0, 0.3  # those of order p that conduction bounds: about so many, and so many p
+STIFF = 0.7  # of these: from here on conduction bounds a step
+PATIENCE = 32  # stiff steps in a row before the other method is tried, and four times as many each time
 LONGER = 6.0  # the first implicit step, over the last explicit one
-COST, COST_OF_ORDER = 1.6, 0.01  # an explicit step of order p takes the time of so many iterations, and of so many p^2
+COST, COST_OF_ORDER = 1.0, 0.06  # an explicit step of order p takes the time of so many iterations, and of so many p
 
 
 def steps(
@@ -28,16 +28,17 @@ def steps(
     copy_into(states[0], z)
     call(e.to_series, e.y, e.given, e.coefficients)
     explicit = taylor.step_length(e, tolerance) * gauss.decay_rate(g) < STIFF_FROM_THE_START
+    stable = STABLE + STABLE_OF_ORDER * e.order
     row, t, h, patience, given_up = 1, times[0], 0.0, PATIENCE, False
     while row < len(times):
         rate = gauss.decay_rate(g)
         if explicit:
-            row, t, h = taylor.advance(e, times, tolerance, states, row, t, STIFF / rate, patience)
+            row, t, h = taylor.advance(e, times, tolerance, states, row, t, STIFF * stable / rate, patience)
             call(e.to_entropies, e.y, e.given, g.here)
             gauss.go_to(g, g.here)
-            patience *= 2
+            patience *= 4
         else:
-            most = (COST + COST_OF_ORDER * e.order * e.order) * rate / STABLE
+            most = (COST + COST_OF_ORDER * e.order) * rate / stable
             row, t, h = gauss.advance(g, times, defect, residual, states, row, t, LONGER * h, most)
             keep_laws(e, g)
         if h == 0.0 and given_up:

@@ -18,6 +18,7 @@ RETREAT, ADVANCE = 0.7, 1.1  # of a step that is too long for the quadrature, an
 FIRST = 4.0  # times the decay time of the conduction: see first_step
 COARSEST = 0  # level of quadrature
 PATIENCE, GROWING = 4, 1.15  # steps whose cost is looked at, and whose length is taken to be settled; see advance
+DEAR = 1.5  # so many times dearer they are given up even if they grow
 FAR = 2.5  # ratio of steps up to which the last polynomials are extrapolated
 
 
@@ -134,7 +135,7 @@ def advance(
     """States at times[row:] from the state at t on; returns (row that is next, t, the next step).
 
     It ends early where steps become too short (then the last is 0), and where PATIENCE of them take more iterations for
-    a unit of time than `most` and do not grow, or are cut by output times.
+    a unit of time than `most` and do not grow, or are cut by output times, or take DEAR times as many.
     h : of the first step; 0: to be found.
     """
     k = w.k
@@ -177,7 +178,8 @@ def advance(
             h = min(h, longest)
             taken += 1
             if taken == PATIENCE:
-                if w.counts.iterations - spent > most * (t - begun) and (cut or h < GROWING * step):
+                cost = (w.counts.iterations - spent) / (t - begun)
+                if cost > DEAR * most or (cost > most and (cut or h < GROWING * step)):
                     dear = True
                     break
                 taken, begun, spent = 0, t, w.counts.iterations

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 
-from tcbench.compiler.language import Floats, Kernel, Matrix, call, copy_into
+from tcbench.compiler.language import Floats, Kernel, Matrix, call, copy_into, exp, log
 from tcbench.compiler.library import Library
 from tcbench.compiler.records import Record, sized
 
+LONGEST = 700.0  # logarithm of a step
 SHRINK, SHORTEST = 0.5, 1e-12  # of a step that ends in no admissible state; of a step, over the time
 
 
@@ -71,12 +72,12 @@ def mended_state(w: Work, h: float) -> bool:
 def step_length(w: Work, tolerance: float) -> float:
     """So long that neither of the last two terms of the series is above the tolerance."""
     first = (w.order + 1) * w.size
-    h = math.inf
+    longest = LONGEST
     for i in range(2):
         size = w.coefficients[first + i]
         if size > 0.0:
-            h = min(h, (tolerance / size) ** (1.0 / (w.order - 1 + i)))
-    return h
+            longest = min(longest, log(tolerance / size) / (w.order - 1 + i))
+    return exp(longest)
 
 
 def adaptive_steps(w: Work, z: Floats, times: Floats, tolerance: float, states: Matrix) -> int:

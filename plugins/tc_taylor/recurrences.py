@@ -12,189 +12,216 @@ from tcbench.compiler import derivatives as trace
 from tcbench.compiler.derivatives import Symbol
 from tcbench.compiler.kernels import Kernel
 
-from .series import Series, rates
+from .lanes import WIDTH, Gathering, Pack, Packs, Term, is_square, slots_of
+from .series import ONE, Series, rates
 
-Term = tuple[int, str]  # the order of its newest coefficient, and the text
+THROUGH = 2  # a position comes from a velocity, which comes from a force
 
 
-class Writer:
-    """Writes down coefficients when they are first asked for; a coefficient that is 0 is None."""
+class Writer(Gathering):
+    """Writes down coefficients when they are first asked for, a pack of series at a time; what is 0 is None."""
 
-    def __init__(self, rate: dict[int, Series], constants: dict[int, str]) -> None:
-        self.rate, self.constants = rate, constants
-        self.lines: list[str] = []
-        self.names: dict[tuple[int, int, str], str | None] = {}
+    def __init__(self, variables: list[Series], rate: dict[int, Series], first: int = 0) -> None:
+        super().__init__(first)
+        self.rate, self.packs = rate, Packs(rate, variables)
+        self.names: dict[tuple[tuple[int, ...], int, str], str | None] = {}
+        self.operands: dict[int, tuple[Pack, int]] = {}  # packs in which a sum stands
 
-    def name(self, text: str) -> str:
-        self.lines.append(f"t{len(self.lines)} = {text}")
-        return f"t{len(self.lines) - 1}"
+    def coefficient(self, x: Series, n: int) -> str:
+        """Coefficient n of one series."""
+        pack, lane = self.packs.home[id(x)]
+        name = self.value(pack, n)
+        return "0.0" if name is None else self.lane(name, len(pack), lane)
 
-    def coefficient(self, x: Series, n: int) -> str | None:
-        """Name of coefficient n."""
-        key = (id(x), n, "")
+    def value(self, pack: Pack, n: int) -> str | None:
+        """Name of coefficient n of a pack of any series."""
+
+        def make() -> str | None:
+            if self.packs.home.get(id(pack[0]), ((), 0))[0] == pack:
+                return getattr(self, f"_{pack[0].kind}")(pack, n)
+            if len({self.packs.steps(x) for x in pack}) == 1:  # else some lanes may be wanted before others are known
+                for lane, x in enumerate(pack):
+                    self.operands.setdefault(id(x), (pack, lane))
+            near, far = ([self.terms(x, n, pack, through=way) for x in pack] for way in (0, THROUGH))
+            return self.total(far if len(slots_of(far)) <= len(slots_of(near)) else near)
+
+        return self._once(pack, n, "", make)
+
+    def _once(self, pack: Pack, n: int, what: str, make: Callable[[], str | None]) -> str | None:
+        key = (tuple(id(x) for x in pack), n, what)
         if key not in self.names:
-            self.names[key] = getattr(self, f"_{x.kind}")(x, n)
+            self.names[key] = make()
         return self.names[key]
 
-    def scaled(self, weight: float, name: str | None) -> str | None:
-        return name if name is None or weight == 1.0 else self.name(f"{weight!r} * {name}")
+    def terms(self, x: Series, n: int, of: Pack = (), weight: Symbol = ONE, through: int = 0) -> list[Term]:
+        """weight times coefficient n of a series, as terms of packs. of: the pack that is being made.
 
-    def total(self, terms: list[Term]) -> str | None:
-        """The sum, the terms that are known longest first."""
-        ordered = [text for _, text in sorted(terms, key=lambda term: term[0])]
-        return " + ".join(ordered) if ordered else None
+        through: with variables as what they come from, which is known earlier, so many times.
+        """
+        log = x.parts[0] if x.kind == "D" and x.parts[0].kind == "log" else x
+        known = self.packs.home.get(id(log)) or self.operands.get(id(x))
+        if through and x.kind == "var" and n:
+            return self.terms(self.rate[x.index], n - 1, (), trace.mul(weight, trace.const(1.0 / n)), through - 1)
+        if log is not x and known:
+            return self._term(self._log_rate(known[0], n + 1), *known, weight)
+        if x.kind == "log" and known and n:
+            return self._term(self._log_rate(known[0], n), *known, trace.mul(weight, trace.const(1.0 / n)))
+        if is_square(x) and known:
+            return self._term(self._half(known[0], n), *known, trace.mul(weight, trace.const(2.0)))
+        if known and known[0] != of:
+            return self._term(self.value(known[0], n), *known, weight)
+        if x.kind == "D":
+            return self.terms(x.parts[0], n + 1, (), trace.mul(weight, trace.const(n + 1.0)), through)
+        found = [term for part, w in zip(x.parts, x.weights, strict=False)
+                 for term in self.terms(part, n, (), trace.mul(weight, w), through)]  # fmt: skip
+        constant = trace.mul(weight, x.weights[-1])
+        return found if n or trace.is_const(constant, 0.0) else [*found, Term(constant)]
 
-    def convolution(self, a: Series, b: Series, n: int, first: int = 0, last: int | None = None) -> list[Term]:
-        """a_j b_(n-j) for j = first .. last."""
-        terms = []
-        for j in range(first, (n if last is None else last) + 1):
-            left, right = self.coefficient(a, j), self.coefficient(b, n - j)
-            if left is not None and right is not None:
-                terms.append((max(j, n - j), f"{left} * {right}"))
-        return terms
+    def _term(self, name: str | None, pack: Pack, lane: int, weight: Symbol) -> list[Term]:
+        return [] if name is None else [Term(weight, name, len(pack), lane)]
 
-    def weight(self, symbol: Symbol) -> str:
-        return repr(symbol.value) if symbol.op == "const" else self.constants[symbol.number]
+    # ---- sums of products, the factors that are known longest first ----------------------------------------------
+
+    def convolution(self, a: Callable[[int], str | None], b: Callable[[int], str | None], n: int, first: int = 0,
+                    last: int | None = None) -> str | None:  # fmt: skip
+        """The sum of a(j) b(n - j) for j = first .. last."""
+        pairs = [(a(j), b(n - j)) for j in range(first, (n if last is None else last) + 1)]
+        return self.sum_of([(left, right) for left, right in pairs if left and right])
+
+    def _of(self, pack: Pack) -> Callable[[int], str | None]:
+        return lambda n: self.value(pack, n)
+
+    def _slope(self, pack: Pack) -> Callable[[int], str | None]:
+        """n times coefficient n."""
+
+        def slope(n: int) -> str | None:
+            name = self.value(pack, n)
+            return name if name is None or n == 1 else self.name(f"{float(n)!r} * {name}")
+
+        return slope
+
+    def _divided(self, newest: str | None, known: str | None, below: Pack, n: int = 1) -> str | None:
+        """(n newest - known) over the first coefficient of `below`; from `newest` on, one operation."""
+        inverse = self.name(f"1.0 / {self.value(below, 0)}")
+        known = known and self.name(f"({known}) * {inverse}")
+        if newest is None:
+            return known and self.name(f"-{known}")
+        first = f"{newest} * {inverse if n == 1 else self.name(f'{float(n)!r} * {inverse}')}"
+        return self.name(f"{first} - {known}" if known else first)
+
+    def _lanewise(self, function: str, pack: Pack) -> str:
+        """A function of the first coefficients."""
+        name = str(self.value(pack, 0))
+        if len(pack) == 1:
+            return self.name(f"{function}({name})")
+        return self.name(f"vector({', '.join(f'{function}({name}[{i}])' for i in range(len(pack)))})")
 
     # ---- one recurrence a kind -----------------------------------------------------------------------------
 
-    def _var(self, x: Series, n: int) -> str | None:
-        if n == 0:
-            return self.name(f"a[{x.index}]")
-        return self.scaled(1.0 / n, self.coefficient(self.rate[x.index], n - 1))
+    def _var(self, pack: Pack, n: int) -> str | None:
+        if n:
+            return self.total([self.terms(self.rate[x.index], n - 1, (), trace.const(1.0 / n)) for x in pack])
+        places = [x.index for x in pack]
+        if len(pack) == 1:
+            return self.name(f"a[{places[0]}]")
+        if places == list(range(places[0], places[0] + len(pack))):
+            return self.name(f"row(a, {places[0]}, {len(pack)})")
+        return self.name(f"vector({', '.join(f'a[{i}]' for i in places)})")
 
-    def _sum(self, x: Series, n: int) -> str | None:
-        terms: list[str] = []
-        for part, weight in zip(x.parts, x.weights, strict=False):
-            name = self.coefficient(part, n)
-            if name is not None:
-                plain = trace.is_const(weight, 1.0)
-                terms.append(name if plain else f"{self.weight(weight)} * {name}")
-        if n == 0 and not trace.is_const(x.weights[-1], 0.0):
-            terms.append(self.weight(x.weights[-1]))
-        return self.name(" + ".join(terms)) if terms else None
+    def _product(self, pack: Pack, n: int) -> str | None:
+        if is_square(pack[0]):
+            half = self._half(pack, n)
+            return half and self.name(f"2.0 * {half}")
+        return self.convolution(*map(self._of, self.packs.parts(pack)), n)
 
-    def _product(self, x: Series, n: int) -> str | None:
-        a, b = x.parts
-        if a is not b:
-            text = self.total(self.convolution(a, b, n))
-            return None if text is None else self.name(text)
-        half = self.total(self.convolution(a, a, n, 0, (n - 1) // 2))
-        middle = self.coefficient(a, n // 2) if n % 2 == 0 else None
-        parts = ([f"2.0 * ({half})"] if half else []) + ([f"{middle} * {middle}"] if middle else [])
-        return self.name(" + ".join(parts)) if parts else None
+    def _half(self, pack: Pack, n: int) -> str | None:
+        """Half of coefficient n of squares: each product of two different coefficients is in them twice."""
+        a = self._of(self.packs.parts(pack)[0])
+        pairs = [(a(j), a(n - j)) for j in range((n + 1) // 2)]
+        if n % 2 == 0 and (middle := a(n // 2)):
+            pairs.append((self.name(f"0.5 * {middle}"), middle))
+        return self.sum_of([(left, right) for left, right in pairs if left and right])
 
-    def _inverse(self, x: Series) -> str:
-        """1 / x_0."""
-        key = (id(x), 0, "inverse")
-        if key not in self.names:
-            self.names[key] = self.name(f"1.0 / {self.coefficient(x, 0)}")
-        return str(self.names[key])
+    def _quotient(self, pack: Pack, n: int) -> str | None:
+        above, below = self.packs.parts(pack)
+        newest = self.value(above, n)
+        return self._divided(newest, self.convolution(self._of(below), self._of(pack), n, 1), below)
 
-    def _quotient(self, x: Series, n: int) -> str | None:
-        above, below = x.parts
-        inverse = self._inverse(below)
-        known = self.total(self.convolution(below, x, n, 1))
-        start = self.coefficient(above, n)
-        if known is None:
-            return None if start is None else self.name(f"{start} * {inverse}")
-        return self.name(f"({'0.0' if start is None else start} - ({known})) * {inverse}")
-
-    def _D(self, x: Series, n: int) -> str | None:
-        (of,) = x.parts
-        if of.kind == "log":
-            return self._log_rate(of, n + 1)
-        return self.scaled(float(n + 1), self.coefficient(of, n + 1))
-
-    def _log_rate(self, x: Series, n: int) -> str | None:
+    def _log_rate(self, pack: Pack, n: int) -> str | None:
         """n times coefficient n of log u: (n u_n - sum_(0<j<n) (j l_j) u_(n-j)) / u_0."""
-        key = (id(x), n, "rate")
-        if key not in self.names:
-            (u,) = x.parts
-            terms = []
-            for j in range(1, n):
-                left, right = self._log_rate(x, j), self.coefficient(u, n - j)
-                if left is not None and right is not None:
-                    terms.append((max(j, n - j), f"{left} * {right}"))
-            newest, known = self.coefficient(u, n), self.total(terms)
-            start = "0.0" if newest is None else f"{float(n)!r} * {newest}"
-            text = start if known is None else f"{start} - ({known})"
-            self.names[key] = None if text == "0.0" else self.name(f"({text}) * {self._inverse(u)}")
-        return self.names[key]
 
-    def _log(self, x: Series, n: int) -> str | None:
+        def make() -> str | None:
+            (u,) = self.packs.parts(pack)
+            known = self.convolution(lambda j: self._log_rate(pack, j), self._of(u), n, 1, n - 1)
+            return self._divided(self.value(u, n), known, u, n)
+
+        return self._once(pack, n, "rate", make)
+
+    def _log(self, pack: Pack, n: int) -> str | None:
         if n == 0:
-            return self.name(f"log({self.coefficient(x.parts[0], 0)})")
-        return self.scaled(1.0 / n, self._log_rate(x, n))
+            return self._lanewise("log", *self.packs.parts(pack))
+        rate = self._log_rate(pack, n)
+        return rate if rate is None or n == 1 else self.name(f"{1.0 / n!r} * {rate}")
 
-    def _weighted(self, u: Series, n: int, x: Series) -> list[Term]:
-        """(j/n) u_j x_(n-j) for j = 1 .. n."""
-        terms = []
-        for j in range(1, n + 1):
-            left, right = self.coefficient(u, j), self.coefficient(x, n - j)
-            if left is not None and right is not None:
-                terms.append((max(j, n - j), f"{j / n!r} * {left} * {right}"))
-        return terms
-
-    def _exp(self, x: Series, n: int) -> str | None:
+    def _exp(self, pack: Pack, n: int) -> str | None:
+        (u,) = self.packs.parts(pack)
         if n == 0:
-            return self.name(f"exp({self.coefficient(x.parts[0], 0)})")
-        text = self.total(self._weighted(x.parts[0], n, x))
-        return None if text is None else self.name(text)
+            return self._lanewise("exp", u)
+        text = self.convolution(self._slope(u), self._of(pack), n, 1)
+        return None if text is None else self.name(f"{1.0 / n!r} * ({text})")
 
-    def _sqrt(self, x: Series, n: int) -> str | None:
-        (u,) = x.parts
+    def _sqrt(self, pack: Pack, n: int) -> str | None:
+        (u,) = self.packs.parts(pack)
         if n == 0:
-            return self.name(f"sqrt({self.coefficient(u, 0)})")
-        key = (id(x), 0, "half inverse")
-        if key not in self.names:
-            self.names[key] = self.name(f"0.5 / {self.coefficient(x, 0)}")
-        known, newest = self.total(self.convolution(x, x, n, 1, n - 1)), self.coefficient(u, n)
-        text = f"{newest or '0.0'}" + (f" - ({known})" if known else "")
-        return None if text == "0.0" else self.name(f"({text}) * {self.names[key]}")
+            return self._lanewise("sqrt", u)
+        known = self.convolution(self._of(pack), self._of(pack), n, 1, n - 1)
+        twice = self._divided(self.value(u, n), known, pack)
+        return twice and self.name(f"0.5 * {twice}")
 
-    def _cached(self, x: Series, n: int, what: str, make: Callable[[], str]) -> str:
-        key = (id(x), n, what)
-        if key not in self.names:
-            self.names[key] = self.name(make())
-        return str(self.names[key])
-
-    def _turned(self, u: Series, n: int, what: str) -> str:
+    def _turned(self, u: Pack, n: int, what: str) -> str | None:
         """Coefficient n of sin u or cos u: each is the other's rate."""
+
+        def make() -> str | None:
+            if n == 0:
+                return self._lanewise(what, u)
+            other, sign = ("cos", 1.0) if what == "sin" else ("sin", -1.0)
+            text = self.convolution(self._slope(u), lambda j: self._turned(u, j, other), n, 1)
+            return None if text is None else self.name(f"{sign / n!r} * ({text})")
+
+        return self._once(u, n, what, make)
+
+    def _sin(self, pack: Pack, n: int) -> str | None:
+        return self._turned(*self.packs.parts(pack), n, "sin")
+
+    def _cos(self, pack: Pack, n: int) -> str | None:
+        return self._turned(*self.packs.parts(pack), n, "cos")
+
+    def _bell(self, pack: Pack, sign: str) -> Callable[[int], str | None]:
+        """Coefficients of 1 - x^2 or 1 + x^2."""
+
+        def bell(n: int) -> str | None:
+            square = self.convolution(self._of(pack), self._of(pack), n)
+            if n == 0:
+                return self.name(f"1.0 {sign} {square or '0.0'}")
+            return None if square is None else self.name(f"{sign}({square})" if sign == "-" else square)
+
+        return bell
+
+    def _tanh(self, pack: Pack, n: int) -> str | None:
+        (u,) = self.packs.parts(pack)
         if n == 0:
-            return self._cached(u, 0, what, lambda: f"{what}({self.coefficient(u, 0)})")
-        other, sign = ("cos", "") if what == "sin" else ("sin", "-")
-        terms = [(max(j, n - j), f"{j / n!r} * {name} * {self._turned(u, n - j, other)}")
-                 for j in range(1, n + 1) if (name := self.coefficient(u, j)) is not None]  # fmt: skip
-        return self._cached(u, n, what, lambda: f"{sign}({self.total(terms) or '0.0'})")
+            return self._lanewise("tanh", u)
+        text = self.convolution(self._slope(u), self._bell(pack, "-"), n, 1)
+        return None if text is None else self.name(f"{1.0 / n!r} * ({text})")
 
-    def _sin(self, x: Series, n: int) -> str | None:
-        return self._turned(x.parts[0], n, "sin")
-
-    def _cos(self, x: Series, n: int) -> str | None:
-        return self._turned(x.parts[0], n, "cos")
-
-    def _bell(self, x: Series, n: int, sign: str) -> str:
-        """Coefficient n of 1 - x^2 or 1 + x^2."""
-        text = self.total(self.convolution(x, x, n)) or "0.0"
-        return self._cached(x, n, f"1 {sign} square", lambda: f"{'1.0' if n == 0 else '0.0'} {sign} ({text})")
-
-    def _tanh(self, x: Series, n: int) -> str | None:
-        (u,) = x.parts
+    def _atan(self, pack: Pack, n: int) -> str | None:
+        (u,) = self.packs.parts(pack)
         if n == 0:
-            return self.name(f"tanh({self.coefficient(u, 0)})")
-        terms = [(max(j, n - j), f"{j / n!r} * {name} * {self._bell(x, n - j, '-')}")
-                 for j in range(1, n + 1) if (name := self.coefficient(u, j)) is not None]  # fmt: skip
-        return self.name(self.total(terms) or "0.0")
-
-    def _atan(self, x: Series, n: int) -> str | None:
-        (u,) = x.parts
-        if n == 0:
-            return self.name(f"atan({self.coefficient(u, 0)})")
-        terms = [(max(j, n - j), f"{j / n!r} * {name} * {self._bell(u, n - j, '+')}")
-                 for j in range(1, n) if (name := self.coefficient(x, j)) is not None]  # fmt: skip
-        known = f" - ({text})" if (text := self.total(terms)) else ""
-        return self.name(f"({self.coefficient(u, n) or '0.0'}{known}) / {self._bell(u, 0, '+')}")
+            return self._lanewise("atan", u)
+        bell = self._bell(u, "+")
+        known = self.convolution(self._slope(pack), bell, n, 1, n - 1)
+        newest = self._slope(u)(n) or "0.0"
+        return self.name(f"({newest} - ({known})) / ({float(n)!r} * {bell(0)})" if known else f"{newest} / {bell(0)}")
 
 
 def series_kernels(system: System, order: int, first: int) -> tuple[Kernel, Kernel, list[Symbol]]:
@@ -204,27 +231,48 @@ def series_kernels(system: System, order: int, first: int) -> tuple[Kernel, Kern
         largest of velocities and of c0 theta/theta_0. The constants of the list stand in `given` from `first` on.
     polynomial(coefficients, (h,)) -> y after h
     """
-    normal, variables, rate = rates(system)
+    _, variables, rate = rates(system)
     sym, n, size = system.symbolic, system.n_positions, system.size
     scale = [trace.reciprocal(m) for m in lifted(sym.inertia(), n)] + lifted(sym.entropy_scale(), system.n_elements)
-    constants = {w.number: w for w in [*normal.weights(), *scale] if w.op != "const"}
-    writer = Writer(dict(enumerate(rate)), {number: f"b[{first + i}]" for i, number in enumerate(constants)})
-    outputs = [writer.coefficient(x, k) or "0.0" for k in range(order + 1) for x in variables]
-    warm = [writer.name(f"1.0 / {outputs[i]}") for i in range(2 * n, size)]
-    for k in (order - 1, order):
+    writer = Writer(variables, dict(enumerate(rate)), first)
+    stored = [line for k in range(order + 1) for line in stores(writer, variables, k)]
+    warm = [writer.name(f"1.0 / {writer.coefficient(x, 0)}") for x in variables[2 * n :]]
+    for at, k in enumerate((order - 1, order)):
         largest = "0.0"
         for i in range(n, size):
             relative = f" * {warm[i - 2 * n]}" if i >= 2 * n else ""
-            term = writer.name(f"abs({outputs[k * size + i]} * {writer.weight(scale[i - n])}{relative})")
+            weight = writer.weights([scale[i - n]])
+            term = writer.name(f"abs({writer.coefficient(variables[i], k)} * {weight}{relative})")
             largest = writer.name(f"max({largest}, {term})")
-        outputs.append(largest)
-    horner = []
-    for i in range(size):
-        text = f"a[{order * size + i}]"
-        for k in reversed(range(order)):
-            text = f"({text} * h + a[{k * size + i}])"
-        horner.append(text)
-    return written(writer.lines, outputs), written(["h = b[0]"], horner), list(constants.values())
+        stored.append(f"out[{(order + 1) * size + at}] = {largest}")
+    series = written([*writer.lines, *stored], (order + 1) * size + 2)
+    return series, polynomial_kernel(order, size), writer.given
+
+
+def stores(writer: Writer, variables: list[Series], k: int) -> list[str]:
+    """Coefficient k of the variables into its place."""
+    size, lines = len(variables), []
+    for pack in dict.fromkeys(writer.packs.home[id(x)][0] for x in variables):
+        places, name = [k * size + x.index for x in pack], writer.value(pack, k)
+        if name and len(pack) > 1 and places == list(range(places[0], places[0] + len(pack))):
+            lines.append(f"put(out, {places[0]}, {name})")
+        else:
+            lines += [f"out[{place}] = {writer.coefficient(x, k)}" for place, x in zip(places, pack, strict=True)]
+    return lines
+
+
+def polynomial_kernel(order: int, size: int) -> Kernel:
+    """The polynomials of all numbers, some at a time; in Estrin's order: short chains of operations."""
+    lines = ["h1 = b[0]"] + [f"h{2 * k} = h{k} * h{k}" for k in (2**i for i in range(order.bit_length() - 1))]
+    for i in range(0, size, WIDTH):
+        count = min(WIDTH, size - i)
+        texts = [f"row(a, {k * size + i}, {count})" if count > 1 else f"a[{k * size + i}]" for k in range(order + 1)]
+        power = 1
+        while len(texts) > 1:
+            pairs = [f"({low} + {high} * h{power})" for low, high in zip(texts[::2], texts[1::2], strict=False)]
+            texts, power = pairs + texts[len(pairs) * 2 :], 2 * power
+        lines += [f"t{i} = {texts[0]}", f"put(out, {i}, t{i})" if count > 1 else f"out[{i}] = t{i}"]
+    return written(lines, size)
 
 
 def lifted(value: Any, count: int) -> list[Symbol]:
@@ -234,6 +282,5 @@ def lifted(value: Any, count: int) -> list[Symbol]:
     ]
 
 
-def written(lines: list[str], outputs: list[str]) -> Kernel:
-    stored = [f"out[{i}] = {name}" for i, name in enumerate(outputs)]
-    return Kernel("def kernel(a, b, out):\n" + "".join(f"    {line}\n" for line in [*lines, *stored]), len(outputs))
+def written(lines: list[str], count: int) -> Kernel:
+    return Kernel("def kernel(a, b, out):\n" + "".join(f"    {line}\n" for line in lines), count)

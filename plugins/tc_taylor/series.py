@@ -27,10 +27,11 @@ from tcbench.compiler.derivatives import Symbol
 UNARY = ("log", "exp", "sqrt", "sin", "cos", "tanh", "atan")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Series:
-    """A series in time. kind: var, sum, product, quotient, D (time derivative) or the name of a function.
+    """A series in time; equal ones are one object.
 
+    kind  : var, sum, product, quotient, D (time derivative) or the name of a function.
     parts : series it is made of. weights : of a sum, (constant, ...) beside its parts, and last the constant term.
     """
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from . import short_vectors
 from .language import FUNCTIONS
 from .values import BOOL, FLOAT, FUSED, INT, NOTHING, Several, TranslationError, Value, constant, say
 
@@ -124,7 +125,7 @@ class Arithmetic:
             raise self.refusal(node, "of operations with one operand, - of a number and not are translated")
         if isinstance(node.operand, ast.Constant):
             return self.literal(node, -node.operand.value)  # type: ignore[operator]
-        return Value(kind, (self.emit(f"sub i64 0, {code}" if kind == INT else f"fneg double {code}"),))
+        return Value(kind, (self.emit(f"sub i64 0, {code}" if kind == INT else f"fneg {kind} {code}"),))
 
     def truth(self, node: ast.expr) -> str:
         value = self.value(node)
@@ -138,6 +139,8 @@ class Arithmetic:
         return self.binary(node, node.op, self.value(node.left), self.value(node.right))
 
     def binary(self, node: ast.AST, operation: ast.operator, left: Value, right: Value) -> Value:
+        if short_vectors.width_of(left.kind) or short_vectors.width_of(right.kind):
+            return short_vectors.binary(self, node, operation, left, right)
         kind, (x, y) = self.common(node, [left, right])
         if kind == BOOL or (kind == INT and isinstance(operation, ast.Div)):
             kind = FLOAT if isinstance(operation, ast.Div) else INT

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from . import language
+from . import language, short_vectors
 from .arithmetic import ARITHMETIC, INTRINSICS, LIBRARY, Arithmetic
 from .records import Field
 from .values import BOOL, FLOAT, INT, NOTHING, Array, RowsOf, Several, Value, kind_of, machine_kinds, say
@@ -111,6 +111,8 @@ class Expressions(Arithmetic):
             if not isinstance(results.kind, Several) or which not in range(len(results.parts)):
                 raise self.refusal(node, f"{say(results.kind)} has no such entry")
             return Value(results.kind.kinds[which], (results.parts[which],))
+        if isinstance(node.value, ast.Name) and short_vectors.width_of((owner := self.value(node.value)).kind):
+            return short_vectors.lane(self, node, owner)
         place = self.place(node)
         if isinstance(place.kind, str):
             fixed = ", !invariant.load !0" if place.fixed else ""
@@ -189,6 +191,8 @@ class Expressions(Arithmetic):
         if function in INTRINSICS or function in LIBRARY:
             _, x = self.number(node.args[0], FLOAT)
             return Value(FLOAT, (self.machine_call(INTRINSICS.get(function) or LIBRARY[function], x),))
+        if function in short_vectors.CALLS:
+            return short_vectors.CALLS[function](self, node)
         if function is language.call:
             return self._kernel_call(node)
         if function is language.scratch:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .derivatives import Symbol, depends_on, topological
-from .language import FUNCTIONS, PLAIN, PYTHON_KERNELS, release, scratch
+from .language import FUNCTIONS, PLAIN, PYTHON_KERNELS, pick, put, release, row, scratch, vector
 
 WIDTH = 8  # doubles in a vector of lanes.py
 _BINARY = {"add": "+", "sub": "-", "mul": "*"}
@@ -129,8 +129,8 @@ def namespace() -> dict[str, Any]:
     from . import special
 
     names = ("phi", "phi_pair", "dphi", "lam", "lam_pair", "dlam")
-    loops = {"scratch": scratch, "release": release}
-    return {"inf": math.inf, **FUNCTIONS, **loops, **{name: getattr(special, name) for name in names}}
+    functions = {f.__name__: f for f in (scratch, release, vector, row, pick, put)}
+    return {"inf": math.inf, **FUNCTIONS, **functions, **{name: getattr(special, name) for name in names}}
 
 
 def _load(text: str, table: NDArray[np.int64] | None) -> int:

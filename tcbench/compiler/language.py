@@ -52,6 +52,26 @@ def release(array: Floats) -> None:
     """Give back what `scratch` gave."""
 
 
+def vector(*numbers: float) -> Floats:
+    """So many numbers that go through the same arithmetic at once."""
+    return np.array(numbers)
+
+
+def row(array: Floats, start: int, count: int) -> Floats:
+    """`count` numbers of an array, from `start` on, as a vector."""
+    return np.array(array[start : start + count])
+
+
+def pick(x: Floats, y: Floats, *lanes: int) -> Floats:
+    """Some of the numbers of two vectors of one length, those of y counted after those of x."""
+    return np.concatenate([x, y])[list(lanes)]
+
+
+def put(array: Floats, start: int, x: Floats) -> None:
+    """Store a vector in an array, from `start` on."""
+    array[start : start + len(x)] = x
+
+
 def copy_into(target: Floats, source: Floats) -> None:
     """target[:] = source."""
     for i in range(len(source)):
@@ -81,4 +101,4 @@ def _without_errors(name: str) -> Callable[[float], float]:
 FUNCTIONS = {
     name: _without_errors(name) for name in ("sqrt", "exp", "log", "expm1", "log1p", "sin", "cos", "tanh", "atan")
 }
-sqrt, expm1, log1p = FUNCTIONS["sqrt"], FUNCTIONS["expm1"], FUNCTIONS["log1p"]
+sqrt, exp, log, expm1, log1p = (FUNCTIONS[name] for name in ("sqrt", "exp", "log", "expm1", "log1p"))

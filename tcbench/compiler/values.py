@@ -68,7 +68,7 @@ def say(kind: Any) -> str:
     if isinstance(kind, Array):
         return f"an array with {kind.rank} ax{'i' if kind.rank == 1 else 'e'}s"
     if isinstance(kind, str):
-        return WORDS[kind]
+        return WORDS.get(kind, "a vector")
     return f"a {kind.__name__}" if isinstance(kind, type) else "a tuple or rows"
 
 

@@ -6,14 +6,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from random_laws import assert_laws
 from states import admissible_states
+from tcbench_plugins.tc_taylor import lanes
 from tcbench_plugins.tc_taylor.method import TaylorMethod, kernels
-from tcbench_plugins.tc_taylor.recurrences import Writer, written
-from tcbench_plugins.tc_taylor.series import ONE, Normal
+from tcbench_plugins.tc_taylor.recurrences import Writer, series_kernels, written
+from tcbench_plugins.tc_taylor.series import ONE, Normal, rates
 
 import tcbench
 from tcbench import TcbenchError
 from tcbench.compiler import derivatives as trace
-from tcbench.compiler.kernels import kernel
+from tcbench.compiler.kernels import kernel, namespace
 from tcbench.plugins import find_integrator, find_scenario
 from tcbench.reference.lookup import reference_for
 
@@ -42,8 +43,9 @@ def test_the_series_of_each_operation_solves_its_equation(name):
     variable = normal.series("var", index=0)
     normal.known[y.number] = {((variable, 1),): ONE}
     (form,) = normal.of([f(y)])
-    writer = Writer({0: normal.single(form)}, {})
-    c = written(writer.lines, [writer.coefficient(variable, k) or "0.0" for k in range(order + 1)])
+    writer = Writer([variable], {0: normal.single(form)})
+    stored = [f"out[{k}] = {writer.coefficient(variable, k)}" for k in range(order + 1)]
+    c = written([*writer.lines, *stored], order + 1)
     coefficients = c(np.array([0.4]), np.zeros(1))
     misses = []
     for h in (0.1, 0.05):
@@ -77,6 +79,38 @@ def test_the_series_starts_with_the_rates_and_solves_the_equations(name):
     rate = sum(k * table[k] * h ** (k - 1) for k in range(1, 13))
     there = np.asarray(scenario.model.temperature_field(polynomial(coefficients, np.array([h]))))
     assert np.allclose(rate, there, rtol=1e-11, atol=1e-11 * abs(there).max())
+
+
+@pytest.mark.parametrize("name", [*SCENARIOS, "chain[n=5]", "net[nx=3,ny=2]"])
+def test_lanes_change_nothing_but_round_off_and_plain_python_agrees(name, monkeypatch):
+    system, order = find_scenario(name).model, 10
+    y = np.asarray(system.temperature_variables(find_scenario(name).z0))
+    y = y * (1.0 + 0.1 * np.random.default_rng(2009).random(len(y)))
+    found = []
+    for width in (4, 1):
+        monkeypatch.setattr(lanes, "WIDTH", width)
+        series, _, more = series_kernels(system, order, len(system.constant_values))
+        setup = kernel(system.constant_symbols(), more)(system.constant_values, system.constant_values)
+        given = np.concatenate([system.constant_values, setup])
+        found.append(series(y, given)[:-2].reshape(order + 1, -1))
+        assert ("row(a" in series.text) == (width > 1)
+        scope, out = dict(namespace()), np.empty(series.size)
+        exec(series.text, scope)
+        scope["kernel"](y, given, out)
+        found.append(out[:-2].reshape(order + 1, -1))
+    largest = abs(found[0]).max(axis=1, keepdims=True)  # what cancels is known to the round-off of what it is made of
+    for other in found[1:]:
+        assert np.all(abs(other - found[0]) <= 1e-12 * largest)
+
+
+def test_equal_springs_and_both_directions_are_lanes_of_one_vector():
+    _, variables, rate = rates(tcbench.scenarios()["bound_equilibrium"].model)
+    packs = lanes.Packs(dict(enumerate(rate)), variables)
+    widths = {}
+    for x in lanes.reachable([*variables, *rate]):
+        if id(x) in packs.home:
+            widths.setdefault(x.kind, set()).add(len(packs.home[id(x)][0]))
+    assert widths == {"var": {4, 2}, "product": {4, 2}, "quotient": {2}, "log": {2}}
 
 
 @given(admissible_states(), st.floats(-12, -1))

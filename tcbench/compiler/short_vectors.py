@@ -1,0 +1,116 @@
+"""Short vectors in the text of a kernel: a few numbers that go through the same arithmetic at once.
+
+`vector`, `row`, `pick` and `put` of `language` make them, read them, mix their lanes and store them; +, -, * and / of
+two vectors, or of a vector and a number, act lane by lane. LLVM maps them to what the processor has.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from . import language
+from .values import FLOAT, FUSED, INT, NOTHING, Array, Value, constant, say
+
+if TYPE_CHECKING:
+    from .arithmetic import Arithmetic
+    from .expressions import Expressions
+
+OPERATIONS = {ast.Add: "fadd", ast.Sub: "fsub", ast.Mult: "fmul", ast.Div: "fdiv"}
+
+
+def kind_of_width(width: int) -> str:
+    return f"<{width} x {FLOAT}>"
+
+
+def width_of(kind: Any) -> int:
+    """How many numbers a vector of this kind has; 0 of what is none."""
+    found = re.match(r"<(\d+) x", kind) if isinstance(kind, str) else None
+    return int(found[1]) if found else 0
+
+
+def _everywhere(body: Arithmetic, width: int, number: str) -> str:
+    """The vector with this number in every lane."""
+    kind = kind_of_width(width)
+    if not number.startswith("%"):
+        return f"<{', '.join([f'{FLOAT} {number}'] * width)}>"
+    first = body.emit(f"insertelement {kind} poison, {FLOAT} {number}, i64 0")
+    return body.emit(f"shufflevector {kind} {first}, {kind} poison, <{width} x i32> zeroinitializer")
+
+
+def binary(body: Arithmetic, node: ast.AST, operation: ast.operator, left: Value, right: Value) -> Value:
+    """Lane by lane; a number counts for every lane."""
+    width = width_of(left.kind) or width_of(right.kind)
+    codes = []
+    for value in (left, right):
+        if width_of(value.kind) not in (0, width):
+            raise body.refusal(node, f"{say(left.kind)} and {say(right.kind)} have no common kind")
+        wide = width_of(value.kind) == width
+        codes.append(body.part(value) if wide else _everywhere(body, width, body.convert(node, value, FLOAT)))
+    if type(operation) not in OPERATIONS:
+        raise body.refusal(node, "of vectors, +, -, * and / are translated")
+    kind = kind_of_width(width)
+    return Value(kind, (body.emit(f"{OPERATIONS[type(operation)]} {FUSED} {kind} {codes[0]}, {codes[1]}"),))
+
+
+def lane(body: Expressions, node: ast.Subscript, owner: Value) -> Value:
+    """vector[i], i a constant."""
+    i = node.slice.value if isinstance(node.slice, ast.Constant) else None
+    if not isinstance(i, int) or i not in range(width_of(owner.kind)):
+        raise body.refusal(node, f"{say(owner.kind)} has no such lane")
+    return Value(FLOAT, (body.emit(f"extractelement {owner.kind} {body.part(owner)}, i64 {i}"),))
+
+
+def _vector(body: Expressions, node: ast.Call) -> Value:
+    numbers = [body.number(x, FLOAT)[1] for x in node.args]
+    kind = kind_of_width(len(numbers))
+    known = [number if not number.startswith("%") else constant(0.0) for number in numbers]
+    code = f"<{', '.join(f'{FLOAT} {number}' for number in known)}>"
+    for i, number in enumerate(numbers):
+        if number.startswith("%"):
+            code = body.emit(f"insertelement {kind} {code}, {FLOAT} {number}, i64 {i}")
+    return Value(kind, (code,))
+
+
+def _place(body: Expressions, node: ast.Call, array: ast.expr, start: ast.expr) -> str:
+    owner = body.value(array)
+    if not isinstance(owner.kind, Array) or owner.kind.rank != 1 or owner.kind.item != FLOAT:
+        raise body.refusal(node, f"{say(owner.kind)} has no row of numbers")
+    return body.offset(owner, body.number(start, INT)[1])
+
+
+def _row(body: Expressions, node: ast.Call) -> Value:
+    array, start, count = node.args
+    if not isinstance(count, ast.Constant) or not isinstance(count.value, int):
+        raise body.refusal(node, "the length of a vector is a constant")
+    kind = kind_of_width(count.value)
+    return Value(kind, (body.emit(f"load {kind}, ptr {_place(body, node, array, start)}, align 8"),))
+
+
+def _put(body: Expressions, node: ast.Call) -> Value:
+    array, start, given = node.args
+    value = body.value(given)
+    if not width_of(value.kind):
+        raise body.refusal(node, f"{say(value.kind)} stands where a vector is needed")
+    at = _place(body, node, array, start)
+    body.lines.append(f"  store {value.kind} {body.part(value)}, ptr {at}, align 8")
+    return Value(NOTHING, ())
+
+
+def _pick(body: Expressions, node: ast.Call) -> Value:
+    first, second = (body.value(x) for x in node.args[:2])
+    lanes = [x.value for x in node.args[2:] if isinstance(x, ast.Constant) and isinstance(x.value, int)]
+    width = width_of(first.kind)
+    known = len(lanes) == len(node.args) - 2 and all(x in range(2 * width) for x in lanes)
+    if not width or second.kind != first.kind or not known:
+        raise body.refusal(node, "pick(x, y, lanes...) takes two vectors of one length and which of their lanes")
+    mask = f"<{len(lanes)} x i32> <{', '.join(f'i32 {x}' for x in lanes)}>"
+    code = f"shufflevector {first.kind} {body.part(first)}, {first.kind} {body.part(second)}, {mask}"
+    return Value(kind_of_width(len(lanes)), (body.emit(code),))
+
+
+CALLS: dict[Any, Callable[[Expressions, ast.Call], Value]] = {
+    language.vector: _vector, language.row: _row, language.put: _put, language.pick: _pick,
+}  # fmt: skip
