@@ -10,6 +10,7 @@ from tcbench.systems.right_hand_side import Field
 
 DENSE = 80  # length of a state up to which a dense Jacobian is the faster one
 IMPLICIT = ("Radau", "BDF", "LSODA")
+DENSE_LU = ("Radau", "BDF")  # solve linear systems by scipy.linalg.lu_factor and lu_solve
 
 
 def odeint(system, z0, t_eval, rtol, atol):
@@ -71,6 +72,9 @@ def door_of_solve_ivp(method):
             field.rate, start, z0, end, rtol=rtol, atol=atol, **extras(system, field)
         )
 
+        if method in DENSE_LU and system.size <= DENSE:
+            by_lapack(solver)
+
         def states():
             row, passed = 0, solver.direction * np.asarray(t_eval)
             while row < len(t_eval):
@@ -102,6 +106,32 @@ def door_of_solve_ivp(method):
         return solution.y.T[[0, -1]], {"rhs_evaluations": int(solution.nfev), "steps": len(solution.t) - 1}
 
     return adaptive, outputs
+
+
+def by_lapack(solver):
+    """Let a solver call LAPACK as SciPy's functions do, without what surrounds it, a third of the time of a run.
+
+    Only where its states are asked for one by one, which is never timed. The numbers are the same to the last bit.
+    """
+    from scipy.linalg import lapack
+
+    getrf = {"f": lapack.dgetrf, "c": lapack.zgetrf}
+    getrs = {"f": lapack.dgetrs, "c": lapack.zgetrs}
+
+    def finite(array):
+        if not np.isfinite(array).all():
+            raise ValueError("array must not contain infs or NaNs")  # as SciPy says it
+        return array
+
+    def lu(matrix):
+        solver.nlu += 1
+        return getrf[matrix.dtype.kind](finite(matrix), overwrite_a=True)[:2]
+
+    def solve_lu(factors, b):
+        return getrs[factors[0].dtype.kind](*factors, finite(b), overwrite_b=True)[0]
+
+    if hasattr(solver, "lu") and hasattr(solver, "solve_lu"):
+        solver.lu, solver.solve_lu = lu, solve_lu
 
 
 def whole(outputs):

@@ -42,6 +42,11 @@ def test_a_failed_solver_is_a_row():
     assert run.status == "exception" and "dop853" in run.failure
 
 
+def test_a_lost_run_of_an_implicit_solver_ends_as_scipy_ends_it():
+    run = tcbench.simulate("solve_ivp_bdf", "gas_containers", tolerance=0.1)
+    assert run.status == "exception" and "ValueError: array must not contain infs or NaNs" in run.failure
+
+
 def test_the_field_has_the_systems_rate_and_jacobian():
     scenario = tcbench.scenarios()["short_term"]
     field, z, model = Field(scenario.model), scenario.z0.copy(), scenario.model
