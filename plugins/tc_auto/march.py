@@ -15,7 +15,7 @@ STIFF_FROM_THE_START = 1.2  # of the first series' step: what decays stands in i
 STABLE, STABLE_OF_ORDER = 2.0, 0.3  # those of order p that conduction bounds: about so many, and so many p
 STIFF = 0.7  # of these: from here on conduction bounds a step
 PATIENCE = 32  # stiff steps in a row before the other method is tried, and four times as many each time
-LONGER = 6.0  # the first implicit step, over the last explicit one
+LONGER = 4.0  # the first implicit step, over the last explicit one
 COST, COST_OF_ORDER = 1.0, 0.06  # an explicit step of order p takes the time of so many iterations, and of so many p
 
 

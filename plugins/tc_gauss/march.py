@@ -18,7 +18,7 @@ RETREAT, ADVANCE = 0.7, 1.1  # of a step that is too long for the quadrature, an
 FIRST = 4.0  # times the decay time of the conduction: see first_step
 COARSEST = 0  # level of quadrature
 PATIENCE, GROWING = 4, 1.15  # steps whose cost is looked at, and whose length is taken to be settled; see advance
-DEAR = 1.5  # so many times dearer they are given up even if they grow
+DEAR, FAST = 1.5, 1.5  # so many times dearer they are given up, unless the next is so much longer than their mean
 FAR = 2.5  # ratio of steps up to which the last polynomials are extrapolated
 
 
@@ -134,8 +134,8 @@ def advance(
 ) -> tuple[int, float, float]:
     """States at times[row:] from the state at t on; returns (row that is next, t, the next step).
 
-    It ends early where steps become too short (then the last is 0), and where PATIENCE of them take more iterations for
-    a unit of time than `most` and do not grow, or are cut by output times, or take DEAR times as many.
+    It ends early where steps become too short (then the last is 0), and where PATIENCE attempts take more iterations for
+    a unit of time than `most` and do not grow, or are cut by output times.
     h : of the first step; 0: to be found.
     """
     k = w.k
@@ -161,6 +161,7 @@ def advance(
                 factor = min(factor, math.sqrt(BEST / max(w.seen[0], 1e-3)))
             if code != SOLVED or not error <= ACCEPT * tolerance:
                 w.counts.rejected += 1
+                taken += 1
                 h = step * (0.4 if code == FAILED else RETREAT if code == COARSE else max(SHRINK, factor))
                 longest = h if code != SOLVED else longest
                 last = 0.0
@@ -177,9 +178,9 @@ def advance(
             longest *= ADVANCE
             h = min(h, longest)
             taken += 1
-            if taken == PATIENCE:
-                cost = (w.counts.iterations - spent) / (t - begun)
-                if cost > DEAR * most or (cost > most and (cut or h < GROWING * step)):
+            if taken >= PATIENCE:
+                cost, mean = (w.counts.iterations - spent) / (t - begun), (t - begun) / taken
+                if cost > most and (cut or h < GROWING * step or (cost > DEAR * most and h < FAST * mean)):
                     dear = True
                     break
                 taken, begun, spent = 0, t, w.counts.iterations
