@@ -134,8 +134,8 @@ def advance(
 ) -> tuple[int, float, float]:
     """States at times[row:] from the state at t on; returns (row that is next, t, the next step).
 
-    It ends early where steps become too short (then the last is 0), and where PATIENCE attempts take more iterations for
-    a unit of time than `most` and do not grow, or are cut by output times.
+    It ends early where steps become too short (then the last is 0), and where PATIENCE attempts take more iterations
+    for a unit of time than `most` and do not grow, or are cut by output times.
     h : of the first step; 0: to be found.
     """
     k = w.k
