@@ -4,6 +4,8 @@ tc_auto goes over from tc_taylor to tc_gauss_adaptive and back during a run, by 
 over the decay time of the conduction. See march.py and docs/methods.md.
 """
 
+from functools import cache
+
 import numpy as np
 
 from tcbench import Integrator, hookimpl
@@ -18,13 +20,21 @@ EXACT = {"energy", "entropy", "angular_momentum"}
 SOURCE = "Taylor series or Gauss collocation, whichever costs less where the run is (docs/methods.md)"
 
 
+@cache
+def loops():
+    """The compiled functions; LLVM is loaded when something runs, not when plugins are listed."""
+    from .march import LOOPS
+
+    return LOOPS
+
+
 def methods_of(system, tolerance):
     """The implicit one, and the explicit one of the order for this tolerance; none where it is not for the system."""
-    made, chosen = system.__dict__.setdefault("_auto_methods", {}), (stages_of(tolerance), order_of(tolerance))
-    if chosen not in made:
-        explicit = taylor_method(system, chosen[1]) if system.n_elements <= MOST_ELEMENTS else None
-        made[chosen] = gauss_method(system, chosen[0]), explicit
-    return made[chosen]
+    made = system.__dict__.setdefault("_auto_methods", {})
+    if tolerance not in made:
+        explicit = taylor_method(system, order_of(tolerance)) if system.n_elements <= MOST_ELEMENTS else None
+        made[tolerance] = gauss_method(system, stages_of(tolerance)), explicit
+    return made[tolerance]
 
 
 def adaptive(system, z0, t_eval, rtol, atol):
@@ -35,14 +45,12 @@ def adaptive(system, z0, t_eval, rtol, atol):
 
 def both(gauss, taylor, z0, times, tolerance):
     """States at `times`, and what they cost; ArithmeticError where the steps of both become too short."""
-    from .march import LOOPS
-
     states = np.empty((len(times), len(z0)))
     taylor.reached = None
     g, e = gauss.counts, taylor.counts
     g.table.fill(0)
     e.table.fill(0)
-    done = LOOPS.steps(taylor.work, gauss.work, z0, times, tolerance, *gauss.held(tolerance), states)
+    done = loops().steps(taylor.work, gauss.work, z0, times, tolerance, *gauss.held(tolerance), states)
     if done < len(times):
         raise ArithmeticError(f"the step became too short before t = {times[done]:g}")
     return states, {

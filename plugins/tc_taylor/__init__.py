@@ -6,6 +6,7 @@ energy into heat, and the entropy is held where it would fall: see docs/methods.
 """
 
 import math
+from functools import cache
 
 import numpy as np
 
@@ -27,6 +28,7 @@ def method_of(system, order):
     return made[order]
 
 
+@cache
 def order_of(tolerance):
     best = LEAST - EFFORT * math.log(min(tolerance, 1.0))
     return min(max(2 * round(best / 2), ORDERS[0]), ORDERS[-1])

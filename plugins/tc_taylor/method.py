@@ -46,7 +46,7 @@ class TaylorMethod:
         """States at `times`, shape (len(times), n), and their cost; ArithmeticError where steps become too short."""
         states = np.empty((len(times), self.size))
         self.reached = None
-        self.counts.table[:] = 0
+        self.counts.table.fill(0)
         done = self.loops.adaptive_steps(self.work, z0, times, tolerance, states)
         if done < len(times):
             raise ArithmeticError(f"the step became too short before t = {times[done]:g}")

@@ -1,0 +1,126 @@
+"""Who is first to an accuracy of the state: consistent methods beside the fastest peers, minima in one process.
+
+    python benchmarks/first_to_accuracy.py random 200     # random scenarios to t = 10: how often a consistent one is
+    python benchmarks/first_to_accuracy.py systems        # a truss of three masses and a net of 3 x 3, to t = 5
+
+Errors are against the certified reference; a scenario counts for an accuracy where its reference knows ten times more.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterable
+
+import numpy as np
+
+import tcbench
+from tcbench.plugins import find_scenario
+from tcbench.reference.certified import gap
+from tcbench.reference.collocation import ReferenceFailed
+from tcbench.reference.lookup import reference_for
+
+CONSISTENT = ("tc_auto", "tc_taylor", "tc_gauss_adaptive")
+PEERS = ("heyoka", "scipy_odeint", "scipy_dop853", "cvode")
+TARGETS = (1e-3, 1e-6, 1e-9)
+TOLERANCES = [10.0**k for k in range(-2, -15, -1)]
+REPEATS, LONG_S = 5, 0.05  # runs of a rung, but one of those that take long
+
+
+class Truss(tcbench.Network):
+    """Three masses and three springs in the plane, free; springs that share a mass conduct heat."""
+
+    name = "truss"
+    n_positions = 6
+    elements = np.array([[0, 1, 2, 3], [2, 3, 4, 5], [4, 5, 0, 1]])
+    links = np.array([[0, 1], [1, 2], [2, 0]])
+    constants = {"mass": "position", "stiffness": "element", "kappa": (), "reference_temperature": ()}
+
+    def inertia(self):
+        return self.mass
+
+    def element_shape(self, q):
+        return (q[2] - q[0]) ** 2 + (q[3] - q[1]) ** 2
+
+    def element_energy(self, pi, s):
+        strain, warm = 0.5 * np.log(pi), self.reference_temperature
+        return self.stiffness / 2 * strain**2 + warm * (0.2 * strain + 5 * (np.exp((s - 0.2 * strain) / 5) - 1))
+
+    def link(self, a, b):
+        return self.kappa * (b - a) / a, self.kappa * (a - b) / b
+
+    def entropies(self, q, theta):
+        return 0.1 * np.log(self.shape(q)) + 5 * np.log(theta / self.reference_temperature)
+
+
+def truss() -> tcbench.Scenario:
+    constants = {"mass": np.repeat([1.0, 2.0, 1.5], 2), "stiffness": np.array([20.0, 10.0, 15.0]), "kappa": 1.0}
+    return tcbench.Scenario(
+        "truss", Truss, constants | {"reference_temperature": 300.0}, positions=[0.0, 0.0, 1.2, 0.1, 0.5, 0.9],
+        momenta=[0.3, -0.5, 0.2, 0.8, -0.5, -0.3], temperatures=[330.0, 300.0, 280.0], t_end=5.0, dt=0.05,
+    )  # fmt: skip
+
+
+def times_to(scenario: tcbench.Scenario, t_end: float, names: Iterable[str]) -> dict[str, list[float]]:
+    """Seconds of the fastest run of each method within each target; infinity where none is."""
+    reference = reference_for(scenario, [t_end])
+    exact, span = reference.states[-1], np.array([0.0, t_end])
+    targets = [target if 10 * reference.certificate[-1] <= target else np.nan for target in TARGETS]
+    found = {}
+    for name in names:
+        solve, rungs = tcbench.integrators()[name].adaptive, []
+        for tolerance in TOLERANCES:
+            try:
+                states, _ = solve(scenario.model, scenario.z0, span, tolerance, tolerance)
+            except Exception as error:  # a solver that gives up is slower than any
+                print(f"  {name} at {tolerance:g}: {str(error)[:80]}", file=sys.stderr)
+                continue
+            best = np.inf
+            for _ in range(REPEATS):
+                begin = time.perf_counter()
+                solve(scenario.model, scenario.z0, span, tolerance, tolerance)
+                best = min(best, time.perf_counter() - begin)
+                if best > LONG_S:
+                    break
+            rungs.append((gap(states[-1], exact), best))
+            if rungs[-1][0] <= TARGETS[-1]:
+                break
+        found[name] = [
+            np.nan if np.isnan(target) else min((s for e, s in rungs if e <= target), default=np.inf)
+            for target in targets
+        ]
+    return found
+
+
+def random_scenarios(count: int) -> None:
+    first = {name: np.zeros(len(TARGETS), int) for name in ("a consistent method", "tc_auto")}
+    counted = np.zeros(len(TARGETS), int)
+    for seed in range(count):
+        try:
+            found = times_to(find_scenario(f"random[seed={seed}]"), 10.0, (*CONSISTENT, *PEERS))
+        except ReferenceFailed as error:
+            print(f"seed {seed}: {error}", file=sys.stderr)
+            continue
+        peers = np.min([found[name] for name in PEERS], axis=0)
+        best = np.min([found[name] for name in CONSISTENT], axis=0)
+        some = np.isfinite(np.minimum(peers, best))
+        counted += some
+        first["a consistent method"] += some & (best < peers)
+        first["tc_auto"] += some & (np.array(found["tc_auto"]) < peers)
+        if (seed + 1) % 10 == 0 or seed + 1 == count:
+            print(f"{seed + 1} scenarios, counted to {TARGETS}: {counted}", flush=True)
+            for name, wins in first.items():
+                print(f"    first is {name}: {wins}, {np.round(100 * wins / np.maximum(counted, 1), 1)} %", flush=True)
+
+
+def systems() -> None:
+    for scenario in (truss(), find_scenario("net[nx=3,ny=3]")):
+        found = times_to(scenario, 5.0, (*CONSISTENT, *PEERS))
+        print(f"{scenario.name}: microseconds of a run within {TARGETS}, and as multiples of tc_auto's")
+        for name, seconds in found.items():
+            ratios = np.array(seconds) / found["tc_auto"]
+            print(f"    {name:20}" + "".join(f"{1e6 * s:12.0f} {r:7.2f}" for s, r in zip(seconds, ratios, strict=True)))
+
+
+if __name__ == "__main__":
+    systems() if sys.argv[1:] == ["systems"] else random_scenarios(int((sys.argv[2:] or ["200"])[0]))
