@@ -49,8 +49,8 @@ def run_command(options: dict[str, Any], display: terminal.Display) -> int:
         **options,
     )  # fmt: skip
     with waiting("summing up"):
-        store = Store.read(results.output)
-        tables = read_tables(store)  # of all runs into this folder
+        store, tables = Store.read(results.output), results.every
+        store.problems[:] = results.problems
         replace_file(results.output / "summary.csv", csv_bytes(summary(tables, plugins.integrators())), results.output)
     page = None
     if report and not results.summary.interrupted:

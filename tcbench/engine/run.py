@@ -15,6 +15,7 @@ from ..store.cores import usable_cores
 from ..store.provenance import manifest, provenance, utc_now
 from ..store.store import Store
 from ..store.tables import latest_rows, make_tables, read_tables
+from ..studies.base import studies
 from ..systems.scenario import Scenario
 from .declared import declared, merged
 from .measure import MEASURE, measure_here
@@ -44,6 +45,7 @@ class Results:
     left_out: Sequence[str] = ()  # sentences: why methods that were asked for are not in a study
     statuses: Mapping[str, int] = field(default_factory=dict)  # how its cells ended, those finished before included
     problems: Sequence[str] = ()  # sentences: lines that could not be read, rows of older formulas
+    every: Mapping[str, DataFrame] = field(default_factory=dict)  # tables of all runs into this folder
 
     def _repr_html_(self) -> str:
         """What a notebook shows: the tables and how many rows each has, and the first of them."""
@@ -129,7 +131,8 @@ def execute(
             tables = make_tables(job.studies, store, keys)
             latest, older = latest_rows(store)
             if keys == latest:
-                every = tables
+                in_order = [name for study in studies().values() for name in study.tables]
+                every = {name: tables[name] for name in in_order if name in tables}
                 store.problems += older
             else:
                 every = read_tables(store)  # of all runs into this folder
@@ -141,7 +144,8 @@ def execute(
             statuses = Counter(str(rows[cell.key].get("status")) for cell in job.cells if cell.key in rows)
         data = {"cells": len(job.cells), "interrupted": summary.interrupted, "tables": sorted(every)}
         store.write_manifest(manifest(store.provenance_id, started, utc_now(), data, packages))
-        return Results(tables, Path(output), summary, job.left_out, statuses, tuple(dict.fromkeys(store.problems)))
+        problems = tuple(dict.fromkeys(store.problems))
+        return Results(tables, Path(output), summary, job.left_out, statuses, problems, every)
 
 
 def _run_cells(

@@ -112,3 +112,14 @@ def test_a_registered_method_with_another_step_is_measured_as_what_it_is(tmp_pat
         assert rows["energy_error_max"].item() > 1 or rows["status"].item() != "ok"
         again = tcbench.run([method], ["short_term"], ["conservation"], where, dt=[0.3]).tables["conservation"]
         assert again["energy_error_max"].item() < 1e-12 and again["status"].item() == "ok"
+
+
+def test_every_table_of_the_folder_is_what_is_read_from_it(tmp_path):
+    from tcbench.store.tables import read_tables
+
+    methods = ["tc_monolithic"], ["tc_monolithic", "tc_staggered"]
+    for names, studies in ((methods[0], ["claims", "conservation"]), (methods[1], ["conservation"])):
+        results = tcbench.run(names, ["short_term"], studies, tmp_path / "run", dt=[0.3])
+        read = read_tables(results.output)
+        assert list(results.every) == list(read) and all(read[n].equals(t) for n, t in results.every.items())
+    assert "claims" not in results.tables and "claims" in results.every
