@@ -12,8 +12,8 @@ from tcbench import Integrator, hookimpl
 
 from ..tc_gauss import method as gauss_method
 from ..tc_gauss import stages_of
+from ..tc_taylor import SAFETY, order_of
 from ..tc_taylor import method_of as taylor_method
-from ..tc_taylor import order_of
 from ..tc_taylor.method import MOST_ELEMENTS
 
 EXACT = {"energy", "entropy", "angular_momentum"}
@@ -50,7 +50,7 @@ def both(gauss, taylor, z0, times, tolerance):
     g, e = gauss.counts, taylor.counts
     g.table.fill(0)
     e.table.fill(0)
-    done = loops().steps(taylor.work, gauss.work, z0, times, tolerance, *gauss.held(tolerance), states)
+    done = loops().steps(taylor.work, gauss.work, z0, times, SAFETY * tolerance, *gauss.held(tolerance), states)
     if done < len(times):
         raise ArithmeticError(f"the step became too short before t = {times[done]:g}")
     return states, {
