@@ -286,6 +286,8 @@ def _horizons(integrator: Integrator, scenario: Scenario, points: Sequence[Row])
             if part == 1.0 and rung and rung["samples"][0] <= SLOW_S:
                 rows.append({"t": shorter.t_end, "seconds": rung["wall_time_min_s"], "samples": rung["samples"]})
                 break
+            if rows and rows[-1]["seconds"] > SLOW_S / 2:
+                break  # twice as long a run would be left out
             run = _adaptive(integrator, shorter, OWN, invariants=False)
         else:
             run = _fixed(integrator, shorter, min(scenario.dt, HORIZONS[0] * scenario.t_end))
