@@ -42,6 +42,22 @@ def test_a_failed_solver_is_a_row():
     assert run.status == "exception" and "dop853" in run.failure
 
 
+@pytest.mark.parametrize("name", ["dopri5", "dop853"])
+def test_a_solver_of_scipys_ode_evaluates_no_more_here_than_in_a_plain_loop(name):
+    from scipy.integrate import ode
+
+    scenario, times = tcbench.scenarios()["bound_equilibrium"], np.linspace(0.0, 100.0, 21)
+    field = Field(scenario.model)
+    solver = ode(field.shared).set_integrator(name, rtol=1e-6, atol=1e-6, nsteps=10_000_000)
+    solver.set_initial_value(scenario.z0.copy(), 0.0)
+    own = [scenario.z0]
+    for t in times[1:]:  # a generator would make dop853 evaluate more
+        own.append(solver.integrate(t).copy())
+    method = tcbench.integrators()[f"scipy_{name}"]
+    states, counts = method.adaptive(scenario.model, scenario.z0.copy(), times, 1e-6, 1e-6)
+    assert np.array_equal(states, own) and counts["rhs_evaluations"] == field.evaluations
+
+
 def test_a_lost_run_of_an_implicit_solver_ends_as_scipy_ends_it():
     run = tcbench.simulate("solve_ivp_bdf", "gas_containers", tolerance=0.1)
     assert run.status == "exception" and "ValueError: array must not contain infs or NaNs" in run.failure
