@@ -24,7 +24,8 @@ CONSISTENT = ("tc_auto", "tc_taylor", "tc_gauss_adaptive")
 PEERS = ("heyoka", "scipy_odeint", "scipy_dop853", "cvode")
 TARGETS = (1e-3, 1e-6, 1e-9)
 TOLERANCES = [10.0**k for k in range(-2, -15, -1)]
-REPEATS, LONG_S = 5, 0.05  # runs of a rung, but one of those that take long
+REPEATS, LONG_S = 5, 0.05  # runs of a rung, but one of those that take long; after a far longer one no finer rung
+FAR_LONGER_S = 0.25
 
 
 class Truss(tcbench.Network):
@@ -83,7 +84,7 @@ def times_to(scenario: tcbench.Scenario, t_end: float, names: Iterable[str]) -> 
                 if best > LONG_S:
                     break
             rungs.append((gap(states[-1], exact), best))
-            if rungs[-1][0] <= TARGETS[-1]:
+            if rungs[-1][0] <= TARGETS[-1] or best > FAR_LONGER_S:
                 break
         found[name] = [
             np.nan if np.isnan(target) else min((s for e, s in rungs if e <= target), default=np.inf)
