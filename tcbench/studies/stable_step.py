@@ -28,6 +28,7 @@ WINDOW = 16  # rungs of the window of dt_half
 LOWEST, FINEST, START, CAP = -10 * FINE, -6 * FINE, -5 * FINE, 2 * FINE  # 2^-10, 2^-6, 2^-5 and 4
 BELOW = 2 * FINE  # the fine ladder starts two octaves below the first coarse failure: a coarse one errs by up to 2x
 LONG = 3000  # steps of a run: where it takes more, the fine ladder starts one octave below
+LONGEST = 12_000  # steps of a run: on finer rungs the coarse ladder does not start
 FOLD_BELOW = 2 * COARSE
 SPREAD, SAMPLES = 0.01, 41  # steps of the sensitivity of a blow-up time
 FACTORS = (0.5, 1.0, 4.0)  # of the blow-up bound
@@ -102,6 +103,7 @@ class Ladder:
 
     evaluate: Callable[[float], Outcome]
     cap: int
+    start: int = START
     dear: int = LOWEST  # on the rungs below this a run has more than LONG steps
     seen: dict[int, Outcome] = field(default_factory=dict)
 
@@ -134,19 +136,20 @@ def cap_rung(scenario: Scenario) -> int:
 
 def ladder_of(scenario: Scenario, evaluate: Callable[[float], Outcome]) -> Ladder:
     """The ladder of a scenario, none of its rungs evaluated yet."""
-    return Ladder(evaluate, cap_rung(scenario), math.ceil(FINE * math.log2(scenario.t_end / LONG)))
+    dear, start = (FINE * math.log2(scenario.t_end / steps) for steps in (LONG, LONGEST))
+    return Ladder(evaluate, cap_rung(scenario), max(START, COARSE * math.ceil(start / COARSE)), math.ceil(dear))
 
 
 def boundary(ladder: Ladder, below: int = BELOW) -> Boundary:
     """Coarse ladder up to the cap, then the fine one from `below` its first failure (less where runs are dear) up to
     half failing."""
-    coarse = range(START, ladder.cap + 1, COARSE)
+    coarse = range(ladder.start, ladder.cap + 1, COARSE)
     failed = ladder.first_failure(coarse)
     if failed is None:
         return Boundary(ladder.cap, None, None, False)
     low = max(FINEST, failed - below, min(ladder.dear, failed - FINE))
-    if failed == START:
-        low = next((r for r in range(START - COARSE, LOWEST - 1, -COARSE) if ladder[r].ok), LOWEST)
+    if failed == ladder.start:
+        low = next((r for r in range(ladder.start - COARSE, LOWEST - 1, -COARSE) if ladder[r].ok), LOWEST)
     unstable = ladder.first_failure(range(low, failed + 1))
     assert unstable is not None
     stable = unstable - 1 if unstable - 1 in ladder.seen and ladder[unstable - 1].ok else None

@@ -57,6 +57,7 @@ def test_the_fine_ladder_is_shorter_where_runs_are_long(t_end, octaves):
     first_failure = round(64 * math.log2(2**-1.5))
     assert min(fine) == first_failure - octaves * stability.FINE + 1
     assert all(rung in ladder.seen for rung in range(min(fine), found.unstable))
+    assert stability.step_of(min(ladder.seen)) == {25.0: 2**-5, 1500.0: 2**-3}[t_end]
 
 
 def test_kinds_of_limit_of_the_midpoint_rules(midpoint_cells):
