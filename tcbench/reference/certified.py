@@ -32,6 +32,7 @@ from .precision import DESCRIPTION, ENOUGH, EPS, LONG, long_number
 FORMAT = 1
 # Both collocations share the rounding of the right-hand side: on stiff_spring the error was 3 times the gap.
 SAFETY = 4.0
+MANY = 40  # numbers in a state
 CONTRADICTION = 1e-5  # gap to SciPy beyond its own errors (5e-7 measured on cold_spring, which magnifies 1e4)
 CONSTANT_KEYS = (
     "masses",
@@ -149,9 +150,10 @@ def compute(
     """Reference at `times` for any smooth z' = rhs(t, z), from three runs that share no step and no
     coefficient.
 
-    Gauss (8 stages, order 16) and Radau IIA (9 stages, order 17) in extended precision: four times their gap is
-    the certificate; SciPy's LSODA checks both. If SciPy disagrees by more than 1e-5, its gap becomes the
-    certificate: then the equations are too hard for one of the three, and nobody knows for which.
+    Gauss (12 stages, order 24) and Radau IIA (13 stages, order 25; 8 and 9 for states of more than MANY numbers, whose
+    linear systems grow) in extended precision: four times their gap is the certificate; SciPy's LSODA checks both. If
+    SciPy disagrees by more than 1e-5, its gap becomes the certificate: then the equations are too hard for one of the
+    three, and nobody knows for which.
 
     rhs should be written in numpy and keep the dtype of z. If it returns doubles, the result still holds but
     the certificate ends near 1e-14 instead of below 1e-16. It says so in `source`.
@@ -160,6 +162,7 @@ def compute(
     if not times or times[0] <= 0 or any(b <= a for a, b in pairwise(times)):
         raise ValueError(f"Reference times must be positive and increasing; got {times}.")
     z = np.asarray(z0, LONG)
+    stages = 12 if len(z) <= MANY else 8
     probe = np.asarray(rhs(long_number(0), z) if not vectorized else rhs(np.zeros(1, LONG), z[:, None]))
     extended = probe.dtype == LONG and EPS < ENOUGH
     gauss, radau = (
@@ -173,7 +176,7 @@ def compute(
             vectorized=vectorized,
             max_seconds=max_seconds,
         )
-        for kind, s, tol in (("gauss", 8, tolerance), ("radau", 9, tolerance / 3))
+        for kind, s, tol in (("gauss", stages, tolerance), ("radau", stages + 1, tolerance / 3))
     )
     check = _scipy_gaps(rhs, jac, z.astype(float), times, gauss, vectorized)
     eps = float(np.finfo(float).eps)
@@ -182,7 +185,7 @@ def compute(
         for a, b, c in zip(radau, gauss, check, strict=True)
     )
     source = (
-        f"Gauss 8-stage against Radau IIA 9-stage collocation in "
+        f"Gauss {stages}-stage against Radau IIA {stages + 1}-stage collocation in "
         f"{DESCRIPTION if extended or probe.dtype == LONG else 'double precision'}; SciPy agrees to {max(check):.1e}"
     )
     floor = tuple(max(c, eps / 2) for c in certificate)
