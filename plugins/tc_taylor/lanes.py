@@ -175,7 +175,8 @@ class Gathering:
         weights = [slot.terms[i].weight if i in slot.terms else trace.const(0.0) for i in range(count)]
         if not slot.width:
             text = self.weights(weights)
-            return (text if count == 1 or not text[0].isdigit() else f"vector({', '.join([text] * count)})",)
+            one = count == 1 or text[0] in "tv"  # a number for all lanes is no vector by itself
+            return (text if one else f"vector({', '.join([text] * count)})",)
         mixed = self._mixed(slot, count)
         return (mixed,) if all(trace.is_const(w, 1.0) for w in weights) else (self.weights(weights), mixed)
 

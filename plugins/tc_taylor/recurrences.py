@@ -103,7 +103,7 @@ class Writer(Gathering):
     def _divided(self, newest: str | None, known: str | None, below: Pack, n: int = 1) -> str | None:
         """(n newest - known) over the first coefficient of `below`; from `newest` on, one operation."""
         inverse = self.name(f"1.0 / {self.value(below, 0)}")
-        known = known and self.name(f"({known}) * {inverse}")
+        known = known and self.name(f"{known} * {inverse}")
         if newest is None:
             return known and self.name(f"-{known}")
         first = f"{newest} * {inverse if n == 1 else self.name(f'{float(n)!r} * {inverse}')}"
