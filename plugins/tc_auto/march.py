@@ -16,7 +16,7 @@ STABLE, STABLE_OF_ORDER = 2.0, 0.3  # those of order p that conduction bounds: a
 STIFF = 0.7  # of these: from here on conduction bounds a step
 PATIENCE = 32  # stiff steps in a row before the other method is tried, and four times as many each time
 LONGER = 4.0  # the first implicit step, over the last explicit one
-COST, COST_OF_ORDER = 1.0, 0.06  # an explicit step of order p takes the time of so many iterations, and of so many p
+COST, COST_OF_ORDER = 0.8, 0.05  # an explicit step of order p takes the time of so many iterations, and of so many p
 
 
 def steps(
