@@ -66,7 +66,7 @@ def test_a_run_beyond_its_time_limit_is_one_sentence_before_it_begins(monkeypatc
     with monkeypatch.context() as patched, pytest.raises(MachineError, match=sentence):  # again when there is more time
         patched.setitem(run_module.LOOPS.__dict__, "march", None)
         measure_cell(cell, {"timeout": 3.0})
-    assert measure_cell(cell | {"options": {"dt": 1.0}}, {"timeout": 3.0})["status"] == "ok"
+    assert measure_cell(cell | {"options": {"dt": 0.2}}, {"timeout": 3.0})["status"] == "ok"
     model, cure = net(20, 20).model, r"Tracing a net .* or declare its elements"
     with foresight.within(1.0), pytest.raises(MachineError, match=cure), foresight.foreseen(model, 1, by_loops=False):
         pass
