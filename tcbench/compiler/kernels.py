@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from .derivatives import Symbol, depends_on, topological
 from .language import FUNCTIONS, PLAIN, PYTHON_KERNELS, pick, put, release, row, scratch, vector
 
-WIDTH = 8  # doubles in a vector of lanes.py
+WIDTH = 8  # doubles in a vector of vector_kernels.py
 _BINARY = {"add": "+", "sub": "-", "mul": "*"}
 
 
