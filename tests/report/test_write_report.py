@@ -57,10 +57,12 @@ class Page(HTMLParser):
         return pd.DataFrame(plain)
 
 
-@pytest.fixture(autouse=True)
-def elsewhere(tmp_path, monkeypatch):
-    """Away from a record of asv in the working directory."""
-    monkeypatch.chdir(tmp_path)
+@pytest.fixture(scope="module", autouse=True)
+def elsewhere(tmp_path_factory):
+    """Away from a record of asv in the working directory, also while pages are made that several tests read."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.chdir(tmp_path_factory.mktemp("elsewhere"))
+        yield
 
 
 def make(folder, tables, rows=(), declared=None):
