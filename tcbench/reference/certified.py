@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import lru_cache
@@ -26,13 +27,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..files import replacing
-from .collocation import Jacobian, ReferenceFailed, RightHandSide, integrate, tableau
+from .collocation import InDoubles, Jacobian, ReferenceFailed, RightHandSide, integrate, tableau
 from .precision import DESCRIPTION, ENOUGH, EPS, LONG, long_number
 
 FORMAT = 1
 # Both collocations share the rounding of the right-hand side: on stiff_spring the error was 3 times the gap.
 SAFETY = 4.0
 MANY = 40  # numbers in a state
+MOST_STEPS = 1_000_000  # of SciPy's solver between two times
 CONTRADICTION = 1e-5  # gap to SciPy beyond its own errors (5e-7 measured on cold_spring, which magnifies 1e4)
 CONSTANT_KEYS = (
     "masses",
@@ -145,6 +147,7 @@ def compute(
     *,
     tolerance: float = 1e-12,
     vectorized: bool = False,
+    in_doubles: InDoubles | None = None,
     max_seconds: float = 300.0,
 ) -> Reference:
     """Reference at `times` for any smooth z' = rhs(t, z), from three runs that share no step and no
@@ -174,11 +177,18 @@ def compute(
             times,
             tolerance=tol,
             vectorized=vectorized,
+            in_doubles=in_doubles,
             max_seconds=max_seconds,
         )
         for kind, s, tol in (("gauss", stages, tolerance), ("radau", stages + 1, tolerance / 3))
     )
-    check = _scipy_gaps(rhs, jac, z.astype(float), times, gauss, vectorized)
+
+    def rate(t: Any, z: Any) -> Any:
+        if in_doubles is not None:
+            return in_doubles.rate(t, z)
+        return np.asarray(rhs(np.array([t]), z[:, None])[:, 0] if vectorized else rhs(t, z), float)
+
+    check = _scipy_gaps(rate, jac, z.astype(float), times, gauss)
     eps = float(np.finfo(float).eps)
     certificate = tuple(
         max(SAFETY * gap(a, b), EPS, c if c > CONTRADICTION else 0.0)
@@ -193,25 +203,21 @@ def compute(
 
 
 def _scipy_gaps(
-    rhs: RightHandSide,
+    rate: Callable[..., Any],
     jac: Jacobian | None,
     z0: NDArray[np.float64],
     times: tuple[float, ...],
     states: NDArray[Any],
-    vectorized: bool,
 ) -> list[float]:
     """Gap of SciPy's LSODA, at a tight tolerance, to `states`, per time; inf where it did not arrive."""
-    from scipy import integrate as scipy_integrate
+    from scipy.integrate import ODEintWarning, odeint
 
-    solve_ivp: Any = scipy_integrate.solve_ivp  # its stubs do not admit a jac that may be None
-
-    def f(t: Any, z: Any) -> Any:
-        value = rhs(np.array([t]), z[:, None])[:, 0] if vectorized else rhs(t, z)
-        return np.asarray(value, float)
-
-    run: Any = solve_ivp(f, (0.0, times[-1]), z0, "LSODA", t_eval=times, rtol=1e-12, atol=1e-13, jac=jac)
-    reached = run.y.shape[1] if run.y.ndim == 2 else 0
-    return [gap(run.y[:, i], states[i].astype(float)) if i < reached else np.inf for i in range(len(times))]
+    with warnings.catch_warnings(action="ignore", category=ODEintWarning):
+        found, report = odeint(
+            rate, z0, (0.0, *times), Dfun=jac, tfirst=True, rtol=1e-12, atol=1e-13, mxstep=MOST_STEPS, full_output=True
+        )
+    arrived = [reached >= t for reached, t in zip(report["tcur"], times, strict=True)]
+    return [gap(found[i + 1], states[i].astype(float)) if arrived[i] else np.inf for i in range(len(times))]
 
 
 # ---- cache

@@ -5,11 +5,12 @@ Two methods that share no node and no coefficient, for references of any smooth 
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +19,18 @@ from .precision import LONG, long_number
 
 RightHandSide = Callable[[Any, Any], Any]
 Jacobian = Callable[[float, NDArray[np.float64]], ArrayLike]
+Change = Callable[[NDArray[Any]], NDArray[Any]]
+
+MOST_ITERATIONS = 40
+SOLVED, SOLVED_IN_DOUBLES = 1e-19, 1e-14  # what an iteration may leave
+NOISE, NOISE_IN_DOUBLES = 50.0, 1e-10  # slow progress is round-off below: so many of the rate's; where it only steers
+
+
+class InDoubles(Protocol):
+    """An autonomous right-hand side in doubles: of a state (m,) at t, and of states (s, m) at once."""
+
+    def rate(self, t: float, z: NDArray[np.float64]) -> NDArray[np.float64]: ...
+    def rows(self, z: NDArray[np.float64]) -> NDArray[np.float64]: ...
 
 
 class ReferenceFailed(RuntimeError):
@@ -105,6 +118,7 @@ def integrate(
     *,
     tolerance: float = 1e-12,
     vectorized: bool = False,
+    in_doubles: InDoubles | None = None,
     max_steps: int = 200_000,
     max_seconds: float = 300.0,
 ) -> NDArray[Any]:
@@ -112,11 +126,12 @@ def integrate(
     (len(times), m).
 
     rhs(t, z) is called with extended arrays of shape (m,), or, if `vectorized`, with t (s,) and z (m,
-    s). `tolerance` bounds h |last Legendre coefficient of dz/dt| / max(1, |z|) on each step. The end point
-    is far more accurate than that (superconvergence), except in a stiff component, where it is about that.
+    s). Newton's iterations begin with the same `in_doubles` if there is one. `tolerance` bounds h |last Legendre
+    coefficient of dz/dt| / max(1, |z|) on each step. The end point is far more accurate than that (superconvergence),
+    except in a stiff component, where it is about that.
     """
     z = np.asarray(z0, LONG)
-    f = _stages(rhs, vectorized)
+    solve = _Stages(method, _stages(rhs, vectorized), jac, in_doubles)
     t, h, s = long_number(0), long_number(1e-3), len(method.c)
     last: tuple[NDArray[Any], Any] | None = None  # stage derivatives of the last step and its length
     states, steps, deadline = [], 0, time.monotonic() + max_seconds
@@ -133,7 +148,7 @@ def integrate(
             # Halving what is left avoids a tiny last step, whose extrapolated guess would be poor.
             step = remaining if remaining <= h * long_number(1.01) else min(h, remaining / 2)
             guess = None if last is None else method.extrapolation(float(step / last[1])) @ last[0]
-            K = _solve_stages(method, f, jac, t, z, step, guess)
+            K = solve(t, z, step, guess)
             if K is None:
                 h, last = step / 4, None
                 continue
@@ -161,41 +176,81 @@ def _stages(rhs: RightHandSide, vectorized: bool) -> RightHandSide:
     return lambda t, Z: np.array([rhs(ti, zi) for ti, zi in zip(t, Z, strict=True)])
 
 
-def _solve_stages(
-    method: Tableau, f: RightHandSide, jac: Jacobian | None, t: Any, z: NDArray[Any], h: Any, guess: Any
-) -> NDArray[Any] | None:
-    """K (s, m) with K = f(z + h A K) by simplified Newton; None when it does not converge.
+class _Stages:
+    """Stage derivatives K = f(z + h A K) by simplified Newton, shape (s, m).
 
-    The linear algebra is done in double: the Jacobian only steers, the residual in extended precision
-    decides.
+    The linear algebra is done in doubles, and so are the first iterations if they can be: they only steer, the
+    residual in extended precision decides.
     """
-    from scipy.linalg import lu_factor, lu_solve
 
-    s, m = len(method.c), len(z)
-    T = t + h * method.c
-    first = f(T[:1], z[None, :])
-    K = (np.repeat(first, s, axis=0) if guess is None else guess).astype(LONG)
-    J = np.asarray(jac(float(t), z.astype(float)), float) if jac else _difference_jacobian(f, T[:1], z)
-    size = np.maximum(1, np.abs(z))
-    noise = 50 * float(np.finfo(first.dtype).eps)  # only here may slow progress be taken for round-off
-    previous = np.inf
-    with np.errstate(all="ignore"):
+    def __init__(self, method: Tableau, f: RightHandSide, jac: Jacobian | None, in_doubles: InDoubles | None) -> None:
+        self.method, self.f, self.jac, self.in_doubles = method, f, jac, in_doubles
+        self.A, self.noise = method.A.astype(float), math.inf
+
+    def __call__(self, t: Any, z: NDArray[Any], h: Any, guess: NDArray[Any] | None) -> NDArray[Any] | None:
+        """From a guess, by default the rate at z; None when it does not converge."""
+        T, size, gain = t + h * self.method.c, np.maximum(1, np.abs(z)), 1.0
+        start, step = z.astype(float), float(h)
+        if guess is None:
+            rate = self.f(T[:1], z[None, :])
+            guess, self.noise = np.repeat(rate, len(T), axis=0), NOISE * float(np.finfo(rate.dtype).eps)
+        K = guess
+        with np.errstate(all="ignore"):
+            middle = len(T) // 2
+            correct = self._correction(T[middle], z + step * (self.A[middle] @ K), step)
+            if correct is None:
+                return None
+            if self.in_doubles is not None:
+                rates = self.in_doubles.rows
+                rough = lambda K: rates(start + step * (self.A @ K)) - K  # noqa: E731
+                scale, stop = step / size.astype(float), (SOLVED_IN_DOUBLES, NOISE_IN_DOUBLES)
+                found, gain = _newton(rough, correct, K.astype(float), scale, *stop, gain)
+                if found is None:
+                    return None
+                K = found
+            exact = lambda K: self.f(T, z + h * (self.method.A @ K)) - K  # noqa: E731
+            return _newton(exact, correct, K.astype(LONG), h / size, SOLVED, self.noise, gain)[0]
+
+    def _correction(self, t: Any, z: NDArray[Any], h: float) -> Change | None:
+        """Of K for a residual, with the Jacobian at z; None where that is not finite."""
+        from scipy.linalg.lapack import dgetrf, dgetrs
+
+        if self.jac is None:
+            J = _difference_jacobian(self.f, np.array([t]), z)
+        else:
+            J = np.asarray(self.jac(float(t), z.astype(float)), float)
         if not np.all(np.isfinite(J)):
             return None
-        lu = lu_factor(np.eye(s * m) - float(h) * np.kron(method.A.astype(float), J), check_finite=False)
-        for _ in range(40):
-            residual = f(T, z + h * (method.A @ K)) - K
-            if not np.all(np.isfinite(residual)):
-                return None
-            dK = lu_solve(lu, residual.astype(float).ravel(), check_finite=False).reshape(s, m)
-            K = K + dK
-            delta = float(h) * float(np.max(np.abs(dK) / size))
-            if delta < 1e-20 or (delta < noise and delta > previous / 2):
-                return K
-            if delta > 2 * previous:
-                return None
-            previous = delta
-    return None
+        size = len(self.A) * len(z)
+        matrix = (-h * self.A[:, None, :, None] * J[:, None, :]).reshape(size, size)
+        matrix.flat[:: size + 1] += 1.0
+        lu, pivots, _ = dgetrf(matrix)
+        return lambda residual: dgetrs(lu, pivots, residual.astype(float).ravel())[0].reshape(residual.shape)
+
+
+def _newton(
+    residual: Change, correction: Change, K: NDArray[Any], weights: Any, enough: float, noise: float, gain: float
+) -> tuple[NDArray[Any] | None, float]:
+    """K without a residual, None where the iteration does not converge; and its last correction over the one before.
+
+    It ends where the next correction would be less than `enough`, or less than `noise` while none is half the last.
+    gain : that ratio in the iterations before, 1 if there were none.
+    """
+    previous = np.inf
+    for _ in range(MOST_ITERATIONS):
+        left = residual(K)
+        if not np.all(np.isfinite(left)):
+            return None, gain
+        dK = correction(left)
+        K = K + dK
+        delta = float(np.max(np.abs(dK) * weights))
+        gain = gain if previous == np.inf else delta / max(previous, 1e-300)
+        if delta * min(gain, 1.0) < enough or (delta < noise and gain > 0.5):
+            return K, gain
+        if gain > 2.0:
+            return None, gain
+        previous = delta
+    return None, gain
 
 
 def _difference_jacobian(f: RightHandSide, t: NDArray[Any], z: NDArray[Any]) -> NDArray[np.float64]:

@@ -15,10 +15,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ..errors import TcbenchError
+from ..systems.right_hand_side import Field
 from ..systems.scenario import Scenario
 from .certified import LONG, Reference, cached, compute, gap, scenario_hash, stored, stored_file, write_atomically
 from .collocation import ReferenceFailed
@@ -109,10 +107,10 @@ class _Recipe:
         def rhs(_: Any, z: Any) -> Any:
             return self.field(z)
 
-        def jacobian(_: float, z: NDArray[np.float64]) -> Any:
-            return self.model.jacobian(z)  # double: it only steers Newton's iteration
-
-        return compute(rhs, jacobian, self.z0, self.times, vectorized=True, max_seconds=DEADLINE)
+        field = Field(self.model)  # in doubles, which only steer Newton's iterations
+        return compute(
+            rhs, field.jacobian, self.z0, self.times, vectorized=True, in_doubles=field, max_seconds=DEADLINE
+        )
 
 
 def cache_folder() -> Path:

@@ -46,6 +46,11 @@ class Field:
         self.evaluations += 1
         self._evaluate(self.rate_address, z, self.c, out)
 
+    def rows(self, z: Any) -> Any:
+        """The rates of several states at once, shape (m, n)."""
+        self.evaluations += len(z)
+        return self.system.vector_field(z)
+
     def jacobian(self, t: float, z: Any) -> Any:
         """d rate/dz, shape (n, n), in one array that every call fills anew."""
         address, found, flat = self._jacobian

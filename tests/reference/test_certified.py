@@ -69,6 +69,29 @@ def test_vectorized_and_jacobian_change_nothing():
     assert R.gap(fast.states, plain.states) < 1e-15
 
 
+class Doubles:
+    """The oscillator in doubles, `wrong` by a part."""
+
+    def __init__(self, wrong):
+        self.wrong, self.asked = wrong, 0
+
+    def rate(self, t, z):
+        return np.asarray(oscillator(t, z), float)
+
+    def rows(self, z):
+        self.asked += 1
+        return (1 + self.wrong) * np.array([self.rate(0.0, row) for row in z])
+
+
+@pytest.mark.parametrize("wrong", [0.0, 1e-3])
+def test_doubles_steer_and_do_not_decide(wrong):
+    field = Doubles(wrong)
+    plain = R.integrate(R.tableau("gauss", 12), oscillator, None, [1.0, 0.0, 0.0], [3.0])
+    steered = R.integrate(R.tableau("gauss", 12), oscillator, None, [1.0, 0.0, 0.0], [3.0], in_doubles=field)
+    assert field.asked > 10
+    assert R.gap(steered[0], plain[0]) < 1e-17
+
+
 def test_a_non_smooth_problem_gets_a_poor_certificate_not_a_good_one():
     """Broken on purpose: |z| has a kink, so high order is lost; the certificate must own up to it."""
     made = R.compute(lambda t, z: np.array([np.cos(t), abs(z[0] - 0.3)]), None, [0.0, 0.0], [2.0], tolerance=1e-3)
