@@ -21,10 +21,9 @@ import numpy as np
 
 import tcbench
 from tcbench.compiler.library import evaluate
-from tcbench.compiler.records import Rows
-from tcbench.simulation.compiled_loop import LOOPS, Run
-from tcbench.simulation.recorder import cause_of, new_tally
-from tcbench.solver.implicit_step import OK, Rules, compiled_flows, make_flows, set_length
+from tcbench.simulation.prepared import Prepared
+from tcbench.simulation.recorder import cause_of
+from tcbench.solver.implicit_step import OK, compiled_flows
 
 BATCH = 10_000
 SHARE = {
@@ -63,30 +62,20 @@ class Stepper:
     def __init__(self, name: str) -> None:
         self.method, self.scenario = tcbench.integrators()[name], tcbench.scenarios()["short_term"]
         self.model = model = self.scenario.model
-        self.kernels = compiled_flows(self.method.flows, model.symbolic)
-        self.tally, observer = new_tally(), model.observer
-        c, opening = np.concatenate([model.constant_values, np.zeros(2 * model.size)]), self.kernels[0].opening
-        flows = make_flows(self.method, model, math.inf, 1.0, c, self.tally, Rules(), self.kernels)
-        self.run = Run(
-            n=model.size, n_elements=2, n_invariants=len(model.invariant_names), n_rows=2, every=1, n_flows=len(flows),
-            n_observables=observer[1], n_constants=len(c), observe=observer[0].address, opening=opening.address,
-            now=opening.size - observer[1], h=1.0, bound=math.inf, reference=model.reference_temperature, c=c,
-            of_step=any(flow.of_step for flow in self.method.flows), tally=self.tally, flows=Rows(flows),
-        )  # fmt: skip
+        self.ready = Prepared(model, self.method, compiled_flows(self.method.flows, model.symbolic))
+        self.tally = self.ready.tally
         self.entropies, self.exergy = (model.kernel(name)[0] for name in ("entropy_variables", "exergy"))
 
     def __call__(self, constants: np.ndarray, y: np.ndarray, h: float) -> int:
         """Why there is no step, or OK."""
-        run, V0 = self.run, np.zeros(1)
+        run, V0, z = self.ready.run, np.zeros(1), np.zeros(self.model.size)
         run.c[1 : 1 + len(constants)] = constants
-        evaluate(self.entropies.address, y, run.c, run.z)
-        evaluate(self.exergy.address, run.z, run.c, V0)
-        run.carry[:], run.c[-2 * len(y) :] = 0.0, np.tile(run.z, 2)
-        run.h = h
-        for flow, formula, kernels in zip(run.flows.records, self.method.flows, self.kernels, strict=True):
+        evaluate(self.entropies.address, y, run.c, z)
+        evaluate(self.exergy.address, z, run.c, V0)
+        for flow, _, _ in self.ready.flows:
             flow.bound = max(float(V0[0]), 1e-10)
-            set_length(flow, kernels, formula.fraction * h)
-        return LOOPS.march(run, 0, 1)
+        self.ready.set_length(h)
+        return self.ready.step(z)
 
 
 def audit(name: str, seed: int, batches: range) -> tuple[Counter, list[dict[str, Any]]]:

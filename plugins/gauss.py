@@ -18,33 +18,28 @@ TABLEAUX = {  # Hairer, Norsett & Wanner, Solving ODEs I, II.7
 }  # fmt: skip
 
 
-def collocation(tableau, z0, z1, h, system, stages):
-    A, b = tableau
-    rates = [system.vector_field(z) for z in stages]
-    blocks = [
-        z - z0 - h * sum(a * f for a, f in zip(row, rates, strict=True)) for z, row in zip(stages, A, strict=True)
-    ]
-    return np.concatenate([z1 - z0 - h * sum(w * f for w, f in zip(b, rates, strict=True)), *blocks])
+def collocation(k):
+    A, b = TABLEAUX[k]
 
+    def residual(z0, z1, h, system, stages):
+        rates = [system.vector_field(z) for z in stages]
+        blocks = [
+            z - z0 - h * sum(a * f for a, f in zip(row, rates, strict=True)) for z, row in zip(stages, A, strict=True)
+        ]
+        return np.concatenate([z1 - z0 - h * sum(w * f for w, f in zip(b, rates, strict=True)), *blocks])
 
-# functions that see no variables of others: what they say is not looked up again at every call
-def gauss2(z0, z1, h, system, stages):
-    return collocation(TABLEAUX[2], z0, z1, h, system, stages)
-
-
-def gauss3(z0, z1, h, system, stages):
-    return collocation(TABLEAUX[3], z0, z1, h, system, stages)
+    return residual
 
 
 @hookimpl
 def tcbench_integrators():
     return [
         Integrator(
-            name=formula.__name__,
+            name=f"gauss{k}",
             order=2 * k,
             claims={"angular_momentum"},
             source="Gauss collocation (Butcher 1964)",
-            flows=Flow(formula, stages=k),
+            flows=Flow(collocation(k), stages=k),
         )
-        for k, formula in ((2, gauss2), (3, gauss3))
+        for k in TABLEAUX
     ]

@@ -73,7 +73,8 @@ class _Code:
 
 
 @lru_cache(maxsize=10_000)
-def _described(code: types.CodeType) -> _Code:
+def code_of(code: types.CodeType) -> _Code:
+    """What of a code object never changes."""
     hasher = _Hasher()
     count = code.co_argcount + code.co_kwonlyargcount
     hasher.add((
@@ -85,7 +86,7 @@ def _described(code: types.CodeType) -> _Code:
     imports: dict[tuple[str, int], None] = {}
     for constant in code.co_consts:
         if isinstance(constant, types.CodeType):
-            inner = _described(constant)
+            inner = code_of(constant)
             hasher.digest.update(inner.digest)
             names |= dict.fromkeys(inner.names)
             attributes |= inner.attributes
@@ -145,7 +146,7 @@ class _Hasher:
         if isinstance(item, types.FunctionType):
             self._function(item)
         elif isinstance(item, types.CodeType):
-            self.digest.update(_described(item).digest)
+            self.digest.update(code_of(item).digest)
         elif isinstance(item, type):
             self._class(item)
         elif isinstance(item, types.ModuleType):
@@ -177,7 +178,7 @@ class _Hasher:
 
     def _function(self, function: types.FunctionType) -> None:
         home = installed(str(function.__globals__.get("__name__", "")), function.__globals__.get("__file__"))
-        code = _described(function.__code__)
+        code = code_of(function.__code__)
         self.note("function", "" if home is None else f"{home} {function.__module__}.{function.__qualname__}")
         self.digest.update(code.digest)
         self._parts("arguments", function.__defaults__, _sorted(function.__kwdefaults__ or {}))
@@ -253,10 +254,7 @@ class _Hasher:
                 self._module(value, attributes)
 
     def _class(self, item: type) -> None:
-        module = sys.modules.get(item.__module__)
-        home = installed(item.__module__, getattr(module, "__file__", None))
-        if not item.__flags__ & HEAP_TYPE:
-            home = home or "builtin"
+        home = home_of_class(item)
         self.note("class", item.__name__, "" if home is None else f"{home} {item.__module__}.{item.__qualname__}")
         if home is not None:
             return
@@ -331,6 +329,12 @@ def _wrapped(item: Any) -> Callable[..., Any] | None:
 
 def _sorted(values: Mapping[str, Any]) -> tuple[tuple[str, Any], ...]:
     return tuple(sorted(values.items(), key=lambda pair: str(pair[0])))
+
+
+def home_of_class(item: type) -> str | None:
+    """`installed` of a class; those that no class statement made are Python's or some library's."""
+    home = installed(item.__module__, getattr(sys.modules.get(item.__module__), "__file__", None))
+    return home or (None if item.__flags__ & HEAP_TYPE else "builtin")
 
 
 @cache

@@ -12,7 +12,7 @@ import math
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Generic, Self, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 
@@ -82,12 +82,12 @@ class Field:
             return found
         if self.kind in WHOLE:
             return record.table.item(self.index)
-        return record.table.view(np.float64)[self.index] if self.kind == "float" else record._array(self)
+        return record.reals[self.index] if self.kind == "float" else record._array(self)
 
     def __set__(self, record: Any, value: Any) -> None:
         if self.kind not in NUMBERS:
             raise AttributeError(f"{type(record).__name__}.{self.name} is given when the record is made")
-        (record.table.view(np.float64) if self.kind == "float" else record.table)[self.index] = value
+        (record.reals if self.kind == "float" else record.table)[self.index] = value
 
 
 class Record:
@@ -100,6 +100,7 @@ class Record:
     fields: ClassVar[dict[str, Field]] = {}
     mutable: ClassVar[bool] = False
     table: np.ndarray
+    reals: np.ndarray  # the table as floats
     _kept: dict[str, Any]
     _plan: _Plan
     address: int
@@ -125,8 +126,7 @@ class Record:
     names: ClassVar[dict[str, Any]]
     _plans: ClassVar[dict[Any, _Plan]]
 
-    def __init__(self, make_arrays: bool = True, **values: Any) -> None:
-        """make_arrays=False: a pattern for `again`, without memory of its own."""
+    def __init__(self, **values: Any) -> None:
         cls = type(self)
         key = (*values, *[int(v) for v in values.values() if isinstance(v, int | np.integer)])
         plan = cls._plans.get(key)
@@ -134,39 +134,34 @@ class Record:
             if len(cls._plans) >= MOST_PLANS:
                 cls._plans.clear()
             plan = cls._plans[key] = _Plan(cls, values)
-        table, kept = plan.table.copy(), {}
-        if plan.memory and make_arrays:
+        kept: dict[str, Any] = {}
+        self._kept, self._plan = kept, plan
+        table, reals = self._at(plan.table.copy())
+        if plan.memory:
             kept[""] = np.zeros(plan.memory)
             table[plan.own] = plan.offsets + address_of(kept[""])
         if plan.whole:
             table[plan.whole_at] = [values[name] for name in plan.whole]
         if plan.real:
-            table.view(np.float64)[plan.real_at] = [values[name] for name in plan.real]
+            reals[plan.real_at] = [values[name] for name in plan.real]
         for field in plan.given:
             value = kept[field.name] = values[field.name]
             table[field.index] = address_of(_checked(field, value, plan.shapes) if field.is_array else value.table)
-        self.table, self._kept, self._plan, self.address = table, kept, plan, address_of(table)
 
-    def again(self, **changes: Any) -> Self:
-        """A record like this one but for these fields; quicker. Arrays that its class allocates are its own, zero."""
-        made = object.__new__(type(self))
-        table, plan = self.table.copy(), self._plan
-        kept = {name: value for name, value in self._kept.items() if name not in plan.own_names}
-        if plan.memory:
-            kept[""] = np.zeros(plan.memory)
-            table[plan.own] = plan.offsets + address_of(kept[""])
-        floats, fields = table.view(np.float64), type(self).fields
-        for name, value in changes.items():
-            field = fields[name]
-            if field.kind == "float":
-                floats[field.index] = value
-            elif field.kind in NUMBERS:
-                table[field.index] = value
-            else:
-                kept[name] = value
-                table[field.index] = address_of(_checked(field, value, plan.shapes) if field.is_array else value.table)
-        made.table, made._kept, made._plan, made.address = table, kept, plan, address_of(table)
-        return made
+    def _at(self, table: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Live in this table; returns it, and the same memory as floats."""
+        self.table, self.reals, self.address = table, table.view(np.float64), address_of(table)
+        return table, self.reals
+
+    def clear(self) -> None:
+        """Zero into every array that the record allocated."""
+        if self._plan.memory:
+            self._kept[""].fill(0.0)
+
+    def lend(self, name: str, array: np.ndarray) -> None:
+        """Another array in place of one; the caller sets the numbers that its shape is declared by."""
+        self._kept[name] = array
+        self.table[type(self).fields[name].index] = address_of(array)
 
     def _array(self, field: Field) -> Any:
         """An array that the record allocated; it becomes an array when it is first asked for."""
@@ -178,16 +173,15 @@ class Record:
 
     def as_numbers(self) -> dict[str, Any]:
         """All fields that are numbers, read at once."""
-        whole, real = self.table.tolist(), self.table.view(np.float64).tolist()
-        found = {name: whole[i] for name, i in self._plan.whole_fields}
-        found |= {name: real[i] for name, i in self._plan.real_fields}
-        return found
+        whole, real, plan = self.table.tolist(), self.reals.tolist(), self._plan
+        return {name: (real if is_real else whole)[i] for name, i, is_real in plan.numbers}
 
     @classmethod
     def _over(cls, row: np.ndarray, source: Any) -> Any:
         """The same record with its table in other memory."""
         record = object.__new__(cls)
-        record.table, record._kept, record._plan, record.address = row, source._kept, source._plan, address_of(row)
+        record._kept, record._plan = source._kept, source._plan
+        record._at(row)
         return record
 
 
@@ -210,10 +204,7 @@ class _Plan:
                 self.memory += math.prod(shape)
         self.own = np.array([f.index for f in own], dtype=np.intp)
         self.offsets = np.array([8 * self.shapes[f.name][0] for f in own], dtype=np.int64)
-        self.own_names = {"", *(f.name for f in own)}
-        numbers = [f for f in cls.fields.values() if f.kind in NUMBERS]
-        self.whole_fields = [(f.name, f.index) for f in numbers if f.kind != "float"]
-        self.real_fields = [(f.name, f.index) for f in numbers if f.kind == "float"]
+        self.numbers = [(f.name, f.index, f.kind == "float") for f in cls.fields.values() if f.kind in NUMBERS]
         fields = [cls.fields[name] for name in values]
         self.given = [f for f in fields if f.kind not in NUMBERS]
         whole = [f for f in fields if f.kind in NUMBERS and f.kind != "float"]

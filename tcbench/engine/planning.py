@@ -174,7 +174,7 @@ def _checked_steps(dt: Sequence[float] | None, scenarios: Sequence[Scenario]) ->
     longest = max(scenarios, key=lambda s: s.t_end)
     steps = [checked_dt(value, longest) for value in dt]
     for step in steps:
-        check_memory(longest, step)
+        check_memory(longest, step, longest.steps(step))
     return steps
 
 

@@ -51,6 +51,15 @@ class Run(Record):
     records: Matrix = sized("n_rows", "n_observables")
     counts: Ints = sized("n_rows")  # Newton iterations since the last record
 
+    def make_room(self, rows: int) -> None:
+        """New memory for so many records: those before stay as they are."""
+        n, m = self.n, self.n_observables
+        memory, first, second = np.zeros(rows * (n + m + 1)), rows * n, rows * (n + m)
+        self.n_rows = rows
+        self.lend("states", memory[:first].reshape(rows, n))
+        self.lend("records", memory[first:second].reshape(rows, m))
+        self.lend("counts", memory[second:].view(np.int64))
+
 
 def accumulate(run: Run, step: int, now: Floats) -> None:
     """Add one completed step to the tally."""

@@ -10,18 +10,22 @@ from typing import Any
 
 import numpy as np
 
+from ..compiler.library import evaluate
 from ..errors import MachineError
 from ..integrator import Integrator
+from ..solver.implicit_step import Rules
 from ..systems.scenario import Scenario
 from . import shared_runs
 from .compiled_loop import LOOPS, NOW, OK
-from .recorder import assemble, exception_sentence, explain, new_run, new_tally
+from .prepared import give_back, take
+from .recorder import assemble, exception_sentence, explain
 from .shared_runs import Solved
 from .starting import first_steps
 from .trajectory import SolverCounts, Trajectory
 
 POINTS = 200  # output times of an adaptive run
 TOGETHER = 256  # steps that a method with a loop of its own is asked for at a time
+OWN_COUNTS = SolverCounts(unknown=("newton_iterations",))  # of a step in Python
 
 
 def run_step(integrator: Integrator, scenario: Scenario, dt: float, steps: int, every: int) -> Trajectory:
@@ -52,8 +56,7 @@ def run_step(integrator: Integrator, scenario: Scenario, dt: float, steps: int, 
     status, sentence = explain(reason, done, dt, scenario)
     if failure and reason == OK:
         status, sentence = first.status if first.failure else "exception", failure
-    run = monitor.trajectory(integrator, status, sentence, wall)
-    return replace(run, solver=SolverCounts(unknown=("newton_iterations",)))
+    return monitor.trajectory(integrator, status, sentence, wall, OWN_COUNTS)
 
 
 def _next_states(
@@ -96,30 +99,24 @@ class Monitor:
     """Observables and criteria of the compiled loop, for a loop in Python (a few microseconds a step)."""
 
     def __init__(self, scenario: Scenario, dt: float, steps: int, every: int) -> None:
-        self.scenario, model = scenario, scenario.model
-        size = 2 + len(model.invariant_names) + 2 * model.n_elements
-        c, self.tally = model.constant_values, new_tally()
-        self.run = new_run(
-            scenario,
-            dt,
-            steps,
-            every,
-            n_observables=size,
-            observe=model.observer[0].address,
-            n_constants=len(c),
-            c=c,
-            tally=self.tally,
-        )
-        self.run.observables[:] = model.observe(scenario.z0)
-        self.run.states[0], self.run.records[0] = scenario.z0, self.run.observables[NOW]
+        self.scenario, self.ready = scenario, take(None, scenario, ())
+        self.run = run = self.ready.start(scenario, dt, steps, every, Rules())
+        start = run.observables[NOW]
+        evaluate(run.observe, run.z, run.c, start)
+        run.observables[:] = start
+        run.states[0], run.records[0] = run.z, start
 
     def add(self, first: int, rows: np.ndarray) -> tuple[int, int]:
         """(why the run ended or OK, completed steps) after these states, those of step `first` and the next."""
         rows = np.ascontiguousarray(rows)  # kernels and the compiled loop read rows as they lie in memory
-        return LOOPS.monitor(self.run, first, rows), self.tally.steps
+        return LOOPS.monitor(self.run, first, rows), self.ready.tally.steps
 
-    def trajectory(self, integrator: Integrator, status: str, failure: str, wall: float) -> Trajectory:
-        return assemble(integrator, self.scenario, self.run, status, failure, wall)
+    def trajectory(
+        self, integrator: Integrator, status: str, failure: str, wall: float, solver: SolverCounts
+    ) -> Trajectory:
+        found = assemble(integrator, self.scenario, self.run, status, failure, wall, solver=solver)
+        give_back(self.ready, self.scenario)
+        return found
 
 
 def run_adaptive(integrator: Integrator, scenario: Scenario, tolerance: float) -> Trajectory:
@@ -135,13 +132,13 @@ def run_adaptive(integrator: Integrator, scenario: Scenario, tolerance: float) -
     monitor = Monitor(scenario, t[1], POINTS, 1)
     reason, done = monitor.add(1, found.states[1:]) if len(found.states) > 1 else (OK, 0)
     status, sentence = ("exception", found.failure) if found.failure else explain(reason, done, t[1], scenario)
-    run = monitor.trajectory(integrator, status, sentence, found.wall_s)
     solver = SolverCounts(
         newton_iterations=found.counts.get("newton_iterations", 0),
         rhs_evaluations=found.counts.get("rhs_evaluations", 0),
         unknown=tuple(name for name in ("steps", "newton_iterations") if name not in found.counts),
     )
-    return replace(run, dt=math.nan, steps=found.counts.get("steps", done), solver=solver)
+    run = monitor.trajectory(integrator, status, sentence, found.wall_s, solver)
+    return replace(run, dt=math.nan, steps=found.counts.get("steps", done))
 
 
 def _solve(integrator: Integrator, scenario: Scenario, t: np.ndarray, tolerance: float) -> Solved:

@@ -11,15 +11,12 @@ import numpy as np
 
 from ..integrator import Integrator
 from ..solver import implicit_step as m
-from ..solver.flow import Tally
 from ..systems.scenario import Scenario
 from .compiled_loop import FIRST_INVARIANT, E, Run, S
 from .trajectory import SolverCounts, Summary, Trajectory
 
 OURS = Path(__file__).parents[1]
 INSTALLED = {"site-packages", "dist-packages"}
-ENTROPY_TOLERANCE = 1e-13  # what one converged solve leaves over: a smaller fall is round-off
-ENTROPY_FALL = 1e-10  # a fall beyond this is a failure of the second law
 
 _STATUS = {
     m.OK: ("ok", ""),
@@ -32,39 +29,6 @@ _STATUS = {
     m.FOLDED: ("ok", ""),  # the run was to end at the first fold
     m.BLOWUP: ("blowup", "|E - E0| exceeded {factor}the initial exergy V0 = {V0:.6g}"),
 }
-
-
-_NO_STEP = Tally(entropy_min=math.inf, lyapunov_max=-math.inf)
-_PATTERNS: dict[tuple[int, ...], Run] = {}  # a run of each size, without its memory
-MOST_PATTERNS = 1000
-
-
-def new_tally() -> Tally:
-    """That of no step."""
-    return _NO_STEP.again()
-
-
-def new_run(scenario: Scenario, dt: float, steps: int, every: int, **fields: Any) -> Run:
-    """A run from a scenario's start: its criteria, and room for a row each `every` steps."""
-    model, rows = scenario.model, steps // every + 2
-    sizes = (model.size, model.n_elements, len(model.invariant_names), fields["n_observables"], len(fields["c"]), rows)
-    like = _PATTERNS.get(sizes)
-    if like is None:
-        if len(_PATTERNS) >= MOST_PATTERNS:
-            _PATTERNS.clear()
-        names = ("n", "n_elements", "n_invariants", "n_observables", "n_constants", "n_rows")
-        like = _PATTERNS[sizes] = Run(
-            make_arrays=False,
-            **dict(zip(names, sizes, strict=True)),
-            entropy_tolerance=ENTROPY_TOLERANCE,
-            entropy_fall=ENTROPY_FALL,
-        )
-    run = like.again(
-        every=every, h=dt, bound=scenario.bound,
-        reference=model.reference_temperature, **fields,
-    )  # fmt: skip
-    run.z[:] = scenario.z0
-    return run
 
 
 def cause_of(reason: int) -> str:
@@ -91,8 +55,9 @@ def assemble(
     failure: str,
     wall: float,
     way: str = "",
+    solver: SolverCounts | None = None,
 ) -> Trajectory:
-    """The Trajectory of the completed steps."""
+    """The Trajectory of the completed steps; solver: what is known of the counts where the tally has none."""
     tally, dt, every = run.tally.as_numbers(), float(run.h), run.every
     done = tally["steps"]
     rows = -(-done // every) + 1
@@ -106,7 +71,7 @@ def assemble(
         temperatures=observed[:, first + len(names) : first + len(names) + n],
         status=status, failure=failure, steps=done, newton_iterations=run.counts[: rows - 1],
         wall_time_s=wall, summary=summarise(run, tally, names, scenario.initial_exergy),
-        solver=SolverCounts(
+        solver=solver or SolverCounts(
             newton_iterations=tally["iterations"], retried=tally["retried"], tracked=tally["tracked"],
             continuation_tries=tally["tries"], arcs=tally["arcs"], folds=tally["folds"], audited=tally["audited"],
             wrong_roots=tally["wrong_roots"], way=way,

@@ -8,24 +8,25 @@ from typing import Any
 
 import numpy as np
 
-from ..compiler.records import Rows
 from ..errors import TcbenchError
 from ..integrator import Integrator
 from ..progress import part
 from ..solver import foresight
 from ..solver import implicit_step as m
-from ..solver.implicit_step import Rules, compiled_flows, constants_of, make_flows
+from ..solver.implicit_step import Rules, compiled_flows
 from ..solver.quotients import REMEDY, zero_over_zero
 from ..systems.scenario import Scenario
-from .compiled_loop import LOOPS
+from .compiled_loop import LOOPS, Run
+from .prepared import give_back, take
 from .python_loop import run_adaptive, run_step
-from .recorder import assemble, explain, new_run, new_tally
+from .recorder import assemble, explain
 from .starting import first_steps
 from .trajectory import Trajectory
 
 MOST_GIB = 16.0  # of recorded states, more of which would hardly be meant
 SMALL = 100  # length of a state; of longer ones fewer steps
 CHUNK = 100_000  # steps between looks at the clock and the keyboard
+UNTOLD = 500  # steps of a small system that are over before anyone could be told of them
 
 
 def simulate(
@@ -72,16 +73,15 @@ def simulate(
     if record_every is not None and not (isinstance(record_every, int | np.integer) and record_every >= 1):
         raise TcbenchError(f"record_every must be a whole number, at least 1, not {record_every!r}.")
     every = max(1, steps) if record_every is None else min(int(record_every), max(1, steps))
-    check_memory(scenario, dt, every)
+    check_memory(scenario, dt, steps, every)
     if integrator.kind == "step":
         return run_step(integrator, scenario, dt, steps, every)
     rules = Rules(continuation, residuals, m.COUNT_WRONG if audit_roots else m.NO_AUDIT)
     return run_flows(integrator, scenario, dt, steps, every, rules)
 
 
-def check_memory(scenario: Scenario, dt: float, every: int = 1) -> None:
+def check_memory(scenario: Scenario, dt: float, steps: int, every: int = 1) -> None:
     """Raise TcbenchError where a run that keeps every `every`-th state would need more memory than could be meant."""
-    steps = scenario.steps(dt)
     kept = (steps // every + 2) * (scenario.model.size + 2 * scenario.model.n_elements + 3) * 8 / 2**30
     if kept > MOST_GIB:
         raise TcbenchError(
@@ -120,18 +120,10 @@ def run_flows(
 ) -> Trajectory:
     """`simulate` for an integrator of the kind "flows", its input checked."""
     model = scenario.model
-    observe, n_observables = model.observer
-    c = constants_of(integrator, scenario)
-    tally = new_tally()
     kernels = compiled_flows(integrator.flows, model.symbolic)
     told = foresight.of_steps(model, kernels, steps)  # before anything is compiled
-    opening = kernels[0].opening
-    run = new_run(
-        scenario, dt, steps, every, n_observables=n_observables, n_constants=len(c), n_flows=len(integrator.flows),
-        observe=observe.address, opening=opening.address, now=opening.size - n_observables,
-        of_step=any(flow.of_step for flow in integrator.flows), memory=integrator.memory, residuals=rules.residuals,
-        c=c, tally=tally, flows=Rows(make_flows(integrator, model, scenario.bound, dt, c, tally, rules, kernels)),
-    )  # fmt: skip
+    ready = take(integrator, scenario, kernels)
+    run = ready.start(scenario, dt, steps, every, rules, integrator.claims >= m.LAWS)
     LOOPS.begin(run)
     begin = time.perf_counter()
     reason, done, first = m.OK, 0, None
@@ -139,15 +131,12 @@ def run_flows(
         first = first_steps(integrator, scenario, dt, steps)
         reason, done = LOOPS.monitor(run, 1, first.z[1:]) if first.steps else m.OK, first.steps
         if done == integrator.memory:
-            run.z[:], c[-done * model.size :] = first.z[-1], first.slopes(dt)
+            run.z[:], run.c[-done * model.size :] = first.z[-1], first.slopes(dt)
             np.add.at(run.counts, np.arange(done) // every, first.iterations)
-            tally.iterations += first.iterations.sum()
-    chunk = CHUNK if model.size <= SMALL else max(1, CHUNK * SMALL // (5 * model.size))
-    with part(told) as meter:
-        while done < steps and reason == m.OK and not (first and first.failure):
-            reason = LOOPS.march(run, done, min(steps, done + chunk))
-            done = run.tally.steps
-            meter.done, meter.total = done, steps
+            run.tally.iterations += first.iterations.sum()
+    if done < steps and reason == m.OK and not (first and first.failure):
+        reason = march(run, done, steps, told)
+        done = run.tally.steps
     wall = time.perf_counter() - begin
     status, failure = explain(reason, done, dt, scenario)
     if reason == m.OK and first and first.failure:
@@ -155,5 +144,23 @@ def run_flows(
     if reason in (m.NONCONVERGED, m.NO_ROOT, m.NONFINITE):
         places = [zero_over_zero(flow, model, run.z, dt) for flow in integrator.flows]
         failure += "".join(f". The formula divides 0 by 0 at z1 = z0 ({place}): {REMEDY}" for place in places if place)
-    way = "; ".join(dict.fromkeys(k.way for k in kernels))
-    return assemble(integrator, scenario, run, status, failure, wall, way)
+    found = assemble(integrator, scenario, run, status, failure, wall, way=ready.way)
+    give_back(ready, scenario)
+    return found
+
+
+def march(run: Run, done: int, steps: int, told: str) -> int:
+    """The steps from `done` on; returns why they ended. told: of a run that is foreseen to be long."""
+    small = run.n <= SMALL
+    if small and not told:
+        reason = LOOPS.march(run, done, min(steps, done + UNTOLD, done + CHUNK))
+        done = run.tally.steps
+        if done == steps or reason != m.OK:
+            return reason
+    chunk, reason = CHUNK if small else max(1, CHUNK * SMALL // (5 * run.n)), m.OK
+    with part(told) as meter:
+        while done < steps and reason == m.OK:
+            reason = LOOPS.march(run, done, min(steps, done + chunk))
+            done = run.tally.steps
+            meter.done, meter.total = done, steps
+    return reason

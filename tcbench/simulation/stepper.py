@@ -7,16 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from ..compiler.records import Rows
 from ..errors import TcbenchError
 from ..integrator import Integrator
 from ..solver.flow_kernels import FlowKernels
-from ..solver.implicit_step import OK, Rules, compiled_flows, make_flows, set_length
+from ..solver.implicit_step import OK, compiled_flows
 from ..systems.scenario import Scenario
 from ..systems.state import State
 from ..systems.system import System
-from .compiled_loop import LOOPS, Run
-from .recorder import cause_of, new_tally
+from .prepared import Prepared
+from .recorder import cause_of
 
 
 def stepper(method: str | Integrator, system: System | Scenario | str) -> Stepper:
@@ -54,8 +53,7 @@ class Stepper:
 
     def __init__(self, method: Integrator, system: System, kernels: tuple[FlowKernels, ...]) -> None:
         self.method, self.system, self.kernels = method, system, kernels
-        self._tally = new_tally()
-        self._run = self._prepared() if kernels else None
+        self._ready = Prepared(system, method, kernels) if kernels else None
 
     @property
     def order(self) -> int | None:
@@ -64,7 +62,7 @@ class Stepper:
     @property
     def iterations(self) -> int:
         """Newton iterations so far; 0 where the method solves by itself."""
-        return self._tally.iterations
+        return 0 if self._ready is None else self._ready.tally.iterations
 
     def __call__(self, z: Any, h: float) -> State:
         z, h = np.array(z, dtype=float), float(h)
@@ -72,33 +70,18 @@ class Stepper:
             raise TcbenchError(f"A state of this {self.system.name} has shape ({self.system.size},), not {z.shape}.")
         if not (math.isfinite(h) and np.isfinite(z).all()):
             raise TcbenchError(f"A step begins at a finite state and has a finite length, not z = {z!r} and h = {h:g}.")
-        return self.system.state(self._by_function(z, h) if self._run is None else self._by_flows(self._run, z, h))
+        return self.system.state(self._by_function(z, h) if self._ready is None else self._by_flows(self._ready, z, h))
 
     def _by_function(self, z: np.ndarray, h: float) -> np.ndarray:
         assert self.method.step is not None
         z1 = np.array(self.method.step(self.system.state(z), h, self.system), dtype=float)
         return z + z1 if self.method.increments else z1
 
-    def _by_flows(self, run: Run, z: np.ndarray, h: float) -> np.ndarray:
-        if h != run.h:
-            run.h = h
-            for flow, formula, kernels in zip(run.flows.records, self.method.flows, self.kernels, strict=True):
-                set_length(flow, kernels, formula.fraction * h)
-        run.z[:], run.carry[:], run.c[-2 * len(z) :] = z, 0.0, np.tile(z, 2)
-        reason = LOOPS.march(run, 0, 1)
+    def _by_flows(self, ready: Prepared, z: np.ndarray, h: float) -> np.ndarray:
+        if h != ready.run.h:
+            ready.set_length(h)
+        reason = ready.step(z)
         if reason != OK:
             backwards = ", for heat does not flow backwards" if h < 0 else ""
             raise ArithmeticError(f"{self.method.name}, a step of {h:g}: {cause_of(reason)}{backwards}")
-        return run.z.copy()
-
-    def _prepared(self) -> Run:
-        method, system, tally = self.method, self.system, self._tally
-        observe, n_observables = system.observer
-        opening, c = self.kernels[0].opening, np.concatenate([system.constant_values, np.zeros(2 * system.size)])
-        return Run(
-            n=system.size, n_elements=system.n_elements, n_invariants=len(system.invariant_names), n_rows=2, every=1,
-            n_flows=len(method.flows), n_observables=n_observables, n_constants=len(c), observe=observe.address,
-            opening=opening.address, now=opening.size - n_observables, h=1.0, bound=math.inf,
-            reference=system.reference_temperature, of_step=any(flow.of_step for flow in method.flows), c=c,
-            tally=tally, flows=Rows(make_flows(method, system, math.inf, 1.0, c, tally, Rules(), self.kernels)),
-        )  # fmt: skip
+        return ready.run.z.copy()

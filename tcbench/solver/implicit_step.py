@@ -6,18 +6,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cache
-from types import FunctionType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..compiler.code_hash import content_hash, installed
 from ..compiler.language import Floats, copy_into, rare
 from ..compiler.library import Library, evaluate
+from ..compiler.remembered_hash import remembered_hash
 from ..integrator import Flow as Formula
-from ..integrator import Integrator, Residual
+from ..integrator import Integrator
 from ..systems.scenario import Scenario
 from ..systems.system import System
 from .continuation import COLD_ROOT, FOUND, LOST, UNDETERMINED, arc, detour
@@ -109,34 +107,20 @@ def by_arc(flow: Flow, reason: int) -> tuple[int, int]:
     return reason, 0
 
 
-INSTALLED = "installed"  # in place of a hash
-
-
 # a method's flows on a system --------------------------------------------------------------------------------------
 
 
 def compiled_flows(formulas: tuple[Formula, ...], symbolic: System) -> tuple[FlowKernels, ...]:
     """The kernels of a method's flows for a structure of system; traced again when what the formulas read changed."""
-    seen = INSTALLED if all(_is_fixed(f.residual) for f in formulas) else content_hash(formulas)
-    return _compiled_flows(formulas, symbolic, seen) if seen else _compiled_flows.__wrapped__(formulas, symbolic)
+    seen = tuple([remembered_hash(f.residual) for f in formulas])
+    make = _compiled_flows.__wrapped__ if None in seen else _compiled_flows
+    return make(formulas, symbolic, seen)
 
 
 @cache
-def _is_fixed(residual: Residual) -> bool:
-    """A function of an installed package that sees nothing of others: hashing it at every call would take a third of
-    the call."""
-    if (
-        not isinstance(residual, FunctionType)
-        or residual.__closure__
-        or residual.__defaults__
-        or residual.__kwdefaults__
-    ):
-        return False
-    return installed(residual.__module__, residual.__globals__.get("__file__")) is not None
-
-
-@cache
-def _compiled_flows(formulas: tuple[Formula, ...], symbolic: System, seen: str = "") -> tuple[FlowKernels, ...]:
+def _compiled_flows(
+    formulas: tuple[Formula, ...], symbolic: System, seen: tuple[str | None, ...]
+) -> tuple[FlowKernels, ...]:
     """Equal formulas share their kernels."""
     made: dict[Any, FlowKernels] = {}
     chosen = []
@@ -154,8 +138,7 @@ def constants_of(integrator: Integrator, scenario: Scenario) -> np.ndarray:
     return np.concatenate([scenario.model.constant_values, *further])
 
 
-@dataclass(frozen=True)
-class Rules:
+class Rules(NamedTuple):
     """How the flows of a run are solved."""
 
     continuation: bool = True
@@ -178,17 +161,10 @@ def make_flows(
     observe, n_observables = model.observer
     flows = []
     for formula, k in zip(integrator.flows, kernels, strict=True):
-        like = k.patterns.get(len(c))
-        if like is None:
-            like = k.patterns[len(c)] = Flow(
-                make_arrays=False, **k.fields,
-                n=model.size, n_constants=len(c), n_observables=n_observables, observe=observe.address,
-                tally=tally, c=c,
-            )  # fmt: skip
-        flow = like.again(
+        flow = Flow(
+            **k.fields, n=model.size, n_constants=len(c), n_observables=n_observables, observe=observe.address,
             has_root=integrator.claims >= LAWS, continuation=rules.continuation, audit=rules.audit,
-            residuals=rules.residuals,
-            reference=model.reference_temperature, bound=bound, tally=tally, c=c,
+            residuals=rules.residuals, reference=model.reference_temperature, bound=bound, tally=tally, c=c,
         )  # fmt: skip
         set_length(flow, k, formula.fraction * dt)
         flows.append(flow)

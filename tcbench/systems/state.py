@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 import uuid
-from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..compiler.code_hash import content_hash, installed
+from ..compiler.remembered_hash import remembered_hash
 
 if TYPE_CHECKING:
     from .system import System
@@ -55,11 +53,4 @@ def formulas_hash(kind: type[System]) -> str:
 
     Another one each time where they have none (see code_hash): nothing traced is then used twice.
     """
-    return _installed_hash(kind) or content_hash(kind) or uuid.uuid4().hex  # type: ignore[arg-type]
-
-
-@cache
-def _installed_hash(kind: type[System]) -> str | None:
-    """The hash of a class that nobody edits: name and version of its package; a scenario asks at every call."""
-    file = getattr(sys.modules.get(kind.__module__), "__file__", None)
-    return content_hash(kind) if installed(kind.__module__, file) else None
+    return remembered_hash(kind) or uuid.uuid4().hex

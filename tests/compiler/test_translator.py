@@ -169,19 +169,19 @@ def test_records_are_read_and_written_as_in_python():
     assert both[0][1] == 2 and both[0][4:7] == [1, 0, 2]
 
 
-def test_a_record_made_after_a_pattern_has_memory_of_its_own():
-    pattern = Part(make_arrays=False, n=3, weight=0.5)
-    first, second = pattern.again(wanted=True), pattern.again(weight=2.0, x=np.arange(3.0))
-    first.x[:], first.grid[:] = 1.0, 2.0
-    again = first.again(weight=3.0)
-    assert second.x.tolist() == [0.0, 1.0, 2.0] and not second.grid.any() and not again.x.any()
-    assert [float(p.weight) for p in (pattern, first, second, again)] == [0.5, 0.5, 2.0, 3.0]
-    assert (first.wanted, second.wanted, again.wanted, len(again.grid)) == (1, 0, 1, 3)
-    again = second.again()  # its x is its own, not what `second` was given
-    again.x[:] = 5.0
-    whole = Whole(parts=Rows([again]), n_parts=1, tally=Tally(), marks=np.zeros(1, dtype=np.int64))
-    again.wanted = True
-    assert LIBRARY.records(whole, 1.0) == 6 * (5.0 + again.weight) and second.x.tolist() == [0.0, 1.0, 2.0]
+def test_the_memory_of_a_record_is_used_again():
+    part = Part(n=3, weight=0.5, wanted=True)
+    own, other = part.x, np.arange(3.0)
+    part.x[:], part.grid[:] = 1.0, 2.0
+    part.clear()
+    assert part.x is own and not part.x.any() and not part.grid.any() and (part.n, part.weight) == (3, 0.5)
+    part.x[:], part.weight = 5.0, 2.0
+    whole = Whole(parts=Rows([part]), n_parts=1, tally=Tally(), marks=np.zeros(1, dtype=np.int64))
+    assert LIBRARY.records(whole, 1.0) == 6 * 7.0
+    part.lend("x", other)
+    assert LIBRARY.records(whole, 1.0) == 6 * 2.0 and part.x is other
+    part.clear()
+    assert other.tolist() == [2.0, 3.0, 4.0] and not own.any()  # what was lent is not the record's
 
 
 def test_records_say_what_does_not_fit():

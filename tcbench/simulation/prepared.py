@@ -1,0 +1,133 @@
+"""The records of a run, made once for a method on a system: the next call uses them, and their memory, again."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from ..compiler.records import Rows
+from ..integrator import Integrator
+from ..solver.flow import Flow, Tally
+from ..solver.flow_kernels import FlowKernels
+from ..solver.implicit_step import LAWS, Rules, make_flows, set_length
+from ..systems.scenario import Scenario
+from ..systems.system import System
+from .compiled_loop import LOOPS, Run
+
+ENTROPY_TOLERANCE = 1e-13  # what one converged solve leaves over: a smaller fall is round-off
+ENTROPY_FALL = 1e-10  # a fall beyond this is a failure of the second law
+MOST_METHODS = 100  # that records are kept of, for each system
+LARGE = 1000  # length of a state whose records are made anew: they are memory rather than time
+
+_NO_STEP = Tally(entropy_min=math.inf, lyapunov_max=-math.inf)
+
+
+class Prepared:
+    """A Run with its Tally, and the flows of a method; of a method in plain Python (no kernels) there are none.
+
+    run.c is (h, constants, then what the formulas see of other states; see `implicit_step.constants_of`).
+    """
+
+    def __init__(self, model: System, method: Integrator | None = None, kernels: tuple[FlowKernels, ...] = ()) -> None:
+        self.kernels = kernels
+        observe, n_observables = model.observer
+        further = 0 if method is None else model.size * (method.memory or 2)
+        c, self.tally = np.concatenate([model.constant_values, np.zeros(further)]), Tally()
+        self.rules, self.bound, self.has_root = Rules(), math.inf, False
+        self.flows: list[tuple[Flow, FlowKernels, float]] = []
+        fields: dict[str, Any] = {}
+        if method is not None:
+            opening = kernels[0].opening
+            rows = Rows(make_flows(method, model, math.inf, 1.0, c, self.tally, self.rules, kernels))
+            fields = {
+                "opening": opening.address, "now": opening.size - n_observables, "n_flows": len(kernels),
+                "of_step": any(flow.of_step for flow in method.flows), "memory": method.memory, "flows": rows,
+            }  # fmt: skip
+            self.has_root = method.claims >= LAWS
+            self.flows = [(*pair, f.fraction) for *pair, f in zip(rows.records, kernels, method.flows, strict=True)]
+        self.run = Run(
+            n=model.size, n_elements=model.n_elements, n_invariants=len(model.invariant_names), n_rows=0, every=1,
+            n_observables=n_observables, n_constants=len(c), observe=observe.address, bound=math.inf, h=1.0,
+            reference=model.reference_temperature, entropy_tolerance=ENTROPY_TOLERANCE, entropy_fall=ENTROPY_FALL,
+            c=c, tally=self.tally, **fields,
+        )  # fmt: skip
+        self.run.make_room(2)
+        self.way = "; ".join(dict.fromkeys(k.way for k in kernels))
+
+    def clear(self) -> None:
+        """As if nothing had run yet."""
+        self.tally.table[:] = _NO_STEP.table
+        self.run.clear()
+        for flow, _, _ in self.flows:
+            flow.clear()
+
+    def set_length(self, h: float) -> None:
+        """Steps of length h, with what depends on h and the constants only."""
+        self.run.h = h
+        for flow, kernels, fraction in self.flows:
+            set_length(flow, kernels, fraction * h)
+
+    def set_rules(self, rules: Rules, bound: float, has_root: bool) -> None:
+        """How the flows are solved; bound: of the energy error."""
+        if (rules, bound, has_root) == (self.rules, self.bound, self.has_root):
+            return
+        self.rules, self.bound, self.has_root = rules, bound, has_root
+        self.run.residuals, self.run.bound = rules.residuals, bound
+        for flow, _, _ in self.flows:
+            flow.continuation, flow.audit, flow.residuals = rules.continuation, rules.audit, rules.residuals
+            flow.bound, flow.has_root = bound, has_root
+
+    def start(self, scenario: Scenario, dt: float, steps: int, every: int, rules: Rules, has_root: bool = False) -> Run:
+        """Everything at the start of a scenario, with room for a row each `every` steps."""
+        run, c, z0, constants = self.run, self.run.c, scenario.z0, scenario.model.constant_values
+        self.clear()
+        self.set_rules(rules, scenario.bound, has_root)
+        run.every = every
+        run.make_room(steps // every + 2)
+        known, n = len(constants), len(z0)
+        c[:known], run.z[:] = constants, z0
+        if run.memory:
+            c[known:] = 0.0
+        elif self.flows:
+            c[known : known + n] = c[known + n :] = z0
+        self.set_length(dt)
+        return run
+
+    def step(self, z: Any) -> int:
+        """One step from z, as if a run began there, to run.z; returns why there is none, or OK."""
+        run = self.run
+        run.z[:], run.carry[:], run.c[-2 * len(z) :] = z, 0.0, np.tile(z, 2)
+        return LOOPS.march(run, 0, 1)
+
+
+# by the identity of the kernels; what is kept refers to no system, so that one that is gone takes it along
+_KEPT: WeakKeyDictionary[System, dict[int, list[Prepared]]] = WeakKeyDictionary()
+
+
+def take(method: Integrator | None, scenario: Scenario, kernels: tuple[FlowKernels, ...]) -> Prepared:
+    """Records that nobody uses, of a method with these kernels on a scenario's system; `give_back` keeps them.
+
+    kernels is one object for formulas of one content on one structure of system: what was traced anew finds nothing.
+    """
+    kept = _KEPT.get(scenario.model)
+    if kept is not None:
+        try:
+            found = kept[id(kernels)].pop()  # by one thread at a time
+        except (KeyError, IndexError):
+            pass
+        else:
+            if found.kernels is kernels:
+                return found
+    return Prepared(scenario.model, method, kernels)
+
+
+def give_back(used: Prepared, scenario: Scenario) -> None:
+    if scenario.model.size > LARGE:
+        return
+    kept = _KEPT.setdefault(scenario.model, {})
+    if len(kept) >= MOST_METHODS:
+        kept.clear()
+    kept.setdefault(id(used.kernels), []).append(used)
