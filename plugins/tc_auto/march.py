@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from tcbench.compiler.language import Floats, Matrix, call, copy_into
 from tcbench.compiler.library import Library
 
@@ -11,12 +13,12 @@ from ..tc_taylor import march as taylor
 from ..tc_taylor.march import Work as Taylor
 
 # Explicit steps are measured in decay times of the conduction.
-STIFF_FROM_THE_START = 1.2  # of the first series' step: what decays stands in its terms
 STABLE, STABLE_OF_ORDER = 2.0, 0.3  # those of order p that conduction bounds: about so many, and so many p
 STIFF = 0.7  # of these: from here on conduction bounds a step
-PATIENCE = 32  # stiff steps in a row before the other method is tried, and four times as many each time
+PATIENCE, MORE = 8, 6  # stiff steps in a row before the other method is tried, and so many times as many each time
 LONGER = 4.0  # the first implicit step, over the last explicit one
-COST, COST_OF_ORDER = 0.8, 0.05  # an explicit step of order p takes the time of so many iterations, and of so many p
+COST, COST_OF_ORDER = 0.5, 0.09  # an explicit step of order p takes the time of so many iterations, and of so many p
+OWED = 10.0  # iterations that the implicit method may take beyond what explicit steps would, before it is left
 
 
 def steps(
@@ -26,20 +28,19 @@ def steps(
     taylor.begin(e, z)
     gauss.begin(g, z)
     copy_into(states[0], z)
-    call(e.to_series, e.y, e.given, e.coefficients)
-    explicit = taylor.step_length(e, tolerance) * gauss.decay_rate(g) < STIFF_FROM_THE_START
     stable = STABLE + STABLE_OF_ORDER * e.order
-    row, t, h, patience, given_up = 1, times[0], 0.0, PATIENCE, False
+    row, t, h, patience, explicit, given_up = 1, times[0], 0.0, PATIENCE, True, False
     while row < len(times):
         rate = gauss.decay_rate(g)
         if explicit:
             row, t, h = taylor.advance(e, times, tolerance, states, row, t, STIFF * stable / rate, patience)
             call(e.to_entropies, e.y, e.given, g.here)
             gauss.go_to(g, g.here)
-            patience *= 4
+            patience *= MORE
         else:
-            most = (COST + COST_OF_ORDER * e.order) * rate / stable
-            row, t, h = gauss.advance(g, times, defect, residual, states, row, t, LONGER * h, most)
+            g.budget[0] = (COST + COST_OF_ORDER * e.order) * rate / stable
+            g.budget[1] = math.inf if given_up else OWED
+            row, t, h = gauss.advance(g, times, defect, residual, states, row, t, LONGER * h)
             keep_laws(e, g)
         if h == 0.0 and given_up:
             return row

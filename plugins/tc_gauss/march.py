@@ -17,8 +17,7 @@ BEST = 0.135  # contraction for which a unit of time costs least: it grows as h^
 RETREAT, ADVANCE = 0.7, 1.1  # of a step that is too long for the quadrature, and of the bound after steps that failed
 FIRST = 4.0  # times the decay time of the conduction: see first_step
 COARSEST = 0  # level of quadrature
-PATIENCE, GROWING = 4, 1.15  # steps whose cost is looked at, and whose length is taken to be settled; see advance
-DEAR, FAST = 1.5, 1.5  # so many times dearer they are given up, unless the next is so much longer than their mean
+SAVED = 40.0  # iterations that may be saved up, of a budget: see advance
 FAR = 2.5  # ratio of steps up to which the last polynomials are extrapolated
 
 
@@ -112,7 +111,8 @@ def adaptive_steps(w: Work, z0: Floats, times: Floats, tolerance: float, residua
     are solved to the residual."""
     begin(w, z0)
     copy_into(states[0], z0)
-    row, _, _ = advance(w, times, tolerance, residual, states, 1, times[0], 0.0, math.inf)
+    w.budget[0], w.budget[1] = 0.0, math.inf
+    row, _, _ = advance(w, times, tolerance, residual, states, 1, times[0], 0.0)
     return SOLVED if row == len(times) else FAILED
 
 
@@ -130,21 +130,22 @@ def go_to(w: Work, z: Floats) -> None:
 
 
 def advance(
-    w: Work, times: Floats, tolerance: float, residual: float, states: Matrix, row: int, t: float, h: float, most: float
+    w: Work, times: Floats, tolerance: float, residual: float, states: Matrix, row: int, t: float, h: float
 ) -> tuple[int, float, float]:
     """States at times[row:] from the state at t on; returns (row that is next, t, the next step).
 
-    It ends early where steps become too short (then the last is 0), and where PATIENCE attempts take more iterations
-    for a unit of time than `most` and do not grow, or are cut by output times.
+    It ends early where steps become too short (then the last is 0), and where they owe more iterations than `budget`
+    allows: those that they take beyond what the time that they cover is worth.
     h : of the first step; 0: to be found.
     """
     k = w.k
     z, carry = w.z, w.carry
-    last, taken, begun, spent, dear = 0.0, 0, t, w.counts.iterations, False
+    worth, most, owed, spent = w.budget[0], w.budget[1], 0.0, w.counts.iterations
+    last = 0.0
     # for which the iteration converges, and the coarsest quadrature keeps the energy, as far as is known
     longest, roughest = math.inf, math.inf
-    while row < len(times):
-        while t < times[row]:
+    while row < len(times) and owed <= most:
+        while t < times[row] and owed <= most:
             set_scale(w, z)
             if h == 0.0:
                 h = min(times[row] - t, first_step(w, tolerance))
@@ -154,6 +155,8 @@ def advance(
             if known:
                 extrapolate(w, step / last)
             code = try_step(w, step, z, known, COARSEST + (step > roughest), residual)
+            owed += w.counts.iterations - spent
+            spent = w.counts.iterations
             error, factor = 0.0, 0.0
             if code == SOLVED:
                 error = error_estimate(w, step)
@@ -161,7 +164,6 @@ def advance(
                 factor = min(factor, math.sqrt(BEST / max(w.seen[0], 1e-3)))
             if code != SOLVED or not error <= ACCEPT * tolerance:
                 w.counts.rejected += 1
-                taken += 1
                 h = step * (0.4 if code == FAILED else RETREAT if code == COARSE else max(SHRINK, factor))
                 longest = h if code != SOLVED else longest
                 last = 0.0
@@ -172,23 +174,15 @@ def advance(
             add_compensated(z, w.dz, carry)
             copy_into(w.start, w.end)
             t = times[row] if step == left else t + step
-            last, cut = step, step < h
+            last = step
             h = max(h, step * factor) if step < h and factor >= 1.0 else step * min(GROW, factor)
             roughest = step * RETREAT if step <= roughest and w.seen[1] > 0.0 else roughest * ADVANCE
             longest *= ADVANCE
             h = min(h, longest)
-            taken += 1
-            if taken >= PATIENCE:
-                cost, mean = (w.counts.iterations - spent) / (t - begun), (t - begun) / taken
-                if cost > most and (cut or h < GROWING * step or (cost > DEAR * most and h < FAST * mean)):
-                    dear = True
-                    break
-                taken, begun, spent = 0, t, w.counts.iterations
+            owed = max(-SAVED, owed - worth * step)
         if t == times[row]:
             copy_into(states[row], z)
             row += 1
-        if dear:
-            break
     return row, t, h
 
 
