@@ -38,7 +38,7 @@ def methods_of(system, tolerance):
 
 
 def adaptive(system, z0, t_eval, rtol, atol):
-    z0, times = (np.ascontiguousarray(x, dtype=float) for x in (z0, t_eval))
+    z0, times = np.ascontiguousarray(z0, float), np.ascontiguousarray(t_eval, float)
     gauss, taylor = methods_of(system, rtol)
     return gauss.adaptive(z0, times, rtol) if taylor is None else both(gauss, taylor, z0, times, rtol)
 
@@ -47,15 +47,11 @@ def both(gauss, taylor, z0, times, tolerance):
     """States at `times`, and what they cost; ArithmeticError where the steps of both become too short."""
     states = np.empty((len(times), len(z0)))
     taylor.reached = None
-    g, e = gauss.counts, taylor.counts
-    g.table.fill(0)
-    e.table.fill(0)
     done = loops().steps(taylor.work, gauss.work, z0, times, SAFETY * tolerance, *gauss.held(tolerance), states)
     if done < len(times):
         raise ArithmeticError(f"the step became too short before t = {times[done]:g}")
-    return states, {
-        "steps": g.steps + e.steps, "rejected": g.rejected + e.rejected, "newton_iterations": g.iterations,
-    }  # fmt: skip
+    implicit, explicit = gauss.cost(), taylor.cost()
+    return states, implicit | {name: explicit[name] + implicit[name] for name in explicit}
 
 
 @hookimpl

@@ -51,7 +51,7 @@ def steps(
 
 def keep_laws(e: Taylor, g: Gauss) -> None:
     """The explicit method on from the other's state, to the energy and invariants of the start of the run."""
-    taylor.begin(e, g.z)
+    taylor.start_from(e, g.z)
     e.target[e.size] = g.run[0]
     for i in range(e.size + 2, len(e.target)):
         e.target[i] = g.laws[i]

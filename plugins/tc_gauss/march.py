@@ -117,7 +117,8 @@ def adaptive_steps(w: Work, z0: Floats, times: Floats, tolerance: float, residua
 
 
 def begin(w: Work, z: Floats) -> None:
-    """At z: with its energy and invariants as those to be kept."""
+    """A run from z: nothing spent, and energy and invariants of z as those to be kept."""
+    w.counts.steps, w.counts.rejected, w.counts.iterations = 0, 0, 0
     go_to(w, z)
     remember_laws(w, w.z)
 

@@ -56,15 +56,15 @@ class GaussMethod:
     def adaptive(self, z0: Floats, times: Floats, tolerance: float) -> tuple[Floats, dict[str, int]]:
         """States at `times`, and what they cost."""
         states = np.empty((len(times), self.size))
-        self.counts.table[:] = 0
         code = self.loops.adaptive_steps(self.work, z0, times, *self.held(tolerance), states)
         if code != SOLVED:
             raise ArithmeticError("the step became too short")
-        return states, {
-            "steps": self.counts.steps,
-            "newton_iterations": self.counts.iterations,
-            "rejected": self.counts.rejected,
-        }
+        return states, self.cost()
+
+    def cost(self) -> dict[str, int]:
+        """What the last adaptive run took."""
+        steps, rejected, iterations, *_ = self.counts.table.tolist()
+        return {"steps": steps, "rejected": rejected, "newton_iterations": iterations}
 
     def held(self, tolerance: float) -> tuple[float, float]:
         """Defect and residual of adaptive steps. The end of a step is superconvergent (order 2k), its polynomial is not

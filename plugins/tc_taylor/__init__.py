@@ -36,7 +36,7 @@ def order_of(tolerance):
 
 
 def adaptive(system, z0, t_eval, rtol, atol):
-    z0, times = (np.ascontiguousarray(x, dtype=float) for x in (z0, t_eval))
+    z0, times = np.ascontiguousarray(z0, float), np.ascontiguousarray(t_eval, float)
     return method_of(system, order_of(rtol)).adaptive(z0, times, SAFETY * rtol)
 
 

@@ -43,6 +43,12 @@ class Work(Record):
 
 
 def begin(w: Work, z: Floats) -> None:
+    """A run from z: nothing spent, and energy, entropy and invariants of z as those to be kept."""
+    w.counts.steps, w.counts.rejected, w.counts.held = 0, 0, 0
+    start_from(w, z)
+
+
+def start_from(w: Work, z: Floats) -> None:
     """At z: with its energy, entropy and invariants as those to be kept."""
     call(w.to_start, z, w.given, w.target)
     go_to(w, w.target)

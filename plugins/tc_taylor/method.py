@@ -46,11 +46,15 @@ class TaylorMethod:
         """States at `times`, shape (len(times), n), and their cost; ArithmeticError where steps become too short."""
         states = np.empty((len(times), self.size))
         self.reached = None
-        self.counts.table.fill(0)
         done = self.loops.adaptive_steps(self.work, z0, times, tolerance, states)
         if done < len(times):
             raise ArithmeticError(f"the step became too short before t = {times[done]:g}")
-        return states, {"steps": self.counts.steps, "rejected": self.counts.rejected}
+        return states, self.cost()
+
+    def cost(self) -> dict[str, int]:
+        """What the last run took."""
+        steps, rejected, _ = self.counts.table.tolist()
+        return {"steps": steps, "rejected": rejected}
 
     def march(self, z: Floats, h: float, count: int) -> Floats:
         """States after up to `count` steps of length h, as many as succeed; ArithmeticError where none does.
