@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 
-from tcbench.compiler.language import Floats, Kernel, Matrix, call, copy_into, exp, log
+from tcbench.compiler.language import Floats, Kernel, Matrix, bits, call, copy_into, from_bits
 from tcbench.compiler.library import Library
 from tcbench.compiler.records import Record, sized
 
-LONGEST = 700.0  # logarithm of a step
+BIT, BIAS = 2.0**-52, 1023.0  # of the exponent in the bits of a double
+LONGEST = 1000.0  # logarithm of a step, of base 2
 SHRINK, SHORTEST = 0.5, 1e-12  # of a step that ends in no admissible state; of a step, over the time
 
 
@@ -78,12 +79,24 @@ def mended_state(w: Work, h: float) -> bool:
 def step_length(w: Work, tolerance: float) -> float:
     """So long that neither of the last two terms of the series is above the tolerance."""
     first = (w.order + 1) * w.size
-    longest = LONGEST
+    goal, longest = rough_log2(tolerance), LONGEST
     for i in range(2):
         size = w.coefficients[first + i]
         if size > 0.0:
-            longest = min(longest, log(tolerance / size) / (w.order - 1 + i))
-    return exp(longest)
+            longest = min(longest, (goal - rough_log2(size)) / (w.order - 1 + i))
+    return rough_exp2(longest)
+
+
+def rough_log2(x: float) -> float:
+    """Of a positive number, up to 0.09 too small: a length is a high root of this, and need not be right to 0.5 %."""
+    return bits(x) * BIT - BIAS
+
+
+def rough_exp2(x: float) -> float:
+    """To 0.3 %, of -1022 to 1023."""
+    whole = int(x + BIAS)
+    part = x + BIAS - whole
+    return from_bits(int((whole + part * (0.66 + 0.34 * part)) / BIT))
 
 
 def adaptive_steps(w: Work, z: Floats, times: Floats, tolerance: float, states: Matrix) -> int:

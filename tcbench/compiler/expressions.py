@@ -191,6 +191,10 @@ class Expressions(Arithmetic):
         if function in INTRINSICS or function in LIBRARY:
             _, x = self.number(node.args[0], FLOAT)
             return Value(FLOAT, (self.machine_call(INTRINSICS.get(function) or LIBRARY[function], x),))
+        if function is language.bits:
+            return Value(INT, (self.emit(f"bitcast double {self.number(node.args[0], FLOAT)[1]} to i64"),))
+        if function is language.from_bits:
+            return Value(FLOAT, (self.emit(f"bitcast i64 {self.number(node.args[0], INT)[1]} to double"),))
         if function in short_vectors.CALLS:
             return short_vectors.CALLS[function](self, node)
         if function is language.call:

@@ -72,6 +72,16 @@ def put(array: Floats, start: int, x: Floats) -> None:
     array[start : start + len(x)] = x
 
 
+def bits(x: float) -> int:
+    """The 64 bits of a positive number: a whole number that grows as its logarithm does, 2^52 for a factor of two."""
+    return int(np.float64(x).view(np.int64))
+
+
+def from_bits(whole: int) -> float:
+    """The number with these bits."""
+    return np.int64(whole).view(np.float64)
+
+
 def copy_into(target: Floats, source: Floats) -> None:
     """target[:] = source."""
     for i in range(len(source)):

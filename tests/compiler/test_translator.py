@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tcbench.compiler import language
-from tcbench.compiler.language import Cube, Floats, Ints, Matrix, copy_into, fill
+from tcbench.compiler.language import Cube, Floats, Ints, Matrix, bits, copy_into, fill, from_bits
 from tcbench.compiler.library import Library
 from tcbench.compiler.records import Record, Rows, sized
 from tcbench.compiler.translator import Module
@@ -20,6 +20,7 @@ from tcbench.compiler.values import TranslationError
 
 pytestmark = pytest.mark.skipif(language.PLAIN, reason="everything is plain")
 SCALE, LIMIT = 2.5, 3
+DOUBLED = 2**52  # in bits
 
 
 class Tally(Record, mutable=True):
@@ -111,7 +112,13 @@ def records(whole: Whole, by: float) -> float:
     return last
 
 
-LIBRARY = Library("tests of the translator", whole_numbers, float_arithmetic, logic, ways_out, arrays, records)
+def parts_of_numbers(x: float, exponent: int) -> tuple[int, float, float]:
+    return bits(x), from_bits(bits(x)), from_bits((exponent + 1023) * DOUBLED)
+
+
+LIBRARY = Library(
+    "tests of the translator", parts_of_numbers, whole_numbers, float_arithmetic, logic, ways_out, arrays, records
+)
 NUMBERS = st.integers(-50, 50)
 FLOATS = st.one_of(st.floats(-1e3, 1e3), st.sampled_from([0.0, -0.0, math.inf, -math.inf, math.nan, 1.0]))
 
@@ -131,6 +138,12 @@ def test_whole_numbers_are_python_s_also_where_they_are_negative(a, b):
 def test_floats_are_numpy_s(x, y):
     with np.errstate(all="ignore"):
         agree(LIBRARY.float_arithmetic(x, y), float_arithmetic(np.float64(x), np.float64(y)))
+
+
+@given(st.floats(5e-324, math.inf, allow_nan=False), st.integers(-1022, 1023))
+def test_bits_of_numbers(x, exponent):
+    found = LIBRARY.parts_of_numbers(x, exponent)
+    assert found == parts_of_numbers(x, exponent) and found[1] == x and found[2] == 2.0**exponent
 
 
 @given(FLOATS, FLOATS, st.booleans())
