@@ -46,8 +46,9 @@ def mending_kernels(system: System) -> tuple[Kernel, Kernel, list[trace.Symbol]]
     p, free = restored_momenta(sym.state(np.concatenate([q, p, theta])), sym, targets)
     pi = sym.shape(q)
     inertia = sym.inertia()
-    warmth, s = _energies(sym, list(given[:size])), list(sym.entropies(q, theta))
-    slopes = [trace.jacobian([s[i]], [theta[i]])[0, 0] for i in range(len(s))]
+    y, s = list(given[:size]), list(sym.entropies(q, theta))
+    warmth = _simpler(y, list(sym.element_energy(pi, np.array(s, dtype=object))))
+    heats = _simpler(y, [t * t * trace.jacobian([x], [t])[0, 0] for x, t in zip(s, theta, strict=True)])
     capacity = [trace.jacobian([x], [t])[0, 0] for x, t in zip(warmth, theta, strict=True)]
     linear = not set(theta) & set(trace.topological(capacity))
 
@@ -59,13 +60,10 @@ def mending_kernels(system: System) -> tuple[Kernel, Kernel, list[trace.Symbol]]
 
     warm = theta
     for _ in range(1 if linear else 2):  # Newton for the part by which all temperatures grow
-        heat = sum(t * t * x for t, x in zip(warm, at(slopes, warm), strict=True))
-        warm = warm * (1.0 + (energy - total(p, warm)) / heat)
+        warm = warm * (1.0 + (energy - total(p, warm)) / sum(at(heats, warm)))
 
     def outputs(momenta: Any, warm: Any, s: Any) -> list[trace.Symbol]:
-        allowed = ROUND_OFF * sum(t * t * x for t, x in zip(theta, slopes, strict=True)) - abs(
-            energy - total(momenta, warm)
-        )
+        allowed = ROUND_OFF * sum(heats) - abs(energy - total(momenta, warm))
         return [*q, *momenta, *warm, sum(s), reduce(trace.minimum, [*warm, *pi, allowed])]
 
     mended = outputs(p, warm, sym.entropies(q, warm))
@@ -84,11 +82,9 @@ def mending_kernels(system: System) -> tuple[Kernel, Kernel, list[trace.Symbol]]
     return kernel(inputs, mended), kernel(inputs, held), constants
 
 
-def _energies(sym: System, y: list[trace.Symbol]) -> list[trace.Symbol]:
-    """Of the elements, at y = (q, p, theta), in normal form: no exponential of a logarithm."""
-    n = sym.n_positions
+def _simpler(y: list[trace.Symbol], formulas: list[trace.Symbol]) -> list[trace.Symbol]:
+    """Formulas in y = (q, p, theta) brought to normal form: no exponential of a logarithm, no factor that cancels."""
     normal = Normal({})
     for i, symbol in enumerate(y):
         normal.known[symbol.number] = {((normal.series("var", index=i), 1),): ONE}
-    q, theta = np.array(y[:n], dtype=object), np.array(y[2 * n :], dtype=object)
-    return normal.symbols(normal.of(list(sym.element_energy(sym.shape(q), sym.entropies(q, theta)))), y)
+    return normal.symbols(normal.of(formulas), y)
