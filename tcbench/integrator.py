@@ -159,7 +159,7 @@ class Integrator:
     @property
     def kind(self) -> str:
         """ "flows", "step" or "adaptive"."""
-        return next(way for way in WAYS if getattr(self, way) is not None)
+        return "flows" if self.flows is not None else "step" if self.step is not None else "adaptive"
 
     def suits(self, system: System) -> str:
         """ "" if the method is for this system, otherwise why not, to go on after "NAME: ...", without a full stop."""
@@ -175,6 +175,8 @@ class Integrator:
     @property
     def lacks(self) -> str:
         """ "" if all that the method requires is installed, otherwise what is not and how to get it, as in `suits`."""
+        if not self.requires:
+            return ""
         absent = " ".join(name for name, found in self.versions().items() if found is None)
         return f"it needs packages that are not installed: pip install {absent}" if absent else ""
 

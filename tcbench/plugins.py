@@ -131,6 +131,8 @@ def find_integrator(name: str | Integrator) -> Integrator:
     if not isinstance(name, str):
         raise TcbenchError(f"An integrator is a name or an Integrator, not {name!r}.")
     known = registry().integrators
+    if name in known:
+        return known[name]
     base, values = split_name(name)
     if base not in known:
         raise unknown_name("integrator", base, known, *_remedy())

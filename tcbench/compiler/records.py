@@ -64,6 +64,7 @@ class Field:
 
     def __init__(self, name: str, kind: str, index: int, lengths: tuple[str, ...]) -> None:
         self.name, self.kind, self.index, self.lengths = name, kind, index, lengths
+        self.is_real, self.is_whole = kind == "float", kind in WHOLE
 
     @property
     def is_array(self) -> bool:
@@ -80,14 +81,17 @@ class Field:
         found = record._kept.get(self.name)  # what is asked for often comes first: a run reads some twenty arrays
         if found is not None:
             return found
-        if self.kind in WHOLE:
+        if self.is_whole:
             return record.table.item(self.index)
-        return record.reals[self.index] if self.kind == "float" else record._array(self)
+        return record.reals[self.index] if self.is_real else record._array(self)
 
     def __set__(self, record: Any, value: Any) -> None:
-        if self.kind not in NUMBERS:
+        if self.is_real:
+            record.reals[self.index] = value
+        elif self.is_whole:
+            record.table[self.index] = value
+        else:
             raise AttributeError(f"{type(record).__name__}.{self.name} is given when the record is made")
-        (record.reals if self.kind == "float" else record.table)[self.index] = value
 
 
 class Record:
@@ -158,10 +162,10 @@ class Record:
         if self._plan.memory:
             self._kept[""].fill(0.0)
 
-    def lend(self, name: str, array: np.ndarray) -> None:
-        """Another array in place of one; the caller sets the numbers that its shape is declared by."""
+    def lend(self, name: str, array: np.ndarray, address: int = 0) -> None:
+        """Another array (which is at this address) in place of one; the caller sets what its shape is declared by."""
         self._kept[name] = array
-        self.table[type(self).fields[name].index] = address_of(array)
+        self.table[type(self).fields[name].index] = address or address_of(array)
 
     def _array(self, field: Field) -> Any:
         """An array that the record allocated; it becomes an array when it is first asked for."""
@@ -204,7 +208,7 @@ class _Plan:
                 self.memory += math.prod(shape)
         self.own = np.array([f.index for f in own], dtype=np.intp)
         self.offsets = np.array([8 * self.shapes[f.name][0] for f in own], dtype=np.int64)
-        self.numbers = [(f.name, f.index, f.kind == "float") for f in cls.fields.values() if f.kind in NUMBERS]
+        self.numbers = [(f.name, f.index, f.is_real) for f in cls.fields.values() if f.is_real or f.is_whole]
         fields = [cls.fields[name] for name in values]
         self.given = [f for f in fields if f.kind not in NUMBERS]
         whole = [f for f in fields if f.kind in NUMBERS and f.kind != "float"]

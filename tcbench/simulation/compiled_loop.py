@@ -6,7 +6,7 @@ import numpy as np
 
 from ..compiler.language import Floats, Ints, Kernel, Matrix, call, copy_into, rare
 from ..compiler.library import Library
-from ..compiler.records import Record, Rows, sized
+from ..compiler.records import Record, Rows, address_of, sized
 from ..solver.flow import Flow, Tally
 from ..solver.implicit_step import BLOWUP, COLD, COLLAPSED, NO_AUDIT, NONFINITE, OK, PRINCIPAL, solve_flow
 from ..solver.linear_algebra import add_increments, move
@@ -55,10 +55,10 @@ class Run(Record):
         """New memory for so many records: those before stay as they are."""
         n, m = self.n, self.n_observables
         memory, first, second = np.zeros(rows * (n + m + 1)), rows * n, rows * (n + m)
-        self.n_rows = rows
-        self.lend("states", memory[:first].reshape(rows, n))
-        self.lend("records", memory[first:second].reshape(rows, m))
-        self.lend("counts", memory[second:].view(np.int64))
+        self.n_rows, at = rows, address_of(memory)
+        self.lend("states", memory[:first].reshape(rows, n), at)
+        self.lend("records", memory[first:second].reshape(rows, m), at + 8 * first)
+        self.lend("counts", memory[second:].view(np.int64), at + 8 * second)
 
 
 def accumulate(run: Run, step: int, now: Floats) -> None:

@@ -31,8 +31,14 @@ class Prepared:
     run.c is (h, constants, then what the formulas see of other states; see `implicit_step.constants_of`).
     """
 
-    def __init__(self, model: System, method: Integrator | None = None, kernels: tuple[FlowKernels, ...] = ()) -> None:
-        self.kernels = kernels
+    def __init__(
+        self,
+        model: System,
+        method: Integrator | None = None,
+        kernels: tuple[FlowKernels, ...] = (),
+        free: list[Prepared] | None = None,
+    ) -> None:
+        self.free = free if model.size <= LARGE else None
         observe, n_observables = model.observer
         further = 0 if method is None else model.size * (method.memory or 2)
         c, self.tally = np.concatenate([model.constant_values, np.zeros(further)]), Tally()
@@ -96,6 +102,11 @@ class Prepared:
         self.set_length(dt)
         return run
 
+    def give_back(self) -> None:
+        """For the next call."""
+        if self.free is not None:
+            self.free.append(self)
+
     def step(self, z: Any) -> int:
         """One step from z, as if a run began there, to run.z; returns why there is none, or OK."""
         run = self.run
@@ -103,31 +114,26 @@ class Prepared:
         return LOOPS.march(run, 0, 1)
 
 
-# by the identity of the kernels; what is kept refers to no system, so that one that is gone takes it along
-_KEPT: WeakKeyDictionary[System, dict[int, list[Prepared]]] = WeakKeyDictionary()
+# by the identity of the kernels, records that nobody uses; they refer to no system, so that one that is gone takes
+# them along
+_KEPT: WeakKeyDictionary[System, dict[int, tuple[tuple[FlowKernels, ...], list[Prepared]]]] = WeakKeyDictionary()
 
 
-def take(method: Integrator | None, scenario: Scenario, kernels: tuple[FlowKernels, ...]) -> Prepared:
-    """Records that nobody uses, of a method with these kernels on a scenario's system; `give_back` keeps them.
+def take(method: Integrator | None, system: System, kernels: tuple[FlowKernels, ...]) -> Prepared:
+    """Records of a method with these kernels on a system, to be given back.
 
     kernels is one object for formulas of one content on one structure of system: what was traced anew finds nothing.
     """
-    kept = _KEPT.get(scenario.model)
-    if kept is not None:
-        try:
-            found = kept[id(kernels)].pop()  # by one thread at a time
-        except (KeyError, IndexError):
-            pass
-        else:
-            if found.kernels is kernels:
-                return found
-    return Prepared(scenario.model, method, kernels)
-
-
-def give_back(used: Prepared, scenario: Scenario) -> None:
-    if scenario.model.size > LARGE:
-        return
-    kept = _KEPT.setdefault(scenario.model, {})
-    if len(kept) >= MOST_METHODS:
-        kept.clear()
-    kept.setdefault(id(used.kernels), []).append(used)
+    kept = _KEPT.get(system)
+    if kept is None:
+        kept = _KEPT[system] = {}
+    known = kept.get(id(kernels))
+    if known is None:
+        if len(kept) >= MOST_METHODS:
+            kept.clear()
+        known = kept[id(kernels)] = kernels, []
+    free = known[1]
+    try:
+        return free.pop()  # by one thread at a time
+    except IndexError:
+        return Prepared(system, method, kernels, free)

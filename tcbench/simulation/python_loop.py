@@ -17,7 +17,7 @@ from ..solver.implicit_step import Rules
 from ..systems.scenario import Scenario
 from . import shared_runs
 from .compiled_loop import LOOPS, NOW, OK
-from .prepared import give_back, take
+from .prepared import take
 from .recorder import assemble, exception_sentence, explain
 from .shared_runs import Solved
 from .starting import first_steps
@@ -32,11 +32,11 @@ def run_step(integrator: Integrator, scenario: Scenario, dt: float, steps: int, 
     """March a Python step z1 = step(z, h, system); its exceptions and wrong shapes become statuses."""
     model, z = scenario.model, scenario.z0.copy()
     monitor = Monitor(scenario, dt, steps, every)
-    carry = np.zeros_like(z)
+    carry = np.zeros(len(z))
     begin = time.perf_counter()
     first = first_steps(integrator, scenario, dt, steps)
     reason, done = monitor.add(1, first.z[1:]) if first.steps else (OK, 0)
-    past, z, failure = list(first.z[-2::-1]), first.z[-1], first.failure
+    past, z, failure = list(first.z[-2::-1]) if integrator.memory else [], first.z[-1], first.failure
     alone, loaded, count = done + 1, begin, 1  # the first step by itself: it may load and compile what the others use
     while done < steps and reason == OK and not failure:
         try:
@@ -99,7 +99,7 @@ class Monitor:
     """Observables and criteria of the compiled loop, for a loop in Python (a few microseconds a step)."""
 
     def __init__(self, scenario: Scenario, dt: float, steps: int, every: int) -> None:
-        self.scenario, self.ready = scenario, take(None, scenario, ())
+        self.scenario, self.ready = scenario, take(None, scenario.model, ())
         self.run = run = self.ready.start(scenario, dt, steps, every, Rules())
         start = run.observables[NOW]
         evaluate(run.observe, run.z, run.c, start)
@@ -115,7 +115,7 @@ class Monitor:
         self, integrator: Integrator, status: str, failure: str, wall: float, solver: SolverCounts
     ) -> Trajectory:
         found = assemble(integrator, self.scenario, self.run, status, failure, wall, solver=solver)
-        give_back(self.ready, self.scenario)
+        self.ready.give_back()
         return found
 
 

@@ -58,41 +58,44 @@ def assemble(
     solver: SolverCounts | None = None,
 ) -> Trajectory:
     """The Trajectory of the completed steps; solver: what is known of the counts where the tally has none."""
-    tally, dt, every = run.tally.as_numbers(), float(run.h), run.every
+    tally, dt, every, model = run.tally.as_numbers(), float(run.h), run.every, scenario.model
     done = tally["steps"]
     rows = -(-done // every) + 1
     t = (np.arange(rows) if every == 1 else np.minimum(np.arange(rows) * every, done)) * dt
-    names, n = scenario.model.invariant_names, scenario.model.n_elements
-    observed, first = run.records[:rows], FIRST_INVARIANT
-    return Trajectory(
-        integrator=integrator, scenario=scenario, dt=dt, t=t, z=run.states[:rows],
-        energy=observed[:, E], entropy=observed[:, S],
-        invariants={name: observed[:, first + i] for i, name in enumerate(names)},
-        temperatures=observed[:, first + len(names) : first + len(names) + n],
-        status=status, failure=failure, steps=done, newton_iterations=run.counts[: rows - 1],
-        wall_time_s=wall, summary=summarise(run, tally, names, scenario.initial_exergy),
-        solver=solver or SolverCounts(
+    names, observed = model.invariant_names, run.records[:rows]
+    first = FIRST_INVARIANT + len(names)
+    if solver is None:
+        solver = SolverCounts(
             newton_iterations=tally["iterations"], retried=tally["retried"], tracked=tally["tracked"],
             continuation_tries=tally["tries"], arcs=tally["arcs"], folds=tally["folds"], audited=tally["audited"],
             wrong_roots=tally["wrong_roots"], way=way,
-        ),
+        )  # fmt: skip
+    return Trajectory(
+        integrator=integrator, scenario=scenario, dt=dt, t=t, z=run.states[:rows],
+        energy=observed[:, E], entropy=observed[:, S],
+        invariants={name: observed[:, FIRST_INVARIANT + i] for i, name in enumerate(names)},
+        temperatures=observed[:, first : first + model.n_elements],
+        status=status, failure=failure, steps=done, newton_iterations=run.counts[: rows - 1],
+        wall_time_s=wall, summary=summarise(run, tally, dt, names, scenario.initial_exergy), solver=solver,
     )  # fmt: skip
 
 
-def summarise(run: Run, tally: dict[str, Any], names: tuple[str, ...], exergy: float) -> Summary:
-    s, dt, nan = tally, float(run.h), math.nan
-    steps = s["steps"]
-    spread = steps * s["sum_tt"] - s["sum_t"] ** 2
-    drift = (steps * s["sum_te"] - s["sum_t"] * s["sum_e"]) / spread if steps > 1 and spread > 0 else nan
+def summarise(run: Run, tally: dict[str, Any], dt: float, names: tuple[str, ...], exergy: float) -> Summary:
+    steps, departures = tally["steps"], dict(zip(names, run.departures.tolist(), strict=True))
+    if not steps:
+        nan = math.nan
+        return Summary(nan, nan, nan, 0, nan, nan, dict.fromkeys(departures, nan), nan)
+    spread = steps * tally["sum_tt"] - tally["sum_t"] ** 2
+    slope = steps * tally["sum_te"] - tally["sum_t"] * tally["sum_e"]
     return Summary(
-        energy_error_max=s["energy_error"] / exergy if steps else nan,
-        energy_drift=float(drift) / exergy,
-        entropy_increment_min=s["entropy_min"] if steps else nan,
-        second_law_violations=s["violations"],
-        first_entropy_fall=s["first_fall"] * dt if s["first_fall"] else nan,
-        lyapunov_increment_max=s["lyapunov_max"] / exergy if steps else nan,
-        invariant_error_max={name: x if steps else nan for name, x in zip(names, run.departures.tolist(), strict=True)},
-        residual_max=s["residual_max"] if run.residuals and steps else nan,
+        energy_error_max=tally["energy_error"] / exergy,
+        energy_drift=slope / spread / exergy if steps > 1 and spread > 0 else math.nan,
+        entropy_increment_min=tally["entropy_min"],
+        second_law_violations=tally["violations"],
+        first_entropy_fall=tally["first_fall"] * dt if tally["first_fall"] else math.nan,
+        lyapunov_increment_max=tally["lyapunov_max"] / exergy,
+        invariant_error_max=departures,
+        residual_max=tally["residual_max"] if run.residuals else math.nan,
     )
 
 

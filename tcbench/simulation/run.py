@@ -17,7 +17,7 @@ from ..solver.implicit_step import Rules, compiled_flows
 from ..solver.quotients import REMEDY, zero_over_zero
 from ..systems.scenario import Scenario
 from .compiled_loop import LOOPS, Run
-from .prepared import give_back, take
+from .prepared import take
 from .python_loop import run_adaptive, run_step
 from .recorder import assemble, explain
 from .starting import first_steps
@@ -122,7 +122,7 @@ def run_flows(
     model = scenario.model
     kernels = compiled_flows(integrator.flows, model.symbolic)
     told = foresight.of_steps(model, kernels, steps)  # before anything is compiled
-    ready = take(integrator, scenario, kernels)
+    ready = take(integrator, model, kernels)
     run = ready.start(scenario, dt, steps, every, rules, integrator.claims >= m.LAWS)
     LOOPS.begin(run)
     begin = time.perf_counter()
@@ -145,7 +145,7 @@ def run_flows(
         places = [zero_over_zero(flow, model, run.z, dt) for flow in integrator.flows]
         failure += "".join(f". The formula divides 0 by 0 at z1 = z0 ({place}): {REMEDY}" for place in places if place)
     found = assemble(integrator, scenario, run, status, failure, wall, way=ready.way)
-    give_back(ready, scenario)
+    ready.give_back()
     return found
 
 

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from ..integrator import Integrator
 from ..systems.scenario import Scenario
 
+NONE = np.zeros(0, np.int64)
 
-@dataclass(frozen=True)
-class FirstSteps:
+
+class FirstSteps(NamedTuple):
     """z (steps + 1, n): the start and the states that the starter reached; failure: why there are fewer, or ""."""
 
     z: np.ndarray
@@ -30,10 +31,10 @@ class FirstSteps:
 
 def first_steps(integrator: Integrator, scenario: Scenario, dt: float, steps: int) -> FirstSteps:
     """The first `memory` steps of a multistep method (fewer if the run has fewer), by its starter; else none."""
+    if not integrator.memory:
+        return FirstSteps(scenario.z0[None], NONE, "ok", "")
     from .run import simulate
 
-    if not integrator.memory:
-        return FirstSteps(scenario.z0[None], np.zeros(0, np.int64), "ok", "")
     count = min(integrator.memory, steps)
     run = simulate(integrator.starter, scenario, dt, count * dt)
     failure = "" if run.ok else f"the starter {run.integrator.name}: {run.failure}"
