@@ -19,10 +19,12 @@ import numpy as np
 
 from ..errors import MachineError, TcbenchError
 from ..files import replacing
+from .collector import paused
 
 NUMERICAL_PACKAGES = ("compiler", "systems", "solver", "simulation")  # what compiled code is made of
 SEAL = b"tcbench object 1\n"  # then the SHA-256 of what follows
 TARGET = "TCBENCH_TARGET"  # processor and features to compile for, as in x86-64-v3 or x86-64-v3:-fma
+LONG = 1500  # lines of straight-line LLVM code, from which on they are written quickly
 LEVELS = ("x86-64", "x86-64-v2", "x86-64-v3", "x86-64-v4")  # SSE2, SSE4.2, AVX2, AVX-512
 
 
@@ -145,29 +147,39 @@ def target() -> tuple[str, str]:
 
 
 @cache
-def _machine() -> Any:
+def _machine(level: int = 3) -> Any:
+    """What writes machine code. level: 1 leaves out the second scheduling of instructions, whose time grows as the
+    square of the length of straight-line code, and little else."""
     import llvmlite.binding as llvm
 
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     cpu, features = target()
-    return llvm.Target.from_default_triple().create_target_machine(cpu=cpu, features=features, opt=3, jit=True)
+    return llvm.Target.from_default_triple().create_target_machine(cpu=cpu, features=features, opt=level, jit=True)
+
+
+def _made(code: Callable[[], str], loops: bool) -> bytes:
+    with paused():
+        text = code()
+    return compile_object(text, loops)
 
 
 def compile_object(code: str, loops: bool) -> bytes:
-    """Optimised object code of a module. loops: code with short loops, which vectors and unrolling make slower."""
+    """Optimised object code of a module. loops: code with short loops, which vectors and unrolling make slower; of
+    straight-line code the first level of LLVM's passes makes the same object as the last."""
     import llvmlite.binding as llvm
 
     machine = _machine()
     module = llvm.parse_assembly(code)
     module.verify()
-    options = llvm.create_pipeline_tuning_options(speed_level=3)
+    options = llvm.create_pipeline_tuning_options(speed_level=3 if loops else 1)
     if loops:
         options.loop_vectorization = options.slp_vectorization = False
         options.loop_unrolling = options.loop_interleaving = False
     builder = llvm.create_pass_builder(machine, options)
     builder.getModulePassManager().run(module, builder)
-    return bytes(machine.emit_object(module))
+    long = not loops and code.count("\n") > LONG
+    return bytes((_machine(1) if long else machine).emit_object(module))
 
 
 _ENGINES: list[Any] = []  # of all that is loaded, for as long as the process lives
@@ -183,7 +195,7 @@ def addresses(key: str, symbols: Iterable[str], code: Callable[[], str], folder:
     import llvmlite.binding as llvm
 
     name = hashlib.sha256("\0".join([key, *target()]).encode()).hexdigest()[:24]
-    content = kept(folder / f"{'loops' if loops else 'kernel'}_{name}.o", lambda: compile_object(code(), loops))
+    content = kept(folder / f"{'loops' if loops else 'kernel'}_{name}.o", lambda: _made(code, loops))
     engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _machine())
     engine.add_object_file(llvm.ObjectFileRef.from_data(content))
     engine.finalize_object()

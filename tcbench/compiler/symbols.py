@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import TraceError
+from .collector import paused
 
 _INTERN: MutableMapping[tuple, Symbol] = weakref.WeakValueDictionary()  # expressions that exist
 _LOCK = threading.RLock()
@@ -38,7 +39,7 @@ def tracing(known: Mapping[tuple, Symbol] | None = None) -> Iterator[Mapping[tup
     do not depend on what was traced before. Gives its table of expressions; known: that of a trace to go on from.
     """
     global _INTERN
-    with _LOCK:
+    with _LOCK, paused():
         before, _INTERN = _INTERN, dict(known or {})
         try:
             yield _INTERN

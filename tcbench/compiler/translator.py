@@ -16,7 +16,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from . import straight
 from .statements import Body
+from .straight import Straight
 from .values import BOOL, INT, NOTHING, Array, Several, TranslationError, kind_of, machine_kinds
 
 KERNEL = Array(sized=False)
@@ -90,11 +92,22 @@ class Module:
 
     def kernel(self, text: str, names: Mapping[str, Any]) -> None:
         """The kernel(a, b, out) of a text, which other code reaches under this name."""
-        (tree,) = (node for node in ast.parse(text).body if isinstance(node, ast.FunctionDef))
-        self._translate(text, "@kernel", tree, names, "<kernel>", "{}")
+        lines = straight.lines_of(text)
+        if lines is None:
+            (tree,) = (node for node in ast.parse(text).body if isinstance(node, ast.FunctionDef))
+        else:
+            tree = straight.head()
+        self._translate(text, "@kernel", tree, names, "<kernel>", "{}", lines)
 
     def _translate(
-        self, key: Any, name: str, tree: ast.FunctionDef, names: Mapping[str, Any], file: str, form: str
+        self,
+        key: Any,
+        name: str,
+        tree: ast.FunctionDef,
+        names: Mapping[str, Any],
+        file: str,
+        form: str,
+        lines: list[str] | None = None,
     ) -> Function:
         title = f"{tree.name}()"
         if key in self.open:
@@ -105,7 +118,7 @@ class Module:
         result = kind_of(ast.unparse(tree.returns), names) if tree.returns else NOTHING if file == "<kernel>" else None
         made = Function(name, title, arguments, result)
         self.open.append(key)
-        body = Body(self, made, tree, names, file)
+        body = Body(self, made, tree, names, file) if lines is None else Straight(self, made, tree, names, lines)
         self.open.remove(key)
         self.functions[key] = made
         parts = [f"{m} %{a}{i}" for a, kind in arguments.items() for i, m in enumerate(machine_kinds(kind))]
