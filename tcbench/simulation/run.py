@@ -26,7 +26,7 @@ from .trajectory import Trajectory
 MOST_GIB = 16.0  # of recorded states, more of which would hardly be meant
 SMALL = 100  # length of a state; of longer ones fewer steps
 CHUNK = 100_000  # steps between looks at the clock and the keyboard
-UNTOLD = 500  # steps of a small system that are over before anyone could be told of them
+UNTOLD = 2000  # steps of a small system that are over before anyone could be told of them
 
 
 def simulate(
