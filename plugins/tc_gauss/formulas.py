@@ -21,10 +21,11 @@ from tcbench.reference.collocation import gauss_nodes, tableau
 from tcbench.reference.precision import LONG
 from tcbench.systems.momenta import lengthening, restored_momenta
 from tcbench.systems.network import Network
-from tcbench.systems.system import FEW, System
+from tcbench.systems.system import System
 
 # points of the quadratures, whole numbers of vectors: the coarsest that keeps the energy is taken
 POINTS = (8, 16, 32, 64)
+MOST_ELEMENTS = 32  # of a network traced as a whole: then on vectors and mended, ten times as fast after a few seconds
 ON_VECTORS = 2  # of them: steps that need more are too long for the iteration
 Floats = NDArray[np.float64]
 
@@ -89,7 +90,7 @@ class Formulas(NamedTuple):
 def formulas(structure: tuple) -> Formulas:
     """The formulas of a system, traced from its functions; of a large network on one element for all."""
     symbolic = STRUCTURES[structure].symbolic
-    if isinstance(symbolic, Network) and symbolic.size > FEW:
+    if isinstance(symbolic, Network) and symbolic.n_elements > MOST_ELEMENTS:
         from .by_elements import formulas_of
 
         with suppress(MixedSpaces):  # not the same for all elements

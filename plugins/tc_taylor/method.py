@@ -14,7 +14,7 @@ from .mending import mending_kernels, start_kernel
 from .recurrences import series_kernels
 
 Floats = NDArray[np.float64]
-MOST_ELEMENTS = 24  # beyond, the straight-line code of a series takes minutes to compile
+MOST_ELEMENTS = 32  # beyond, the straight-line code of a series takes more than ten seconds to compile
 _KERNELS: dict[Any, tuple[Kernel, ...]] = {}
 
 

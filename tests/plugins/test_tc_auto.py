@@ -74,6 +74,6 @@ def test_output_times_are_hit_and_a_large_system_is_left_to_collocation():
     many, _ = adaptive(scenario.model, scenario.z0, times, 1e-9, 1e-9)
     few, _ = adaptive(scenario.model, scenario.z0, times[[0, 20, 40]], 1e-9, 1e-9)
     assert many.shape == (41, 10) and np.abs(many[[20, 40]] - few[1:]).max() < 1e-6
-    chain = find_scenario("chain[n=30]")
+    chain = find_scenario("chain[n=40]")
     found, _ = adaptive(chain.model, chain.z0, np.array([0.0, 0.1]), 1e-5, 1e-5)
     assert np.isfinite(found).all()

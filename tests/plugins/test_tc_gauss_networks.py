@@ -10,9 +10,9 @@ import tcbench
 from tcbench.compiler.symbols import MixedSpaces
 
 
-def whole_trace(monkeypatch, scenario):
-    """The scenario's system with formulas that were traced as a whole."""
-    monkeypatch.setattr(formulas, "FEW", 10**6)
+def traced_as_a_whole_up_to(elements, monkeypatch, scenario):
+    """Formulas are made anew for the scenario's system."""
+    monkeypatch.setattr(formulas, "MOST_ELEMENTS", elements)
     formulas.formulas.cache_clear()
     scenario.model.__dict__.pop("_gauss_methods", None)
 
@@ -28,11 +28,11 @@ def afresh():
 def test_states_are_those_of_the_whole_trace(method, scenario, monkeypatch):
     settings = {"tolerance": 1e-8} if "adaptive" in method else {"dt": 0.05}
     scenario = scenario.replace(t_end=0.5)
-    scenario.model.__dict__.pop("_gauss_methods", None)
-    formulas.formulas.cache_clear()
+    traced_as_a_whole_up_to(1, monkeypatch, scenario)
     run = tcbench.simulate(method, scenario, **settings)
     assert not formulas.formulas(scenario.model.structure).places  # by elements
-    whole_trace(monkeypatch, scenario)
+    traced_as_a_whole_up_to(32, monkeypatch, scenario)
+    assert formulas.formulas(scenario.model.structure).places  # on vectors
     expected = tcbench.simulate(method, scenario, **settings)
     assert run.ok and expected.ok
     assert np.abs(run.z - expected.z).max() < (1e-7 if "adaptive" in method else 1e-11) * np.abs(expected.z).max()
