@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -161,7 +162,9 @@ def simulate(
     as_json: bool, **options: Any,
 ) -> None:  # fmt: skip
     """Run one integrator on one scenario."""
-    from .commands.actions import simulate_command
+    if "numpy" not in sys.modules:  # threads for matrices of ten rows would take longer to start than the run
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    from .commands.simulate import simulate_command
 
     prepare(folders)
     methods, chosen = words(names, integrators, scenarios)

@@ -51,6 +51,20 @@ def test_simulate_prints_a_row_and_writes_a_trajectory(tmp_path):
     assert json.loads(failed.stdout)["status"] == "blowup"
 
 
+def test_simulate_loads_nothing_that_it_does_not_need():
+    code = (
+        "import os, sys\nfrom click.testing import CliRunner\nfrom tcbench.cli import main\n"
+        "print(CliRunner().invoke(main, ['simulate', 'tc_monolithic', 'short_term']).output)\n"
+        "heavy = {'scipy', 'pandas', 'matplotlib', 'pebble', 'tcbench.engine', 'tcbench.store'} & set(sys.modules)\n"
+        "print(os.environ.get('OPENBLAS_NUM_THREADS'), sorted(heavy))\n"
+    )
+    for asked, used in ((None, "1"), ("2", "2")):
+        env = {k: v for k, v in os.environ.items() if k != "OPENBLAS_NUM_THREADS"}
+        env |= {"OPENBLAS_NUM_THREADS": asked} if asked else {}
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=env)
+        assert "energy_error_max" in done.stdout and done.stdout.strip().endswith(f"{used} []")
+
+
 def test_run_writes_tables_and_a_manifest_and_resumes(tmp_path):
     out = tmp_path / "mine"
     chosen = ("-i", "tc_monolithic", "-i", "midpoint_entropy", "-s", "stiff_spring", "--study", "conservation")

@@ -3,6 +3,7 @@
 import subprocess
 import sys
 import tomllib
+from importlib.metadata import Distribution, version
 from pathlib import Path
 
 import pytest
@@ -37,6 +38,14 @@ def test_every_plugin_file_has_its_entry_point():
     files = {p.stem for p in (ROOT / "plugins").glob("*.py") if p.stem != "__init__"}
     files |= {p.parent.name for p in (ROOT / "plugins").glob("*/__init__.py")}
     assert {target.removeprefix("tcbench_plugins.") for target in points.values()} == files
+
+
+def test_metadata_of_a_distribution_is_read_once(monkeypatch):
+    whole, read = Distribution.metadata.fget, []
+    monkeypatch.setattr(Distribution, "metadata", property(lambda self: read.append(self) or whole(self)))
+    origins, count = plugins.load().origins.values(), len(read)
+    assert len(origins) > 20 and count == len({o.distribution for o in origins})
+    assert ("tcbench", version("tcbench")) in {(o.distribution, o.version) for o in origins}
 
 
 ALLOWED = {

@@ -9,7 +9,8 @@ from typing import Any
 from .. import plugins, terminal
 from ..errors import TcbenchError
 from ..progress import waiting
-from .actions import one_of, wrote
+from .actions import wrote
+from .simulate import one_of
 
 
 def plot_command(

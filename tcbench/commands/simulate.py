@@ -1,0 +1,66 @@
+"""`tcbench simulate`, apart from parsing: a newcomer's first command, with nothing that it does not need."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .. import plugins, terminal
+from ..errors import TcbenchError
+from ..progress import waiting
+from ..report.summary import verdicts
+from ..simulation import metrics
+from ..simulation.run import simulate
+
+
+def one_of(kind: str, found: Sequence[Any], many: str) -> Any:
+    """The one integrator or scenario that was selected."""
+    if len(found) == 1:
+        return found[0]
+    names = ", ".join(item.name for item in found) or "none"
+    raise TcbenchError(f"One {kind} is needed here, not {len(found)} ({names}). {many}")
+
+
+def simulate_command(
+    integrators: Sequence[str], scenarios: Sequence[str], *, dt: float | None, t_end: float | None,
+    tolerance: float | None, plain: bool, record_every: int, audit_roots: bool, csv: Path | None, as_json: bool,
+) -> None:  # fmt: skip
+    many = "tcbench simulate INTEGRATOR SCENARIO; tcbench run takes many."
+    integrator = one_of("integrator", plugins.expand_integrators(integrators), many)
+    scenario = one_of("scenario", plugins.expand_scenarios(scenarios), many)
+    if csv is not None and not csv.resolve().parent.is_dir():
+        raise TcbenchError(f"The folder of {str(csv)!r} does not exist; create it first.")
+    if dt is not None and integrator.kind == "adaptive":
+        raise TcbenchError(f"{integrator.name!r} chooses its steps: give --tolerance instead of --dt.")
+    with waiting(f"{integrator.name} on {scenario.name}"):
+        run_ = simulate(
+            integrator, scenario, dt, t_end, tolerance=tolerance, continuation=not plain, record_every=record_every,
+            residuals=True, audit_roots=audit_roots,
+        )  # fmt: skip
+    row = {"integrator": run_.integrator.name, "scenario": run_.scenario.name, "dt": run_.dt}
+    row |= metrics.conservation(run_)
+    row |= {name: value for name, value in asdict(run_.solver).items() if value and name != "unknown"}
+    if csv is not None:
+        _write_csv(run_, csv)
+    if as_json:
+        terminal.print_json(row)
+    else:
+        terminal.print_row(row, verdicts(integrator, row))
+        if csv is not None:
+            terminal.say(f"{len(run_.t)} states in {csv}")
+
+
+def _write_csv(run_: Any, path: Path) -> None:
+    """t, z, energy, entropy, invariants and temperatures, all digits."""
+    n, m = run_.scenario.model.n_positions, run_.scenario.model.n_elements
+    names = ["t", *(f"q{i}" for i in range(n)), *(f"p{i}" for i in range(n)), *(f"s{i}" for i in range(m))]
+    names += ["energy", "entropy", *run_.invariants, *(f"theta{i}" for i in range(m))]
+    columns = [run_.t, *run_.z.T, run_.energy, run_.entropy, *run_.invariants.values(), *run_.temperatures.T]
+    try:
+        np.savetxt(path, np.column_stack(columns), delimiter=",", header=",".join(names), comments="", fmt="%.17g")
+    except OSError as error:
+        raise TcbenchError(f"{str(path)!r} cannot be written: {error.strerror}.") from None
