@@ -40,6 +40,13 @@ class Coefficients(NamedTuple):
     A: Floats  # (k, k)
     A_squared: Floats  # (k, k)
     b: Floats  # (k,)
+    pairs: int  # of eigenvalues of A; one that is real counts as a pair
+    eigen_re: Floats  # (pairs,) one of each
+    eigen_im: Floats
+    into_re: Floats  # (pairs, k) a vector's parts along their eigenvectors
+    into_im: Floats
+    back_re: Floats  # (k, pairs) the real vector of such parts
+    back_im: Floats
     Ahats: Floats  # (levels, M, k): integrals of the Lagrange polynomials from 0 to the quadrature points
     Ws: Floats  # (levels, k, M)
 
@@ -67,11 +74,20 @@ def coefficients(k: int) -> Coefficients:
         Ws[level, :, :m] = (omega[:, None] * lagrange(xi) / b).T.astype(float)
     barycentric = np.array([1 / np.prod([nodes[j] - nodes[l] for l in range(k) if l != j]) for j in range(k)])
     zero, one = lagrange(np.array([0, 1], LONG)).astype(float)
+    eigen, into, back = eigenvectors(method.A.astype(float))
     return Coefficients(
         nodes.astype(float), barycentric.astype(float), zero, one, method.A.astype(float),
-        (method.A @ method.A).astype(float), b.astype(float),
-        Ahats, Ws,
+        (method.A @ method.A).astype(float), b.astype(float), len(eigen),
+        *(np.ascontiguousarray(x) for parts in (eigen, into, back) for x in (parts.real, parts.imag)), Ahats, Ws,
     )  # fmt: skip
+
+
+def eigenvectors(A: Floats) -> tuple[Any, Any, Any]:
+    """(z, Y, X), one of each pair of conjugates: A x = sum over them of the real part of X z (Y x), x real."""
+    z, X = np.linalg.eig(A)
+    Y = np.linalg.inv(X)
+    kept = np.flatnonzero(z.imag >= 0.0)
+    return z[kept], Y[kept], X[:, kept] * np.where(z[kept].imag > 0.0, 2.0, 1.0)
 
 
 STRUCTURES: dict[tuple, System] = {}  # what `kernels` and the others look up, to be cached by
@@ -81,6 +97,7 @@ class Formulas(NamedTuple):
     """What a step computes with a system's functions; see `step`."""
 
     kernels: list[Kernel]  # start, motion, slopes, forces, mending
+    matrix: Kernel | None  # of the conduction: see conduction.py
     setup: Kernel  # for what depends on the constants only; its results stand behind them
     places: dict[Any, int]  # where each of both stands; empty where the formulas have no form on vectors
     table: Any  # of the trace, for those that go on from it
@@ -94,7 +111,7 @@ def formulas(structure: tuple) -> Formulas:
         from .by_elements import formulas_of
 
         with suppress(MixedSpaces):  # not the same for all elements
-            return Formulas(formulas_of(symbolic), kernel({}, []), {}, None)
+            return Formulas(formulas_of(symbolic), None, kernel({}, []), {}, None)
     with trace.tracing() as table:
         return whole_formulas(symbolic, STRUCTURES[structure].constant_symbols())._replace(table=table)
 
@@ -107,6 +124,9 @@ def whole_formulas(system: Any, constant_symbols: dict[Any, str]) -> Formulas:
     z = trace.variables("z", system.size)
     bodies = [*iterated(system), _mending(system, z)]
     bodies.insert(0, (list(z), _start(system, z)))
+    some = 2 < system.n_elements <= MOST_ELEMENTS
+    if some:
+        bodies.append((list(z), _conduction_matrix(system, z)))
     values = [[x if isinstance(x, trace.Symbol) else trace.const(float(x)) for x in body[1]] for body in bodies]
     fixed = constant_part([x for row in values for x in row], [h, *(x for body in bodies for x in body[0])])
     places = {x: int(text[2:-1]) for x, text in constants.items()}  # of 'b[3]'; constants that are 0 have no symbol
@@ -116,7 +136,9 @@ def whole_formulas(system: Any, constant_symbols: dict[Any, str]) -> Formulas:
         kernel({x: f"a[{i}]" for i, x in enumerate(unknown)} | known, row)
         for (unknown, _), row in zip(bodies, values, strict=True)
     ]
-    return Formulas(made, kernel(constants, fixed), places if all(map(can_express, values[1:4])) else {}, None)
+    on_vectors = all(map(can_express, values[1:4]))
+    matrix = made.pop() if some else None
+    return Formulas(made, matrix, kernel(constants, fixed), places if on_vectors else {}, None)
 
 
 def iterated(system: Any) -> list[tuple[list[Any], list[Any]]]:
@@ -235,7 +257,7 @@ def _start(system: Any, z: Any) -> list[Any]:
     """(F, G, pi, E, round-off of E, decay, u, v): the rates at a state, and the stiff part of the conduction.
 
     d conduction/ds is nearly u v^T with theta . u = 0, since theta . conduction = 0 for all s: for two elements u is
-    known, and v is a row of the derivative. With other numbers of elements nothing is treated as stiff.
+    known, and v is a row of the derivative. With more of them see `_conduction_matrix`.
     """
     n, e, state = system.n_positions, system.n_elements, system.state(z)
     rate, theta = system.vector_field(z)[n:], system.temperatures(z)
@@ -247,6 +269,12 @@ def _start(system: Any, z: Any) -> list[Any]:
         u, v = [1.0, -theta[0] / theta[1]], list(slope[0])
     decay = sum(a * b for a, b in zip(u, v, strict=True))
     return [*rate, *system.shape(state.q), energy, noise, decay, *u, *v]
+
+
+def _conduction_matrix(system: Any, z: Any) -> list[Any]:
+    """d conduction/ds at a state, by columns."""
+    rate = system.vector_field(z)[2 * system.n_positions :]
+    return list(trace.jacobian(list(rate), list(system.state(z).s)).T.ravel())
 
 
 def noise_of(system: Any, z: Any, energy: Any) -> Any:
@@ -285,19 +313,16 @@ def stiff_block(k: int) -> str:
     from tcbench.compiler.vector_kernels import Lanes
 
     lanes = Lanes()
-    z, X = np.linalg.eig(coefficients(k).A)
-    Y = np.linalg.inv(X)
-    kept = np.flatnonzero(z.imag >= 0.0)  # the others are their conjugates
-    twice = np.where(z[kept].imag > 0.0, 2.0, 1.0)
+    z, Y, X = eigenvectors(coefficients(k).A)
     h, decay = lanes.number(lanes.a, 0), lanes.number(lanes.a, 1)
-    x, y, size = (lanes.constant(v) for v in (z[kept].real, z[kept].imag, np.abs(z[kept]) ** 2))
+    x, y, size = (lanes.constant(v) for v in (z.real, z.imag, np.abs(z) ** 2))
     m = lanes.mul(h, decay)
     real, imag = lanes.sub(lanes.constant(1.0), lanes.mul(m, x)), lanes.mul(m, y)
     scale = lanes.divide(h, lanes.add(lanes.mul(real, real), lanes.mul(imag, imag)))
     parts = lanes.mul(scale, lanes.sub(x, lanes.mul(m, size))), lanes.mul(scale, y)
-    factors = [lanes.lane(part, i) for part in parts for i in range(len(kept))]
+    factors = [lanes.lane(part, i) for part in parts for i in range(len(z))]
     for j in range(k):
-        column = twice * X[:, kept] * Y[kept, j]
+        column = X * Y[:, j]
         weights = [*column.real.T, *(-column.imag.T)]
         lanes.store(lanes.combine([[*w, *[0.0] * (WIDTH - k)] for w in weights], factors), WIDTH * j)
     return lanes.text()

@@ -8,6 +8,7 @@ from tcbench.compiler.language import Floats, Matrix, call, copy_into, fill
 from tcbench.compiler.library import Library
 from tcbench.solver.linear_algebra import add_compensated
 
+from . import conduction
 from .memory import Work
 from .step import COARSE, CONVERGED, FAILED, SOLVED, extrapolate, try_step
 
@@ -33,6 +34,14 @@ def defect(w: Work, h: float, known: Floats, here: int) -> float:
     for i in range(n):
         r = abs(w.sums[here + i] - known[i]) * w.scale[0]
         largest = r if not r <= largest else largest
+    if w.stiff[2] > 0.0:
+        for i in range(e):
+            w.defects[i] = w.sums[here + n + i] - known[n + i]
+        conduction.damp(w, w.defects)
+        for i in range(e):
+            r = abs(w.defects[i])
+            largest = r if not r <= largest else largest
+        return largest
     for i in range(e):
         stiff += w.start[first + e + i] * (w.sums[here + n + i] - known[n + i])
     stiff = stiff / decay if decay < 0.0 else 0.0
@@ -89,11 +98,11 @@ def first_step(w: Work, tolerance: float) -> float:
     """A length for the first step: a part of the decay of the conduction, where that is far from its equilibrium."""
     n, e = w.n, w.e
     h = 0.5 * tolerance ** (1.0 / (w.k + 1))
-    fastest = -w.start[n + 2 * e + 2]
+    fastest = decay_rate(w)
     heat = 0.0
     for i in range(n, n + e):
         heat = max(heat, abs(w.start[i]))
-    return min(h, FIRST * h / fastest) if fastest > 0.0 and heat > tolerance * fastest else h
+    return min(h, FIRST * h / fastest) if heat > tolerance * fastest else h
 
 
 def remember_laws(w: Work, z: Floats) -> None:
@@ -189,7 +198,8 @@ def advance(
 
 def decay_rate(w: Work) -> float:
     """The fastest of the conduction at the start of the step; never 0."""
-    return max(-w.start[w.n + 2 * w.e + 2], 1e-300)
+    fastest = conduction.rate_of(w, w.z) if w.to_matrix != 0 else -w.start[w.n + 2 * w.e + 2]
+    return max(fastest, 1e-300)
 
 
 def fixed_steps(w: Work, h: float, z0: Floats, increments: Matrix) -> int:

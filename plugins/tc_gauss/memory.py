@@ -33,6 +33,13 @@ class Numbers(Record):
     A: Matrix = sized("k", "k")
     A_squared: Matrix = sized("k", "k")
     b: Floats = sized("k")
+    pairs: int
+    eigen_re: Floats = sized("pairs")
+    eigen_im: Floats = sized("pairs")
+    into_re: Matrix = sized("pairs", "k")
+    into_im: Matrix = sized("pairs", "k")
+    back_re: Matrix = sized("k", "pairs")
+    back_im: Matrix = sized("k", "pairs")
     Ahats: Cube = sized("LEVELS", "MOST_POINTS", "k")
     Ws: Cube = sized("LEVELS", "k", "MOST_POINTS")
 
@@ -52,12 +59,15 @@ class Work(Record):
     n_given: int
     n_newton: int  # unknowns of Newton's method, which is for small systems; 0: none
     n_ends: int
+    n_matrix: int  # elements whose conduction is solved for as a whole (see conduction.py), or 0
+    n_factors: int
     n_invariants: int
     to_start: Kernel  # see `formulas.Formulas`
     to_motion: Kernel
     to_slopes: Kernel
     to_forces: Kernel
     to_mend: Kernel
+    to_matrix: Kernel  # of the conduction; 0: none
     to_iterate: Kernel  # those on vectors; 0: none
     to_iterate_finer: Kernel
     to_block: Kernel
@@ -79,7 +89,13 @@ class Work(Record):
     N: Matrix = sized("m", "WIDTH")  # the rates that it gives
     V: Matrix = sized("n", "WIDTH")  # velocities
     rates: Floats = sized("WIDTH * (m + n)")  # N, then V
-    stiff: Floats = sized("2")  # h, lambda
+    stiff: Floats = sized("3")  # h, lambda, 1 where conduction.py solves for the conduction
+    matrix: Matrix = sized("n_matrix", "n_matrix")  # of the conduction: see conduction.py
+    factors_re: Cube = sized("n_factors", "n_matrix", "n_matrix")
+    factors_im: Cube = sized("n_factors", "n_matrix", "n_matrix")
+    before: Matrix = sized("n_matrix", "k")
+    vector: Matrix = sized("2", "n_matrix")
+    defects: Floats = sized("n_matrix")
     ratio: Floats = sized("1")  # this step over the last
     sums: Floats = sized("n + 3 * m")  # what `formulas.closing` writes
     start: Floats = sized("n_ends")  # what the first kernel gives at the start of the step

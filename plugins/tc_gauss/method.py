@@ -29,7 +29,7 @@ class GaussMethod:
 
         self.loops, self.stages, self.size = LOOPS, stages, system.size
         formulas.STRUCTURES.setdefault(system.structure, system)
-        scalar, setup, *_ = formulas.formulas(system.structure)
+        scalar, matrix, setup, *_ = formulas.formulas(system.structure)
         c0 = system.constant_values
         names = ("to_start", "to_motion", "to_slopes", "to_forces", "to_mend", *VECTOR_KERNELS)
         addresses = [*(x.address for x in scalar), *formulas.on_vectors(system.structure, stages)]
@@ -38,6 +38,7 @@ class GaussMethod:
             system, stages, dict(zip(names, addresses, strict=True)), counts=self.counts,
             numbers=Numbers(k=stages, **formulas.coefficients(stages)._asdict()),
             c=np.concatenate([c0, setup(c0, c0)]), n_ends=scalar[0].size,
+            to_matrix=matrix.address if matrix else 0, n_matrix=system.n_elements if matrix else 0,
             n_invariants=scalar[-1].size - system.n_positions - 1,
         )  # fmt: skip
 
@@ -83,7 +84,7 @@ def _work(system: System, k: int, addresses: dict[str, int], **fields: Any) -> A
     rows = found[:-1].reshape(2 * m + n, WIDTH)
     return Work(
         n=n, e=e, k=k, m=m, n_constants=len(fields["c"]), n_given=len(memory),
-        n_newton=k * m if k * m <= MOST_NEWTON else 0, **addresses, **fields,
+        n_newton=k * m if k * m <= MOST_NEWTON else 0, n_factors=fields["numbers"].pairs + 1, **addresses, **fields,
         inverse_mass=1.0 / (np.asarray(system.inertia(), dtype=float) * np.ones(n)),
         given=memory, state0=memory[: place.block.start], block=memory[place.block],
         columns=memory[place.block].reshape(k, WIDTH), u=memory[place.u], v=memory[place.v], scale=memory[place.scale],

@@ -29,6 +29,7 @@ import numpy as np
 from tcbench.compiler.language import Floats, call, copy_into, fill, rare
 from tcbench.solver.linear_algebra import solve_pivoted
 
+from . import conduction
 from .formulas import ON_VECTORS, POINTS
 from .memory import LEVELS, Work
 
@@ -149,7 +150,17 @@ def correct(w: Work, h: float) -> float:
 
 
 def iterate(w: Work, h: float, z: Floats, level: int) -> float:
-    """One iteration with a quadrature; the scaled residual, not finite where U is out of the formulas' range.
+    """One iteration with a quadrature; the scaled residual, not finite where U is out of the formulas' range."""
+    if w.stiff[2] == 0.0:
+        return iterate_simply(w, h, z, level)
+    conduction.keep(w)
+    size = iterate_simply(w, h, z, level)
+    conduction.correct(w)
+    return size
+
+
+def iterate_simply(w: Work, h: float, z: Floats, level: int) -> float:
+    """The same without more of the conduction than a part of rank one.
 
     It is one kernel on vectors for the coarser quadratures, where the system's formulas have such a form.
     """
@@ -165,6 +176,8 @@ def fixed_point(w: Work, h: float, z: Floats, level: int, residual: float) -> in
     previous, slow, first, shrunk, since = np.inf, 0, 0.0, 0.0, 0
     w.c[0], w.seen[0] = h, 0.0
     stiff_block(w, h)
+    if w.to_matrix != 0:
+        conduction.prepare(w, h, z)
     # round-off in the conduction is that of entropies, times 1 - h lambda
     w.scale[1] = min(1.0, residual / CONVERGED / (1.0 - h * w.stiff[1]))
     here, taken = 0, 0

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from tcbench_plugins.chain.chain import chain
 from tcbench_plugins.net.net import net
-from tcbench_plugins.tc_gauss import by_elements, formulas
+from tcbench_plugins.tc_gauss import by_elements, conduction, formulas
+from tcbench_plugins.tc_gauss import method as gauss_method
 
 import tcbench
 from tcbench.compiler.symbols import MixedSpaces
@@ -59,6 +60,68 @@ def test_large_systems_step_and_keep_the_laws(name):
         assert run.ok and run.summary.energy_error_max < 1e-11 and run.summary.entropy_increment_min > -1e-12
         for name_of, error in run.summary.invariant_error_max.items():
             assert error < 1e-11 * np.abs(run.z[0, : 2 * 500]).max() * 500, name_of
+
+
+def stiff_net(times=1e4):
+    scenario = net(3, 3)
+    return scenario.replace(conductivity=times * scenario.constants["conductivity"], t_end=5.0)
+
+
+def test_the_matrix_of_the_conduction_is_its_derivative():
+    scenario = stiff_net()
+    model, method = scenario.model, gauss_method(scenario.model, 3)
+    n, e = model.n_positions, model.n_elements
+    conduction.set_matrix(method.work, scenario.z0)
+    for j in range(e):
+        step = np.zeros(model.size)
+        step[2 * n + j] = 1e-5
+        slope = (model.vector_field(scenario.z0 + step) - model.vector_field(scenario.z0 - step))[2 * n :] / 2e-5
+        assert np.abs(method.work.matrix[j] - slope).max() < 1e-6 * np.abs(slope).max()
+    exact = np.abs(np.linalg.eigvals(method.work.matrix)).max()
+    assert 0.8 * exact < conduction.rate_of(method.work, scenario.z0) < 1.01 * exact
+
+
+@pytest.mark.parametrize("k", [1, 2, 3, 4, 7])
+def test_corrections_solve_the_linear_system_of_all_stages(k):
+    scenario, h = stiff_net(), 0.1
+    w = gauss_method(scenario.model, k).work
+    n, e = w.n, w.e
+    conduction.prepare(w, h, scenario.z0)
+    assert w.stiff[2] == 1.0
+    before, new = np.random.default_rng(k).normal(size=(2, e, k))
+    w.U[n:, :k] = before
+    conduction.keep(w)
+    w.U[n:, :k] = 7.0  # what an iteration leaves there does not count
+    w.N[n:, :k] = new
+    conduction.correct(w)
+    whole = np.eye(e * k) - h * np.kron(w.matrix.T, w.numbers.A)
+    expected = before + np.linalg.solve(whole, (new - before).ravel()).reshape(e, k)
+    assert np.abs(w.U[n:, :k] - expected).max() < 1e-10  # the eigenvectors of A, k = 7, have a condition of 2e3
+    defects = new[:, 0].copy()
+    conduction.damp(w, defects)
+    assert np.abs(defects - np.linalg.solve(np.eye(e) - h * w.matrix.T, new[:, 0])).max() < 1e-12
+
+
+@pytest.mark.parametrize("name", ["tc_gauss_adaptive", "tc_auto"])
+def test_stiff_conduction_of_a_net_costs_no_steps(name):
+    scenario, tolerance = stiff_net(), 1e-6
+    run = tcbench.simulate(name, scenario, tolerance=tolerance)
+    assert run.ok and run.steps < 400  # of which 200 are between output times; explicit ones are 100,000
+    assert run.summary.energy_error_max < 1e-12 * scenario.initial_exergy and run.summary.entropy_increment_min > -1e-13
+    times = np.array([0.0, scenario.t_end])
+    _, cost = tcbench.integrators()[name].adaptive(scenario.model, scenario.z0, times, 1e-4, 1e-4)
+    assert cost["steps"] < 90  # 187, were the defect not damped by the conduction
+    fine = tcbench.simulate("tc_gauss_adaptive", scenario, tolerance=1e-10).z[-1]
+    assert np.abs(run.z[-1] - fine).max() < 1e3 * tolerance
+
+
+@pytest.mark.parametrize("k", [1, 2, 3, 4])
+def test_stiff_conduction_of_a_net_is_solved_at_a_fixed_step(k):
+    scenario = stiff_net()
+    run = tcbench.simulate(f"tc_gauss[k={k}]", scenario, dt=0.05, t_end=1.0)
+    counts = gauss_method(scenario.model, k).counts
+    assert run.ok and counts.halved == counts.newtons == 0
+    assert run.summary.energy_error_max < 1e-11 and run.summary.entropy_increment_min > -1e-13
 
 
 def test_formulas_that_differ_from_the_whole_trace_are_noticed(monkeypatch):
