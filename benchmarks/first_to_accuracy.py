@@ -2,7 +2,7 @@
 
     python benchmarks/first_to_accuracy.py random 200     # random scenarios to t = 10: how often a consistent one is
     python benchmarks/first_to_accuracy.py scenarios      # the eight scenarios, to the horizons of work_precision
-    python benchmarks/first_to_accuracy.py systems        # a truss of three masses and a net of 3 x 3, to t = 5
+    python benchmarks/first_to_accuracy.py systems        # a truss of three masses, chains and a net, to t = 5
 
 Errors are against the certified reference; a scenario counts for an accuracy where its reference knows ten times more.
 """
@@ -109,6 +109,14 @@ def times_to(scenario: tcbench.Scenario, t_end: float, names: Iterable[str]) -> 
     }  # fmt: skip
 
 
+def stiff(scenario: tcbench.Scenario, times: float) -> tcbench.Scenario:
+    """The same with so many times the conductivity."""
+    values = {name: scenario.constants[name] for name in ("conductivity", "kappa") if name in scenario.constants}
+    return scenario.replace(
+        name=f"{scenario.name}, {times:g} times the conductivity", **{name: times * x for name, x in values.items()}
+    )
+
+
 def random_scenarios(count: int) -> None:
     first = {name: np.zeros(len(TARGETS), int) for name in ("a consistent method", "tc_auto")}
     counted = np.zeros(len(TARGETS), int)
@@ -144,7 +152,8 @@ def main(what: str = "scenarios", count: str = "200") -> None:
     if what == "random":
         random_scenarios(int(count))
     elif what == "systems":
-        table([(truss(), 5.0), (find_scenario("net[nx=3,ny=3]"), 5.0)])
+        chain, net = find_scenario("chain[n=4]"), find_scenario("net[nx=3,ny=3]")
+        table((scenario, 5.0) for scenario in (truss(), chain, net, *(stiff(x, 1e3) for x in (truss(), chain, net))))
     else:
         table((scenario, horizon(scenario)) for scenario in tcbench.scenarios().values())
 

@@ -25,9 +25,9 @@ def pytest_collection_modifyitems(config, items):
 def forgotten_kernels(monkeypatch):
     """For tests that break a formula on purpose: what is compiled meanwhile is forgotten, and so is what was before."""
     from tcbench.solver import implicit_step
-    from tcbench.systems import system
+    from tcbench.systems import traced
 
-    monkeypatch.setattr(system, "_KERNELS", {})
+    monkeypatch.setattr(traced, "_KERNELS", {})
     implicit_step._compiled_flows.cache_clear()
     yield
     implicit_step._compiled_flows.cache_clear()

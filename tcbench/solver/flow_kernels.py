@@ -26,7 +26,8 @@ from ..compiler.symbols import MixedSpaces
 from ..errors import TcbenchError, TraceError
 from ..integrator import Flow, Residual
 from ..systems.state import State
-from ..systems.system import FEW, System
+from ..systems.system import System
+from ..systems.traced import FEW
 from .elimination import ZERO_PIVOT, factorise
 from .first_values import near_start, plain_start, scales_of
 from .foresight import foreseen

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,8 @@ from ..compiler.spaces import Count, Map
 from ..compiler.symbols import Symbol, array, mixed_up
 from ..errors import TcbenchError, TraceError
 from .state import State
-from .system import FEW, KEPT, System, derived
+from .system import System
+from .traced import FEW, KEPT, derived
 
 Ints = NDArray[np.int64]
 SPACES = ("position", "element", "link", "point")
@@ -262,7 +263,7 @@ class Network(System):
         return Mesh(self.mesh_sizes(), maps)
 
     @cached_property
-    def symbolic(self) -> System:
+    def symbolic(self) -> Self:
         """As of any System; `example` is one with these formulas that has numbers."""
         found = super().symbolic
         found.__dict__.setdefault("example", self)

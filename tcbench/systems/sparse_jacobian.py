@@ -15,7 +15,8 @@ from ..compiler.rolled import rolled
 from ..compiler.space_kernels import Mesh, Slot, space_kernel
 from ..compiler.symbols import MixedSpaces
 from .network import Network, blocks, state_slots
-from .system import FEW, System
+from .system import System
+from .traced import FEW
 
 
 def sparse_jacobian(system: System) -> Callable[[Any], Any]:

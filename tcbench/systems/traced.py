@@ -1,0 +1,140 @@
+"""Formulas of a system as expressions on symbols and as compiled kernels: what `System` is built on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import cached_property, wraps
+from typing import TYPE_CHECKING, Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..compiler import derivatives as trace
+from ..errors import TcbenchError
+
+if TYPE_CHECKING:
+    from ..compiler.kernels import Kernel
+
+Array = NDArray[Any]
+FEW = 24  # length of a network's state up to which its formulas are traced as a whole
+LARGE = 80  # length of a state beyond which formulas become loops: see compiler.rolled
+KEPT = ("n_positions", "n_elements", "formulas", "zeros")  # of an instance, by the one that has symbols for constants
+_SYMBOLIC: dict[tuple, Any] = {}
+_KERNELS: dict[tuple, Any] = {}
+
+
+def derived(body: Callable[..., Any]) -> Callable[..., Any]:
+    """A function of states that is traced on symbols and compiled on floats (leading axes are a batch)."""
+
+    @wraps(body)
+    def function(self: Traced, *states: Any) -> Any:
+        arrays = [np.asarray(state) for state in states]
+        if any(a.dtype == object for a in arrays):
+            return body(self, *arrays)
+        return self._evaluate(body, [a.astype(np.float64, copy=False) for a in arrays])
+
+    return function
+
+
+class Traced:
+    """Functions of states that are traced with symbols for constants, once for all systems of one structure."""
+
+    name: ClassVar[str] = ""
+    constants: ClassVar[Mapping[str, Any]] = {}  # name -> shape, a tuple; of a Network also the space it belongs to
+    n_positions: int = 0
+    n_elements: int = 0
+    zeros: tuple[tuple[str, int], ...] = ()  # constants (name, index) that are 0: what they switch off costs nothing
+    formulas: str = ""  # hash of the formulas of the class as they were when the instance was made
+
+    if TYPE_CHECKING:  # constants become attributes: numbers or arrays, or symbols while a formula is traced
+
+        def __getattr__(self, name: str) -> Any: ...
+
+    def formula(self, name: str) -> tuple[str, tuple[int, ...]]:
+        """A derived function of one state ("vector_field", "energy", ...) as straight-line Python, and its shape.
+
+        The text defines kernel(a, b, out): a the state, b `constant_values`, out the values, flat; it needs the names
+        of the elementary functions that it calls.
+        """
+        from ..compiler.kernels import straight_line
+
+        return self._traced(self._body(name), (self.size,), straight_line)
+
+    def kernel(self, name: str) -> tuple[Kernel, tuple[int, ...]]:
+        """The same compiled: what `compiler.language.call` and `compiler.library.evaluate` take, and its shape."""
+        return self._kernel(self._body(name), (self.size,))
+
+    @cached_property
+    def symbolic(self) -> Self:
+        """The same system with symbols for constants, one object for every set of values."""
+        key = self.structure
+        if key not in _SYMBOLIC:
+            clone = object.__new__(type(self))
+            clone.__dict__.update({k: v for k, v in self.__dict__.items() if k in KEPT})
+            for name, shape in self.constants.items():
+                symbols = self.symbols_of(name)
+                setattr(clone, name, symbols[0] if shape == () else symbols.reshape(shape))
+            _SYMBOLIC[key] = clone
+        return _SYMBOLIC[key]
+
+    @property
+    def structure(self) -> tuple:
+        """Systems of equal structure share formulas and kernels."""
+        return (type(self), self.n_positions, self.n_elements, self.formulas, self.zeros)
+
+    def symbols_of(self, name: str) -> Any:
+        """New symbols for the entries of a constant; 0 for those that are switched off."""
+        symbols = trace.variables(name, int(np.prod(self.constants[name])))
+        for n, i in self.zeros:
+            if n == name:
+                symbols[i] = trace.const(0.0)
+        return symbols
+
+    def constant_symbols(self) -> dict[trace.Symbol, str]:
+        """Kernel inputs for the constants: symbol -> 'b[1]', ...; b[0] is the time step."""
+        symbols = [x for name in self.constants for x in np.ravel(getattr(self.symbolic, name))]
+        return {x: f"b[{i + 1}]" for i, x in enumerate(symbols) if x.op != "const"}
+
+    def _evaluate(self, body: Callable[..., Any], arrays: list[Array]) -> Any:
+        """`body` at a state or a batch of them (leading axes): by a compiled kernel."""
+        from ..compiler.library import ROWS, evaluate
+
+        batch = np.broadcast_shapes(*(a.shape[:-1] for a in arrays))
+        if batch:
+            rows = [np.broadcast_to(a, (*batch, a.shape[-1])).reshape(-1, a.shape[-1]) for a in arrays]
+        entry, shape = self._kernel(body, tuple(a.shape[-1] for a in arrays))
+        out = np.empty((len(rows[0]) if batch else 1, entry.size))
+        if batch:
+            ROWS.evaluate_rows(entry.address, np.concatenate(rows, axis=1), self.constant_values, out)
+        else:  # the common case, where microseconds count
+            a = arrays[0] if len(arrays) == 1 else np.concatenate(arrays)
+            evaluate(entry.address, np.ascontiguousarray(a), self.constant_values, out[0])
+        out = out.reshape((*batch, *shape))
+        if out.shape == ():
+            return float(out)
+        return self.state(out) if shape == (self.size,) else out
+
+    def _kernel(self, body: Callable[..., Any], sizes: tuple[int, ...]) -> tuple[Kernel, tuple[int, ...]]:
+        key = (self.structure, body.__name__, sizes)
+        if key not in _KERNELS:
+            from ..compiler.kernels import kernel as straight
+            from ..compiler.rolled import rolled
+
+            _KERNELS[key] = self._traced(body, sizes, rolled if self.size > LARGE else straight)
+        return _KERNELS[key]
+
+    def _traced(self, body: Callable[..., Any], sizes: tuple[int, ...], made: Callable[..., Any]) -> tuple[Any, Any]:
+        """made(inputs, outputs) of a function of states of these sizes, one after the other in a; and its shape."""
+        symbolic = self.symbolic  # its symbols come first, whoever made them
+        with trace.tracing():
+            unknown = trace.variables("x", sum(sizes))
+            result = np.asarray(body(symbolic, *np.split(unknown, np.cumsum(sizes)[:-1])))
+            inputs = {x: f"a[{i}]" for i, x in enumerate(unknown)} | self.constant_symbols()
+            outputs = [trace.lifted(x) for x in result.ravel()]
+            return made(inputs, outputs), result.shape
+
+    def _body(self, name: str) -> Callable[..., Any]:
+        body = getattr(getattr(type(self), name, None), "__wrapped__", None)
+        if body is None:
+            raise TcbenchError(f"{name!r} is no derived function of the system {self.name!r}.")
+        return body
