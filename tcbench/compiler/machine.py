@@ -24,7 +24,7 @@ from .collector import paused
 NUMERICAL_PACKAGES = ("compiler", "systems", "solver", "simulation")  # what compiled code is made of
 SEAL = b"tcbench object 1\n"  # then the SHA-256 of what follows
 TARGET = "TCBENCH_TARGET"  # processor and features to compile for, as in x86-64-v3 or x86-64-v3:-fma
-LONG = 1500  # lines of straight-line LLVM code, from which on they are written quickly
+LONG = 4000  # lines of straight-line LLVM code, from which on they are written quickly
 LEVELS = ("x86-64", "x86-64-v2", "x86-64-v3", "x86-64-v4")  # SSE2, SSE4.2, AVX2, AVX-512
 
 
