@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 START_LIMIT_S = 120.0  # a worker that has not imported the measuring code by then never will
 START_ATTEMPTS = 3  # failures to start in a row, over all slots, before the remaining cells are given up
 PING_AFTER_S = 0.3
+REAP_S = 0.01  # between looks at workers that are being killed
 LOST_AFTER_S = 30.0  # a cell that a live, idle worker has not taken up by then was lost on the way
 LOG_LIMIT = 2**20  # bytes of output a cell may have; the file is emptied when it grows beyond
 
@@ -95,9 +96,15 @@ def _no_interrupts() -> Iterator[None]:
 
 
 class _Context(SpawnContext):
-    """Start processes afresh (spawn, on every system) as `_Process`."""
+    """Start processes afresh (spawn, on every system) as `_Process`, and know them."""
 
-    Process = _Process
+    def __init__(self) -> None:
+        super().__init__()
+        self.started: list[_Process] = []
+
+    def Process(self, *arguments: Any, **named: Any) -> _Process:  # type: ignore[override]  # the name that pebble calls
+        self.started.append(_Process(*arguments, **named))
+        return self.started[-1]
 
 
 @dataclass
@@ -108,7 +115,7 @@ class Crew:
     timeout: float
     failed_starts: int = 0
     start_failure: dict[str, Any] = field(default_factory=dict)
-    reapers: list[threading.Thread] = field(default_factory=list)
+    discarded: list[list[_Process]] = field(default_factory=list)  # workers that may still be dying
 
     def code_of(self, cell: Cell) -> str:
         """Whose code a cell runs beside tcbench's own; "" for nobody's."""
@@ -118,9 +125,9 @@ class Crew:
     def wait_for_the_dead(self, limit: float = 10.0) -> None:
         """Return when every discarded worker is gone, or after `limit` seconds."""
         end = time.monotonic() + limit
-        for thread in self.reapers:
-            thread.join(max(0.0, end - time.monotonic()))
-        self.reapers = [thread for thread in self.reapers if thread.is_alive()]
+        while self.discarded and time.monotonic() < end:
+            self.discarded = [workers for workers in self.discarded if any(worker.is_alive() for worker in workers)]
+            time.sleep(REAP_S if self.discarded else 0.0)
 
 
 class Slot:
@@ -134,6 +141,7 @@ class Slot:
         self._exclusive = exclusive  # wait for a discarded worker's death before starting the next one
         self._logs = Path(crew.settings["logs"])
         self._pool: ProcessPool | None = None
+        self._context = _Context()
         self._warm: ProcessFuture[None] | None = None
         self._future: ProcessFuture[str] | None = None
         self._ping: ProcessFuture[None] | None = None
@@ -191,9 +199,8 @@ class Slot:
             return
         self._served = 0
         pool.stop()
-        thread = threading.Thread(target=_join, args=(pool,), name="tcbench-reaper", daemon=True)
-        thread.start()
-        self._crew.reapers.append(thread)
+        threading.Thread(target=_join, args=(pool,), name="tcbench-reaper", daemon=True).start()
+        self._crew.discarded.append(self._context.started)
         if self._exclusive:
             self._crew.wait_for_the_dead()
 
@@ -209,7 +216,8 @@ class Slot:
                     with _Process._main, _safe_path():  # locks start it, and it is a process of its own
                         resource_tracker.ensure_running()
                     settings = self._crew.settings | {"slot": self._number}
-                    self._pool = ProcessPool(1, initializer=start, initargs=(settings,), context=_Context())
+                    self._context = _Context()
+                    self._pool = ProcessPool(1, initializer=start, initargs=(settings,), context=self._context)
                     self._opened = time.monotonic()
                     self._warm = self._pool.schedule(warm_up)
                     self._warm.add_done_callback(self._notify)
