@@ -112,6 +112,7 @@ class _Hasher:
     def __init__(self) -> None:
         self.digest = hashlib.sha256()
         self.numbers: dict[int, int] = {}
+        self.modules: set[tuple[int, frozenset[str]]] = set()  # those in others, with what is read of them
         self.alive: list[Any] = []  # an id is of one object only as long as that lives
 
     def note(self, *words: Any) -> None:
@@ -158,8 +159,10 @@ class _Hasher:
             self.note("builtin", item.__qualname__, getattr(item, "__module__", ""))
             if not isinstance(owner, types.ModuleType) and owner is not None:
                 self.add(owner)
-        elif isinstance(item, np.ndarray | np.generic):
+        elif isinstance(item, np.ndarray | np.generic) and _is_plain(type(item)):
             self._array(item)
+        elif isinstance(item, np.generic):
+            raise HashlessError(f"a {type(item).__name__}")
         elif isinstance(item, types.MappingProxyType):
             self._parts("mapping", dict(item))
         elif isinstance(item, types.CellType):
@@ -249,8 +252,8 @@ class _Hasher:
             self.note(name)
             if not isinstance(value, types.ModuleType):
                 self.add(value)
-            elif id(value) not in self.numbers:
-                self.numbers[id(value)] = len(self.numbers)
+            elif (key := (id(value), frozenset(attributes))) not in self.modules:
+                self.modules.add(key)
                 self._module(value, attributes)
 
     def _class(self, item: type) -> None:
@@ -289,9 +292,11 @@ class _Hasher:
             self._parts("enum", kind, item.name, item.value)
         elif callable(item) and (wrapped := _wrapped(item)) is not None:  # lru_cache, a jit
             self._parts("wrapped", kind, wrapped)
+        elif isinstance(item, np.ufunc) and "vectorized" in item.__name__:  # of a Python function that nobody can see
+            raise HashlessError("a ufunc made by np.frompyfunc")
         elif isinstance(item, np.ufunc | np.dtype | re.Pattern) or kind.__module__ in ("typing", "types"):
             self.note(kind.__name__, item)
-        elif dataclasses.is_dataclass(item):
+        elif dataclasses.is_dataclass(item) and home_of_class(kind) is not None:  # a user's may have more than fields
             self._parts("dataclass", kind, *(getattr(item, f.name) for f in dataclasses.fields(item) if f.compare))
         else:
             self._containers(item)
@@ -311,6 +316,11 @@ class _Hasher:
             self._parts("set", *sorted(map(str, marks)))
         else:
             self._parts("instance", kind, *_reduced(item))
+
+
+def _is_plain(kind: type) -> bool:
+    """Whether arrays of this kind have nothing but numbers; a user's may have attributes, masked ones a mask."""
+    return home_of_class(kind) is not None and not issubclass(kind, np.ma.MaskedArray)
 
 
 def _reduced(item: Any) -> list[Any]:

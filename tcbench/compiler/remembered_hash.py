@@ -2,7 +2,7 @@
 
 What hashing read is looked at again: the same objects in the same places (cells, globals, defaults, attributes, items),
 and arrays with the same bytes. Only what is known through and through is watched in this way: functions, classes,
-modules, frozen dataclasses, tuples, lists, dicts, numbers, text, arrays. What sees anything else is hashed each time.
+modules, tcbench's dataclasses, tuples, lists, dicts, numbers, text, arrays. What sees anything else is hashed each time.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class _Kept:
         try:
             self.watch.add(item)
             self.watched = True
-        except UnwatchedError:
+        except Exception:  # an UnwatchedError, a cell that is not filled yet, an object that cannot be looked at
             self.watched = False
         self.hash = content_hash(item)
 
@@ -119,10 +119,9 @@ class _Watch:
             self._each(self.look(_items, item))
         elif kind in READ:
             self._each(self.look(READ[kind], item))
-        elif dataclasses.is_dataclass(item) and kind.__dataclass_params__.frozen:  # type: ignore[attr-defined]
-            self.add(kind)
+        elif dataclasses.is_dataclass(item) and home_of_class(kind) is not None:
             self._each(self.look(_fields, item))
-        elif not isinstance(item, FIXED):
+        elif not _is_fixed(item):
             raise UnwatchedError
 
     def _each(self, parts: Iterable[Any]) -> None:
@@ -176,6 +175,12 @@ class _Names:
 
     def __call__(self, known: dict[str, Any]) -> tuple[Any, ...]:
         return tuple([known.get(name, ABSENT) for name in self.names])
+
+
+def _is_fixed(item: Any) -> bool:
+    """Never another while it is the same object: not so what np.frompyfunc makes, and numbers of a user's own class."""
+    of_python = isinstance(item, np.ufunc) and "vectorized" in item.__name__
+    return isinstance(item, FIXED) and not of_python and home_of_class(type(item)) is not None
 
 
 def _of_function(f: types.FunctionType) -> tuple[Any, ...]:

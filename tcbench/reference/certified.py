@@ -158,6 +158,7 @@ def compute(
     SciPy disagrees by more than 1e-5, its gap becomes the certificate: then the equations are too hard for one of the
     three, and nobody knows for which.
 
+    in_doubles : see `integrate`; SciPy's check takes it, too.
     rhs should be written in numpy and keep the dtype of z. If it returns doubles, the result still holds but
     the certificate ends near 1e-14 instead of below 1e-16. It says so in `source`.
     """
@@ -216,8 +217,9 @@ def _scipy_gaps(
         found, report = odeint(
             rate, z0, (0.0, *times), Dfun=jac, tfirst=True, rtol=1e-12, atol=1e-13, mxstep=MOST_STEPS, full_output=True
         )
-    arrived = [reached >= t for reached, t in zip(report["tcur"], times, strict=True)]
-    return [gap(found[i + 1], states[i].astype(float)) if arrived[i] else np.inf for i in range(len(times))]
+    arrived = np.logical_and.accumulate(report["tcur"] >= times)  # beyond the first that is not nothing is filled in
+    gaps = [gap(found[i + 1], states[i].astype(float)) if arrived[i] else np.inf for i in range(len(times))]
+    return [np.inf if np.isnan(x) else x for x in gaps]
 
 
 # ---- cache

@@ -126,9 +126,9 @@ def integrate(
     (len(times), m).
 
     rhs(t, z) is called with extended arrays of shape (m,), or, if `vectorized`, with t (s,) and z (m,
-    s). Newton's iterations begin with the same `in_doubles` if there is one. `tolerance` bounds h |last Legendre
-    coefficient of dz/dt| / max(1, |z|) on each step. The end point is far more accurate than that (superconvergence),
-    except in a stiff component, where it is about that.
+    s). in_doubles: the same in doubles; Newton's iterations begin with it, and it decides nothing. `tolerance` bounds
+    h |last Legendre coefficient of dz/dt| / max(1, |z|) on each step. The end point is far more accurate than that
+    (superconvergence), except in a stiff component, where it is about that.
     """
     z = np.asarray(z0, LONG)
     solve = _Stages(method, _stages(rhs, vectorized), jac, in_doubles)
@@ -205,9 +205,7 @@ class _Stages:
                 rough = lambda K: rates(start + step * (self.A @ K)) - K  # noqa: E731
                 scale, stop = step / size.astype(float), (SOLVED_IN_DOUBLES, NOISE_IN_DOUBLES)
                 found, gain = _newton(rough, correct, K.astype(float), scale, *stop, gain)
-                if found is None:
-                    return None
-                K = found
+                K, gain = (guess, 1.0) if found is None else (found, gain)
             exact = lambda K: self.f(T, z + h * (self.method.A @ K)) - K  # noqa: E731
             return _newton(exact, correct, K.astype(LONG), h / size, SOLVED, self.noise, gain)[0]
 

@@ -20,6 +20,7 @@ from .compiled_loop import LOOPS, Run
 ENTROPY_TOLERANCE = 1e-13  # what one converged solve leaves over: a smaller fall is round-off
 ENTROPY_FALL = 1e-10  # a fall beyond this is a failure of the second law
 MOST_METHODS = 100  # that records are kept of, for each system
+FEW_ROWS = 100  # of records that may stay in memory
 LARGE = 1000  # length of a state whose records are made anew: they are memory rather than time
 
 _NO_STEP = Tally(entropy_min=math.inf, lyapunov_max=-math.inf)
@@ -103,8 +104,10 @@ class Prepared:
         return run
 
     def give_back(self) -> None:
-        """For the next call."""
+        """For the next call, without what this one recorded."""
         if self.free is not None:
+            if self.run.n_rows > FEW_ROWS:
+                self.run.make_room(2)
             self.free.append(self)
 
     def step(self, z: Any) -> int:

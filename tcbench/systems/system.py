@@ -8,7 +8,7 @@ on symbols (while a formula is traced) as an expression, on floats through a com
 from __future__ import annotations
 
 from functools import cached_property, wraps
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +19,6 @@ from ..errors import TcbenchError, unknown_name
 from .operators import Poisson, SparseRows
 from .state import State, formulas_hash
 from .traced import Traced, derived
-
-if TYPE_CHECKING:
-    pass
 
 Array = NDArray[Any]
 

@@ -23,6 +23,16 @@ def module(text, name="made", **values):
     return made
 
 
+DATA = """
+import dataclasses
+@dataclasses.dataclass
+class C:
+    a: float = 1.0
+    c: dict = dataclasses.field(default_factory=dict, compare=False)
+"""
+MASKED = "import numpy as n\n"
+
+
 @pytest.mark.parametrize(
     ("before", "after"),
     [
@@ -54,6 +64,11 @@ def module(text, name="made", **values):
         ("class D(dict): pass\nf = D(a=1)", "class D(dict): pass\nf = D(a=2)"),
         ("import fractions\nf = fractions.Fraction(1, 3)", "import fractions\nf = fractions.Fraction(2, 3)"),
         ("import random\nf = random.Random(1)", "import random\nf = random.Random(2)"),
+        (f"{DATA}f = C()\nf.c['x'] = 1", f"{DATA}f = C()\nf.c['x'] = 2"),
+        (f"{DATA}f = C()\nf.more = 1", f"{DATA}f = C()\nf.more = 2"),
+        (f"{MASKED}f = n.ma.array([1, 2], mask=[False, False])", f"{MASKED}f = n.ma.array([1, 2], mask=[False, True])"),
+        (f"{MASKED}class N(n.ndarray): pass\nf = n.ones(2).view(N)\nf.a = 1",
+         f"{MASKED}class N(n.ndarray): pass\nf = n.ones(3).view(N)\nf.a = 1"),
     ],
 )  # fmt: skip
 def test_what_code_sees_is_in_its_hash(before, after):
@@ -151,3 +166,23 @@ def test_a_system_counts_with_the_shape_that_its_base_class_wraps():
         return Mine
 
     assert content_hash(make(2)) == content_hash(make(2)) != content_hash(make(3))
+
+
+def test_each_reader_of_a_module_counts_what_it_reads():
+    """The same module within another, read here and in a helper."""
+    package, part = types.ModuleType("package"), types.ModuleType("package.part")
+    package.part, part.a, part.b = part, 1.0, 1.0
+    f = module("def g(): return p.part.b\ndef f(): return p.part.a * g()", p=package).f
+    found = {content_hash(f)}
+    part.b = 2.0
+    found.add(content_hash(f))
+    part.a = 2.0
+    assert len(found | {content_hash(f)}) == 3
+
+
+@pytest.mark.parametrize("text", [
+    "import numpy as np\nf = np.frompyfunc(lambda x: x, 1, 1)",
+    "import numpy as np\nclass N(np.float64): pass\nf = N(1)",
+])  # fmt: skip
+def test_what_hides_something_has_no_hash(text):
+    assert content_hash(module(text).f) is None

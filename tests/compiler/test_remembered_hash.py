@@ -93,7 +93,7 @@ def test_a_module_of_ones_own_is_watched_where_it_is_read(tmp_path, monkeypatch)
     del sys.modules["weights_to_watch"]
 
 
-def test_a_frozen_dataclass_is_watched_by_its_fields(monkeypatch):
+def test_a_dataclass_of_a_user_s_own_is_hashed_each_time():
     @dataclass(frozen=True)
     class Pair:
         one: list
@@ -106,6 +106,22 @@ def test_a_frozen_dataclass_is_watched_by_its_fields(monkeypatch):
     object.__setattr__(pair, "other", 2.0)
     found.append(remembered_hash(pair))
     assert len(set(found)) == 3 and found[-1] == content_hash(pair)
+
+
+def test_a_cell_that_is_not_filled_yet_is_no_error():
+    scope = made("""
+        def make():
+            def f(x): return late
+            yield f
+            late = 2
+            yield f
+    """)
+    steps = scope.make()
+    f = next(steps)
+    first = remembered_hash(f)
+    assert first == content_hash(f) is not None
+    next(steps)
+    assert remembered_hash(f) == content_hash(f) != first
 
 
 def test_an_object_in_the_place_of_another_is_not_taken_for_it():
