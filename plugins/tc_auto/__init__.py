@@ -5,6 +5,7 @@ over the decay time of the conduction. See march.py and docs/methods.md.
 """
 
 from functools import cache
+from threading import get_ident
 
 import numpy as np
 
@@ -30,11 +31,11 @@ def loops():
 
 def methods_of(system, tolerance):
     """The implicit one, and the explicit one of the order for this tolerance; none where it is not for the system."""
-    made = system.__dict__.setdefault("_auto_methods", {})
-    if tolerance not in made:
+    made, key = system.__dict__.setdefault("_auto_methods", {}), (tolerance, get_ident())
+    if key not in made:
         explicit = taylor_method(system, order_of(tolerance)) if system.n_elements <= MOST_ELEMENTS else None
-        made[tolerance] = gauss_method(system, stages_of(tolerance)), explicit
-    return made[tolerance]
+        made[key] = gauss_method(system, stages_of(tolerance)), explicit
+    return made[key]
 
 
 def adaptive(system, z0, t_eval, rtol, atol):

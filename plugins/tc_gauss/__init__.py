@@ -4,6 +4,8 @@ Collocation with the scalar stresses and temperatures projected, and the strain 
 own; formulas in step.py. k = 1 is a mean-value cousin of the paper's method.
 """
 
+from threading import get_ident
+
 import numpy as np
 
 from tcbench import Integrator, family, hookimpl
@@ -17,11 +19,11 @@ BY_TOLERANCE = ((1e-4, 4), (1e-6, 6), (0.0, 7))  # (down to, k): what costs leas
 
 
 def method(system, k):
-    """One set of work arrays for each system and k."""
-    made = system.__dict__.setdefault("_gauss_methods", {})
-    if k not in made:
-        made[k] = GaussMethod(system, k)
-    return made[k]
+    """One set of work arrays for each system, k and thread."""
+    made, key = system.__dict__.setdefault("_gauss_methods", {}), (k, get_ident())
+    if key not in made:
+        made[key] = GaussMethod(system, k)
+    return made[key]
 
 
 def stages_of(tolerance):

@@ -174,10 +174,7 @@ def iterate_simply(w: Work, h: float, z: Floats, level: int) -> float:
 def fixed_point(w: Work, h: float, z: Floats, level: int, residual: float) -> int:
     """Iterate from U, in place, until U and N agree to the residual. SOLVED or FAILED."""
     previous, slow, first, shrunk, since = np.inf, 0, 0.0, 0.0, 0
-    w.c[0], w.seen[0] = h, 0.0
-    stiff_block(w, h)
-    if w.to_matrix != 0:
-        conduction.prepare(w, h, z)
+    w.seen[0] = 0.0
     # round-off in the conduction is that of entropies, times 1 - h lambda
     w.scale[1] = min(1.0, residual / CONVERGED / (1.0 - h * w.stiff[1]))
     here, taken = 0, 0
@@ -334,6 +331,10 @@ def try_step(w: Work, h: float, z: Floats, known: bool, coarsest: int, residual:
         w.state0[2 * n + e + i] = w.x0[e + i] = z[2 * n + i]
     if not known:
         guess(w)
+    w.c[0] = h
+    stiff_block(w, h)
+    if w.to_matrix != 0:
+        conduction.prepare(w, h, z)
     level = coarsest
     while True:
         w.seen[1] = level

@@ -7,6 +7,7 @@ energy into heat, and the entropy is held where it would fall: see docs/methods.
 
 import math
 from functools import cache
+from threading import get_ident
 
 import numpy as np
 
@@ -20,13 +21,13 @@ LEAST, EFFORT = 7.0, 0.45  # the best order is about LEAST - EFFORT ln(tolerance
 
 
 def method_of(system, order):
-    """One set of work arrays for each system and order."""
+    """One set of work arrays for each system, order and thread."""
     from .method import TaylorMethod
 
-    made = system.__dict__.setdefault("_taylor_methods", {})
-    if order not in made:
-        made[order] = TaylorMethod(system, order)
-    return made[order]
+    made, key = system.__dict__.setdefault("_taylor_methods", {}), (order, get_ident())
+    if key not in made:
+        made[key] = TaylorMethod(system, order)
+    return made[key]
 
 
 @cache

@@ -2,7 +2,7 @@
 
 What hashing read is looked at again: the same objects in the same places (cells, globals, defaults, attributes, items),
 and arrays with the same bytes. Only what is known through and through is watched in this way: functions, classes,
-modules, tcbench's dataclasses, tuples, lists, dicts, numbers, text, arrays. What sees anything else is hashed each time.
+modules, dataclasses of libraries, tuples, lists, dicts, numbers, text, arrays. What sees anything else is hashed anew.
 """
 
 from __future__ import annotations

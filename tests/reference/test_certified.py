@@ -92,6 +92,19 @@ def test_doubles_steer_and_do_not_decide(wrong):
     assert R.gap(steered[0], plain[0]) < 1e-17
 
 
+def test_a_check_that_did_not_arrive_or_is_no_number_agrees_with_nothing(monkeypatch):
+    """What odeint leaves in its arrays beyond the place where it stopped is anything, an earlier solution above all."""
+    times, z0 = (1.0, 2.0, 3.0), np.array([1.0])
+    states = np.exp(-np.array(times))[:, None].astype(R.LONG)
+    decay = lambda t, z: -z  # noqa: E731
+    assert max(R._scipy_gaps(decay, None, z0, times, states)) < 1e-9
+    late = lambda t, z: -z if t < 1.5 else np.full(1, np.nan)  # noqa: E731
+    gaps = R._scipy_gaps(late, None, z0, times, states)
+    assert gaps[0] < 1e-9 and gaps[1:] == [np.inf] * 2
+    monkeypatch.setattr(R, "MOST_STEPS", 5)
+    assert R._scipy_gaps(decay, None, z0, times, states) == [np.inf] * 3
+
+
 def test_a_non_smooth_problem_gets_a_poor_certificate_not_a_good_one():
     """Broken on purpose: |z| has a kink, so high order is lost; the certificate must own up to it."""
     made = R.compute(lambda t, z: np.array([np.cos(t), abs(z[0] - 0.3)]), None, [0.0, 0.0], [2.0], tolerance=1e-3)

@@ -52,12 +52,28 @@ def test_a_failed_run_leaves_nothing_to_the_next():
     assert content(tcbench.simulate("midpoint_entropy", scenario, dt=0.01)) == before
 
 
-def test_threads_have_records_of_their_own():
-    way = {"dt": 1e-3, "record_every": None}
-    alone = content(tcbench.simulate("tc_strang", SCENARIO, **way))
+@pytest.mark.parametrize(
+    ("method", "ways"),
+    [
+        ("tc_strang", [{"dt": 1e-3}, {"dt": 2e-3}]),
+        ("tc_gauss", [{"dt": 0.05}, {"dt": 0.1}]),
+        *((name, [{"tolerance": 1e-8}, {"tolerance": 2e-8}]) for name in ("tc_gauss_adaptive", "tc_taylor", "tc_auto")),
+    ],
+)
+def test_threads_have_records_of_their_own(method, ways):
+    def run(i):
+        return content(tcbench.simulate(method, SCENARIO, **ways[i % 2]))
+
+    alone = [run(0), run(1)]
     with ThreadPoolExecutor(4) as pool:
-        runs = list(pool.map(lambda _: content(tcbench.simulate("tc_strang", SCENARIO, **way)), range(12)))
-    assert runs == [alone] * 12
+        assert list(pool.map(run, range(24))) == alone * 12
+
+
+def test_what_a_long_run_recorded_does_not_stay():
+    scenario = SCENARIO.replace(coupling=0.124)
+    found = tcbench.simulate("tc_strang", scenario, dt=scenario.t_end / 1000)
+    (kept,) = [free for _, free in prepared._KEPT[scenario.model].values()]
+    assert found.z.shape[0] == 1001 and [ready.run.n_rows for ready in kept] == [2]
 
 
 def test_one_set_of_records_serves_every_call_and_goes_with_its_system(monkeypatch):
