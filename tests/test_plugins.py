@@ -60,6 +60,7 @@ ALLOWED = {
     "dataclasses",
     "contextlib",
     "functools",
+    "threading",
     "typing",
     "math",
     "re",

@@ -15,10 +15,10 @@ from ..tc_taylor.march import Work as Taylor
 # Explicit steps are measured in decay times of the conduction.
 STABLE, STABLE_OF_ORDER = 2.0, 0.3  # those of order p that conduction bounds: about so many, and so many p
 STIFF = 0.7  # of these: from here on conduction bounds a step
-PATIENCE, MORE = 8, 6  # stiff steps in a row before the other method is tried, and so many times as many each time
+PATIENCE, MORE = 8, 10  # stiff steps in a row before the other method is tried, and so many times as many each time
 LONGER = 4.0  # the first implicit step, over the last explicit one
 COST, COST_OF_ORDER = 0.5, 0.09  # an explicit step of order p takes the time of so many iterations, and of so many p
-OWED = 10.0  # iterations that the implicit method may take beyond what explicit steps would, before it is left
+OWED = 6.0  # iterations that the implicit method may take beyond what explicit steps would, before it is left
 
 
 def steps(
