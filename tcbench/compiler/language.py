@@ -111,4 +111,4 @@ def _without_errors(name: str) -> Callable[[float], float]:
 FUNCTIONS = {
     name: _without_errors(name) for name in ("sqrt", "exp", "log", "expm1", "log1p", "sin", "cos", "tanh", "atan")
 }
-sqrt, exp, log, expm1, log1p = (FUNCTIONS[name] for name in ("sqrt", "exp", "log", "expm1", "log1p"))
+expm1, log1p = FUNCTIONS["expm1"], FUNCTIONS["log1p"]
