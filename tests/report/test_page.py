@@ -413,9 +413,10 @@ def test_a_users_own_system_is_drawn_without_springs(tmp_path, visit):
 
 def test_what_is_wider_than_a_narrow_window_fades_where_it_goes_on(full, visit):
     page = visit(full, "#method=tc_monolithic", 400)
-    page.wait_for_function("document.querySelector('#view-method .scroll[data-more~=right]')")
+    # functions, not expressions: what is still to come is asked for again with eval, which the page's policy forbids
+    page.wait_for_function("() => document.querySelector('#view-method .scroll[data-more~=right]')")
     page.evaluate("for (const box of document.querySelectorAll('.scroll')) box.scrollLeft = 1e4")
-    page.wait_for_function("document.querySelector('#view-method .scroll[data-more=left]')")
+    page.wait_for_function("() => document.querySelector('#view-method .scroll[data-more=left]')")
     assert page.evaluate("getComputedStyle(document.querySelector('.scroll[data-more=left]')).maskImage") != "none"
     wide = visit(full, "#method=tc_monolithic", 1400)
     wide.wait_for_timeout(100)
