@@ -69,6 +69,7 @@ def set_scale(w: Work, z: Floats) -> None:
 def halving_step(w: Work, h: float, z0: Floats, dz_total: Floats) -> int:
     """Increments of one step of length h; a step without a solution in reach is taken in halves."""
     z, carry = w.z, w.carry
+    w.budget[2] = math.inf
     copy_into(z, z0)
     fill(dz_total, 0.0)
     fill(carry, 0.0)
@@ -164,6 +165,7 @@ def advance(
             known = last > 0.0 and step <= FAR * last
             if known:
                 extrapolate(w, step / last)
+            w.budget[2] = spent + most - owed + worth * step
             code = try_step(w, step, z, known, COARSEST + (step > roughest), residual)
             owed += w.counts.iterations - spent
             spent = w.counts.iterations

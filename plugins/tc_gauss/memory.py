@@ -103,7 +103,9 @@ class Work(Record):
     laws: Floats = sized("n + m + 2 + n_invariants")  # a state, its energy, energy and invariants that it should have
     run: Floats = sized("1")  # the energy at the start of the run
     mended: Floats = sized("n + 1 + n_invariants")  # what the fifth kernel makes of them
-    budget: Floats = sized("2")  # iterations that a unit of time is worth, and that may be owed: see march.advance
+    # Iterations that a unit of time is worth, that may be owed, and the count at which an attempt is given up: see
+    # march.advance.
+    budget: Floats = sized("3")
     seen: Floats = sized("2")  # the contraction of the last solve, and the quadrature that it took
     at_nodes: Matrix = sized("k", "2 * m")  # velocities, positions, stresses, temperatures
     drift: Matrix = sized("k", "2 * e")  # rates of shapes and entropies

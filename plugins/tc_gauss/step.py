@@ -196,7 +196,7 @@ def fixed_point(w: Work, h: float, z: Floats, level: int, residual: float) -> in
                 w.seen[0] = (shrunk / first) ** (1.0 / taken)
             return SOLVED
         slow = slow + 1 if size > SLOW * previous else 0
-        if slow >= 2:
+        if slow >= 2 or w.counts.iterations > w.budget[2]:
             return FAILED
         previous = size
     return FAILED

@@ -8,8 +8,9 @@ from tcbench.compiler.language import Floats, Kernel, Matrix, bits, call, copy_i
 from tcbench.compiler.library import Library
 from tcbench.compiler.records import Record, sized
 
-BIT, BIAS = 2.0**-52, 1023.0  # of the exponent in the bits of a double
-LONGEST = 1000.0  # logarithm of a step, of base 2
+# The bits of a positive double, as a whole number, are its logarithm of base 2, up to 0.086 too small, times 2^52. So a
+# root of high order is a division; those of the root's 1 are taken so that it is right on average.
+ONE = (1023.0 - 0.043) * 2.0**52
 SHRINK, SHORTEST = 0.5, 1e-12  # of a step that ends in no admissible state; of a step, over the time
 
 
@@ -22,7 +23,7 @@ class Counts(Record, mutable=True):
 
 
 class Work(Record):
-    """The kernels and arrays of a run; y = (q, p, theta) has `size` numbers."""
+    """The kernels and arrays of a run; its states (q, p, theta) have `size` numbers."""
 
     size: int
     order: int
@@ -33,14 +34,14 @@ class Work(Record):
     to_state: Kernel
     to_mend: Kernel  # see mending.mending_kernels
     to_hold: Kernel
-    to_entropies: Kernel  # (q, p, s) of y
+    to_entropies: Kernel  # (q, p, s) of such a state
     counts: Counts
     given: Floats = sized("n_given")  # the system's constants, and what depends on them only
-    y: Floats = sized("size")  # where the run is
     coefficients: Floats = sized("(order + 1) * size + 2")
     length: Floats = sized("1")
     target: Floats = sized("n_target")  # a state, the energy and lowest entropy and invariants that it should have
-    mended: Floats = sized("size + 2")  # the state that has them, its entropy, the least of what must be positive
+    # The state that has them, its entropy, the least of what must be positive. When a step begins, the run is there.
+    mended: Floats = sized("size + 2")
 
 
 def begin(w: Work, z: Floats) -> None:
@@ -58,7 +59,7 @@ def start_from(w: Work, z: Floats) -> None:
 def go_to(w: Work, state: Floats) -> None:
     """On from (q, p, theta), which is the first part of `state`."""
     for i in range(w.size):
-        w.y[i] = state[i]
+        w.mended[i] = state[i]
 
 
 def mended_state(w: Work, h: float) -> bool:
@@ -77,26 +78,11 @@ def mended_state(w: Work, h: float) -> bool:
 
 
 def step_length(w: Work, tolerance: float) -> float:
-    """So long that neither of the last two terms of the series is above the tolerance."""
-    first = (w.order + 1) * w.size
-    goal, longest = rough_log2(tolerance), LONGEST
-    for i in range(2):
-        size = w.coefficients[first + i]
-        if size > 0.0:
-            longest = min(longest, (goal - rough_log2(size)) / (w.order - 1 + i))
-    return rough_exp2(longest)
-
-
-def rough_log2(x: float) -> float:
-    """Of a positive number, up to 0.09 too small: a length is a high root of this, and need not be right to 0.5 %."""
-    return bits(x) * BIT - BIAS
-
-
-def rough_exp2(x: float) -> float:
-    """To 0.3 %, of -1022 to 1023."""
-    whole = int(x + BIAS)
-    part = x + BIAS - whole
-    return from_bits(int((whole + part * (0.66 + 0.34 * part)) / BIT))
+    """So long that neither of the last two terms of the series is above the tolerance; to 3 %."""
+    first, goal = (w.order + 1) * w.size, bits(tolerance * tolerance)
+    last = (goal - bits(w.coefficients[first + 1])) * (0.5 / w.order)
+    before = (goal - bits(w.coefficients[first])) * (0.5 / (w.order - 1))
+    return from_bits(int(ONE + min(last, before)))
 
 
 def adaptive_steps(w: Work, z: Floats, times: Floats, tolerance: float, states: Matrix) -> int:
@@ -110,7 +96,7 @@ def adaptive_steps(w: Work, z: Floats, times: Floats, tolerance: float, states: 
 def advance(
     w: Work, times: Floats, tolerance: float, states: Matrix, row: int, t: float, most: float, patience: int
 ) -> tuple[int, float, float]:
-    """States (q, p, s) at times[row:] from y at t on, each mended; returns (row that is next, t, the last step).
+    """States (q, p, s) at times[row:] from t on, each mended; returns (row that is next, t, the last step).
 
     A step ends where its series does, not at output times: states on the way come from the series. It ends early where
     steps become too short (then the last is 0), and after `patience` of them in a row that were longer than `most`: so
@@ -121,9 +107,10 @@ def advance(
         if fresh:
             if long == patience:
                 return row, t, h
-            call(w.to_series, w.y, w.given, w.coefficients)
+            call(w.to_series, w.mended, w.given, w.coefficients)
             h = step_length(w, tolerance)
         if not h > SHORTEST * max(1.0, abs(t)):
+            go_to(w, w.coefficients)  # those of order 0 are the state at t
             return row, t, 0.0
         lowest, here, good = w.target[w.size + 1], row, True
         while good and here < len(times) and times[here] <= t + h:
@@ -142,18 +129,16 @@ def advance(
         row = here
         t += h
         long = long + 1 if h > most else 0
-        go_to(w, w.mended)
     return row, t, h
 
 
 def fixed_steps(w: Work, h: float, states: Matrix) -> int:
-    """States (q, p, s) after each of the steps of length h from y on, up to the first that ends in none; how many."""
+    """States (q, p, s) after each of the steps of length h, up to the first that ends in none; how many."""
     for row in range(len(states)):
-        call(w.to_series, w.y, w.given, w.coefficients)
+        call(w.to_series, w.mended, w.given, w.coefficients)
         if not mended_state(w, h):
             return row
-        go_to(w, w.mended)
-        call(w.to_entropies, w.y, w.given, states[row])
+        call(w.to_entropies, w.mended, w.given, states[row])
     return len(states)
 
 

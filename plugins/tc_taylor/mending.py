@@ -17,9 +17,10 @@ from tcbench.compiler import derivatives as trace
 from tcbench.compiler.kernels import Kernel, constant_part, kernel
 from tcbench.systems.momenta import lengthening, restored_momenta
 
-from .series import ONE, Normal
+from .series import ONE, Monomial, Normal
 
 ROUND_OFF = 4e-15  # of the heat: what the energy of a mended state may miss
+TOGETHER = 4  # temperatures in one logarithm at most: more could overflow
 SMALLEST_SHARE = 1e-12  # of the energy, as kinetic energy free to change: below it nothing is taken from there
 
 
@@ -66,7 +67,7 @@ def mending_kernels(system: System) -> tuple[Kernel, Kernel, list[trace.Symbol]]
         allowed = ROUND_OFF * sum(heats) - abs(energy - total(momenta, warm))
         return [*q, *momenta, *warm, sum(s), reduce(trace.minimum, [*warm, *pi, allowed])]
 
-    mended = outputs(p, warm, sym.entropies(q, warm))
+    mended = outputs(p, warm, at([_total_entropy(y, 2 * n, s)], warm))
 
     s = np.array(s, dtype=object)
     s = s + (floor - sum(s)) / len(s)
@@ -79,12 +80,41 @@ def mending_kernels(system: System) -> tuple[Kernel, Kernel, list[trace.Symbol]]
     constants = constant_part([*mended, *held], list(given))
     places = {x: f"b[{len(system.constant_values) + i}]" for i, x in enumerate(constants)}
     inputs = {x: f"a[{i}]" for i, x in enumerate(given)} | system.constant_symbols() | places
-    return kernel(inputs, mended), kernel(inputs, held), constants
+    return kernel(inputs, mended, size), kernel(inputs, held, size), constants
+
+
+def _normal(y: list[trace.Symbol]) -> Normal:
+    normal = Normal({})
+    for i, symbol in enumerate(y):
+        normal.known[symbol.number] = {((normal.series("var", index=i), 1),): ONE}
+    return normal
 
 
 def _simpler(y: list[trace.Symbol], formulas: list[trace.Symbol]) -> list[trace.Symbol]:
     """Formulas in y = (q, p, theta) brought to normal form: no exponential of a logarithm, no factor that cancels."""
-    normal = Normal({})
-    for i, symbol in enumerate(y):
-        normal.known[symbol.number] = {((normal.series("var", index=i), 1),): ONE}
+    normal = _normal(y)
     return normal.symbols(normal.of(formulas), y)
+
+
+def _total_entropy(y: list[trace.Symbol], first: int, s: list[trace.Symbol]) -> trace.Symbol:
+    """The sum of the entropies; logarithms of temperatures (y from `first` on) are those of products: nothing else
+    needs them one by one."""
+    normal = _normal(y)
+    (form,) = normal.of([sum(s, trace.const(0.0))])
+    alike: dict[trace.Symbol, list[trace.Symbol]] = {}  # temperatures by the weight of their logarithms
+    rest = {}
+    for key, weight in form.items():
+        of = _logarithm_of(key)
+        if of >= first:
+            alike.setdefault(weight, []).append(y[of])
+        else:
+            rest[key] = weight
+    logs = [weight * reduce(trace.mul, temperatures[i : i + TOGETHER]).log()
+            for weight, temperatures in alike.items() for i in range(0, len(temperatures), TOGETHER)]  # fmt: skip
+    return reduce(trace.add, [*normal.symbols([rest], y), *logs])
+
+
+def _logarithm_of(key: Monomial) -> int:
+    """Place in y of what this is the logarithm of; -1 if it is another formula."""
+    x, power = key[0] if len(key) == 1 else (None, 0)
+    return x.parts[0].index if x and x.kind == "log" and power == 1 and x.parts[0].kind == "var" else -1

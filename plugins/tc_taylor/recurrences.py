@@ -66,8 +66,6 @@ class Writer(Gathering):
             return self._term(self._log_rate(known[0], n + 1), *known, weight)
         if x.kind == "log" and known and n:
             return self._term(self._log_rate(known[0], n), *known, trace.mul(weight, trace.const(1.0 / n)))
-        if is_square(x) and known:
-            return self._term(self._half(known[0], n), *known, trace.mul(weight, trace.const(2.0)))
         if known and known[0] != of:
             return self._term(self.value(known[0], n), *known, weight)
         if x.kind == "D":
@@ -130,17 +128,15 @@ class Writer(Gathering):
 
     def _product(self, pack: Pack, n: int) -> str | None:
         if is_square(pack[0]):
-            half = self._half(pack, n)
-            return half and self.name(f"2.0 * {half}")
+            return self._square(self._of(self.packs.parts(pack)[0]), n)
         return self.convolution(*map(self._of, self.packs.parts(pack)), n)
 
-    def _half(self, pack: Pack, n: int) -> str | None:
-        """Half of coefficient n of squares: each product of two different coefficients is in them twice."""
-        a = self._of(self.packs.parts(pack)[0])
+    def _square(self, a: Callable[[int], str | None], n: int) -> str | None:
+        """Each product of two different coefficients is in it twice; it is the one known longer that is doubled."""
         pairs = [(a(j), a(n - j)) for j in range((n + 1) // 2)]
-        if n % 2 == 0 and (middle := a(n // 2)):
-            pairs.append((self.name(f"0.5 * {middle}"), middle))
-        return self.sum_of([(left, right) for left, right in pairs if left and right])
+        products = [(self.name(f"{left} + {left}"), right) for left, right in pairs if left and right]
+        middle = a(n // 2) if n % 2 == 0 else None
+        return self.sum_of([*products, (middle, middle)] if middle else products)
 
     def _quotient(self, pack: Pack, n: int) -> str | None:
         above, below = self.packs.parts(pack)
@@ -227,26 +223,37 @@ class Writer(Gathering):
 def series_kernels(system: System, order: int, first: int) -> tuple[Kernel, Kernel, list[Symbol]]:
     """(series, polynomial, constants) of one structure of system; nothing is compiled yet.
 
-    series(y, given) -> coefficients 0 .. order of y, each of the size of y, then the sizes of the last two: the
-        largest of velocities and of c0 theta/theta_0. The constants of the list stand in `given` from `first` on.
+    series(y, given) -> coefficients 0 .. order of y, each of the size of y, then the squared sizes of the last two: of
+        velocities and c0 theta/theta_0. The constants of the list stand in `given` from `first` on.
     polynomial(coefficients, (h,)) -> y after h
     """
     _, variables, rate = rates(system)
-    sym, n, size = system.symbolic, system.n_positions, system.size
-    scale = [trace.reciprocal(m) for m in lifted(sym.inertia(), n)] + lifted(sym.entropy_scale(), system.n_elements)
+    size = system.size
     writer = Writer(variables, dict(enumerate(rate)), first)
     stored = [line for k in range(order + 1) for line in stores(writer, variables, k)]
-    warm = [writer.name(f"1.0 / {writer.coefficient(x, 0)}") for x in variables[2 * n :]]
     for at, k in enumerate((order - 1, order)):
-        largest = "0.0"
-        for i in range(n, size):
-            relative = f" * {warm[i - 2 * n]}" if i >= 2 * n else ""
-            weight = writer.weights([scale[i - n]])
-            term = writer.name(f"abs({writer.coefficient(variables[i], k)} * {weight}{relative})")
-            largest = writer.name(f"max({largest}, {term})")
-        stored.append(f"out[{(order + 1) * size + at}] = {largest}")
+        stored.append(f"out[{(order + 1) * size + at}] = {squared_size(writer, system, variables, k)}")
     series = written([*writer.lines, *stored], (order + 1) * size + 2)
     return series, polynomial_kernel(order, size), writer.given
+
+
+def squared_size(writer: Writer, system: System, variables: list[Series], k: int) -> str:
+    """Of coefficient k: the sum of the squares of velocities and of c0 theta/theta_0."""
+    sym, n, size = system.symbolic, system.n_positions, system.size
+    scale = [trace.reciprocal(m) for m in lifted(sym.inertia(), n)] + lifted(sym.entropy_scale(), system.n_elements)
+    squares: dict[int, list[tuple[str, ...]]] = {}  # by the number of lanes
+    for begin, end in ((n, 2 * n), (2 * n, size)):
+        for i in range(begin, end, WIDTH):
+            pack = tuple(variables[i : min(i + WIDTH, end)])
+            weights = writer.weights(scale[i - n : i - n + len(pack)])
+            if begin == 2 * n:
+                weights = writer.name(f"{weights} / {writer.value(pack, 0)}")
+            if value := writer.value(pack, k):
+                squares.setdefault(len(pack), []).append((writer.name(f"{value} * {weights}"),) * 2)
+    sums = [writer.lane(str(writer.sum_of(x)), width, lane) for width, x in squares.items() for lane in range(width)]
+    while len(sums) > 1:
+        sums = [writer.name(" + ".join(sums[i : i + 2])) for i in range(0, len(sums), 2)]
+    return sums[0] if sums else "0.0"
 
 
 def stores(writer: Writer, variables: list[Series], k: int) -> list[str]:

@@ -19,11 +19,16 @@ from .derivatives import Symbol, depends_on, topological
 from .language import FUNCTIONS, PLAIN, PYTHON_KERNELS, pick, put, release, row, scratch, vector
 
 WIDTH = 8  # doubles in a vector of vector_kernels.py
+ROW = 4  # doubles in a short vector of results
 _BINARY = {"add": "+", "sub": "-", "mul": "*"}
 
 
-def straight_line(inputs: Mapping[Symbol, str], outputs: Sequence[Symbol]) -> str:
-    """Source of the kernel that reads `inputs` (symbol -> 'a[0]') and fills out[0], out[1], ..."""
+def straight_line(inputs: Mapping[Symbol, str], outputs: Sequence[Symbol], in_rows: int = 0) -> str:
+    """Source of the kernel that reads `inputs` (symbol -> 'a[0]') and fills out[0], out[1], ...
+
+    in_rows: so many of the first are stored as short vectors, for a reader that loads them as such: to load at once
+    what was just stored one by one, a processor waits until all of it has left its store queue.
+    """
     names: dict[int, str] = {}
     lines: list[str] = []
     # an input may itself be a formula (a hoisted value): do not look beneath it
@@ -50,7 +55,11 @@ def straight_line(inputs: Mapping[Symbol, str], outputs: Sequence[Symbol]) -> st
             raise ValueError(f"the kernel needs {node!r}, which is no input of it")
         else:
             lines.append(f"{name} = {operation(node, [names[x.number] for x in node.args])}")
-    lines += [f"out[{i}] = {names[node.number]}" for i, node in enumerate(outputs)]
+    results = [names[node.number] for node in outputs]
+    for i in range(0, in_rows, ROW):
+        group = results[i : min(i + ROW, in_rows)]
+        lines.append(f"put(out, {i}, vector({', '.join(group)}))" if len(group) > 1 else f"out[{i}] = {group[0]}")
+    lines += [f"out[{i}] = {name}" for i, name in enumerate(results) if i >= in_rows]
     return "def kernel(a, b, out):\n" + "".join(f"    {line}\n" for line in lines or ["pass"])
 
 
@@ -119,8 +128,8 @@ class Kernel:
         return out
 
 
-def kernel(inputs: Mapping[Symbol, str], outputs: Sequence[Symbol]) -> Kernel:
-    return Kernel(straight_line(inputs, outputs), len(outputs))
+def kernel(inputs: Mapping[Symbol, str], outputs: Sequence[Symbol], in_rows: int = 0) -> Kernel:
+    return Kernel(straight_line(inputs, outputs, in_rows), len(outputs))
 
 
 @cache

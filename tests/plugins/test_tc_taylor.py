@@ -1,7 +1,5 @@
 """tc_taylor: its series solve the equations, its steps keep every law, and orders and tolerances are what they say."""
 
-import math
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -9,7 +7,7 @@ from hypothesis import strategies as st
 from random_laws import assert_laws
 from states import admissible_states
 from tcbench_plugins.tc_taylor import lanes
-from tcbench_plugins.tc_taylor.march import rough_exp2, rough_log2
+from tcbench_plugins.tc_taylor.march import step_length
 from tcbench_plugins.tc_taylor.method import TaylorMethod, kernels
 from tcbench_plugins.tc_taylor.recurrences import Writer, series_kernels, written
 from tcbench_plugins.tc_taylor.series import ONE, Normal, rates
@@ -167,7 +165,10 @@ def test_what_has_no_series_or_is_too_large_is_refused_with_a_sentence():
         TaylorMethod(find_scenario("chain[n=40]").model, 8)
 
 
-@given(st.floats(1e-300, 1e300), st.floats(-1000, 1000))
-def test_a_length_is_found_roughly(x, exponent):
-    assert -0.09 <= rough_log2(x) - math.log2(x) <= 1e-12
-    assert abs(rough_exp2(exponent) / 2.0**exponent - 1.0) < 3e-3
+@given(st.floats(1e-15, 0.1), st.floats(1e-100, 1e100), st.floats(1e-100, 1e100))
+def test_a_step_is_so_long_that_its_last_two_terms_are_of_the_tolerance(tolerance, before, last):
+    method = TaylorMethod(find_scenario("short_term").model, 8)
+    method.work.coefficients[-2:] = before**2, last**2
+    length = step_length(method.work, tolerance)
+    exact = min((tolerance / before) ** (1 / 7), (tolerance / last) ** (1 / 8))
+    assert abs(length / exact - 1) < 0.04
