@@ -73,8 +73,11 @@ def test_every_page_is_in_the_navigation_and_every_link_leads_somewhere():
     site = (ROOT / "mkdocs.yml").read_text()
     for page in PAGES:
         assert f": {page}.md" in site
-        for target in re.findall(r"\]\(([^)#]+)", (ROOT / "docs" / f"{page}.md").read_text()):
+        text = (ROOT / "docs" / f"{page}.md").read_text()
+        for target in re.findall(r"\]\(([^)#]+)", text):
             assert target.startswith("http") or (ROOT / "docs" / target).exists(), f"{page}.md: {target}"
+        for target in re.findall(r"(?:benchmarks|plugins|tcbench|tests)/[\w/]+\.py", text):
+            assert (ROOT / target).is_file(), f"{page}.md: {target}"
 
 
 def test_every_hook_is_in_the_reference_and_in_a_page_and_in_a_test():
