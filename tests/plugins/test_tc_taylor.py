@@ -76,7 +76,12 @@ def test_the_series_starts_with_the_rates_and_solves_the_equations(name):
     table = coefficients[:-2].reshape(13, -1)
     field = np.asarray(scenario.model.temperature_field(y))
     assert np.allclose(table[1], field, rtol=1e-13, atol=1e-13 * abs(field).max())
-    h = 0.1 * (1e-8 / coefficients[-1]) ** (1 / 12)
+    n = scenario.model.n_positions
+    weights = np.concatenate(
+        [1 / np.asarray(scenario.model.inertia()) * np.ones(n), scenario.model.entropy_scale() / y[2 * n :]]
+    )
+    assert coefficients[-2:] == pytest.approx([np.sum((table[k, n:] * weights) ** 2) for k in (11, 12)], rel=1e-13)
+    h = 0.1 * (1e-16 / coefficients[-1]) ** (1 / 24)
     rate = sum(k * table[k] * h ** (k - 1) for k in range(1, 13))
     there = np.asarray(scenario.model.temperature_field(polynomial(coefficients, np.array([h]))))
     assert np.allclose(rate, there, rtol=1e-11, atol=1e-11 * abs(there).max())
@@ -131,6 +136,15 @@ def test_errors_follow_the_tolerance(name):
         # errors grow by the scenario's own sensitivity: at most 2000-fold to t = 1 on cold_spring
         assert errors[-1] <= 3e3 * tolerance + 1e-12 and counts["steps"] >= 1
     assert errors[2] < errors[0]
+
+
+@pytest.mark.parametrize("name", [*SCENARIOS, "chain[n=5]", "net[nx=3,ny=2]"])
+def test_the_entropy_that_a_step_is_judged_by_is_that_of_its_state(name):
+    scenario = find_scenario(name)
+    method = TaylorMethod(scenario.model, 10)
+    states, _ = method.adaptive(scenario.z0, np.array([0.0, 0.3]), 1e-9)
+    found, exact = method.work.mended[len(scenario.z0)], scenario.model.entropy(states[-1])
+    assert abs(found - exact) <= 1e-13 * np.abs(states[-1][2 * scenario.model.n_positions :]).sum()
 
 
 @pytest.mark.parametrize("order", [2, 4, 6])
