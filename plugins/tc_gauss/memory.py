@@ -17,6 +17,7 @@ class Counts(Record, mutable=True):
     steps: int
     rejected: int
     iterations: int
+    newtons: int
     halved: int
     raised: int
 
@@ -56,6 +57,7 @@ class Work(Record):
     m: int
     n_constants: int
     n_given: int
+    n_newton: int  # unknowns of Newton's method, which is for small systems; 0: none
     n_ends: int
     n_matrix: int  # elements whose conduction is solved for as a whole (see conduction.py), or 0
     n_factors: int
@@ -112,6 +114,9 @@ class Work(Record):
     FG: Floats = sized("m")
     rho: Floats = sized("k")
     left: Matrix = sized("k", "k")
+    J: Matrix = sized("n_newton", "n_newton")
+    rhs: Floats = sized("n_newton")
+    base: Floats = sized("n_newton")
     x0: Floats = sized("2 * e")  # shapes and entropies at the start
     dz: Floats = sized("n + m")
     z1: Floats = sized("n + m")

@@ -16,6 +16,7 @@ Floats = NDArray[np.float64]
 SOLVED_TO = 0.01  # of the tolerance: residual of the collocation equations in adaptive runs
 FINEST = 1e-14  # of the residual: round-off is near
 SOLVED = 0  # see `step`
+MOST_NEWTON = 500  # unknowns of Newton's dense matrices; larger systems take a step that needs it in halves
 VECTOR_KERNELS = ("to_iterate", "to_iterate_finer", "to_block", "to_extrapolate", "to_close")
 
 
@@ -83,7 +84,7 @@ def _work(system: System, k: int, addresses: dict[str, int], **fields: Any) -> A
     rows = found[:-1].reshape(2 * m + n, WIDTH)
     return Work(
         n=n, e=e, k=k, m=m, n_constants=len(fields["c"]), n_given=len(memory),
-        n_factors=fields["numbers"].pairs + 1, **addresses, **fields,
+        n_newton=k * m if k * m <= MOST_NEWTON else 0, n_factors=fields["numbers"].pairs + 1, **addresses, **fields,
         inverse_mass=1.0 / (np.asarray(system.inertia(), dtype=float) * np.ones(n)),
         given=memory, state0=memory[: place.block.start], block=memory[place.block],
         columns=memory[place.block].reshape(k, WIDTH), u=memory[place.u], v=memory[place.v], scale=memory[place.scale],

@@ -27,6 +27,7 @@ from __future__ import annotations
 import numpy as np
 
 from tcbench.compiler.language import Floats, call, copy_into, fill, rare
+from tcbench.solver.linear_algebra import solve_pivoted
 
 from . import conduction
 from .formulas import ON_VECTORS, POINTS
@@ -43,6 +44,8 @@ ROUGH = 1e-3  # residual down to which the coarsest quadrature will do
 MENDED = 10.0  # residuals: by how much mending may change momenta
 MOST = 0.1  # of the kinetic energy that is free to change: what mending may move
 SLOW = 0.6  # contraction above which the fixed point is given up
+MAX_NEWTON = 12
+INCREMENT = 1e-7  # of the difference quotients of the fallback: they steer, the residual decides
 
 
 def points_of(level: int) -> int:
@@ -199,6 +202,49 @@ def fixed_point(w: Work, h: float, z: Floats, level: int, residual: float) -> in
     return FAILED
 
 
+@rare
+def newton(w: Work, h: float, z: Floats, level: int) -> int:
+    """Newton on U - N(U) = 0 with difference quotients, from U, in place: where the fixed point does not contract."""
+    m = w.m
+    unknowns = w.k * m
+    previous = np.inf
+    for _ in range(MAX_NEWTON):
+        w.counts.newtons += 1
+        if rates(w, h, z, level) != SOLVED:
+            return FAILED
+        for row in range(unknowns):
+            w.base[row] = w.N[row % m, row // m]
+        for column in range(unknowns):
+            j, i = column // m, column % m
+            here = w.U[i, j]
+            eps = INCREMENT * max(1.0, abs(here))
+            w.U[i, j] = here + eps
+            done = rates(w, h, z, level)
+            w.U[i, j] = here
+            if done != SOLVED:
+                return FAILED
+            for row in range(unknowns):
+                w.J[row, column] = (1.0 if row == column else 0.0) - (w.N[row % m, row // m] - w.base[row]) / eps
+        for row in range(unknowns):
+            w.rhs[row] = w.base[row] - w.U[row % m, row // m]
+        if solve_pivoted(w.J, w.rhs) == 0.0:
+            return FAILED
+        size = 0.0
+        for row in range(unknowns):
+            j, i = row // m, row % m
+            w.U[i, j] += w.rhs[row]
+            r = h * abs(w.rhs[row]) * (w.scale[0] if i < w.n else w.scale[1])
+            size = r if not r <= size else size
+        if not size < np.inf:
+            return FAILED
+        if size <= CONVERGED or (size <= STAGNATED and size > 0.5 * previous):
+            return rates(w, h, z, level)
+        if size > 2.0 * previous:
+            return FAILED
+        previous = size
+    return FAILED
+
+
 def guess(w: Work) -> None:
     """U = the rates at the start of the step, at every node."""
     for j in range(w.k):
@@ -268,12 +314,13 @@ def mend(w: Work, residual: float) -> bool:
     return True
 
 
-def try_step(w: Work, h: float, z: Floats, known: bool, coarsest: int, residual: float) -> int:
+def try_step(w: Work, h: float, z: Floats, known: bool, coarsest: int, residual: float, whole: bool) -> int:
     """One step of length h from z: dz; `start` and `end` are what the first kernel gives at z and z + dz.
 
     known: U is a guess. When the energy of a converged step is not kept to round-off, or mending would change more than
     the residual, the quadrature was too coarse for this step: finer ones follow, from `coarsest`, and then convergence,
-    before it is COARSE. A step to round-off has all quadratures.
+    before it is COARSE. A step to round-off has all quadratures; one of the length that was asked for (whole), which is
+    to be that of the method, has Newton, where the fixed point fails.
     """
     n, e = w.n, w.e
     careful = residual <= CONVERGED
@@ -293,6 +340,9 @@ def try_step(w: Work, h: float, z: Floats, known: bool, coarsest: int, residual:
     while True:
         w.seen[1] = level
         done = fixed_point(w, h, z, level, residual)
+        if done != SOLVED and whole and w.n_newton > 0:
+            guess(w)
+            done = newton(w, h, z, level)
         if done != SOLVED:
             return FAILED
         close(w, h)

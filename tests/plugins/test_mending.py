@@ -133,12 +133,12 @@ def test_loose_tolerances_let_steps_grow_until_nothing_happens(scenario, t):
     assert method.counts.steps < 100 and method.counts.rejected <= 5
 
 
-def test_long_steps_of_stiff_conduction_converge_whole():
+def test_long_steps_of_stiff_conduction_converge_without_newton():
     scenario = SCENARIOS["fast_conduction"]
     z = tcbench.simulate("tc_gauss", scenario, t_end=10.0, dt=0.1).z[-1]
     method = GaussMethod(scenario.model, 3)
     method.march(z, 1.0, 10)  # 1200 times the decay time of the conduction
-    assert method.counts.halved == 0
+    assert method.counts.newtons == 0
 
 
 def test_what_is_much_to_mend_asks_for_a_finer_quadrature():

@@ -82,10 +82,9 @@ def test_a_step_on_vectors_is_the_scalar_step(scenario, k):
     scenario = tcbench.scenarios()[scenario]
     fast, slow = GaussMethod(scenario.model, k), scalar(GaussMethod(scenario.model, k))
     assert fast.work.to_iterate != 0
-    h = scenario.dt / 16
+    h = scenario.dt / 4
     dz, same = fast.increments(scenario.z0, h).copy(), slow.increments(scenario.z0, h)
     np.testing.assert_allclose(dz, same, rtol=0, atol=1e-13 * max(1.0, np.abs(same).max()))
-    assert fast.counts.halved == slow.counts.halved == 0
     for name in ("V", "N"):
         np.testing.assert_allclose(
             getattr(fast.work, name)[:, :k], getattr(slow.work, name)[:, :k], rtol=1e-11, atol=1e-11
