@@ -22,7 +22,7 @@ METHODS = {
 }
 VARIANTS = list(METHODS)
 STEPPED = [name for name, method in METHODS.items() if method.kind != "adaptive"]
-LOW_ORDER = [name for name in STEPPED if METHODS[name].order <= 2]  # tests/test_gauss.py measures the higher ones
+LOW_ORDER = [name for name in STEPPED if METHODS[name].order <= 2]  # plugins/test_tc_gauss.py measures others
 EPS = np.finfo(float).eps
 EXACT = 1e-12  # what thousands of converged solves may leave of a conserved quantity, relative to its scale
 
