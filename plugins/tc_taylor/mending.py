@@ -17,7 +17,7 @@ from tcbench.compiler import derivatives as trace
 from tcbench.compiler.kernels import Kernel, constant_part, kernel
 from tcbench.systems.momenta import lengthening, restored_momenta
 
-from .series import ONE, Monomial, Normal
+from .series import Monomial, Normal
 
 ROUND_OFF = 4e-15  # of the heat: what the energy of a mended state may miss
 TOGETHER = 4  # temperatures in one logarithm at most: more could overflow
@@ -83,23 +83,16 @@ def mending_kernels(system: System) -> tuple[Kernel, Kernel, list[trace.Symbol]]
     return kernel(inputs, mended, size), kernel(inputs, held, size), constants
 
 
-def _normal(y: list[trace.Symbol]) -> Normal:
-    normal = Normal({})
-    for i, symbol in enumerate(y):
-        normal.known[symbol.number] = {((normal.series("var", index=i), 1),): ONE}
-    return normal
-
-
 def _simpler(y: list[trace.Symbol], formulas: list[trace.Symbol]) -> list[trace.Symbol]:
     """Formulas in y = (q, p, theta) brought to normal form: no exponential of a logarithm, no factor that cancels."""
-    normal = _normal(y)
+    normal = Normal(y)
     return normal.symbols(normal.of(formulas), y)
 
 
 def _total_entropy(y: list[trace.Symbol], first: int, s: list[trace.Symbol]) -> trace.Symbol:
     """The sum of the entropies; logarithms of temperatures (y from `first` on) are those of products: nothing else
     needs them one by one."""
-    normal = _normal(y)
+    normal = Normal(y)
     (form,) = normal.of([sum(s, trace.const(0.0))])
     alike: dict[trace.Symbol, list[trace.Symbol]] = {}  # temperatures by the weight of their logarithms
     rest = {}

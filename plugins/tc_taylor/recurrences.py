@@ -227,7 +227,7 @@ def series_kernels(system: System, order: int, first: int) -> tuple[Kernel, Kern
         velocities and c0 theta/theta_0. The constants of the list stand in `given` from `first` on.
     polynomial(coefficients, (h,)) -> y after h
     """
-    _, variables, rate = rates(system)
+    variables, rate = rates(system)
     size = system.size
     writer = Writer(variables, dict(enumerate(rate)), first)
     stored = [line for k in range(order + 1) for line in stores(writer, variables, k)]

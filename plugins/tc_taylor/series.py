@@ -14,6 +14,7 @@ which leaves the processor least to wait for. Source: Jorba and Zou (2005), sect
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, reduce
 from typing import Any
@@ -47,12 +48,15 @@ ONE, ZERO = trace.const(1.0), trace.const(0.0)
 
 
 class Normal:
-    """Traced formulas in normal form. Variables of time are given as series, everything else is constant."""
+    """Traced formulas in normal form. These symbols vary in time, as `variables`; everything else is constant."""
 
-    def __init__(self, varying: dict[Symbol, Linear]) -> None:
-        self.known: dict[int, Linear] = {s.number: form for s, form in varying.items()}
+    def __init__(self, varying: Sequence[Symbol]) -> None:
         self.interned: dict[Any, Series] = {}
         self.form_of: dict[int, Linear] = {}  # exponent of each exponential
+        self.variables = [self.series("var", index=i) for i in range(len(varying))]
+        self.known: dict[int, Linear] = {
+            symbol.number: {((x, 1),): ONE} for symbol, x in zip(varying, self.variables, strict=True)
+        }
 
     def series(
         self, kind: str, parts: tuple[Series, ...] = (), weights: tuple[Symbol, ...] = (), index: int = -1
@@ -252,14 +256,11 @@ def scaled(form: Linear, weight: Symbol) -> Linear:
     return combined({}, form, weight)
 
 
-def rates(system: System) -> tuple[Normal, list[Series], list[Series]]:
-    """The normal form, the variables y = (q, p, theta) and their rates, as series."""
+def rates(system: System) -> tuple[list[Series], list[Series]]:
+    """The variables y = (q, p, theta) and their rates, as series."""
     sym, n, m = system.symbolic, system.n_positions, system.n_elements
     y = trace.variables("y", 2 * n + m)
-    normal = Normal({})
-    variables = [normal.series("var", index=i) for i in range(len(y))]
-    for symbol, x in zip(y, variables, strict=True):
-        normal.known[symbol.number] = {((x, 1),): ONE}
+    normal = Normal(y)
     q, p, theta = y[:n], y[n : 2 * n], y[2 * n :]
     pi, s = trace.variables("pi", m), trace.variables("s", m)
     energy = trace.jacobian(list(sym.element_energy(pi, s)), [*pi, *s])
@@ -286,4 +287,4 @@ def rates(system: System) -> tuple[Normal, list[Series], list[Series]]:
     for i in range(m):
         rise = normal.times(by_s_[i], heat_[i])
         forms.append(combined(normal.times(by_pi_[i], normal.derivative(shape_[i])), rise, ONE))
-    return normal, variables, [normal.single(form) for form in forms]
+    return normal.variables, [normal.single(form) for form in forms]

@@ -292,7 +292,7 @@ class _Hasher:
             self._parts("enum", kind, item.name, item.value)
         elif callable(item) and (wrapped := _wrapped(item)) is not None:  # lru_cache, a jit
             self._parts("wrapped", kind, wrapped)
-        elif isinstance(item, np.ufunc) and "vectorized" in item.__name__:  # of a Python function that nobody can see
+        elif is_of_python(item):
             raise HashlessError("a ufunc made by np.frompyfunc")
         elif isinstance(item, np.ufunc | np.dtype | re.Pattern) or kind.__module__ in ("typing", "types"):
             self.note(kind.__name__, item)
@@ -316,6 +316,11 @@ class _Hasher:
             self._parts("set", *sorted(map(str, marks)))
         else:
             self._parts("instance", kind, *_reduced(item))
+
+
+def is_of_python(item: Any) -> bool:
+    """A ufunc of a Python function, which nobody can see."""
+    return isinstance(item, np.ufunc) and "vectorized" in item.__name__
 
 
 def _is_plain(kind: type) -> bool:

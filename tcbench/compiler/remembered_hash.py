@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from .code_hash import NOT_CONTENT, READS_BY_NAME, code_of, content_hash, home_of_class, installed
+from .code_hash import NOT_CONTENT, READS_BY_NAME, code_of, content_hash, home_of_class, installed, is_of_python
 
 MOST_KEPT = 1000
 MOST_LOOKS = 100  # for one object: of more of them hashing is as quick
@@ -179,8 +179,7 @@ class _Names:
 
 def _is_fixed(item: Any) -> bool:
     """Never another while it is the same object: not so what np.frompyfunc makes, and numbers of a user's own class."""
-    of_python = isinstance(item, np.ufunc) and "vectorized" in item.__name__
-    return isinstance(item, FIXED) and not of_python and home_of_class(type(item)) is not None
+    return isinstance(item, FIXED) and not is_of_python(item) and home_of_class(type(item)) is not None
 
 
 def _of_function(f: types.FunctionType) -> tuple[Any, ...]:

@@ -10,7 +10,7 @@ from tcbench_plugins.tc_taylor import lanes
 from tcbench_plugins.tc_taylor.march import step_length
 from tcbench_plugins.tc_taylor.method import TaylorMethod, kernels
 from tcbench_plugins.tc_taylor.recurrences import Writer, series_kernels, written
-from tcbench_plugins.tc_taylor.series import ONE, Normal, rates
+from tcbench_plugins.tc_taylor.series import Normal, rates
 
 import tcbench
 from tcbench import TcbenchError
@@ -40,9 +40,8 @@ def test_the_series_of_each_operation_solves_its_equation(name):
     """y' = f(y): the polynomial's derivative misses f by the first term that is left out, c h^order."""
     f, order = FUNCTIONS[name], 10
     y = trace.variable("y")
-    normal = Normal({})
-    variable = normal.series("var", index=0)
-    normal.known[y.number] = {((variable, 1),): ONE}
+    normal = Normal([y])
+    (variable,) = normal.variables
     (form,) = normal.of([f(y)])
     writer = Writer([variable], {0: normal.single(form)})
     stored = [f"out[{k}] = {writer.coefficient(variable, k)}" for k in range(order + 1)]
@@ -59,8 +58,7 @@ def test_the_series_of_each_operation_solves_its_equation(name):
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_the_normal_form_is_the_same_formula(name):
     f, y = FUNCTIONS[name], trace.variable("y")
-    normal = Normal({})
-    normal.known[y.number] = {((normal.series("var", index=0), 1),): ONE}
+    normal = Normal([y])
     again = kernel({y: "a[0]"}, normal.symbols(normal.of([f(y)]), [y]))
     for value in (-0.7, 0.4, 1.9):
         assert again(np.array([value]), np.zeros(1)) == pytest.approx(f(value), rel=1e-14)
@@ -110,7 +108,7 @@ def test_lanes_change_nothing_but_round_off_and_plain_python_agrees(name, monkey
 
 
 def test_equal_springs_and_both_directions_are_lanes_of_one_vector():
-    _, variables, rate = rates(tcbench.scenarios()["bound_equilibrium"].model)
+    variables, rate = rates(tcbench.scenarios()["bound_equilibrium"].model)
     packs = lanes.Packs(dict(enumerate(rate)), variables)
     widths = {}
     for x in lanes.reachable([*variables, *rate]):
@@ -171,8 +169,7 @@ def test_states_on_the_way_are_those_of_the_run_and_keep_the_laws():
 
 def test_what_has_no_series_or_is_too_large_is_refused_with_a_sentence():
     y = trace.variable("y")
-    normal = Normal({})
-    normal.known[y.number] = {((normal.series("var", index=0), 1),): ONE}
+    normal = Normal([y])
     with pytest.raises(TcbenchError, match="no series of the operation 'abs'"):
         normal.of([abs(y)])
     with pytest.raises(TcbenchError, match="40 elements are too many"):
