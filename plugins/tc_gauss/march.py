@@ -77,7 +77,7 @@ def halving_step(w: Work, h: float, z0: Floats, dz_total: Floats) -> int:
     done, part = 0.0, 1.0
     while done < 1.0:
         set_scale(w, z)
-        code = try_step(w, part * h, z, False, COARSEST, CONVERGED, part == 1.0)
+        code = try_step(w, part * h, z, False, COARSEST, CONVERGED)
         if code != SOLVED:
             part *= 0.5
             w.counts.halved += 1
@@ -166,7 +166,7 @@ def advance(
             if known:
                 extrapolate(w, step / last)
             w.budget[2] = spent + most - owed + worth * step
-            code = try_step(w, step, z, known, COARSEST + (step > roughest), residual, False)
+            code = try_step(w, step, z, known, COARSEST + (step > roughest), residual)
             owed += w.counts.iterations - spent
             spent = w.counts.iterations
             error, factor = 0.0, 0.0

@@ -314,13 +314,12 @@ def mend(w: Work, residual: float) -> bool:
     return True
 
 
-def try_step(w: Work, h: float, z: Floats, known: bool, coarsest: int, residual: float, whole: bool) -> int:
+def try_step(w: Work, h: float, z: Floats, known: bool, coarsest: int, residual: float) -> int:
     """One step of length h from z: dz; `start` and `end` are what the first kernel gives at z and z + dz.
 
     known: U is a guess. When the energy of a converged step is not kept to round-off, or mending would change more than
     the residual, the quadrature was too coarse for this step: finer ones follow, from `coarsest`, and then convergence,
-    before it is COARSE. A step to round-off has all quadratures; one of the length that was asked for (whole), which is
-    to be that of the method, has Newton, where the fixed point fails.
+    before it is COARSE. A step to round-off has Newton, where the fixed point fails, and all quadratures.
     """
     n, e = w.n, w.e
     careful = residual <= CONVERGED
@@ -340,7 +339,7 @@ def try_step(w: Work, h: float, z: Floats, known: bool, coarsest: int, residual:
     while True:
         w.seen[1] = level
         done = fixed_point(w, h, z, level, residual)
-        if done != SOLVED and whole and w.n_newton > 0:
+        if done != SOLVED and careful and w.n_newton > 0:
             guess(w)
             done = newton(w, h, z, level)
         if done != SOLVED:
