@@ -48,8 +48,6 @@ def set_step(flow: Flow, fraction: float) -> None:
 def pivoted_correction(flow: Flow) -> float:
     """Newton correction into d[:nx] through the dense Jacobian; returns the sign of its determinant."""
     n = flow.nx
-    if flow.ns > 0:
-        return sparse_iterate(flow)
     call(flow.full, flow.w, flow.x, flow.derivatives)
     for i in range(n):
         flow.d[i] = -flow.derivatives[i]
@@ -126,6 +124,25 @@ def polish(flow: Flow) -> float:
     return delta if abs(total) < np.inf else np.inf
 
 
+def newton_correction(flow: Flow) -> tuple[float, float]:
+    """Newton correction into d; returns the sign of its Jacobian's determinant, and its smallest pivot where old factors
+    can be used again (else 0). A small pivot needs pivoting."""
+    if flow.ns > 0:
+        return sparse_iterate(flow), 0.0
+    n, ne, d = flow.nx, flow.ne, flow.d
+    call(flow.iterate, flow.w, flow.x, d)
+    sign, smallest = 1.0, np.inf
+    for i in range(n + ne, 2 * n + ne):
+        pivot = d[i]
+        if pivot < 0.0:
+            sign = -sign
+        size = abs(pivot)
+        smallest = size if size < smallest else smallest
+    if smallest < SMALL_PIVOT:
+        sign = pivoted_correction(flow)
+    return sign, smallest
+
+
 @rare
 def newton(flow: Flow) -> tuple[int, int]:
     """Newton at fixed h from `x`, in place; returns (ACCEPTED or REJECTED, iterations), increments of the state in dz.
@@ -133,27 +150,13 @@ def newton(flow: Flow) -> tuple[int, int]:
     Corrections are measured by delta = max |d_i| * scale_i. Rejected at once: a value that is not finite, a
     non-positive temperature, a negative determinant (a root on the wrong side of a fold), delta that does not halve.
     """
-    w, x, d, scale = flow.w, flow.x, flow.d, flow.scale
+    x, d, scale = flow.x, flow.d, flow.scale
     n, ne, npos = flow.nx, flow.ne, flow.npos
     previous = np.inf
     small = 0
     for iteration in range(1, MAX_ITERATIONS + 1):
-        sign = 1.0
-        smallest = np.inf
-        if flow.ns > 0:
-            sign, smallest = sparse_iterate(flow), 0.0
-        else:
-            call(flow.iterate, w, x, d)
-            for i in range(n + ne, 2 * n + ne):
-                pivot = d[i]
-                if pivot < 0.0:
-                    sign = -sign
-                size = abs(pivot)
-                smallest = size if size < smallest else smallest
-            if smallest < SMALL_PIVOT:
-                sign = pivoted_correction(flow)
-        total = 0.0
-        delta = 0.0
+        sign, smallest = newton_correction(flow)
+        total, delta = 0.0, 0.0
         for i in range(n):
             total += d[i]
             x[i] += d[i]
@@ -223,7 +226,8 @@ def plain_newton(flow: Flow) -> tuple[int, int]:
     x, d, scale = flow.x, flow.d, flow.scale
     n = flow.nx
     for iteration in range(1, PLAIN_ITERATIONS + 1):
-        if pivoted_correction(flow) == 0.0:
+        sign, _ = newton_correction(flow)
+        if sign == 0.0:
             return REJECTED, iteration
         total, delta = 0.0, 0.0
         for i in range(n):
