@@ -180,7 +180,7 @@ def iteration(structure: tuple, k: int, level: int) -> str:
     """`step.rates` and `correct` with one of the quadratures, on vectors: LLVM code of kernel(a, b, out).
 
     a: as `Given` has it.  b: h, constants.  out: U, which is corrected in place, N and V, a row of WIDTH nodes for each
-    variable; then the scaled residual / h, NaN if a shape or temperature is not positive.
+    variable; then the square of the scaled residual / h, NaN if a shape or temperature is not positive.
     """
     known = formulas(structure)
     with trace.tracing(known.table):
@@ -243,7 +243,9 @@ def _iteration(system: Any, places: dict[Any, int], k: int, level: int) -> str:
     columns = [lanes.row(lanes.a, place.block.start + WIDTH * l) for l in range(k)]
     stiff = lanes.combine(columns, [lanes.lane(rho, l) for l in range(k)])
     step = [*change[:n], *(lanes.add(x, lanes.mul(y, stiff)) for x, y in zip(change[n:], u, strict=True))]
-    sizes = [lanes.first(k, lanes.mul(lanes.size(x), scale[i >= n])) for i, x in enumerate(change)]
+    scaled = [lanes.mul(x, scale[i >= n]) for i, x in enumerate(change)]
+    squares = [lanes.mul(x, x) for x in scaled]
+    sizes = [lanes.first(k, x) for x in (reduce(lanes.add, squares[:n]), *squares[n:])]
     for i in range(m):
         lanes.store(lanes.add(old[i], step[i]), WIDTH * i)
         lanes.store(new[i], WIDTH * (m + i))

@@ -30,17 +30,17 @@ def defect(w: Work, h: float, known: Floats, here: int) -> float:
     n, e = w.n, w.e
     decay = w.start[n + 2 * e + 2]
     first = n + 2 * e + 3
-    largest, stiff = 0.0, 0.0
+    force, stiff = 0.0, 0.0
     for i in range(n):
-        r = abs(w.sums[here + i] - known[i]) * w.scale[0]
-        largest = r if not r <= largest else largest
+        force += (w.sums[here + i] - known[i]) ** 2
+    largest = math.sqrt(force) * w.scale[0]
     if w.stiff[2] > 0.0:
         for i in range(e):
             w.defects[i] = w.sums[here + n + i] - known[n + i]
         conduction.damp(w, w.defects)
         for i in range(e):
             r = abs(w.defects[i])
-            largest = r if not r <= largest else largest
+            largest = r if r > largest or r != r else largest
         return largest
     for i in range(e):
         stiff += w.start[first + e + i] * (w.sums[here + n + i] - known[n + i])
@@ -48,7 +48,7 @@ def defect(w: Work, h: float, known: Floats, here: int) -> float:
     for i in range(e):
         part = w.start[first + i] * stiff
         r = abs(w.sums[here + n + i] - known[n + i] - part) + abs(part) / (1.0 - h * decay)
-        largest = r if not r <= largest else largest
+        largest = r if r > largest or r != r else largest
     return largest
 
 
@@ -59,11 +59,11 @@ def error_estimate(w: Work, h: float) -> float:
 
 
 def set_scale(w: Work, z: Floats) -> None:
-    """1/(1 + |p|) for forces, 1 for entropies."""
-    largest = 0.0
+    """Root mean squares of forces over 1 + that of momenta, which turn with the axes; entropies as they are."""
+    total = 0.0
     for i in range(w.n, 2 * w.n):
-        largest = max(largest, abs(z[i]))
-    w.scale[0], w.scale[1] = 1.0 / (1.0 + largest), 1.0
+        total += z[i] * z[i]
+    w.scale[0], w.scale[1] = 1.0 / (math.sqrt(w.n) + math.sqrt(total)), 1.0
 
 
 def halving_step(w: Work, h: float, z0: Floats, dz_total: Floats) -> int:
@@ -77,7 +77,7 @@ def halving_step(w: Work, h: float, z0: Floats, dz_total: Floats) -> int:
     done, part = 0.0, 1.0
     while done < 1.0:
         set_scale(w, z)
-        code = try_step(w, part * h, z, False, COARSEST, CONVERGED)
+        code = try_step(w, part * h, z, False, COARSEST, CONVERGED, part == 1.0)
         if code != SOLVED:
             part *= 0.5
             w.counts.halved += 1
@@ -166,7 +166,7 @@ def advance(
             if known:
                 extrapolate(w, step / last)
             w.budget[2] = spent + most - owed + worth * step
-            code = try_step(w, step, z, known, COARSEST + (step > roughest), residual)
+            code = try_step(w, step, z, known, COARSEST + (step > roughest), residual, False)
             owed += w.counts.iterations - spent
             spent = w.counts.iterations
             error, factor = 0.0, 0.0

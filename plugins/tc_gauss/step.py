@@ -24,6 +24,8 @@ be done, because hardly anything moves, the iteration goes on to round-off, and 
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from tcbench.compiler.language import Floats, call, copy_into, fill, rare
@@ -129,6 +131,18 @@ def stiff_block(w: Work, h: float) -> None:
             T[j, m] = total * inverse
 
 
+def square(w: Work, change: Floats) -> float:
+    """Of the scaled size of a change of the rates at a node, which does not depend on the axes; NaN stays."""
+    force, largest, total = 0.0, 0.0, 0.0
+    for i in range(w.n):
+        force += (change[i] * w.scale[0]) ** 2
+    for i in range(w.n, w.m):
+        r = (change[i] * w.scale[1]) ** 2
+        largest = max(largest, r)
+        total += r
+    return max(largest, force) + (total - total) + (force - force)
+
+
 def correct(w: Work, h: float) -> float:
     """U += N - U with the conduction solved for; returns the scaled residual."""
     k, n, e = w.k, w.n, w.e
@@ -136,17 +150,17 @@ def correct(w: Work, h: float) -> float:
         w.rho[j] = 0.0
         for i in range(e):
             w.rho[j] += w.v[i] * (w.N[n + i, j] - w.U[n + i, j])
-    size = 0.0
+    size, change = 0.0, w.FG
     for j in range(k):
         total = 0.0
         for l in range(k):
             total += w.columns[l, j] * w.rho[l]
         for i in range(n + e):
-            change = w.N[i, j] - w.U[i, j]
-            r = abs(change) * w.scale[0 if i < n else 1]
-            size = r if not r <= size else size
-            w.U[i, j] += change if i < n else change + w.u[i - n] * total
-    return h * size
+            change[i] = w.N[i, j] - w.U[i, j]
+            w.U[i, j] += change[i] if i < n else change[i] + w.u[i - n] * total
+        r = square(w, change)
+        size = r if r > size or r != r else size
+    return h * math.sqrt(size)
 
 
 def iterate(w: Work, h: float, z: Floats, level: int) -> float:
@@ -167,7 +181,7 @@ def iterate_simply(w: Work, h: float, z: Floats, level: int) -> float:
     kernel = w.to_iterate if level == 0 else w.to_iterate_finer if level == 1 else 0
     if kernel != 0:
         call(kernel, w.given, w.c, w.found)
-        return h * w.found[len(w.found) - 1]
+        return h * math.sqrt(w.found[len(w.found) - 1])
     return correct(w, h) if rates(w, h, z, level) == SOLVED else np.inf
 
 
@@ -230,11 +244,12 @@ def newton(w: Work, h: float, z: Floats, level: int) -> int:
         if solve_pivoted(w.J, w.rhs) == 0.0:
             return FAILED
         size = 0.0
-        for row in range(unknowns):
-            j, i = row // m, row % m
-            w.U[i, j] += w.rhs[row]
-            r = h * abs(w.rhs[row]) * (w.scale[0] if i < w.n else w.scale[1])
-            size = r if not r <= size else size
+        for j in range(w.k):
+            change = w.rhs[j * m : j * m + m]
+            for i in range(m):
+                w.U[i, j] += change[i]
+            r = h * math.sqrt(square(w, change))
+            size = r if r > size or r != r else size
         if not size < np.inf:
             return FAILED
         if size <= CONVERGED or (size <= STAGNATED and size > 0.5 * previous):
@@ -305,21 +320,24 @@ def mend(w: Work, residual: float) -> bool:
         return False
     inherited = abs(w.end[total] - w.start[total]) <= w.end[total + 1]
     limit = np.inf if inherited else MENDED * residual
+    moved = 0.0
     for i in range(n):
-        if not abs(w.mended[i]) * w.scale[0] <= limit:
-            return False
+        moved += w.mended[i] * w.mended[i]
+    if not math.sqrt(moved) * w.scale[0] <= limit:
+        return False
     for i in range(n):
         w.dz[n + i] += w.mended[i]
     w.end[total] = w.laws[size + 1]
     return True
 
 
-def try_step(w: Work, h: float, z: Floats, known: bool, coarsest: int, residual: float) -> int:
+def try_step(w: Work, h: float, z: Floats, known: bool, coarsest: int, residual: float, whole: bool) -> int:
     """One step of length h from z: dz; `start` and `end` are what the first kernel gives at z and z + dz.
 
     known: U is a guess. When the energy of a converged step is not kept to round-off, or mending would change more than
     the residual, the quadrature was too coarse for this step: finer ones follow, from `coarsest`, and then convergence,
-    before it is COARSE. A step to round-off has Newton, where the fixed point fails, and all quadratures.
+    before it is COARSE. A step to round-off has all quadratures; one of the length that was asked for (whole), which is
+    to be that of the method, has Newton, where the fixed point fails.
     """
     n, e = w.n, w.e
     careful = residual <= CONVERGED
@@ -339,7 +357,7 @@ def try_step(w: Work, h: float, z: Floats, known: bool, coarsest: int, residual:
     while True:
         w.seen[1] = level
         done = fixed_point(w, h, z, level, residual)
-        if done != SOLVED and careful and w.n_newton > 0:
+        if done != SOLVED and whole and w.n_newton > 0:
             guess(w)
             done = newton(w, h, z, level)
         if done != SOLVED:
