@@ -125,8 +125,10 @@ def polish(flow: Flow) -> float:
 
 
 def newton_correction(flow: Flow) -> tuple[float, float]:
-    """Newton correction into d; returns the sign of its Jacobian's determinant, and its smallest pivot where old factors
-    can be used again (else 0). A small pivot needs pivoting."""
+    """Newton correction into d; returns the sign of its Jacobian's determinant (0: none), and its smallest pivot (0: none).
+
+    Where that is small it comes from an elimination with pivoting, and polish() has no factors to use again.
+    """
     if flow.ns > 0:
         return sparse_iterate(flow), 0.0
     n, ne, d = flow.nx, flow.ne, flow.d
