@@ -125,7 +125,7 @@ def polish(flow: Flow) -> float:
 
 
 def newton_correction(flow: Flow) -> tuple[float, float]:
-    """Newton correction into d; returns the sign of its Jacobian's determinant (0: none), and its smallest pivot (0: none).
+    """Newton correction into d; returns the sign of its Jacobian's determinant and its smallest pivot, 0: none.
 
     Where that is small it comes from an elimination with pivoting, and polish() has no factors to use again.
     """
