@@ -1,4 +1,4 @@
-"""An explicit Taylor method of high order, mended to all laws after each step: where conduction is not stiff.
+"""An explicit Taylor method of high order, mended to all laws: where conduction is not stiff.
 
 tc_taylor chooses order and steps by its tolerance; tc_taylor[order=8] takes fixed steps. The series come from the
 traced formulas of the system by recurrences (Jorba and Zou 2005). Energy and momenta are mended to round-off, the

@@ -12,6 +12,7 @@ from tcbench.compiler.records import Record, sized
 # root of high order is a division; those of the root's 1 are taken so that it is right on average.
 ONE = (1023.0 - 0.043) * 2.0**52
 SHRINK, SHORTEST = 0.5, 1e-12  # of a step that ends in no admissible state; of a step, over the time
+SELDOM = 4  # steps from one mended state to the next, where none is asked for: mending takes a fifth of a step
 
 
 class Counts(Record, mutable=True):
@@ -42,6 +43,7 @@ class Work(Record):
     target: Floats = sized("n_target")  # a state, the energy and lowest entropy and invariants that it should have
     # The state that has them, its entropy, the least of what must be positive. When a step begins, the run is there.
     mended: Floats = sized("size + 2")
+    kept: Floats = sized("size + 2")  # the last of these that a step began from
 
 
 def begin(w: Work, z: Floats) -> None:
@@ -77,6 +79,13 @@ def mended_state(w: Work, h: float) -> bool:
     return good
 
 
+def state_as_it_is(w: Work, h: float) -> bool:
+    """The state after h, with what the series misses of the laws; what is not admissible shows when it is mended."""
+    w.length[0] = h
+    call(w.to_state, w.coefficients, w.length, w.mended)
+    return True
+
+
 def step_length(w: Work, tolerance: float) -> float:
     """So long that neither of the last two terms of the series is above the tolerance; to 3 %."""
     first, goal = (w.order + 1) * w.size, bits(tolerance * tolerance)
@@ -100,35 +109,48 @@ def advance(
 
     A step ends where its series does, not at output times: states on the way come from the series. It ends early where
     steps become too short (then the last is 0), and after `patience` of them in a row that were longer than `most`: so
-    they are where stiffness bounds them.
+    they are where stiffness bounds them. Between outputs only every fourth step ends in a mended state; from one that
+    ends in none the run goes back to the last, and mends each step.
     """
     h, fresh, long = 0.0, True, 0
+    since, often, begun = 0, 1, t  # steps since the last mended state, how many there may be, and when it was
     while row < len(times):
         if fresh:
             if long == patience:
                 return row, t, h
+            if since == 0:
+                copy_into(w.kept, w.mended)
+                begun = t
             call(w.to_series, w.mended, w.given, w.coefficients)
             h = step_length(w, tolerance)
-        if not h > SHORTEST * max(1.0, abs(t)):
-            go_to(w, w.coefficients)  # those of order 0 are the state at t
+        good = h > SHORTEST * max(1.0, abs(t))
+        if not good and since == 0:
+            go_to(w, w.kept)
             return row, t, 0.0
-        lowest, here, good = w.target[w.size + 1], row, True
+        lowest, here, mended = w.target[w.size + 1], row, True
         while good and here < len(times) and times[here] <= t + h:
             good = mended_state(w, times[here] - t)
             call(w.to_entropies, w.mended, w.given, states[here])
             here += 1
         if good and here < len(times):
-            good = mended_state(w, h)
-        fresh = good
-        if not good:
-            w.counts.rejected += 1
-            w.target[w.size + 1] = lowest
-            h *= SHRINK
+            mended = since + 1 >= often or (h > most and long + 1 == patience)
+            good = mended_state(w, h) if mended else state_as_it_is(w, h)
+        fresh = good or since > 0
+        if good:
+            w.counts.steps += 1
+            row = here
+            t += h
+            long = long + 1 if h > most else 0
+            since = 0 if mended else since + 1
+            often = min(2 * often, SELDOM) if mended else often
             continue
-        w.counts.steps += 1
-        row = here
-        t += h
-        long = long + 1 if h > most else 0
+        w.counts.rejected += 1
+        w.target[w.size + 1] = lowest
+        if since > 0:
+            go_to(w, w.kept)
+            t, long, since, often = begun, 0, 0, 1
+        else:
+            h *= SHRINK
     return row, t, h
 
 

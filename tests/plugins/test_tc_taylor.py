@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from random_laws import assert_laws
 from states import admissible_states
-from tcbench_plugins.tc_taylor import lanes
+from tcbench_plugins.tc_taylor import lanes, march
 from tcbench_plugins.tc_taylor.march import step_length
 from tcbench_plugins.tc_taylor.method import TaylorMethod, kernels
 from tcbench_plugins.tc_taylor.recurrences import Writer, series_kernels, written
@@ -183,3 +183,37 @@ def test_a_step_is_so_long_that_its_last_two_terms_are_of_the_tolerance(toleranc
     length = step_length(method.work, tolerance)
     exact = min((tolerance / before) ** (1 / 7), (tolerance / last) ** (1 / 8))
     assert abs(length / exact - 1) < 0.04
+
+
+@pytest.mark.parametrize(("what", "bad", "call"), [("mended_state", False, 3), ("step_length", 0.0, 6)])
+def test_from_a_state_that_is_not_admissible_the_run_goes_back_to_the_last_mended_one(monkeypatch, what, bad, call):
+    """Steps 1, 3 and 7 end in mended states. What fails at the third, or where step 6 begins, is begun again at 3."""
+    scenario, times = tcbench.scenarios()["bound_equilibrium"], np.array([0.0, 1.0])
+    exact, cost = TaylorMethod(scenario.model, 10).adaptive(scenario.z0, times, 1e-9)
+    method, states, seen, right = TaylorMethod(scenario.model, 10), np.empty((2, 10)), [], getattr(march, what)
+
+    def failing(work, *arguments):
+        seen.append(work.mended[:10].copy())
+        result = right(work, *arguments)
+        return bad if len(seen) == call else result
+
+    monkeypatch.setattr(march, what, failing)
+    assert march.adaptive_steps(method.work, scenario.z0, times, 1e-9, states) == 2  # in plain Python
+    again = method.cost()
+    assert again["rejected"] == 1 and again["steps"] >= cost["steps"] + 2
+    assert np.abs(states - exact).max() < 1e-8
+    assert abs(scenario.model.energy(states[1]) - scenario.model.energy(scenario.z0)) <= 1e-13 * scenario.initial_exergy
+    if what == "step_length":
+        assert np.array_equal(seen[call], seen[3])  # the series after it begins where the fourth did
+
+
+def test_a_run_that_ends_early_ends_in_a_mended_state():
+    """tc_auto goes on from there."""
+    scenario, states = tcbench.scenarios()["bound_equilibrium"], np.empty((2, 10))
+    for patience in range(1, 9):
+        method = TaylorMethod(scenario.model, 10)
+        method.loops.begin(method.work, scenario.z0)
+        march.advance(method.work, np.array([0.0, 5.0]), 1e-3, states, 1, 0.0, 0.0, patience)
+        z = scenario.model.entropy_variables(method.work.mended[:10])
+        assert abs(scenario.model.energy(z) - scenario.model.energy(scenario.z0)) <= 1e-13 * scenario.initial_exergy
+        assert method.cost()["steps"] == patience
