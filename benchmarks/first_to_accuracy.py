@@ -28,7 +28,7 @@ TARGETS = (1e-3, 1e-6, 1e-9)
 TOLERANCES = [10.0**k for k in range(-1, -15, -1)]
 REPEATS, LONG_S = 20, 0.05  # runs of a rung, but one of those that take long; after a far longer one no finer rung
 FAR_LONGER_S = 0.25
-LIKELY = 3  # rungs of a target that are timed again: which is the fastest is seen only then
+LIKELY, CLOSE = 3, 10.0  # rungs of a target that are timed again: so many of a method, within so many times the fastest
 ROUNDS, WARM = 20, 4  # each has the fastest of so many runs: the first finds another method's data in the cache
 TABLE_S = 2.0  # of rounds for a row of a table: longer than a processor stays at one speed
 
@@ -105,13 +105,21 @@ def times_to(
                 break
         within = [[(took, tolerance) for error, took, tolerance in rungs if error <= target] for target in TARGETS]
         chosen[name] = [[x for _, x in sorted(found)[:LIKELY]] for found in within]
-    again = {(name, x) for name, found in chosen.items() for likely in found for x in likely}
+    fastest = [
+        min((times[name, x[i][0]][0] for name, x in chosen.items() if x[i]), default=0.0) for i in range(len(TARGETS))
+    ]
+    again = {
+        (name, x)
+        for name, found in chosen.items()
+        for likely, best in zip(found, fastest, strict=True)
+        for x in likely
+        if times[name, x][0] <= CLOSE * best
+    }
     rounds, begin = 0, time.perf_counter()
     while rounds < ROUNDS or time.perf_counter() - begin < least_s:
         rounds += 1
         for name, tolerance in again:
-            if times[name, tolerance][0] <= LONG_S:
-                times[name, tolerance].append(seconds_of(name, tolerance, WARM))
+            times[name, tolerance].append(seconds_of(name, tolerance, WARM))
     return {
         name: [np.nan if np.isnan(target) else min((float(np.median(times[name, x])) for x in likely), default=np.inf)
                for likely, target in zip(found, targets, strict=True)]

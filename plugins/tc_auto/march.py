@@ -17,8 +17,8 @@ STABLE, STABLE_OF_ORDER = 2.0, 0.3  # those of order p that conduction bounds: a
 STIFF = 0.7  # of these: from here on conduction bounds a step
 PATIENCE, MORE = 8, 10  # stiff steps in a row before the other method is tried, and so many times as many each time
 LONGER = 4.0  # the first implicit step, over the last explicit one
-COST, COST_OF_ORDER = 0.4, 0.075  # an explicit step of order p takes the time of so many iterations, and of so many p
-OWED = 4.0  # iterations that the implicit method may take beyond what explicit steps would, before it is left
+COST, COST_OF_ORDER = 0.33, 0.062  # an explicit step of order p takes the time of so many iterations, and of so many p
+OWED = 3.0  # iterations that the implicit method may take beyond what explicit steps would, before it is left
 
 
 def steps(
