@@ -6,7 +6,7 @@ import math
 
 from tcbench.compiler.language import Floats, Matrix, call, copy_into, fill
 from tcbench.compiler.library import Library
-from tcbench.solver.linear_algebra import add_compensated
+from tcbench.solver.linear_algebra import add_compensated, dot
 
 from . import conduction
 from .memory import Work
@@ -60,10 +60,8 @@ def error_estimate(w: Work, h: float) -> float:
 
 def set_scale(w: Work, z: Floats) -> None:
     """Root mean squares of forces over 1 + that of momenta, which turn with the axes; entropies as they are."""
-    total = 0.0
-    for i in range(w.n, 2 * w.n):
-        total += z[i] * z[i]
-    w.scale[0], w.scale[1] = 1.0 / (math.sqrt(w.n) + math.sqrt(total)), 1.0
+    p = z[w.n : 2 * w.n]
+    w.scale[0], w.scale[1] = 1.0 / (math.sqrt(w.n) + math.sqrt(dot(p, p))), 1.0
 
 
 def halving_step(w: Work, h: float, z0: Floats, dz_total: Floats) -> int:

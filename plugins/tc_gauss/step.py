@@ -29,7 +29,7 @@ import math
 import numpy as np
 
 from tcbench.compiler.language import Floats, call, copy_into, fill, rare
-from tcbench.solver.linear_algebra import solve_pivoted
+from tcbench.solver.linear_algebra import dot, solve_pivoted
 
 from . import conduction
 from .formulas import ON_VECTORS, POINTS
@@ -133,14 +133,12 @@ def stiff_block(w: Work, h: float) -> None:
 
 def square(w: Work, change: Floats) -> float:
     """Of the scaled size of a change of the rates at a node, which does not depend on the axes; NaN stays."""
-    force, largest, total = 0.0, 0.0, 0.0
-    for i in range(w.n):
-        force += (change[i] * w.scale[0]) ** 2
+    force = change[: w.n]
+    largest = dot(force, force) * w.scale[0] * w.scale[0]
     for i in range(w.n, w.m):
         r = (change[i] * w.scale[1]) ** 2
-        largest = max(largest, r)
-        total += r
-    return max(largest, force) + (total - total) + (force - force)
+        largest = r if r > largest or r != r else largest
+    return largest
 
 
 def correct(w: Work, h: float) -> float:
@@ -320,13 +318,11 @@ def mend(w: Work, residual: float) -> bool:
         return False
     inherited = abs(w.end[total] - w.start[total]) <= w.end[total + 1]
     limit = np.inf if inherited else MENDED * residual
-    moved = 0.0
-    for i in range(n):
-        moved += w.mended[i] * w.mended[i]
-    if not math.sqrt(moved) * w.scale[0] <= limit:
+    moved = w.mended[:n]
+    if not math.sqrt(dot(moved, moved)) * w.scale[0] <= limit:
         return False
     for i in range(n):
-        w.dz[n + i] += w.mended[i]
+        w.dz[n + i] += moved[i]
     w.end[total] = w.laws[size + 1]
     return True
 

@@ -55,13 +55,8 @@ def begin(w: Work, z: Floats) -> None:
 def start_from(w: Work, z: Floats) -> None:
     """At z: with its energy, entropy and invariants as those to be kept."""
     call(w.to_start, z, w.given, w.target)
-    go_to(w, w.target)
-
-
-def go_to(w: Work, state: Floats) -> None:
-    """On from (q, p, theta), which is the first part of `state`."""
     for i in range(w.size):
-        w.mended[i] = state[i]
+        w.mended[i] = w.target[i]
 
 
 def mended_state(w: Work, h: float) -> bool:
@@ -77,13 +72,6 @@ def mended_state(w: Work, h: float) -> bool:
     if good:
         w.target[size + 1] = max(w.mended[size], w.target[size + 1])
     return good
-
-
-def state_as_it_is(w: Work, h: float) -> bool:
-    """The state after h, with what the series misses of the laws; what is not admissible shows when it is mended."""
-    w.length[0] = h
-    call(w.to_state, w.coefficients, w.length, w.mended)
-    return True
 
 
 def step_length(w: Work, tolerance: float) -> float:
@@ -125,7 +113,7 @@ def advance(
             h = step_length(w, tolerance)
         good = h > SHORTEST * max(1.0, abs(t))
         if not good and since == 0:
-            go_to(w, w.kept)
+            copy_into(w.mended, w.kept)
             return row, t, 0.0
         lowest, here, mended = w.target[w.size + 1], row, True
         while good and here < len(times) and times[here] <= t + h:
@@ -134,7 +122,11 @@ def advance(
             here += 1
         if good and here < len(times):
             mended = since + 1 >= often or (h > most and long + 1 == patience)
-            good = mended_state(w, h) if mended else state_as_it_is(w, h)
+            if mended:
+                good = mended_state(w, h)
+            else:  # whether it is admissible shows when a later one is mended
+                w.length[0] = h
+                call(w.to_state, w.coefficients, w.length, w.mended)
         fresh = good or since > 0
         if good:
             w.counts.steps += 1
@@ -147,7 +139,7 @@ def advance(
         w.counts.rejected += 1
         w.target[w.size + 1] = lowest
         if since > 0:
-            go_to(w, w.kept)
+            copy_into(w.mended, w.kept)
             t, long, since, often = begun, 0, 0, 1
         else:
             h *= SHRINK

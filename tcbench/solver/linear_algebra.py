@@ -5,6 +5,13 @@ from __future__ import annotations
 from ..compiler.language import Floats, Matrix, copy_into
 
 
+def dot(x: Floats, y: Floats) -> float:
+    total = 0.0
+    for i in range(len(x)):
+        total += x[i] * y[i]
+    return total
+
+
 def solve_pivoted(A: Matrix, b: Floats) -> float:
     """Solve A y = b in place of b with partial pivoting; returns the sign of det A (0 if singular)."""
     n = len(b)

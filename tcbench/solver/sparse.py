@@ -10,6 +10,7 @@ import numpy as np
 
 from ..compiler.language import Floats, Matrix, call, copy_into, fill, rare
 from .flow import Flow
+from .linear_algebra import dot
 
 KRYLOV_STEPS = 30  # of BiCGStab, after which the matrix is factorised
 LEAST_PIVOT = 1e-2  # of the incomplete factors, over the row's largest entry: below it they are not trusted
@@ -74,14 +75,6 @@ def multiply(flow: Flow, entries: int, x: Floats, found: Floats) -> None:
         for k in range(first[i], first[i + 1]):
             total += derivatives[entries + k] * x[columns[k]]
         found[i] = total
-
-
-@rare
-def dot(x: Floats, y: Floats) -> float:
-    total = 0.0
-    for i in range(len(x)):
-        total += x[i] * y[i]
-    return total
 
 
 @rare

@@ -85,9 +85,8 @@ def test_what_mending_does_and_what_happens_where_it_cannot():
     assert energy <= 1e-12 and momentum <= 1e-12 and entropy >= -1e-13
     assert more > 1.5 * iterations
     method, _kept = without_mending(scenario.model, 0.0)  # what is missed is missed
-    energy, momentum, entropy, _ = run(method, scenario)
-    # steps are solved to a hundredth of the tolerance, and miss less where an iteration does more than it must
-    assert energy > 1e-7 and momentum > 1e-7 and entropy >= -1e-13
+    energy, momentum, entropy, _ = run(method, scenario, 3e-2)
+    assert energy > 1e-6 and momentum > 1e-6 and entropy >= -1e-13
 
 
 class Squared(Pendulum):
@@ -139,7 +138,7 @@ def test_long_steps_of_stiff_conduction_converge_without_newton():
     z = tcbench.simulate("tc_gauss", scenario, t_end=10.0, dt=0.1).z[-1]
     method = GaussMethod(scenario.model, 3)
     method.march(z, 1.0, 10)  # 1200 times the decay time of the conduction
-    assert method.counts.newtons == 0
+    assert method.counts.halved == method.counts.newtons == 0
 
 
 def test_what_is_much_to_mend_asks_for_a_finer_quadrature():
