@@ -20,7 +20,19 @@ class TraceError(TcbenchError):
 
 
 class MachineError(TcbenchError):
-    """A full disk, a folder that cannot be written: not the method's fault, so that its cell is to be run again."""
+    """A full disk, a folder that cannot be written, a package that is absent: not the method's fault, so that its cell
+    is to be run again."""
+
+
+def leave_to_the_machine(error: Exception) -> None:
+    """Raise what is no method's fault, for whoever catches a method's exceptions; return where the error is one.
+
+    Memory, disks, and modules that are absent: another day the cell ends otherwise.
+    """
+    if isinstance(error, MachineError | MemoryError):
+        raise error
+    if isinstance(error, ImportError | OSError):
+        raise MachineError(f"{type(error).__name__}: {error}") from error
 
 
 class ChangedError(TcbenchError):

@@ -254,6 +254,7 @@ def not_loaded() -> list[str]:
 def load(folders: Iterable[Path] = ()) -> Registry:
     """A fresh registry from the entry points of group "tcbench" and from plugin files."""
     forget_helpers()
+    _member.cache_clear()
     manager = pluggy.PluginManager(hookspecs.PROJECT)
     manager.add_hookspecs(hookspecs)
     result = Registry()
@@ -271,17 +272,18 @@ def load(folders: Iterable[Path] = ()) -> Registry:
 
 def _register(manager: pluggy.PluginManager, result: Registry, origin: Origin, importer: Any) -> None:
     _LOADING.append(origin.path or origin.name)
+    label = _unique(origin, result)
     try:
         module = importer()
-        manager.register(module, name=origin.name if origin.name not in result.origins else origin.path)
+        manager.register(module, name=label)
         manager.check_pending()
-        result.origins[_unique(origin, result)] = replace(origin, path=origin.path or getattr(module, "__file__", ""))
+        result.origins[label] = replace(origin, path=origin.path or getattr(module, "__file__", ""))
     except BaseException as error:  # SystemExit of a plugin is that plugin's failure too
         if isinstance(error, KeyboardInterrupt):
             raise
         if isinstance(error, pluggy.PluginValidationError):
             manager.unregister(error.plugin)
-        result.origins[_unique(origin, result)] = replace(origin, **_told(error, origin.path))
+        result.origins[label] = replace(origin, **_told(error, origin.path))
     finally:
         _LOADING.pop()
 
@@ -301,7 +303,10 @@ def _told(error: BaseException, path: str) -> dict[str, str]:
 
 
 def _unique(origin: Origin, result: Registry) -> str:
-    return origin.name if origin.name not in result.origins else f"{origin.name} ({origin.path})"
+    """A label that no other plugin has: two folders may each have a mine.py, or one a file called as a built-in one."""
+    path = Path(origin.path)
+    labels = (origin.name, f"{path.parent.name}/{origin.name}", origin.path or f"{origin.distribution} {origin.name}")
+    return next(label for label in labels if label not in result.origins or label == labels[-1])
 
 
 def _collect(manager: pluggy.PluginManager, result: Registry) -> None:
@@ -353,8 +358,7 @@ def _collect(manager: pluggy.PluginManager, result: Registry) -> None:
 
 def _break(result: Registry, label: str, error: BaseException) -> None:
     """Note the error under way as that of the plugin."""
-    key = label if label in result.origins else next(k for k in result.origins if label in k)
-    result.origins[key] = replace(result.origins[key], **_told(error, result.origins[key].path))
+    result.origins[label] = replace(result.origins[label], **_told(error, result.origins[label].path))
 
 
 def _checked(items: Any, kind: type | UnionType, hook_name: str) -> list[Any]:

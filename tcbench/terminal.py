@@ -260,4 +260,5 @@ class Display:
         )
         if summary.interrupted:
             say(f"Interrupted with {summary.left} cells left; the same command resumes.")
-        say(f"Tables: {results.output}/tables/ (CSV and Parquet). To see them: tcbench show {results.output}")
+        if results.every:
+            say(f"Tables: {results.output}/tables/ (CSV and Parquet). To see them: tcbench show {results.output}")

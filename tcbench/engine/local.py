@@ -2,7 +2,7 @@
 
 Ordinary cells run side by side on `jobs` workers. Timed cells run afterwards, one at a time, in one warm
 worker and in an order shuffled by a seeded generator, while no other worker exists; their rows say so
-(`alone`, `shuffle_order`, `shuffle_seed`). The parent is the only writer: it appends each row, fsynced, as it
+(`timed`, `shuffle_order`, `shuffle_seed`). The parent is the only writer: it appends each row, fsynced, as it
 comes, so nothing finished is ever lost.
 
 What becomes of a misbehaving cell (all others are unaffected):
@@ -43,6 +43,7 @@ from .fingerprint import method_mark
 from .worker_slot import Crew, Slot
 
 TICK_S = 0.05  # how often deadlines are looked at
+STOPPED_S = 2.0  # between two looks: this process was stopped, and with it perhaps the workers
 
 
 @dataclass(frozen=True)
@@ -167,8 +168,7 @@ def run_cells(
     alone = [cell for cell in todo.to_run if cell.timed]
     random.Random(seed).shuffle(alone)
     one_by_one = [
-        (cell, {"timed": True, "alone": True, "shuffle_order": order, "shuffle_seed": seed})
-        for order, cell in enumerate(alone)
+        (cell, {"timed": True, "shuffle_order": order, "shuffle_seed": seed}) for order, cell in enumerate(alone)
     ]
     sources = context.get("integrator_sources", {})
     with _log_folder() as logs:
@@ -277,8 +277,10 @@ class _Run:
                     candidates = [woken.get(timeout=TICK_S)]
                 except queue.Empty:
                     candidates = slots
-                if time.monotonic() - last_look > TICK_S:
+                if (since := time.monotonic() - last_look) > TICK_S:
                     candidates, last_look = slots, time.monotonic()
+                    for slot in slots if since > STOPPED_S else ():
+                        slot.was_stopped(since)
                 for slot in candidates:
                     cell = slot.cell
                     row = slot.check()

@@ -25,7 +25,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from ..errors import MachineError
+from ..errors import ChangedError, MachineError
 from ..store.encoding import encode_values
 
 DIED = "Fatal Python error"  # what faulthandler writes first
@@ -40,6 +40,7 @@ ONE_THREAD = (
     "NUMEXPR_NUM_THREADS",
 )
 
+NOT_FINAL = (OSError, ImportError, MemoryError, MachineError, ChangedError)  # another day they are not raised
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EMFILE, errno.ENFILE)  # no cell's fault
 _settings: dict[str, Any] = {}
 
@@ -49,6 +50,7 @@ def start(settings: dict[str, Any]) -> None:
     _settings.update(settings)
     for name in ONE_THREAD:
         os.environ.setdefault(name, "1")
+    _lead_a_group()
     # pebble installs a Python handler, which a hang inside C code never reaches
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     _die_with_parent()
@@ -136,6 +138,7 @@ def exception_row(error: BaseException) -> dict[str, Any]:
     disk = isinstance(error, OSError) and error.errno in FULL
     return {
         "status": "exception",
+        **({"of_the_machine": True} if isinstance(error, NOT_FINAL) else {}),
         "failure": f"{name}: {first}" if first else name,
         "exception_type": MachineError.__name__ if disk else name,
         "exception_message": short,
@@ -217,6 +220,40 @@ def _utf8_text(descriptor: int) -> io.TextIOWrapper:
     return io.TextIOWrapper(io.BufferedWriter(raw), encoding="utf-8", errors="backslashreplace", line_buffering=True)
 
 
+def _lead_a_group() -> None:
+    """What a cell starts ends with its worker: all in one process group; on Linux what leaves it stays a descendant."""
+    if hasattr(os, "setpgid"):
+        with contextlib.suppress(OSError):  # it leads one already
+            os.setpgid(0, 0)
+    if sys.platform == "linux":
+        with contextlib.suppress(Exception):
+            ctypes.CDLL(None).prctl(36, 1, 0, 0, 0)  # 36 = PR_SET_CHILD_SUBREAPER
+
+
+def kill_with_all(worker: int) -> None:
+    """Kill a worker and every process that its cells have started (those that left its group: on Linux only)."""
+    if not hasattr(os, "killpg"):  # pragma: no cover -- Windows
+        return
+    for pid in (*_descendants(worker), worker):
+        with contextlib.suppress(OSError):
+            os.kill(pid, signal.SIGKILL)
+    with contextlib.suppress(OSError):  # none of that group is left, or it does not lead one yet
+        os.killpg(worker, signal.SIGKILL)
+
+
+def _descendants(ancestor: int) -> set[int]:
+    """Children of a process, and theirs, from /proc."""
+    parents: dict[int, int] = {}
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError, ValueError, IndexError):
+            parents[int(stat.parent.name)] = int(stat.read_text(errors="replace").rpartition(")")[2].split()[1])
+    found: set[int] = set()
+    newer = {ancestor}
+    while newer := {pid for pid, parent in parents.items() if parent in newer} - found:
+        found |= newer
+    return found
+
+
 def _die_with_parent() -> None:
     """A killed parent must not leave workers behind, least of all one that hangs."""
     if sys.platform == "linux":  # also reaches a worker that is stuck in C code
@@ -227,6 +264,8 @@ def _die_with_parent() -> None:
 
         def follow() -> None:
             parent.join()
+            if hasattr(os, "killpg"):
+                os.killpg(0, signal.SIGKILL)
             os._exit(1)
 
         threading.Thread(target=follow, name="tcbench-parent-watch", daemon=True).start()

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..store.cells import Cell
 from ..store.encoding import restore_nonfinite
-from .worker import cut, exception_row, ping, read_tail, run_cell, start, tail, warm_up
+from .worker import cut, exception_row, kill_with_all, ping, read_tail, run_cell, start, tail, warm_up
 
 if TYPE_CHECKING:
     from pebble import ProcessFuture, ProcessPool
@@ -192,12 +192,20 @@ class Slot:
         self._cap_output()
         return self._overdue(now)
 
+    def was_stopped(self, seconds: float) -> None:
+        """This process did not run for so long (a laptop's sleep, SIGSTOP): that is not counted as the cell's time."""
+        self._began = self._began and self._began + seconds
+        self._opened, self._sent = self._opened + seconds, self._sent + seconds
+
     def discard(self) -> None:
-        """Kill the worker, whatever it is doing."""
+        """Kill the worker, whatever it is doing, and what its cells have started."""
         pool, self._pool, self._future, self._warm, self._ping = self._pool, None, None, None, None
         if pool is None:
             return
         self._served = 0
+        for worker in self._context.started:
+            if worker.pid:
+                kill_with_all(worker.pid)
         pool.stop()
         threading.Thread(target=_join, args=(pool,), name="tcbench-reaper", daemon=True).start()
         self._crew.discarded.append(self._context.started)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..compiler.library import evaluate
-from ..errors import MachineError
+from ..errors import leave_to_the_machine
 from ..integrator import Integrator
 from ..solver.implicit_step import Rules
 from ..systems.scenario import Scenario
@@ -41,9 +41,8 @@ def run_step(integrator: Integrator, scenario: Scenario, dt: float, steps: int, 
     while done < steps and reason == OK and not failure:
         try:
             states = _next_states(integrator, model, z, carry, dt, min(count, steps - done), past)
-        except MachineError:
-            raise
         except Exception as error:  # a plugin may raise anything: that is a row, not a crash
+            leave_to_the_machine(error)
             failure = exception_sentence(error, done + 1, (done + 1) * dt)
             break
         reason, done = monitor.add(done + 1, states)
@@ -155,9 +154,8 @@ def _solve(integrator: Integrator, scenario: Scenario, t: np.ndarray, tolerance:
             result = integrator.adaptive(model, z0, t, tolerance, tolerance)
             states, counts = result if isinstance(result, tuple) else (result, {})
             states = _as_states(states, (len(t), model.size))
-    except MachineError:
-        raise
     except Exception as error:
+        leave_to_the_machine(error)
         states, failure = np.empty((0, model.size)), exception_sentence(error, 1, 0.0)
     wall = time.perf_counter() - begin
     return Solved(states, {name: int(value) for name, value in counts.items()}, failure, wall)

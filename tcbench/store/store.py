@@ -40,7 +40,10 @@ UNFINISHED_ERRORS = frozenset({"MemoryError", "ChangedError", "MachineError"})
 
 
 def is_finished(row: Mapping[str, Any]) -> bool:
-    """Whether the row is final: any but crash, timeout, exhausted memory or disk, and code that is not as it was."""
+    """Whether the row is final: any but crash, timeout, exhausted memory or disk, a package or file that is absent, and
+    code that is not as it was."""
+    if row.get("of_the_machine"):
+        return False
     return row.get("status") not in UNFINISHED_STATUSES and row.get("exception_type") not in UNFINISHED_ERRORS
 
 
@@ -301,7 +304,10 @@ class Store(Rows):
                 line = decode_line(piece)
             except (ValueError, TypeError, KeyError, IndexError, AttributeError, RecursionError):
                 torn = number == len(pieces)
-                what = "is incomplete (its writer was killed)" if torn else "is damaged"
+                what = "is damaged"
+                if torn:  # whoever holds the lock knows that nobody else is writing
+                    alive = "" if self._lock else "it is being written, or "
+                    what = f"is incomplete ({alive}its writer was killed)"
                 self.problems.append(f"{path}, line {number}: {what}; skipped. Its cell will run again.")
                 continue
             self._lines.pop(line["key"], None)

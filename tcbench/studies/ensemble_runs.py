@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ..errors import leave_to_the_machine
 from ..integrator import Integrator
 from ..simulation import metrics
 from ..simulation.run import simulate
@@ -25,7 +26,7 @@ RUNGS = 16
 MOST_REPEATS = 5
 PARTS = (1 / 64, 1 / 8)  # of the horizon: an adaptive run whose part takes long is not made
 KEPT = 1e-9  # relative error up to which a conserved quantity counts as kept, as in the summary of a run
-KINDS = ("ok", "solver", "branch", "physical", "law", "exception", "too slow")
+KINDS = ("ok", "solver", "branch", "physical", "law", "exception", "too slow")  # rows have places in it: add at the end
 
 
 def shares(integrator: Integrator, scenarios: Sequence[Scenario], steps: Sequence[float]) -> list[Row]:
@@ -179,6 +180,7 @@ def run_once(integrator: Integrator, scenario: Scenario, value: float) -> Row:
     try:
         found = integrator.adaptive(model, z0, ends, value, value)
     except Exception as error:  # a solver that gives up is a point of the picture
+        leave_to_the_machine(error)
         elapsed = time.perf_counter() - begin
         return _rung(scenario, "exception", f"{type(error).__name__}: {error}"[:200], elapsed, None)
     elapsed = time.perf_counter() - begin

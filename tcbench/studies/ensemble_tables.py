@@ -21,9 +21,10 @@ TARGETS = (("state", 1e-3), ("state", 1e-6), ("state", 1e-9), ("energy", 1e-12))
 MEASURES = {"state": "error", "energy": "energy_error"}
 TAUS = tuple(float(f"{x:.4g}") for x in np.geomspace(1.0, 100.0, 33))
 MIDDLE = 1e-6  # the target whose references an error of the state is measured with
+LOST = "lost"  # with its block, which timed out or crashed
 FAILED = KINDS[1:6]  # a run that is too slow is not made: it has not failed
 SHARE_COLUMNS = (
-    "ensemble", "integrator", "dt", "tolerance", "runs", "failed", "share", "low", "high", *FAILED, "too slow",
+    "ensemble", "integrator", "dt", "tolerance", "runs", "failed", "share", "low", "high", *FAILED, LOST, "too slow",
     "example", "first_seed",
 )  # fmt: skip
 
@@ -71,13 +72,14 @@ def stepped_runs(records: Sequence[Row]) -> list[Row]:
         if record["part"] != "shares":
             continue
         seeds = range(*record["seeds"])
-        lost = {"kinds": [KINDS.index("exception")] * len(seeds), "laws": {}, "broken": {}, "sentences": {}}
+        gone = LOST if record.get("status") in ("timeout", "crash") else "exception"
+        lost: Row = {"kinds": [], "laws": {}, "broken": {}, "sentences": {}}
         rows = record.get("rows") or [lost | {"dt": dt} for dt in record["dt"]]
         for row in rows:
             for i, seed in enumerate(seeds):
                 found.append({
                     "integrator": record["integrator"], "claims": record.get("claims", ()), "control": "dt",
-                    "value": row["dt"], "seed": seed, "kind": KINDS[row["kinds"][i]],
+                    "value": row["dt"], "seed": seed, "kind": KINDS[row["kinds"][i]] if row["kinds"] else gone,
                     "sentence": row["sentences"].get(str(i), record.get("failure", "")),
                     "laws": {name: values[i] for name, values in row["laws"].items()},
                     "broken": {name: values[i] for name, values in row["broken"].items()},
@@ -111,7 +113,7 @@ def share_rows(runs: Sequence[Row]) -> list[Row]:
         rows.append(
             {"integrator": name, control: value, "runs": len(made), "failed": len(failed)}
             | {"share": len(failed) / len(made) if made else math.nan, "low": low, "high": high}
-            | {kind: sum(run["kind"] == kind for run in failed) for kind in FAILED}
+            | {kind: sum(run["kind"] == kind for run in failed) for kind in (*FAILED, LOST)}
             | {"too slow": len(group) - len(made)}
             | {"example": f"seed {first['seed']}: {first['sentence']}" if first else ""}
         )

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import plugins
-from ..errors import TcbenchError
+from ..errors import TcbenchError, leave_to_the_machine
 from ..integrator import Integrator
 from ..systems.scenario import Scenario
 
@@ -94,7 +94,8 @@ def run(method: Integrator, scenario: Scenario, z0: Floats, tolerance: float) ->
     try:
         ends = np.array([0.0, scenario.t_end])
         found = method.adaptive(scenario.model, np.array(z0), ends, tolerance, tolerance)
-    except Exception:  # a reference that cannot be had is a scenario that is left out
+    except Exception as error:  # a reference that cannot be had is a scenario that is left out
+        leave_to_the_machine(error)
         return np.full(len(z0), np.nan)
     states = found[0] if isinstance(found, tuple) else found
     return np.asarray(states[-1], dtype=float)

@@ -16,7 +16,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from ..errors import MachineError
+from ..errors import leave_to_the_machine
 from .base import Row, Study
 from .cost import TARGETS, cost_rows, reached_error, time_to_accuracy
 
@@ -193,9 +193,8 @@ def _adaptive(
         begin = time.perf_counter()
         try:
             found = integrator.adaptive(model, z0.copy(), ends, tolerance, tolerance)  # type: ignore[misc]
-        except MachineError:
-            raise
         except Exception as error:  # a solver that gives up is a point of the chart
+            leave_to_the_machine(error)
             return seen | {"status": "exception", "failure": f"{type(error).__name__}: {error}"[:300]}, 0.0
         elapsed = time.perf_counter() - begin
         states, counts = found if isinstance(found, tuple) else (found, {})

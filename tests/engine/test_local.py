@@ -9,6 +9,7 @@ import random
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -158,13 +159,13 @@ def test_timed_cells_run_alone_after_the_rest_in_one_worker_in_shuffled_order():
     assert len({row["pid"] for row in fresh.rows().values()}) == 3  # of a study that asks for it, in one each
     order = [rows[cell.key]["shuffle_order"] for cell in timed]
     assert sorted(order) == list(range(6)) and order != sorted(order)
-    assert all(rows[cell.key]["alone"] and rows[cell.key]["shuffle_seed"] == 3 for cell in timed)
+    assert all(rows[cell.key]["timed"] and rows[cell.key]["shuffle_seed"] == 3 for cell in timed)
     assert not any(rows[cell.key]["timed"] for cell in together) and summary.seed == 3
 
 
 def test_events_count_up_and_resuming_runs_only_what_is_left():
     cells, store, events = good_cells(6), Rows(), list[Event]()
-    bad = [Cell("s", "import_error", "x"), Cell("s", "os_exit", "x")]
+    bad = [Cell("s", "exception", "x"), Cell("s", "os_exit", "x")]
     run_cells([*cells, *bad, cells[0]], MEASURE, {}, store, jobs=2, on_event=events.append)
     assert [e.kind for e in events].count("started") == 8
     last = events[-1]
@@ -314,6 +315,32 @@ def test_a_killed_run_takes_a_worker_that_hangs_in_c_with_it(tmp_path):
         (worker,) = children(run.pid)
         run.kill()
     wait_until(lambda: not alive(worker))
+
+
+@posix
+@pytest.mark.parametrize("end", ["end", "deadline"])
+def test_what_a_cell_has_started_ends_with_its_worker(end):
+    store = Rows()
+    cells = [Cell("s", "spins", "x"), *([Cell("s", "hang", "x")] if end == "deadline" else [])]
+    run_cells(cells, MEASURE, {}, store, jobs=1, timeout=1.0)
+    pids = store.rows()[cells[0].key]["pids"]
+    wait_until(lambda: not any(map(alive, pids[: 2 if sys.platform == "linux" else 1])))
+
+
+def test_a_run_that_is_stopped_for_a_while_gives_no_timeout(monkeypatch):
+    from tcbench.engine import local
+
+    asleep, clock = [0.0], time.monotonic
+    monkeypatch.setattr(time, "monotonic", lambda: clock() + asleep[0])
+    monkeypatch.setattr(local.Ledger, "start", lambda self, cell, running: asleep.__setitem__(0, 0.0))
+
+    def later():  # a laptop's lid: the clock goes on, nothing else does
+        time.sleep(0.3)
+        asleep[0] = 1000.0
+
+    store = Rows()
+    threading.Thread(target=later).start()
+    assert run_cells(good_cells(1, sleep=0.8), MEASURE, {}, store, jobs=1, timeout=30.0).statuses == {"ok": 1}
 
 
 def test_overhead_2000_cells_of_1_ms_on_two_workers():

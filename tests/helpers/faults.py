@@ -7,6 +7,7 @@ import importlib
 import math
 import os
 import signal
+import subprocess
 import sys
 import threading
 import time
@@ -130,6 +131,13 @@ def fault_time_bomb(cell, context):
     """Ends well, but leaves a thread behind that kills the worker while it is idle or runs another cell."""
     threading.Timer(0.05, os._exit, (7,)).start()
     return {"value": 2.0}
+
+
+def fault_spins(cell, context):
+    """Leaves two processes behind, one in a session of its own."""
+    code = "import time; time.sleep(300)"
+    children = [subprocess.Popen([sys.executable, "-c", code], start_new_session=own) for own in (False, True)]
+    return {"pids": [child.pid for child in children]}
 
 
 def fault_huge_row(cell, context):

@@ -25,7 +25,7 @@ from tcbench.errors import TcbenchError
 from tcbench.store.cells import Cell
 from tcbench.store.encoding import decode_line, encode_line
 from tcbench.store.provenance import manifest, utc_now, without_home
-from tcbench.store.store import ROWS, Store
+from tcbench.store.store import ROWS, Store, is_finished
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -59,6 +59,20 @@ def test_a_key_depends_on_everything_but_the_order_of_the_options():
 def test_options_that_are_not_json_are_refused_with_a_sentence():
     with pytest.raises(TcbenchError, match="not JSON"):
         Cell("s", "i", "c", {"f": print})
+
+
+def test_a_line_that_is_torn_may_be_on_its_way(tmp_path):
+    (tmp_path / "cells.jsonl").write_text('{"key":"x"')
+    assert "it is being written, or its writer was killed" in Store.read(tmp_path).problems[0]
+    with Store.open(tmp_path) as store:  # nobody else is
+        assert "is incomplete (its writer was killed)" in store.problems[0]
+
+
+@pytest.mark.parametrize("error", [OSError("libllvmlite.so"), ModuleNotFoundError("jax"), PermissionError(13, "x")])
+def test_faults_of_the_machine_are_never_final(error):
+    from tcbench.engine.worker import exception_row
+
+    assert not is_finished(exception_row(error)) and is_finished(exception_row(ValueError("x")))
 
 
 def test_a_fingerprint_follows_local_imports_and_survives_a_move(tmp_path):

@@ -16,6 +16,7 @@ from click.testing import CliRunner
 import tcbench
 from tcbench import Integrator, Range, ScenarioFamily, TcbenchError, plugins
 from tcbench.cli import main
+from tcbench.errors import MachineError
 from tcbench.studies import ensemble, ensemble_runs, ensemble_tables, quick_reference
 from tcbench.studies.base import default_studies
 from tcbench.studies.ensemble import STUDY, measure, plan, tabulate
@@ -96,11 +97,30 @@ def test_a_method_that_raises_is_a_kind_of_failure_of_its_own():
     assert "by design" in rows[0]["sentences"]["0"]
 
 
+@pytest.mark.parametrize(
+    "error", [MachineError("full"), OSError("libllvmlite.so"), ImportError("no jax"), MemoryError()]
+)
+def test_faults_of_the_machine_are_not_the_methods(error):
+    def faulty(*arguments):
+        raise error
+
+    scenario, states = RANDOM.member(), np.zeros(10)
+    adaptive, step = Integrator(name="a", adaptive=faulty), Integrator(name="s", order=1, step=faulty)
+    for run in (
+        lambda: ensemble_runs.run_once(adaptive, scenario, 1e-3),
+        lambda: quick_reference.run(adaptive, scenario, states, 1e-3),
+        lambda: tcbench.simulate(adaptive, scenario, tolerance=1e-3),
+        lambda: tcbench.simulate(step, scenario, dt=0.1),
+    ):
+        with pytest.raises((MachineError, MemoryError)):
+            run()
+
+
 def test_a_lost_cell_counts_against_the_method():
     lost = {"integrator": "hangs", "part": "shares", "ensemble": "random", "seeds": [0, 10], "dt": [0.1, 0.2],
             "status": "timeout", "failure": "The cell did not end within 1 s and was stopped."}  # fmt: skip
     table = tabulate([lost])["failure_share"]
-    assert table.failed.tolist() == [10, 10] == table.exception.tolist()
+    assert table.failed.tolist() == [10, 10] == table.lost.tolist() and not table.exception.any()
     assert table.example[0].startswith("seed 0: The cell did not end")
 
 
