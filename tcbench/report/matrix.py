@@ -29,6 +29,13 @@ def finite(value: Any) -> bool:
         return False
 
 
+def to_numbers(table: DataFrame, column: str) -> Any:
+    """A column as floats; NaN where the table has none."""
+    import pandas as pd
+
+    return pd.to_numeric(table[column] if column in table else pd.Series(math.nan, table.index), errors="coerce")
+
+
 def is_fixed(row: Mapping[str, Any]) -> bool:
     """Whether a row of `work_precision` is a run with a fixed step."""
     return row.get("control") == "dt"
@@ -183,11 +190,44 @@ def lenses(tables: Tables, declared: Tables) -> list[dict[str, Any]]:
         ok = row["status"] == "ok" and finite(value)
         energy.setdefault(str(row["integrator"]), {})[str(row["scenario"])] = float(value) if ok else None
     found += [
+        {"key": "coarse", "cells": coarse_errors(tables)},
+        {"key": "produced", "cells": coarse_errors(tables, "error_entropy_produced")},
         {"key": "energy", "cells": energy},
         {"key": "step", "cells": _stable(tables)},
         {"key": "cost", "cells": own_steps(tables, declared)},
     ]
     return [lens for lens in found if lens["cells"]]
+
+
+def coarse_errors(tables: Tables, measure: str = "error_theta") -> dict[str, dict[str, float | None]]:
+    """An error at the end of the run with the coarsest step of a scenario's ladder, of the temperatures by default;
+    None where that run failed. One that the reference's own hides counts as ten times that; a scenario without this
+    error is left out."""
+    table = tables.get("work_precision")
+    cells: dict[str, dict[str, float | None]] = {}
+    if table is None or measure not in table:
+        return cells
+    for scenario, rows in table[table["control"].eq("dt")].groupby("scenario", sort=True):
+        steps = to_numbers(rows, "value")
+        rows = rows[steps >= (1 - 1e-9) * steps.max()]
+        for row in rows.to_dict("records") if to_numbers(rows, measure).notna().any() else ():
+            value = row[measure] if finite(row[measure]) else 10 * float(row.get("reference_floor", math.nan))
+            ok = row["status"] == "ok" and finite(value)
+            cells.setdefault(str(row["integrator"]), {})[str(scenario)] = float(value) if ok else None
+    return cells
+
+
+def stopped(tables: Tables) -> dict[str, dict[str, str]]:
+    """{method: {scenario: why}} of the ladders of work_precision that ended before every accuracy was reached."""
+    from ..studies.work_precision import REACHED
+
+    found: dict[str, dict[str, str]] = {}
+    table = tables.get("work_precision")
+    if table is not None and "left_out" in table:
+        for row in table[table["left_out"].notna()].to_dict("records"):
+            if str(row["left_out"]) and not str(row["left_out"]).endswith(REACHED):
+                found.setdefault(str(row["integrator"]), {})[str(row["scenario"])] = str(row["left_out"])
+    return found
 
 
 def _times(tables: Tables, measure: str, target: float) -> dict[str, dict[str, float | None]]:

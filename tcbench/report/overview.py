@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
-from .matrix import Unmeasured, finite, is_fixed, law_columns, laws_kept, own_steps, unmeasured
+from .matrix import (
+    Unmeasured,
+    coarse_errors,
+    finite,
+    is_fixed,
+    law_columns,
+    laws_kept,
+    own_steps,
+    to_numbers,
+    unmeasured,
+)
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -18,6 +27,10 @@ Tables = Mapping[str, Any]
 TARGETS = (1e-6, 1e-3)  # errors of an accurate trajectory; the second where no method reaches the first
 LONGEST = 40  # characters of a name in a sentence
 TURNING = "\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"  # bidirectional controls
+TIE = 1.05  # timings that are nearer than this are as good as each other
+LOOSE = 1e-3  # tolerances above it ask for so little that a failure says nothing
+FEW_RUNS = 50  # from random starts, below which "never failed" says nothing: up to 6 % of failures would not show
+FEW_A_STEP = 10  # at one step or tolerance
 NAMED = 3  # methods that a sentence names before it counts the others
 
 
@@ -33,34 +46,56 @@ class Finding:
 
 def findings(tables: Tables, declared: Tables) -> list[Finding]:
     """The sentences that these tables allow, in the order in which a reader asks."""
-    found = (accurate(tables), lawful(tables), cheapest(tables, declared), failing(tables), random_starts(tables))
+    found = (
+        accurate(tables), coarse(tables, declared), lawful(tables), cheapest(tables, declared), failing(tables),
+        random_starts(tables),
+    )  # fmt: skip
     return [finding for finding in found if finding is not None]
 
 
 def accurate(tables: Tables) -> Finding | None:
-    """The method that is first to an error of 1e-6 on most scenarios (of 1e-3 where none gets to 1e-6)."""
+    """The method that reaches an error of 1e-6 on most scenarios (of 1e-3 where none gets to 1e-6) and, of those, is
+    never far behind: the one whose largest ratio to the fastest method's time is the least. Methods within 5 % of it
+    are named with it."""
     table = tables.get("time_to_accuracy")
     if table is None or not len(table):
         return None
     title = "An accurate trajectory"
     table = table[table["measure"].eq("error")]
-    scenarios = table["scenario"].nunique()
+    count = table["scenario"].nunique()
     for target in TARGETS:
         rows = [r for r in table[table["target"].eq(target)].to_dict("records") if finite(r["time_s"])]
         if not rows:
             continue
-        fastest: dict[str, Any] = {}
-        for row in sorted(rows, key=lambda r: (r["time_s"], r["integrator"])):
-            fastest.setdefault(row["scenario"], row)
-        wins = Counter(row["integrator"] for row in fastest.values())
-        name = min(wins, key=lambda n: (-wins[n], n))
-        reached = [row for row in rows if row["integrator"] == name]
-        first = "first to" if table["integrator"].nunique() > 1 else "reached"  # alone, it has overtaken nobody
-        where = f"on {wins[name]} of {scenarios} scenario{'s' if scenarios > 1 else ''}"
-        text = f"{first} an error of {power(target)} {where}{_against_peers(reached)}"
-        return Finding(title, called(name), text, f"#lens=time {target:g}")
+        best: dict[str, float] = {}
+        for row in rows:
+            best[row["scenario"]] = min(row["time_s"], best.get(row["scenario"], math.inf))
+        ratios: dict[str, list[float]] = {}
+        for row in rows:
+            ratios.setdefault(str(row["integrator"]), []).append(row["time_s"] / best[row["scenario"]])
+        names = _surest(ratios)
+        worst, reached = max(ratios[names[0]]), len(ratios[names[0]])
+        slower = f"at most {rounded(worst)} times the fastest's time" if worst > TIE else "no method is faster"
+        compared = slower if table["integrator"].nunique() > 1 else "no other method ran"
+        level = f"; as good within 5 %: {_some(names[1:], 1)}" if names[1:] else ""
+        mine = [row for row in rows if row["integrator"] == names[0]]
+        text = f"an error of {power(target)} {_on(reached, count)}, {compared}{_against_peers(mine)}{level}"
+        return Finding(title, called(names[0]), text, f"#lens=time {target:g}")
     text = f"no method reached an error of {power(TARGETS[-1])} on any scenario"
     return Finding(title, "none", text, "#lens=time 0.001")
+
+
+def _surest(found: Mapping[str, Sequence[float]]) -> list[str]:
+    """Of numbers by method, one a scenario and small ones better: the method that has most of them and, of those, the
+    least of the largest; then the methods with as many whose largest is within 5 % of it."""
+    first = min(found, key=lambda name: (-len(found[name]), max(found[name]), name))
+    most, limit = len(found[first]), TIE * max(found[first])
+    others = [name for name in sorted(found) if len(found[name]) == most and max(found[name]) <= limit]
+    return [first, *(name for name in others if name != first)]
+
+
+def _on(some: int, count: int) -> str:
+    return f"on {some} of {count} scenario{'s' if count > 1 else ''}"
 
 
 def called(name: str) -> str:
@@ -75,22 +110,18 @@ def power(value: float) -> str:
 
 
 def _against_peers(rows: Sequence[Mapping[str, Any]]) -> str:
-    """How a method that is no peer compares with the peers, over the scenarios on which both reach the target."""
-    peers = {r["best_peer"] for r in rows if finite(r["ratio_to_best_peer"])}
-    scipy = {r["best_scipy"] for r in rows if finite(r["ratio_to_best_scipy"])}
-    if not peers or rows[0]["integrator"] in peers:
+    """How a method that is no peer compares with the best peer of each scenario on which both reach the target."""
+    ratios = [float(r["ratio_to_best_peer"]) for r in rows if finite(r["ratio_to_best_peer"])]
+    if not ratios or rows[0]["integrator"] in {r["best_peer"] for r in rows}:
         return ""
-    parts = []
-    for column, whom, there in (
-        ("ratio_to_best_scipy", "SciPy's best", bool(scipy)),
-        ("ratio_to_best_peer", "the best peer", peers != scipy),
-    ):
-        ratios = [float(r[column]) for r in rows if finite(r[column])]
-        if there and ratios:
-            factor = median(ratios)
-            order = f"{rounded(factor)} times before" if factor >= 1 else f"{rounded(1 / factor)} times behind"
-            parts.append(f"{order} {whom} (median of {len(ratios)})")
-    return f"; {', '.join(parts)}" if parts else ""
+    typical = f"{rounded(median(ratios))} times as long"
+    if len(ratios) == 1:
+        return f"; the best peer takes {typical}"
+    return f"; the best peer takes {typical} (median of {len(ratios)}; at least {rounded(min(ratios))})"
+
+
+def percent(value: float) -> str:
+    return f"{rounded(100 * value)} %"
 
 
 def rounded(value: float) -> str:
@@ -100,16 +131,10 @@ def rounded(value: float) -> str:
 
 def lawful(tables: Tables) -> Finding | None:
     """The methods that ended every run with every law kept, and the largest step of these runs."""
-    table = tables.get("conservation")
-    if table is None or not len(table):
+    shares = law_shares(tables)
+    if not shares:
         return None
-    title, href = "The laws at any step", "#lens=energy"
-    columns = law_columns(table)
-    shares, steps_of = {}, {}
-    for name, rows in table.groupby("integrator", sort=True):
-        good = rows["status"].eq("ok") & _all_kept(rows, columns)
-        shares[str(name)] = (int(good.sum()), len(rows))
-        steps_of[str(name)] = max((float(h) for h in rows["dt"] if finite(h)), default=math.nan)
+    title, href, table = "The laws at any step", "#lens=energy", tables["conservation"]
     keep = [name for name, (good, runs) in shares.items() if good == runs]
     if not keep:
         name = max(shares, key=lambda n: shares[n][0] / shares[n][1])
@@ -118,14 +143,23 @@ def lawful(tables: Tables) -> Finding | None:
             f"kept every law in every run; {called(name)} in {good} of {runs}" if good else "ended a run with every law"
         )
         return Finding(title, "no method", most, href)
-    steps = [steps_of[name] for name in keep if finite(steps_of[name])]
+    steps = [float(h) for h in table.groupby("integrator")["dt"].max()[keep] if finite(h)]
     largest = f", at every step tried, up to h = {min(steps):.3g}" if steps else ""
     runs = sum(shares[name][1] for name in keep)
-    words = _listed([law.replace("angular_", "").replace("_", " ") for law in columns], "and")
+    words = _listed([law.replace("angular_", "").replace("_", " ") for law in law_columns(table)], "and")
     return Finding(
         title, f"{len(keep)} of {len(shares)} method{'s' if len(shares) > 1 else ''}",
         f"kept {words} in each of {runs} runs{largest}: {_some(keep)}", href,
     )  # fmt: skip
+
+
+def law_shares(tables: Tables) -> dict[str, tuple[int, int]]:
+    """Method -> how many runs of the conservation study it ended with every law kept, and of how many."""
+    table = tables.get("conservation")
+    if table is None or not len(table):
+        return {}
+    good = table["status"].eq("ok") & _all_kept(table, law_columns(table))
+    return {str(name): (int(kept.sum()), len(kept)) for name, kept in good.groupby(table["integrator"], sort=True)}
 
 
 def _all_kept(rows: DataFrame, columns: Mapping[str, str]) -> Any:
@@ -136,43 +170,76 @@ def _all_kept(rows: DataFrame, columns: Mapping[str, str]) -> Any:
     return judged.ne(False).all(axis=1) & judged.notna().any(axis=1)
 
 
+def coarse(tables: Tables, declared: Tables) -> Finding | None:
+    """Of the methods that kept every law in every run: the one whose temperatures at the end are least wrong at the
+    coarsest step of each scenario, by its worst scenario; and those of the cheapest of them, for what that costs."""
+    lawful_ones = {name for name, (good, runs) in law_shares(tables).items() if good == runs}
+    cells = coarse_errors(tables)
+    found = {m: [x for x in of.values() if x is not None] for m, of in cells.items() if m in lawful_ones}
+    found = {name: errors for name, errors in found.items() if errors}
+    if not found:
+        return None
+    count = len({scenario for of in cells.values() for scenario in of})
+    name, *_ = _surest(found)
+    text = f"final temperatures within {percent(max(found[name]))} {_on(len(found[name]), count)}, each law kept"
+    price = own_steps(tables, declared)
+    costs = {m: median(price[m].values()) for m in found if price.get(m) and len(found[m]) == len(found[name])}
+    cheap = min(costs, key=lambda m: (costs[m], m), default=name)
+    if cheap != name:
+        text += f"; {called(cheap)}, whose step is the cheapest of these, within {percent(max(found[cheap]))}"
+    return Finding("At the coarsest step", called(name), text, "#lens=coarse")
+
+
 def cheapest(tables: Tables, declared: Tables) -> Finding | None:
-    """The fixed-step method of the least time a step (median over its scenarios), and where it fails."""
+    """The fixed-step method of the least time a step (median over its scenarios) of those that never failed; and where
+    one that is cheaper fails. Methods that ran on fewer than half of the scenarios are no candidates."""
     times = own_steps(tables, declared)
-    typical = {name: median(found.values()) for name, found in times.items() if found}
+    most = max(map(len, times.values()), default=0)
+    typical = {name: median(found.values()) for name, found in times.items() if found and 2 * len(found) >= most}
     if not typical:
         return None
-    name = min(typical, key=lambda n: (typical[n], n))
+    failed = {name: text for name in typical if (text := _where_it_fails(tables, name))}
+    first = min(typical, key=lambda n: (typical[n], n))
+    name = min((n for n in typical if n not in failed), key=lambda n: (typical[n], n), default=first)
     count = len(times[name])
     text = f"{typical[name]:.2g} µs a step, {f'median of {count} scenarios' if count > 1 else 'on one scenario'}"
-    return Finding("The cheapest step", called(name), text + _where_it_fails(tables, name), "#lens=cost")
+    if name in failed:
+        return Finding(
+            "The cheapest step", called(name), f"{text}; {failed[name]}; no method never failed", "#lens=cost"
+        )
+    if name != first:
+        text += f"; {called(first)}, {typical[first]:.2g} µs, {failed[first]}"
+    return Finding("Cheapest, never failed", called(name), text, "#lens=cost")
 
 
 def _where_it_fails(tables: Tables, name: str) -> str:
-    """On how many scenarios a method has a largest stable step, or how many of its runs failed."""
-    table = tables.get("stability")
-    if table is not None and (table["integrator"] == name).any():
-        rows = table[(table["integrator"] == name) & table["limit"].notna()]
-        ends = rows[rows["limit"].ne("none")]
-        first = [float(h) for h in ends["dt_unstable"] if finite(h)]
-        if not len(ends):
-            return "; no limit of its step found" if len(rows) else ""
-        start = f", from h = {min(first):.2g}" if first else ""
-        return f"; fails on {len(ends)} of {len(rows)}{start}"
-    table = tables.get("conservation")
-    if table is None:
-        return ""
-    rows = table[table["integrator"] == name]
-    return f"; {int(rows['status'].ne('ok').sum())} of its {len(rows)} runs failed" if len(rows) else ""
+    """On how many scenarios a method has a largest stable step or a run of its ladder failed; "" where neither."""
+    limits: dict[str, float] = {}
+    judged: set[str] = set()
+    for study, failed, step in (("stability", "limit", "dt_unstable"), ("conservation", "status", "dt")):
+        table = tables.get(study)
+        rows = None if table is None else table[(table["integrator"] == name) & table[failed].notna()]
+        for row in rows.to_dict("records") if rows is not None else ():
+            judged.add(row["scenario"])
+            if row[failed] not in ("none", "ok"):
+                at = float(row[step]) if finite(row[step]) else math.inf
+                limits[row["scenario"]] = min(at, limits.get(row["scenario"], math.inf))
+    start = f", from h = {min(limits.values()):.2g}" if limits and finite(min(limits.values())) else ""
+    return f"fails on {len(limits)} of {len(judged)}{start}" if limits else ""
 
 
 def failing(tables: Tables) -> Finding | None:
-    """How many runs of the ladders of steps and tolerances failed, and the smallest step at which one did."""
+    """How many runs of the ladders of steps and tolerances failed, and the smallest step at which one did. Tolerances
+    above 1e-3 ask for so little that what a solver does with them is no failure, and do not count."""
     runs, failed, steps = 0, 0, []
-    for study in ("conservation", "work_precision"):
+    for study, control in (("conservation", "tolerance"), ("work_precision", "value")):
         table = tables.get(study)
         if table is None or not len(table):
             continue
+        asked = to_numbers(table, control)
+        if study == "work_precision":
+            asked = asked.where(~table["control"].eq("dt"))
+        table = table[~(asked > LOOSE)]
         bad = table[table["status"].ne("ok")]
         runs, failed = runs + len(table), failed + len(bad)
         for row in bad.to_dict("records"):
@@ -202,17 +269,27 @@ def _without(rows: Sequence[Unmeasured]) -> str:
 
 
 def random_starts(tables: Tables) -> Finding | None:
-    """Of the first ensemble: the methods that never failed, in how many runs, and the one with the largest share."""
+    """Of the first ensemble: the methods that never failed, in how many runs, and the one with the largest share. A
+    method that had fewer than 50 runs, and not as many as any, has not shown that it never fails."""
     table = tables.get("failure_share")
     if table is None or not len(table):
         return None
     rows = table[table["ensemble"] == table["ensemble"].iloc[0]]
     runs, failed = (rows.groupby("integrator", sort=True)[c].sum() for c in ("runs", "failed"))
-    never = [str(name) for name in runs.sort_values(ascending=False, kind="stable").index if not failed[name]]
-    lead = f"{len(never)} of {len(failed)} method{'s' if len(failed) > 1 else ''}" if never else "no method"
+    enough = runs >= min(FEW_RUNS, runs.max())
+    never = [str(n) for n in runs.sort_values(ascending=False, kind="stable").index if enough[n] and not failed[n]]
+    judged = int((enough | (failed > 0)).sum())
+    lead = f"{len(never)} of {judged} method{'s' if judged > 1 else ''}" if never else "no method"
     text = f"never failed in {sum(runs[n] for n in never)} runs: {_some(never, 2)}" if never else "ended every run"
-    if len(never) < len(failed):
-        worst = max(rows.to_dict("records"), key=lambda r: (r["share"] if finite(r["share"]) else -1.0, r["runs"]))
+    if judged < len(runs):
+        text += f" ({len(runs) - judged} with fewer than {min(FEW_RUNS, runs.max())} runs not counted)"
+    if failed.any():
+        shares = [
+            r for r in rows.to_dict("records") if r["failed"] and r["runs"] >= min(FEW_A_STEP, rows["runs"].max())
+        ]
+        worst = max(
+            shares or rows.to_dict("records"), key=lambda r: (r["share"] if finite(r["share"]) else -1.0, r["runs"])
+        )
         at = f"h = {worst['dt']:.3g}" if finite(worst["dt"]) else f"tolerance {worst['tolerance']:.0e}"
         text += f"; most often {called(str(worst['integrator']))}, in {worst['failed']} of {worst['runs']} at {at}"
     return Finding("From random starts", lead, text, "#overview=ensemble")

@@ -13,7 +13,7 @@ from ..store.store import Store
 from ..store.tables import read_tables
 from ..studies.columns import column
 from .html import library, packed_table, script_json, script_text
-from .matrix import FAMILIES, failures, lenses, methods, names
+from .matrix import FAMILIES, failures, lenses, methods, names, stopped
 from .overview import findings
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ def _content(store: Store, tables: dict[str, DataFrame]) -> dict[str, Any]:
     scenarios = names(tables, "scenario")
     data = {
         "families": FAMILIES, "methods": found, "scenarios": scenarios, "declared": _named(declared, tables),
-        "lenses": lenses(tables, declared), "failures": failures(tables),
+        "lenses": lenses(tables, declared), "failures": failures(tables), "stopped": stopped(tables),
         "tables": {name: len(table) for name, table in tables.items()},
         "labels": {name: column(name).label for table in tables.values() for name in map(str, table.columns)},
     }  # fmt: skip

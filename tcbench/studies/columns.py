@@ -79,6 +79,7 @@ COLUMNS = (  # the first that fits counts: names before patterns
     _error("error_p", "error of momenta p"),
     _error("error_s", "error of entropies s"),
     _error("error_theta", "error of temperatures θ"),
+    _error("error_entropy_produced", "error of the entropy produced"),
     _step("order"),
     _step("order_low", "low"),
     Column("order_high", short="high"),

@@ -125,15 +125,15 @@ def test_no_view_overflows_and_text_is_readable(which, width, request, visit):
 def test_the_overview_is_one_screen(full, visit):
     page = visit(full)
     assert page.evaluate("document.documentElement.scrollHeight") <= 900
-    assert page.locator(".finding").count() == 4 and page.locator(".matrix tbody tr:not(.family)").count() == 7
+    assert page.locator(".finding").count() == 5 and page.locator(".matrix tbody tr:not(.family)").count() == 7
     assert page.locator("#speed .line").count() == 7 and page.locator("#steps .thick").count() == 7
 
 
-def test_a_large_run_with_an_ensemble_is_one_screen_of_five_sentences(large, visit):
+def test_a_large_run_with_an_ensemble_is_one_screen_of_six_sentences(large, visit):
     assert large.stat().st_size < 4e6
     page = visit(large)
     assert page.evaluate("document.documentElement.scrollHeight") <= 900
-    assert page.locator(".matrix tbody tr:not(.family)").count() == 26 and page.locator(".finding").count() == 5
+    assert page.locator(".matrix tbody tr:not(.family)").count() == 26 and page.locator(".finding").count() == 6
     page.locator(".finding", has_text="From random starts").click()
     page.locator("#steps svg[aria-label='Failure shares']").wait_for()
     page.locator("#speed svg[aria-label^='Performance profile']").wait_for()
@@ -229,7 +229,7 @@ def test_a_lens_recolours_the_cells(full, visit):
     assert cell.text_content() == "best★"
     page.locator("#matrix-controls select").select_option("step")
     assert cell.text_content() == "> 12"
-    page.locator(".finding").nth(1).click()
+    page.locator(".finding", has_text="The laws").click()
     page.wait_for_function("() => document.querySelector('#matrix-controls select').value === 'energy'")
     assert cell.text_content() == "1e-15"
 
@@ -325,7 +325,7 @@ def test_with_an_ensemble_its_shares_and_profile_stand_beside(sixty, visit):
 
 def test_one_method_alone_has_every_view(alone, visit):
     page = visit(alone)
-    assert page.locator(".finding").count() == 4 and page.locator(".matrix tbody th a").count() == 1
+    assert page.locator(".finding").count() == 5 and page.locator(".matrix tbody th a").count() == 1
     go(page, "#scenario=short_term")
     assert page.locator(".player .side").count() == 1
 
@@ -377,7 +377,7 @@ def test_the_page_prints_in_light_colours_without_controls_and_says_what_cells_a
 
 def test_without_scripts_the_sentences_and_a_table_are_there(full, visit):
     page = visit(full, java_script_enabled=False)
-    assert page.locator(".finding:visible").count() == 4
+    assert page.locator(".finding:visible").count() == 5
     assert page.locator("noscript table tr, table.simple tr").count() >= 8
     assert not page.locator("#tabs").is_visible()
 

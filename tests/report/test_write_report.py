@@ -111,7 +111,7 @@ def test_every_table_is_embedded_with_its_numbers(full):
 def test_the_sentences_stand_in_the_page_itself_and_lead_to_their_evidence(full):
     page = Page(full[1])
     cards = [a["href"] for a in page.all("a") if a.get("class") == "finding"]
-    assert cards == ["#lens=time 1e-06", "#lens=energy", "#lens=cost", "#failures"]
+    assert cards == ["#lens=time 1e-06", "#lens=coarse", "#lens=energy", "#lens=cost", "#failures"]
     words = "".join(page.text)
     assert "kept energy, entropy and momentum" in words and "at the smallest step" in words
 

@@ -4,6 +4,8 @@ const LENSES = {
   "time 1e-06": ["time to an error of 10⁻⁶, over the best", "time"],
   "time 1e-09": ["time to an error of 10⁻⁹, over the best", "time"],
   "time energy 1e-12": ["time to an energy error of 10⁻¹², over the best", "time"],
+  coarse: ["error of the final temperatures at the coarsest step", "wrong"],
+  produced: ["error of the entropy produced at the coarsest step", "wrong"],
   energy: ["largest energy error at the scenario's step, over V₀", "small"],
   step: ["largest stable step h", "step"],
   cost: ["microseconds a step", "cost"],
@@ -25,8 +27,8 @@ const stepTip = (m) => (!m.step || !m.step.of ? "not studied: no fixed step" : m
   ? `least of the largest stable steps, on ${m.step.where}; a limit on ${m.step.limited} of ${m.step.of} scenarios`
   : `no limit found on ${m.step.of} scenarios`);
 
-const cellText = (kind, value, best) => {
-  if (value === null) return "–";
+const cellText = (kind, value, best, stopped) => {
+  if (value === null) return stopped ? "…" : "–";
   if (kind === "time") return value === best ? "best" : number(value / best, value / best < 10 ? 2 : 3);
   if (kind === "step" && Array.isArray(value)) return `> ${number(value[1], 2)}`;
   return number(value, 2);
@@ -35,6 +37,7 @@ const cellText = (kind, value, best) => {
 const strength = (kind, value, best) => {
   if (value === null) return 0;
   if (kind === "step") return Array.isArray(value) ? 0.58 : Math.max(0.04, Math.min(0.5, 0.38 + 0.18 * Math.log10(value)));
+  if (kind === "wrong") return Math.max(0.03, Math.min(0.5, -Math.log10(value) / 12));
   if (kind === "small") return value <= 1e-9 ? 0.58 : Math.max(0.03, -Math.log10(value) / 18);
   const ratio = Math.log10(value / best);
   return ratio === 0 ? 1 : Math.max(0.05, 0.58 - 0.15 * ratio);
@@ -42,7 +45,7 @@ const strength = (kind, value, best) => {
 
 const matrix = () => {
   const lens = page.lenses.find((l) => l.key === view.lens), kind = lens ? LENSES[lens.key][1] : "";
-  const value = (m, s) => lens?.cells[m]?.[s];
+  const value = (m, s) => lens?.cells[m]?.[s], stopped = (m, s) => kind === "time" && page.stopped[m]?.[s];
   const best = {}, star = {};
   for (const s of page.scenarios) {
     const found = page.methods.filter((m) => known(value(m.name, s))).sort((a, b) => value(a.name, s) - value(b.name, s));
@@ -81,24 +84,26 @@ const matrix = () => {
         if (v === undefined && !failed) return el("td", {});
         const first = star[s] === m.name;
         const cell = el("a", { href: link({ scenario: s, method: m.name }), tabindex: -1, class: `cell${failed ? " failed" : ""}${tint === 1 ? " strong" : ""}`,
-          style: `--tint:${Math.round(100 * tint)}%` }, v === undefined ? " " : cellText(kind, v, best[s]), first ? "★" : "");
-        return el("td", {}, tipped(cell, () => [`${m.name} on ${s}`, ...cellTip(kind, v, best[s]),
+          style: `--tint:${Math.round(100 * tint)}%` }, v === undefined ? " " : cellText(kind, v, best[s], stopped(m.name, s)), first ? "★" : "");
+        return el("td", {}, tipped(cell, () => [`${m.name} on ${s}`, ...cellTip(kind, v, best[s], stopped(m.name, s)),
           ...(first ? ["★ first of the methods that kept every law in every run"] : []),
           ...(failed ? [`${failed[0]} of ${failed[1]} runs failed. ${failed[2]}`] : [])]));
       })));
   }
   return el("table", { class: "matrix" }, el("thead", {}, head), el("tbody", {}, body));
 };
-const cellTip = (kind, v, best) => {
+const cellTip = (kind, v, best, stopped) => {
   if (v === undefined) return ["not measured through this lens"];
-  if (v === null) return [kind === "time" ? "not reached on its ladder" : kind === "small" ? "the run failed" : "no stable step found"];
+  if (v === null && kind === "time") return [stopped ? `not reached before its ladder ended: ${stopped}` : "not reached on its ladder"];
+  if (v === null) return [kind === "step" ? "no stable step found" : "the run failed"];
+  if (kind === "wrong") return [`off by ${number(v)} of what it is`];
   if (kind === "time") return [`${seconds(v)}${v === best ? ", the best here" : `, ${number(v / best, 3)} times the best`}`];
   if (kind === "step") return [Array.isArray(v) ? `no limit found up to h = ${number(v[1])}` : `stable up to h = ${number(v)}`];
   return [kind === "small" ? `|E − E₀| / V₀ up to ${number(v)}` : `${number(v)} µs a step`];
 };
 const drawMatrix = () => {
   $("matrix").replaceChildren(matrix());
-  $("matrix-note").textContent = view.lens?.startsWith("time") ? "★ first of those that keep every law. " : "";
+  $("matrix-note").textContent = view.lens?.startsWith("time") ? "★ first that keeps every law. – not reached, … stopped early. " : "";
 };
 // arrow keys move among the links of a row and between rows
 const walk = (event) => {
@@ -177,7 +182,7 @@ const drawSpeed = async () => {
     view.speed === "profile" ? "" : select("error of", errors.map((e) => [e, words(e === "error" ? "the state" : label(e))]), view.error, (e) => { view.error = e; drawSpeed(); }));
   if (view.speed === "profile") { await drawProfile(place); return; }
   const all = rows(found, { scenario: view.scenario });
-  drawn(place, (width) => place.replaceChildren(speedChart(all, view.error, width, width < 500 ? 300 : 284, view.fore, toggle)));
+  drawn(place, (width) => place.replaceChildren(speedChart(all, view.error, width, width < 500 ? 300 : 272, view.fore, toggle)));
 };
 
 // of runs from random starts: the share that a method brings to the target within tau times the best time
@@ -195,7 +200,7 @@ const drawProfile = async (place) => {
   const shown = view.fore || new Set([...best, ...first].map((s) => s.name));
   for (const s of series) s.fore = shown.has(s.name);
   const x = { kind: "log", domain: extent(all.map((r) => r.tau)), label: "time over the best (τ)" };
-  drawn(place, (width) => place.replaceChildren(lines(width, 284, {
+  drawn(place, (width) => place.replaceChildren(lines(width, 272, {
     series, x, y: { kind: "linear", domain: [0, 1.02], label: `share of starts with an error of ${number(target)} ↑ better` },
     toggled: (name) => toggle(name, shown), title: "Performance profile over the ensemble", ...marginFor(series),
   })));
