@@ -5,6 +5,7 @@ import numpy as np
 from tcbench import Integrator, hookimpl
 from tcbench.systems.right_hand_side import expressions
 
+FUNCTIONS = ("exp", "log", "sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "atan2")
 _COMPILED = {}  # heyoka takes a second for each kind of system and tolerance
 
 
@@ -14,8 +15,9 @@ def compiled(system, tolerance):
 
     unknown = hy.make_vars(*(f"x{i}" for i in range(system.size)))
     constants = [hy.par[i] for i in range(len(system.constant_values))]
-    functions = {name: getattr(hy, name) for name in ("exp", "log", "sqrt", "sin", "cos", "tanh")}
-    functions |= {"log1p": lambda x: hy.log(1.0 + x), "expm1": lambda x: hy.exp(x) - 1.0}
+    functions = {name: getattr(hy, name) for name in FUNCTIONS}
+    functions |= {"log1p": lambda x: hy.log(1.0 + x), "expm1": lambda x: hy.exp(x) - 1.0, "pow": lambda x, y: x**y}
+    functions["hypot"] = lambda x, y: hy.sqrt(x * x + y * y)
     rates = expressions(system, unknown, constants, functions)
     equations = [
         (x, r if isinstance(r, hy.expression) else hy.expression(r)) for x, r in zip(unknown, rates, strict=True)

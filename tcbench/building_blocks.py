@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from .compiler.derivatives import Symbol, array, const, lifted, variables
+from .compiler.derivatives import Symbol, array, const, lifted, refused, variables
 from .compiler.derivatives import lam as _lam
 from .compiler.derivatives import phi as _phi
-from .compiler.divided_differences import Corners, rectangle, symmetrised_slopes
+from .compiler.divided_differences import RULES, Corners, rectangle, symmetrised_slopes
 from .errors import TraceError
 
 __all__ = ["divided_difference", "divided_differences", "log1p_ratio", "phi"]
@@ -37,7 +37,8 @@ def log1p_ratio(x: Any) -> Any:
 def divided_difference(function: Callable[[Any], Any], a: Any, b: Any) -> Any:
     """(function(b) - function(a))/(b - a), and the derivative where b = a; of the shape of a and b.
 
-    function : of one variable, by +, -, *, /, **, sqrt, exp, log, expm1 and log1p (TraceError names what else it uses).
+    function : of one variable, by +, -, *, /, **, sqrt, exp, log, expm1, log1p, sin, cos, tan, arcsin, arccos, arctan,
+        sinh, cosh, tanh and hypot (TraceError names what else it uses).
     """
 
     def slope(a: Symbol, b: Symbol) -> Symbol:
@@ -78,6 +79,8 @@ def _by_rules(function: Callable[..., Any], *corners: Corners) -> Corners:
 def _each(rule: Callable[..., Symbol], *arguments: Any) -> Any:
     """The rule on every entry; numbers where all entries are numbers."""
     arrays = np.broadcast_arrays(*(np.asarray(a, dtype=object) for a in arguments))
+    if any(isinstance(x, Corners) for a in arrays for x in a.flat):
+        raise refused("a building block stands in what a divided difference is taken of, and has no rule there", RULES)
     if any(isinstance(x, Symbol) for a in arrays for x in a.flat):
         found = [rule(*map(lifted, entries)) for entries in zip(*(a.flat for a in arrays), strict=True)]
         return found[0] if arrays[0].ndim == 0 else array(found).reshape(arrays[0].shape)

@@ -15,6 +15,7 @@ from tcbench.compiler.kernels import Kernel
 from .lanes import WIDTH, Gathering, Pack, Packs, Term, is_square, slots_of
 from .series import ONE, Series, rates
 
+PARTNERS = {"sin": ("cos", 1.0), "cos": ("sin", -1.0), "sinh": ("cosh", 1.0), "cosh": ("sinh", 1.0)}
 THROUGH = 2  # a position comes from a velocity, which comes from a force
 
 
@@ -175,12 +176,12 @@ class Writer(Gathering):
         return twice and self.name(f"0.5 * {twice}")
 
     def _turned(self, u: Pack, n: int, what: str) -> str | None:
-        """Coefficient n of sin u or cos u: each is the other's rate."""
+        """Coefficient n of sin u, cos u, sinh u or cosh u: each is its partner's rate."""
 
         def make() -> str | None:
             if n == 0:
                 return self._lanewise(what, u)
-            other, sign = ("cos", 1.0) if what == "sin" else ("sin", -1.0)
+            other, sign = PARTNERS[what]
             text = self.convolution(self._slope(u), lambda j: self._turned(u, j, other), n, 1)
             return None if text is None else self.name(f"{sign / n!r} * ({text})")
 
@@ -191,6 +192,12 @@ class Writer(Gathering):
 
     def _cos(self, pack: Pack, n: int) -> str | None:
         return self._turned(*self.packs.parts(pack), n, "cos")
+
+    def _sinh(self, pack: Pack, n: int) -> str | None:
+        return self._turned(*self.packs.parts(pack), n, "sinh")
+
+    def _cosh(self, pack: Pack, n: int) -> str | None:
+        return self._turned(*self.packs.parts(pack), n, "cosh")
 
     def _bell(self, pack: Pack, sign: str) -> Callable[[int], str | None]:
         """Coefficients of 1 - x^2 or 1 + x^2."""

@@ -14,7 +14,7 @@ which leaves the processor least to wait for. Source: Jorba and Zou (2005), sect
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache, reduce
 from typing import Any
@@ -25,7 +25,7 @@ from tcbench import System, TcbenchError
 from tcbench.compiler import derivatives as trace
 from tcbench.compiler.derivatives import Symbol
 
-UNARY = ("log", "exp", "sqrt", "sin", "cos", "tanh", "atan")
+UNARY = ("log", "exp", "sqrt", "sin", "cos", "sinh", "cosh", "tanh", "atan")
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +53,7 @@ class Normal:
     def __init__(self, varying: Sequence[Symbol]) -> None:
         self.interned: dict[Any, Series] = {}
         self.form_of: dict[int, Linear] = {}  # exponent of each exponential
+        self.keys: dict[frozenset[tuple[int, int]], Monomial] = {}
         self.variables = [self.series("var", index=i) for i in range(len(varying))]
         self.known: dict[int, Linear] = {
             symbol.number: {((x, 1),): ONE} for symbol, x in zip(varying, self.variables, strict=True)
@@ -97,6 +98,19 @@ class Normal:
                 return combined(self.function("exp", args[0]), {(): ONE}, trace.const(-1.0))
             case "log1p":
                 return self.function("log", combined(args[0], {(): ONE}, ONE))
+            case "pow":
+                return self.function("exp", self.times(args[1], self.function("log", args[0])))
+            case "hypot":
+                squares = [self.times(x, x) for x in args]
+                return self.function("sqrt", combined(*squares, ONE))
+            case "tan":
+                return self.times(self.function("sin", args[0]), self.inverse(self.function("cos", args[0])))
+            case "asin" | "acos":
+                slope = self.function("sqrt", combined({(): ONE}, self.times(args[0], args[0]), trace.const(-1.0)))
+                found = self.function("atan", self.times(args[0], self.inverse(slope)))
+                if node.op == "asin":
+                    return found
+                return combined({(): trace.const(math.pi / 2)}, found, trace.const(-1.0))
         if node.op in UNARY:
             return self.function(node.op, args[0])
         raise TcbenchError(f"tc_taylor knows no series of the operation {node.op!r} in this system's formulas.")
@@ -166,7 +180,7 @@ class Normal:
     def inverse(self, form: Linear) -> Linear:
         if len(form) == 1:
             ((key, weight),) = form.items()
-            return {tuple((x, -k) for x, k in key): trace.reciprocal(weight)}
+            return {self._key((x, -k) for x, k in key): trace.reciprocal(weight)}
         return self.inverse(self._factor(form))
 
     def times(self, a: Linear, b: Linear) -> Linear:
@@ -209,14 +223,19 @@ class Normal:
                 powers[id(base)] = (base, powers[id(base)][1] + 1)
                 rate = self.series("D", (self.series("log", (base,)),))
                 powers[id(rate)] = (rate, 1)
-        return tuple((x, k) for x, k in powers.values() if k)
+        return self._key((x, k) for x, k in powers.values() if k)
+
+    def _key(self, factors: Iterable[tuple[Series, int]]) -> Monomial:
+        """One key for one product, whatever the order of its factors: that in which they came first."""
+        found = tuple(factors)
+        return self.keys.setdefault(frozenset((id(x), k) for x, k in found), found)
 
     def single(self, form: Linear) -> Series:
         """The sum as one series: terms of a common denominator are one quotient."""
         groups: dict[Monomial, Linear] = {}
         for key, weight in form.items():
-            below = tuple((x, -k) for x, k in key if k < 0)
-            groups.setdefault(below, {})[tuple((x, k) for x, k in key if k > 0)] = weight
+            below = self._key((x, -k) for x, k in key if k < 0)
+            groups.setdefault(below, {})[self._key((x, k) for x, k in key if k > 0)] = weight
         parts: Linear = groups.pop((), {})
         for below, above in groups.items():
             quotient = self.series("quotient", (self._sum(above), self._product(below)))

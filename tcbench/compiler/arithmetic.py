@@ -27,8 +27,11 @@ INTRINSICS: dict[Any, str] = {
     for name in ("sqrt", "exp", "log", "sin", "cos")
     for f in (getattr(math, name), getattr(np, name), FUNCTIONS[name])
 }
-LIBRARY: dict[Any, str] = {  # of C
-    f: name for name in ("expm1", "log1p", "tanh", "atan") for f in (getattr(math, name), FUNCTIONS[name])
+LIBRARY: dict[Any, str] = {  # of C, with one argument or two
+    f: name
+    for name in FUNCTIONS
+    if name not in ("sqrt", "exp", "log", "sin", "cos", "abs")
+    for f in (getattr(math, name), FUNCTIONS[name])
 }
 
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from .symbols import Symbol, array, const
+from .symbols import Symbol, array, const, refused
 
 
 class Complex:
@@ -78,6 +78,29 @@ class Complex:
 
     def sqrt(self) -> Complex:
         return (0.5 * self.log()).exp()
+
+    def sin(self) -> Complex:
+        return Complex(self.re.sin() * self.im.cosh(), self.re.cos() * self.im.sinh())
+
+    def cos(self) -> Complex:
+        return Complex(self.re.cos() * self.im.cosh(), -(self.re.sin() * self.im.sinh()))
+
+    def tan(self) -> Any:
+        return self.sin() / self.cos()
+
+    def sinh(self) -> Complex:
+        return Complex(self.re.sinh() * self.im.cos(), self.re.cosh() * self.im.sin())
+
+    def cosh(self) -> Complex:
+        return Complex(self.re.cosh() * self.im.cos(), self.re.sinh() * self.im.sin())
+
+    def tanh(self) -> Any:
+        return self.sinh() / self.cosh()
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        raise refused(f"{name!r} of a complex number is not known here")
 
     def _angle(self) -> Symbol:
         """arg z for Re z > 0: atan(im/re)."""

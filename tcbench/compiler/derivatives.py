@@ -6,13 +6,13 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import TraceError
+from .language import NUMPY_NAMES
 from .symbols import (
     Symbol,
     add,
@@ -32,6 +32,8 @@ from .symbols import (
     phi,
     power,
     reciprocal,
+    refused,
+    sinc,
     sub,
     tracing,
     variable,
@@ -59,6 +61,8 @@ __all__ = [
     "power",
     "rebuild",
     "reciprocal",
+    "refused",
+    "sinc",
     "sparse_jacobian",
     "sub",
     "substitute",
@@ -73,44 +77,78 @@ __all__ = [
 def partials(node: Symbol) -> tuple[Symbol, ...]:
     """Derivative of a node by each of its arguments."""
     op, args = node.op, node.args
-    one = const(1.0)
-    if op == "add":
-        return one, one
-    if op == "sub":
-        return one, const(-1.0)
     if op == "mul":
         return args[1], args[0]
-    x = args[0]
-    match op:
-        case "neg":
-            return (const(-1.0),)
-        case "recip":
-            return (neg(mul(node, node)),)
-        case "sqrt":
-            return (mul(const(0.5), reciprocal(node)),)
-        case "exp":
-            return (node,)
-        case "log":
-            return (reciprocal(x),)
-        case "expm1":
-            return (add(node, one),)
-        case "log1p":
-            return (reciprocal(add(x, one)),)
-        case "sin":
-            return (x.cos(),)
-        case "cos":
-            return (neg(x.sin()),)
-        case "tanh":
-            return (sub(one, mul(node, node)),)
-        case "atan":
-            return (reciprocal(add(one, mul(x, x))),)
-        case "phi":
-            return (intern("dphi", (x,)),)
-        case "lam":
-            return (intern("dlam", (x,)),)
-        case "abs":
-            return (mul(x, reciprocal(node)),)
-    raise TraceError(f"The operation {op!r} has no derivative here.")
+    if op in LINEAR:
+        return tuple(map(const, LINEAR[op]))
+    if op in SLOPES:
+        return (SLOPES[op](node, args[0]),)
+    if op in SLOPES_OF_TWO:
+        return SLOPES_OF_TWO[op](node, *args)
+    raise refused(f"the operation {op!r} has no derivative here")
+
+
+def one() -> Symbol:
+    return const(1.0)  # of this trace
+
+
+def _of_power(node: Symbol, base: Symbol, exponent: Symbol) -> tuple[Symbol, Symbol]:
+    if is_const(exponent) and exponent.value > 1.0:  # the slope is finite at 0
+        by_base = mul(exponent, power(base, sub(exponent, one())))
+    else:
+        by_base = mul(mul(exponent, node), reciprocal(base))
+    return by_base, const(0.0) if is_const(exponent) else mul(node, make("log", base))
+
+
+def _of_angle(node: Symbol, y: Symbol, x: Symbol) -> tuple[Symbol, Symbol]:
+    inverse = reciprocal(add(mul(x, x), mul(y, y)))
+    return mul(x, inverse), neg(mul(y, inverse))
+
+
+def _of_atan_slope(node: Symbol, a: Symbol, d: Symbol) -> tuple[Symbol, Symbol]:
+    """d/da of (atan(a + d) - atan(a))/d is -(a + b)/((1 + a^2)(1 + b^2)), b = a + d."""
+    b = add(a, d)
+    below = mul(add(one(), mul(a, a)), add(one(), mul(b, b)))
+    return neg(mul(add(a, b), reciprocal(below))), make("atan_bend", a, d)
+
+
+def _of_slope(node: Symbol, order: Symbol, x: Symbol) -> tuple[Symbol, Symbol]:
+    return const(0.0), make(node.op, add(order, one()), x)
+
+
+LINEAR = {"add": (1.0, 1.0), "sub": (1.0, -1.0), "neg": (-1.0,)}
+SLOPES: dict[str, Callable[[Symbol, Symbol], Symbol]] = {  # of a function of x whose value is the node y
+    "recip": lambda y, x: neg(mul(y, y)),
+    "sqrt": lambda y, x: mul(const(0.5), reciprocal(y)),
+    "exp": lambda y, x: y,
+    "log": lambda y, x: reciprocal(x),
+    "expm1": lambda y, x: add(y, one()),
+    "log1p": lambda y, x: reciprocal(add(x, one())),
+    "sin": lambda y, x: make("cos", x),
+    "cos": lambda y, x: neg(make("sin", x)),
+    "tan": lambda y, x: add(one(), mul(y, y)),
+    "sinh": lambda y, x: make("cosh", x),
+    "cosh": lambda y, x: make("sinh", x),
+    "tanh": lambda y, x: sub(one(), mul(y, y)),
+    "asin": lambda y, x: reciprocal(make("sqrt", mul(sub(one(), x), add(one(), x)))),
+    "acos": lambda y, x: neg(reciprocal(make("sqrt", mul(sub(one(), x), add(one(), x))))),
+    "atan": lambda y, x: reciprocal(add(one(), mul(x, x))),
+    "abs": lambda y, x: mul(x, reciprocal(y)),
+    "phi": lambda y, x: intern("dphi", (x,)),
+    "lam": lambda y, x: intern("dlam", (x,)),
+    "sinc": lambda y, x: make("sinc_slope", one(), x),
+    "dphi": lambda y, x: make("phi_slope", const(2.0), x),
+    "dlam": lambda y, x: make("lam_slope", const(2.0), x),
+}
+SLOPES_OF_TWO: dict[str, Callable[[Symbol, Symbol, Symbol], tuple[Symbol, Symbol]]] = {
+    "hypot": lambda y, a, b: (mul(a, reciprocal(y)), mul(b, reciprocal(y))),
+    "pow": _of_power,
+    "atan2": _of_angle,
+    "atan_slope": _of_atan_slope,
+    "phi_slope": _of_slope,
+    "lam_slope": _of_slope,
+    "sinc_slope": _of_slope,
+}
 
 
 def topological(outputs: Iterable[Symbol]) -> list[Symbol]:
@@ -215,12 +253,12 @@ def rebuild(op: str, args: tuple[Any, ...], value: Any = None) -> Any:
         return spaces.rebuilt(op, args, value)
     constructors: dict[str, Any] = {
         "add": add, "sub": sub, "mul": mul, "neg": neg, "recip": reciprocal, "phi": phi, "lam": lam,
-        "mark": mark, "max": maximum, "min": minimum,
+        "mark": mark, "max": maximum, "min": minimum, "pow": power, "sinc": sinc,
     }  # fmt: skip
     if not all(isinstance(x, Symbol) for x in args):  # complex numbers: by their own arithmetic
-        unary = {"neg": operator.neg, "recip": lambda x: 1.0 / x, "mark": lambda x: x, "atan": lambda x: x.arctan()}
-        binary = {"add": operator.add, "sub": operator.sub, "mul": operator.mul}
-        chosen: Any = unary.get(op) or binary.get(op) or operator.methodcaller(op)
+        unary = {"neg": operator.neg, "recip": lambda x: 1.0 / x, "mark": lambda x: x}
+        binary = {"add": operator.add, "sub": operator.sub, "mul": operator.mul, "pow": operator.pow}
+        chosen: Any = unary.get(op) or binary.get(op) or operator.methodcaller(NUMPY_NAMES.get(op, op))
         return chosen(*args)
     if op == "guard":
         return intern(op, args)

@@ -12,10 +12,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from ..errors import TraceError
-from .derivatives import Symbol, const, lam, phi
+from .derivatives import Symbol, const, lam, lifted, make, phi, refused, sinc
+from .symbols import MOST_FACTORS
 
 ZERO = const(0.0)
+RULES = (
+    "There are rules for +, -, *, /, **, sqrt, exp, log, expm1, log1p, sin, cos, tan, arcsin, arccos, arctan, "
+    "sinh, cosh, tanh and hypot; methods without discrete gradients (tc_gauss, midpoint_entropy) take every formula"
+)
 # one rule: (value at A, value at B, slope of the argument, increment along the edge) -> slope of the result
 Rule = Callable[[Symbol, Symbol, Symbol, Symbol], Symbol]
 
@@ -106,16 +110,18 @@ class Corners:
         return self._apply(1.0 / self.value, lambda a, b, slope, _: -slope / (a * b))
 
     def __pow__(self, exponent: Any) -> Corners:
-        if isinstance(exponent, int) and 1 <= exponent <= 8:
-            result = self
-            for _ in range(exponent - 1):
-                result = result * self
-            return result
-        if isinstance(exponent, Corners):
+        if isinstance(exponent, Corners | Symbol) or not _is_whole(exponent):
             return (self.log() * exponent).exp()
-        return (
-            (self.log() * float(exponent)).exp() if not isinstance(exponent, Symbol) else (self.log() * exponent).exp()
-        )
+        result = one = self._lift(1.0)
+        square, n = self, abs(int(exponent))
+        while n:
+            if n & 1:
+                result = square if result is one else result * square
+            square, n = square * square if n > 1 else square, n >> 1
+        return result if exponent >= 0 else result._reciprocal()
+
+    def __rpow__(self, base: Any) -> Corners:
+        return (self * lifted(base).log()).exp()
 
     def sqrt(self) -> Corners:
         return self._apply(self.value.sqrt(), lambda a, b, slope, _: slope / (a.sqrt() + b.sqrt()))
@@ -140,15 +146,67 @@ class Corners:
         return self._with(self.value.expm1(), [slope for _, _, slope, _ in exponential.edges])
 
     def log1p(self) -> Corners:
-        return (self + 1.0).log()
+        return (self + 1.0).log()._valued(self.value.log1p())
+
+    def sin(self) -> Corners:
+        """sin b - sin a = 2 cos((a + b)/2) sin((b - a)/2); so the cosine, and with the hyperbolic ones."""
+        return self._turned(self.value.sin(), lambda mid: mid.cos(), sinc)
+
+    def cos(self) -> Corners:
+        return self._turned(self.value.cos(), lambda mid: -mid.sin(), sinc)
+
+    def sinh(self) -> Corners:
+        return self._turned(self.value.sinh(), lambda mid: mid.cosh(), _sinhc)
+
+    def cosh(self) -> Corners:
+        return self._turned(self.value.cosh(), lambda mid: mid.sinh(), _sinhc)
+
+    def _turned(self, value: Symbol, rate: Callable[[Symbol], Symbol], ratio: Callable[[Symbol], Symbol]) -> Corners:
+        return self._apply(value, lambda a, b, slope, step: slope * rate(0.5 * (a + b)) * ratio(0.5 * step * slope))
+
+    def tan(self) -> Corners:
+        """tan b - tan a = sin(b - a)/(cos a cos b)."""
+        return self._apply(self.value.tan(), lambda a, b, slope, step: slope * sinc(step * slope) / (a.cos() * b.cos()))
+
+    def tanh(self) -> Corners:
+        """tanh b - tanh a = tanh(b - a) (1 - tanh a tanh b)."""
+
+        def rule(a: Symbol, b: Symbol, slope: Symbol, step: Symbol) -> Symbol:
+            d = step * slope
+            return slope * (_sinhc(d) / d.cosh()) * (1.0 - a.tanh() * b.tanh())
+
+        return self._apply(self.value.tanh(), rule)
+
+    def arctan(self) -> Corners:
+        return self._apply(self.value.arctan(), lambda a, _, slope, step: slope * make("atan_slope", a, step * slope))
+
+    def arcsin(self) -> Corners:
+        return (self / ((1.0 - self) * (1.0 + self)).sqrt()).arctan()._valued(self.value.arcsin())
+
+    def arccos(self) -> Corners:
+        return (-self.arcsin())._valued(self.value.arccos())
+
+    def hypot(self, other: Any) -> Corners:
+        other = self._lift(other)
+        return (self * self + other * other).sqrt()._valued(self.value.hypot(other.value))
+
+    def _valued(self, value: Symbol) -> Corners:
+        """The same slopes, with the value by a function of its own, which keeps more digits."""
+        return self._with(value, [slope for _, _, slope, _ in self.edges])
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("__"):
             raise AttributeError(name)
-        raise TraceError(
-            f"An element energy uses {name!r}, which has no divided-difference rule. "
-            "Use +, -, *, /, **, sqrt, exp, log, expm1 or log1p."
-        )
+        raise refused(f"{name!r} has no divided-difference rule, which discrete gradients need of an energy", RULES)
+
+
+def _is_whole(exponent: Any) -> bool:
+    return abs(exponent) <= MOST_FACTORS and exponent == int(exponent)
+
+
+def _sinhc(x: Symbol) -> Symbol:
+    """sinh(x)/x."""
+    return 0.5 * (phi(x) + phi(-x))
 
 
 def rectangle(pi0: Symbol, dpi: Symbol, s0: Symbol, ds: Symbol) -> tuple[Corners, Corners]:

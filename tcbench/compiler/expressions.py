@@ -189,8 +189,8 @@ class Expressions(Arithmetic):
             target = INT if function is int else FLOAT
             return Value(target, (self.convert(node, Value(kind, (x,)), target),))
         if function in INTRINSICS or function in LIBRARY:
-            _, x = self.number(node.args[0], FLOAT)
-            return Value(FLOAT, (self.machine_call(INTRINSICS.get(function) or LIBRARY[function], x),))
+            arguments = [self.number(x, FLOAT)[1] for x in node.args]
+            return Value(FLOAT, (self.machine_call(INTRINSICS.get(function) or LIBRARY[function], *arguments),))
         if function is language.bits:
             return Value(INT, (self.emit(f"bitcast double {self.number(node.args[0], FLOAT)[1]} to i64"),))
         if function is language.from_bits:

@@ -79,7 +79,7 @@ def topological_above(inputs: Mapping[Symbol, Any], outputs: Sequence[Symbol]) -
 def literal(node: Symbol) -> str:
     """A constant as text."""
     if math.isinf(node.value):
-        return "inf"
+        return "inf" if node.value > 0 else "(-inf)"
     return f"({node.value!r})" if node.value < 0 else repr(node.value)
 
 
@@ -137,7 +137,8 @@ def namespace() -> dict[str, Any]:
     """What the text of a kernel names."""
     from . import special
 
-    names = ("phi", "phi_pair", "dphi", "lam", "lam_pair", "dlam")
+    names = ("phi", "phi_pair", "dphi", "phi_slope", "lam", "lam_pair", "dlam", "lam_slope", "sinc", "sinc_slope",
+             "atan_slope", "atan_bend")  # fmt: skip
     functions = {f.__name__: f for f in (scratch, release, vector, row, pick, put)}
     return {"inf": math.inf, **FUNCTIONS, **functions, **{name: getattr(special, name) for name in names}}
 

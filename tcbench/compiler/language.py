@@ -94,21 +94,28 @@ def fill(target: Floats, value: float) -> None:
         target[i] = value
 
 
-def _without_errors(name: str) -> Callable[[float], float]:
+def _without_errors(name: str) -> Callable[..., float]:
     """A function of `math` that gives what numpy gives where `math` raises an error: infinity or NaN."""
-    exact, limit = getattr(math, name), getattr(np, {"atan": "arctan"}.get(name, name))
+    exact, limit = getattr(math, name), getattr(np, NUMPY_NAMES.get(name, name))
 
-    def function(x: float) -> float:
+    def function(*x: float) -> float:
         try:
-            return np.float64(exact(x))
+            return np.float64(exact(*x))
         except (ValueError, OverflowError):
-            return limit(np.float64(x))
+            with np.errstate(all="ignore"):
+                found = limit(*map(np.float64, x))
+                np.positive(0.0)  # clears the processor's flags, of which numpy would warn its caller
+                return found
 
     function.__name__ = name
     return function
 
 
-FUNCTIONS = {
-    name: _without_errors(name) for name in ("sqrt", "exp", "log", "expm1", "log1p", "sin", "cos", "tanh", "atan")
-}
+NUMPY_NAMES = {"asin": "arcsin", "acos": "arccos", "atan": "arctan", "atan2": "arctan2", "pow": "power", "abs": "fabs"}
+FUNCTIONS = {  # the elementary functions of formulas, named as in C
+    **{name: _without_errors(name) for name in (
+        "sqrt", "exp", "log", "expm1", "log1p", "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh",
+        "atan2", "hypot", "pow")},
+    "abs": abs,
+}  # fmt: skip
 expm1, log1p = FUNCTIONS["expm1"], FUNCTIONS["log1p"]

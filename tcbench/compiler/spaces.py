@@ -12,7 +12,7 @@ import zlib
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from . import symbols
+from . import special, symbols
 from .symbols import Space, Symbol, array, const, intern, is_const, space_of
 
 REPRESENTATIVES = 2
@@ -104,16 +104,28 @@ def _safe(function: Any, largest: float = 50.0) -> Any:
     return lambda x: function(max(-largest, min(largest, x)))
 
 
-INTERPRETED: dict[str, Any] = {
+def _within(x: float) -> float:
+    """Between -1 and 1."""
+    return x / (1.0 + abs(x))
+
+
+INTERPRETED: dict[str, Any] = {  # some function in place of each, with a value everywhere
     "add": lambda a, b: a + b, "sub": lambda a, b: a - b, "mul": lambda a, b: a * b, "neg": lambda a: -a,
     "recip": lambda a: 1.0 / a if a else 1e300, "mark": lambda a: a, "max": max, "min": min,
-    "guard": lambda a, b: a + 0.0 * b, "abs": abs, "sin": math.sin, "cos": math.cos, "tanh": math.tanh,
-    "atan": math.atan, "sqrt": lambda a: math.sqrt(abs(a)), "log": lambda a: math.log(abs(a) + 1e-300),
-    "exp": _safe(math.exp), "expm1": _safe(math.expm1), "log1p": lambda a: math.log(abs(1.0 + a) + 1e-300),
-    "phi": _safe(lambda a: math.expm1(a) / a if a else 1.0),
-    "dphi": _safe(lambda a: (math.exp(a) - math.expm1(a) / a) / a if a else 0.5),
+    "guard": lambda a, b: a + 0.0 * b, "abs": abs, "sin": _safe(math.sin, 1e15), "cos": _safe(math.cos, 1e15),
+    "tan": _safe(math.tan, 1e15), "tanh": math.tanh, "atan": math.atan, "atan2": math.atan2, "hypot": math.hypot,
+    "asin": lambda a: math.asin(_within(a)), "acos": lambda a: math.acos(_within(a)),
+    "sqrt": lambda a: math.sqrt(abs(a)), "log": lambda a: math.log(abs(a) + 1e-300),
+    "pow": lambda a, b: INTERPRETED["exp"](b * math.log(abs(a) + 1e-300)), "sinh": _safe(math.sinh),
+    "cosh": _safe(math.cosh), "exp": _safe(math.exp), "expm1": _safe(math.expm1),
+    "log1p": lambda a: math.log(abs(1.0 + a) + 1e-300),
+    "phi": _safe(special.phi), "dphi": _safe(special.dphi), "sinc": _safe(special.sinc, 1e15),
     "lam": lambda a: math.log(abs(1.0 + a) + 1e-300) / a if a else 1.0,
     "dlam": lambda a: (1.0 / (1.0 + a + 1e-9) - math.log(abs(1.0 + a) + 1e-300) / (a or 1e-9)) / (a or 1e-9),
+    "phi_slope": lambda k, a: special.phi_slope(k, max(-50.0, min(50.0, a))),
+    "lam_slope": lambda k, a: special.lam_slope(k, abs(a)),
+    "sinc_slope": lambda k, a: special.sinc_slope(k, max(-1e15, min(1e15, a))),
+    "atan_slope": special.atan_slope, "atan_bend": special.atan_bend,
 }  # fmt: skip
 
 

@@ -1,6 +1,7 @@
-"""The two divided differences that every discrete gradient here is made of, and their derivatives.
+"""The divided differences that discrete gradients are made of, and their derivatives.
 
-    phi(x) = expm1(x)/x       lam(x) = log1p(x)/x       both 1 at x = 0
+    phi(x) = expm1(x)/x       lam(x) = log1p(x)/x       sinc(x) = sin(x)/x       all 1 at x = 0
+    atan_slope(a, d) = (atan(a + d) - atan(a))/d
 
 Near 0 a series is both exact to the last digit and faster than the library call; each switch is below round-off.
 All arguments and results are dimensionless.
@@ -8,8 +9,10 @@ All arguments and results are dimensionless.
 
 from __future__ import annotations
 
-from .language import expm1, log1p
+from .language import FUNCTIONS, expm1, log1p
 
+exp, sin, cos, atan2 = (FUNCTIONS[name] for name in ("exp", "sin", "cos", "atan2"))
+NEGLIGIBLE = 1e-18  # a term of a sum of positive ones, over the sum
 PHI_SERIES = 0.3  # |x| below this: the first omitted term of phi is 0.3^12/13! = 9e-17
 LAM_TAYLOR = 0.05  # |x| below this: the first omitted term of lam is 0.05^12/13 = 2e-17
 LAM_SERIES = 0.14  # |x/(2 + x)| below this: the first omitted term of lam is 0.14^18/19 = 2e-17
@@ -93,3 +96,115 @@ def dphi(x: float) -> float:
 
 def dlam(x: float) -> float:
     return lam_pair(x)[1]
+
+
+def phi_slope(order: float, x: float) -> float:
+    """Derivative number `order` of phi: the integral of t^order exp(x t) from 0 to 1."""
+    if abs(x) > order + 40.0:  # by parts: nothing cancels there
+        value, k = phi(x), 1.0
+        while k <= order:
+            value = (exp(x) - k * value) / x
+            k += 1.0
+        return value
+    total, term, k = 0.0, 1.0 / (order + 1.0), order + 1.0
+    if x < 0.0:  # terms of one sign, too: those of exp(-x) times the integral
+        while term > NEGLIGIBLE * total:
+            total += term
+            k += 1.0
+            term *= -x / k
+        return exp(x) * total
+    power, j = 1.0, 0.0
+    while term > NEGLIGIBLE * total:
+        total += term
+        j += 1.0
+        power *= x / j
+        term = power / (k + j)
+    return total
+
+
+def lam_slope(order: float, x: float) -> float:
+    """Derivative number `order` of lam: (-1)^order order! times the integral of t^order/(1 + x t)^(order + 1)."""
+    total, j = 0.0, 0.0
+    if x > 8.0 or not x > -0.75:  # by parts, from log1p(x) = x lam(x)
+        value, rate, k = lam(x), 1.0 / (1.0 + x), 1.0
+        while k <= order:
+            value = (rate - k * value) / x
+            rate *= -k / (1.0 + x)
+            k += 1.0
+        return value
+    front, k = 1.0, 1.0
+    while k <= order:
+        front *= -k
+        k += 1.0
+    if x < 0.0:
+        power, term = 1.0, 1.0 / (order + 1.0)
+        while term > NEGLIGIBLE * total:
+            total += term
+            j += 1.0
+            power *= -x * (order + j) / j
+            term = power / (order + j + 1.0)
+        return front * total
+    w, power, term, k = x / (1.0 + x), 1.0, 1.0 / (order + 1.0), 0.0
+    while term > NEGLIGIBLE * total:
+        total += term
+        j += 1.0
+        power *= w
+        term = power / (order + j + 1.0)
+    while k <= order:
+        front /= 1.0 + x
+        k += 1.0
+    return front * total
+
+
+def sinc(x: float) -> float:
+    """sin(x)/x."""
+    return 1.0 if x == 0.0 else sin(x) / x
+
+
+def sinc_slope(order: float, x: float) -> float:
+    """Derivative number `order` of sinc: the integral of t^order times that derivative of the cosine at x t."""
+    k, value = 1.0, sinc(x)
+    if abs(x) > order + 1.0:
+        here, following = cos(x), -sin(x)
+        while k <= order:
+            value = (here - k * value) / x
+            here, following = following, -here
+            k += 1.0
+        return value
+    power, i, sign = 1.0, 0.0, 1.0  # (-1)^i x^(2i - order)/(2i - order)! / (2i + 1), from the least i on
+    while 2.0 * i < order:
+        i += 1.0
+        sign = -sign
+    if 2.0 * i > order:
+        power = x
+    k, value = 2.0 * i - order, 0.0
+    while i < order + 15.0:
+        value += sign * power / (2.0 * i + 1.0)
+        power *= x * x / ((k + 1.0) * (k + 2.0))
+        k += 2.0
+        i += 1.0
+        sign = -sign
+    return value
+
+
+def atan_slope(a: float, d: float) -> float:
+    """(atan(a + d) - atan(a))/d, by the angle between (1, a) and (1, a + d)."""
+    if d == 0.0:
+        return 1.0 / (1.0 + a * a)
+    return atan2(d, 1.0 + a * (a + d)) / d
+
+
+def atan_bend(a: float, d: float) -> float:
+    """Derivative of atan_slope by d."""
+    b = a + d
+    w = 1.0 + a * b
+    if not abs(d) < 0.5 * w:
+        return (1.0 / (1.0 + b * b) - atan_slope(a, d)) / d
+    u = d / w  # the slope is atan(u)/u / w
+    power, k, value, bend = 1.0, 1.0, 1.0, 0.0
+    while k < 60.0:
+        bend -= (k + 1.0) * u * power / (k + 2.0)
+        power *= -u * u
+        k += 2.0
+        value += power / k
+    return (bend * (1.0 + a * a) / w - value * a) / (w * w)

@@ -22,13 +22,16 @@ from numpy.typing import NDArray
 
 from ..errors import TraceError
 from .collector import paused
+from .language import FUNCTIONS
 
 _INTERN: MutableMapping[tuple, Symbol] = weakref.WeakValueDictionary()  # expressions that exist
 _LOCK = threading.RLock()
+MOST_FACTORS = 64  # of a power that is written as products
 _OF_ARGUMENTS = object()
 _COUNTER = iter(range(sys.maxsize))
 _REMEDY = (
-    "Formulas must be branch-free numpy (arithmetic, sqrt, exp, log, expm1, log1p, sin, cos, tanh, arctan, @); "
+    "Formulas must be branch-free numpy (arithmetic, **, @, sqrt, exp, log, expm1, log1p, sin, cos, tan, arcsin, "
+    "arccos, arctan, arctan2, sinh, cosh, tanh, hypot); "
     "for anything else register the method with step= (a plain Python function) instead of flows="
 )
 
@@ -58,8 +61,9 @@ def _where_in_user_code() -> str:
     return "the formula"
 
 
-def _refuse(what: str) -> TraceError:
-    return TraceError(f"{_where_in_user_code()}: {what}. {_REMEDY}.")
+def refused(what: str, remedy: str = _REMEDY) -> TraceError:
+    """An error that names the line of the formula."""
+    return TraceError(f"{_where_in_user_code()}: {what}. {remedy}.")
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +92,10 @@ def mixed(a: Symbol, b: Symbol) -> MixedSpaces:
     if names[0] == names[1]:
         return mixed_up(f"two different {names[0]}s meet in one operation")
     return mixed_up(f"a {names[0]} and a {names[1]} meet in one operation")
+
+
+def _function(op: str) -> Callable[[Symbol], Symbol]:
+    return lambda self: make(op, self)
 
 
 class Symbol:
@@ -139,14 +147,17 @@ class Symbol:
     def __abs__(self) -> Symbol:
         return make("abs", self)
 
-    def __pow__(self, exponent: Any) -> Symbol:
-        return power(self, exponent)
+    def __pow__(self, exponent: Any) -> Any:
+        return _lift(exponent, lambda o: power(self, o))
+
+    def __rpow__(self, base: Any) -> Any:
+        return _lift(base, lambda o: power(o, self))
 
     def __bool__(self) -> bool:
-        raise _refuse("a branch on the value of a symbol (if, while, and, max, min, ==)")
+        raise refused("a branch on the value of a symbol (if, while, and, max, min, ==)")
 
     def _compare(self, other: object) -> Any:
-        raise _refuse("a comparison of symbols")
+        raise refused("a comparison of symbols")
 
     __lt__ = __le__ = __gt__ = __ge__ = __eq__ = __ne__ = _compare
 
@@ -154,36 +165,20 @@ class Symbol:
         return self.number  # unique: a dict never needs __eq__
 
     def __float__(self) -> float:
-        raise _refuse("a symbol cannot become a float (a call into math, SciPy or numpy.linalg?)")
+        raise refused("a symbol cannot become a float (a call into math, SciPy or numpy.linalg?)")
 
     __int__ = __index__ = __float__  # type: ignore[assignment]
 
-    def sqrt(self) -> Symbol:
-        return make("sqrt", self)
+    def hypot(self, other: Any) -> Any:
+        return _lift(other, lambda o: make("hypot", self, o))
 
-    def exp(self) -> Symbol:
-        return make("exp", self)
+    def arctan2(self, other: Any) -> Any:
+        return _lift(other, lambda o: make("atan2", self, o))
 
-    def log(self) -> Symbol:
-        return make("log", self)
-
-    def expm1(self) -> Symbol:
-        return make("expm1", self)
-
-    def log1p(self) -> Symbol:
-        return make("log1p", self)
-
-    def sin(self) -> Symbol:
-        return make("sin", self)
-
-    def cos(self) -> Symbol:
-        return make("cos", self)
-
-    def tanh(self) -> Symbol:
-        return make("tanh", self)
-
-    def arctan(self) -> Symbol:
-        return make("atan", self)
+    # numpy's functions call methods of their own names
+    sqrt, exp, log, expm1, log1p = map(_function, ("sqrt", "exp", "log", "expm1", "log1p"))
+    sin, cos, tan, sinh, cosh, tanh = map(_function, ("sin", "cos", "tan", "sinh", "cosh", "tanh"))
+    arcsin, arccos, arctan = map(_function, ("asin", "acos", "atan"))
 
     def conjugate(self) -> Symbol:  # numpy's vdot and norms ask for it
         return self
@@ -258,26 +253,13 @@ def is_const(node: Symbol, value: float | None = None) -> bool:
     return node.op == "const" and (value is None or node.value == value)
 
 
-_FOLD: dict[str, Callable[[float], float]] = {
-    "sqrt": math.sqrt,
-    "exp": math.exp,
-    "log": math.log,
-    "expm1": math.expm1,
-    "log1p": math.log1p,
-    "sin": math.sin,
-    "cos": math.cos,
-    "tanh": math.tanh,
-    "atan": math.atan,
-    "abs": abs,
-}
-
-
-def make(op: str, x: Symbol) -> Symbol:
-    if is_const(x) and op in _FOLD:
-        return const(_FOLD[op](x.value))
-    if op == "exp" and x.op == "log":
-        return x.args[0]
-    return intern(op, (x,))
+def make(op: str, *args: Symbol) -> Symbol:
+    """An elementary function of these; of constants its value, as numpy has it."""
+    if op in FUNCTIONS and all(map(is_const, args)):
+        return const(FUNCTIONS[op](*(x.value for x in args)))
+    if op == "exp" and args[0].op == "log":
+        return args[0].args[0]
+    return intern(op, args)
 
 
 def add(a: Symbol, b: Symbol) -> Symbol:
@@ -404,7 +386,7 @@ def guarded(value: Symbol, terms: Iterable[Symbol]) -> Symbol:
 def reciprocal(a: Symbol) -> Symbol:
     if is_const(a):
         if a.value == 0.0:
-            raise _refuse("division by the constant zero")
+            raise refused("division by the constant zero")
         return const(1.0 / a.value)
     if a.op == "recip":
         return a.args[0]
@@ -412,23 +394,19 @@ def reciprocal(a: Symbol) -> Symbol:
 
 
 def power(base: Symbol, exponent: Any) -> Symbol:
-    if isinstance(exponent, Symbol):
-        if not is_const(exponent):
-            return (exponent * base.log()).exp()
-        exponent = exponent.value
-    exponent = float(exponent)
-    if exponent < 0:
-        return reciprocal(power(base, -exponent))
-    if exponent == 0.5:
-        return base.sqrt()
-    if exponent == int(exponent) and exponent <= 64:
-        result, square, n = const(1.0), base, int(exponent)
-        while n:
-            if n & 1:
-                result = mul(result, square)
-            square, n = mul(square, square), n >> 1
-        return result
-    return mul(const(exponent), base.log()).exp()
+    """base ** exponent: whole numbers up to 64 by products, which take any base, and their halves by a root."""
+    exponent = lifted(exponent)
+    wanted = exponent.value if is_const(exponent) else math.inf
+    if wanted > 0 and 2 * wanted <= MOST_FACTORS and wanted % 1 == 0.5:
+        return mul(make("sqrt", base), power(base, wanted - 0.5))
+    if not abs(wanted) <= MOST_FACTORS or wanted != int(wanted):
+        return make("pow", base, exponent)
+    result, square, n = const(1.0), base, abs(int(wanted))
+    while n:
+        if n & 1:
+            result = mul(result, square)
+        square, n = mul(square, square), n >> 1
+    return result if wanted >= 0 else reciprocal(result)
 
 
 def phi(x: Symbol) -> Symbol:
@@ -439,6 +417,11 @@ def phi(x: Symbol) -> Symbol:
 def lam(x: Symbol) -> Symbol:
     """log1p(x)/x, 1 at 0: the divided difference of log, dimensionless."""
     return const(1.0) if is_const(x, 0.0) else intern("lam", (x,))
+
+
+def sinc(x: Symbol) -> Symbol:
+    """sin(x)/x, 1 at 0: what the divided differences of sin and cos are made of."""
+    return const(1.0) if is_const(x, 0.0) else intern("sinc", (x,))
 
 
 def mark(x: Symbol) -> Symbol:

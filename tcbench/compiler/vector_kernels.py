@@ -24,7 +24,7 @@ DOUBLE, INT = ir.DoubleType(), ir.IntType(64)
 POINTER = ir.PointerType(DOUBLE)
 FLAGS = ("contract",)  # fused multiply-add
 VECTOR, INTEGERS = ir.VectorType(DOUBLE, WIDTH), ir.VectorType(INT, WIDTH)
-OPERATIONS = {"add", "sub", "mul", "neg", "recip", "sqrt", "exp", "log", "mark", "const", "var"}
+OPERATIONS = {"add", "sub", "mul", "neg", "recip", "sqrt", "exp", "log", "pow", "mark", "const", "var"}
 
 ROUND = 1.5 * 2.0**52  # adding it rounds to an integer, which then stands in the low bits
 LN2_HIGH, LN2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10  # their sum is ln 2 to 33 more digits
@@ -149,6 +149,10 @@ class Lanes:
         tail = self.sub(half_square, self.add(tail, self.mul(n, self.constant(LN2_LOW))))
         value = self.sub(self.mul(n, self.constant(LN2_HIGH)), self.sub(tail, f))
         return self.select(">=", x, self.constant(SMALLEST), value, self.constant(math.nan))
+
+    def pow(self, x: Any, y: Any) -> Any:
+        """Of a positive x; to a few ulp where the logarithm of the power is of the order of one."""
+        return self.exp(self.mul(y, self.log(x)))
 
     # graphs and reductions ------------------------------------------------------------------------------------------
 

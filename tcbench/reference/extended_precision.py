@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..compiler.language import NUMPY_NAMES
 from ..systems.right_hand_side import as_python
 from ..systems.scenario import Scenario
 from .precision import EPS, LONG
@@ -54,20 +55,13 @@ def extended(scenario: Scenario, name: str) -> ExtendedFunction:
     return ExtendedFunction(text, int(np.prod(shape)), kernel, model.constant_values.astype(LONG))
 
 
-def _phi(x: Longs) -> Longs:
-    """expm1(x)/x, 1 at 0."""
-    return np.where(x == 0, 1, np.expm1(x) / np.where(x == 0, 1, x))
+def _ratio(function: Callable[[Longs], Longs]) -> Callable[[Longs], Longs]:
+    """function(x)/x, 1 at 0."""
+    return lambda x: np.where(x == 0, 1, function(x) / np.where(x == 0, 1, x))
 
 
-def _lam(x: Longs) -> Longs:
-    """log1p(x)/x, 1 at 0."""
-    return np.where(x == 0, 1, np.log1p(x) / np.where(x == 0, 1, x))
-
-
-_FUNCTIONS: dict[str, Any] = {
-    "atan": np.arctan,
-    **{name: getattr(np, name) for name in ("cos", "exp", "expm1", "log", "log1p", "sin", "sqrt", "tanh")},
-    "abs": np.abs,
-    "phi": _phi,
-    "lam": _lam,
-}
+_NAMES = ("sqrt", "exp", "log", "expm1", "log1p", "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh",
+          "atan2", "hypot", "pow", "abs")  # fmt: skip
+_FUNCTIONS: dict[str, Any] = {name: getattr(np, NUMPY_NAMES.get(name, name)) for name in _NAMES} | {
+    "phi": _ratio(np.expm1), "lam": _ratio(np.log1p), "sinc": _ratio(np.sin),
+}  # fmt: skip

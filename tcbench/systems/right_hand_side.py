@@ -6,12 +6,14 @@ microseconds a call, of which the arithmetic is 0.1). Taylor methods need the fo
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from ..errors import TcbenchError
 from .system import System
 
 
@@ -80,6 +82,12 @@ def expressions(
 
 def as_python(text: str, functions: Mapping[str, Any]) -> Callable[..., None]:
     """kernel(state, constants, out) from the text of a `System.formula`, in the arithmetic of these functions."""
+    missing = sorted(set(re.findall(r"([a-z_0-9]+)\(", text)) - {"kernel", *functions})
+    if missing:
+        raise TcbenchError(
+            f"The system's formulas use {', '.join(missing)}, which this method's arithmetic does not have; it has "
+            f"{', '.join(sorted(functions))}. Write the formulas with these, or take another method."
+        )
     namespace: dict[str, Any] = dict(functions)
     exec(compile(text, "<formula>", "exec"), namespace)
     return namespace["kernel"]
