@@ -11,7 +11,8 @@ from typing import Any
 import click
 
 from . import progress
-from .commands.options import CONFIG, LATEST, ChartKind, Sectioned, completion, many, output, runs
+from .commands.examples import Command, Sectioned
+from .commands.options import CONFIG, LATEST, ChartKind, completion, many, output, runs
 from .errors import TcbenchError
 from .studies.base import study_names
 
@@ -40,6 +41,8 @@ ROWS_OF_SCENARIOS = many("scenario", "Rows of this scenario.")
 
 class Group(click.Group):
     """Turns errors that a user can cure into one sentence and exit code 2."""
+
+    command_class = Command
 
     def invoke(self, ctx: click.Context) -> Any:
         try:

@@ -3,6 +3,7 @@
 import csv
 import json
 import os
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -23,6 +24,31 @@ def test_help_lists_the_commands_without_importing_what_is_heavy():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert "simulate" in done.stdout and done.stdout.strip().endswith("[]")
+
+
+def test_the_help_of_each_command_ends_with_examples_that_parse(tmp_path, monkeypatch):
+    from click.testing import CliRunner
+
+    from tcbench.cli import main
+    from tcbench.commands.examples import EXAMPLES
+
+    assert set(EXAMPLES) == set(main.commands)
+    for name, lines in EXAMPLES.items():
+        shown = CliRunner().invoke(main, [name, "--help"]).output
+        for line in lines:
+            program, command, *words = shlex.split(line)
+            assert (program, command) == ("tcbench", name) and f"  {line}\n" in shown
+            main.commands[name].make_context(name, words)  # raises where an option or a value is unknown
+
+
+def test_the_help_of_plot_lists_the_kinds():
+    from click.testing import CliRunner
+
+    from tcbench.cli import main
+    from tcbench.report.chart_kinds import kinds
+
+    shown = CliRunner().invoke(main, ["plot", "--help"]).output
+    assert len(kinds()) > 10 and all(f"\n  {name} " in shown for name in kinds())
 
 
 def test_list_shows_integrators_with_claims_and_sources_without_compiling():

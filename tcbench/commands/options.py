@@ -105,14 +105,3 @@ CONFIG = click.option(
     "--config", type=click.Path(path_type=Path, dir_okay=False), callback=read_config, is_eager=True,
     expose_value=False, metavar="FILE", help="Take options from this TOML file: their names here, without dashes.",
 )  # fmt: skip
-
-
-class Sectioned(click.Command):
-    """A command whose options of a cluster stand under a heading of their own."""
-
-    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        records = [record for p in self.get_params(ctx) if (record := p.get_help_record(ctx)) is not None]
-        cluster = [record for record in records if record[0].startswith(("--dask", "--tls"))]
-        for heading, part in (("Options", [r for r in records if r not in cluster]), ("Cluster", cluster)):
-            with formatter.section(heading):
-                formatter.write_dl(part)

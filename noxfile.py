@@ -1,0 +1,45 @@
+"""Tasks: `nox -l` lists them; `nox` runs the checks and the tests, as `.ci/run` does from a clean checkout."""
+
+import nox
+
+nox.needs_version = ">=2024.4"
+nox.options.default_venv_backend = "uv|virtualenv"
+nox.options.sessions = ["lint", "tests"]
+
+
+@nox.session
+def lint(session: nox.Session) -> None:
+    """Format, lint, types, layers of imports."""
+    session.install("-e", ".[dev]")
+    session.run("ruff", "format", "--check", ".")
+    session.run("ruff", "check", ".")
+    session.run("mypy")
+    session.run("lint-imports")
+
+
+@nox.session(python=["3.11", "3.12", "3.13"])
+def tests(session: nox.Session) -> None:
+    """The tests on each Python that is found; words after -- go to pytest."""
+    session.install("-e", ".[dev]")
+    session.run("pytest", "-n", "2", *session.posargs)
+
+
+@nox.session
+def docs(session: nox.Session) -> None:
+    """The site, in folder `site`; a broken link is an error."""
+    session.install("-e", ".[docs]")
+    session.run("mkdocs", "build", "--strict")
+
+
+@nox.session
+def package(session: nox.Session) -> None:
+    """Wheel and sdist, checked and installed on every Python that is found."""
+    session.install("build", "twine", "virtualenv")
+    session.run("python", ".ci/package.py")
+
+
+@nox.session
+def benchmarks(session: nox.Session) -> None:
+    """Each asv benchmark once, at this commit."""
+    session.install("-e", ".[dev]")
+    session.run("asv", "run", "--quick", "-E", "existing", "--set-commit-hash", "HEAD")
