@@ -1,10 +1,13 @@
+#!/usr/bin/env -S uv run --script
+# /// script
+# dependencies = ["nox"]
+# ///
 """Tasks: `nox -l` lists them; `nox` runs the checks and the tests, as `.ci/run` does from a clean checkout."""
 
 import nox
 
 nox.needs_version = ">=2024.4"
 nox.options.default_venv_backend = "uv|virtualenv"
-nox.options.sessions = ["lint", "tests"]
 
 
 @nox.session
@@ -24,22 +27,26 @@ def tests(session: nox.Session) -> None:
     session.run("pytest", "-n", "2", *session.posargs)
 
 
-@nox.session
+@nox.session(default=False)
 def docs(session: nox.Session) -> None:
     """The site, in folder `site`; a broken link is an error."""
     session.install("-e", ".[docs]")
     session.run("mkdocs", "build", "--strict")
 
 
-@nox.session
+@nox.session(default=False)
 def package(session: nox.Session) -> None:
     """Wheel and sdist, checked and installed on every Python that is found."""
     session.install("build", "twine", "virtualenv")
     session.run("python", ".ci/package.py")
 
 
-@nox.session
+@nox.session(default=False)
 def benchmarks(session: nox.Session) -> None:
     """Each asv benchmark once, at this commit."""
     session.install("-e", ".[dev]")
     session.run("asv", "run", "--quick", "-E", "existing", "--set-commit-hash", "HEAD")
+
+
+if __name__ == "__main__":
+    nox.main()

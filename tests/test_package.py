@@ -130,3 +130,19 @@ def test_the_folders_that_contributors_are_sent_to_exist():
         assert (ROOT / name).exists() or "NAME" in name or "PACKAGE" in name, name
     for target in re.findall(r"\]\(([^)#]+)\)", text):
         assert target.startswith("http") or (ROOT / target).exists(), target
+
+
+def test_the_group_dev_installs_what_the_extra_dev_installs():
+    groups, extras = PROJECT["dependency-groups"], PROJECT["project"]["optional-dependencies"]
+
+    def flat(entries, known):
+        for entry in entries:
+            if isinstance(entry, dict):
+                yield from flat(known[entry["include-group"]], known)
+            elif entry.startswith("tcbench["):
+                for extra in entry[len("tcbench[") : -1].split(","):
+                    yield from flat(extras[extra], known)
+            else:
+                yield entry
+
+    assert set(flat(groups["dev"], groups)) == set(flat(extras["dev"], groups))
