@@ -1,0 +1,82 @@
+"""The short answers of README and docs/choose-a-method.md, from a run: python benchmarks/answers.py results/latest
+
+Keeps what the answers are made of in results/answers.json, and writes the blocks between <!-- answers --> marks;
+without a folder it writes the blocks again from that file. A test compares pages and file.
+"""
+
+import json
+import sys
+from pathlib import Path
+from statistics import median
+
+ROOT = Path(__file__).parent.parent
+KEPT = ROOT / "results" / "answers.json"
+PAGES = (ROOT / "README.md", ROOT / "docs" / "choose-a-method.md")
+BEGIN, END = "<!-- answers -->\n", "<!-- /answers -->"
+COARSE = ("tc_gauss", "tc_strang_exact", "tc_monolithic", "tc_staggered", "tc_strang", "tc_gonzalez", "midpoint_entropy",
+          "midpoint_temperature")  # fmt: skip
+
+
+def collect(folder):
+    """What the answers are made of: the page's sentences, and errors at the coarsest step by scenario."""
+    from tcbench.report.matrix import coarse_errors
+    from tcbench.report.overview import findings
+    from tcbench.store.store import Store
+    from tcbench.store.tables import read_tables
+
+    store = Store.read(folder)
+    tables, manifest = read_tables(store), store.manifest()
+    heat, made = coarse_errors(tables), coarse_errors(tables, "error_entropy_produced")
+    return {
+        "machine": manifest["machine"]["cpu"], "version": manifest["tcbench"],
+        "ended": str(manifest["ended"])[:10],
+        "sentences": [[f.title, f.lead, f.text] for f in findings(tables, store.declared())],
+        "coarse": {name: {"temperatures": heat[name], "entropy": made.get(name, {})} for name in COARSE if name in heat},
+    }  # fmt: skip
+
+
+def short(kept):
+    """README: one line a question."""
+    rows = [f"| {title} | **{lead}** | {text} |" for title, lead, text in kept["sentences"]]
+    return "\n".join(["| question | answer | measured |", "|---|---|---|", *rows, "", origin(kept), ""])
+
+
+def long(kept):
+    """docs: the same, and what a coarse step costs by scenario."""
+    scenarios = sorted({s for of in kept["coarse"].values() for s in of["temperatures"]})
+    lines = [
+        short(kept),
+        "Error of the final temperatures / of the entropy produced at the coarsest step, per cent (x: failed, -: not measured):",
+        "",
+    ]
+    lines += [f"| | {' | '.join(scenarios)} | median |", "|---" * (len(scenarios) + 2) + "|"]
+    for name, of in kept["coarse"].items():
+        cells = [f"{percent(of['temperatures'].get(s, ''))} / {percent(of['entropy'].get(s, ''))}" for s in scenarios]
+        errors = [x for x in of["temperatures"].values() if x is not None]
+        lines.append(f"| `{name}` | {' | '.join(cells)} | {percent(median(errors))} |")
+    return "\n".join([*lines, ""])
+
+
+def percent(value):
+    return {None: "x", "": "-"}.get(value) or f"{100 * value:.2g}"
+
+
+def origin(kept):
+    return f"One `tcbench run --all` of {kept['version']} on {kept['machine']}, {kept['ended']} (`python benchmarks/answers.py FOLDER`)."
+
+
+def written(text, block):
+    """A page with the block between its marks."""
+    before, rest = text.split(BEGIN)
+    return before + BEGIN + block + END + rest.split(END, 1)[1]
+
+
+def pages(kept):
+    return {page: written(page.read_text(), (short if page.name == "README.md" else long)(kept)) for page in PAGES}
+
+
+if __name__ == "__main__":
+    if len(sys.argv) > 1:
+        KEPT.write_text(json.dumps(collect(sys.argv[1]), indent=1) + "\n")
+    for path, content in pages(json.loads(KEPT.read_text())).items():
+        path.write_text(content)
