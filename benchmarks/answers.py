@@ -13,8 +13,8 @@ ROOT = Path(__file__).parent.parent
 KEPT = ROOT / "results" / "answers.json"
 PAGES = (ROOT / "README.md", ROOT / "docs" / "choose-a-method.md")
 BEGIN, END = "<!-- answers -->\n", "<!-- /answers -->"
-COARSE = ("tc_gauss", "tc_strang_exact", "tc_monolithic", "tc_staggered", "tc_strang", "tc_gonzalez", "midpoint_entropy",
-          "midpoint_temperature")  # fmt: skip
+COARSE = ("tc_gauss", "tc_strang_exact", "tc_monolithic", "tc_staggered", "tc_strang", "tc_gonzalez",
+          "midpoint_entropy", "midpoint_temperature")  # fmt: skip
 
 
 def collect(folder):
