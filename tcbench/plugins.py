@@ -103,6 +103,13 @@ def use_folders(folders: Iterable[str | Path]) -> None:
     _REGISTRY = None
 
 
+def forget() -> None:
+    """As in a new process: no folder is named, and what is registered is loaded when it is next asked for."""
+    global _REGISTRY
+    _FOLDERS.clear()
+    _REGISTRY = None
+
+
 def plugin_folders() -> list[Path]:
     """Folders and files named with --plugins-dir, then those in $TCBENCH_PLUGINS_DIR."""
     named = os.environ.get("TCBENCH_PLUGINS_DIR", "")

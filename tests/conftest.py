@@ -21,6 +21,17 @@ def pytest_collection_modifyitems(config, items):
                 item.add_marker(slow)
 
 
+@pytest.fixture(autouse=True)
+def plugins_as_installed():
+    """After each test the plugin folders that it named are forgotten."""
+    yield
+    from tcbench import plugin_files, plugins
+
+    if plugins._FOLDERS:
+        plugins.forget()
+        plugin_files.forget_helpers()
+
+
 @pytest.fixture
 def forgotten_kernels(monkeypatch):
     """For tests that break a formula on purpose: what is compiled meanwhile is forgotten, and so is what was before."""

@@ -120,3 +120,26 @@ def test_plugins_use_no_private_attribute_of_tcbenchs_objects():
             if isinstance(node, ast.Attribute) and node.attr.startswith("_") and node.attr not in own:
                 public = node.attr in ("_replace", "_asdict", "_fields")  # of NamedTuples
                 assert public or (node.attr[:2] == "__" and node.attr != "__wrapped__"), f"{path}: {node.attr}"
+
+
+FLOATS = re.compile(r"\b(floats?|Floats|NDArray|ndarray|DataFrame|Row)\b")
+GIVEN = {"Flow", "Scenario", "Range", "Axis"}  # what a user gives, no result: compared by what was given
+
+
+def records_of_floats(path):
+    """Names of the dataclasses in a file that hold floats, arrays or tables, and are compared field by field."""
+    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        made = [ast.unparse(d) for d in node.decorator_list] if isinstance(node, ast.ClassDef) else []
+        if any(re.match(r"(dataclasses\.)?dataclass\b(?!.*eq=False)", d) for d in made):
+            fields = [n for n in node.body if isinstance(n, ast.AnnAssign) and "compare=False" not in ast.unparse(n)]
+            if any(FLOATS.search(a) and "Callable" not in a for a in (ast.unparse(f.annotation) for f in fields)):
+                yield node.name
+
+
+def test_no_record_of_results_is_compared_as_a_dataclass_compares(tmp_path):
+    """NaN in a field is equal to itself before Python 3.13 and not after; arrays raise. `eq=False`, or an own __eq__."""
+    files = [path for folder in ("tcbench", "plugins") for path in (ROOT / folder).rglob("*.py")]
+    found = {name for path in files for name in records_of_floats(path)}
+    assert found == GIVEN
+    (tmp_path / "a.py").write_text("@dataclass(frozen=True)\nclass A:\n    x: dict[str, float]\n    y: int\n")
+    assert [*records_of_floats(tmp_path / "a.py")] == ["A"]

@@ -277,21 +277,18 @@ def test_names_that_a_run_does_not_have_are_refused(tmp_path):
         assert done.returncode == 2 and "Did you mean" in done.stderr
 
 
-def test_what_was_not_run_is_named_at_the_end():
+def test_what_was_not_run_is_named_at_the_end(monkeypatch):
     from tcbench import plugins
     from tcbench.commands import actions as commands
     from tcbench.integrator import Integrator
 
     absent = Integrator(name="far_away", order=1, step=lambda z, h, system: z, requires=("no-such-package",))
-    plugins.registry().integrators["far_away"] = absent
-    try:
-        (sentence,) = [text for text in commands.not_run(None, None) if "far_away" in text]
-        assert "not run" in sentence and "pip install no-such-package" in sentence
-        assert "far_away" not in plugins.present()
-        assert commands.not_run(["tc_strang"], None) == []
-        assert "scipy_odeint" in commands.not_run(["scipy_odeint", "tc_strang"], [0.1])[0]
-    finally:
-        plugins._REGISTRY = None
+    monkeypatch.setitem(plugins.registry().integrators, "far_away", absent)
+    (sentence,) = [text for text in commands.not_run(None, None) if "far_away" in text]
+    assert "not run" in sentence and "pip install no-such-package" in sentence
+    assert "far_away" not in plugins.present()
+    assert commands.not_run(["tc_strang"], None) == []
+    assert "scipy_odeint" in commands.not_run(["scipy_odeint", "tc_strang"], [0.1])[0]
 
 
 def test_strict_ends_with_1_where_a_cell_crashed(tmp_path):

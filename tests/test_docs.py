@@ -29,8 +29,7 @@ def blocks(page):
 def empty(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     yield tmp_path
-    plugins._FOLDERS.clear()
-    plugins._REGISTRY = None
+    plugins.forget()
 
 
 @pytest.mark.parametrize("page", PAGES)
@@ -47,8 +46,7 @@ def test_every_command_and_snippet_of_a_page_runs(page, empty):
         for line in code.splitlines():
             words = line.partition("#")[0].split()
             if words:
-                plugins._FOLDERS.clear()  # every command is a process of its own for the reader
-                plugins._REGISTRY = None
+                plugins.forget()  # every command is a process of its own for the reader
                 assert words[0] == "tcbench", f"{page}.md has a command that is not run: {line}"
                 done = CliRunner().invoke(main, words[1:])
                 assert done.exit_code == 0, f"{page}.md: {line}\n{done.output}\n{done.exception}"

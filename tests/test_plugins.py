@@ -29,8 +29,7 @@ def tcbench_integrators():
 @pytest.fixture
 def folder(tmp_path):
     yield tmp_path
-    plugins._FOLDERS.clear()
-    plugins._REGISTRY = None
+    plugins.forget()
 
 
 def test_every_plugin_file_has_its_entry_point():
@@ -145,8 +144,7 @@ def test_a_file_that_is_not_loaded_is_one_sentence_also_where_nothing_of_it_is_a
         str(folder / "o"),
     ]
     for words in (["list", *common], [*run, *common]):
-        plugins._FOLDERS.clear()
-        plugins._REGISTRY = None
+        plugins.forget()
         done = CliRunner().invoke(main, words)
         assert done.exit_code == 0 and done.stderr.splitlines()[-1].endswith(sentence), done.stderr
 

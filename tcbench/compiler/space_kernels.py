@@ -29,7 +29,7 @@ class Slot(NamedTuple):
     symbol: Symbol | None  # what is read or written there
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Mesh:
     """How many there are of each space, and where each map leads. Indices from sizes["position"] on are anchors."""
 

@@ -46,7 +46,7 @@ TICK_S = 0.05  # how often deadlines are looked at
 STOPPED_S = 2.0  # between two looks: this process was stopped, and with it perhaps the workers
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Event:
     """Something a progress display may want to show.
 
@@ -64,7 +64,7 @@ class Event:
     running: int
 
 
-@dataclass
+@dataclass(eq=False)
 class Summary:
     """What a run did. `statuses` counts the rows written by this run; `interrupted` is set after Ctrl-C."""
 
@@ -83,7 +83,7 @@ class Summary:
         return self.planned - self.already_finished - self.run
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Plan:
     """What a run would do. `estimate_s` is None when no earlier row tells how long anything takes."""
 

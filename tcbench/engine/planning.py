@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from .local import Plan
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Job:
     """Everything that a run will do, before it does it."""
 

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 DEFAULT_OUTPUT = Path("results") / "latest"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Results:
     """What `run` returns: the tables by name of what it was asked for, and what the engine did.
 

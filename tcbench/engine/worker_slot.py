@@ -107,7 +107,7 @@ class _Context(SpawnContext):
         return self.started[-1]
 
 
-@dataclass
+@dataclass(eq=False)
 class Crew:
     """What the slots of one run share: the workers' settings, deadlines, and the memory of failed starts."""
 

@@ -48,7 +48,7 @@ CONSTANT_KEYS = (
 INITIAL_KEYS = ("positions", "momenta", "temperatures")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Reference:
     """States known to a stated accuracy.
 

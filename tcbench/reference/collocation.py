@@ -37,7 +37,7 @@ class ReferenceFailed(RuntimeError):
     """No reference could be computed; the message says where it stopped and what to change."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Tableau:
     """A collocation method: nodes c (s,), matrix A (s, s), weights b (s,), and stage values -> Legendre."""
 

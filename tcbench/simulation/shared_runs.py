@@ -28,7 +28,7 @@ _folder: Path | None = None
 _found = 0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Solved:
     """What an adaptive solver gave.
 

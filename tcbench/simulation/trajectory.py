@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +25,7 @@ STATUSES = (
 Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Summary:
     """Extremes over every completed step, also of steps that were not recorded. Dimensionless.
 
@@ -47,6 +47,18 @@ class Summary:
     invariant_error_max: Mapping[str, float]
     residual_max: float
 
+    def __eq__(self, other: object) -> bool:
+        """The same numbers, NaN being NaN; what a dataclass would say of NaN depends on the Python."""
+        if not isinstance(other, Summary):
+            return NotImplemented
+        return all(_same(getattr(self, f.name), getattr(other, f.name)) for f in fields(self))
+
+
+def _same(one: Any, other: Any) -> bool:
+    if isinstance(one, Mapping):
+        return one.keys() == other.keys() and all(_same(one[name], other[name]) for name in one)
+    return bool(one == other or (one != one and other != other))
+
 
 @dataclass(frozen=True)
 class SolverCounts:
@@ -66,7 +78,7 @@ class SolverCounts:
     unknown: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Trajectory:
     """A run in z = (q, p, s), whatever variables the integrator solves in. Everything is dimensionless.
 

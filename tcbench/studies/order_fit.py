@@ -30,7 +30,7 @@ MIN_SLOPE = 0.2  # below this, errors do not decrease: no order is claimed
 CONFIDENCE = 0.95
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class OrderFit:
     """Result of `fit_order`; arrays keep the caller's sequence of points.
 

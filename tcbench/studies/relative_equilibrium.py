@@ -28,7 +28,7 @@ LOWEST_STRAIN = -8.0  # springs shorter than e^-8 natural lengths are collapsed,
 FAR = np.log(100.0)  # an equilibrium with a spring of more than 100 natural lengths is called distant
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RelativeEquilibrium:
     """The relative equilibrium of largest entropy at one energy and angular momentum, or the finding that
     there is none.

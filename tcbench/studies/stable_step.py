@@ -36,7 +36,7 @@ FACTORS = (0.5, 1.0, 4.0)  # of the blow-up bound
 OK, SOLVER, BRANCH, PHYSICAL, NONE = "ok", "solver", "branch", "physical", "none"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Outcome:
     """What became of one run. Dimensionless.
 
@@ -97,7 +97,7 @@ def step_of(rung: int) -> float:
     return float(2.0 ** (rung / FINE))
 
 
-@dataclass
+@dataclass(eq=False)
 class Ladder:
     """Outcomes on rungs, each computed once."""
 

@@ -20,8 +20,7 @@ TESTS = dict(contract.TESTS)
 @pytest.fixture(autouse=True)
 def forget():
     yield
-    plugins._FOLDERS.clear()
-    plugins._REGISTRY = None
+    plugins.forget()
 
 
 def explicit_midpoint(z, h, system):
@@ -242,7 +241,7 @@ def test_a_hang_and_a_crash_end_the_check_with_a_sentence(tmp_path, monkeypatch)
     monkeypatch.setattr(check, "DEADLINE", 3.0)
     done = command(write(tmp_path, "time.sleep(100)"))
     assert done.exit_code == 1 and "no answer after 3 s" in done.stdout and "not checked" in done.stdout
-    plugins._FOLDERS.clear()
+    plugins.forget()
     monkeypatch.setattr(check, "DEADLINE", 60.0)
     done = command(write(tmp_path, "import os; os._exit(3)"))
     assert done.exit_code == 1 and "exit code 3" in done.stdout
@@ -252,7 +251,7 @@ def test_files_that_do_not_load_or_bring_nothing_fail_with_a_remedy(tmp_path):
     taken = command(write(tmp_path, name="tc_strang"))
     assert taken.exit_code == 1 and "unique name" in taken.stdout and "Rename" in taken.stdout
     for text, words in (("def broken(:\n", "SyntaxError"), ("x = 1\n", "no hook is implemented")):
-        plugins._FOLDERS.clear()
+        plugins.forget()
         path = tmp_path / f"bad{len(words)}.py"
         path.write_text(text)
         done = command(str(path))

@@ -17,8 +17,7 @@ from tcbench.cli import main
 @pytest.fixture(autouse=True)
 def forget():
     yield
-    plugins._FOLDERS.clear()
-    plugins._REGISTRY = None
+    plugins.forget()
 
 
 def new(*args):

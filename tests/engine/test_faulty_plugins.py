@@ -1,10 +1,13 @@
 """`tcbench run` with plugins that hang, crash, lie and shout: one row for every planned cell, the others untouched."""
 
 import json
-import subprocess
 import sys
 
+import deadlines
 import pytest
+from click.testing import CliRunner
+
+from tcbench.cli import main
 
 HEADER = "import ctypes, os, sys, time\nimport numpy as np\nfrom tcbench import Integrator, hookimpl\n"
 FOOTER = """
@@ -13,7 +16,7 @@ def tcbench_integrators():
     return [Integrator(name={name!r}, order=1, step=step)]
 """
 FAULTS = {  # body of step(z, h, system) -> status of the row
-    "hang": ("while True: time.sleep(0.1)", "timeout"),
+    "hang": ("print('hanging', flush=True); time.sleep(1e6)", "timeout"),
     "segfault": ("ctypes.string_at(0)", "crash"),
     "leaver": ("os._exit(0)", "crash"),
     "shouter": ("raise RuntimeError('x' * 10_000_000)", "exception"),
@@ -26,9 +29,8 @@ BROKEN = {"syntax": "def broken(:\n", "importing": "import no_such_module\n"}
 GOOD = ("-i", "tc_monolithic", "-i", "midpoint_entropy", "-s", "short_term", "-s", "stiff_spring")
 
 
-def run(folder, out, *extra):
-    command = [sys.executable, "-m", "tcbench", "run", *GOOD, "--study", "conservation", "--dt", "0.3", "-o", str(out)]
-    return subprocess.run([*command, *extra], capture_output=True, text=True, cwd=folder)
+def run(out, *extra):
+    return CliRunner().invoke(main, ["run", *GOOD, "--study", "conservation", "--dt", "0.3", "-o", str(out), *extra])
 
 
 def rows(out):
@@ -37,7 +39,7 @@ def rows(out):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the memory limit is enforced on Linux only")
-def test_faulty_plugins_cost_their_own_cells_and_nothing_else(tmp_path):
+def test_faulty_plugins_cost_their_own_cells_and_nothing_else(tmp_path, monkeypatch, capfd):
     plugins = tmp_path / "plugins"
     plugins.mkdir()
     for name, (body, _) in FAULTS.items():
@@ -48,13 +50,15 @@ def test_faulty_plugins_cost_their_own_cells_and_nothing_else(tmp_path):
     for name, text in BROKEN.items():
         (plugins / f"{name}.py").write_text(text)
 
-    clean = run(tmp_path, tmp_path / "clean")
-    assert clean.returncode == 0, clean.stderr
+    clean = run(tmp_path / "clean")
+    assert clean.exit_code == 0, clean.output
     chosen = [word for name in [*FAULTS, "slow_import"] for word in ("-i", name)]
-    limits = ("--timeout", "6", "--memory-limit", "6000")
-    faulty = run(tmp_path, tmp_path / "faulty", "--plugins-dir", str(plugins), *chosen, *limits)
-    assert faulty.returncode == 0, faulty.stderr
-    assert len(faulty.stdout) < 20_000 and len(faulty.stderr) < 20_000  # whoever shouts, shouts into a file
+    deadlines.only_for(monkeypatch, ["hang"], ["printer"])
+    limits = ("--timeout", str(deadlines.LIMIT), "--memory-limit", "6000")
+    faulty = run(tmp_path / "faulty", "--plugins-dir", str(plugins), *chosen, *limits)
+    assert faulty.exit_code == 0, faulty.output
+    shouted = capfd.readouterr()
+    assert len(faulty.output) < 20_000 and len(shouted.out + shouted.err) < 20_000  # whoever shouts, shouts into a file
 
     found = rows(tmp_path / "faulty")
     names = [(integrator, scenario) for integrator, scenario, _ in found]

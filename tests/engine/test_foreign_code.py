@@ -52,8 +52,7 @@ def rows(folder):
 @pytest.fixture
 def folders():
     yield
-    plugins._FOLDERS.clear()
-    plugins._REGISTRY = None
+    plugins.forget()
     plugin_files.forget_helpers()
 
 
@@ -77,7 +76,7 @@ def test_helpers_of_folders_that_are_loaded_one_after_the_other_are_each_its_own
     found = []
     for name, factor in (("a", 1.0), ("b", 0.5)):
         helped(tmp_path / name, "mine", factor)
-        plugins._FOLDERS.clear()
+        plugins.forget()
         plugins.use_folders([tmp_path / name])
         found.append(plugins.find_integrator("mine").step.__globals__["factor"])
     (tmp_path / "b" / "helper.py").write_text("factor = 0.25\n")

@@ -40,13 +40,11 @@ def folder(tmp_path, monkeypatch):
     (tmp_path / "own" / "_unused.py").write_text("x = 1\n")
     (tmp_path / "study.toml").write_text(STUDY)
     yield tmp_path
-    plugins._FOLDERS.clear()
-    plugins._REGISTRY = None
+    plugins.forget()
 
 
 def run(*words):
-    plugins._FOLDERS.clear()
-    plugins._REGISTRY = None
+    plugins.forget()
     return CliRunner().invoke(main, list(words))
 
 

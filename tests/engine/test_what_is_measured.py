@@ -26,8 +26,7 @@ WEIGHT = 0.5
 @pytest.fixture
 def folders():
     yield
-    plugins._FOLDERS.clear()
-    plugins._REGISTRY = None
+    plugins.forget()
 
 
 def weighted(theta):

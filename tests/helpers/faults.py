@@ -32,11 +32,13 @@ def pid(cell: dict, context: dict) -> dict:
 
 
 def fault_hang(cell, context):
+    print("hanging", flush=True)
     while True:
         time.sleep(10)
 
 
 def fault_hang_in_c(cell, context):
+    print("hanging", flush=True)
     ctypes.PyDLL(None).sleep(1000)  # PyDLL keeps the GIL: no Python signal handler ever runs
 
 

@@ -38,12 +38,9 @@ def test_each_reason_is_told_once_below_the_table(tables):
 
 def test_two_steps_for_an_order_and_a_scenario_that_does_not_suit_are_told(tmp_path):
     words = ["run", "-i", "verlet_heat", "-s", "short_term", "-s", "gas_containers", "--study", "convergence", "--dt"]
-    try:
-        done = CliRunner().invoke(main, [*words, "0.1", "--dt", "0.2", "-o", str(tmp_path / "out")])
-        assert done.exit_code == 0 and "2 steps, and an order takes at least 3: leave --dt out" in done.stderr
-        assert "verlet_heat is not run on gas_containers: it needs conduction_flow" in done.stderr
-        assert "Order undetermined of verlet_heat on short_term: Only 2 points" in done.stdout
-        shown = CliRunner().invoke(main, ["show", str(tmp_path / "out")])
-        assert "Order undetermined of verlet_heat on short_term: Only 2 points" in shown.stdout
-    finally:
-        plugins._REGISTRY = None
+    done = CliRunner().invoke(main, [*words, "0.1", "--dt", "0.2", "-o", str(tmp_path / "out")])
+    assert done.exit_code == 0 and "2 steps, and an order takes at least 3: leave --dt out" in done.stderr
+    assert "verlet_heat is not run on gas_containers: it needs conduction_flow" in done.stderr
+    assert "Order undetermined of verlet_heat on short_term: Only 2 points" in done.stdout
+    shown = CliRunner().invoke(main, ["show", str(tmp_path / "out")])
+    assert "Order undetermined of verlet_heat on short_term: Only 2 points" in shown.stdout

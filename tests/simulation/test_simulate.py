@@ -4,7 +4,7 @@ import math
 import os
 import subprocess
 import sys
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -114,7 +114,7 @@ def test_a_run_in_parts_is_the_same_to_the_last_bit(method, monkeypatch):
     parts = run()
     for name in ("t", "z", "energy", "entropy", "temperatures", "newton_iterations"):
         assert np.array_equal(getattr(parts, name), getattr(whole, name)), name
-    np.testing.assert_equal(asdict(parts.summary), asdict(whole.summary))  # NaN is NaN, on every Python
+    assert parts.summary == whole.summary
     assert whole.steps == 200
 
 
@@ -269,6 +269,15 @@ def test_a_method_that_marches_gives_the_rows_that_its_steps_give():
     assert runs[0].steps == runs[1].steps == 600  # asked for in more than one piece
     np.testing.assert_array_equal(runs[0].z, runs[1].z)
     assert runs[0].summary == runs[1].summary
+
+
+def test_summaries_are_equal_where_their_numbers_are_and_nan_is_nan():
+    one, other = (tcbench.simulate("tc_monolithic", "bound_equilibrium", dt=0.1, t_end=0.2) for _ in range(2))
+    assert math.isnan(one.summary.first_entropy_fall) and one.summary == other.summary
+    worse = replace(other.summary, invariant_error_max={"angular_momentum": 1.0})
+    for changed in (worse, replace(other.summary, energy_drift=math.nan), replace(worse, invariant_error_max={})):
+        assert one.summary != changed
+    assert one.summary != asdict(one.summary)
 
 
 def test_a_march_that_ends_early_is_asked_again_and_a_blowup_within_it_is_found():

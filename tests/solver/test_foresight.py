@@ -1,5 +1,7 @@
 """What a large system costs is said before it is paid."""
 
+from types import SimpleNamespace
+
 import pytest
 from tcbench_plugins.net.net import net
 
@@ -57,6 +59,7 @@ def test_memory_is_the_least_of_what_may_be_used(monkeypatch, tmp_path):
 
 
 def test_a_run_beyond_its_time_limit_is_one_sentence_before_it_begins(monkeypatch):
+    monkeypatch.setattr(foresight, "time", SimpleNamespace(monotonic=lambda: 0.0))  # a clock that stands still
     cell = {"integrator": "tc_monolithic", "scenario": "net[nx=20,ny=20]", "study": "conservation"}
     cell |= {"options": {"dt": 0.0005}}  # 50,000 steps
     sentence = (

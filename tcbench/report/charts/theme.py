@@ -54,7 +54,7 @@ SIZES = ("font.size", "axes.titlesize", "axes.labelsize", "xtick.labelsize", "yt
 CYCLE = "axes.prop_cycle"
 
 
-@dataclass
+@dataclass(eq=False)
 class Theme:
     """labels : names of methods -> what to write instead, in the order in which they are drawn; others are left out.
 
