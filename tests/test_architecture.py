@@ -137,7 +137,7 @@ def records_of_floats(path):
 
 
 def test_no_record_of_results_is_compared_as_a_dataclass_compares(tmp_path):
-    """NaN in a field is equal to itself before Python 3.13 and not after; arrays raise. `eq=False`, or an own __eq__."""
+    """NaN in a field is equal to itself before Python 3.13 and not after; arrays raise. `eq=False` or an own __eq__."""
     files = [path for folder in ("tcbench", "plugins") for path in (ROOT / folder).rglob("*.py")]
     found = {name for path in files for name in records_of_floats(path)}
     assert found == GIVEN

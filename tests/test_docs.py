@@ -28,8 +28,7 @@ def blocks(page):
 @pytest.fixture
 def empty(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    yield tmp_path
-    plugins.forget()
+    return tmp_path
 
 
 @pytest.mark.parametrize("page", PAGES)

@@ -26,12 +26,6 @@ def tcbench_integrators():
 """
 
 
-@pytest.fixture
-def folder(tmp_path):
-    yield tmp_path
-    plugins.forget()
-
-
 def test_every_plugin_file_has_its_entry_point():
     points = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["entry-points"]["tcbench"]
     files = {p.stem for p in (ROOT / "plugins").glob("*.py") if p.stem != "__init__"}
@@ -80,9 +74,9 @@ def test_every_hook_is_documented():
             assert function.__doc__ and len(function.__doc__) > 20, name
 
 
-def test_a_plugin_file_is_found_and_runs(folder):
-    (folder / "mine.py").write_text(GOOD)
-    plugins.use_folders([folder])
+def test_a_plugin_file_is_found_and_runs(tmp_path):
+    (tmp_path / "mine.py").write_text(GOOD)
+    plugins.use_folders([tmp_path])
     assert "mine" in tcbench.integrators()
     mine, builtin = tcbench.simulate("mine", "short_term"), tcbench.simulate("midpoint_entropy", "short_term")
     assert (mine.z == builtin.z).all()
@@ -102,17 +96,17 @@ BROKEN = {
 
 
 @pytest.mark.parametrize("name", BROKEN)
-def test_a_broken_plugin_stays_listed_with_its_traceback_and_costs_no_other(folder, name):
+def test_a_broken_plugin_stays_listed_with_its_traceback_and_costs_no_other(tmp_path, name):
     source, message = BROKEN[name]
-    (folder / name).write_text(source)
-    (folder / "good.py").write_text(GOOD)
-    plugins.use_folders([folder])
+    (tmp_path / name).write_text(source)
+    (tmp_path / "good.py").write_text(GOOD)
+    plugins.use_folders([tmp_path])
     broken = {origin.name: origin.error for origin in plugins.registry().broken}
     assert list(broken) == [name.removesuffix(".py")] and message in broken[name.removesuffix(".py")]
     assert {"mine", "tc_monolithic"} <= set(tcbench.integrators())
     with pytest.raises(TcbenchError, match=rf"'nobody'\. {name} was not loaded: .*Known: .*") as raised:
         plugins.find_integrator("nobody")
-    assert "--plugins-dir" not in str(raised.value) and str(folder) in str(raised.value)
+    assert "--plugins-dir" not in str(raised.value) and str(tmp_path) in str(raised.value)
 
 
 @pytest.mark.parametrize(
@@ -127,9 +121,9 @@ def test_a_broken_plugin_stays_listed_with_its_traceback_and_costs_no_other(fold
          "again in line 11, and Python keeps the last one only. Return everything from one function."),
     ],
 )  # fmt: skip
-def test_a_file_that_is_not_loaded_is_one_sentence_also_where_nothing_of_it_is_asked_for(folder, source, sentence):
-    (folder / "syn.py").write_text(source)
-    common = ["--plugins-dir", str(folder)]
+def test_a_file_that_is_not_loaded_is_one_sentence_also_where_nothing_of_it_is_asked_for(tmp_path, source, sentence):
+    (tmp_path / "syn.py").write_text(source)
+    common = ["--plugins-dir", str(tmp_path)]
     run = [
         "run",
         "-i",
@@ -141,7 +135,7 @@ def test_a_file_that_is_not_loaded_is_one_sentence_also_where_nothing_of_it_is_a
         "--dt",
         "0.3",
         "-o",
-        str(folder / "o"),
+        str(tmp_path / "o"),
     ]
     for words in (["list", *common], [*run, *common]):
         plugins.forget()
@@ -149,54 +143,54 @@ def test_a_file_that_is_not_loaded_is_one_sentence_also_where_nothing_of_it_is_a
         assert done.exit_code == 0 and done.stderr.splitlines()[-1].endswith(sentence), done.stderr
 
 
-def test_a_script_in_the_folder_is_refused_with_a_sentence_and_spoils_nothing(folder):
+def test_a_script_in_the_folder_is_refused_with_a_sentence_and_spoils_nothing(tmp_path):
     """It asks for the registry that is just being made: once a recursion that ended in half-imported packages."""
-    (folder / "script.py").write_text("import tcbench\ntcbench.simulate('tc_monolithic', 'short_term')\n")
-    (folder / "good.py").write_text(GOOD)
-    plugins.use_folders([folder])
+    (tmp_path / "script.py").write_text("import tcbench\ntcbench.simulate('tc_monolithic', 'short_term')\n")
+    (tmp_path / "good.py").write_text(GOOD)
+    plugins.use_folders([tmp_path])
     (broken,) = plugins.registry().broken
     assert broken.name == "script" and "__main__" in broken.error and "Traceback" not in broken.error
     assert "mine" in tcbench.integrators()
 
 
-def test_packages_of_an_environment_in_the_plugin_folder_are_not_helpers_beside_the_plugin(folder, monkeypatch):
-    packages = folder / ".venv" / "site-packages"
+def test_packages_of_an_environment_in_the_plugin_folder_are_not_helpers_beside_the_plugin(tmp_path, monkeypatch):
+    packages = tmp_path / ".venv" / "site-packages"
     packages.mkdir(parents=True)
     (packages / "installed_here.py").write_text("")
-    (folder / "beside.py").write_text("")
-    (folder / "mine.py").write_text("import installed_here, beside\n" + GOOD)
+    (tmp_path / "beside.py").write_text("")
+    (tmp_path / "mine.py").write_text("import installed_here, beside\n" + GOOD)
     monkeypatch.syspath_prepend(packages)
-    plugins.use_folders([folder / "mine.py"])
+    plugins.use_folders([tmp_path / "mine.py"])
     assert not plugins.registry().broken
     plugins.load()
     assert "installed_here" in sys.modules and "beside" not in sys.modules
 
 
-def test_two_plugins_with_one_name_are_refused_with_both_named(folder):
-    (folder / "first.py").write_text(GOOD)
-    (folder / "second.py").write_text(GOOD)
-    plugins.use_folders([folder])
+def test_two_plugins_with_one_name_are_refused_with_both_named(tmp_path):
+    (tmp_path / "first.py").write_text(GOOD)
+    (tmp_path / "second.py").write_text(GOOD)
+    plugins.use_folders([tmp_path])
     with pytest.raises(TcbenchError, match=r"integrator 'mine': first and second"):
         tcbench.integrators()
 
 
-def test_a_missing_plugin_folder_is_refused(folder):
+def test_a_missing_plugin_folder_is_refused(tmp_path):
     with pytest.raises(TcbenchError, match="does not exist"):
-        plugins.use_folders([folder / "nowhere"])
+        plugins.use_folders([tmp_path / "nowhere"])
 
 
-def test_the_environment_variable_names_folders(folder):
-    (folder / "mine.py").write_text(GOOD)
+def test_the_environment_variable_names_folders(tmp_path):
+    (tmp_path / "mine.py").write_text(GOOD)
     code = "import tcbench; print('mine' in tcbench.integrators())"
     import os
 
-    env = os.environ | {"TCBENCH_PLUGINS_DIR": str(folder)}
+    env = os.environ | {"TCBENCH_PLUGINS_DIR": str(tmp_path)}
     assert subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True).stdout == "True\n"
 
 
-def test_integrators_are_sorted_by_name_whatever_the_order_of_registration(folder):
-    (folder / "zzz.py").write_text(GOOD.replace('"mine"', '"aaa"'))
-    plugins.use_folders([folder])
+def test_integrators_are_sorted_by_name_whatever_the_order_of_registration(tmp_path):
+    (tmp_path / "zzz.py").write_text(GOOD.replace('"mine"', '"aaa"'))
+    plugins.use_folders([tmp_path])
     assert list(tcbench.integrators()) == sorted(tcbench.integrators())
 
 
@@ -224,9 +218,9 @@ def tcbench_metrics():
 """
 
 
-def test_scenarios_and_metrics_of_a_file_are_registered_and_used(folder):
-    (folder / "scenario.py").write_text(SCENARIO_AND_METRIC)
-    plugins.use_folders([folder])
+def test_scenarios_and_metrics_of_a_file_are_registered_and_used(tmp_path):
+    (tmp_path / "scenario.py").write_text(SCENARIO_AND_METRIC)
+    plugins.use_folders([tmp_path])
     assert tcbench.scenarios()["shorter"].t_end == 3.0 and tcbench.scenarios()["shorter"].plugin == "scenario"
-    results = tcbench.run(["tc_monolithic"], ["shorter"], ["conservation"], output=folder / "out", dt=[0.3])
+    results = tcbench.run(["tc_monolithic"], ["shorter"], ["conservation"], output=tmp_path / "out", dt=[0.3])
     assert list(results.tables["conservation"]["hottest"]) == [pytest.approx(380.0)]

@@ -17,12 +17,6 @@ from tcbench.cli import main
 TESTS = dict(contract.TESTS)
 
 
-@pytest.fixture(autouse=True)
-def forget():
-    yield
-    plugins.forget()
-
-
 def explicit_midpoint(z, h, system):
     return z + h * system.vector_field(z + h / 2 * system.vector_field(z))
 

@@ -14,12 +14,6 @@ from tcbench.authoring import check, integrator_checks, scaffold
 from tcbench.cli import main
 
 
-@pytest.fixture(autouse=True)
-def forget():
-    yield
-    plugins.forget()
-
-
 def new(*args):
     return CliRunner().invoke(main, ["new", *map(str, args)])
 

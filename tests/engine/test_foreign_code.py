@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from tcbench import TcbenchError, plugin_files, plugins
+from tcbench import TcbenchError, plugins
 from tcbench.store.store import Store
 
 SCRIPT = Path(sys.executable).with_name("tcbench")
@@ -49,13 +49,6 @@ def rows(folder):
     return {line["cell"]["integrator"]: line["row"] for line in Store.read(folder).lines()}
 
 
-@pytest.fixture
-def folders():
-    yield
-    plugins.forget()
-    plugin_files.forget_helpers()
-
-
 def helped(folder, name, factor, late=False):
     where = "from helper import factor"
     plugin(folder / f"{name}.py", before="" if late else where, step=f"{where if late else 'pass'}; h = factor * h")
@@ -63,7 +56,7 @@ def helped(folder, name, factor, late=False):
 
 
 @pytest.mark.parametrize("late", [False, True])
-def test_a_helper_of_another_folder_is_refused_with_a_sentence(tmp_path, folders, late):
+def test_a_helper_of_another_folder_is_refused_with_a_sentence(tmp_path, late):
     helped(tmp_path / "a", "mine_a", 1.0)
     helped(tmp_path / "b", "mine_b", 0.5, late)
     plugins.use_folders([tmp_path / "a", tmp_path / "b"])
@@ -72,7 +65,7 @@ def test_a_helper_of_another_folder_is_refused_with_a_sentence(tmp_path, folders
         plugins.find_integrator("mine_b")
 
 
-def test_helpers_of_folders_that_are_loaded_one_after_the_other_are_each_its_own(tmp_path, folders):
+def test_helpers_of_folders_that_are_loaded_one_after_the_other_are_each_its_own(tmp_path):
     found = []
     for name, factor in (("a", 1.0), ("b", 0.5)):
         helped(tmp_path / name, "mine", factor)
@@ -131,7 +124,7 @@ def test_what_a_hook_raises_is_that_plugins_failure(tmp_path, how):
     assert "good" in {i["name"] for i in listed["integrators"]}
 
 
-def test_what_an_import_or_the_values_of_a_parameter_raise_is_that_plugins_failure(tmp_path, folders):
+def test_what_an_import_or_the_values_of_a_parameter_raise_is_that_plugins_failure(tmp_path):
     plugin(tmp_path / "importing.py", before="raise BaseException('no')")
     (tmp_path / "valued.py").write_text(
         "from tcbench import Integrator, family, hookimpl\n"

@@ -39,8 +39,7 @@ def folder(tmp_path, monkeypatch):
     (tmp_path / "own" / "helper.py").write_text("half = 0.5\n")
     (tmp_path / "own" / "_unused.py").write_text("x = 1\n")
     (tmp_path / "study.toml").write_text(STUDY)
-    yield tmp_path
-    plugins.forget()
+    return tmp_path
 
 
 def run(*words):

@@ -23,12 +23,6 @@ from tests.simulation.test_changed_formulas import springs
 WEIGHT = 0.5
 
 
-@pytest.fixture
-def folders():
-    yield
-    plugins.forget()
-
-
 def weighted(theta):
     def formula(z0, z1, h, system):
         return z1 - z0 - h * system.vector_field((1 - theta) * z0 + theta * z1)
@@ -158,7 +152,7 @@ def tcbench_metrics():
 """
 
 
-def test_a_plugin_file_that_is_edited_during_the_session_is_read_again(tmp_path, folders):
+def test_a_plugin_file_that_is_edited_during_the_session_is_read_again(tmp_path):
     file, out = tmp_path / "from_a_file.py", tmp_path / "out"
     file.write_text(PLUGIN.format(a=0.5, b=0.5, c=2))
     plugins.use_folders([file])
@@ -174,7 +168,7 @@ HELPED = "import pack.share\n" + PLUGIN.replace("({a})", "pack.share.old").repla
 
 
 @pytest.mark.parametrize("python", ["this", "another"])
-def test_an_edit_of_one_size_and_second_is_measured(tmp_path, folders, monkeypatch, python):
+def test_an_edit_of_one_size_and_second_is_measured(tmp_path, monkeypatch, python):
     """Python would take its byte code of the file before for current: own files, helpers and packages beside them."""
     monkeypatch.delenv("PYTHONDONTWRITEBYTECODE", raising=False)
     monkeypatch.setattr(sys, "dont_write_bytecode", False)
@@ -197,7 +191,7 @@ def test_an_edit_of_one_size_and_second_is_measured(tmp_path, folders, monkeypat
     assert errors[0] != errors[1]
 
 
-def test_a_file_that_is_edited_after_the_plan_gives_no_row_of_the_plan(tmp_path, folders):
+def test_a_file_that_is_edited_after_the_plan_gives_no_row_of_the_plan(tmp_path):
     file = tmp_path / "from_a_file.py"
     file.write_text(PLUGIN.format(a=0.5, b=0.5, c=2))
     plugins.use_folders([file])
@@ -209,7 +203,7 @@ def test_a_file_that_is_edited_after_the_plan_gives_no_row_of_the_plan(tmp_path,
     assert row["exception_type"] == "ChangedError" and "not those that the run was planned with" in row["failure"]
 
 
-def test_a_metric_that_is_edited_is_measured_again(tmp_path, folders):
+def test_a_metric_that_is_edited_is_measured_again(tmp_path):
     file, out = tmp_path / "from_a_file.py", tmp_path / "out"
     values = []
     for c in (2, 3):

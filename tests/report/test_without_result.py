@@ -4,7 +4,6 @@ import pandas
 import pytest
 from click.testing import CliRunner
 
-from tcbench import plugins
 from tcbench.cli import main
 from tcbench.report import matrix, overview
 from tcbench.report.by_method import remarks
