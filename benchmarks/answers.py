@@ -31,7 +31,7 @@ def collect(folder):
         "machine": manifest["machine"]["cpu"], "version": manifest["tcbench"],
         "ended": str(manifest["ended"])[:10],
         "sentences": [[f.title, f.lead, f.text] for f in findings(tables, store.declared())],
-        "coarse": {name: {"temperatures": heat[name], "entropy": made.get(name, {})} for name in COARSE if name in heat},
+        "coarse": {m: {"temperatures": heat[m], "entropy": made.get(m, {})} for m in COARSE if m in heat},
     }  # fmt: skip
 
 
