@@ -46,7 +46,8 @@ def long(kept):
     scenarios = sorted({s for of in kept["coarse"].values() for s in of["temperatures"]})
     lines = [
         short(kept),
-        "Error of the final temperatures / of the entropy produced at the coarsest step, per cent (x: failed, -: not measured):",
+        "Error of the final temperatures / of the entropy produced at the coarsest step, per cent (x: failed, -: not "
+        "measured):",
         "",
     ]
     lines += [f"| | {' | '.join(scenarios)} | median |", "|---" * (len(scenarios) + 2) + "|"]
