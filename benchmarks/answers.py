@@ -63,7 +63,8 @@ def percent(value):
 
 
 def origin(kept):
-    return f"One `tcbench run --all` of {kept['version']} on {kept['machine']}, {kept['ended']} (`python benchmarks/answers.py FOLDER`)."
+    run = f"One `tcbench run --all` of {kept['version']} on {kept['machine']}, {kept['ended']}"
+    return f"{run} (`python benchmarks/answers.py FOLDER`)."
 
 
 def written(text, block):
