@@ -11,6 +11,7 @@ from typing import Any
 import click
 
 from . import progress
+from .commands.cache import cache_command
 from .commands.examples import Command, Sectioned
 from .commands.options import CONFIG, LATEST, ChartKind, completion, many, output, runs
 from .errors import TcbenchError
@@ -19,7 +20,7 @@ from .studies.base import study_names
 ENVIRONMENT = """\b
 Environment:
   TCBENCH_PLUGINS_DIR  folders of plugin files, as --plugins-dir
-  TCBENCH_CACHE_DIR    where compiled kernels and references are kept
+  TCBENCH_CACHE_DIR    where compiled kernels and references are kept: see tcbench cache
   NO_COLOR             plain text on a terminal, too
 """
 
@@ -373,6 +374,9 @@ def check(
         raise TcbenchError("Say what to check: tcbench check FILE, or the name of an integrator or scenario.")
     chosen = [line.strip() for line in only.split(",") if line.strip()]
     sys.exit(check_command([*targets, *integrators, *scenarios], chosen, as_json))
+
+
+main.add_command(cache_command)
 
 
 def prepare(folders: tuple[str, ...], quiet: bool = False) -> None:

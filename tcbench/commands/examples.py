@@ -27,6 +27,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "publish": ("tcbench publish results/latest results/other -o site",),
     "compare": ("tcbench compare results/before results/latest --fail-on-regression",),
     "new": ("tcbench new integrator mine", "tcbench new system pump --package --folder ~/work"),
+    "cache": ("tcbench cache", "tcbench cache clear"),
     "check": ("tcbench check mine.py", "tcbench check -i tc_strang --only order,claims"),
 }
 

@@ -21,7 +21,6 @@ import importlib.metadata
 import importlib.util
 import platform
 import re
-import struct
 import sys
 import sysconfig
 import types
@@ -40,7 +39,7 @@ READS_BY_NAME = frozenset({"getattr", "hasattr", "import_module", "__import__"})
 NOT_CONTENT = frozenset({
     "__dict__", "__weakref__", "__doc__", "__module__", "__firstlineno__", "__static_attributes__", "__annotations__",
     "__annotate__", "__annotate_func__", "__annotations_cache__", "_abc_impl", "__abstractmethods__", "__wrapped__",
-    "__qualname__", "__type_params__",
+    "__qualname__", "__type_params__", "__slotnames__",
 })  # fmt: skip
 
 
@@ -53,7 +52,7 @@ class HashlessError(Exception):
 
 def content_hash(*objects: Any) -> str | None:
     """Sha256, hexadecimal, of what these objects are and compute; None where something in them has no hash."""
-    hasher = _Hasher()
+    hasher = Hasher()
     try:
         for item in objects:
             hasher.add(item)
@@ -75,7 +74,7 @@ class _Code:
 @lru_cache(maxsize=10_000)
 def code_of(code: types.CodeType) -> _Code:
     """What of a code object never changes."""
-    hasher = _Hasher()
+    hasher = Hasher()
     count = code.co_argcount + code.co_kwonlyargcount
     hasher.add((
         code.co_code, code.co_exceptiontable, code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount,
@@ -106,7 +105,7 @@ def code_of(code: types.CodeType) -> _Code:
     return _Code(hasher.digest.digest(), tuple(names), frozenset(attributes), tuple(imports))
 
 
-class _Hasher:
+class Hasher:
     """One hash under way; objects that occur twice, or contain themselves, are told by the number of the first time."""
 
     def __init__(self) -> None:
@@ -115,10 +114,17 @@ class _Hasher:
         self.modules: set[tuple[int, frozenset[str]]] = set()  # those in others, with what is read of them
         self.alive: list[Any] = []  # an id is of one object only as long as that lives
 
+    def home(self, name: str, file: str | None) -> str | None:
+        """How a module that nobody edits is told; None for one whose content counts."""
+        return installed(name, file)
+
+    def home_of_class(self, item: type) -> str | None:
+        """The same of a class; those that no class statement made are Python's or some library's."""
+        home = self.home(item.__module__, getattr(sys.modules.get(item.__module__), "__file__", None))
+        return home or (None if item.__flags__ & HEAP_TYPE else "builtin")
+
     def note(self, *words: Any) -> None:
-        for word in words:
-            text = str(word).encode("utf-8", "surrogatepass")
-            self.digest.update(struct.pack("<q", len(text)) + text)
+        self.digest.update(repr(words).encode())  # no two tuples of words and numbers have one text
 
     def add(self, item: Any) -> None:
         kind = type(item)
@@ -159,7 +165,7 @@ class _Hasher:
             self.note("builtin", item.__qualname__, getattr(item, "__module__", ""))
             if not isinstance(owner, types.ModuleType) and owner is not None:
                 self.add(owner)
-        elif isinstance(item, np.ndarray | np.generic) and _is_plain(type(item)):
+        elif isinstance(item, np.ndarray | np.generic) and self._is_plain(type(item)):
             self._array(item)
         elif isinstance(item, np.generic):
             raise HashlessError(f"a {type(item).__name__}")
@@ -180,7 +186,7 @@ class _Hasher:
     # -- code
 
     def _function(self, function: types.FunctionType) -> None:
-        home = installed(str(function.__globals__.get("__name__", "")), function.__globals__.get("__file__"))
+        home = self.home(str(function.__globals__.get("__name__", "")), function.__globals__.get("__file__"))
         code = code_of(function.__code__)
         self.note("function", "" if home is None else f"{home} {function.__module__}.{function.__qualname__}")
         self.digest.update(code.digest)
@@ -233,13 +239,13 @@ class _Hasher:
             except (ImportError, ValueError, AttributeError):
                 spec = None
             file = getattr(spec, "origin", None)
-            if file and installed(pieces[0], file) is None:
+            if file and self.home(pieces[0], file) is None:
                 self.digest.update(Path(file).read_bytes())
             return
 
     def _module(self, module: types.ModuleType, attributes: Iterable[str]) -> None:
         """A module as code that reads these attributes sees it; "*": any."""
-        home = installed(module.__name__, getattr(module, "__file__", None))
+        home = self.home(module.__name__, getattr(module, "__file__", None))
         self.note("module", module.__name__, home or "")
         if home is not None:
             return
@@ -257,7 +263,7 @@ class _Hasher:
                 self._module(value, attributes)
 
     def _class(self, item: type) -> None:
-        home = home_of_class(item)
+        home = self.home_of_class(item)
         self.note("class", item.__name__, "" if home is None else f"{home} {item.__module__}.{item.__qualname__}")
         if home is not None:
             return
@@ -278,6 +284,10 @@ class _Hasher:
         else:
             self.digest.update(np.ascontiguousarray(array).tobytes())
 
+    def _is_plain(self, kind: type) -> bool:
+        """Whether arrays of this kind have nothing but numbers; a user's may have attributes, masked ones a mask."""
+        return self.home_of_class(kind) is not None and not issubclass(kind, np.ma.MaskedArray)
+
     def _instance(self, item: Any) -> None:
         kind = type(item)
         if isinstance(item, staticmethod | classmethod):
@@ -294,9 +304,13 @@ class _Hasher:
             self._parts("wrapped", kind, wrapped)
         elif is_of_python(item):
             raise HashlessError("a ufunc made by np.frompyfunc")
-        elif isinstance(item, np.ufunc | np.dtype | re.Pattern) or kind.__module__ in ("typing", "types"):
-            self.note(kind.__name__, item)
-        elif dataclasses.is_dataclass(item) and home_of_class(kind) is not None:  # a user's may have more than fields
+        elif isinstance(item, re.Pattern):
+            self.note("pattern", item.pattern, item.flags)
+        elif isinstance(item, np.ufunc | np.dtype) or kind.__module__ in ("typing", "types"):
+            self.note(kind.__name__, str(item))
+        elif (
+            dataclasses.is_dataclass(item) and self.home_of_class(kind) is not None
+        ):  # a user's may have more than fields
             self._parts("dataclass", kind, *(getattr(item, f.name) for f in dataclasses.fields(item) if f.compare))
         else:
             self._containers(item)
@@ -323,11 +337,6 @@ def is_of_python(item: Any) -> bool:
     return isinstance(item, np.ufunc) and "vectorized" in item.__name__
 
 
-def _is_plain(kind: type) -> bool:
-    """Whether arrays of this kind have nothing but numbers; a user's may have attributes, masked ones a mask."""
-    return home_of_class(kind) is not None and not issubclass(kind, np.ma.MaskedArray)
-
-
 def _reduced(item: Any) -> list[Any]:
     """What pickle would keep of an object: how it is made, and its state."""
     found = item.__reduce_ex__(2)
@@ -344,12 +353,6 @@ def _wrapped(item: Any) -> Callable[..., Any] | None:
 
 def _sorted(values: Mapping[str, Any]) -> tuple[tuple[str, Any], ...]:
     return tuple(sorted(values.items(), key=lambda pair: str(pair[0])))
-
-
-def home_of_class(item: type) -> str | None:
-    """`installed` of a class; those that no class statement made are Python's or some library's."""
-    home = installed(item.__module__, getattr(sys.modules.get(item.__module__), "__file__", None))
-    return home or (None if item.__flags__ & HEAP_TYPE else "builtin")
 
 
 @cache

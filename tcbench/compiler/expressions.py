@@ -9,6 +9,7 @@ from __future__ import annotations
 import ast
 import builtins
 from functools import cache
+from types import FunctionType
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,20 @@ import numpy as np
 from . import language, short_vectors
 from .arithmetic import ARITHMETIC, INTRINSICS, LIBRARY, Arithmetic
 from .records import Field
-from .values import BOOL, FLOAT, INT, NOTHING, Array, RowsOf, Several, Value, kind_of, machine_kinds, say
+from .values import (
+    BOOL,
+    FLOAT,
+    INT,
+    NOTHING,
+    Array,
+    RowsOf,
+    Several,
+    TranslationError,
+    Value,
+    kind_of,
+    machine_kinds,
+    say,
+)
 
 
 @cache
@@ -86,6 +100,8 @@ class Expressions(Arithmetic):
                 Value(BOOL, (self.emit(f"icmp ne i64 {number}, 0"),)) if field.kind == "bool" else Value(INT, (number,))
             )
         kind = kind_of(field.kind, owner.kind.names)
+        if kind is None:
+            raise TranslationError(f"{owner.kind.__name__}.{field.name}: its kind {field.kind!r} is not known there.")
         pointer = self.emit(f"load ptr, ptr {place}{fixed}")
         if not isinstance(kind, Array):
             return Value(kind, (pointer,))
@@ -218,7 +234,7 @@ class Expressions(Arithmetic):
         return Value(NOTHING, ())
 
     def _function_call(self, node: ast.Call, function: Any) -> Value:
-        if not callable(function) or not hasattr(function, "__code__"):
+        if not isinstance(function, FunctionType):
             raise self.refusal(node, f"{ast.unparse(node.func)!r} is not translated")
         callee = self.module.function(function)
         given = dict(zip(callee.arguments, node.args, strict=False)) | {k.arg: k.value for k in node.keywords}

@@ -1,4 +1,4 @@
-"""Graphs become kernels: straight-line scalar Python, compiled once and cached under the hash of its text.
+"""Graphs become kernels: straight-line scalar Python, compiled once and kept.
 
 Every kernel has one signature, kernel(a, b, out) on three float64 arrays, so that one generic compiled loop
 can call any of them by address.
@@ -147,8 +147,9 @@ def _load(text: str, table: NDArray[np.int64] | None) -> int:
     """Address of the compiled text: of machine code, or made up where nothing is compiled."""
     if not PLAIN:
         from .machine import load  # LLVM is imported when something is compiled, not before
+        from .translations import made_of
 
-        return load(text, lambda _: _code(text, table), table)
+        return load(text, lambda _: _code(text, table), table, made_of(text, table is None))
     scope = namespace() | {"table": table}
     exec(compile(text, "<kernel>", "exec"), scope)
     address = len(PYTHON_KERNELS) + 1

@@ -9,18 +9,19 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 PLAIN = os.environ.get("TCBENCH_PLAIN", "0") not in ("", "0")
 
-# annotations of arguments and of a record's fields: contiguous arrays with 1, 2 and 3 axes, and a kernel's address
-Floats = NDArray[np.float64]
-Matrix = NDArray[np.float64]
-Cube = NDArray[np.float64]
-Ints = NDArray[np.int64]
+# annotations of arguments and of a record's fields: contiguous arrays with 1, 2 and 3 axes, and a kernel's address; the
+# names beside them are for files without `from __future__ import annotations`
+Floats = Annotated[NDArray[np.float64], "Floats"]
+Matrix = Annotated[NDArray[np.float64], "Matrix"]
+Cube = Annotated[NDArray[np.float64], "Cube"]
+Ints = Annotated[NDArray[np.int64], "Ints"]
 Kernel = int
 
 PYTHON_KERNELS: dict[int, Callable[[Any, Any, Any], None]] = {}  # of plain Python: made-up address -> function

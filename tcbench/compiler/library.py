@@ -8,18 +8,24 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ..errors import TcbenchError
 from . import language
 from .language import Floats, Kernel, Matrix, call
-from .machine import addresses, cache_folder, plugin_folder
+from .machine import addresses
 from .records import HEAD, address_of
 from .values import BOOL, FLOAT, INT, NOTHING, Array, Several, kind_of
 
 DOUBLE, WHOLE = np.dtype(np.float64), np.dtype(np.int64)
 CODES = {INT: ctypes.c_int64, FLOAT: ctypes.c_double, BOOL: ctypes.c_int64}
+
+
+_SOURCES: dict[str, str] = {}  # of libraries, read when they were made: an author may edit a file meanwhile
 
 
 class Library:
@@ -28,8 +34,17 @@ class Library:
     Arguments: numbers, records, and contiguous arrays of the kinds that the annotations say.
     """
 
-    def __init__(self, name: str, *functions: Callable[..., Any]) -> None:
+    def __init__(self, name: str, *functions: Any) -> None:
+        names = [f.__name__ for f in functions]
+        taken = [x for x in names if names.count(x) > 1 or hasattr(type(self), x) or x in ("name", "functions")]
+        if taken:
+            raise TcbenchError(
+                f"The library {name!r} cannot have a function {taken[0]!r}: the name is taken. Rename it."
+            )
         self.name, self.functions = name, functions
+        for file in () if language.PLAIN else {f.__code__.co_filename for f in functions}:
+            with suppress(OSError, UnicodeDecodeError):
+                _SOURCES[file] = Path(file).read_text(encoding="utf-8")
 
     def __getattr__(self, name: str) -> Any:
         if not any(f.__name__ == name for f in self.functions):
@@ -37,8 +52,9 @@ class Library:
         if language.PLAIN:
             self.__dict__ |= {f.__name__: _quiet(f) for f in self.functions}
         else:
-            names = [f.__name__ for f in self.functions]
-            found = addresses(self.name, names, self.code, cache_folder(plugin_folder(self.functions[0])), loops=True)
+            from .translations import made_of
+
+            found = addresses(self.entries(), self.code, made_of(*self.functions), loops=True)
             self.__dict__ |= {f.__name__: _entry(f, address) for f, address in zip(self.functions, found, strict=True)}
         return self.__dict__[name]
 
@@ -46,10 +62,14 @@ class Library:
         """LLVM code of the module."""
         from .translator import Module
 
-        module = Module()
-        for function in self.functions:
-            module.entry(function)
+        module = Module(_SOURCES)
+        for name, function in self.entries().items():
+            module.entry(function, name)
         return module.text()
+
+    def entries(self) -> dict[str, Any]:
+        """The functions by their names in compiled code, which do not depend on what they are called."""
+        return {f"entry.{i}": function for i, function in enumerate(self.functions)}
 
 
 _CALLBACKS: list[Any] = []  # for as long as the process lives
@@ -88,14 +108,14 @@ def _quiet(function: Callable[..., Any]) -> Callable[..., Any]:
 def _entry(function: Callable[..., Any], address: int) -> Callable[..., Any]:
     """A Python function that calls the compiled one: by address for records, by address and lengths for arrays."""
     kinds = dict(function.__annotations__)
-    result = kind_of(str(kinds.pop("return")), function.__globals__)
+    result = kind_of(kinds.pop("return"), function.__globals__)
     types: list[Any] = []
     passed = []
     for name, annotation in kinds.items():
-        kind = kind_of(str(annotation), function.__globals__)
+        kind = kind_of(annotation, function.__globals__)
         if isinstance(kind, Array):
             types += [ctypes.c_int64] * (1 + kind.rank)
-            passed.append(f"*place({name}, {kind.rank}, {kind.item != FLOAT})")
+            passed.append(f"*__place({name}, {kind.rank}, {kind.item != FLOAT})")
         elif isinstance(kind, str):
             types.append(CODES[kind])
             passed.append(name)
@@ -106,12 +126,12 @@ def _entry(function: Callable[..., Any], address: int) -> Callable[..., Any]:
     direct = result in (INT, NOTHING)
     if not direct:
         types.append(ctypes.c_int64)
-        passed.append("results.ctypes.data")
+        passed.append("__results.ctypes.data")
     machine = ctypes.CFUNCTYPE(ctypes.c_int64 if result == INT else None, *types)(address)
-    scope = {"machine": machine, "place": _place, "np": np, "read": _read, "parts": parts}
-    text = f"machine({', '.join(passed)})"
+    scope = {"__machine": machine, "__place": _place, "__np": np, "__read": _read, "__parts": parts}
+    text = f"__machine({', '.join(passed)})"
     if not direct:
-        text = f"(results := np.zeros({len(parts)}, np.int64), {text}, read(results, parts))[2]"
+        text = f"(__results := __np.zeros({len(parts)}, __np.int64), {text}, __read(__results, __parts))[2]"
         if isinstance(result, str):
             text += "[0]"
     return eval(f"lambda {', '.join(kinds)}: {text}", scope)
@@ -183,7 +203,7 @@ def _native() -> list[Any]:
     """[evaluate, run_kernel] of `_checked_call`, as ctypes has them; they are too short to release the lock."""
     if not _NATIVE:
         names = ["evaluate", "run_kernel", "kinds_at"]
-        at = addresses("evaluate", names, _checked_call, cache_folder(), loops=False)
+        at = addresses(names, _checked_call, loops=False)
         word = ctypes.c_ssize_t
         kinds = (ctypes.c_int64 * 2).from_address(ctypes.PYFUNCTYPE(word)(at[2])())
         kinds[:] = [id(np.ndarray), id(np.dtype(np.float64))]

@@ -12,7 +12,7 @@ import math
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Generic, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar, get_args, get_origin
 
 import numpy as np
 
@@ -22,6 +22,19 @@ NUMBERS = ("float", *WHOLE)
 MOST_PLANS = 5000
 R = TypeVar("R", bound="Record")
 RANKS = {"Floats": 1, "Matrix": 2, "Cube": 3, "Ints": 1}
+
+
+def annotation_text(annotation: Any) -> str:
+    """An annotation as the language writes it, whether it was text or, without the __future__ import, an object."""
+    if isinstance(annotation, str):
+        return annotation
+    if get_origin(annotation) is Rows:
+        return f"Rows[{annotation_text(get_args(annotation)[0])}]"
+    if get_origin(annotation) is tuple:
+        return f"tuple[{', '.join(map(annotation_text, get_args(annotation)))}]"
+    if hasattr(annotation, "__metadata__"):  # Floats and its like
+        return str(annotation.__metadata__[0])
+    return "None" if annotation is None else getattr(annotation, "__name__", str(annotation))
 
 
 def address_of(array: np.ndarray) -> int:
@@ -117,7 +130,7 @@ class Record:
             lengths = shape.lengths if isinstance(shape, Sized) else ()
             if hasattr(Record, name) or name in Record.__annotations__:
                 raise TypeError(f"{cls.__name__}.{name}: a record has something else of that name")
-            field = Field(name, str(kind), len(cls.fields), lengths)
+            field = Field(name, annotation_text(kind), len(cls.fields), lengths)
             if field.is_array and len(lengths) != RANKS[field.kind]:
                 raise TypeError(
                     f"{cls.__name__}.{name}, of kind {kind}, needs sized(...) with {RANKS[field.kind]} lengths"

@@ -10,15 +10,18 @@ get wrong without a word: a name that may be unset, a function that runs off its
 from __future__ import annotations
 
 import ast
-from collections.abc import Callable, Mapping
+import linecache
+from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import cache
-from pathlib import Path
+from functools import lru_cache
+from types import CodeType, FunctionType
 from typing import Any
 
 from . import straight
 from .statements import Body
 from .straight import Straight
+from .translations import described
 from .values import BOOL, INT, NOTHING, Array, Several, TranslationError, kind_of, machine_kinds
 
 KERNEL = Array(sized=False)
@@ -44,21 +47,42 @@ class Function:
         return f"{{{', '.join(kinds)}}}" if isinstance(self.result, Several) else kinds[0]
 
 
-@cache
-def _tree(file: str) -> dict[tuple[str, int], ast.FunctionDef]:
-    """Functions of a source file by name and line."""
-    found = {}
-    for node in ast.walk(ast.parse(Path(file).read_text(encoding="utf-8"))):
+@lru_cache(maxsize=64)
+def _functions(text: str) -> dict[tuple[str, bytes], ast.FunctionDef]:
+    """The functions of a source by name and what they are compiled to."""
+    tree = ast.parse(text)
+    nodes = {}
+    for node in ast.walk(tree):
         if isinstance(node, ast.FunctionDef):
-            first = min([node.lineno, *(d.lineno for d in node.decorator_list)])
-            found[node.name, first] = node
+            nodes[node.name, min([node.lineno, *(d.lineno for d in node.decorator_list)])] = node
+    found, inner = {}, [compile(tree, "<text>", "exec", dont_inherit=True)]
+    while inner:
+        code = inner.pop()
+        if (code.co_name, code.co_firstlineno) in nodes:
+            found[code.co_name, described(code)[0]] = nodes[code.co_name, code.co_firstlineno]
+        inner += [x for x in code.co_consts if isinstance(x, CodeType)]
     return found
+
+
+def source_tree(code: CodeType, *texts: str) -> ast.FunctionDef:
+    """The text of a function, found by what it was compiled to: a file may have been edited since it was imported.
+
+    texts: of the file, at the times when it was read.
+    """
+    for text in texts:
+        with suppress(KeyError, SyntaxError, ValueError):
+            return _functions(text)[code.co_name, described(code)[0]]
+    raise TranslationError(
+        f"{code.co_filename}: {code.co_name}(), as it was imported, is not in this file (any more) and "
+        "cannot be translated. Save it there and start Python anew."
+    )
 
 
 @dataclass
 class Module:
     """One LLVM module under construction."""
 
+    sources: Mapping[str, str] = field(default_factory=dict)  # texts of files as they were read before
     functions: dict[Any, Function] = field(default_factory=dict)
     code: list[str] = field(default_factory=list)
     declared: dict[str, int] = field(default_factory=dict)
@@ -78,17 +102,20 @@ class Module:
             self.code.append(TABLE)
         return "@table"
 
-    def function(self, function: Callable[..., Any]) -> Function:
+    def function(self, function: FunctionType) -> Function:
         """A Python function, translated when it is first asked for."""
         if function in self.functions:
             return self.functions[function]
-        code = function.__code__
-        tree = _tree(code.co_filename).get((function.__name__, code.co_firstlineno))
-        if tree is None:
-            raise TranslationError(f"{code.co_filename}: the text of {function.__name__!r} is not there.")
+        names: Mapping[str, Any] = function.__globals__
+        file = function.__code__.co_filename
+        linecache.checkcache(file)
+        now = "".join(linecache.getlines(file, dict(names)))
+        tree = source_tree(function.__code__, self.sources.get(file, ""), now)
+        if function.__closure__:
+            names = {**names, **_closure(function)}
         hint = "noinline" if getattr(function, "rare", False) else "alwaysinline" if _is_small(tree) else ""
-        name = f'@"{function.__module__}.{function.__name__}"'
-        return self._translate(function, name, tree, function.__globals__, code.co_filename, f"internal {{}} {hint}")
+        name = f'@"{len(self.functions) + len(self.open)}.{function.__name__}"'
+        return self._translate(function, name, tree, names, file, f"internal {{}} {hint}", function.__annotations__)
 
     def kernel(self, text: str, names: Mapping[str, Any]) -> None:
         """The kernel(a, b, out) of a text, which other code reaches under this name."""
@@ -97,7 +124,7 @@ class Module:
             (tree,) = (node for node in ast.parse(text).body if isinstance(node, ast.FunctionDef))
         else:
             tree = straight.head()
-        self._translate(text, "@kernel", tree, names, "<kernel>", "{}", lines)
+        self._translate(text, "@kernel", tree, names, "<kernel>", "{}", None, lines)
 
     def _translate(
         self,
@@ -107,15 +134,15 @@ class Module:
         names: Mapping[str, Any],
         file: str,
         form: str,
+        kinds: Mapping[str, Any] | None,
         lines: list[str] | None = None,
     ) -> Function:
         title = f"{tree.name}()"
         if key in self.open:
             raise TranslationError(f"{file}, line {tree.lineno}: {title} calls itself; recursion is not translated.")
-        arguments = {a.arg: KERNEL if a.annotation is None and file == "<kernel>" else
-                     kind_of(ast.unparse(a.annotation), names) if a.annotation else None
+        arguments = {a.arg: KERNEL if kinds is None else kind_of(kinds[a.arg], names) if a.arg in kinds else None
                      for a in tree.args.args}  # fmt: skip
-        result = kind_of(ast.unparse(tree.returns), names) if tree.returns else NOTHING if file == "<kernel>" else None
+        result = NOTHING if kinds is None else kind_of(kinds["return"], names) if "return" in kinds else None
         made = Function(name, title, arguments, result)
         self.open.append(key)
         body = Body(self, made, tree, names, file) if lines is None else Straight(self, made, tree, names, lines)
@@ -127,9 +154,9 @@ class Module:
         self.code.append("\n".join([head, "entry:", *body.allocations, *body.lines, "}"]))
         return made
 
-    def entry(self, function: Callable[..., Any]) -> Function:
-        """A name for ctypes: numbers as they are, a record by its address, an array by address and lengths; results of
-        another kind than an int go through one more argument, an address."""
+    def entry(self, function: FunctionType, name: str) -> Function:
+        """A function for ctypes: numbers as they are, a record by its address, an array by address and lengths; results
+        of another kind than an int go through one more argument, an address."""
         made = self.function(function)
         parts = [f"{m} %{a}{i}" for a, kind in made.arguments.items() for i, m in enumerate(machine_kinds(kind))]
         bools = [(a, f"%{a}0") for a, kind in made.arguments.items() if kind == BOOL]
@@ -155,9 +182,21 @@ class Module:
                     kind, value = INT, f"%wide{i}"
                 lines += [f"  %at{i} = getelementptr i64, ptr %results, i64 {i}", f"  store {kind} {value}, ptr %at{i}"]
             lines.append("  ret void")
-        head = f"define {'i64' if made.result == INT else 'void'} @{function.__name__}({', '.join(outer)}) nounwind {{"
+        result = "i64" if made.result == INT else "void"
+        head = f'define {result} @"{name}"({", ".join(outer)}) nounwind {{'
         self.code.append("\n".join([head, *lines, "}"]))
         return made
+
+
+def _closure(function: FunctionType) -> dict[str, Any]:
+    """What the names from the function around it stand for."""
+    cells = zip(function.__code__.co_freevars, function.__closure__ or (), strict=True)
+    try:
+        return {name: cell.cell_contents for name, cell in cells}
+    except ValueError:
+        raise TranslationError(
+            f"{function.__qualname__}(): a name of the function around it has no value yet."
+        ) from None
 
 
 def _is_small(tree: ast.FunctionDef) -> bool:

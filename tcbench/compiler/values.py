@@ -6,10 +6,10 @@ import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_args, get_origin
 
 from ..errors import TcbenchError
-from .records import RANKS, Record
+from .records import RANKS, Record, Rows, annotation_text
 
 INT, FLOAT, BOOL, NOTHING = "i64", "double", "i1", "void"
 KINDS = {"int": INT, "Kernel": INT, "float": FLOAT, "bool": BOOL, "None": NOTHING}
@@ -72,17 +72,22 @@ def say(kind: Any) -> str:
     return f"a {kind.__name__}" if isinstance(kind, type) else "a tuple or rows"
 
 
-def kind_of(annotation: str, names: Mapping[str, Any]) -> Any:
-    """The kind that an annotation stands for; None if it is none of the language."""
-    if annotation in KINDS:
-        return KINDS[annotation]
-    if annotation in RANKS:
-        return Array(RANKS[annotation], INT if annotation == "Ints" else FLOAT)
-    if annotation.startswith("tuple["):
-        parts = [kind_of(x.strip(), names) for x in annotation[6:-1].split(",")]
-        return Several(tuple(parts)) if set(parts) <= {INT, FLOAT, BOOL} else None
-    rows = annotation.startswith("Rows[")
-    known = names.get(annotation[5:-1] if rows else annotation)
+def kind_of(annotation: Any, names: Mapping[str, Any]) -> Any:
+    """The kind that an annotation stands for, its text or the object itself; None if it is none of the language."""
+    if isinstance(annotation, type) and issubclass(annotation, Record):
+        return annotation
+    if get_origin(annotation) is Rows:
+        return RowsOf(get_args(annotation)[0])
+    text = annotation_text(annotation).strip("'\"")
+    if text in KINDS:
+        return KINDS[text]
+    if text in RANKS:
+        return Array(RANKS[text], INT if text == "Ints" else FLOAT)
+    if text.startswith("tuple["):
+        parts = [kind_of(x.strip(), names) for x in text[6:-1].split(",")]
+        return Several(tuple(parts)) if all(x in (INT, FLOAT, BOOL) for x in parts) else None
+    rows = text.startswith("Rows[")
+    known = names.get(text[5:-1] if rows else text)
     if isinstance(known, type) and issubclass(known, Record):
         return RowsOf(known) if rows else known
     return None

@@ -19,9 +19,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..compiler import derivatives as trace
+from ..compiler.code_hash import content_hash
 from ..compiler.derivatives import Symbol, const
 from ..compiler.kernels import Kernel, constant_part, kernel
-from ..compiler.remembered_hash import remembered_hash
 from ..compiler.symbols import MixedSpaces
 from ..errors import TcbenchError, TraceError
 from ..integrator import Flow, Residual
@@ -249,7 +249,7 @@ def apply_explicit(formula: Residual, system: System, start: Any, end: Any, firs
     """
     from ..compiler.library import evaluate
 
-    key = (formula, system.structure, remembered_hash(formula))
+    key = (formula, system.structure, content_hash(formula))
     if key[-1] is None or key not in _EXPLICIT:
         _EXPLICIT[key] = build(Flow(formula, of_step=True), system)
     kernels = _EXPLICIT[key]

@@ -18,6 +18,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .. import cache
 from .base import Row, Study
 from .cost import exponent
 
@@ -80,20 +81,15 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
 @contextmanager
 def no_kernels() -> Iterator[None]:
     """Nothing is found in the cache of compiled code."""
-    from ..compiler.machine import cache_folder
-
-    name = "TCBENCH_CACHE_DIR"
-    before = os.environ.get(name)
+    before = os.environ.get(cache.FOLDER)
     with tempfile.TemporaryDirectory() as folder:
-        os.environ[name] = folder
-        cache_folder.cache_clear()
+        os.environ[cache.FOLDER] = folder
         try:
             yield
         finally:
-            cache_folder.cache_clear()
-            os.environ.pop(name)
+            os.environ.pop(cache.FOLDER)
             if before is not None:
-                os.environ[name] = before
+                os.environ[cache.FOLDER] = before
 
 
 def peak_memory() -> float:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..compiler.remembered_hash import remembered_hash
+from ..compiler.code_hash import content_hash
 
 if TYPE_CHECKING:
     from .system import System
@@ -53,4 +53,4 @@ def formulas_hash(kind: type[System]) -> str:
 
     Another one each time where they have none (see code_hash): nothing traced is then used twice.
     """
-    return remembered_hash(kind) or uuid.uuid4().hex
+    return content_hash(kind) or uuid.uuid4().hex

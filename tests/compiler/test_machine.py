@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tcbench import TcbenchError
+from tcbench import cache as files
 from tcbench.compiler import language, library, machine
 from tcbench.compiler.kernels import _code
 from tcbench.compiler.library import evaluate
@@ -21,11 +22,12 @@ TEXT = "def kernel(a, b, out):\n    out[2] = a[0] + 3.25\n"
 def cache(tmp_path, monkeypatch):
     """An empty cache, and a count of what is compiled."""
     library._native()  # from the usual cache
-    monkeypatch.setattr(machine, "cache_folder", lambda plugin=None: tmp_path)
+    machine._compiler()
+    monkeypatch.setenv("TCBENCH_CACHE_DIR", str(tmp_path / "cache"))
     monkeypatch.setattr(machine, "_LOADED", {})
     made, compile_object = [], machine.compile_object
     monkeypatch.setattr(machine, "compile_object", lambda *args: made.append(args) or compile_object(*args))
-    return tmp_path, made
+    return tmp_path / "cache" / "code", made
 
 
 def result():
@@ -40,7 +42,7 @@ def test_machine_code_is_kept_and_used_again(cache):
     machine._LOADED.clear()
     assert result() == [0.0, 0.0, 4.25] and len(made) == 1
     (path,) = folder.iterdir()
-    assert path.suffix == ".o" and machine.unsealed(path.read_bytes())
+    assert path.suffix == ".o" and files.unsealed(path.read_bytes())
 
 
 DAMAGE = {
@@ -49,7 +51,7 @@ DAMAGE = {
     "longer": lambda data: data + b"\0",
     "a flipped bit in the code": lambda data: data[:-40] + bytes([data[-40] ^ 1]) + data[-39:],
     "a flipped bit in the checksum": lambda data: data[:20] + bytes([data[20] ^ 128]) + data[21:],
-    "another seal": lambda data: b"tcbench object 0\n" + data[17:],
+    "another seal": lambda data: b"tcbench file 0\n" + data[15:],
     "empty": lambda data: b"",
     "random": lambda data: np.random.default_rng(1).bytes(len(data)),
     "zeros": lambda data: bytes(len(data)),
@@ -69,21 +71,37 @@ def test_a_damaged_object_file_is_compiled_again_never_run(cache, what):
     assert path.read_bytes() == whole and list(folder.iterdir()) == [path]
 
 
-def test_a_folder_in_place_of_the_file_or_a_full_disk_is_one_sentence(cache, monkeypatch):
+def test_a_full_disk_is_one_sentence(cache, monkeypatch):
     folder, _ = cache
     result()
     (path,) = folder.iterdir()
     path.unlink()
 
-    def full(descriptor):
+    def full(*_):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(os, "fsync", full)
+    monkeypatch.setattr(os, "replace", full)
     machine._LOADED.clear()
     with pytest.raises(TcbenchError, match=r"No space left on device.*TCBENCH_CACHE_DIR"):
         result()
     assert not list(folder.iterdir())  # no half-written file stays
     monkeypatch.undo()
+
+
+def test_code_that_lacks_a_function_is_refused_never_called(cache):
+    """Address 0 was called: a segmentation fault."""
+    with pytest.raises(TcbenchError, match=r"lacks other.*tcbench cache clear"):
+        machine.addresses(["kernel", "other"], lambda: _code(TEXT), loops=False)
+
+
+def test_a_remembered_object_that_is_gone_is_made_again(cache):
+    folder, made = cache
+    for _ in range(2):
+        evaluate(machine.load(TEXT, _code, made_of="what it is made of"), np.ones(1), np.ones(1), np.zeros(3))
+        machine._LOADED.clear()
+        (path,) = folder.glob("*.o")
+        path.unlink()
+    assert len(made) == 2 and len(list(folder.glob("*.text"))) == 1
 
 
 CODE = (

@@ -274,6 +274,6 @@ def test_every_loop_of_the_package_is_translated_with_at_most_nine_arguments():
     for library in (LOOPS, SOLVERS):
         module = Module()
         for function in library.functions:
-            module.entry(function)
+            module.entry(function, function.__name__)
         assert max(len(f.arguments) for f in module.functions.values()) <= 6
         assert len(set(itertools.chain([f.name for f in module.functions.values()]))) == len(module.functions)

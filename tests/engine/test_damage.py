@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 
 import tcbench
-from tcbench import Integrator
-from tcbench.compiler import machine
+from tcbench import Integrator, cache
 from tcbench.store.store import Store
 
 SCRIPT = Path(sys.executable).with_name("tcbench")
@@ -44,13 +43,13 @@ def test_a_full_disk_is_no_final_row(tmp_path, monkeypatch):
         raise OSError(errno.ENOSPC, "No space left on device")
 
     def failing(z, h, system):
-        return machine.kept(tmp_path / "kernel", lambda: b"")
+        return cache.write("code", "0" * 64 + ".o", b"")
 
     methods = [Integrator(name="mine", order=1, step=failing)]
     fine = Integrator(name="mine", order=1, step=step)  # compiles all that a run needs, beside the failing step
     tcbench.run([fine], ["short_term"], ["conservation"], tmp_path / "fine", dt=[0.3])
     with monkeypatch.context() as patch:
-        patch.setattr(machine, "replacing", full)
+        patch.setattr(cache, "replacing", full)
         first = tcbench.run(methods, ["short_term"], ["conservation"], tmp_path / "out", dt=[0.3])
     row = rows(tmp_path / "out")["mine"]
     assert row["exception_type"] == "MachineError" and "Make room there" in row["failure"]

@@ -20,7 +20,7 @@ from pathlib import Path
 import pandas
 import pytest
 
-from tcbench.compiler.machine import cache_folder
+from tcbench.cache import folder
 from tcbench.store.store import Store
 
 SCRIPT = Path(sys.executable).with_name("tcbench")
@@ -72,7 +72,7 @@ def tables(out: Path) -> dict[str, str]:
 @pytest.mark.skipif(sys.platform != "linux", reason="kills process groups")
 def test_kills_anywhere_lose_nothing(tmp_path):
     cache, rng = tmp_path / "cache", random.Random(2009)
-    shutil.copytree(cache_folder(), cache / cache_folder().name)
+    shutil.copytree(folder("code"), cache / "code")
     whole = start(tmp_path / "whole", cache)
     assert whole.wait() == 0, whole.stderr.read()
     began = time.monotonic()

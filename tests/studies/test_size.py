@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import tcbench
-from tcbench.compiler.machine import cache_folder
+from tcbench.cache import folder
 from tcbench.engine.planning import plan_job
 from tcbench.report.plot import draw
 from tcbench.studies import size as study
@@ -69,13 +69,10 @@ def test_where_no_scenario_is_named_it_has_its_own_and_each_cell_has_a_process()
 
 def test_kernels_are_compiled_anew_and_the_cache_is_as_before(monkeypatch, tmp_path):
     monkeypatch.setenv("TCBENCH_CACHE_DIR", str(tmp_path))
-    cache_folder.cache_clear()
-    before = cache_folder()
+    before = folder("code")
     with study.no_kernels():
-        assert cache_folder() != before and not list(cache_folder().iterdir())
-    assert cache_folder() == before and before.parent == tmp_path
-    monkeypatch.undo()
-    cache_folder.cache_clear()
+        assert folder("code") != before and not list(folder("code").iterdir())
+    assert folder("code") == before == tmp_path / "code"
 
 
 def test_memory_is_that_of_this_process():

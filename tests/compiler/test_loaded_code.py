@@ -1,0 +1,132 @@
+# no `from __future__ import annotations`: these annotations are objects, and to be understood as such
+"""What compiled code is made of: the functions as they are loaded, with their closures and annotations."""
+
+import numpy as np
+import pytest
+
+from tcbench import TcbenchError
+from tcbench.compiler import language
+from tcbench.compiler.language import Floats, Ints, Matrix
+from tcbench.compiler.library import Library
+from tcbench.compiler.records import Record, Rows, sized
+from tcbench.compiler.translations import inputs
+
+pytestmark = pytest.mark.skipif(language.PLAIN, reason="nothing is compiled")
+n, LIMIT = 7.0, 2.0
+
+
+class Part(Record):
+    size: int
+    x: Floats = sized("size")
+
+
+class Whole(Record):
+    count: int
+    parts: Rows[Part]
+    m: Matrix = sized("count", "2")
+
+
+def total(x: Floats, m: Matrix, marks: Ints, by: float) -> tuple[float, int]:
+    result = 0.0
+    for i in range(len(x)):
+        result += x[i] * m[i, 1]
+    return result * by, marks[0]
+
+
+def of_records(whole: Whole) -> float:
+    return whole.parts[1].x[0] + whole.m[1, 1]
+
+
+def shift(x: float) -> "float":
+    return x + LIMIT
+
+
+def times(n):
+    def f(x: float) -> float:
+        return x * n
+
+    return f
+
+
+def twice(inner):
+    def f(x: float) -> float:
+        return inner(inner(x))
+
+    return f
+
+
+def test_annotations_may_be_objects():
+    x, m, marks = np.arange(3.0), np.ones((3, 2)), np.array([5, 6])
+    library = Library("objects", total, of_records, shift)
+    assert library.total(x, m, marks, 2.0) == total(x, m, marks, 2.0) == (6.0, 5)
+    parts = Rows([Part(size=1, x=np.array([value])) for value in (1.0, 2.0)])
+    assert library.of_records(Whole(count=2, parts=parts, m=np.ones((2, 2)))) == 3.0
+    assert library.shift(1.0) == 3.0
+
+
+def test_an_annotation_without_a_rank_is_refused():
+    def f(x: np.ndarray) -> float:
+        return x[0]
+
+    with pytest.raises(TcbenchError, match="an argument is annotated int, float, bool, Floats"):
+        Library("unclear", f).f  # noqa: B018
+
+
+def test_a_closure_reads_the_function_around_it_not_a_global_of_the_same_name():
+    assert n == 7.0
+    for value in (2.0, 3.0):
+        assert Library("closure", times(value)).f(10.0) == 10 * value
+    assert Library("closures", twice(times(3.0))).f(1.0) == 9.0  # two functions of one name
+    assert Library("closures", twice(twice(times(3.0)))).f(1.0) == 81.0
+
+
+def test_a_closure_that_is_not_filled_yet_is_refused():
+    def f(x: float) -> float:
+        return x * later
+
+    with pytest.raises(TcbenchError, match="has no value yet"):
+        Library("early", f).f  # noqa: B018
+    later = 2.0
+
+
+def test_all_that_a_translation_reads_is_in_its_hash(monkeypatch):
+    """And what it does not read is not: names of files and lines."""
+    seen = {inputs(shift), inputs(times(2.0)), inputs(times(2)), inputs(twice(shift)), inputs(twice(times(2.0)))}
+    assert len(seen) == 5 and None not in seen
+    assert inputs(times(2.0)) == inputs(times(2.0))
+    before = inputs(twice(shift)), inputs(of_records)
+    changes = [
+        lambda m: m.setitem(globals(), "LIMIT", 3.0),
+        lambda m: m.setitem(globals(), "LIMIT", 2),
+        lambda m: m.setitem(shift.__annotations__, "x", int),
+        lambda m: m.setattr(shift, "__code__", total.__code__),
+        lambda m: m.setattr(shift, "rare", True, raising=False),
+        lambda m: m.setattr(Part.fields["x"], "index", 0),
+        lambda m: m.setattr(Part.fields["x"], "lengths", ("size + 1",)),
+        lambda m: m.setattr(Whole, "mutable", True),
+        lambda m: m.setattr(Part.fields["size"], "kind", "bool"),
+    ]
+    for change in changes:
+        with monkeypatch.context() as patch:
+            change(patch)
+            assert (inputs(twice(shift)), inputs(of_records)) != before
+    assert (inputs(twice(shift)), inputs(of_records)) == before
+
+
+def test_code_that_is_in_no_file_is_refused():
+    scope: dict = {}
+    exec("def f(x: float) -> float:\n    return x + 1.0", scope)
+    with pytest.raises(TcbenchError, match=r"f\(\), as it was imported, is not in this file"):
+        Library("nowhere", scope["f"]).f  # noqa: B018
+
+
+@pytest.mark.parametrize("name", ["code", "name"])
+def test_a_name_that_a_library_has_itself_is_refused(name):
+    def f(x: float) -> float:
+        return x
+
+    f.__name__ = name
+    with pytest.raises(TcbenchError, match=f"cannot have a function '{name}'"):
+        Library("taken", f)
+    with pytest.raises(TcbenchError, match="the name is taken"):
+        Library("twice", shift, shift)
