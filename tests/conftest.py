@@ -7,13 +7,28 @@ from hypothesis import settings
 
 settings.register_profile("tcbench", deadline=None, max_examples=60, derandomize=True)
 settings.load_profile("tcbench")
+SLOW = {"test_cli", "test_docs", "test_readme", "test_notebooks", "test_machine", "test_kernel_cache", "test_history"}
+SLOW |= {"test_net", "test_space_flow", "test_ensemble", "test_shared_runs", "test_size"}
 
 
 def pytest_addoption(parser):
     parser.addoption("--run-slow", action="store_true", help="also run the tests that take minutes")
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_cmdline_main(config):
+    """Workers that have nothing left take from the others: `pytest -n 2` ends on both at the same time."""
+    if getattr(config.option, "numprocesses", None) and config.option.dist in ("no", "load"):
+        config.option.dist = "worksteal"
+
+
+def starts_processes(item):
+    """Whether tests of this file start processes: they take longest, and wait, so they come first."""
+    return item.path.parent.name in ("engine", "authoring") or item.path.stem in SLOW
+
+
 def pytest_collection_modifyitems(config, items):
+    items.sort(key=lambda item: not starts_processes(item))
     if not config.getoption("--run-slow"):
         slow = pytest.mark.skip(reason="takes minutes: --run-slow")
         for item in items:

@@ -12,8 +12,6 @@ from pathlib import Path
 
 import pytest
 
-import tcbench
-
 ROOT = Path(__file__).parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 
@@ -82,7 +80,7 @@ def metadata(wheel):
 
 def test_the_metadata(built):
     found, names = metadata(built[2])
-    assert found["Version"].startswith("0.2.0.dev0") or not found["Version"].startswith("0.0")
+    assert re.fullmatch(r"\d+\.\d+\.\d+(\.dev\d+)?", found["Version"].partition("+")[0]), found["Version"]
     assert found["License-Expression"] == PROJECT["project"]["license"]
     for licence in ("LICENSE", "fdlibm.txt", "vendor/LICENSES.txt"):
         assert any(".dist-info/licenses/" in name and name.endswith(licence) for name in names), licence
@@ -108,11 +106,8 @@ def test_the_licence_expression_covers_what_the_page_embeds():
 
 
 def test_a_copy_without_git_has_a_version(tmp_path):
-    from importlib.metadata import version
-
-    scm = pytest.importorskip("setuptools_scm")
+    pytest.importorskip("setuptools_scm")
     shutil.copyfile(ROOT / "pyproject.toml", tmp_path / "pyproject.toml")
-    assert scm.Configuration and tcbench.__version__ == version("tcbench")
     code = "import setuptools_scm as s; print(s._get_version(s.Configuration.from_file('pyproject.toml')))"
     done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
     assert done.stdout.strip() == PROJECT["tool"]["setuptools_scm"]["fallback_version"]

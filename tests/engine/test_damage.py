@@ -97,6 +97,11 @@ def test_a_damaged_cache_heals(tmp_path):
 
 def test_the_same_key_gives_the_same_bits_whatever_the_worker_ran_before(tmp_path):
     """tc_monolithic after tc_gauss, and by itself: two workers in two orders, two empty caches."""
+    for number in (0, 1):  # what does not depend on what was traced before is there already
+        for cache in (f"cache{number}", f"other{number}"):
+            for path in machine.cache_folder().parent.glob("kernels-*/loops_*.o"):
+                (tmp_path / cache / path.parent.name).mkdir(parents=True, exist_ok=True)
+                (tmp_path / cache / path.parent.name / path.name).write_bytes(path.read_bytes())
     orders = (["tc_gauss", "tc_strang", "tc_monolithic"], ["tc_monolithic", "tc_strang", "tc_gauss"])
     for number, methods in enumerate(orders):
         for name in methods:  # one process after the other fills the cache in this order

@@ -11,7 +11,6 @@ from click.testing import CliRunner
 import tcbench
 from tcbench import terminal
 from tcbench.cli import main
-from tcbench.report import by_method as module
 from tcbench.report.by_method import by_method, claims, remarks, times_over_best
 from tcbench.report.matrix import names as names_of
 
@@ -82,8 +81,8 @@ def test_simulate_says_what_numbers_mean_and_whether_claims_were_kept():
     done = CliRunner().invoke(main, ["simulate", "midpoint_entropy", "short_term", "--t-end", "3"])
     told = {line.split()[0]: line for line in done.stdout.splitlines() if line.strip()}
     assert "max |E − E₀| / V₀" in told["energy_error_max"] and "not claimed, not kept" in told["energy_error_max"]
-    assert "claimed, kept" in told["angular_momentum_error_max"] and "not claimed" not in told["second_law_violations"]
-    assert module.TARGET == 1e-6
+    for kept in ("angular_momentum_error_max", "second_law_violations"):
+        assert told[kept].endswith("  claimed, kept")
 
 
 def test_an_ensemble_alone_has_a_row_a_method_over_all_its_steps():
