@@ -28,6 +28,7 @@ def by_elements(system: System, z0: Any, z1: Any, slopes: Callable[..., tuple[An
     """The discrete gradient made of `slopes(pi0, dpi, s0, ds) -> (D_pi e, D_s e)`, arrays over the elements."""
     z0, z1 = system.state(z0), system.state(z1)
     dz, mid = system.state(z1 - z0), system.state((z0 + z1) / 2)
+    system.check_shape(mid.q)
     pull = system.shape_gradient(mid.q)
     stress, theta = slopes(system.shape(z0.q), pull @ dz.q, z0.s, dz.s)
     return system.assemble(np.asarray(stress) @ pull, mid.p, np.asarray(theta))

@@ -12,7 +12,7 @@ from tcbench.compiler import spaces
 from tcbench.compiler.kernels import Kernel
 from tcbench.compiler.space_kernels import SCALAR, Slot, SpaceKernel, space_kernel
 from tcbench.compiler.symbols import mixed_up
-from tcbench.solver.patch import AGREE, MOST, TRIES, random_state
+from tcbench.solver.patch import AGREE, TRIES, random_state, small_network
 from tcbench.systems.network import Network, blocks, state_slots
 
 from .formulas import iterated, noise_of, whole_formulas
@@ -40,7 +40,7 @@ def formulas_of(network: Network) -> list[Kernel]:
 
 def _compare(made: Sequence[SpaceKernel], example: Network) -> None:
     """MixedSpaces where the kernels (but mending) are not those of the whole trace, on a part of the network."""
-    small = example.patch(MOST)
+    small = small_network(example)
     n, e, rng = small.n_positions, small.n_elements, np.random.default_rng(0)
     with trace.tracing():
         whole = whole_formulas(small.symbolic, small.constant_symbols())

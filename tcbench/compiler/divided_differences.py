@@ -66,14 +66,14 @@ class Corners:
     def _apply(self, value: Symbol, rule: Rule) -> Corners:
         return self._with(value, [rule(*edge) for edge in self.edges])
 
-    def _lift(self, other: Any) -> Corners:
+    def lifted(self, other: Any) -> Corners:
         if isinstance(other, Corners):
             return other
         value = other if isinstance(other, Symbol) else const(float(other))
         return self._with(value, [ZERO] * 4)
 
     def __add__(self, other: Any) -> Corners:
-        b = self._lift(other)
+        b = self.lifted(other)
         return self._with(self.value + b.value, [x[2] + y[2] for x, y in zip(self.edges, b.edges, strict=True)])
 
     __radd__ = __add__
@@ -82,10 +82,10 @@ class Corners:
         return self._with(-self.value, [-slope for _, _, slope, _ in self.edges])
 
     def __sub__(self, other: Any) -> Corners:
-        return self + (-self._lift(other))
+        return self + (-self.lifted(other))
 
     def __rsub__(self, other: Any) -> Corners:
-        return self._lift(other) + (-self)
+        return self.lifted(other) + (-self)
 
     def __mul__(self, other: Any) -> Corners:
         if not isinstance(other, Corners):  # a constant factor: no need for the product rule
@@ -112,7 +112,7 @@ class Corners:
     def __pow__(self, exponent: Any) -> Corners:
         if isinstance(exponent, Corners | Symbol) or not _is_whole(exponent):
             return (self.log() * exponent).exp()
-        result = one = self._lift(1.0)
+        result = one = self.lifted(1.0)
         square, n = self, abs(int(exponent))
         while n:
             if n & 1:
@@ -187,7 +187,7 @@ class Corners:
         return (-self.arcsin())._valued(self.value.arccos())
 
     def hypot(self, other: Any) -> Corners:
-        other = self._lift(other)
+        other = self.lifted(other)
         return (self * self + other * other).sqrt()._valued(self.value.hypot(other.value))
 
     def _valued(self, value: Symbol) -> Corners:

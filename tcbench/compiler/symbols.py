@@ -55,15 +55,15 @@ def _where_in_user_code() -> str:
     frame = sys._getframe(1)
     while frame is not None:
         module = frame.f_globals.get("__name__", "")
-        if not module.startswith(("tcbench.", "numpy")) or module.startswith("tcbench.systems.pendulum"):
+        if not module.startswith(("tcbench.", "numpy", "functools")) or module.startswith("tcbench.systems.pendulum"):
             return f"{frame.f_code.co_filename}, line {frame.f_lineno}"
         frame = frame.f_back  # type: ignore[assignment]
     return "the formula"
 
 
-def refused(what: str, remedy: str = _REMEDY) -> TraceError:
+def refused(what: str, remedy: str = _REMEDY, where: str = "") -> TraceError:
     """An error that names the line of the formula."""
-    return TraceError(f"{_where_in_user_code()}: {what}. {remedy}.")
+    return TraceError(f"{where or _where_in_user_code()}: {what}. {remedy}.")
 
 
 @dataclass(frozen=True, eq=False)

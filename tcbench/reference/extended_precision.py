@@ -7,7 +7,9 @@ run on extended numbers (see precision.py) instead of being compiled, it keeps a
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
+import itertools
+import math
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -60,8 +62,46 @@ def _ratio(function: Callable[[Longs], Longs]) -> Callable[[Longs], Longs]:
     return lambda x: np.where(x == 0, 1, function(x) / np.where(x == 0, 1, x))
 
 
+def _by_parts(value: Longs, order: float, x: Longs, rates: Iterable[Longs]) -> Longs:
+    """Derivative number `order` of value = f(x)/x, from those of f; for x away from 0."""
+    for k, rate in zip(range(1, int(order) + 1), rates, strict=False):
+        value = (rate - k * value) / x
+    return value
+
+
+def _phi_slope(order: float, x: Longs) -> Longs:
+    """The integral of t^order exp(x t) from 0 to 1: sums of terms of one sign, as in compiler.special."""
+    a, k = np.abs(x), order + 1
+    power, above = np.ones_like(a), np.zeros_like(a)
+    term = power / k
+    below = term
+    for j in range(1, int(60 + 4 * np.max(a, initial=0))):
+        above = above + power / (j - 1 + k)
+        power, term = power * a / j, term * a / (k + j)
+        below = below + term
+    return np.where(x < 0, np.exp(-a) * below, above)
+
+
+def _lam_slope(order: float, x: Longs) -> Longs:
+    """The integral of (-1)^order order! t^order/(1 + x t)^(order + 1) from 0 to 1."""
+    near = np.where(np.abs(x) < 0.5, x, 0.25 + 0 * x)
+    front = (-1) ** int(order) * math.factorial(int(order)) + 0 * near
+    falls, w = near < 0, near / (1 + near)
+    power, total = np.ones_like(near), np.zeros_like(near)
+    for j in range(1, 40 * int(order + 5)):
+        total = total + power / (order + j)
+        power = power * np.where(falls, -near * (order + j) / j, w)
+    series = front * total * np.where(falls, 1, (1 + near) ** -(order + 1))
+    away = np.where(np.abs(x) < 0.5, 1 + 0 * x, x)
+    rates = ((-1) ** (k - 1) * math.factorial(k - 1) / (1 + away) ** k for k in itertools.count(1))
+    return np.where(np.abs(x) < 0.5, series, _by_parts(np.log1p(away) / away, order, away, rates))
+
+
 _NAMES = ("sqrt", "exp", "log", "expm1", "log1p", "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh",
           "atan2", "hypot", "pow", "abs")  # fmt: skip
 _FUNCTIONS: dict[str, Any] = {name: getattr(np, NUMPY_NAMES.get(name, name)) for name in _NAMES} | {
-    "phi": _ratio(np.expm1), "lam": _ratio(np.log1p), "sinc": _ratio(np.sin),
+    "phi": _ratio(np.expm1), "dphi": lambda x: _phi_slope(1, x), "phi_slope": _phi_slope,
+    "lam": _ratio(np.log1p), "dlam": lambda x: _lam_slope(1, x), "lam_slope": _lam_slope,
+    "phi_pair": lambda x: (_ratio(np.expm1)(x), _phi_slope(1, x)),
+    "lam_pair": lambda x: (_ratio(np.log1p)(x), _lam_slope(1, x)),
 }  # fmt: skip

@@ -1,4 +1,4 @@
-"""A flow traced on one element for all, compared with the whole trace on a network of at most twelve elements.
+"""A flow traced on one element for all, compared with the whole trace on a small network.
 
 Some formulas look alike for all entries and are not: a mean that divides by the number of representatives, a length
 that is used as a number. Their kernels would be wrong without a word.
@@ -15,16 +15,15 @@ from ..compiler import derivatives as trace
 from ..compiler.derivatives import const
 from ..compiler.kernels import namespace, straight_line
 from ..compiler.library import evaluate
+from ..compiler.remembered_hash import remembered_hash
 from ..compiler.symbols import MixedSpaces
 from ..integrator import Flow
 from ..systems.network import Network
+from ..systems.same_for_all import AGREE, TRIES, random_state, small_network
 from .flow_kernels import further, traced
 from .reduction import reduce
 
-MOST = 12  # elements
-TRIES = 60  # random states, until there is one at which the formula has a value
 PARTS = ("residual", "Jacobian", "slope in h", "new state", "energy")  # that are compared
-AGREE = 1e-9  # of the largest number of a kind; sums are in another order
 
 Floats = NDArray[np.float64]
 _COMPARED: set[tuple[str, ...]] = set()
@@ -32,10 +31,11 @@ _COMPARED: set[tuple[str, ...]] = set()
 
 def compare(made: Any, flow: Flow, example: Network) -> None:
     """Raise MixedSpaces where the kernels of a `SpaceFlow` are not what the whole trace of the flow gives."""
-    texts = (made.opening.text, made.iterate.text, made.finish.text, repr(made.terms), repr(made.which))
+    hashed = remembered_hash(flow.residual) or str(id(flow.residual))
+    texts = (hashed, made.opening.text, made.iterate.text, made.finish.text, repr(made.terms), repr(made.which))
     if texts in _COMPARED:
         return
-    small = example.patch(MOST)
+    small = small_network(example)
     whole = _Whole(flow, small, made)
     rng = np.random.default_rng(0)
     for attempt in range(TRIES):
@@ -54,17 +54,6 @@ def compare(made: Any, flow: Flow, example: Network) -> None:
             _COMPARED.add(texts)
             return
     raise MixedSpaces(f"no state was found at which {flow.residual.__name__!r} has a value")
-
-
-def random_state(small: Network, rng: np.random.Generator, attempt: int) -> Floats | None:
-    """A random state with positive shapes and temperatures, if this attempt finds one."""
-    n, m = small.n_positions, small.n_elements
-    q = rng.normal(size=n) if attempt % 2 else np.cumsum(rng.uniform(0.5, 1.5, n))
-    theta = getattr(small, "reference_temperature", 1.0) * rng.uniform(0.8, 1.2, m)
-    with np.errstate(all="ignore"):
-        z = np.concatenate([q, rng.normal(size=n), small.entropies(q, theta)])
-        shapes = np.asarray(small.shape(q), dtype=float)
-    return z if np.all(np.isfinite(z)) and np.all(shapes > 0) else None
 
 
 class _Result:
@@ -140,3 +129,6 @@ class _Whole:
             self.run(np.concatenate([z0, x]), c, out)
         parts = np.split(out, np.cumsum([n, n * n, n, self.size]))
         return [parts[0], parts[1].reshape(n, n), *parts[2:]]
+
+
+__all__ = ["AGREE", "TRIES", "compare", "random_state", "small_network"]

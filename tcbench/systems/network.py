@@ -20,6 +20,8 @@ from ..compiler.space_kernels import SCALAR, Mesh, Slot, SpaceKernel, space_kern
 from ..compiler.spaces import Count, Map
 from ..compiler.symbols import Symbol, array, mixed_up
 from ..errors import TcbenchError, TraceError
+from .refusals import check_degree
+from .same_for_all import require_same
 from .state import State
 from .system import System
 from .traced import FEW, KEPT, derived
@@ -48,6 +50,10 @@ class Network(System):
     links: ClassVar[Any] = np.zeros((0, 2), np.int64)
     points: ClassVar[Any] = np.zeros((0, 1), np.int64)
     anchors: ClassVar[Any] = np.zeros(0)
+    written = (
+        *(name for name in System.written if name not in ("shape", "conduction", "n_elements")),
+        "elements", "links", "points", "anchors", "element_shape", "link", "point_invariants",
+    )  # fmt: skip
     spaces_of_constants: ClassVar[Mapping[str, str]] = {}
     traced_by_spaces: bool = False
     anchor_symbol: Symbol  # of one that is
@@ -91,6 +97,13 @@ class Network(System):
                 raise TcbenchError(
                     f"{cls.__name__}: {name} names {table.min()} to {table.max()}; there are 0 to {limit - 1}."
                 )
+        times = np.bincount(cls.points.ravel(), minlength=cls.n_positions)
+        if len(cls.points) and not np.all(times == 1):
+            wrong = int(np.argmax(times != 1))
+            raise TcbenchError(
+                f"{cls.__name__}: each position is a coordinate of one of the points, and {wrong} is one of "
+                f"{times[wrong]}. List every mass in `points`, or none."
+            )
 
     # ---- written by the author -------------------------------------------------------------------------
 
@@ -113,6 +126,10 @@ class Network(System):
 
     def per_position(self, values: Any) -> Any:
         """Numbers that belong to masses ("point"), at each of their coordinates: shape (n_positions,)."""
+        if not len(self.points):
+            raise TcbenchError(
+                f"{type(self).__name__} has no points: per_position() needs to know whose each position is."
+            )
         if self.traced_by_spaces:
             path = (Map("owner", 0, "position", "point"),)
             return array(spaces.gather(x, path) for x in values)
@@ -172,6 +189,13 @@ class Network(System):
         if not self.traced_by_spaces:
             return super().shape_gradient(q)
         return _LocalSlope(self, q)
+
+    def check_shape(self, q: Any) -> None:
+        if not self.traced_by_spaces:
+            return super().check_shape(q)
+        local = [self.fresh(f"q{k}", "element") for k in range(self.elements.shape[1])]
+        check_degree(self, list(self.strains(local))[:1], [x for pair in local for x in pair])
+        return None
 
     def slopes(self, value: Any, by: Any) -> Any:
         if not self.traced_by_spaces:
@@ -271,7 +295,10 @@ class Network(System):
 
     @cached_property
     def by_spaces(self) -> Network:
-        """The same network with two representatives of everything in place of all: what formulas are traced on."""
+        """The same network with two representatives of everything in place of all: what formulas are traced on.
+
+        MixedSpaces where its author's formulas do not do the same with all.
+        """
         clone = object.__new__(type(self))
         clone.__dict__.update({k: v for k, v in self.__dict__.items() if k in KEPT})
         for name in ("position", "element"):
@@ -291,6 +318,7 @@ class Network(System):
                 symbols = self.symbols_of(name)
                 setattr(clone, name, symbols[0] if shape == () else symbols.reshape(shape))
         clone.__dict__["symbolic"] = clone
+        require_same(self.__dict__.get("example", self), clone)
         return clone
 
     def constant_slots(self) -> list[Slot]:

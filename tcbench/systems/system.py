@@ -17,6 +17,7 @@ from ..compiler import derivatives as trace
 from ..compiler.divided_differences import rectangle, symmetrised_slopes
 from ..errors import TcbenchError, unknown_name
 from .operators import Poisson, SparseRows
+from .refusals import check_attribute, check_class, check_degree, check_own
 from .state import State, formulas_hash
 from .traced import Traced, derived
 
@@ -29,14 +30,25 @@ class System(Traced):
     positive: ClassVar[tuple[str, ...]] = ()  # constants that must be > 0
     non_negative: ClassVar[tuple[str, ...]] = ()
     source: ClassVar[str] = ""
+    written: ClassVar[tuple[str, ...]] = (  # what an author's class may say; everything else is derived
+        "name", "constants", "positive", "non_negative", "source", "n_positions", "n_elements", "inertia", "shape",
+        "element_energy", "conduction", "entropies", "invariants", "conduction_flow", "points", "entropy_scale",
+        "exergy_offset",
+    )  # fmt: skip
 
     def __init_subclass__(cls, **arguments: Any) -> None:
         super().__init_subclass__(**arguments)
+        check_class(cls)
         if "shape" in cls.__dict__:  # everything in an element sees the positions through its strain measure only
             shape = cls.__dict__["shape"]
             cls.shape = wraps(shape)(lambda self, q: _mark_like(shape(self, q), q))  # type: ignore[method-assign]
 
+    def __setattr__(self, name: str, value: Any) -> None:
+        check_attribute(self, name)
+        object.__setattr__(self, name, value)
+
     def __init__(self, **values: Any) -> None:
+        check_class(type(self))  # which may have been changed since
         for name in values:
             if name not in self.constants:
                 raise unknown_name(f"constant of {self.name!r}", name, self.constants)
@@ -166,7 +178,8 @@ class System(Traced):
         # M = mu (b, -a)(b, -a)^T acts on DS as mu (b - a)(b, -a), which is 0 at b = a: the first component divided
         # by b - a (exactly, as a divided difference from a to b) is mu b
         other, _ = rectangle(a, b - a, trace.const(0.0), trace.const(0.0))
-        mu = self.conduction(np.array([a, other], dtype=object))[0].pi_at_s0 / b
+        gained = self.conduction(np.array([a, other], dtype=object))[0]
+        mu = other.lifted(gained).pi_at_s0 / b  # a number where nothing is conducted
         return np.array([[mu * b * b, -mu * a * b], [-mu * a * b, mu * a * a]])
 
     @derived
@@ -216,6 +229,7 @@ class System(Traced):
         """Algorithmic gradient D E(z0, z1) with DE . (z1 - z0) = E(z1) - E(z0), eqs. (27)-(33)."""
         z0, z1 = self.state(z0), self.state(z1)
         dz, mid = self.state(z1 - z0), self.state((z0 + z1) / 2)
+        self.check_shape(mid.q)
         slope = self.shape_gradient(mid.q)  # exact divided differences, as pi is at most quadratic
         dpi = _mark(slope @ dz.q)
         pairs = [rectangle(*edges) for edges in zip(self.shape(z0.q), dpi, z0.s, dz.s, strict=True)]
@@ -266,6 +280,7 @@ class System(Traced):
         n = self.n_elements
         pi_, s_ = self.fresh("pi", "element"), self.fresh("s", "element")
         slopes = trace.sparse_jacobian(list(self.element_energy(pi_, s_)), [*pi_, *s_])
+        check_own(self, slopes, n)
         zero = trace.const(0.0)
         diagonal = [row.get(i, zero) for i, row in enumerate(slopes)]
         diagonal += [row.get(n + i, zero) for i, row in enumerate(slopes)]
@@ -291,6 +306,10 @@ class System(Traced):
         for (i, j, _), value in zip(entries, values, strict=True):
             found[i][j] = value
         return SparseRows(found, self.n_positions)
+
+    def check_shape(self, q: Any) -> None:
+        """TraceError where the strain measures are not at most quadratic in q."""
+        check_degree(self, list(self.shape(q)), list(q))
 
     @derived
     def exergy(self, z: Any) -> Any:

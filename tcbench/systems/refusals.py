@@ -1,0 +1,136 @@
+"""What the class of a system must not say, each refused with a sentence: what would be right for some methods only."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..compiler import derivatives as trace
+from ..compiler.symbols import Symbol, refused
+from ..errors import TcbenchError
+
+if TYPE_CHECKING:
+    from .system import System
+
+MOST_DEGREE = 2  # of a strain measure in the positions
+POINTS = 5  # random ones at which a derivative has to vanish
+ROUND_OFF = 1e-9  # of a derivative, over the terms that it is the sum of
+
+
+def check_class(cls: type[System]) -> None:
+    """TcbenchError where a class overrides what is derived, or names a constant as something else is."""
+    base = _base(cls)
+    for name in dict.fromkeys(n for c in cls.__mro__[: cls.__mro__.index(base)] for n in c.__dict__):
+        if not name.startswith("__") and name not in base.written and _is_computed(base, name):
+            raise _overridden(cls.__name__, name, base.written)
+    for name in cls.constants:
+        if not isinstance(name, str) or not name.isidentifier():
+            raise TcbenchError(f"{cls.__name__}: a constant is named by a word, self.word in formulas, not {name!r}.")
+        if hasattr(base, name) or _is_computed(cls, name):
+            raise TcbenchError(
+                f"{cls.__name__}: no constant can be called {name!r}, the name of something else; call it otherwise."
+            )
+
+
+def _base(cls: type[System]) -> type[System]:
+    """The class of tcbench's own that says what its subclasses may write."""
+    return next(c for c in cls.__mro__ if "written" in c.__dict__)  # type: ignore[return-value]
+
+
+def _is_computed(cls: type, name: str) -> bool:
+    """A method, a property or the like, no number."""
+    return hasattr(inspect.getattr_static(cls, name, None), "__get__")
+
+
+def check_attribute(system: System, name: str) -> None:
+    """TcbenchError where an attribute of an instance would hide what its class computes."""
+    if _is_computed(type(system), name):
+        raise _overridden(type(system).__name__, name, _base(type(system)).written)
+
+
+def _overridden(who: str, name: str, written: Sequence[str]) -> TcbenchError:
+    return TcbenchError(
+        f"{who} sets {name!r}, which is derived from the formulas of its class: some methods would use yours, others "
+        f"would not. An author writes {', '.join(written)}; call a function of your own otherwise."
+    )
+
+
+def check_degree(system: System, shapes: Sequence[Any], q: Sequence[Symbol]) -> None:
+    """TraceError where a strain measure is of a higher degree than two in the positions: then its slope at the midpoint
+    is no divided difference, and discrete gradients lose energy."""
+    degree = _degrees(shapes, q)
+    for i, x in enumerate(shapes):
+        if isinstance(x, Symbol) and degree[x.number] > MOST_DEGREE and not _third_vanishes(x, q):
+            raise refused(
+                f"the strain measure of element {i} is not linear or quadratic in q, which discrete gradients need",
+                "Let shape() return another measure of the strain, such as the squared length, and take the root, the "
+                "logarithm or the power in element_energy(); methods without discrete gradients (tc_gauss, tc_taylor, "
+                "midpoint_entropy) take any shape()",
+                _line(system, "element_shape", "shape"),
+            )
+
+
+def _degrees(shapes: Sequence[Any], q: Sequence[Symbol]) -> dict[int, float]:
+    """Bounds of the degrees in q, by number of the node."""
+    degree = {x.number: 1.0 for x in q}
+    for node in trace.topological([x for x in shapes if isinstance(x, Symbol)]):
+        if node.number in degree:
+            continue
+        of = [degree[a.number] for a in node.args]
+        if node.op in ("add", "sub", "neg", "mark", "gather"):
+            degree[node.number] = max(of)
+        elif node.op == "mul":
+            degree[node.number] = sum(of)
+        else:
+            degree[node.number] = np.inf if any(of) else 0.0
+    return degree
+
+
+def _third_vanishes(x: Symbol, q: Sequence[Symbol]) -> bool:
+    """Is the third derivative along a line nil, at random points and in random directions?"""
+    from ..compiler.kernels import namespace, straight_line
+
+    t, start, along = trace.variable("t"), trace.variables("q", len(q)), trace.variables("v", len(q))
+    (line,) = trace.substitute([x], dict(zip(q, start + t * along, strict=True)))
+    rates = [line]
+    for _ in range(MOST_DEGREE + 1):
+        rates.append(trace.jacobian([rates[-1]], [t])[0, 0])
+    given = [s for s in trace.topological(rates) if s.op == "var"]
+    scope = namespace()
+    exec(straight_line({s: f"a[{i}]" for i, s in enumerate(given)}, rates), scope)
+    rng, found = np.random.default_rng(0), np.empty((POINTS, len(rates)))
+    with np.errstate(all="ignore"):
+        for values in found:
+            scope["kernel"](rng.uniform(0.5, 1.5, len(given)), None, values)
+    known = np.isfinite(found).all(axis=1)
+    return bool(known.any() and np.all(np.abs(found[known, -1]) <= ROUND_OFF * np.abs(found[known]).max(axis=1)))
+
+
+def _line(system: System, *names: str) -> str:
+    """Where the author wrote the first of these functions that there is."""
+    function = inspect.unwrap(next(getattr(type(system), name) for name in names if hasattr(type(system), name)))
+    return f"{function.__code__.co_filename}, line {function.__code__.co_firstlineno}"
+
+
+def check_own(system: System, rows: Sequence[Any], count: int) -> None:
+    """TraceError where the energy of an element depends on another one's strain or entropy.
+
+    rows: of the slopes by the strains, then by the entropies, position -> slope.
+    """
+    where = _line(system, "element_energy")
+    if len(rows) != count:
+        raise refused(
+            f"element_energy() gives {len(rows)} numbers for {count} elements", "It gives one for each", where
+        )
+    for i, row in enumerate(rows):
+        others = sorted({j % count for j in row} - {i})
+        if others:
+            raise refused(
+                f"the energy of element {i} depends on the strain or the entropy of element {others[0]}, and gradients "
+                "are made of each element's own",
+                "Let element_energy() act element by element; what couples two of them is an element of its own",
+                where,
+            )

@@ -1,0 +1,126 @@
+"""What a class of systems must not say is refused with a sentence; what would be right for some methods only, too."""
+
+import numpy as np
+import pytest
+
+import tcbench
+from tcbench import Network, Scenario, TcbenchError
+from tcbench.systems.pendulum import Pendulum
+
+START = tcbench.scenarios()["short_term"]
+
+
+def scenario(kind, **constants):
+    return Scenario(
+        name=kind.name, system=kind, constants={**START.constants, **constants}, positions=START.positions,
+        momenta=START.momenta, temperatures=START.temperatures, t_end=0.2, dt=0.05,
+    )  # fmt: skip
+
+
+DERIVED = ["vector_field", "gradient", "discrete_gradient", "jacobian", "energy", "observe", "dissipation", "L", "size",
+           "symbolic", "kernel"]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", DERIVED)
+def test_what_is_derived_is_not_overridden(name):
+    expected = rf"Own sets '{name}', which is derived from the formulas.* An author writes .*inertia, shape"
+    with pytest.raises(TcbenchError, match=expected):
+        type("Own", (Pendulum,), {name: lambda self, z: z})
+    later = type("Own", (Pendulum,), {})
+    setattr(later, name, lambda self, z: z)
+    with pytest.raises(TcbenchError, match=expected):
+        scenario(later)
+    with pytest.raises(TcbenchError, match=expected.replace("Own", "Pendulum")):
+        setattr(scenario(Pendulum).model, name, lambda z: z)
+
+
+def test_neither_is_what_an_author_writes_replaced_in_one_instance():
+    with pytest.raises(TcbenchError, match="Pendulum sets 'conduction'"):
+        scenario(Pendulum).model.conduction = lambda theta: 0 * theta
+
+
+@pytest.mark.parametrize("name", ["energy", "inertia", "name", "size", "state", "log_strain", "two words", "formulas"])
+def test_a_constant_has_a_name_of_its_own(name):
+    with pytest.raises(TcbenchError, match=f"Own: (no constant can be called|a constant is named by a word).*{name}"):
+        type("Own", (Pendulum,), {"constants": {**Pendulum.constants, name: ()}})
+
+
+def test_constants_may_be_called_as_arrays_and_states_call_theirs_and_shadow_numbers():
+    class Own(Pendulum):
+        name = "own"
+        constants = {**Pendulum.constants, "T": (), "q": (), "mass": ()}
+        mass = 7.0
+
+        def element_energy(self, pi, s):
+            return super().element_energy(pi, s) + self.T + self.q + self.mass
+
+    model, plain = scenario(Own, T=1.0, q=2.0, mass=3.0).model, scenario(Pendulum).model
+    assert model.energy(START.z0) == pytest.approx(plain.energy(START.z0) + 12.0, rel=1e-15)
+
+
+class Lengths(Pendulum):
+    name = "lengths"
+
+    def shape(self, q):
+        return np.sqrt(super().shape(q))
+
+
+class Squares(Lengths):
+    """Quadratic, though nobody sees it."""
+
+    name = "squares"
+
+    def shape(self, q):
+        return super().shape(q) ** 2
+
+
+@pytest.mark.parametrize("method", ["tc_monolithic", "tc_strang", "tc_gonzalez"])
+def test_strain_measures_that_are_not_quadratic_have_no_discrete_gradient(method):
+    line = Lengths.__dict__["shape"].__wrapped__.__code__.co_firstlineno
+    with pytest.raises(
+        TcbenchError, match=rf"test_refusals.py, line {line}: the strain measure of element 0 is not lin"
+    ):
+        tcbench.simulate(method, scenario(Lengths))
+    run = tcbench.simulate(method, scenario(Squares))
+    assert run.ok and run.summary.energy_error_max < 1e-12
+
+
+def test_other_methods_take_any_strain_measure():
+    run = tcbench.simulate("tc_gauss", scenario(Lengths))
+    assert run.ok and run.summary.energy_error_max < 1e-12
+
+
+class Coupled(Pendulum):
+    name = "coupled"
+
+    def element_energy(self, pi, s):
+        return super().element_energy(pi, s) + 0.1 * pi[::-1]
+
+
+def test_elements_whose_energies_depend_on_each_other_are_refused():
+    line = Coupled.element_energy.__code__.co_firstlineno
+    with pytest.raises(
+        TcbenchError, match=rf"test_refusals.py, line {line}: the energy of element 0 depends on .* 1, "
+    ):
+        tcbench.simulate("midpoint_entropy", scenario(Coupled))
+
+
+@pytest.mark.parametrize("rates", [np.zeros(2), [0, 0]])
+def test_friction_of_no_conduction_is_nil(rates):
+    kind = type("Insulated", (Pendulum,), {"name": "insulated", "conduction": lambda self, theta: rates})
+    assert np.asarray(scenario(kind).model.friction(np.array([300.0, 310.0]))).tolist() == [[0, 0], [0, 0]]
+
+
+@pytest.mark.parametrize("points", [[[0, 1]], [[0, 1], [1, 2]], [[0, 1], [0, 1], [2, 3]]])
+def test_each_position_belongs_to_one_point(points):
+    tables = {"n_positions": 4, "elements": [[0, 1], [2, 3]], "links": [[0, 1]], "points": points}
+    with pytest.raises(
+        TcbenchError, match=r"Own: each position is a coordinate of one of the points, and \d is one of"
+    ):
+        type("Own", (Network,), tables)
+
+
+def test_numbers_of_masses_need_masses():
+    kind = type("Own", (Network,), {"n_positions": 2, "elements": [[0, 1]], "constants": {"reference_temperature": ()}})
+    with pytest.raises(TcbenchError, match="Own has no points"):
+        kind(reference_temperature=1.0).per_position(np.ones(2))
