@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiler import derivatives as trace
+from ..compiler.code_hash import content_hash
 from ..compiler.derivatives import const
 from ..compiler.kernels import namespace, straight_line
 from ..compiler.library import evaluate
-from ..compiler.remembered_hash import remembered_hash
 from ..compiler.symbols import MixedSpaces
 from ..integrator import Flow
 from ..systems.network import Network
@@ -31,7 +31,7 @@ _COMPARED: set[tuple[str, ...]] = set()
 
 def compare(made: Any, flow: Flow, example: Network) -> None:
     """Raise MixedSpaces where the kernels of a `SpaceFlow` are not what the whole trace of the flow gives."""
-    hashed = remembered_hash(flow.residual) or str(id(flow.residual))
+    hashed = content_hash(flow.residual) or str(id(flow.residual))
     texts = (hashed, made.opening.text, made.iterate.text, made.finish.text, repr(made.terms), repr(made.which))
     if texts in _COMPARED:
         return
