@@ -146,6 +146,19 @@ def find_integrator(name: str | Integrator) -> Integrator:
     return known[base].variant(**values) if values else known[base]
 
 
+def starter_of(method: Integrator) -> Integrator:
+    """The method that does the first steps of a multistep method: of equal steps, each from one state."""
+    starter, whose = find_integrator(method.starter), f"The starter of {method.name!r}"
+    remedy = f'take a one-step method of order {(method.order or 1) - 1:g} or more, such as "tc_monolithic".'
+    if starter.kind == "adaptive":
+        raise TcbenchError(f"{whose}, {starter.name}, is an adaptive solver, which takes no steps of length h: {remedy}")
+    if starter.memory:
+        raise TcbenchError(f"{whose}, {starter.name}, is a multistep method, which needs a starter itself: {remedy}")
+    if (starter.order or 0) < (method.order or 0) - 1:
+        raise TcbenchError(f"{whose}, {starter.name}, is only of order {starter.order:g}: {remedy}")
+    return starter
+
+
 def is_registered(method: Integrator) -> bool:
     """Does its name alone bring the same integrator, in another process too?"""
     try:

@@ -59,7 +59,7 @@ def method_sources(method: Integrator) -> list[str]:
     """
     uses = [source_hash(plugin) for plugin in method.uses]
     if method.memory:
-        uses += method_sources(plugins.find_integrator(method.starter))
+        uses += method_sources(plugins.starter_of(method))
     if plugins.is_registered(method):
         return [source_hash(method.plugin), *uses]
     seen = {f.name: getattr(method, f.name) for f in fields(method) if f.name not in SAID}

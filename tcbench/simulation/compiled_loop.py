@@ -123,11 +123,12 @@ def judge(run: Run, step: int, z: Floats, now: Floats) -> tuple[int, int]:
 def monitor(run: Run, first: int, rows: Matrix) -> int:
     """`judge` for states that come from Python, of step `first` and the next, up to one that ends the run.
 
-    Returns why the run ends, or OK; completed steps in the tally.
+    Returns why the run ends, or OK; completed steps in the tally. States beyond those that the run has room for are
+    left out: whatever is given, nothing is written behind the records.
     """
     reason, now = OK, run.observables[NOW]
     run.tally.steps = first - 1
-    for i in range(len(rows)):
+    for i in range(min(len(rows), (run.n_rows - 1) * run.every - (first - 1))):
         call(run.observe, rows[i], run.c, now)
         reason, done = judge(run, first + i, rows[i], now)
         run.tally.steps = done

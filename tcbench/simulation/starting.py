@@ -33,9 +33,10 @@ def first_steps(integrator: Integrator, scenario: Scenario, dt: float, steps: in
     """The first `memory` steps of a multistep method (fewer if the run has fewer), by its starter; else none."""
     if not integrator.memory:
         return FirstSteps(scenario.z0[None], NONE, "ok", "")
+    from .. import plugins
     from .run import simulate
 
     count = min(integrator.memory, steps)
-    run = simulate(integrator.starter, scenario, dt, count * dt)
+    run = simulate(plugins.starter_of(integrator), scenario, dt, count * dt)
     failure = "" if run.ok else f"the starter {run.integrator.name}: {run.failure}"
     return FirstSteps(np.ascontiguousarray(run.z), run.newton_iterations, run.status, failure)

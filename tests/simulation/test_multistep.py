@@ -7,6 +7,7 @@ import tcbench
 from tcbench import Flow, Integrator, TcbenchError
 from tcbench.authoring.integrator_checks import restart
 from tcbench.simulation import run as simulation
+from tcbench.simulation.python_loop import Monitor
 from tcbench.studies import convergence
 from tcbench.studies.theorems import steps as random_claims
 
@@ -124,6 +125,29 @@ def test_what_makes_no_multistep_method_is_refused(given, words):
 def test_a_starter_that_does_not_exist_is_named():
     with pytest.raises(TcbenchError, match="tc_monolithic"):
         tcbench.simulate(Integrator(name="x", order=2, memory=1, starter="tc_monolitic", flows=bdf2), SCENARIO)
+
+
+@pytest.mark.parametrize(
+    ("starter", "words"),
+    [("scipy_dop853", "adaptive solver"), ("tc_auto", "adaptive solver"), ("controlled", "adaptive solver"),
+     (METHODS[0], "multistep method"), ("tc_staggered", "of order 1: take a one-step method of order 2 or more")],
+)  # fmt: skip
+@pytest.mark.parametrize("ways", [{"flows": bdf3}, {"step": adams_step}], ids=["flows", "step"])
+def test_a_starter_that_takes_no_equal_steps_is_refused(starter, words, ways):
+    method = Integrator(name="x", order=3, memory=2, starter=starter, source="x", **ways)
+    with pytest.raises(TcbenchError, match=words):
+        tcbench.simulate(method, SCENARIO)
+
+
+@pytest.mark.parametrize(("every", "first"), [(1, 1), (3, 1), (1, 5), (7, 4)])
+def test_more_rows_than_steps_are_not_written_behind_the_records(every, first):
+    """Whoever gives them: the rows that a run has room for are kept, and the memory behind them stays as it is."""
+    monitor = Monitor(SCENARIO, 0.1, 10, every)
+    n, run, room = len(SCENARIO.z0), monitor.run, monitor.run.n_rows
+    memory = np.full((room + 200) * n, 7.0)
+    run.lend("states", memory[: room * n].reshape(room, n))
+    reason, done = monitor.add(first, np.tile(SCENARIO.z0, (200, 1)))
+    assert reason == 0 and done == (room - 1) * every and (memory[room * n :] == 7.0).all()
 
 
 def test_claims_are_measured_on_steps_of_the_formula_itself():
