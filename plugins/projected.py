@@ -17,7 +17,8 @@ four, and with the projection thermodynamically consistent.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -43,15 +44,18 @@ def projected(method: Integrator, name: str = "projected") -> Integrator:
         raise TcbenchError(f"{method.name!r} is a multistep method: take a one-step method or an adaptive solver.")
     common: dict[str, Any] = {
         "name": name, "claims": {"entropy", "angular_momentum"}, "tags": method.tags | {"projected"},
-        "source": f"thermodynamic projection around {method.name}", "description": "", "uses": (method.plugin,),
-        "parameters": {}, "family": None,
+        "source": f"thermodynamic projection around {method.name}", "description": "",
+        "uses": method.sources, "parameters": {}, "family": None,
     }  # fmt: skip
     if method.adaptive is not None:
-        return replace(method, **common, adaptive=_projected_outputs(method.adaptive), outputs=None)
+        outputs = method.outputs and _projected_outputs(method.outputs)
+        return replace(method, **common, adaptive=_projected_solver(method.adaptive), outputs=outputs)
     if method.kind == "flows":
         return replace(method, **common, flows=[*method.flows, Flow(projection, of_step=True)])
     assert method.step is not None
-    return replace(method, **common, step=_projected_step(method.step, method.increments), increments=True)
+    # each step is projected before the next begins, so the loop of a method that marches by itself is left unused
+    step = _projected_step(method.step, method.increments)
+    return replace(method, **common, step=step, increments=True, march=None)
 
 
 def projection(z0: Any, z1: Any, h: Any, system: System, start: Any, first: Any) -> Any:
@@ -80,23 +84,37 @@ def projection(z0: Any, z1: Any, h: Any, system: System, start: Any, first: Any)
 
 def _projected_step(step: Callable[..., Any], increments: bool) -> Callable[..., Any]:
     def stepped(z: Any, h: float, system: System) -> Any:
-        first = np.asarray(step(z, h, system), dtype=float)
-        dz = first if increments else first - z
+        found = np.asarray(step(z, h, system), dtype=float)
+        if found.shape != np.shape(z):
+            raise ValueError(f"the step returned shape {found.shape}, a state has shape {np.shape(z)}")
+        dz = found if increments else found - z
         return dz + apply_explicit(projection, system, np.asarray(z), z + dz)
 
     return stepped
 
 
-def _projected_outputs(adaptive: Callable[..., Any]) -> Callable[..., Any]:
+def _mended(states: Iterable[Any], system: System, z0: Any) -> Iterator[Any]:
     """What a user of a solver can do: its outputs are projected, its own steps are as they were."""
+    first = last = np.asarray(z0, dtype=float)
+    yield first
+    for state in itertools.islice(states, 1, None):
+        last = state + apply_explicit(projection, system, last, np.asarray(state, dtype=float), first)
+        yield last
 
+
+def _projected_solver(adaptive: Callable[..., Any]) -> Callable[..., Any]:
     def solved(system: System, z0: Any, times: Any, rtol: float, atol: float) -> Any:
         found = adaptive(system, z0, times, rtol, atol)
         states, counts = found if isinstance(found, tuple) else (found, {})
-        mended = [np.asarray(z0, dtype=float)]
-        for state in np.asarray(states, dtype=float)[1:]:
-            mended.append(state + apply_explicit(projection, system, mended[-1], state, mended[0]))
-        return np.array(mended), counts
+        return np.array(list(_mended(states, system, z0))), counts
+
+    return solved
+
+
+def _projected_outputs(outputs: Callable[..., Any]) -> Callable[..., Any]:
+    def solved(system: System, z0: Any, times: Any, rtol: float, atol: float) -> Any:
+        states, counts = outputs(system, z0, times, rtol, atol)
+        return _mended(states, system, z0), counts
 
     return solved
 

@@ -168,6 +168,11 @@ class Integrator:
         missing = [name for name in self.needs if not system.defines(name)]
         return f"it needs {', '.join(missing)}, which the system {system.name} does not define" if missing else ""
 
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """What a method that wraps this one `uses`: its plugin, and what it uses itself."""
+        return tuple(dict.fromkeys(filter(None, (self.plugin, *self.uses))))
+
     def versions(self) -> dict[str, str | None]:
         """Versions of the packages that the method requires; None for an absent one."""
         return {name: installed_version(name) for name in self.requires}

@@ -151,7 +151,9 @@ def starter_of(method: Integrator) -> Integrator:
     starter, whose = find_integrator(method.starter), f"The starter of {method.name!r}"
     remedy = f'take a one-step method of order {(method.order or 1) - 1:g} or more, such as "tc_monolithic".'
     if starter.kind == "adaptive":
-        raise TcbenchError(f"{whose}, {starter.name}, is an adaptive solver, which takes no steps of length h: {remedy}")
+        raise TcbenchError(
+            f"{whose}, {starter.name}, is an adaptive solver, which takes no steps of length h: {remedy}"
+        )
     if starter.memory:
         raise TcbenchError(f"{whose}, {starter.name}, is a multistep method, which needs a starter itself: {remedy}")
     if (starter.order or 0) < (method.order or 0) - 1:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tcbench_plugins.controlled import controlled
 from tcbench_plugins.projected import projected, projection
 
 import tcbench
@@ -167,6 +168,76 @@ def test_steps_and_flows_are_projected_alike():
     ours = projected(Integrator(name="mine", order=2, step=step), "mine_projected")
     run, same = tcbench.simulate(ours, scenario), tcbench.simulate("projected[method=verlet_heat]", scenario)
     np.testing.assert_allclose(run.z, same.z, rtol=1e-11, atol=1e-11)
+
+
+def euler(z, h, system):
+    return z + h * np.asarray(system.vector_field(z))
+
+
+def marching(rows):
+    """Euler's step and a loop of its own, which gives states or increments."""
+
+    def march(z, h, count, system):
+        found = [np.asarray(z)]
+        for _ in range(count):
+            found.append(np.asarray(euler(found[-1], h, system)))
+        return np.array(found[1:]) if rows == "states" else np.diff(found, axis=0)
+
+    def increment(z, h, system):
+        return euler(z, h, system) - z
+
+    given = {"step": euler} if rows == "states" else {"step": increment, "increments": True}
+    return Integrator(name="euler", order=1, source="x", march=march, **given)
+
+
+@pytest.mark.parametrize("rows", ["states", "increments"])
+@pytest.mark.parametrize("times", [1, 2])
+def test_a_method_that_marches_by_itself_is_projected_at_every_step(rows, times):
+    method = marching(rows)
+    for _ in range(times):
+        method = projected(method)
+    run, plain = (tcbench.simulate(m, SLOW, dt=0.01) for m in (method, projected(Integrator(
+        name="plain", order=1, source="x", step=euler))))  # fmt: skip
+    assert run.status == "ok" and run.summary.energy_error_max <= 1e-12
+    np.testing.assert_allclose(run.z, plain.z, rtol=0, atol=1e-11)
+
+
+def test_a_registered_method_that_marches_can_be_projected():
+    taylor = projected(find_integrator("tc_taylor[order=4]"))
+    assert tcbench.simulate(taylor, SLOW, dt=0.05).summary.energy_error_max <= 1e-12
+
+
+def test_a_solver_that_gives_its_states_one_by_one_still_does():
+    """So a run that has failed is not carried to its end."""
+    given = []
+
+    def outputs(system, z0, times, rtol, atol):
+        def states():
+            for i in range(len(times)):
+                given.append(i)
+                yield np.asarray(z0) * (np.nan if i > 3 else 1.0)
+
+        return states(), {}
+
+    def adaptive(system, z0, times, rtol, atol):
+        return np.array(list(outputs(system, z0, times, rtol, atol)[0]))
+
+    method = projected(Integrator(name="failing", adaptive=adaptive, outputs=outputs, source="x"))
+    run = tcbench.simulate(method, SLOW)
+    assert run.status == "nonfinite" and given == [0, 1, 2, 3, 4]
+
+
+def test_a_wrapper_keeps_what_it_wraps():
+    method = Integrator(name="inner", order=1, source="x", step=euler, uses=("helper",), needs=("conduction_flow",))
+    for outer in (projected(method), controlled(method), controlled(projected(method))):
+        assert outer.uses == ("helper",) and outer.needs == ("conduction_flow",)
+    both = controlled(projected(find_integrator("gauss2")))
+    assert both.uses == (find_integrator("gauss2").plugin,)
+
+
+def test_a_step_of_the_wrong_shape_is_named():
+    run = tcbench.simulate(projected(Integrator(name="scalar", order=1, source="x", step=lambda z, h, s: 0.0)), SLOW)
+    assert run.status == "exception" and "returned shape ()" in run.failure
 
 
 def test_what_can_be_projected():
