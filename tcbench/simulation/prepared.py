@@ -12,7 +12,7 @@ from ..compiler.records import Rows
 from ..integrator import Integrator
 from ..solver.flow import Flow, Tally
 from ..solver.flow_kernels import FlowKernels
-from ..solver.implicit_step import LAWS, Rules, make_flows, set_length
+from ..solver.implicit_step import Rules, make_flows, set_length
 from ..systems.scenario import Scenario
 from ..systems.system import System
 from .compiled_loop import LOOPS, Run
@@ -43,7 +43,7 @@ class Prepared:
         observe, n_observables = model.observer
         further = 0 if method is None else model.size * (method.memory or 2)
         c, self.tally = np.concatenate([model.constant_values, np.zeros(further)]), Tally()
-        self.rules, self.bound, self.has_root = Rules(), math.inf, False
+        self.rules, self.bound = Rules(), math.inf
         self.flows: list[tuple[Flow, FlowKernels, float]] = []
         fields: dict[str, Any] = {}
         if method is not None:
@@ -53,7 +53,6 @@ class Prepared:
                 "opening": opening.address, "now": opening.size - n_observables, "n_flows": len(kernels),
                 "of_step": any(flow.of_step for flow in method.flows), "memory": method.memory, "flows": rows,
             }  # fmt: skip
-            self.has_root = method.claims >= LAWS
             self.flows = [(*pair, f.fraction) for *pair, f in zip(rows.records, kernels, method.flows, strict=True)]
         self.run = Run(
             n=model.size, n_elements=model.n_elements, n_invariants=len(model.invariant_names), n_rows=0, every=1,
@@ -77,21 +76,21 @@ class Prepared:
         for flow, kernels, fraction in self.flows:
             set_length(flow, kernels, fraction * h)
 
-    def set_rules(self, rules: Rules, bound: float, has_root: bool) -> None:
+    def set_rules(self, rules: Rules, bound: float) -> None:
         """How the flows are solved; bound: of the energy error."""
-        if (rules, bound, has_root) == (self.rules, self.bound, self.has_root):
+        if (rules, bound) == (self.rules, self.bound):
             return
-        self.rules, self.bound, self.has_root = rules, bound, has_root
+        self.rules, self.bound = rules, bound
         self.run.residuals, self.run.bound = rules.residuals, bound
         for flow, _, _ in self.flows:
             flow.continuation, flow.audit, flow.residuals = rules.continuation, rules.audit, rules.residuals
-            flow.bound, flow.has_root = bound, has_root
+            flow.bound = bound
 
-    def start(self, scenario: Scenario, dt: float, steps: int, every: int, rules: Rules, has_root: bool = False) -> Run:
+    def start(self, scenario: Scenario, dt: float, steps: int, every: int, rules: Rules) -> Run:
         """Everything at the start of a scenario, with room for a row each `every` steps."""
         run, c, z0, constants = self.run, self.run.c, scenario.z0, scenario.model.constant_values
         self.clear()
-        self.set_rules(rules, scenario.bound, has_root)
+        self.set_rules(rules, scenario.bound)
         run.every = every
         run.make_room(steps // every + 2)
         known, n = len(constants), len(z0)

@@ -123,7 +123,7 @@ def run_flows(
     kernels = compiled_flows(integrator.flows, model.symbolic)
     told = foresight.of_steps(model, kernels, steps)  # before anything is compiled
     ready = take(integrator, model, kernels)
-    run = ready.start(scenario, dt, steps, every, rules, integrator.claims >= m.LAWS)
+    run = ready.start(scenario, dt, steps, every, rules)
     LOOPS.begin(run)
     begin = time.perf_counter()
     reason, done, first = m.OK, 0, None

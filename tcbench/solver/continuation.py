@@ -20,7 +20,8 @@ A step of a method that keeps both laws has a root for every h (docs/physics.md,
 followed, because a weak spring collapses at the start of it and the curve turns within less than double precision can
 tell, `detour` follows others: the roots of R(x, eta h) + (1 - eta) b, with some vector b, a push that lets the spring
 swing past its end. They begin at the one root of R(x, 0) + b, end at the same equations, and what was said of signs
-holds for them: where one of them first reaches eta = 1, det J > 0.
+holds for them: where one of them first reaches eta = 1, det J > 0. Whether the method is of this kind is seen from the
+root that is found, never from what it claims: one that breaks a law is no root of such a step, and is not taken.
 
 Unknowns are scaled as in Newton's stopping test, u = (x * scale, eta); nothing is allocated inside the loops.
 """
@@ -47,6 +48,7 @@ CORRECTIONS = 6
 FIRST_STEP = 0.25
 BISECTIONS = 40
 DETOURS = 24
+LAWFUL = 1e-7  # energy and entropy of a root of a method with both laws, and next to a collapsed spring
 
 
 @rare
@@ -176,17 +178,34 @@ def land(flow: Flow, cosine: float, ds: float, s: float) -> tuple[int, int]:
 
 
 @rare
-def exergy_rise(flow: Flow, v: Floats) -> float:
-    """V(z1) - V(z0) at the point v of the curve (w is at its h); NaN where z1 has no temperatures."""
+def observe_ends(flow: Flow) -> None:
+    """Energy and entropy at the start and at the unknowns x (w is at their h) into `seen`; leaves z1 in dz."""
     z1, seen = flow.dz, flow.seen
-    for i in range(flow.nx):
-        flow.x[i] = v[i] / flow.scale[i]
     call(flow.finish, flow.w, flow.x, z1)
     for i in range(flow.n):
         z1[i] += flow.start[i]
     call(flow.observe, flow.start, flow.c, seen[0])
     call(flow.observe, z1, flow.c, seen[1])
+
+
+@rare
+def exergy_rise(flow: Flow, v: Floats) -> float:
+    """V(z1) - V(z0) at the point v of the curve (w is at its h); NaN where z1 has no temperatures."""
+    seen = flow.seen
+    for i in range(flow.nx):
+        flow.x[i] = v[i] / flow.scale[i]
+    observe_ends(flow)
     return (seen[1, 0] - seen[0, 0]) - flow.reference * (seen[1, 1] - seen[0, 1])
+
+
+@rare
+def lawful(flow: Flow) -> bool:
+    """Does the root in x keep the energy, and not lower the entropy? Its increments are in dz."""
+    seen = flow.seen
+    observe_ends(flow)
+    call(flow.finish, flow.w, flow.x, flow.dz)
+    kept = abs(seen[1, 0] - seen[0, 0]) <= LAWFUL * (1.0 + abs(seen[0, 0]))
+    return kept and seen[1, 1] - seen[0, 1] >= -LAWFUL * (1.0 + abs(seen[0, 1]))
 
 
 @rare
@@ -269,8 +288,8 @@ def arc(flow: Flow) -> tuple[int, int, int]:
 
 @rare
 def detour(flow: Flow) -> tuple[int, int]:
-    """A root of the flow over its step where `arc` is undetermined; (FOUND or UNDETERMINED, Jacobians)."""
-    total = 0
+    """A lawful root of the flow over its step where `arc` is undetermined; (FOUND or UNDETERMINED, Jacobians)."""
+    total, found = 0, UNDETERMINED
     for attempt in range(1, DETOURS + 1):
         size = 0.1 * 2.0 ** (attempt % 6)  # of b, beside the unknowns; its directions are as good as random
         for i in range(flow.nx):
@@ -278,8 +297,9 @@ def detour(flow: Flow) -> tuple[int, int]:
         code, jacobians, _ = follow(flow, MEDIUM, True)
         total += jacobians
         if code == FOUND:
-            fill(flow.shift, 0.0)
-            return FOUND, total
+            found = FOUND if lawful(flow) else UNDETERMINED
+            break
     fill(flow.shift, 0.0)
-    set_step(flow, 1.0)
-    return UNDETERMINED, total
+    if found != FOUND:
+        set_step(flow, 1.0)
+    return found, total

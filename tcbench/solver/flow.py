@@ -57,7 +57,6 @@ class Flow(Record):
     continuation: bool  # the whole cascade; otherwise plain Newton
     audit: int  # see implicit_step
     residuals: bool
-    has_root: bool  # whatever h: a method that keeps both laws
     reference: float  # temperature of the exergy
     bound: float  # V0
     tally: Tally

@@ -29,7 +29,6 @@ OK, NONCONVERGED, NO_ROOT, NONFINITE, COLLAPSED, COLD, BLOWUP, NO_WARM_ROOT, FOL
 # what follows the arc at every step: the audit counts accepted roots that are not the principal one; the other two take
 # the arc's root itself, and the last ends the run at the first fold
 NO_AUDIT, COUNT_WRONG, PRINCIPAL, STOP_AT_FOLD = range(4)
-LAWS = {"energy", "entropy"}
 SAME_ROOT = 1e-6  # scaled distance below which two roots are one
 
 
@@ -89,7 +88,7 @@ def by_arc(flow: Flow, reason: int) -> tuple[int, int]:
             return OK, jacobians
         if code == LOST:
             return NO_ROOT, jacobians
-        if code == UNDETERMINED and flow.has_root and flow.audit < PRINCIPAL:
+        if code == UNDETERMINED and flow.audit < PRINCIPAL:
             tally.detours += 1
             code, more = detour(flow)
             return (OK if code == FOUND else NONCONVERGED), jacobians + more
@@ -163,8 +162,8 @@ def make_flows(
     for formula, k in zip(integrator.flows, kernels, strict=True):
         flow = Flow(
             **k.fields, n=model.size, n_constants=len(c), n_observables=n_observables, observe=observe.address,
-            has_root=integrator.claims >= LAWS, continuation=rules.continuation, audit=rules.audit,
-            residuals=rules.residuals, reference=model.reference_temperature, bound=bound, tally=tally, c=c,
+            continuation=rules.continuation, audit=rules.audit, residuals=rules.residuals,
+            reference=model.reference_temperature, bound=bound, tally=tally, c=c,
         )  # fmt: skip
         set_length(flow, k, formula.fraction * dt)
         flows.append(flow)
@@ -223,7 +222,7 @@ class OneFlow:
         return SOLVERS.arc(self.record)
 
     def detour(self) -> tuple[int, int]:
-        """(FOUND or UNDETERMINED, Jacobians): what follows an arc that is undetermined, of a method with both laws."""
+        """(FOUND or UNDETERMINED, Jacobians): what follows an arc that is undetermined."""
         return SOLVERS.detour(self.record)
 
 
