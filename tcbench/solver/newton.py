@@ -18,14 +18,13 @@ from .sparse import sparse_correction, sparse_iterate
 ACCEPTED, REJECTED = 0, 1
 MAX_ITERATIONS = 8
 ROUND_OFF = 4e-16
-CONVERGED = 1e-10  # below this a correction that shrinks 1000-fold, or no longer shrinks, is the last one
-QUADRATIC = 1e-8  # below this the next correction of a quadratic sequence is below round-off
-CHORD = 1e-6  # below this one more correction with the same factors does
+CONVERGED = 1e-10  # near a root: what does not shrink below this is round-off
+QUADRATIC = 1e-8  # the same, after a correction a thousand times as large
+CHORD = 1e-6  # below this one more correction with the same factors shows, and mends, what Newton's left
 QUICK = 0.3  # corrections with old factors are tried below this
 NEGLIGIBLE = 1e-16  # predicted error that no further correction would change
 SQUARED = 1e-11  # Newton's error after a correction below this is its square times curvature: below round-off to 1e6
 CHORD_FLOOR = 1e-14  # a correction with old factors that no longer shrinks is round-off below this
-STALLED = 1e-11  # above this a correction must halve from one iteration to the next
 SPARSE_FIRST = 1e-4  # relative residual of the linear system of a first correction
 SPARSE_SHARE = 1e-2  # ... of a later one over the correction before, so that it is no larger than what Newton leaves
 SPARSE_FLOOR = 1e-8  # relative residual of the linear system of a small correction: the next one mends it
@@ -76,7 +75,7 @@ def quick(flow: Flow) -> tuple[int, int]:
     n = flow.nx
     size = n + flow.ne
     after = size + n + flow.npos
-    previous = np.inf
+    previous, curvature = np.inf, 0.0
     for iteration in range(1, MAX_ITERATIONS + 1):
         call(flow.iterate, w, x, d)
         delta = d[after]
@@ -85,12 +84,13 @@ def quick(flow: Flow) -> tuple[int, int]:
             return REJECTED, iteration
         for i in range(n):
             x[i] += d[i]
-        if delta < SQUARED:
+        if delta < SQUARED and curvature * delta * delta < NEGLIGIBLE:
             return finish(flow), iteration
-        last, seen = delta, False
+        last, bent, seen = delta, 0.0, False
         while last < QUICK:
             call(flow.polish, w, x, d)
             correction = d[size]
+            bent = max(bent, correction)
             if not correction < 0.1 * last:
                 if correction < CHORD_FLOOR:
                     return finish(flow), iteration
@@ -105,7 +105,7 @@ def quick(flow: Flow) -> tuple[int, int]:
                 return finish(flow), iteration
             if likely * likely * correction > NEGLIGIBLE:
                 break
-        previous = last
+        previous, curvature = last, bent / (delta * delta)
     return REJECTED, MAX_ITERATIONS
 
 
@@ -151,11 +151,12 @@ def newton(flow: Flow) -> tuple[int, int]:
 
     Corrections are measured by delta = max |d_i| * scale_i. Rejected at once: a value that is not finite, a
     non-positive temperature, a negative determinant (a root on the wrong side of a fold), delta that does not halve.
+    It ends where the next correction would be below round-off, by how the last one shrank, or where corrections near a
+    root shrink no more. That one is small does not do: next to a spring of length l equations curve as 1/l.
     """
     x, d, scale = flow.x, flow.d, flow.scale
     n, ne, npos = flow.nx, flow.ne, flow.npos
-    previous = np.inf
-    small = 0
+    previous, near = np.inf, False
     for iteration in range(1, MAX_ITERATIONS + 1):
         sign, smallest = newton_correction(flow)
         total, delta = 0.0, 0.0
@@ -171,22 +172,21 @@ def newton(flow: Flow) -> tuple[int, int]:
         for i in range(2 * n + ne, 2 * n + ne + npos):
             if not d[i] > 0.0:
                 return REJECTED, iteration
-        if delta <= ROUND_OFF:
+        if delta <= ROUND_OFF or (near and delta > 0.25 * previous):
             return finish(flow), iteration
-        # quadratic convergence predicts a next correction of the size delta^2: stop when that is below round-off
-        if delta < CHORD and delta < 1e-3 * previous:
-            if delta < QUADRATIC:
-                return finish(flow), iteration
-            if smallest >= SMALL_PIVOT and polish(flow) < QUADRATIC:
-                return finish(flow), iteration
-        if delta < CONVERGED:
-            small += 1
-            if delta < 1e-3 * previous or delta > 0.25 * previous or small >= 3:
-                return finish(flow), iteration
-        if delta > 0.5 * previous and delta > STALLED:
+        if delta > 0.5 * previous:
             return REJECTED, iteration
+        contraction = delta / previous
+        if contraction * delta < NEGLIGIBLE and previous < np.inf:
+            return finish(flow), iteration
+        quadratic = previous < np.inf and contraction < 1e-3
+        near = near or delta < CONVERGED or (quadratic and delta < QUADRATIC)
         previous = delta
-    return REJECTED, MAX_ITERATIONS
+        if quadratic and delta < CHORD and smallest >= SMALL_PIVOT:
+            previous = polish(flow)
+            if max(contraction * contraction, previous / delta) * previous < NEGLIGIBLE:
+                return finish(flow), iteration
+    return (finish(flow) if near else REJECTED), MAX_ITERATIONS
 
 
 @rare
@@ -212,7 +212,8 @@ def quick_sparse(flow: Flow) -> tuple[int, int]:
             x[i] += d[i]
         if not (abs(total) < np.inf and delta <= 0.5 * previous):
             return REJECTED, iteration
-        if delta * max(delta, tolerance) < NEGLIGIBLE:
+        curvature = delta / (previous * previous)
+        if delta * max(max(1.0, curvature) * delta, tolerance) < NEGLIGIBLE:
             return finish(flow), iteration
         previous, tolerance = delta, max(SPARSE_FLOOR, min(SPARSE_FIRST, SPARSE_SHARE * delta))
     return REJECTED, MAX_ITERATIONS
