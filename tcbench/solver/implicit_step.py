@@ -86,13 +86,13 @@ def by_arc(flow: Flow, reason: int) -> tuple[int, int]:
             if flow.audit == COUNT_WRONG:
                 tally.audited += 1  # the principal root by construction
             return OK, jacobians
-        if code == LOST:
-            return NO_ROOT, jacobians
-        if code == UNDETERMINED and flow.audit < PRINCIPAL:
+        if code != COLD_ROOT and flow.audit < PRINCIPAL:
             tally.detours += 1
-            code, more = detour(flow)
-            return (OK if code == FOUND else NONCONVERGED), jacobians + more
-        return (NO_WARM_ROOT if code == COLD_ROOT else NONCONVERGED), jacobians
+            found, more = detour(flow)
+            jacobians += more
+            if found == FOUND:
+                return OK, jacobians
+        return (NO_ROOT if code == LOST else NO_WARM_ROOT if code == COLD_ROOT else NONCONVERGED), jacobians
     if reason == OK and code != UNDETERMINED:
         tally.audited += 1
         wrong = code != FOUND

@@ -35,6 +35,7 @@ PLAIN_ITERATIONS = 20
 TRACK_FIRST = 0.4  # first fraction of h after the whole step was rejected
 TRACK_MIN = 1e-5
 TRACK_TRIES = 400
+TRACK_OFF = 0.6  # distance of a root from the predicted one, over those between it and the last two
 
 
 def set_step(flow: Flow, fraction: float) -> None:
@@ -245,10 +246,25 @@ def plain_newton(flow: Flow) -> tuple[int, int]:
 
 
 @rare
+def leapt(flow: Flow, slope: float) -> bool:
+    """Is the root in x far from the line through `old` and `known`, as one on another branch is?
+
+    Measured by sums of squares: they turn with the axes.
+    """
+    off, moved = 0.0, 0.0
+    for i in range(flow.nx):
+        step, last = (flow.x[i] - flow.known[i]) * flow.scale[i], (flow.known[i] - flow.old[i]) * flow.scale[i]
+        off += (step - slope * last) ** 2
+        moved += step * step + last * last
+    return off > TRACK_OFF * TRACK_OFF * moved + NEGLIGIBLE
+
+
+@rare
 def track(flow: Flow) -> tuple[int, int, int]:
     """Follow the root from h = 0 to h by natural continuation; returns (code, iterations, tries).
 
-    Secant predictor in h; the increment doubles (or grows 1.2-fold after a hard solve) and shrinks to 0.4.
+    Secant predictor in h; the increment doubles (or grows 1.2-fold after a hard solve) and shrinks to 0.4, also where
+    Newton's root is not the one that was predicted: past a fold there are others.
     """
     x, old, known = flow.x, flow.old, flow.known
     n = flow.nx
@@ -267,7 +283,7 @@ def track(flow: Flow) -> tuple[int, int, int]:
             x[i] = known[i] + slope * (known[i] - old[i])
         code, count = newton(flow)
         iterations += count
-        if code == ACCEPTED:
+        if code == ACCEPTED and not (done > 0.0 and leapt(flow, slope)):
             if target >= 1.0:
                 return ACCEPTED, iterations, attempt
             copy_into(old, known)
