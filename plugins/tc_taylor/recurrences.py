@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -108,12 +109,13 @@ class Writer(Gathering):
         first = f"{newest} * {inverse if n == 1 else self.name(f'{float(n)!r} * {inverse}')}"
         return self.name(f"{first} - {known}" if known else first)
 
-    def _lanewise(self, function: str, pack: Pack) -> str:
-        """A function of the first coefficients."""
+    def _lanewise(self, function: str, pack: Pack, of_size: Sequence[bool] = ()) -> str:
+        """A function of the first coefficients, or of the size of some."""
         name = str(self.value(pack, 0))
-        if len(pack) == 1:
-            return self.name(f"{function}({name})")
-        return self.name(f"vector({', '.join(f'{function}({name}[{i}])' for i in range(len(pack)))})")
+        lanes = [name] if len(pack) == 1 else [f"{name}[{i}]" for i in range(len(pack))]
+        lanes = [f"abs({x})" if size else x for x, size in itertools.zip_longest(lanes, of_size)]
+        texts = [f"{function}({x})" for x in lanes]
+        return self.name(texts[0] if len(texts) == 1 else f"vector({', '.join(texts)})")
 
     # ---- one recurrence a kind -----------------------------------------------------------------------------
 
@@ -156,7 +158,7 @@ class Writer(Gathering):
 
     def _log(self, pack: Pack, n: int) -> str | None:
         if n == 0:
-            return self._lanewise("log", *self.packs.parts(pack))
+            return self._lanewise("log", *self.packs.parts(pack), [x.of_size for x in pack])
         rate = self._log_rate(pack, n)
         return rate if rate is None or n == 1 else self.name(f"{1.0 / n!r} * {rate}")
 

@@ -28,18 +28,20 @@ from tcbench.compiler.derivatives import Symbol
 UNARY = ("log", "exp", "sqrt", "sin", "cos", "sinh", "cosh", "tanh", "atan")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Series:
     """A series in time; equal ones are one object.
 
     kind  : var, sum, product, quotient, D (time derivative) or the name of a function.
     parts : series it is made of. weights : of a sum, (constant, ...) beside its parts, and last the constant term.
+    of_size : of a logarithm: of the size of its part, which may be negative.
     """
 
     kind: str
     parts: tuple[Series, ...] = ()
     weights: tuple[Symbol, ...] = ()
     index: int = -1
+    of_size: bool = False
 
 
 Monomial = tuple[tuple[Series, int], ...]  # factors and exponents, in the order of their first appearance
@@ -124,11 +126,26 @@ class Normal:
         return {((self.series(name, (self.single(form),)), 1),): ONE}
 
     def _logarithm(self, key: Monomial, weight: Symbol) -> Linear:
+        """log(weight x^a y^b ...) as log weight + a log|x| + ..., but for what has to be positive together."""
+        powers = dict(key)
+        odd = [x for x, power in key if power % 2 and x.kind != "exp"]
+        negative = weight.op == "neg" or (weight.op == "const" and weight.value < 0.0)
+        if odd and (negative or len(odd) > 1):
+            together = self.single({tuple((x, 1) for x in odd): trace.const(-1.0 if negative else 1.0)})
+            weight = trace.neg(weight) if negative else weight
+            powers = {x: power - (x in odd) for x, power in powers.items() if power != 1 or x not in odd}
+            powers[together] = 1
         result: Linear = {} if trace.is_const(weight, 1.0) else {(): weight.log()}
-        for x, power in key:
-            part = self.form_of[id(x)] if x.kind == "exp" else {((self.series("log", (x,)), 1),): ONE}
+        for x, power in powers.items():
+            part = self.form_of[id(x)] if x.kind == "exp" else {((self._log(x, power), 1),): ONE}
             result = combined(result, part, trace.const(float(power)))
         return result
+
+    def _log(self, x: Series, power: int) -> Series:
+        """The series of log x, or of log|x| where it is to be multiplied by an even number."""
+        found = self.series("log", (x,))
+        found.of_size = found.of_size or power % 2 == 0
+        return found
 
     def _exponential(self, form: Linear) -> Linear:
         outside: Linear = {(): ONE}
@@ -137,6 +154,8 @@ class Normal:
             power = (
                 round(weight.value) if weight.op == "const" and abs(weight.value - round(weight.value)) < 1e-14 else 0
             )
+            if power % 2 and any(x.of_size for x, _ in key):
+                power = 0  # |x|, which is no power of x
             if not key:
                 outside = scaled(outside, weight.exp())
             elif len(key) == 1 and key[0][0].kind == "log" and key[0][1] == 1 and power:
@@ -160,12 +179,13 @@ class Normal:
             match x.kind:
                 case "sum":
                     *weights, constant = x.weights
-                    return trace.add(reduce(trace.add, map(trace.mul, weights, parts)), constant)
+                    return trace.add(reduce(trace.add, map(trace.mul, weights, parts), ZERO), constant)
                 case "product":
                     return trace.mul(*parts)
                 case "quotient":
                     return trace.mul(parts[0], trace.reciprocal(parts[1]))
-            return getattr(parts[0], {"atan": "arctan"}.get(x.kind, x.kind))()
+            inside = abs(parts[0]) if x.of_size else parts[0]
+            return getattr(inside, {"atan": "arctan"}.get(x.kind, x.kind))()
 
         def term(key: Monomial, weight: Symbol) -> Symbol:
             factors = [of(x) if k > 0 else trace.reciprocal(of(x)) for x, k in key for _ in range(abs(k))]

@@ -1,4 +1,4 @@
-"""Next to a spring that is almost nothing equations curve by its inverse length: TC steps keep their energy there, too."""
+"""Next to a spring that is almost nothing equations curve by its inverse length: TC steps keep their energy even so."""
 
 import numpy as np
 import pytest
