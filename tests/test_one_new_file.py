@@ -69,7 +69,7 @@ def test_a_study_and_a_chart_are_one_file_each(tmp_path):
         env=env,
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=1800,
     )
     assert done.returncode == 0, done.stderr
     assert "counting" in done.stdout and (tmp_path / "bars.svg").stat().st_size > 1000

@@ -30,7 +30,7 @@ def wheel_of(source, folder):
     code = "import sys; from setuptools import build_meta as b; print(b.build_wheel(sys.argv[1]))"
     alone = quiet([sys.executable, "-c", code, folder], cwd=copy)
     if alone.returncode:  # setuptools before 70.1 needs the package wheel
-        done = quiet([sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "-w", folder, copy], timeout=60)
+        done = quiet([sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "-w", folder, copy], timeout=1800)
         if done.returncode:
             pytest.skip(
                 f"no wheel can be built here: {alone.stderr.strip().splitlines()[-1]}; pip: {done.stderr[-300:]}"
