@@ -26,13 +26,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .. import cache
+from ..errors import TcbenchError
 from ..files import replacing
 from .collocation import InDoubles, Jacobian, ReferenceFailed, RightHandSide, integrate, tableau
 from .precision import DESCRIPTION, ENOUGH, EPS, LONG, long_number
 
 FORMAT = 1
-# Both collocations share the rounding of the right-hand side: on stiff_spring the error was 3 times the gap.
-SAFETY = 4.0
+SAFETY = 4.0  # times the gap
+# Round-off, which a chaotic system magnifies, may leave two runs beside each other and far from the solution: on
+# random[seed=16] at t_end the error was 5 times their gap. So what shaking the equations does counts, too: for so many
+# units of round-off (docs/truth.md has how many errors take).
+SHAKE, SHAKES, ROUNDINGS = 1e-8, 3, 32.0
 MANY = 40  # numbers in a state
 MOST_STEPS = 1_000_000  # of SciPy's solver between two times
 CONTRADICTION = 1e-5  # gap to SciPy beyond its own errors (5e-7 measured on cold_spring, which magnifies 1e4)
@@ -110,7 +115,21 @@ def _plain(value: Any) -> Any:
 @lru_cache(maxsize=1)
 def stored_file() -> dict[str, Any]:
     """The package's references.json, read once: recipe, versions, and one record a scenario."""
-    return json.loads(files(__package__).joinpath("data", "references.json").read_text(encoding="utf-8"))
+    return verified(files(__package__).joinpath("data", "references.json").read_text(encoding="utf-8"))
+
+
+def verified(text: str) -> dict[str, Any]:
+    """A file of references; refused where its checksum does not fit."""
+    found = json.loads(text)
+    if found.get("sha256") != checksum(found):
+        raise TcbenchError("tcbench's stored references were changed, or damaged on their way: install tcbench again.")
+    return found
+
+
+def checksum(data: Mapping[str, Any]) -> str:
+    """sha256 of all else that a file of references says."""
+    plain = {name: value for name, value in data.items() if name != "sha256"}
+    return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
 
 
 def stored(name_or_hash: str) -> Reference | None:
@@ -154,8 +173,9 @@ def compute(
     coefficient.
 
     Gauss (12 stages, order 24) and Radau IIA (13 stages, order 25; 8 and 9 for states of more than MANY numbers, whose
-    linear systems grow) in extended precision: four times their gap is the certificate; SciPy's LSODA checks both. If
-    SciPy disagrees by more than 1e-5, its gap becomes the certificate: then the equations are too hard for one of the
+    linear systems grow) in extended precision: four times their gap is the certificate, or what round-off may have
+    become if that is more (`_growth`). SciPy's LSODA checks both. If SciPy disagrees by more than 1e-5, its gap
+    becomes the certificate: then the equations are too hard for one of the
     three, and nobody knows for which.
 
     in_doubles : see `integrate`; SciPy's check takes it, too.
@@ -189,28 +209,45 @@ def compute(
             return in_doubles.rate(t, z)
         return np.asarray(rhs(np.array([t]), z[:, None])[:, 0] if vectorized else rhs(t, z), float)
 
-    check = _scipy_gaps(rate, jac, z.astype(float), times, gauss)
-    eps = float(np.finfo(float).eps)
+    start, eps = z.astype(float), float(np.finfo(float).eps)
+    found = _by_scipy(rate, jac, start, times)
+    check, growth = _gaps(found, gauss), _growth(rate, jac, start, times, found)
+    unit = EPS if probe.dtype == LONG else eps
     certificate = tuple(
-        max(SAFETY * gap(a, b), EPS, c if c > CONTRADICTION else 0.0)
-        for a, b, c in zip(radau, gauss, check, strict=True)
+        max(SAFETY * gap(a, b), ROUNDINGS * unit * g, EPS, c if c > CONTRADICTION else 0.0)
+        for a, b, c, g in zip(radau, gauss, check, growth, strict=True)
     )
     source = (
         f"Gauss {stages}-stage against Radau IIA {stages + 1}-stage collocation in "
         f"{DESCRIPTION if extended or probe.dtype == LONG else 'double precision'}; SciPy agrees to {max(check):.1e}"
     )
-    floor = tuple(max(c, eps / 2) for c in certificate)
+    floor = tuple(c + eps / 2 for c in certificate)  # the states are rounded to double
     return Reference(times, gauss.astype(float), certificate, floor, source)
 
 
-def _scipy_gaps(
-    rate: Callable[..., Any],
-    jac: Jacobian | None,
-    z0: NDArray[np.float64],
-    times: tuple[float, ...],
-    states: NDArray[Any],
-) -> list[float]:
-    """Gap of SciPy's LSODA, at a tight tolerance, to `states`, per time; inf where it did not arrive."""
+def _gaps(found: NDArray[Any], states: NDArray[Any]) -> list[float]:
+    """Of each row; inf where it is no number."""
+    gaps = [gap(a.astype(float), b.astype(float)) for a, b in zip(found, states, strict=True)]
+    return [np.inf if np.isnan(x) else x for x in gaps]
+
+
+def _growth(
+    rate: Callable[..., Any], jac: Jacobian | None, z0: NDArray[np.float64], times: tuple[float, ...], plain: Any
+) -> NDArray[np.float64]:
+    """How much at most a relative change of each number that enters and leaves the equations, always alike, moves the
+    state from `plain`, per time; inf where SciPy did not arrive."""
+    signs = np.random.Generator(np.random.PCG64(len(z0))).integers(0, 2, (SHAKES, 2, len(z0)))
+    most = np.zeros(len(times))
+    for before, after in 1 + SHAKE * (2.0 * signs - 1):
+        shaken = _by_scipy(lambda t, z, b=before, a=after: a * rate(t, b * z), jac, z0 * before, times)
+        most = np.maximum(most, _gaps(shaken, plain))
+    return most / SHAKE
+
+
+def _by_scipy(
+    rate: Callable[..., Any], jac: Jacobian | None, z0: NDArray[np.float64], times: tuple[float, ...]
+) -> NDArray[np.float64]:
+    """States by LSODA at a tight tolerance; NaN where it did not arrive."""
     from scipy.integrate import ODEintWarning, odeint
 
     with warnings.catch_warnings(action="ignore", category=ODEintWarning):
@@ -218,31 +255,29 @@ def _scipy_gaps(
             rate, z0, (0.0, *times), Dfun=jac, tfirst=True, rtol=1e-12, atol=1e-13, mxstep=MOST_STEPS, full_output=True
         )
     arrived = np.logical_and.accumulate(report["tcur"] >= times)  # beyond the first that is not nothing is filled in
-    gaps = [gap(found[i + 1], states[i].astype(float)) if arrived[i] else np.inf for i in range(len(times))]
-    return [np.inf if np.isnan(x) else x for x in gaps]
+    return np.where(arrived[:, None], found[1:], np.nan)
 
 
 # ---- cache
 
 
-def cached(folder: Path | str, key: str, make: Callable[[], Reference]) -> Reference:
-    """`make()`, or what an earlier call stored as folder/key.json. `key` must hash everything the reference
-    depends on.
+def cached(key: str, make: Callable[[], Reference]) -> Reference:
+    """`make()`, or what an earlier call kept under this key, which must hash everything the reference depends on.
 
-    A file that cannot be read (torn by a crash, or of another format) is made again, never trusted.
+    A file that cannot be read (damaged, or of another format) is made again, never trusted.
     """
-    path = Path(folder) / f"{key}.json"
+    name = f"{key}.json"
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
+        data = json.loads(cache.read("references", name) or b"")
         if data.pop("format") == FORMAT:
             data["states"] = np.array(data["states"], float)
             tuples = {k: tuple(data[k]) for k in ("times", "certificate", "floor")}
             return Reference(**{**data, **tuples, "exact": tuple(tuple(z) for z in data["exact"])})
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+    except (ValueError, KeyError, TypeError, AttributeError):
         pass
     reference = make()
     text = json.dumps({"format": FORMAT, **asdict(reference), "states": reference.states.tolist()})
-    write_atomically(path, text)
+    cache.write("references", name, text.encode())
     return reference
 
 

@@ -8,18 +8,22 @@ system's own traced equations (`extended`), and cached under a hash of all that 
 from __future__ import annotations
 
 import contextlib
+import functools
 import hashlib
-import os
+import importlib.metadata
 import time
-from collections.abc import Sequence
-from pathlib import Path
+from collections.abc import Callable, Sequence
 from typing import Any
 
+from .. import cache
+from ..compiler.translations import inputs
 from ..errors import TcbenchError
-from ..systems.right_hand_side import Field
+from ..systems.right_hand_side import Field, as_python
 from ..systems.scenario import Scenario
-from .certified import LONG, Reference, cached, compute, gap, scenario_hash, stored, stored_file, write_atomically
+from .certified import LONG, Reference, cached, compute, gap, scenario_hash, stored, stored_file
 from .collocation import ReferenceFailed
+from .extended_precision import _FUNCTIONS
+from .precision import DESCRIPTION
 
 DEADLINE = 100.0  # seconds for each of the two collocations: a cell has 300 for everything
 REMEMBERED_S = 24 * 3600.0  # of a failure: another day the machine may have more time
@@ -37,23 +41,38 @@ def reference_for(scenario: Scenario, times: Sequence[float]) -> Reference:
     if known is not None and all(_has(known, t) for t in times):
         return _at(known, times)
     recipe = _Recipe(scenario, tuple(float(t) for t in times))
-    return cached(cache_folder(), recipe.key, lambda: _once(recipe))
+    return _kept(recipe, lambda: _once(recipe))
+
+
+def _kept(recipe: _Recipe, make: Callable[[], Reference]) -> Reference:
+    return make() if recipe.key is None else cached(recipe.key, make)
 
 
 def _once(recipe: _Recipe) -> Reference:
     """What the recipe gives; a failure is remembered for a while, for each method would wait for it again."""
-    note = cache_folder() / f"{recipe.key}.failed"
-    try:
-        if time.time() - note.stat().st_mtime < REMEMBERED_S:
-            raise ReferenceFailed(f"{note.read_text(encoding='utf-8')} (Found before; to try again delete {note}.)")
-    except OSError:  # none, or removed by somebody else
-        pass
+    note = f"{recipe.key}.failed"
+    when, _, what = (cache.read("references", note) or b"").decode().partition("\n")
+    if when and time.time() - float(when) < REMEMBERED_S:
+        path = cache.folder("references") / note
+        raise ReferenceFailed(f"{what} (Found before; to try again delete {path}.)")
     try:
         return recipe.compute()
     except ReferenceFailed as error:
-        with contextlib.suppress(OSError, TcbenchError):
-            write_atomically(note, str(error))
+        if recipe.key is not None:
+            with contextlib.suppress(TcbenchError):
+                cache.write("references", note, f"{time.time()}\n{error}".encode())
         raise
+
+
+def algorithm() -> str | None:
+    """Hash of what makes references of equations, as it is loaded: code, its constants, the packages behind it."""
+    made = inputs(compute, _FUNCTIONS, as_python, DEADLINE, DESCRIPTION)
+    return made and f"{made} {_packages()}"
+
+
+@functools.cache
+def _packages() -> str:
+    return " ".join(importlib.metadata.version(name) for name in ("numpy", "scipy"))
 
 
 def stored_for(scenario: Scenario) -> Reference | None:
@@ -101,7 +120,9 @@ class _Recipe:
         self.model, self.times = scenario.model, times
         self.field = extended(scenario, "vector_field")
         self.z0 = scenario.z0.astype(LONG)
-        self.key = hashlib.sha256(f"{self.field.fingerprint(self.z0)} {times}".encode()).hexdigest()[:32]
+        made = algorithm()
+        text = f"{made} {self.field.fingerprint(self.z0)} {times}"
+        self.key = made and hashlib.sha256(text.encode()).hexdigest()[:32]
 
     def compute(self) -> Reference:
         def rhs(_: Any, z: Any) -> Any:
@@ -111,13 +132,6 @@ class _Recipe:
         return compute(
             rhs, field.jacobian, self.z0, self.times, vectorized=True, in_doubles=field, max_seconds=DEADLINE
         )
-
-
-def cache_folder() -> Path:
-    """Where references computed on the fly are kept: $TCBENCH_CACHE_DIR, or the user's cache folder."""
-    from platformdirs import user_cache_dir
-
-    return Path(os.environ.get("TCBENCH_CACHE_DIR") or user_cache_dir("tcbench", appauthor=False)) / "references"
 
 
 def recompute(scenario: Scenario) -> dict[str, Any]:
@@ -151,7 +165,7 @@ def _recompute_on_the_fly(scenario: Scenario) -> dict[str, Any]:
     times = tuple(sorted({scenario.t_converge, max(scenario.t_converge, min(scenario.t_end, HORIZON))}))
     recipe = _Recipe(scenario, times)
     fresh = recipe.compute()
-    known = cached(cache_folder(), recipe.key, lambda: fresh)
+    known = _kept(recipe, lambda: fresh)
     gaps = [gap(a, b) for a, b in zip(fresh.states, known.states, strict=True)]
     allowed = [a + b for a, b in zip(fresh.floor, known.floor, strict=True)]
     rows = [

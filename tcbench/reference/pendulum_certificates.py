@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .certified import FORMAT, integrate, long_number, scenario_hash, stored_file, tableau, write_atomically
+from .certified import FORMAT, checksum, integrate, long_number, scenario_hash, stored_file, tableau, write_atomically
 
 PRECISIONS = (160, 220)
 DIGITS = 30  # stored: certificates are about 1e-44, thirty digits are enough for extended precision
@@ -295,7 +295,7 @@ def generate(path: Path | str, scenarios: Mapping[str, Any] = SCENARIOS) -> dict
         },
         "scenarios": {name: certify(*spec) for name, spec in scenarios.items()},
     }
-    write_atomically(Path(path), json.dumps(data, indent=1) + "\n")
+    write_atomically(Path(path), json.dumps(data | {"sha256": checksum(data)}, indent=1) + "\n")
     return data
 
 

@@ -1,12 +1,16 @@
 """References that are read, and references that are computed on the fly, are as accurate as they say."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from tcbench import TcbenchError, cache
+from tcbench.plugins import find_scenario
 from tcbench.reference import certified as R
-from tcbench.reference.pendulum_certificates import SCENARIOS, collocation_states
+from tcbench.reference import lookup
+from tcbench.reference.pendulum_certificates import SCENARIOS, collocation_states, taylor_states
 
 
 def oscillator(t, z):
@@ -97,12 +101,12 @@ def test_a_check_that_did_not_arrive_or_is_no_number_agrees_with_nothing(monkeyp
     times, z0 = (1.0, 2.0, 3.0), np.array([1.0])
     states = np.exp(-np.array(times))[:, None].astype(R.LONG)
     decay = lambda t, z: -z  # noqa: E731
-    assert max(R._scipy_gaps(decay, None, z0, times, states)) < 1e-9
+    assert max(R._gaps(R._by_scipy(decay, None, z0, times), states)) < 1e-9
     late = lambda t, z: -z if t < 1.5 else np.full(1, np.nan)  # noqa: E731
-    gaps = R._scipy_gaps(late, None, z0, times, states)
+    gaps = R._gaps(R._by_scipy(late, None, z0, times), states)
     assert gaps[0] < 1e-9 and gaps[1:] == [np.inf] * 2
     monkeypatch.setattr(R, "MOST_STEPS", 5)
-    assert R._scipy_gaps(decay, None, z0, times, states) == [np.inf] * 3
+    assert R._gaps(R._by_scipy(decay, None, z0, times), states) == [np.inf] * 3
 
 
 def test_a_non_smooth_problem_gets_a_poor_certificate_not_a_good_one():
@@ -163,20 +167,48 @@ def test_floor_covers_what_rounding_the_data_does():
     assert R.gap(rounded[-1], exact[-1]) == pytest.approx(known.floor[-1], rel=0.1)
 
 
-def test_cache_reads_what_it_wrote_and_distrusts_a_torn_file(tmp_path):
-    calls = []
+def test_cache_reads_what_it_wrote_and_distrusts_a_damaged_file(tmp_path, monkeypatch):
+    monkeypatch.setattr(cache, "folder", lambda part: tmp_path)
+    calls, name = [], "0" * 32 + ".json"
 
     def make():
         calls.append(1)
         return R.compute(oscillator, None, [1.0, 0.0, 0.0], [0.5])
 
-    first = R.cached(tmp_path / "new", "key", make)
-    second = R.cached(tmp_path / "new", "key", make)
+    first = R.cached("0" * 32, make)
+    second = R.cached("0" * 32, make)
     assert len(calls) == 1 and np.array_equal(first.states, second.states) and second.certificate == first.certificate
-    path = tmp_path / "new" / "key.json"
-    path.write_text(path.read_text()[:40])
-    R.cached(tmp_path / "new", "key", make)
-    assert len(calls) == 2 and json.loads(path.read_text())["format"] == R.FORMAT
-    path.write_text(json.dumps({**json.loads(path.read_text()), "format": -1}))
-    R.cached(tmp_path / "new", "key", make)
-    assert len(calls) == 3 and [p.name for p in path.parent.iterdir()] == ["key.json"]
+    path = tmp_path / name
+    whole = path.read_bytes()
+    digit = whole.index(b'"states": [[') + 20
+    changed = str((int(whole[digit : digit + 1]) + 1) % 10).encode()
+    for damaged in (whole[:40], whole[:digit] + changed + whole[digit + 1 :], b""):
+        path.write_bytes(damaged)
+        assert np.array_equal(R.cached("0" * 32, make).states, first.states) and path.read_bytes() == whole
+    cache.write("references", name, json.dumps({**json.loads(cache.read("references", name)), "format": -1}).encode())
+    R.cached("0" * 32, make)
+    assert len(calls) == 5 and path.read_bytes() == whole and [p.name for p in tmp_path.iterdir()] == [name]
+
+
+def test_a_digit_of_the_stored_references_that_was_changed_is_noticed():
+    text = Path(R.__file__).with_name("data").joinpath("references.json").read_text()
+    digit = text.index("0.", text.index('"states"')) + 20
+    assert text[digit].isdigit() and R.verified(text) == R.stored_file()
+    changed = text[:digit] + str((int(text[digit]) + 1) % 10) + text[digit + 1 :]
+    for wrong in (changed, text.replace('"sha256"', '"sha"')):
+        with pytest.raises(TcbenchError, match="stored references were changed, or damaged"):
+            R.verified(wrong)
+
+
+@pytest.mark.parametrize(("seed", "t"), [(16, 25.0), (16, 1.0), (3, 1.0)])  # of the first, too far at first
+def test_a_certificate_is_never_below_the_true_error(seed, t, monkeypatch):
+    """Against Taylor series of 160 bits from the same doubles. Of 200 random scenarios at their ends none is."""
+    pytest.importorskip("heyoka")
+    scenario, ends, integrate = find_scenario(f"random[seed={seed}]"), [], R.integrate
+    monkeypatch.setattr(R, "integrate", lambda *a, **k: ends.append(integrate(*a, **k)[0]) or ends[-1][None])
+    made = lookup._Recipe(scenario, (t,)).compute()
+    initial = {name: getattr(scenario, name) for name in ("positions", "momenta", "temperatures")}
+    (digits,) = taylor_states(scenario.constants, initial, [str(t)], 160, rounded=True)
+    exact = np.array([R.long_number(str(x)) for x in digits])
+    assert R.gap(ends[0], exact) < made.certificate[0] < lookup.DISAGREEMENT
+    assert R.gap(made.states[0].astype(R.LONG), exact) < made.floor[0]

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 import tcbench
+from tcbench import cache
+from tcbench.reference import certified, collocation
 from tcbench.reference import certified as reference
 from tcbench.reference import lookup as truth
 from tcbench.reference.collocation import ReferenceFailed
@@ -19,7 +21,8 @@ ULPS = 50 * np.finfo(float).eps  # a vector field of some hundred operations, ea
 @pytest.fixture(autouse=True)
 def own_cache(tmp_path, monkeypatch):
     """References computed on the fly in a test are not the user's (kernels stay where they are)."""
-    monkeypatch.setattr(truth, "cache_folder", lambda: tmp_path / "references")
+    folder = cache.folder
+    monkeypatch.setattr(cache, "folder", lambda part: tmp_path if part == "references" else folder(part))
 
 
 def test_every_scenario_of_the_paper_plugin_is_certified():
@@ -82,11 +85,11 @@ def test_times_that_are_not_stored_are_computed_and_kept():
     scenario = tcbench.scenarios()["short_term"]
     first = truth.reference_for(scenario, [0.5, 1.0])
     assert first.times == (0.5, 1.0) and not first.exact
-    files = list(truth.cache_folder().iterdir())
+    files = list(cache.folder("references").iterdir())
     again = truth.reference_for(scenario, [0.5, 1.0])
-    assert np.array_equal(first.states, again.states) and list(truth.cache_folder().iterdir()) == files
+    assert np.array_equal(first.states, again.states) and list(cache.folder("references").iterdir()) == files
     truth.reference_for(scenario, [0.5])
-    assert len(list(truth.cache_folder().iterdir())) == 2  # other times, another key
+    assert len(list(cache.folder("references").iterdir())) == 2  # other times, another key
 
 
 def test_a_subclass_of_the_pendulum_is_another_system():
@@ -114,11 +117,32 @@ def test_recomputing_on_the_fly_agrees_with_itself_and_notices_a_corrupted_cache
     scenario = tcbench.scenarios()["bound_equilibrium"].replace(conductivity=11.0, t_end=2.0)
     report = truth.recompute(scenario)
     assert report["agrees"] and [row["t"] for row in report["rows"]] == [1.0, 2.0]
-    (path,) = truth.cache_folder().iterdir()
-    text = path.read_text()
+    (path,) = cache.folder("references").iterdir()
+    text = cache.read("references", path.name).decode()
     digit = text.index('"states": [[') + len('"states": [[') + 5
-    path.write_text(text[:digit] + str((int(text[digit]) + 1) % 10) + text[digit + 1 :])
+    wrong = text[:digit] + str((int(text[digit]) + 1) % 10) + text[digit + 1 :]
+    cache.write("references", path.name, wrong.encode())  # with a checksum that fits
     assert not truth.recompute(scenario)["agrees"]
+
+
+def test_what_makes_references_is_in_their_key(monkeypatch):
+    """A mended collocation kept the old references."""
+    scenario = tcbench.scenarios()["short_term"]
+    before = truth._Recipe(scenario, (1.0,)).key
+    assert before == truth._Recipe(scenario, (1.0,)).key is not None
+    changes = [
+        (certified, "SAFETY", 5.0), (certified, "ROUNDINGS", 1.0), (collocation, "MOST_ITERATIONS", 1),
+        (collocation, "_newton", lambda *_: None), (truth, "DEADLINE", 1.0), (certified.gap, "__code__", len_code()),
+    ]  # fmt: skip
+    for where, name, value in changes:
+        with monkeypatch.context() as patch:
+            patch.setattr(where, name, value)
+            assert truth._Recipe(scenario, (1.0,)).key != before, name
+    assert truth._Recipe(scenario, (1.0,)).key == before
+
+
+def len_code():
+    return (lambda a, b: len(a)).__code__
 
 
 def test_recomputing_a_stored_reference_reproduces_it():
@@ -142,11 +166,11 @@ def test_a_reference_that_failed_is_not_tried_by_each_method_again(monkeypatch):
         tries.append(1)
         raise ReferenceFailed("no end in sight")
 
-    monkeypatch.setattr(truth, "compute", failing)
+    monkeypatch.setattr(truth._Recipe, "compute", failing)
     for _ in range(3):
         with pytest.raises(ReferenceFailed, match="no end in sight") as raised:
             truth.reference_for(scenario, [1.0])
-    (note,) = truth.cache_folder().glob("*.failed")
+    (note,) = cache.folder("references").glob("*.failed")
     assert len(tries) == 1 and str(note) in str(raised.value)
     note.unlink()
     with pytest.raises(ReferenceFailed):
