@@ -53,6 +53,7 @@ def test_errors_within_the_references_own_are_hidden_and_marked():
 
 def test_a_solver_that_fails_is_a_point_and_costs_no_repeats(monkeypatch):
     monkeypatch.setattr(study, "SLOW_S", math.inf)  # no run is slow, however busy the machine is
+
     def broken(system, z0, t_eval, rtol, atol):
         if rtol < 1e-2:
             raise RuntimeError("gave up")
