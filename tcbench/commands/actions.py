@@ -261,26 +261,28 @@ def compare_command(
     run_a: Path, run_b: Path, scenarios: Sequence[str], integrators: Sequence[str], fail_on_regression: bool,
     as_json: bool,
 ) -> int:  # fmt: skip
-    from ..store.compare import compare, other_machine, regressions
+    from ..store.compare import compare, in_both, one_sided, other_machine, regressions
 
     for folder in (run_a, run_b):
         if not folder.is_dir():
             raise TcbenchError(f"There is no run in {str(folder)!r}.")
     with waiting("comparing"):
         changes = compare(run_a, run_b)
+        problems = changes.attrs["problems"]
         for column, names in (("scenario", scenarios), ("integrator", integrators)):
-            if names:
-                known = only(read_tables(run_a) | {"changes": changes}, column, names)  # names the runs do not have
-                changes = known["changes"]
-    terminal.warn(list(filter(None, [other_machine(run_a, run_b)])))
-    worse = regressions(changes)
+            if names:  # those that have not changed are known, too
+                changes = only(read_tables(run_a) | read_tables(run_b) | {"changes": changes}, column, names)["changes"]
+    both, worse = in_both(changes), regressions(changes)
+    terminal.warn([*problems, *filter(None, [other_machine(run_a, run_b)])])
     if as_json:
         terminal.print_json(records({"changes": changes})["changes"])
-    elif changes.empty:
-        terminal.say("Nothing changed beyond noise.")
     else:
-        terminal.print_frame(changes, "changes")
-        terminal.say(f"{len(changes)} changes beyond noise, {len(worse)} for the worse.")
+        if len(both):
+            terminal.print_frame(both, "changes")
+        for sentence in one_sided(changes, run_a, run_b):
+            terminal.say(sentence)
+        count = f"{len(both)} change{'s' * (len(both) > 1)} beyond noise, {len(worse)} for the worse."
+        terminal.say(count if len(both) else "Nothing changed beyond noise.")
     return 1 if fail_on_regression and len(worse) else 0
 
 

@@ -1,9 +1,9 @@
 """Cells to rows: run what is not finished yet, each cell in a worker process, under a deadline, one row each.
 
 Ordinary cells run side by side on `jobs` workers. Timed cells run afterwards, one at a time, in one warm
-worker and in an order shuffled by a seeded generator, while no other worker exists; their rows say so
-(`timed`, `shuffle_order`, `shuffle_seed`). The parent is the only writer: it appends each row, fsynced, as it
-comes, so nothing finished is ever lost.
+worker (those of a second `turn` in another, after all of the first) and in an order shuffled by a seeded
+generator, while no other worker exists; their rows say so (`timed`, `shuffle_order`, `shuffle_seed`). The
+parent is the only writer: it appends each row, fsynced, as it comes, so nothing finished is ever lost.
 
 What becomes of a misbehaving cell (all others are unaffected):
 
@@ -177,7 +177,8 @@ def run_cells(
         run = _Run(Ledger(store, summary, on_event, len(todo.to_run), sources), Crew(settings, timeout))
         try:
             run.all(together, jobs)
-            run.all(one_by_one, 1, exclusive=True)
+            for turn in (1, 2):  # the second in another process than the first
+                run.all([work for work in one_by_one if work[0].options.get("turn", 1) == turn], 1, exclusive=True)
         except KeyboardInterrupt:
             summary.interrupted = True
     summary.elapsed_s = time.monotonic() - began

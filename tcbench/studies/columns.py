@@ -22,7 +22,8 @@ class Column(NamedTuple):
     worse : "higher", "lower" or "larger" (in magnitude, of errors, which may be signed); "" where no direction is
         better.
     good : words that say that all went well, of a column of words.
-    noise : relative difference that means nothing. timing : measured with a clock; counts only where a cell ran alone.
+    noise : relative difference that means nothing; timings are judged by `store.timings` unless it is given.
+    timing : measured with a clock; counts only where a cell ran alone.
     shown : it says what came out; otherwise it says where a row comes from. compared : differences between runs count.
     """
 
@@ -129,9 +130,10 @@ COLUMNS = (  # the first that fits counts: names before patterns
     # sentences, and how often
     Column("repeats", compared=False),
     *(Column(n, compared=False) for n in ("why", "command", "note", "measured", "reason", "reference", "cause")),
+    *(Column(n, compared=False) for n in ("left_out", "made")),  # which depends on the time that others take
     # where a row comes from: how, where and when its cell ran
     *(_origin(n, compared=True) for n in ("scenario_hash", "study", "exception_type")),
-    *(_origin(n) for n in ("plugin", "tcbench_version", "samples")),
+    *(_origin(n) for n in ("plugin", "tcbench_version", "yardsticks", "yardsticks_again")),
     *(_origin(n) for n in ("source_hash", "cell_time_s", "shared_runs", "timed", "key", "failure", "fingerprint")),
     *(_origin(n) for n in ("output_tail", "traceback", "traceback_tail", "exception_message", "worker_host_cpu")),
     *(_origin(n) for n in ("machine", "shuffle_order", "shuffle_seed", "of_the_machine", "series", "opening")),

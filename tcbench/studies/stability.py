@@ -28,7 +28,7 @@ TOLERANCES = (
     "failure",
 )  # fmt: skip
 SENSITIVITY = (
-    "integrator", "scenario", "dt", "factor", "blowup_time", "median", "low", "high", "failed", "runs",
+    "integrator", "scenario", "dt", "factor", "blowup_time", "earliest", "median", "latest", "failed", "runs",
 )  # fmt: skip
 
 

@@ -300,7 +300,7 @@ def _step(rung: int | None) -> float:
 def sensitivity(integrator: Integrator, scenario: Scenario, dt: float) -> list[dict[str, Any]]:
     """Blow-up time under 0.5, 1 and 4 times the bound, and over 41 runs with steps within 1 % of dt.
 
-    One row a factor; median, low and high over the runs that fail (NaN if none does), failed of `runs`.
+    One row a factor; earliest, median and latest over the runs that fail (NaN if none does), failed of `runs`.
     """
     rows = []
     for factor in FACTORS:
@@ -308,9 +308,10 @@ def sensitivity(integrator: Integrator, scenario: Scenario, dt: float) -> list[d
         steps = dt * np.linspace(1 - SPREAD, 1 + SPREAD, SAMPLES)
         times = np.array([outcome(integrator, stricter, float(h)).blowup_time for h in steps])
         failed = times[np.isfinite(times)]
-        low, median, high = np.quantile(failed, (0.0, 0.5, 1.0)) if len(failed) else (math.nan,) * 3
+        earliest, median, latest = np.quantile(failed, (0.0, 0.5, 1.0)) if len(failed) else (math.nan,) * 3
         rows.append({
             "dt": dt, "factor": factor, "blowup_time": outcome(integrator, stricter, dt).blowup_time,
-            "median": float(median), "low": float(low), "high": float(high), "failed": len(failed), "runs": SAMPLES,
+            "earliest": float(earliest), "median": float(median), "latest": float(latest),
+            "failed": len(failed), "runs": SAMPLES,
         })  # fmt: skip
     return rows

@@ -52,12 +52,6 @@ def resamples(count: int, times: int = RESAMPLES, seed: int = 0) -> Floats:
     return weights
 
 
-def band(samples: Floats) -> tuple[Floats, Floats]:
-    """Limits of the middle 95 % along the first axis."""
-    low, high = np.quantile(samples, LIMITS, axis=0)
-    return low, high
-
-
 def ratios(times: Floats) -> Floats:
     """Times over the least of their row, shape (scenarios, methods); infinite where a method did not get there."""
     times = np.where(np.isfinite(times) & (times > 0), times, np.inf)
@@ -67,19 +61,16 @@ def ratios(times: Floats) -> Floats:
 
 
 def profile(times: Floats, taus: Floats) -> tuple[Floats, Floats, Floats]:
-    """Performance profiles of Dolan and More (2002) and their bands, each of shape (methods, taus).
+    """Performance profiles of Dolan and More (2002) and their 95 % intervals (`wilson`), each of shape (methods, taus).
 
     times : seconds (scenarios, methods), infinite or NaN for failures. The profile of a method at tau is the share of
     all scenarios that it solved in at most tau times the time of the fastest; at 1, those where it was the fastest.
     """
-    count, methods = times.shape
-    within = (ratios(times)[:, :, None] <= taus * (1 + 1e-12)).astype(float)
-    if count == 0:
-        nothing = np.full((methods, len(taus)), np.nan)
-        return nothing, nothing, nothing
-    samples = (resamples(count) @ within.reshape(count, -1) / count).reshape(-1, methods, len(taus))
-    low, high = band(samples)
-    return within.mean(axis=0), low, high
+    count = len(times)
+    hits = (ratios(times)[:, :, None] <= taus * (1 + 1e-12)).sum(axis=0)
+    bounds = {hit: wilson(hit, count) for hit in set(hits.ravel().tolist())}
+    low, high = (np.array([bounds[hit][k] for hit in hits.ravel().tolist()]).reshape(hits.shape) for k in (0, 1))
+    return (hits / count if count else np.full(hits.shape, np.nan)), low, high
 
 
 def kendall_tau(a: Sequence[float] | Floats, b: Sequence[float] | Floats) -> float:

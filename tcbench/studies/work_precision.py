@@ -6,7 +6,8 @@ fixed-step run is timed inside `simulate`, its diagnostics of every step include
 return, asked for the end time only. Its errors in the invariants are those of a run that reports 200 times; where that
 takes long, another cell, before and not alone, has left it for the timed one (`simulation.shared_runs`). Finer rungs
 that cost much and tell nothing new are left out (see `enough`); the column left_out of the last rung that was run says
-which and why.
+which and why. When all cells are timed, another process times the quick rungs of each again: how far apart the two are
+is what chance does, and `tcbench compare` has to know.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 from ..errors import leave_to_the_machine
 from .base import Row, Study
 from .cost import TARGETS, cost_rows, reached_error, time_to_accuracy
+from .yardstick import timed
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -33,7 +35,6 @@ UNSTORED = 25.0  # where none is stored: errors of chaotic scenarios would outgr
 SPENT_S = 0.01  # a rung is repeated until this much time has passed
 CHEAP_S = 0.02  # after a rung that takes no longer the next is never left out
 QUICK_S = 0.002  # solvers whose loosest run takes no longer leave none for the timed cell
-SAMPLES = 40  # of a rung that a row keeps, at most: for the comparison of runs
 SLOW_S = 0.2  # after a run as slow as this the finer rungs are left out
 SLOW_FAILURES = 2  # ... or after so many failed ones as slow as this
 REACHED = "every accuracy that is asked for is reached"
@@ -44,6 +45,8 @@ PEERS = {"scipy": "scipy", "peer": "other"}  # tag -> what the tables call it; t
 HORIZONS = (0.125, 0.25, 0.5, 1.0)  # of the run whose cost is measured against its length
 OWN = TOLERANCES[5]  # at which that is done
 LAWS = "laws"  # the part that is not timed
+AGAIN = {"turn": 2}  # cells that time the quick rungs once more, in another process: for the comparison of runs
+LEAST_AGAIN = 3  # rungs of those, however long they take
 WARM = 1e-3  # part of the horizon of a run that only loads and compiles
 COLUMNS = (
     "integrator", "scenario", "control", "value", "status", "error", "error_q", "error_p", "error_s", "error_theta",
@@ -58,14 +61,14 @@ COLUMNS = (
 def plan(
     integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]
 ) -> list[tuple[Integrator, Scenario, Row]]:
-    """One timed cell a pair, and one before it of an adaptive solver; a `dt` list replaces the ladder of steps.
+    """Two timed cells a pair, in two processes, and one before them of an adaptive solver.
 
-    Solvers that lack a package are left out.
+    A `dt` list replaces the ladder. Solvers that lack a package are left out.
     """
     steps = {"dt": list(options["dt"])} if options.get("dt") else {}
     pairs = [(i, s) for s in scenarios for i in integrators if not i.lacks]
     laws = [(i, s, {"part": LAWS}) for i, s in pairs if i.kind == "adaptive"]
-    return [*laws, *((i, s, dict(steps)) for i, s in pairs)]
+    return [*laws, *((i, s, dict(steps)) for i, s in pairs), *((i, s, AGAIN | steps) for i, s in pairs)]
 
 
 def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
@@ -76,6 +79,8 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
     scenario = scenario.replace(t_end=t_end)
     if options.get("part") == LAWS:
         return {"status": "ok", "made": _make_laws(integrator, scenario)}
+    if "turn" in options:
+        return {"status": "ok", "points": _again(integrator, scenario, ladder(integrator, scenario, options.get("dt")))}
     reference = reference_for(scenario, [t_end])
     exact, floor = reference.states[0], 10.0 * float(reference.floor[0])
     run_at = _adaptive if integrator.kind == "adaptive" else _fixed
@@ -87,13 +92,14 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
             points[-1]["left_out"] = f"{len(rungs) - len(points)} finer ones, to {rungs[-1]:.3g}: {why}"
             break
         begin = time.perf_counter()
-        point, seconds = _timed(run_at(integrator, scenario, value), warm=any(p["repeats"] for p in points))
+        timing = timed(run_at(integrator, scenario, value), SPENT_S, warm=any(p["repeats"] for p in points))
+        point, seconds = timing.row, timing.seconds
         state, first_s = point.pop("state", None), point.pop("first_s", 0.0)
         points.append(
             {"value": value, "repeats": len(seconds)}
             | point
             | errors_of(scenario, state, exact, floor)
-            | _times(seconds)
+            | timing.columns()
         )
         took.append(seconds[0] if seconds else max(first_s, time.perf_counter() - begin))
     good = [p["status"] for p in points]
@@ -230,39 +236,20 @@ def _make_laws(integrator: Integrator, scenario: Scenario) -> int:
     return made
 
 
-def _timed(
-    run: Callable[[bool], tuple[Row, float]], warm: bool = False, spent: float = SPENT_S
-) -> tuple[Row, list[float]]:
-    """What a run gives, and the seconds of its repeats; a run that fails is not repeated.
-
-    warm: the method has run before. A long first run is then one of the repeats: it has nothing left to load.
-    spent: seconds for all repeats, what surrounds them included (of runs of 20 us that is most of it).
-    """
-    row, elapsed = run(True)
-    if row["status"] != "ok":
-        return row, []
-    seconds: list[float] = [elapsed] if warm and elapsed >= 2 * spent else []
-    end = time.perf_counter() + spent
-    while not seconds or (sum(seconds) < spent and time.perf_counter() < end):
-        row, elapsed = run(False)
-        if row["status"] != "ok":
-            return row, []
-        seconds.append(elapsed)
-    return row, seconds
-
-
-def _times(seconds: Sequence[float]) -> Row:
-    import statistics
-
-    if not seconds:
-        return {"wall_time_min_s": math.nan, "wall_time_median_s": math.nan, "samples": []}
-    times = {"wall_time_min_s": min(seconds), "wall_time_median_s": statistics.median(seconds)}
-    return times | {"samples": _samples(seconds)}
-
-
-def _samples(seconds: Sequence[float]) -> list[float]:
-    """Some of the repeats, evenly spread over them, to four digits."""
-    return [float(f"{s:.4g}") for s in seconds[:: math.ceil(len(seconds) / SAMPLES)]]
+def _again(integrator: Integrator, scenario: Scenario, rungs: Sequence[float]) -> list[Row]:
+    """The work of the quick rungs, in another process than the first time: how far apart the two are is chance."""
+    points: list[Row] = []
+    for count, value in enumerate(rungs, start=1):
+        adaptive = integrator.kind == "adaptive"
+        run = _adaptive(integrator, scenario, value, False) if adaptive else _fixed(integrator, scenario, value)
+        begin = time.process_time()
+        row, seconds, work = timed(run, SPENT_S / 2, warm=bool(points))
+        spent = time.process_time() - begin
+        if seconds:
+            points.append({"value": value, "yardsticks": work})
+        if count >= LEAST_AGAIN and spent > (2 * CHEAP_S if row["status"] == "ok" else SLOW_S):
+            break
+    return points
 
 
 def errors_of(scenario: Scenario, state: Any, exact: Any, floor: float) -> Row:
@@ -296,19 +283,19 @@ def _horizons(integrator: Integrator, scenario: Scenario, points: Sequence[Row])
     for part in HORIZONS:
         shorter = scenario.replace(t_end=part * scenario.t_end)
         if integrator.kind == "adaptive":
-            rung = next((p for p in points if p["value"] == OWN and p["samples"]), None)
-            if part == 1.0 and rung and rung["samples"][0] <= SLOW_S:
-                rows.append({"t": shorter.t_end, "seconds": rung["wall_time_min_s"], "samples": rung["samples"]})
+            rung = next((p for p in points if p["value"] == OWN and p["repeats"]), None)
+            if part == 1.0 and rung and rung["wall_time_median_s"] <= SLOW_S:
+                rows.append({"t": shorter.t_end, "seconds": rung["wall_time_min_s"]})
                 break
             if rows and rows[-1]["seconds"] > SLOW_S / 2:
                 break  # twice as long a run would be left out
             run = _adaptive(integrator, shorter, OWN, invariants=False)
         else:
             run = _fixed(integrator, shorter, min(scenario.dt, HORIZONS[0] * scenario.t_end))
-        row, seconds = _timed(run, warm=True, spent=SPENT_S / 2)
+        row, seconds, _ = timed(run, SPENT_S / 2, warm=True)
         if row["status"] != "ok" or seconds[0] > SLOW_S:
             break
-        rows.append({"t": shorter.t_end, "seconds": min(seconds), "samples": _samples(seconds)})
+        rows.append({"t": shorter.t_end, "seconds": min(seconds)})
     return rows
 
 
@@ -316,11 +303,19 @@ def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
     """`work_precision`: a row a rung; `time_to_accuracy` and `cost`: see cost.py. A failed cell keeps one row."""
     import pandas as pd
 
-    records = [record for record in records if record.get("part") != LAWS]
+    again = {
+        (record["integrator"], record["scenario"], point["value"]): point["yardsticks"]
+        for record in records if "turn" in record for point in record.get("points") or ()
+    }  # fmt: skip
+    records = [record for record in records if not {"part", "turn"} & record.keys()]
+    if not records:
+        return {}
     rows: list[Row] = []
     for record in records:
         common = {k: v for k, v in record.items() if k not in ("points", "horizons", "dt")}
-        rows += [common | point for point in record.get("points") or [{}]]
+        name = record["integrator"], record["scenario"]
+        for point in record.get("points") or [{}]:
+            rows.append(common | point | {"yardsticks_again": again.get((*name, point.get("value")), math.nan)})
     table = pd.DataFrame(rows)
     rest = [c for c in table.columns if c not in COLUMNS]
     table = table.reindex(columns=[*COLUMNS, *rest])

@@ -92,7 +92,7 @@ def stability_points(methods, scenarios=SCENARIOS, t_end=25.0, failing=lambda i,
 
 def sensitivity(methods, scenarios=SCENARIOS):
     rows = [
-        {"integrator": m, "scenario": s, "dt": 0.6, "factor": 1.0, "median": 9.0, "low": 5.0, "high": 14.0}
+        {"integrator": m, "scenario": s, "dt": 0.6, "factor": 1.0, "median": 9.0, "earliest": 5.0, "latest": 14.0}
         for s in scenarios
         for i, m in enumerate(methods)
         if not m.startswith("tc")

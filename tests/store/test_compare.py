@@ -9,7 +9,7 @@ import pytest
 
 from tcbench.errors import TcbenchError
 from tcbench.store.cells import Cell
-from tcbench.store.compare import compare, other_machine, regressions
+from tcbench.store.compare import compare, in_both, one_sided, other_machine, regressions
 from tcbench.store.store import Store
 
 BASE = {
@@ -125,26 +125,82 @@ def test_timings_of_cells_that_shared_the_machine_are_not_compared(tmp_path):
     assert compare(*folders).empty
 
 
-def test_missing_and_new_cells_are_changes(tmp_path):
-    found = compare(run(tmp_path / "a", {1: {}, 2: {}}), run(tmp_path / "b", {2: {}, 3: {}}))
-    assert dict(zip(found["kind"], found["options"], strict=True)) == {
-        "missing": '{"dt":1}',
-        "new": '{"dt":3}',
-    }
-    assert regressions(found)["kind"].tolist() == ["missing"]
+def test_what_one_run_alone_has_is_counted_and_is_no_regression(tmp_path):
+    found = compare(run(tmp_path / "a", {1: {}, 2: {}, 4: {}}), run(tmp_path / "b", {2: {}, 3: {}}))
+    assert found[["kind", "before", "after"]].fillna(0).values.tolist() == [["missing", 2, 0], ["new", 0, 1]]
+    assert regressions(found).empty and in_both(found).empty
+    assert one_sided(found, "a", "b") == [
+        "Only a has rows of tc on short (2 of study).",
+        "Only b has rows of tc on short (1 of study).",
+    ]
+
+
+def published(folder, tables):
+    """A folder that has tables and no rows."""
+    with Store.open(folder) as store:
+        store.write_tables({name: pandas.DataFrame(rows) for name, rows in tables.items()})
+    for path in folder.iterdir():
+        if path.is_file():
+            path.unlink()
+    return folder
+
+
+def test_ensembles_are_told_apart_by_name_and_seed(tmp_path):
+    def share(ensemble, failed, first_seed=0):
+        return {
+            "ensemble": ensemble,
+            "integrator": "m",
+            "dt": 0.1,
+            "first_seed": first_seed,
+            "runs": 100,
+            "failed": failed,
+        }
+
+    both = [share("random", 0), share("random[stiffness=10:300]", 40)]
+    a = published(tmp_path / "a", {"failure_share": both})
+    found = compare(a, published(tmp_path / "b", {"failure_share": both[1:] + [share("random", 7, first_seed=300)]}))
+    assert sorted(found["kind"]) == ["missing", "new"] and regressions(found).empty
+    found = compare(a, published(tmp_path / "c", {"failure_share": [share("random", 40), both[1]]}))
+    assert regressions(found)[["scenario", "column", "after"]].values.tolist() == [["random", "failed", 40]]
+
+
+def test_points_of_an_ensemble_are_told_apart_by_seed_and_value(tmp_path):
+    def points(folder, seeds):
+        rows = [{"integrator": "m", "seed": k, "control": "dt", "value": 0.1, "error": 10.0**-k} for k in seeds]
+        return published(tmp_path / folder, {"ensemble_points": rows})
+
+    found = compare(points("a", [1, 2, 3]), points("b", [2, 3]))
+    assert found["kind"].tolist() == ["missing"]
+
+
+def test_rows_that_nothing_tells_apart_are_not_compared_and_a_sentence_says_so(tmp_path):
+    def table(folder, values):
+        rows = [{"integrator": "m", "scenario": "s", "dt": 0.1, "what": v} for v in (*values, 0)]
+        return published(tmp_path / folder, {"conservation": [*rows[:-1], rows[-1] | {"dt": 0.2}]})
+
+    found = compare(table("a", [1, 2]), table("b", [2, 1]))
+    assert found.empty and "2 rows of the table conservation" in found.attrs["problems"][0]
+
+
+def test_every_table_says_what_tells_its_rows_apart():
+    from tcbench.store.pairing import DERIVED, KEYS
+    from tcbench.studies.base import studies
+
+    tables = [table for study in studies().values() for table in study.tables]
+    assert [table for table in tables if table not in (*KEYS, *DERIVED)] == []
 
 
 def test_published_tables_without_rows_can_be_compared(tmp_path):
-    folders = []
-    for name, error in (("a", 1e-6), ("b", 2e-6)):
-        frame = pandas.DataFrame({"integrator": ["x", "y"], "scenario": "s", "dt": [0.1, 0.1], "status": "ok"})
-        frame["error"] = [1e-6, error]
-        with Store.open(tmp_path / name) as store:
-            store.write_tables({"convergence_points": frame})
-        for path in (tmp_path / name).iterdir():
-            if path.is_file():
-                path.unlink()
-        folders.append(tmp_path / name)
+    folders = [
+        published(
+            tmp_path / name,
+            {"convergence_points": [
+                {"integrator": i, "scenario": "s", "dt": 0.1, "status": "ok", "error": e}
+                for i, e in (("x", 1e-6), ("y", error))
+            ]},
+        )
+        for name, error in (("a", 1e-6), ("b", 2e-6))
+    ]  # fmt: skip
     found = regressions(compare(*folders))
     assert found[["study", "integrator", "column"]].values.tolist() == [["convergence_points", "y", "error"]]
 
@@ -178,35 +234,6 @@ def test_timings_of_different_machines_are_left_out_and_a_sentence_says_so(tmp_p
     assert "different machines (Intel Xeon, 2 cores, x Linux and Apple M4, " in other_machine(a, b)
     with_machine(b, "Intel Xeon")
     assert set(compare(a, b)["column"]) == {"us_per_step", "energy_error_max"}
-
-
-def rung(samples):
-    times = {"wall_time_min_s": min(samples), "wall_time_median_s": sorted(samples)[len(samples) // 2]}
-    return {"points": [{"value": 0.1, "status": "ok", "repeats": len(samples), "samples": samples, **times}]}
-
-
-def noisy(seconds, spread, count=40, shift=0):
-    """Samples about `seconds`, the same ones each time."""
-    return [seconds * (1 + spread * math.sin(7.3 * k + shift)) for k in range(count)]
-
-
-@pytest.mark.parametrize(
-    ("before", "after", "found"),
-    [
-        (noisy(1.0, 0.02), noisy(1.10, 0.02, shift=1), True),  # 10 %, which a flat 15 % would not see
-        (noisy(1.0, 0.02), noisy(0.90, 0.02, shift=1), True),
-        (noisy(1.0, 0.02), noisy(1.03, 0.02, shift=1), False),  # real, and too small for a word
-        (noisy(1.0, 0.9), noisy(1.2, 0.9, shift=1), False),  # 20 % that the spread explains
-        (noisy(1.0, 0.0, 4), noisy(1.1, 0.0, 4), False),  # four samples show nothing: the flat noise counts
-        (noisy(1.0, 0.0, 4), noisy(1.4, 0.0, 4), True),
-    ],
-)
-def test_timings_are_judged_by_their_samples(tmp_path, before, after, found):
-    result = changes(tmp_path, rung(before), rung(after))
-    assert (len(result) > 0) == found
-    if found:
-        worse = after[0] > before[0]
-        assert (len(regressions(result)) > 0) == worse and result["column"].str.contains("wall_time").all()
 
 
 def test_how_far_a_timed_ladder_went_is_no_change(tmp_path):

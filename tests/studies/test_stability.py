@@ -100,7 +100,7 @@ def test_sensitivity_of_the_blow_up_time(midpoint_cells):
     assert [r["factor"] for r in rows] == [0.5, 1.0, 4.0]
     for r in rows:
         assert r["dt"] == 0.3 and r["runs"] == 41 and r["failed"] == 41
-        assert r["low"] <= r["median"] <= r["high"]
+        assert r["earliest"] <= r["median"] <= r["latest"]
     assert rows[0]["median"] <= rows[1]["median"] <= rows[2]["median"] < 5.0
 
 

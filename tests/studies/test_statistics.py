@@ -61,6 +61,16 @@ def test_a_performance_profile_worked_out_by_hand():
     assert np.all(low <= middle) and np.all(middle <= high) and np.all(high[:2, 3] < 1.0001)
 
 
+def test_a_share_has_one_interval_wherever_it_stands():
+    """Never the first in 60 is 0 to 6 %, in the profile as in the table of firsts."""
+    times = np.column_stack([np.full(60, 1.0), np.full(60, 2.0)])
+    middle, low, high = profile(times, np.array([1.0, 3.0]))
+    for method, hits in ((0, [60, 60]), (1, [0, 60])):
+        assert middle[method].tolist() == [hit / 60 for hit in hits]
+        found = list(zip(low[method], high[method], strict=True))
+        assert found == [wilson(hit, 60) for hit in hits] and found[0][1] - found[0][0] > 0.05
+
+
 def test_a_profile_of_no_scenarios_is_not_a_number():
     assert np.isnan(profile(np.empty((0, 2)), np.array([1.0]))[0]).all()
 

@@ -119,13 +119,13 @@ def blowup(table: DataFrame, sensitivity: DataFrame | None = None) -> Figure:
 
 def _ranges(ax: Axes, table: DataFrame) -> None:
     """Bars from the earliest to the latest blow-up, with the median; side by side where the steps are equal."""
-    if not {"dt", "median", "low", "high"} <= set(table.columns):
+    if not {"dt", "earliest", "median", "latest"} <= set(table.columns):
         return
     if "factor" in table:  # the bound itself, not the bounds that it is compared with
         table = table[np.isclose(finite(table["factor"]), 1.0)]
     methods = names(table)
     for _, row in table.iterrows():
-        h, low, middle, high = finite([row[c] for c in ("dt", "low", "median", "high")])
+        h, low, middle, high = finite([row[c] for c in ("dt", "earliest", "median", "latest")])
         if np.isfinite([h, low, middle, high]).all():
             aside = 1 + 0.015 * (methods.index(str(row["integrator"])) - (len(methods) - 1) / 2)
             ax.errorbar(

@@ -1,0 +1,76 @@
+"""Timing a run: its seconds, for the tables, and how much work it is, for the comparison of runs.
+
+Seconds of one and the same run wander by 5 to 40 % on a busy machine: others take the core away (which the processor
+time of the process does not count), or slow it down (which a fixed piece of work, run beside it, shows as well). The
+processor time over that of this yardstick wanders by 1 to 3 %, and by some more between processes.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from statistics import median
+from typing import NamedTuple
+
+from .base import Row
+
+LOOPS = 3000  # of the yardstick: about 0.1 ms
+TRIALS = 5
+PATIENCE = 20  # times the processor seconds of the repeats: of a run that waits, and where others take most of the core
+Run = Callable[[bool], tuple[Row, float]]  # run(first) -> row, seconds
+
+
+class Timing(NamedTuple):
+    """What `timed` found: the row of the run, the seconds of its repeats, and the least of its work in yardsticks."""
+
+    row: Row
+    seconds: list[float]
+    yardsticks: float
+
+    def columns(self) -> Row:
+        """As a rung of a table has them."""
+        least, middle = (min(self.seconds), median(self.seconds)) if self.seconds else (math.nan, math.nan)
+        return {"wall_time_min_s": least, "wall_time_median_s": middle, "yardsticks": self.yardsticks}
+
+
+def yardstick() -> float:
+    """The processor seconds that a fixed piece of work takes now: the least of a few trials."""
+    trials = []
+    for _ in range(TRIALS):
+        begin, x = time.process_time(), 0.0
+        for k in range(LOOPS):
+            x = 0.5 * x + k
+        trials.append(time.process_time() - begin)
+    return max(min(trials), 1e-9)  # a clock of coarse ticks may show nothing
+
+
+def timed(run: Run, spent: float, warm: bool = False) -> Timing:
+    """A run and its repeats; one that fails is not repeated.
+
+    spent: processor seconds for all repeats, what surrounds them included (of runs of 20 us that is most of it).
+    warm: the method has run before. A long first run is then one of the repeats: it has nothing left to load.
+    """
+    unit = yardstick()
+    row, elapsed, work = _once(run, first=True)
+    if row["status"] != "ok":
+        return Timing(row, [], math.nan)
+    seconds, works = ([elapsed], [work]) if warm and elapsed >= 2 * spent else ([], [])
+    end = time.process_time() + spent
+    while not works or (sum(works) < spent and time.process_time() < end and sum(seconds) < PATIENCE * spent):
+        row, elapsed, work = _once(run, first=False)
+        if row["status"] != "ok":
+            return Timing(row, [], math.nan)
+        seconds.append(elapsed)
+        works.append(work)
+    return Timing(row, seconds, float(f"{min(works) / unit:.4g}"))
+
+
+def _once(run: Run, first: bool) -> tuple[Row, float, float]:
+    """Row, seconds, and seconds without what others took of the core.
+
+    The processor time is of all that surrounds the run, too, the seconds are not: the smaller one is the better bound.
+    """
+    begin = time.process_time()
+    row, elapsed = run(first)
+    return row, elapsed, min(elapsed, time.process_time() - begin)
