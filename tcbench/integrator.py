@@ -70,7 +70,8 @@ class Integrator:
         is absent the method is listed, and run only when it is named.
     source : paper and equation.
     tags : free words, for whoever filters by them.
-    uses : plugins whose sources the method depends on beside its own (a wrapper's: those of what it wraps).
+    uses : methods, or plugins, that the method is made of (a wrapper's: what it wraps), so that it is not compared with
+        a reference of its own kind, and so that one worker runs their cells. What a method reads is found by itself.
     parameters, family : a family of methods; see `family`.
     """
 
@@ -92,7 +93,7 @@ class Integrator:
     requires: tuple[str, ...] = ()
     tags: frozenset[str] = frozenset()
     description: str = ""
-    uses: tuple[str, ...] = ()
+    uses: str | tuple[str, ...] = ()
     parameters: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     family: Callable[..., Integrator] | None = None
     plugin: str = ""  # filled in by the registry: distribution or file that brought it
@@ -110,7 +111,8 @@ class Integrator:
             raise TcbenchError(f"Integrator {self.name!r}: order must be a positive number, not {self.order!r}.")
         for name in ("claims", "tags", "systems"):
             object.__setattr__(self, name, frozenset(getattr(self, name)))
-        for name in ("needs", "requires"):
+        object.__setattr__(self, "uses", (self.uses,) if isinstance(self.uses, str) else self.uses)
+        for name in ("needs", "requires", "uses"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
         if not isinstance(self.name, str):
             raise TcbenchError(f"The name of an integrator is a word, not {self.name!r}.")

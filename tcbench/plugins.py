@@ -1,92 +1,84 @@
-"""Loads plugins, checks them, and looks integrators and scenarios up by name.
-
-A plugin that cannot be loaded stays listed with its traceback; it never hides the others.
-"""
+"""Looks integrators and scenarios up by name, among what plugins have brought (`plugin_loading`)."""
 
 from __future__ import annotations
 
 import itertools
 import os
 import re
-import traceback
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
 from functools import cache
-from importlib.metadata import entry_points
 from pathlib import Path
-from types import UnionType
 from typing import Any, TypeVar
 
-import pluggy
-
-from . import hookspecs
+from . import plugin_loading
 from .errors import TcbenchError, is_pattern, matching, unknown_name
 from .integrator import Integrator
 from .metric import Metric
-from .plugin_files import RefusedError, forget_helpers, import_file, plugin_files
+from .plugin_files import RefusedError
+from .plugin_loading import GROUP as GROUP
+from .plugin_loading import Origin as Origin
+from .plugin_loading import Registry, lazy, load, loading
 from .progress import waiting
 from .systems.scenario import Scenario, ScenarioFamily
 
-GROUP = "tcbench"
 _VARIANT = re.compile(r"(?P<base>[^\[\]]+)\[(?P<values>[^\[\]]*)\]\Z")
 Named = TypeVar("Named", Integrator, Scenario, Metric)
 
 
-@dataclass(frozen=True)
-class Origin:
-    """Where a plugin came from: entry-point name and distribution, or file.
-
-    Of one that was not loaded `error` is the traceback and `reason` says the same in a sentence; else they are "".
-    """
-
-    name: str
-    distribution: str = ""
-    version: str = ""
-    path: str = ""
-    error: str = ""
-    reason: str = ""
-
-    @property
-    def sentence(self) -> str:
-        """That it was not loaded, and why."""
-        return f"{self.distribution or Path(self.path).name or self.name} was not loaded: {self.reason.rstrip('.')}."
-
-    def __str__(self) -> str:
-        return f"{self.distribution} {self.version}".strip() or self.path
-
-
-@dataclass
-class Registry:
-    """Everything that is registered."""
-
-    integrators: dict[str, Integrator] = field(default_factory=dict)
-    scenarios: dict[str, Scenario] = field(default_factory=dict)
-    scenario_families: dict[str, ScenarioFamily] = field(default_factory=dict)
-    metrics: dict[str, Metric] = field(default_factory=dict)
-    origins: dict[str, Origin] = field(default_factory=dict)
-
-    @property
-    def broken(self) -> list[Origin]:
-        return [origin for origin in self.origins.values() if origin.error]
-
-
 _REGISTRY: Registry | None = None
+_INDEX: dict[str, Any] | None = None
 _FOLDERS: list[Path] = []
-_LOADING: list[str] = []  # the plugin that is being imported
 
 
 def registry() -> Registry:
     """The registry, loaded on first use."""
     global _REGISTRY
     if _REGISTRY is None:
-        if _LOADING:
+        if loading():
             raise RefusedError(
-                f"The file {_LOADING[0]!r} asks for what is registered while it is imported as a plugin. If it is a "
+                f"The file {loading()!r} asks for what is registered while it is imported as a plugin. If it is a "
                 'script, put its commands under `if __name__ == "__main__":`, or give --plugins-dir the plugin\'s file.'
             )
         with waiting("loading plugins"):
             _REGISTRY = load(plugin_folders())
+            _member.cache_clear()
     return _REGISTRY
+
+
+def use_index(known: dict[str, Any]) -> None:
+    """In a worker: names are those that the run was planned with; a plugin is imported when a cell asks for its name.
+
+    known : of `index`, the same object for all cells of a run.
+    """
+    global _REGISTRY, _INDEX
+    if known is not _INDEX:
+        _REGISTRY, _INDEX = lazy(known), known
+        _member.cache_clear()
+
+
+def index() -> dict[str, Any]:
+    """What `use_index` of another process is given, so that it has the registry of this one."""
+    return plugin_loading.index(registry())
+
+
+def needs(*names: str) -> set[str]:
+    """The plugins, not tcbench's own, that integrators and scenarios of these names come from, as far as can be told
+    beforehand: those of what they wrap, start with or name as `uses`, too."""
+    known, found, seen = registry(), set[str](), set[str]()
+    waiting = list(names)
+    while waiting:
+        name = waiting.pop()
+        base, values = split_name(name) if "[" in name else (name, {})
+        if name in seen:
+            continue
+        seen.add(name)
+        items = [kind[base] for kind in (known.integrators, known.scenarios, known.scenario_families) if base in kind]
+        found |= {label for label in [base, *(item.plugin for item in items)] if label in known.origins}
+        waiting += values.values()
+        for method in (item for item in items if isinstance(item, Integrator)):
+            starter = method.starter.name if isinstance(method.starter, Integrator) else method.starter
+            waiting += [*method.uses, *filter(None, [starter])]
+    return found & set(plugin_loading.foreign_origins(known))
 
 
 def use_folders(folders: Iterable[str | Path]) -> None:
@@ -271,122 +263,3 @@ def _remedy() -> tuple[str, str]:
 def not_loaded() -> list[str]:
     """A sentence on each plugin that was not loaded; `tcbench list` has the tracebacks."""
     return [origin.sentence for origin in registry().broken]
-
-
-def load(folders: Iterable[Path] = ()) -> Registry:
-    """A fresh registry from the entry points of group "tcbench" and from plugin files."""
-    forget_helpers()
-    _member.cache_clear()
-    manager = pluggy.PluginManager(hookspecs.PROJECT)
-    manager.add_hookspecs(hookspecs)
-    result = Registry()
-    described: dict[Any, tuple[str, str]] = {}  # each reading of a distribution's metadata takes a millisecond
-    for point in sorted(entry_points(group=GROUP), key=lambda p: p.name):
-        if point.dist not in described:
-            metadata = point.dist.metadata if point.dist else {"Name": "", "Version": ""}
-            described[point.dist] = metadata["Name"], metadata["Version"]
-        _register(manager, result, Origin(point.name, *described[point.dist]), point.load)
-    for path in plugin_files(folders):
-        _register(manager, result, Origin(path.stem, path=str(path)), lambda path=path: import_file(path))
-    _collect(manager, result)
-    return result
-
-
-def _register(manager: pluggy.PluginManager, result: Registry, origin: Origin, importer: Any) -> None:
-    _LOADING.append(origin.path or origin.name)
-    label = _unique(origin, result)
-    try:
-        module = importer()
-        manager.register(module, name=label)
-        manager.check_pending()
-        result.origins[label] = replace(origin, path=origin.path or getattr(module, "__file__", ""))
-    except BaseException as error:  # SystemExit of a plugin is that plugin's failure too
-        if isinstance(error, KeyboardInterrupt):
-            raise
-        if isinstance(error, pluggy.PluginValidationError):
-            manager.unregister(error.plugin)
-        result.origins[label] = replace(origin, **_told(error, origin.path))
-    finally:
-        _LOADING.pop()
-
-
-def _told(error: BaseException, path: str) -> dict[str, str]:
-    """The traceback of the error under way, and a sentence: what is wrong, and in which line of the plugin's file."""
-    if isinstance(error, RefusedError):
-        return {"error": str(error), "reason": str(error)}
-    where = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if path and frame.filename == path]
-    reason = str(error) if isinstance(error, TcbenchError) else f"{type(error).__name__}: {error}"
-    if isinstance(error, SyntaxError):
-        file = Path(error.filename or path).name
-        reason, where = error.msg, [error.lineno] if file == Path(path).name else []
-        reason += "" if where else f" ({file}, line {error.lineno})"
-    reason = f"{reason.rstrip('.')}, line {where[-1]}" if where else reason
-    return {"error": traceback.format_exc(), "reason": reason}
-
-
-def _unique(origin: Origin, result: Registry) -> str:
-    """A label that no other plugin has: two folders may each have a mine.py, or one a file called as a built-in one."""
-    path = Path(origin.path)
-    labels = (origin.name, f"{path.parent.name}/{origin.name}", origin.path or f"{origin.distribution} {origin.name}")
-    return next(label for label in labels if label not in result.origins or label == labels[-1])
-
-
-def _collect(manager: pluggy.PluginManager, result: Registry) -> None:
-    """Call the hooks of each plugin; an exception costs that plugin alone, a duplicate name is an error."""
-    owner: dict[tuple[str, str], str] = {}
-    offered: dict[str, Scenario | ScenarioFamily] = {}
-    targets: tuple[tuple[str, type | UnionType, dict], ...] = (
-        ("tcbench_integrators", Integrator, result.integrators),
-        ("tcbench_scenarios", Scenario | ScenarioFamily, offered),
-        ("tcbench_metrics", Metric, result.metrics),
-    )
-    for hook_name, kind, target in targets:
-        for implementation in getattr(manager.hook, hook_name).get_hookimpls():
-            label = str(implementation.plugin_name)
-            _LOADING.append(label)
-            try:
-                items = _checked(implementation.function(), kind, hook_name)
-            except BaseException as error:
-                if isinstance(error, KeyboardInterrupt):
-                    raise
-                _break(result, label, error)
-                continue
-            finally:
-                _LOADING.pop()
-            for item in items:
-                if (hook_name, item.name) in owner:
-                    raise TcbenchError(
-                        f"Two plugins register {hook_name[8:-1]} {item.name!r}: "
-                        f"{owner[hook_name, item.name]} and {label}. Rename one of them."
-                    )
-                owner[hook_name, item.name] = label
-                target[item.name] = replace(item, plugin=label)
-        for name in sorted(target):
-            target[name] = target.pop(name)
-    for name, item in offered.items():
-        if isinstance(item, ScenarioFamily):
-            result.scenario_families[name] = item
-        else:
-            result.scenarios[name] = item
-    for name, method in list(result.integrators.items()):
-        open_ones = {k: v for k, v in method.parameters.items() if callable(v)}
-        try:
-            values = {k: tuple(str(x) for x in v(result.integrators)) for k, v in open_ones.items()}
-            result.integrators[name] = replace(method, parameters={**method.parameters, **values})
-        except Exception as error:
-            _break(result, method.plugin, error)
-            del result.integrators[name]
-
-
-def _break(result: Registry, label: str, error: BaseException) -> None:
-    """Note the error under way as that of the plugin."""
-    result.origins[label] = replace(result.origins[label], **_told(error, result.origins[label].path))
-
-
-def _checked(items: Any, kind: type | UnionType, hook_name: str) -> list[Any]:
-    items = list(items)
-    for item in items:
-        if not isinstance(item, kind):
-            name = getattr(kind, "__name__", "Scenario or ScenarioFamily")
-            raise TypeError(f"{hook_name} must return a list of {name}, it has {item!r}")
-    return items

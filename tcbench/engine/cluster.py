@@ -72,16 +72,15 @@ def run_on_dask(
     workers lack tcbench.
     """
     began = time.monotonic()
-    todo = plan(cells, store, retry_failed)
+    cells = list(cells)
+    todo = plan(cells, store, retry_failed, context=context, machines=_all_machines(store))
     summary = Summary(planned=len(todo.to_run) + todo.finished, already_finished=todo.finished, seed=seed)
     if not todo.to_run:
         return summary
     limits = {"jobs": jobs_per_share, "timeout": timeout, "memory_limit": memory_limit, "seed": seed}
     job = {"measure": measure, "context": dict(context), **limits}
     client = _connect(address, security)
-    run = _ClusterRun(
-        client, job, Ledger(store, summary, on_event, len(todo.to_run), context.get("integrator_sources", {}))
-    )
+    run = _ClusterRun(client, job, Ledger(store, summary, on_event, len(todo.to_run), context.get("marks", {})))
     try:
         threads = sum(info["nthreads"] for info in client.scheduler_info(n_workers=-1)["workers"].values())
         together = [cell for cell in todo.to_run if not cell.timed]
@@ -96,6 +95,11 @@ def run_on_dask(
         client.close(timeout=5)
     summary.elapsed_s = time.monotonic() - began
     return summary
+
+
+def _all_machines(store: Rows) -> set[str]:
+    """Machines that rows were timed on: which worker a cell goes to is not known beforehand, nor which took it."""
+    return {str(row["machine"]) for row in store.rows().values() if "worker_host_cpu" in row and row.get("machine")}
 
 
 def run_share(job: str) -> tuple[str, list[str]]:

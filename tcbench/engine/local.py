@@ -29,7 +29,7 @@ import shutil
 import tempfile
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -39,8 +39,8 @@ from ..store.cells import Cell
 from ..store.cores import usable_cores
 from ..store.lock import hold_lock
 from ..store.store import Rows, is_finished
-from .fingerprint import method_mark
-from .worker_slot import Crew, Slot
+from .reuse import Reuse
+from .worker_slot import Crew, Slot, needed
 
 TICK_S = 0.05  # how often deadlines are looked at
 STOPPED_S = 2.0  # between two looks: this process was stopped, and with it perhaps the workers
@@ -93,18 +93,28 @@ class Plan:
     without_estimate: int
 
 
-def plan(cells: Iterable[Cell], store: Rows, retry_failed: bool = False, jobs: int | None = None) -> Plan:
+def plan(
+    cells: Iterable[Cell], store: Rows, retry_failed: bool = False, jobs: int | None = None,
+    context: Mapping[str, Any] | None = None, here: Collection[str] = (), machines: Collection[str] = (),
+) -> Plan:  # fmt: skip
     """Which cells would run, and for about how long (seconds of wall time on `jobs` workers).
+
+    A final row is used again where what it read is as it was (`reuse`; context: of the job), and where a timing is of
+    the cell's machine, or of one of `machines`. Cells whose keys are in `here` are measured each time.
 
     A cell counts as long as the mean of the earlier rows most like it: same study, integrator and scenario;
     then same study and integrator; then same study; then any. Duplicate cells count once.
     """
     unique = list({cell.key: cell for cell in cells}.values())
     rows = store.rows()
-    if retry_failed:
-        finished = {key for key, row in rows.items() if row.get("status") == "ok"}
-    else:
-        finished = {key for key, row in rows.items() if is_finished(row)}
+    reuse = Reuse(store, context or {})
+
+    def is_kept(cell: Cell, row: Mapping[str, Any]) -> bool:
+        final = row.get("status") == "ok" if retry_failed else is_finished(row)
+        own = row.get("machine", cell.machine) in {cell.machine, *machines}
+        return final and own and cell.key not in here and not reuse.reason(cell, row)
+
+    finished = {cell.key for cell in unique if cell.key in rows and is_kept(cell, rows[cell.key])}
     to_run = [cell for cell in unique if cell.key not in finished]
     if not to_run:
         return Plan([], len(unique), 0.0, 0)
@@ -138,9 +148,9 @@ def run_cells(
     Parameters
     ----------
     measure : "package.module:function", called in a worker as `function(cell: dict, context: dict) -> dict`.
-    context : JSON values passed to every call (plugin folders, ...). "foreign" names by integrator or scenario the
-        plugin that brings it, where that is not tcbench: a worker that has run its code serves no other. "fresh" names
-        studies whose cells each have a new worker.
+    context : JSON values passed to every call. "needs" names by integrator, scenario or study the plugins, not
+        tcbench's own, that their cells import: a worker that has imported one serves no cell without it. "fresh" names
+        studies whose cells each have a new worker. "marks" are what rows say of what measured them.
     store : an open `Store`, or `Rows` to keep the rows in memory.
     jobs : worker processes; the cores this process may use by default.
     timeout : seconds a cell may take, from its start in the worker; importing `measure` is not counted.
@@ -156,25 +166,23 @@ def run_cells(
     jobs = usable_cores() if jobs is None else jobs
     _check_limits(jobs, timeout, memory_limit, measure)
     began = time.monotonic()
-    todo = plan(cells, store, retry_failed, jobs)
+    todo = plan(cells, store, retry_failed, jobs, context)
     summary = Summary(planned=len(todo.to_run) + todo.finished, already_finished=todo.finished, seed=seed)
     if not todo.to_run:
         return summary
-    foreign = context.get("foreign", {})  # cells of one plugin in a row: its worker is used for nothing else
-    ordered = sorted(
-        compiled_once(todo.to_run), key=lambda c: (foreign.get(c.integrator, ""), foreign.get(c.scenario, ""))
-    )
+    # cells of one plugin in a row: its worker is used for nothing else
+    ordered = sorted(compiled_once(todo.to_run), key=lambda cell: sorted(needed(context, cell)))
     together = [(cell, {"timed": False}) for cell in ordered if not cell.timed]
     alone = [cell for cell in todo.to_run if cell.timed]
     random.Random(seed).shuffle(alone)
     one_by_one = [
         (cell, {"timed": True, "shuffle_order": order, "shuffle_seed": seed}) for order, cell in enumerate(alone)
     ]
-    sources = context.get("integrator_sources", {})
+    marks = context.get("marks", {})
     with _log_folder() as logs:
         known = {**context, "timeout": timeout, "shared_runs": logs}  # which a cell may want to know of itself
         settings = {"measure": measure, "context": known, "memory_limit": memory_limit, "logs": logs}
-        run = _Run(Ledger(store, summary, on_event, len(todo.to_run), sources), Crew(settings, timeout))
+        run = _Run(Ledger(store, summary, on_event, len(todo.to_run), marks), Crew(settings, timeout))
         try:
             run.all(together, jobs)
             for turn in (1, 2):  # the second in another process than the first
@@ -226,14 +234,15 @@ def _log_folder() -> Iterator[str]:
 class Ledger:
     """Where the rows of a run go: each is written, counted and shown.
 
-    total : cells that the run has to run. sources : of the methods, by name: rows of crashes say what crashed, too.
+    total : cells that the run has to run. marks : what rows say of what measured them, those of crashes, too: of the
+        code under all, and by name of integrators and scenarios.
     """
 
     store: Rows
     summary: Summary
     on_event: Callable[[Event], None] | None
     total: int
-    sources: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    marks: Mapping[str, Any] = field(default_factory=dict)
 
     def start(self, cell: Cell, running: int) -> None:
         """Show that a cell begins."""
@@ -241,8 +250,10 @@ class Ledger:
 
     def write(self, cell: Cell, row: dict[str, Any], running: int, provenance: str | None = None) -> None:
         """Write the row of a cell; `TcbenchError` when that is not possible."""
-        if known := self.sources.get(cell.integrator):
-            row.setdefault("source_hash", method_mark(known))
+        if self.marks:
+            row["source_hash"] = self.marks["integrators"].get(cell.integrator, "")
+            row["scenario_fields"] = self.marks["scenarios"].get(cell.scenario, "")
+            row["measured_by"] = self.marks["code"]
         self.store.append(cell.key, row, cell.as_dict(), provenance)
         status = str(row.get("status"))
         self.summary.run += 1

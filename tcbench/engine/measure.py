@@ -4,21 +4,22 @@ from __future__ import annotations
 
 import functools
 import importlib
+import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
-from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .. import plugins
+from .. import inputs, plugins
 from ..compiler.code_hash import content_hash
 from ..errors import ChangedError
 from ..integrator import Integrator
 from ..store.cells import Cell
-from ..store.provenance import package_version
+from ..store.provenance import machine_name, package_version
 from ..store.store import Rows
 from ..studies.base import find_study
 from ..systems.scenario import Scenario
-from .fingerprint import UNHASHABLE, method_mark, method_sources, system_sources, worker_finds
+from .fingerprint import own_sources, scenario_mark, worker_finds
 
 if TYPE_CHECKING:
     from .local import Event, Summary
@@ -29,12 +30,21 @@ MEASURE = "tcbench.engine.measure:measure_cell"
 
 def measure_cell(cell: dict[str, Any], context: dict[str, Any]) -> dict[str, Any]:
     """Measure one cell in a worker: look the names up, call the study, add where the numbers come from."""
-    _prepare(tuple(context.get("folders", ())))
+    if own_sources() != context["tcbench"]:
+        raise ChangedError(
+            "tcbench is not what the run was planned with: its files were edited meanwhile, or this machine has "
+            "another version. Run again; on a cluster install one version everywhere."
+        )
+    plugins.use_index(context["index"])
     method = plugins.find_integrator(cell["integrator"])
     custom = context.get("scenarios", {}).get(cell["scenario"])
     scenario = _rebuild(custom) if custom else plugins.find_scenario(cell["scenario"])
-    _refuse_edited(method.name, method_sources(method), context.get("integrator_sources", {}))
-    _refuse_edited(scenario.name, system_sources(scenario.system), context.get("scenario_sources", {}))
+    planned = context["marks"]["scenarios"]
+    if scenario_mark(scenario) != planned.get(scenario.name, scenario_mark(scenario)):
+        raise ChangedError(
+            f"The scenario {scenario.name} is not what the run was planned with: what it is made from was edited "
+            "meanwhile, or is another on this machine. Run again, and it is measured as it is now."
+        )
     from ..simulation import shared_runs
     from ..solver import foresight
 
@@ -42,24 +52,14 @@ def measure_cell(cell: dict[str, Any], context: dict[str, Any]) -> dict[str, Any
         return _measure(method, scenario, cell) | {"shared_runs": shared_runs.found()}
 
 
-def _refuse_edited(name: str, sources: list[str], planned: Mapping[str, list[str]]) -> None:
-    """A worker reads files when it starts, perhaps in the middle of a run: no row of theirs for those of the plan."""
-    expected = planned.get(name, sources)
-    if sources != expected and not any(mark.startswith(UNHASHABLE) for mark in expected):
-        raise ChangedError(
-            f"The files of {name} are not those that the run was planned with: edited meanwhile, or others on this "
-            "machine. Run again, and what they say now is measured."
-        )
-
-
 def _measure(method: Integrator, scenario: Scenario, cell: Mapping[str, Any]) -> dict[str, Any]:
     row = find_study(cell["study"]).measure(method, scenario, dict(cell["options"]))
     origin = plugins.registry().origins.get(method.plugin)
     return row | {
         "plugin": str(origin) if origin and origin.distribution else method.plugin,
-        "source_hash": method_mark(method_sources(method)),
         "scenario_hash": scenario.hash,
         "tcbench_version": package_version("tcbench"),
+        **({"machine": machine_name()} if cell["timed"] else {}),
     }
 
 
@@ -71,10 +71,10 @@ def measure_here(
     from .local import Ledger, plan
 
     began = time.monotonic()
-    todo = plan(cells, store, retry_failed)
+    todo = plan(cells, store, retry_failed, here={cell.key for cell in cells})  # what it is made of was not noted
     summary.planned += len(todo.to_run) + todo.finished
     summary.already_finished += todo.finished
-    ledger = Ledger(store, summary, on_event, summary.run + len(todo.to_run))
+    ledger = Ledger(store, summary, on_event, summary.run + len(todo.to_run), job.context["marks"])
     try:
         for cell in todo.to_run:
             ledger.start(cell, 1)
@@ -87,10 +87,7 @@ def measure_here(
 def _row_here(cell: Cell, method: Integrator, scenario: Scenario) -> dict[str, Any]:
     from .worker import complete_row
 
-    return complete_row(
-        lambda: _measure(method, scenario, cell.as_dict()),
-        {"timed": cell.timed, "source_hash": method_mark(method_sources(method))},
-    )
+    return complete_row(lambda: _measure(method, scenario, cell.as_dict()), {"timed": cell.timed})
 
 
 def scenario_data(scenario: Scenario) -> dict[str, Any] | None:
@@ -98,24 +95,45 @@ def scenario_data(scenario: Scenario) -> dict[str, Any] | None:
     system = scenario.system
     if not worker_finds(system) or (code := content_hash(system)) is None:
         return None
+    place = f"{system.__module__}:{system.__qualname__}"
     return scenario.as_dict() | {
-        "system": f"{system.__module__}:{system.__qualname__}", "code": code, "name": scenario.name, "dt": scenario.dt,
+        "system": place, "label": module_label(place), "code": code, "name": scenario.name, "dt": scenario.dt,
         "t_converge": scenario.t_converge, "ladder": list(scenario.ladder),
     }  # fmt: skip
 
 
+def module_label(system: str) -> str:
+    """Whose code a system ("module:class") is: a plugin's label, or its module; "" for tcbench's own."""
+    module = system.partition(":")[0]
+    if module.partition(".")[0] in ("tcbench", "tcbench_plugins"):
+        return ""
+    file = getattr(sys.modules.get(module), "__file__", None)
+    labels = (label for label, origin in plugins.registry().origins.items() if file and origin.path == file)
+    return next(labels, f"module {module.partition('.')[0]}")
+
+
+def module_folder(system: str) -> str:
+    """Where the package or module of a system lies: imports of it begin there."""
+    top = sys.modules[system.partition(":")[0].partition(".")[0]]
+    if hasattr(top, "__path__"):
+        return str(Path(next(iter(top.__path__))).parent)
+    return str(Path(top.__file__ or ".").parent)
+
+
 def _rebuild(data: Mapping[str, Any]) -> Scenario:
     module, _, name = data["system"].partition(":")
-    system: Any = functools.reduce(getattr, name.split("."), importlib.import_module(module))
+    if data["label"].startswith("module "):
+        inputs.begin()
+    elif data["label"]:
+        plugins.registry().need(data["label"])
+    imported = importlib.import_module(module)
+    if data["label"].startswith("module "):
+        inputs.begin().plugins[data["label"]] = module_folder(data["system"])
+    system: Any = functools.reduce(getattr, name.split("."), imported)
     if content_hash(system) != data["code"]:
         raise ChangedError(
             f"The system {name} of {module} is not what its file says: it was changed in the session that started the "
             "run, or its file was edited after it was imported. Start Python anew, or give the system to "
             "tcbench.run from a script or notebook cell."
         )
-    return Scenario(**{k: v for k, v in data.items() if k not in ("system", "code")}, system=system)
-
-
-@cache
-def _prepare(folders: tuple[str, ...]) -> None:
-    plugins.use_folders(folders)
+    return Scenario(**{k: v for k, v in data.items() if k not in ("system", "code", "label")}, system=system)

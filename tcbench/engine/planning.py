@@ -14,8 +14,8 @@ from ..store.cells import Cell
 from ..store.store import Rows, Store
 from ..studies.base import Study, default_studies, expand_studies, find_study
 from ..systems.scenario import Scenario
-from .fingerprint import cell_fingerprint, forget, method_sources, system_sources
-from .measure import scenario_data
+from .fingerprint import cell_fingerprint, code_mark, forget, own_sources, scenario_mark, source_mark
+from .measure import module_folder, scenario_data
 
 if TYPE_CHECKING:
     from .local import Plan
@@ -59,11 +59,15 @@ def plan_job(
     custom = {s.name: data for s in selected if not _can_be_named(s) and (data := scenario_data(s)) is not None}
     remote = {s.name: s.name in custom or _can_be_named(s) for s in selected}
     cells, here, seen = [], {}, set()
+    used: dict[str, Scenario] = {s.name: s for s in selected}
+    measured: dict[str, Integrator] = {m.name: m for m in methods}
     for study in chosen:
         for method, scenario, cell_options in study.plan(methods, _of_study(study, selected, scenarios), settings):
             if method.suits(scenario.model):
                 continue
             seen.add((method.name, study.name))
+            used.setdefault(scenario.name, scenario)
+            measured.setdefault(method.name, method)
             cell = _cell(study, method, scenario, cell_options)
             if scenario.name not in remote:  # one that the study drew
                 remote[scenario.name] = _can_be_named(scenario)
@@ -78,12 +82,17 @@ def plan_job(
             " ".join(["There is nothing to run: no integrator, scenario and step fit together.", *left_out])
         )
     context = {
-        "folders": [str(p) for p in plugins.plugin_folders()],
+        "index": plugins.index(),
         "scenarios": custom,
-        "foreign": _foreign([*methods, *selected]),
+        "needs": _needs(chosen, list(measured.values()), list(used.values()), custom),
+        "anchors": _anchors(custom),
         "fresh": [study.name for study in chosen if study.fresh],
-        "integrator_sources": {m.name: method_sources(m) for m in methods if plugins.is_registered(m)},
-        "scenario_sources": {s.name: system_sources(s.system) for s in selected if s.name not in custom},
+        "tcbench": own_sources(),
+        "marks": {
+            "code": code_mark(),
+            "integrators": {name: source_mark(method) for name, method in measured.items()},
+            "scenarios": {name: scenario_mark(scenario) for name, scenario in used.items()},
+        },
     }
     absent = {name: m.lacks for name, m in registry.integrators.items() if m.lacks}
     unique = list({c.key: c for c in cells}.values())
@@ -149,12 +158,26 @@ def _why_not(method: Integrator, study: Study, scenarios: Sequence[Scenario]) ->
     return f"{method.name} is not in the study {study.name}: {why}."
 
 
-def _foreign(items: Sequence[Integrator | Scenario]) -> dict[str, str]:
-    """Whose code it is, by name, of what tcbench itself does not bring."""
-    origins = plugins.registry().origins
-    own = {label for label, origin in origins.items() if origin.distribution == "tcbench"}
-    named = {item.name: item.plugin for item in items if item.plugin not in own}
-    return {name: plugin or "session" for name, plugin in named.items()}
+def _needs(
+    chosen: Sequence[Study], methods: Sequence[Integrator], scenarios: Sequence[Scenario], custom: Mapping[str, Any]
+) -> dict[str, list[str]]:
+    """By integrator, scenario and study the plugins, not tcbench's own, that a worker imports for its cells."""
+    metrics = plugins.needs(*(metric.plugin for metric in plugins.metrics().values()))
+    found = {f"study {study.name}": metrics for study in chosen if study.metrics}
+    found |= {method.name: plugins.needs(method.name, method.plugin) for method in methods}
+    for scenario in scenarios:
+        found[scenario.name] = found.get(scenario.name, set()) | plugins.needs(scenario.name, scenario.plugin)
+    found |= {name: {data["label"]} for name, data in custom.items()}
+    return {name: sorted(labels) for name, labels in found.items() if labels - {""}}
+
+
+def _anchors(custom: Mapping[str, Any]) -> dict[str, str]:
+    """By label the folders that paths of plugins' inputs are relative to."""
+    found = {label: str(Path(path).parent) for label, (_, _, path, _) in plugins.index()["origins"].items() if path}
+    for data in custom.values():
+        if data["label"].startswith("module "):
+            found[data["label"]] = module_folder(data["system"])
+    return found
 
 
 def _can_be_named(scenario: Scenario) -> bool:
@@ -188,4 +211,4 @@ def preview(job: Job, output: str | Path, retry_failed: bool, jobs: int | None) 
     from .local import plan
 
     store = Store.read(output) if Path(output).exists() else Rows()
-    return plan(job.cells, store, retry_failed, jobs)
+    return plan(job.cells, store, retry_failed, jobs, job.context, job.here)

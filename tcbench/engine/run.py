@@ -112,7 +112,8 @@ def execute(
         store.add_provenance(provenance(packages=packages))
         local = [cell for cell in job.cells if cell.key in job.here]
         remote = [cell for cell in job.cells if cell.key not in job.here]
-        todo = plan(job.cells, store, bool(limits.get("retry_failed"))).to_run
+        retry = bool(limits.get("retry_failed"))
+        todo = plan(job.cells, store, retry, context=job.context, here=job.here).to_run
         jobs = jobs if isinstance(jobs := limits.get("jobs"), int) and jobs > 0 else usable_cores()
         remaining = None if dask else Remaining(todo, jobs, store.lines())  # a cluster's workers come and go
         with of_cells(progress, remaining) as show:
@@ -124,7 +125,7 @@ def execute(
 
             summary = _run_cells(remote, job.context, store, dict(limits), tell, dask, security)
             if not summary.interrupted:
-                measure_here(local, job, store, summary, bool(limits.get("retry_failed")), tell)
+                measure_here(local, job, store, summary, retry, tell)
         with waiting("writing tables", progress):
             keys = {cell.key for cell in job.cells}
             store.renew([cell.key for cell in job.cells], latest_rows(store)[0])
@@ -139,7 +140,7 @@ def execute(
             every = {name: table for name, table in every.items() if len(table)}
             store.write_tables(every)
             store.write_declared(merged(store.declared(), declared(job)))
-            keep(job, Path(output))
+            keep(job, store)
             rows = store.rows()
             statuses = Counter(str(rows[cell.key].get("status")) for cell in job.cells if cell.key in rows)
         data = {"cells": len(job.cells), "interrupted": summary.interrupted, "tables": sorted(every)}

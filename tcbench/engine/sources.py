@@ -3,48 +3,51 @@
 from __future__ import annotations
 
 import hashlib
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING
 
-from .. import plugins
+from .. import inputs
 from ..errors import TcbenchError
 from ..files import replacing
-from .fingerprint import local_files
 
 if TYPE_CHECKING:
+    from ..store.store import Store
     from .planning import Job
 
 FOLDER = "sources"
 
 
-def plugin_files(job: Job) -> dict[str, bytes]:
-    """Relative name -> content of the files that brought methods and scenarios, with the local modules they import.
+def measured_files(job: Job, store: Store) -> dict[str, bytes]:
+    """Relative name -> content of the Python files in plugins' folders that were read when the cells were measured.
 
-    Files only: what an installed distribution brought is known by its name and version. Two files of one name are told
-    apart by a part of their hash.
+    What an installed distribution brought is known by its version; a file that has been edited since is left out. Two
+    files of one name are told apart by a part of their hash.
     """
-    registry = plugins.registry()
-    used = {name for method in job.methods for name in (method.plugin, *method.uses)}
-    used |= {scenario.plugin for scenario in job.scenarios} | {metric.plugin for metric in registry.metrics.values()}
-    origins = [registry.origins[name] for name in sorted(used & set(registry.origins))]
+    anchors, rows = job.context["anchors"], store.rows()
+    noted = {str(rows[cell.key].get("inputs") or "") for cell in job.cells if cell.key in rows} - {""}
+    read = {item for name in noted for item in (store.inputs(name) or {"files": {}})["files"].items()}
     found: dict[str, bytes] = {}
-    seen: set[Path] = set()
-    for origin in origins:
-        if origin.path and not origin.distribution:
-            for name, text in local_files(Path(origin.path).resolve(), seen):
-                path = Path(name)
-                found[name if found.get(name, text) == text else _marked(path, text).as_posix()] = text
+    for path, mark in sorted(item for item in read if item[1]):
+        relative = path.partition(">/")[2]
+        if not path.endswith(".py") or not relative or ".." in PurePosixPath(relative).parts or path.startswith("<>"):
+            continue
+        for place in inputs.placed(path, anchors):
+            text = Path(place).read_bytes() if Path(place).is_file() else b""
+            if inputs.text_hash(text) == mark:
+                text = text.replace(b"\r\n", b"\n")
+                name = Path(relative)
+                found[relative if found.get(relative, text) == text else _marked(name, text).as_posix()] = text
     return found
 
 
-def keep(job: Job, output: Path) -> list[Path]:
+def keep(job: Job, store: Store) -> list[Path]:
     """Write them into the run's folder; returns their paths.
 
     A file of an earlier run that has been edited since stays beside the current one, part of its hash in its name.
     """
     written = []
-    for name, text in plugin_files(job).items():
-        path = output / FOLDER / name
+    for name, text in measured_files(job, store).items():
+        path = store.folder / FOLDER / name
         try:
             if path.is_file() and (earlier := path.read_bytes()) != text:
                 path.replace(_marked(path, earlier))

@@ -25,6 +25,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from .. import inputs
 from ..errors import ChangedError, MachineError
 from ..store.encoding import encode_values
 
@@ -43,6 +44,7 @@ ONE_THREAD = (
 NOT_FINAL = (OSError, ImportError, MemoryError, MachineError, ChangedError)  # another day they are not raised
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EMFILE, errno.ENFILE)  # no cell's fault
 _settings: dict[str, Any] = {}
+_told: set[str] = set()  # identities of inputs that the parent has
 
 
 def start(settings: dict[str, Any]) -> None:
@@ -57,6 +59,7 @@ def start(settings: dict[str, Any]) -> None:
     _redirect(Path(settings["logs"]) / f"start-{settings['slot']}.log")
     _own_streams()
     _settings["folder"] = os.getcwd()
+    inputs.leave_out(settings["logs"])
     with contextlib.suppress(Exception):
         # a segfault then leaves its Python traceback in the output; other threads are the engine's own
         faulthandler.enable(file=2, all_threads=False)
@@ -86,11 +89,22 @@ def run_cell(key: str, cell: dict[str, Any], extra: dict[str, Any]) -> str:
         caught=(BaseException,),  # SystemExit and KeyboardInterrupt of a plugin are that plugin's failures too
         also=lambda: {"output_tail": _own_tail(log)},
     )  # fmt: skip
-    text = _encode(row)
+    text = _encode(row | _what_was_read())
     _redirect(None)
     with contextlib.suppress(OSError):
         log.unlink()
     return text
+
+
+def _what_was_read() -> dict[str, Any]:
+    """The identity of what this worker has read for plugins that are not tcbench's own; the first time, all of it."""
+    watched = inputs.recorder()
+    if watched is None:
+        return {}
+    name, text = watched.collected()
+    told = {} if name in _told else {"_inputs": json.loads(text)}
+    _told.add(name)
+    return {"inputs": name, "_plugins": sorted(watched.plugins), **told}
 
 
 def complete_row(

@@ -17,13 +17,14 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from multiprocessing import resource_tracker
 from multiprocessing.context import SpawnContext, SpawnProcess
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..plugin_loading import environment
 from ..store.cells import Cell
 from ..store.encoding import restore_nonfinite
 from .worker import cut, exception_row, kill_with_all, ping, read_tail, run_cell, start, tail, warm_up
@@ -50,7 +51,7 @@ class _Process(SpawnProcess):
 
     @staticmethod
     def _Popen(process_obj: Any) -> Any:  # the name that multiprocessing calls
-        with _Process._main, _hidden_main(), _safe_path(), _no_interrupts():
+        with _Process._main, _hidden_main(), _before_plugins(), _safe_path(), _no_interrupts():
             return SpawnProcess._Popen(process_obj)  # type: ignore[attr-defined]
 
 
@@ -83,6 +84,23 @@ def _safe_path() -> Iterator[None]:
 
 
 @contextlib.contextmanager
+def _before_plugins() -> Iterator[None]:
+    """Processes that start meanwhile have the environment that was there before any plugin changed it."""
+    now = dict(os.environ)
+    try:
+        for name, value in environment().items():
+            if now.get(name) != value:
+                os.environ[name] = value
+        for name in now.keys() - environment().keys():
+            del os.environ[name]
+        yield
+    finally:
+        for name, value in now.items():
+            if os.environ.get(name) != value:
+                os.environ[name] = value
+
+
+@contextlib.contextmanager
 def _no_interrupts() -> Iterator[None]:
     """Processes that start meanwhile never see Ctrl-C: it is the parent who ends them."""
     if not hasattr(signal, "pthread_sigmask"):  # pragma: no cover -- Windows
@@ -107,6 +125,12 @@ class _Context(SpawnContext):
         return self.started[-1]
 
 
+def needed(context: Mapping[str, Any], cell: Cell) -> set[str]:
+    """The plugins, not tcbench's own, that a cell was planned to import."""
+    names = (cell.integrator, cell.scenario, f"study {cell.study}")
+    return {label for name in names for label in context.get("needs", {}).get(name, ())}
+
+
 @dataclass(eq=False)
 class Crew:
     """What the slots of one run share: the workers' settings, deadlines, and the memory of failed starts."""
@@ -116,11 +140,11 @@ class Crew:
     failed_starts: int = 0
     start_failure: dict[str, Any] = field(default_factory=dict)
     discarded: list[list[_Process]] = field(default_factory=list)  # workers that may still be dying
+    seen: dict[tuple[str, str], set[str]] = field(default_factory=dict)  # plugins that cells of these have imported
 
-    def code_of(self, cell: Cell) -> str:
-        """Whose code a cell runs beside tcbench's own; "" for nobody's."""
-        foreign = self.settings["context"].get("foreign", {})
-        return " ".join(filter(None, (foreign.get(name) for name in (cell.integrator, cell.scenario))))
+    def needs(self, cell: Cell) -> set[str]:
+        """Whose code a cell runs beside tcbench's own, as far as was planned or has been seen."""
+        return needed(self.settings["context"], cell) | self.seen.get((cell.integrator, cell.scenario), set())
 
     def wait_for_the_dead(self, limit: float = 10.0) -> None:
         """Return when every discarded worker is gone, or after `limit` seconds."""
@@ -150,19 +174,18 @@ class Slot:
         self._attempts = 0
         self._served = 0  # cells that the present worker has ended
         self._kept_output = ""
-        self._code = ""  # whose code the present worker has run, beside tcbench's own
+        self._code: set[str] = set()  # plugins that the present worker has imported, beside tcbench's own
 
     def submit(self, cell: Cell, extra: dict[str, Any]) -> dict[str, Any] | None:
         """Hand a cell to the worker. Returns its row at once when workers cannot be started, else None.
 
-        A worker that has run a plugin's code, which may have patched numpy, serves that plugin only; a cell of a study
-        that is "fresh" has a worker to itself.
+        A worker that has run a plugin's code, which may have patched numpy, serves cells of that plugin only, and has
+        run nothing else before; a cell of a study that is "fresh" has a worker to itself.
         """
-        code = self._crew.code_of(cell)
-        fresh = self._served > 0 and cell.study in self._crew.settings["context"].get("fresh", ())
-        if fresh or self._code not in ("", code):
+        code = self._crew.needs(cell)
+        fresh = cell.study in self._crew.settings["context"].get("fresh", ())
+        if self._served > 0 and (fresh or bool(self._code) != bool(code) or not self._code <= code):
             self.discard()
-        self._code = code
         self.cell, self._extra, self._attempts, self._kept_output = cell, extra, 0, ""
         if self._crew.failed_starts >= START_ATTEMPTS:
             return self._end(self._crew.start_failure)
@@ -202,7 +225,7 @@ class Slot:
         pool, self._pool, self._future, self._warm, self._ping = self._pool, None, None, None, None
         if pool is None:
             return
-        self._served = 0
+        self._served, self._code = 0, set()
         for worker in self._context.started:
             if worker.pid:
                 kill_with_all(worker.pid)
@@ -251,6 +274,8 @@ class Slot:
             data = json.loads(self._future.result())
             restore_nonfinite(data, data["nonfinite"])
             row = data["row"]
+            self._code = set(row.pop("_plugins", ()))
+            self._crew.seen[self.cell.integrator, self.cell.scenario] = self._code  # type: ignore[union-attr]
         except ProcessExpired as error:
             return self._crashed(error.exitcode)
         except (

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from .. import inputs
 from ..files import replacing
 from ..systems.scenario import Scenario
 
@@ -81,6 +82,9 @@ def known(name: str, scenario: Scenario, tolerance: float) -> Solved | None:
         return None
     with suppress(OSError, ValueError, KeyError):
         data = json.loads(_place(_folder, name, scenario, tolerance).read_text(encoding="utf-8"))
+        read = data.pop("inputs")
+        if read is not None:
+            inputs.begin().take(read)  # what the run was made with is what this cell is made with
         states = np.array(data.pop("states"), dtype=float).reshape(-1, scenario.model.size)
         _found += 1
         return Solved(states, **data)
@@ -91,11 +95,12 @@ def keep(name: str, scenario: Scenario, tolerance: float, run: Solved) -> None:
     """Leave a run to others if it took long."""
     if _folder is None or run.wall_s < SHORTEST_S or run.states.size > MOST_NUMBERS:
         return
-    data: dict[str, Any] = asdict(run) | {"states": run.states.tolist()}
+    watched = inputs.recorder()
+    data: dict[str, Any] = asdict(run) | {"states": run.states.tolist(), "inputs": watched and watched.taken()}
     with suppress(OSError), replacing(_place(_folder, name, scenario, tolerance)) as temporary:  # the others run it too
         temporary.write_text(json.dumps(data), encoding="utf-8")
 
 
 def _place(folder: Path, name: str, scenario: Scenario, tolerance: float) -> Path:
-    what = json.dumps([name, scenario.name, scenario.as_dict(), tolerance], sort_keys=True)
+    what = json.dumps([name, scenario.name, scenario.data(), tolerance], sort_keys=True)
     return folder / f"run-{hashlib.sha256(what.encode()).hexdigest()[:24]}.json"

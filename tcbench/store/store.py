@@ -4,6 +4,7 @@ Layout of a run folder::
 
     cells.jsonl          one line a finished cell, appended and fsynced; the only source of truth
     tables/NAME.csv      the tidy tables (also NAME.parquet), written to a temporary name and renamed
+    inputs/ID.json       what plugins have read for rows: files by hash, folders, variables, packages; rows name its ID
     provenance/ID.json   what measured the rows: commit, versions, machine; each line names its ID
     declared.json        methods and scenarios: claims, orders, formulas, constants
     manifest.json        the latest run: provenance, start, end, counts
@@ -60,6 +61,7 @@ class Rows:
 
     def __init__(self) -> None:
         self._lines: dict[str, dict[str, Any]] = {}
+        self._inputs: dict[str, dict[str, Any]] = {}
         self.problems: list[str] = []
 
     def append(
@@ -69,14 +71,19 @@ class Rows:
         cell: Mapping[str, Any] | None = None,
         provenance: str | None = None,
     ) -> None:
-        """Keep the row of a cell; an earlier row of the same key is replaced."""
+        """Keep the row of a cell; an earlier row of the same key is replaced.
+
+        Rows that have read the same name it in `inputs`; the first of them brings it along, as `_inputs`.
+        """
+        row = dict(row)
+        if (noted := row.pop("_inputs", None)) is not None:
+            self._inputs[row["inputs"]] = noted
         self._lines.pop(key, None)
-        self._lines[key] = {
-            "key": key,
-            "cell": dict(cell or {}),
-            "row": dict(row),
-            "provenance": provenance or "",
-        }
+        self._lines[key] = {"key": key, "cell": dict(cell or {}), "row": row, "provenance": provenance or ""}
+
+    def inputs(self, name: str) -> dict[str, Any] | None:
+        """What rows that name it have read (`tcbench.inputs`); None where that is lost."""
+        return self._inputs.get(name)
 
     def rows(self) -> dict[str, dict[str, Any]]:
         """The latest row of each key."""
@@ -194,8 +201,24 @@ class Store(Rows):
         Raises `TcbenchError` when the disk is full or the file cannot be written; rows already written stay
         intact.
         """
-        self._write(encode_line(key, row, cell, self.provenance_id if provenance is None else provenance))
+        kept = {name: value for name, value in row.items() if name != "_inputs"}
+        if "_inputs" in row:
+            self._replace(self._inputs_file(row["inputs"]), pretty(row["_inputs"]))
+        self._write(encode_line(key, kept, cell, self.provenance_id if provenance is None else provenance))
         super().append(key, row, cell, self.provenance_id if provenance is None else provenance)
+
+    def inputs(self, name: str) -> dict[str, Any] | None:
+        """As `Rows.inputs`, from its file."""
+        if name not in self._inputs:
+            try:
+                data = json.loads(self._inputs_file(name).read_bytes())
+                self._inputs[name] = data if isinstance(data, dict) else {}
+            except (OSError, ValueError, RecursionError):  # lost: its cells are measured again
+                self._inputs[name] = {}
+        return self._inputs[name] or None
+
+    def _inputs_file(self, name: str) -> Path:
+        return self.folder / "inputs" / f"{re.sub('[^0-9a-f]', '', str(name))}.json"
 
     def renew(self, keys: Iterable[str], latest: Collection[str]) -> None:
         """Rows that are used again and are not among the latest, those of other sources being so, are written again."""
@@ -358,7 +381,7 @@ class Store(Rows):
 
     def _sweep(self) -> None:
         """Remove what writers that were killed have left: the lock is held, so nobody is writing."""
-        for folder in (self.folder, self.folder / "tables", self.folder / "provenance"):
+        for folder in (self.folder / name for name in ("", "tables", "provenance", "inputs")):
             for path in (*folder.glob(".*.tmp"), *folder.glob(".probe-*")):
                 path.unlink(missing_ok=True)
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from ..errors import TcbenchError, matching
 from ..studies.base import Study, studies
 from .cells import UNHASHABLE, identity_of
+from .provenance import machine_name
 from .store import Rows, Store
 
 if TYPE_CHECKING:
@@ -43,31 +44,79 @@ def read_tables(source: str | Path | Store) -> dict[str, DataFrame]:
 
 
 def latest_rows(store: Rows) -> tuple[set[str], list[str]]:
-    """The keys of the rows that tables are made of, the last of each cell but for those of older formulas; and a
-    sentence for each method that has such.
+    """The keys of the rows that tables are made of, the last of each cell but for those of other code; and sentences:
+    how many are left out and why, and where timings of several machines stand together.
 
-    A folder has the rows of all runs into it, and rows of two formulas under one name would be judged as one method: so
-    a method is what measured its last row (`source_hash`), whatever the cell. What has no hash cannot be told apart.
+    A folder has the rows of all runs into it, and rows of two formulas, data or scenarios under one name would be
+    judged as one. So what the last rows were measured with counts, and a row that was measured with another is older.
     """
     cells = {identity_of(line["cell"]): line for line in store.lines() if line["cell"]}
-    marks = {line["cell"]["integrator"]: mark for line in store.lines() if line["cell"] and (mark := _mark(line))}
-    older = [line for line in cells.values() if _mark(line) not in ("", marks.get(line["cell"]["integrator"]))]
-    keys = {line["key"] for line in cells.values()} - {line["key"] for line in older}
-    counts = Counter(line["cell"]["integrator"] for line in older)
-    return keys, [_told(name, count) for name, count in sorted(counts.items())]
+    now: dict[tuple[str, str], str] = {}
+    keys: set[str] = set()
+    older: dict[str, list[str]] = {}
+    for line in reversed(cells.values()):
+        facts = _facts(line, store)
+        other = [name for name, mark in facts.items() if now.get(name, mark) != mark]
+        if other:
+            older.setdefault(str(line["cell"].get("integrator")), []).append(_cause(other[0]))
+        else:
+            now |= facts
+            keys.add(line["key"])
+    told = [_told(name, causes) for name, causes in sorted(older.items())]
+    return keys, [*told, *_machines(store, [line for line in cells.values() if line["key"] in keys])]
 
 
-def _told(name: str, count: int) -> str:
-    rows, are, them = ("rows", "are", "them") if count > 1 else ("row", "is", "it")
-    return (
-        f"{count} {rows} of {name} that an older version of its formula measured {are} not in the tables (cells.jsonl "
-        f"still has {them}); the command that measured them measures the formula as it is now."
+NOTED = {"files": "another {0}", "folders": "other files in {0}", "environment": "another value of {0}",
+         "packages": "another version of {0}"}  # fmt: skip
+
+
+def _facts(line: Mapping[str, Any], store: Rows) -> dict[tuple[str, str], str]:
+    """What a row was measured with: everything that must be one thing in a table."""
+    row, cell = line["row"], line["cell"]
+    own = {
+        ("code", ""): row.get("measured_by") or row.get("tcbench_version"),
+        ("scenario", str(cell.get("scenario"))): row.get("scenario_fields") or row.get("scenario_hash"),
+        ("method", str(cell.get("integrator"))): row.get("source_hash") if row.get("source_hash") != UNHASHABLE else "",
+    }
+    noted = (store.inputs(str(row["inputs"])) or {}) if row.get("inputs") else {}
+    read = {(kind, name): mark for kind in NOTED for name, mark in noted.get(kind, {}).items()}
+    if noted.get("unseen"):  # another each time, perhaps within one run: known by its code
+        read = {key: mark for key, mark in read.items() if key[1].endswith(".py")}
+    return {key: str(mark) for key, mark in (read | own).items() if mark or key in read}
+
+
+def _cause(fact: tuple[str, str]) -> str:
+    kind, name = fact
+    if kind in NOTED:
+        return NOTED[kind].format(name.rpartition("/")[2])
+    return {"code": "another tcbench, or other packages under it", "scenario": f"another {name}"}.get(
+        kind, "an older version of its formula"
     )
 
 
-def _mark(line: Mapping[str, Any]) -> str:
-    mark = str(line["row"].get("source_hash") or "")
-    return "" if mark == UNHASHABLE else mark
+def _told(name: str, causes: Sequence[str]) -> str:
+    count = len(causes)
+    rows, are, them = ("rows", "are", "them") if count > 1 else ("row", "is", "it")
+    return (
+        f"{count} {rows} of {name} that {'were' if count > 1 else 'was'} measured with "
+        f"{' or '.join(sorted(set(causes)))} {are} not in the tables (cells.jsonl still has {them}); the command that "
+        f"measured {them} measures what is there now."
+    )
+
+
+def _machines(store: Rows, lines: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Where the timings of a table are those of several machines."""
+    known = store.provenances() if isinstance(store, Store) else {}
+    kinds = {name: machine_name(data.get("machine") or {}) for name, data in known.items()}
+    found = Counter(
+        str(line["row"].get("machine") or line["cell"].get("machine") or kinds.get(line["provenance"]) or "")
+        for line in lines
+    )
+    found.pop("", None)
+    if len(found) < 2:
+        return []
+    counted = "; ".join(f"{name}: {count} rows" for name, count in found.most_common())
+    return [f"These rows were measured on {len(found)} machines, whose times are not to be compared ({counted})."]
 
 
 def make_tables(chosen: Iterable[Study], store: Rows, keys: set[str] | None = None) -> dict[str, DataFrame]:

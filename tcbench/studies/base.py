@@ -35,6 +35,7 @@ class Study:
     metrics : rows have the columns of plugins' metrics. sampled : plan draws its scenarios from families.
     scenarios : names of those that it runs on where none is named; () for all. fresh : each cell in a process that has
         run no other.
+    drawn(scenario, cell options) -> JSON values: what else a cell computes with, such as the scenarios that it draws.
     """
 
     name: str
@@ -52,6 +53,7 @@ class Study:
     sampled: bool = False
     scenarios: tuple[str, ...] = ()
     fresh: bool = False
+    drawn: Callable[[Scenario, Row], Any] | None = None
 
     def is_timed(self, options: Row) -> bool:
         """Does the cell of these options run alone?"""

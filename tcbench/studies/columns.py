@@ -134,6 +134,7 @@ COLUMNS = (  # the first that fits counts: names before patterns
     # where a row comes from: how, where and when its cell ran
     *(_origin(n, compared=True) for n in ("scenario_hash", "study", "exception_type")),
     *(_origin(n) for n in ("plugin", "tcbench_version", "yardsticks", "yardsticks_again")),
+    *(_origin(n) for n in ("inputs", "measured_by", "scenario_fields")),
     *(_origin(n) for n in ("source_hash", "cell_time_s", "shared_runs", "timed", "key", "failure", "fingerprint")),
     *(_origin(n) for n in ("output_tail", "traceback", "traceback_tail", "exception_message", "worker_host_cpu")),
     *(_origin(n) for n in ("machine", "shuffle_order", "shuffle_seed", "of_the_machine", "series", "opening")),

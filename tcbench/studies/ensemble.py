@@ -7,7 +7,10 @@ equally. A cell is a part, a method and a block of scenarios. docs/ensembles.md 
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Iterator, Mapping, Sequence
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from .. import plugins
@@ -119,6 +122,24 @@ def members(scenario: Scenario, seeds: Sequence[int]) -> list[Scenario]:
     return [family.member(**(values | {"seed": str(seed)})) for seed in range(*seeds)]
 
 
+def drawn(scenario: Scenario, options: Row) -> list[Any]:
+    """The numbers of all members of a block; of references, which solvers they come from."""
+    sample = plugins.find_family(plugins.split_name(scenario.name)[0]).sample
+    found: list[Any] = [_numbers(scenario.name, tuple(options["seeds"]), sample)]
+    if options["part"] == REFERENCES:
+        from .quick_reference import available
+
+        solvers = [method for family in available().values() for method, _ in family]
+        found.append({method.name: method.versions() for method in solvers})
+    return found
+
+
+@lru_cache(maxsize=64)  # one block after the other, each for all methods
+def _numbers(scenario: str, seeds: tuple[int, ...], sample: Any) -> str:
+    drawn = members(plugins.find_scenario(scenario), seeds)
+    return hashlib.sha256(json.dumps([member.data() for member in drawn], sort_keys=True).encode()).hexdigest()
+
+
 def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
     from . import ensemble_runs as runs
     from .quick_reference import own_family
@@ -154,4 +175,5 @@ STUDY = Study(
     place=55,
     timed=lambda options: options["part"] == TIMINGS,
     sampled=True,
+    drawn=drawn,
 )  # fmt: skip

@@ -7,9 +7,12 @@ and everything else as always, from the same seeds, so that neighbouring cells d
 
 from __future__ import annotations
 
+import hashlib
 import itertools
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -68,20 +71,44 @@ def plan(
     return cells
 
 
+def _members(
+    scenario: Scenario, seeds: Sequence[int], spans: dict[str, tuple[float, float]]
+) -> tuple[float, list[Scenario]]:
+    """The step and the scenarios of one place of the map."""
+    name, given = plugins.split_name(scenario.name)
+    dt = spans.pop("dt", (scenario.dt, scenario.dt))[0]
+    ranges = {axis: f"{low!r}:{high!r}" for axis, (low, high) in spans.items()}
+    family = plugins.find_family(name)
+    return dt, [family.member(**(given | ranges | {"seed": str(seed)})) for seed in range(*seeds)]
+
+
+def drawn(scenario: Scenario, options: Row) -> str:
+    """The numbers of all scenarios of a row of the map."""
+    sample = plugins.find_family(plugins.split_name(scenario.name)[0]).sample
+    return _numbers(scenario.name, tuple(options["seeds"]), options["x"], options["y"], options["row"], sample)
+
+
+@lru_cache(maxsize=256)  # one row after the other, each for all methods
+def _numbers(scenario: str, seeds: tuple[int, ...], x: str, y: str, row: int, sample: Any) -> str:
+    found = plugins.find_scenario(scenario)
+    family = plugins.find_family(plugins.split_name(scenario)[0])
+    along, across = family_axis(x, family), family_axis(y, family)
+    spans = [{along.name: place, across.name: bins(across)[row]} for place in bins(along)]
+    data = [[member.data() for member in _members(found, seeds, span)[1]] for span in spans]
+    return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()
+
+
 def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
     """One row of the map: at each place of x how many runs there were, and how many failed in which way."""
     from . import ensemble_runs as runs
 
-    name, given = plugins.split_name(scenario.name)
+    name = plugins.split_name(scenario.name)[0]
     family = plugins.find_family(name)
     x, y = family_axis(options["x"], family), family_axis(options["y"], family)
     across = bins(y)[options["row"]]
     cells = []
     for along in bins(x):
-        spans = {x.name: along, y.name: across}
-        dt = spans.pop("dt", (scenario.dt, scenario.dt))[0]
-        ranges = {axis: f"{low!r}:{high!r}" for axis, (low, high) in spans.items()}
-        members = [family.member(**(given | ranges | {"seed": str(seed)})) for seed in range(*options["seeds"])]
+        dt, members = _members(scenario, options["seeds"], {x.name: along, y.name: across})
         fitting = [member if dt <= member.t_end else replace(member, t_end=dt) for member in members]
         kinds = [runs.KINDS[k] for k in runs.shares(integrator, fitting, [dt])[0]["kinds"]]
         failed = {kind: kinds.count(kind) for kind in runs.KINDS[1:6]}
@@ -118,4 +145,5 @@ STUDY = Study(
     tabulate=tabulate,
     by_default=False,
     sampled=True,
+    drawn=drawn,
 )

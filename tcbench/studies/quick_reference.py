@@ -124,6 +124,8 @@ def family_of_solver(name: str) -> str:
 def own_family(origins: Iterable[str]) -> str:
     """The family that a method of these plugins is related to; "" if none."""
     mine = set(origins)
+    known = plugins.registry().integrators  # `uses` may name methods, too
+    mine |= {known[name].plugin for name in mine if name in known}
     return next((name for name, family in FAMILIES.items() if mine & family.plugins), "")
 
 

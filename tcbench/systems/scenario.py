@@ -7,7 +7,7 @@ import hashlib
 import json
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from dataclasses import replace as dataclass_replace
 from typing import Any
 
@@ -21,6 +21,7 @@ from .system import System
 
 REST = 1e-10  # least exergy of a scenario, relative to its energy: see Scenario.initial_exergy
 SETTINGS = ("name", "t_end", "dt", "positions", "momenta", "temperatures", "t_converge", "blowup_factor")
+SAID = ("name", "shows", "source", "plugin", "_cache")  # of a scenario: no part of what is computed
 
 
 @dataclass(frozen=True)
@@ -149,6 +150,12 @@ class Scenario:
             "t_end": self.t_end,
             "blowup_factor": self.blowup_factor,
         }
+
+    def data(self) -> dict[str, Any]:
+        """Every number of it, JSON-able, and its system; not what it is called or what is said of it."""
+        found = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in SAID}
+        found |= {"system": f"{self.system.name} {self.system.__qualname__}", "constants": self.as_dict()["constants"]}
+        return {name: list(value) if isinstance(value, tuple) else value for name, value in found.items()}
 
     @property
     def hash(self) -> str:

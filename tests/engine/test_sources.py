@@ -127,7 +127,7 @@ def test_rows_of_an_older_formula_are_left_out_and_a_sentence_says_so(folder):
     assert run(*command, "0.05").exit_code == 0 and steps() == [0.05]
     edit("half * (z1 - z0)", "0.5 * half * (z1 - z0)")
     done = run(*command, "0.1", "--dt", "0.3")
-    sentence = "1 row of mine that an older version of its formula measured is not in the tables"
+    sentence = "1 row of mine that was measured with another mine.py is not in the tables"
     assert done.exit_code == 0 and sentence in done.output and steps() == [0.1, 0.3]
     table = pandas.read_csv(folder / "out" / "tables" / "conservation.csv")  # a narrower run truncates no other method
     assert sorted(table[table.integrator == "tc_monolithic"].dt) == [0.05, 0.1, 0.3]

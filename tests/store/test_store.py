@@ -11,7 +11,6 @@ import shutil
 import subprocess
 import sys
 import time
-import types
 from pathlib import Path
 
 import pandas
@@ -19,7 +18,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tcbench.engine.fingerprint import fingerprint_sources
 from tcbench.engine.local import plan
 from tcbench.errors import TcbenchError
 from tcbench.store.cells import Cell
@@ -73,56 +71,6 @@ def test_faults_of_the_machine_are_never_final(error):
     from tcbench.engine.worker import exception_row
 
     assert not is_finished(exception_row(error)) and is_finished(exception_row(ValueError("x")))
-
-
-def test_a_fingerprint_follows_local_imports_and_survives_a_move(tmp_path):
-    folder = tmp_path / "one"
-    (folder / "pack" / "sub").mkdir(parents=True)
-    (folder / "mine.py").write_text("import numpy\ndef f():\n    from helper import g\nraise SystemExit('imported')\n")
-    (folder / "helper.py").write_text("from pack.sub import deep\n")
-    (folder / "pack" / "__init__.py").write_text("")
-    (folder / "pack" / "sub" / "__init__.py").write_text("from . import deep\n")
-    (folder / "pack" / "sub" / "deep.py").write_text("x = 1\n")
-    (folder / "unrelated.py").write_text("y = 1\n")
-    first = fingerprint_sources(folder / "mine.py")
-    moved = shutil.copytree(folder, tmp_path / "two" / "elsewhere")
-    assert fingerprint_sources(moved / "mine.py") == first
-    (folder / "unrelated.py").write_text("y = 2\n")
-    assert fingerprint_sources(folder / "mine.py") == first
-    (folder / "pack" / "sub" / "deep.py").write_text("x = 2\n")
-    assert fingerprint_sources(folder / "mine.py") != first
-    (folder / "pack" / "sub" / "deep.py").write_bytes(b"x = 1\r\n")  # what git does on Windows
-    assert fingerprint_sources(folder / "mine.py") == first
-
-
-def test_fingerprints_of_modules_by_name_broken_files_and_missing_ones(tmp_path, monkeypatch):
-    assert fingerprint_sources("tcbench.store.cells") != fingerprint_sources("tcbench.store.store")
-    # in site-packages the neighbours are other people's packages, not local modules
-    site = tmp_path / "site-packages"
-    site.mkdir()
-    (site / "mine.py").write_text("import neighbour\n")
-    (site / "neighbour.py").write_text("a = 1\n")
-    before = fingerprint_sources(site / "mine.py")
-    (site / "neighbour.py").write_text("a = 2\n")
-    assert fingerprint_sources(site / "mine.py") == before
-    # imports for type checkers never run: they make no module depend on another
-    (tmp_path / "typed.py").write_text("from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    import other\n")
-    (tmp_path / "other.py").write_text("a = 1\n")
-    before = fingerprint_sources(tmp_path / "typed.py")
-    (tmp_path / "other.py").write_text("a = 2\n")
-    assert fingerprint_sources(tmp_path / "typed.py") == before
-    broken = tmp_path / "broken.py"
-    broken.write_text("def step(:\n")
-    assert len(fingerprint_sources(broken)) == 64
-    (tmp_path / "outer" / "bare").mkdir(parents=True)  # a folder without __init__.py within a package
-    (tmp_path / "outer" / "__init__.py").touch()
-    (tmp_path / "outer" / "bare" / "inner.py").write_text("a = 1\n")
-    monkeypatch.syspath_prepend(tmp_path)
-    assert fingerprint_sources("outer.bare.inner") == fingerprint_sources(tmp_path / "outer" / "bare" / "inner.py")
-    monkeypatch.setitem(sys.modules, "made_by_hand", types.ModuleType("made_by_hand"))
-    for missing in ("no_such_module", "tcbench.no_such_module", "outer.bare", "made_by_hand"):
-        with pytest.raises(TcbenchError, match=missing):
-            fingerprint_sources(missing)
 
 
 # -- rows

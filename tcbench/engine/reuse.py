@@ -1,0 +1,90 @@
+"""Is a row still what would be measured? Its inputs, as they were noted, against what is there now."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Mapping
+from importlib.machinery import PathFinder
+from typing import Any
+
+from .. import inputs
+from ..plugin_loading import environment
+from ..store.store import Rows
+from .worker import ONE_THREAD
+
+NOT_NOTED = "what it read was not noted"
+
+
+class Reuse:
+    """Verdicts on rows of one store; each file is looked at once.
+
+    context : of the run (`planning.Job`): `anchors`, the folders of plugins by label, and `needs`, the plugins that
+        integrators and scenarios come from, by name.
+    """
+
+    def __init__(self, store: Rows, context: Mapping[str, Any]) -> None:
+        self._store = store
+        self._folders: Mapping[str, str] = context.get("anchors", {})
+        self._needs: Mapping[str, Any] = context.get("needs", {})
+        self._environment = dict.fromkeys(ONE_THREAD, "1") | environment() | {"PYTHONSAFEPATH": "1"}  # a worker's
+        self._seen: dict[tuple[str, str], str | None] = {}
+        self._verdicts: dict[str, str] = {}
+        # a plugin file's folder comes last on the path, as in `plugin_files`
+        self._path = [p for p in sys.path if p not in self._folders.values()]
+
+    def reason(self, cell: Any, row: Mapping[str, Any]) -> str:
+        """Why the row of a cell is not to be used again; "" when all that it read is as it was."""
+        name = str(row.get("inputs") or "")
+        needed = {label for item in (cell.integrator, cell.scenario) for label in self._needs.get(item, ())}
+        if not name:
+            return NOT_NOTED if needed else ""
+        if name not in self._verdicts:
+            noted = self._store.inputs(name)
+            self._verdicts[name] = NOT_NOTED if noted is None else self._look(noted)
+        if not self._verdicts[name] and not needed <= set((self._store.inputs(name) or {}).get("plugins", ())):
+            return "it was measured with another plugin of that name"
+        return self._verdicts[name]
+
+    def _look(self, noted: Mapping[str, Any]) -> str:
+        try:
+            if noted["unseen"]:
+                return "; ".join(noted["unseen"])
+            for kind, look in (("files", inputs.file_hash), ("folders", inputs.folder_hash)):
+                for path, mark in noted[kind].items():
+                    if mark not in self._found(kind, path, look):
+                        return path
+            for name, mark in noted["environment"].items():
+                if inputs.text_hash(self._environment.get(name)) != mark:
+                    return f"the variable {name}"
+            for name, mark in noted["packages"].items():
+                if self._once("package", name, inputs.package_mark) != mark:
+                    return f"the package {name}"
+            for name, path in noted["modules"].items():
+                if not self._same_module(name, path, noted["plugins"]):
+                    return f"the module {name}"
+        except (KeyError, TypeError, AttributeError):
+            return NOT_NOTED
+        return ""
+
+    def _found(self, kind: str, path: str, look: Any) -> list[str | None]:
+        """The marks of what a path may mean now."""
+        places = inputs.placed(path, dict(self._folders))
+        return [self._once(kind, place, look) for place in places] or ["no such plugin"]
+
+    def _once(self, kind: str, name: str, look: Any) -> str | None:
+        if (kind, name) not in self._seen:
+            self._seen[kind, name] = look(name)
+        return self._seen[kind, name]
+
+    def _same_module(self, name: str, path: str | None, labels: Any) -> bool:
+        """Does an import find the file that it found then, and nothing where it found nothing?
+
+        What only a plugin's own changes of `sys.path` find is known by its content.
+        """
+        folders = [self._folders[label] for label in labels if label in self._folders]
+        spec = PathFinder.find_spec(name, [*self._path, *folders])
+        if spec is None or not spec.origin:
+            return True
+        places = inputs.placed(path, dict(self._folders)) if path else []
+        return any(os.path.realpath(spec.origin) == os.path.realpath(place) for place in places)
