@@ -46,7 +46,7 @@ def _read_as_written(folder: str) -> Any:
     """A path hook: modules in folders of plugin files, and in packages there, but not in an environment there."""
     path = Path(folder)
     above = next((f for f in _FOLDERS if path.is_relative_to(f)), None)
-    if above is None or _in_environment(path, above):
+    if above is None or _in_environment(path, above) or not path.is_dir():
         raise ImportError(f"no plugin files in {folder}")
     return FileFinder(folder, (ExtensionFileLoader, EXTENSION_SUFFIXES), (AsWritten, SOURCE_SUFFIXES))
 

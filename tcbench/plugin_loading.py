@@ -75,7 +75,7 @@ class Registry:
 
 KINDS = ("integrators", "scenarios", "scenario_families", "metrics")  # of what a registry has by name
 _LOADING: list[str] = []  # the plugin that is being imported
-_CHANGED: dict[str, str | None] = {}  # environment variables that plugins have set in this process: value before
+_CHANGED: dict[str, tuple[str | None, str | None]] = {}  # variables that plugins have set here: before, and as set
 
 
 def loading() -> str:
@@ -131,14 +131,20 @@ def _undone() -> Iterator[None]:
         if os.getcwd() != folder:
             os.chdir(folder)
         for name in {*environment, *os.environ}:
-            if os.environ.get(name) != environment.get(name):
-                _CHANGED.setdefault(name, environment.get(name))
+            before_it, now = environment.get(name), os.environ.get(name)
+            if now != before_it:
+                known = _CHANGED.get(name)
+                _CHANGED[name] = (known[0] if known and known[1] == before_it else before_it), now
 
 
 def environment() -> dict[str, str]:
     """The environment as it was before any plugin changed it: that of workers."""
-    found = {name: value for name, value in os.environ.items() if name not in _CHANGED}
-    return found | {name: value for name, value in _CHANGED.items() if value is not None}
+    found = dict(os.environ)
+    for name, (before, as_set) in _CHANGED.items():
+        if found.get(name) == as_set:  # else the user has set it since
+            found.pop(name, None)
+            found |= {} if before is None else {name: before}
+    return found
 
 
 # -- in a worker: only what a cell needs

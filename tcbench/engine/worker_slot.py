@@ -14,19 +14,17 @@ import contextlib
 import json
 import os
 import signal
-import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from multiprocessing import resource_tracker
-from multiprocessing.context import SpawnContext, SpawnProcess
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..plugin_loading import environment
 from ..store.cells import Cell
 from ..store.encoding import restore_nonfinite
+from .starting import Context, Process, safe_path
 from .worker import cut, exception_row, kill_with_all, ping, read_tail, run_cell, start, tail, warm_up
 
 if TYPE_CHECKING:
@@ -38,91 +36,6 @@ PING_AFTER_S = 0.3
 REAP_S = 0.01  # between looks at workers that are being killed
 LOST_AFTER_S = 30.0  # a cell that a live, idle worker has not taken up by then was lost on the way
 LOG_LIMIT = 2**20  # bytes of output a cell may have; the file is emptied when it grows beyond
-
-
-class _Process(SpawnProcess):
-    """A spawned process that leaves the parent's main module alone, and the current folder.
-
-    Workers get everything by name from `tcbench.worker`. Without this every worker would run the user's
-    script again, unless it has an `if __name__ == "__main__"`.
-    """
-
-    _main = threading.Lock()
-
-    @staticmethod
-    def _Popen(process_obj: Any) -> Any:  # the name that multiprocessing calls
-        with _Process._main, _hidden_main(), _before_plugins(), _safe_path(), _no_interrupts():
-            return SpawnProcess._Popen(process_obj)  # type: ignore[attr-defined]
-
-
-@contextlib.contextmanager
-def _hidden_main() -> Iterator[None]:
-    """What multiprocessing would find the main module by, away for a moment."""
-    main = sys.modules["__main__"]
-    kept = {name: getattr(main, name, None) for name in ("__spec__", "__file__")}
-    try:
-        for name in kept:
-            setattr(main, name, None)
-        yield
-    finally:
-        for name, value in kept.items():
-            setattr(main, name, value)
-
-
-@contextlib.contextmanager
-def _safe_path() -> Iterator[None]:
-    """Processes that start meanwhile (by `python -c`) do not import signal.py and the like from the current folder."""
-    before = os.environ.get("PYTHONSAFEPATH")
-    os.environ["PYTHONSAFEPATH"] = "1"
-    try:
-        yield
-    finally:
-        if before is None:
-            del os.environ["PYTHONSAFEPATH"]
-        else:
-            os.environ["PYTHONSAFEPATH"] = before
-
-
-@contextlib.contextmanager
-def _before_plugins() -> Iterator[None]:
-    """Processes that start meanwhile have the environment that was there before any plugin changed it."""
-    now = dict(os.environ)
-    try:
-        for name, value in environment().items():
-            if now.get(name) != value:
-                os.environ[name] = value
-        for name in now.keys() - environment().keys():
-            del os.environ[name]
-        yield
-    finally:
-        for name, value in now.items():
-            if os.environ.get(name) != value:
-                os.environ[name] = value
-
-
-@contextlib.contextmanager
-def _no_interrupts() -> Iterator[None]:
-    """Processes that start meanwhile never see Ctrl-C: it is the parent who ends them."""
-    if not hasattr(signal, "pthread_sigmask"):  # pragma: no cover -- Windows
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-class _Context(SpawnContext):
-    """Start processes afresh (spawn, on every system) as `_Process`, and know them."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.started: list[_Process] = []
-
-    def Process(self, *arguments: Any, **named: Any) -> _Process:  # type: ignore[override]  # the name that pebble calls
-        self.started.append(_Process(*arguments, **named))
-        return self.started[-1]
 
 
 def needed(context: Mapping[str, Any], cell: Cell) -> set[str]:
@@ -139,7 +52,7 @@ class Crew:
     timeout: float
     failed_starts: int = 0
     start_failure: dict[str, Any] = field(default_factory=dict)
-    discarded: list[list[_Process]] = field(default_factory=list)  # workers that may still be dying
+    discarded: list[list[Process]] = field(default_factory=list)  # workers that may still be dying
     seen: dict[tuple[str, str], set[str]] = field(default_factory=dict)  # plugins that cells of these have imported
 
     def needs(self, cell: Cell) -> set[str]:
@@ -165,7 +78,7 @@ class Slot:
         self._exclusive = exclusive  # wait for a discarded worker's death before starting the next one
         self._logs = Path(crew.settings["logs"])
         self._pool: ProcessPool | None = None
-        self._context = _Context()
+        self._context = Context()
         self._warm: ProcessFuture[None] | None = None
         self._future: ProcessFuture[str] | None = None
         self._ping: ProcessFuture[None] | None = None
@@ -244,10 +157,10 @@ class Slot:
         for fresh in (False, True):
             try:
                 if self._pool is None:
-                    with _Process._main, _safe_path():  # locks start it, and it is a process of its own
+                    with Process._main, safe_path():  # locks start it, and it is a process of its own
                         resource_tracker.ensure_running()
                     settings = self._crew.settings | {"slot": self._number}
-                    self._context = _Context()
+                    self._context = Context()
                     self._pool = ProcessPool(1, initializer=start, initargs=(settings,), context=self._context)
                     self._opened = time.monotonic()
                     self._warm = self._pool.schedule(warm_up)

@@ -43,9 +43,8 @@ UNFINISHED_ERRORS = frozenset({"MemoryError", "ChangedError", "MachineError"})
 def is_finished(row: Mapping[str, Any]) -> bool:
     """Whether the row is final: any but crash, timeout, exhausted memory or disk, a package or file that is absent, and
     code that is not as it was."""
-    if row.get("of_the_machine"):
-        return False
-    return row.get("status") not in UNFINISHED_STATUSES and row.get("exception_type") not in UNFINISHED_ERRORS
+    gone = row.get("status") in UNFINISHED_STATUSES or row.get("exception_type") in UNFINISHED_ERRORS
+    return not (gone or row.get("of_the_machine"))
 
 
 def _place(line: Mapping[str, Any]) -> tuple[Any, ...]:
@@ -208,13 +207,10 @@ class Store(Rows):
         super().append(key, row, cell, self.provenance_id if provenance is None else provenance)
 
     def inputs(self, name: str) -> dict[str, Any] | None:
-        """As `Rows.inputs`, from its file."""
+        """As `Rows.inputs`, from its file; its cells are measured again where that is lost."""
         if name not in self._inputs:
-            try:
-                data = json.loads(self._inputs_file(name).read_bytes())
-                self._inputs[name] = data if isinstance(data, dict) else {}
-            except (OSError, ValueError, RecursionError):  # lost: its cells are measured again
-                self._inputs[name] = {}
+            file = self._inputs_file(name)
+            self._inputs[name] = (self._read_json(file) if file.is_file() else None) or {}
         return self._inputs[name] or None
 
     def _inputs_file(self, name: str) -> Path:

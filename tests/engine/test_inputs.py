@@ -1,0 +1,429 @@
+"""What a plugin reads is noted and compared: attacks on rows that are used again, without a process (a worker's side is
+played here), and a few from end to end."""
+
+import json
+import os
+import shutil
+import sqlite3
+import sys
+import textwrap
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import tcbench
+from tcbench import inputs, plugin_files, plugins
+from tcbench.engine.cluster import _all_machines
+from tcbench.engine.local import plan
+from tcbench.engine.planning import plan_job
+from tcbench.engine.reuse import Reuse
+from tcbench.engine.starting import before_plugins
+from tcbench.store.cells import Cell
+from tcbench.store.store import Rows, Store
+from tcbench.store.tables import latest_rows
+
+HEAD = """
+import contextlib, ctypes, importlib, io, json, os, pathlib, sqlite3, sys
+import numpy as np
+from tcbench import Integrator, hookimpl
+HERE = pathlib.Path(__file__).parent
+"""
+TAIL = """
+def step(z, h, system):
+    return z + h * {use} * system.vector_field(z)
+@hookimpl
+def tcbench_integrators():
+    return [Integrator(name="{name}", order=1, source="x", step=step{extra})]
+"""
+
+
+def plugin(before="", use="1.0", name="mine", extra=""):
+    return HEAD + textwrap.dedent(before) + TAIL.format(use=use, name=name, extra=extra)
+
+
+@pytest.fixture
+def desk(tmp_path, monkeypatch):
+    """A folder with two folders of plugins, p and q, and one of other things."""
+    for name in ("p", "q", "lib"):
+        (tmp_path / name).mkdir()
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    yield tmp_path
+    forget(tmp_path)
+    plugins._FOLDERS.clear()
+
+
+def forget(folder):
+    """As in a process of its own: nothing of the folder has been imported."""
+    inputs.end()
+    plugins._REGISTRY, plugins._INDEX = None, None
+    plugin_files.forget_helpers()
+    for name, module in list(sys.modules.items()):
+        places = [getattr(module, "__file__", None) or "", *map(str, getattr(module, "__path__", ()))]
+        if any(place.startswith(str(folder)) for place in places):
+            del sys.modules[name]
+    sys.path[:] = [p for p in sys.path if not p.startswith(str(folder))]
+
+
+def planned(desk, name="mine"):
+    forget(desk)
+    plugins._FOLDERS.clear()
+    plugins.use_folders([folder for folder in (desk / "p", desk / "q") if any(folder.iterdir())])
+    return plan_job([name], ["short_term"], ["conservation"], dt=[0.3])
+
+
+def measured(desk, name="mine"):
+    """The rows of a run: what a worker would note is noted here."""
+    job = planned(desk, name)
+    forget(desk)
+    with before_plugins():
+        plugins.use_index(job.context["index"])
+        method = plugins.find_integrator(name)
+        model = tcbench.scenarios()["short_term"].model
+        method.step(model.state(tcbench.scenarios()["short_term"].z0), 0.1, model)
+        identity, text = inputs.recorder().collected()
+        inputs.end()
+    rows, cell = Rows(), job.cells[0]
+    rows.append(cell.key, {"status": "ok", "inputs": identity, "_inputs": json.loads(text)}, cell.as_dict())
+    return rows
+
+
+def again(desk, rows, name="mine"):
+    """Why the row is not used again; "" if it is."""
+    job = planned(desk, name)
+    cell = job.cells[0]
+    if cell.key not in rows.rows():
+        return "another key"
+    return Reuse(rows, job.context).reason(cell, rows.rows()[cell.key])
+
+
+def write(desk, files):
+    for name, text in files.items():
+        path = desk / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(text) if isinstance(text, bytes) else path.write_text(text)
+
+
+G1, G2 = "G = 1.0\n", "G = 1.1\n"
+BESIDE = "import sys\nsys.path.insert(0, str(HERE.parent / 'lib'))\n"
+ATTACKS = {  # what the plugin does, files before, files after
+    "json": (plugin("G = json.loads((HERE / 'g.json').read_text())", "G"), {"p/g.json": "1.0"}, {"p/g.json": "1.1"}),
+    "loadtxt": (plugin("", "np.loadtxt(HERE / 'g.txt')"), {"p/g.txt": "1.0"}, {"p/g.txt": "1.1"}),
+    "in a step": (plugin("", "float(io.open(HERE / 'g.txt').read())"), {"p/g.txt": "1.0"}, {"p/g.txt": "1.1"}),
+    "descriptor": (plugin("G = float(os.read(os.open(HERE / 'g.txt', os.O_RDONLY), 9))", "G"), {"p/g.txt": "1.0"},
+                   {"p/g.txt": "1.1"}),
+    "memory map": (plugin("G = np.load(HERE / 'g.npy', mmap_mode='r')", "G[0]"), {"p/g.npy": np.ones(3)},
+                   {"p/g.npy": 2 * np.ones(3)}),
+    "elsewhere": (plugin("G = float((HERE.parent / 'lib' / 'g.txt').read_text())", "G"), {"lib/g.txt": "1.0"},
+                  {"lib/g.txt": "1.1"}),
+    "exec": (plugin("exec((HERE / 'g.inc').read_text())", "G"), {"p/g.inc": G1}, {"p/g.inc": G2}),
+    "runpy": (plugin("import runpy\nG = runpy.run_path(str(HERE / '_g.py'))['G']", "G"), {"p/_g.py": G1},
+              {"p/_g.py": G2}),
+    "path": (plugin(BESIDE + "from glib_x import G", "G"), {"lib/glib_x.py": G1}, {"lib/glib_x.py": G2}),
+    "computed": (plugin("G = importlib.import_module(f'gv{1}').G", "G"), {"p/gv1.py": G1}, {"p/gv1.py": G2}),
+    "late": (plugin("", "importlib.import_module('gval').G"), {"p/_x/y": "", "p/gval.py": G1}, {"p/gval.py": G2}),
+    "namespace": (plugin("from ns_x.sub import G", "G"), {"p/ns_x/sub.py": G1}, {"p/ns_x/sub.py": G2}),
+    "package": (plugin("from pk_x import *", "G"), {"p/pk_x/__init__.py": "from .a import *", "p/pk_x/a.py": G1},
+                {"p/pk_x/a.py": G2}),
+    "letters": (plugin("from été import G", "G"), {"p/été.py": G1}, {"p/été.py": G2}),
+    "type checking": (plugin("TYPE_CHECKING = True\nif TYPE_CHECKING:\n    from gg import G", "G"), {"p/gg.py": G1},
+                      {"p/gg.py": G2}),
+    "a file that comes": (plugin("G = 1.0\nwith contextlib.suppress(OSError):\n    G = float(open(HERE / 'g').read())",
+                                 "G"), {}, {"p/g": "1.1"}),
+    "a module that comes": (plugin("try:\n    from absent_x import G\nexcept ImportError:\n    G = 1.0", "G"), {},
+                            {"p/absent_x.py": G2}),
+    "a glob": (plugin("G = sum(float(f.read_text()) for f in HERE.glob('*.txt'))", "G"), {"p/a.txt": "1"},
+               {"p/b.txt": "1"}),
+    "a listing": (plugin("", "len(os.listdir(HERE / '_data'))"), {"p/_data/a": "1"}, {"p/_data/b": "1"}),
+    "uses": (plugin("", "tcbench_step(system)", extra=", uses='base'").replace("tcbench_step(system)",
+             "__import__('tcbench').plugins.find_integrator('base').order"), {"p/tools.py": plugin(name="base")},
+             {"p/tools.py": plugin(name="base") + "# other\n"}),
+    "undeclared": (plugin("", "__import__('tcbench').plugins.find_integrator('base').order"),
+                   {"q/tools.py": plugin(name="base")}, {"q/tools.py": plugin(name="base") + "# other\n"}),
+    "a stem of two": (plugin(), {"q/mine.py": plugin(name="two")}, {"p/mine.py": plugin(use="2.0")}),
+}  # fmt: skip
+
+
+def content(value):
+    if isinstance(value, np.ndarray):
+        import io
+
+        buffer = io.BytesIO()
+        np.save(buffer, value)
+        return buffer.getvalue()
+    return value
+
+
+@pytest.mark.parametrize("attack", ATTACKS)
+def test_a_row_is_used_again_only_while_all_that_was_read_is_as_it_was(desk, attack):
+    text, before, after = ATTACKS[attack]
+    write(desk, {"p/mine.py": text} | {name: content(value) for name, value in before.items()})
+    rows = measured(desk)
+    assert again(desk, rows) == ""
+    for path in [p for p in desk.rglob("*") if p.is_file()]:
+        os.utime(path, (2e9, 2e9))
+    write(desk, {"p/beside.py": plugin(name="beside"), "q/other.py": plugin(name="other")})
+    assert again(desk, rows) == "" or attack == "a glob"
+    write(desk, {name: content(value) for name, value in after.items()})
+    assert again(desk, rows) != ""
+
+
+def test_a_folder_that_is_moved_and_line_ends_change_nothing(desk):
+    text = plugin(BESIDE + "from glib_x import G\nfrom near_x import K", "G")
+    write(desk, {"p/mine.py": text, "p/near_x.py": "K = 1\n", "lib/glib_x.py": G1})
+    rows = measured(desk)
+    moved = desk / "moved" / "here"
+    for name in ("p", "q", "lib"):
+        shutil.copytree(desk / name, moved / name)
+        shutil.rmtree(desk / name)
+    assert again(moved, rows) == ""
+    near = moved / "p" / "near_x.py"
+    near.write_bytes(near.read_bytes().replace(b"\n", b"\r\n"))
+    assert again(moved, rows) == ""
+    assert str(desk) not in json.dumps(rows.inputs(next(iter(rows.rows().values()))["inputs"]))
+
+
+@pytest.mark.parametrize("how", ["os.environ['MY_G']", "os.getenv('MY_G', '2')", "dict(os.environ).get('MY_G')"])
+def test_the_environment_that_is_read_is_compared(desk, monkeypatch, how):
+    monkeypatch.setenv("MY_G", "1")
+    write(desk, {"p/mine.py": plugin(f"G = float({how})", "G")})
+    rows = measured(desk)
+    monkeypatch.setenv("HOME", str(desk))
+    assert again(desk, rows) == ""
+    monkeypatch.setenv("MY_G", "1.1")
+    assert again(desk, rows) == "the variable MY_G"
+
+
+def test_what_a_plugin_sets_in_its_own_environment_is_no_input(desk, monkeypatch):
+    monkeypatch.delenv("MY_G", raising=False)
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+    own = "os.environ.setdefault('MY_G', '1')\nG = float(os.environ['MY_G']) * float(os.getenv('OMP_NUM_THREADS', '1'))"
+    write(desk, {"p/mine.py": plugin(own, "G")})
+    rows = measured(desk)
+    monkeypatch.delenv("OMP_NUM_THREADS")  # which a worker sets
+    assert again(desk, rows) == ""
+    monkeypatch.delenv("MY_G")
+
+
+def test_a_new_module_that_shadows_one_is_seen(desk):
+    write(desk, {"p/mine.py": plugin("from shade_x import G", "G"), "p/shade_x.py": G1})
+    rows = measured(desk)
+    write(desk, {"lib/shade_x.py": G2})
+    assert again(desk, rows) == ""
+    before = list(sys.path)
+    sys.path.insert(0, str(desk / "lib"))
+    try:
+        job = planned(desk)
+        sys.path.insert(0, str(desk / "lib"))  # as PYTHONPATH would
+        assert Reuse(rows, job.context).reason(job.cells[0], rows.rows()[job.cells[0].key]) == "the module shade_x"
+    finally:
+        sys.path[:] = before
+
+
+def test_a_link_that_is_set_on_another_folder_is_seen(desk):
+    for name, use in (("v1", "1.0"), ("v2", "1.1")):
+        write(desk, {f"{name}/mine.py": plugin(use=use)})
+    (desk / "p").rmdir()
+    (desk / "p").symlink_to("v1")
+    rows = measured(desk)
+    assert again(desk, rows) == ""
+    (desk / "p").unlink()
+    (desk / "p").symlink_to("v2")
+    assert again(desk, rows) == "<mine>/mine.py"
+
+
+def test_every_field_of_a_scenario_is_in_the_key():
+    from dataclasses import fields
+
+    from tcbench.systems.scenario import SAID, Scenario
+
+    def key(scenario):
+        return plan_job(["midpoint_entropy"], [scenario], ["conservation"], dt=[0.3]).cells[0].key
+
+    base = tcbench.scenarios()["short_term"].replace(name="x")
+    other = {
+        "system": type("Other", (base.system,), {"name": "other"}),
+        "constants": base.constants | {"coupling": 0.3},
+    }
+    for field in fields(Scenario):
+        if field.name not in SAID:
+            value = getattr(base, field.name)
+            changed = tuple(1.01 * v for v in value) if isinstance(value, tuple) else other.get(field.name, value)
+            changed = 1.01 * changed if isinstance(changed, float) else changed
+            assert key(replace(base, **{field.name: changed})) != key(base), field.name
+    for name in ("shows", "source", "plugin"):
+        assert key(replace(base, **{name: "another word"})) == key(base)
+
+
+@pytest.mark.parametrize("name", ["TCBENCH_PLAIN", "TCBENCH_TARGET", "OMP_NUM_THREADS", "PYTHONHASHSEED"])
+def test_what_c_code_is_told_is_in_every_key(monkeypatch, name):
+    def keys():
+        cells = plan_job(["tc_strang"], ["short_term"], ["conservation", "work_precision"], dt=[0.3]).cells
+        return {cell.key for cell in cells}
+
+    before = keys()
+    monkeypatch.setenv(name, "2")
+    assert not keys() & before
+
+
+def test_all_members_of_a_block_of_random_scenarios_are_in_its_key(monkeypatch):
+    family = plugins.find_family("random")
+    sample, first = family.sample, family.member(seed="0").positions
+
+    def keys():
+        job = plan_job(["tc_strang"], ["random"], ["ensemble"], options={"size": 20, "seed": 0})
+        return {(c.options["part"], c.options["seeds"][0]): c.key for c in job.cells}
+
+    before = keys()
+    monkeypatch.setitem(family.__dict__, "sample", lambda draw: s if (s := sample(draw)).positions == first else
+                        s.replace(stiffness=[300.0, 300.0]))  # fmt: skip
+    assert not set(keys().values()) & set(before.values())
+    monkeypatch.undo()
+    assert keys() == before
+    for found in ("7.0", "8.0"):  # of the solvers that make the references
+        monkeypatch.setattr("tcbench.integrator.installed_version", lambda name, found=found: found)
+        changed = {part for part, key in keys().items() if key != before[part]}
+        assert changed == {("references", 0), ("references", 10)}
+
+
+def test_one_hash_of_all_that_computes_and_of_nothing_that_only_shows(tmp_path, monkeypatch):
+    from tcbench.engine import fingerprint
+
+    for folder in inputs.OWN:
+        shutil.copytree(folder, tmp_path / Path(folder).name, ignore=shutil.ignore_patterns("__pycache__"))
+    monkeypatch.setattr(inputs, "OWN", tuple(str(tmp_path / Path(f).name) + os.sep for f in inputs.OWN))
+
+    def mark():
+        fingerprint.forget()
+        return fingerprint.own_sources()
+
+    before = mark()
+    shown, computed = ("progress.py", "report/html.py", "store/compare.py"), ("building_blocks.py", "solver/newton.py")
+    for file, counts in {**dict.fromkeys(shown, False), **dict.fromkeys((*computed, "reference/data"), True)}.items():
+        path = tmp_path / Path(inputs.OWN[0]).name / file
+        path = next(path.glob("*.json")) if path.is_dir() else path
+        text = path.read_bytes()
+        path.write_bytes(text + b"\n# a word\n")
+        assert (mark() != before) == counts, file
+        path.write_bytes(text)
+    fingerprint.forget()
+
+
+def test_a_timing_is_of_the_machine_that_took_it():
+    job = plan_job(["tc_strang"], ["short_term"], ["work_precision"])
+    (cell,) = [cell for cell in job.cells if cell.timed][:1]
+    rows = Rows()
+    rows.append(cell.key, {"status": "ok", "machine": cell.machine}, cell.as_dict())
+    assert plan([cell], rows).finished == 1
+    rows.append(cell.key, {"status": "ok", "machine": "another", "worker_host_cpu": "another"}, cell.as_dict())
+    assert plan([cell], rows).finished == 0 and plan([cell], rows, machines=_all_machines(rows)).finished == 1
+
+
+def test_a_table_is_of_one_physics_and_says_what_it_leaves_out():
+    def rows(**of_the_older):
+        found = Rows()
+        for n, more in enumerate(({"scenario_fields": "a", "measured_by": "c"} | of_the_older,
+                                  {"scenario_fields": "a", "measured_by": "c"})):  # fmt: skip
+            cell = Cell("conservation", "m", "s", {"dt": n})
+            found.append(cell.key, {"status": "ok", **more}, cell.as_dict())
+        return latest_rows(found)
+
+    assert len(rows()[0]) == 2 and not rows()[1]
+    for more, told in (
+        ({"scenario_fields": "b"}, "another s"),
+        ({"measured_by": "b"}, "another tcbench"),
+        ({"measured_by": None, "tcbench_version": "0.1"}, "another tcbench"),
+    ):
+        keys, sentences = rows(**more)
+        assert len(keys) == 1 and told in sentences[0]
+    keys, sentences = rows(machine="a slow one")
+    assert len(keys) == 2 and not sentences
+    found = Rows()
+    for n, machine in enumerate(("slow", "fast")):
+        cell = Cell("work_precision", "m", "s", {"n": n}, timed=True, machine=machine)
+        found.append(cell.key, {"status": "ok"}, cell.as_dict())
+    assert "2 machines, whose times are not to be compared" in latest_rows(found)[1][0]
+
+
+def test_a_file_that_is_called_as_a_built_in_one_is_known(desk):
+    write(desk, {"p/tc_gauss.py": plugin()})
+    rows = measured(desk)
+    assert again(desk, rows) == ""
+    write(desk, {"p/tc_gauss.py": plugin(use="1.1")})
+    assert again(desk, rows).endswith("tc_gauss.py")
+
+
+@pytest.mark.parametrize(
+    ("does", "reason"),
+    [
+        ("__import__('subprocess').run([sys.executable, '-c', ''])", "a process was started"),
+        ("os.system('true')", "a process was started"),
+        ("__import__('socket').getaddrinfo('localhost', 80)", "the network was used"),
+        ("(HERE / 'log').open().read(); (HERE / 'log').write_text(str(id(z)))", "<mine>/log changed while it was"),
+    ],
+)
+def test_what_cannot_be_seen_is_measured_each_time(desk, does, reason):
+    write(desk, {"p/mine.py": plugin().replace("return z", f"{does}\n    return z"), "p/log": "1"})
+    assert again(desk, measured(desk)).startswith(reason)
+
+
+def test_a_database_and_a_library_are_files(desk):
+    with sqlite3.connect(desk / "p" / "g.db") as base:
+        base.execute("create table g (x)")
+    write(desk, {"p/mine.py": plugin("sqlite3.connect(HERE / 'g.db')\nwith contextlib.suppress(OSError):\n"
+                                     "    ctypes.CDLL(str(HERE / 'g.so'))"), "p/g.so": b"\0no library"})  # fmt: skip
+    rows = measured(desk)
+    noted = rows.inputs(next(iter(rows.rows().values()))["inputs"])["files"]
+    assert {"<mine>/g.db", "<mine>/g.so", "<mine>/mine.py"} <= set(noted)
+
+
+def test_a_worker_imports_what_a_cell_asks_for_and_nothing_else(desk):
+    bad = "import numpy as np\nnp.seterr(all='raise')\nimport time\ntime.monotonic = None\nprint('said')\n"
+    write(desk, {"p/mine.py": plugin(), "q/bad.py": bad})
+    job = planned(desk)
+    assert np.geterr()["over"] != "raise" and __import__("time").monotonic() > 0  # undone in this process
+    forget(desk)
+    plugins.use_index(job.context["index"])
+    assert plugins.find_integrator("tc_gauss").plugin == "tc_gauss" and inputs.recorder() is None
+    assert plugins.find_integrator("mine").plugin == "mine" and set(inputs.recorder().plugins) == {"mine"}
+    assert plugins.find_integrator("projected[method=mine]").name == "projected[method=mine]"
+
+
+def test_the_inputs_of_many_rows_are_looked_at_once(desk, monkeypatch):
+    write(desk, {"p/mine.py": plugin()})
+    rows = measured(desk)
+    job = planned(desk)
+    cell, row = job.cells[0], next(iter(rows.rows().values()))
+    looked = []
+    monkeypatch.setattr(inputs, "file_hash", lambda path, real=inputs.file_hash: looked.append(path) or real(path))
+    reuse = Reuse(rows, job.context)
+    assert {reuse.reason(cell, row) for _ in range(1700)} == {""} and len(looked) == 1
+
+
+def test_from_end_to_end_a_second_run_measures_nothing_and_an_edit_is_measured(desk):
+    data = "G = json.loads((HERE / 'g.json').read_text())"
+    write(desk, {"p/mine.py": plugin(data, "G"), "p/g.json": "1.0"})
+    loud = "import numpy as np\nimport scipy.integrate as S\nS.RK45.B = S.RK45.B * 1.001\n" + plugin(name="loud")
+    write(desk, {"q/loud.py": loud})
+
+    def run(*dt):
+        forget(desk)
+        plugins._FOLDERS.clear()
+        plugins.use_folders([desk / "p", desk / "q"])
+        return tcbench.run(["mine", "loud"], ["short_term"], ["conservation"], desk / "out", dt=dt, jobs=1)
+
+    first = run(0.1, 0.2)
+    assert first.summary.run == 4 and run(0.1, 0.2).summary.run == 0
+    (desk / "p" / "g.json").write_text("1.1")
+    second = run(0.1)
+    assert second.summary.run == 1 and second.summary.already_finished == 1
+    table = second.every["conservation"]
+    assert sorted(table[table.integrator == "mine"].dt) == [0.1] and len(table) == 3  # one physics
+    assert "1 row of mine that was measured with another g.json is not in the tables" in " ".join(second.problems)
+    error = [r.tables["conservation"].set_index("integrator").energy_error_max["mine"].iloc[0] for r in (first,)]
+    assert error[0] != table[table.integrator == "mine"].energy_error_max.item()
+    shutil.rmtree(desk / "out" / "inputs")  # lost: measured again
+    assert run(0.1).summary.run == 2
+    assert Store.read(desk / "out").rows()
+    assert {path.name for path in (Path(desk) / "out" / "sources").iterdir()} == {"mine.py", "loud.py"}
