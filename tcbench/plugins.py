@@ -97,9 +97,9 @@ def use_folders(folders: Iterable[str | Path]) -> None:
 
 def forget() -> None:
     """As in a new process: no folder is named, and what is registered is loaded when it is next asked for."""
-    global _REGISTRY
+    global _REGISTRY, _INDEX
     _FOLDERS.clear()
-    _REGISTRY = None
+    _REGISTRY, _INDEX = None, None
 
 
 def plugin_folders() -> list[Path]:

@@ -39,13 +39,18 @@ READ_BY_C = re.compile(
 )
 
 
-def cell_fingerprint(study: Study, method: Integrator, scenario: Scenario, options: dict[str, Any]) -> tuple[str, str]:
-    """Hash of what is certain of a cell beside its options, and the machine where it is a timing."""
+def cell_fingerprint(
+    study: Study, method: Integrator, scenario: Scenario, options: dict[str, Any], code: str = ""
+) -> tuple[str, str]:
+    """Hash of what is certain of a cell beside its options, and the machine where it is a timing.
+
+    code : of the scenario's system, where this session may have changed it after it was imported.
+    """
     mark = fingerprint(
         scenario=scenario.data(), order=method.order, study=study.name, code=code_mark(), versions=method.versions(),
         metrics=sorted(plugins.metrics()) if study.metrics else [],
         drawn=study.drawn(scenario, options) if study.drawn else None,
-        session=[not plugins.is_registered(method), not worker_finds(scenario.system)],
+        session=[not plugins.is_registered(method), not worker_finds(scenario.system), code],
     )  # fmt: skip
     return mark, _machine() if study.is_timed(options) else ""
 

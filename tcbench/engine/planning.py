@@ -68,7 +68,7 @@ def plan_job(
             seen.add((method.name, study.name))
             used.setdefault(scenario.name, scenario)
             measured.setdefault(method.name, method)
-            cell = _cell(study, method, scenario, cell_options)
+            cell = _cell(study, method, scenario, cell_options, custom.get(scenario.name, {}).get("code", ""))
             if scenario.name not in remote:  # one that the study drew
                 remote[scenario.name] = _can_be_named(scenario)
             if not remote[scenario.name] or not plugins.is_registered(method):
@@ -201,8 +201,8 @@ def _checked_steps(dt: Sequence[float] | None, scenarios: Sequence[Scenario]) ->
     return steps
 
 
-def _cell(study: Study, method: Integrator, scenario: Scenario, options: dict[str, Any]) -> Cell:
-    mark, machine = cell_fingerprint(study, method, scenario, options)
+def _cell(study: Study, method: Integrator, scenario: Scenario, options: dict[str, Any], code: str) -> Cell:
+    mark, machine = cell_fingerprint(study, method, scenario, options, code)
     return Cell(study.name, method.name, scenario.name, options, study.is_timed(options), mark, machine)
 
 

@@ -51,13 +51,12 @@ def desk(tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "path", list(sys.path))
     yield tmp_path
     forget(tmp_path)
-    plugins._FOLDERS.clear()
 
 
 def forget(folder):
     """As in a process of its own: nothing of the folder has been imported."""
     inputs.end()
-    plugins._REGISTRY, plugins._INDEX = None, None
+    plugins.forget()
     plugin_files.forget_helpers()
     for name, module in list(sys.modules.items()):
         places = [getattr(module, "__file__", None) or "", *map(str, getattr(module, "__path__", ()))]
@@ -68,7 +67,6 @@ def forget(folder):
 
 def planned(desk, name="mine"):
     forget(desk)
-    plugins._FOLDERS.clear()
     plugins.use_folders([folder for folder in (desk / "p", desk / "q") if any(folder.iterdir())])
     return plan_job([name], ["short_term"], ["conservation"], dt=[0.3])
 
@@ -409,7 +407,6 @@ def test_from_end_to_end_a_second_run_measures_nothing_and_an_edit_is_measured(d
 
     def run(*dt):
         forget(desk)
-        plugins._FOLDERS.clear()
         plugins.use_folders([desk / "p", desk / "q"])
         return tcbench.run(["mine", "loud"], ["short_term"], ["conservation"], desk / "out", dt=dt, jobs=1)
 
