@@ -357,9 +357,6 @@ def begin() -> Recorder:
     """Watch this process from now on; what it has done before is not looked at."""
     global _RECORDER, _HOOKED
     if _RECORDER is None:
-        from platformdirs import user_cache_dir
-
-        leave_out(os.environ.get("TCBENCH_CACHE_DIR") or user_cache_dir("tcbench", appauthor=False))
         _RECORDER = Recorder()
         sys.meta_path.insert(0, _RECORDER)
         for environment in (os.environ, getattr(os, "environb", os.environ)):

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 import pluggy
 
-from . import hookspecs, inputs
+from . import cache, hookspecs, inputs
 from .errors import ChangedError, TcbenchError
 from .integrator import Integrator
 from .metric import Metric
@@ -203,7 +203,7 @@ class _Waiting:
             return
         self.imported.add(label)
         name, distribution, path, mark = self.known["origins"][label]
-        inputs.begin().plugins[label] = str(Path(path).parent)
+        watched(label, str(Path(path).parent))
         if inputs.file_hash(path) != mark:
             raise ChangedError(
                 f"The files of the plugin {label} are not those that the run was planned with: edited meanwhile, or "
@@ -230,6 +230,12 @@ class _Waiting:
             if (method := dict.get(self.result.integrators, name)) is not None:
                 parameters = {key: tuple(each) for key, each in values.items()}
                 dict.update(self.result.integrators, {name: replace(method, parameters=parameters)})
+
+
+def watched(label: str, folder: str) -> None:
+    """From now on what this process reads is noted; the code of this plugin lies in this folder."""
+    inputs.leave_out(cache.root())
+    inputs.begin().plugins[label] = folder
 
 
 class _Lazy(dict[str, Any]):

@@ -14,6 +14,7 @@ from .. import inputs, plugins
 from ..compiler.code_hash import content_hash
 from ..errors import ChangedError
 from ..integrator import Integrator
+from ..plugin_loading import watched
 from ..store.cells import Cell
 from ..store.provenance import machine_name, package_version
 from ..store.store import Rows
@@ -123,12 +124,12 @@ def module_folder(system: str) -> str:
 def _rebuild(data: Mapping[str, Any]) -> Scenario:
     module, _, name = data["system"].partition(":")
     if data["label"].startswith("module "):
-        inputs.begin()
+        inputs.begin()  # before it is imported
     elif data["label"]:
         plugins.registry().need(data["label"])
     imported = importlib.import_module(module)
     if data["label"].startswith("module "):
-        inputs.begin().plugins[data["label"]] = module_folder(data["system"])
+        watched(data["label"], module_folder(data["system"]))
     system: Any = functools.reduce(getattr, name.split("."), imported)
     if content_hash(system) != data["code"]:
         raise ChangedError(
