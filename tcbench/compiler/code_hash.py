@@ -19,6 +19,7 @@ import functools
 import hashlib
 import importlib.metadata
 import importlib.util
+import itertools
 import platform
 import re
 import sys
@@ -71,6 +72,16 @@ class _Code:
     imports: tuple[tuple[str, int], ...]
 
 
+def constants_of(code: types.CodeType) -> list[Any]:
+    """Its constants, those of a class that are in the order of a set (`__static_attributes__`, Python 3.13) sorted."""
+    found = list(code.co_consts)
+    if "__static_attributes__" in code.co_names:
+        for load, store in itertools.pairwise(dis.get_instructions(code)):
+            if store.argval == "__static_attributes__" and load.opname == "LOAD_CONST" and load.arg is not None:
+                found[load.arg] = tuple(sorted(load.argval))
+    return found
+
+
 @lru_cache(maxsize=10_000)
 def code_of(code: types.CodeType) -> _Code:
     """What of a code object never changes."""
@@ -83,7 +94,7 @@ def code_of(code: types.CodeType) -> _Code:
     names: dict[str, None] = {}
     attributes: set[str] = set()
     imports: dict[tuple[str, int], None] = {}
-    for constant in code.co_consts:
+    for constant in constants_of(code):
         if isinstance(constant, types.CodeType):
             inner = code_of(constant)
             hasher.digest.update(inner.digest)

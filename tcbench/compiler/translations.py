@@ -36,7 +36,10 @@ _WORD = re.compile(r"[A-Za-z_]\w*")
 def described(code: types.CodeType) -> tuple[bytes, frozenset[str]]:
     """Hash of a code object, lines and files left out, and every name in it."""
     inner = [described(x) if isinstance(x, types.CodeType) else None for x in code.co_consts]
-    constants = [x if found is None else found[0] for x, found in zip(code.co_consts, inner, strict=True)]
+    constants = [
+        found[0] if found else sorted(map(repr, x)) if isinstance(x, frozenset) else x  # a set has no order
+        for x, found in zip(code.co_consts, inner, strict=True)
+    ]
     parts = (
         code.co_code, constants, code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars,
         code.co_flags & ~inspect.CO_NESTED,

@@ -2,6 +2,7 @@
 
 import functools
 import importlib
+import os
 import subprocess
 import sys
 import textwrap
@@ -134,14 +135,24 @@ def test_the_hash_is_the_same_in_another_process():
         import numpy as np
         from tcbench import System
         from tcbench.compiler.code_hash import content_hash
+        from tcbench.compiler.translations import made_of
         class Mine(System):
             kinds = frozenset({"a", "b", "c", "d"})
             def shape(self, q): return np.array([q @ q, {"x", "y"} and A])
         A = {"one": 1.0, "two": {3, 4}}
-        print(content_hash(Mine, lambda z: z in {"p", "q", "r", "s"}))
+        def made():
+            class Local:
+                def set(self): self.a, self.b, self.c, self.d = 1, 2, 3, 4
+            return Local
+        one = lambda z: z in {"p", "q", "r", "s"}
+        print(content_hash(Mine, made, one), made_of(one))
     """)
-    found = {subprocess.run([sys.executable, "-c", script], capture_output=True, text=True).stdout for _ in range(3)}
-    assert len(found) == 1 and len(found.pop().strip()) == 64
+    found = set()
+    for seed in "123":  # of the order of sets
+        env = os.environ | {"PYTHONHASHSEED": seed}
+        done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, env=env, check=True)
+        found.add(done.stdout)
+    assert len(found) == 1 and [len(word) for word in found.pop().split()] == [64, 64, 64]
 
 
 def test_arrays_of_every_kind_and_wrapped_functions():
