@@ -7,6 +7,7 @@ from tcbench_plugins.net.net import net
 
 import tcbench
 from tcbench import progress
+from tcbench.engine import planning
 from tcbench.engine.measure import measure_cell
 from tcbench.errors import MachineError
 from tcbench.simulation import run as run_module
@@ -60,6 +61,8 @@ def test_memory_is_the_least_of_what_may_be_used(monkeypatch, tmp_path):
 
 def test_a_run_beyond_its_time_limit_is_one_sentence_before_it_begins(monkeypatch):
     monkeypatch.setattr(foresight, "time", SimpleNamespace(monotonic=lambda: 0.0))  # a clock that stands still
+    names = [[name] for name in ("tc_monolithic", "net[nx=20,ny=20]", "conservation")]
+    context = planning.plan_job(*names).context | {"timeout": 3.0}
     cell = {"integrator": "tc_monolithic", "scenario": "net[nx=20,ny=20]", "study": "conservation"}
     cell |= {"options": {"dt": 0.0005}}  # 50,000 steps
     sentence = (
@@ -68,8 +71,8 @@ def test_a_run_beyond_its_time_limit_is_one_sentence_before_it_begins(monkeypatc
     )
     with monkeypatch.context() as patched, pytest.raises(MachineError, match=sentence):  # again when there is more time
         patched.setitem(run_module.LOOPS.__dict__, "march", None)
-        measure_cell(cell, {"timeout": 3.0})
-    assert measure_cell(cell | {"options": {"dt": 0.2}}, {"timeout": 3.0})["status"] == "ok"
+        measure_cell(cell, context)
+    assert measure_cell(cell | {"options": {"dt": 0.2}}, context)["status"] == "ok"
     model, cure = net(20, 20).model, r"Tracing a net .* or declare its elements"
     with foresight.within(1.0), pytest.raises(MachineError, match=cure), foresight.foreseen(model, 1, by_loops=False):
         pass
