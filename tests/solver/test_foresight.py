@@ -62,17 +62,17 @@ def test_memory_is_the_least_of_what_may_be_used(monkeypatch, tmp_path):
 def test_a_run_beyond_its_time_limit_is_one_sentence_before_it_begins(monkeypatch):
     monkeypatch.setattr(foresight, "time", SimpleNamespace(monotonic=lambda: 0.0))  # a clock that stands still
     names = [[name] for name in ("tc_monolithic", "net[nx=20,ny=20]", "conservation")]
-    context = planning.plan_job(*names).context | {"timeout": 3.0}
-    cell = {"integrator": "tc_monolithic", "scenario": "net[nx=20,ny=20]", "study": "conservation"}
-    cell |= {"options": {"dt": 0.0005}}  # 50,000 steps
+    job = planning.plan_job(*names, dt=[0.0005, 0.2])  # 50,000 steps, and 125
+    context = job.context | {"timeout": 3.0}
+    long, short = (cell.as_dict() for cell in sorted(job.cells, key=lambda cell: cell.options["dt"]))
     sentence = (
         r"50000 steps of about [\d.]+ ms of a net of 2362 numbers takes about \d+ s, and 3 s are left of the 3 s that "
         r"a cell has: give a longer --timeout, or take fewer steps \(a longer dt, a shorter t_end\) or a smaller system"
     )
     with monkeypatch.context() as patched, pytest.raises(MachineError, match=sentence):  # again when there is more time
         patched.setitem(run_module.LOOPS.__dict__, "march", None)
-        measure_cell(cell, context)
-    assert measure_cell(cell | {"options": {"dt": 0.2}}, context)["status"] == "ok"
+        measure_cell(long, context)
+    assert measure_cell(short, context)["status"] == "ok"
     model, cure = net(20, 20).model, r"Tracing a net .* or declare its elements"
     with foresight.within(1.0), pytest.raises(MachineError, match=cure), foresight.foreseen(model, 1, by_loops=False):
         pass
