@@ -1,9 +1,10 @@
 """A hash of what a function computes: its code, and the values that the code can see.
 
-Two functions with one hash give the same numbers: the hash covers the bytecode (names of local variables, line numbers
-and files left out), defaults, closure, and the global names that the code reads, in turn, down to numbers, arrays and
-text. A class counts with its methods, attributes and bases, an instance with its class and state. Code of installed
-packages and of Python itself is told by name and version; that of `tcbench_plugins` by the hash of its files.
+Two functions with one hash give the same numbers as long as what they read from files, the environment, the clock and
+the like is the same (`formula_hash` asks no such thing). The hash covers the bytecode (names of local variables,
+line numbers and files left out), defaults, closure, and the global names that the code reads, in turn, down to numbers,
+arrays and text. A class counts with its methods, attributes and bases, an instance with its class and state. Code of
+installed packages and of Python itself is told by name and version; that of `tcbench_plugins` by the hash of its files.
 
 What has no such description (an open file, a lock, a generator, `eval`) has no hash, and nothing that was computed
 with it may be used again.
@@ -311,7 +312,7 @@ class Hasher:
             self._parts("partial", kind, item.func, item.args, _sorted(item.keywords))
         elif isinstance(item, enum.Enum):
             self._parts("enum", kind, item.name, item.value)
-        elif callable(item) and (wrapped := _wrapped(item)) is not None:  # lru_cache, a jit
+        elif self.home_of_class(kind) is not None and (wrapped := _wrapped(item)) is not None:  # lru_cache, a jit
             self._parts("wrapped", kind, wrapped)
         elif is_of_python(item):
             raise HashlessError("a ufunc made by np.frompyfunc")

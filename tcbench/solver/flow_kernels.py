@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..compiler import derivatives as trace
-from ..compiler.code_hash import content_hash
 from ..compiler.derivatives import Symbol, const
+from ..compiler.formula_hash import formula_hash
 from ..compiler.kernels import Kernel, constant_part, kernel
 from ..compiler.symbols import MixedSpaces
 from ..errors import TcbenchError, TraceError
@@ -249,7 +249,7 @@ def apply_explicit(formula: Residual, system: System, start: Any, end: Any, firs
     """
     from ..compiler.library import evaluate
 
-    key = (formula, system.structure, content_hash(formula))
+    key = (formula, system.structure, formula_hash(formula))
     if key[-1] is None or key not in _EXPLICIT:
         _EXPLICIT[key] = build(Flow(formula, of_step=True), system)
     kernels = _EXPLICIT[key]

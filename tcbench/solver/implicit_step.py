@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..compiler.code_hash import content_hash
+from ..compiler.formula_hash import formula_hash
 from ..compiler.language import Floats, copy_into, rare
 from ..compiler.library import Library, evaluate
 from ..integrator import Flow as Formula
@@ -111,7 +111,7 @@ def by_arc(flow: Flow, reason: int) -> tuple[int, int]:
 
 def compiled_flows(formulas: tuple[Formula, ...], symbolic: System) -> tuple[FlowKernels, ...]:
     """The kernels of a method's flows for a structure of system; traced again when what the formulas read changed."""
-    seen = tuple([content_hash(f.residual) for f in formulas])
+    seen = tuple([formula_hash(f.residual) for f in formulas])
     make = _compiled_flows.__wrapped__ if None in seen else _compiled_flows
     return make(formulas, symbolic, seen)
 

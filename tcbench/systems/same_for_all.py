@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..compiler import derivatives as trace
 from ..compiler import spaces
-from ..compiler.code_hash import content_hash
+from ..compiler.formula_hash import formula_hash
 from ..compiler.kernels import namespace, straight_line
 from ..compiler.space_kernels import SCALAR, Slot, space_kernel
 from ..compiler.symbols import MixedSpaces
@@ -39,7 +39,7 @@ def require_same(example: Network, net: Network) -> None:
     why = _knows_company(example)
     if not why:
         functions = [getattr(type(example), name, None) for name in sorted(type(example).written)]
-        key = (content_hash(*filter(callable, functions)) or example.structure, example.zeros)
+        key = (formula_hash(*filter(callable, functions)) or example.structure, example.zeros)
         if key not in _VERDICTS:
             _VERDICTS[key] = _differs(small_network(example), net)
         why = _VERDICTS[key]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..compiler.code_hash import content_hash
+from ..compiler.formula_hash import formula_hash
 
 if TYPE_CHECKING:
     from .system import System
@@ -51,6 +51,6 @@ class State(np.ndarray):
 def formulas_hash(kind: type[System]) -> str:
     """Hash of what a class of systems computes now: a global that its formulas read may have changed in between.
 
-    Another one each time where they have none (see code_hash): nothing traced is then used twice.
+    Another one each time where they have none (see formula_hash): nothing traced is then used twice.
     """
-    return content_hash(kind) or uuid.uuid4().hex
+    return formula_hash(kind) or uuid.uuid4().hex

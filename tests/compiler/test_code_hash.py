@@ -12,8 +12,10 @@ import types
 import numpy as np
 import pytest
 
+import tcbench
 from tcbench import System
 from tcbench.compiler.code_hash import content_hash
+from tcbench.compiler.formula_hash import formula_hash
 
 
 def module(text, name="made", **values):
@@ -197,3 +199,64 @@ def test_each_reader_of_a_module_counts_what_it_reads():
 ])  # fmt: skip
 def test_what_hides_something_has_no_hash(text):
     assert content_hash(module(text).f) is None
+
+
+READING = {
+    "a file": "import pathlib\ndef f(x): return x * float(pathlib.Path('k').read_text())",
+    "a path that is a global": "import pathlib\nK = pathlib.Path('k')\ndef f(x): return x * float(K.read_text())",
+    "a name of pathlib": "from pathlib import Path\ndef f(x): return x * float(Path('k').read_text())",
+    "numpy's files": "import numpy as np\ndef f(x): return x * np.loadtxt('k')",
+    "a name of numpy": "from numpy import loadtxt\ndef f(x): return x * loadtxt('k')",
+    "chance": "import numpy as np\ndef f(x): return x * np.random.rand()",
+    "the environment": "import os\ndef f(x): return x * float(os.environ['K'])",
+    "a name of os": "from os import environ\ndef f(x): return x * float(environ['K'])",
+    "io": "import io\ndef f(x): return x * float(io.open('k').read())",
+    "the clock": "from time import time\ndef f(x): return x * time()",
+    "an import inside": "def f(x):\n    import os\n    return x * float(os.getenv('K'))",
+    "a helper": "import os\ndef f(x): return g(x)\ndef g(x): return x * float(os.getenv('K'))",
+    "decimal's context": "from decimal import Decimal\ndef f(x): return x * float(Decimal(1) / 3)",
+    "computed names": "from operator import attrgetter\nimport numpy as np\ndef f(x): return attrgetter('pi')(np) * x",
+}
+
+
+@pytest.mark.parametrize("what", READING)
+def test_a_formula_that_reads_more_than_its_hash_covers_has_none(what):
+    assert formula_hash(module(READING[what]).f) is None
+
+
+def test_formulas_of_numbers_have_a_hash():
+    text = "import numpy as np, math\nfrom scipy.linalg import expm\nA = np.eye(2)\n"
+    text += "def f(z): return A @ z * math.pi + g(z)\n"
+    assert formula_hash(module(text + "def g(z): return expm(np.zeros(2)) @ np.exp(z)").f) is not None
+    assert formula_hash(tcbench.Pendulum) is not None
+    for method in ("tc_monolithic", "tc_strang", "tc_gonzalez", "midpoint_entropy"):
+        assert None not in [formula_hash(flow.residual) for flow in tcbench.integrators()[method].flows]
+
+
+def test_an_object_around_a_function_counts_with_its_own_code_and_state():
+    text = """import functools
+class Scaled:
+    def __init__(self, function, factor):
+        functools.update_wrapper(self, function)
+        self.function, self.factor = function, factor
+    def __call__(self, x): return {0} * self.factor * self.function(x)
+def plain(x): return x
+scaled = Scaled(plain, {1})
+"""
+    found = {content_hash(module(text.format(*parts)).scaled) for parts in ((1, 2.0), (1, 3.0), (4, 2.0))}
+    assert len(found) == 3 and None not in found
+
+
+def test_a_formula_that_reads_a_file_is_traced_with_what_the_file_says_now(tmp_path):
+    """`simulate` went on with what it had said the first time."""
+    path = tmp_path / "factor"
+
+    def step(z0, z1, h, system):
+        return z1 - z0 - h * float(path.read_text()) * system.vector_field(z0)
+
+    method, ends = tcbench.Integrator(name="reads", order=1, flows=step), []
+    for factor in ("1.0", "0.0", "1.0"):
+        path.write_text(factor)
+        ends.append(tcbench.simulate(method, "short_term", dt=0.1, t_end=0.1).z[-1])
+    assert np.array_equal(ends[0], ends[2]) and np.array_equal(ends[1], tcbench.scenarios()["short_term"].z0)
+    assert not np.array_equal(ends[0], ends[1])
