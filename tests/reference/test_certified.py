@@ -202,7 +202,7 @@ def test_a_digit_of_the_stored_references_that_was_changed_is_noticed():
 
 @pytest.mark.parametrize(("seed", "t"), [(16, 25.0), (16, 1.0), (3, 1.0)])  # of the first, too far at first
 def test_a_certificate_is_never_below_the_true_error(seed, t, monkeypatch):
-    """Against Taylor series of 160 bits from the same doubles. Of 200 random scenarios at their ends none is."""
+    """Against Taylor series of 160 bits from the same doubles. docs/truth.md says on how many it was tried."""
     pytest.importorskip("heyoka")
     scenario, ends, integrate = find_scenario(f"random[seed={seed}]"), [], R.integrate
     monkeypatch.setattr(R, "integrate", lambda *a, **k: ends.append(integrate(*a, **k)[0]) or ends[-1][None])
