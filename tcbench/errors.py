@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import fnmatch
+import re
 from collections.abc import Iterable
 
 
@@ -37,6 +38,14 @@ def leave_to_the_machine(error: Exception) -> None:
 
 class ChangedError(TcbenchError):
     """Code that a session changed after it was imported, so that another process would compute something else."""
+
+
+CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
+
+
+def visible(text: str) -> str:
+    """A text for a terminal: characters that would move its cursor, change its colours or turn the line are spelt."""
+    return CONTROL.sub(lambda found: ascii(found[0])[1:-1], text)
 
 
 def unknown_name(kind: str, name: str, known: Iterable[str], remedy: str = "", cause: str = "") -> UnknownNameError:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 from rich.table import Table
 
+from .errors import visible
 from .studies.columns import column, shown
 
 if TYPE_CHECKING:
@@ -26,7 +27,7 @@ def console() -> Console:
 
 
 def say(text: str) -> None:
-    console().print(text, soft_wrap=True)
+    console().print(visible(text), soft_wrap=True)
 
 
 def put(table: Table) -> None:
@@ -43,7 +44,7 @@ def put(table: Table) -> None:
 def warn(sentences: Sequence[str]) -> None:
     """What the user should know but no command fails for, on stderr."""
     for sentence in sentences:
-        sys.stderr.write(sentence + "\n")
+        sys.stderr.write(visible(sentence) + "\n")
 
 
 def print_json(data: Any) -> None:
@@ -80,12 +81,15 @@ GAP = 2  # blanks between columns
 
 def make_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
     """A plain table; numbers to the right, names never folded, columns dropped where the terminal is narrow."""
+    columns, rows = [visible(name) for name in columns], [[visible(text) for text in row] for row in rows]
     kept = list(range(len(columns)))
     widths = [max(len(name), *(len(row[i]) for row in rows), 0) for i, name in enumerate(columns)]
     for name in FIRST_TO_GO:
         if name in columns and sum(widths[i] + GAP for i in kept) - GAP > console().width:
             kept = [i for i in kept if columns[i] != name]
-    table = Table(title=title, title_justify="left", box=None, pad_edge=False, header_style="bold", padding=(0, 1))
+    table = Table(
+        title=visible(title), title_justify="left", box=None, pad_edge=False, header_style="bold", padding=(0, 1)
+    )
     for i in kept:
         right = bool(rows) and all(_numeric(row[i]) for row in rows)
         table.add_column(columns[i], justify="right" if right else "left", overflow="fold", no_wrap=i == 0 and right)

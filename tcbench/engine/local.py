@@ -23,9 +23,11 @@ the limits; everything else is final.
 from __future__ import annotations
 
 import contextlib
+import os
 import queue
 import random
 import shutil
+import stat
 import tempfile
 import time
 from collections import Counter, deque
@@ -218,9 +220,13 @@ def _log_folder() -> Iterator[str]:
     Each holds the lock of its folder, which the system drops when its process dies. A folder is a minute old before
     others look at it, so that none is taken between its making and its locking.
     """
+    owner = getattr(os, "getuid", lambda: 0)()
     for old in Path(tempfile.gettempdir()).glob(f"{LOGS}*"):
         with contextlib.suppress(OSError, TcbenchError):
-            if time.time() - old.stat().st_mtime > 60 and (old / ".lock").exists():
+            found = old.lstat()
+            if found.st_uid != owner or not stat.S_ISDIR(found.st_mode):
+                continue  # of another user, who may have put anything there
+            if time.time() - found.st_mtime > 60 and (old / ".lock").exists():
                 with hold_lock(old / ".lock"):
                     shutil.rmtree(old, ignore_errors=True)
     with (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,8 @@ from ..store.store import Store
 from .write_report import write_report
 
 COPIED = ("summary.csv", "declared.json")  # beside report, tables, sources and the manifest
-TREES = ("tables", "sources")
+# Trees of a run, and the files of them that are copied: data and sources, nothing that a browser would run.
+TREES = {"tables": (".csv", ".parquet"), "sources": (".py", ".toml", ".txt", ".csv", ".json", ".npy", ".npz")}
 INDEX = "index.html"
 
 
@@ -40,7 +41,7 @@ class Entry:
 def publish(folders: Sequence[str | Path], output: str | Path) -> Path:
     """Write the site; returns the path of its index. A folder that is published again takes its own place.
 
-    folders : run folders; a report that is missing or older than the rows is written. Folders of one name are numbered.
+    folders : run folders, whose pages are written anew. Folders of one name are numbered. Links are not followed.
     output : folder of the site, made where it does not exist; what else is in it stays.
     Raises TcbenchError for folders that hold no run, and where the site cannot be written.
     """
@@ -79,18 +80,16 @@ def _published(run: Path, name: str, output: Path) -> Entry:
     """Copy what is shown of one run."""
     store = Store.read(run)
     manifest, declared = store.manifest(), store.declared()
-    report, rows = run / "report.html", run / "cells.jsonl"
-    if not report.is_file() or (rows.is_file() and rows.stat().st_mtime > report.stat().st_mtime):
-        write_report(run)
     place = output / name
-    for tree in TREES:
-        shutil.rmtree(place / tree, ignore_errors=True)
-        if (run / tree).is_dir():
-            shutil.copytree(run / tree, place / tree, ignore=shutil.ignore_patterns(".*"))
     place.mkdir(parents=True, exist_ok=True)
-    shutil.copyfile(report, place / INDEX)
+    write_report(run, page=place / INDEX)  # anew: whose scripts the page in the folder has nobody knows
+    for tree, suffixes in TREES.items():
+        shutil.rmtree(place / tree, ignore_errors=True)
+        if (run / tree).is_dir() and not (run / tree).is_symlink():
+            shutil.copytree(run / tree, place / tree, ignore=_not_among(suffixes))
     for file in COPIED:
-        if (run / file).is_file():
+        (place / file).unlink(missing_ok=True)
+        if _is_own(run / file):
             shutil.copyfile(run / file, place / file)
     (place / "manifest.json").write_text(json.dumps(manifest, indent=2, sort_keys=True), encoding="utf-8")
     git: dict[str, Any] = manifest.get("git") or {}
@@ -102,6 +101,25 @@ def _published(run: Path, name: str, output: Path) -> Entry:
         tables=tuple(sorted(p.stem for p in (place / "tables").glob("*.csv"))), sources=(place / "sources").is_dir(),
         unfinished=bool(manifest.get("interrupted")),
     )  # fmt: skip
+
+
+def _not_among(suffixes: Sequence[str]) -> Callable[[str, list[str]], list[str]]:
+    """For copytree: what is hidden, a link (it may lead out of the run), no file, or of another kind."""
+
+    def ignored(folder: str, names: list[str]) -> list[str]:
+        paths = {name: Path(folder) / name for name in names}
+        return [
+            name for name, path in paths.items()
+            if name.startswith(".") or path.is_symlink()
+            or not (path.is_dir() or (_is_own(path) and path.suffix.lower() in suffixes))
+        ]  # fmt: skip
+
+    return ignored
+
+
+def _is_own(path: Path) -> bool:
+    """Whether it is a file of the run, not a link."""
+    return path.is_file() and not path.is_symlink()
 
 
 def _machine(facts: dict[str, Any]) -> str:

@@ -12,7 +12,7 @@ from ..files import replacing
 from ..store.store import Store
 from ..store.tables import read_tables
 from ..studies.columns import column
-from .html import library, packed_table, script_json, script_text
+from .html import library, packed_table, script_hash, script_json, script_text, vendored
 from .matrix import FAMILIES, failures, lenses, methods, names, stopped
 from .overview import findings
 
@@ -25,10 +25,12 @@ HISTORY = "history"
 LONGEST_NAME = 80
 
 
-def write_report(folder: str | Path, known: tuple[Store, Mapping[str, DataFrame]] | None = None) -> Path:
+def write_report(
+    folder: str | Path, known: tuple[Store, Mapping[str, DataFrame]] | None = None, page: Path | None = None
+) -> Path:
     """Write `report.html` into a run folder, complete or not at all; returns its path.
 
-    known : the folder's store and tables, where they have been read.
+    known : the folder's store and tables, where they have been read. page : another place for it.
 
     Everything that the run has is shown, and nothing is said of studies that it has not. Raises TcbenchError where
     there is no run or nothing can be written.
@@ -37,7 +39,7 @@ def write_report(folder: str | Path, known: tuple[Store, Mapping[str, DataFrame]
     if not any(len(table) for table in tables.values()):
         raise TcbenchError(f"{str(folder)!r} holds no finished cell yet; there is nothing to report.")
     text = _environment().get_template("report.html").render(**_content(store, dict(tables)))
-    path = Path(folder) / "report.html"
+    path = page or Path(folder) / "report.html"
     try:
         with replacing(path) as temporary:
             temporary.write_text(text, encoding="utf-8", errors="replace")
@@ -57,6 +59,8 @@ def _environment() -> Any:
 
 
 def _content(store: Store, tables: dict[str, DataFrame]) -> dict[str, Any]:
+    texts = "\n".join(script_text(f"{name}.js") for name in SCRIPTS)
+    script = f'"use strict";\n(() => {{\n{texts}\n}})();'
     manifest, declared = store.manifest(), store.declared()
     history = _history(store.folder)
     if history is not None:
@@ -86,7 +90,8 @@ def _content(store: Store, tables: dict[str, DataFrame]) -> dict[str, Any]:
         "page": script_json(data),
         "packed": {name: packed_table(table, 6 if name == SERIES else 10) for name, table in tables.items()},
         "library": library(),
-        "scripts": [script_text(f"{name}.js") for name in SCRIPTS],
+        "script": script,
+        "hashes": [script_hash(text) for text in (script, vendored())],
     }
 
 

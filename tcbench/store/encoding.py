@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 SURROGATE = re.compile(r"\\u[dD][89a-fA-F]")  # in JSON: half of a pair, or the beginning of one
-FORMULA = re.compile(r"[=+\-@\t\r].")  # what a spreadsheet reads as one
+FORMULA = re.compile(r"[=+\-@\t\r\n\uff1d\uff0b\uff0d\uff20].", re.DOTALL)  # what a spreadsheet reads as one
 
 
 def canonical_json(value: Any) -> str:
@@ -77,8 +77,12 @@ def decode_line(piece: bytes | str) -> dict[str, Any]:
     if b"\\u" in text and SURROGATE.search(text.decode("utf-8", "replace")):
         line = writable(line)  # of versions that wrote them
     restore_nonfinite(line, line.pop("nonfinite", {}))
-    if not (isinstance(line["key"], str) and isinstance(line["row"], dict) and isinstance(line["cell"], dict)):
+    key, cell = line["key"], line["cell"]
+    if not (isinstance(key, str) and isinstance(line["row"], dict) and isinstance(cell, dict)):
         raise ValueError("not a row")
+    named = all(isinstance(cell.get(name), str) for name in ("study", "integrator", "scenario"))
+    if cell and not (named and isinstance(cell.get("options", {}), dict)):
+        raise ValueError("not a cell")
     return line
 
 

@@ -6,20 +6,28 @@ On network file systems flock is as good as the server's lock manager; on Lustre
 
 from __future__ import annotations
 
+import errno
 import os
 import socket
+import stat
 import time
 from collections.abc import Iterator
+from io import FileIO
 from pathlib import Path
-from typing import BinaryIO
 
 from ..errors import TcbenchError
 
 
-def hold_lock(path: Path) -> BinaryIO:
-    """Hold the lock file; `TcbenchError` naming the holder when another process has it."""
-    file = open(path, "a+b")  # noqa: SIM115 -- held open as long as the run
+def hold_lock(path: Path) -> FileIO:
+    """Hold the lock file; `TcbenchError` naming the holder when another process has it.
+
+    The file is emptied, so a link is not followed: in a folder that others write to it may lead anywhere.
+    """
+    flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+    file = open(os.open(path, flags | getattr(os, "O_BINARY", 0), 0o666), "a+b", buffering=0)  # noqa: SIM115 -- held
     try:
+        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+            raise OSError(errno.EINVAL, "not a regular file", str(path))
         _lock_file(file)
     except (BlockingIOError, PermissionError) as error:
         holder = next(_holder(path), "another process")
@@ -48,7 +56,7 @@ def _holder(path: Path) -> Iterator[str]:
 
 if os.name == "nt":  # pragma: no cover -- Windows
 
-    def _lock_file(file: BinaryIO) -> None:
+    def _lock_file(file: FileIO) -> None:
         import msvcrt
 
         file.seek(1 << 20)  # far beyond the text, which stays readable
@@ -59,7 +67,7 @@ if os.name == "nt":  # pragma: no cover -- Windows
 
 else:
 
-    def _lock_file(file: BinaryIO) -> None:
+    def _lock_file(file: FileIO) -> None:
         import fcntl
 
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

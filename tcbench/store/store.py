@@ -23,8 +23,9 @@ import json
 import os
 import re
 from collections.abc import Collection, Iterable, Mapping
+from io import FileIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, Any
 
 from ..errors import TcbenchError
 from .disk import cure, replace_file
@@ -119,7 +120,7 @@ class Store(Rows):
         self.folder = folder
         self.provenance_id = ""
         self._file: int | None = None
-        self._lock: BinaryIO | None = None
+        self._lock: FileIO | None = None
         self._needs_newline = False
 
     # -- opening and closing
@@ -139,6 +140,8 @@ class Store(Rows):
             store._lock = hold_lock(store.folder / ".lock")
             if fresh:
                 store._set_aside()
+            if (store.folder / ROWS).exists() and not (store.folder / ROWS).is_file():
+                raise TcbenchError(f"{store.folder / ROWS} is no file (a pipe, a device or a folder): move it away.")
             flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | getattr(os, "O_BINARY", 0)
             store._file = os.open(store.folder / ROWS, flags, 0o666)
             store._sweep()
@@ -313,6 +316,8 @@ class Store(Rows):
 
     def _load(self) -> None:
         path = self.folder / ROWS
+        if path.exists() and not path.is_file():
+            raise TcbenchError(f"{path} is no file (a pipe, a device or a folder), so there is no run to read.")
         content = path.read_bytes() if path.exists() else b""
         self._needs_newline = bool(content) and not content.endswith(b"\n")
         pieces = content.split(b"\n")
@@ -391,6 +396,8 @@ class Store(Rows):
 
     def _read_json(self, path: Path) -> dict[str, Any] | None:
         try:
+            if not path.is_file():
+                raise ValueError("not a file")
             data = json.loads(path.read_bytes())
             if isinstance(data, dict):
                 return data

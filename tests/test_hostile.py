@@ -1,0 +1,171 @@
+"""Folders, files and names that somebody else made: nothing is followed, run, overwritten or waited for."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pandas
+import pytest
+
+from tcbench.errors import TcbenchError, visible
+from tcbench.report.html import script_hash
+from tcbench.report.publish import publish
+from tcbench.report.write_report import write_report
+from tcbench.store.compare import compare
+from tcbench.store.encoding import active, csv_bytes
+from tcbench.store.lock import hold_lock
+from tcbench.store.store import Store
+
+BASELINE = Path(__file__).resolve().parents[1] / "results" / "baseline"
+
+
+@pytest.fixture
+def folder(tmp_path):
+    shutil.copytree(BASELINE, tmp_path / "run")
+    return tmp_path / "run"
+
+
+@pytest.mark.parametrize("kind", ["link", "fifo"])
+def test_a_lock_is_a_file_of_the_folder_or_none(tmp_path, kind):
+    victim = tmp_path / "precious"
+    victim.write_text("data")
+    lock = tmp_path / "run" / ".lock"
+    lock.parent.mkdir()
+    lock.symlink_to(victim) if kind == "link" else os.mkfifo(lock)
+    with pytest.raises(OSError):
+        hold_lock(lock)
+    with pytest.raises(TcbenchError, match="Cannot write to the run folder"):
+        Store.open(tmp_path / "run")
+    assert victim.read_text() == "data"
+
+
+def test_folders_of_other_users_are_left_alone(tmp_path, monkeypatch):
+    import tempfile
+
+    from tcbench.engine.local import LOGS, _log_folder
+
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    old = tmp_path / f"{LOGS}old"
+    old.mkdir()
+    (old / ".lock").touch()
+    os.utime(old, (1, 1))
+    with monkeypatch.context() as other:
+        other.setattr(os, "getuid", lambda: os.stat(tmp_path).st_uid + 1)
+        with _log_folder() as mine:
+            assert old.exists() and os.stat(mine).st_mode & 0o077 == 0
+    linked = tmp_path / f"{LOGS}linked"
+    linked.symlink_to(old)
+    with _log_folder():
+        assert not old.exists() and linked.is_symlink()
+
+
+@pytest.mark.parametrize("name", ["cells.jsonl", "manifest.json", "declared.json", "tables/claims.csv"])
+def test_a_pipe_in_place_of_a_file_is_not_waited_for(folder, name):
+    (folder / name).unlink(missing_ok=True)
+    os.mkfifo(folder / name)
+    if name == "cells.jsonl":
+        for use in (Store.read, Store.open):
+            with pytest.raises(TcbenchError, match="is no file"):
+                use(folder)
+    else:
+        compare(folder, BASELINE)
+
+
+def test_what_is_published_is_of_the_run_and_written_by_tcbench(folder, tmp_path):
+    secret = tmp_path / "secret.py"
+    secret.write_text("password = 1")
+    (folder / "report.html").write_text("<script>alert(1)</script>")
+    (folder / "sources").mkdir()
+    (folder / "sources" / "mine.py").write_text("x = 1")
+    (folder / "sources" / "page.html").write_text("<script>alert(1)</script>")
+    (folder / "sources" / "link.py").symlink_to(secret)
+    (folder / "sources" / "all").symlink_to(tmp_path)
+    (folder / "tables" / "evil.svg").write_text("<svg/>")
+    (folder / "summary.csv").unlink(missing_ok=True)
+    (folder / "summary.csv").symlink_to(secret)
+    os.utime(folder / "report.html", (2**31, 2**31))
+    publish([folder], tmp_path / "site")
+    place = tmp_path / "site" / "run"
+    assert [p.name for p in (place / "sources").rglob("*")] == ["mine.py"]
+    assert {p.suffix for p in (place / "tables").iterdir()} <= {".csv", ".parquet"} and not (
+        place / "summary.csv"
+    ).exists()
+    assert "alert(1)" not in (place / "index.html").read_text("utf-8")
+    (folder / "sources" / "mine.py").unlink()
+    shutil.rmtree(folder / "sources")
+    (folder / "sources").symlink_to(tmp_path)
+    publish([folder], tmp_path / "site")
+    assert not (place / "sources").exists()
+
+
+def test_a_page_runs_its_own_scripts_and_no_others(folder):
+    text = write_report(folder).read_text("utf-8")
+    policy = re.search(r'Content-Security-Policy" content="([^"]*)"', text)[1]
+    assert "script-src 'sha256-" in policy and "base-uri 'none'" in policy
+    scripts = re.findall(r"<script>(.*?)</script>", text, re.DOTALL)
+    assert len(scripts) == 1 and script_hash(scripts[0]) in policy and policy.count("sha256") == 2
+    assert not re.search(r"<[^>]+ on[a-z]+=", text.partition("<script")[0])
+
+
+@pytest.mark.parametrize("text", ["=1+1", "=\n1+1", "+cmd", "@x", "\t=1", "\n=1", "\uff1d1", "-1+1"])
+def test_a_spreadsheet_calculates_nothing(text):
+    written = csv_bytes(pandas.DataFrame({"a": [text, "b"]})).decode()
+    assert "'" + text in written
+    assert active(pandas.DataFrame({"a": ["'" + text]}))["a"].tolist() == [text]
+
+
+def test_names_do_not_steer_the_terminal(tmp_path):
+    assert visible("a\x1b[2J\x07\x9b\u202eb\tc") == "a\\x1b[2J\\x07\\x9b\\u202eb\tc"
+    name = tmp_path / "r\x1b]0;evil\x07"
+    done = tcbench("show", str(name))
+    assert done.returncode == 2 and "\x1b" not in done.stderr and "evil" in done.stderr
+    shutil.copytree(BASELINE, name)
+    table = name / "tables" / "stability.csv"
+    table.write_text(table.read_text().replace("tc_strang", "\x1b[31mtc\x1b[0m"))
+    shown = tcbench("show", str(name), "--table", "stability")
+    assert shown.returncode == 0 and "\x1b" not in shown.stdout + shown.stderr and "\\x1b[31mtc" in shown.stdout
+
+
+def test_a_row_of_no_method_costs_itself_only(tmp_path):
+    with Store.open(tmp_path) as store:
+        for key in "ab":
+            cell = {"study": "conservation", "integrator": key, "scenario": "s", "options": {"dt": 0.1}}
+            store.append(key, {"status": "ok", "energy_error_max": 1.0}, cell)
+    lines = (tmp_path / "cells.jsonl").read_text().splitlines()
+    damaged = []
+    for change in ({"integrator": None}, {"options": 5}, {"study": ["x"]}):
+        line = json.loads(lines[0])
+        line["cell"] |= change
+        damaged.append(json.dumps(line))
+    del line["cell"]["integrator"]
+    (tmp_path / "cells.jsonl").write_text("\n".join([*damaged, json.dumps(line), lines[1]]) + "\n")
+    store = Store.read(tmp_path)
+    assert list(store.rows()) == ["b"] and len(store.problems) == 4
+    assert compare(tmp_path, tmp_path).empty
+
+
+def tcbench(*arguments, **options):
+    command = [sys.executable, "-m", "tcbench", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=300, **options)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="of Linux")
+@pytest.mark.parametrize("end", [">/dev/full", ">&-"])
+def test_output_that_cannot_be_written_is_a_sentence(end):
+    done = subprocess.run(
+        ["sh", "-c", f'"{sys.executable}" -m tcbench list --json {end}'], capture_output=True, text=True, check=False
+    )
+    assert "Traceback" not in done.stderr and "Exception ignored" not in done.stderr
+    assert (done.returncode, done.stderr.count("\n")) == ((2, 1) if "full" in end else (0, 0))
+
+
+def test_a_terminal_of_ascii_gets_escapes(tmp_path):
+    env = {**os.environ, "LC_ALL": "C", "PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0"}
+    done = tcbench("show", str(tmp_path / "\u00e9"), env=env)
+    assert done.returncode == 2 and "Traceback" not in done.stderr
