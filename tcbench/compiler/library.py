@@ -161,13 +161,13 @@ def evaluate_rows(kernel: Kernel, a: Matrix, b: Floats, out: Matrix) -> None:
 
 
 ROWS = Library("rows", evaluate_rows)
-CONTIGUOUS, ALIGNED = 0x1, 0x100  # flags of numpy's arrays
+CONTIGUOUS, ALIGNED, WRITEABLE = 0x1, 0x100, 0x400  # flags of numpy's arrays
 _ARRAYS = ("a", "b", "out")
 
 
 def _checked_call() -> str:
     """LLVM code of evaluate(kernel, a, b, out) on numpy's objects: 1, and nothing is done, unless all three are
-    contiguous arrays of doubles. What it reads there is part of numpy's binary interface."""
+    contiguous arrays of doubles, and the last can be written. It reads there what is numpy's binary interface."""
     lines = ["@kinds = global [2 x i64] zeroinitializer"]
     lines.append("define i64 @evaluate(i64 %kernel, ptr %a, ptr %b, ptr %out) {\nentry:")
     lines.append("  %array = load i64, ptr @kinds\n  %at = getelementptr i64, ptr @kinds, i64 1")
@@ -177,8 +177,9 @@ def _checked_call() -> str:
         for what, offset, kind in (("type", HEAD - 8, "i64"), ("descr", HEAD + 40, "i64"), ("flags", HEAD + 48, "i32")):
             lines.append(f"  %{x}.{what}.at = getelementptr i8, ptr %{x}, i64 {offset}")
             lines.append(f"  %{x}.{what} = load {kind}, ptr %{x}.{what}.at")
-        lines.append(f"  %{x}.bits = and i32 %{x}.flags, {CONTIGUOUS | ALIGNED}")
-        tests = (f"i64 %{x}.type, %array", f"i64 %{x}.descr, %double", f"i32 %{x}.bits, {CONTIGUOUS | ALIGNED}")
+        needed = CONTIGUOUS | ALIGNED | (WRITEABLE if x == "out" else 0)
+        lines.append(f"  %{x}.bits = and i32 %{x}.flags, {needed}")
+        tests = (f"i64 %{x}.type, %array", f"i64 %{x}.descr, %double", f"i32 %{x}.bits, {needed}")
         for test in tests:
             lines.append(f"  %test{count} = icmp eq {test}")
             lines.append(f"  %ok{count + 1} = and i1 %ok{count}, %test{count}")
@@ -218,8 +219,8 @@ def evaluate(kernel: int, a: Any, b: Any, out: Any) -> None:
         with np.errstate(all="ignore"):
             call(kernel, a, b, out)
     elif (_NATIVE or _native())[0](kernel, id(a), id(b), id(out)):
-        if not (out.flags.c_contiguous and out.dtype == np.float64):
-            raise TypeError("a kernel's results need a contiguous array of float64")
+        if not (out.flags.c_contiguous and out.flags.writeable and out.dtype == np.float64):
+            raise TypeError("a kernel's results need a contiguous array of float64 that can be written")
         run_kernel(kernel, np.ascontiguousarray(a, np.float64), np.ascontiguousarray(b, np.float64), out)
 
 

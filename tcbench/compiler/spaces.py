@@ -13,7 +13,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from . import special, symbols
-from .symbols import Space, Symbol, array, const, intern, is_const, space_of
+from .sentences import Space, space_of
+from .symbols import Symbol, array, const, intern, is_const
 
 REPRESENTATIVES = 2
 

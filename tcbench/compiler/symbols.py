@@ -2,7 +2,9 @@
 
 A formula written in plain numpy is run once on object arrays of `Symbol`. Every operation returns a new
 symbol; equal expressions are one object (so nothing is computed twice), and the order of floating-point
-operations is the author's, except for rewritings that lose no digits: (a + b) - a is b, x / y is x * (1/y).
+operations is the author's, except for rewritings that lose no digits: (a + b) - a is b, x / y is x * (1/y). They keep
+to the domain of what was written: log is undone by exp, and a factor by a division, of positive numbers only. Of what
+is not finite nothing is kept: 0 x and x - x are 0, so that what is switched off costs nothing.
 """
 
 from __future__ import annotations
@@ -13,8 +15,6 @@ import threading
 import weakref
 from collections.abc import Callable, Iterable, Iterator, Mapping, MutableMapping
 from contextlib import contextmanager
-from dataclasses import dataclass
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -23,17 +23,13 @@ from numpy.typing import NDArray
 from ..errors import TraceError
 from .collector import paused
 from .language import FUNCTIONS
+from .sentences import MixedSpaces, Space, mixed_up, refused, where_in_user_code
 
 _INTERN: MutableMapping[tuple, Symbol] = weakref.WeakValueDictionary()  # expressions that exist
 _LOCK = threading.RLock()
 MOST_FACTORS = 64  # of a power that is written as products
 _OF_ARGUMENTS = object()
 _COUNTER = iter(range(sys.maxsize))
-_REMEDY = (
-    "Formulas must be branch-free numpy (arithmetic, **, @, sqrt, exp, log, expm1, log1p, sin, cos, tan, arcsin, "
-    "arccos, arctan, arctan2, sinh, cosh, tanh, hypot); "
-    "for anything else register the method with step= (a plain Python function) instead of flows="
-)
 
 
 @contextmanager
@@ -50,48 +46,26 @@ def tracing(known: Mapping[tuple, Symbol] | None = None) -> Iterator[Mapping[tup
             _INTERN = before
 
 
-def _where_in_user_code() -> str:
-    """File and line of the innermost frame outside tcbench and numpy."""
-    frame = sys._getframe(1)
-    while frame is not None:
-        module = frame.f_globals.get("__name__", "")
-        if not module.startswith(("tcbench.", "numpy", "functools")) or module.startswith("tcbench.systems.pendulum"):
-            return f"{frame.f_code.co_filename}, line {frame.f_lineno}"
-        frame = frame.f_back  # type: ignore[assignment]
-    return "the formula"
-
-
-def refused(what: str, remedy: str = _REMEDY, where: str = "") -> TraceError:
-    """An error that names the line of the formula."""
-    return TraceError(f"{where or _where_in_user_code()}: {what}. {remedy}.")
-
-
-@dataclass(frozen=True, eq=False)
-class Space:
-    """What a symbol stands for all of (positions, elements, ...), and which of the two representatives it is."""
-
-    name: str
-    which: int
-
-
-@cache
-def space_of(name: str, which: int) -> Space:
-    return Space(name, which)
-
-
-class MixedSpaces(TraceError):
-    """A formula that does not do the same with all entries of an array."""
-
-
-def mixed_up(what: str) -> MixedSpaces:
-    return MixedSpaces(f"{_where_in_user_code()}: {what}")
-
-
 def mixed(a: Symbol, b: Symbol) -> MixedSpaces:
     names = [x.space.name if x.space else "number" for x in (a, b)]
     if names[0] == names[1]:
         return mixed_up(f"two different {names[0]}s meet in one operation")
     return mixed_up(f"a {names[0]} and a {names[1]} meet in one operation")
+
+
+def _is_positive(op: str, args: tuple[Symbol, ...], value: Any) -> bool:
+    if op == "const":
+        return value > 0
+    if op in ("add", "mul", "recip", "sqrt", "mark"):
+        return all(a.positive for a in args)
+    return op == "exp" or (op == "pow" and args[0].positive)
+
+
+def positive(values: Iterable[Any]) -> None:
+    """Say of these symbols that they stand for positive numbers: temperatures, masses."""
+    for x in values:
+        if isinstance(x, Symbol):
+            x.positive = True
 
 
 def _function(op: str) -> Callable[[Symbol], Symbol]:
@@ -101,7 +75,8 @@ def _function(op: str) -> Callable[[Symbol], Symbol]:
 class Symbol:
     """One value of the expression graph; behaves as a number in numpy object arrays."""
 
-    __slots__ = ("__weakref__", "args", "number", "op", "sample", "space", "twin", "value")
+    __slots__ = ("__weakref__", "args", "number", "op", "positive", "sample", "space", "twin", "value")
+    positive: bool  # known to be: what an author says is, and what is made of such
     sample: float | None
     space: Space | None
     twin: Symbol | None
@@ -110,6 +85,7 @@ class Symbol:
         self.op, self.args, self.value = op, args, value
         self.number = next(_COUNTER)  # order of creation: a topological order
         self.space = self.twin = self.sample = None  # see `spaces`: of a symbol that stands for an array
+        self.positive = _is_positive(op, args, value)
 
     def __repr__(self) -> str:
         return f"{self.op}#{self.number}" if self.value is None else f"{self.op}:{self.value}"
@@ -225,7 +201,7 @@ def rebuilt_pair(op: str, a: Symbol, b: Symbol) -> Symbol:
 
 def const(value: float) -> Symbol:
     if math.isnan(value):
-        raise TraceError(f"{_where_in_user_code()}: the formula contains NaN.")
+        raise TraceError(f"{where_in_user_code()}: the formula contains NaN.")
     return intern("const", (), float(value) + 0.0)  # -0.0 and 0.0 are one constant
 
 
@@ -257,7 +233,7 @@ def make(op: str, *args: Symbol) -> Symbol:
     """An elementary function of these; of constants its value, as numpy has it."""
     if op in FUNCTIONS and all(map(is_const, args)):
         return const(FUNCTIONS[op](*(x.value for x in args)))
-    if op == "exp" and args[0].op == "log":
+    if op == "exp" and args[0].op == "log" and args[0].args[0].positive:
         return args[0].args[0]
     return intern(op, args)
 
@@ -332,9 +308,9 @@ def mul(a: Symbol, b: Symbol) -> Symbol:
             return b
         if a.value == -1.0:
             return neg(b)
-        if b.op == "mul" and is_const(b.args[0]):
+        if b.op == "mul" and is_const(b.args[0]) and _is_normal(a.value * b.args[0].value):
             return mul(const(a.value * b.args[0].value), b.args[1])
-        if b.op == "add" and b.args[0] is b.args[1]:  # c (x + x) is (2c) x, exactly
+        if b.op == "add" and b.args[0] is b.args[1] and _is_normal(2.0 * a.value):  # c (x + x) is (2c) x, exactly
             return mul(const(2.0 * a.value), b.args[0])
         halved = _halve_midpoint(a, b)
         if halved is not None:
@@ -347,13 +323,18 @@ def mul(a: Symbol, b: Symbol) -> Symbol:
     if b.op == "neg":
         return neg(mul(a, b.args[0]))
     for x, y in ((a, b), (b, a)):
-        if y.op == "recip":  # (r x) / r
+        if y.op == "recip" and y.args[0].positive:  # (r x) / r; of r = 0 it is 0/0
             divisor = y.args[0]
             if divisor is x:
                 return const(1.0)
             if x.op == "mul" and (x.args[0] is divisor or x.args[1] is divisor):
                 return x.args[1] if x.args[0] is divisor else x.args[0]
     return intern("mul", (a, b) if a.number <= b.number else (b, a))
+
+
+def _is_normal(value: float) -> bool:
+    """Has a product of two constants, none of them 0, all its digits?"""
+    return sys.float_info.min <= abs(value) < math.inf
 
 
 def _halve_midpoint(a: Symbol, b: Symbol) -> Symbol | None:

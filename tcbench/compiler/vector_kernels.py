@@ -33,7 +33,8 @@ LOG_SERIES = [  # log((1 + s)/(1 - s)) = 2s + s R(s^2) for s^2 < 0.0295, error 2
     6.666666666666735130e-01, 3.999999999940941908e-01, 2.857142874366239149e-01, 2.222219843214978396e-01,
     1.818357216161805012e-01, 1.531383769920937332e-01, 1.479819860511658591e-01,
 ]  # fmt: skip
-SMALLEST, LARGEST_EXP = sys.float_info.min, 709.0
+SMALLEST = sys.float_info.min
+LARGEST_EXP, SMALLEST_EXP = math.log(sys.float_info.max), math.log(SMALLEST)
 
 
 def can_express(outputs: Sequence[Symbol]) -> bool:
@@ -121,34 +122,40 @@ class Lanes:
         return self.build.select(self.build.fcmp_ordered(test, x, y), yes, no)
 
     def exp(self, x: Any) -> Any:
-        """Within an ulp; beyond +-709 the value there, and NaN of NaN."""
-        top = self.constant(LARGEST_EXP)
+        """Within an ulp; infinite where it overflows, 0 where it is below the smallest normal number, NaN of NaN."""
+        given, top, bottom = x, self.constant(LARGEST_EXP), self.constant(SMALLEST_EXP)
         x = self.select(">", x, top, top, x)
-        x = self.select("<", x, self.constant(-LARGEST_EXP + 1.0), self.constant(-LARGEST_EXP + 1.0), x)
+        x = self.select("<", x, bottom, bottom, x)
         shifted = self.add(self.mul(x, self.constant(1.0 / math.log(2.0))), self.constant(ROUND))
         n = self.sub(shifted, self.constant(ROUND))
         r = self.sub(self.sub(x, self.mul(n, self.constant(LN2_HIGH))), self.mul(n, self.constant(LN2_LOW)))
         exponent = self.build.shl(self.build.bitcast(shifted, INTEGERS), ir.Constant(INTEGERS, [52] * WIDTH))
         tail = self.add(r, self.mul(self.mul(r, r), self.polynomial(EXP_SERIES[2:], r)))
-        value = self.build.bitcast(self.add(self.constant(1.0), tail), INTEGERS)
-        return self.build.bitcast(self.build.add(value, exponent), VECTOR)
+        bits = self.build.bitcast(self.add(self.constant(1.0), tail), INTEGERS)
+        value = self.build.bitcast(self.build.add(bits, exponent), VECTOR)
+        value = self.select(">", given, top, self.constant(math.inf), value)
+        return self.select("<", given, bottom, self.constant(0.0), value)
 
     def log(self, x: Any) -> Any:
-        """Within an ulp; NaN where x is not positive."""
+        """Within an ulp; as numpy's: -infinity of 0, infinity of infinity, NaN where x is negative or NaN."""
+        given, least = x, self.constant(SMALLEST)
+        x = self.select("<", x, least, self.mul(x, self.constant(2.0**54)), x)  # subnormal numbers
         bits = self.build.bitcast(x, INTEGERS)
         half = ir.Constant(INTEGERS, [_bits(math.sqrt(0.5))] * WIDTH)
         e = self.build.ashr(self.build.sub(bits, half), ir.Constant(INTEGERS, [52] * WIDTH))
         mantissa = self.build.sub(bits, self.build.shl(e, ir.Constant(INTEGERS, [52] * WIDTH)))
         f = self.sub(self.build.bitcast(mantissa, VECTOR), self.constant(1.0))
         whole = self.build.bitcast(self.build.add(e, ir.Constant(INTEGERS, [_bits(ROUND)] * WIDTH)), VECTOR)
-        n = self.sub(whole, self.constant(ROUND))
+        n = self.sub(whole, self.select("<", given, least, self.constant(ROUND + 54.0), self.constant(ROUND)))
         s = self.divide(f, self.add(self.constant(2.0), f))
         z = self.mul(s, s)
         half_square = self.mul(self.constant(0.5), self.mul(f, f))
         tail = self.mul(s, self.add(half_square, self.mul(z, self.polynomial(LOG_SERIES, z))))
         tail = self.sub(half_square, self.add(tail, self.mul(n, self.constant(LN2_LOW))))
         value = self.sub(self.mul(n, self.constant(LN2_HIGH)), self.sub(tail, f))
-        return self.select(">=", x, self.constant(SMALLEST), value, self.constant(math.nan))
+        of_rest = self.select("==", x, self.constant(0.0), self.constant(-math.inf), self.constant(math.nan))
+        value = self.select(">", x, self.constant(0.0), value, of_rest)
+        return self.select("==", x, self.constant(math.inf), x, value)
 
     def pow(self, x: Any, y: Any) -> Any:
         """Of a positive x; to a few ulp where the logarithm of the power is of the order of one."""

@@ -246,14 +246,33 @@ def apply_explicit(formula: Residual, system: System, start: Any, end: Any, firs
     """What an explicit flow of the whole step (of_step=True) adds to `end`, by its compiled formula; shape (n,).
 
     start, first : the states at which the step and the run began; without the latter they are one.
+    TraceError for a formula that is implicit, or reads the step's length, which is not given here.
     """
+    key = (formula, system.structure, formula_hash(formula))
+    states = [end, start, start if first is None else first]
+    if key[-1] is None or key not in _EXPLICIT:
+        kernels = build(Flow(formula, of_step=True), system)
+        name = getattr(formula, "__name__", "formula")
+        if kernels.n_unknowns:
+            raise TraceError(
+                f"apply_explicit: {name!r} is implicit, and {kernels.n_unknowns} unknowns are left to solve for. Write "
+                "the new state as a formula of the old ones, z1 - z0 - ..., or give a method flows=."
+            )
+        found, longer = (_applied(kernels, system, h, *states) for h in (0.0, 1.0))
+        if not np.array_equal(found, longer, equal_nan=True):
+            raise TraceError(
+                f"apply_explicit: {name!r} reads the step's length h, which is not known here. Leave h out of the "
+                "formula, or give a method flows=."
+            )
+        _EXPLICIT[key] = kernels
+    return _applied(_EXPLICIT[key], system, 0.0, *states)
+
+
+def _applied(kernels: FlowKernels, system: System, h: float, end: Any, start: Any, first: Any) -> Any:
+    """What the explicit formula of these kernels adds to `end`."""
     from ..compiler.library import evaluate
 
-    key = (formula, system.structure, formula_hash(formula))
-    if key[-1] is None or key not in _EXPLICIT:
-        _EXPLICIT[key] = build(Flow(formula, of_step=True), system)
-    kernels = _EXPLICIT[key]
-    c = np.concatenate([system.constant_values, start, start if first is None else first])
+    c = np.concatenate([[h], system.constant_values[1:], start, first])
     w = np.zeros(kernels.opening.size + kernels.setup.size)
     w[kernels.opening.size :] = kernels.setup(c, c)
     evaluate(kernels.prologue.address, np.ascontiguousarray(end, dtype=float), c, w)
@@ -318,7 +337,13 @@ def traced(flow: Flow, system: System, y0: State, d: Any, h: Symbol, further: li
             f"The residual {flow.residual.__name__!r} returned {given}; a state of {system.name!r} "
             f"has {n}{f' and there are {len(stages)} stages' if stages else ''}, so it must return {len(d)}."
         )
-    return [r if isinstance(r, Symbol) else const(float(r)) for r in result.ravel()]
+    rows = [r if isinstance(r, Symbol) else const(float(r)) for r in result.ravel()]
+    if any(x.op == "const" and np.isinf(x.value) for x in trace.topological(rows)):
+        raise TraceError(
+            f"{_file(flow.residual)}: the residual {flow.residual.__name__!r} contains an infinite number, so that no "
+            "state solves it. Look for inf, and for numbers that overflow."
+        )
+    return rows
 
 
 def _file(function: Residual) -> str:

@@ -68,6 +68,8 @@ class SpaceFlow:
             rows.append(offsets[i] + r)
             columns.append(offsets[j] + c)
             valid.append(~fixed)
+        if not valid:
+            raise TraceError(ZERO_PIVOT)
         good = np.concatenate(valid)
         pattern = Pattern(offsets[-1], np.concatenate(rows)[good], np.concatenate(columns)[good])
         if len(np.setdiff1d(pattern.diagonal, pattern.places)):

@@ -43,6 +43,7 @@ def incomplete_factors(flow: Flow, entries: int) -> bool:
             place[columns[k]] = 0
         pivot = factors[diagonal[i]]
         if not pivot > LEAST_PIVOT * largest:
+            factors[diagonal[0]] = 0.0  # no inverse pivot: what stands here is half made
             return False
         factors[diagonal[i]] = 1.0 / pivot  # the inverse is kept
     return True
@@ -132,13 +133,14 @@ def factorised(flow: Flow) -> float:
 def sparse_correction(flow: Flow, tolerance: float, fresh: bool) -> float:
     """Newton's correction into d[:nx]; returns the sign of the determinant, 1 where the incomplete factors do.
 
-    `derivatives` begins with the residual and the Jacobian. fresh: make new incomplete factors.
+    `derivatives` begins with the residual and the Jacobian. fresh: make new incomplete factors, as without any.
     """
     n, order = flow.ns, flow.order
     right, found = flow.krylov[RIGHT], flow.krylov[FOUND]
     for i in range(n):
         right[i] = -flow.derivatives[order[i]]
-    if (not fresh or incomplete_factors(flow, n)) and krylov(flow, n, tolerance):
+    known = not fresh and flow.factors[flow.diagonal[0]] > 0.0
+    if (known or incomplete_factors(flow, n)) and krylov(flow, n, tolerance):
         for i in range(n):
             flow.d[order[i]] = found[i]
         return 1.0

@@ -314,6 +314,8 @@ class Network(System):
                 setattr(clone, name, array([trace.const(0.0)] * spaces.REPRESENTATIVES))
             elif space:
                 setattr(clone, name, spaces.variable(name, space))
+                if name in self.positive:
+                    trace.positive(getattr(clone, name))
             else:
                 symbols = self.symbols_of(name)
                 setattr(clone, name, symbols[0] if shape == () else symbols.reshape(shape))

@@ -42,6 +42,9 @@ class System(Traced):
         if "shape" in cls.__dict__:  # everything in an element sees the positions through its strain measure only
             shape = cls.__dict__["shape"]
             cls.shape = wraps(shape)(lambda self, q: _mark_like(shape(self, q), q))  # type: ignore[method-assign]
+        if "entropies" in cls.__dict__:
+            entropies = cls.__dict__["entropies"]
+            cls.entropies = wraps(entropies)(lambda self, q, theta: entropies(self, q, _positive(theta)))  # type: ignore[method-assign]
 
     def __setattr__(self, name: str, value: Any) -> None:
         check_attribute(self, name)
@@ -328,6 +331,12 @@ class System(Traced):
         """Kernel of `observe` and the number of its outputs, for the compiled loop."""
         entry, shape = self.kernel("observe")
         return entry, shape[0]
+
+
+def _positive(theta: Any) -> Any:
+    """Temperatures: a logarithm of them may be undone."""
+    trace.positive(np.ravel(theta))
+    return theta
 
 
 def _mark(values: Any) -> Any:

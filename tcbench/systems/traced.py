@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import traceback
 from collections.abc import Callable, Mapping
 from functools import cached_property, wraps
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..compiler import derivatives as trace
-from ..errors import TcbenchError
+from ..errors import TcbenchError, TraceError
 
 if TYPE_CHECKING:
     from ..compiler.kernels import Kernel
 
 Array = NDArray[Any]
+OURS = Path(__file__).parents[1]
 FEW = 24  # length of a network's state up to which its formulas are traced as a whole
 LARGE = 80  # length of a state beyond which formulas become loops: see compiler.rolled
 KEPT = ("n_positions", "n_elements", "formulas", "zeros")  # of an instance, by the one that has symbols for constants
@@ -36,6 +39,21 @@ def derived(body: Callable[..., Any]) -> Callable[..., Any]:
     return function
 
 
+def _run(body: Callable[..., Any], system: Any, *states: Any) -> Any:
+    """The formula on symbols; what numpy and Python refuse of them is a sentence with the author's line."""
+    try:
+        return body(system, *states)
+    except TcbenchError:
+        raise
+    except Exception as error:
+        own = [f for f in traceback.extract_tb(error.__traceback__) if not Path(f.filename).is_relative_to(OURS)]
+        where = f"{own[0].filename}, line {own[0].lineno}: " if own else ""
+        raise TraceError(
+            f"{where}a formula of {type(system).__name__} cannot be traced: {type(error).__name__}: {error}. Formulas "
+            "are branch-free numpy on symbols, and what they read of self are constants."
+        ) from error
+
+
 class Traced:
     """Functions of states that are traced with symbols for constants, once for all systems of one structure."""
 
@@ -43,6 +61,7 @@ class Traced:
     constants: ClassVar[Mapping[str, Any]] = {}  # name -> shape, a tuple; of a Network also the space it belongs to
     n_positions: int = 0
     n_elements: int = 0
+    positive: ClassVar[tuple[str, ...]] = ()  # constants that must be > 0
     zeros: tuple[tuple[str, int], ...] = ()  # constants (name, index) that are 0: what they switch off costs nothing
     formulas: str = ""  # hash of the formulas of the class as they were when the instance was made
 
@@ -88,6 +107,8 @@ class Traced:
         for n, i in self.zeros:
             if n == name:
                 symbols[i] = trace.const(0.0)
+        if name in self.positive:
+            trace.positive(symbols)
         return symbols
 
     def constant_symbols(self) -> dict[trace.Symbol, str]:
@@ -128,7 +149,7 @@ class Traced:
         symbolic = self.symbolic  # its symbols come first, whoever made them
         with trace.tracing():
             unknown = trace.variables("x", sum(sizes))
-            result = np.asarray(body(symbolic, *np.split(unknown, np.cumsum(sizes)[:-1])))
+            result = np.asarray(_run(body, symbolic, *np.split(unknown, np.cumsum(sizes)[:-1])))
             inputs = {x: f"a[{i}]" for i, x in enumerate(unknown)} | self.constant_symbols()
             outputs = [trace.lifted(x) for x in result.ravel()]
             return made(inputs, outputs), result.shape

@@ -19,7 +19,12 @@ UNARY = {"exp": np.exp, "log": np.log, "sqrt": np.sqrt, "expm1": np.expm1, "log1
 def evaluate(outputs, inputs, values):
     """Run the printed kernel on complex numbers: what complex step needs, and independent of LLVM."""
     text = emit.straight_line({x: f"a[{i}]" for i, x in enumerate(inputs)}, outputs)
-    functions = {name: getattr(cmath, name) for name in ("exp", "log", "sqrt", "sin", "cos", "tanh")}
+    functions = {
+        name: getattr(cmath, name)
+        for name in ("exp", "log", "sqrt", "sin", "cos", "tanh", "tan", "atan", "sinh", "cosh")
+    }
+    functions["pow"] = lambda x, y: x**y
+    functions["hypot"] = lambda x, y: cmath.sqrt(x * x + y * y)
     functions["expm1"] = lambda x: cmath.exp(x) - 1
     functions["log1p"] = lambda x: cmath.log(1 + x)
     functions["phi"] = lambda x: (cmath.exp(x) - 1) / x
@@ -37,7 +42,7 @@ def evaluate(outputs, inputs, values):
 def formulas(draw, size=3):
     """A random smooth formula of positive inputs, as a function of an array."""
     choices = draw(
-        st.lists(st.tuples(st.integers(0, 11), st.integers(0, 99), st.integers(0, 99)), min_size=3, max_size=12)
+        st.lists(st.tuples(st.integers(0, 16), st.integers(0, 99), st.integers(0, 99)), min_size=3, max_size=12)
     )
 
     def formula(x):
@@ -50,6 +55,8 @@ def formulas(draw, size=3):
                     lambda: a + b, lambda: a - b, lambda: a * b, lambda: a / (1.0 + b * b), lambda: -a,
                     lambda: np.log(safe), lambda: np.sqrt(safe), lambda: np.tanh(a), lambda: np.sin(a) * b,
                     lambda: np.exp(np.tanh(a)), lambda: safe**1.5, lambda: np.log1p(a * a) - np.expm1(np.tanh(b)),
+                    lambda: np.arctan(a) * b, lambda: np.sinh(np.tanh(a)) - np.cosh(np.tanh(b)),
+                    lambda: np.tan(np.tanh(a)), lambda: np.hypot(safe, b), lambda: safe ** np.tanh(b) - safe**0.7,
                 ][kind]()
             )  # fmt: skip
         return pool[-1] + 0.0 * pool[0]

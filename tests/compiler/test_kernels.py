@@ -84,3 +84,14 @@ def test_arrays_that_are_not_contiguous_doubles_are_copied_first():
         assert out.tolist() == [2.0, 6.0]
     with pytest.raises(TypeError, match="results"):
         evaluate(double.address, np.ones(2), np.zeros(1), np.zeros(2, int))
+
+
+def test_what_is_read_only_is_read_and_not_written():
+    u = trace.variable("u")
+    a, out = np.ones(1), np.zeros(1)
+    a.setflags(write=False)
+    out.setflags(write=False)
+    found = kernel({u: "a[0]"}, [u + 1.0])
+    with pytest.raises(TypeError, match="that can be written"):
+        evaluate(found.address, a, a, out)
+    assert found(a, a) == 2.0 and out == 0.0

@@ -35,23 +35,28 @@ def run(build, *inputs):
     return out.reshape(-1, WIDTH)
 
 
-@given(rows(st.floats(-700, 700)))
+@given(rows(st.floats(-708.3, 709.78)))
 def test_exp_is_within_two_ulps(x):
     (found,) = run(lambda lanes, row: [lanes.exp(row)], x)
     assert np.all(np.abs(found - np.exp(x)) <= 2 * np.spacing(np.exp(x)))
 
 
-@given(rows(st.floats(1e-300, 1e300)))
+@given(rows(st.floats(0.0, math.inf)))
 def test_log_is_within_two_ulps(x):
     (found,) = run(lambda lanes, row: [lanes.log(row)], x)
-    assert np.all(np.abs(found - np.log(x)) <= 2 * np.spacing(np.abs(np.log(x))))
+    with np.errstate(all="ignore"):
+        np.testing.assert_allclose(found, np.log(x), rtol=5e-16, atol=0)
 
 
-def test_what_has_no_logarithm_is_nan_and_exp_stays_finite():
-    bad = np.array([0.0, -1.0, math.nan, -0.0, 1.0, 1e308, -math.inf, 5e-324])
-    log, exp = run(lambda lanes, row: [lanes.log(row), lanes.exp(row)], bad)
-    assert np.isnan(log).tolist() == [True, True, True, True, False, False, True, True]
-    assert np.isnan(exp).tolist() == [False, False, True, *[False] * 5] and np.all(exp[~np.isnan(exp)] < np.inf)
+def test_beyond_their_domains_they_are_numpys():
+    hard = np.array(
+        [0.0, -1.0, math.nan, -0.0, math.inf, 1e308, -math.inf, 5e-324, 2e-308, 709.79, -708.4, 710, -1e5, 1, -3, 2]
+    )
+    for x in (hard[:WIDTH], hard[WIDTH:]):
+        log, exp = run(lambda lanes, row: [lanes.log(row), lanes.exp(row)], x)
+        with np.errstate(all="ignore"):
+            np.testing.assert_allclose(log, np.log(x), rtol=5e-16)
+            np.testing.assert_allclose(exp, np.exp(x), rtol=5e-16, atol=2.3e-308)  # subnormal ones are 0
 
 
 @given(rows(st.floats(0, 1e9)), st.integers(0, WIDTH - 1), st.booleans())

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import tcbench
-from tcbench.solver import flow_kernels, implicit_step
+from tcbench.solver import flow_kernels, implicit_step, sparse
 from tcbench.solver.pattern import Pattern, _parity
 
 CASES = [
@@ -74,3 +74,39 @@ def test_a_singular_matrix_says_so():
     pattern, out = Pattern(3, [0, 1, 2], [0, 1, 2]), np.ones(7)
     pattern._factorise(np.array([1.0, 0.0, 1.0]), np.ones(6), out)
     assert out[-1] == 0.0
+
+
+class Linear:
+    """What `sparse_correction` reads of a flow: one linear system, of any matrices one after the other."""
+
+    def __init__(self, A):
+        n = len(A)
+        self.pattern = Pattern(n, *np.nonzero(np.ones_like(A)))
+        for name in ("first", "columns", "diagonal", "order", "factorise", "nnz"):
+            setattr(self, name, getattr(self.pattern, name))
+        self.ns = self.nx = n
+        self.factors, self.place = np.zeros(self.nnz), np.zeros(n, np.int64)
+        self.krylov, self.solved, self.d = np.zeros((8, n)), np.zeros(2 * n + 1), np.zeros(n)
+
+    def at(self, A, right):
+        order, columns, first = self.pattern.order, self.pattern.columns, self.pattern.first
+        entries = [A[order[i], order[columns[k]]] for i in range(self.ns) for k in range(first[i], first[i + 1])]
+        self.derivatives = np.concatenate([-right, entries])
+        return self
+
+
+def test_half_made_factors_are_not_used():
+    """The second pivot is negative: what the factorisation leaves is of no later matrix."""
+    bad, good = np.array([[1.0, 2.0], [2.0, 1.0]]), np.array([[4.0, 1.0], [1.0, 3.0]])
+    right, flow = np.array([1.0, 2.0]), Linear(bad)
+    sparse.sparse_correction(flow.at(bad, right), 1e-12, True)
+    assert not flow.factors[flow.diagonal[0]] > 0.0
+    assert np.allclose(bad @ flow.d, right)
+    calls = []
+    before = sparse.factorised
+    sparse.factorised = lambda flow: calls.append(1) or before(flow)
+    try:
+        assert sparse.sparse_correction(flow.at(good, right), 1e-12, False) == 1.0
+    finally:
+        sparse.factorised = before
+    assert np.allclose(good @ flow.d, right) and flow.factors[flow.diagonal[0]] > 0.0 and not calls

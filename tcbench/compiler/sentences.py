@@ -1,0 +1,52 @@
+"""What is said of a formula that cannot be traced: the line that it is on, and what to write instead."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from functools import cache
+
+from ..errors import TraceError
+
+_REMEDY = (
+    "Formulas must be branch-free numpy (arithmetic, **, @, sqrt, exp, log, expm1, log1p, sin, cos, tan, arcsin, "
+    "arccos, arctan, arctan2, sinh, cosh, tanh, hypot); "
+    "for anything else register the method with step= (a plain Python function) instead of flows="
+)
+
+
+def where_in_user_code() -> str:
+    """File and line of the innermost frame outside tcbench and numpy."""
+    frame = sys._getframe(1)
+    while frame is not None:
+        module = frame.f_globals.get("__name__", "")
+        if not module.startswith(("tcbench.", "numpy", "functools")) or module.startswith("tcbench.systems.pendulum"):
+            return f"{frame.f_code.co_filename}, line {frame.f_lineno}"
+        frame = frame.f_back  # type: ignore[assignment]
+    return "the formula"
+
+
+def refused(what: str, remedy: str = _REMEDY, where: str = "") -> TraceError:
+    """An error that names the line of the formula."""
+    return TraceError(f"{where or where_in_user_code()}: {what}. {remedy}.")
+
+
+@dataclass(frozen=True, eq=False)
+class Space:
+    """What a symbol stands for all of (positions, elements, ...), and which of the two representatives it is."""
+
+    name: str
+    which: int
+
+
+@cache
+def space_of(name: str, which: int) -> Space:
+    return Space(name, which)
+
+
+class MixedSpaces(TraceError):
+    """A formula that does not do the same with all entries of an array."""
+
+
+def mixed_up(what: str) -> MixedSpaces:
+    return MixedSpaces(f"{where_in_user_code()}: {what}")

@@ -1,0 +1,100 @@
+"""Formulas that have no root, or none that can be found, are refused with a sentence; none ends ok without moving."""
+
+import numpy as np
+import pytest
+
+import tcbench
+from tcbench import Integrator, Scenario, TcbenchError
+from tcbench.building_blocks import phi
+from tcbench.reference.extended_precision import extended
+from tcbench.solver.flow_kernels import apply_explicit
+from tcbench.systems.pendulum import Pendulum
+
+START = tcbench.scenarios()["short_term"]
+INFINITE = {
+    "the new state": lambda z0, z1, h, system: np.inf * z1,
+    "the increment": lambda z0, z1, h, system: -np.inf * (z1 - z0),
+    "a sum": lambda z0, z1, h, system: z1 - z0 + np.inf,
+    "a rate": lambda z0, z1, h, system: z1 - z0 - h * np.inf * system.vector_field(z0),
+    "one row": lambda z0, z1, h, system: np.concatenate([(z1 - z0)[:-1], [1e200 * (np.exp(z1[-1]) * 1e200 * 1e200)]]),
+    "a logarithm": lambda z0, z1, h, system: z1 - z0 - h * np.log(0.0 * z0),
+}
+
+
+@pytest.mark.parametrize("scenario", ["short_term", "chain[n=12]"])
+@pytest.mark.parametrize("name", INFINITE)
+def test_infinite_numbers_do_not_end_ok(name, scenario):
+    method = Integrator(name="infinite", order=1, flows=INFINITE[name])
+    try:
+        with np.errstate(all="ignore"):
+            run = tcbench.simulate(method, scenario, dt=0.05, t_end=0.1)
+    except TcbenchError as error:
+        assert "contains an infinite number" in str(error)
+    else:
+        assert not run.ok
+
+
+@pytest.mark.parametrize("scenario", ["short_term", "chain[n=12]"])
+def test_a_residual_that_vanishes_has_no_root_of_its_own(scenario):
+    method = Integrator(name="nil", order=1, flows=lambda z0, z1, h, system: (z1 - z0) / np.inf)
+    with pytest.raises(TcbenchError, match="a structural zero on its diagonal"):
+        tcbench.simulate(method, scenario, dt=0.05, t_end=0.1)
+
+
+def implicit(z0, z1, h, system, start, first):
+    return z1 - z0 - 0.1 * system.vector_field((z0 + z1) / 2)
+
+
+def by_the_step(z0, z1, h, system, start, first):
+    return z1 - z0 - h * system.vector_field(z0)
+
+
+def explicit(z0, z1, h, system, start, first):
+    return z1 - z0 - 0.1 * system.vector_field(z0)
+
+
+def test_explicit_formulas_are_explicit_and_know_no_step():
+    model, z0 = START.model, START.z0
+    for formula, words in (
+        (implicit, "'implicit' is implicit, and"),
+        (by_the_step, "'by_the_step' reads the step's length h"),
+    ):
+        with pytest.raises(TcbenchError, match=words):
+            apply_explicit(formula, model, z0, z0)
+    assert np.allclose(apply_explicit(explicit, model, z0, z0), 0.1 * model.vector_field(z0), rtol=1e-13)
+
+
+class Blocks(Pendulum):
+    """Heat by the building block: exp(x) - 1 = x phi(x)."""
+
+    name = "blocks"
+
+    def element_energy(self, pi, s):
+        c0, theta_ref = self.heat_capacity, self.reference_temperature
+        L = self.log_strain(pi)
+        x = (s - self.coupling * L) / c0
+        return self.stiffness / 2 * L**2 + self.coupling * theta_ref * L + c0 * theta_ref * x * phi(x)
+
+
+def blocks():
+    return Scenario(
+        name="blocks", system=Blocks, constants=START.constants, positions=START.positions, momenta=START.momenta,
+        temperatures=START.temperatures, t_end=1.0, dt=0.05,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("method", ["tc_gauss", "midpoint_entropy", "gauss2"])
+def test_energies_made_of_building_blocks_have_all_derivatives(method):
+    runs = [tcbench.simulate(method, s, dt=0.05, t_end=1.0) for s in (blocks(), START)]
+    assert runs[0].ok and np.allclose(runs[0].z[-1], runs[1].z[-1], rtol=1e-10, atol=1e-11)
+
+
+def test_their_reference_has_the_digits_of_the_formula_written_out():
+    field, plain = (extended(s, "vector_field")(s.z0.astype(np.longdouble)) for s in (blocks(), START))
+    assert np.allclose(field.astype(float), plain.astype(float), rtol=1e-15, atol=1e-15)
+
+
+def test_methods_that_have_no_rule_for_them_say_so():
+    with pytest.raises(TcbenchError, match=r"test_refused_formulas.py, line \d+: a building block stands in"):
+        tcbench.simulate("tc_monolithic", blocks())
+    assert "no series of the operation 'phi'" in tcbench.simulate("tc_taylor[order=8]", blocks()).failure
