@@ -114,7 +114,7 @@ class Arithmetic:
             return Value(INT, (str(int(value)),))
         if isinstance(value, float | np.floating):
             return Value(FLOAT, (constant(float(value)),))
-        raise self.refusal(node, f"{value!r} is no number")
+        raise self.refusal(node, f"{value!r} is no number: what is more is passed as an argument")
 
     def machine_call(self, name: str, *args: str) -> str:
         self.module.declare(name, len(args))

@@ -12,8 +12,6 @@ from functools import cache
 from types import FunctionType
 from typing import Any
 
-import numpy as np
-
 from . import language, short_vectors
 from .arithmetic import ARITHMETIC, INTRINSICS, LIBRARY, Arithmetic
 from .records import Field
@@ -47,7 +45,7 @@ class Expressions(Arithmetic):
         name = node.id
         if name not in self.assigned:
             found = self.outside(node)
-            if isinstance(found, np.ndarray):
+            if found is self.module.numbers and found is not None:
                 at = self.emit(f"load ptr, ptr {self.module.table()}, !invariant.load !0")
                 return Value(Array(1, INT, sized=False, fixed=True), (at,))
             return self.literal(node, found)

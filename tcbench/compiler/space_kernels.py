@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from .kernels import Kernel, literal, operation
 from .spaces import Path, Term
-from .symbols import Symbol
+from .symbols import MixedSpaces, Symbol
 
 SCALAR = ""  # the space of a number
 START = {"add": "0.0", "max": "-inf", "min": "inf"}  # of a sum, a maximum, a minimum
@@ -153,7 +153,7 @@ class _Writer:
         self.stage = {n.number: (level[n.number], n.space.name if n.space else SCALAR) for n in self.nodes}
         for node in self.nodes:  # each representative is its own graph; only the first is written
             if node.space is not None and node.space.which:
-                raise ValueError("a kernel reads a second representative")
+                raise MixedSpaces(f"one {node.space.name} differs from the others")
         self._store()
         first: list[str] = []
         for node in self.nodes:

@@ -88,6 +88,7 @@ class Module:
     declared: dict[str, int] = field(default_factory=dict)
     open: list[Any] = field(default_factory=list)  # functions that are being translated
     external: set[str] = field(default_factory=set)  # declarations of C functions that take other than doubles
+    numbers: Any = None  # what a kernel's text calls its table
 
     def declare(self, name: str, count: int) -> None:
         self.declared[name] = count
@@ -119,6 +120,7 @@ class Module:
 
     def kernel(self, text: str, names: Mapping[str, Any]) -> None:
         """The kernel(a, b, out) of a text, which other code reaches under this name."""
+        self.numbers = names.get("table")
         lines = straight.lines_of(text)
         if lines is None:
             (tree,) = (node for node in ast.parse(text).body if isinstance(node, ast.FunctionDef))

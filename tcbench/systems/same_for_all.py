@@ -19,6 +19,7 @@ from ..compiler.formula_hash import formula_hash
 from ..compiler.kernels import namespace, straight_line
 from ..compiler.space_kernels import SCALAR, Slot, space_kernel
 from ..compiler.symbols import MixedSpaces
+from ..errors import TcbenchError
 from .traced import KEPT
 
 if TYPE_CHECKING:
@@ -41,10 +42,21 @@ def require_same(example: Network, net: Network) -> None:
         functions = [getattr(type(example), name, None) for name in sorted(type(example).written)]
         key = (formula_hash(*filter(callable, functions)) or example.structure, example.zeros)
         if key not in _VERDICTS:
-            _VERDICTS[key] = _differs(small_network(example), net)
+            _VERDICTS[key] = _verdict(example, net)
         why = _VERDICTS[key]
     if why:
         raise MixedSpaces(why)
+
+
+def _verdict(example: Network, net: Network) -> str:
+    try:
+        return _differs(small_network(example), net)
+    except MixedSpaces as error:
+        return str(error)
+    except TcbenchError:  # wherever it is traced
+        raise
+    except Exception as error:  # of the author's formulas: such as an array of the network's length beside theirs
+        return f"its formulas fail on some of its elements: {error}"
 
 
 def small_network(network: Network) -> Network:
@@ -77,16 +89,19 @@ def _knows_company(network: Network) -> str:
     for name, space, function in _by_entry(network, rng):
         count = network.mesh_sizes()[space]
         everyone = np.arange(count)
-        try:
-            with np.errstate(all="ignore"):
+        with np.errstate(all="ignore"):
+            try:
                 whole = function(network, everyone)
+            except Exception:  # not on numbers: the traces are compared
+                continue
+            try:
                 for chosen in (everyone[: count // 2], everyone[count // 2 :], everyone[-2:], everyone[[0, -1]]):
                     part = function(_part(network, space, chosen), chosen)
                     for x, y in zip(whole, part, strict=True):
                         if not np.allclose(x[chosen], y, rtol=AGREE, atol=0.0, equal_nan=True):
                             return f"{name}() gives {space}s other values where fewer of them are there"
-        except Exception:  # not on numbers: the traces are compared
-            continue
+            except Exception as error:
+                return f"{name}() fails where fewer {space}s are there: {error}"
     return ""
 
 
@@ -124,7 +139,7 @@ def _part(network: Network, space: str, chosen: Any) -> Any:
         if of == space:
             part.__dict__[name] = getattr(network, name)[chosen]
     if space == "element":
-        part.__dict__ |= {"elements": network.elements[chosen], "n_elements": len(chosen)}
+        part.__dict__.update(elements=network.elements[chosen], n_elements=len(chosen))
     return part
 
 

@@ -241,6 +241,7 @@ REFUSED = {
     "narrowing": (G + "def f(x: float) -> int:\n    return g(x)\n", "a float stands where an int"),
     "count": (G + INT + "    return g(n, n)\n", "g\\(\\) takes n"),
     "else": (INT + "    while n < 0:\n        n += 1\n    else:\n        n = 2\n    return n\n", "else of a loop"),
+    "array": ("import numpy\nV = numpy.ones(3)\n\n" + INT + "    return V[n]\n", "is passed as an argument"),
     "keyword default": ("def f(n: int, *m: int) -> int:\n    return n\n", "arguments by position"),
 }  # fmt: skip
 

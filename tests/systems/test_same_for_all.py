@@ -33,6 +33,10 @@ def share_of_energy(self, pi, s):
     return SpringNetwork.element_energy(self, pi, s) / len(s)
 
 
+def stiffer_in_company(self, pi, s):
+    return SpringNetwork.element_energy(self, pi, s) * (2.0 if len(s) > 20 else 1.0)
+
+
 def mean_strain(self, pi, s):
     return SpringNetwork.element_energy(self, pi, s) + 0.0 * s * np.sum(s) / np.size(s) + 1.0 / pi.shape[0]
 
@@ -49,6 +53,19 @@ def mean_spin(self, q, p):
     return {"angular_momentum": (q[0] * p[1] - q[1] * p[0]) / len(q[0])}
 
 
+def along_the_row(self, a, b):
+    k = self.conductivity * np.linspace(1.0, 2.0, N - 1)
+    return k * ((b - a) / a), k * ((a - b) / b)
+
+
+def heavier_outside(self):
+    return self.per_position(self.masses) * np.linspace(1.0, 2.0, 2 * N)
+
+
+def torque(self, q, p):
+    return {"torque": sum(np.arange(len(p)) * p)}
+
+
 def offset(self):
     return 3.0 / len(self.masses)
 
@@ -56,9 +73,11 @@ def offset(self):
 FAULTS = {
     "link over their number": {"link": sharing}, "link by place": {"link": in_order},
     "link of a mean": {"link": mean_of_them}, "energy over their number": {"element_energy": share_of_energy},
-    "energy and a number": {"element_energy": mean_strain},
+    "energy of many": {"element_energy": stiffer_in_company}, "energy and a number": {"element_energy": mean_strain},
     "inertia over their number": {"inertia": lighter}, "shape and a number": {"element_shape": shorter},
-    "mean invariant": {"point_invariants": mean_spin}, "offset": {"exergy_offset": offset},
+    "link and an array": {"link": along_the_row}, "inertia and an array": {"inertia": heavier_outside},
+    "invariant of places": {"invariants": torque}, "mean invariant": {"point_invariants": mean_spin},
+    "offset": {"exergy_offset": offset},
 }  # fmt: skip
 
 
