@@ -24,6 +24,11 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+try:
+    import _posixsubprocess
+except ImportError:  # Windows
+    _posixsubprocess = None  # type: ignore[assignment]
+
 # variables that say where things are on a machine: what is read there is noted itself
 PLACES = re.compile(
     r"(PATH|HOME|TMPDIR|TEMP|TMP|PWD|OLDPWD|USER|LOGNAME|SHELL|LANG|LC_.*|XDG_.*|TERM|COLUMNS|LINES|_)\Z"
@@ -48,6 +53,7 @@ OWN = tuple(
     for name in ("tcbench", "tcbench_plugins")
     if (spec := importlib.util.find_spec(name)) and spec.origin
 )
+INSTALLED = (*SITE, *PYTHON, *OWN)
 
 
 def text_hash(text: str | bytes | None) -> str | None:
@@ -105,6 +111,7 @@ class Recorder:
         self.unseen: dict[str, None] = {}
         self.plugins: dict[str, str] = {}  # label -> its folder, of the plugins that were imported
         self.loaded_libraries = False
+        self.fork_exec: Any = None
         self._stats: dict[str, Any] = {}
         self._written: set[str] = set()
         self._looking = threading.local()  # a thread that is noting something: its own reads are no inputs
@@ -169,6 +176,11 @@ class Recorder:
 
     def _put(self, event: str, arguments: tuple[Any, ...]) -> None:
         self.environment.setdefault(os.fsdecode(arguments[0]), "set by the cell itself")
+
+    def started(self, *arguments: Any) -> Any:
+        """In the place of `fork_exec`: a process is started."""
+        self.unseen.setdefault(STARTED)
+        return self.fork_exec(*arguments)
 
     def find_spec(self, name: str, path: Any = None, target: Any = None) -> None:
         """A module is looked for: the first of Python's finders, which finds nothing and notes the name."""
@@ -357,7 +369,12 @@ def begin() -> Recorder:
     """Watch this process from now on; what it has done before is not looked at."""
     global _RECORDER, _HOOKED
     if _RECORDER is None:
+        for folder in [f for f in sys.path_importer_cache if not (f + os.sep).startswith(INSTALLED)]:
+            del sys.path_importer_cache[folder]  # its modules are read as they are written now (`plugin_files`)
         _RECORDER = Recorder()
+        _RECORDER.fork_exec = _posixsubprocess and _posixsubprocess.fork_exec
+        if _posixsubprocess:  # multiprocessing starts its processes by it, and no audit event says so
+            _posixsubprocess.fork_exec = _RECORDER.started
         sys.meta_path.insert(0, _RECORDER)
         for environment in (os.environ, getattr(os, "environb", os.environ)):
             environment.__class__ = _Watched  # type: ignore[assignment]
@@ -370,8 +387,10 @@ def begin() -> Recorder:
 def end() -> None:
     """Watch no longer."""
     global _RECORDER
-    if _RECORDER in sys.meta_path:
+    if _RECORDER is not None:
         sys.meta_path.remove(_RECORDER)
+        if _posixsubprocess:
+            _posixsubprocess.fork_exec = _RECORDER.fork_exec
     _RECORDER = None
     for environment in (os.environ, getattr(os, "environb", os.environ)):
         environment.__class__ = _ENVIRONMENT

@@ -6,6 +6,7 @@ import ast
 import hashlib
 import importlib
 import importlib.util
+import os
 import sys
 from collections.abc import Iterable
 from importlib.machinery import EXTENSION_SUFFIXES, SOURCE_SUFFIXES, ExtensionFileLoader, FileFinder, SourceFileLoader
@@ -13,6 +14,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from . import inputs
 from .errors import TcbenchError
 
 
@@ -43,10 +45,12 @@ class AsWritten(SourceFileLoader):
 
 
 def _read_as_written(folder: str) -> Any:
-    """A path hook: modules in folders of plugin files, and in packages there, but not in an environment there."""
+    """A path hook: modules in folders of plugin files, and in packages there, but not in an environment there; where
+    reads are noted everything that is not installed, or a row would name the new file and have the old code."""
     path = Path(folder)
     above = next((f for f in _FOLDERS if path.is_relative_to(f)), None)
-    if above is None or _in_environment(path, above) or not path.is_dir():
+    watched = inputs.recorder() is not None and not (folder + os.sep).startswith(inputs.INSTALLED)
+    if not path.is_dir() or (not watched if above is None else _in_environment(path, above)):
         raise ImportError(f"no plugin files in {folder}")
     return FileFinder(folder, (ExtensionFileLoader, EXTENSION_SUFFIXES), (AsWritten, SOURCE_SUFFIXES))
 

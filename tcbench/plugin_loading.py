@@ -119,7 +119,9 @@ def _undone() -> Iterator[None]:
     """What imports do to this process that the engine or other methods would feel is undone: builtins and clocks that
     they replace, numpy's error state, the current folder, output that would stand among results."""
     modules = [(module, dict(vars(module))) for module in (builtins, time)]
-    folder, environment = os.getcwd(), dict(os.environ)
+    environment, folder = dict(os.environ), ""
+    with contextlib.suppress(OSError):  # one that was removed
+        folder = os.getcwd()
     try:
         with np.errstate(), contextlib.redirect_stdout(sys.stderr):
             yield
@@ -128,8 +130,9 @@ def _undone() -> Iterator[None]:
             for name, value in before.items():
                 if vars(module).get(name) is not value:
                     setattr(module, name, value)
-        if os.getcwd() != folder:
-            os.chdir(folder)
+        with contextlib.suppress(OSError):
+            if folder and os.getcwd() != folder:
+                os.chdir(folder)
         for name in {*environment, *os.environ}:
             before_it, now = environment.get(name), os.environ.get(name)
             if now != before_it:

@@ -53,6 +53,7 @@ ALLOWED = {
     "dataclasses",
     "contextlib",
     "functools",
+    "itertools",
     "threading",
     "typing",
     "math",

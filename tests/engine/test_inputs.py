@@ -219,6 +219,16 @@ def test_a_new_module_that_shadows_one_is_seen(desk):
         sys.path[:] = before
 
 
+def test_a_module_elsewhere_that_is_edited_within_a_second_is_measured_as_it_is(desk, monkeypatch):
+    monkeypatch.setattr(sys, "dont_write_bytecode", False)
+    write(desk, {"p/mine.py": plugin(BESIDE + "from glib_x import G", "G")})
+    for text in (G1, G2):
+        write(desk, {"lib/glib_x.py": text})
+        os.utime(desk / "lib" / "glib_x.py", (1e9, 1e9))
+        measured(desk)
+        assert text.strip().endswith(str(sys.modules["glib_x"].G))
+
+
 def test_a_link_that_is_set_on_another_folder_is_seen(desk):
     for name, use in (("v1", "1.0"), ("v2", "1.1")):
         write(desk, {f"{name}/mine.py": plugin(use=use)})
@@ -357,6 +367,7 @@ def test_a_file_that_is_called_as_a_built_in_one_is_known(desk):
     [
         ("__import__('subprocess').run([sys.executable, '-c', ''])", "a process was started"),
         ("os.system('true')", "a process was started"),
+        ("__import__('multiprocessing').get_context('spawn').Process(target=int).start()", "a process was started"),
         ("__import__('socket').getaddrinfo('localhost', 80)", "the network was used"),
         ("(HERE / 'log').open().read(); (HERE / 'log').write_text(str(id(z)))", "<mine>/log changed while it was"),
     ],
