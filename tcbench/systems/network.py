@@ -101,8 +101,8 @@ class Network(System):
         if len(cls.points) and not np.all(times == 1):
             wrong = int(np.argmax(times != 1))
             raise TcbenchError(
-                f"{cls.__name__}: each position is a coordinate of one of the points, and {wrong} is one of "
-                f"{times[wrong]}. List every mass in `points`, or none."
+                f"{cls.__name__}: each position is a coordinate of one of the points, and position {wrong} of "
+                f"{times[wrong]} of them. List every mass in `points`, or none."
             )
 
     # ---- written by the author -------------------------------------------------------------------------

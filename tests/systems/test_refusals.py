@@ -115,7 +115,7 @@ def test_friction_of_no_conduction_is_nil(rates):
 def test_each_position_belongs_to_one_point(points):
     tables = {"n_positions": 4, "elements": [[0, 1], [2, 3]], "links": [[0, 1]], "points": points}
     with pytest.raises(
-        TcbenchError, match=r"Own: each position is a coordinate of one of the points, and \d is one of"
+        TcbenchError, match=r"Own: each position is a coordinate of one of the points, and position \d of"
     ):
         type("Own", (Network,), tables)
 
