@@ -6,7 +6,7 @@ from tcbench import Integrator, hookimpl
 from tcbench.systems.right_hand_side import expressions
 
 FUNCTIONS = ("exp", "log", "sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "atan2")
-_COMPILED = {}  # heyoka takes a second for each kind of system and tolerance
+_FREE = {}  # integrators that no run has, by kind of system and tolerance: heyoka takes a second to make one
 
 
 def compiled(system, tolerance):
@@ -26,10 +26,19 @@ def compiled(system, tolerance):
 
 
 def heyoka(system, z0, t_eval, rtol, atol):
-    key = (system.structure, float(rtol))
-    if key not in _COMPILED:
-        _COMPILED[key] = compiled(system, float(rtol))
-    solver = _COMPILED[key]
+    free = _FREE.setdefault((system.structure, float(rtol)), [])
+    try:
+        solver = free.pop()
+    except IndexError:
+        solver = compiled(system, float(rtol))
+    try:
+        return outputs(solver, system, z0, t_eval)
+    finally:
+        free.append(solver)
+
+
+def outputs(solver, system, z0, t_eval):
+    """States at these times and what they cost; all that the solver had before is set anew."""
     solver.state[:] = z0
     solver.pars[:] = system.constant_values[: len(solver.pars)]
     solver.time = float(t_eval[0])

@@ -83,8 +83,8 @@ def projection(z0: Any, z1: Any, h: Any, system: System, start: Any, first: Any)
 
 
 def _projected_step(step: Callable[..., Any], increments: bool) -> Callable[..., Any]:
-    def stepped(z: Any, h: float, system: System) -> Any:
-        found = np.asarray(step(z, h, system), dtype=float)
+    def stepped(z: Any, h: float, system: System, *held: Any) -> Any:
+        found = np.asarray(step(z, h, system, *held), dtype=float)
         if found.shape != np.shape(z):
             raise ValueError(f"the step returned shape {found.shape}, a state has shape {np.shape(z)}")
         dz = found if increments else found - z

@@ -62,6 +62,9 @@ class Integrator:
     memory, starter : of a multistep method. With memory=k the formula (one, of the whole step) or the step function has
         one more argument, `before`, the k states before z0, all h apart: before[0] is that of one step before.
         The first k steps are done by the method `starter`, of order at least order - 1.
+    workspace : of a step function with arrays of its own. workspace(system) makes what one run holds, by itself; `step`
+        and `march` have it as their last argument. `step` is to return the same whatever it holds; `march`, which is
+        given the states of one run in their order, may go on with what it left there.
     variables : "entropy" for z = (q, p, s), "temperature" for (q, p, theta); of the formulas only.
     systems : names of the systems that the method is written for; empty: for all.
     needs : optional functions of `System` that the formulas ask for, such as "conduction_flow"; on systems that do not
@@ -87,6 +90,7 @@ class Integrator:
     increments: bool = False
     memory: int = 0
     starter: str | Integrator = ""
+    workspace: Callable[[System], Any] | None = None
     variables: str = "entropy"
     systems: frozenset[str] = frozenset()
     needs: tuple[str, ...] = ()
@@ -98,6 +102,7 @@ class Integrator:
     family: Callable[..., Integrator] | None = None
     plugin: str = ""  # filled in by the registry: distribution or file that brought it
     base: str = ""  # of a variant: the registered name
+    _members: dict[Any, Integrator] = field(default_factory=dict, init=False, compare=False, repr=False)
 
     def __post_init__(self) -> None:
         for words in ("claims", "tags", "systems", "needs", "requires"):
@@ -116,7 +121,7 @@ class Integrator:
             object.__setattr__(self, name, tuple(getattr(self, name)))
         if not isinstance(self.name, str):
             raise TcbenchError(f"The name of an integrator is a word, not {self.name!r}.")
-        for way in ("step", "march", "adaptive", "outputs"):
+        for way in ("step", "march", "adaptive", "outputs", "workspace"):
             if getattr(self, way) is not None and not callable(getattr(self, way)):
                 raise TcbenchError(f"Integrator {self.name!r}: {way}= is a function, not {getattr(self, way)!r}.")
         base = self.name.partition("[")[0]
@@ -128,6 +133,11 @@ class Integrator:
             raise TcbenchError(f"Integrator {self.name!r} must give one of flows=, step=, adaptive=; it gives {given}.")
         if self.march is not None and self.step is None:
             raise TcbenchError(f"Integrator {self.name!r} gives march= without step=, which march= repeats.")
+        if self.workspace is not None and self.step is None:
+            raise TcbenchError(
+                f"Integrator {self.name!r} gives workspace= without step=: formulas need none, and a call of adaptive= "
+                "is a run, which makes what it needs."
+            )
         if self.outputs is not None and self.adaptive is None:
             raise TcbenchError(f"Integrator {self.name!r} gives outputs= without adaptive=, which outputs= repeats.")
         if self.variables not in ("entropy", "temperature"):
@@ -157,6 +167,14 @@ class Integrator:
             )
         if self.flows is not None and (len(self.flows) > 1 or self.flows[0].of_step or self.flows[0].fraction != 1.0):
             raise TcbenchError(f"Integrator {self.name!r}: with memory= there is one formula, of the whole step.")
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What is copied and pickled."""
+        return {**vars(self), "_members": {}}
+
+    def held_by_a_run(self, system: System) -> tuple[Any, ...]:
+        """What a run holds, for its calls of `step` and `march`: a workspace of its own, if the method has one."""
+        return () if self.workspace is None else (self.workspace(system),)
 
     @property
     def kind(self) -> str:
@@ -199,7 +217,8 @@ class Integrator:
             return self
         assert self.family is not None
         label = ",".join(f"{n}={v}" for n, v in sorted(changed.items()))
-        member = _made(self.family, tuple(sorted(changed.items())))
+        key = tuple(sorted(changed.items()))  # one object a member: looked up twice it is equal to itself
+        member = self._members.get(key) or self._members.setdefault(key, self.family(**changed))
         return replace(member, name=f"{self.name}[{label}]", plugin=self.plugin, base=self.name)
 
     def variants(self) -> list[Integrator]:
@@ -218,12 +237,6 @@ def installed_version(package: str) -> str | None:
         return version(package)
     except PackageNotFoundError:
         return "" if package.isidentifier() and find_spec(package) else None
-
-
-@cache
-def _made(make: Callable[..., Integrator], values: tuple[tuple[str, str], ...]) -> Integrator:
-    """One object a member: a variant that is looked up twice is equal to itself, functions included."""
-    return make(**dict(values))
 
 
 def family(make: Callable[..., Integrator], **parameters: Any) -> Integrator:

@@ -66,6 +66,7 @@ class Registry:
     scenario_families: dict[str, ScenarioFamily] = field(default_factory=dict)
     metrics: dict[str, Metric] = field(default_factory=dict)
     origins: dict[str, Origin] = field(default_factory=dict)
+    members: dict[Any, Scenario] = field(default_factory=dict)  # of families of scenarios, that were asked for
     need: Callable[[str], Any] = str  # in a worker: imports a plugin by its label
 
     @property

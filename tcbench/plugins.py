@@ -5,8 +5,8 @@ from __future__ import annotations
 import itertools
 import os
 import re
+import threading
 from collections.abc import Iterable
-from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -28,21 +28,26 @@ Named = TypeVar("Named", Integrator, Scenario, Metric)
 _REGISTRY: Registry | None = None
 _INDEX: dict[str, Any] | None = None
 _FOLDERS: list[Path] = []
+_LOCK = threading.RLock()  # one thread loads plugins or makes a member of a family, the others wait
 
 
 def registry() -> Registry:
     """The registry, loaded on first use."""
     global _REGISTRY
-    if _REGISTRY is None:
+    known = _REGISTRY
+    if known is not None:
+        return known
+    with _LOCK:
         if loading():
             raise RefusedError(
                 f"The file {loading()!r} asks for what is registered while it is imported as a plugin. If it is a "
                 'script, put its commands under `if __name__ == "__main__":`, or give --plugins-dir the plugin\'s file.'
             )
-        with waiting("loading plugins"):
-            _REGISTRY = load(plugin_folders())
-            _member.cache_clear()
-    return _REGISTRY
+        known = _REGISTRY
+        if known is None:
+            with waiting("loading plugins"):
+                known = _REGISTRY = load(plugin_folders())
+        return known
 
 
 def use_index(known: dict[str, Any]) -> None:
@@ -53,7 +58,6 @@ def use_index(known: dict[str, Any]) -> None:
     global _REGISTRY, _INDEX
     if known is not _INDEX:
         _REGISTRY, _INDEX = lazy(known), known
-        _member.cache_clear()
 
 
 def index() -> dict[str, Any]:
@@ -216,12 +220,17 @@ def find_scenario(name: str | Scenario) -> Scenario:
         return name
     if not isinstance(name, str):
         raise TcbenchError(f"A scenario is a name or a Scenario, not {name!r}.")
-    known, families = registry().scenarios, registry().scenario_families
+    here = registry()
+    known, families = here.scenarios, here.scenario_families
     if name in known:
         return known[name]
     base, values = split_name(name)
     if base in families:
-        return _member(base, tuple(sorted(values.items())))
+        key = base, *sorted(values.items())
+        if key not in here.members:
+            with _LOCK:  # one thread makes it: of its system's class there must be one
+                return here.members.get(key) or here.members.setdefault(key, families[base].member(**values))
+        return here.members[key]
     raise unknown_name("scenario", base, [*known, *families], *_remedy())
 
 
@@ -237,11 +246,6 @@ def is_sampled(scenario: Scenario) -> bool:
     """Is it a member of a family that random scenarios are drawn from?"""
     family = registry().scenario_families.get(scenario.name.partition("[")[0])
     return family is not None and family.sample is not None
-
-
-@cache
-def _member(family: str, values: tuple[tuple[str, str], ...]) -> Scenario:
-    return registry().scenario_families[family].member(**dict(values))
 
 
 def scenarios_for(method: Integrator) -> list[Scenario]:

@@ -6,6 +6,7 @@ import tomllib
 from importlib.metadata import entry_points, version
 from pathlib import Path
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
@@ -228,3 +229,50 @@ def test_scenarios_and_metrics_of_a_file_are_registered_and_used(tmp_path):
     assert tcbench.scenarios()["shorter"].t_end == 3.0 and tcbench.scenarios()["shorter"].plugin == "scenario"
     results = tcbench.run(["tc_monolithic"], ["shorter"], ["conservation"], output=tmp_path / "out", dt=[0.3])
     assert list(results.tables["conservation"]["hottest"]) == [pytest.approx(380.0)]
+
+
+FAMILIES = """
+from tcbench import Integrator, ScenarioFamily, family, hookimpl
+from tcbench.plugins import find_scenario
+
+SCALE = {scale}
+
+
+def step(z, h, system):
+    return z + SCALE * h * system.vector_field(z)
+
+
+def scenario_of(n):
+    return find_scenario("short_term").replace(conductivity=SCALE * float(n))
+
+
+@hookimpl
+def tcbench_scenarios():
+    return [ScenarioFamily("scaled", scenario_of, {{"n": "1"}})]
+
+
+@hookimpl
+def tcbench_integrators():
+    def make(order="1"):
+        return Integrator(name="mine", order=int(order), step=step, source="a test")
+
+    return [family(make, order=("1", "2"))]
+"""
+
+
+def test_members_of_families_are_those_of_the_files_as_they_are_now(tmp_path):
+    """Of a file's own families, and of families elsewhere that wrap what it brings."""
+    file = tmp_path / "families.py"
+    for scale in (300.0, 77.0):
+        file.write_text(FAMILIES.format(scale=scale))
+        plugins.use_folders([file])
+        scenario = plugins.find_scenario("scaled[n=2]")
+        assert scenario.constants["conductivity"] == 2 * scale and plugins.find_scenario("scaled[n=2]") is scenario
+        for name in ("mine[order=2]", "projected[method=mine]"):
+            assert plugins.find_integrator(name) == plugins.find_integrator(name)
+        z, system = scenario.z0, scenario.model
+        step = plugins.find_integrator("mine[order=2]").step
+        np.testing.assert_allclose(step(z, 1e-3, system) - z, 1e-3 * scale * system.vector_field(z))
+        wrapped = plugins.find_integrator("projected[method=mine]").step(z, 1e-6, system)
+        expected = 1e-6 * scale * system.vector_field(z)
+        np.testing.assert_allclose(wrapped[:4], expected[:4])  # a projection leaves positions as they are

@@ -5,14 +5,13 @@ over the decay time of the conduction. See march.py and docs/methods.md.
 """
 
 from functools import cache
-from threading import get_ident
 
 import numpy as np
 
 from tcbench import Integrator, hookimpl
 
-from ..tc_gauss import method as gauss_method
 from ..tc_gauss import stages_of
+from ..tc_gauss.method import GaussMethod
 from ..tc_taylor import SAFETY, order_of
 from ..tc_taylor import method_of as taylor_method
 from ..tc_taylor.method import MOST_ELEMENTS
@@ -32,11 +31,8 @@ def loops():
 
 def methods_of(system, tolerance):
     """The implicit one, and the explicit one of the order for this tolerance; none where it is not for the system."""
-    made, key = system.__dict__.setdefault("_auto_methods", {}), (tolerance, get_ident())
-    if key not in made:
-        explicit = taylor_method(system, order_of(tolerance)) if system.n_elements <= MOST_ELEMENTS else None
-        made[key] = gauss_method(system, stages_of(tolerance)), explicit
-    return made[key]
+    explicit = taylor_method(system, order_of(tolerance)) if system.n_elements <= MOST_ELEMENTS else None
+    return GaussMethod(system, stages_of(tolerance)), explicit
 
 
 def adaptive(system, z0, t_eval, rtol, atol):
@@ -48,7 +44,6 @@ def adaptive(system, z0, t_eval, rtol, atol):
 def both(gauss, taylor, z0, times, tolerance):
     """States at `times`, and what they cost; ArithmeticError where the steps of both become too short."""
     states = np.empty((len(times), len(z0)))
-    taylor.reached = None
     done = loops().steps(taylor.work, gauss.work, z0, times, SAFETY * tolerance, *gauss.held(FINER * tolerance), states)
     if done < len(times):
         raise ArithmeticError(f"the step became too short before t = {times[done]:g}")

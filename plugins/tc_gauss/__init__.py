@@ -4,7 +4,7 @@ Collocation with the scalar stresses and temperatures projected, and the strain 
 own; formulas in step.py. k = 1 is a mean-value cousin of the paper's method.
 """
 
-from threading import get_ident
+from functools import partial
 
 import numpy as np
 
@@ -18,36 +18,30 @@ STAGES = (3, 1, 2, 4, 5, 6, 7, 8)  # the first is the default
 BY_TOLERANCE = ((1e-4, 4), (1e-6, 6), (0.0, 7))  # (down to, k): what costs least, measured on five scenarios
 
 
-def method(system, k):
-    """One set of work arrays for each system, k and thread."""
-    made, key = system.__dict__.setdefault("_gauss_methods", {}), (k, get_ident())
-    if key not in made:
-        made[key] = GaussMethod(system, k)
-    return made[key]
-
-
 def stages_of(tolerance):
     """The number of stages that costs least at this tolerance."""
     return next(k for lowest, k in BY_TOLERANCE if tolerance >= lowest)
 
 
+def increments(z, h, system, method):
+    return method.increments(np.asarray(z), h)
+
+
+def several(z, h, count, system, method):
+    return method.march(np.asarray(z), h, count)
+
+
 def tc_gauss(k="3"):
-    def step(z, h, system):
-        return method(system, int(k)).increments(np.asarray(z), h)
-
-    def march(z, h, count, system):
-        return method(system, int(k)).march(np.asarray(z), h, count)
-
     return Integrator(
-        name="tc_gauss", order=2 * int(k), claims=EXACT, source=SOURCE, step=step, increments=True, march=march,
-        tags={"collocation"},
+        name="tc_gauss", order=2 * int(k), claims=EXACT, source=SOURCE, step=increments, increments=True, march=several,
+        workspace=partial(GaussMethod, stages=int(k)), tags={"collocation"},
     )  # fmt: skip
 
 
 def tc_gauss_adaptive(k="by tolerance"):
     def adaptive(system, z0, t_eval, rtol, atol):
         chosen = stages_of(rtol) if k == "by tolerance" else int(k)
-        return method(system, chosen).adaptive(z0, np.ascontiguousarray(t_eval, dtype=float), rtol)
+        return GaussMethod(system, chosen).adaptive(z0, np.ascontiguousarray(t_eval, dtype=float), rtol)
 
     return Integrator(name="tc_gauss_adaptive", claims=EXACT, source=SOURCE, adaptive=adaptive, tags={"collocation"})
 

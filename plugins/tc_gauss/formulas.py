@@ -90,9 +90,6 @@ def eigenvectors(A: Floats) -> tuple[Any, Any, Any]:
     return z[kept], Y[kept], X[:, kept] * np.where(z[kept].imag > 0.0, 2.0, 1.0)
 
 
-STRUCTURES: dict[tuple, System] = {}  # what `kernels` and the others look up, to be cached by
-
-
 class Formulas(NamedTuple):
     """What a step computes with a system's functions; see `step`."""
 
@@ -104,16 +101,18 @@ class Formulas(NamedTuple):
 
 
 @cache
-def formulas(structure: tuple) -> Formulas:
-    """The formulas of a system, traced from its functions; of a large network on one element for all."""
-    symbolic = STRUCTURES[structure].symbolic
+def formulas(symbolic: System) -> Formulas:
+    """The formulas of a system, traced from its functions; of a large network on one element for all.
+
+    symbolic: one object for all systems of one structure, as `System.symbolic` gives it; so below.
+    """
     if isinstance(symbolic, Network) and symbolic.n_elements > MOST_ELEMENTS:
         from .by_elements import formulas_of
 
         with suppress(MixedSpaces):  # not the same for all elements
             return Formulas(formulas_of(symbolic), None, kernel({}, []), {}, None)
     with trace.tracing() as table:
-        return whole_formulas(symbolic, STRUCTURES[structure].constant_symbols())._replace(table=table)
+        return whole_formulas(symbolic, symbolic.constant_symbols())._replace(table=table)
 
 
 def whole_formulas(system: Any, constant_symbols: dict[Any, str]) -> Formulas:
@@ -176,15 +175,15 @@ def given(n: int, e: int, k: int) -> Given:
 
 
 @cache
-def iteration(structure: tuple, k: int, level: int) -> str:
+def iteration(symbolic: System, k: int, level: int) -> str:
     """`step.rates` and `correct` with one of the quadratures, on vectors: LLVM code of kernel(a, b, out).
 
     a: as `Given` has it.  b: h, constants.  out: U, which is corrected in place, N and V, a row of WIDTH nodes for each
     variable; then the square of the scaled residual / h, NaN if a shape or temperature is not positive.
     """
-    known = formulas(structure)
+    known = formulas(symbolic)
     with trace.tracing(known.table):
-        return _iteration(STRUCTURES[structure].symbolic, known.places, k, level)
+        return _iteration(symbolic, known.places, k, level)
 
 
 def _iteration(system: Any, places: dict[Any, int], k: int, level: int) -> str:
@@ -368,13 +367,12 @@ def closing(k: int, n: int, e: int) -> str:
 
 
 @cache
-def on_vectors(structure: tuple, k: int) -> list[int]:
+def on_vectors(symbolic: System, k: int) -> list[int]:
     """Addresses of the kernels on vectors; zeros where the system's formulas have no such form."""
-    if PLAIN or not formulas(structure).places:
+    if PLAIN or not formulas(symbolic).places:
         return [0] * (ON_VECTORS + 3)
     from tcbench.compiler.machine import load
 
-    system = STRUCTURES[structure]
-    n, e = system.n_positions, system.n_elements
-    iterations = [iteration(structure, k, level) for level in range(ON_VECTORS)]
+    n, e = symbolic.n_positions, symbolic.n_elements
+    iterations = [iteration(symbolic, k, level) for level in range(ON_VECTORS)]
     return [load(t, str) for t in (*iterations, stiff_block(k), extrapolation(k, n + e), closing(k, n, e))]

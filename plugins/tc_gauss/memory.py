@@ -47,8 +47,8 @@ class Numbers(Record):
 class Work(Record):
     """The arrays of one step; k stages, n positions, e elements, m = n + e rates.
 
-    Row i of `found` holds variable i at WIDTH nodes, of which k are used: U, N, V and rates are views of it. What
-    `formulas.iteration` reads, `given`, has views as well: see `formulas.Given`.
+    Row i of `found` holds variable i at WIDTH nodes, of which k are used: U, N, V and rates are parts of it. What
+    `formulas.iteration` reads, `given`, has parts as well: see `formulas.Given`.
     """
 
     n: int
@@ -56,7 +56,6 @@ class Work(Record):
     k: int
     m: int
     n_constants: int
-    n_given: int
     n_newton: int  # unknowns of Newton's method, which is for small systems; 0: none
     n_ends: int
     n_matrix: int  # elements whose conduction is solved for as a whole (see conduction.py), or 0
@@ -77,18 +76,18 @@ class Work(Record):
     counts: Counts
     c: Floats = sized("n_constants")  # the time step, the system's constants, and what depends on them only
     inverse_mass: Floats = sized("n")
-    given: Floats = sized("n_given")
-    state0: Floats = sized("2 * m")  # q, p, pi and s at the start of the step
-    block: Floats = sized("k * WIDTH")  # of the conduction, by columns
-    columns: Matrix = sized("k", "WIDTH")  # the same
-    u: Floats = sized("e")  # left and right of the conduction
-    v: Floats = sized("e")
-    scale: Floats = sized("2")  # of forces and of heat in a residual
+    given: Floats = sized("2 * m + k * WIDTH + 2 * e + 2")
+    state0: Floats = sized("2 * m", of="given")  # q, p, pi and s at the start of the step
+    block: Floats = sized("k * WIDTH", of="given", at="2 * m")  # of the conduction, by columns
+    columns: Matrix = sized("k", "WIDTH", of="block")  # the same
+    u: Floats = sized("e", of="given", at="2 * m + k * WIDTH")  # left and right of the conduction
+    v: Floats = sized("e", of="given", at="2 * m + k * WIDTH + e")
+    scale: Floats = sized("2", of="given", at="2 * m + k * WIDTH + 2 * e")  # of forces and of heat in a residual
     found: Floats = sized("WIDTH * (2 * m + n) + 1")
-    U: Matrix = sized("m", "WIDTH")  # the iterate
-    N: Matrix = sized("m", "WIDTH")  # the rates that it gives
-    V: Matrix = sized("n", "WIDTH")  # velocities
-    rates: Floats = sized("WIDTH * (m + n)")  # N, then V
+    U: Matrix = sized("m", "WIDTH", of="found")  # the iterate
+    N: Matrix = sized("m", "WIDTH", of="found", at="WIDTH * m")  # the rates that it gives
+    V: Matrix = sized("n", "WIDTH", of="found", at="WIDTH * 2 * m")  # velocities
+    rates: Floats = sized("WIDTH * (m + n)", of="found", at="WIDTH * m")  # N, then V
     stiff: Floats = sized("3")  # h, lambda, 1 where conduction.py solves for the conduction
     matrix: Matrix = sized("n_matrix", "n_matrix")  # of the conduction: see conduction.py
     factors_re: Cube = sized("n_factors", "n_matrix", "n_matrix")

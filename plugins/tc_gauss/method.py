@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tcbench.compiler.kernels import WIDTH
+from tcbench.compiler.kernels import Kernel
+from tcbench.compiler.once import once
 from tcbench.systems.system import System
 
 from . import formulas
@@ -21,26 +22,15 @@ VECTOR_KERNELS = ("to_iterate", "to_iterate_finer", "to_block", "to_extrapolate"
 
 
 class GaussMethod:
-    """k-stage consistent collocation on one system: fixed steps and adaptive runs. Not thread-safe."""
+    """k-stage consistent collocation on one system: fixed steps and adaptive runs. One run at a time has it."""
 
     def __init__(self, system: System, stages: int) -> None:
-        from .march import LOOPS  # LLVM is loaded when something runs, not when plugins are listed
-        from .memory import Counts, Numbers
-
-        self.loops, self.stages, self.size = LOOPS, stages, system.size
-        formulas.STRUCTURES.setdefault(system.structure, system)
-        scalar, matrix, setup, *_ = formulas.formulas(system.structure)
-        c0 = system.constant_values
-        names = ("to_start", "to_motion", "to_slopes", "to_forces", "to_mend", *VECTOR_KERNELS)
-        addresses = [*(x.address for x in scalar), *formulas.on_vectors(system.structure, stages)]
-        self.counts = Counts()
-        self.work = _work(
-            system, stages, dict(zip(names, addresses, strict=True)), counts=self.counts,
-            numbers=Numbers(k=stages, **formulas.coefficients(stages)._asdict()),
-            c=np.concatenate([c0, setup(c0, c0)]), n_ends=scalar[0].size,
-            to_matrix=matrix.address if matrix else 0, n_matrix=system.n_elements if matrix else 0,
-            n_invariants=scalar[-1].size - system.n_positions - 1,
-        )  # fmt: skip
+        self.loops, model, setup = made_once(system.symbolic, stages)
+        self.stages, self.size, c0 = stages, system.size, system.constant_values
+        self.counts = type(model.counts)()
+        self.work = model.again(counts=self.counts)
+        self.work.c[: len(c0)], self.work.c[len(c0) :] = c0, setup(c0, c0)
+        self.work.inverse_mass[:] = 1.0 / np.asarray(system.inertia(), dtype=float)
 
     def march(self, z: Floats, h: float, count: int) -> Floats:
         """Increments of up to `count` steps, as many as have a solution; ArithmeticError where the first has none."""
@@ -74,19 +64,22 @@ class GaussMethod:
         return tolerance ** ((k + 1) / (2 * k)), max(FINEST, SOLVED_TO * tolerance)
 
 
-def _work(system: System, k: int, addresses: dict[str, int], **fields: Any) -> Any:
-    """The record of a step, with its views."""
-    from .memory import Work
+@once
+def made_once(symbolic: Any, k: int) -> tuple[Any, Any, Kernel]:
+    """What methods on systems of one structure share: compiled functions, a record to be made `again`, and the kernel
+    of what depends on the constants only."""
+    from .march import LOOPS  # LLVM is loaded when something runs, not when plugins are listed
+    from .memory import Counts, Numbers, Work
 
-    n, e = system.n_positions, system.n_elements
-    m, place = n + e, formulas.given(n, e, k)
-    memory, found = np.zeros(place.scale.stop), np.zeros(WIDTH * (2 * m + n) + 1)
-    rows = found[:-1].reshape(2 * m + n, WIDTH)
-    return Work(
-        n=n, e=e, k=k, m=m, n_constants=len(fields["c"]), n_given=len(memory),
-        n_newton=k * m if k * m <= MOST_NEWTON else 0, n_factors=fields["numbers"].pairs + 1, **addresses, **fields,
-        inverse_mass=1.0 / (np.asarray(system.inertia(), dtype=float) * np.ones(n)),
-        given=memory, state0=memory[: place.block.start], block=memory[place.block],
-        columns=memory[place.block].reshape(k, WIDTH), u=memory[place.u], v=memory[place.v], scale=memory[place.scale],
-        found=found, U=rows[:m], N=rows[m : 2 * m], V=rows[2 * m :], rates=found[WIDTH * m : -1],
+    scalar, matrix, setup, *_ = formulas.formulas(symbolic)
+    names = ("to_start", "to_motion", "to_slopes", "to_forces", "to_mend", *VECTOR_KERNELS)
+    addresses = [*(x.address for x in scalar), *formulas.on_vectors(symbolic, k)]
+    n, e = symbolic.n_positions, symbolic.n_elements
+    numbers = Numbers(k=k, **formulas.coefficients(k)._asdict())
+    work = Work(
+        n=n, e=e, k=k, m=n + e, n_constants=symbolic.n_constant_values + setup.size,
+        n_newton=k * (n + e) if k * (n + e) <= MOST_NEWTON else 0, n_factors=numbers.pairs + 1, n_ends=scalar[0].size,
+        n_matrix=e if matrix else 0, to_matrix=matrix.address if matrix else 0, n_invariants=scalar[-1].size - n - 1,
+        numbers=numbers, counts=Counts(), **dict(zip(names, addresses, strict=True)),
     )  # fmt: skip
+    return LOOPS, work, setup

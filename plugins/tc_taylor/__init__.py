@@ -6,8 +6,7 @@ energy into heat, and the entropy is held where it would fall: see docs/methods.
 """
 
 import math
-from functools import cache
-from threading import get_ident
+from functools import cache, partial
 
 import numpy as np
 
@@ -21,13 +20,10 @@ LEAST, EFFORT = 5.0, 0.38  # the best order is about LEAST - EFFORT ln(tolerance
 
 
 def method_of(system, order):
-    """One set of work arrays for each system, order and thread."""
-    from .method import TaylorMethod
+    """The series of this order, set up for a run."""
+    from .method import TaylorMethod  # imported when something runs, not when plugins are listed
 
-    made, key = system.__dict__.setdefault("_taylor_methods", {}), (order, get_ident())
-    if key not in made:
-        made[key] = TaylorMethod(system, order)
-    return made[key]
+    return TaylorMethod(system, order)
 
 
 @cache
@@ -41,18 +37,22 @@ def adaptive(system, z0, t_eval, rtol, atol):
     return method_of(system, order_of(rtol)).adaptive(z0, times, SAFETY * rtol)
 
 
+def one_step(z, h, system, method):
+    return method.step(np.ascontiguousarray(z, dtype=float), h)
+
+
+def several_steps(z, h, count, system, method):
+    return method.march(np.ascontiguousarray(z, dtype=float), h, count)
+
+
 def tc_taylor(order="adaptive"):
     common = {"claims": EXACT, "source": SOURCE, "tags": {"explicit", "taylor"}, "name": "tc_taylor"}
     if order == "adaptive":
         return Integrator(adaptive=adaptive, **common)
 
-    def step(z, h, system):
-        return march(z, h, 1, system)[0]
-
-    def march(z, h, count, system):
-        return method_of(system, int(order)).march(np.ascontiguousarray(z, dtype=float), h, count)
-
-    return Integrator(step=step, march=march, order=int(order), **common)
+    return Integrator(
+        step=one_step, march=several_steps, workspace=partial(method_of, order=int(order)), order=int(order), **common
+    )
 
 
 @hookimpl

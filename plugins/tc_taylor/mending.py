@@ -78,7 +78,7 @@ def mending_kernels(system: System) -> tuple[Kernel, Kernel, list[trace.Symbol]]
     x = trace.maximum(missing * kinetic / (kinetic * kinetic + least * least), trace.const(-1.0))
     held = outputs(p + lengthening(free, x), held, s)
     constants = constant_part([*mended, *held], list(given))
-    places = {x: f"b[{len(system.constant_values) + i}]" for i, x in enumerate(constants)}
+    places = {x: f"b[{system.n_constant_values + i}]" for i, x in enumerate(constants)}
     inputs = {x: f"a[{i}]" for i, x in enumerate(given)} | system.constant_symbols() | places
     return kernel(inputs, mended, size), kernel(inputs, held, size), constants
 

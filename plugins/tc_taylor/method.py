@@ -8,44 +8,36 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcbench import System, TcbenchError
+from tcbench.compiler import derivatives as trace
 from tcbench.compiler.kernels import Kernel, kernel
+from tcbench.compiler.once import once
 
 from .mending import mending_kernels, start_kernel
 from .recurrences import series_kernels
 
 Floats = NDArray[np.float64]
 MOST_ELEMENTS = 32  # beyond, the straight-line code of a series takes more than ten seconds to compile
-_KERNELS: dict[Any, tuple[Kernel, ...]] = {}
 
 
 class TaylorMethod:
-    """Taylor steps of one order on one system: fixed ones and adaptive runs. Not thread-safe."""
+    """Taylor steps of one order on one system: fixed ones and adaptive runs. One run at a time has it."""
 
     def __init__(self, system: System, order: int) -> None:
-        from .march import LOOPS, Counts, Work  # LLVM is loaded when something runs, not when plugins are listed
-
         if system.n_elements > MOST_ELEMENTS:
             raise TcbenchError(
                 f"tc_taylor writes its series out: {system.n_elements} elements are too many for it "
                 f"(at most {MOST_ELEMENTS}). Take tc_gauss or tc_monolithic."
             )
-        self.loops, self.system, self.size = LOOPS, system, system.size
-        series, polynomial, mend, hold, setup, start = kernels(system, order)
-        back, _ = system.kernel("entropy_variables")
-        given = np.concatenate([system.constant_values, setup(system.constant_values, system.constant_values)])
-        self.counts = Counts()
-        self.reached: Floats | None = None  # where the last march ended
-        self.work = Work(
-            size=system.size, order=order, n_given=len(given), to_start=start.address,
-            n_target=system.size + 2 + len(system.invariant_names), to_series=series.address,
-            to_state=polynomial.address, to_mend=mend.address, to_hold=hold.address, to_entropies=back.address,
-            counts=self.counts, given=given,
-        )  # fmt: skip
+        self.loops, model, setup = made_once(system.symbolic, order)
+        self.system, self.size, c = system, system.size, system.constant_values
+        self.counts = type(model.counts)()
+        self.reached: Floats | None = None  # where the run has come by marching
+        self.work = model.again(counts=self.counts)
+        self.work.given[: len(c)], self.work.given[len(c) :] = c, setup(c, c)
 
     def adaptive(self, z0: Floats, times: Floats, tolerance: float) -> tuple[Floats, dict[str, int]]:
         """States at `times`, shape (len(times), n), and their cost; ArithmeticError where steps become too short."""
         states = np.empty((len(times), self.size))
-        self.reached = None
         done = self.loops.adaptive_steps(self.work, z0, times, tolerance, states)
         if done < len(times):
             raise ArithmeticError(f"the step became too short before t = {times[done]:g}")
@@ -56,10 +48,17 @@ class TaylorMethod:
         steps, rejected, _ = self.counts.table.tolist()
         return {"steps": steps, "rejected": rejected}
 
+    def step(self, z: Floats, h: float) -> Floats:
+        """The state after a step that begins a run: what was there before does not matter."""
+        self.reached = None
+        z1 = self.march(z, h, 1)[0]
+        self.reached = None
+        return z1
+
     def march(self, z: Floats, h: float, count: int) -> Floats:
         """States after up to `count` steps of length h, as many as succeed; ArithmeticError where none does.
 
-        From where the last march ended it goes on: a run keeps the invariants of its own start, not of each part's.
+        From where the last one of this run ended it goes on: what a run keeps is what it began with, not each part.
         """
         states = np.empty((count, self.size))
         if self.reached is None or not np.array_equal(z, self.reached):
@@ -71,12 +70,28 @@ class TaylorMethod:
         return states[:done]
 
 
+@once
+def made_once(symbolic: Any, order: int) -> tuple[Any, Any, Kernel]:
+    """What methods on systems of one structure share: compiled functions, a record to be made `again`, and the kernel
+    of what depends on the constants only."""
+    from .march import LOOPS, Counts, Work  # LLVM is loaded when something runs, not when plugins are listed
+
+    series, polynomial, mend, hold, setup, start = kernels(symbolic, order)
+    back, _ = symbolic.kernel("entropy_variables")
+    work = Work(
+        size=symbolic.size, order=order, n_given=symbolic.n_constant_values + setup.size, to_start=start.address,
+        n_target=symbolic.size + 2 + len(symbolic.invariant_names), to_series=series.address,
+        to_state=polynomial.address, to_mend=mend.address, to_hold=hold.address, to_entropies=back.address,
+        counts=Counts(),
+    )  # fmt: skip
+    return LOOPS, work, setup
+
+
 def kernels(system: System, order: int) -> tuple[Kernel, ...]:
-    """(series, polynomial, mend, hold, setup, start), once for each structure of system."""
-    key = (system.structure, order)
-    if key not in _KERNELS:
-        mend, hold, fixed = mending_kernels(system)
-        series, polynomial, more = series_kernels(system, order, len(system.constant_values) + len(fixed))
-        setup = kernel(system.constant_symbols(), [*fixed, *more])
-        _KERNELS[key] = series, polynomial, mend, hold, setup, start_kernel(system)
-    return _KERNELS[key]
+    """(series, polynomial, mend, hold, setup, start) of all systems of this structure."""
+    symbolic = system.symbolic  # its symbols come first
+    with trace.tracing():
+        mend, hold, fixed = mending_kernels(symbolic)
+        series, polynomial, more = series_kernels(symbolic, order, symbolic.n_constant_values + len(fixed))
+        setup = kernel(symbolic.constant_symbols(), [*fixed, *more])
+        return series, polynomial, mend, hold, setup, start_kernel(symbolic)

@@ -16,7 +16,7 @@ from ..solver.quotients import REMEDY, zero_over_zero
 from ..studies.theorems import SEED, admissible_states, energy_defect, entropy_fall
 from .check_line import FAIL, NONE, OK, Line, line
 from .jacobian_checks import given_gap, traced_gap
-from .second_ways import march_gap, outputs_gap
+from .second_ways import march_gap, outputs_gap, workspace_gap
 
 if TYPE_CHECKING:
     from ..integrator import Flow, Integrator
@@ -86,6 +86,9 @@ def deterministic(method: Integrator) -> Line:
         run(method, other, other.dt * GENTLE, 3)
     again = run(method, scenario, scenario.dt * GENTLE, 5)
     if first.z.shape == again.z.shape and np.array_equal(first.z, again.z):
+        if gap := workspace_gap(method, scenario, scenario.dt * GENTLE):
+            remedy = "What `step` returns may not depend on what its workspace holds; `march` alone may go on with it."
+            return Line(name, FAIL, f"one step twice, with one workspace, differs by {gap:.1e}", remedy)
         return Line(name, OK, "two runs agree to the last bit, with another scenario in between")
     gap = np.abs(first.z - again.z).max() if first.z.shape == again.z.shape else math.inf
     remedy = "A step may use z0, h and the system only: no random numbers, no memory of earlier steps, no globals."
@@ -102,7 +105,7 @@ def keeps_its_input(method: Integrator) -> Line:
     before = z0.copy(), times.copy()
     if method.step is not None:
         earlier = (tuple(z0.copy() for _ in range(method.memory)),) if method.memory else ()
-        method.step(z0, scenario.dt, scenario.model, *earlier)
+        method.step(z0, scenario.dt, scenario.model, *earlier, *method.held_by_a_run(scenario.model))
     else:
         assert method.adaptive is not None
         method.adaptive(scenario.model, z0, times, 1e-6, 1e-6)

@@ -9,14 +9,15 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache, cached_property
+from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .derivatives import Symbol, depends_on, topological
-from .language import FUNCTIONS, PLAIN, PYTHON_KERNELS, pick, put, release, row, scratch, vector
+from .language import FUNCTIONS, PLAIN, made_up_address, pick, put, release, row, scratch, vector
+from .once import LOCK, cached_property
 
 WIDTH = 8  # doubles in a vector of vector_kernels.py
 ROW = 4  # doubles in a short vector of results
@@ -114,6 +115,10 @@ class Kernel:
     size: int
     table: NDArray[np.int64] | None = field(default=None, compare=False)  # whole numbers that the text reads
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the address, which is one in this process only."""
+        return {name: value for name, value in vars(self).items() if name != "address"}
+
     @cached_property
     def address(self) -> int:
         """Address of the compiled code, to be passed as an integer into compiled loops."""
@@ -149,12 +154,11 @@ def _load(text: str, table: NDArray[np.int64] | None) -> int:
         from .machine import load  # LLVM is imported when something is compiled, not before
         from .translations import made_of
 
-        return load(text, lambda _: _code(text, table), table, made_of(text, table is None))
+        with LOCK:  # of threads that ask for the same one compiles it
+            return load(text, lambda _: _code(text, table), table, made_of(text, table is None))
     scope = namespace() | {"table": table}
     exec(compile(text, "<kernel>", "exec"), scope)
-    address = len(PYTHON_KERNELS) + 1
-    PYTHON_KERNELS[address] = scope["kernel"]
-    return address
+    return made_up_address(scope["kernel"])
 
 
 def _code(text: str, table: NDArray[np.int64] | None = None) -> str:

@@ -6,6 +6,7 @@ TCBENCH_PLAIN=1 in the environment everything does, kernels included, and nothin
 
 from __future__ import annotations
 
+import itertools
 import math
 import os
 from collections.abc import Callable
@@ -25,6 +26,7 @@ Ints = Annotated[NDArray[np.int64], "Ints"]
 Kernel = int
 
 PYTHON_KERNELS: dict[int, Callable[[Any, Any, Any], None]] = {}  # of plain Python: made-up address -> function
+_ADDRESSES = itertools.count(1)
 F = TypeVar("F", bound=Callable[..., Any])
 
 
@@ -32,6 +34,13 @@ def rare(function: F) -> F:
     """Mark a function that few steps call: its code stays apart from the loop's."""
     function.rare = True  # type: ignore[attr-defined]
     return function
+
+
+def made_up_address(function: Callable[[Any, Any, Any], None]) -> int:
+    """An address, which no other has, at which `call` finds this function."""
+    address = next(_ADDRESSES)
+    PYTHON_KERNELS[address] = function
+    return address
 
 
 def call(kernel: Kernel, a: Any, b: Any, out: Any) -> None:

@@ -18,6 +18,7 @@ from ..errors import TcbenchError
 from . import language
 from .language import Floats, Kernel, Matrix, call
 from .machine import addresses
+from .once import LOCK
 from .records import HEAD, address_of
 from .values import BOOL, FLOAT, INT, NOTHING, Array, Several, kind_of
 
@@ -54,7 +55,8 @@ class Library:
         else:
             from .translations import made_of
 
-            found = addresses(self.entries(), self.code, made_of(*self.functions), loops=True)
+            with LOCK:  # the second of two threads reads what the first compiled
+                found = addresses(self.entries(), self.code, made_of(*self.functions), loops=True)
             self.__dict__ |= {f.__name__: _entry(f, address) for f, address in zip(self.functions, found, strict=True)}
         return self.__dict__[name]
 
@@ -78,11 +80,9 @@ _CALLBACKS: list[Any] = []  # for as long as the process lives
 def callback(function: Callable[[Any, Any, Any], None], sizes: tuple[int, int, int]) -> Kernel:
     """Address of a Python function of three arrays of these sizes, to be called from compiled code as a kernel."""
     if language.PLAIN:
-        address = len(language.PYTHON_KERNELS) + 1
-        language.PYTHON_KERNELS[address] = lambda *arrays: function(
-            *(np.ravel(x)[:size] for x, size in zip(arrays, sizes, strict=True))
+        return language.made_up_address(
+            lambda *arrays: function(*(np.ravel(x)[:size] for x, size in zip(arrays, sizes, strict=True)))
         )
-        return address
 
     kept = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 3)(
         lambda *places: function(*(_numbers(at, size) for at, size in zip(places, sizes, strict=True)))
@@ -208,8 +208,8 @@ def _native() -> list[Any]:
         word = ctypes.c_ssize_t
         kinds = (ctypes.c_int64 * 2).from_address(ctypes.PYFUNCTYPE(word)(at[2])())
         kinds[:] = [id(np.ndarray), id(np.dtype(np.float64))]
-        _NATIVE.append(ctypes.PYFUNCTYPE(word, word, word, word, word)(at[0]))
-        _NATIVE.append(ctypes.PYFUNCTYPE(None, word, word, word, word)(at[1]))
+        checked = ctypes.PYFUNCTYPE(word, word, word, word, word)(at[0])
+        _NATIVE[:] = checked, ctypes.PYFUNCTYPE(None, word, word, word, word)(at[1])  # both at once: threads look here
     return _NATIVE
 
 

@@ -47,11 +47,16 @@ class Sized:
     """The shape of an array field: expressions of + - * in whole-number fields of the same record, and constants."""
 
     lengths: tuple[str, ...]
+    of: str = ""
+    at: str = "0"
 
 
-def sized(*lengths: str) -> Any:
-    """Declare an array field's shape, as in `matrix: Matrix = sized("n", "n + 2")`."""
-    return Sized(lengths)
+def sized(*lengths: str, of: str = "", at: str = "0") -> Any:
+    """Declare an array field's shape, as in `matrix: Matrix = sized("n", "n + 2")`.
+
+    of : an array declared before, which this one is a part of, from its number `at` on.
+    """
+    return Sized(lengths, of, at)
 
 
 class Rows(Generic[R]):
@@ -75,8 +80,8 @@ class Rows(Generic[R]):
 class Field:
     """One field; in Python a property of the record."""
 
-    def __init__(self, name: str, kind: str, index: int, lengths: tuple[str, ...]) -> None:
-        self.name, self.kind, self.index, self.lengths = name, kind, index, lengths
+    def __init__(self, name: str, kind: str, index: int, sized: Sized) -> None:
+        self.name, self.kind, self.index, self.sized, self.lengths = name, kind, index, sized, sized.lengths
         self.is_real, self.is_whole = kind == "float", kind in WHOLE
 
     @property
@@ -127,11 +132,11 @@ class Record:
         cls.mutable, cls.fields = mutable, dict(cls.fields)
         for name, kind in inspect.get_annotations(cls).items():
             shape = cls.__dict__.get(name)
-            lengths = shape.lengths if isinstance(shape, Sized) else ()
+            shape = shape if isinstance(shape, Sized) else Sized(())
             if hasattr(Record, name) or name in Record.__annotations__:
                 raise TypeError(f"{cls.__name__}.{name}: a record has something else of that name")
-            field = Field(name, annotation_text(kind), len(cls.fields), lengths)
-            if field.is_array and len(lengths) != RANKS[field.kind]:
+            field = Field(name, annotation_text(kind), len(cls.fields), shape)
+            if field.is_array and len(shape.lengths) != RANKS[field.kind]:
                 raise TypeError(
                     f"{cls.__name__}.{name}, of kind {kind}, needs sized(...) with {RANKS[field.kind]} lengths"
                 )
@@ -151,19 +156,39 @@ class Record:
             if len(cls._plans) >= MOST_PLANS:
                 cls._plans.clear()
             plan = cls._plans[key] = _Plan(cls, values)
-        kept: dict[str, Any] = {}
-        self._kept, self._plan = kept, plan
-        table, reals = self._at(plan.table.copy())
-        if plan.memory:
-            kept[""] = np.zeros(plan.memory)
-            table[plan.own] = plan.offsets + address_of(kept[""])
+        table, reals = self._with_memory(plan, plan.table.copy())
         if plan.whole:
             table[plan.whole_at] = [values[name] for name in plan.whole]
         if plan.real:
             reals[plan.real_at] = [values[name] for name in plan.real]
         for field in plan.given:
-            value = kept[field.name] = values[field.name]
-            table[field.index] = address_of(_checked(field, value, plan.shapes) if field.is_array else value.table)
+            self._give(field, values[field.name])
+
+    def again(self: R, **values: Any) -> R:
+        """Another record with the same numbers, and memory of its own, zero: what was given is shared, but these."""
+        found, fields = object.__new__(type(self)), type(self).fields
+        found._with_memory(self._plan, self.table.copy())
+        found._kept |= {field.name: self._kept[field.name] for field in self._plan.given}
+        for name, value in values.items():
+            found._give(fields[name], value)
+        return found
+
+    def _give(self, field: Field, value: Any) -> None:
+        """An array or record that was made elsewhere."""
+        self._kept[field.name] = value
+        array = _checked(field, value, self._plan.shapes) if field.is_array else value.table
+        self.table[field.index] = address_of(array)
+
+    def _with_memory(self, plan: _Plan, table: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Live in this table, with new memory; returns what `_at` does."""
+        self._kept, self._plan = {}, plan
+        if plan.memory:
+            memory = self._kept[""] = np.zeros(plan.memory)
+            table[plan.own] = plan.offsets + address_of(memory)
+        return self._at(table)
+
+    def __reduce_ex__(self, protocol: Any) -> Any:
+        raise TypeError(f"a {type(self).__name__} is no data: it holds addresses in memory, which a copy would share")
 
     def _at(self, table: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Live in this table; returns it, and the same memory as floats."""
@@ -215,10 +240,13 @@ class _Plan:
         own: list[Field] = []
         for f in arrays:
             shape = tuple(int(eval(length, cls.names, values)) for length in f.lengths)
-            self.shapes[f.name] = (self.memory, shape)
+            part, start = f.sized.of, self.memory
+            if part:
+                start = self.shapes[part][0] + int(eval(f.sized.at, cls.names, values))
+            self.shapes[f.name] = (start, shape)
             if f.name not in values:
                 own.append(f)
-                self.memory += math.prod(shape)
+                self.memory += 0 if part else math.prod(shape)
         self.own = np.array([f.index for f in own], dtype=np.intp)
         self.offsets = np.array([8 * self.shapes[f.name][0] for f in own], dtype=np.int64)
         self.numbers = [(f.name, f.index, f.is_real) for f in cls.fields.values() if f.is_real or f.is_whole]

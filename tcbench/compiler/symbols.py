@@ -23,10 +23,18 @@ from numpy.typing import NDArray
 from ..errors import TraceError
 from .collector import paused
 from .language import FUNCTIONS
+from .once import LOCK
 from .sentences import MixedSpaces, Space, mixed_up, refused, where_in_user_code
 
-_INTERN: MutableMapping[tuple, Symbol] = weakref.WeakValueDictionary()  # expressions that exist
-_LOCK = threading.RLock()
+
+class _Expressions(threading.local):
+    """Those that exist, by what they are made of: of the trace under way, or all that are alive; each thread's own."""
+
+    def __init__(self) -> None:
+        self.table: MutableMapping[tuple, Symbol] = weakref.WeakValueDictionary()
+
+
+_KNOWN = _Expressions()
 MOST_FACTORS = 64  # of a power that is written as products
 _OF_ARGUMENTS = object()
 _COUNTER = iter(range(sys.maxsize))
@@ -37,13 +45,12 @@ def tracing(known: Mapping[tuple, Symbol] | None = None) -> Iterator[Mapping[tup
     """A trace of its own, which finds no expressions of others: its graph, and so the last digits of what it computes,
     do not depend on what was traced before. Gives its table of expressions; known: that of a trace to go on from.
     """
-    global _INTERN
-    with _LOCK, paused():
-        before, _INTERN = _INTERN, dict(known or {})
+    with LOCK, paused():
+        before, _KNOWN.table = _KNOWN.table, dict(known or {})
         try:
-            yield _INTERN
+            yield _KNOWN.table
         finally:
-            _INTERN = before
+            _KNOWN.table = before
 
 
 def mixed(a: Symbol, b: Symbol) -> MixedSpaces:
@@ -172,7 +179,8 @@ def _lift(other: Any, operation: Any) -> Any:
 
 def intern(op: str, args: tuple[Symbol, ...], value: Any = None, space: Any = _OF_ARGUMENTS) -> Symbol:
     key = (op, tuple(a.number for a in args), value)
-    node = _INTERN.get(key)
+    table = _KNOWN.table
+    node = table.get(key)
     if node is None:
         if space is _OF_ARGUMENTS:
             space = None
@@ -181,7 +189,7 @@ def intern(op: str, args: tuple[Symbol, ...], value: Any = None, space: Any = _O
                     if space is not None:
                         return _across(op, args)
                     space = a.space
-        node = _INTERN[key] = Symbol(op, args, value)
+        node = table[key] = Symbol(op, args, value)
         node.space = space
     return node
 
@@ -283,7 +291,7 @@ def sub(a: Symbol, b: Symbol) -> Symbol:
         return add(a, b.args[0])
     if a.op == "neg":
         return neg(add(a.args[0], b))
-    if a.number > b.number and ("sub", (b.number, a.number), None) in _INTERN:
+    if a.number > b.number and ("sub", (b.number, a.number), None) in _KNOWN.table:
         return neg(intern("sub", (b, a)))  # a - b and b - a are one node
     return intern("sub", (a, b))
 

@@ -101,7 +101,8 @@ def source_mark(method: Integrator) -> str:
         origin = plugins.registry().origins.get(method.plugin)
         return (inputs.file_hash(origin.path) or "")[:12] if origin and origin.path else ""
     return (
-        content_hash({f.name: getattr(method, f.name) for f in fields(method) if f.name not in SAID}) or UNHASHABLE
+        content_hash({f.name: getattr(method, f.name) for f in fields(method) if f.compare and f.name not in SAID})
+        or UNHASHABLE
     )[:12]
 
 

@@ -38,9 +38,11 @@ def run_step(integrator: Integrator, scenario: Scenario, dt: float, steps: int, 
     reason, done = monitor.add(1, first.z[1:]) if first.steps else (OK, 0)
     past, z, failure = list(first.z[-2::-1]) if integrator.memory else [], first.z[-1], first.failure
     alone, loaded, count = done + 1, begin, 1  # the first step by itself: it may load and compile what the others use
+    held: tuple[Any, ...] | None = None
     while done < steps and reason == OK and not failure:
         try:
-            states = _next_states(integrator, model, z, carry, dt, min(count, steps - done), past)
+            held = integrator.held_by_a_run(model) if held is None else held
+            states = _next_states(integrator, model, z, carry, dt, min(count, steps - done), past, held)
         except Exception as error:  # a plugin may raise anything: that is a row, not a crash
             leave_to_the_machine(error)
             failure = exception_sentence(error, done + 1, (done + 1) * dt)
@@ -59,18 +61,22 @@ def run_step(integrator: Integrator, scenario: Scenario, dt: float, steps: int, 
 
 
 def _next_states(
-    integrator: Integrator, model: Any, z: np.ndarray, carry: np.ndarray, dt: float, count: int, past: Sequence[Any]
-) -> np.ndarray:
-    """The state after one step, in one row, or those after up to `count` where the method marches itself."""
+    integrator: Integrator, model: Any, z: np.ndarray, carry: np.ndarray, dt: float, count: int, past: Sequence[Any],
+    held: tuple[Any, ...],
+) -> np.ndarray:  # fmt: skip
+    """The state after one step, in one row, or those after up to `count` where the method marches itself.
+
+    held: the run's workspace, if the method has one.
+    """
     start = model.state(z.copy())
     if integrator.march is not None:
-        rows = real(integrator.march(start, dt, count, model))
+        rows = real(integrator.march(start, dt, count, model, *held))
         if rows.ndim != 2 or not 1 <= len(rows) <= count or rows.shape[1] != len(z):
             raise ValueError(f"march returned shape {rows.shape}; up to {count} states of {len(z)} were asked for")
     else:
         assert integrator.step is not None
         before = (tuple(model.state(earlier.copy()) for earlier in past),) if integrator.memory else ()
-        given = integrator.step(start, dt, model, *before)
+        given = integrator.step(start, dt, model, *before, *held)
         result = real(given)
         if result.shape != z.shape:
             raise ValueError(f"the step returned shape {result.shape}, a state has shape {z.shape}{_nothing(given)}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from typing import Any
 
 import numpy as np
@@ -10,11 +11,11 @@ import numpy as np
 from ..errors import TcbenchError
 from ..integrator import Integrator
 from ..solver.flow_kernels import FlowKernels
-from ..solver.implicit_step import OK, compiled_flows
+from ..solver.implicit_step import OK, Rules, compiled_flows
 from ..systems.scenario import Scenario
 from ..systems.state import State
 from ..systems.system import System
-from .prepared import Prepared
+from .prepared import Prepared, take
 from .recorder import cause_of
 
 
@@ -22,8 +23,8 @@ def stepper(method: str | Integrator, system: System | Scenario | str) -> Steppe
     """One step of a method as a function, z1 = step(z, h), on a system (of a scenario, if that is given).
 
     For Richardson extrapolation, composition, control of the step and whatever else is made of steps of other methods;
-    a plugin's `step` or `adaptive` may ask for it at every call, for it is kept with the system. The step is solved as
-    in a run, continuation included, and starts a run of its own: what rounding drops is not carried on to the next.
+    a plugin's `step` or `adaptive` may ask for it at every call. The step is solved as in a run, continuation included,
+    and starts a run of its own: z1 depends on z and h alone, and what rounding drops is not carried on to the next.
 
     z : (q, p, s), shape (n,); h : finite; where heat is conducted a negative step may not exist. Returns z1 as
     a state; `iterations` counts Newton's so far.
@@ -41,19 +42,29 @@ def stepper(method: str | Integrator, system: System | Scenario | str) -> Steppe
         kind = "an adaptive solver" if method.kind == "adaptive" else "a multistep method"
         raise TcbenchError(f"{method.name!r} is {kind}: it has no step that depends on z and h alone.")
     kernels = compiled_flows(method.flows, system.symbolic) if method.kind == "flows" else ()
-    kept: dict[int, Stepper] = system.__dict__.setdefault("_steppers", {})
-    known = kept.get(id(method))
-    if known is None or known.method is not method or known.kernels is not kernels:
-        known = kept[id(method)] = Stepper(method, system, kernels)
-    return known
+    return Stepper(method, system, kernels)
 
 
 class Stepper:
-    """z1 = step(z, h); see `stepper`. Not thread-safe."""
+    """z1 = step(z, h); see `stepper`. It holds the memory of a run; threads that share one take turns."""
+
+    _ready: Prepared | None = None
 
     def __init__(self, method: Integrator, system: System, kernels: tuple[FlowKernels, ...]) -> None:
-        self.method, self.system, self.kernels = method, system, kernels
-        self._ready = Prepared(system, method, kernels) if kernels else None
+        self.method, self.system, self._held = method, system, method.held_by_a_run(system)
+        self._lock = threading.RLock()
+        if kernels:
+            self._ready = take(method, system, kernels)
+            self._ready.clear()
+            self._ready.set_rules(Rules(), math.inf)
+            self._ready.set_length(1.0)
+
+    def __del__(self) -> None:
+        if self._ready is not None:
+            self._ready.give_back()
+
+    def __reduce__(self) -> Any:
+        return stepper, (self.method, self.system)  # a copy has memory of its own
 
     @property
     def order(self) -> int | None:
@@ -70,11 +81,13 @@ class Stepper:
             raise TcbenchError(f"A state of this {self.system.name} has shape ({self.system.size},), not {z.shape}.")
         if not (math.isfinite(h) and np.isfinite(z).all()):
             raise TcbenchError(f"A step begins at a finite state and has a finite length, not z = {z!r} and h = {h:g}.")
-        return self.system.state(self._by_function(z, h) if self._ready is None else self._by_flows(self._ready, z, h))
+        with self._lock:
+            z1 = self._by_function(z, h) if self._ready is None else self._by_flows(self._ready, z, h)
+        return self.system.state(z1)
 
     def _by_function(self, z: np.ndarray, h: float) -> np.ndarray:
         assert self.method.step is not None
-        z1 = np.array(self.method.step(self.system.state(z), h, self.system), dtype=float)
+        z1 = np.array(self.method.step(self.system.state(z), h, self.system, *self._held), dtype=float)
         return z + z1 if self.method.increments else z1
 
     def _by_flows(self, ready: Prepared, z: np.ndarray, h: float) -> np.ndarray:

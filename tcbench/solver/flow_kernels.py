@@ -13,7 +13,6 @@ from __future__ import annotations
 import traceback
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,6 +21,7 @@ from ..compiler import derivatives as trace
 from ..compiler.derivatives import Symbol, const
 from ..compiler.formula_hash import formula_hash
 from ..compiler.kernels import Kernel, constant_part, kernel
+from ..compiler.once import cached_property
 from ..compiler.symbols import MixedSpaces
 from ..errors import TcbenchError, TraceError
 from ..integrator import Flow, Residual

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,6 +13,7 @@ import numpy as np
 from ..compiler.formula_hash import formula_hash
 from ..compiler.language import Floats, copy_into, rare
 from ..compiler.library import Library, evaluate
+from ..compiler.once import once
 from ..integrator import Flow as Formula
 from ..integrator import Integrator
 from ..systems.scenario import Scenario
@@ -112,11 +112,11 @@ def by_arc(flow: Flow, reason: int) -> tuple[int, int]:
 def compiled_flows(formulas: tuple[Formula, ...], symbolic: System) -> tuple[FlowKernels, ...]:
     """The kernels of a method's flows for a structure of system; traced again when what the formulas read changed."""
     seen = tuple([formula_hash(f.residual) for f in formulas])
-    make = _compiled_flows.__wrapped__ if None in seen else _compiled_flows
+    make = _compiled_flows.__wrapped__ if None in seen else _compiled_flows  # type: ignore[attr-defined]
     return make(formulas, symbolic, seen)
 
 
-@cache
+@once
 def _compiled_flows(
     formulas: tuple[Formula, ...], symbolic: System, seen: tuple[str | None, ...]
 ) -> tuple[FlowKernels, ...]:

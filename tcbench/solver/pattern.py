@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..compiler.library import callback
+from ..compiler.once import cached_property
 
 Ints = NDArray[np.int64]
 

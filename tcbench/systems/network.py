@@ -7,7 +7,6 @@ element for all of them, and becomes loops: what a step costs follows the size, 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import cached_property
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -16,13 +15,14 @@ from numpy.typing import NDArray
 from ..compiler import derivatives as trace
 from ..compiler import spaces
 from ..compiler.kernels import Kernel
+from ..compiler.once import cached_property
 from ..compiler.space_kernels import SCALAR, Mesh, Slot, SpaceKernel, space_kernel
 from ..compiler.spaces import Count, Map
 from ..compiler.symbols import Symbol, array, mixed_up
 from ..errors import TcbenchError, TraceError
 from .refusals import check_degree
 from .same_for_all import require_same
-from .state import State
+from .state import State, fixed
 from .system import System
 from .traced import FEW, KEPT, derived
 
@@ -225,7 +225,7 @@ class Network(System):
     def constant_values(self) -> NDArray[np.float64]:
         """(time step, the constants in declared order, the anchors): the second argument of every kernel."""
         parts = [np.ravel(getattr(self, name)) for name in self.constants]
-        return np.concatenate([[0.0], *parts, self.anchors]).astype(np.float64)
+        return fixed(np.concatenate([[0.0], *parts, self.anchors]).astype(np.float64))
 
     @property
     def n_constant_values(self) -> int:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..errors import TcbenchError, unknown_name
 from .sampling import Draw, Range, seed_of
-from .state import formulas_hash
+from .state import fixed, formulas_hash
 from .system import System
 
 REST = 1e-10  # least exergy of a scenario, relative to its energy: see Scenario.initial_exergy
@@ -65,6 +65,10 @@ class Scenario:
         put(self, "constants", {k: _plain(v) for k, v in self.constants.items()})
         self._check_initial_state()
 
+    def __getstate__(self) -> dict[str, Any]:
+        """What is copied and pickled: the numbers, and the system."""
+        return {**vars(self), "_cache": {"model": self.model}}
+
     def _check_sizes(self) -> None:
         n, m = self.system.n_positions, self.system.n_elements
         for name, size in (("positions", n), ("momenta", n), ("temperatures", m)):
@@ -103,8 +107,7 @@ class Scenario:
         """Initial state (q, p, s), shape (n,)."""
         if "z0" not in self._cache:
             s0 = self.model.entropies(np.array(self.positions), np.array(self.temperatures))
-            self._cache["z0"] = np.concatenate([self.positions, self.momenta, s0]).astype(float)
-            self._cache["z0"].setflags(write=False)
+            self._cache["z0"] = fixed(np.concatenate([self.positions, self.momenta, s0]).astype(float))
         return self._cache["z0"]
 
     @property

@@ -16,6 +16,12 @@ if TYPE_CHECKING:
 Array = NDArray[Any]
 
 
+def fixed(array: Array) -> Array:
+    """The array, which from now on cannot be written to: many hold it."""
+    array.setflags(write=False)
+    return array
+
+
 class State(np.ndarray):
     """Array, last axis (q, p, s), with the blocks by name; `theta` names the last block in (q, p, theta)."""
 

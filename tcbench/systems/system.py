@@ -7,7 +7,7 @@ on symbols (while a formula is traced) as an expression, on floats through a com
 
 from __future__ import annotations
 
-from functools import cached_property, wraps
+from functools import wraps
 from typing import Any, ClassVar
 
 import numpy as np
@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 
 from ..compiler import derivatives as trace
 from ..compiler.divided_differences import rectangle, symmetrised_slopes
+from ..compiler.once import cached_property
 from ..errors import TcbenchError, unknown_name
 from .operators import Poisson, SparseRows
 from .refusals import check_attribute, check_class, check_degree, check_own
-from .state import State, formulas_hash
+from .state import State, fixed, formulas_hash
 from .traced import Traced, derived
 
 Array = NDArray[Any]
@@ -66,7 +67,7 @@ class System(Traced):
 
     def _checked(self, name: str, shape: tuple[int, ...], value: Any) -> Any:
         try:
-            array = np.asarray(value, dtype=float)
+            array = np.array(value, dtype=float)  # not the caller's own, which may change
         except (TypeError, ValueError, OverflowError):
             raise TcbenchError(f"Constant {name!r} must be a number or {shape} numbers, not {value!r}.") from None
         if array.shape != shape:
@@ -77,7 +78,7 @@ class System(Traced):
             raise TcbenchError(f"Constant {name!r} must be positive, not {value!r}.")
         if name in self.non_negative and not np.all(array >= 0):
             raise TcbenchError(f"Constant {name!r} must not be negative, not {value!r}.")
-        return float(array) if shape == () else array
+        return float(array) if shape == () else fixed(array)
 
     # ---- written by the author of a system -------------------------------------------------------------
 
@@ -151,7 +152,7 @@ class System(Traced):
     def constant_values(self) -> NDArray[np.float64]:
         """(time step, then the constants in declared order): the second argument of every kernel."""
         parts = [np.ravel(getattr(self, name)) for name in self.constants]
-        return np.concatenate([[0.0], *parts]).astype(np.float64)
+        return fixed(np.concatenate([[0.0], *parts]).astype(np.float64))
 
     @property
     def n_constant_values(self) -> int:

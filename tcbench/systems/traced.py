@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import traceback
 from collections.abc import Callable, Mapping
-from functools import cached_property, wraps
+from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
@@ -12,7 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiler import derivatives as trace
+from ..compiler.once import LOCK, cached_property
 from ..errors import TcbenchError, TraceError
+from .state import fixed
 
 if TYPE_CHECKING:
     from ..compiler.kernels import Kernel
@@ -69,6 +71,16 @@ class Traced:
 
         def __getattr__(self, name: str) -> Any: ...
 
+    def __getstate__(self) -> dict[str, Any]:
+        """The numbers, for copies and pickles: what follows from them (symbols, addresses of kernels) is made again."""
+        derived = {
+            name for kind in type(self).__mro__ for name, x in vars(kind).items() if isinstance(x, cached_property)
+        }
+        return {name: value for name, value in vars(self).items() if name not in derived}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update({name: fixed(x) if isinstance(x, np.ndarray) else x for name, x in state.items()})
+
     def formula(self, name: str) -> tuple[str, tuple[int, ...]]:
         """A derived function of one state ("vector_field", "energy", ...) as straight-line Python, and its shape.
 
@@ -93,7 +105,7 @@ class Traced:
             for name, shape in self.constants.items():
                 symbols = self.symbols_of(name)
                 setattr(clone, name, symbols[0] if shape == () else symbols.reshape(shape))
-            _SYMBOLIC[key] = clone
+            _SYMBOLIC.setdefault(key, clone)  # of two threads that make one at once the first
         return _SYMBOLIC[key]
 
     @property
@@ -141,7 +153,9 @@ class Traced:
             from ..compiler.kernels import kernel as straight
             from ..compiler.rolled import rolled
 
-            _KERNELS[key] = self._traced(body, sizes, rolled if self.size > LARGE else straight)
+            with LOCK:
+                if key not in _KERNELS:
+                    _KERNELS[key] = self._traced(body, sizes, rolled if self.size > LARGE else straight)
         return _KERNELS[key]
 
     def _traced(self, body: Callable[..., Any], sizes: tuple[int, ...], made: Callable[..., Any]) -> tuple[Any, Any]:

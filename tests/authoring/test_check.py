@@ -139,6 +139,12 @@ def wrong_residual_jacobian(z, h, system):
 wrong_residual_jacobian.residual = implicit_midpoint
 wrong_residual_jacobian.jacobian = lambda z0, z1, h, s: np.eye(len(z0)) + h / 2 * s.jacobian((z0 + z1) / 2)
 
+
+def goes_on(z, h, system, held):
+    held[0] += 1
+    return explicit_midpoint(z, h, system) + 1e-12 * (held[0] > 2)
+
+
 FAULTS = {
     "order claimed too high": (made(flows=implicit_midpoint, order=4), "order", "declared 4, measured 2.00"),
     "order claimed too low": (made(flows=implicit_midpoint, order=1), "order", "higher than declared"),
@@ -149,6 +155,9 @@ FAULTS = {
     "wrong sign in a residual's Jacobian": (made(step=wrong_residual_jacobian), "Jacobian", "gap to differences"),
     "hidden counter": (made(step=hidden), "deterministic", "differ"),
     "hidden last slope": (made(step=multistep), "deterministic", "differ"),
+    "a step that goes on with its workspace": (
+        made(step=goes_on, workspace=lambda system: [0]), "deterministic", "with one workspace",
+    ),
     "in-place change of z0": (made(step=in_place), "input unchanged", "z0 is changed"),
     "in-place change in a formula": (made(flows=in_place_formula), "input unchanged", "in_place_formula changes"),
     "random numbers": (made(step=random), "deterministic", "differ"),

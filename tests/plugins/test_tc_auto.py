@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from random_laws import assert_laws
 from states import admissible_states
-from tcbench_plugins.tc_auto import adaptive, methods_of
+from tcbench_plugins.tc_auto import adaptive, both, methods_of
 from tcbench_plugins.tc_gauss import march
 
 import tcbench
@@ -16,9 +16,10 @@ from tcbench.reference.lookup import reference_for
 END = np.array([0.0, 20.0])
 
 
-def shares(system, tolerance):
-    """(implicit, explicit) steps of the last run."""
-    implicit, explicit = methods_of(system, tolerance)
+def shares(scenario, tolerance, times=END):
+    """(implicit, explicit) steps of a run."""
+    implicit, explicit = methods_of(scenario.model, tolerance)
+    both(implicit, explicit, scenario.z0, times, tolerance)
     return implicit.counts.steps, explicit.counts.steps
 
 
@@ -26,7 +27,7 @@ def shares(system, tolerance):
 def test_where_conduction_is_not_stiff_the_run_is_that_of_the_explicit_method(name):
     scenario = tcbench.scenarios()[name]
     found, _ = adaptive(scenario.model, scenario.z0, END, 1e-7, 1e-7)
-    assert shares(scenario.model, 1e-7)[0] == 0
+    assert shares(scenario, 1e-7)[0] == 0
     alone, _ = tcbench.integrators()["tc_taylor"].adaptive(scenario.model, scenario.z0, END, 1e-7, 1e-7)
     assert np.array_equal(found, alone)
 
@@ -36,7 +37,7 @@ def test_where_it_is_stiff_few_explicit_steps_are_taken_and_most_work_is_saved(n
     scenario = tcbench.scenarios()[name]
     _, alone = tcbench.integrators()["tc_gauss_adaptive"].adaptive(scenario.model, scenario.z0, END, 1e-7, 1e-7)
     _, cost = adaptive(scenario.model, scenario.z0, END, 1e-7, 1e-7)
-    implicit, explicit = shares(scenario.model, 1e-7)
+    implicit, explicit = shares(scenario, 1e-7)
     assert 8 <= explicit < 30 and implicit > 3  # once out of what decays at the start, eight that conduction bounds
     assert cost["newton_iterations"] < alone["newton_iterations"]
 
@@ -47,7 +48,7 @@ def test_a_run_that_goes_over_keeps_its_laws_and_its_tolerance(name):
     reference = reference_for(scenario, [1.0]).states[-1].astype(float)
     for tolerance in (1e-4, 1e-8):
         run = tcbench.simulate("tc_auto", scenario, tolerance=tolerance)
-        implicit, explicit = shares(scenario.model, tolerance)
+        implicit, explicit = shares(scenario, tolerance, run.t)
         assert run.ok and implicit > 0 and explicit > 3
         error = np.max(np.abs(run.z[-1] - reference) / np.maximum(1.0, np.abs(reference)))
         assert error <= 3e3 * tolerance  # what the scenario itself makes of a disturbance, as of tc_taylor's
@@ -60,7 +61,7 @@ def test_it_goes_to_and_fro_as_stiffness_comes_and_goes():
     scenario = tcbench.scenarios()["cold_spring"]
     _, alone = tcbench.integrators()["tc_gauss_adaptive"].adaptive(scenario.model, scenario.z0, END, 1e-4, 1e-4)
     _, cost = adaptive(scenario.model, scenario.z0, END, 1e-4, 1e-4)
-    implicit, explicit = shares(scenario.model, 1e-4)
+    implicit, explicit = shares(scenario, 1e-4)
     assert explicit > 3 and implicit > 3 and cost["newton_iterations"] < alone["newton_iterations"]
 
 

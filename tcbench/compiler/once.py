@@ -1,0 +1,33 @@
+"""What is made once and kept, by threads that may ask for it at the same time."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from functools import cache, wraps
+from functools import cached_property as _cached_property
+from typing import Any, TypeVar
+
+LOCK = threading.RLock()  # of traces and of what is made of them: one thread at a time
+Made = TypeVar("Made")
+
+
+def once(make: Callable[..., Made]) -> Callable[..., Made]:
+    """As `functools.cache`; of threads that ask for the same at once one makes it, and the others wait."""
+    kept = cache(make)
+
+    @wraps(make)
+    def found(*arguments: object) -> Made:
+        with LOCK:
+            return kept(*arguments)
+
+    found.cache_clear = kept.cache_clear  # type: ignore[attr-defined]
+    return found
+
+
+class cached_property(_cached_property[Made]):
+    """That of functools without the lock of Python 3.11, which all objects share, so that a thread that waits in one
+    for `LOCK` would stop the one that has it. Of two threads that make a value at once both have the first one's."""
+
+    def __get__(self, item: Any, owner: Any = None) -> Any:
+        return self if item is None else vars(item).setdefault(self.attrname, self.func(item))
