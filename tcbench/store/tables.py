@@ -89,7 +89,7 @@ def _cause(fact: tuple[str, str]) -> str:
     kind, name = fact
     if kind in NOTED:
         return NOTED[kind].format(name.rpartition("/")[2])
-    return {"code": "another tcbench, or other packages under it", "scenario": f"another {name}"}.get(
+    return {"code": "another tcbench, or other packages under it", "scenario": f"another scenario {name}"}.get(
         kind, "an older version of its formula"
     )
 

@@ -339,7 +339,7 @@ def test_a_table_is_of_one_physics_and_says_what_it_leaves_out():
 
     assert len(rows()[0]) == 2 and not rows()[1]
     for more, told in (
-        ({"scenario_fields": "b"}, "another s"),
+        ({"scenario_fields": "b"}, "another scenario s"),
         ({"measured_by": "b"}, "another tcbench"),
         ({"measured_by": None, "tcbench_version": "0.1"}, "another tcbench"),
     ):
