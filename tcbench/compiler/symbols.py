@@ -53,6 +53,11 @@ def tracing(known: Mapping[tuple, Symbol] | None = None) -> Iterator[Mapping[tup
             _KNOWN.table = before
 
 
+def expressions() -> Mapping[tuple, Symbol]:
+    """Those of the trace that is going on."""
+    return _INTERN
+
+
 def mixed(a: Symbol, b: Symbol) -> MixedSpaces:
     names = [x.space.name if x.space else "number" for x in (a, b)]
     if names[0] == names[1]:
@@ -287,6 +292,9 @@ def sub(a: Symbol, b: Symbol) -> Symbol:
     increment = _without(a, b)
     if increment is not None:  # (b + d) - b is d: increments keep their digits
         return increment
+    increment = _without(b, a)
+    if increment is not None:
+        return neg(increment)
     if b.op == "neg":
         return add(a, b.args[0])
     if a.op == "neg":

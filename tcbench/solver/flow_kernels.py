@@ -31,6 +31,7 @@ from ..systems.traced import FEW
 from .elimination import ZERO_PIVOT, factorise
 from .first_values import near_start, plain_start, scales_of
 from .foresight import foreseen
+from .normal_rows import normalised
 from .reduction import Reduction, reduce
 
 if TYPE_CHECKING:
@@ -114,7 +115,8 @@ def _build(flow: Flow, system: System, why: str) -> FlowKernels:
     temperature = flow.variables == "temperature"
     y0 = sym.temperature_variables(z0) if temperature else sym.state(z0)
     start = trace.variables("start", n * (flow.memory or 2))
-    reduction = reduce(traced(flow, sym, y0, d, h, further(flow, sym, z0, h, start)), list(d))
+    given = traced(flow, sym, y0, d, h, further(flow, sym, z0, h, start))
+    reduction = reduce(normalised(given, d, h), list(d))
     slopes = _ordered(reduction) if len(reduction.unknowns) > UNROLLED else None
     x = reduction.unknowns
     increments = np.array(reduction.increments(d), dtype=object)

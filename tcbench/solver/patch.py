@@ -22,6 +22,7 @@ from ..integrator import Flow
 from ..systems.network import Network
 from ..systems.same_for_all import AGREE, TRIES, random_state, small_network
 from .flow_kernels import further, traced
+from .normal_rows import normalised
 from .reduction import reduce
 
 PARTS = ("residual", "Jacobian", "slope in h", "new state", "energy")  # that are compared
@@ -97,7 +98,7 @@ class _Whole:
             start = trace.variables("start", size * (flow.memory or 2))
             temperature = flow.variables == "temperature"
             y0 = sym.temperature_variables(z0) if temperature else sym.state(z0)
-            rows = traced(flow, sym, y0, d, h, further(flow, sym, z0, h, start))
+            rows = normalised(traced(flow, sym, y0, d, h, further(flow, sym, z0, h, start)), d, h)
             index = [
                 size * (block // 3) + first[block % 3] + i
                 for block in made.which for i in range(m if block % 3 == 2 else n)

@@ -25,6 +25,7 @@ from ..integrator import Flow
 from ..systems.network import Network, blocks, state_slots
 from .elimination import ZERO_PIVOT
 from .flow_kernels import FlowKernels, further, hoisted_values, traced
+from .normal_rows import normalised
 from .pattern import Pattern
 from .reduction import Reduction, reduce
 
@@ -107,8 +108,9 @@ def _space_flow(flow: Flow, net: Network) -> SpaceFlow:
     temperature = flow.variables == "temperature"
     y0 = net.temperature_variables(z0) if temperature else z0
     start = np.concatenate([net.fresh_state(f"start{k}") for k in range(flow.memory or 2)])
-    rows = blocks(traced(flow, net, net.state(y0), d, h, further(flow, net, z0, h, start)))
+    given = blocks(traced(flow, net, net.state(y0), d, h, further(flow, net, z0, h, start)))
     first = d[:: spaces.REPRESENTATIVES]
+    rows = normalised(given, first, h, _own_slopes)
     reduction = reduce(rows, list(first), sweep=True)
     x = reduction.unknowns
     terms = spaces.jacobian_terms(reduction.rows, x)
@@ -151,6 +153,13 @@ def _space_flow(flow: Flow, net: Network) -> SpaceFlow:
         unknowns=tuple(kinds), which=tuple(place[s] for s in x),
         terms=tuple((i, columns[term.unknown.number], term) for i, term, _ in flat), n_positive=len(positive),
     )  # fmt: skip
+
+
+def _own_slopes(rows: Sequence[Symbol], unknowns: Sequence[Symbol]) -> list[dict[int, Symbol]]:
+    """Slopes of blocks by the entries of the same place, as `sparse_jacobian` has them."""
+    place = {x.number: j for j, x in enumerate(unknowns)}
+    terms = spaces.jacobian_terms(rows, list(unknowns))
+    return [{place[t.unknown.number]: slope for t, slope in row.items() if not (t.rows or t.columns)} for row in terms]
 
 
 def _states(flat: Any) -> list[Slot]:

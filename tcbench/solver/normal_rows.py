@@ -1,0 +1,201 @@
+"""The rows of a residual in one order, sign and scale, whichever its author chose.
+
+"The function whose root is z1" has many forms: z0 + h f - z1, (z1 - z0)/h - f, the blocks in another order, mixtures of
+rows. At h = 0 they all say A (z1 - z0) = 0. The solvers rely on A being the identity or near it: determinants are
+positive at h = 0, small pivots are suspicious, a row gives its own unknown. So rows are ordered and scaled by A.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+
+import numpy as np
+
+from ..compiler import derivatives as trace
+from ..compiler import symbols
+from ..compiler.derivatives import Symbol, const
+from ..errors import TraceError
+
+Slopes = list[dict[int, Symbol]]  # of each row: place of an unknown -> slope
+MIXED = 64  # unknowns up to which mixtures of rows are taken apart
+
+
+def normalised(
+    rows: Sequence[Symbol],
+    unknowns: Iterable[Symbol],
+    h: Symbol,
+    slopes_of: Callable[[Sequence[Symbol], Sequence[Symbol]], Slopes] = trace.sparse_jacobian,
+) -> list[Symbol]:
+    """The same equations, that of each unknown in its place and with a positive slope at h = 0.
+
+    Rows that are so already stay as they are.
+    """
+    unknowns = list(unknowns)
+    moving = trace.depends_on(rows, unknowns)
+    rows = [_cancelled(_without_factors(row, moving)) for row in rows]
+    slopes = _at_zero(rows, unknowns, h, slopes_of)
+    if slopes is None:  # h is a divisor
+        multiplied = [_cancelled(_times(row, h)) for row in rows]
+        slopes = _at_zero(multiplied, unknowns, h, slopes_of)
+        if slopes is None:
+            return rows
+        rows = multiplied
+    order = _matched(slopes)
+    if order is None:  # at h = 0 something is not determined: as its author wrote it
+        return rows
+    slopes = [slopes[i] for i in order]
+    scaled = [_scaled(rows[i], slopes[j][j]) for j, i in enumerate(order)]
+    return _unmixed(scaled, slopes)
+
+
+def _without_factors(row: Symbol, moving: Collection[int]) -> Symbol:
+    """What has to vanish of a product of which only one factor depends on the unknowns."""
+    while row.op in ("mul", "neg"):
+        factors = [a for a in row.args if a.number in moving]
+        if len(factors) != 1:
+            break
+        (row,) = factors
+    return row
+
+
+def _terms(row: Symbol, sign: int = 1) -> list[tuple[int, Symbol]]:
+    """The row as a sum: (1 or -1, term), in the author's order."""
+    found, waiting = [], [(sign, row)]
+    while waiting:
+        sign, node = waiting.pop()
+        if node.op in ("add", "sub"):
+            waiting.append((-sign if node.op == "sub" else sign, node.args[1]))
+            waiting.append((sign, node.args[0]))
+        elif node.op == "neg":
+            waiting.append((-sign, node.args[0]))
+        else:
+            found.append((sign, node))
+    return found
+
+
+def _total(terms: Sequence[tuple[int, Symbol]]) -> Symbol:
+    """The sum, what is added first."""
+    total = const(0.0)
+    for sign, term in sorted(terms, key=lambda item: -item[0]):
+        total = trace.add(total, term) if sign > 0 else trace.sub(total, term)
+    return total
+
+
+def _cancelled(row: Symbol) -> Symbol:
+    """Without terms that are added and subtracted: z0 + h f - z1 is h f - (z1 - z0), and keeps its digits."""
+    terms = _terms(row)
+    counts: dict[Symbol, int] = {}
+    for sign, term in terms:
+        counts[term] = counts.get(term, 0) + sign
+    if sum(map(abs, counts.values())) == len(terms):
+        return row
+    left = [(1 if n > 0 else -1, term) for term, n in counts.items() for _ in range(abs(n))]
+    return _total(left)
+
+
+def _negated(row: Symbol) -> Symbol:
+    return _total([(-sign, term) for sign, term in _terms(row)])
+
+
+def _scaled(row: Symbol, slope: Symbol) -> Symbol:
+    """The row by its slope; by its sign alone where it is a formula that has one."""
+    sign = _sign(slope)
+    if slope.op != "const" and not sign:
+        return trace.mul(row, trace.reciprocal(slope))
+    row = _negated(row) if sign < 0 else row
+    size = abs(slope.value) if slope.op == "const" else 1.0
+    return row if size == 1.0 else trace.mul(const(1.0 / size), row)
+
+
+def _times(row: Symbol, h: Symbol) -> Symbol:
+    """h times the row, the divisions by h in its terms undone."""
+    inverse = [node for node in trace.topological([row]) if node.op == "recip" and node.args[0] is h]
+    divided = trace.depends_on([row], inverse)
+
+    def times(node: Symbol) -> Symbol:
+        if node.number in divided:
+            if node.op == "recip":
+                return const(1.0)
+            if node.op in ("add", "sub", "neg"):
+                return trace.rebuild(node.op, tuple(times(a) for a in node.args))
+            if node.op == "mul":
+                left, right = node.args if node.args[0].number in divided else node.args[::-1]
+                return trace.mul(times(left), right)
+        return trace.mul(h, node)
+
+    return times(row)
+
+
+def _at_zero(
+    rows: Sequence[Symbol],
+    unknowns: Sequence[Symbol],
+    h: Symbol,
+    slopes_of: Callable[[Sequence[Symbol], Sequence[Symbol]], Slopes],
+) -> Slopes | None:
+    """Slopes at h = 0 and increments 0; None where h is a divisor there. Leaves no expressions behind: their numbers
+    would decide the order of others."""
+    with trace.tracing(symbols.expressions()):
+        try:
+            still = trace.substitute(rows, {h: const(0.0)})
+            here = trace.Substitution(dict.fromkeys(unknowns, const(0.0)))
+            return [{j: here(slope) for j, slope in row.items()} for row in slopes_of(still, unknowns)]
+        except (TraceError, ArithmeticError, ValueError):
+            return None
+
+
+def _matched(slopes: Slopes) -> list[int] | None:
+    """For each unknown its row: its own where that has it, else by augmenting paths; None if there are too few."""
+    row_of: dict[int, int] = {i: i for i, row in enumerate(slopes) if _present(row, i)}
+    free = [i for i in range(len(slopes)) if i not in row_of]
+    for start in free:
+        came: dict[int, int] = {}  # unknown -> the row that it was reached from
+        waiting, end = [start], None
+        while waiting and end is None:
+            i = waiting.pop(0)
+            for j in slopes[i]:
+                if j not in came and _present(slopes[i], j):
+                    came[j] = i
+                    if j not in row_of:
+                        end = j
+                        break
+                    waiting.append(row_of[j])
+        while end is not None:
+            i = came[end]
+            before = next((j for j, row in row_of.items() if row == i), None)
+            row_of[end] = i
+            end = before
+        if start not in row_of.values():
+            return None
+    return [row_of[j] for j in range(len(slopes))]
+
+
+def _present(row: Mapping[int, Symbol], j: int) -> bool:
+    return j in row and not trace.is_const(row[j], 0.0)
+
+
+def _unmixed(rows: list[Symbol], slopes: Slopes) -> list[Symbol]:
+    """Mixtures with fixed coefficients taken apart, where unknowns depend on each other in a circle at h = 0."""
+    others = [{j for j in row if j != i and _present(row, j)} for i, row in enumerate(slopes)]
+    left = set(range(len(rows)))
+    while ready := {i for i in left if not others[i] & left}:
+        left -= ready
+    fixed = all(slope.op == "const" for row in slopes for slope in row.values())
+    if not left or not fixed or len(rows) > MIXED:
+        return rows
+    A = np.eye(len(rows))
+    for i, row in enumerate(slopes):
+        for j in others[i]:
+            A[i, j] = row[j].value / row[i].value
+    if np.linalg.matrix_rank(A) < len(rows):
+        return rows
+    return [
+        _total([(1, trace.mul(const(w), row)) for w, row in zip(weights, rows, strict=True) if w])
+        for weights in np.linalg.inv(A)
+    ]
+
+
+def _sign(slope: Symbol) -> int:
+    """1 or -1 where the slope has this sign whatever the inputs are, else 0."""
+    if slope.op == "const":
+        return 1 if slope.value > 0.0 else -1
+    return 1 if slope.positive else -1 if trace.neg(slope).positive else 0
