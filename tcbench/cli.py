@@ -74,6 +74,9 @@ class Group(click.Group):
             sys.stderr.close()
             ctx.exit(1)
         except OSError as error:
+            if error.filename is not None:
+                click.echo(f"Error: {visible(str(error.filename)[:200])!r}: {error.strerror}.", err=True)
+                ctx.exit(2)
             if error.errno not in UNWRITABLE:
                 raise
             os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # or the interpreter tries once more when it ends

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import difflib
 import fnmatch
+import os
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Collection, Iterable, Mapping
+from numbers import Integral, Real
+from typing import Any
 
 
 class TcbenchError(Exception):
@@ -38,6 +41,43 @@ def leave_to_the_machine(error: Exception) -> None:
 
 class ChangedError(TcbenchError):
     """Code that a session changed after it was imported, so that another process would compute something else."""
+
+
+KINDS: dict[str, Callable[[Any], bool]] = {  # what an argument may be -> whether it is that
+    "a word": lambda v: isinstance(v, str),
+    "a number": lambda v: isinstance(v, Real) and not isinstance(v, bool),
+    "a whole number": lambda v: isinstance(v, Integral) and not isinstance(v, bool),
+    "True or False": lambda v: isinstance(v, bool),
+    "a function": callable,
+    "a class": lambda v: isinstance(v, type),
+    "a mapping": lambda v: isinstance(v, Mapping) and all(isinstance(k, str) for k in v),
+    "a path": lambda v: isinstance(v, str | os.PathLike),
+    "numbers": lambda v: isinstance(v, Iterable) and not isinstance(v, str | bytes | Mapping),
+    "words": lambda v: (
+        isinstance(v, Collection) and not isinstance(v, str | bytes) and all(isinstance(w, str) for w in v)
+    ),
+}
+
+
+def expect(where: str, values: Mapping[str, Any], kinds: Mapping[str, str]) -> None:
+    """Raise TcbenchError for the first value that is not what it is to be.
+
+    kinds : argument -> names of KINDS, alternatives joined by " or "; "nothing" is None.
+    """
+    for name, told in kinds.items():
+        value = values[name]
+        ways = [way for way in (*KINDS, "nothing") if f" or {way} or " in f" or {told} or "]
+        if not any(value is None if way == "nothing" else KINDS[way](value) for way in ways):
+            raise TcbenchError(f"{where}: {name} must be {told}, not {shown(value)}.")
+
+
+def shown(value: Any) -> str:
+    """A value in a sentence: never an exception, nor a page."""
+    try:
+        text = repr(value)
+    except Exception:
+        text = f"a {type(value).__name__}"
+    return text if len(text) <= 80 else f"{text[:77]}..."
 
 
 CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")

@@ -11,7 +11,7 @@ from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
-from .errors import TcbenchError, unknown_name
+from .errors import TcbenchError, expect, unknown_name
 
 if TYPE_CHECKING:
     from .systems.system import System
@@ -40,6 +40,14 @@ class Flow:
     stages: int = 0
     of_step: bool = False
     memory: int = 0
+
+
+KINDS_OF_FIELDS = {  # of what tcbench reads before it can say more
+    "claims": "words or a word", "tags": "words or a word", "systems": "words or a word", "needs": "words or a word",
+    "requires": "words or a word", "uses": "words or a word", "increments": "True or False", "source": "a word",
+    "description": "a word", "plugin": "a word", "base": "a word", "parameters": "a mapping",
+    "family": "a function or nothing",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -105,6 +113,7 @@ class Integrator:
     _members: dict[Any, Integrator] = field(default_factory=dict, init=False, compare=False, repr=False)
 
     def __post_init__(self) -> None:
+        expect(f"Integrator {self.name!r}", vars(self), KINDS_OF_FIELDS)
         for words in ("claims", "tags", "systems", "needs", "requires"):
             if isinstance(getattr(self, words), str):
                 raise TcbenchError(f"Integrator {self.name!r}: {words} are several words, such as {{'energy'}}.")
@@ -255,7 +264,11 @@ def _as_flows(flows: Any, variables: str) -> tuple[Flow, ...]:
     if callable(flows) or isinstance(flows, Flow):
         flows = [flows]
     result = []
-    for item in flows:
+    for item in flows if isinstance(flows, list | tuple) else [flows]:
+        function, fraction = item if isinstance(item, tuple) and len(item) == 2 else (item, 1.0)
+        if not isinstance(item, Flow):
+            kinds = {"flows": "a function", "fraction": "a number"}
+            expect("An integrator's formulas", {"flows": function, "fraction": fraction}, kinds)
         if isinstance(item, Flow):
             result.append(item)
         elif isinstance(item, tuple):

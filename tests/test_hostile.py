@@ -17,7 +17,7 @@ from tcbench.errors import TcbenchError, visible
 from tcbench.report.html import script_hash
 from tcbench.report.publish import publish
 from tcbench.report.write_report import write_report
-from tcbench.store.compare import compare
+from tcbench.store.compare import compare, other_machine
 from tcbench.store.encoding import active, csv_bytes
 from tcbench.store.lock import hold_lock
 from tcbench.store.store import Store
@@ -163,6 +163,17 @@ def test_output_that_cannot_be_written_is_a_sentence(end):
     )
     assert "Traceback" not in done.stderr and "Exception ignored" not in done.stderr
     assert (done.returncode, done.stderr.count("\n")) == ((2, 1) if "full" in end else (0, 0))
+
+
+def test_a_name_that_no_file_can_have_is_a_sentence(tmp_path):
+    done = tcbench("new", "system", "x" * 300, cwd=tmp_path)
+    assert done.returncode == 2 and "name too long" in done.stderr and "Traceback" not in done.stderr
+
+
+def test_a_damaged_provenance_is_an_unknown_machine(folder):
+    (folder / "provenance").mkdir()
+    (folder / "provenance" / "x.json").write_text(json.dumps({"machine": "x"}))
+    assert "different machines" in other_machine(folder, BASELINE) and compare(folder, BASELINE).empty
 
 
 def test_a_terminal_of_ascii_gets_escapes(tmp_path):

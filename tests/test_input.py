@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import tcbench
-from tcbench import Integrator, TcbenchError
+from tcbench import Integrator, Scenario, TcbenchError
 
 HUGE = 10**400
 
@@ -58,6 +58,63 @@ def test_what_is_wrong_is_named(named, tmp_path, monkeypatch):
 def test_a_number_of_jobs_is_a_whole_number(jobs, tmp_path):
     with pytest.raises(TcbenchError, match="jobs is"):
         tcbench.run(["tc_gauss"], ["short_term"], ["conservation"], tmp_path, dt=[0.3], jobs=jobs)
+
+
+MADE = {"name": "m", "order": 1, "step": step}
+FIELDS = ("name", "system", "constants", "positions", "momenta", "temperatures", "t_end", "dt")
+RUN = {"integrators": ["tc_gauss"], "scenarios": ["short_term"], "studies": ["conservation"], "progress": False}
+
+
+def new_scenario(**changes):
+    given = tcbench.scenarios()["short_term"]
+    return Scenario(**{name: getattr(given, name) for name in FIELDS} | changes)
+
+
+CALLS = {  # what is called with one wrong argument, and which
+    "Integrator": (lambda **changes: Integrator(**MADE | changes), ("claims", "tags", "systems", "needs", "requires",
+                   "uses", "parameters", "increments", "source", "description", "family", "memory", "starter")),
+    "flows": (lambda **changes: Integrator(name="m", order=1, **changes), ("flows",)),
+    "Scenario": (new_scenario, ("system", "constants", "positions", "ladder", "shows", "source", "plugin", "dt")),
+    "run": (lambda **changes: tcbench.run(**RUN | changes), ("dt", "options", "timeout", "memory_limit",
+            "on_event", "security", "progress", "fresh", "retry_failed", "dask")),
+    "simulate": (lambda **changes: tcbench.simulate("tc_gauss", "short_term", t_end=0.5, **changes),
+                 ("continuation", "residuals", "audit_roots", "dt", "tolerance")),
+    "step": (lambda **changes: tcbench.stepper("tc_gauss", "short_term")(**{"z": np.zeros(10), "h": 0.1} | changes),
+             ("z", "h")),
+    "draw": (lambda **changes: tcbench.draw(**{"kind": "laws", "data": "nowhere"} | changes), ("kind", "methods", "x",
+             "y", "dt", "size", "font_size", "scenario")),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("call", CALLS)
+def test_an_argument_of_a_wrong_type_is_one_sentence(call, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    function, names = CALLS[call]
+    for name in names:
+        for value in (5.5 + 1j, object(), [object()], {1: 2}, b"x"):
+            with pytest.raises(TcbenchError) as found:
+                function(**{name: value})
+            assert "\n" not in str(found.value) and len(str(found.value)) < 600, (name, value)
+    assert list(tmp_path.iterdir()) == []
+
+
+TOML = ["1", "-1", '"x"', "true", "[]", "[1]", "[[1]]", "nan", "1979-05-27", "{a=1}", '""', '["\\u0000"]', "[{}]"]
+
+
+@pytest.mark.parametrize("name", ["integrator", "dt", "output", "jobs", "fresh", "timeout", "plugins-dir", "tls-ca"])
+def test_a_value_of_a_configuration_is_taken_or_refused_in_a_sentence(name, tmp_path, monkeypatch):
+    from click.testing import CliRunner
+
+    from tcbench.cli import main
+
+    monkeypatch.chdir(tmp_path)
+    for value in TOML:
+        given = {"integrator": '["tc_gauss"]', "scenario": '["short_term"]', "study": '["conservation"]'} | {
+            name: value
+        }
+        (tmp_path / "c.toml").write_text("\n".join(f"{key} = {v}" for key, v in given.items()))
+        done = CliRunner().invoke(main, ["run", "--config", "c.toml", "--dry-run"])
+        assert done.exit_code in (0, 2) and isinstance(done.exception, SystemExit | None), (value, done.exception)
 
 
 def test_a_huge_record_every_keeps_the_first_state_and_the_last():

@@ -95,10 +95,25 @@ def read_config(ctx: click.Context, parameter: click.Parameter, path: Path | Non
         if name not in known:
             raise unknown_name(f"option in {str(path)!r}", name, known)
         option = known[name]
-        if isinstance(value, dict):
-            raise TcbenchError(f"{name!r} in {str(path)!r} is a table; options are values and lists of values.")
-        values[option.name or ""] = value if isinstance(value, list) or not option.multiple else [value]
+        values[option.name or ""] = _as_typed(f"{name!r} in {str(path)!r}", option, value)
     ctx.default_map = {**(ctx.default_map or {}), **values}
+
+
+def _as_typed(name: str, option: click.Parameter, value: Any) -> Any:
+    """A value of the file as it would be typed on the command line, so that click says what is wrong with it."""
+    if getattr(option, "is_flag", False):
+        if not isinstance(value, bool):
+            raise TcbenchError(f"{name} is true or false, not {value!r}.")
+        return value
+    given = value if isinstance(value, list) else [value]
+    if isinstance(value, list) and not option.multiple:
+        raise TcbenchError(f"{name} is one value, not a list.")
+    if wrong := [v for v in given if isinstance(v, bool) or not isinstance(v, str | int | float)]:
+        raise TcbenchError(f"{name} is made of words and numbers, not of {wrong[0]!r}.")
+    if any(isinstance(v, str) and "\0" in v for v in given):
+        raise TcbenchError(f"{name} has a null character, which no name has.")
+    typed = [str(v) for v in given]
+    return typed if option.multiple else typed[0]
 
 
 CONFIG = click.option(

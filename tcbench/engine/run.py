@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..errors import expect
 from ..integrator import Integrator
 from ..progress import of_cells, waiting
 from ..store.cells import Cell
@@ -58,6 +59,14 @@ class Results:
         return f"<Results in {str(self.output)!r}: {', '.join(self.tables)}>"
 
 
+KINDS_OF_ARGUMENTS = {
+    "output": "a path", "dt": "numbers or nothing", "options": "a mapping or nothing",
+    "jobs": "a number or nothing", "timeout": "a number", "memory_limit": "a whole number or nothing",
+    "fresh": "True or False", "retry_failed": "True or False", "dask": "a word or nothing",
+    "security": "a mapping or nothing", "on_event": "a function or nothing", "progress": "True or False or nothing",
+}  # fmt: skip
+
+
 def run(
     integrators: Iterable[str | Integrator] | None = None,
     scenarios: Iterable[str | Scenario] | None = None,
@@ -85,6 +94,7 @@ def run(
     progress : None, a bar on a terminal and in Jupyter, nothing in a pipe; True, in a pipe a line a minute; False,
         nothing. on_event : called with each event of the engine, too.
     """
+    expect("run", locals(), KINDS_OF_ARGUMENTS)
     with waiting("planning", progress):
         job = plan_job(integrators, scenarios, studies, dt=dt, options=options)
     limits = {"jobs": jobs, "timeout": timeout, "memory_limit": memory_limit, "retry_failed": retry_failed}

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from ..errors import TcbenchError, unknown_name
+from ..errors import TcbenchError, expect, unknown_name
 from ..files import replacing
 from .chart_kinds import OPENING, SERIES, Kind, find_kind, of_scenario, with_fallbacks
 from .charts import theme
@@ -30,6 +30,14 @@ def plot(kind: str, data: Source, output: str | Path, **options: Any) -> Path:
     """
     path = checked_output(output)
     return save(draw(kind, data, **options), path)
+
+
+KINDS_OF_ARGUMENTS = {
+    "kind": "a word", "scenario": "a word or nothing", "methods": "a word or words or a mapping or nothing",
+    "x": "a word or nothing", "y": "a word or words or nothing", "dt": "a number or nothing",
+    "size": "a word or numbers or nothing", "font_size": "a number or nothing",
+    "style": "a path or a mapping or nothing",
+}  # fmt: skip
 
 
 def draw(
@@ -61,6 +69,7 @@ def draw(
     """
     from ..store.tables import only
 
+    expect("draw", locals(), KINDS_OF_ARGUMENTS)
     chosen = find_kind(kind)
     if ax is not None and size is not None:
         raise TcbenchError("An Axes has the size of its figure: give ax or size, not both.")

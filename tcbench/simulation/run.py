@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import TcbenchError
+from ..errors import TcbenchError, expect
 from ..integrator import Integrator
 from ..progress import part
 from ..solver import foresight
@@ -57,6 +57,8 @@ def simulate(
     """
     from .. import plugins
 
+    flags = {"continuation": continuation, "residuals": residuals, "audit_roots": audit_roots}
+    expect("simulate", flags, dict.fromkeys(flags, "True or False"))
     integrator = plugins.find_integrator(integrator)
     scenario = plugins.find_scenario(scenario).current()
     if t_end is not None and t_end != scenario.t_end:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import TcbenchError
+from ..errors import TcbenchError, expect, shown
 from ..integrator import Integrator
 from ..solver.flow_kernels import FlowKernels
 from ..solver.implicit_step import OK, Rules, compiled_flows
@@ -34,7 +34,7 @@ def stepper(method: str | Integrator, system: System | Scenario | str) -> Steppe
     from .. import plugins
 
     method = plugins.find_integrator(method)
-    if isinstance(system, str | Scenario):
+    if not isinstance(system, System):
         system = plugins.find_scenario(system).model
     if reason := method.lacks or method.suits(system):
         raise TcbenchError(f"{method.name!r} cannot step a {system.name}: {reason}.")
@@ -76,7 +76,13 @@ class Stepper:
         return 0 if self._ready is None else self._ready.tally.iterations
 
     def __call__(self, z: Any, h: float) -> State:
-        z, h = np.array(z, dtype=float), float(h)
+        expect("A step", {"h": h}, {"h": "a number"})
+        try:
+            if np.iscomplexobj(z):
+                raise TypeError
+            z, h = np.array(z, dtype=float), float(h)
+        except (TypeError, ValueError, OverflowError):
+            raise TcbenchError(f"A step begins at a state of numbers, not at z = {shown(z)}.") from None
         if z.shape != (self.system.size,):
             raise TcbenchError(f"A state of this {self.system.name} has shape ({self.system.size},), not {z.shape}.")
         if not (math.isfinite(h) and np.isfinite(z).all()):

@@ -96,7 +96,7 @@ def machine() -> dict[str, Any]:
 
 def machine_name(kind: Mapping[str, Any] | None = None) -> str:
     """The kind of machine that a timing belongs to (`Cell.machine`): equal on equal machines. This one by default."""
-    kind = machine() if kind is None else kind
+    kind = machine() if kind is None else kind if isinstance(kind, Mapping) else {}  # of a damaged file
     return "{cpu}, {cores} cores, {architecture} {system}".format_map({**dict.fromkeys(machine(), "?"), **kind})
 
 

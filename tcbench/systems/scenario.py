@@ -14,13 +14,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import TcbenchError, unknown_name
+from ..errors import TcbenchError, expect, shown, unknown_name
 from .sampling import Draw, Range, seed_of
 from .state import fixed, formulas_hash
 from .system import System
 
 REST = 1e-10  # least exergy of a scenario, relative to its energy: see Scenario.initial_exergy
 SETTINGS = ("name", "t_end", "dt", "positions", "momenta", "temperatures", "t_converge", "blowup_factor")
+KINDS_OF_FIELDS = {
+    "system": "a class", "constants": "a mapping", "shows": "a word", "source": "a word", "plugin": "a word",
+    "ladder": "numbers",
+}  # fmt: skip
 SAID = ("name", "shows", "source", "plugin", "_cache")  # of a scenario: no part of what is computed
 
 
@@ -54,7 +58,10 @@ class Scenario:
         put = object.__setattr__
         if not (isinstance(self.name, str) and self.name.strip()):
             raise TcbenchError(f"The name of a scenario is a word, not {self.name!r}.")
-        for name in ("positions", "momenta", "temperatures"):
+        expect(f"Scenario {self.name!r}", vars(self), KINDS_OF_FIELDS)
+        if not issubclass(self.system, System):
+            raise TcbenchError(f"Scenario {self.name!r}: system must be a class of System, not {shown(self.system)}.")
+        for name in ("positions", "momenta", "temperatures", "ladder"):
             put(self, name, _numbers(name, getattr(self, name)))
         for name in ("t_end", "dt", "t_converge", "blowup_factor"):
             put(self, name, _positive(name, getattr(self, name)))
@@ -223,9 +230,11 @@ class ScenarioFamily:
 
 def _numbers(name: str, value: Any) -> tuple[float, ...]:
     try:
+        if np.iscomplexobj(value):
+            raise TypeError
         numbers = tuple(float(v) for v in np.ravel(value))
     except (TypeError, ValueError, OverflowError):
-        raise TcbenchError(f"{name} must be numbers, not {value!r}.") from None
+        raise TcbenchError(f"{name} must be numbers, not {shown(value)}.") from None
     if not all(math.isfinite(v) for v in numbers):
         raise TcbenchError(f"{name} must be finite, not {value!r}.")
     return numbers
