@@ -399,6 +399,21 @@ def test_a_worker_imports_what_a_cell_asks_for_and_nothing_else(desk):
     assert plugins.find_integrator("projected[method=mine]").name == "projected[method=mine]"
 
 
+def test_a_run_that_another_worker_made_hands_on_what_that_has_read(desk):
+    from tcbench.simulation import shared_runs
+
+    scenario, run = tcbench.scenarios()["short_term"], shared_runs.Solved(np.ones((2, 10)), {}, "", 1.0)
+    (desk / "p" / "g.txt").write_text("1.0")
+    with shared_runs.kept_in(str(desk / "lib")):
+        inputs.begin().plugins["mine"] = str(desk / "p")
+        (desk / "p" / "g.txt").read_text()
+        shared_runs.keep("mine", scenario, 1e-3, run)
+        inputs.end()
+        assert shared_runs.known("mine", scenario, 1e-3) is not None  # in another worker, which has read nothing itself
+    noted = json.loads(inputs.recorder().collected()[1])
+    assert set(noted["files"]) >= {"<mine>/g.txt"} and noted["plugins"] == ["mine"]
+
+
 def test_the_inputs_of_many_rows_are_looked_at_once(desk, monkeypatch):
     write(desk, {"p/mine.py": plugin()})
     rows = measured(desk)
