@@ -55,7 +55,7 @@ def tracing(known: Mapping[tuple, Symbol] | None = None) -> Iterator[Mapping[tup
 
 def expressions() -> Mapping[tuple, Symbol]:
     """Those of the trace that is going on."""
-    return _INTERN
+    return _KNOWN.table
 
 
 def mixed(a: Symbol, b: Symbol) -> MixedSpaces:
