@@ -46,9 +46,26 @@ def _is_computed(cls: type, name: str) -> bool:
 
 
 def check_attribute(system: System, name: str) -> None:
-    """TcbenchError where an attribute of an instance would hide what its class computes."""
+    """TcbenchError where an attribute of an instance would hide what its class computes, or be another constant."""
     if _is_computed(type(system), name):
         raise _overridden(type(system).__name__, name, _base(type(system)).written)
+    if name in system.constants and name in system.__dict__:
+        raise TcbenchError(
+            f"The constant {name!r} of a system does not change: take another one, such as "
+            f"scenario.replace({name}=...).model."
+        )
+
+
+class Fixed(dict[str, Any]):
+    """The constants of a scenario, for reading."""
+
+    def _refuse(self, *_: Any, **__: Any) -> Any:
+        raise TcbenchError("The constants of a scenario do not change: take another one, scenario.replace(name=value).")
+
+    __setitem__ = __delitem__ = __ior__ = update = setdefault = pop = popitem = clear = _refuse
+
+    def __reduce__(self) -> Any:
+        return Fixed, (dict(self),)
 
 
 def _overridden(who: str, name: str, written: Sequence[str]) -> TcbenchError:

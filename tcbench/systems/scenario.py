@@ -15,7 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import TcbenchError, expect, shown, unknown_name
+from .refusals import Fixed
 from .sampling import Draw, Range, seed_of
+from .sizes import check_sizes
 from .state import fixed, formulas_hash
 from .system import System
 
@@ -69,7 +71,7 @@ class Scenario:
         if self.dt > self.t_end:
             raise TcbenchError(f"Scenario {self.name!r}: dt = {self.dt:g} is longer than t_end = {self.t_end:g}.")
         put(self, "_cache", {"model": self.system(**self.constants)})
-        put(self, "constants", {k: _plain(v) for k, v in self.constants.items()})
+        put(self, "constants", Fixed({k: _plain(v) for k, v in self.constants.items()}))
         self._check_initial_state()
 
     def __getstate__(self) -> dict[str, Any]:
@@ -88,6 +90,7 @@ class Scenario:
             )
 
     def _check_initial_state(self) -> None:
+        check_sizes(self.model, *(np.array(x) for x in (self.positions, self.momenta, self.temperatures)))
         shape = np.asarray(self.model.shape(np.array(self.positions)), dtype=float)
         if not np.all(shape > 0):
             which = int(np.argmin(shape))

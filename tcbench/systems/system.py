@@ -202,7 +202,7 @@ class System(Traced):
     def momenta(self, z: Any) -> Any:
         """The invariants in the order of `invariant_names`."""
         z = self.state(z)
-        return trace.array(self.invariants(z.q, z.p).values())
+        return trace.array(map(trace.lifted, self.invariants(z.q, z.p).values()))
 
     @cached_property
     def invariant_names(self) -> tuple[str, ...]:

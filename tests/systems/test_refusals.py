@@ -1,5 +1,8 @@
 """What a class of systems must not say is refused with a sentence; what would be right for some methods only, too."""
 
+import copy
+import pickle
+
 import numpy as np
 import pytest
 
@@ -124,3 +127,36 @@ def test_numbers_of_masses_need_masses():
     kind = type("Own", (Network,), {"n_positions": 2, "elements": [[0, 1]], "constants": {"reference_temperature": ()}})
     with pytest.raises(TcbenchError, match="Own has no points"):
         kind(reference_temperature=1.0).per_position(np.ones(2))
+
+
+SIZES = {
+    "conduction": lambda self, theta: np.zeros(3), "inertia": lambda self: np.ones(3), "shape": lambda self, q: q[:1],
+    "entropies": lambda self, q, theta: theta[:1], "element_energy": lambda self, pi, s: pi @ s,
+    "entropy_scale": lambda self: np.ones(3), "exergy_offset": lambda self: self.masses,
+    "invariants": lambda self, q, p: {"momentum": p},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SIZES)
+def test_a_formula_gives_as_many_numbers_as_there_are(name):
+    with pytest.raises(TcbenchError, match=rf"^Own: {name}\(\) gives an array .*; (it gives|each is)"):
+        scenario(type("Own", (Pendulum,), {"name": "own", name: SIZES[name]}))
+
+
+def test_an_invariant_may_be_a_number():
+    one = scenario(type("Own", (Pendulum,), {"name": "own", "invariants": lambda self, q, p: {"one": 1.0}}))
+    assert tcbench.simulate("tc_monolithic", one).ok and one.model.momenta(one.z0) == 1.0
+
+
+def test_constants_do_not_change():
+    masses = np.array([1.0, 2.0])
+    one = scenario(Pendulum, masses=masses)
+    masses[0] = 50.0
+    assert one.model.masses.tolist() == [1.0, 2.0]
+    with pytest.raises(ValueError, match="read-only"):
+        one.model.masses[0] = 50.0
+    with pytest.raises(TcbenchError, match=r"does not change: take another one, such as scenario.replace\(masses"):
+        one.model.masses = masses
+    with pytest.raises(TcbenchError, match=r"do not change: take another one, scenario.replace"):
+        one.constants["conductivity"] = 5.0
+    assert copy.deepcopy(one) == pickle.loads(pickle.dumps(one)) == one
