@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tcbench.compiler.kernels import Kernel
-from tcbench.compiler.once import once
+from tcbench.compiler.once import once_a_system
 from tcbench.systems.system import System
 
 from . import formulas
@@ -25,12 +24,10 @@ class GaussMethod:
     """k-stage consistent collocation on one system: fixed steps and adaptive runs. One run at a time has it."""
 
     def __init__(self, system: System, stages: int) -> None:
-        self.loops, model, setup = made_once(system.symbolic, stages)
-        self.stages, self.size, c0 = stages, system.size, system.constant_values
-        self.counts = type(model.counts)()
-        self.work = model.again(counts=self.counts)
-        self.work.c[: len(c0)], self.work.c[len(c0) :] = c0, setup(c0, c0)
-        self.work.inverse_mass[:] = 1.0 / np.asarray(system.inertia(), dtype=float)
+        self.loops, model = prepared(system, stages)
+        self.stages, self.size = stages, system.size
+        self.counts = model.counts.again()
+        self.work = model.again(counts=self.counts, c=model.c.copy())  # of which the first is the step
 
     def march(self, z: Floats, h: float, count: int) -> Floats:
         """Increments of up to `count` steps, as many as have a solution; ArithmeticError where the first has none."""
@@ -64,22 +61,24 @@ class GaussMethod:
         return tolerance ** ((k + 1) / (2 * k)), max(FINEST, SOLVED_TO * tolerance)
 
 
-@once
-def made_once(symbolic: Any, k: int) -> tuple[Any, Any, Kernel]:
-    """What methods on systems of one structure share: compiled functions, a record to be made `again`, and the kernel
-    of what depends on the constants only."""
+@once_a_system
+def prepared(system: System, k: int) -> tuple[Any, Any]:
+    """What the methods of all runs share: compiled functions, and a record that each makes `again`."""
     from .march import LOOPS  # LLVM is loaded when something runs, not when plugins are listed
     from .memory import Counts, Numbers, Work
 
+    symbolic, c0 = system.symbolic, system.constant_values
     scalar, matrix, setup, *_ = formulas.formulas(symbolic)
+    c = np.concatenate([c0, setup(c0, c0)])
     names = ("to_start", "to_motion", "to_slopes", "to_forces", "to_mend", *VECTOR_KERNELS)
     addresses = [*(x.address for x in scalar), *formulas.on_vectors(symbolic, k)]
     n, e = symbolic.n_positions, symbolic.n_elements
     numbers = Numbers(k=k, **formulas.coefficients(k)._asdict())
     work = Work(
-        n=n, e=e, k=k, m=n + e, n_constants=symbolic.n_constant_values + setup.size,
+        n=n, e=e, k=k, m=n + e, n_constants=len(c), c=c,
+        inverse_mass=1.0 / (np.asarray(system.inertia(), dtype=float) * np.ones(n)),
         n_newton=k * (n + e) if k * (n + e) <= MOST_NEWTON else 0, n_factors=numbers.pairs + 1, n_ends=scalar[0].size,
         n_matrix=e if matrix else 0, to_matrix=matrix.address if matrix else 0, n_invariants=scalar[-1].size - n - 1,
         numbers=numbers, counts=Counts(), **dict(zip(names, addresses, strict=True)),
     )  # fmt: skip
-    return LOOPS, work, setup
+    return LOOPS, work

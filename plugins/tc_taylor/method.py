@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from tcbench import System, TcbenchError
 from tcbench.compiler import derivatives as trace
 from tcbench.compiler.kernels import Kernel, kernel
-from tcbench.compiler.once import once
+from tcbench.compiler.once import once, once_a_system
 
 from .mending import mending_kernels, start_kernel
 from .recurrences import series_kernels
@@ -28,12 +28,11 @@ class TaylorMethod:
                 f"tc_taylor writes its series out: {system.n_elements} elements are too many for it "
                 f"(at most {MOST_ELEMENTS}). Take tc_gauss or tc_monolithic."
             )
-        self.loops, model, setup = made_once(system.symbolic, order)
-        self.system, self.size, c = system, system.size, system.constant_values
-        self.counts = type(model.counts)()
+        self.loops, model = prepared(system, order)
+        self.system, self.size = system, system.size
+        self.counts = model.counts.again()
         self.reached: Floats | None = None  # where the run has come by marching
         self.work = model.again(counts=self.counts)
-        self.work.given[: len(c)], self.work.given[len(c) :] = c, setup(c, c)
 
     def adaptive(self, z0: Floats, times: Floats, tolerance: float) -> tuple[Floats, dict[str, int]]:
         """States at `times`, shape (len(times), n), and their cost; ArithmeticError where steps become too short."""
@@ -70,26 +69,27 @@ class TaylorMethod:
         return states[:done]
 
 
-@once
-def made_once(symbolic: Any, order: int) -> tuple[Any, Any, Kernel]:
-    """What methods on systems of one structure share: compiled functions, a record to be made `again`, and the kernel
-    of what depends on the constants only."""
+@once_a_system
+def prepared(system: System, order: int) -> tuple[Any, Any]:
+    """What the methods of all runs share: compiled functions, and a record that each makes `again`."""
     from .march import LOOPS, Counts, Work  # LLVM is loaded when something runs, not when plugins are listed
 
+    symbolic, c = system.symbolic, system.constant_values
     series, polynomial, mend, hold, setup, start = kernels(symbolic, order)
     back, _ = symbolic.kernel("entropy_variables")
+    given = np.concatenate([c, setup(c, c)])
     work = Work(
-        size=symbolic.size, order=order, n_given=symbolic.n_constant_values + setup.size, to_start=start.address,
+        size=symbolic.size, order=order, n_given=len(given), given=given, to_start=start.address,
         n_target=symbolic.size + 2 + len(symbolic.invariant_names), to_series=series.address,
         to_state=polynomial.address, to_mend=mend.address, to_hold=hold.address, to_entropies=back.address,
         counts=Counts(),
     )  # fmt: skip
-    return LOOPS, work, setup
+    return LOOPS, work
 
 
-def kernels(system: System, order: int) -> tuple[Kernel, ...]:
-    """(series, polynomial, mend, hold, setup, start) of all systems of this structure."""
-    symbolic = system.symbolic  # its symbols come first
+@once
+def kernels(symbolic: System, order: int) -> tuple[Kernel, ...]:
+    """(series, polynomial, mend, hold, setup, start) of all systems of one structure, by their `System.symbolic`."""
     with trace.tracing():
         mend, hold, fixed = mending_kernels(symbolic)
         series, polynomial, more = series_kernels(symbolic, order, symbolic.n_constant_values + len(fixed))

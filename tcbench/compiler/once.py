@@ -7,6 +7,7 @@ from collections.abc import Callable
 from functools import cache, wraps
 from functools import cached_property as _cached_property
 from typing import Any, TypeVar
+from weakref import WeakKeyDictionary
 
 LOCK = threading.RLock()  # of traces and of what is made of them: one thread at a time
 Made = TypeVar("Made")
@@ -22,6 +23,24 @@ def once(make: Callable[..., Made]) -> Callable[..., Made]:
             return kept(*arguments)
 
     found.cache_clear = kept.cache_clear  # type: ignore[attr-defined]
+    return found
+
+
+def once_a_system(make: Callable[..., Made]) -> Callable[..., Made]:
+    """`once` of make(system, ...): what is made, which does not refer to the system, lives as long as that does."""
+    kept: WeakKeyDictionary[Any, dict[tuple[Any, ...], Made]] = WeakKeyDictionary()
+
+    @wraps(make)
+    def found(system: Any, *rest: Any) -> Made:
+        known = kept.get(system)
+        if known is None or rest not in known:
+            with LOCK:
+                known = kept.setdefault(system, {})
+                if rest not in known:
+                    known[rest] = make(system, *rest)
+        return known[rest]
+
+    found.cache_clear = kept.clear  # type: ignore[attr-defined]
     return found
 
 

@@ -156,34 +156,31 @@ class Record:
             if len(cls._plans) >= MOST_PLANS:
                 cls._plans.clear()
             plan = cls._plans[key] = _Plan(cls, values)
-        table, reals = self._with_memory(plan, plan.table.copy())
+        table, reals = self._with_memory(plan, plan.table.copy(), kept := {})
         if plan.whole:
             table[plan.whole_at] = [values[name] for name in plan.whole]
         if plan.real:
             reals[plan.real_at] = [values[name] for name in plan.real]
         for field in plan.given:
-            self._give(field, values[field.name])
+            value = kept[field.name] = values[field.name]
+            table[field.index] = address_of(_checked(field, value, plan.shapes) if field.is_array else value.table)
 
     def again(self: R, **values: Any) -> R:
-        """Another record with the same numbers, and memory of its own, zero: what was given is shared, but these."""
-        found, fields = object.__new__(type(self)), type(self).fields
-        found._with_memory(self._plan, self.table.copy())
-        found._kept |= {field.name: self._kept[field.name] for field in self._plan.given}
+        """Another record with the same numbers, and memory of its own, zero: what was given is shared, but for these
+        values, of the same shapes."""
+        found, fields, plan = object.__new__(type(self)), type(self).fields, self._plan
+        found._with_memory(
+            plan, self.table.copy(), {field.name: self._kept[field.name] for field in plan.given} | values
+        )
         for name, value in values.items():
-            found._give(fields[name], value)
+            found.table[fields[name].index] = address_of(value if isinstance(value, np.ndarray) else value.table)
         return found
 
-    def _give(self, field: Field, value: Any) -> None:
-        """An array or record that was made elsewhere."""
-        self._kept[field.name] = value
-        array = _checked(field, value, self._plan.shapes) if field.is_array else value.table
-        self.table[field.index] = address_of(array)
-
-    def _with_memory(self, plan: _Plan, table: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Live in this table, with new memory; returns what `_at` does."""
-        self._kept, self._plan = {}, plan
+    def _with_memory(self, plan: _Plan, table: np.ndarray, kept: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
+        """Live in this table, with new memory beside what is kept; returns what `_at` does."""
+        self._kept, self._plan = kept, plan
         if plan.memory:
-            memory = self._kept[""] = np.zeros(plan.memory)
+            memory = kept[""] = np.zeros(plan.memory)
             table[plan.own] = plan.offsets + address_of(memory)
         return self._at(table)
 

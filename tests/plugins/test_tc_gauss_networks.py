@@ -5,7 +5,7 @@ import pytest
 from tcbench_plugins.chain.chain import chain
 from tcbench_plugins.net.net import net
 from tcbench_plugins.tc_gauss import by_elements, conduction, formulas
-from tcbench_plugins.tc_gauss.method import GaussMethod, made_once
+from tcbench_plugins.tc_gauss.method import GaussMethod, prepared
 
 import tcbench
 from tcbench.compiler.symbols import MixedSpaces
@@ -18,7 +18,7 @@ def traced_as_a_whole_up_to(elements, monkeypatch, scenario):
 
 
 def forget():
-    for function in (formulas.formulas, formulas.iteration, formulas.on_vectors, made_once):
+    for function in (formulas.formulas, formulas.iteration, formulas.on_vectors, prepared):
         function.cache_clear()
 
 

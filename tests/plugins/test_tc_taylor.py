@@ -72,7 +72,7 @@ def test_the_normal_form_is_the_same_formula(name):
 def test_the_series_starts_with_the_rates_and_solves_the_equations(name):
     scenario = tcbench.scenarios()[name]
     method = TaylorMethod(scenario.model, 12)
-    series, polynomial, *_ = kernels(scenario.model, 12)
+    series, polynomial, *_ = kernels(scenario.model.symbolic, 12)
     y = np.asarray(scenario.model.temperature_variables(scenario.z0))
     coefficients = series(y, method.work.given)
     table = coefficients[:-2].reshape(13, -1)
