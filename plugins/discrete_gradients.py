@@ -106,7 +106,13 @@ def tcbench_integrators():
     ]
     return [
         Integrator(
-            name=name, order=order, claims=claims, source=source, flows=with_gradient(gradient), tags={"gradient"}
+            name=name,
+            order=order,
+            claims=claims,
+            source=source,
+            flows=with_gradient(gradient),
+            tags={"gradient"},
+            elements=True,
         )
         for name, gradient, order, claims, source in methods
     ]

@@ -11,12 +11,12 @@ Everything is dimensionless. No integrator knows of this system: all of them run
 
 import numpy as np
 
-from tcbench import Scenario, System, hookimpl
+from tcbench import ElementSystem, Scenario, hookimpl
 
 SOURCE = "Shang and Ottinger (2020), Proc. R. Soc. A 476: 20190446, doi 10.1098/rspa.2019.0446"
 
 
-class GasContainers(System):
+class GasContainers(ElementSystem):
     name = "gas_containers"
     source = SOURCE
     n_positions = 1

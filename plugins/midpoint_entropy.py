@@ -1,6 +1,6 @@
-"""Midpoint rule in entropy variables: Romero (2009), eqs. (A2)-(A3). Momenta exact, energy not; order 2.
+"""Midpoint rule on z, of elements in entropy variables: Romero (2009), eqs. (A2)-(A3). Order 2; energy is not exact.
 
-Entropy cannot decrease, at any step: the conduction at the midpoint temperatures produces
+Where S is a sum of variables it cannot decrease, at any step: the conduction at the midpoint temperatures produces
 kappa (theta_b/theta_a + theta_a/theta_b - 2) >= 0.
 """
 

@@ -46,6 +46,7 @@ def projected(method: Integrator, name: str = "projected") -> Integrator:
         "name": name, "claims": {"entropy", "angular_momentum"}, "tags": method.tags | {"projected"},
         "source": f"thermodynamic projection around {method.name}", "description": "",
         "uses": method.sources, "parameters": {}, "family": None,
+        "elements": True,
     }  # fmt: skip
     if method.adaptive is not None:
         outputs = method.outputs and _projected_outputs(method.outputs)

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from .simulation.run import simulate
     from .simulation.stepper import stepper
     from .simulation.trajectory import Trajectory
+    from .systems.element_system import ElementSystem
     from .systems.network import Network
     from .systems.pendulum import Pendulum
     from .systems.sampling import Range
@@ -45,6 +46,7 @@ _HOME = {
     "scenarios": "plugins",
     "Results": "engine.run",
     "run": "engine.run",
+    "ElementSystem": "systems.element_system",
     "Network": "systems.network",
     "Pendulum": "systems.pendulum",
     "Range": "systems.sampling",
@@ -57,9 +59,9 @@ _HOME = {
 }
 
 __all__ = [
-    "Flow", "Integrator", "Metric", "Network", "Observable", "Pendulum", "Range", "Results", "Scenario",
-    "ScenarioFamily", "System", "TcbenchError", "Trajectory", "animate", "draw", "family", "hookimpl", "integrators",
-    "run", "scenarios", "simulate", "stepper",
+    "ElementSystem", "Flow", "Integrator", "Metric", "Network", "Observable", "Pendulum", "Range", "Results",
+    "Scenario", "ScenarioFamily", "System", "TcbenchError", "Trajectory", "animate", "draw", "family", "hookimpl",
+    "integrators", "run", "scenarios", "simulate", "stepper",
 ]  # fmt: skip
 
 

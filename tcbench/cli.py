@@ -365,7 +365,7 @@ def compare(run_a: Path, run_b: Path, **options: Any) -> None:
 
 
 @main.command()
-@click.argument("kind", type=click.Choice(["integrator", "scenario", "system"]))
+@click.argument("kind", type=click.Choice(["integrator", "scenario", "system", "elements"]))
 @click.argument("name")
 @click.option("--package", is_flag=True, help="A complete distribution: pyproject, source, a test.")
 @click.option("--folder", type=click.Path(path_type=Path, file_okay=False), default=Path(), help="Where to write it.")

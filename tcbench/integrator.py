@@ -77,6 +77,7 @@ class Integrator:
     systems : names of the systems that the method is written for; empty: for all.
     needs : optional functions of `System` that the formulas ask for, such as "conduction_flow"; on systems that do not
         define them the method is left out.
+    elements : the formulas are written in elements: for an `ElementSystem` only.
     requires : packages beside tcbench's own that the method imports, as they are installed ("scikit-sundae"). Where one
         is absent the method is listed, and run only when it is named.
     source : paper and equation.
@@ -102,6 +103,7 @@ class Integrator:
     variables: str = "entropy"
     systems: frozenset[str] = frozenset()
     needs: tuple[str, ...] = ()
+    elements: bool = False
     requires: tuple[str, ...] = ()
     tags: frozenset[str] = frozenset()
     description: str = ""
@@ -194,6 +196,10 @@ class Integrator:
         """ "" if the method is for this system, otherwise why not, to go on after "NAME: ...", without a full stop."""
         if self.systems and system.name not in self.systems:
             return f"it is written for {', '.join(sorted(self.systems))} only, not for {system.name}"
+        if self.variables == "temperature" and not system.defines("entropies"):
+            return f"it solves for temperatures in the place of entropies, and {system.name} has no elements with both"
+        if self.elements and not system.defines("element_energy"):
+            return f"its formulas are written in elements with a strain and an entropy each, and {system.name} has none"
         missing = [name for name in self.needs if not system.defines(name)]
         return f"it needs {', '.join(missing)}, which the system {system.name} does not define" if missing else ""
 

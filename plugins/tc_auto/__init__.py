@@ -55,6 +55,11 @@ def both(gauss, taylor, z0, times, tolerance):
 def tcbench_integrators():
     return [
         Integrator(
-            name="tc_auto", claims=EXACT, source=SOURCE, adaptive=adaptive, tags={"collocation", "explicit", "taylor"}
+            name="tc_auto",
+            claims=EXACT,
+            source=SOURCE,
+            adaptive=adaptive,
+            elements=True,
+            tags={"collocation", "explicit", "taylor"},
         )
     ]

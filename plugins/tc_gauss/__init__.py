@@ -34,7 +34,7 @@ def several(z, h, count, system, method):
 def tc_gauss(k="3"):
     return Integrator(
         name="tc_gauss", order=2 * int(k), claims=EXACT, source=SOURCE, step=increments, increments=True, march=several,
-        workspace=partial(GaussMethod, stages=int(k)), tags={"collocation"},
+        workspace=partial(GaussMethod, stages=int(k)), tags={"collocation"}, elements=True,
     )  # fmt: skip
 
 
@@ -43,7 +43,8 @@ def tc_gauss_adaptive(k="by tolerance"):
         chosen = stages_of(rtol) if k == "by tolerance" else int(k)
         return GaussMethod(system, chosen).adaptive(z0, np.ascontiguousarray(t_eval, dtype=float), rtol)
 
-    return Integrator(name="tc_gauss_adaptive", claims=EXACT, source=SOURCE, adaptive=adaptive, tags={"collocation"})
+    common = {"claims": EXACT, "source": SOURCE, "elements": True, "tags": {"collocation"}}
+    return Integrator(name="tc_gauss_adaptive", adaptive=adaptive, **common)
 
 
 @hookimpl

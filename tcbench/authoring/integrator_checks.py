@@ -44,11 +44,7 @@ def scenarios(method: Integrator) -> list[Scenario]:
 
 def start_at(scenario: Scenario, z: Any, t_end: float) -> Scenario:
     """The scenario started from state z, one step of t_end by default."""
-    model, state = scenario.model, scenario.model.state(np.asarray(z, float))
-    return scenario.replace(
-        positions=tuple(state.q), momenta=tuple(state.p), temperatures=tuple(model.temperatures(state)), t_end=t_end,
-        dt=t_end,
-    )  # fmt: skip
+    return scenario.replace(**scenario.model.initial_of(z), t_end=t_end, dt=t_end)
 
 
 def run(method: Integrator, scenario: Scenario, dt: float, steps: int) -> Trajectory:
@@ -82,7 +78,7 @@ def deterministic(method: Integrator) -> Line:
     """The same start gives the same bits, also when the method has been elsewhere in between."""
     name, (scenario, *others) = "deterministic", scenarios(method)
     first = run(method, scenario, scenario.dt * GENTLE, 5)
-    for other in others or [scenario.replace(momenta=[2 * p for p in scenario.momenta])]:
+    for other in others or [scenario.replace(**scenario.model.initial_of(1.001 * scenario.z0))]:
         run(method, other, other.dt * GENTLE, 3)
     again = run(method, scenario, scenario.dt * GENTLE, 5)
     if first.z.shape == again.z.shape and np.array_equal(first.z, again.z):
@@ -231,7 +227,7 @@ def order(method: Integrator) -> Line:
     """The measured order against the declared one, on one scenario of each system that has a reference."""
     from ..studies import convergence
 
-    name, found = "order", []
+    name, found, higher = "order", [], ""
     if method.kind == "adaptive":
         return _adaptive_order(method)
     for scenario in scenarios(method):
@@ -240,9 +236,14 @@ def order(method: Integrator) -> Line:
         found.append(f"{scenario.name} {fit['order']:.2f}")
         if fit["verdict"] == "undetermined" and _least_error(row) <= ROUNDOFF:
             return Line(name, NONE, f"on {scenario.name} errors reach round-off before one order shows")
-        if fit["verdict"] != "as declared":
-            text = f"declared {method.order}, measured {fit['order']:.2f} on {scenario.name} ({fit['verdict']})"
+        text = f"declared {method.order}, measured {fit['order']:.2f} on {scenario.name} ({fit['verdict']})"
+        if fit["verdict"] == "higher than declared":  # no fault where it shows on others: a splitting of one part only
+            higher, remedy = text, _order_remedy(fit["verdict"], fit["order"])
+            found.pop()
+        elif fit["verdict"] != "as declared":
             return Line(name, FAIL, text, _order_remedy(fit["verdict"], fit["order"]))
+    if higher and not found:
+        return Line(name, FAIL, higher, remedy)
     return Line(name, OK, f"declared {method.order}, measured on {', '.join(found)}")
 
 
@@ -343,7 +344,7 @@ def _violations(method: Integrator, one: Trajectory) -> dict[str, float]:
         result["entropy"] = entropy_fall(one)
     for law, error in one.summary.invariant_error_max.items():
         if law in method.claims:
-            arms = np.abs(one.z[:, : 2 * one.scenario.model.n_positions]).max() ** 2
+            arms = np.abs(one.z).max() ** 2
             result[law] = error / max(1.0, arms)
     return result
 

@@ -45,9 +45,19 @@ def traced_gap(method: Integrator, scenario: Scenario) -> float:
             continue
         evaluate(flow.prologue, np.array(scenario.z0), constants, flow.w)
         x = 1e-2 * np.cos(np.arange(n))  # any point near the start: the formula is checked, not the root
-        found = kernels.full(flow.w, x)[n : n + n * n].reshape(n, n)
+        found = _matrix(kernels, kernels.full(flow.w, x)[n:])
         worst = max(worst, _gap(found, partial(_rows, kernels, flow.w), x))
     return worst
+
+
+def _matrix(kernels: FlowKernels, entries: Any) -> Any:
+    """The Jacobian, dense: of a large system the entries of its pattern."""
+    n, pattern = kernels.n_unknowns, kernels.pattern
+    if pattern is None:
+        return entries[: n * n].reshape(n, n)
+    found = np.zeros((n, n))
+    found[np.repeat(np.arange(n), np.diff(pattern.first)), pattern.columns] = entries[: pattern.nnz]
+    return found
 
 
 def _rows(kernels: FlowKernels, work: Any, x: Any) -> Any:

@@ -13,7 +13,7 @@ from string import Template
 from .. import plugins
 from ..errors import TcbenchError
 
-KINDS = ("integrator", "scenario", "system")
+KINDS = ("integrator", "scenario", "system", "elements")
 _NAME = re.compile(r"[a-z][a-z0-9_]*\Z")
 
 
@@ -59,7 +59,7 @@ def check_name(kind: str, name: str) -> None:
 
 def _checked(kind: str, name: str) -> str:
     """The registered name that `tcbench check` takes for a new plugin: a system is checked through its scenario."""
-    return f"{name}_first" if kind == "system" else name
+    return f"{name}_first" if kind in ("system", "elements") else name
 
 
 def _distribution(name: str) -> str:

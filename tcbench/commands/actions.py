@@ -298,7 +298,12 @@ def new_command(kind: str, name: str, package: bool, folder: Path, as_json: bool
         return
     path = new_file(kind, name, folder)
     where = path.parent if str(path.parent) else Path(".")
-    option = {"integrator": f"-i {name}", "scenario": f"-s {name}", "system": f"-s {name}_first"}[kind]
+    option = {
+        "integrator": f"-i {name}",
+        "scenario": f"-s {name}",
+        "system": f"-s {name}_first",
+        "elements": f"-s {name}_first",
+    }[kind]
     terminal.say(
         f"Wrote {path}. It runs as it is:\n  tcbench check {path}\n"
         f"  tcbench run {option} --study conservation --plugins-dir {where}"

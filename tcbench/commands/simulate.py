@@ -56,8 +56,8 @@ def simulate_command(
 
 def _write_csv(run_: Any, path: Path) -> None:
     """t, z, energy, entropy, invariants and temperatures, all digits."""
-    n, m = run_.scenario.model.n_positions, run_.scenario.model.n_elements
-    names = ["t", *(f"q{i}" for i in range(n)), *(f"p{i}" for i in range(n)), *(f"s{i}" for i in range(m))]
+    m = run_.temperatures.shape[1]
+    names = ["t", *run_.scenario.model.component_names]
     names += ["energy", "entropy", *run_.invariants, *(f"theta{i}" for i in range(m))]
     columns = [run_.t, *run_.z.T, run_.energy, run_.entropy, *run_.invariants.values(), *run_.temperatures.T]
     try:

@@ -44,6 +44,7 @@ from .symbols import (
 __all__ = [
     "Substitution",
     "Symbol",
+    "accumulate",
     "add",
     "array",
     "const",
@@ -138,9 +139,10 @@ SLOPES: dict[str, Callable[[Symbol, Symbol], Symbol]] = {  # of a function of x 
     "abs": lambda y, x: mul(x, reciprocal(y)),
     "phi": lambda y, x: intern("dphi", (x,)),
     "lam": lambda y, x: intern("dlam", (x,)),
-    "sinc": lambda y, x: make("sinc_slope", one(), x),
+    "sinc": lambda y, x: intern("dsinc", (x,)),
     "dphi": lambda y, x: make("phi_slope", const(2.0), x),
     "dlam": lambda y, x: make("lam_slope", const(2.0), x),
+    "dsinc": lambda y, x: make("sinc_slope", const(2.0), x),
 }
 SLOPES_OF_TWO: dict[str, Callable[[Symbol, Symbol, Symbol], tuple[Symbol, Symbol]]] = {
     "hypot": lambda y, a, b: (mul(a, reciprocal(y)), mul(b, reciprocal(y))),
@@ -193,19 +195,19 @@ def sparse_jacobian(outputs: Sequence[Symbol], inputs: Sequence[Symbol]) -> list
             continue
         tangent: dict[int, Symbol] = {}
         for argument, partial in zip(node.args, partials(node), strict=True):
-            _accumulate(tangent, partial, tangents.get(argument.number, {}))
+            accumulate(tangent, partial, tangents.get(argument.number, {}))
         tangents[node.number] = tangent
     rows = []
     for node in outputs:
         tangent = dict(tangents.get(node.number, {}))
         while pending := [number for number in tangent if number in seeds]:
             number = max(pending)
-            _accumulate(tangent, tangent.pop(number), seeds[number])
+            accumulate(tangent, tangent.pop(number), seeds[number])
         rows.append({columns[number]: t for number, t in tangent.items() if not is_const(t, 0.0)})
     return rows
 
 
-def _accumulate(tangent: dict[int, Symbol], factor: Symbol, inner: Mapping[int, Symbol]) -> None:
+def accumulate(tangent: dict[int, Symbol], factor: Symbol, inner: Mapping[int, Symbol]) -> None:
     """tangent += factor * inner."""
     for number, t in inner.items():
         term = mul(factor, t)

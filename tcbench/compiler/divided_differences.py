@@ -186,6 +186,10 @@ class Corners:
     def arccos(self) -> Corners:
         return (-self.arcsin())._valued(self.value.arccos())
 
+    def fabs(self) -> Corners:
+        """Symmetric, and of both signs where x passes 0; at 0 itself there is no slope."""
+        return self._apply(abs(self.value), lambda a, b, slope, _: slope * (a + b) / (abs(a) + abs(b)))
+
     def hypot(self, other: Any) -> Corners:
         other = self.lifted(other)
         return (self * self + other * other).sqrt()._valued(self.value.hypot(other.value))

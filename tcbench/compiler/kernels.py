@@ -21,6 +21,7 @@ from .once import LOCK, cached_property
 
 WIDTH = 8  # doubles in a vector of vector_kernels.py
 ROW = 4  # doubles in a short vector of results
+PAIRS = {"phi": "dphi", "lam": "dlam", "sinc": "dsinc"}  # value and derivative share nearly everything
 _BINARY = {"add": "+", "sub": "-", "mul": "*"}
 
 
@@ -34,7 +35,7 @@ def straight_line(inputs: Mapping[Symbol, str], outputs: Sequence[Symbol], in_ro
     lines: list[str] = []
     # an input may itself be a formula (a hoisted value): do not look beneath it
     nodes = topological_above(inputs, outputs)
-    derivatives = {(node.op, node.args[0].number): node for node in nodes if node.op in ("dphi", "dlam")}
+    derivatives = {(node.op, node.args[0].number): node for node in nodes if node.op in PAIRS.values()}
     for node in nodes:
         if node.number in names:
             continue
@@ -45,8 +46,8 @@ def straight_line(inputs: Mapping[Symbol, str], outputs: Sequence[Symbol], in_ro
             names[node.number] = names[node.args[0].number]
             continue
         name = names[node.number] = f"t{len(lines)}"
-        partner = derivatives.get((f"d{node.op}", node.args[0].number)) if node.op in ("phi", "lam") else None
-        if partner is not None:  # value and derivative share nearly everything
+        partner = derivatives.get((PAIRS[node.op], node.args[0].number)) if node.op in PAIRS else None
+        if partner is not None:
             names[partner.number] = f"d{name}"
             lines.append(f"{name}, d{name} = {node.op}_pair({names[node.args[0].number]})")
             continue
@@ -142,8 +143,8 @@ def namespace() -> dict[str, Any]:
     """What the text of a kernel names."""
     from . import special
 
-    names = ("phi", "phi_pair", "dphi", "phi_slope", "lam", "lam_pair", "dlam", "lam_slope", "sinc", "sinc_slope",
-             "atan_slope", "atan_bend")  # fmt: skip
+    names = ("phi", "phi_pair", "dphi", "phi_slope", "lam", "lam_pair", "dlam", "lam_slope", "sinc", "sinc_pair",
+             "dsinc", "sinc_slope", "atan_slope", "atan_bend")  # fmt: skip
     functions = {f.__name__: f for f in (scratch, release, vector, row, pick, put)}
     return {"inf": math.inf, **FUNCTIONS, **functions, **{name: getattr(special, name) for name in names}}
 

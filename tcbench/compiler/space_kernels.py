@@ -13,13 +13,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .kernels import Kernel, literal, operation
+from .kernels import PAIRS, Kernel, literal, operation
 from .spaces import Path, Term
 from .symbols import MixedSpaces, Symbol
 
 SCALAR = ""  # the space of a number
 START = {"add": "0.0", "max": "-inf", "min": "inf"}  # of a sum, a maximum, a minimum
-PAIRS = {"phi": "dphi", "lam": "dlam"}
 
 
 class Slot(NamedTuple):

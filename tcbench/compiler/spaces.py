@@ -121,6 +121,7 @@ INTERPRETED: dict[str, Any] = {  # some function in place of each, with a value 
     "cosh": _safe(math.cosh), "exp": _safe(math.exp), "expm1": _safe(math.expm1),
     "log1p": lambda a: math.log(abs(1.0 + a) + 1e-300),
     "phi": _safe(special.phi), "dphi": _safe(special.dphi), "sinc": _safe(special.sinc, 1e15),
+    "dsinc": _safe(special.dsinc, 1e15),
     "lam": lambda a: math.log(abs(1.0 + a) + 1e-300) / a if a else 1.0,
     "dlam": lambda a: (1.0 / (1.0 + a + 1e-9) - math.log(abs(1.0 + a) + 1e-300) / (a or 1e-9)) / (a or 1e-9),
     "phi_slope": lambda k, a: special.phi_slope(k, max(-50.0, min(50.0, a))),

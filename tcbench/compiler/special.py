@@ -12,6 +12,7 @@ from __future__ import annotations
 from .language import FUNCTIONS, expm1, log1p
 
 exp, sin, cos, atan2 = (FUNCTIONS[name] for name in ("exp", "sin", "cos", "atan2"))
+SINC_SERIES = 0.2  # x^2 below this: the first omitted term of sinc is 0.2^7/15! = 1e-17, of its slope 4e-15
 NEGLIGIBLE = 1e-18  # a term of a sum of positive ones, over the sum
 PHI_SERIES = 0.3  # |x| below this: the first omitted term of phi is 0.3^12/13! = 9e-17
 LAM_TAYLOR = 0.05  # |x| below this: the first omitted term of lam is 0.05^12/13 = 2e-17
@@ -156,9 +157,26 @@ def lam_slope(order: float, x: float) -> float:
     return front * total
 
 
+def sinc_pair(x: float) -> tuple[float, float]:
+    """sinc and its derivative, which is (cos(x) - sinc)/x."""
+    x2 = x * x
+    if x2 < SINC_SERIES:
+        x4 = x2 * x2
+        low, slow = 1.0 - x2 * (1 / 6), x2 * (1 / 30) - 1 / 3
+        mid, smid = 1 / 120 - x2 * (1 / 5040), x2 * (1 / 45360) - 1 / 840
+        top, stop = 1 / 362880 - x2 * (1 / 39916800), x2 * (1 / 518918400) - 1 / 3991680
+        return low + x4 * (mid + x4 * (top + x4 * (1 / 6227020800))), x * (slow + x4 * (smid + x4 * stop))
+    value = sin(x) / x
+    return value, (cos(x) - value) / x
+
+
 def sinc(x: float) -> float:
     """sin(x)/x."""
-    return 1.0 if x == 0.0 else sin(x) / x
+    return sinc_pair(x)[0]
+
+
+def dsinc(x: float) -> float:
+    return sinc_pair(x)[1]
 
 
 def sinc_slope(order: float, x: float) -> float:

@@ -149,7 +149,7 @@ class _Stage:
         self.runs = runs
         self.times = np.linspace(0.0, max(run.t[-1] for run in runs), frames)
         self.rows = [np.searchsorted(run.t, self.times, side="right") - 1 for run in runs]
-        self.places = [segments(run.scenario.model, run.z[:, : run.scenario.model.n_positions]) for run in runs]
+        self.places = [segments(run.scenario.model, run.z) for run in runs]
         self.figure = Figure(figsize=(3.4 * max(2, len(runs)), 6.2), layout="constrained")
         parts: Any = self.figure.subfigures(2, 1, height_ratios=(1.35, 1))
         above, below = parts
@@ -172,6 +172,8 @@ class _Stage:
 
     def _heat(self) -> tuple[float, float]:
         known = np.concatenate([run.temperatures.ravel() for run in self.runs])
+        if not known.size:
+            return 0.0, 1.0
         low, high = np.percentile(known[np.isfinite(known)], (1, 99))
         return float(low), float(max(high, low + 1e-9))
 
@@ -242,7 +244,8 @@ class _View:
     def show(self, row: int, before: Sequence[int], t: float) -> None:
         here = self.place[row]
         self.springs.set_segments(list(here))
-        self.springs.set_array(self.run.temperatures[row])
+        if self.run.temperatures.shape[1] == len(here):  # a line for each temperature, of its colour
+            self.springs.set_array(self.run.temperatures[row])
         ends = here[:, 1]
         self.masses.set_data(ends[:, 0], ends[:, 1])
         way = self.place[list(before)][:, :, 1].reshape(-1, 2)

@@ -21,7 +21,7 @@ class Run(Record):
 
     n: int  # length of a state
     n_flows: int
-    n_elements: int
+    n_elements: int  # with a temperature: the first of what must stay positive
     n_invariants: int
     n_observables: int
     n_constants: int
@@ -102,7 +102,8 @@ def verdict(run: Run, z: Floats, now: Floats) -> int:
     for i in range(run.n_elements):
         if not now[temperatures + i] > 0.0:
             return COLD
-        if not now[temperatures + run.n_elements + i] > 0.0:
+    for i in range(temperatures + run.n_elements, run.n_observables):
+        if not now[i] > 0.0:
             return COLLAPSED
     return NONFINITE
 

@@ -38,7 +38,7 @@ def second_law_violations(run: Trajectory) -> int:
     return run.summary.second_law_violations
 
 
-MOST_TRIED = 1000  # positions up to which the terms of an invariant are found by trying
+MOST_TRIED = 2000  # numbers of a state up to which the terms of an invariant are found by trying
 CANCELLED = 1e-12  # a sum that is smaller than this part of its terms is their round-off
 
 
@@ -59,15 +59,15 @@ def invariant_errors(run: Trajectory) -> dict[str, float]:
 def invariant_scale(run: Trajectory, name: str) -> float:
     """|I_0|; where it is round-off of its terms (or 0) their size; 1 if that is 0.
 
-    Their size is |q_0| |p_0| for the angular momentum (and for all in large systems),
-    |dI/dq| |q_0| + |dI/dp| |p_0| for others (differences of I).
+    Their size is |q_0| |p_0| for the angular momentum (and for all in large systems of masses),
+    sum |dI/dz_i z_i| for others (differences of I).
     """
     initial, model, z = abs(float(run.invariants[name][0])), run.scenario.model, run.z[0]
     start = model.state(z)
-    if name == "angular_momentum" or model.n_positions > MOST_TRIED:
+    if {"q", "p"} <= set(model.variables) and (name == "angular_momentum" or model.size > MOST_TRIED):
         size = float(np.linalg.norm(start.q) * np.linalg.norm(start.p))
     else:
-        index, moved = model.invariant_names.index(name), np.flatnonzero(z[: 2 * model.n_positions])
+        index, moved = model.invariant_names.index(name), np.flatnonzero(z)
         steps = np.eye(len(z))[moved] * (1e-4 * z[moved])[:, None]
         up, down = (np.array([model.momenta(z + sign * step)[index] for step in steps]) for sign in (1, -1))
         terms = np.abs(up - down) / 2e-4  # |dI/dz_i z_i|

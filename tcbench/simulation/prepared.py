@@ -55,8 +55,8 @@ class Prepared:
             }  # fmt: skip
             self.flows = [(*pair, f.fraction) for *pair, f in zip(rows.records, kernels, method.flows, strict=True)]
         self.run = Run(
-            n=model.size, n_elements=model.n_elements, n_invariants=len(model.invariant_names), n_rows=0, every=1,
-            n_observables=n_observables, n_constants=len(c), observe=observe.address, bound=math.inf, h=1.0,
+            n=model.size, n_elements=model.n_temperatures, n_invariants=len(model.invariant_names), n_rows=0,
+            every=1, n_observables=n_observables, n_constants=len(c), observe=observe.address, bound=math.inf, h=1.0,
             reference=model.reference_temperature, entropy_tolerance=ENTROPY_TOLERANCE, entropy_fall=ENTROPY_FALL,
             c=c, tally=self.tally, **fields,
         )  # fmt: skip

@@ -12,6 +12,7 @@ import numpy as np
 from ..integrator import Integrator
 from ..solver import implicit_step as m
 from ..systems.scenario import Scenario
+from ..systems.system import System
 from .compiled_loop import FIRST_INVARIANT, E, Run, S
 from .trajectory import SolverCounts, Summary, Trajectory
 
@@ -23,7 +24,7 @@ _STATUS = {
     m.NONCONVERGED: ("nonconverged", "the solver found no root"),
     m.NO_ROOT: ("no_root", "the principal branch of solutions ended"),
     m.NONFINITE: ("nonfinite", "the new state is not finite"),
-    m.COLLAPSED: ("unphysical", "an element collapsed (strain measure not positive)"),
+    m.COLLAPSED: ("unphysical", "{collapsed}"),
     m.COLD: ("unphysical", "a temperature is not positive"),
     m.NO_WARM_ROOT: ("unphysical", "the principal root has a temperature that is not positive"),
     m.FOLDED: ("ok", ""),  # the run was to end at the first fold
@@ -31,14 +32,14 @@ _STATUS = {
 }
 
 
-def cause_of(reason: int) -> str:
+def cause_of(reason: int, model: System) -> str:
     """Why a step was not done, in words."""
-    return _STATUS[reason][1]
+    return _STATUS[reason][1].replace("{collapsed}", model.collapsed)
 
 
 def explain(reason: int, done: int, dt: float, scenario: Scenario) -> tuple[str, str]:
     """Status and sentence for the way a run ended."""
-    status, cause = _STATUS[reason]
+    status, cause = _STATUS[reason][0], cause_of(reason, scenario.model)
     if not cause:
         return status, ""
     step = done if reason == m.BLOWUP else done + 1  # the state of a blow-up exists; otherwise the next step failed
@@ -74,7 +75,7 @@ def assemble(
         integrator=integrator, scenario=scenario, dt=dt, t=t, z=run.states[:rows],
         energy=observed[:, E], entropy=observed[:, S],
         invariants={name: observed[:, FIRST_INVARIANT + i] for i, name in enumerate(names)},
-        temperatures=observed[:, first : first + model.n_elements],
+        temperatures=observed[:, first : first + model.n_temperatures],
         status=status, failure=failure, steps=done, newton_iterations=run.counts[: rows - 1],
         wall_time_s=wall, summary=summarise(run, tally, dt, names, scenario.initial_exergy), solver=solver,
     )  # fmt: skip

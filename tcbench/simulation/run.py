@@ -84,7 +84,7 @@ def simulate(
 
 def check_memory(scenario: Scenario, dt: float, steps: int, every: int = 1) -> None:
     """Raise TcbenchError where a run that keeps every `every`-th state would need more memory than could be meant."""
-    kept = (steps // every + 2) * (scenario.model.size + 2 * scenario.model.n_elements + 3) * 8 / 2**30
+    kept = (steps // every + 2) * (scenario.model.size + 2 * scenario.model.n_temperatures + 3) * 8 / 2**30
     if kept > MOST_GIB:
         raise TcbenchError(
             f"{steps} steps of {dt:g} would keep {kept:.0f} GiB of states; give a longer dt, or record_every= a larger "

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..systems.state import LETTERS
 from .metrics import invariant_scale
 
 if TYPE_CHECKING:
@@ -14,7 +15,6 @@ if TYPE_CHECKING:
 
     from .trajectory import Trajectory
 
-ELEMENTS = "abcdefghijklmnopqrstuvwxyz"  # of systems with more, positions and elements are not told one by one
 POINTS = 180  # states that a row keeps
 DIGITS, DIGITS_LOST = 9, 6  # of what a row keeps: of states, and of what a law has lost
 ROW = ("series", "opening")  # where a row keeps them, and the names of the tables made of them
@@ -25,8 +25,9 @@ def columns(run: Trajectory, keep: Any = slice(None)) -> dict[str, np.ndarray]:
 
     energy_error |E - E_0|/V_0; entropy_fall (largest S so far) - S; NAME and NAME_error of each invariant (the error
     |I - I_0|/|I_0|, as in the tables); lyapunov_rise: (E - theta_ref S) above its least value so far, over V_0;
-    temperature_a, strain_a (log strain) of each element; x_1, y_1, ... of each mass, for systems in the plane, q_1, ...
-    for others. "So far" is over every recorded state.
+    temperature_a, ... ; then the variables, each number by its name (m0, m1, ...), or what elements tell instead:
+    strain_a (log strain) of each, x_1, y_1, ... of each mass in the plane, q_1, ... of other positions. "So far" is
+    over every recorded state.
     """
     model, scale, L = run.scenario.model, run.scenario.initial_exergy, run.lyapunov
     found = {
@@ -38,19 +39,11 @@ def columns(run: Trajectory, keep: Any = slice(None)) -> dict[str, np.ndarray]:
     for name, values in run.invariants.items():
         found |= {name: values, f"{name}_error": np.abs(values - values[0]) / invariant_scale(run, name)}
     found = {name: values[keep] for name, values in found.items()}
-    if model.n_elements > len(ELEMENTS):
+    if model.n_temperatures > len(LETTERS):
         return found
-    for letter, theta in zip(ELEMENTS, run.temperatures[keep].T, strict=False):
+    for letter, theta in zip(LETTERS, run.temperatures[keep].T, strict=False):
         found[f"temperature_{letter}"] = theta
-    q = run.z[keep, : model.n_positions]
-    log_strain = getattr(model, "log_strain", None)
-    if log_strain is None:
-        return found | {f"q_{i + 1}": values for i, values in enumerate(q.T)}
-    strains = np.array([log_strain(pi) for pi in model.shapes(run.z[keep])])
-    found |= {f"strain_{letter}": strain for letter, strain in zip(ELEMENTS, strains.T, strict=False)}
-    for mass in range(q.shape[1] // 2):
-        found |= {f"x_{mass + 1}": q[:, 2 * mass], f"y_{mass + 1}": q[:, 2 * mass + 1]}
-    return found
+    return found | model.told_in_time(run.z[keep])
 
 
 def kept(run: Trajectory, points: int = POINTS) -> dict[str, dict[str, list[float]]]:
@@ -64,7 +57,8 @@ def kept(run: Trajectory, points: int = POINTS) -> dict[str, dict[str, list[floa
     found = {"series": _rounded(columns(run, np.unique([*range(0, last, stride), last])))}
     if stride > 1:
         opening = columns(run, slice(points + 1))
-        there = {n: v for n, v in opening.items() if n == "t" or n.startswith(("temperature_", "x_", "y_", "q_"))}
+        laws = {"energy", "entropy", *run.invariants}
+        there = {n: v for n, v in opening.items() if n not in laws and not n.endswith(("_error", "_fall", "_rise"))}
         found["opening"] = _rounded(there)
     return found
 

@@ -119,7 +119,7 @@ class Trajectory:
     @property
     def lyapunov(self) -> Floats:
         """E - theta_ref S (m,), eq. (37)."""
-        reference = self.scenario.model.reference_temperature  # type: ignore[attr-defined]
+        reference = self.scenario.model.reference_temperature
         return self.energy - reference * self.entropy
 
     def observe(self, observable: Observable) -> Floats:
@@ -129,7 +129,7 @@ class Trajectory:
         return observed(self, observable)
 
     def to_frame(self, observables: Sequence[Observable] = ()) -> DataFrame:
-        """One row a recorded state: t, q0.., p0.., s0.., energy, entropy, invariants, theta0.., and the observables."""
+        """One row a recorded state: t, variables (m0.., s), energy, entropy, invariants, theta0.., observables."""
         from .views import frame
 
         return frame(self, observables)

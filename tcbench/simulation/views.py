@@ -19,9 +19,8 @@ if TYPE_CHECKING:
 
 
 def columns(run: Trajectory, observables: Sequence[Observable] = ()) -> dict[str, np.ndarray]:
-    """What was recorded, by name: t, q0.., p0.., s0.., energy, entropy, invariants, theta0.., observables."""
-    n, m = run.scenario.model.n_positions, run.scenario.model.n_elements
-    names = [*(f"q{i}" for i in range(n)), *(f"p{i}" for i in range(n)), *(f"s{i}" for i in range(m))]
+    """What was recorded, by name: t, variables (m0.., s), energy, entropy, invariants, theta0.., observables."""
+    names, m = run.scenario.model.component_names, run.temperatures.shape[1]
     found = {"t": run.t, **dict(zip(names, run.z.T, strict=True)), "energy": run.energy, "entropy": run.entropy}
     found |= dict(run.invariants) | {f"theta{i}": run.temperatures[:, i] for i in range(m)}
     for observable in observables:
@@ -54,8 +53,9 @@ def picture(run: Trajectory, observables: Sequence[Observable] = ()) -> Figure:
     panels: list[tuple[str, dict[str, Any]]] = [
         ("(E − E₀) / V₀", {"": (run.energy - run.energy[0]) / scale}),
         ("entropy S", {"": run.entropy}),
-        ("temperatures θ", {f"element {i}": run.temperatures[:, i] for i in range(run.temperatures.shape[1])}),
     ]
+    if run.temperatures.shape[1]:
+        panels.append(("temperatures θ", {f"{i}": theta for i, theta in enumerate(run.temperatures.T)}))
     panels += [(f"{name} − initial value", {"": x - x[0]}) for name, x in run.invariants.items()]
     panels += [(f"{o.name}{f' ({o.unit})' if o.unit else ''}", {"": observed(run, o)}) for o in observables]
     rows = -(-len(panels) // 2)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from ..compiler import derivatives as trace
 from ..compiler.derivatives import Symbol, array, const
+from ..systems.element_system import ElementSystem
 from ..systems.state import State
 from ..systems.system import System
 from .elimination import factorise
@@ -39,11 +40,13 @@ def plain_start(reduction: Reduction) -> list[Symbol]:
 
 
 def near_start(index: Sequence[int], system: System, z0: Any, h: Symbol, temperature: bool) -> list[Symbol]:
-    """A nearer initial value: Taylor to second order for p while s is frozen, the trapezoidal rule for the conduction.
+    """A nearer initial value, of elements: Taylor to second order for p, s frozen, and the trapezoidal rule for s.
 
     Conduction is stiff: its explicit step overshoots, and no step at all costs Newton an iteration. Forces may be stiff
     as well: as much of their part is left out as the kinetic energy of the change of p is of that of p.
     """
+    if not isinstance(system, ElementSystem):
+        return [const(0.0)] * len(index)  # a Taylor guess would save iterations and no time
     n, m = system.n_positions, system.n_elements
     first = 2 * n
     moving, heated = any(n <= i < first for i in index), any(first <= i < first + m for i in index)
@@ -89,17 +92,8 @@ def _derivatives(values: Sequence[Symbol], t: Symbol, order: int) -> list[Any]:
 def scales_of(
     where: Sequence[int], moved: Sequence[Symbol], place: Any, system: System, y0: State, z0: Any, temperature: bool
 ) -> list[Symbol]:
-    """1/size of each unknown: positions and momenta max(1, |block|), entropies c0, temperatures theta."""
-    n, size = system.n_positions, system.size
-    entropy = _ones(system.n_elements) * system.entropy_scale()
-    sizes = [_largest(z0[:n]), _largest(z0[n : 2 * n]), *(list(y0.s) if temperature else entropy)]
-    index = [i % size for i in [*where, *(place[e] for e in moved)]]
-    return [trace.reciprocal(sizes[0 if i < n else 1 if i < 2 * n else 2 + i - 2 * n]) for i in index]
-
-
-def _largest(values: Iterable[Symbol]) -> Symbol:
-    """max(1, |v_1|, |v_2|, ...)."""
-    result = const(1.0)
-    for value in values:
-        result = trace.maximum(result, abs(value))
-    return result
+    """1/size of each unknown, as the system says; of temperatures theta."""
+    sizes = system.sizes(z0)
+    if temperature:
+        sizes[-len(y0.theta) :] = y0.theta
+    return [trace.reciprocal(sizes[i % system.size]) for i in [*where, *(place[e] for e in moved)]]

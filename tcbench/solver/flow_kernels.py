@@ -66,15 +66,11 @@ class FlowKernels:
     polish: Kernel
     finish: Kernel
     full: Kernel
-    blocks: tuple[int, ...]  # of each unknown, then of each eliminated one: 0 q, 1 p, 2 + i entropy of element i
     n_unknowns: int
+    n_eliminated: int
     n_positive: int
     pattern: Pattern | None = None  # of a sparse Jacobian
     way: str = ""  # how its steps are solved, in words
-
-    @property
-    def n_eliminated(self) -> int:
-        return len(self.blocks) - self.n_unknowns
 
     @cached_property
     def fields(self) -> dict[str, Any]:
@@ -121,11 +117,10 @@ def _build(flow: Flow, system: System, why: str) -> FlowKernels:
     x = reduction.unknowns
     increments = np.array(reduction.increments(d), dtype=object)
     y1 = sym.state(np.asarray(y0) + increments[:n])
-    dz = (
-        np.concatenate([increments[: n - system.n_elements], sym.entropy_variables(y1).s - sym.state(z0).s])
-        if (temperature)
-        else increments[:n]
-    )
+    dz = increments[:n]
+    if temperature:
+        ds = sym.entropy_variables(y1).s - sym.state(z0).s
+        dz = np.concatenate([dz[: -len(ds)], ds])
     place = {s: i for i, s in enumerate(d)}
     where = [place[s] for s in x]
     positive = list(y1.s) if temperature else []
@@ -149,7 +144,6 @@ def _build(flow: Flow, system: System, why: str) -> FlowKernels:
     reads: dict[Symbol, str] = {s: f"a[{len(fixed) + i}]" for i, s in enumerate(hoisted)}
     reads |= {s: f"b[{i}]" for i, s in enumerate(x)}
     stored = {f: f"out[{len(parts.iterate) + i}]" for i, f in enumerate(parts.stored)}
-    blocks = tuple(_block(place[s] % n, system) for s in [*x, *parts.moved])
     make = kernel if n <= LARGE and slopes is None else _rolled()
     opened = make(prologue_inputs, opening)
     iterate = make(reads, [*parts.iterate, *parts.stored.values()])
@@ -161,8 +155,8 @@ def _build(flow: Flow, system: System, why: str) -> FlowKernels:
         polish=kernel(reads | stored, parts.polish),
         finish=make(reads, list(dz)),
         full=iterate if slopes else make(reads, parts.full),
-        blocks=blocks,
         n_unknowns=len(x),
+        n_eliminated=len(parts.moved),
         n_positive=len(positive),
         pattern=slopes.pattern if slopes else None,
         way=f"sparse: {len(x)} unknowns{why}" if slopes else f"unrolled: {len(x)} unknowns" if x else f"explicit{why}",
@@ -350,11 +344,6 @@ def traced(flow: Flow, system: System, y0: State, d: Any, h: Symbol, further: li
 
 def _file(function: Residual) -> str:
     return getattr(getattr(function, "__code__", None), "co_filename", "")
-
-
-def _block(index: int, system: System) -> int:
-    n = system.n_positions
-    return 0 if index < n else 1 if index < 2 * n else 2 + index - 2 * n
 
 
 def hoisted_values(outputs: Sequence[Symbol], x: Sequence[Symbol]) -> list[Symbol]:

@@ -57,7 +57,7 @@ class SpaceFlow:
         positive = self.n_positive * mesh.sizes["element"]
         return FlowKernels(
             setup=empty, prologue=opening, opening=opening, iterate=iterate, polish=empty,
-            finish=self.finish.kernel(mesh), full=iterate, blocks=(0,) * n, n_unknowns=n, n_positive=positive,
+            finish=self.finish.kernel(mesh), full=iterate, n_unknowns=n, n_eliminated=0, n_positive=positive,
             pattern=pattern, way=(f"sparse: {n} unknowns" if n else "explicit") + ", in loops over the elements",
         )  # fmt: skip
 

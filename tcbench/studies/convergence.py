@@ -1,4 +1,4 @@
-"""Convergence: the measured order of each method in q, p, s and theta, against the order that it declares."""
+"""Convergence: the measured order of each method in each variable, against the order that it declares."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from ..systems.system import System
     from .order_fit import OrderFit
 
-VARIABLES = ("q", "p", "s", "theta", "all")
 HALVINGS = range(1, 16)  # dt = t_converge / 2^k: exact, and from far outside the asymptotic range to round-off
 PYTHON_HALVINGS = range(1, 12)  # a step of a plain Python method may cost a hundred times as much
 # Rounding drifts by up to 5e-16 a step (midpoint_temperature); a 2000th part of an error bends its slope visibly.
@@ -55,26 +54,25 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
     dt: list[float] = []
     statuses: list[str] = []
     floors: list[float] = []
-    errors: dict[str, list[float]] = {name: [] for name in VARIABLES}
+    errors: dict[str, list[float]] = {name: [] for name in exact}
     for n in step_counts(integrator, scenario, options.get("dt")):
         step, status, floor, state = _end_state(integrator, scenario, n)
         dt.append(step)
         statuses.append(status)
         floors.append(floor)
         found = None if state is None else groups(scenario.model, state)
-        for name in VARIABLES:
+        for name in exact:
             errors[name].append(float("nan") if found is None else relative_error(found[name], exact[name]))
     roundoff = [max(1e-9, ROUNDOFF * scenario.t_converge / h) for h in dt]
     fits = {
-        name: fit_order(dt, errors[name], reference.floor[0], solver_floor=floors, roundoff=roundoff)
-        for name in VARIABLES
+        name: fit_order(dt, errors[name], reference.floor[0], solver_floor=floors, roundoff=roundoff) for name in exact
     }
     return {
         "status": "ok" if "ok" in statuses else statuses[-1],
         "t": scenario.t_converge,
         "reference": reference.source,
-        "orders": [_order_row(name, fits[name], integrator.order) for name in VARIABLES],
-        "points": [row for name in VARIABLES for row in _point_rows(name, fits[name], dt, statuses, errors[name])],
+        "orders": [_order_row(name, fits[name], integrator.order) for name in exact],
+        "points": [row for name in exact for row in _point_rows(name, fits[name], dt, statuses, errors[name])],
     }
 
 
@@ -91,11 +89,13 @@ def _end_state(integrator: Integrator, scenario: Scenario, n: int) -> tuple[floa
 
 
 def groups(model: System, z: Any) -> dict[str, Any]:
-    """The state by groups of variables; "all" is (q, p, s), for theta is a function of these."""
+    """The state by its variables, and the temperatures; "all" is z, for theta is a function of it."""
     import numpy as np
 
     state = model.state(np.asarray(z, float))
-    return {"q": state.q, "p": state.p, "s": state.s, "theta": model.temperatures(z), "all": np.asarray(z, float)}
+    found = {name: np.ravel(getattr(state, name)) for name in model.variables}
+    theta = {"theta": model.temperatures(z)} if model.n_temperatures else {}
+    return {**found, **theta, "all": np.asarray(z, float)}
 
 
 def relative_error(found: Any, exact: Any) -> float:

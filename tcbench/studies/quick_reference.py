@@ -80,8 +80,10 @@ def solve(scenario: Scenario, count: int = ENOUGH) -> dict[str, Any]:
             states[method.name] = run(method, scenario, scenario.z0, tolerance).tolist()
     method, tolerance = next(iter(solvers.values()))[0]
     z0 = np.array(scenario.z0)
-    n = scenario.model.n_positions
-    shift = SHIFT * np.where(np.arange(len(z0)) < 2 * n, np.maximum(1.0, abs(z0)), 0.0)
+    names = set(scenario.model.variables)
+    shift = np.zeros(len(z0))
+    for begin, stop, _ in (scenario.model.layout[name] for name in (names & {"q", "p"} or names)):
+        shift[begin:stop] = SHIFT * np.maximum(1.0, abs(z0[begin:stop]))
     near, end = run(method, scenario, z0 + shift, tolerance), np.array(states[method.name])
     growth = distance(near, end) / distance(z0 + shift, z0)
     lyapunov = math.log(growth) / scenario.t_end if math.isfinite(growth) and growth > 0 else math.nan

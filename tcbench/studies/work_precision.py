@@ -256,10 +256,11 @@ def errors_of(scenario: Scenario, state: Any, exact: Any, floor: float) -> Row:
     """Errors by group of variables; one within 10 times the reference's own uncertainty is NaN, and the row says so."""
     from .convergence import groups, relative_error
 
-    names = {"error": "all", "error_q": "q", "error_p": "p", "error_s": "s", "error_theta": "theta"}
+    right = groups(scenario.model, exact)
+    names = {"error": "all", **{f"error_{name}": name for name in right if name != "all"}}
     if state is None:
         return dict.fromkeys([*names, PRODUCED], math.nan) | {"reference_limited": False}
-    found, right = groups(scenario.model, state), groups(scenario.model, exact)
+    found = groups(scenario.model, state)
     errors = {name: relative_error(found[key], right[key]) for name, key in names.items()}
     limited = errors["error"] <= floor
     errors[PRODUCED] = produced_error(scenario, state, exact)
@@ -317,8 +318,9 @@ def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
         for point in record.get("points") or [{}]:
             rows.append(common | point | {"yardsticks_again": again.get((*name, point.get("value")), math.nan)})
     table = pd.DataFrame(rows)
+    absent = [c for c in COLUMNS if c.startswith("error_") and c not in table]  # of variables that no system has
     rest = [c for c in table.columns if c not in COLUMNS]
-    table = table.reindex(columns=[*COLUMNS, *rest])
+    table = table.reindex(columns=[*(c for c in COLUMNS if c not in absent), *rest])
     table = table.sort_values(["scenario", "integrator"], kind="stable", ignore_index=True)
     return {
         "work_precision": table,

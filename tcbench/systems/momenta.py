@@ -8,7 +8,7 @@ import numpy as np
 
 from ..compiler import derivatives as trace
 from ..errors import TcbenchError
-from .system import System
+from .element_system import ElementSystem
 
 
 def lengthening(p: Any, x: Any) -> Any:
@@ -16,7 +16,7 @@ def lengthening(p: Any, x: Any) -> Any:
     return p * (x / (1.0 + np.sqrt(1.0 + x)))
 
 
-def restored_momenta(z0: Any, system: System, invariants: dict[str, Any]) -> tuple[Any, Any]:
+def restored_momenta(z0: Any, system: ElementSystem, invariants: dict[str, Any]) -> tuple[Any, Any]:
     """p with these values of the invariants, and the part of it that carries none.
 
     Raises TcbenchError for invariants that are not linear in the momenta.

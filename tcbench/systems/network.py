@@ -20,18 +20,18 @@ from ..compiler.space_kernels import SCALAR, Mesh, Slot, SpaceKernel, space_kern
 from ..compiler.spaces import Count, Map
 from ..compiler.symbols import Symbol, array, mixed_up
 from ..errors import TcbenchError, TraceError
+from .element_system import ElementSystem
 from .refusals import check_degree
 from .same_for_all import require_same
 from .state import State, fixed
-from .system import System
 from .traced import FEW, KEPT, derived
 
 Ints = NDArray[np.int64]
 SPACES = ("position", "element", "link", "point")
 
 
-class Network(System):
-    """Base class; see `System` for what is common to all.
+class Network(ElementSystem):
+    """Base class; see `ElementSystem` for what is common to all.
 
     elements : whole numbers, shape (n_elements, k): the positions (coordinates) that each element sees. Numbers from
         n_positions on are the fixed coordinates `anchors`, in their order.
@@ -39,7 +39,7 @@ class Network(System):
     points : shape (n_points, d): the coordinates of each mass, for invariants; optional.
     constants : name -> "position", "element", "link" or "point" (one number for each) or a shape.
 
-    The author writes `inertia`, `element_energy`, `entropies` as for any System, and instead of shape and conduction:
+    The author writes `inertia`, `element_energy`, `entropies` as for others, and instead of shape and conduction:
     `element_shape(q)`: strain measure, from the k coordinates of an element; `link(a, b)`: the entropy rates of the two
     elements of a link from their temperatures, a * rate_a + b * rate_b = 0; and, optionally, `point_invariants(q, p)`,
     the share of one mass in the invariants, by name. All of them get arrays, one entry for each element, link or mass,
@@ -51,7 +51,7 @@ class Network(System):
     points: ClassVar[Any] = np.zeros((0, 1), np.int64)
     anchors: ClassVar[Any] = np.zeros(0)
     written = (
-        *(name for name in System.written if name not in ("shape", "conduction", "n_elements")),
+        *(name for name in ElementSystem.written if name not in ("shape", "conduction", "n_elements")),
         "elements", "links", "points", "anchors", "element_shape", "link", "point_invariants",
     )  # fmt: skip
     spaces_of_constants: ClassVar[Mapping[str, str]] = {}
@@ -122,7 +122,7 @@ class Network(System):
         """Share of one mass in the invariants, from its coordinates and momenta q[0], p[0], ...; none by default."""
         return {}
 
-    # ---- what a System needs ---------------------------------------------------------------------------
+    # ---- what an ElementSystem needs --------------------------------------------------------------------------
 
     def per_position(self, values: Any) -> Any:
         """Numbers that belong to masses ("point"), at each of their coordinates: shape (n_positions,)."""
@@ -161,7 +161,7 @@ class Network(System):
             np.add.at(total, where, rate)
         return total
 
-    def invariants(self, q: Any, p: Any) -> dict[str, Any]:
+    def invariants(self, q: Any, p: Any) -> dict[str, Any]:  # type: ignore[override]
         if not len(self.points):
             return {}
         columns = range(self.points.shape[1])
@@ -210,7 +210,7 @@ class Network(System):
     def temperature_field(self, y: Any) -> Any:
         """d(q, p, theta)/dt, by the chain rule from the vector field."""
         if not self.traced_by_spaces:
-            return System.temperature_field.__wrapped__(self, y)  # type: ignore[attr-defined]
+            return ElementSystem.temperature_field.__wrapped__(self, y)  # type: ignore[attr-defined]
         z, rate = self.fresh_state("z"), self.vector_field(self.entropy_variables(y))
         tangent = spaces.along(list(self.temperature_variables(z)), dict(zip(z, rate, strict=True)))
         here = dict(zip(z, self.entropy_variables(y), strict=True))
@@ -288,7 +288,7 @@ class Network(System):
 
     @cached_property
     def symbolic(self) -> Self:
-        """As of any System; `example` is one with these formulas that has numbers."""
+        """As of any system; `example` is one with these formulas that has numbers."""
         found = super().symbolic
         found.__dict__.setdefault("example", self)
         return found

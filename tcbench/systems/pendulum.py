@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from .system import System
+from .element_system import ElementSystem
 
 TINY = 1e-100  # added to what is divided by itself, so that no conduction at all is no 0/0: it changes no other number
 
 
-class Springs(System):
+class Springs(ElementSystem):
     """Masses in the plane, joined by thermoelastic springs; subclasses say which, and how heat is conducted."""
 
     positive = ("masses", "natural_lengths", "reference_temperature", "heat_capacity")
@@ -78,6 +78,6 @@ class Pendulum(Springs):
         increments = self.heat_capacity * np.log1p(np.array([moved / a, -moved / b]))
         return increments, np.array([0.5 * (a + b) + mean, 0.5 * (a + b) - mean])
 
-    def invariants(self, q: Any, p: Any) -> dict[str, Any]:
+    def invariants(self, q: Any, p: Any) -> dict[str, Any]:  # type: ignore[override]
         """Angular momentum q1 x p1 + q2 x p2."""
         return {"angular_momentum": q[0] * p[1] - q[1] * p[0] + q[2] * p[3] - q[3] * p[2]}

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import TcbenchError
+from .element_system import ElementSystem
 from .system import System
 
 MOST = 100  # masses beyond which nothing is drawn
@@ -19,7 +20,7 @@ def links(model: System) -> list[list[int]]:
 
     Found by trying: the strain measure of a spring is the squared distance of two points. [] if any is not.
     """
-    if model.n_positions % 2 or model.n_positions > 2 * MOST:
+    if not isinstance(model, ElementSystem) or model.n_positions % 2 or model.n_positions > 2 * MOST:
         return []
     trials = np.random.default_rng(0).normal(size=(3, model.n_positions))
     points = np.concatenate([np.zeros((3, 1, 2)), trials.reshape(3, -1, 2)], axis=1)
@@ -33,20 +34,17 @@ def links(model: System) -> list[list[int]]:
     return [list(pairs[match[0]]) for match in found] if all(len(match) for match in found) else []
 
 
-def segments(model: System, q: Any) -> NDArray[np.float64]:
-    """The ends of each element in the plane at each of the positions q (m, n_positions), shape (m, elements, 2, 2).
+def segments(model: System, z: Any) -> NDArray[np.float64]:
+    """The ends of each line of a picture in the plane at each of the states z (m, n), shape (m, lines, 2, 2).
 
-    As the system's `points(q)` says; otherwise springs between masses. TcbenchError where neither is possible.
+    As the system's `points` says; otherwise springs between masses. TcbenchError where neither is possible.
     """
-    states = np.asarray(q, dtype=float)
+    states = np.asarray(z, dtype=float)
+    if not isinstance(model, ElementSystem):
+        return _ends(model, states, "points(z)", -1)
+    states = states[:, : model.n_positions]
     if model.defines("points"):
-        found = np.array([model.points(row) for row in states], dtype=float)
-        if found.shape != (len(states), model.n_elements, 2, 2):
-            raise TcbenchError(
-                f"points(q) of the system {model.name!r} gave shape {found.shape[1:]}; the two ends of each element in "
-                f"the plane are needed, shape {(model.n_elements, 2, 2)}."
-            )
-        return found
+        return _ends(model, states, "points(q)", model.n_elements)
     joined = links(model)
     if not joined:
         raise TcbenchError(
@@ -55,3 +53,18 @@ def segments(model: System, q: Any) -> NDArray[np.float64]:
         )
     places = np.concatenate([np.zeros((len(states), 1, 2)), states.reshape(len(states), -1, 2)], axis=1)
     return places[:, np.array(joined)]
+
+
+def _ends(model: System, states: Any, said: str, lines: int) -> NDArray[np.float64]:
+    """What `points` gives at each of the states, or positions; lines: so many of them, -1 for any number."""
+    rows = [model.points(model.state(row) if lines < 0 else row) for row in states]
+    try:
+        found = np.array([[np.array(line, dtype=float) for line in row] for row in rows])
+    except (TypeError, ValueError):
+        found = np.zeros(0)
+    if found.shape[2:] != (2, 2) or lines not in (-1, found.shape[1]):
+        raise TcbenchError(
+            f"{said} of the system {model.name!r} gave shape {found.shape[1:]}; the two ends of each line in the plane "
+            f"are needed, shape {(max(lines, 1), 2, 2)}."
+        )
+    return found

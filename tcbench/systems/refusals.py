@@ -13,6 +13,7 @@ from ..compiler.symbols import Symbol, refused
 from ..errors import TcbenchError
 
 if TYPE_CHECKING:
+    from .element_system import ElementSystem
     from .system import System
 
 MOST_DEGREE = 2  # of a strain measure in the positions
@@ -29,7 +30,7 @@ def check_class(cls: type[System]) -> None:
     for name in cls.constants:
         if not isinstance(name, str) or not name.isidentifier():
             raise TcbenchError(f"{cls.__name__}: a constant is named by a word, self.word in formulas, not {name!r}.")
-        if hasattr(base, name) or _is_computed(cls, name):
+        if (hasattr(base, name) or _is_computed(cls, name)) and name not in _free(cls, base):
             raise TcbenchError(
                 f"{cls.__name__}: no constant can be called {name!r}, the name of something else; call it otherwise."
             )
@@ -40,6 +41,12 @@ def _base(cls: type[System]) -> type[System]:
     return next(c for c in cls.__mro__ if "written" in c.__dict__)  # type: ignore[return-value]
 
 
+def _free(cls: type[System], base: type[System]) -> tuple[str, ...]:
+    """Names of the base class that constants may have: what they replace, and matrices that a class does not write."""
+    unwritten = (n for n in ("poisson", "friction") if n in base.written and getattr(cls, n) is getattr(base, n))
+    return ("reference_temperature", *unwritten)
+
+
 def _is_computed(cls: type, name: str) -> bool:
     """A method, a property or the like, no number."""
     return hasattr(inspect.getattr_static(cls, name, None), "__get__")
@@ -47,7 +54,7 @@ def _is_computed(cls: type, name: str) -> bool:
 
 def check_attribute(system: System, name: str) -> None:
     """TcbenchError where an attribute of an instance would hide what its class computes, or be another constant."""
-    if _is_computed(type(system), name):
+    if name not in system.constants and _is_computed(type(system), name):
         raise _overridden(type(system).__name__, name, _base(type(system)).written)
     if name in system.constants and name in system.__dict__:
         raise TcbenchError(
@@ -75,7 +82,7 @@ def _overridden(who: str, name: str, written: Sequence[str]) -> TcbenchError:
     )
 
 
-def check_degree(system: System, shapes: Sequence[Any], q: Sequence[Symbol]) -> None:
+def check_degree(system: ElementSystem, shapes: Sequence[Any], q: Sequence[Symbol]) -> None:
     """TraceError where a strain measure is of a higher degree than two in the positions: then its slope at the midpoint
     is no divided difference, and discrete gradients lose energy."""
     degree = _degrees(shapes, q)
@@ -132,7 +139,7 @@ def _line(system: System, *names: str) -> str:
     return f"{function.__code__.co_filename}, line {function.__code__.co_firstlineno}"
 
 
-def check_own(system: System, rows: Sequence[Any], count: int) -> None:
+def check_own(system: ElementSystem, rows: Sequence[Any], count: int) -> None:
     """TraceError where the energy of an element depends on another one's strain or entropy.
 
     rows: of the slopes by the strains, then by the entropies, position -> slope.

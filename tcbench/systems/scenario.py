@@ -15,19 +15,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import TcbenchError, expect, shown, unknown_name
+from .declaration import SETTINGS
 from .refusals import Fixed
 from .sampling import Draw, Range, seed_of
-from .sizes import check_sizes
 from .state import fixed, formulas_hash
 from .system import System
 
 REST = 1e-10  # least exergy of a scenario, relative to its energy: see Scenario.initial_exergy
-SETTINGS = ("name", "t_end", "dt", "positions", "momenta", "temperatures", "t_converge", "blowup_factor")
 KINDS_OF_FIELDS = {
-    "system": "a class", "constants": "a mapping", "shows": "a word", "source": "a word", "plugin": "a word",
+    "system": "a class", "constants": "a mapping", "initial": "a mapping", "shows": "a word", "source": "a word",
+    "plugin": "a word",
     "ladder": "numbers",
 }  # fmt: skip
 SAID = ("name", "shows", "source", "plugin", "_cache")  # of a scenario: no part of what is computed
+ELEMENTS = ("positions", "momenta", "temperatures")  # the initial data of an ElementSystem
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,7 @@ class Scenario:
     """A standard scenario. All numbers are dimensionless.
 
     system : class of the system; constants : its constants by name.
-    positions, momenta, temperatures : initial data.
+    initial : the variables at the start, by name. positions, momenta, temperatures : of an ElementSystem instead.
     t_end, dt : horizon and the scenario's own step; ladder : steps of the conservation study, as multiples of dt.
     t_converge : time at which errors are measured. blowup_factor : |E - E0| beyond this times V0 is a blow-up.
     """
@@ -43,11 +44,12 @@ class Scenario:
     name: str
     system: type[System]
     constants: Mapping[str, Any]
-    positions: tuple[float, ...]
-    momenta: tuple[float, ...]
-    temperatures: tuple[float, ...]
-    t_end: float
-    dt: float
+    positions: tuple[float, ...] = ()
+    momenta: tuple[float, ...] = ()
+    temperatures: tuple[float, ...] = ()
+    t_end: float = field(kw_only=True)
+    dt: float = field(kw_only=True)
+    initial: Mapping[str, Any] = field(default_factory=dict)
     t_converge: float = 1.0
     blowup_factor: float = 1.0
     shows: str = ""
@@ -63,45 +65,35 @@ class Scenario:
         expect(f"Scenario {self.name!r}", vars(self), KINDS_OF_FIELDS)
         if not issubclass(self.system, System):
             raise TcbenchError(f"Scenario {self.name!r}: system must be a class of System, not {shown(self.system)}.")
-        for name in ("positions", "momenta", "temperatures", "ladder"):
+        for name in (*ELEMENTS, "ladder"):
             put(self, name, _numbers(name, getattr(self, name)))
+        put(self, "initial", Fixed({name: _checked(name, value) for name, value in self.initial.items()}))
         for name in ("t_end", "dt", "t_converge", "blowup_factor"):
             put(self, name, _positive(name, getattr(self, name)))
-        self._check_sizes()
         if self.dt > self.t_end:
             raise TcbenchError(f"Scenario {self.name!r}: dt = {self.dt:g} is longer than t_end = {self.t_end:g}.")
         put(self, "_cache", {"model": self.system(**self.constants)})
         put(self, "constants", Fixed({k: _plain(v) for k, v in self.constants.items()}))
-        self._check_initial_state()
+        self._cache["z0"] = self._start()
 
     def __getstate__(self) -> dict[str, Any]:
         """What is copied and pickled: the numbers, and the system."""
         return {**vars(self), "_cache": {"model": self.model}}
 
-    def _check_sizes(self) -> None:
-        n, m = self.system.n_positions, self.system.n_elements
-        for name, size in (("positions", n), ("momenta", n), ("temperatures", m)):
-            if len(getattr(self, name)) != size:
-                given = len(getattr(self, name))
-                raise TcbenchError(f"Scenario {self.name!r}: {name} must be {size} numbers, not {given}.")
-        if min(self.temperatures) <= 0:
-            raise TcbenchError(
-                f"Scenario {self.name!r}: temperatures must be positive, not {min(self.temperatures):g}."
-            )
-
-    def _check_initial_state(self) -> None:
-        check_sizes(self.model, *(np.array(x) for x in (self.positions, self.momenta, self.temperatures)))
-        shape = np.asarray(self.model.shape(np.array(self.positions)), dtype=float)
-        if not np.all(shape > 0):
-            which = int(np.argmin(shape))
-            raise TcbenchError(
-                f"Scenario {self.name!r}: element {which} is collapsed at the start (strain measure {shape[which]:g}); "
-                "move the initial positions apart."
-            )
-        s = self.model.state(self.z0).s
-        energies = self.model.element_energy(shape, s)  # plain numpy: a scenario is made without compiling anything
-        if not np.all(np.isfinite(self.z0)) or not np.all(np.isfinite(energies)):
-            raise TcbenchError(f"Scenario {self.name!r}: the initial state or its energy is not finite.")
+    def _start(self) -> NDArray[np.float64]:
+        wanted = self.model.initial_data
+        for name in (*ELEMENTS, "initial"):
+            if name not in wanted and len(getattr(self, name)):
+                raise TcbenchError(
+                    f"Scenario {self.name!r}: {self.system.name!r} starts from {', '.join(wanted)}, not from {name}."
+                )
+        try:
+            z0 = self.model.start(**{name: getattr(self, name) for name in wanted})
+        except TcbenchError as error:
+            if str(error).startswith(f"{self.system.__name__}:"):  # of the class, whatever the scenario
+                raise
+            raise TcbenchError(f"Scenario {self.name!r}: {error}") from None
+        return fixed(z0)
 
     @property
     def model(self) -> System:
@@ -114,21 +106,21 @@ class Scenario:
 
     @property
     def z0(self) -> NDArray[np.float64]:
-        """Initial state (q, p, s), shape (n,)."""
+        """Initial state, shape (n,)."""
         if "z0" not in self._cache:
-            s0 = self.model.entropies(np.array(self.positions), np.array(self.temperatures))
-            self._cache["z0"] = fixed(np.concatenate([self.positions, self.momenta, s0]).astype(float))
+            self._cache["z0"] = self._start()
         return self._cache["z0"]
 
     @property
     def initial_exergy(self) -> float:
-        """V0 = V(z0), the scale of energy errors.
+        """V0 = V(z0), the scale of energy errors; |E0 + offset| of a system without reference temperature.
 
         At or next to rest it is at least 1e-10 max(1, |E0|): round-off of the energy is no blow-up.
         """
         if "V0" not in self._cache:
             floor = REST * max(1.0, abs(float(self.model.energy(self.z0))))
-            self._cache["V0"] = max(float(self.model.exergy(self.z0)), floor)
+            found = float(self.model.exergy(self.z0))
+            self._cache["V0"] = max(found if self.model.reference_temperature else abs(found), floor)
         return self._cache["V0"]
 
     @property
@@ -137,15 +129,21 @@ class Scenario:
         return self.blowup_factor * self.initial_exergy
 
     def replace(self, **changes: Any) -> Scenario:
-        """A variant: any of the settings (name, t_end, dt, positions, momenta, temperatures, ...) or constants."""
-        settings, constants = {}, dict(self.constants)
+        """A variant: settings (name, t_end, dt, positions, ...), constants, or variables (their initial values)."""
+        settings: dict[str, Any] = {}
+        constants = dict(self.constants)
         for name, value in changes.items():
             if name in self.system.constants:
                 constants[name] = value
+            elif name == "initial":
+                settings["initial"] = {**settings.get("initial", self.initial), **value}
             elif name in SETTINGS:
                 settings[name] = value
+            elif name in self.initial:
+                settings["initial"] = {**settings.get("initial", self.initial), name: value}
             else:
-                raise unknown_name("setting of a scenario", name, [*SETTINGS, *self.system.constants])
+                known = [n for n in SETTINGS if n in self.model.initial_data or n not in (*ELEMENTS, "initial")]
+                raise unknown_name("setting of a scenario", name, [*known, *self.system.constants, *self.initial])
         if "name" not in changes:
             settings["name"] = self.name
         if "dt" not in changes and "t_end" in changes:
@@ -157,9 +155,7 @@ class Scenario:
         return {
             "system": self.system.name,
             "constants": {k: _plain(v) for k, v in sorted(self.constants.items())},
-            "positions": list(self.positions),
-            "momenta": list(self.momenta),
-            "temperatures": list(self.temperatures),
+            **{name: _data(getattr(self, name)) for name in self.model.initial_data},
             "t_end": self.t_end,
             "blowup_factor": self.blowup_factor,
         }
@@ -229,6 +225,18 @@ class ScenarioFamily:
         object.__setattr__(named, "name", f"{self.name}[{label}]")
         object.__setattr__(named, "plugin", self.plugin)
         return named
+
+
+def _data(value: Any) -> Any:
+    return dict(sorted(value.items())) if isinstance(value, Mapping) else list(value)
+
+
+def _checked(name: str, value: Any) -> Any:
+    """The initial value of a variable: a number or nested lists of them."""
+    try:
+        return _plain(value)
+    except (TypeError, ValueError, OverflowError):
+        raise TcbenchError(f"The initial value of {name!r} must be numbers, not {value!r}.") from None
 
 
 def _numbers(name: str, value: Any) -> tuple[float, ...]:

@@ -14,12 +14,12 @@ import numpy as np
 from ..errors import TcbenchError
 
 if TYPE_CHECKING:
-    from .system import System
+    from .element_system import ElementSystem
 
 _KNOWN: set[Any] = set()
 
 
-def check_sizes(system: System, q: Any, p: Any, theta: Any) -> None:
+def check_sizes(system: ElementSystem, q: Any, p: Any, theta: Any) -> None:
     """TcbenchError where a function of the author's gives another number of values than is asked of it."""
     if system.structure in _KNOWN:
         return
@@ -43,13 +43,13 @@ def check_sizes(system: System, q: Any, p: Any, theta: Any) -> None:
     _KNOWN.add(system.structure)
 
 
-def _exact(system: System, name: str, count: int, of: str, *arguments: Any) -> None:
+def _exact(system: ElementSystem, name: str, count: int, of: str, *arguments: Any) -> None:
     value = _numbers(system, name, *arguments)
     if value.shape != (count,):
         raise _refused(system, name, value.shape, f"it gives {count} numbers, one for each {of}")
 
 
-def _numbers(system: System, name: str, *arguments: Any) -> Any:
+def _numbers(system: ElementSystem, name: str, *arguments: Any) -> Any:
     value = _called(system, name, *arguments)
     try:
         return np.asarray(value, dtype=float)
@@ -57,7 +57,7 @@ def _numbers(system: System, name: str, *arguments: Any) -> Any:
         raise _refused(system, name, value, "it gives numbers") from None
 
 
-def _called(system: System, name: str, *arguments: Any) -> Any:
+def _called(system: ElementSystem, name: str, *arguments: Any) -> Any:
     function: Callable[..., Any] = getattr(system, name)
     try:
         with np.errstate(all="ignore"):
@@ -70,6 +70,6 @@ def _called(system: System, name: str, *arguments: Any) -> Any:
         ) from error
 
 
-def _refused(system: System, name: str, found: Any, wanted: str) -> TcbenchError:
+def _refused(system: ElementSystem, name: str, found: Any, wanted: str) -> TcbenchError:
     what = f"an array of shape {found}" if isinstance(found, tuple) else f"{found!r:.60}"
     return TcbenchError(f"{type(system).__name__}: {name}() gives {what.replace('shape ()', 'no axis')}; {wanted}.")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import uuid
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,6 +15,8 @@ if TYPE_CHECKING:
     from .system import System
 
 Array = NDArray[Any]
+LETTERS = "abcdefghijklmnopqrstuvwxyz"  # of elements; of systems with more, they are not told one by one
+Layout = Mapping[str, tuple[int, int, tuple[int, ...]]]  # name of a variable -> first, last + 1, shape
 
 
 def fixed(array: Array) -> Array:
@@ -23,35 +26,41 @@ def fixed(array: Array) -> Array:
 
 
 class State(np.ndarray):
-    """Array, last axis (q, p, s), with the blocks by name; `theta` names the last block in (q, p, theta)."""
+    """Array, last axis all variables of a system, each also by its name: z.q, z.p, z.s of springs, z.m of a body."""
 
-    n_positions: int
+    layout: Layout
 
-    def __new__(cls, values: Any, n_positions: int) -> State:
+    def __new__(cls, values: Any, layout: Layout) -> State:
         state = np.asarray(values).view(cls)
-        state.n_positions = n_positions
+        state.layout = layout
         return state
 
     def __array_finalize__(self, source: Any) -> None:
-        self.n_positions = getattr(source, "n_positions", 0)
+        self.layout = getattr(source, "layout", {})
 
     def __array_wrap__(self, array: Any, context: Any = None, return_scalar: bool = False) -> Any:
         """What has no axis left, as the largest component, is a number."""
         return array[()] if array.ndim == 0 else super().__array_wrap__(array, context, return_scalar)
 
-    @property
-    def q(self) -> Array:
-        return self.view(np.ndarray)[..., : self.n_positions]
+    def __getattr__(self, name: str) -> Any:
+        try:
+            first, end, shape = self.__dict__["layout"][name]
+        except KeyError:
+            known = ", ".join(self.__dict__.get("layout", {})) or "none"
+            raise AttributeError(f"a state has no variable {name!r}; its variables: {known}") from None
+        block = self.view(np.ndarray)[..., first:end]
+        if shape == ():
+            return block[..., 0][()]
+        return block if len(shape) == 1 else block.reshape(*block.shape[:-1], *shape)
 
-    @property
-    def p(self) -> Array:
-        return self.view(np.ndarray)[..., self.n_positions : 2 * self.n_positions]
 
-    @property
-    def s(self) -> Array:
-        return self.view(np.ndarray)[..., 2 * self.n_positions :]
-
-    theta = s
+def laid_out(variables: Mapping[str, tuple[int, ...]]) -> Layout:
+    """Where each variable stands in z."""
+    found, first = {}, 0
+    for name, shape in variables.items():
+        end = first + int(np.prod(shape))
+        found[name], first = (first, end, tuple(shape)), end
+    return found
 
 
 def formulas_hash(kind: type[System]) -> str:

@@ -1,51 +1,61 @@
-"""`System`: one GENERIC system, dz/dt = L grad E + M grad S, and everything an integrator may ask of it.
+"""`System`: any GENERIC system, dz/dt = L(z) grad E + M(z) grad S, by its formulas; and all that is derived from them.
 
-State z = (q, p, s): positions, momenta, entropies of the elements. The author of a system writes `inertia`, `shape`,
-`element_energy`, `conduction` and `entropies` in plain numpy and names the constants; all the rest is derived:
-on symbols (while a formula is traced) as an expression, on floats through a compiled kernel.
+The author names the variables and the constants and writes, in plain numpy,
+
+    energy(z), entropy(z)
+    reversible(z, dE, dS)     L(z) dE        with  dE . rev = 0  and  dS . rev = 0
+    irreversible(z, dE, dS)   M(z) dS        with  dE . irr = 0  and  dS . irr >= 0
+
+for whatever covectors dE and dS are put in, not at the true gradients only: a method puts in discrete ones, and both
+laws follow. Or the matrices `poisson(z)` and `friction(z)`, with identities at the true gradients: they are projected.
 """
 
 from __future__ import annotations
 
-from functools import wraps
+from collections.abc import Mapping, Sequence
+from functools import reduce
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..compiler import chain_rule
 from ..compiler import derivatives as trace
-from ..compiler.divided_differences import rectangle, symmetrised_slopes
+from ..compiler.cut import Cut
 from ..compiler.once import cached_property
 from ..errors import TcbenchError, unknown_name
-from .operators import Poisson, SparseRows
-from .refusals import check_attribute, check_class, check_degree, check_own
-from .state import State, fixed, formulas_hash
+from .declaration import as_written, check_declared, checked_constant, finite, whole
+from .refusals import check_attribute, check_class
+from .state import Layout, State, fixed, formulas_hash, laid_out
 from .traced import Traced, derived
 
-Array = NDArray[Any]
+FORMULAS = ("energy", "entropy", "reversible", "irreversible")
 
 
 class System(Traced):
     """Base class; an instance holds values of the constants and is immutable."""
 
+    variables: Mapping[str, tuple[int, ...]] = {}  # name -> shape
     positive: ClassVar[tuple[str, ...]] = ()  # constants that must be > 0
     non_negative: ClassVar[tuple[str, ...]] = ()
+    reference_temperature: Any = 0.0  # of the exergy; 0: the energy is its own scale
     source: ClassVar[str] = ""
-    written: ClassVar[tuple[str, ...]] = (  # what an author's class may say; everything else is derived
-        "name", "constants", "positive", "non_negative", "source", "n_positions", "n_elements", "inertia", "shape",
-        "element_energy", "conduction", "entropies", "invariants", "conduction_flow", "points", "entropy_scale",
-        "exergy_offset",
+    initial_data: ClassVar[tuple[str, ...]] = ("initial",)  # settings of a Scenario that say where it starts
+    collapsed: ClassVar[str] = "what measures(z) says is not positive"  # of a run that ends for that
+    # what an author may define; every other name that the class has is derived or taken
+    written: ClassVar[tuple[str, ...]] = (
+        "name", "constants", "variables", "positive", "non_negative", "reference_temperature", "source", *FORMULAS,
+        "poisson", "friction", "invariants", "temperature", "measures", "exergy_offset", "points",
     )  # fmt: skip
 
     def __init_subclass__(cls, **arguments: Any) -> None:
         super().__init_subclass__(**arguments)
+        check_declared(cls, System)
         check_class(cls)
-        if "shape" in cls.__dict__:  # everything in an element sees the positions through its strain measure only
-            shape = cls.__dict__["shape"]
-            cls.shape = wraps(shape)(lambda self, q: _mark_like(shape(self, q), q))  # type: ignore[method-assign]
-        if "entropies" in cls.__dict__:
-            entropies = cls.__dict__["entropies"]
-            cls.entropies = wraps(entropies)(lambda self, q, theta: entropies(self, q, _positive(theta)))  # type: ignore[method-assign]
+        for name in FORMULAS:
+            formula = getattr(cls, name)
+            if not hasattr(formula, "is_derived"):
+                setattr(cls, name, derived(as_written(formula, name)))
 
     def __setattr__(self, name: str, value: Any) -> None:
         check_attribute(self, name)
@@ -53,100 +63,133 @@ class System(Traced):
 
     def __init__(self, **values: Any) -> None:
         check_class(type(self))  # which may have been changed since
+        if not self.variables:
+            raise TcbenchError(
+                f"{type(self).__name__} declares no variables; write variables = {{'q': (), 'p': (2,)}}."
+            )
         for name in values:
             if name not in self.constants:
                 raise unknown_name(f"constant of {self.name!r}", name, self.constants)
         for name, shape in self.constants.items():
             if name not in values:
                 raise TcbenchError(f"System {self.name!r} needs a value for the constant {name!r}.")
-            setattr(self, name, self._checked(name, shape, values[name]))
+            setattr(self, name, checked_constant(self, name, shape, values[name]))
         self.formulas = formulas_hash(type(self))
         self.zeros = tuple(
             (n, int(i)) for n in self.constants for i in np.flatnonzero(np.ravel(getattr(self, n)) == 0.0)
         )
 
-    def _checked(self, name: str, shape: tuple[int, ...], value: Any) -> Any:
-        try:
-            array = np.array(value, dtype=float)  # not the caller's own, which may change
-        except (TypeError, ValueError, OverflowError):
-            raise TcbenchError(f"Constant {name!r} must be a number or {shape} numbers, not {value!r}.") from None
-        if array.shape != shape:
-            raise TcbenchError(f"Constant {name!r} must have shape {shape}, not {array.shape}.")
-        if not np.all(np.isfinite(array)):
-            raise TcbenchError(f"Constant {name!r} must be finite, not {value!r}.")
-        if name in self.positive and not np.all(array > 0):
-            raise TcbenchError(f"Constant {name!r} must be positive, not {value!r}.")
-        if name in self.non_negative and not np.all(array >= 0):
-            raise TcbenchError(f"Constant {name!r} must not be negative, not {value!r}.")
-        return float(array) if shape == () else fixed(array)
+    # ---- written by the author -------------------------------------------------------------------------
 
-    # ---- written by the author of a system -------------------------------------------------------------
+    @derived
+    def energy(self, z: Any) -> Any:
+        """Total energy E(z)."""
+        raise TcbenchError(f"{type(self).__name__} must define energy(z), a formula of its variables: one number.")
 
-    def inertia(self) -> Any:
-        """Mass that belongs to each position coordinate, shape (n_positions,)."""
-        raise TypeError(f"{type(self).__name__} must define inertia()")
+    @derived
+    def entropy(self, z: Any) -> Any:
+        """Total entropy S(z)."""
+        raise TcbenchError(f"{type(self).__name__} must define entropy(z), a formula of its variables: one number.")
 
-    def shape(self, q: Any) -> Any:
-        """Strain measure of each element, shape (n_elements,); linear or quadratic in q, positive."""
-        raise TypeError(f"{type(self).__name__} must define shape()")
+    @derived
+    def reversible(self, z: Any, dE: Any, dS: Any) -> Any:
+        """L(z) dE: rates by the name of their variable; those that are not named are 0."""
+        return self.state(_projected(type(self).poisson(self, self.state(z)), np.asarray(dE), np.asarray(dS)))
 
-    def element_energy(self, pi: Any, s: Any) -> Any:
-        """Internal energy of each element, a function of its own strain measure and entropy."""
-        raise TypeError(f"{type(self).__name__} must define element_energy()")
+    @derived
+    def irreversible(self, z: Any, dE: Any, dS: Any) -> Any:
+        """M(z) dS, likewise."""
+        return self.state(_projected(type(self).friction(self, self.state(z)), np.asarray(dS), np.asarray(dE)))
 
-    def conduction(self, theta: Any) -> Any:
-        """M DS, the entropy rates by heat conduction, shape (n_elements,); theta @ conduction(theta) = 0."""
-        raise TypeError(f"{type(self).__name__} must define conduction()")
+    def poisson(self, z: Any) -> Any:
+        """L(z), shape (size, size), with L = -L^T and L grad S = 0, in the place of `reversible`."""
+        return np.zeros((self.size, self.size))
 
-    def entropies(self, q: Any, theta: Any) -> Any:
-        """Entropies at given temperatures: the inverse of theta = de/ds."""
-        raise TypeError(f"{type(self).__name__} must define entropies()")
+    def friction(self, z: Any) -> Any:
+        """M(z), shape (size, size), with M = M^T >= 0 and M grad E = 0, in the place of `irreversible`."""
+        return np.zeros((self.size, self.size))
 
-    def invariants(self, q: Any, p: Any) -> dict[str, Any]:
-        """Conserved momenta by name; none by default."""
+    def invariants(self, z: Any) -> dict[str, Any]:
+        """What else is conserved, by name; none by default."""
         return {}
 
-    @classmethod
-    def defines(cls, name: str) -> bool:
-        """Does the system define an optional function, such as "conduction_flow"?"""
-        return getattr(cls, name, None) not in (None, getattr(System, name, None))
+    def temperature(self, z: Any, dE: Any, dS: Any) -> Any:
+        """Absolute temperatures, one or several, from the gradients; they must stay positive. None by default."""
+        return []
 
-    def conduction_flow(self, theta: Any, t: Any) -> tuple[Any, Any]:
-        """Pure conduction for a time t at fixed positions, in closed form: (entropy increments, mean temperatures).
+    def measures(self, z: Any) -> Any:
+        """What else must stay positive: lengths, volumes, concentrations. None by default."""
+        return []
 
-        Optional: few systems have one. Splittings with an exact irreversible part ask for it; forces must be linear in
-        the temperatures, so that the impulse over t is the force at the mean temperatures times t.
-        """
-        raise TcbenchError(
-            f"System {self.name!r} has no closed form of its conduction (conduction_flow), which this method needs. "
-            "Take a method without an exact irreversible part: tc_strang, tc_monolithic, tc_gauss. The method's author "
-            "says so with Integrator(needs=('conduction_flow',)): it is then left out here."
-        )
-
-    def points(self, q: Any) -> Any:
-        """The two ends of each element in the plane, shape (n_elements, 2, 2), for pictures; dimensionless.
-
-        Optional: springs between points of the plane are found without it.
-        """
-        raise TcbenchError(f"System {self.name!r} does not say where its elements are: it has no points(q).")
-
-    def entropy_scale(self) -> Any:
-        """Size of a typical entropy increment, for Newton's stopping test."""
-        return 1.0
+    def points(self, z: Any) -> Any:
+        """The two ends of each line of a picture in the plane, shape (lines, 2, 2); optional."""
+        raise TcbenchError(f"System {self.name!r} does not say what it looks like: it has no points(z).")
 
     def exergy_offset(self) -> Any:
         """Constant that makes V = E - theta_ref S + offset >= 0."""
         return 0.0
 
-    # ---- derived ---------------------------------------------------------------------------------------
+    @classmethod
+    def defines(cls, name: str) -> bool:
+        """Does the system define an optional function, such as "conduction_flow"?"""
+        (base, *_) = (c for c in cls.__mro__ if "written" in c.__dict__)
+        return getattr(cls, name, None) not in (None, getattr(base, name, None))
 
-    @property
+    # ---- variables -------------------------------------------------------------------------------------
+
+    @cached_property
+    def layout(self) -> Layout:
+        return laid_out(self.variables)
+
+    @cached_property
     def size(self) -> int:
         """Length of z."""
-        return 2 * self.n_positions + self.n_elements
+        return sum(int(np.prod(shape)) for shape in self.variables.values())
+
+    @property
+    def component_names(self) -> list[str]:
+        """Of each number of z: q of a variable that is one number, q0, q1, ... of an array."""
+        return [f"{n}{i}" if shape else n for n, shape in self.variables.items() for i in range(int(np.prod(shape)))]
 
     def state(self, values: Any) -> State:
-        return State(values, self.n_positions)
+        return State(values, self.layout)
+
+    def start(self, initial: Any) -> NDArray[np.float64]:
+        """z from the initial data of a Scenario; TcbenchError where a step could not begin there."""
+        for name in initial:
+            if name not in self.variables:
+                raise unknown_name(f"variable of {self.name!r}", name, self.variables)
+        for name, shape in self.variables.items():
+            if name not in initial or np.shape(initial[name]) != shape:
+                raise TcbenchError(f"initial must give {name!r}, {whole(shape)}; it has {initial.get(name)!r}.")
+        z = np.concatenate([np.ravel(initial[name]) for name in self.variables]).astype(float)
+        state = self.state(z)  # in plain numpy: a scenario is made without compiling anything
+        found = [finite(self, name, getattr(type(self), name).__wrapped__(self, state)) for name in FORMULAS[:2]]
+        if not np.all(np.isfinite([*z, *found])):
+            raise TcbenchError("the initial state, its energy or its entropy is not finite.")
+        if not np.all(np.asarray(self.measures(state), dtype=float) > 0):
+            raise TcbenchError(f"what must stay positive is {self.measures(state)} at the start.")
+        return z
+
+    def initial_of(self, z: Any) -> dict[str, Any]:
+        """The initial data, as settings of a Scenario, of one that starts at z."""
+        state = self.state(np.asarray(z, dtype=float))
+        return {"initial": {name: getattr(state, name) for name in self.variables}}
+
+    def sizes(self, z: Any) -> list[Any]:
+        """What the increment of each number of z is measured by: its variable, at least 1."""
+        blocks = [np.asarray(z)[slice(*self.layout[name][:2])] for name in self.variables]
+        return [size for block in blocks for size in [_largest(list(block))] * len(block)]
+
+    def told_in_time(self, z: Any) -> dict[str, Any]:
+        """What charts tell of states (m, size) beside energy, entropy, invariants and temperatures: name -> (m,)."""
+        return dict(zip(self.component_names, np.asarray(z).T, strict=True))
+
+    def nearby(self, z0: Any, rng: np.random.Generator) -> Any:
+        """A random state around z0, not near; it need not be admissible."""
+        return self.state(z0 + 0.3 * np.maximum(0.3, np.abs(z0)) * rng.standard_normal(self.size))
+
+    # ---- derived ---------------------------------------------------------------------------------------
 
     @cached_property
     def constant_values(self) -> NDArray[np.float64]:
@@ -159,94 +202,70 @@ class System(Traced):
         """Length of `constant_values`."""
         return 1 + sum(int(np.prod(shape)) for shape in self.constants.values())
 
-    @property
-    def L(self) -> Poisson:
-        """The Poisson matrix: canonical on (q, p), zero on s; an operator, np.asarray(L) makes it dense."""
-        return Poisson(self.n_positions, self.n_elements)
-
-    @property
-    def DS(self) -> NDArray[np.float64]:
-        """Gradient of the entropy S = sum of s."""
-        return np.concatenate([np.zeros(2 * self.n_positions), np.ones(self.n_elements)])
-
-    def dissipation(self, theta: Any) -> State:
-        """M(theta) DS as a vector of the size of z; never M times DS, which cancels (PHYSICS 4)."""
-        return self.state(np.concatenate([np.zeros(2 * self.n_positions), self.conduction(theta)]))
-
-    @derived
-    def friction(self, theta: Any) -> Any:
-        """M(theta), eq. (34), shape (2, 2): the one symmetric matrix with M theta = 0 and M DS = conduction."""
-        if self.n_elements != 2:
-            raise TcbenchError("friction() is written for two elements; use dissipation().")
-        a, b = theta
-        # M = mu (b, -a)(b, -a)^T acts on DS as mu (b - a)(b, -a), which is 0 at b = a: the first component divided
-        # by b - a (exactly, as a divided difference from a to b) is mu b
-        other, _ = rectangle(a, b - a, trace.const(0.0), trace.const(0.0))
-        gained = self.conduction(np.array([a, other], dtype=object))[0]
-        mu = other.lifted(gained).pi_at_s0 / b  # a number where nothing is conducted
-        return np.array([[mu * b * b, -mu * a * b], [-mu * a * b, mu * a * a]])
-
-    @derived
-    def energy(self, z: Any) -> Any:
-        """Total energy E(z)."""
-        z = self.state(z)
-        kinetic = sum(0.5 * z.p**2 / self.inertia())
-        return kinetic + sum(self.element_energy(self.shape(z.q), z.s))
-
-    @derived
-    def entropy(self, z: Any) -> Any:
-        """Total entropy S(z)."""
-        return sum(self.state(z).s)
-
     @derived
     def momenta(self, z: Any) -> Any:
         """The invariants in the order of `invariant_names`."""
-        z = self.state(z)
-        return trace.array(map(trace.lifted, self.invariants(z.q, z.p).values()))
+        return trace.array(map(trace.lifted, self.invariants(self.state(z)).values()))
+
+    @property
+    def invariant_names(self) -> tuple[str, ...]:
+        return self.symbolic.told[0]
+
+    @property
+    def n_temperatures(self) -> int:
+        return self.symbolic.told[1]
 
     @cached_property
-    def invariant_names(self) -> tuple[str, ...]:
-        unknown = trace.variables("x", 2 * self.n_positions)
-        return tuple(self.symbolic.invariants(unknown[: self.n_positions], unknown[self.n_positions :]))
-
-    @derived
-    def temperatures(self, z: Any) -> Any:
-        """theta = de/ds of each element."""
-        z = self.state(z)
-        return self.element_slopes(self.shape(z.q), z.s)[1]
-
-    @derived
-    def shapes(self, z: Any) -> Any:
-        """The strain measures pi at a state."""
-        return self.shape(self.state(z).q)
+    def told(self) -> tuple[tuple[str, ...], int]:
+        """Names of the invariants, number of temperatures: asked of the one that stands for all of its structure."""
+        z = trace.variables("x", self.size)
+        return tuple(self.invariants(self.state(z))), len(self.temperatures(z))
 
     @derived
     def gradient(self, z: Any) -> Any:
-        """DE, shape (size,)."""
-        z = self.state(z)
-        stress, theta = self.element_slopes(self.shape(z.q), z.s)
-        stress, theta = _mark(stress), _mark(theta)
-        return self.assemble(stress @ self.shape_gradient(z.q), z.p, theta)
+        """grad E, shape (size,)."""
+        return self._slopes("energy", z)
+
+    @derived
+    def entropy_gradient(self, z: Any) -> Any:
+        """grad S, shape (size,)."""
+        return self._slopes("entropy", z)
 
     @derived
     def discrete_gradient(self, z0: Any, z1: Any) -> Any:
-        """Algorithmic gradient D E(z0, z1) with DE . (z1 - z0) = E(z1) - E(z0), eqs. (27)-(33)."""
-        z0, z1 = self.state(z0), self.state(z1)
-        dz, mid = self.state(z1 - z0), self.state((z0 + z1) / 2)
-        self.check_shape(mid.q)
-        slope = self.shape_gradient(mid.q)  # exact divided differences, as pi is at most quadratic
-        dpi = _mark(slope @ dz.q)
-        pairs = [rectangle(*edges) for edges in zip(self.shape(z0.q), dpi, z0.s, dz.s, strict=True)]
-        pi, s = (trace.array(side) for side in zip(*pairs, strict=True))
-        slopes = [symmetrised_slopes(e) for e in self.element_energy(pi, s)]
-        stress, theta = _mark([d_pi for d_pi, _ in slopes]), _mark([d_s for _, d_s in slopes])
-        return self.assemble(stress @ slope, mid.p, theta)
+        """D E(z0, z1) with DE . (z1 - z0) = E(z1) - E(z0), symmetric: eq. (8)."""
+        return self._slopes("energy", z0, z1)
+
+    @derived
+    def discrete_entropy_gradient(self, z0: Any, z1: Any) -> Any:
+        """D S(z0, z1), likewise."""
+        return self._slopes("entropy", z0, z1)
+
+    def cut(self, name: str) -> Cut:
+        """ "energy" or "entropy" as a function of what is at most quadratic in z."""
+        x = trace.variables("x", self.size)
+        return Cut(trace.lifted(getattr(self, name)(x)), list(x))
+
+    def discrete_gradients(self, z0: Any, z1: Any) -> tuple[State, State]:
+        """D E(z0, z1) and D S(z0, z1)."""
+        return self.discrete_gradient(z0, z1), self.discrete_entropy_gradient(z0, z1)
+
+    def _slopes(self, name: str, z0: Any, z1: Any = None) -> State:
+        """Gradient of a formula at z0, or its discrete gradient from there to z1."""
+        x = trace.variables("x", self.size)
+        f, start = trace.lifted(getattr(self, name)(x)), [*map(trace.lifted, np.asarray(z0))]
+        if z1 is None:
+            slopes = trace.substitute(chain_rule.gradient(f, list(x)), dict(zip(x, start, strict=True)))
+        else:
+            step = [*map(trace.lifted, np.asarray(z1) - np.asarray(z0))]
+            slopes = chain_rule.discrete_gradient(f, list(x), start, step)
+        return self.state(trace.array(slopes))
 
     @derived
     def vector_field(self, z: Any) -> Any:
-        """dz/dt = L DE + M DS, eqs. (1) and (22)."""
-        dE = self.state(self.gradient(z))
-        return self.L @ dE + self.dissipation(dE.s)
+        """dz/dt = L grad E + M grad S, eq. (1)."""
+        covectors = self.state(self.gradient(z)), self.state(self.entropy_gradient(z))
+        return self.reversible(z, *covectors) + self.irreversible(z, *covectors)
 
     @derived
     def jacobian(self, z: Any) -> Any:
@@ -254,66 +273,14 @@ class System(Traced):
         return trace.jacobian(list(self.vector_field(z)), list(z))
 
     @derived
-    def temperature_variables(self, z: Any) -> Any:
-        """(q, p, theta) from (q, p, s)."""
-        z = self.state(z)
-        return self.state(np.concatenate([z.q, z.p, self.temperatures(z)]))
+    def temperatures(self, z: Any) -> Any:
+        """The temperatures at a state."""
+        return _row(self.temperature(*(self.state(x) for x in (z, self.gradient(z), self.entropy_gradient(z)))))
 
     @derived
-    def entropy_variables(self, y: Any) -> Any:
-        """(q, p, s) from (q, p, theta)."""
-        y = self.state(y)
-        return self.state(np.concatenate([y.q, y.p, self.entropies(y.q, y.theta)]))
-
-    @derived
-    def temperature_field(self, y: Any) -> Any:
-        """d(q, p, theta)/dt, by the chain rule from the vector field."""
-        z = trace.variables("z", self.size)
-        slope = trace.jacobian(list(self.temperature_variables(z)), list(z))
-        here = dict(zip(z, self.entropy_variables(y), strict=True))
-        rate = self.vector_field(self.entropy_variables(y))
-        slope_here = np.array(trace.substitute(list(slope.ravel()), here), dtype=object).reshape(slope.shape)
-        return self.state(slope_here @ rate)
-
-    def assemble(self, by_q: Any, p: Any, theta: Any) -> State:
-        """A gradient of the energy from its parts: by the positions (n_positions,), momenta p, temperatures theta."""
-        return self.state(np.concatenate([by_q, p / self.inertia(), theta]))
-
-    def element_slopes(self, pi: Any, s: Any) -> tuple[Any, Any]:
-        """(de/dpi, de/ds), (n_elements,) each, of the elements at these strain measures and entropies; exact."""
-        n = self.n_elements
-        pi_, s_ = self.fresh("pi", "element"), self.fresh("s", "element")
-        slopes = trace.sparse_jacobian(list(self.element_energy(pi_, s_)), [*pi_, *s_])
-        check_own(self, slopes, n)
-        zero = trace.const(0.0)
-        diagonal = [row.get(i, zero) for i, row in enumerate(slopes)]
-        diagonal += [row.get(n + i, zero) for i, row in enumerate(slopes)]
-        here = dict(zip([*pi_, *s_], [*pi, *s], strict=True))
-        values = np.array(trace.substitute(diagonal, here), dtype=object)
-        return values[:n], values[n:]
-
-    def fresh(self, name: str, space: str) -> Any:
-        """New variables, one for each "position" or "element"."""
-        return trace.variables(name, self.n_positions if space == "position" else self.n_elements)
-
-    def slopes(self, value: Any, by: Any) -> Any:
-        """Derivatives of a number by an array of variables (as `fresh` makes them), which it is a function of."""
-        return trace.jacobian([value], list(by))[0]
-
-    def shape_gradient(self, q: Any) -> Any:
-        """d(shape)/dq at q, shape (n_elements, n_positions); an operator."""
-        q_ = self.fresh("q", "position")
-        rows = trace.sparse_jacobian(list(self.shape(q_)), list(q_))
-        entries = [(i, j, x) for i, row in enumerate(rows) for j, x in row.items()]
-        values = trace.substitute([x for _, _, x in entries], dict(zip(q_, q, strict=True)))
-        found: list[dict[int, trace.Symbol]] = [{} for _ in rows]
-        for (i, j, _), value in zip(entries, values, strict=True):
-            found[i][j] = value
-        return SparseRows(found, self.n_positions)
-
-    def check_shape(self, q: Any) -> None:
-        """TraceError where the strain measures are not at most quadratic in q."""
-        check_degree(self, list(self.shape(q)), list(q))
+    def shapes(self, z: Any) -> Any:
+        """What else must stay positive, at a state."""
+        return _row(self.measures(self.state(z)))
 
     @derived
     def exergy(self, z: Any) -> Any:
@@ -334,19 +301,25 @@ class System(Traced):
         return entry, shape[0]
 
 
-def _positive(theta: Any) -> Any:
-    """Temperatures: a logarithm of them may be undone."""
-    trace.positive(np.ravel(theta))
-    return theta
+def _largest(values: Sequence[Any]) -> Any:
+    """max(1, |v_1|, |v_2|, ...)."""
+    return reduce(lambda most, value: trace.maximum(most, abs(value)), values, trace.const(1.0))
 
 
-def _mark(values: Any) -> Any:
-    """Accumulate derivatives through these values; a number among symbols, as a rigid element has it, becomes one."""
-    if np.asarray(values).dtype != object:
-        return values
-    return trace.array(trace.mark(trace.lifted(x)) if isinstance(x, trace.Symbol | float | int) else x for x in values)
+def _row(values: Any) -> Any:
+    """Numbers and arrays, one after the other."""
+    return trace.array(x for part in np.atleast_1d(np.asarray(values, dtype=object)) for x in np.ravel(part))
 
 
-def _mark_like(values: Any, q: Any) -> Any:
-    """The same where q is symbols: then rigid elements, all of which have a number, are no exception."""
-    return _mark(np.asarray(values, dtype=object) if np.asarray(q).dtype == object else values)
+def _projected(matrix: Any, x: Any, kernel: Any) -> Any:
+    """Q A Q^T x with Q^T kernel = 0: skew or positive as A is, and exactly orthogonal to the kernel."""
+    matrix = np.asarray(matrix, dtype=object)
+    if not any(map(_moves, matrix.ravel())):
+        return trace.array([trace.const(0.0)] * len(kernel))
+    size = kernel @ kernel
+    y = matrix @ (x - kernel * ((kernel @ x) / size))
+    return y - kernel * ((kernel @ y) / size)
+
+
+def _moves(entry: Any) -> bool:
+    return isinstance(entry, trace.Symbol) or entry != 0

@@ -23,7 +23,7 @@ Array = NDArray[Any]
 OURS = Path(__file__).parents[1]
 FEW = 24  # length of a network's state up to which its formulas are traced as a whole
 LARGE = 80  # length of a state beyond which formulas become loops: see compiler.rolled
-KEPT = ("n_positions", "n_elements", "formulas", "zeros")  # of an instance, by the one that has symbols for constants
+KEPT = ("formulas", "zeros")  # of an instance, by the one that has symbols for constants
 _SYMBOLIC: dict[tuple, Any] = {}
 _KERNELS: dict[tuple, Any] = {}
 
@@ -38,6 +38,7 @@ def derived(body: Callable[..., Any]) -> Callable[..., Any]:
             return body(self, *arrays)
         return self._evaluate(body, [a.astype(np.float64, copy=False) for a in arrays])
 
+    function.is_derived = True  # type: ignore[attr-defined]
     return function
 
 
@@ -61,9 +62,8 @@ class Traced:
 
     name: ClassVar[str] = ""
     constants: ClassVar[Mapping[str, Any]] = {}  # name -> shape, a tuple; of a Network also the space it belongs to
-    n_positions: int = 0
-    n_elements: int = 0
     positive: ClassVar[tuple[str, ...]] = ()  # constants that must be > 0
+    size: Any  # length of z
     zeros: tuple[tuple[str, int], ...] = ()  # constants (name, index) that are 0: what they switch off costs nothing
     formulas: str = ""  # hash of the formulas of the class as they were when the instance was made
 
@@ -111,7 +111,7 @@ class Traced:
     @property
     def structure(self) -> tuple:
         """Systems of equal structure share formulas and kernels."""
-        return (type(self), self.n_positions, self.n_elements, self.formulas, self.zeros)
+        return (type(self), self.size, self.formulas, self.zeros)
 
     def symbols_of(self, name: str) -> Any:
         """New symbols for the entries of a constant; 0 for those that are switched off."""

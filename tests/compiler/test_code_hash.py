@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import tcbench
-from tcbench import System
+from tcbench import ElementSystem
 from tcbench.compiler.code_hash import content_hash
 from tcbench.compiler.formula_hash import formula_hash
 
@@ -135,10 +135,10 @@ def test_an_imported_module_counts_by_the_attributes_that_are_read(tmp_path, mon
 def test_the_hash_is_the_same_in_another_process():
     script = textwrap.dedent("""
         import numpy as np
-        from tcbench import System
+        from tcbench import ElementSystem
         from tcbench.compiler.code_hash import content_hash
         from tcbench.compiler.translations import made_of
-        class Mine(System):
+        class Mine(ElementSystem):
             kinds = frozenset({"a", "b", "c", "d"})
             def shape(self, q): return np.array([q @ q, {"x", "y"} and A])
         A = {"one": 1.0, "two": {3, 4}}
@@ -172,7 +172,7 @@ def test_arrays_of_every_kind_and_wrapped_functions():
 
 def test_a_system_counts_with_the_shape_that_its_base_class_wraps():
     def make(power):
-        class Mine(System):
+        class Mine(ElementSystem):
             def shape(self, q):
                 return q**power
 

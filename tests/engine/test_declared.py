@@ -5,9 +5,9 @@ import pytest
 
 import tcbench
 import tcbench.store.store
+from tcbench import ElementSystem
 from tcbench.engine import declared
 from tcbench.engine.planning import plan_job
-from tcbench.systems.system import System
 
 
 def test_every_method_is_told_with_its_family_claims_and_formula():
@@ -27,7 +27,7 @@ def test_springs_in_the_plane_are_found_and_other_elements_are_not():
     assert declared.links(tcbench.scenarios()["gas_containers"].model) == []
 
 
-class Triangle(System):
+class Triangle(ElementSystem):
     """Two masses, three springs: each mass to the origin and one to the other."""
 
     name = "triangle"

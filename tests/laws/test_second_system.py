@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import tcbench
-from tcbench import Scenario, System, TcbenchError
+from tcbench import ElementSystem, Scenario, TcbenchError
 from tcbench.plugins import find_integrator
 
 METHODS = [v for i in tcbench.integrators().values() if not i.systems for v in i.variants() if v.kind != "adaptive"]
@@ -16,7 +16,7 @@ ALL = [v.name for v in METHODS if v.name not in CLOSED_FORM]
 LOW_ORDER = [name for name in ALL if find_integrator(name).order <= 2]  # tests/test_gauss.py measures the higher ones
 
 
-class Gas(System):
+class Gas(ElementSystem):
     name = "gas_in_a_test"
     n_positions = 1
     n_elements = 2

@@ -9,9 +9,9 @@ from tcbench_plugins.tc_gauss.formulas import POINTS, coefficients
 from tcbench_plugins.tc_gauss.method import VECTOR_KERNELS, GaussMethod
 
 import tcbench
+from tcbench import ElementSystem
 from tcbench.plugins import find_integrator
 from tcbench.reference.lookup import reference_for
-from tcbench.systems.system import System
 
 # conduction slow enough that these steps resolve it; a stiff layer lowers the order of every collocation
 SLOW = tcbench.scenarios()["short_term"].replace(name="slow_heat", conductivity=1.0, t_end=1.0)
@@ -103,7 +103,7 @@ def test_the_compiled_step_is_the_formula(k):
     assert np.allclose(method.increments(scenario.z0, 0.05), expected, rtol=1e-12, atol=1e-14)
 
 
-class OneSpring(System):
+class OneSpring(ElementSystem):
     """A mass on a spring that cools when stretched: one element, whose heat is small beside its work."""
 
     name = "one_spring"

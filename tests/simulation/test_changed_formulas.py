@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import tcbench
-from tcbench import Integrator, System
+from tcbench import ElementSystem, Integrator
 
 THETA = 0.5
 
@@ -69,7 +69,7 @@ def test_an_attribute_of_a_namespace_in_a_closure_is_seen():
 HARDNESS = 1.0
 
 
-class Springs(System):
+class Springs(ElementSystem):
     """Two springs in a row between walls; the global above is in their energy."""
 
     name = "springs_of_a_test"

@@ -147,16 +147,16 @@ BREAKS = {  # what is broken: (name of the function, change of its value, claim 
 @pytest.mark.parametrize("what", BREAKS)
 def test_a_broken_operator_changes_the_verdict(what, monkeypatch, forgotten_kernels):
     """Broken on purpose, by 1e-9 where a size is to be chosen: the row of that condition falls."""
-    from tcbench.systems.system import System
+    from tcbench import ElementSystem
 
     name, change, section = BREAKS[what]
-    original = getattr(System, name)
+    original = getattr(ElementSystem, name)
 
     def broken(self, *states):
         value = original(self, *states)
         return self.state(change(value)) if name != "friction" else change(value)
 
-    monkeypatch.setattr(System, name, broken)
+    monkeypatch.setattr(ElementSystem, name, broken)
     found = theorems.operators(plugins.find_integrator("tc_monolithic"), tcbench.scenarios()["short_term"])
     fallen = {finding.section for finding in found if finding.verdict != HOLDS}
     assert section in fallen

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import tcbench
-from tcbench import Network, Scenario, System
+from tcbench import ElementSystem, Network, Scenario
 
 
-class SpringAndBath(System):
+class SpringAndBath(ElementSystem):
     """A mass on a thermoelastic spring; the second element is rigid and holds heat only."""
 
     name = "spring_and_bath"

@@ -1,0 +1,73 @@
+"""A traced number cut where it stops being quadratic: f = F(y(z)), each y of degree 1 or 2 in z.
+
+What is at most quadratic a midpoint or Gauss's rule integrates exactly, so slopes of F alone need care; and whatever
+they are, the gradient sum_b F_b grad y_b(z) keeps what belongs to a symmetry of the y, angular momenta first: Romero
+(2009), eqs. (14)-(15), with the y for the invariants pi.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from . import derivatives as trace
+from .chain_rule import discrete_gradient, gradient
+from .derivatives import Symbol
+
+
+class Cut:
+    """f, a formula in the variables x, as F(y(x)). inner: the y in x; y: symbols for them; outer: F in those."""
+
+    def __init__(self, f: Symbol, x: Sequence[Symbol]) -> None:
+        self.x = list(x)
+        degree = _degrees(f, self.x)
+        cut = {f.number: f} if degree[f.number] <= 2 else {}
+        if not cut:
+            for node in trace.topological([f]):
+                if degree[node.number] > 2:
+                    cut |= {a.number: a for a in node.args if 1 <= degree[a.number] <= 2}
+        self.inner = list(cut.values())
+        self.y = [trace.variable(f"y{i}") for i in range(len(self.inner))]
+        (self.outer,) = trace.substitute([f], dict(zip(self.inner, self.y, strict=True)))
+        self.rows = trace.sparse_jacobian(self.inner, self.x)
+        self.slopes = gradient(self.outer, self.y)
+
+    def values(self, z: Sequence[Symbol]) -> list[Symbol]:
+        """The y at a state."""
+        return trace.substitute(self.inner, dict(zip(self.x, z, strict=True)))
+
+    def gradients(self, z: Sequence[Symbol]) -> list[dict[int, Symbol]]:
+        """Of each y at a state: number of the variable -> slope."""
+        here = dict(zip(self.x, z, strict=True))
+        return [dict(zip(row, trace.substitute(list(row.values()), here), strict=True)) for row in self.rows]
+
+    def outer_slopes(self, y: Sequence[Symbol]) -> list[Symbol]:
+        """grad F at these y."""
+        return trace.substitute(self.slopes, dict(zip(self.y, y, strict=True)))
+
+    def outer_discrete(self, start: Sequence[Symbol], step: Sequence[Symbol]) -> list[Symbol]:
+        """The discrete gradient of F by the chain rule."""
+        return discrete_gradient(self.outer, self.y, start, step)
+
+    def joined(self, slopes: Sequence[Symbol], rows: Sequence[dict[int, Symbol]]) -> list[Symbol]:
+        """sum_b slopes_b rows_b: a gradient by z."""
+        found = [trace.const(0.0)] * len(self.x)
+        for slope, row in zip(slopes, rows, strict=True):
+            for i, g in row.items():
+                found[i] = found[i] + slope * g
+        return found
+
+
+def _degrees(f: Symbol, x: Sequence[Symbol]) -> dict[int, int]:
+    """Of every node under f as a polynomial in x; 3 of whatever is more than quadratic."""
+    degree = {s.number: 1 for s in x}
+    for node in trace.topological([f]):
+        if node.number in degree:
+            continue
+        parts = [degree[a.number] for a in node.args]
+        if node.op in ("add", "sub", "neg", "mark"):
+            degree[node.number] = max(parts)
+        elif node.op == "mul":
+            degree[node.number] = min(3, sum(parts))
+        else:
+            degree[node.number] = 3 if any(parts) else 0
+    return degree

@@ -1,0 +1,347 @@
+"""`ElementSystem`: masses joined by elements that carry entropy and conduct heat, springs above all.
+
+State z = (q, p, s): positions, momenta, entropies of the elements. The author writes `inertia`, `shape`,
+`element_energy`, `conduction` and `entropies` in plain numpy and names the constants. Beside what any `System` has,
+these have temperatures in the place of entropies as variables, and the paper's symmetrised discrete gradient.
+"""
+
+from __future__ import annotations
+
+from functools import wraps
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..compiler import derivatives as trace
+from ..compiler.divided_differences import rectangle, symmetrised_slopes
+from ..compiler.once import cached_property
+from ..errors import TcbenchError
+from .operators import Poisson, SparseRows
+from .refusals import check_degree, check_own
+from .sizes import check_sizes
+from .state import LETTERS, Layout, State, laid_out
+from .system import System
+from .traced import derived
+
+Array = NDArray[Any]
+
+
+class ElementSystem(System):
+    """Base class; an instance holds values of the constants and is immutable."""
+
+    n_positions: int = 0
+    n_elements: int = 0
+    collapsed = "an element collapsed (strain measure not positive)"
+    initial_data = ("positions", "momenta", "temperatures")
+    written: ClassVar[tuple[str, ...]] = (
+        "name", "constants", "positive", "non_negative", "reference_temperature", "source", "n_positions", "n_elements",
+        "inertia", "shape", "element_energy", "conduction", "entropies", "invariants", "conduction_flow", "points",
+        "entropy_scale", "exergy_offset",
+    )  # fmt: skip
+
+    def __init_subclass__(cls, **arguments: Any) -> None:
+        super().__init_subclass__(**arguments)
+        if "shape" in cls.__dict__:  # everything in an element sees the positions through its strain measure only
+            shape = cls.__dict__["shape"]
+            cls.shape = wraps(shape)(lambda self, q: _mark_like(shape(self, q), q))  # type: ignore[method-assign]
+        if "entropies" in cls.__dict__:
+            entropies = cls.__dict__["entropies"]
+            cls.entropies = wraps(entropies)(lambda self, q, theta: entropies(self, q, _positive(theta)))  # type: ignore[method-assign]
+
+    # ---- written by the author of a system -------------------------------------------------------------
+
+    def inertia(self) -> Any:
+        """Mass that belongs to each position coordinate, shape (n_positions,)."""
+        raise TypeError(f"{type(self).__name__} must define inertia()")
+
+    def shape(self, q: Any) -> Any:
+        """Strain measure of each element, shape (n_elements,); linear or quadratic in q, positive."""
+        raise TypeError(f"{type(self).__name__} must define shape()")
+
+    def element_energy(self, pi: Any, s: Any) -> Any:
+        """Internal energy of each element, a function of its own strain measure and entropy."""
+        raise TypeError(f"{type(self).__name__} must define element_energy()")
+
+    def conduction(self, theta: Any) -> Any:
+        """M DS, the entropy rates by heat conduction, shape (n_elements,); theta @ conduction(theta) = 0."""
+        raise TypeError(f"{type(self).__name__} must define conduction()")
+
+    def entropies(self, q: Any, theta: Any) -> Any:
+        """Entropies at given temperatures: the inverse of theta = de/ds."""
+        raise TypeError(f"{type(self).__name__} must define entropies()")
+
+    def invariants(self, q: Any, p: Any) -> dict[str, Any]:  # type: ignore[override]
+        """Conserved momenta by name; none by default."""
+        return {}
+
+    def conduction_flow(self, theta: Any, t: Any) -> tuple[Any, Any]:
+        """Pure conduction for a time t at fixed positions, in closed form: (entropy increments, mean temperatures).
+
+        Optional: few systems have one. Splittings with an exact irreversible part ask for it; forces must be linear in
+        the temperatures, so that the impulse over t is the force at the mean temperatures times t.
+        """
+        raise TcbenchError(
+            f"System {self.name!r} has no closed form of its conduction (conduction_flow), which this method needs. "
+            "Take a method without an exact irreversible part: tc_strang, tc_monolithic, tc_gauss. The method's author "
+            "says so with Integrator(needs=('conduction_flow',)): it is then left out here."
+        )
+
+    def points(self, q: Any) -> Any:  # an argument of another name: positions only
+        """The two ends of each element in the plane, shape (n_elements, 2, 2), for pictures; dimensionless.
+
+        Optional: springs between points of the plane are found without it.
+        """
+        raise TcbenchError(f"System {self.name!r} does not say where its elements are: it has no points(q).")
+
+    def entropy_scale(self) -> Any:
+        """Size of a typical entropy increment, for Newton's stopping test."""
+        return 1.0
+
+    # ---- derived ---------------------------------------------------------------------------------------
+
+    @property
+    def variables(self) -> dict[str, tuple[int, ...]]:  # type: ignore[override]
+        return {"q": (self.n_positions,), "p": (self.n_positions,), "s": (self.n_elements,)}
+
+    @cached_property
+    def layout(self) -> Layout:
+        """As of any system; `theta` names the last block in (q, p, theta)."""
+        found = laid_out(self.variables)
+        return {**found, "theta": found["s"]}
+
+    @property
+    def size(self) -> int:  # type: ignore[override]
+        return 2 * self.n_positions + self.n_elements
+
+    def sizes(self, z: Any) -> list[Any]:
+        n = self.n_positions
+        of_entropies = trace.array([trace.const(1.0)] * self.n_elements) * self.entropy_scale()
+        return [*super().sizes(z)[: 2 * n], *of_entropies]
+
+    def start(self, positions: Any, momenta: Any, temperatures: Any) -> NDArray[np.float64]:  # type: ignore[override]
+        n, m = self.n_positions, self.n_elements
+        given = {"positions": (positions, n), "momenta": (momenta, n), "temperatures": (temperatures, m)}
+        for name, (values, size) in given.items():
+            if len(values) != size:
+                raise TcbenchError(f"{name} must be {size} numbers, not {len(values)}.")
+        if min(temperatures) <= 0:
+            raise TcbenchError(f"temperatures must be positive, not {min(temperatures):g}.")
+        check_sizes(self, np.array(positions), np.array(momenta), np.array(temperatures))
+        shape = np.asarray(self.shape(np.array(positions)), dtype=float)
+        if not np.all(shape > 0):
+            which = int(np.argmin(shape))
+            raise TcbenchError(
+                f"element {which} is collapsed at the start (strain measure {shape[which]:g}); "
+                "move the initial positions apart."
+            )
+        s = self.entropies(np.array(positions), np.array(temperatures))
+        z = np.concatenate([positions, momenta, s]).astype(float)
+        energies = self.element_energy(shape, z[2 * n :])  # plain numpy: a scenario is made without compiling anything
+        if not np.all(np.isfinite(z)) or not np.all(np.isfinite(energies)):
+            raise TcbenchError("the initial state or its energy is not finite.")
+        return z
+
+    def initial_of(self, z: Any) -> dict[str, Any]:
+        state = self.state(np.asarray(z, dtype=float))
+        return {"positions": (*state.q,), "momenta": (*state.p,), "temperatures": (*self.temperatures(state),)}
+
+    def told_in_time(self, z: Any) -> dict[str, Any]:
+        """Log strains, and places in the plane, of springs; positions of others."""
+        q, log_strain = np.asarray(z)[:, : self.n_positions], getattr(self, "log_strain", None)
+        if log_strain is None:
+            return {f"q_{i + 1}": values for i, values in enumerate(q.T)}
+        strains = np.array([log_strain(pi) for pi in self.shapes(z)])
+        found = {f"strain_{letter}": strain for letter, strain in zip(LETTERS, strains.T, strict=False)}
+        for mass in range(q.shape[1] // 2):
+            found |= {f"x_{mass + 1}": q[:, 2 * mass], f"y_{mass + 1}": q[:, 2 * mass + 1]}
+        return found
+
+    def nearby(self, z0: Any, rng: np.random.Generator) -> Any:
+        z0 = self.state(z0)
+        reach = 0.3 * max(1.0, float(np.abs(z0.q).max())), 0.5 * max(1.0, float(np.abs(z0.p).max()))
+        q = z0.q + reach[0] * rng.standard_normal(len(z0.q))
+        p = z0.p + reach[1] * rng.standard_normal(len(z0.p))
+        theta = np.asarray(self.temperatures(z0)) * np.exp(0.2 * rng.standard_normal(self.n_elements))
+        return self.entropy_variables(np.concatenate([q, p, theta]))
+
+    @property
+    def L(self) -> Poisson:
+        """The Poisson matrix: canonical on (q, p), zero on s; an operator, np.asarray(L) makes it dense."""
+        return Poisson(self.n_positions, self.n_elements)
+
+    @property
+    def DS(self) -> NDArray[np.float64]:
+        """Gradient of the entropy S = sum of s."""
+        return np.concatenate([np.zeros(2 * self.n_positions), np.ones(self.n_elements)])
+
+    @derived
+    def reversible(self, z: Any, dE: Any, dS: Any) -> Any:
+        """L dE."""
+        return self.state(self.L @ dE)
+
+    @derived
+    def irreversible(self, z: Any, dE: Any, dS: Any) -> Any:
+        """M DS at the temperatures in dE; the entropy gradient is DS at any state."""
+        return self.dissipation(self.state(dE).s)
+
+    def dissipation(self, theta: Any) -> State:
+        """M(theta) DS as a vector of the size of z; never M times DS, which cancels (PHYSICS 4)."""
+        return self.state(np.concatenate([np.zeros(2 * self.n_positions), self.conduction(theta)]))
+
+    @derived
+    def friction(self, theta: Any) -> Any:
+        """M(theta), eq. (34), shape (2, 2): the one symmetric matrix with M theta = 0 and M DS = conduction."""
+        if self.n_elements != 2:
+            raise TcbenchError("friction() is written for two elements; use dissipation().")
+        a, b = theta
+        # M = mu (b, -a)(b, -a)^T acts on DS as mu (b - a)(b, -a), which is 0 at b = a: the first component divided
+        # by b - a (exactly, as a divided difference from a to b) is mu b
+        other, _ = rectangle(a, b - a, trace.const(0.0), trace.const(0.0))
+        gained = self.conduction(np.array([a, other], dtype=object))[0]
+        mu = other.lifted(gained).pi_at_s0 / b  # a number where nothing is conducted
+        return np.array([[mu * b * b, -mu * a * b], [-mu * a * b, mu * a * a]])
+
+    @derived
+    def energy(self, z: Any) -> Any:
+        """Total energy E(z)."""
+        z = self.state(z)
+        kinetic = sum(0.5 * z.p**2 / self.inertia())
+        return kinetic + sum(self.element_energy(self.shape(z.q), z.s))
+
+    @derived
+    def entropy(self, z: Any) -> Any:
+        """Total entropy S(z)."""
+        return sum(self.state(z).s)
+
+    @derived
+    def momenta(self, z: Any) -> Any:
+        """The invariants in the order of `invariant_names`."""
+        z = self.state(z)
+        return trace.array(map(trace.lifted, self.invariants(z.q, z.p).values()))
+
+    @cached_property
+    def told(self) -> tuple[tuple[str, ...], int]:
+        unknown = trace.variables("x", 2 * self.n_positions)
+        return tuple(self.invariants(unknown[: self.n_positions], unknown[self.n_positions :])), self.n_elements
+
+    @derived
+    def temperatures(self, z: Any) -> Any:
+        """theta = de/ds of each element."""
+        z = self.state(z)
+        return self.element_slopes(self.shape(z.q), z.s)[1]
+
+    @derived
+    def shapes(self, z: Any) -> Any:
+        """The strain measures pi at a state."""
+        return self.shape(self.state(z).q)
+
+    @derived
+    def gradient(self, z: Any) -> Any:
+        """DE, shape (size,)."""
+        z = self.state(z)
+        stress, theta = self.element_slopes(self.shape(z.q), z.s)
+        stress, theta = _mark(stress), _mark(theta)
+        return self.assemble(stress @ self.shape_gradient(z.q), z.p, theta)
+
+    @derived
+    def discrete_gradient(self, z0: Any, z1: Any) -> Any:
+        """Algorithmic gradient D E(z0, z1) with DE . (z1 - z0) = E(z1) - E(z0), eqs. (27)-(33)."""
+        z0, z1 = self.state(z0), self.state(z1)
+        dz, mid = self.state(z1 - z0), self.state((z0 + z1) / 2)
+        self.check_shape(mid.q)
+        slope = self.shape_gradient(mid.q)  # exact divided differences, as pi is at most quadratic
+        dpi = _mark(slope @ dz.q)
+        pairs = [rectangle(*edges) for edges in zip(self.shape(z0.q), dpi, z0.s, dz.s, strict=True)]
+        pi, s = (trace.array(side) for side in zip(*pairs, strict=True))
+        slopes = [symmetrised_slopes(e) for e in self.element_energy(pi, s)]
+        stress, theta = _mark([d_pi for d_pi, _ in slopes]), _mark([d_s for _, d_s in slopes])
+        return self.assemble(stress @ slope, mid.p, theta)
+
+    @derived
+    def entropy_gradient(self, z: Any) -> Any:
+        return self.state(trace.array(map(trace.const, self.DS)))
+
+    @derived
+    def discrete_entropy_gradient(self, z0: Any, z1: Any) -> Any:
+        return self.entropy_gradient(z0)
+
+    @derived
+    def temperature_variables(self, z: Any) -> Any:
+        """(q, p, theta) from (q, p, s)."""
+        z = self.state(z)
+        return self.state(np.concatenate([z.q, z.p, self.temperatures(z)]))
+
+    @derived
+    def entropy_variables(self, y: Any) -> Any:
+        """(q, p, s) from (q, p, theta)."""
+        y = self.state(y)
+        return self.state(np.concatenate([y.q, y.p, self.entropies(y.q, y.theta)]))
+
+    @derived
+    def temperature_field(self, y: Any) -> Any:
+        """d(q, p, theta)/dt, by the chain rule from the vector field."""
+        z = trace.variables("z", self.size)
+        slope = trace.jacobian(list(self.temperature_variables(z)), list(z))
+        here = dict(zip(z, self.entropy_variables(y), strict=True))
+        rate = self.vector_field(self.entropy_variables(y))
+        slope_here = np.array(trace.substitute(list(slope.ravel()), here), dtype=object).reshape(slope.shape)
+        return self.state(slope_here @ rate)
+
+    def assemble(self, by_q: Any, p: Any, theta: Any) -> State:
+        """A gradient of the energy from its parts: by the positions (n_positions,), momenta p, temperatures theta."""
+        return self.state(np.concatenate([by_q, p / self.inertia(), theta]))
+
+    def element_slopes(self, pi: Any, s: Any) -> tuple[Any, Any]:
+        """(de/dpi, de/ds), (n_elements,) each, of the elements at these strain measures and entropies; exact."""
+        n = self.n_elements
+        pi_, s_ = self.fresh("pi", "element"), self.fresh("s", "element")
+        slopes = trace.sparse_jacobian(list(self.element_energy(pi_, s_)), [*pi_, *s_])
+        check_own(self, slopes, n)
+        zero = trace.const(0.0)
+        diagonal = [row.get(i, zero) for i, row in enumerate(slopes)]
+        diagonal += [row.get(n + i, zero) for i, row in enumerate(slopes)]
+        here = dict(zip([*pi_, *s_], [*pi, *s], strict=True))
+        values = np.array(trace.substitute(diagonal, here), dtype=object)
+        return values[:n], values[n:]
+
+    def fresh(self, name: str, space: str) -> Any:
+        """New variables, one for each "position" or "element"."""
+        return trace.variables(name, self.n_positions if space == "position" else self.n_elements)
+
+    def slopes(self, value: Any, by: Any) -> Any:
+        """Derivatives of a number by an array of variables (as `fresh` makes them), which it is a function of."""
+        return trace.jacobian([value], list(by))[0]
+
+    def shape_gradient(self, q: Any) -> Any:
+        """d(shape)/dq at q, shape (n_elements, n_positions); an operator."""
+        q_ = self.fresh("q", "position")
+        rows = trace.sparse_jacobian(list(self.shape(q_)), list(q_))
+        entries = [(i, j, x) for i, row in enumerate(rows) for j, x in row.items()]
+        values = trace.substitute([x for _, _, x in entries], dict(zip(q_, q, strict=True)))
+        found: list[dict[int, trace.Symbol]] = [{} for _ in rows]
+        for (i, j, _), value in zip(entries, values, strict=True):
+            found[i][j] = value
+        return SparseRows(found, self.n_positions)
+
+    def check_shape(self, q: Any) -> None:
+        """TraceError where the strain measures are not at most quadratic in q."""
+        check_degree(self, list(self.shape(q)), list(q))
+
+
+def _positive(theta: Any) -> Any:
+    """Temperatures: a logarithm of them may be undone."""
+    trace.positive(np.ravel(theta))
+    return theta
+
+
+def _mark(values: Any) -> Any:
+    """Accumulate derivatives through these values; a number among symbols, as a rigid element has it, becomes one."""
+    if np.asarray(values).dtype != object:
+        return values
+    return trace.array(trace.mark(trace.lifted(x)) if isinstance(x, trace.Symbol | float | int) else x for x in values)
+
+
+def _mark_like(values: Any, q: Any) -> Any:
+    """The same where q is symbols: then rigid elements, all of which have a number, are no exception."""
+    return _mark(np.asarray(values, dtype=object) if np.asarray(q).dtype == object else values)

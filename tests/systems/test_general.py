@@ -1,0 +1,189 @@
+"""Any GENERIC system behind `System`: laws, orders, peers, matrices, and what cannot be written."""
+
+import numpy as np
+import pytest
+
+import tcbench
+from tcbench import ElementSystem, Integrator, Scenario, System, TcbenchError
+
+SIX = ("damped_oscillator", "viscous_pendulum", "rubbing_piston", "rigid_body", "heavy_top", "reaction")
+PAPER = ("tc_monolithic", "tc_staggered", "tc_strang")
+SCENARIOS = {name: tcbench.scenarios()[name] for name in SIX}
+
+
+@pytest.mark.parametrize("name", SIX)
+@pytest.mark.parametrize("method", PAPER)
+def test_laws_at_large_steps(method, name):
+    """Round-off of 1000 converged solves; the entropy of a system at rest is computed to some last digits."""
+    run = tcbench.simulate(method, SCENARIOS[name], dt=0.5, t_end=500)
+    assert run.status == "ok" and run.steps == 1000
+    assert run.summary.energy_error_max <= 1e-13
+    assert run.summary.entropy_increment_min >= -4e-15 * max(1.0, abs(run.entropy).max())
+    for law, error in run.summary.invariant_error_max.items():
+        assert error <= 1e-13 * max(1.0, abs(run.invariants[law][0])), law
+
+
+@pytest.mark.parametrize("name", SIX)
+def test_orders_and_peers(name):
+    """Errors at t = 1 against Gauss collocation of order six; two halvings show the order, a peer the solution."""
+    scenario = SCENARIOS[name].replace(t_end=1.0)
+
+    def end(method, steps):
+        return tcbench.simulate(method, scenario, dt=1 / steps).z[-1]
+
+    exact = end("gauss3", 256)
+    peer = tcbench.simulate("solve_ivp_dop853", scenario, tolerance=1e-12)
+    assert peer.z[-1] == pytest.approx(exact, rel=1e-9, abs=1e-9)
+    expected = {"tc_monolithic": 2, "tc_staggered": 1, "tc_strang": 2, "midpoint_entropy": 2, "gauss2": 4}
+    for method, order in expected.items():
+        steps = {1: (512, 1024), 2: (64, 128), 4: (16, 32)}[order]
+        errors = [np.abs(end(method, n) - exact).max() for n in steps]
+        if errors[1] > 1e-13:
+            splitting = name == "reaction" and method == "tc_staggered"  # one part only: the splitting has no error
+            assert np.log2(errors[0] / errors[1]) == pytest.approx(2 if splitting else order, abs=0.2), method
+
+
+@pytest.mark.parametrize("name", SIX)
+def test_every_method_runs_or_says_why_not(name):
+    scenario = SCENARIOS[name].replace(t_end=0.1)
+    for method in tcbench.integrators().values():
+        if method.lacks:
+            continue
+        if reason := method.suits(scenario.model):
+            why = {
+                "temperatures": method.variables == "temperature",
+                "elements": method.elements,
+                "needs": method.needs,
+            }
+            assert any(true and word in reason for word, true in why.items()) and not reason.endswith(".")
+            assert not any(scenario.model.defines(need) for need in method.needs)
+            with pytest.raises(TcbenchError, match=r"needs|temperatures|elements"):
+                tcbench.simulate(method, scenario)
+        else:
+            run = tcbench.simulate(method, scenario, **({} if method.kind == "adaptive" else {"dt": 0.05}))
+            assert run.status == "ok", (method.name, run.failure)
+
+
+class PistonByMatrices(System):
+    """The rubbing piston, L and M at the true gradients only."""
+
+    name = "piston_by_matrices"
+    variables = {"q": (), "p": (), "s": (2,)}
+    constants = {"mass": (), "conductivity": (), "rubbing": (), "reference_temperature": ()}
+
+    def energy(self, z):
+        return z.p**2 / (2 * self.mass) + ((np.exp(z.s) / np.array([z.q, 2 - z.q])) ** (2 / 3)).sum()
+
+    def entropy(self, z):
+        return z.s.sum()
+
+    def poisson(self, z):
+        L = np.zeros((4, 4))
+        L[0, 1], L[1, 0] = 1, -1
+        return L
+
+    def friction(self, z):
+        a, b = 2 / 3 * (np.exp(z.s) / np.array([z.q, 2 - z.q])) ** (2 / 3)
+        v = z.p / self.mass
+        x = np.array([0, 0, b, -a])
+        y1, y2 = np.array([0, 1, -v / a, 0]), np.array([0, 1, 0, -v / b])
+        heat = self.conductivity / (a * b) * np.outer(x, x)
+        return heat + self.rubbing / 2 * (a * np.outer(y1, y1) + b * np.outer(y2, y2))
+
+
+def test_matrices_are_projected():
+    """The field is that of the formulas, and both laws are as exact."""
+    by_formulas = SCENARIOS["rubbing_piston"]
+    constants = {**by_formulas.constants, "rubbing": by_formulas.constants["friction"]}
+    del constants["friction"]
+    scenario = Scenario("p", PistonByMatrices, constants, initial=by_formulas.initial, t_end=200, dt=0.5)
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        z = scenario.z0 + 0.3 * rng.normal(size=4)
+        assert scenario.model.vector_field(z) == pytest.approx(by_formulas.model.vector_field(z), rel=1e-13, abs=1e-14)
+    run = tcbench.simulate("tc_monolithic", scenario)
+    assert run.ok and run.summary.energy_error_max < 1e-14 and run.summary.entropy_increment_min > -2e-15
+
+
+def made(written="", variables=None, constants=None, **functions):
+    """A small system, with something wrong."""
+    body = {
+        "name": "mine", "variables": {"q": (), "p": (), "s": ()} if variables is None else variables,
+        "constants": constants or {}, "energy": lambda self, z: z.p**2 / 2 + z.q**2 / 2 + np.exp(z.s),
+        "entropy": lambda self, z: z.s, "reversible": lambda self, z, dE, dS: {"q": dE.p, "p": -dE.q},
+    }  # fmt: skip
+    return type("Mine", (System,), body | functions)
+
+
+def start(kind, initial=None, **settings):
+    return Scenario("mine", kind, {}, initial=initial or {"q": 1, "p": 0, "s": 0}, t_end=1, dt=0.1, **settings)
+
+
+def field(kind):
+    return start(kind).model.vector_field(start(kind).z0)
+
+
+REFUSED = {
+    "an unknown variable": (
+        lambda: field(made(irreversible=lambda *_: {"x": 1.0})),
+        "variable of 'mine'.*'x'.*p, q, s",
+    ),
+    "a rate of a wrong shape": (lambda: field(made(irreversible=lambda *_: {"p": np.ones(2)})), r"'p' is a number"),
+    "no rates at all": (lambda: field(made(irreversible=lambda *_: None)), "missing"),
+    "an array of rates": (lambda: field(made(irreversible=lambda *_: np.zeros(3))), "by the name of their variable"),
+    "an energy that is an array": (lambda: start(made(energy=lambda self, z: np.array([z.q, z.p]))), "one number"),
+    "an energy that is nothing": (lambda: start(made(energy=lambda self, z: None)), "missing"),
+    "a name that z has not": (lambda: start(made(energy=lambda self, z: z.x)), "no variable 'x'.*q, p, s"),
+    "no energy": (lambda: start(type("Mine", (System,), {"variables": {"q": ()}}), {"q": 0}), r"define energy\(z\)"),
+    "no variables": (lambda: start(made(variables={})), "declares no variables"),
+    "a variable with a taken name": (lambda: made(variables={"T": ()}), "no variable can be called 'T'"),
+    "a shape that is none": (lambda: made(variables={"q": 3}), r"\(3,\) for three"),
+    "a constant with a taken name": (lambda: made(constants={"gradient": ()}), "no constant can be called 'gradient'"),
+    "a constant like a setting": (lambda: made(constants={"t_end": ()}), "no constant can be called 't_end'"),
+    "an overridden field": (lambda: made(vector_field=lambda self, z: z), "sets 'vector_field'"),
+    "an overridden gradient": (lambda: made(discrete_gradients=lambda self, a, b: a), "sets 'discrete_gradients'"),
+    "a variable without a start": (lambda: start(made(), initial={"q": 1, "p": 0}), "must give 's', a number"),
+    "a start of a wrong shape": (lambda: start(made(), initial={"q": [1, 2], "p": 0, "s": 0}), "'q', a number"),
+    "a start of nothing": (lambda: start(made(), initial={"x": 1, "q": 1, "p": 0, "s": 0}), "'x'"),
+    "positions": (lambda: start(made(), positions=(1,)), "starts from initial, not from positions"),
+    "a measure that is negative": (lambda: start(made(measures=lambda self, z: -z.q)), "must stay positive"),
+    "the old kind": (lambda: type("Mine", (System,), {"n_positions": 1, "inertia": lambda self: 1}), "ElementSystem"),
+    "elements with a field": (lambda: type("M", (ElementSystem,), {"jacobian": lambda self, z: z}), "sets 'jaco"),
+}
+
+
+@pytest.mark.parametrize("what", REFUSED)
+def test_refused_in_a_sentence(what):
+    wrong, sentence = REFUSED[what]
+    with pytest.raises(TcbenchError, match=sentence):
+        wrong()
+
+
+def test_a_formula_that_fails_is_named_with_its_line():
+    def energy(self, z):
+        return np.linalg.norm(z.q, 7, 7, 7, 7)
+
+    line = energy.__code__.co_firstlineno + 1
+    with pytest.raises(TcbenchError, match=rf"test_general.py, line {line}: energy\(\) of Mine"):
+        start(made(energy=energy))
+
+
+def test_replace_takes_variables():
+    scenario = SCENARIOS["rubbing_piston"]
+    assert scenario.replace(q=0.5).z0[0] == 0.5
+    assert scenario.replace(initial={"s": [1, 2]}).z0.tolist() == [*scenario.z0[:2], 1, 2]
+    assert scenario.replace(q=0.5).hash != scenario.hash
+    with pytest.raises(TcbenchError, match="'x'"):
+        scenario.replace(x=1)
+
+
+def test_a_method_written_for_any_system_reads_its_variables():
+    """Names of variables in a formula, and a State that comes back from a compiled function."""
+
+    def euler(z0, z1, h, system):
+        assert z0.m.shape == (3,)
+        return z1 - z0 - h * system.vector_field(z0)
+
+    run = tcbench.simulate(Integrator(name="euler", order=1, flows=euler), "rigid_body", dt=0.01, t_end=0.1)
+    model = run.scenario.model
+    assert run.ok and model.vector_field(run.z[0]).m.shape == (3,) and model.component_names == ["m0", "m1", "m2"]
