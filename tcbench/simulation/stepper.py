@@ -56,6 +56,7 @@ class Stepper:
         if kernels:
             self._ready = take(method, system, kernels)
             self._ready.clear()
+            self._ready.run.make_room(2)  # what it recorded before is the result of that run
             self._ready.set_rules(Rules(), math.inf)
             self._ready.set_length(1.0)
 

@@ -85,3 +85,15 @@ def test_what_is_no_step_is_refused_with_its_reason():
     with pytest.raises(ArithmeticError, match="heat does not flow backwards"):
         step(z, -0.3)
     assert isinstance(np.abs(step(z, 0.1) - z).max(), float)
+
+
+def test_the_result_of_a_run_stays_whatever_is_stepped_later():
+    """Records are used again: those of a run are its result."""
+    scenario = tcbench.scenarios()["short_term"].replace(t_end=0.5)
+    run = tcbench.simulate("tc_strang", scenario, dt=0.1)
+    z, energy, counts = run.z.copy(), run.energy.copy(), run.newton_iterations.copy()
+    step = tcbench.stepper("tc_strang", scenario)
+    for _ in range(3):
+        step(scenario.z0 * 1.01, 0.2)
+    assert np.array_equal(run.z, z) and np.array_equal(run.energy, energy)
+    assert np.array_equal(run.newton_iterations, counts)
