@@ -1,9 +1,11 @@
-"""Random admissible states of the pendulum."""
+"""Random admissible states of the pendulum; the scenarios of elements."""
 
 from __future__ import annotations
 
 import numpy as np
 from hypothesis import strategies as st
+
+import tcbench
 
 
 def _polar(radius, angle):
@@ -19,3 +21,8 @@ def admissible_states(draw):
     p = draw(st.lists(st.floats(-3.0, 3.0), min_size=4, max_size=4))
     theta = draw(st.lists(st.floats(150.0, 600.0), min_size=2, max_size=2))
     return np.concatenate([q1, q2, p, theta])
+
+
+def with_elements():
+    """The scenarios of springs and gases, by name: what methods that are written in elements run on."""
+    return {name: s for name, s in tcbench.scenarios().items() if s.model.defines("element_energy")}

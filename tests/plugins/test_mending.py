@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, reject, settings
 from hypothesis import strategies as st
-from states import admissible_states
+from states import admissible_states, with_elements
 from tcbench_plugins.tc_gauss.method import GaussMethod
 
 import tcbench
@@ -14,7 +14,7 @@ from tcbench.compiler.library import evaluate
 from tcbench.reference.lookup import reference_for
 from tcbench.systems.pendulum import Pendulum
 
-SCENARIOS = tcbench.scenarios()
+SCENARIOS = with_elements()
 
 
 @settings(max_examples=60)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import tcbench
-from tcbench import Scenario, System
+from tcbench import ElementSystem, Scenario
 from tcbench.plugins import find_integrator
 
 OURS = ["tc_monolithic", "tc_strang", "tc_gonzalez", "midpoint_entropy", "midpoint_temperature", "gauss2", "tc_gauss",
@@ -12,7 +12,7 @@ OURS = ["tc_monolithic", "tc_strang", "tc_gonzalez", "midpoint_entropy", "midpoi
 CONSTANTS = {"mass": 1.0, "k": 10.0, "conductivity": 1.0, "reference_temperature": 300.0}
 
 
-class Wall(System):
+class Wall(ElementSystem):
     """A mass on a line between two springs; subclasses say on which side of 0 and how the strains are written."""
 
     n_positions, n_elements = 1, 2
