@@ -27,7 +27,7 @@ from .files import replacing
 FOLDER, LIMIT = "TCBENCH_CACHE_DIR", "TCBENCH_CACHE_LIMIT"
 MEBIBYTES = 512  # by default
 PARTS = ("code", "references")
-SEAL = b"tcbench file 2\n"  # then the SHA-256 of what follows
+SEAL = b"tcbench file 3\n"  # then the SHA-256 of the name and of what follows
 USED_S = 3600.0  # how fine the time of the last use is told
 WRITES = 256  # between two looks at the limit; the first file that a process writes is followed by one
 KEPT_SHARE = 0.8  # of the limit that pruning leaves
@@ -123,25 +123,37 @@ def _trust(path: Path) -> None:
 # files --------------------------------------------------------------------------------------------------------------
 
 
-def sealed(content: bytes) -> bytes:
-    return SEAL + hashlib.sha256(content).digest() + content
+def sealed(name: str, content: bytes) -> bytes:
+    """A file's content with a checksum: another file, whole as it may be, is not taken for this one."""
+    return SEAL + _checksum(name, content) + content
 
 
-def unsealed(data: bytes) -> bytes | None:
-    """What was sealed; None if it is damaged."""
+def _checksum(name: str, content: bytes) -> bytes:
+    return hashlib.sha256(name.encode() + b"\n" + content).digest()
+
+
+def unsealed(name: str, data: bytes) -> bytes | None:
+    """What was sealed under this name; None if it is damaged."""
     seal, check, content = data[: len(SEAL)], data[len(SEAL) : len(SEAL) + 32], data[len(SEAL) + 32 :]
-    return content if seal == SEAL and hashlib.sha256(content).digest() == check else None
+    return content if seal == SEAL and _checksum(name, content) == check else None
+
+
+def _at_once(path: str, flags: int) -> int:
+    """Opens a file; of a pipe it does not wait for the other end."""
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
 def read(part: str, name: str) -> bytes | None:
     """The content of a file; None if it is missing, damaged, or not this user's alone to write."""
     path = folder(part) / name
     try:
-        with path.open("rb") as file:
+        with open(path, "rb", opener=_at_once) as file:
             found = os.fstat(file.fileno())
+            if not stat.S_ISREG(found.st_mode):
+                return None
             if hasattr(os, "getuid") and (found.st_uid != os.getuid() or found.st_mode & 0o022):
                 return None
-            content = unsealed(file.read())
+            content = unsealed(name, file.read())
     except OSError:
         return None
     if content is not None and time.time() - found.st_mtime > USED_S:
@@ -176,7 +188,7 @@ def _write(path: Path, content: bytes) -> None:
         descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o600)
         with os.fdopen(descriptor, "wb") as file:
             temporary.chmod(0o600)  # whatever the umask
-            file.write(sealed(content))
+            file.write(sealed(path.name, content))
 
 
 def kept(part: str, name: str, make: Callable[[], bytes]) -> bytes:

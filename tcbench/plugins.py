@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copyreg
 import itertools
 import os
 import re
@@ -163,6 +164,14 @@ def is_registered(method: Integrator) -> bool:
         return bool(method.plugin) and find_integrator(method.name) == method
     except TcbenchError:
         return False
+
+
+def _reduced(method: Integrator) -> Any:
+    """What is pickled: the name, where that brings the method; functions within functions have no pickle."""
+    return (find_integrator, (method.name,)) if is_registered(method) else object.__reduce_ex__(method, 2)
+
+
+copyreg.pickle(Integrator, _reduced)
 
 
 def split_name(name: str) -> tuple[str, dict[str, str]]:

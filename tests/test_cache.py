@@ -32,6 +32,20 @@ def test_what_was_written_is_read_until_it_is_damaged(place):
 
 
 @posix
+def test_another_file_is_not_taken_for_this_one(place):
+    one, two = (cache.folder("code") / name for name in NAMES[:2])
+    for path in (one, two):
+        cache.write("code", path.name, path.name.encode())
+    one.write_bytes(two.read_bytes())
+    assert cache.read("code", one.name) is None and cache.read("code", two.name) == two.name.encode()
+
+
+@posix
+def test_a_pipe_is_no_file_and_is_not_waited_for(place):
+    os.mkfifo(cache.folder("code") / NAMES[0], 0o600)
+    assert cache.read("code", NAMES[0]) is None
+
+
 @pytest.mark.parametrize("umask", [0o000, 0o002, 0o077, 0o777])
 def test_it_is_private_whatever_the_umask(place, umask):
     before = os.umask(umask)

@@ -234,7 +234,20 @@ def test_a_stepper_that_is_copied_has_memory_of_its_own():
             assert again.iterations == 0 and again(scenario.z0, 0.1).tobytes() == expected
 
 
-@pytest.mark.parametrize("name", ["tc_monolithic", "tc_gauss", "tc_gauss[k=5]", "tc_taylor", "tc_taylor[order=8]"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "tc_monolithic",
+        "tc_gauss",
+        "tc_gauss[k=5]",
+        "tc_taylor",
+        "tc_taylor[order=8]",
+        "gauss2",
+        "scipy_dop853",
+        "tc_gonzalez",
+        "controlled[method=tc_strang]",
+    ],
+)
 def test_integrators_and_runs_can_be_pickled_and_copied(name):
     scenario = find_scenario("bound_equilibrium").replace(t_end=0.2)
     method, alone = find_integrator(name), simulate(name, scenario)
