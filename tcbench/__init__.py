@@ -14,7 +14,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .engine.run import Results, run
+    from .engine.run import Results, load, run
     from .errors import TcbenchError
     from .hookspecs import hookimpl
     from .integrator import Flow, Integrator, family
@@ -45,6 +45,7 @@ _HOME = {
     "integrators": "plugins",
     "scenarios": "plugins",
     "Results": "engine.run",
+    "load": "engine.run",
     "run": "engine.run",
     "ElementSystem": "systems.element_system",
     "Network": "systems.network",
@@ -61,7 +62,7 @@ _HOME = {
 __all__ = [
     "ElementSystem", "Flow", "Integrator", "Metric", "Network", "Observable", "Pendulum", "Range", "Results",
     "Scenario", "ScenarioFamily", "System", "TcbenchError", "Trajectory", "animate", "draw", "family", "hookimpl",
-    "integrators", "run", "scenarios", "simulate", "stepper",
+    "integrators", "load", "run", "scenarios", "simulate", "stepper",
 ]  # fmt: skip
 
 

@@ -159,6 +159,22 @@ def execute(
         return Results(tables, Path(output), summary, job.left_out, statuses, problems, every)
 
 
+def load(folder: str | Path) -> Results:
+    """The results of an earlier run, as `run` returned them, also of one that is still running or that was published.
+
+    folder : of the run. Nothing is measured and no plugin is needed. Raises TcbenchError where there is no run.
+    """
+    from .local import Summary
+
+    expect("load", locals(), {"folder": "a path"})
+    store = Store.read(folder)
+    tables = read_tables(store)
+    rows = store.rows()
+    statuses = Counter(str(row.get("status")) for row in rows.values())
+    summary = Summary(planned=len(rows), already_finished=len(rows))
+    return Results(tables, Path(folder), summary, (), statuses, tuple(dict.fromkeys(store.problems)), tables)
+
+
 def _run_cells(
     cells: list[Cell], context: dict[str, Any], store: Store, limits: dict[str, Any],
     on_event: Callable[[Event], None], dask: str | None, security: Mapping[str, str] | None,

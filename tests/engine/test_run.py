@@ -120,4 +120,11 @@ def test_every_table_of_the_folder_is_what_is_read_from_it(tmp_path):
         results = tcbench.run(names, ["short_term"], studies, tmp_path / "run", dt=[0.3])
         read = read_tables(results.output)
         assert list(results.every) == list(read) and all(read[n].equals(t) for n, t in results.every.items())
+        loaded = tcbench.load(results.output)
+        assert list(loaded.tables) == list(read) and all(loaded.tables[n].equals(t) for n, t in read.items())
+        assert loaded.statuses["ok"] == loaded.summary.already_finished > 0 == loaded.summary.left
     assert "claims" not in results.tables and "claims" in results.every
+    with pytest.raises(tcbench.TcbenchError, match="no_run_here"):
+        tcbench.load(tmp_path / "no_run_here")
+    with pytest.raises(tcbench.TcbenchError, match="folder"):
+        tcbench.load(3)

@@ -70,7 +70,7 @@ def test_a_study_from_a_file_and_what_its_folder_keeps(folder):
     [
         ("integrators = ['x']", "integrator"),
         ("integrator = ['x'", "cannot be read"),
-        ("[integrator]\nname = 'x'", "is a table"),
+        ("[integrator]\nname = 'x'", "is made of words and numbers"),
         ("config = 'other.toml'", "config"),
     ],
 )
