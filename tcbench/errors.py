@@ -7,6 +7,7 @@ import fnmatch
 import os
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping
+from functools import cache
 from numbers import Integral, Real
 from typing import Any
 
@@ -66,9 +67,14 @@ def expect(where: str, values: Mapping[str, Any], kinds: Mapping[str, str]) -> N
     """
     for name, told in kinds.items():
         value = values[name]
-        ways = [way for way in (*KINDS, "nothing") if f" or {way} or " in f" or {told} or "]
-        if not any(value is None if way == "nothing" else KINDS[way](value) for way in ways):
+        if not any(value is None if way == "nothing" else KINDS[way](value) for way in ways_of(told)):
             raise TcbenchError(f"{where}: {name} must be {told}, not {shown(value)}.")
+
+
+@cache
+def ways_of(told: str) -> tuple[str, ...]:
+    """The names in "a number or True or False or nothing"."""
+    return tuple(way for way in (*KINDS, "nothing") if f" or {way} or " in f" or {told} or ")
 
 
 def shown(value: Any) -> str:
