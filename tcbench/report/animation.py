@@ -150,7 +150,8 @@ class _Stage:
         self.times = np.linspace(0.0, max(run.t[-1] for run in runs), frames)
         self.rows = [np.searchsorted(run.t, self.times, side="right") - 1 for run in runs]
         self.places = [segments(run.scenario.model, run.z) for run in runs]
-        self.figure = Figure(figsize=(3.4 * max(2, len(runs)), 6.2), layout="constrained")
+        laws = 2 + len(runs[0].invariants)
+        self.figure = Figure(figsize=(3.4 * max(2, len(runs), 0.7 * laws), 6.2), layout="constrained")
         parts: Any = self.figure.subfigures(2, 1, height_ratios=(1.35, 1))
         above, below = parts
         axes = above.subplots(1, len(runs), squeeze=False)[0]

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 POINTS = 180  # states that a row keeps
 DIGITS, DIGITS_LOST = 9, 6  # of what a row keeps: of states, and of what a law has lost
+LOST = ("_error", "_fall", "_rise")  # how columns end that say what a law has lost
 ROW = ("series", "opening")  # where a row keeps them, and the names of the tables made of them
 
 
@@ -58,14 +59,23 @@ def kept(run: Trajectory, points: int = POINTS) -> dict[str, dict[str, list[floa
     if stride > 1:
         opening = columns(run, slice(points + 1))
         laws = {"energy", "entropy", *run.invariants}
-        there = {n: v for n, v in opening.items() if n not in laws and not n.endswith(("_error", "_fall", "_rise"))}
+        there = {n: v for n, v in opening.items() if n not in laws and not n.endswith(LOST)}
         found["opening"] = _rounded(there)
     return found
 
 
+def variables(names: Iterable[str]) -> list[str]:
+    """Of the columns of a table of states those that are a variable of the system, or what it tells instead."""
+    there = [str(name) for name in names]
+    known = {"integrator", "scenario", "status", "dt", "tolerance", "t", "energy", "entropy"}
+    laws = {name.removesuffix("_error") for name in there if name.endswith("_error")}
+    told = ("temperature_", "strain_")
+    return [n for n in there if n not in known | laws and not n.endswith(LOST) and not n.startswith(told)]
+
+
 def _rounded(found: Mapping[str, np.ndarray]) -> dict[str, list[float]]:
     """Lists of so many digits; columns with values that are no numbers are left out."""
-    lost = {name: name.endswith(("_error", "_fall", "_rise")) for name in found}
+    lost = {name: name.endswith(LOST) for name in found}
     return {
         name: [float(f"{v:.{DIGITS_LOST if lost[name] else DIGITS}g}") for v in values]
         for name, values in found.items()

@@ -161,7 +161,8 @@ def claim_column(claim: str) -> str:
 def column(name: str) -> Column:
     """What is known of a column; its label and its heading are its name where nothing else is known."""
     found = next((c for c in COLUMNS if fnmatchcase(name, c.name)), Column(name))
-    return found._replace(name=name, label=found.label or name.replace("_", " "), short=found.short or name)
+    plain = f"error of {name.removeprefix('error_')}" if name.startswith("error_") else name.replace("_", " ")
+    return found._replace(name=name, label=found.label or plain, short=found.short or name)
 
 
 def shown(names: Iterable[Any]) -> list[str]:

@@ -158,6 +158,32 @@ def test_charts_of_runs_mark_where_a_run_failed(name, runs, tmp_path):
     assert isinstance(getattr(time_charts, name)(series.trajectories([])), Figure)
 
 
+GENERAL = {"system of three numbers": "rigid_body", "temperatures, and no springs": "viscous_pendulum"}
+
+
+@pytest.mark.parametrize("scenario", GENERAL.values(), ids=GENERAL)
+def test_charts_of_a_general_system_speak_of_its_own_variables(scenario, runs, tmp_path):
+    """Also where the table has runs of springs beside: their columns are empty for this system."""
+    both = series.trajectories([*runs, tcbench.simulate("tc_monolithic", scenario, t_end=1.0)])
+    mine = both[both["scenario"] == scenario]
+    figure = time_charts.four_panel(mine)
+    figure.savefig(tmp_path / "chart.png", dpi=40)
+    last = figure.axes[3]
+    words = [text.get_text() for text in last.get_legend().get_texts()]
+    assert last.get_title(loc="left").startswith("variables") and last.lines
+    assert words == (["m0", "m1", "m2"] if scenario == "rigid_body" else ["q0", "q1", "q2", "q3", "p0", "p1"])
+    assert "spring" not in "".join(t.get_text() for ax in figure.axes for t in ax.findobj(matplotlib.text.Text))
+    path = time_charts.path(mine)
+    assert len(path.axes) == 1 and "no masses in the plane" in path.axes[0].texts[0].get_text()
+
+
+def test_errors_of_every_variable_get_a_panel_and_those_of_none_do_not():
+    table = awkward.everything(["tc_monolithic"], ["short_term"])["work_precision"].drop(columns=["error_q", "error_s"])
+    table["error_p"], table["error_m"], table["error_entropy_produced"] = np.nan, 1e-3, 1e-3
+    labels = [ax.get_ylabel() for ax in precision.work_precision(table).axes]
+    assert "error of m" in labels and not [x for x in labels if "momenta" in x or "produced" in x]
+
+
 @pytest.mark.parametrize("suffix", [".png", ".svg", ".pdf"])
 def test_plot_writes_each_format_from_runs_and_from_a_folder(suffix, runs, tmp_path):
     path = plot.plot("four-panel", runs, tmp_path / f"a{suffix}")

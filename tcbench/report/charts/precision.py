@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 ERRORS = ("error_q", "error_p", "error_s", "error_theta", "energy_error_max", "angular_momentum_error_max")
 CONSERVED = ("energy_error_max", "angular_momentum_error_max")  # exactly 0 is possible: these get an axis with a zero
+PRODUCED = "error_entropy_produced"  # not an error of the state: drawn where it is asked for
 CROWDED, FAINT, SMALL = 8, 0.3, 7.0  # methods in a crowd; how faint those are that lead nowhere; size of names, points
 VARIABLES = {"q": "positions q", "p": "momenta p", "s": "entropies s", "theta": "temperatures θ", "all": "all"}
 
@@ -32,7 +33,7 @@ def work_precision(table: DataFrame, x: str = "wall_time_min_s", y: Sequence[str
     its finest setting; of many methods those are named that are the best at some cost, and the others are faint.
     Failed runs are crosses at the upper edge; masked errors (NaN) of completed runs are left out.
     """
-    columns = list(y) if y else [c for c in ERRORS if c in table and np.isfinite(finite(table[c])).any()] or ["error_q"]
+    columns = list(y) if y else _errors(table)
     figure, axes = panels(len(columns), 3, (3.6, 2.9))
     methods = names(table)
     failed = bool((~ok(table)).any())
@@ -117,6 +118,15 @@ def _edge(ax: Axes, xs: Any) -> Any:
     return np.where(np.isfinite(xs) & (xs > 0), xs, right)
 
 
+def _errors(table: DataFrame) -> list[str]:
+    """The errors of the variables that the system has, of its temperatures, and of what it conserves."""
+    others = [str(c) for c in table if str(c).startswith("error_") and c not in ERRORS and c != PRODUCED]
+    columns = [*(c for c in ERRORS if c not in CONSERVED), *others, *CONSERVED]
+    return [c for c in columns if c in table and (np.abs(finite(table[c])) > (-1 if c in CONSERVED else 0)).any()] or [
+        "error"
+    ]
+
+
 @chart
 def convergence(points: DataFrame, fits: DataFrame | None = None) -> Figure:
     """Error against step size for one scenario, one panel a variable, with the fitted slopes.
@@ -156,7 +166,7 @@ def _slopes(ax: Axes, part: DataFrame, fits: DataFrame | None, methods: Sequence
     failed = _failed_points(part)
     good = np.isfinite(h) & np.isfinite(e) & (e > 0)
     if not good.any() and not failed.any():
-        note(ax, "no error was measured")
+        note(ax, "no error" if np.isfinite(e).any() else "no error was measured")  # 0: a variable that stays
         return
     log_axis(ax, "x", h)
     log_axis(ax, "y", e[good])

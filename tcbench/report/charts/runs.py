@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...simulation.series import variables
 from ...studies.columns import column as column_named
 from .kind import OPENING, SERIES, Kind
 from .layout import handle, legend, note, panels, pt, titles
@@ -25,6 +26,7 @@ LAWS = {
     "lyapunov_rise": "E − θ_ref S regained / V₀",
 }
 MOST_PATHS = 12  # panels that still can be read
+DASHES: tuple[Any, ...] = ("-", "--", ":", "-.", (0, (8, 2)), (0, (1, 4)))  # as many of one colour are told apart
 GROWTH = {
     ("entropy",): "entropy S",
     ("strain_a", "strain_b"): "logarithmic strains",
@@ -42,7 +44,8 @@ def laws(series: DataFrame, y: Sequence[str] | None = None) -> Figure:
     The line is the largest so far; beside it runs a thin one, the value, where runs are few. A cross ends a failed run.
     y : columns, one panel each; those above by default.
     """
-    others = {c: f"{c.removesuffix('_error')}: |I − I₀| / |I₀|" for c in map(str, series) if c.endswith("_error")}
+    lost = [c for c in map(str, series) if c.endswith("_error")]
+    others = {c: f"{c.removesuffix('_error').replace('_', ' ')}: |I − I₀| / |I₀|" for c in lost}
     told = LAWS | {c: text for c, text in others.items() if c not in LAWS}
     columns = list(y or [c for c in told if c in series and np.isfinite(finite(series[c])).any()]) or ["energy_error"]
     figure, axes = panels(len(columns), 2, (4.9, 2.7))
@@ -100,14 +103,16 @@ def _end(ax: Axes, run: DataFrame, values: Any, colour: str) -> None:
 
 @chart
 def four_panel(series: DataFrame) -> Figure:
-    """Energy, entropy, temperatures and logarithmic strains in time, as in the paper, for any runs."""
+    """Energy, entropy, temperatures and logarithmic strains in time, as in the paper; without strains, variables."""
     figure, axes = panels(4, 2, (4.9, 2.6))
     methods = names(series)
     groups = [["energy"], ["entropy"], _numbered(series, "temperature"), _numbered(series, "strain")]
     texts = ["energy E", "entropy S", "temperatures θ", "logarithmic strains"]
+    if not groups[3]:
+        groups[3], texts[3] = _variables(series)
     runs = _runs(series, methods)
     for ax, columns, text in zip(axes, groups, texts, strict=True):
-        shown = [c for c in columns if c in series and np.isfinite(finite(series[c])).any()]
+        shown = _measured(series, columns)
         if not shown:
             note(ax, f"no {text} in this system")
             continue
@@ -118,7 +123,7 @@ def four_panel(series: DataFrame) -> Figure:
                     finite(run["t"]),
                     value,
                     color=style.colour,
-                    linestyle=("-", "--", ":")[i % 3],
+                    linestyle=DASHES[i % len(DASHES)],
                     linewidth=pt(1.1),
                 )
                 _end(ax, run, value, style.colour)
@@ -136,14 +141,27 @@ def four_panel(series: DataFrame) -> Figure:
 def _name_elements(ax: Axes, runs: Sequence[tuple[str, DataFrame]], columns: Sequence[str]) -> None:
     """A key to the line styles of the elements, where there are several."""
     if len(columns) > 1 and runs:
-        letters = [column.rpartition("_")[2] for column in columns]
-        dashes = ("-", "--", ":")
-        keys = [handle(f"spring {x}", color=ink(), marker="", linestyle=dashes[i % 3]) for i, x in enumerate(letters)]
+        springs = any(_measured(run, ["strain_a"]) for _, run in runs)
+        called = [f"spring {c.rpartition('_')[2]}" if springs else column_named(c).label for c in columns]
+        dashes = [DASHES[i % len(DASHES)] for i in range(len(called))]
+        keys = [handle(x, color=ink(), marker="", linestyle=d) for x, d in zip(called, dashes, strict=True)]
         ax.legend(handles=keys, loc="best", fontsize=pt(7), handlelength=2.2, framealpha=0.0)
 
 
+def _measured(series: DataFrame, columns: Sequence[str]) -> list[str]:
+    """Those that have values: a table of several systems has columns of all of them."""
+    return [c for c in columns if c in series and np.isfinite(finite(series[c])).any()]
+
+
 def _numbered(series: DataFrame, stem: str) -> list[str]:
-    return [str(c) for c in series.columns if str(c).startswith(f"{stem}_")]
+    return _measured(series, [str(c) for c in series.columns if str(c).startswith(f"{stem}_")])
+
+
+def _variables(series: DataFrame) -> tuple[list[str], str]:
+    """The numbers of the state, as many as can be told apart, and what a panel of them is called."""
+    found = _measured(series, variables(series))
+    more = len(found) - len(DASHES)
+    return found[: len(DASHES)], f"variables, the first {len(DASHES)} of {len(found)}" if more > 0 else "variables"
 
 
 def _roomy(ax: Axes, values: Any) -> None:
@@ -167,12 +185,13 @@ def path(series: DataFrame, columns: int = 3) -> Figure:
     methods = names(series)
     runs = _runs(series, methods)
     heat = _numbered(series, "temperature")
-    masses = [(f"x_{i}", f"y_{i}") for i in range(1, 10) if f"x_{i}" in series and f"y_{i}" in series]
+    masses = [(f"x_{i}", f"y_{i}") for i in range(1, 10) if len(_measured(series, [f"x_{i}", f"y_{i}"])) == 2]
     more, runs = len(runs) - MOST_PATHS, runs[:MOST_PATHS]
-    figure, axes = panels(max(1, len(runs)), columns, (3.3, 3.1), left=0.5)
     if not masses or not heat or not runs:
-        note(axes[0], "this system has no path in the plane")
+        figure, axes = panels(1, columns, (3.3, 3.1), left=0.5)
+        note(axes[0], "this system has no masses in the plane")
         return figure
+    figure, axes = panels(len(runs), columns, (3.3, 3.1), left=0.5)
     every = finite(np.ravel(series[heat].to_numpy()))
     low, high = (np.nanmin(every), np.nanmax(every)) if np.isfinite(every).any() else (0.0, 1.0)
     scale = Normalize(low, high if high > low else low + 1.0)
@@ -283,7 +302,7 @@ def history(table: DataFrame) -> Figure:
 KINDS = (
     Kind("laws", "conservation", "Losses in time, at the scenario's own step; on the 0 a law is kept exactly.",
          (SERIES,), laws, options=("y",)),
-    Kind("four-panel", "conservation", "Energy, entropy, temperatures and strains in time, as in the paper.",
+    Kind("four-panel", "conservation", "Energy, entropy, temperatures, and strains (or variables) in time.",
          (SERIES,), four_panel),
     Kind("path", "conservation", "Paths of the masses in the plane over the first steps, coloured by temperature.",
          (OPENING,), path),
