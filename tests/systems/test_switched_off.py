@@ -22,7 +22,7 @@ def test_an_adiabatic_pendulum_has_four_unknowns():
 @pytest.mark.parametrize("name", ["conductivity", "coupling"])
 def test_states_are_those_of_a_constant_next_to_zero(method, name):
     off, near = (tcbench.simulate(method, FULL.replace(**{name: x}), dt=0.1, t_end=3.0) for x in (0.0, 1e-250))
-    # lengths of tc_taylor's steps see rounding errors; a projection solves for an energy of 422, each step to its last places
+    # lengths of tc_taylor's steps see rounding errors; a projection solves for an energy of 422 to its last places
     most = {"tc_taylor": 1e-10, "projected": 1e-11}.get(method, 1e-12)
     assert off.ok and np.abs(off.z - near.z).max() < most
     if name == "conductivity" and method == "tc_monolithic":
