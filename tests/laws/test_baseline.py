@@ -36,7 +36,7 @@ def test_the_published_conservation_table_is_made_again(again):
     assert large.any() and not large.all()
     assert np.allclose(old["energy_error_max"][large], new["energy_error_max"][large], rtol=1e-6)
     assert (new["energy_error_max"][~large] < 1e-12).all()
-    # a solver that has changed needs other iterations; a processor's round-off decides of single ones near its last digits
+    # a solver that has changed needs other iterations; of single ones a processor's round-off decides
     assert np.allclose(old["newton_iterations_mean"], new["newton_iterations_mean"], rtol=0.05), (
         "sh results/baseline.sh"
     )
