@@ -1,7 +1,7 @@
 """Midpoint rule on z, of elements in entropy variables: Romero (2009), eqs. (A2)-(A3). Order 2; energy is not exact.
 
 Where S is a sum of variables it cannot decrease, at any step: the conduction at the midpoint temperatures produces
-kappa (theta_b/theta_a + theta_a/theta_b - 2) >= 0.
+kappa (theta_b/theta_a + theta_a/theta_b - 2) >= 0. Where S is another function it may fall.
 """
 
 from tcbench import Integrator, hookimpl
@@ -17,7 +17,7 @@ def tcbench_integrators():
         Integrator(
             name="midpoint_entropy",
             order=2,
-            claims={"entropy", "angular_momentum"},
+            claims={"angular_momentum"},  # entropy only where it is a sum of variables, see above
             source="Romero (2009), eqs. (A2)-(A3)",
             flows=midpoint_entropy,
         )

@@ -71,3 +71,11 @@ def test_tc_strang_exact_does_not_ring():
 def test_verlet_heat_needs_no_solver():
     run = tcbench.simulate("verlet_heat", "bound_equilibrium", t_end=100.0)
     assert run.ok and run.solver.newton_iterations == 0
+
+
+def test_the_midpoint_rule_claims_no_entropy_for_it_may_fall_where_it_is_no_sum_of_variables():
+    """Of elements it cannot (test_laws); a reaction far from rest at a large step loses some, so nothing is claimed."""
+    far = tcbench.scenarios()["reaction"].replace(n=[1.66, 0.85], u=4.3, t_end=100.0)
+    assert np.diff(tcbench.simulate("midpoint_entropy", far, dt=25.0).entropy).min() < -1e-3
+    assert np.diff(tcbench.simulate("tc_monolithic", far, dt=25.0).entropy).min() > -1e-13
+    assert "entropy" not in tcbench.integrators()["midpoint_entropy"].claims

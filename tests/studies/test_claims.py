@@ -99,9 +99,9 @@ def verdicts(findings):
 
 
 def test_a_method_that_claims_too_much_is_found_out():
-    """midpoint_entropy under the flag of energy and Theorem 6: energy is lost, entropy and momentum are not."""
+    """midpoint_entropy under the flags of both laws and Theorem 6: energy is lost, entropy and momentum are not."""
     honest = plugins.find_integrator("midpoint_entropy")
-    liar = replace(honest, name="liar", claims=honest.claims | {"energy"}, plugin="")
+    liar = replace(honest, name="liar", claims=honest.claims | {"energy", "entropy"}, plugin="")
     found = verdicts(theorems.steps(liar, tcbench.scenarios()["short_term"]))
     assert found["a step keeps energy"] == NOT_WITH_DATA
     assert found["E - theta_ref S never rises in a step"] == NOT_WITH_DATA
