@@ -74,13 +74,20 @@ def accurate(tables: Tables) -> Finding | None:
         for row in rows:
             ratios.setdefault(str(row["integrator"]), []).append(row["time_s"] / best[row["scenario"]])
         names = _surest(ratios)
-        worst, reached = max(ratios[names[0]]), len(ratios[names[0]])
+        ran = dict(table[table["target"].eq(target)].groupby("integrator")["scenario"].nunique())
+        special = _where_it_runs(ratios, ran, names[0])
+        name = special or names[0]
+        worst, reached = max(ratios[name]), len(ratios[name])
         slower = f"at most {rounded(worst)} times the fastest's time" if worst > TIE else "no method is faster"
         compared = slower if table["integrator"].nunique() > 1 else "no other method ran"
-        level = f"; as good within 5 %: {_some(names[1:], 1)}" if names[1:] else ""
-        mine = [row for row in rows if row["integrator"] == names[0]]
-        text = f"an error of {power(target)} {_on(reached, count)}, {compared}{_against_peers(mine)}{level}"
-        return Finding(title, called(names[0]), text, f"#lens=time {target:g}")
+        mine = [row for row in rows if row["integrator"] == name]
+        where = f"on all {reached} of {count} scenarios that it runs on" if special else _on(reached, count)
+        text = f"an error of {power(target)} {where}, {compared}{_against_peers(mine)}"
+        if special:
+            text += f"; {called(names[0])} on {len(ratios[names[0]])}, at most {rounded(max(ratios[names[0]]))} times"
+            return Finding(title, f"{called(name)}, else {called(names[0])}", text, f"#lens=time {target:g}")
+        text += f"; as good within 5 %: {_some(names[1:], 1)}" if names[1:] else ""
+        return Finding(title, called(name), text, f"#lens=time {target:g}")
     text = f"no method reached an error of {power(TARGETS[-1])} on any scenario"
     return Finding(title, "none", text, "#lens=time 0.001")
 
@@ -92,6 +99,15 @@ def _surest(found: Mapping[str, Sequence[float]]) -> list[str]:
     most, limit = len(found[first]), TIE * max(found[first])
     others = [name for name in sorted(found) if len(found[name]) == most and max(found[name]) <= limit]
     return [first, *(name for name in others if name != first)]
+
+
+def _where_it_runs(found: Mapping[str, Sequence[float]], ran: Mapping[str, int], general: str) -> str:
+    """The method that is ahead of the most general one, by its worst scenario, where it runs: on half of the scenarios
+    or more, and with a number on each of them; "" where there is none."""
+    most = max(ran.values())
+    names = [n for n in found if len(found[n]) == ran[n] >= most / 2 and max(found[n]) * TIE < max(found[general])]
+    name = min(names, key=lambda n: (max(found[n]), n), default="")
+    return name if name and len(found[name]) < len(found[general]) else ""
 
 
 def _on(some: int, count: int) -> str:
@@ -180,14 +196,19 @@ def coarse(tables: Tables, declared: Tables) -> Finding | None:
     if not found:
         return None
     count = len({scenario for of in cells.values() for scenario in of})
-    name, *_ = _surest(found)
-    text = f"final temperatures within {percent(max(found[name]))} {_on(len(found[name]), count)}, each law kept"
+    general, *_ = _surest(found)
+    name = _where_it_runs(found, {m: len(of) for m, of in cells.items()}, general) or general
+    where = _on(len(found[name]), count)
+    text = f"final temperatures within {percent(max(found[name]))} {where}, each law kept"
     price = own_steps(tables, declared)
     costs = {m: median(price[m].values()) for m in found if price.get(m) and len(found[m]) == len(found[name])}
     cheap = min(costs, key=lambda m: (costs[m], m), default=name)
     if cheap != name:
         text += f"; {called(cheap)}, whose step is the cheapest of these, within {percent(max(found[cheap]))}"
-    return Finding("At the coarsest step", called(name), text, "#lens=coarse")
+    lead = called(name) if name == general else f"{called(name)}, else {called(general)}"
+    if general not in (name, cheap):
+        text += f"; {called(general)} within {percent(max(found[general]))} on {len(found[general])}"
+    return Finding("At the coarsest step", lead, text, "#lens=coarse")
 
 
 def cheapest(tables: Tables, declared: Tables) -> Finding | None:
