@@ -162,7 +162,7 @@ def lawful(tables: Tables) -> Finding | None:
     steps = [float(h) for h in table.groupby("integrator")["dt"].max()[keep] if finite(h)]
     largest = f", at every step tried, up to h = {min(steps):.3g}" if steps else ""
     runs = sum(shares[name][1] for name in keep)
-    words = _listed([law.replace("angular_", "").replace("_", " ") for law in law_columns(table)], "and")
+    words = _listed([law.replace("_", " ") for law in law_columns(table)], "and")
     return Finding(
         title, f"{len(keep)} of {len(shares)} method{'s' if len(shares) > 1 else ''}",
         f"kept {words} in each of {runs} runs{largest}: {_some(keep)}", href,

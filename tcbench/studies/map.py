@@ -2,8 +2,8 @@
 
 An axis is written `name=low:high:n` or `name=low:high:n:log`. Names: `dt`, the step itself; `energy`, a multiplier of
 the initial kinetic energy (momenta are multiplied by its square root); any constant or initial value of the scenario
-(stiffness, conductivity, temperatures, ...), a multiplier of the scenario's own value; with an index, `stiffness[1]`,
-a multiplier of that entry alone. Everything is dimensionless.
+(stiffness, temperatures, a variable of a general system), a multiplier of the scenario's own value; with an index,
+`stiffness[1]`, a multiplier of that entry alone. Everything is dimensionless.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 _AXIS = re.compile(r"(?P<name>[a-z_]+(\[\d+\])?)=(?P<low>[^:]+):(?P<high>[^:]+):(?P<n>\d+)(?P<log>:log)?\Z")
-MULTIPLIED = ("positions", "momenta", "temperatures", "t_end")  # settings; constants are multiplied too
+MULTIPLIED = ("positions", "momenta", "temperatures")  # where a system has them; t_end and constants are multiplied too
 COLUMNS = (
     "integrator", "scenario", "x_name", "x", "y_name", "y", "dt", "outcome", "status", "energy_error_max",
     "blowup_time", "outcome_plain", "folds", "failure",
@@ -71,16 +71,20 @@ def varied(scenario: Scenario, name: str, value: float) -> tuple[Scenario, float
     """The scenario with one parameter changed, and the step if that is what `name` says."""
     if name == "dt":
         return scenario, value
-    if name == "energy":
+    start = [n for n in MULTIPLIED if n in scenario.model.initial_data]
+    if name == "energy" and "momenta" in start:
         momenta = math.sqrt(value) * np.asarray(scenario.momenta)
         return scenario.replace(momenta=momenta), None
     base, _, index = name.rstrip("]").partition("[")
     if base in scenario.constants:
         own = np.array(scenario.constants[base], dtype=float)
-    elif base in MULTIPLIED:
+    elif base in scenario.initial:  # the variables of a general system
+        own = np.array(scenario.initial[base], dtype=float)
+    elif base in (*start, "t_end"):
         own = np.array(getattr(scenario, base), dtype=float)
     else:
-        raise unknown_name("parameter of a map", base, ["dt", "energy", *MULTIPLIED, *scenario.constants])
+        known = ["dt", *(["energy"] if start else []), *start, *scenario.initial, "t_end", *scenario.constants]
+        raise unknown_name("parameter of this map", base, known)
     if index and not int(index) < own.size:
         raise TcbenchError(f"{base!r} has {own.size} entries, so {name!r} does not exist; the first is {base}[0].")
     where: Any = int(index) if index and own.ndim else ...

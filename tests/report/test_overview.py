@@ -342,7 +342,8 @@ def test_a_small_real_run_says_only_what_it_has(tmp_path):
     assert list(said) == ["The laws at any step", "Cheapest, never failed", "What fails"]
     assert said["The laws at any step"] == (
         "1 of 2 methods",
-        "kept energy, entropy and momentum in each of 5 runs, at every step tried, up to h = 1.2: tc_monolithic",
+        "kept energy, entropy and angular momentum in each of 5 runs, at every step tried, up to h = 1.2: "
+        "tc_monolithic",
     )
     assert said["What fails"][0] == f"{len(failed)} of 10 runs" and f"h = {failed[0]:.2g}" in said["What fails"][1]
     own = {r["integrator"]: r["us_per_step"] for r in rows if r["dt"] == 0.3 and r["status"] == "ok"}

@@ -411,6 +411,32 @@ def test_a_users_own_system_is_drawn_without_springs(tmp_path, visit):
     assert "q 1 = 0.5" in page.locator(".side").inner_text() and isinstance(tables["series"], pd.DataFrame)
 
 
+def test_a_general_system_is_told_in_its_own_variables(tmp_path, visit):
+    """Also beside a system of springs, whose columns are empty for it: no strain, no momentum that it has not."""
+    springs = awkward.series(["mine"], ["short_term"])
+    laws = ["t", "energy", "entropy", "energy_error", "entropy_fall", "integrator", "scenario", "dt", "status"]
+    body = awkward.series(["mine"], ["body"])[laws].assign(m0=0.25, m1=np.linspace(0, 1, 90))
+    work = awkward.work_precision(["mine"], ["short_term"])
+    moved = work.drop(columns=["error_q", "error_p", "error_s", "error_theta"]).assign(scenario="body", error_m=1e-3)
+    tables = {"conservation": awkward.conservation(["mine"], ["body", "short_term"]),
+              "series": pd.concat([springs, body]), "work_precision": pd.concat([work, moved])}  # fmt: skip
+    told = awkward.declared(["mine"], ["body", "short_term"])
+    elements = ("positions", "momenta", "temperatures")
+    facts = {k: v for k, v in told["scenarios"]["body"].items() if k not in elements}
+    own = facts | {"links": [], "system": "body", "invariants": [], "initial": {"m": [0.25, 0]}}
+    told["scenarios"] = told["scenarios"] | {"body": own}
+    page = visit(write_report(awkward.write_run(tmp_path / "run", tables, (), told)), "#scenario=body")
+    lines = page.locator(".running > span").all_inner_texts()
+    assert [line.split(" = ")[0] for line in lines] == ["E", "S", "m0", "m1"] and page.locator("canvas").count() == 0
+    assert "initial m\n(0.25, 0)" in page.locator("#scenario-page dl").inner_text()
+    assert page.locator("#scenario-page .panels figcaption").all_inner_texts() == ["energy error", "m0", "m1"]
+    go(page, "")
+    page.locator("#speed-controls select").first.select_option("body")
+    errors = page.locator("#speed-controls select").last.locator("option")
+    shown = errors.all_inner_texts()
+    assert "error of m" in shown and not [x for x in shown if "positions" in x or "temperatures" in x]
+
+
 def test_what_is_wider_than_a_narrow_window_fades_where_it_goes_on(full, visit):
     page = visit(full, "#method=tc_monolithic", 400)
     # functions, not expressions: what is still to come is asked for again with eval, which the page's policy forbids

@@ -113,7 +113,7 @@ def test_the_sentences_stand_in_the_page_itself_and_lead_to_their_evidence(full)
     cards = [a["href"] for a in page.all("a") if a.get("class") == "finding"]
     assert cards == ["#lens=time 1e-06", "#lens=coarse", "#lens=energy", "#lens=cost", "#failures"]
     words = "".join(page.text)
-    assert "kept energy, entropy and momentum" in words and "at the smallest step" in words
+    assert "kept energy, entropy and angular momentum" in words and "at the smallest step" in words
 
 
 def test_a_study_that_the_run_has_not_is_not_mentioned(tmp_path):

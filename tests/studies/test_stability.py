@@ -190,6 +190,16 @@ def test_axes_and_what_they_vary():
         maps.plan([INTEGRATORS["tc_strang"]], [scenario], {"x": "dt=1:2:2", "y": "dt=1:2:3"})
 
 
+def test_a_map_of_a_general_system_varies_its_own_variables():
+    body = SCENARIOS["rigid_body"]
+    assert np.allclose(maps.varied(body, "m[1]", 2.0)[0].initial["m"], (0.6, 1.8, 0.5))
+    assert maps.varied(body, "damping", 2.0)[0].constants["damping"] == 0.4
+    for name in ("momenta", "energy", "mass"):  # it has no momenta, so none is offered
+        with pytest.raises(TcbenchError, match="parameter of this map") as refused:
+            maps.varied(body, name, 2.0)
+        assert "damping" in str(refused.value) and "temperatures" not in str(refused.value)
+
+
 @pytest.fixture(scope="module")
 def small_map():
     names = ("tc_monolithic", "midpoint_entropy")

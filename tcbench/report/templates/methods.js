@@ -13,7 +13,7 @@ const measured = async (m) => {
   });
   const absent = m.laws.filter((l) => !l.of).map((l) => words(l.law));
   return [simple(["law", "claimed", "kept in runs", "worst", "where", "verdict"], lines),
-    empty(`Energy and momenta: the largest error over V₀ and over the initial value, kept up to 1e-9. Entropy: steps on which it fell.${absent.length ? ` Not measured: ${absent.join(", ")}.` : ""}`)];
+    empty(`Energy and invariants: the largest error over V₀ and over the initial value, kept up to 1e-9. Entropy: steps on which it fell.${absent.length ? ` Not measured: ${absent.join(", ")}.` : ""}`)];
 };
 // a plain table; texts wrap, numbers and names do not
 const simple = (head, lines) => {
@@ -85,7 +85,7 @@ const speedOf = async (m) => {
     return row ? (known(row.time_s) ? seconds(row.time_s) : "not reached") : "–";
   })]);
   const draw = () => {
-    const error = ERRORS.find((e) => work.columns[e]?.some(known)), all = rows(work, { scenario: inMethod.speed });
+    const all = rows(work, { scenario: inMethod.speed }), error = errorsIn(all)[0] || "error";
     root.replaceChildren(el("div", { class: "tools" }, select("scenario", where.map((s) => [s, s]), inMethod.speed, (s) => { inMethod.speed = s; draw(); })),
       el("div", { class: "two" }, place, simple(["scenario", "to 10⁻³", "to 10⁻⁶", "to 10⁻⁹"], lines_)));
     const fore = new Set([m.name, ...leaders(speedSeries(all, error))]);

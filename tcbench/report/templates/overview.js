@@ -62,7 +62,7 @@ const matrix = () => {
   const by = view.sorted ? (a, b) => badness(a, view.sorted) - badness(b, view.sorted) || (a.name < b.name ? -1 : 1)
     : (a, b) => a.family - b.family || mean(a) - mean(b) || (a.name < b.name ? -1 : 1);
   const ordered = [...page.methods].sort(by);
-  const head = el("tr", {}, el("th", { scope: "col" }, "method"), el("th", { scope: "col", title: "energy, entropy, momentum" }, "laws"),
+  const head = el("tr", {}, el("th", { scope: "col" }, "method"), el("th", { scope: "col", title: (page.methods[0]?.laws || []).map((l) => words(l.law)).join(", ") }, "laws"),
     el("th", { scope: "col", title: "lowest fitted order" }, "order"), el("th", { scope: "col", title: "least of the largest stable steps" }, "h stable"),
     page.scenarios.map((s) => el("th", { scope: "col", "aria-sort": view.sorted === s ? "ascending" : "none" },
       el("button", { type: "button", title: `${s}: sort by it`, onclick: () => { view.sorted = view.sorted === s ? null : s; drawMatrix(); } },
@@ -122,7 +122,9 @@ const walk = (event) => {
   next?.focus();
 };
 
-const ERRORS = ["error", "error_q", "error_p", "error_s", "error_theta", "energy_error_max", "angular_momentum_error_max"];
+// the errors that runs of a scenario have: of the state, of each variable, and of what is conserved
+const errorsIn = (all) => ["error", ...unique(all.flatMap(Object.keys)).filter((c) => /^error_(?!entropy_produced)/.test(c)), "energy_error_max", "angular_momentum_error_max"]
+  .filter((c) => all.some((r) => known(r[c]) && (r[c] > 0 || c.endsWith("_max"))));
 // the first of each family to the smallest error that it reaches
 const leaders = (series) => {
   const found = new Set();
@@ -169,10 +171,11 @@ const toggle = (name, shown) => {
 const drawSpeed = async () => {
   const found = await table("work_precision"), place = $("speed"), controls = $("speed-controls");
   if (!found) { $("speed-panel").hidden = true; return; }
-  const there = unique(found.columns.scenario), errors = ERRORS.filter((e) => found.columns[e]?.some(known));
+  const there = unique(found.columns.scenario);
   const profile = page.tables.performance_profile ? [["profile", "whole ensemble"]] : [];
   view.scenario = there.includes(view.scenario) ? view.scenario : there.includes("bound_equilibrium") ? "bound_equilibrium" : there[0];
-  view.error = errors.includes(view.error) ? view.error : errors[0];
+  const all = rows(found, { scenario: view.scenario }), errors = errorsIn(all);
+  view.error = errors.includes(view.error) ? view.error : errors[0] || "error";
   controls.replaceChildren(
     select("Scenario", [...there.map((s) => [s, s]), ...profile], view.speed === "profile" ? "profile" : view.scenario, (s) => {
       view.speed = s === "profile" ? s : "scenario";
@@ -181,7 +184,6 @@ const drawSpeed = async () => {
     }),
     view.speed === "profile" ? "" : select("error of", errors.map((e) => [e, words(e === "error" ? "the state" : label(e))]), view.error, (e) => { view.error = e; drawSpeed(); }));
   if (view.speed === "profile") { await drawProfile(place); return; }
-  const all = rows(found, { scenario: view.scenario });
   drawn(place, (width) => place.replaceChildren(speedChart(all, view.error, width, width < 500 ? 300 : 272, view.fore, toggle)));
 };
 

@@ -1,4 +1,5 @@
-// The player: a system moving, two methods side by side, springs coloured by temperature, E, S and J as running lines.
+// The player: a system moving, two methods side by side, E, S and the invariants as running lines. Springs in the plane
+// are drawn, coloured by temperature; of any other system the variables run as lines too.
 const TRAIL = 60;  // states of a trace
 const heat = (share) => {  // cold to hot, told apart with any kind of colour vision
   const stops = [[43, 91, 168], [126, 126, 132], [226, 116, 22]], at = Math.min(1.999, Math.max(0, 2 * share)), i = Math.floor(at);
@@ -7,6 +8,12 @@ const heat = (share) => {  // cold to hot, told apart with any kind of colour vi
 const LETTERS = [..."abcdefghijklmnopqrstuvwxyz"];
 const lettered = (one, prefix) => LETTERS.map((l) => `${prefix}_${l}`).filter((c) => one[0] && one[0][c] !== undefined && one.some((r) => known(r[c])));
 const masses = (one) => Array.from({ length: 99 }, (_, i) => i + 1).filter((i) => one[0] && known(one[0][`x_${i}`]) && known(one[0][`y_${i}`]));
+
+// of columns of states, those that are variables of the system, or what it tells instead
+const KNOWN = ["integrator", "scenario", "status", "dt", "tolerance", "t", "energy", "entropy"];
+const variablesOf = (states) => Object.keys(states[0] || {}).filter((c) => !KNOWN.includes(c) && !/(_error|_fall|_rise)$|^(temperature|strain)_/.test(c)
+  && states[0][`${c}_error`] === undefined && states.some((r) => known(r[c])));
+const MOST_LINES = 12;  // running lines of variables beside the laws
 
 const index = (states, t) => {  // of the last state up to t
   let low = 0, high = states.length - 1;
@@ -104,11 +111,13 @@ const side = (run, facts, [cold, hot], runs, reach) => {
       pen.beginPath(); pen.arc(x, y, i ? 9 : 4, 0, 7); pen.fill();
     }
   };
-  const wanted = ["energy", "entropy", ...(facts.invariants || ["angular_momentum"]), ...(canvas ? [] : ["q_1", "q_2", ...elements])];
+  const all = canvas ? [] : [...variablesOf(run.record), ...elements], told = all.slice(0, MOST_LINES);
+  const wanted = ["energy", "entropy", ...(facts.invariants || ["angular_momentum"]), ...told];
   const kept = wanted.filter((c) => run.record.some((r) => known(r[c])));
   const places = kept.map((c) => strip(run, c, runs));
   const element = el("div", { class: "side", style: `--own:${colour(run.name)}` },
-    el("h4", {}, el("a", { href: link({ method: run.name }) }, run.name)), canvas, said, places.map((p) => p.element));
+    el("h4", {}, el("a", { href: link({ method: run.name }) }, run.name)), canvas, said, places.map((p) => p.element),
+    all.length > told.length ? el("p", { class: "soft" }, `The first ${told.length} of ${all.length} variables; the table series has all.`) : "");
   return { element, show: (k, t) => {
     if (canvas) draw(k, t);
     const over = run.whole && run.failure && t >= run.states.at(-1).t;

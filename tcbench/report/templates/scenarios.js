@@ -11,7 +11,7 @@ const about = (name) => {
   if (!it) return empty("This folder does not say what the scenario is: run its command again with this version of tcbench.");
   return el("div", {}, el("p", {}, it.shows ? `${it.shows[0].toUpperCase()}${it.shows.slice(1)}.` : ""),
     facts([["system", words(it.system)], ["source", it.source], ...Object.entries(it.constants).map(([k, v]) => [words(k), v]),
-      ["initial positions", it.positions], ["initial momenta", it.momenta], ["initial temperatures", it.temperatures],
+      ...Object.entries(it.initial || {}).map(([k, v]) => [`initial ${words(k)}`, v]), ["initial positions", it.positions], ["initial momenta", it.momenta], ["initial temperatures", it.temperatures],
       ["ends at t", it.t_end], ["its own step h", it.dt], ["initial exergy V₀", it.initial_exergy], ["a run fails beyond", `|E − E₀| = ${number(it.blowup_factor)} V₀`]]));
 };
 
@@ -42,15 +42,16 @@ const shownOf = (run) => {
   return { ...run, states: run.opening, record: run.states.filter((s) => s.t <= end * 1.0001) };
 };
 
-const losses = (runs, place) => {
+const losses = (name, runs, place) => {
   const there = lost(runs).filter((c) => runs.some((r) => r.states.some((s) => known(s[c]))));
   if (!there.length) return;
   if (!there.includes(chosenIn.loss)) [chosenIn.loss] = there;
   const panels = [["loss", chosenIn.loss, "zerolog"], ...lettered(runs[0].states, "temperature").map((c) => ["", c, "linear"]),
-    ...lettered(runs[0].states, "strain").map((c) => ["", c, "linear"])];
+    ...lettered(runs[0].states, "strain").map((c) => ["", c, "linear"]),
+    ...(scenes[name]?.links?.length ? [] : variablesOf(runs[0].states).slice(0, MOST_LINES)).map((c) => ["", c, "linear"])];
   const shown = new Set([...chosenIn.methods].filter((m) => runs.some((r) => r.name === m)));
   const all = [...shown].map((m) => runs.find((r) => r.name === m));
-  place.replaceChildren(el("div", { class: "tools" }, select("Loss of", there.map((c) => [c, label(c)]), chosenIn.loss, (c) => { chosenIn.loss = c; losses(runs, place); })),
+  place.replaceChildren(el("div", { class: "tools" }, select("Loss of", there.map((c) => [c, label(c)]), chosenIn.loss, (c) => { chosenIn.loss = c; losses(name, runs, place); })),
     el("div", { class: "panels" }, panels.map(([what, column, kind]) => {
       const holder = el("figure", {}, el("figcaption", {}, label(column))), chart = el("div", {});
       holder.append(chart);
@@ -118,8 +119,8 @@ const scenarios = async (place) => {
     el("h2", {}, short(name, 80)), place.method ? await together(place.method, name) : "",
     el("div", { class: "two" }, el("section", {}, el("h3", {}, "What it is"), about(name)),
       el("section", {}, el("h3", {}, "What happens, at its own step"), runs.length ? stage : empty("This run keeps no time series of this scenario."))),
-    runs.length ? el("section", {}, el("h3", {}, "In time"), chips("methods in the charts", names, chosenIn.methods, () => losses(runs, charts)), charts) : "",
+    runs.length ? el("section", {}, el("h3", {}, "In time"), chips("methods in the charts", names, chosenIn.methods, () => losses(name, runs, charts)), charts) : "",
     el("section", { id: "scenario-tables" }));
-  if (runs.length) { perform(place.method); losses(runs, charts); }
+  if (runs.length) { perform(place.method); losses(name, runs, charts); }
   await listings($("scenario-tables"), "Its tables", { scenario: name });
 };
