@@ -215,11 +215,12 @@ class _Waiting:
             )
         if distribution:
             points = (p for p in entry_points(group=GROUP) if p.name == name and p.dist and p.dist.name == distribution)
-            importer = next(points).load
+            point = next(points)
+            importer, origin = point.load, Origin(name, distribution, point.dist.version if point.dist else "")
         else:
-            importer = partial(import_file, Path(path))
+            importer, origin = partial(import_file, Path(path)), Origin(name, path=path)
         manager, new = _manager(), Registry()
-        _register(manager, new, Origin(name, distribution, path="" if distribution else path), importer, label)
+        _register(manager, new, origin, importer, label)
         _collect(manager, new)
         self.result.origins.update(new.origins)
         for kind in KINDS:

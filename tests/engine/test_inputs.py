@@ -241,7 +241,8 @@ def test_a_link_that_is_set_on_another_folder_is_seen(desk):
     assert again(desk, rows) == "<mine>/mine.py"
 
 
-def test_every_field_of_a_scenario_is_in_the_key():
+@pytest.mark.parametrize("name", ["short_term", "rigid_body"])  # springs; any other system, which has `initial`
+def test_every_field_of_a_scenario_is_in_the_key(name):
     from dataclasses import fields
 
     from tcbench.systems.scenario import SAID, Scenario
@@ -249,13 +250,17 @@ def test_every_field_of_a_scenario_is_in_the_key():
     def key(scenario):
         return plan_job(["midpoint_entropy"], [scenario], ["conservation"], dt=[0.3]).cells[0].key
 
-    base = tcbench.scenarios()["short_term"].replace(name="x")
+    base = tcbench.scenarios()[name].replace(name="x")
+    constant = "coupling" if name == "short_term" else "damping"
     other = {
         "system": type("Other", (base.system,), {"name": "other"}),
-        "constants": base.constants | {"coupling": 0.3},
+        "constants": base.constants | {constant: 0.3},
+        "initial": {"m": [0.5, 0.9, 0.6]},
     }
+    elements, general = ("positions", "momenta", "temperatures"), ("initial",)
+    absent = general if name == "short_term" else elements
     for field in fields(Scenario):
-        if field.name not in SAID:
+        if field.name not in SAID and field.name not in absent:
             value = getattr(base, field.name)
             changed = tuple(1.01 * v for v in value) if isinstance(value, tuple) else other.get(field.name, value)
             changed = 1.01 * changed if isinstance(changed, float) else changed
