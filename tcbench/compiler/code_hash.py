@@ -54,7 +54,11 @@ class HashlessError(Exception):
 
 def content_hash(*objects: Any) -> str | None:
     """Sha256, hexadecimal, of what these objects are and compute; None where something in them has no hash."""
-    hasher = Hasher()
+    return hashed(Hasher(), objects)
+
+
+def hashed(hasher: Hasher, objects: tuple[Any, ...]) -> str | None:
+    """What a hasher makes of these objects; None where it refuses one, or one of them fails."""
     try:
         for item in objects:
             hasher.add(item)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import types
 from typing import Any
 
-from .code_hash import Hasher, HashlessError, code_of
+from .code_hash import Hasher, HashlessError, code_of, hashed
 
 # modules whose functions see nothing but their arguments; of numpy, not those that read files or draw numbers
 PURE = frozenset({
@@ -25,13 +25,7 @@ READERS = frozenset({
 
 def formula_hash(*objects: Any) -> str | None:
     """Sha256, hexadecimal, of what these objects are and compute; None where they may read more than that."""
-    hasher = _Pure()
-    try:
-        for item in objects:
-            hasher.add(item)
-    except Exception:  # as of `content_hash`
-        return None
-    return hasher.digest.hexdigest()
+    return hashed(_Pure(), objects)
 
 
 class _Pure(Hasher):

@@ -22,7 +22,7 @@ from typing import Any
 
 from .. import cache
 from . import language, records, values
-from .code_hash import Hasher, installed
+from .code_hash import Hasher, hashed, installed
 from .records import Record
 
 PACKAGE = __package__
@@ -96,13 +96,7 @@ class Inputs(Hasher):
 
 def inputs(*objects: Any) -> str | None:
     """Hash of what a translation of these objects may read; None where something in it has none."""
-    hasher = Inputs()
-    try:
-        for item in objects:
-            hasher.add(item)
-    except Exception:  # as of `content_hash`
-        return None
-    return hasher.digest.hexdigest()
+    return hashed(Inputs(), objects)
 
 
 def made_of(*objects: Any) -> str | None:
