@@ -24,7 +24,7 @@ from .element_system import ElementSystem
 from .refusals import check_degree
 from .same_for_all import require_same
 from .state import State, fixed
-from .traced import FEW, KEPT, derived
+from .traced import FEW, KEPT, attributes, derived
 
 Ints = NDArray[np.int64]
 SPACES = ("position", "element", "link", "point")
@@ -300,7 +300,7 @@ class Network(ElementSystem):
         MixedSpaces where its author's formulas do not do the same with all.
         """
         clone = object.__new__(type(self))
-        clone.__dict__.update({k: v for k, v in self.__dict__.items() if k in KEPT})
+        clone.__dict__.update(attributes(self, KEPT))
         for name in ("position", "element"):
             number = Count(spaces.REPRESENTATIVES)
             number.symbol = spaces.count(name)

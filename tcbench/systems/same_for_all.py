@@ -20,7 +20,7 @@ from ..compiler.kernels import namespace, straight_line
 from ..compiler.space_kernels import SCALAR, Slot, space_kernel
 from ..compiler.symbols import MixedSpaces
 from ..errors import TcbenchError
-from .traced import KEPT
+from .traced import KEPT, attributes
 
 if TYPE_CHECKING:
     from .network import Network
@@ -134,7 +134,7 @@ def _by_entry(net: Network, rng: np.random.Generator) -> Iterator[tuple[str, str
 def _part(network: Network, space: str, chosen: Any) -> Any:
     """The network as functions of some entries of a space see it."""
     part = object.__new__(type(network))
-    part.__dict__.update({k: v for k, v in network.__dict__.items() if k in (*KEPT, *network.constants)})
+    part.__dict__.update(attributes(network, (*KEPT, *network.constants)))
     for name, of in network.spaces_of_constants.items():
         if of == space:
             part.__dict__[name] = getattr(network, name)[chosen]

@@ -28,6 +28,12 @@ _SYMBOLIC: dict[tuple, Any] = {}
 _KERNELS: dict[tuple, Any] = {}
 
 
+def attributes(item: Any, names: tuple[str, ...]) -> dict[str, Any]:
+    """Those of `names` that the object has as its own, asked for one by one: a thread may add others meanwhile."""
+    own = vars(item)
+    return {name: own[name] for name in names if name in own}
+
+
 def derived(body: Callable[..., Any]) -> Callable[..., Any]:
     """A function of states that is traced on symbols and compiled on floats (leading axes are a batch)."""
 
@@ -76,7 +82,8 @@ class Traced:
         derived = {
             name for kind in type(self).__mro__ for name, x in vars(kind).items() if isinstance(x, cached_property)
         }
-        return {name: value for name, value in vars(self).items() if name not in derived}
+        # of a copy, whole at once: another thread may keep what it made meanwhile
+        return {name: value for name, value in dict(vars(self)).items() if name not in derived}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update({name: fixed(x) if isinstance(x, np.ndarray) else x for name, x in state.items()})
@@ -101,7 +108,7 @@ class Traced:
         key = self.structure
         if key not in _SYMBOLIC:
             clone = object.__new__(type(self))
-            clone.__dict__.update({k: v for k, v in self.__dict__.items() if k in KEPT})
+            clone.__dict__.update(attributes(self, KEPT))
             for name, shape in self.constants.items():
                 symbols = self.symbols_of(name)
                 setattr(clone, name, symbols[0] if shape == () else symbols.reshape(shape))

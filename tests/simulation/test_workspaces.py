@@ -7,7 +7,7 @@ import pickle
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
-from threading import Barrier
+from threading import Barrier, Event
 
 import numpy as np
 import pytest
@@ -18,6 +18,7 @@ import tcbench
 from tcbench import Integrator, TcbenchError
 from tcbench.compiler.kernels import Kernel
 from tcbench.plugins import find_integrator, find_scenario
+from tcbench.systems import traced
 
 THREADS = 6
 
@@ -137,6 +138,31 @@ def test_threads_give_the_bits_of_one_run_after_the_other(case, often):
     alone = [simulate(name, scenario) for scenario in variants(system)]
     assert alone[0][0] == "ok" and len({run[2] for run in alone[1:]}) == 2
     assert found == alone * 2
+
+
+@pytest.mark.parametrize(
+    "made", [lambda system: system.symbolic, copy.copy, pickle.dumps], ids=["symbols", "copy", "pickle"]
+)
+def test_what_another_thread_keeps_on_a_system_meanwhile_disturbs_nothing(made, often, monkeypatch):
+    system, stop = copy.copy(find_scenario("net[nx=3,ny=3]").model), Event()
+
+    def keep():
+        while not stop.is_set():
+            for k in range(50):
+                vars(system)[f"kept{k}"] = k
+            for k in range(50):
+                del vars(system)[f"kept{k}"]
+
+    with ThreadPoolExecutor(1) as pool:
+        other = pool.submit(keep)
+        try:
+            for _ in range(300):
+                monkeypatch.setattr(traced, "_SYMBOLIC", {})
+                vars(system).pop("symbolic", None)
+                made(system)
+        finally:
+            stop.set()
+        other.result()
 
 
 def test_threads_on_one_scenario_with_different_tolerances_do_not_meet(often):
