@@ -220,6 +220,12 @@ class ElementSystem(System):
         z = self.state(z)
         return trace.array(map(trace.lifted, self.invariants(z.q, z.p).values()))
 
+    def momenta_gradients(self, z: Any) -> list[State]:
+        q, p = self.fresh("q", "position"), self.fresh("p", "position")
+        here = dict(zip([*q, *p], [*z.q, *z.p], strict=True))
+        found = [[*self.slopes(f, q), *self.slopes(f, p)] for f in self.invariants(q, p).values()]
+        return [self.state(trace.array([*trace.substitute(slopes, here), *0.0 * z.s])) for slopes in found]
+
     @cached_property
     def told(self) -> tuple[tuple[str, ...], int]:
         unknown = trace.variables("x", 2 * self.n_positions)

@@ -207,6 +207,13 @@ class System(Traced):
         """The invariants in the order of `invariant_names`."""
         return trace.array(map(trace.lifted, self.invariants(self.state(z)).values()))
 
+    def momenta_gradients(self, z: Any) -> list[State]:
+        """Gradients of the invariants, on symbols."""
+        x = trace.variables("x", self.size)
+        found = [chain_rule.gradient(f, list(x)) for f in self.momenta(x)]
+        here = dict(zip(x, map(trace.lifted, z), strict=True))
+        return [self.state(trace.array(trace.substitute(slopes, here))) for slopes in found]
+
     @property
     def invariant_names(self) -> tuple[str, ...]:
         return self.symbolic.told[0]

@@ -1,0 +1,134 @@
+"""A state moved to the nearest one that obeys the laws: energy and invariants of the run, and no less entropy.
+
+Along the gradients, weighed by the sizes of the variables: energy and invariants by Gauss and Newton; entropy, where
+it would fall, along what is left of its gradient, which changes none of them. For any system and after any method: as
+formulas (`nearer`), and as kernels that a compiled march calls until what is missed is round-off (`mended`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import reduce
+from typing import Any
+
+import numpy as np
+
+from ..compiler import derivatives as trace
+from ..compiler.derivatives import Symbol, const
+from ..compiler.kernels import Kernel, constant_part, kernel
+from ..compiler.language import Floats, call
+from ..compiler.language import Kernel as Address
+from ..systems.system import System
+
+ROUND_OFF = 2.0**-51  # of what the terms of a law are: what a mended state may miss
+TINY = 1e-30  # beside the square of a gradient: nothing is moved along one that is 0
+MOST = 5  # moves
+
+
+def laws(system: System, z: Any) -> tuple[list[Any], list[Any]]:
+    """Values and gradients of the energy, of each invariant, of the entropy."""
+    values = [system.energy(z), *system.momenta(z), system.entropy(z)]
+    return values, [system.gradient(z), *system.momenta_gradients(z), system.entropy_gradient(z)]
+
+
+def nearer(system: System, z: Any, misses: Sequence[Any], slopes: Sequence[Any]) -> Any:
+    """z after the shortest move that makes up for the misses of laws with these slopes, to first order.
+
+    Each along the part of its slope that leaves the earlier ones alone (Gram and Schmidt).
+    """
+    moved, free = 0.0 * z, []
+    for miss, slope in zip(misses, slopes, strict=True):
+        direction = (1.0 + z * z) * slope
+        for other, inverse in free:
+            direction = direction - other * (_dot(system, slope, other) * inverse)
+        inverse = 1.0 / (_dot(system, slope, direction) + TINY)
+        moved = moved + direction * ((miss - _dot(system, slope, moved)) * inverse)
+        free.append((direction, inverse))
+    return z + moved
+
+
+def _dot(system: System, x: Any, y: Any) -> Any:
+    """x . y, variable by variable: of a network each is a sum over all of its elements."""
+    blocks = [slice(*system.layout[name][:2]) for name in system.variables]
+    return sum((np.asarray(x)[block] @ np.asarray(y)[block] for block in blocks), const(0.0))
+
+
+def mending_kernels(system: System) -> tuple[Kernel, Kernel, Kernel, list[Symbol]]:
+    """(start, mend, hold, constants) for the marches of systems of one structure, by their `System.symbolic`.
+
+    start(z) -> target: z, E, S, what S may miss, what E may miss, then each invariant and what it may miss.
+    mend(target; given) -> z moved to the energy and the invariants, S of the z that was given, its margin: the least of
+    what must be positive in it, and of what each law may miss less what it does. hold: the same, S as it is in the
+    target, too. given: `constant_values`, then the constants of the list.
+    """
+    sym, size = system.symbolic, system.size
+    x, told = trace.variables("x", size), trace.variables("law", 4 + 2 * len(system.invariant_names))
+    z = sym.state(x)
+    values, slopes = laws(sym, z)
+    values = [trace.lifted(v) for v in values]
+    noises = [ROUND_OFF * (1.0 + _rounded(f, x)) for f in values]
+    start = [*x, values[0], values[-1], noises[-1], noises[0]]
+    for pair in zip(values[1:-1], noises[1:-1], strict=True):
+        start += pair
+    targets, allowed = [told[0], *told[4::2], told[1]], [told[3], *told[5::2], told[2]]
+    misses = [target - f for target, f in zip(targets, values, strict=True)]
+    own = [ROUND_OFF * sum(abs(g) for g in np.asarray(slope * z)) for slope in slopes]  # of z's own rounding
+    margins = [a + b - abs(m) for a, b, m in zip(allowed[:-1], own, misses, strict=False)]
+    good = reduce(trace.minimum, map(trace.lifted, [*margins, *sym.temperatures(z), *sym.shapes(z)]))
+    mend = [*nearer(sym, z, misses[:-1], slopes[:-1]), values[-1], good]
+    hold = [*nearer(sym, z, misses, slopes), values[-1], trace.minimum(good, allowed[-1] - misses[-1])]
+    constants = constant_part([trace.lifted(v) for v in (*mend, *hold)], [*x, *told])
+    known = {v: f"a[{i}]" for i, v in enumerate([*x, *told])} | system.constant_symbols()
+    places = {c: f"b[{system.n_constant_values + i}]" for i, c in enumerate(constants)}
+    made = [kernel(known | places, [trace.lifted(v) for v in f], size) for f in (mend, hold)]
+    return kernel(known, [trace.lifted(v) for v in start]), made[0], made[1], constants
+
+
+def _rounded(f: Symbol, x: Sequence[Symbol]) -> Symbol:
+    """The round-off of f, in units of the last place: the sizes of its operations times what they weigh in f."""
+    found, weights = abs(f), _weights(f, x)
+    return reduce(lambda total, part: total + abs(part[1] * part[0]), weights, found)
+
+
+def _weights(f: Symbol, x: Sequence[Symbol]) -> list[tuple[Symbol, Symbol]]:
+    """Each operation under f that depends on x, and df by it."""
+    moving, by = trace.depends_on([f], x), {f.number: const(1.0)}
+    found = []
+    for node in reversed(trace.topological([f])):
+        if node.number in moving and node.number in by:
+            found.append((node, by[node.number]))
+            if node.op != "var":
+                slopes = (const(1.0),) if node.op == "mark" else trace.partials(node)
+                for argument, slope in zip(node.args, slopes, strict=True):
+                    if argument.number in moving:
+                        trace.accumulate(by, by[node.number], {argument.number: slope})
+    return found
+
+
+def mended(to_mend: Address, to_hold: Address, target: Floats, given: Floats, found: Floats) -> bool:
+    """Move the state that `target` begins with onto the laws behind it, in place; False: none is near, or admissible.
+
+    The entropy there is the least that the next one may have. found: room for size + 2 numbers.
+    """
+    size = len(found) - 2
+    good = onto(to_mend, target, given, found)
+    if good and found[size] < target[size + 1] - target[size + 2]:
+        good = onto(to_hold, target, given, found)
+    if good:
+        target[size + 1] = max(found[size], target[size + 1])
+    return good
+
+
+def onto(kernel: Address, target: Floats, given: Floats, found: Floats) -> bool:
+    """Moves of one of the two kernels, until its margin is positive."""
+    size = len(found) - 2
+    for _ in range(MOST):
+        call(kernel, target, given, found)
+        if found[size + 1] > 0.0:
+            return abs(found[size]) < math.inf
+        if not abs(found[size]) < math.inf:
+            return False
+        for i in range(size):
+            target[i] = found[i]
+    return False
