@@ -37,7 +37,8 @@ def nearer(system: System, z: Any, misses: Sequence[Any], slopes: Sequence[Any])
 
     Each along the part of its slope that leaves the earlier ones alone (Gram and Schmidt).
     """
-    moved, free = 0.0 * z, []
+    moved = 0.0 * z
+    free: list[tuple[Any, Any]] = []
     for miss, slope in zip(misses, slopes, strict=True):
         direction = (1.0 + z * z) * slope
         for other, inverse in free:
@@ -67,7 +68,7 @@ def mending_kernels(system: System) -> tuple[Kernel, Kernel, Kernel, list[Symbol
     z = sym.state(x)
     values, slopes = laws(sym, z)
     values = [trace.lifted(v) for v in values]
-    noises = [ROUND_OFF * (1.0 + _rounded(f, x)) for f in values]
+    noises = [ROUND_OFF * (1.0 + _rounded(f, list(x))) for f in values]
     start = [*x, values[0], values[-1], noises[-1], noises[0]]
     for pair in zip(values[1:-1], noises[1:-1], strict=True):
         start += pair
