@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 
 from ..compiler import derivatives as trace
+from ..compiler import kernels
 from ..compiler.derivatives import Symbol, const
-from ..compiler.kernels import Kernel, constant_part, kernel
-from ..compiler.language import Floats, call
-from ..compiler.language import Kernel as Address
+from ..compiler.kernels import constant_part, kernel
+from ..compiler.language import Floats, Kernel, call
 from ..systems.system import System
 
 ROUND_OFF = 2.0**-51  # of what the terms of a law are: what a mended state may miss
@@ -55,7 +55,7 @@ def _dot(system: System, x: Any, y: Any) -> Any:
     return sum((np.asarray(x)[block] @ np.asarray(y)[block] for block in blocks), const(0.0))
 
 
-def mending_kernels(system: System) -> tuple[Kernel, Kernel, Kernel, list[Symbol]]:
+def mending_kernels(system: System) -> tuple[kernels.Kernel, kernels.Kernel, kernels.Kernel, list[Symbol]]:
     """(start, mend, hold, constants) for the marches of systems of one structure, by their `System.symbolic`.
 
     start(z) -> target: z, E, S, what S may miss, what E may miss, then each invariant and what it may miss.
@@ -68,7 +68,7 @@ def mending_kernels(system: System) -> tuple[Kernel, Kernel, Kernel, list[Symbol
     z = sym.state(x)
     values, slopes = laws(sym, z)
     values = [trace.lifted(v) for v in values]
-    noises = [ROUND_OFF * (1.0 + _rounded(f, list(x))) for f in values]
+    noises = [ROUND_OFF * (1.0 + round_off(f, list(x))) for f in values]
     start = [*x, values[0], values[-1], noises[-1], noises[0]]
     for pair in zip(values[1:-1], noises[1:-1], strict=True):
         start += pair
@@ -86,7 +86,7 @@ def mending_kernels(system: System) -> tuple[Kernel, Kernel, Kernel, list[Symbol
     return kernel(known, [trace.lifted(v) for v in start]), made[0], made[1], constants
 
 
-def _rounded(f: Symbol, x: Sequence[Symbol]) -> Symbol:
+def round_off(f: Symbol, x: Sequence[Symbol]) -> Symbol:
     """The round-off of f, in units of the last place: the sizes of its operations times what they weigh in f."""
     found, weights = abs(f), _weights(f, x)
     return reduce(lambda total, part: total + abs(part[1] * part[0]), weights, found)
@@ -107,7 +107,7 @@ def _weights(f: Symbol, x: Sequence[Symbol]) -> list[tuple[Symbol, Symbol]]:
     return found
 
 
-def mended(to_mend: Address, to_hold: Address, target: Floats, given: Floats, found: Floats) -> bool:
+def mended(to_mend: Kernel, to_hold: Kernel, target: Floats, given: Floats, found: Floats) -> bool:
     """Move the state that `target` begins with onto the laws behind it, in place; False: none is near, or admissible.
 
     The entropy there is the least that the next one may have. found: room for size + 2 numbers.
@@ -121,11 +121,11 @@ def mended(to_mend: Address, to_hold: Address, target: Floats, given: Floats, fo
     return good
 
 
-def onto(kernel: Address, target: Floats, given: Floats, found: Floats) -> bool:
+def onto(to: Kernel, target: Floats, given: Floats, found: Floats) -> bool:
     """Moves of one of the two kernels, until its margin is positive."""
     size = len(found) - 2
     for _ in range(MOST):
-        call(kernel, target, given, found)
+        call(to, target, given, found)
         if found[size + 1] > 0.0:
             return abs(found[size]) < math.inf
         if not abs(found[size]) < math.inf:
