@@ -67,7 +67,7 @@ def divided_differences(function: Callable[[Any, Any], Any], a: Any, b: Any) -> 
     )
 
 
-def _by_rules(function: Callable[..., Any], *corners: Corners) -> Corners:
+def _by_rules(function: Callable[..., Corners], *corners: Corners) -> Corners:
     try:
         return function(*corners)
     except TypeError as error:  # numpy hides the sentence that says which operation has no rule

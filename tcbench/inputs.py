@@ -20,14 +20,16 @@ import re
 import sys
 import sysconfig
 import threading
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any
 
+_posixsubprocess: Any
 try:
     import _posixsubprocess
 except ImportError:  # Windows
-    _posixsubprocess = None  # type: ignore[assignment]
+    _posixsubprocess = None
 
 # variables that say where things are on a machine: what is read there is noted itself
 PLACES = re.compile(
@@ -118,7 +120,7 @@ class Recorder:
         self._size: tuple[int, ...] = ()
         self._known: tuple[str, str] = "", ""
         self._before = frozenset(sys.modules)
-        self.handlers = {
+        self.handlers: dict[str, Callable[[str, tuple[Any, ...]], object]] = {
             "open": self._open, "import": self._import,
             "ctypes.dlopen": self._library, "sqlite3.connect": self._library,
             "os.listdir": self._list, "os.scandir": self._list, "os.putenv": self._put, "os.unsetenv": self._put,
@@ -356,7 +358,7 @@ class _Watched(_ENVIRONMENT):  # type: ignore[valid-type,misc]
     def __contains__(self, name: Any) -> bool:
         if _RECORDER is not None:
             _RECORDER.asked(name)
-        return super().__contains__(name)
+        return bool(super().__contains__(name))
 
     def __iter__(self) -> Any:
         if _RECORDER is not None:
@@ -377,7 +379,7 @@ def begin() -> Recorder:
             _posixsubprocess.fork_exec = _RECORDER.started
         sys.meta_path.insert(0, _RECORDER)
         for environment in (os.environ, getattr(os, "environb", os.environ)):
-            environment.__class__ = _Watched  # type: ignore[assignment]
+            environment.__class__ = _Watched
         if not _HOOKED:  # a hook stays for the life of a process
             _HOOKED = True
             sys.addaudithook(_hook)

@@ -123,8 +123,9 @@ class Integrator:
             if tag.startswith("only for "):
                 kind = tag.removeprefix("only for ")
                 raise TcbenchError(f"Integrator {self.name!r}: write systems={{{kind!r}}}, not the tag {tag!r}.")
-        if self.order is not None and not (isinstance(self.order, int | float) and self.order > 0):
-            raise TcbenchError(f"Integrator {self.name!r}: order must be a positive number, not {self.order!r}.")
+        order: Any = self.order  # whatever an author wrote
+        if order is not None and not (isinstance(order, int | float) and order > 0):
+            raise TcbenchError(f"Integrator {self.name!r}: order must be a positive number, not {order!r}.")
         for name in ("claims", "tags", "systems"):
             object.__setattr__(self, name, frozenset(getattr(self, name)))
         object.__setattr__(self, "uses", (self.uses,) if isinstance(self.uses, str) else self.uses)
@@ -163,8 +164,9 @@ class Integrator:
             raise TcbenchError(f"Integrator {self.name!r} must declare its order.")
 
     def _check_memory(self) -> None:
-        if not isinstance(self.memory, int) or self.memory < 0:
-            raise TcbenchError(f"Integrator {self.name!r}: memory is a number of earlier states, not {self.memory!r}.")
+        memory: Any = self.memory
+        if not isinstance(memory, int) or memory < 0:
+            raise TcbenchError(f"Integrator {self.name!r}: memory is a number of earlier states, not {memory!r}.")
         if bool(self.memory) != bool(self.starter):
             raise TcbenchError(
                 f"Integrator {self.name!r}: a multistep method gives both memory=, the number of earlier states that "

@@ -331,7 +331,7 @@ def _collect(manager: pluggy.PluginManager, result: Registry) -> None:
     """Call the hooks of each plugin; an exception costs that plugin alone, a duplicate name is an error."""
     owner: dict[tuple[str, str], str] = {}
     offered: dict[str, Scenario | ScenarioFamily] = {}
-    targets: tuple[tuple[str, type | UnionType, dict], ...] = (
+    targets: tuple[tuple[str, type | UnionType, dict[str, Any]], ...] = (
         ("tcbench_integrators", Integrator, result.integrators),
         ("tcbench_scenarios", Scenario | ScenarioFamily, offered),
         ("tcbench_metrics", Metric, result.metrics),
@@ -381,8 +381,8 @@ def _break(result: Registry, label: str, error: BaseException) -> None:
     result.origins[label] = replace(result.origins[label], **_told(error, result.origins[label].path))
 
 
-def _checked(items: Any, kind: type | UnionType, hook_name: str) -> list[Any]:
-    items = list(items)
+def _checked(offered: Any, kind: type | UnionType, hook_name: str) -> list[Any]:
+    items = list(offered)
     for item in items:
         if not isinstance(item, kind):
             name = getattr(kind, "__name__", "Scenario or ScenarioFamily")

@@ -12,11 +12,12 @@ import contextlib
 import json
 import sys
 from pathlib import Path
+from typing import Any
 
 from ..errors import TcbenchError
 
 
-def main(folder: Path, job: dict) -> None:
+def main(folder: Path, job: dict[str, Any]) -> None:
     """job: plugin folders, integrator, scenario (names), and settings of simulate."""
     from .. import plugins
     from ..simulation.run import simulate

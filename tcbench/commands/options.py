@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -58,7 +58,13 @@ def output(default: Path, help: str = "Folder to write to.") -> Callable[..., An
     )  # fmt: skip
 
 
-class ChartKind(click.Choice):
+if TYPE_CHECKING:
+    Choice = click.Choice[str]
+else:
+    Choice = click.Choice  # takes the kind of its choices since click 8.2
+
+
+class ChartKind(Choice):
     """The kinds of charts, looked up when they are asked for: drawing takes a while to import."""
 
     case_sensitive = True

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import ast
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -66,7 +66,7 @@ class Arithmetic:
         return f".{what}{self.count}"
 
     def value(self, node: ast.expr) -> Value:
-        method = getattr(self, f"_{type(node).__name__.lower()}", None)
+        method: Callable[[ast.expr], Value] | None = getattr(self, f"_{type(node).__name__.lower()}", None)
         if method is None:
             raise self.refusal(node, "this kind of expression is not translated")
         return method(node)

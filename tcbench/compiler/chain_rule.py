@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from .derivatives import LINEAR, Symbol, accumulate, const, depends_on, partials, phi, rebuild, reciprocal, topological
-from .divided_differences import rectangle
+from .divided_differences import Corners, rectangle
 from .language import NUMPY_NAMES
 
 ZERO, ONE = const(0.0), const(1.0)
@@ -88,7 +88,8 @@ def divided_differences(node: Symbol, edges: Sequence[Edge], value: Symbol) -> t
 def _of_function(op: str, x: Edge) -> Symbol:
     """Of an elementary function of one argument, by the rules of `divided_differences`."""
     along, _ = rectangle(x.value, x.step, ZERO, ZERO)
-    return getattr(along, NUMPY_NAMES.get(op, op))().pi_at_s0
+    found: Corners = getattr(along, NUMPY_NAMES.get(op, op))()
+    return found.pi_at_s0
 
 
 def _backwards(output: Symbol, inputs: Sequence[Symbol], slopes: Callable[[Symbol], tuple[Any, ...]]) -> list[Symbol]:

@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from .symbols import Symbol, array, const, refused
+from .sentences import refused
+from .symbols import Symbol, array, const
 
 
 class Complex:
@@ -26,7 +27,7 @@ class Complex:
     def __repr__(self) -> str:
         return f"Complex({self.re!r}, {self.im!r})"
 
-    def __add__(self, other: Any) -> Any:
+    def __add__(self, other: Any) -> Complex:
         return _with(other, lambda o: Complex(self.re + o.re, self.im + o.im))
 
     __radd__ = __add__
@@ -34,13 +35,13 @@ class Complex:
     def __neg__(self) -> Complex:
         return Complex(-self.re, -self.im)
 
-    def __sub__(self, other: Any) -> Any:
+    def __sub__(self, other: Any) -> Complex:
         return _with(other, lambda o: Complex(self.re - o.re, self.im - o.im))
 
-    def __rsub__(self, other: Any) -> Any:
+    def __rsub__(self, other: Any) -> Complex:
         return _with(other, lambda o: Complex(o.re - self.re, o.im - self.im))
 
-    def __mul__(self, other: Any) -> Any:
+    def __mul__(self, other: Any) -> Complex:
         return _with(other, lambda o: Complex(self.re * o.re - self.im * o.im, self.re * o.im + self.im * o.re))
 
     __rmul__ = __mul__
@@ -49,16 +50,17 @@ class Complex:
         inverse = 1.0 / (self.re * self.re + self.im * self.im)
         return Complex(self.re * inverse, -self.im * inverse)
 
-    def __truediv__(self, other: Any) -> Any:
+    def __truediv__(self, other: Any) -> Complex:
         return _with(other, lambda o: self * o.reciprocal())
 
-    def __rtruediv__(self, other: Any) -> Any:
+    def __rtruediv__(self, other: Any) -> Complex:
         return _with(other, lambda o: o * self.reciprocal())
 
-    def __pow__(self, exponent: Any) -> Any:
+    def __pow__(self, exponent: Any) -> Complex:
         if isinstance(exponent, int) and exponent >= 0:
             return self * self ** (exponent - 1) if exponent else Complex(1.0)
-        return (self.log() * exponent).exp()
+        logarithm: Complex = self.log() * exponent
+        return logarithm.exp()
 
     def exp(self) -> Complex:
         size = self.re.exp()
@@ -85,7 +87,7 @@ class Complex:
     def cos(self) -> Complex:
         return Complex(self.re.cos() * self.im.cosh(), -(self.re.sin() * self.im.sinh()))
 
-    def tan(self) -> Any:
+    def tan(self) -> Complex:
         return self.sin() / self.cos()
 
     def sinh(self) -> Complex:
@@ -94,7 +96,7 @@ class Complex:
     def cosh(self) -> Complex:
         return Complex(self.re.cosh() * self.im.cos(), self.re.sinh() * self.im.sin())
 
-    def tanh(self) -> Any:
+    def tanh(self) -> Complex:
         return self.sinh() / self.cosh()
 
     def __getattr__(self, name: str) -> Any:
@@ -107,14 +109,15 @@ class Complex:
         return (self.im / self.re).arctan()
 
 
-def _with(other: Any, operation: Callable[[Complex], Any]) -> Any:
+def _with(other: Any, operation: Callable[[Complex], Complex]) -> Complex:
     if isinstance(other, Complex):
         return operation(other)
     if isinstance(other, Symbol | int | float | np.floating | np.integer):
         return operation(Complex(other))
     if isinstance(other, complex):
         return operation(Complex(other.real, other.imag))
-    return NotImplemented
+    theirs: Complex = NotImplemented
+    return theirs
 
 
 def real(values: Any) -> Any:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .language import NUMPY_NAMES
+from .sentences import refused
 from .symbols import (
     Symbol,
     add,
@@ -33,7 +34,6 @@ from .symbols import (
     positive,
     power,
     reciprocal,
-    refused,
     sinc,
     sub,
     tracing,

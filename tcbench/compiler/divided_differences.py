@@ -12,8 +12,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from .derivatives import Symbol, const, lam, lifted, make, phi, refused, sinc
-from .symbols import MOST_FACTORS
+from .derivatives import Symbol, const, lam, lifted, phi, refused, sinc
+from .symbols import MOST_FACTORS, make
 
 ZERO = const(0.0)
 RULES = (
@@ -104,14 +104,16 @@ class Corners:
         return self * other._reciprocal() if isinstance(other, Corners) else self * (1.0 / other)
 
     def __rtruediv__(self, other: Any) -> Corners:
-        return self._reciprocal() * other
+        quotient: Corners = self._reciprocal() * other
+        return quotient
 
     def _reciprocal(self) -> Corners:
         return self._apply(1.0 / self.value, lambda a, b, slope, _: -slope / (a * b))
 
     def __pow__(self, exponent: Any) -> Corners:
         if isinstance(exponent, Corners | Symbol) or not _is_whole(exponent):
-            return (self.log() * exponent).exp()
+            logarithm: Corners = self.log() * exponent
+            return logarithm.exp()
         result = one = self.lifted(1.0)
         square, n = self, abs(int(exponent))
         while n:
@@ -191,8 +193,8 @@ class Corners:
         return self._apply(abs(self.value), lambda a, b, slope, _: slope * (a + b) / (abs(a) + abs(b)))
 
     def hypot(self, other: Any) -> Corners:
-        other = self.lifted(other)
-        return (self * self + other * other).sqrt()._valued(self.value.hypot(other.value))
+        y = self.lifted(other)
+        return (self * self + y * y).sqrt()._valued(self.value.hypot(y.value))
 
     def _valued(self, value: Symbol) -> Corners:
         """The same slopes, with the value by a function of its own, which keeps more digits."""
@@ -205,7 +207,7 @@ class Corners:
 
 
 def _is_whole(exponent: Any) -> bool:
-    return abs(exponent) <= MOST_FACTORS and exponent == int(exponent)
+    return bool(abs(exponent) <= MOST_FACTORS and exponent == int(exponent))
 
 
 def _sinhc(x: Symbol) -> Symbol:

@@ -113,7 +113,7 @@ def _without_errors(name: str) -> Callable[..., float]:
             return np.float64(exact(*x))
         except (ValueError, OverflowError):
             with np.errstate(all="ignore"):
-                found = limit(*map(np.float64, x))
+                found: float = limit(*map(np.float64, x))
                 np.positive(0.0)  # clears the processor's flags, of which numpy would warn its caller
                 return found
 

@@ -134,7 +134,8 @@ def _entry(function: Callable[..., Any], address: int) -> Callable[..., Any]:
         text = f"(__results := __np.zeros({len(parts)}, __np.int64), {text}, __read(__results, __parts))[2]"
         if isinstance(result, str):
             text += "[0]"
-    return eval(f"lambda {', '.join(kinds)}: {text}", scope)
+    entry: Callable[..., Any] = eval(f"lambda {', '.join(kinds)}: {text}", scope)
+    return entry
 
 
 def _place(array: np.ndarray, rank: int, whole: bool) -> tuple[int, ...]:

@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable
 from functools import cache, wraps
 from functools import cached_property as _cached_property
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar, overload
 from weakref import WeakKeyDictionary
 
 LOCK = threading.RLock()  # of traces and of what is made of them: one thread at a time
@@ -48,5 +48,12 @@ class cached_property(_cached_property[Made]):
     """That of functools without the lock of Python 3.11, which all objects share, so that a thread that waits in one
     for `LOCK` would stop the one that has it. Of two threads that make a value at once both have the first one's."""
 
-    def __get__(self, item: Any, owner: Any = None) -> Any:
-        return self if item is None else vars(item).setdefault(self.attrname, self.func(item))
+    @overload
+    def __get__(self, item: None, owner: Any = None) -> Self: ...
+    @overload
+    def __get__(self, item: object, owner: Any = None) -> Made: ...
+    def __get__(self, item: Any, owner: Any = None) -> Self | Made:
+        if item is None:
+            return self
+        made: Made = vars(item).setdefault(self.attrname, self.func(item))
+        return made

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -50,7 +51,7 @@ class _Roller:
 
     def kernel(self) -> Kernel:
         roots, chains = self._cut()
-        groups: dict[tuple, list[_Piece]] = {}
+        groups: dict[tuple[Any, ...], list[_Piece]] = {}
         level = dict.fromkeys(self.inputs, 0)
         self.chains: list[tuple[int, Symbol, list[Symbol]]] = []
         for node in self.nodes:  # arguments first

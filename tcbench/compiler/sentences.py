@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass
 from functools import cache
+from types import FrameType
 
 from ..errors import TraceError
 
@@ -17,12 +18,12 @@ _REMEDY = (
 
 def where_in_user_code() -> str:
     """File and line of the innermost frame outside tcbench and numpy."""
-    frame = sys._getframe(1)
+    frame: FrameType | None = sys._getframe(1)
     while frame is not None:
         module = frame.f_globals.get("__name__", "")
         if not module.startswith(("tcbench.", "numpy", "functools")) or module.startswith("tcbench.systems.pendulum"):
             return f"{frame.f_code.co_filename}, line {frame.f_lineno}"
-        frame = frame.f_back  # type: ignore[assignment]
+        frame = frame.f_back
     return "the formula"
 
 

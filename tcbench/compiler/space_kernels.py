@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .kernels import PAIRS, Kernel, literal, operation
+from .sentences import MixedSpaces
 from .spaces import Path, Term
-from .symbols import MixedSpaces, Symbol
+from .symbols import Symbol
 
 SCALAR = ""  # the space of a number
 START = {"add": "0.0", "max": "-inf", "min": "inf"}  # of a sum, a maximum, a minimum

@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from . import special, symbols
-from .sentences import Space, space_of
+from .sentences import Space, mixed_up, space_of
 from .symbols import Symbol, array, const, intern, is_const
 
 REPRESENTATIVES = 2
@@ -54,7 +54,7 @@ def twin(x: Symbol) -> Symbol:
             if node.twin is None:
                 args = tuple(a.twin for a in node.args)
                 same = all(a is b for a, b in zip(args, node.args, strict=True))
-                node.twin = node if same else rebuild(node.op, args, node.value)  # type: ignore[arg-type]
+                node.twin = node if same else rebuild(node.op, args, node.value)
     assert x.twin is not None
     return x.twin
 
@@ -93,7 +93,7 @@ def _sampled(node: Symbol, args: Sequence[float]) -> float:
         return sum(_random("scatter", m) * x for x, m in zip(args, node.value, strict=True))
     if node.op == "over_all":
         return _random("over_all", *node.value) * args[0]
-    return INTERPRETED[node.op](*args)
+    return float(INTERPRETED[node.op](*args))
 
 
 def _random(*key: Any) -> float:
@@ -169,7 +169,7 @@ def gather(x: Symbol, path: Path, anchor: Symbol | None = None) -> Symbol:
     if x.space is None and anchor is None and path[-1].target != "position":
         return x
     if x.space is None or x.space.name != path[-1].target:
-        raise symbols.mixed_up(f"an array of {path[-1].target}s is needed, not {_said(x)}")
+        raise mixed_up(f"an array of {path[-1].target}s is needed, not {_said(x)}")
     args = (x,) if anchor is None else (x, anchor)
     return intern("gather", args, path, space=space_of(path[0].source, x.space.which))
 
@@ -181,7 +181,7 @@ def scatter(terms: Sequence[tuple[Symbol, Map]]) -> Symbol:
         return const(0.0)
     (which,) = {x.space.which for x, _ in kept if x.space is not None} or {0}
     if any(x.space is None for x, _ in kept):
-        raise symbols.mixed_up("what is summed at the ends of elements or links depends on none of them")
+        raise mixed_up("what is summed at the ends of elements or links depends on none of them")
     value = tuple(m for _, m in kept)
     return intern("scatter", tuple(x for x, _ in kept), value, space=space_of(value[0].target, which))
 
@@ -199,7 +199,7 @@ def symmetric(pair: Sequence[Any]) -> Symbol:
     """The first of two representatives, after a look at whether the second is its twin."""
     first, second = (symbols.lifted(x) for x in pair)
     if not alike(first, second) or (first.space is not None and first.space.which):
-        raise symbols.mixed_up("it does different things with different entries of an array")
+        raise mixed_up("it does different things with different entries of an array")
     return first
 
 
@@ -227,7 +227,7 @@ def along(outputs: Sequence[Symbol], directions: Mapping[Symbol, Symbol]) -> lis
             tangent[node.number] = scatter(list(zip(parts, node.value, strict=True)))
         elif node.op == "over_all":
             if node.value[0] != "add":
-                raise symbols.mixed_up("the largest of all has no derivative")
+                raise mixed_up("the largest of all has no derivative")
             tangent[node.number] = over_all("add", parts[0], node.value[1])
         else:
             total = zero
@@ -268,7 +268,7 @@ def jacobian_terms(outputs: Sequence[Symbol], unknowns: Sequence[Symbol]) -> lis
                 for term, slope in terms.items():
                     _add(found, term._replace(rows=(*term.rows, m)), slope)
         elif node.op == "over_all":
-            raise symbols.mixed_up("an unknown enters a sum over all")
+            raise mixed_up("an unknown enters a sum over all")
         else:
             for terms, partial in zip(inner, partials(node) if any(inner) else (), strict=True):
                 for term, slope in terms.items():
@@ -287,7 +287,7 @@ def gradient(output: Symbol, unknown: Symbol) -> Symbol:
     for k, weight in sorted(weights.items()):
         for term, slope in jacobian_terms([sums[k].args[0]], [unknown])[0].items():
             if term.rows or len(term.columns) > 1 or sums[k].value[0] != "add":
-                raise symbols.mixed_up("this derivative of a sum over all is not known")
+                raise mixed_up("this derivative of a sum over all is not known")
             if term.columns:
                 terms.append((symbols.mul(weight, slope), term.columns[0]))
             else:
@@ -297,7 +297,7 @@ def gradient(output: Symbol, unknown: Symbol) -> Symbol:
 
 def _identity(x: Symbol) -> dict[Term, Symbol]:
     if x.space is None:
-        raise symbols.mixed_up("a number is an unknown")
+        raise mixed_up("a number is an unknown")
     return {Term(x.space.name, (), (), x): const(1.0)}
 
 
@@ -308,7 +308,7 @@ def _add(found: dict[Term, Symbol], term: Term, slope: Symbol) -> None:
 def _through(found: dict[Term, Symbol], term: Term, slope: Symbol, path: Path) -> None:
     """A term of x, for gather(x, path)."""
     if term.rows:
-        raise symbols.mixed_up("what is summed at the ends of elements (a force) enters an element again")
+        raise mixed_up("what is summed at the ends of elements (a force) enters an element again")
     _add(found, Term(path[0].source, (), (*path, *term.columns), term.unknown), _carried(slope, path))
 
 
@@ -325,7 +325,7 @@ def _expanded(terms: dict[Term, Symbol], seeds: Mapping[int, dict[Term, Symbol]]
         outer = terms.pop(last)
         for term, slope in seeds[last.unknown.number].items():
             if term.rows:
-                raise symbols.mixed_up("what is summed at the ends of elements (a force) enters an element again")
+                raise mixed_up("what is summed at the ends of elements (a force) enters an element again")
             moved = _carried(slope, last.columns)
             _add(terms, Term(last.over, last.rows, (*last.columns, *term.columns), term.unknown),
                  symbols.mul(outer, moved))  # fmt: skip

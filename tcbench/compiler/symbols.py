@@ -15,7 +15,7 @@ import threading
 import weakref
 from collections.abc import Callable, Iterable, Iterator, Mapping, MutableMapping
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,12 +26,14 @@ from .language import FUNCTIONS
 from .once import LOCK
 from .sentences import MixedSpaces, Space, mixed_up, refused, where_in_user_code
 
+Key = tuple[str, tuple[int, ...], Any]  # of an expression: operation, numbers of its arguments, value
+
 
 class _Expressions(threading.local):
     """Those that exist, by what they are made of: of the trace under way, or all that are alive; each thread's own."""
 
     def __init__(self) -> None:
-        self.table: MutableMapping[tuple, Symbol] = weakref.WeakValueDictionary()
+        self.table: MutableMapping[Key, Symbol] = weakref.WeakValueDictionary()
 
 
 _KNOWN = _Expressions()
@@ -41,7 +43,7 @@ _COUNTER = iter(range(sys.maxsize))
 
 
 @contextmanager
-def tracing(known: Mapping[tuple, Symbol] | None = None) -> Iterator[Mapping[tuple, Symbol]]:
+def tracing(known: Mapping[Key, Symbol] | None = None) -> Iterator[Mapping[Key, Symbol]]:
     """A trace of its own, which finds no expressions of others: its graph, and so the last digits of what it computes,
     do not depend on what was traced before. Gives its table of expressions; known: that of a trace to go on from.
     """
@@ -53,7 +55,7 @@ def tracing(known: Mapping[tuple, Symbol] | None = None) -> Iterator[Mapping[tup
             _KNOWN.table = before
 
 
-def expressions() -> Mapping[tuple, Symbol]:
+def expressions() -> Mapping[Key, Symbol]:
     """Those of the trace that is going on."""
     return _KNOWN.table
 
@@ -67,7 +69,7 @@ def mixed(a: Symbol, b: Symbol) -> MixedSpaces:
 
 def _is_positive(op: str, args: tuple[Symbol, ...], value: Any) -> bool:
     if op == "const":
-        return value > 0
+        return bool(value > 0)
     if op in ("add", "mul", "recip", "sqrt", "mark"):
         return all(a.positive for a in args)
     return op == "exp" or (op == "pow" and args[0].positive)
@@ -82,6 +84,9 @@ def positive(values: Iterable[Any]) -> None:
 
 def _function(op: str) -> Callable[[Symbol], Symbol]:
     return lambda self: make(op, self)
+
+
+Number: TypeAlias = "Symbol | float | np.floating[Any] | np.integer[Any]"
 
 
 class Symbol:
@@ -102,28 +107,28 @@ class Symbol:
     def __repr__(self) -> str:
         return f"{self.op}#{self.number}" if self.value is None else f"{self.op}:{self.value}"
 
-    def __add__(self, other: Any) -> Any:
+    def __add__(self, other: Number) -> Symbol:
         return _lift(other, lambda o: add(self, o))
 
-    def __radd__(self, other: Any) -> Any:
+    def __radd__(self, other: Number) -> Symbol:
         return _lift(other, lambda o: add(o, self))
 
-    def __sub__(self, other: Any) -> Any:
+    def __sub__(self, other: Number) -> Symbol:
         return _lift(other, lambda o: sub(self, o))
 
-    def __rsub__(self, other: Any) -> Any:
+    def __rsub__(self, other: Number) -> Symbol:
         return _lift(other, lambda o: sub(o, self))
 
-    def __mul__(self, other: Any) -> Any:
+    def __mul__(self, other: Number) -> Symbol:
         return _lift(other, lambda o: mul(self, o))
 
-    def __rmul__(self, other: Any) -> Any:
+    def __rmul__(self, other: Number) -> Symbol:
         return _lift(other, lambda o: mul(o, self))
 
-    def __truediv__(self, other: Any) -> Any:
+    def __truediv__(self, other: Number) -> Symbol:
         return _lift(other, lambda o: mul(self, reciprocal(o)))
 
-    def __rtruediv__(self, other: Any) -> Any:
+    def __rtruediv__(self, other: Number) -> Symbol:
         return _lift(other, lambda o: mul(o, reciprocal(self)))
 
     def __neg__(self) -> Symbol:
@@ -135,10 +140,10 @@ class Symbol:
     def __abs__(self) -> Symbol:
         return make("abs", self)
 
-    def __pow__(self, exponent: Any) -> Any:
+    def __pow__(self, exponent: Number) -> Symbol:
         return _lift(exponent, lambda o: power(self, o))
 
-    def __rpow__(self, base: Any) -> Any:
+    def __rpow__(self, base: Number) -> Symbol:
         return _lift(base, lambda o: power(o, self))
 
     def __bool__(self) -> bool:
@@ -155,12 +160,12 @@ class Symbol:
     def __float__(self) -> float:
         raise refused("a symbol cannot become a float (a call into math, SciPy or numpy.linalg?)")
 
-    __int__ = __index__ = __float__  # type: ignore[assignment]
+    __int__ = __index__ = __float__
 
-    def hypot(self, other: Any) -> Any:
+    def hypot(self, other: Number) -> Symbol:
         return _lift(other, lambda o: make("hypot", self, o))
 
-    def arctan2(self, other: Any) -> Any:
+    def arctan2(self, other: Number) -> Symbol:
         return _lift(other, lambda o: make("atan2", self, o))
 
     # numpy's functions call methods of their own names
@@ -172,14 +177,15 @@ class Symbol:
         return self
 
 
-def _lift(other: Any, operation: Any) -> Any:
+def _lift(other: Any, operation: Callable[[Symbol], Symbol]) -> Symbol:
     """Apply `operation` when `other` is a number or symbol; let arrays and other classes take over."""
     if isinstance(other, Symbol):
         return operation(other)
     if isinstance(other, int | float | np.floating | np.integer):
         known = getattr(other, "symbol", None)  # of a `spaces.Count`
         return operation(const(float(other)) if known is None else known)
-    return NotImplemented
+    theirs: Symbol = NotImplemented
+    return theirs
 
 
 def intern(op: str, args: tuple[Symbol, ...], value: Any = None, space: Any = _OF_ARGUMENTS) -> Symbol:

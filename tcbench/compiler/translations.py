@@ -119,7 +119,8 @@ def translator_hash() -> str | None:
     held = _held((*ALWAYS, *(_translator() if loaded else ())))
     if not _SEEN or len(held) != len(_SEEN[0]) or not all(map(is_, held, _SEEN[0])):
         _SEEN[:] = [held, _loaded_hash() if loaded else _kept_hash()]
-    return _SEEN[1]
+    found: str | None = _SEEN[1]
+    return found
 
 
 def _translator() -> list[types.ModuleType]:

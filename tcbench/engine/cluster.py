@@ -132,7 +132,7 @@ class _ClusterRun:
 
     def __init__(self, client: Client, job: dict[str, Any], ledger: Ledger) -> None:
         self.client, self.job, self.ledger = client, job, ledger
-        self.shares: dict[Future, list[Cell]] = {}
+        self.shares: dict[Future[Any], list[Cell]] = {}
         self.losses: dict[str, int] = {}
         self.provenances: dict[str, str] = {}
 
@@ -155,7 +155,7 @@ class _ClusterRun:
         for future in futures:
             future.cancel()
 
-    def _send(self, share: list[Cell]) -> Future:
+    def _send(self, share: list[Cell]) -> Future[Any]:
         for cell in share:
             self.ledger.start(cell, self._running())
         job = canonical_json(self.job | {"cells": [cell.as_dict() for cell in share]})
@@ -165,7 +165,7 @@ class _ClusterRun:
         self.shares[future] = share
         return future
 
-    def _receive(self, share: list[Cell], future: Future) -> Iterator[list[Cell]]:
+    def _receive(self, share: list[Cell], future: Future[Any]) -> Iterator[list[Cell]]:
         """Write the rows of a share that has come back; yield what has to be sent again."""
         if future.status == "finished":
             missing = {cell.key: cell for cell in share}

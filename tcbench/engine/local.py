@@ -325,7 +325,7 @@ class _Run:
             self.ledger.write(cell, row, self.running)
 
 
-def _check_limits(jobs: int, timeout: float, memory_limit: int | None, measure: str) -> None:
+def _check_limits(jobs: Any, timeout: float, memory_limit: int | None, measure: str) -> None:
     if not (isinstance(jobs, int) and jobs >= 1):
         raise TcbenchError(f"jobs is {jobs!r}; it is a whole number, and at least one worker is needed.")
     if not timeout > 0:

@@ -51,7 +51,8 @@ class Reuse:
             if noted["unseen"]:
                 return "; ".join(noted["unseen"])
             for kind, look in (("files", inputs.file_hash), ("folders", inputs.folder_hash)):
-                for path, mark in noted[kind].items():
+                marks: dict[str, str] = noted[kind]
+                for path, mark in marks.items():
                     if mark not in self._found(kind, path, look):
                         return path
             for name, mark in noted["environment"].items():

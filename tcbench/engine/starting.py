@@ -26,7 +26,7 @@ class Process(SpawnProcess):
     @staticmethod
     def _Popen(process_obj: Any) -> Any:  # the name that multiprocessing calls
         with Process._main, _hidden_main(), before_plugins(), safe_path(), _no_interrupts():
-            return SpawnProcess._Popen(process_obj)  # type: ignore[attr-defined]
+            return SpawnProcess._Popen(process_obj)
 
 
 @contextlib.contextmanager

@@ -133,7 +133,10 @@ def complete_row(
 def resolve(name: str) -> Callable[[dict[str, Any], dict[str, Any]], Mapping[str, Any]]:
     """The function called `package.module:function`."""
     module, _, function = name.partition(":")
-    return getattr(importlib.import_module(module), function)
+    found: Callable[[dict[str, Any], dict[str, Any]], Mapping[str, Any]] = getattr(
+        importlib.import_module(module), function
+    )
+    return found
 
 
 def exception_row(error: BaseException) -> dict[str, Any]:

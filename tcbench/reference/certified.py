@@ -82,7 +82,7 @@ class Reference:
 
     def at(self, t: float) -> NDArray[np.float64]:
         """State at time `t`, shape (m,)."""
-        return self.states[self.index(t)]
+        return self.states[self.index(t), :]
 
 
 def gap(a: ArrayLike, b: ArrayLike) -> float:
@@ -120,7 +120,7 @@ def stored_file() -> dict[str, Any]:
 
 def verified(text: str) -> dict[str, Any]:
     """A file of references; refused where its checksum does not fit."""
-    found = json.loads(text)
+    found: dict[str, Any] = json.loads(text)
     if found.get("sha256") != checksum(found):
         raise TcbenchError("tcbench's stored references were changed, or damaged on their way: install tcbench again.")
     return found

@@ -258,4 +258,5 @@ def _difference_jacobian(f: RightHandSide, t: NDArray[Any], z: NDArray[Any]) -> 
     steps = np.diag(size)
     up = f(np.repeat(t, m), z + steps)
     down = f(np.repeat(t, m), z - steps)
-    return ((up - down) / (2 * size[:, None])).T.astype(float)
+    slopes: NDArray[np.float64] = ((up - down) / (2 * size[:, None])).T.astype(float)
+    return slopes

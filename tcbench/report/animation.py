@@ -54,7 +54,7 @@ def animate(
     animation itself is returned, for a notebook. Raises TcbenchError for no run, more than four, different scenarios,
     other suffixes, and systems that cannot be drawn in the plane (see System.points).
     """
-    chosen: list[Any] = [runs] if hasattr(runs, "scenario") else list(runs)  # type: ignore[arg-type]
+    chosen: list[Any] = [runs] if hasattr(runs, "scenario") else list(runs)
     if path is not None:
         return save(chosen, path, frames, fps)
     from matplotlib.animation import FuncAnimation
@@ -95,10 +95,10 @@ def _pictures(runs: Sequence[Trajectory], frames: int) -> list[Image]:
         for artist in stage.moving:
             artist.set_animated(True)
         canvas.draw()
-        background = canvas.copy_from_bbox(stage.figure.bbox)  # type: ignore[attr-defined]
+        background = canvas.copy_from_bbox(stage.figure.bbox)
         found = []
         for frame in range(frames):
-            canvas.restore_region(background)  # type: ignore[attr-defined]
+            canvas.restore_region(background)
             stage.show(frame)
             for artist in stage.moving:
                 artist.axes.draw_artist(artist)

@@ -113,7 +113,7 @@ class Prepared:
         """One step from z, as if a run began there, to run.z; returns why there is none, or OK."""
         run = self.run
         run.z[:], run.carry[:], run.c[-2 * len(z) :] = z, 0.0, np.tile(z, 2)
-        return LOOPS.march(run, 0, 1)
+        return int(LOOPS.march(run, 0, 1))
 
 
 # by the identity of the kernels, records that nobody uses; they refer to no system, so that one that is gone takes

@@ -13,10 +13,10 @@ import numpy as np
 from ..compiler.library import evaluate
 from ..errors import leave_to_the_machine
 from ..integrator import Integrator
-from ..solver.implicit_step import Rules
+from ..solver.implicit_step import OK, Rules
 from ..systems.scenario import Scenario
 from . import shared_runs
-from .compiled_loop import LOOPS, NOW, OK
+from .compiled_loop import LOOPS, NOW
 from .prepared import take
 from .recorder import assemble, exception_sentence, explain
 from .shared_runs import Solved

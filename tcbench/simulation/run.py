@@ -72,14 +72,18 @@ def simulate(
         raise TcbenchError(f"{integrator.name!r} takes a step dt, not a tolerance.")
     dt = checked_dt(scenario.dt if dt is None else dt, scenario)
     steps = scenario.steps(dt)
-    if record_every is not None and not (isinstance(record_every, int | np.integer) and record_every >= 1):
-        raise TcbenchError(f"record_every must be a whole number, at least 1, not {record_every!r}.")
-    every = max(1, steps) if record_every is None else min(int(record_every), max(1, steps))
+    every = max(1, steps) if record_every is None else min(_whole(record_every), max(1, steps))
     check_memory(scenario, dt, steps, every)
     if integrator.kind == "step":
         return run_step(integrator, scenario, dt, steps, every)
     rules = Rules(continuation, residuals, m.COUNT_WRONG if audit_roots else m.NO_AUDIT)
     return run_flows(integrator, scenario, dt, steps, every, rules)
+
+
+def _whole(record_every: Any) -> int:
+    if not (isinstance(record_every, int | np.integer) and record_every >= 1):
+        raise TcbenchError(f"record_every must be a whole number, at least 1, not {record_every!r}.")
+    return int(record_every)
 
 
 def check_memory(scenario: Scenario, dt: float, steps: int, every: int = 1) -> None:
@@ -155,7 +159,7 @@ def march(run: Run, done: int, steps: int, told: str) -> int:
     """The steps from `done` on; returns why they ended. told: of a run that is foreseen to be long."""
     small = run.n <= SMALL
     if small and not told:
-        reason = LOOPS.march(run, done, min(steps, done + UNTOLD, done + CHUNK))
+        reason: int = LOOPS.march(run, done, min(steps, done + UNTOLD, done + CHUNK))
         done = run.tally.steps
         if done == steps or reason != m.OK:
             return reason

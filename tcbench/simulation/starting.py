@@ -26,7 +26,7 @@ class FirstSteps(NamedTuple):
 
     def slopes(self, dt: float) -> np.ndarray:
         """(earlier state - last state)/dt, the nearest first, flat: what the compiled loop keeps of earlier steps."""
-        return ((self.z[-2::-1] - self.z[-1]) / dt).ravel()
+        return np.ravel((self.z[-2::-1] - self.z[-1]) / dt)
 
 
 def first_steps(integrator: Integrator, scenario: Scenario, dt: float, steps: int) -> FirstSteps:

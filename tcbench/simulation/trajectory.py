@@ -119,7 +119,7 @@ class Trajectory:
     @property
     def lyapunov(self) -> Floats:
         """E - theta_ref S (m,), eq. (37)."""
-        reference = self.scenario.model.reference_temperature
+        reference = float(self.scenario.model.reference_temperature)
         return self.energy - reference * self.entropy
 
     def observe(self, observable: Observable) -> Floats:

@@ -89,7 +89,7 @@ def tangent(flow: Flow, t: Floats) -> float:
     norm = 0.0
     for i in range(len(t)):
         norm += flow.direction[i] ** 2
-    cosine = 1.0 / np.sqrt(norm)
+    cosine = float(1.0 / np.sqrt(norm))
     for i in range(len(t)):
         t[i] = flow.direction[i] * cosine
     return cosine
@@ -195,7 +195,7 @@ def exergy_rise(flow: Flow, v: Floats) -> float:
     for i in range(flow.nx):
         flow.x[i] = v[i] / flow.scale[i]
     observe_ends(flow)
-    return (seen[1, 0] - seen[0, 0]) - flow.reference * (seen[1, 1] - seen[0, 1])
+    return float((seen[1, 0] - seen[0, 0]) - flow.reference * (seen[1, 1] - seen[0, 1]))
 
 
 @rare
@@ -204,8 +204,9 @@ def lawful(flow: Flow) -> bool:
     seen = flow.seen
     observe_ends(flow)
     call(flow.finish, flow.w, flow.x, flow.dz)
-    kept = abs(seen[1, 0] - seen[0, 0]) <= LAWFUL * (1.0 + abs(seen[0, 0]))
-    return kept and seen[1, 1] - seen[0, 1] >= -LAWFUL * (1.0 + abs(seen[0, 1]))
+    energy, entropy = float(seen[0, 0]), float(seen[0, 1])
+    kept = abs(seen[1, 0] - energy) <= LAWFUL * (1.0 + abs(energy))
+    return kept and float(seen[1, 1]) - entropy >= -LAWFUL * (1.0 + abs(entropy))
 
 
 @rare

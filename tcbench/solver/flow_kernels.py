@@ -22,7 +22,7 @@ from ..compiler.derivatives import Symbol, const
 from ..compiler.formula_hash import formula_hash
 from ..compiler.kernels import Kernel, constant_part, kernel
 from ..compiler.once import cached_property
-from ..compiler.symbols import MixedSpaces
+from ..compiler.sentences import MixedSpaces
 from ..errors import TcbenchError, TraceError
 from ..integrator import Flow, Residual
 from ..systems.state import State
@@ -97,7 +97,7 @@ def build(flow: Flow, system: System) -> FlowKernels:
 
         try:
             with foreseen(system, 1 + flow.stages, by_loops=True):
-                return space_flow(flow, symbolic).kernels(symbolic.mesh)  # type: ignore[arg-type]
+                return space_flow(flow, symbolic).kernels(symbolic.mesh)
         except MixedSpaces as error:
             why = f", traced as a whole ({error})"
     with foreseen(system, 1 + flow.stages, by_loops=False), trace.tracing():
@@ -235,7 +235,7 @@ def _ordered(reduction: Reduction) -> _Slopes:
     return _Slopes(pattern, entries)
 
 
-_EXPLICIT: dict[tuple[Residual, tuple, str | None], FlowKernels] = {}
+_EXPLICIT: dict[tuple[Residual, tuple[Any, ...], str | None], FlowKernels] = {}
 
 
 def apply_explicit(formula: Residual, system: System, start: Any, end: Any, first: Any = None) -> Any:

@@ -206,24 +206,29 @@ class OneFlow:
     def newton(self, start: Sequence[float] | float) -> tuple[int, int]:
         """(ACCEPTED or REJECTED, iterations) of the careful Newton from these unknowns."""
         self.x[:] = start
-        return SOLVERS.newton(self.record)
+        found: tuple[int, int] = SOLVERS.newton(self.record)
+        return found
 
     def plain_newton(self, start: Sequence[float] | float) -> tuple[int, int]:
         """The same of Newton as textbooks have it."""
         self.x[:] = start
-        return SOLVERS.plain_newton(self.record)
+        found: tuple[int, int] = SOLVERS.plain_newton(self.record)
+        return found
 
     def track(self) -> tuple[int, int, int]:
         """(ACCEPTED or REJECTED, iterations, tries) of natural continuation."""
-        return SOLVERS.track(self.record)
+        found: tuple[int, int, int] = SOLVERS.track(self.record)
+        return found
 
     def arc(self) -> tuple[int, int, int]:
         """(FOUND, LOST, COLD_ROOT or UNDETERMINED, Jacobians, folds)."""
-        return SOLVERS.arc(self.record)
+        found: tuple[int, int, int] = SOLVERS.arc(self.record)
+        return found
 
     def detour(self) -> tuple[int, int]:
         """(FOUND or UNDETERMINED, Jacobians): what follows an arc that is undetermined."""
-        return SOLVERS.detour(self.record)
+        found: tuple[int, int] = SOLVERS.detour(self.record)
+        return found
 
 
 SOLVERS = Library("solvers", newton, plain_newton, track, arc, detour)

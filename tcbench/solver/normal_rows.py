@@ -117,7 +117,8 @@ def _times(row: Symbol, h: Symbol) -> Symbol:
             if node.op == "recip":
                 return const(1.0)
             if node.op in ("add", "sub", "neg"):
-                return trace.rebuild(node.op, tuple(times(a) for a in node.args))
+                sum_of: Symbol = trace.rebuild(node.op, tuple(times(a) for a in node.args))
+                return sum_of
             if node.op == "mul":
                 left, right = node.args if node.args[0].number in divided else node.args[::-1]
                 return trace.mul(times(left), right)

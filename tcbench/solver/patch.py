@@ -17,7 +17,7 @@ from ..compiler.derivatives import const
 from ..compiler.formula_hash import formula_hash
 from ..compiler.kernels import namespace, straight_line
 from ..compiler.library import evaluate
-from ..compiler.symbols import MixedSpaces
+from ..compiler.sentences import MixedSpaces
 from ..integrator import Flow
 from ..systems.network import Network
 from ..systems.same_for_all import AGREE, TRIES, random_state, small_network

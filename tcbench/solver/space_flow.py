@@ -17,9 +17,9 @@ from ..compiler import derivatives as trace
 from ..compiler import spaces
 from ..compiler.derivatives import Symbol, const
 from ..compiler.kernels import Kernel, kernel
+from ..compiler.sentences import mixed_up
 from ..compiler.space_kernels import SCALAR, Mesh, Slot, SpaceKernel, space_kernel
 from ..compiler.spaces import Term
-from ..compiler.symbols import mixed_up
 from ..errors import TraceError
 from ..integrator import Flow
 from ..systems.network import Network, blocks, state_slots

@@ -126,7 +126,7 @@ def krylov(flow: Flow, entries: int, tolerance: float) -> bool:
 def factorised(flow: Flow) -> float:
     """The solutions for krylov[0] and krylov[1] by a whole factorisation, into `solved`; the determinant's sign."""
     call(flow.factorise, flow.derivatives[flow.ns :], flow.krylov, flow.solved)
-    return flow.solved[2 * flow.ns]
+    return float(flow.solved[2 * flow.ns])
 
 
 @rare

@@ -82,7 +82,8 @@ def identity_of(cell: Mapping[str, Any]) -> str:
 
 def _plain_options(options: Mapping[str, Any], cell: Cell) -> dict[str, Any]:
     try:
-        return json.loads(json.dumps(dict(options), default=plain, sort_keys=True))
+        found: dict[str, Any] = json.loads(json.dumps(dict(options), default=plain, sort_keys=True))
+        return found
     except (TypeError, ValueError) as error:
         raise TcbenchError(
             f"The options of a cell of study {cell.study!r} ({cell.integrator}, {cell.scenario}) are not "

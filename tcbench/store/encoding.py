@@ -47,7 +47,8 @@ def encode_values(values: Mapping[str, Any]) -> dict[str, Any]:
         pass
     nonfinite: dict[str, str] = {}
     data = writable(json.loads(json.dumps(values, default=plain)))
-    return _without_nonfinite(data, "", nonfinite) | {"nonfinite": nonfinite}
+    found: dict[str, Any] = _without_nonfinite(data, "", nonfinite)
+    return found | {"nonfinite": nonfinite}
 
 
 def writable(value: Any) -> Any:
@@ -72,7 +73,7 @@ def restore_nonfinite(data: Any, nonfinite: Mapping[str, str]) -> None:
 
 def decode_line(piece: bytes | str) -> dict[str, Any]:
     """One line of `cells.jsonl`, NaN and infinities restored; `ValueError` and kin when it is none."""
-    line = json.loads(piece)
+    line: dict[str, Any] = json.loads(piece)
     text = piece if isinstance(piece, bytes) else piece.encode("utf-8", "replace")
     if b"\\u" in text and SURROGATE.search(text.decode("utf-8", "replace")):
         line = writable(line)  # of versions that wrote them
@@ -112,7 +113,8 @@ def csv_bytes(frame: DataFrame) -> bytes:
 
     Text that a spreadsheet would take for a formula begins with an apostrophe.
     """
-    return inert(_flat(frame)).to_csv(index=False, lineterminator="\n").encode()
+    text: str = inert(_flat(frame)).to_csv(index=False, lineterminator="\n")
+    return text.encode()
 
 
 def inert(frame: DataFrame) -> DataFrame:

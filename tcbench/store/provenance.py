@@ -94,9 +94,12 @@ def machine() -> dict[str, Any]:
     }
 
 
-def machine_name(kind: Mapping[str, Any] | None = None) -> str:
+def machine_name(kind: Any = None) -> str:
     """The kind of machine that a timing belongs to (`Cell.machine`): equal on equal machines. This one by default."""
-    kind = machine() if kind is None else kind if isinstance(kind, Mapping) else {}  # of a damaged file
+    if kind is None:
+        kind = machine()
+    elif not isinstance(kind, Mapping):  # of a damaged file
+        kind = {}
     return "{cpu}, {cores} cores, {architecture} {system}".format_map({**dict.fromkeys(machine(), "?"), **kind})
 
 

@@ -95,6 +95,6 @@ def exponent(pairs: Sequence[tuple[float, float]], least: float = LEAST_S) -> fl
     used = [(math.log(w), math.log(t)) for w, t in pairs if w > 0 and _is_number(t) and t > least]
     if len({w for w, _ in used}) < 3:
         return math.nan
-    mean_w, mean_t = (sum(x) / len(used) for x in zip(*used, strict=True))
-    spread = sum((w - mean_w) ** 2 for w, _ in used)
-    return sum((w - mean_w) * (t - mean_t) for w, t in used) / spread
+    mean_w, mean_t = (math.fsum(x) / len(used) for x in zip(*used, strict=True))
+    spread = math.fsum((w - mean_w) ** 2 for w, _ in used)
+    return math.fsum((w - mean_w) * (t - mean_t) for w, t in used) / spread

@@ -44,6 +44,7 @@ def check_declared(cls: type[System], general: type[System]) -> None:
 def _check_variables(cls: type[System]) -> None:
     if not isinstance(cls.variables, Mapping):
         raise TcbenchError(f"{cls.__name__}: variables are names and shapes, {{'q': (), 'p': (2,)}}.")
+    shape: Any  # whatever an author wrote
     for name, shape in cls.variables.items():
         if not (name.isidentifier() and not keyword.iskeyword(name) and not name.startswith("_")):
             raise TcbenchError(f"{cls.__name__}: a variable has a name that Python takes, as in z.q, not {name!r}.")

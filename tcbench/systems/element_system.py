@@ -111,7 +111,7 @@ class ElementSystem(System):
         return {**found, "theta": found["s"]}
 
     @property
-    def size(self) -> int:  # type: ignore[override]
+    def size(self) -> int:
         return 2 * self.n_positions + self.n_elements
 
     def sizes(self, z: Any) -> list[Any]:

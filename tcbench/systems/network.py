@@ -16,9 +16,10 @@ from ..compiler import derivatives as trace
 from ..compiler import spaces
 from ..compiler.kernels import Kernel
 from ..compiler.once import cached_property
+from ..compiler.sentences import mixed_up
 from ..compiler.space_kernels import SCALAR, Mesh, Slot, SpaceKernel, space_kernel
 from ..compiler.spaces import Count, Map
-from ..compiler.symbols import Symbol, array, mixed_up
+from ..compiler.symbols import Symbol, array
 from ..errors import TcbenchError, TraceError
 from .element_system import ElementSystem
 from .refusals import check_degree
@@ -259,7 +260,8 @@ class Network(ElementSystem):
         }  # fmt: skip
         of = self.spaces_of_constants
         values = {n: getattr(self, n)[kept[of[n]]] if n in of else getattr(self, n) for n in self.constants}
-        return type(f"{type(self).__name__}Patch", (type(self),), body)(**values)
+        patch: Network = type(f"{type(self).__name__}Patch", (type(self),), body)(**values)
+        return patch
 
     def _neighbours(self, most: int) -> Ints:
         """Elements that hang together, one at a fixed place among them if there is any."""
@@ -289,7 +291,7 @@ class Network(ElementSystem):
     @cached_property
     def symbolic(self) -> Self:
         """As of any system; `example` is one with these formulas that has numbers."""
-        found = super().symbolic
+        found: Self = super().symbolic
         found.__dict__.setdefault("example", self)
         return found
 
@@ -425,5 +427,5 @@ def blocks(values: Sequence[Any]) -> list[Symbol]:
     return [spaces.symmetric(values[i : i + two]) for i in range(0, len(values), two)]
 
 
-_BY_SPACES: dict[tuple, Any] = {}
+_BY_SPACES: dict[tuple[Any, ...], Any] = {}
 __all__ = ["Network", "SpaceKernel", "blocks", "state_slots"]

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..compiler import derivatives as trace
-from ..compiler.symbols import Symbol, refused
+from ..compiler.sentences import refused
+from ..compiler.symbols import Symbol
 from ..errors import TcbenchError
 
 if TYPE_CHECKING:
@@ -27,7 +28,8 @@ def check_class(cls: type[System]) -> None:
     for name in dict.fromkeys(n for c in cls.__mro__[: cls.__mro__.index(base)] for n in c.__dict__):
         if not name.startswith("__") and name not in base.written and _is_computed(base, name):
             raise _overridden(cls.__name__, name, base.written)
-    for name in cls.constants:
+    constants: Mapping[Any, Any] = cls.constants  # whatever an author wrote
+    for name in constants:
         if not isinstance(name, str) or not name.isidentifier():
             raise TcbenchError(f"{cls.__name__}: a constant is named by a word, self.word in formulas, not {name!r}.")
         if (hasattr(base, name) or _is_computed(cls, name)) and name not in _free(cls, base):
@@ -38,7 +40,7 @@ def check_class(cls: type[System]) -> None:
 
 def _base(cls: type[System]) -> type[System]:
     """The class of tcbench's own that says what its subclasses may write."""
-    return next(c for c in cls.__mro__ if "written" in c.__dict__)  # type: ignore[return-value]
+    return next(c for c in cls.__mro__ if "written" in c.__dict__)
 
 
 def _free(cls: type[System], base: type[System]) -> tuple[str, ...]:

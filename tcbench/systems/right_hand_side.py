@@ -90,4 +90,5 @@ def as_python(text: str, functions: Mapping[str, Any]) -> Callable[..., None]:
         )
     namespace: dict[str, Any] = dict(functions)
     exec(compile(text, "<formula>", "exec"), namespace)
-    return namespace["kernel"]
+    kernel: Callable[..., None] = namespace["kernel"]
+    return kernel

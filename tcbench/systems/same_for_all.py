@@ -17,8 +17,8 @@ from ..compiler import derivatives as trace
 from ..compiler import spaces
 from ..compiler.formula_hash import formula_hash
 from ..compiler.kernels import namespace, straight_line
+from ..compiler.sentences import MixedSpaces
 from ..compiler.space_kernels import SCALAR, Slot, space_kernel
-from ..compiler.symbols import MixedSpaces
 from ..errors import TcbenchError
 from .traced import KEPT, attributes
 

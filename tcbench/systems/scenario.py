@@ -60,8 +60,9 @@ class Scenario:
 
     def __post_init__(self) -> None:
         put = object.__setattr__
-        if not (isinstance(self.name, str) and self.name.strip()):
-            raise TcbenchError(f"The name of a scenario is a word, not {self.name!r}.")
+        name: Any = self.name  # whatever an author wrote
+        if not (isinstance(name, str) and name.strip()):
+            raise TcbenchError(f"The name of a scenario is a word, not {name!r}.")
         expect(f"Scenario {self.name!r}", vars(self), KINDS_OF_FIELDS)
         if not issubclass(self.system, System):
             raise TcbenchError(f"Scenario {self.name!r}: system must be a class of System, not {shown(self.system)}.")
@@ -98,7 +99,8 @@ class Scenario:
     @property
     def model(self) -> System:
         """The system with this scenario's constants."""
-        return self._cache["model"]
+        model: System = self._cache["model"]
+        return model
 
     def current(self) -> Scenario:
         """This scenario; made anew where the formulas of its system have changed since it was made (in a notebook)."""
@@ -109,7 +111,8 @@ class Scenario:
         """Initial state, shape (n,)."""
         if "z0" not in self._cache:
             self._cache["z0"] = self._start()
-        return self._cache["z0"]
+        z0: NDArray[np.float64] = self._cache["z0"]
+        return z0
 
     @property
     def initial_exergy(self) -> float:
@@ -121,7 +124,7 @@ class Scenario:
             floor = REST * max(1.0, abs(float(self.model.energy(self.z0))))
             found = float(self.model.exergy(self.z0))
             self._cache["V0"] = max(found if self.model.reference_temperature else abs(found), floor)
-        return self._cache["V0"]
+        return float(self._cache["V0"])
 
     @property
     def bound(self) -> float:

@@ -12,8 +12,8 @@ from ..compiler import derivatives as trace
 from ..compiler import spaces
 from ..compiler.kernels import Kernel
 from ..compiler.rolled import rolled
+from ..compiler.sentences import MixedSpaces
 from ..compiler.space_kernels import Mesh, Slot, space_kernel
-from ..compiler.symbols import MixedSpaces
 from .network import Network, blocks, state_slots
 from .system import System
 from .traced import FEW

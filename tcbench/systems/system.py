@@ -216,11 +216,13 @@ class System(Traced):
 
     @property
     def invariant_names(self) -> tuple[str, ...]:
-        return self.symbolic.told[0]
+        symbolic: System = self.symbolic
+        return symbolic.told[0]
 
     @property
     def n_temperatures(self) -> int:
-        return self.symbolic.told[1]
+        symbolic: System = self.symbolic
+        return symbolic.told[1]
 
     @cached_property
     def told(self) -> tuple[tuple[str, ...], int]:

@@ -24,8 +24,8 @@ OURS = Path(__file__).parents[1]
 FEW = 24  # length of a network's state up to which its formulas are traced as a whole
 LARGE = 80  # length of a state beyond which formulas become loops: see compiler.rolled
 KEPT = ("formulas", "zeros")  # of an instance, by the one that has symbols for constants
-_SYMBOLIC: dict[tuple, Any] = {}
-_KERNELS: dict[tuple, Any] = {}
+_SYMBOLIC: dict[tuple[Any, ...], Any] = {}
+_KERNELS: dict[tuple[Any, ...], tuple[Kernel, tuple[int, ...]]] = {}
 
 
 def attributes(item: Any, names: tuple[str, ...]) -> dict[str, Any]:
@@ -113,10 +113,11 @@ class Traced:
                 symbols = self.symbols_of(name)
                 setattr(clone, name, symbols[0] if shape == () else symbols.reshape(shape))
             _SYMBOLIC.setdefault(key, clone)  # of two threads that make one at once the first
-        return _SYMBOLIC[key]
+        known: Self = _SYMBOLIC[key]
+        return known
 
     @property
-    def structure(self) -> tuple:
+    def structure(self) -> tuple[Any, ...]:
         """Systems of equal structure share formulas and kernels."""
         return (type(self), self.size, self.formulas, self.zeros)
 
@@ -149,10 +150,10 @@ class Traced:
         else:  # the common case, where microseconds count
             a = arrays[0] if len(arrays) == 1 else np.concatenate(arrays)
             evaluate(entry.address, np.ascontiguousarray(a), self.constant_values, out[0])
-        out = out.reshape((*batch, *shape))
-        if out.shape == ():
-            return float(out)
-        return self.state(out) if shape == (self.size,) else out
+        if not batch and not shape:
+            return float(out[0, 0])
+        values = out.reshape((*batch, *shape))
+        return self.state(values) if shape == (self.size,) else values
 
     def _kernel(self, body: Callable[..., Any], sizes: tuple[int, ...]) -> tuple[Kernel, tuple[int, ...]]:
         key = (self.structure, body.__name__, sizes)
@@ -176,7 +177,7 @@ class Traced:
             return made(inputs, outputs), result.shape
 
     def _body(self, name: str) -> Callable[..., Any]:
-        body = getattr(getattr(type(self), name, None), "__wrapped__", None)
+        body: Callable[..., Any] | None = getattr(getattr(type(self), name, None), "__wrapped__", None)
         if body is None:
             raise TcbenchError(f"{name!r} is no derived function of the system {self.name!r}.")
         return body

@@ -17,8 +17,9 @@ from .theme import INK
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
     from pandas import DataFrame
+
+    from .layout import Drawing
 
 NAMED = 6  # lines of a panel that are coloured and named; the others are grey
 BAND = 0.13  # opacity of a band
@@ -33,7 +34,7 @@ def first(table: DataFrame) -> DataFrame:
 
 
 @chart
-def failure_share(table: DataFrame) -> Figure:
+def failure_share(table: DataFrame) -> Drawing:
     """Share of runs that failed against the step (and, of adaptive solvers, the tolerance), with 95 % bands.
 
     table : rows of `failure_share` of one ensemble. Methods that never failed are one line, at 0, with the largest
@@ -92,7 +93,7 @@ def _percent(ax: Axes) -> None:
 
 
 @chart
-def performance_profiles(table: DataFrame) -> Figure:
+def performance_profiles(table: DataFrame) -> Drawing:
     """Share of scenarios solved within tau times the fastest, one panel a target, with 95 % bands.
 
     table : rows of `performance_profile` of one ensemble. At tau = 1: how often a method is the first.
@@ -144,7 +145,7 @@ def _profiles(ax: Axes, part: DataFrame, coloured: Mapping[str, Look]) -> None:
 
 
 @chart
-def error_time(points: DataFrame, integrators: Sequence[str] | None = None) -> Figure:
+def error_time(points: DataFrame, integrators: Sequence[str] | None = None) -> Drawing:
     """Error of the state against time: every run a dot, and the medians of each setting joined, from coarse to fine.
 
     points : rows of `ensemble_points` of one ensemble. integrators : those to draw in colour; by default those with the
@@ -210,7 +211,7 @@ def _leaders(points: DataFrame) -> list[str]:
 
 
 @chart
-def law_quantiles(table: DataFrame) -> Figure:
+def law_quantiles(table: DataFrame) -> Drawing:
     """What methods lose of each law: median, 99 % and worst of all runs; filled dots where the method claims the law.
 
     table : rows of `ensemble_laws` of one ensemble.
@@ -245,7 +246,7 @@ def _dots(ax: Axes, row: Any, place: int, colour: str) -> None:
 
 
 @chart
-def where_it_fails(table: DataFrame) -> Figure:
+def where_it_fails(table: DataFrame) -> Drawing:
     """Shares of failures over a constant and the step, one panel a method: where to look.
 
     table : rows of `failure_map` of one ensemble. The number in a cell is its share in per cent; a cell in which no run

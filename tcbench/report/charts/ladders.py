@@ -20,8 +20,9 @@ from .theme import scale
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
     from pandas import DataFrame
+
+    from .layout import Drawing
 
 LIMITS = {"physical": "s", "branch": "^", "solver": "o", "none": ">"}
 STEP_COLUMNS = ("dt_stable", "dt_unstable", "dt_half", "dt_stable_plain", "dt_cap")
@@ -32,7 +33,7 @@ MEANING = {
 
 
 @chart
-def conservation(table: DataFrame, x: str = "dt", y: Sequence[str] | None = None) -> Figure:
+def conservation(table: DataFrame, x: str = "dt", y: Sequence[str] | None = None) -> Drawing:
     """What each method loses against its step, for one scenario: energy, entropy, angular momentum.
 
     table : rows of `conservation`. Every error is a magnitude; 0 has its own place at the foot of the axis. Failed runs
@@ -73,7 +74,7 @@ def _losses(ax: Axes, table: DataFrame, x: str, column: str, methods: Sequence[s
 
 
 @chart
-def blowup(table: DataFrame, sensitivity: DataFrame | None = None) -> Figure:
+def blowup(table: DataFrame, sensitivity: DataFrame | None = None) -> Drawing:
     """Blow-up time against step size, for one scenario.
 
     table : rows with dt, status, blowup_time (`stability_points`, of the shared solver, or `conservation`). Runs that
@@ -136,7 +137,7 @@ def _ranges(ax: Axes, table: DataFrame) -> None:
 
 
 @chart
-def stable_step(table: DataFrame) -> Figure:
+def stable_step(table: DataFrame) -> Drawing:
     """The largest stable step of each method as a bracket, one panel a scenario.
 
     table : rows of `stability`. The marker stands at dt_stable and tells the kind of limit, the short bar behind it is

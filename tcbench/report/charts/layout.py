@@ -152,9 +152,12 @@ class Borrowed:
         self.figure.colorbar(mappable, ax=self.ax, label=text)
 
 
+Drawing = Panels | Borrowed
+
+
 def panels(
     count: int, columns: int = 2, size: tuple[float, float] = (4.2, 2.9), left: float = 0.68, right: float = 0.2
-) -> tuple[Any, list[Axes]]:
+) -> tuple[Drawing, list[Axes]]:
     """A figure with `count` panels, row by row; size of each, and margins beside its axes, in inches at 9 points.
 
     In the Axes of the caller where one was given.
@@ -184,7 +187,7 @@ def handle(name: str, **changes: Any) -> Line2D:
     return Line2D([], [], label=short(name), **(settings | changes))
 
 
-def legend(figure: Panels | Borrowed, methods: Sequence[str], extra: Iterable[Any] = (), above: float = 0.0) -> None:
+def legend(figure: Drawing, methods: Sequence[str], extra: Iterable[Any] = (), above: float = 0.0) -> None:
     """One legend for the whole figure. above : inches that the panels themselves need over their upper edge."""
     handles = [*(handle(name) for name in methods), *extra]
     if handles:

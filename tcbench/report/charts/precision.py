@@ -15,8 +15,9 @@ from .style import chart, finite, ink, look, names, ok, short
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
     from pandas import DataFrame
+
+    from .layout import Drawing
 
 ERRORS = ("error_q", "error_p", "error_s", "error_theta", "energy_error_max", "angular_momentum_error_max")
 CONSERVED = ("energy_error_max", "angular_momentum_error_max")  # exactly 0 is possible: these get an axis with a zero
@@ -26,7 +27,7 @@ VARIABLES = {"q": "positions q", "p": "momenta p", "s": "entropies s", "theta": 
 
 
 @chart
-def work_precision(table: DataFrame, x: str = "wall_time_min_s", y: Sequence[str] | None = None) -> Figure:
+def work_precision(table: DataFrame, x: str = "wall_time_min_s", y: Sequence[str] | None = None) -> Drawing:
     """Error against cost for one scenario, one panel for each column in `y` (by default every error there is).
 
     table : rows of `work_precision`; x, y : any numeric columns. Points of a method are joined from its coarsest to
@@ -128,7 +129,7 @@ def _errors(table: DataFrame) -> list[str]:
 
 
 @chart
-def convergence(points: DataFrame, fits: DataFrame | None = None) -> Figure:
+def convergence(points: DataFrame, fits: DataFrame | None = None) -> Drawing:
     """Error against step size for one scenario, one panel a variable, with the fitted slopes.
 
     points : rows of `convergence_points`; fits : rows of `convergence`. Filled markers are in the fit, hollow ones were

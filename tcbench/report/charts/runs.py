@@ -16,8 +16,9 @@ from .style import GREY, chart, finite, ink, look, names, short
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
     from pandas import DataFrame
+
+    from .layout import Drawing
 
 LAWS = {
     "energy_error": "energy: |E − E₀| / V₀",
@@ -37,7 +38,7 @@ GAPS = ("entropy_gap", "strain_gap", "temperature_gap", "rotation_gap")
 
 
 @chart
-def laws(series: DataFrame, y: Sequence[str] | None = None) -> Figure:
+def laws(series: DataFrame, y: Sequence[str] | None = None) -> Drawing:
     """What several runs of one scenario lose in time: energy, entropy, every invariant, Lyapunov functional.
 
     series : rows of the table `series`. Magnitudes; a law that is kept exactly lies on the 0 at the foot of the axis.
@@ -102,7 +103,7 @@ def _end(ax: Axes, run: DataFrame, values: Any, colour: str) -> None:
 
 
 @chart
-def four_panel(series: DataFrame) -> Figure:
+def four_panel(series: DataFrame) -> Drawing:
     """Energy, entropy, temperatures and logarithmic strains in time, as in the paper; without strains, variables."""
     figure, axes = panels(4, 2, (4.9, 2.6))
     methods = names(series)
@@ -174,7 +175,7 @@ def _roomy(ax: Axes, values: Any) -> None:
 
 
 @chart
-def path(series: DataFrame, columns: int = 3) -> Figure:
+def path(series: DataFrame, columns: int = 3) -> Drawing:
     """Paths of the masses in the plane, coloured by the temperature of each one's spring; one panel a run.
 
     Needs positions x_1, y_1, x_2, y_2, ... and temperature_a, temperature_b, ... The start is a ring, the end a dot.
@@ -220,7 +221,7 @@ def path(series: DataFrame, columns: int = 3) -> Figure:
 
 
 @chart
-def equilibrium(table: DataFrame, summary: DataFrame | None = None) -> Figure:
+def equilibrium(table: DataFrame, summary: DataFrame | None = None) -> Drawing:
     """Gaps to the exact relative equilibrium in time, for one scenario, one panel a measure.
 
     table : rows of `equilibrium`. Where it has no gaps, because the equilibrium is distant, the measures themselves are
@@ -279,7 +280,7 @@ def _zero(ax: Axes, _which: str, values: Any) -> None:
 
 
 @chart
-def history(table: DataFrame) -> Figure:
+def history(table: DataFrame) -> Drawing:
     """Benchmarks over commits: columns benchmark, date, value, unit; one panel a benchmark, one line a machine."""
     import pandas as pd
 

@@ -16,12 +16,13 @@ from .style import chart, finite, look, names, ok
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
     from pandas import DataFrame
+
+    from .layout import Drawing
 
 
 @chart
-def size(table: DataFrame, fits: DataFrame | None = None, y: Sequence[str] | None = None) -> Figure:
+def size(table: DataFrame, fits: DataFrame | None = None, y: Sequence[str] | None = None) -> Drawing:
     """Time to the first step, time a step and memory against the numbers in a state, a row of panels a family.
 
     table : rows of `size`; fits : rows of `size_exponents`; y : other columns of `size`. The number at the end of a

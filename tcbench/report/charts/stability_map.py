@@ -18,8 +18,9 @@ from .style import chart, names
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
     from pandas import DataFrame
+
+    from .layout import Drawing
 
 # classes of a cell: a sequence of blues for completed runs, then colours that differ from it in lightness and in hue
 CLASSES = (
@@ -55,7 +56,7 @@ def edges(centres: np.ndarray) -> np.ndarray:
 
 
 @chart
-def map_figure(table: DataFrame) -> Figure:
+def map_figure(table: DataFrame) -> Drawing:
     """Maps of several integrators side by side, one scenario; the columns are those of `maps.COLUMNS`."""
     methods = names(table)
     x_name, y_name = (str(table[c].iloc[0]) for c in ("x_name", "y_name"))

@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import wraps
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec, cast
 
 import matplotlib
 import numpy as np
@@ -17,6 +17,8 @@ from .scales import thin_out
 
 if TYPE_CHECKING:
     from pandas import DataFrame
+
+    from .layout import Drawing
 
 # Okabe and Ito's colours without black and yellow, which vanish on a dark or a white page, for the paper's methods; for
 # all others colours of Tol's muted scheme, which differ from these under every common kind of colour blindness.
@@ -48,7 +50,7 @@ KNOWN = {
 
 def look(name: str) -> Look:
     """The look of an integrator in the chart under way; outside of one, the look that it prefers."""
-    return cast(Look, theme.current().looks.get(str(name))) or preferred(str(name))
+    return theme.current().looks.get(str(name)) or preferred(str(name))
 
 
 def preferred(name: str) -> Look:
@@ -97,26 +99,26 @@ def ink() -> str:
     return str(matplotlib.rcParams["text.color"])
 
 
-Chart = TypeVar("Chart", bound=Callable[..., Figure])
+Asked = ParamSpec("Asked")
 
 
-def chart(draw: Chart) -> Chart:
+def chart(draw: Callable[Asked, Drawing]) -> Callable[Asked, Figure]:
     """Draw with tcbench's style and the theme's over the caller's matplotlib settings; restores these."""
 
     @wraps(draw)
-    def styled(*arguments: Any, **options: Any) -> Figure:
+    def styled(*arguments: Asked.args, **options: Asked.kwargs) -> Figure:
         chosen = theme.current()
         methods = dict.fromkeys(name for a in arguments if hasattr(a, "columns") for name in names(a))
         with (
             theme.using(replace(chosen, looks=looks(list(methods)))),
             matplotlib.rc_context(theme.rc(chosen.settings)),
         ):
-            figure: Any = draw(*arguments, **options)
+            figure = draw(*arguments, **options)
             for ax in getattr(figure, "grid", ()):
                 thin_out(ax)
         return figure if isinstance(figure, Figure) else cast(Figure, figure.figure)  # of an Axes that was given
 
-    return cast(Chart, styled)
+    return styled
 
 
 def names(table: DataFrame, column: str = "integrator") -> list[str]:

@@ -7,11 +7,14 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import matplotlib
 
 from ...errors import TcbenchError
+
+if TYPE_CHECKING:
+    from .style import Look
 
 FONT_SIZE = 9.0  # of the charts as they are; the other sizes follow it, and margins are measured for it
 SMALLEST, LARGEST = 3.0, 40.0  # points, inches
@@ -66,7 +69,7 @@ class Theme:
     settings: Mapping[str, Any] = field(default_factory=dict)
     size: tuple[float, float] | None = None
     axes: Any = None
-    looks: Mapping[str, Any] = field(default_factory=dict)
+    looks: Mapping[str, Look] = field(default_factory=dict)
 
 
 _CURRENT: ContextVar[Theme] = ContextVar("theme")
