@@ -127,7 +127,7 @@ def onto(to: Kernel, target: Floats, given: Floats, found: Floats) -> bool:
     for _ in range(MOST):
         call(to, target, given, found)
         if found[size + 1] > 0.0:
-            return abs(found[size]) < math.inf
+            return float(abs(found[size])) < math.inf
         if not abs(found[size]) < math.inf:
             return False
         for i in range(size):
