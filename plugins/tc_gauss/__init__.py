@@ -1,7 +1,8 @@
 """Thermodynamically consistent Gauss collocation with k stages: order 2k, energy and momenta exact, S never decreases.
 
-Collocation with the scalar stresses and temperatures projected, and the strain measures carried as polynomials of their
-own; formulas in step.py. k = 1 is a mean-value cousin of the paper's method.
+Collocation with the slopes of E and S projected, and what is quadratic in them carried as polynomials of its own; of
+springs (step.py) these are stresses and temperatures, and the strain measures; any_system.py has any system. k = 1 is
+a mean-value cousin of the paper's method.
 """
 
 from functools import partial
@@ -34,7 +35,7 @@ def several(z, h, count, system, method):
 def tc_gauss(k="3"):
     return Integrator(
         name="tc_gauss", order=2 * int(k), claims=EXACT, source=SOURCE, step=increments, increments=True, march=several,
-        workspace=partial(GaussMethod, stages=int(k)), tags={"collocation"}, elements=True,
+        workspace=partial(GaussMethod, stages=int(k)), tags={"collocation"},
     )  # fmt: skip
 
 
@@ -43,7 +44,7 @@ def tc_gauss_adaptive(k="by tolerance"):
         chosen = stages_of(rtol) if k == "by tolerance" else int(k)
         return GaussMethod(system, chosen).adaptive(z0, np.ascontiguousarray(t_eval, dtype=float), rtol)
 
-    common = {"claims": EXACT, "source": SOURCE, "elements": True, "tags": {"collocation"}}
+    common = {"claims": EXACT, "source": SOURCE, "tags": {"collocation"}}
     return Integrator(name="tc_gauss_adaptive", adaptive=adaptive, **common)
 
 

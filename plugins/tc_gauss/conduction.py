@@ -62,7 +62,6 @@ def prepare(w: Work, h: float, z: Floats) -> None:
     if w.stiff[2] > 0.0:
         for j in range(w.numbers.pairs):
             factor(w, j, h * w.numbers.eigen_re[j], h * w.numbers.eigen_im[j])
-        factor(w, w.numbers.pairs, h, 0.0)
 
 
 def factor(w: Work, which: int, re: float, im: float) -> None:

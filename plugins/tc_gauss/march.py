@@ -34,12 +34,13 @@ def defect(w: Work, h: float, known: Floats, here: int) -> float:
     for i in range(n):
         force += (w.sums[here + i] - known[i]) ** 2
     largest = math.sqrt(force) * w.scale[0]
-    if w.stiff[2] > 0.0:
+    if w.stiff[2] > 0.0 or w.general:
         for i in range(e):
             w.defects[i] = w.sums[here + n + i] - known[n + i]
-        conduction.damp(w, w.defects)
+        if w.stiff[2] > 0.0:
+            conduction.damp(w, w.defects)
         for i in range(e):
-            r = abs(w.defects[i])
+            r = abs(w.defects[i]) * (w.start[e + i] if w.general else 1.0)
             largest = r if r > largest or r != r else largest
         return largest
     for i in range(e):
@@ -54,6 +55,8 @@ def defect(w: Work, h: float, known: Floats, here: int) -> float:
 
 def error_estimate(w: Work, h: float) -> float:
     """h times the largest defect at both ends; NaN stays."""
+    if w.stiff[2] > 0.0:
+        conduction.factor(w, w.numbers.pairs, h, 0.0)
     before, after = defect(w, h, w.start, w.n + w.m), defect(w, h, w.end, w.n + 2 * w.m)
     return h * (after if not after <= before else before)
 
@@ -61,7 +64,7 @@ def error_estimate(w: Work, h: float) -> float:
 def set_scale(w: Work, z: Floats) -> None:
     """Root mean squares of forces over 1 + that of momenta, which turn with the axes; entropies as they are."""
     p = z[w.n : 2 * w.n]
-    w.scale[0], w.scale[1] = 1.0 / (math.sqrt(w.n) + math.sqrt(dot(p, p))), 1.0
+    w.scale[0], w.scale[1] = 1.0 / (math.sqrt(max(1, w.n)) + math.sqrt(dot(p, p))), 1.0
 
 
 def halving_step(w: Work, h: float, z0: Floats, dz_total: Floats) -> int:
@@ -107,9 +110,12 @@ def first_step(w: Work, tolerance: float) -> float:
 def remember_laws(w: Work, z: Floats) -> None:
     """Note the energy and the invariants of a state, which the ends of all steps are given."""
     n, size = w.n, len(z)
+    w.run[0] = w.start[n + 2 * w.e]
+    if w.general:
+        call(w.to_laws, z, w.c, w.laws)
+        return
     copy_into(w.laws, z)
     call(w.to_mend, w.laws, w.c, w.mended)  # for the invariants of z, which stand last
-    w.run[0] = w.start[n + 2 * w.e]
     for i in range(len(w.mended) - n - 1):
         w.laws[size + 2 + i] = w.mended[n + 1 + i]
 

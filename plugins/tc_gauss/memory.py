@@ -60,12 +60,19 @@ class Work(Record):
     n_ends: int
     n_matrix: int  # elements whose conduction is solved for as a whole (see conduction.py), or 0
     n_factors: int
-    n_invariants: int
+    n_nodes: int  # what stands in a row of these
+    n_carried: int
+    n_slopes: int
+    n_laws: int
+    n_mended: int
+    general: bool  # of any system: see any_system.py; then n = 0, and all variables are in the place of entropies
     to_start: Kernel  # see `formulas.Formulas`
     to_motion: Kernel
     to_slopes: Kernel
     to_forces: Kernel
     to_mend: Kernel
+    to_hold: Kernel  # of any system: see solver.mending
+    to_laws: Kernel
     to_matrix: Kernel  # of the conduction; 0: none
     to_iterate: Kernel  # those on vectors; 0: none
     to_iterate_finer: Kernel
@@ -99,24 +106,24 @@ class Work(Record):
     sums: Floats = sized("n + 3 * m")  # what `formulas.closing` writes
     start: Floats = sized("n_ends")  # what the first kernel gives at the start of the step
     end: Floats = sized("n_ends")  # and at its end
-    laws: Floats = sized("n + m + 2 + n_invariants")  # a state, its energy, energy and invariants that it should have
+    laws: Floats = sized("n_laws")  # a state, its energy, energy and invariants that it should have
     run: Floats = sized("1")  # the energy at the start of the run
-    mended: Floats = sized("n + 1 + n_invariants")  # what the fifth kernel makes of them
+    mended: Floats = sized("n_mended")  # what the fifth kernel makes of them
     # Iterations that a unit of time is worth, that may be owed, and the count at which an attempt is given up: see
     # march.advance.
     budget: Floats = sized("3")
     seen: Floats = sized("2")  # the contraction of the last solve, and the quadrature that it took
-    at_nodes: Matrix = sized("k", "2 * m")  # velocities, positions, stresses, temperatures
-    drift: Matrix = sized("k", "2 * e")  # rates of shapes and entropies
-    at_points: Matrix = sized("MOST_POINTS", "2 * e")  # shapes and entropies
-    slopes: Matrix = sized("MOST_POINTS", "2 * e")  # stresses and temperatures
+    at_nodes: Matrix = sized("k", "n_nodes")  # velocities, positions, stresses, temperatures
+    drift: Matrix = sized("k", "n_carried")  # rates of shapes and entropies
+    at_points: Matrix = sized("MOST_POINTS", "n_carried")  # shapes and entropies
+    slopes: Matrix = sized("MOST_POINTS", "n_slopes")  # stresses and temperatures
     FG: Floats = sized("m")
     rho: Floats = sized("k")
     left: Matrix = sized("k", "k")
     J: Matrix = sized("n_newton", "n_newton")
     rhs: Floats = sized("n_newton")
     base: Floats = sized("n_newton")
-    x0: Floats = sized("2 * e")  # shapes and entropies at the start
+    x0: Floats = sized("n_carried")  # shapes and entropies at the start
     dz: Floats = sized("n + m")
     z1: Floats = sized("n + m")
     z: Floats = sized("n + m")  # of a run: where it is

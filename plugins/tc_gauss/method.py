@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcbench.compiler.once import once_a_system
+from tcbench.errors import TcbenchError
 from tcbench.systems.system import System
 
 from . import formulas
@@ -17,6 +18,7 @@ SOLVED_TO = 0.01  # of the tolerance: residual of the collocation equations in a
 FINEST = 1e-14  # of the residual: round-off is near
 SOLVED = 0  # see `step`
 MOST_NEWTON = 500  # unknowns of Newton's dense matrices; larger systems take a step that needs it in halves
+MOST_VARIABLES = 300  # of a system without elements
 VECTOR_KERNELS = ("to_iterate", "to_iterate_finer", "to_block", "to_extrapolate", "to_close")
 
 
@@ -67,18 +69,48 @@ def prepared(system: System, k: int) -> tuple[Any, Any]:
     from .march import LOOPS  # LLVM is loaded when something runs, not when plugins are listed
     from .memory import Counts, Numbers, Work
 
+    numbers = Numbers(k=k, **formulas.coefficients(k)._asdict())
+    found = (of_elements if system.defines("element_energy") else of_any_system)(system, k)
+    return LOOPS, Work(k=k, n_factors=numbers.pairs + 1, numbers=numbers, counts=Counts(), **found)
+
+
+def of_elements(system: System, k: int) -> dict[str, Any]:
+    """The fields of a record for springs and their like."""
     symbolic, c0 = system.symbolic, system.constant_values
     scalar, matrix, setup, *_ = formulas.formulas(symbolic)
     c = np.concatenate([c0, setup(c0, c0)])
     names = ("to_start", "to_motion", "to_slopes", "to_forces", "to_mend", *VECTOR_KERNELS)
     addresses = [*(x.address for x in scalar), *formulas.on_vectors(symbolic, k)]
     n, e = symbolic.n_positions, symbolic.n_elements
-    numbers = Numbers(k=k, **formulas.coefficients(k)._asdict())
-    work = Work(
-        n=n, e=e, k=k, m=n + e, n_constants=len(c), c=c,
-        inverse_mass=1.0 / (np.asarray(system.inertia(), dtype=float) * np.ones(n)),
-        n_newton=k * (n + e) if k * (n + e) <= MOST_NEWTON else 0, n_factors=numbers.pairs + 1, n_ends=scalar[0].size,
-        n_matrix=e if matrix else 0, to_matrix=matrix.address if matrix else 0, n_invariants=scalar[-1].size - n - 1,
-        numbers=numbers, counts=Counts(), **dict(zip(names, addresses, strict=True)),
-    )  # fmt: skip
-    return LOOPS, work
+    return {
+        "n": n, "e": e, "m": n + e, "n_constants": len(c), "c": c,
+        "inverse_mass": 1.0 / (np.asarray(system.inertia(), dtype=float) * np.ones(n)),
+        "n_newton": k * (n + e) if k * (n + e) <= MOST_NEWTON else 0, "n_ends": scalar[0].size,
+        "n_matrix": e if matrix else 0, "to_matrix": matrix.address if matrix else 0,
+        "n_nodes": 2 * (n + e), "n_carried": 2 * e, "n_slopes": 2 * e, "n_mended": scalar[-1].size,
+        "n_laws": n + e + 1 + scalar[-1].size, **dict(zip(names, addresses, strict=True)),
+    }  # fmt: skip
+
+
+def of_any_system(system: System, k: int) -> dict[str, Any]:
+    """The same for any system, all of whose variables stand in the place of entropies."""
+    from .any_system import any_formulas
+
+    size = system.size
+    if size > MOST_VARIABLES:
+        raise TcbenchError(
+            f"tc_gauss solves for all variables at once, with dense matrices: {size} are too many for it (at most "
+            f"{MOST_VARIABLES}). Take tc_monolithic."
+        )
+    made, c0 = any_formulas(system.symbolic), system.constant_values
+    c = np.concatenate([c0, made.setup(c0, c0)])
+    start, mend, hold = made.mending
+    names = ("to_start", "to_motion", "to_slopes", "to_forces", "to_matrix", "to_laws", "to_mend", "to_hold")
+    addresses = [x.address for x in (*made.kernels, start, mend, hold)]
+    return {
+        "general": True, "n": 0, "n_newton": 0, "e": size, "m": size, "n_matrix": size, "n_constants": len(c), "c": c,
+        "n_ends": made.kernels[0].size, "n_nodes": 2 * size + made.projected, "n_carried": made.carried,
+        "n_slopes": made.projected, "n_laws": start.size, "n_mended": mend.size,
+        **dict(zip(names, addresses, strict=True)),
+        **dict(zip(VECTOR_KERNELS[3:], formulas.sums_on_vectors(k, 0, size), strict=True)),
+    }  # fmt: skip

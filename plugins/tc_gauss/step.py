@@ -31,7 +31,7 @@ import numpy as np
 from tcbench.compiler.language import Floats, call, copy_into, fill, rare
 from tcbench.solver.linear_algebra import dot, solve_pivoted
 
-from . import conduction
+from . import any_system, conduction
 from .formulas import ON_VECTORS, POINTS
 from .memory import LEVELS, Work
 
@@ -46,6 +46,8 @@ ROUGH = 1e-3  # residual down to which the coarsest quadrature will do
 MENDED = 10.0  # residuals: by how much mending may change momenta
 MOST = 0.1  # of the kinetic energy that is free to change: what mending may move
 SLOW = 0.6  # contraction above which the fixed point is given up
+STIFFLY = 3.0  # times its round-off, by how much the energy of a stiff system may miss
+RENEWED = 5  # times that the matrix is, of any system, before
 MAX_NEWTON = 12
 INCREMENT = 1e-7  # of the difference quotients of the fallback: they steer, the residual decides
 
@@ -163,6 +165,9 @@ def correct(w: Work, h: float) -> float:
 
 def iterate(w: Work, h: float, z: Floats, level: int) -> float:
     """One iteration with a quadrature; the scaled residual, not finite where U is out of the formulas' range."""
+    if w.general:
+        any_system.rates(w, h, z, points_of(level), level)
+        return any_system.corrected(w, h)
     if w.stiff[2] == 0.0:
         return iterate_simply(w, h, z, level)
     conduction.keep(w)
@@ -185,7 +190,7 @@ def iterate_simply(w: Work, h: float, z: Floats, level: int) -> float:
 
 def fixed_point(w: Work, h: float, z: Floats, level: int, residual: float) -> int:
     """Iterate from U, in place, until U and N agree to the residual. SOLVED or FAILED."""
-    previous, slow, first, shrunk, since = np.inf, 0, 0.0, 0.0, 0
+    previous, slow, first, shrunk, since, renewed = np.inf, 0, 0.0, 0.0, 0, 0
     w.seen[0] = 0.0
     # round-off in the conduction is that of entropies, times 1 - h lambda
     w.scale[1] = min(1.0, residual / CONVERGED / (1.0 - h * w.stiff[1]))
@@ -208,6 +213,9 @@ def fixed_point(w: Work, h: float, z: Floats, level: int, residual: float) -> in
                 w.seen[0] = (shrunk / first) ** (1.0 / taken)
             return SOLVED
         slow = slow + 1 if size > SLOW * previous else 0
+        if w.general and slow >= 2 and renewed < RENEWED:
+            any_system.renew(w, h, z)
+            renewed, slow = renewed + 1, 0
         if slow >= 2 or w.counts.iterations > w.budget[2]:
             return FAILED
         previous = size
@@ -259,10 +267,11 @@ def newton(w: Work, h: float, z: Floats, level: int) -> int:
 
 
 def guess(w: Work) -> None:
-    """U = the rates at the start of the step, at every node."""
+    """U = the rates at the start of the step, at every node; where any system is stiff 0, from which the first
+    iteration is a linearly implicit step."""
     for j in range(w.k):
         for i in range(w.m):
-            w.U[i, j] = w.start[i]
+            w.U[i, j] = 0.0 if w.general and w.stiff[2] > 0.0 else w.start[i]
 
 
 def extrapolate(w: Work, ratio: float) -> None:
@@ -303,12 +312,16 @@ def close(w: Work, h: float) -> None:
             w.sums[n + 2 * m + i] += a.at_end[j] * w.N[i, j]
 
 
-def mend(w: Work, residual: float) -> bool:
+def mend(w: Work, z: Floats, residual: float) -> bool:
     """Change momenta so that the end of the step has the energy and invariants of the run. False, and nothing is done,
     if that is much of the kinetic energy that is free to change, or much more than the residual; but round-off that
     earlier steps left behind, as where masses nearly collide, is mended whatever its size."""
     n, size = w.n, len(w.z1)
     total = n + 2 * w.e
+    inherited = abs(w.end[total] - w.start[total]) <= w.end[total + 1]
+    limit = np.inf if inherited else MENDED * residual
+    if w.general:
+        return any_system.mend(w, z, limit)
     copy_into(w.laws, w.z1)
     w.laws[size] = w.end[total]
     right = abs(w.end[total] - w.run[0]) <= w.end[total + 1]  # to round-off, which would disturb the momenta
@@ -316,8 +329,6 @@ def mend(w: Work, residual: float) -> bool:
     call(w.to_mend, w.laws, w.c, w.mended)
     if not abs(w.mended[n]) <= MOST:
         return False
-    inherited = abs(w.end[total] - w.start[total]) <= w.end[total + 1]
-    limit = np.inf if inherited else MENDED * residual
     moved = w.mended[:n]
     if not math.sqrt(dot(moved, moved)) * w.scale[0] <= limit:
         return False
@@ -338,18 +349,21 @@ def try_step(w: Work, h: float, z: Floats, known: bool, coarsest: int, residual:
     n, e = w.n, w.e
     careful = residual <= CONVERGED
     levels = LEVELS if careful else ON_VECTORS
-    for i in range(2 * n):
-        w.state0[i] = z[i]
-    for i in range(e):
-        w.state0[2 * n + i] = w.x0[i] = w.start[n + e + i]
-        w.state0[2 * n + e + i] = w.x0[e + i] = z[2 * n + i]
-    if not known:
-        guess(w)
     w.c[0] = h
-    stiff_block(w, h)
+    if w.general:
+        copy_into(w.x0, w.start[2 * e + 2 :])
+    else:
+        for i in range(2 * n):
+            w.state0[i] = z[i]
+        for i in range(e):
+            w.state0[2 * n + i] = w.x0[i] = w.start[n + e + i]
+            w.state0[2 * n + e + i] = w.x0[e + i] = z[2 * n + i]
+        stiff_block(w, h)
     if w.to_matrix != 0:
         conduction.prepare(w, h, z)
-    level = coarsest
+    if not known:
+        guess(w)
+    level, before = coarsest, np.inf
     while True:
         w.seen[1] = level
         done = fixed_point(w, h, z, level, residual)
@@ -366,11 +380,15 @@ def try_step(w: Work, h: float, z: Floats, known: bool, coarsest: int, residual:
         total = w.end[n + 2 * e]
         if not abs(total) < np.inf:
             return FAILED
+        miss, noise = abs(total - w.start[n + 2 * e]), w.start[n + 2 * e + 1]
         if residual > CONVERGED:
-            if mend(w, residual):
+            if mend(w, z, residual):
                 return SOLVED
-        elif abs(total - w.start[n + 2 * e]) <= w.start[n + 2 * e + 1]:
+        elif miss <= noise:
             return SOLVED
+        elif w.general and miss > 0.5 * before and miss <= STIFFLY * noise:
+            return SOLVED  # what a finer quadrature leaves is round-off in what is stiff
+        before = miss
         if level + 1 < levels:
             level += 1
             w.counts.raised += 1

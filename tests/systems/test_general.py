@@ -13,7 +13,7 @@ SCENARIOS = {name: tcbench.scenarios()[name] for name in SIX}
 
 
 @pytest.mark.parametrize("name", SIX)
-@pytest.mark.parametrize("method", [*PAPER, "tc_gonzalez", "tc_itoh_abe"])
+@pytest.mark.parametrize("method", [*PAPER, "tc_gonzalez", "tc_itoh_abe", "tc_gauss[k=2]", "tc_gauss"])
 def test_laws_at_large_steps(method, name):
     """Round-off of 1000 converged solves; the entropy of a system at rest is computed to some last digits."""
     run = tcbench.simulate(method, SCENARIOS[name], dt=0.5, t_end=500)
@@ -35,7 +35,14 @@ def test_orders_and_peers(name):
     exact = end("gauss3", 256)
     peer = tcbench.simulate("solve_ivp_dop853", scenario, tolerance=1e-12)
     assert peer.z[-1] == pytest.approx(exact, rel=1e-9, abs=1e-9)
-    expected = {"tc_monolithic": 2, "tc_staggered": 1, "tc_strang": 2, "midpoint_entropy": 2, "gauss2": 4} | GRADIENTS
+    expected = {
+        "tc_monolithic": 2,
+        "tc_staggered": 1,
+        "tc_strang": 2,
+        "midpoint_entropy": 2,
+        "gauss2": 4,
+        "tc_gauss[k=2]": 4,
+    } | GRADIENTS
     for method, order in expected.items():
         steps = {1: (512, 1024), 2: (64, 128), 4: (16, 32)}[order]
         errors = [np.abs(end(method, n) - exact).max() for n in steps]

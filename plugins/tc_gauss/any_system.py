@@ -1,0 +1,170 @@
+"""The step of `step` on any system: its formulas from the cut of the graphs of energy and entropy, and their iteration.
+
+E = F(y(z)) with y at most quadratic, which are carried as polynomials of their own; so is S. At the nodes
+
+    z_j = z0 + h sum A_jl K_l                 y'_j = grad y(z_j) . K_j
+    y(xi_g) = y0 + h sum Ahat_gl y'_l         F_j = sum_g W_jg F_y(y(xi_g))        DE_j = sum_y F_j grad y(z_j)
+    K_j = reversible(z_j, DE_j, DS_j) + irreversible(z_j, DE_j, DS_j)
+
+Then sum b DE_j . K_j is the change of E, which vanishes node by node, and that of S is no less than 0; what is
+quadratic and invariant under symmetries of the y stays. Springs are the special case y = (pi, s), whose positions
+`step` eliminates. Slopes that are constant, as of a kinetic energy, are not projected, and y on which none depends are
+not carried.
+
+Solved by simplified Newton in all K with the Jacobian of the vector field, through the eigenvectors of A: `conduction`
+with all variables in the place of the entropies.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from tcbench.compiler import derivatives as trace
+from tcbench.compiler.cut import Cut
+from tcbench.compiler.derivatives import Symbol, lifted
+from tcbench.compiler.kernels import Kernel, constant_part, kernel
+from tcbench.compiler.language import Floats, call
+from tcbench.compiler.once import once
+from tcbench.solver.mending import mended, mending_kernels, round_off
+from tcbench.systems.system import System
+
+from . import conduction
+from .memory import Work
+
+EPSILON = 2.0**-53  # of what the terms of the energy are: its round-off, and what a quadrature may leave
+
+
+class AnyFormulas(NamedTuple):
+    """Kernels start, motion, slopes, forces, matrix; of the mending; and what depends on the constants only."""
+
+    kernels: list[Kernel]
+    mending: tuple[Kernel, Kernel, Kernel]  # start, mend, hold
+    setup: Kernel
+    carried: int
+    projected: int
+
+
+@once
+def any_formulas(symbolic: System) -> AnyFormulas:
+    """Those of all systems of one structure, by their `System.symbolic`."""
+    with trace.tracing():
+        *mending, fixed = mending_kernels(symbolic)
+        z, K = trace.variables("z", symbolic.size), trace.variables("K", symbolic.size)
+        parts = [_Part(symbolic.cut(name), z, K) for name in ("energy", "entropy")]
+        y, start, motion, slopes, means = (
+            [x for part in parts for x in getattr(part, name)] for name in ("y", "start", "motion", "slopes", "means")
+        )
+        gradients = [symbolic.state(trace.array(p.gradient)) for p in parts]
+        rates = [rate(symbolic.state(z), *gradients) for rate in (symbolic.reversible, symbolic.irreversible)]
+        energy, rate = lifted(symbolic.energy(z)), list(map(lifted, symbolic.vector_field(z)))
+        noise = EPSILON * (1.0 + round_off(energy, list(z)))
+        bodies: list[tuple[list[Any], list[Any]]] = [
+            ([*z], [*rate, *(1.0 / (1.0 + abs(x)) for x in z), energy, noise, *start]),
+            ([*K, *z], motion),
+            (y, slopes),
+            ([*K, *z, *means], list(rates[0] + rates[1])),
+            ([*z], list(trace.jacobian(rate, list(z)).T.ravel())),
+        ]
+        values = [list(map(lifted, body)) for _, body in bodies]
+        first = symbolic.n_constant_values + len(fixed)
+        hoisted = constant_part([x for row in values for x in row], [x for inputs, _ in bodies for x in inputs])
+        known = symbolic.constant_symbols() | {x: f"b[{first + i}]" for i, x in enumerate(hoisted)}
+        made = [
+            kernel({x: f"a[{i}]" for i, x in enumerate(inputs)} | known, row)
+            for (inputs, _), row in zip(bodies, values, strict=True)
+        ]
+        setup = kernel(symbolic.constant_symbols(), [*fixed, *hoisted])
+    return AnyFormulas(made, (mending[0], mending[1], mending[2]), setup, len(y), len(slopes))
+
+
+class _Part:
+    """The energy or the entropy: y, start (y of z), motion (their rates), slopes of F that vary, means (symbols for
+    these at a node) and the gradient there."""
+
+    def __init__(self, cut: Cut, z: Any, K: Any) -> None:
+        varies = [bool(trace.depends_on([slope], cut.y)) and slope.op != "const" for slope in cut.slopes]
+        self.slopes = [slope for slope, v in zip(cut.slopes, varies, strict=True) if v]
+        needed = set(trace.topological(self.slopes))
+        carried = [i for i, y in enumerate(cut.y) if y in needed]
+        self.y = [cut.y[i] for i in carried]
+        values, rows = cut.values(list(z)), cut.gradients(list(z))
+        self.start = [values[i] for i in carried]
+        self.motion = [sum((g * K[j] for j, g in rows[i].items()), trace.const(0.0)) for i in carried]
+        self.means: list[Symbol] = [trace.variable("mean") for _ in self.slopes]
+        means = iter(self.means)
+        self.gradient = cut.joined([next(means) if v else s for s, v in zip(cut.slopes, varies, strict=True)], rows)
+
+
+def rates(w: Work, h: float, z: Floats, points: int, level: int) -> None:
+    """N, the rates that the equations give for those in U."""
+    a, k, m = w.numbers, w.k, w.m
+    for j in range(k):
+        for i in range(m):
+            total = 0.0
+            for l in range(k):
+                total += a.A[j, l] * w.U[i, l]
+            w.at_nodes[j, i] = w.U[i, j]
+            w.at_nodes[j, m + i] = z[i] + h * total
+        call(w.to_motion, w.at_nodes[j], w.c, w.drift[j])
+    if w.n_slopes > 0:
+        for g in range(points):
+            for i in range(w.n_carried):
+                total = 0.0
+                for l in range(k):
+                    total += a.Ahats[level, g, l] * w.drift[l, i]
+                w.at_points[g, i] = w.x0[i] + h * total
+            call(w.to_slopes, w.at_points[g], w.c, w.slopes[g])
+    for j in range(k):
+        for i in range(w.n_slopes):
+            total = 0.0
+            for g in range(points):
+                total += a.Ws[level, j, g] * w.slopes[g, i]
+            w.at_nodes[j, 2 * m + i] = total
+        call(w.to_forces, w.at_nodes[j], w.c, w.FG)
+        for i in range(m):
+            w.N[i, j] = w.FG[i]
+
+
+def corrected(w: Work, h: float) -> float:
+    """U as the simplified Newton has it from N; returns the scaled size of the correction, NaN if it is."""
+    conduction.keep(w)
+    if w.stiff[2] > 0.0:
+        conduction.correct(w)
+    size = 0.0
+    for i in range(w.m):
+        for j in range(w.k):
+            if not w.stiff[2] > 0.0:
+                w.U[i, j] = w.N[i, j]
+            r = abs(w.U[i, j] - w.before[i, j]) * w.start[w.m + i]
+            size = r if r > size or r != r else size
+    return h * size
+
+
+def renew(w: Work, h: float, z: Floats) -> None:
+    """The matrix anew, at the mean of the stages as they are by now."""
+    for i in range(w.m):
+        total = 0.0
+        for j in range(w.k):
+            for l in range(w.k):
+                total += w.numbers.A[j, l] * w.U[i, l]
+        w.z1[i] = z[i] + h * total / w.k
+    conduction.prepare(w, h, w.z1)
+
+
+def mend(w: Work, z: Floats, limit: float) -> bool:
+    """The end of the step on the laws of the run; False, and nothing is done, if that moves it by more than the limit,
+    or none is near."""
+    m, least = w.m, w.laws[w.m + 1]
+    for i in range(m):
+        w.laws[i] = w.z1[i]
+    good = mended(w.to_mend, w.to_hold, w.laws, w.c, w.mended)
+    for i in range(m):
+        good = good and abs(w.laws[i] - w.z1[i]) * w.start[m + i] <= limit
+    if not good:
+        w.laws[m + 1] = least
+        return False
+    for i in range(m):
+        w.dz[i] = w.laws[i] - z[i]
+        w.z1[i] = w.laws[i]
+    call(w.to_start, w.z1, w.c, w.end)
+    return True

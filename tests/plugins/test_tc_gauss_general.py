@@ -1,0 +1,73 @@
+"""tc_gauss on any system, by the cut of its graphs: what springs have, stiff variants, what it refuses."""
+
+import numpy as np
+import pytest
+from tcbench_plugins.tc_gauss.method import GaussMethod
+
+import tcbench
+from tcbench import System, TcbenchError
+
+SCENARIOS = tcbench.scenarios()
+STIFF = {  # a thousand times the dissipation
+    "damped_oscillator": {"friction": 10},
+    "viscous_pendulum": {"viscosity": (0.02, 0.04)},
+    "rubbing_piston": {"friction": 200, "conductivity": 500},
+    "rigid_body": {"damping": 200},
+    "heavy_top": {"friction": 150},
+    "reaction": {"speed": 700},
+}
+
+
+@pytest.mark.parametrize("k", [1, 3])
+def test_springs_are_a_special_case(k):
+    """A pendulum without branches, once by elements and once by its energy alone: the same steps."""
+    springs = SCENARIOS["short_term"]
+    shared = {
+        name: springs.constants[name] for name in SCENARIOS["viscous_pendulum"].constants if name in springs.constants
+    }
+    general = SCENARIOS["viscous_pendulum"].replace(branch_stiffness=(0, 0), **shared)
+    z, zero = springs.z0, np.zeros(2)
+    name = "tc_gauss" if k == 3 else f"tc_gauss[k={k}]"
+    initial = {"q": z[:4].reshape(2, 2), "p": z[4:8].reshape(2, 2), "alpha": zero, "s": z[8:]}
+    ours = tcbench.simulate(name, general.replace(initial=initial), dt=0.1, t_end=3.0).z[-1]
+    theirs = tcbench.simulate(name, springs, dt=0.1, t_end=3.0).z[-1]
+    assert np.delete(ours, [8, 9]) == pytest.approx(theirs, rel=1e-13, abs=1e-13)
+
+
+@pytest.mark.parametrize("name", STIFF)
+def test_stiff_systems(name):
+    """Laws at a fixed step; adaptive ones keep them, too, and come to where a stiff solver comes."""
+    scenario = SCENARIOS[name].replace(t_end=10.0, **STIFF[name])
+    exact = tcbench.simulate("solve_ivp_radau", scenario, tolerance=1e-11).z[-1]
+    runs = [
+        tcbench.simulate("tc_gauss", scenario, dt=0.25),
+        tcbench.simulate("tc_gauss_adaptive", scenario, tolerance=1e-5),
+    ]
+    for run in runs:
+        assert run.ok and run.summary.energy_error_max <= 1e-12
+        assert run.summary.entropy_increment_min >= -1e-14
+        assert max(run.summary.invariant_error_max.values(), default=0.0) <= 1e-12
+    assert runs[1].z[-1] == pytest.approx(exact, rel=1e-5, abs=1e-5)
+
+
+def test_what_a_step_was_is_no_part_of_the_next():
+    """Increments are those of a fresh workspace, whatever was stepped before."""
+    scenario = SCENARIOS["heavy_top"]
+    used, fresh = (GaussMethod(scenario.model, 2) for _ in range(2))
+    used.adaptive(scenario.z0, np.array([0.0, 3.0]), 1e-6)
+    assert np.array_equal(used.increments(scenario.z0, 0.3), fresh.increments(scenario.z0, 0.3))
+
+
+def test_a_large_system_is_refused_in_a_sentence():
+    class Many(System):
+        name = "many"
+        variables = {"q": (200,), "p": (200,)}
+
+        def energy(self, z):
+            return (z.p @ z.p + z.q @ z.q) / 2
+
+        def entropy(self, z):
+            return z.q[0]
+
+    with pytest.raises(TcbenchError, match="400 are too many for it"):
+        GaussMethod(Many(), 2)
