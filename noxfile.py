@@ -12,12 +12,15 @@ nox.options.default_venv_backend = "uv|virtualenv"
 
 @nox.session
 def lint(session: nox.Session) -> None:
-    """Format, lint, types, layers of imports."""
+    """Format, lint, types, layers of imports, spelling, Markdown, and what packages of the field have."""
     session.install("-e", ".[dev]")
     session.run("ruff", "format", "--check", ".")
     session.run("ruff", "check", ".")
     session.run("mypy")
     session.run("lint-imports")
+    session.run("codespell")
+    session.run("rumdl", "check", ".")
+    session.run("repo-review", ".")
 
 
 @nox.session(python=["3.11", "3.12", "3.13"])
