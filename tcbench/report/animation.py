@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import html
 import io
 import shutil
 import subprocess
@@ -15,6 +16,7 @@ import numpy as np
 
 from ..errors import TcbenchError
 from ..systems.plane import segments
+from .charts.scales import ROUND_OFF
 from .charts.style import look
 from .charts.theme import STYLE
 
@@ -28,7 +30,8 @@ FRAMES, FPS = 120, 20
 TRAIL = 12  # frames of a mass's way that are shown
 MOST_METHODS = 4
 SUFFIXES = (".gif", ".mp4", ".html")
-WIDEST = 1.6  # view, over what the runs that ended well need: a run that flies apart leaves it
+ROOM = 0.06  # of a view around what the runs that ended well need: a run that flies apart leaves it
+WIDEST = 0.6  # the same where no run ended well, around the start
 LOST = 3.0  # errors of the energy over V0 that are shown
 PAGE = """<!doctype html><meta charset="utf-8"><title>tcbench</title><img id="f" alt="the runs, frame by frame"><br>
 <button id="b">pause</button> <input id="s" type="range" min="0" value="0" style="width:30em" aria-label="frame">
@@ -51,18 +54,30 @@ def animate(
     """The runs of one scenario side by side, in the same time; a run that failed stops where it did and says so.
 
     path : writes .gif, .mp4 (needs ffmpeg) or .html (one file, with controls) and returns the path; without it the
-    animation itself is returned, for a notebook. Raises TcbenchError for no run, more than four, different scenarios,
-    other suffixes, and systems that cannot be drawn in the plane (see System.points).
+    animation itself is returned, which a notebook plays, with controls. Raises TcbenchError for no run, more than four,
+    different scenarios, other suffixes, and systems that cannot be drawn in the plane (see System.points).
     """
     chosen: list[Any] = [runs] if hasattr(runs, "scenario") else list(runs)
     if path is not None:
         return save(chosen, path, frames, fps)
+    _checked(chosen)
+    return _movie(chosen, frames, fps)
+
+
+def _movie(runs: Sequence[Trajectory], frames: int, fps: int) -> FuncAnimation:
+    """matplotlib's animation, which a notebook shows as a player."""
     from matplotlib.animation import FuncAnimation
 
-    _checked(chosen)
+    class Movie(FuncAnimation):
+        def _repr_html_(self) -> str:
+            self._draw_was_started = True  # it is shown: no warning that it never was
+            page = html.escape(_page(_pictures(runs, frames), fps))
+            width, height = (80 * size + 40 for size in stage.figure.get_size_inches())
+            return f'<iframe srcdoc="{page}" width="{width:.0f}" height="{height:.0f}" style="border:0"></iframe>'
+
     with matplotlib.rc_context(STYLE):
-        stage = _Stage(chosen, frames)
-        return FuncAnimation(stage.figure, stage.show, frames=frames, interval=1000 / fps, blit=False)
+        stage = _Stage(runs, frames)
+        return Movie(stage.figure, stage.show, frames=frames, interval=1000 / fps, blit=False)
 
 
 def save(runs: Sequence[Trajectory], path: str | Path, frames: int = FRAMES, fps: int = FPS) -> Path:
@@ -124,12 +139,17 @@ def _as_mp4(pictures: Sequence[Image], path: Path, fps: int) -> None:
 
 
 def _as_html(pictures: Sequence[Image], path: Path, fps: int) -> None:
+    path.write_text(_page(pictures, fps), encoding="utf-8")
+
+
+def _page(pictures: Sequence[Image], fps: int) -> str:
+    """One page with all pictures and the controls of a player."""
     encoded = []
     for picture in pictures:
         buffer = io.BytesIO()
         picture.quantize(64).save(buffer, "PNG", optimize=True)
         encoded.append(base64.b64encode(buffer.getvalue()).decode())
-    path.write_text(PAGE.replace("FRAMES", str(encoded)).replace("WAIT", str(1000 / fps)), encoding="utf-8")
+    return PAGE.replace("FRAMES", str(encoded)).replace("WAIT", str(1000 / fps))
 
 
 def _checked(runs: Sequence[Trajectory]) -> None:
@@ -156,20 +176,23 @@ class _Stage:
         above, below = parts
         axes = above.subplots(1, len(runs), squeeze=False)[0]
         self.views = [_View(*parts) for parts in zip(axes, runs, self.places, strict=True)]
-        half = self._half_width()
-        heat = self._heat()
+        box, heat = self._box(), self._heat()
         for view in self.views:
-            view.frame(half, heat)
+            view.frame(box, heat)
         above.suptitle(runs[0].scenario.name)
         self.lines = self._laws(below)
         self.moving = [a for view in self.views for a in view.moving] + [x[0] for lines in self.lines for x in lines]
         self.figure.draw_without_rendering()
         self.figure.set_layout_engine("none")  # found once: it would take most of the time of each frame
+        for view in self.views:
+            view.fill()
 
-    def _half_width(self) -> float:
-        """Of the view: what the runs that ended well need, or the start where none did."""
+    def _box(self) -> Any:
+        """What the view must hold, (2, 2): the way of the runs that ended well, or of the start where none did."""
         good = [place for run, place in zip(self.runs, self.places, strict=True) if run.ok]
-        return WIDEST / 1.45 * max(float(np.abs(p).max()) for p in (good or [p[:1] for p in self.places]))
+        shown = np.concatenate([place.reshape(-1, 2) for place in good or [p[:1] for p in self.places]])
+        low, high = shown.min(axis=0), shown.max(axis=0)
+        return np.array([low, high]) + (ROOM if good else WIDEST) * max(high - low) * np.array([[-1.0], [1.0]])
 
     def _heat(self) -> tuple[float, float]:
         known = np.concatenate([run.temperatures.ravel() for run in self.runs])
@@ -194,6 +217,11 @@ class _Stage:
             low, high = (float(every.min()), float(every.max())) if len(every) else (0.0, 1.0)
             if k == 0:
                 low, high = max(low, -LOST), min(high, LOST)
+            if k != 1:  # an error: what is round-off is a flat line, not noise that fills the panel
+                least = ROUND_OFF * 10
+                low, high = min(low, -least), max(high, least)
+                if high - low < 1e3 * least:
+                    ax.axhspan(-ROUND_OFF, ROUND_OFF, color="#808080", alpha=0.3, linewidth=0)
             room = 0.08 * (high - low) or 1e-12
             ax.set(xlim=(0, self.times[-1] or 1.0), ylim=(low - room, high + room), xlabel="time t", title=label)
             ax.yaxis.set_major_formatter(lambda value, _: f"{value:.3g}")
@@ -226,13 +254,11 @@ class _View:
     def __init__(self, ax: Any, run: Trajectory, place: Any) -> None:
         self.ax, self.run, self.place = ax, run, place
 
-    def frame(self, half: float, heat: tuple[float, float]) -> None:
+    def frame(self, box: Any, heat: tuple[float, float]) -> None:
         from matplotlib.collections import LineCollection
 
-        centre = (self.place[0].reshape(-1, 2).max(axis=0) + self.place[0].reshape(-1, 2).min(axis=0)) / 2
-        still = np.ptp(self.place[..., 1]) == 0.0  # everything on a line: look at its middle
-        x0 = float(centre[0]) if still else 0.0
-        self.ax.set(xlim=(x0 - half, x0 + half), ylim=(-half, half), aspect="equal", xticks=[], yticks=[])
+        self.middle, self.size = box.mean(axis=0), np.ptp(box, axis=0)
+        self.ax.set(xticks=[], yticks=[])
         self.ax.set_title(self.run.integrator.name, color=look(self.run.integrator.name).colour, fontweight="bold")
         self.ax.grid(False)
         self.springs = LineCollection([], linewidths=4, cmap="coolwarm", clim=heat, capstyle="round")
@@ -241,6 +267,13 @@ class _View:
         (self.masses,) = self.ax.plot([], [], "o", color="#222222", markersize=8)
         self.text = self.ax.text(0.02, 0.02, "", transform=self.ax.transAxes, fontsize=8, va="bottom")
         self.moving = [self.springs, self.trail, self.masses, self.text]
+
+    def fill(self) -> None:
+        """The whole panel, a unit as long upwards as sideways: a broad one shows more of the plane."""
+        panel = self.ax.get_window_extent()
+        unit = max(self.size[0] / panel.width, self.size[1] / panel.height)
+        (x, y), wide, high = self.middle, unit * panel.width / 2, unit * panel.height / 2
+        self.ax.set(xlim=(x - wide, x + wide), ylim=(y - high, y + high))
 
     def show(self, row: int, before: Sequence[int], t: float) -> None:
         here = self.place[row]

@@ -66,11 +66,11 @@ def laws_kept(rows: DataFrame, law: str, column: str) -> Any:
 def methods(tables: Tables, declared: Tables) -> list[dict[str, Any]]:
     """One row a method: its family, laws, order, stable step, and how many of its ladder runs failed."""
     told = declared.get("integrators", {})
-    peers = _peers(tables)
+    solvers = peers(tables)
     rows = []
     for name in names(tables, "integrator"):
         facts = told.get(name, {})
-        family = facts.get("family") or (FAMILIES[3] if name in peers else UNKNOWN)
+        family = facts.get("family") or (FAMILIES[3] if name in solvers else UNKNOWN)
         failed, runs = _failed(tables, name)
         rows.append({
             "name": name, "family": FAMILIES.index(family) if family in FAMILIES else len(FAMILIES) - 1,
@@ -81,7 +81,8 @@ def methods(tables: Tables, declared: Tables) -> list[dict[str, Any]]:
     return rows
 
 
-def _peers(tables: Tables) -> set[str]:
+def peers(tables: Tables) -> set[str]:
+    """The methods of which work_precision says that they are other packages' solvers."""
     table = tables.get("work_precision")
     if table is None or "peer" not in table:
         return set()

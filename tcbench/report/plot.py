@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from ..errors import TcbenchError, expect, unknown_name
 from ..files import replacing
 from .chart_kinds import OPENING, SERIES, Kind, find_kind, of_scenario, with_fallbacks
-from .charts import theme
+from .charts import layout, theme
+from .leaders import leaders
+from .matrix import names
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -21,6 +25,7 @@ if TYPE_CHECKING:
     Source: TypeAlias = str | Path | DataFrame | Mapping[str, DataFrame] | Trajectory | Iterable[Trajectory]
 
 SUFFIXES = (".png", ".svg", ".pdf")
+LARGER, SMALLEST = (9.0, 8.0, 7.0, 6.0), 5.0  # points: the first in which a chart fits a size that was asked for
 
 
 def plot(kind: str, data: Source, output: str | Path, **options: Any) -> Path:
@@ -62,7 +67,8 @@ def draw(
     methods : only these, in this order; a mapping, or a str as on the command line, "tc_strang=Strang,gauss2", says
     what to write for each. x, y : columns; y of charts whose panels are variables, laws or measures: these. dt : of
     laws, four-panel and path, the runs of this step only. size : of the figure, in inches, or "15x10cm". font_size :
-    points. style : a matplotlib style, its file, its name or its settings, over what your own matplotlibrc sets.
+    points; 9 by default, or down to 5 what fits into that size. style : a matplotlib style, its file, its name or its
+    settings, over what your own matplotlibrc sets.
 
     Raises TcbenchError for an unknown kind, scenario, method, column or style, for what the data do not have, and for a
     size too small for the panels.
@@ -74,12 +80,18 @@ def draw(
     if ax is not None and size is not None:
         raise TcbenchError("An Axes has the size of its figure: give ax or size, not both.")
     wanted = theme.asked(methods, size, font_size, style, ax)
-    tables = _tables(chosen, data, dt)
+    tables, declared = _tables(chosen, data, dt)
     if not chosen.possible(tables):
         raise TcbenchError(_absent(chosen, tables))
+    wanted = replace(wanted, looks=run_looks(tables), fore=leaders(tables, declared))
     tables = only(tables, "integrator", list(wanted.labels))
     shown = chosen.select(tables, _scenario(chosen, tables, scenario))
     shown, options = _columns(chosen, shown, x, [y] if isinstance(y, str) else list(y or ()))
+    if size is not None and "font.size" not in wanted.settings:
+        for points in LARGER:
+            with suppress(layout.TooSmall), theme.using(theme.of_type(wanted, points)):
+                return chosen.draw(shown, **options)
+        wanted = theme.of_type(wanted, SMALLEST)
     with theme.using(wanted):
         return chosen.draw(shown, **options)
 
@@ -136,17 +148,28 @@ def save(figure: Figure, path: Path) -> Path:
     return path
 
 
-def _tables(kind: Kind, data: Source, dt: float | None) -> dict[str, DataFrame]:
+def run_looks(tables: Mapping[str, DataFrame]) -> dict[str, Any]:
+    """How each method of a run is drawn: in every chart and on the page the same."""
+    from .charts.style import looks
+
+    return looks(names(tables, "integrator"))
+
+
+def _tables(kind: Kind, data: Source, dt: float | None) -> tuple[dict[str, DataFrame], dict[str, Any]]:
+    """The tables of what was given, and what its folder declares of its methods."""
     from pandas import DataFrame
 
     from ..simulation import series
     from ..simulation.trajectory import Trajectory
+    from ..store.store import Store
     from ..store.tables import read_tables
 
+    declared: dict[str, Any] = {}
     if isinstance(data, DataFrame):
         data = {kind.needs[0]: data}
     if isinstance(data, str | Path):
-        data = read_tables(data)
+        store = Store.read(data)
+        data, declared = read_tables(store), dict(store.declared())
     if isinstance(data, Mapping):
         tables = with_fallbacks(data)
     elif not _of_runs(kind):
@@ -154,7 +177,7 @@ def _tables(kind: Kind, data: Source, dt: float | None) -> dict[str, DataFrame]:
     else:
         runs = [data] if isinstance(data, Trajectory) else list(data)
         tables = dict.fromkeys((SERIES, OPENING), series.trajectories(runs))
-    return _at_step(tables, dt) if _of_runs(kind) else tables
+    return (_at_step(tables, dt) if _of_runs(kind) else tables), declared
 
 
 def _of_runs(kind: Kind) -> bool:

@@ -97,11 +97,11 @@ def test_methods_that_never_failed_are_one_line_that_says_how_many():
     assert "midpoint_entropy" in found and "0 of all runs: 2 methods" in found and "tc_strang" not in found
 
 
-def test_lines_that_are_named_have_colours_of_their_own():
+def test_lines_that_are_named_have_looks_of_their_own():
     table = share_table(awkward.FORTY[5:])
     (ax,) = ensemble.failure_share(table).axes
-    coloured = [line.get_color() for line in ax.lines if line.get_color() not in (style.GREY, theme.INK)]
-    assert len(coloured) == ensemble.NAMED and len(set(coloured)) == 6
+    own = [line for line in ax.lines if line.get_color() not in (style.OTHER.colour, theme.INK)]
+    assert len(own) == ensemble.NAMED == len({(line.get_color(), line.get_marker()) for line in own})
     (ax, _) = ensemble.performance_profiles(profile_table(awkward.FORTY[5:11])).axes
     assert len({line.get_color() for line in ax.lines}) == 6
 

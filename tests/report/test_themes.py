@@ -109,6 +109,16 @@ def test_nothing_stands_outside_a_picture_of_any_size(kind, size, points):
     assert min(box.x0, box.y0, size[0] - box.x1, size[1] - box.y1) >= -0.03
 
 
+@pytest.mark.parametrize("kind", KINDS_OF_TEST)
+def test_every_kind_of_chart_fits_the_column_of_a_journal(kind):
+    figure = tcbench.draw(kind, TABLES, size="8.5x6cm")
+    figure.canvas.draw()
+    box, (width, height) = figure.get_tightbbox(), figure.get_size_inches()
+    assert (width, height) == pytest.approx((8.5 / 2.54, 6 / 2.54))
+    assert min(box.x0, box.y0, width - box.x1, height - box.y1) >= -0.05
+    assert min(text.get_fontsize() for ax in figure.axes for text in [ax.xaxis.label, ax.yaxis.label]) >= 4
+
+
 @pytest.mark.parametrize("size", ["3.3x6", "7x2.6", "18x12cm"])
 def test_in_a_small_picture_nothing_lies_upon_the_panels_or_outside(table, size):
     figure = tcbench.draw("conservation", table, size=size, font_size=6)

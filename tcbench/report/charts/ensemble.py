@@ -11,8 +11,8 @@ from matplotlib.ticker import FuncFormatter, LogLocator
 
 from .kind import Kind
 from .layout import end_labels, handle, legend, line_labels, note, panels, pt, titles
-from .scales import FLOOR, log_axis
-from .style import GREY, Look, chart, finite, ink, look, looks, names, short
+from .scales import ROUND_OFF, log_axis, round_off_band
+from .style import GREY, OTHER, Look, chart_of_rows, finite, ink, look, names, short
 from .theme import INK
 
 if TYPE_CHECKING:
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
 NAMED = 6  # lines of a panel that are coloured and named; the others are grey
 BAND = 0.13  # opacity of a band
-OTHER = Look(GREY, "", "-")
 FEWEST = 5  # runs: a share of fewer says nothing
 CONTROLS = {"dt": "step size h", "tolerance": "tolerance"}
 
@@ -33,7 +32,7 @@ def first(table: DataFrame) -> DataFrame:
     return table[table["ensemble"] == table["ensemble"].iloc[0]]
 
 
-@chart
+@chart_of_rows
 def failure_share(table: DataFrame) -> Drawing:
     """Share of runs that failed against the step (and, of adaptive solvers, the tolerance), with 95 % bands.
 
@@ -46,7 +45,7 @@ def failure_share(table: DataFrame) -> Drawing:
     if not shown:
         note(axes[0], f"no step or tolerance has {FEWEST} runs")
     parts = [enough[np.isfinite(finite(enough[c]))].sort_values(c, kind="stable") for c in shown]
-    coloured = looks([name for part in parts for name in _most_failing(part)[:NAMED]])
+    coloured = {name: look(name) for part in parts for name in _most_failing(part)[:NAMED]}
     for ax, part, control in zip(axes, parts, shown, strict=False):
         _shares(ax, part, control, coloured)
     figure.place()
@@ -92,7 +91,7 @@ def _percent(ax: Axes) -> None:
     ax.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{100 * y:.0f} %"))
 
 
-@chart
+@chart_of_rows
 def performance_profiles(table: DataFrame) -> Drawing:
     """Share of scenarios solved within tau times the fastest, one panel a target, with 95 % bands.
 
@@ -102,7 +101,7 @@ def performance_profiles(table: DataFrame) -> Drawing:
     figure, axes = panels(max(1, len(targets)), 2, (5.4, 3.1), right=1.4)
     texts = []
     parts = [table[(table["measure"] == measure) & (table["target"] == target)] for measure, target in targets]
-    coloured = looks([name for part in parts for name in _leading(part)[:NAMED]])
+    coloured = {name: look(name) for part in parts for name in _leading(part)[:NAMED]}
     for ax, part, (measure, target) in zip(axes, parts, targets, strict=False):
         _profiles(ax, part, coloured)
         runs, left_out = (int(part[c].iloc[0]) for c in ("runs", "without_reference"))
@@ -144,7 +143,7 @@ def _profiles(ax: Axes, part: DataFrame, coloured: Mapping[str, Look]) -> None:
     end_labels(ax, ends)
 
 
-@chart
+@chart_of_rows
 def error_time(points: DataFrame, integrators: Sequence[str] | None = None) -> Drawing:
     """Error of the state against time: every run a dot, and the medians of each setting joined, from coarse to fine.
 
@@ -160,7 +159,8 @@ def error_time(points: DataFrame, integrators: Sequence[str] | None = None) -> D
         note(ax, "no run has a reference to be compared with")
         return figure
     log_axis(ax, "x", seconds[good])
-    log_axis(ax, "y", np.clip(error[good], FLOOR, 1e3))
+    log_axis(ax, "y", np.clip(error[good], ROUND_OFF, 1e3))
+    round_off_band(ax)
     known = points[good]
     chosen = list(integrators) if integrators else _leaders(known)
     method = known["integrator"].astype(str).to_numpy()
@@ -175,8 +175,9 @@ def error_time(points: DataFrame, integrators: Sequence[str] | None = None) -> D
         rasterized=True,
     )
     ends = []
-    for name, style in looks(chosen).items():
-        colour, mine = style.colour, known[method == name]
+    for name in chosen:
+        style, mine = look(name), known[method == name]
+        colour = style.colour
         ax.plot(
             finite(mine["time_s"]),
             finite(mine["error"]),
@@ -202,7 +203,7 @@ def error_time(points: DataFrame, integrators: Sequence[str] | None = None) -> D
 def _leaders(points: DataFrame) -> list[str]:
     """The methods that are the fastest at errors around 1e-3, 1e-6 and 1e-9, by median."""
     found: dict[str, None] = {}
-    error = np.log10(np.clip(finite(points["error"]), FLOOR, None))
+    error = np.log10(np.clip(finite(points["error"]), ROUND_OFF, None))
     for centre in (-3, -6, -9):
         near = points[np.abs(error - centre) < 1.5]
         times = near.groupby("integrator")["time_s"].median().sort_values()
@@ -210,7 +211,7 @@ def _leaders(points: DataFrame) -> list[str]:
     return list(found)[:NAMED]
 
 
-@chart
+@chart_of_rows
 def law_quantiles(table: DataFrame) -> Drawing:
     """What methods lose of each law: median, 99 % and worst of all runs; filled dots where the method claims the law.
 
@@ -221,8 +222,9 @@ def law_quantiles(table: DataFrame) -> Drawing:
     figure, axes = panels(max(1, len(known)), 3, (3.6, 0.75 + 0.17 * max(4, len(methods))), left=1.45)
     values = finite(table["worst"])
     for ax, law in zip(axes, known, strict=False):
-        log_axis(ax, "x", np.clip(values[np.isfinite(values)], FLOOR, None))
-        ax.set_xlim(left=FLOOR / 3)
+        log_axis(ax, "x", np.clip(values[np.isfinite(values)], ROUND_OFF, None))
+        ax.set_xlim(left=ROUND_OFF / 5)
+        round_off_band(ax, "x")
         ax.xaxis.set_major_locator(LogLocator(numticks=4))
         for place, name in enumerate(reversed(methods)):
             rows = table[(table["integrator"] == name) & (table["law"] == law)]
@@ -238,14 +240,14 @@ def law_quantiles(table: DataFrame) -> Drawing:
 
 
 def _dots(ax: Axes, row: Any, place: int, colour: str) -> None:
-    x = np.clip(finite([row["median"], row["quantile_99"], row["worst"]]), FLOOR, None)
+    x = np.clip(finite([row["median"], row["quantile_99"], row["worst"]]), ROUND_OFF, None)
     fill = colour if bool(row["claimed"]) else matplotlib.rcParams["axes.facecolor"]
     ax.plot(x[[0, 2]], [place, place], color=colour, linewidth=pt(0.8))
     for value, size in zip(x, (5.0, 3.5, 3.5), strict=True):
         ax.plot([value], [place], "o", color=colour, markerfacecolor=fill, markersize=pt(size), markeredgewidth=pt(0.9))
 
 
-@chart
+@chart_of_rows
 def where_it_fails(table: DataFrame) -> Drawing:
     """Shares of failures over a constant and the step, one panel a method: where to look.
 

@@ -15,7 +15,7 @@ from ...studies.columns import invariant_columns
 from .kind import Kind
 from .layout import failed_handle, failed_tracks, legend, note, panels, pt, titles
 from .scales import log_axis, zero_log_axis
-from .style import GREY, chart, finite, ink, look, names, ok, short
+from .style import GREY, chart, chart_of_rows, finite, ink, look, names, ok, short
 from .theme import scale
 
 if TYPE_CHECKING:
@@ -136,7 +136,7 @@ def _ranges(ax: Axes, table: DataFrame) -> None:
             )  # fmt: skip
 
 
-@chart
+@chart_of_rows
 def stable_step(table: DataFrame) -> Drawing:
     """The largest stable step of each method as a bracket, one panel a scenario.
 

@@ -15,14 +15,18 @@ from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 
 from ...errors import TcbenchError
-from .style import GREY, ink, look, short
+from .style import GREY, OTHER, ink, look, short
 from .theme import current, scale
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 LETTER = 0.064  # inches of a letter of a title or a legend, at type of 9 points
-LEAST = (1.0, 0.5)  # inches of a panel that can still be read, at type of 9 points
+LEAST = (0.85, 0.5)  # inches of a panel that can still be read, at type of 9 points
+
+
+class TooSmall(TcbenchError):
+    """A size in which the panels cannot be read."""
 
 
 class Panels(Figure):
@@ -71,7 +75,7 @@ class Panels(Figure):
         lack = [max(0.0, least * k - room) for least, room in zip(LEAST, inner, strict=True)]
         if any(lack):
             needed = whole[0] + lack[0] * self.columns, whole[1] + lack[1] * self.rows
-            raise TcbenchError(
+            raise TooSmall(
                 f"{whole[0]:.3g} x {whole[1]:.3g} inches are too few: this chart needs "
                 f"{math.ceil(10 * needed[0]) / 10} x {math.ceil(10 * needed[1]) / 10}, or smaller type."
             )
@@ -82,6 +86,9 @@ class Panels(Figure):
             ax.set_position((x / whole[0], y / whole[1], inner[0] / whole[0], inner[1] / whole[1]))
             ax.xaxis.set_label_coords(0.5, -0.3 * k / inner[1])
             ax.yaxis.set_label_coords(-(self.left - 0.16 * k) / inner[0], 0.5)
+            shrunk = (inner[1] + bottom) / (LETTER * k * max(1, len(ax.get_ylabel())))  # a name longer than its axis
+            if shrunk < 1:
+                ax.yaxis.label.set_fontsize(pt(9) * max(0.7, shrunk))
 
     def key(self, handles: Sequence[Any], above: float) -> None:
         """One legend for the whole figure: above it for a few names, beside it for many."""
@@ -110,9 +117,10 @@ class Panels(Figure):
     def bar(self, mappable: Any, text: str) -> None:
         """A scale of colours beside all panels."""
         k = scale()
-        self.place(self.above, 1.0 * k, self.below)
+        room = 0.4 + 0.6 * k  # what stands between its parts does not shrink with the type
+        self.place(self.above, room, self.below)
         whole = self.get_size_inches()[0]
-        self.colorbar(mappable, cax=self.add_axes((1 - 0.85 * k / whole, 0.16, 0.13 / whole, 0.68)), label=text)
+        self.colorbar(mappable, cax=self.add_axes((1 - (room - 0.15) / whole, 0.16, 0.13 / whole, 0.68)), label=text)
 
 
 def _wrapped(ax: Axes, letters: int) -> int:
@@ -188,8 +196,13 @@ def handle(name: str, **changes: Any) -> Line2D:
 
 
 def legend(figure: Drawing, methods: Sequence[str], extra: Iterable[Any] = (), above: float = 0.0) -> None:
-    """One legend for the whole figure. above : inches that the panels themselves need over their upper edge."""
-    handles = [*(handle(name) for name in methods), *extra]
+    """One legend for the whole figure: the methods in colour, then one word for all others.
+
+    above : inches that the panels themselves need over their upper edge.
+    """
+    rest = current().rest.intersection(methods)
+    others = [Line2D([], [], color=OTHER.colour, label=f"{len(rest)} others")] if rest else []
+    handles = [*(handle(name) for name in methods if name not in rest), *others, *extra]
     if handles:
         figure.key(handles, above)
     else:
@@ -267,6 +280,10 @@ def failed_tracks(ax: Axes, crosses: Mapping[str, Any], grow: bool = True) -> No
     crosses : method -> where its failed cells stand on the horizontal axis. The limits of the panel must be set.
     grow : False where they stand at the right edge, beside what is drawn.
     """
+    rest = [np.asarray(crosses[name], dtype=float) for name in crosses if name in current().rest]
+    crosses = {name: xs for name, xs in crosses.items() if name not in current().rest}
+    if rest:
+        crosses |= {next(iter(current().rest)): np.concatenate(rest)}  # one track, and one look, for all of them
     failing = [name for name, xs in crosses.items() if np.isfinite(np.asarray(xs, dtype=float)).any()]
     if not failing:
         return

@@ -9,9 +9,9 @@ import numpy as np
 
 from ...studies.columns import column as column_named
 from .kind import Kind
-from .layout import failed_handle, failed_tracks, handle, legend, line_labels, note, panels, pt, spread, titles
-from .scales import log_axis, zero_log_axis
-from .style import chart, finite, ink, look, names, ok, short
+from .layout import failed_handle, failed_tracks, handle, legend, line_labels, note, panels, pt, titles
+from .scales import log_axis, round_off_band, zero_log_axis
+from .style import chart, finite, ink, look, names, ok
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 ERRORS = ("error_q", "error_p", "error_s", "error_theta", "energy_error_max", "angular_momentum_error_max")
 CONSERVED = ("energy_error_max", "angular_momentum_error_max")  # exactly 0 is possible: these get an axis with a zero
 PRODUCED = "error_entropy_produced"  # not an error of the state: drawn where it is asked for
-CROWDED, FAINT, SMALL = 8, 0.3, 7.0  # methods in a crowd; how faint those are that lead nowhere; size of names, points
 VARIABLES = {"q": "positions q", "p": "momenta p", "s": "entropies s", "theta": "temperatures θ", "all": "all"}
 
 
@@ -31,7 +30,7 @@ def work_precision(table: DataFrame, x: str = "wall_time_min_s", y: Sequence[str
     """Error against cost for one scenario, one panel for each column in `y` (by default every error there is).
 
     table : rows of `work_precision`; x, y : any numeric columns. Points of a method are joined from its coarsest to
-    its finest setting; of many methods those are named that are the best at some cost, and the others are faint.
+    its finest setting.
     Failed runs are crosses at the upper edge; masked errors (NaN) of completed runs are left out.
     """
     columns = list(y) if y else _errors(table)
@@ -63,53 +62,16 @@ def _cloud(ax: Axes, table: DataFrame, x: str, column: str, methods: Sequence[st
         zero_log_axis(ax, ys[usable])
     else:
         log_axis(ax, "y", ys[usable])
+        round_off_band(ax)
     order = pd.to_numeric(table["value"], errors="coerce") if "value" in table else pd.Series(xs, index=table.index)
     names_of = table["integrator"].astype(str).to_numpy()
-    front = _front(xs, ys, usable)
     failed = ~np.asarray(done)
     crosses = {name: _edge(ax, xs[(names_of == name) & failed]) for name in methods}
     failed_tracks(ax, crosses, grow=bool(np.isfinite(xs[failed]).any()))
-    leaders = dict.fromkeys(names_of[front]) if len(methods) > CROWDED else {}
-    _name(ax, {name: [(xs[i], ys[i]) for i in front if names_of[i] == name] for name in leaders})
     for name in methods:
-        mine = names_of == name
-        style = look(name)
-        pick = np.flatnonzero(mine & usable)
+        style, pick = look(name), np.flatnonzero((names_of == name) & usable)
         pick = pick[np.argsort(-order.to_numpy(dtype=float)[pick], kind="stable")]
-        faint: Any = {"alpha": FAINT, "zorder": 1.5} if leaders and name not in leaders else {}
-        ax.plot(xs[pick], ys[pick], color=style.colour, marker=style.marker, linestyle=style.dash, **faint)
-
-
-def _front(xs: Any, ys: Any, usable: Any) -> list[int]:
-    """Points that no cheaper one comes near in error (within half), from the cheapest on: round-off ranks nobody."""
-    front: list[int] = []
-    for i in sorted(np.flatnonzero(usable), key=lambda i: (xs[i], ys[i])):
-        if not front or ys[i] < 0.5 * ys[front[-1]]:
-            front.append(int(i))
-    return front
-
-
-def _name(ax: Axes, leaders: dict[str, list[tuple[float, float]]]) -> None:
-    """Names left of the points where each leads: nothing else can be there."""
-    if not leaders:
-        return
-    to_axes, room = ax.transData + ax.transAxes.inverted(), 0.0
-    middles = {name: points[len(points) // 2] for name, points in leaders.items()}
-    inches = ax.get_window_extent().width / ax.figure.dpi
-    for name, point in middles.items():  # by how much wider the panel must be for the name to fit in
-        width = 0.04 + 0.6 * pt(SMALL) / 72 * len(short(name)) / inches
-        room = max(room, (width - float(to_axes.transform(point)[0])) / (1.0 - width))
-    left, right = ax.get_xlim()
-    ax.set_xlim(left / (right / left) ** room, right)
-    places = {name: to_axes.transform(point) for name, point in middles.items()}
-    ascending = sorted(places, key=lambda name: float(places[name][1]))
-    gap = 1.35 * pt(SMALL) / 72 * ax.figure.dpi / ax.get_window_extent().height
-    heights = spread([float(places[name][1]) for name in ascending], gap, low=0.03, high=0.97)
-    for name, height in zip(ascending, heights, strict=True):
-        ax.annotate(
-            short(name), (float(places[name][0]) - 0.02, height), xycoords="axes fraction", color=look(name).colour,
-            fontsize=pt(SMALL), va="center", ha="right",
-        )  # fmt: skip
+        ax.plot(xs[pick], ys[pick], color=style.colour, marker=style.marker, linestyle=style.dash)
 
 
 def _edge(ax: Axes, xs: Any) -> Any:
@@ -171,6 +133,7 @@ def _slopes(ax: Axes, part: DataFrame, fits: DataFrame | None, methods: Sequence
         return
     log_axis(ax, "x", h)
     log_axis(ax, "y", e[good])
+    round_off_band(ax)
     names_of = part["integrator"].astype(str).to_numpy()
     failed_tracks(ax, {name: h[(names_of == name) & failed & np.isfinite(h)] for name in methods})
     ends = []

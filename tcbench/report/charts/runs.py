@@ -11,8 +11,8 @@ from ...simulation.series import variables
 from ...studies.columns import column as column_named
 from .kind import OPENING, SERIES, Kind
 from .layout import handle, legend, note, panels, pt, titles
-from .scales import log_axis, zero_log_axis
-from .style import GREY, chart, finite, ink, look, names, short
+from .scales import log_axis, round_off_band, zero_log_axis
+from .style import GREY, chart, chart_of_rows, finite, ink, look, names, short
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -174,7 +174,7 @@ def _roomy(ax: Axes, values: Any) -> None:
         ax.set_ylim(middle - half, middle + half)
 
 
-@chart
+@chart_of_rows
 def path(series: DataFrame, columns: int = 3) -> Drawing:
     """Paths of the masses in the plane, coloured by the temperature of each one's spring; one panel a run.
 
@@ -241,6 +241,7 @@ def equilibrium(table: DataFrame, summary: DataFrame | None = None) -> Drawing:
         if near:
             value = np.abs(finite(table[columns[0]]))
             (_zero if (value == 0).any() else log_axis)(ax, "y", value)
+            round_off_band(ax)
         for rank, (name, run) in enumerate(_runs(table, methods)):
             for i, column in enumerate(columns):
                 _gap(ax, run, column, name, rank, "magnitude" if near else ("-", "--")[i % 2])

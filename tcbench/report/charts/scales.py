@@ -12,7 +12,7 @@ from .theme import scale
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-FLOOR = 1e-17  # of quantities that conservation laws make zero: below round-off of numbers of size 1
+ROUND_OFF = 1e-12  # relative errors below it are round-off, over any number of steps: no axis tells them apart
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -68,21 +68,30 @@ def thin_out(ax: Axes) -> None:
             locator.set_params(numticks=max(2, min(8, int(length / (each * room)))))
 
 
-def zero_log_axis(ax: Axes, values: Any, floor: float = FLOOR) -> None:
-    """A vertical axis for magnitudes: logarithmic above `floor`, linear below, so that an exact 0 has a place.
+def round_off_band(ax: Axes, which: str = "y") -> None:
+    """Grey where an axis of errors shows round-off only."""
+    low, high = ax.get_ylim() if which == "y" else ax.get_xlim()
+    if low < ROUND_OFF:
+        (ax.axhspan if which == "y" else ax.axvspan)(low, ROUND_OFF, color="#808080", alpha=0.16, linewidth=0, zorder=0)
+        (ax.set_ylim if which == "y" else ax.set_xlim)(low, high)
+
+
+def zero_log_axis(ax: Axes, values: Any) -> None:
+    """A vertical axis for magnitudes: logarithmic down to round-off, and below that a grey band with a place for 0.
 
     A plain symlog axis spends most of its room on the linear part or drops ticks there; here the linear part takes
-    half a decade and only whole decades, evenly thinned out, are named.
+    most of a decade and only whole decades, evenly thinned out, are named.
     """
     good = np.abs(np.asarray(values, dtype=float))
     good = good[np.isfinite(good)]
-    top = float(good.max()) if len(good) and good.max() > 0 else 1e-12
-    top = 10.0 ** np.ceil(np.log10(max(top, 1e3 * floor)) + 0.05)
-    ax.set_yscale("symlog", linthresh=floor, linscale=0.5)
-    ax.set_ylim(-0.35 * floor, top)
-    low, high = int(np.log10(floor)) + 1, int(np.log10(top))
+    top = float(good.max()) if len(good) and good.max() > 0 else ROUND_OFF
+    top = 10.0 ** np.ceil(np.log10(max(top, 1e3 * ROUND_OFF)) + 0.05)
+    ax.set_yscale("symlog", linthresh=ROUND_OFF, linscale=0.7)
+    ax.set_ylim(-0.25 * ROUND_OFF, top)
+    round_off_band(ax)
+    low, high = int(np.log10(ROUND_OFF)), int(np.log10(top))
     stride = next(s for s in (1, 2, 3, 4, 5, 6, 10, 20, 50, 100, 400) if (high - low) / s <= 6)
-    decades = [d for d in range(low, high + 1) if d % stride == 0]
+    decades = [d for d in range(low, high + 1) if (d - low) % stride == 0]
     ax.yaxis.set_major_locator(FixedLocator([0.0, *(10.0**d for d in decades)]))
     ax.yaxis.set_major_formatter(FuncFormatter(power_text))
     ax.yaxis.set_minor_locator(NullLocator())

@@ -14,7 +14,7 @@ from ...studies.columns import column as column_named
 from .kind import Kind
 from .layout import legend, panels, titles
 from .scales import log_axis
-from .style import chart, names
+from .style import chart_of_rows, names
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -55,7 +55,7 @@ def edges(centres: np.ndarray) -> np.ndarray:
     return np.exp(outer) if log else outer
 
 
-@chart
+@chart_of_rows
 def map_figure(table: DataFrame) -> Drawing:
     """Maps of several integrators side by side, one scenario; the columns are those of `maps.COLUMNS`."""
     methods = names(table)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import wraps
 from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec, cast
@@ -26,6 +26,7 @@ BLUE, SKY, GREEN, ORANGE, RED = "#0072b2", "#56b4e9", "#009e73", "#e69f00", "#d5
 PURPLE, OLIVE, GREY, INDIGO, WINE, TEAL, ROSE = (
     "#cc79a7", "#8a7a1f", "#7f7f7f", "#332288", "#882255", "#44aa99", "#cc6677",
 )  # fmt: skip
+SLATE = "#4d5560"
 COLOURS = (PURPLE, OLIVE, INDIGO, WINE, TEAL, ROSE)  # grey is for what is not told apart
 MARKERS = ("P", "X", "h", "<", ">", "p", "*", "d")  # told apart in print
 DASHES = ("-", "--", "-.", (0, (1, 1)), (0, (5, 1, 1, 1, 1, 1)))
@@ -46,17 +47,32 @@ KNOWN = {
     "midpoint_entropy": Look(ORANGE, "D", "-"),
     "midpoint_temperature": Look(RED, "v", "--"),
 }
+OFTEN = {  # that lead or are compared with most often: told apart from the paper's and from each other
+    "tc_auto": Look(INDIGO, "*", "-"),
+    "tc_gauss": Look(TEAL, "h", "-"),
+    "tc_gauss_adaptive": Look(WINE, "p", "-"),
+    "tc_taylor": Look(ROSE, "d", "-"),
+    "tc_strang_exact": Look(OLIVE, ">", "-"),
+    "gauss2": Look(PURPLE, "<", "-"),
+    "heyoka": Look(SLATE, "P", "-"),
+    "scipy_odeint": Look(SLATE, "X", "--"),
+}
+FIXED = KNOWN | OFTEN
+OTHER = Look("#b8bec5", "", "-")  # the look of all those that are not in front
 
 
 def look(name: str) -> Look:
     """The look of an integrator in the chart under way; outside of one, the look that it prefers."""
-    return theme.current().looks.get(str(name)) or preferred(str(name))
+    chosen = theme.current()
+    if str(name) in chosen.rest:
+        return OTHER
+    return chosen.looks.get(str(name)) or preferred(str(name))
 
 
 def preferred(name: str) -> Look:
     """A function of the name alone. Variants, `base[parameter=value]`, keep the colour of their base."""
-    if name in KNOWN:
-        return KNOWN[name]
+    if name in FIXED:
+        return FIXED[name]
     number = int.from_bytes(hashlib.sha256(name.encode("utf-8", "replace")).digest()[:8], "big")
     base, bracket, _ = name.partition("[")
     colour = preferred(base).colour if bracket and base else COLOURS[number % len(COLOURS)]
@@ -64,13 +80,14 @@ def preferred(name: str) -> Look:
     return Look(colour, MARKERS[number % len(MARKERS)], DASHES[number // len(MARKERS) % len(DASHES)])
 
 
-def looks(methods: Sequence[str]) -> dict[str, Look]:
-    """Looks for one chart: as preferred, but no marker twice while one is free, and no colour twice with one dash.
+def looks(methods: Sequence[str], known: Mapping[str, Look] | None = None) -> dict[str, Look]:
+    """Looks that differ: as preferred, but no marker twice while one is free, and no colour twice with one dash.
 
-    A cycle of properties in the theme's settings is followed instead, in the order of the methods.
+    known : of a whole run, which its charts keep. A cycle of properties in the theme's settings is followed instead,
+    in the order of the methods.
     """
     cycle = list(theme.current().settings.get(theme.CYCLE, ()))
-    found = {} if cycle else {name: KNOWN[name] for name in methods if name in KNOWN}
+    found = {} if cycle else {n: FIXED[n] for n in methods if n in FIXED} | dict(known or {})
     for rank, name in enumerate(methods):
         if name in found:
             continue
@@ -82,10 +99,12 @@ def looks(methods: Sequence[str]) -> dict[str, Look]:
         elif "[" not in name:
             wish = wish._replace(colour=min(_from(COLOURS, wish.colour), key=[t.colour for t in taken].count))
         markers, lines = {t.marker for t in taken}, {(t.colour, t.dash) for t in taken}
-        free = (m for m in _from((*MARKERS, *(k.marker for k in KNOWN.values())), wish.marker) if m not in markers)
+        worn = {t.marker for t in taken if t.colour == wish.colour}
+        every = _from((*MARKERS, *(k.marker for k in KNOWN.values())), wish.marker)
+        free = [*(m for m in every if m not in markers), *(m for m in every if m not in worn), wish.marker]
         dashes = (d for d in _from(DASHES, wish.dash) if (wish.colour, d) not in lines)
-        found[name] = Look(wish.colour, next(free, wish.marker), next(dashes, wish.dash))
-    return found
+        found[name] = Look(wish.colour, free[0], next(dashes, wish.dash))
+    return {name: found[name] for name in methods}
 
 
 def _from(values: Sequence[Any], first: Any) -> list[Any]:
@@ -103,14 +122,27 @@ Asked = ParamSpec("Asked")
 
 
 def chart(draw: Callable[Asked, Drawing]) -> Callable[Asked, Figure]:
-    """Draw with tcbench's style and the theme's over the caller's matplotlib settings; restores these."""
+    """Draw with tcbench's style and the theme's over the caller's matplotlib settings; restores these.
 
+    Of many methods those that lead are in colour, the rest is grey: `report.leaders`.
+    """
+    return _styled(draw, crowded=True)
+
+
+def chart_of_rows(draw: Callable[Asked, Drawing]) -> Callable[Asked, Figure]:
+    """As `chart`, of one in which every method has a row or a panel of its own: all of them are in colour."""
+    return _styled(draw, crowded=False)
+
+
+def _styled(draw: Callable[Asked, Drawing], crowded: bool) -> Callable[Asked, Figure]:
     @wraps(draw)
     def styled(*arguments: Asked.args, **options: Asked.kwargs) -> Figure:
         chosen = theme.current()
-        methods = dict.fromkeys(name for a in arguments if hasattr(a, "columns") for name in names(a))
+        tables = [a for a in arguments if hasattr(a, "columns")]
+        methods = list(dict.fromkeys(name for table in tables for name in names(table)))
+        rest = _rest(tables, methods) if crowded and not chosen.labels else frozenset()
         with (
-            theme.using(replace(chosen, looks=looks(list(methods)))),
+            theme.using(replace(chosen, looks=looks(methods, chosen.looks), rest=rest)),
             matplotlib.rc_context(theme.rc(chosen.settings)),
         ):
             figure = draw(*arguments, **options)
@@ -121,11 +153,20 @@ def chart(draw: Callable[Asked, Drawing]) -> Callable[Asked, Figure]:
     return styled
 
 
+def _rest(tables: Sequence[DataFrame], methods: Sequence[str]) -> frozenset[str]:
+    """The methods that are drawn in grey: those that do not lead on the chart's scenario, or on most of several."""
+    fore = theme.current().fore
+    scenarios = {str(s) for table in tables if "scenario" in table for s in table["scenario"].dropna().unique()}
+    front = fore.get(scenarios.pop() if len(scenarios) == 1 else "", methods)
+    return frozenset(methods).difference(front) if set(front) & set(methods) else frozenset()
+
+
 def names(table: DataFrame, column: str = "integrator") -> list[str]:
-    """The distinct names of a column: in the theme's order, or those with a fixed look first, then by alphabet."""
-    known = [*theme.current().labels, *KNOWN]
+    """The distinct names of a column: those in grey, that others lie upon them, then in the theme's order, or those
+    with a fixed look first, then by alphabet."""
+    known, rest = [*theme.current().labels, *KNOWN], theme.current().rest
     found = {str(n) for n in table[column].dropna().unique()} if column in table else set()
-    return sorted(found, key=lambda n: (known.index(n) if n in known else len(known), n))
+    return sorted(found, key=lambda n: (n not in rest, known.index(n) if n in known else len(known), n))
 
 
 def short(name: str, length: int = 32) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -62,7 +62,8 @@ class Theme:
     """labels : names of methods -> what to write instead, in the order in which they are drawn; others are left out.
 
     settings : matplotlib's, over those of the charts. size : width and height in inches. axes : draw into these instead
-    of a new figure. looks : of the methods of the chart under way.
+    of a new figure. looks : of the methods of the run, and of the chart under way. fore : scenario -> the methods that
+    are in colour where many ran, those of "" in charts of several; rest : those that the chart under way draws in grey.
     """
 
     labels: Mapping[str, str] = field(default_factory=dict)
@@ -70,6 +71,8 @@ class Theme:
     size: tuple[float, float] | None = None
     axes: Any = None
     looks: Mapping[str, Look] = field(default_factory=dict)
+    fore: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    rest: frozenset[str] = frozenset()
 
 
 _CURRENT: ContextVar[Theme] = ContextVar("theme")
@@ -113,6 +116,11 @@ def asked(
     if font_size is not None:
         settings = {k: v for k, v in settings.items() if k not in SIZES} | {"font.size": checked_font_size(font_size)}
     return Theme(labels, settings, None if size is None else parse_size(size), axes)
+
+
+def of_type(chosen: Theme, points: float) -> Theme:
+    """The same in another size of type."""
+    return replace(chosen, settings={**chosen.settings, "font.size": points})
 
 
 def own_settings() -> dict[str, Any]:
