@@ -34,7 +34,7 @@ def steps(
         rate = gauss.decay_rate(g)
         if explicit:
             row, t, h = taylor.advance(e, times, tolerance, states, row, t, STIFF * stable / rate, patience)
-            call(e.to_entropies, e.mended, e.given, g.here)
+            call(e.to_z, e.mended, e.given, g.here)
             gauss.go_to(g, g.here)
             patience *= MORE
         else:

@@ -47,7 +47,6 @@ def several_steps(z, h, count, system, method):
 
 def tc_taylor(order="adaptive"):
     common = {"claims": EXACT, "source": SOURCE, "tags": {"explicit", "taylor"}, "name": "tc_taylor"}
-    common["elements"] = True  # the series are written so
     if order == "adaptive":
         return Integrator(adaptive=adaptive, **common)
 

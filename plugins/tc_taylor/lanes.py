@@ -80,6 +80,9 @@ class Packs:
                 found = 0 if ahead == 0 else self._steps(self.rate[x.index], ahead - 1)
             elif x.kind == "D":
                 found = self._steps(x.parts[0], ahead + 1)
+            elif x.kind == "atan2":  # from the turn before
+                turn, *sides = x.parts
+                found = 1 + max([self._steps(y, 0) for y in sides] + [self._steps(turn, k) for k in range(ahead)])
             else:
                 parts = [self._steps(part, k) for part in x.parts for k in range(ahead + 1)]
                 found = max(parts, default=0) + (x.kind != "sum")

@@ -7,6 +7,7 @@ import math
 from tcbench.compiler.language import Floats, Kernel, Matrix, bits, call, copy_into, from_bits
 from tcbench.compiler.library import Library
 from tcbench.compiler.records import Record, sized
+from tcbench.solver.mending import mended
 
 # The bits of a positive double, as a whole number, are its logarithm of base 2, up to 0.086 too small, times 2^52. So a
 # root of high order is a division; those of the root's 1 are taken so that it is right on average.
@@ -24,18 +25,19 @@ class Counts(Record, mutable=True):
 
 
 class Work(Record):
-    """The kernels and arrays of a run; its states (q, p, theta) have `size` numbers."""
+    """The kernels and arrays of a run; its states, (q, p, theta) of elements, have `size` numbers."""
 
     size: int
     order: int
     n_given: int
     n_target: int
-    to_start: Kernel  # see mending.start_kernel
+    of_elements: bool  # mended by kernels of their own: see mending.py, and tcbench.solver.mending for any system
+    to_start: Kernel
     to_series: Kernel  # see recurrences.series_kernels
     to_state: Kernel
-    to_mend: Kernel  # see mending.mending_kernels
+    to_mend: Kernel
     to_hold: Kernel
-    to_entropies: Kernel  # (q, p, s) of such a state
+    to_z: Kernel  # z of such a state
     counts: Counts
     given: Floats = sized("n_given")  # the system's constants, and what depends on them only
     coefficients: Floats = sized("(order + 1) * size + 2")
@@ -61,9 +63,18 @@ def start_from(w: Work, z: Floats) -> None:
 
 def mended_state(w: Work, h: float) -> bool:
     """The state after h, mended, its entropy as the new lowest; False if it is not admissible."""
-    size = w.size
     w.length[0] = h
     call(w.to_state, w.coefficients, w.length, w.target)
+    if w.of_elements:
+        return mended_elements(w)
+    good = mended(w.to_mend, w.to_hold, w.target, w.given, w.mended)
+    copy_into(w.mended[0 : w.size], w.target[0 : w.size])
+    return good
+
+
+def mended_elements(w: Work) -> bool:
+    """The same with the kernels of mending.py, which give the mended state at once, and hold the entropy exactly."""
+    size = w.size
     call(w.to_mend, w.target, w.given, w.mended)
     if w.mended[size] < w.target[size + 1]:
         w.counts.held += 1
@@ -83,7 +94,7 @@ def step_length(w: Work, tolerance: float) -> float:
 
 
 def adaptive_steps(w: Work, z: Floats, times: Floats, tolerance: float, states: Matrix) -> int:
-    """States (q, p, s) at `times` from z on, each mended; how many rows were reached."""
+    """States z at `times` from z on, each mended; how many rows were reached."""
     begin(w, z)
     copy_into(states[0], z)
     row, _, _ = advance(w, times, tolerance, states, 1, times[0], math.inf, 1)
@@ -93,7 +104,7 @@ def adaptive_steps(w: Work, z: Floats, times: Floats, tolerance: float, states: 
 def advance(
     w: Work, times: Floats, tolerance: float, states: Matrix, row: int, t: float, most: float, patience: int
 ) -> tuple[int, float, float]:
-    """States (q, p, s) at times[row:] from t on, each mended; returns (row that is next, t, the last step).
+    """States z at times[row:] from t on, each mended; returns (row that is next, t, the last step).
 
     A step ends where its series does, not at output times: states on the way come from the series. It ends early where
     steps become too short (then the last is 0), and after `patience` of them in a row that were longer than `most`: so
@@ -118,7 +129,7 @@ def advance(
         lowest, here, mended = w.target[w.size + 1], row, True
         while good and here < len(times) and times[here] <= t + h:
             good = mended_state(w, times[here] - t)
-            call(w.to_entropies, w.mended, w.given, states[here])
+            call(w.to_z, w.mended, w.given, states[here])
             here += 1
         if good and here < len(times):
             mended = since + 1 >= often or (h > most and long + 1 == patience)
@@ -147,12 +158,12 @@ def advance(
 
 
 def fixed_steps(w: Work, h: float, states: Matrix) -> int:
-    """States (q, p, s) after each of the steps of length h, up to the first that ends in none; how many."""
+    """States z after each of the steps of length h, up to the first that ends in none; how many."""
     for row in range(len(states)):
         call(w.to_series, w.mended, w.given, w.coefficients)
         if not mended_state(w, h):
             return row
-        call(w.to_entropies, w.mended, w.given, states[row])
+        call(w.to_z, w.mended, w.given, states[row])
     return len(states)
 
 

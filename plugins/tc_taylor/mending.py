@@ -1,4 +1,4 @@
-"""What a Taylor step leaves of the laws is mended: momenta are turned back, missing energy becomes heat.
+"""What a Taylor step leaves of the laws of elements is mended: momenta are turned back, missing energy becomes heat.
 
 Into heat, because there it disturbs least: an error ds of the entropies is one of theta ds in the energy, so the energy
 tells the entropies 300 times more precisely than the momenta. Where the entropy would then be lower than before it is
@@ -33,8 +33,8 @@ def start_kernel(system: System) -> Kernel:
     return kernel(inputs, [*sym.temperature_variables(z), *laws])
 
 
-def mending_kernels(system: System) -> tuple[Kernel, Kernel, list[trace.Symbol]]:
-    """(mend, hold, constants): (y, E0, S_floor, invariants; given) -> (y mended, S, margin).
+def mending_kernels(system: System) -> tuple[Kernel, Kernel, Kernel, list[trace.Symbol]]:
+    """(start, mend, hold, constants). mend, hold: (y, E0, S_floor, invariants; given) -> (y mended, S, margin).
 
     The second keeps the entropy at S_floor. given: the system's constant_values, then the constants of the list.
     margin: the least of temperatures, shapes and what the energy may miss less what it does; positive in a good state.
@@ -80,7 +80,7 @@ def mending_kernels(system: System) -> tuple[Kernel, Kernel, list[trace.Symbol]]
     constants = constant_part([*mended, *held], list(given))
     places = {x: f"b[{system.n_constant_values + i}]" for i, x in enumerate(constants)}
     inputs = {x: f"a[{i}]" for i, x in enumerate(given)} | system.constant_symbols() | places
-    return kernel(inputs, mended, size), kernel(inputs, held, size), constants
+    return start_kernel(system), kernel(inputs, mended, size), kernel(inputs, held, size), constants
 
 
 def _simpler(y: list[trace.Symbol], formulas: list[trace.Symbol]) -> list[trace.Symbol]:

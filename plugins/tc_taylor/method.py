@@ -11,8 +11,9 @@ from tcbench import System, TcbenchError
 from tcbench.compiler import derivatives as trace
 from tcbench.compiler.kernels import Kernel, kernel
 from tcbench.compiler.once import once, once_a_system
+from tcbench.solver.mending import mending_kernels as of_any
 
-from .mending import mending_kernels, start_kernel
+from .mending import mending_kernels as of_elements
 from .recurrences import series_kernels
 
 Floats = NDArray[np.float64]
@@ -23,7 +24,7 @@ class TaylorMethod:
     """Taylor steps of one order on one system: fixed ones and adaptive runs. One run at a time has it."""
 
     def __init__(self, system: System, order: int) -> None:
-        if system.n_elements > MOST_ELEMENTS:
+        if system.defines("element_energy") and system.n_elements > MOST_ELEMENTS:
             raise TcbenchError(
                 f"tc_taylor writes its series out: {system.n_elements} elements are too many for it "
                 f"(at most {MOST_ELEMENTS}). Take tc_gauss or tc_monolithic."
@@ -75,23 +76,24 @@ def prepared(system: System, order: int) -> tuple[Any, Any]:
     from .march import LOOPS, Counts, Work  # LLVM is loaded when something runs, not when plugins are listed
 
     symbolic, c = system.symbolic, system.constant_values
-    series, polynomial, mend, hold, setup, start = kernels(symbolic, order)
-    back, _ = symbolic.kernel("entropy_variables")
+    series, polynomial, mend, hold, setup, start, to_z = kernels(symbolic, order)
     given = np.concatenate([c, setup(c, c)])
     work = Work(
         size=symbolic.size, order=order, n_given=len(given), given=given, to_start=start.address,
-        n_target=symbolic.size + 2 + len(symbolic.invariant_names), to_series=series.address,
-        to_state=polynomial.address, to_mend=mend.address, to_hold=hold.address, to_entropies=back.address,
-        counts=Counts(),
+        n_target=start.size, of_elements=system.defines("element_energy"), to_series=series.address,
+        to_state=polynomial.address, to_mend=mend.address, to_hold=hold.address, to_z=to_z.address, counts=Counts(),
     )  # fmt: skip
     return LOOPS, work
 
 
 @once
 def kernels(symbolic: System, order: int) -> tuple[Kernel, ...]:
-    """(series, polynomial, mend, hold, setup, start) of all systems of one structure, by their `System.symbolic`."""
+    """(series, polynomial, mend, hold, setup, start, to z) of all systems of one structure, by `System.symbolic`."""
+    elements = symbolic.defines("element_energy")
     with trace.tracing():
-        mend, hold, fixed = mending_kernels(symbolic)
+        start, mend, hold, fixed = (of_elements if elements else of_any)(symbolic)
         series, polynomial, more = series_kernels(symbolic, order, symbolic.n_constant_values + len(fixed))
         setup = kernel(symbolic.constant_symbols(), [*fixed, *more])
-        return series, polynomial, mend, hold, setup, start_kernel(symbolic)
+    z = trace.variables("z", symbolic.size)
+    to_z = symbolic.kernel("entropy_variables")[0] if elements else kernel({x: f"a[{i}]" for i, x in enumerate(z)}, z)
+    return series, polynomial, mend, hold, setup, start, to_z

@@ -1,9 +1,15 @@
-"""The text of the kernels: coefficients of all orders as straight-line code, and the polynomial that they make."""
+"""The text of the kernels: Taylor coefficients of a system's solution, of all orders, by recurrences for the operations
+of the traced formulas; and the polynomial that they make.
+
+The coefficient n of y needs the coefficients below n of its rate; each is written down when it is first asked for, and
+the sums begin with the terms that are known longest, which leaves the processor least to wait for. Source: Jorba and
+Zou (2005), section 3; docs/methods.md.
+"""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,7 +20,8 @@ from tcbench.compiler.derivatives import Symbol
 from tcbench.compiler.kernels import Kernel
 
 from .lanes import WIDTH, Gathering, Pack, Packs, Term, is_square, slots_of
-from .series import ONE, Series, rates
+from .rates import rates
+from .series import ONE, Series
 
 PARTNERS = {"sin": ("cos", 1.0), "cos": ("sin", -1.0), "sinh": ("cosh", 1.0), "cosh": ("sinh", 1.0)}
 THROUGH = 2  # a position comes from a velocity, which comes from a force
@@ -228,12 +235,23 @@ class Writer(Gathering):
         newest = self._slope(u)(n) or "0.0"
         return self.name(f"({newest} - ({known})) / ({float(n)!r} * {bell(0)})" if known else f"{newest} / {bell(0)}")
 
+    def _atan2(self, pack: Pack, n: int) -> str | None:
+        """From how fast the angle turns."""
+        turn, y, x = self.packs.parts(pack)
+        if n == 0:
+            sides = [self.value(side, 0) for side in (y, x)]
+            lanes = [[self.lane(s, len(pack), i) if s else "0.0" for s in sides] for i in range(len(pack))]
+            texts = [f"atan2({', '.join(lane)})" for lane in lanes]
+            return self.name(texts[0] if len(texts) == 1 else f"vector({', '.join(texts)})")
+        rate = self.value(turn, n - 1)
+        return rate if rate is None or n == 1 else self.name(f"{1.0 / n!r} * {rate}")
+
 
 def series_kernels(system: System, order: int, first: int) -> tuple[Kernel, Kernel, list[Symbol]]:
     """(series, polynomial, constants) of one structure of system; nothing is compiled yet.
 
-    series(y, given) -> coefficients 0 .. order of y, each of the size of y, then the squared sizes of the last two: of
-        velocities and c0 theta/theta_0. The constants of the list stand in `given` from `first` on.
+    series(y, given) -> coefficients 0 .. order of y, each of the size of y, then the squared sizes of the last two: see
+        `squared_size`. The constants of the list stand in `given` from `first` on.
     polynomial(coefficients, (h,)) -> y after h
     """
     variables, rate = rates(system)
@@ -247,22 +265,35 @@ def series_kernels(system: System, order: int, first: int) -> tuple[Kernel, Kern
 
 
 def squared_size(writer: Writer, system: System, variables: list[Series], k: int) -> str:
-    """Of coefficient k: the sum of the squares of velocities and of c0 theta/theta_0."""
-    sym, n, size = system.symbolic, system.n_positions, system.size
-    scale = [trace.reciprocal(m) for m in lifted(sym.inertia(), n)] + lifted(sym.entropy_scale(), system.n_elements)
+    """Of coefficient k: the sum of its squares over 1 + y^2; of elements those of velocities and c0 theta/theta_0."""
     squares: dict[int, list[tuple[str, ...]]] = {}  # by the number of lanes
+    for pack, weights, whole in weighted(writer, system, variables):
+        if value := writer.value(pack, k):
+            weighed = writer.name(f"{value} * {weights}")
+            squares.setdefault(len(pack), []).append((weighed, value if whole else weighed))
+    sums = [writer.lane(str(writer.sum_of(x)), width, lane) for width, x in squares.items() for lane in range(width)]
+    while len(sums) > 1:
+        sums = [writer.name(" + ".join(sums[i : i + 2])) for i in range(0, len(sums), 2)]
+    return sums[0] if sums else "0.0"
+
+
+def weighted(writer: Writer, system: System, variables: list[Series]) -> Iterator[tuple[Pack, str, bool]]:
+    """The variables whose coefficients are measured, as packs; weights of the coefficients, or (True) of squares."""
+    sym, size = system.symbolic, system.size
+    if not system.defines("element_energy"):
+        for pack in dict.fromkeys(writer.packs.home[id(x)][0] for x in variables):
+            y = writer.value(pack, 0)
+            yield pack, writer.name(f"1.0 / (1.0 + {y} * {y})"), True
+        return
+    n = system.n_positions
+    scale = [trace.reciprocal(m) for m in lifted(sym.inertia(), n)] + lifted(sym.entropy_scale(), system.n_elements)
     for begin, end in ((n, 2 * n), (2 * n, size)):
         for i in range(begin, end, WIDTH):
             pack = tuple(variables[i : min(i + WIDTH, end)])
             weights = writer.weights(scale[i - n : i - n + len(pack)])
             if begin == 2 * n:
                 weights = writer.name(f"{weights} / {writer.value(pack, 0)}")
-            if value := writer.value(pack, k):
-                squares.setdefault(len(pack), []).append((writer.name(f"{value} * {weights}"),) * 2)
-    sums = [writer.lane(str(writer.sum_of(x)), width, lane) for width, x in squares.items() for lane in range(width)]
-    while len(sums) > 1:
-        sums = [writer.name(" + ".join(sums[i : i + 2])) for i in range(0, len(sums), 2)]
-    return sums[0] if sums else "0.0"
+            yield pack, weights, False
 
 
 def stores(writer: Writer, variables: list[Series], k: int) -> list[str]:

@@ -1,14 +1,5 @@
-"""Taylor coefficients of a system's solution: recurrences for the operations of the traced formulas, as one kernel.
-
-The state is y = (q, p, theta): with temperatures instead of entropies no exponential is left. In
-
-    q' = p/m,   p' = -e_pi . dpi/dq,   theta' = theta_pi pi' + theta_s (M DS)
-
-pi' is the derivative of the series of pi, and pi'/pi that of log pi: neither costs a product of its own. Products and
-sums are brought to a normal form first (constants collected, factors cancelled, common denominators drawn together), so
-that a convolution is spent only where two series really meet. The coefficient n of y needs the coefficients below n of
-its rate; each is written down when it is first asked for, and the sums begin with the terms that are known longest,
-which leaves the processor least to wait for. Source: Jorba and Zou (2005), section 3; docs/methods.md.
+"""Traced formulas in normal form: sums of monomials of series in time, so that a convolution is spent only where two
+series really meet. Constants are collected, factors cancelled, common denominators drawn together.
 """
 
 from __future__ import annotations
@@ -19,9 +10,7 @@ from dataclasses import dataclass
 from functools import cache, reduce
 from typing import Any
 
-import numpy as np
-
-from tcbench import System, TcbenchError
+from tcbench import TcbenchError
 from tcbench.compiler import derivatives as trace
 from tcbench.compiler.derivatives import Symbol
 
@@ -65,8 +54,13 @@ class Normal:
         self, kind: str, parts: tuple[Series, ...] = (), weights: tuple[Symbol, ...] = (), index: int = -1
     ) -> Series:
         """One object for equal series."""
-        key = (kind, tuple(id(p) for p in parts), tuple(w.number for w in weights), index)
+        key = self.key_of(kind, parts, weights, index)
         return self.interned.setdefault(key, Series(kind, parts, weights, index))
+
+    @staticmethod
+    def key_of(kind: str, parts: tuple[Series, ...] = (), weights: tuple[Symbol, ...] = (), index: int = -1) -> Any:
+        """What is equal of equal series."""
+        return kind, tuple(id(p) for p in parts), tuple(w.number for w in weights), index
 
     def weights(self) -> list[Symbol]:
         """Every constant that a sum multiplies by."""
@@ -105,6 +99,14 @@ class Normal:
             case "hypot":
                 squares = [self.times(x, x) for x in args]
                 return self.function("sqrt", combined(*squares, ONE))
+            case "atan2":
+                y, x = args
+                spins = combined(
+                    self.times(x, self.derivative(y)), self.times(y, self.derivative(x)), trace.const(-1.0)
+                )
+                sizes = combined(self.times(x, x), self.times(y, y), ONE)
+                turn = self.single(self.times(spins, self.inverse(sizes)))
+                return {((self.series("atan2", (turn, self.single(y), self.single(x))), 1),): ONE}
             case "tan":
                 return self.times(self.function("sin", args[0]), self.inverse(self.function("cos", args[0])))
             case "asin" | "acos":
@@ -115,6 +117,8 @@ class Normal:
                 return combined({(): trace.const(math.pi / 2)}, found, trace.const(-1.0))
         if node.op in UNARY:
             return self.function(node.op, args[0])
+        if node.op == "abs":
+            raise TcbenchError("tc_taylor has no series of |x|: there is none where x changes its sign. Take tc_gauss.")
         raise TcbenchError(f"tc_taylor knows no series of the operation {node.op!r} in this system's formulas.")
 
     def function(self, name: str, form: Linear) -> Linear:
@@ -175,6 +179,8 @@ class Normal:
         def of(x: Series) -> Symbol:
             if x.kind == "var":
                 return names[x.index]
+            if x.kind == "atan2":
+                return of(x.parts[1]).arctan2(of(x.parts[2]))
             parts = [of(part) for part in x.parts]
             match x.kind:
                 case "sum":
@@ -293,37 +299,3 @@ def combined(a: Linear, b: Linear, weight: Symbol) -> Linear:
 
 def scaled(form: Linear, weight: Symbol) -> Linear:
     return combined({}, form, weight)
-
-
-def rates(system: System) -> tuple[list[Series], list[Series]]:
-    """The variables y = (q, p, theta) and their rates, as series."""
-    sym, n, m = system.symbolic, system.n_positions, system.n_elements
-    y = trace.variables("y", 2 * n + m)
-    normal = Normal(y)
-    q, p, theta = y[:n], y[n : 2 * n], y[2 * n :]
-    pi, s = trace.variables("pi", m), trace.variables("s", m)
-    energy = trace.jacobian(list(sym.element_energy(pi, s)), [*pi, *s])
-    stress, warmth = [energy[i, i] for i in range(m)], [energy[i, m + i] for i in range(m)]
-    by_pi = [trace.jacobian([warmth[i]], [pi[i]])[0, 0] for i in range(m)]
-    by_s = [trace.jacobian([warmth[i]], [s[i]])[0, 0] for i in range(m)]
-    shape = list(sym.shape(q))
-    here = dict(zip([*pi, *s], [*shape, *sym.entropies(q, theta)], strict=True))
-    stress, by_pi, by_s = (trace.substitute(x, here) for x in (stress, by_pi, by_s))
-    slope = trace.jacobian(shape, list(q))
-    conduction = list(sym.conduction(theta))
-    inertia = sym.inertia() * np.ones(n)
-    moved = normal.of(
-        [*stress, *by_pi, *by_s, *shape, *conduction, *slope.ravel(), *(x / i for x, i in zip(p, inertia, strict=True))]
-    )
-    stress_, by_pi_, by_s_, shape_, heat_ = (moved[k * m : (k + 1) * m] for k in range(5))
-    slope_ = np.array([*moved[5 * m : 5 * m + m * n], None], dtype=object)[:-1].reshape(m, n)
-    forms: list[Linear] = list(moved[5 * m + m * n :])
-    for j in range(n):
-        force: Linear = {}
-        for i in range(m):
-            force = combined(force, normal.times(stress_[i], slope_[i, j]), trace.const(-1.0))
-        forms.append(force)
-    for i in range(m):
-        rise = normal.times(by_s_[i], heat_[i])
-        forms.append(combined(normal.times(by_pi_[i], normal.derivative(shape_[i])), rise, ONE))
-    return normal.variables, [normal.single(form) for form in forms]

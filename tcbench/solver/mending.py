@@ -22,8 +22,11 @@ from ..compiler.language import Floats, Kernel, call
 from ..systems.system import System
 
 ROUND_OFF = 2.0**-51  # of what the terms of a law are: what a mended state may miss
-TINY = 1e-30  # beside the square of a gradient: nothing is moved along one that is 0
-MOST = 5  # moves
+TINY = 1e-140  # beside a square: nothing is moved along a gradient that is 0
+DEPENDENT = 1e-26  # of the square of a gradient, free of the others: what round-off leaves where they say the same
+MOST = (
+    12  # moves: near an equilibrium, where little is left of the gradient of the entropy, each leaves half of the way
+)
 
 
 def laws(system: System, z: Any) -> tuple[list[Any], list[Any]]:
@@ -41,9 +44,11 @@ def nearer(system: System, z: Any, misses: Sequence[Any], slopes: Sequence[Any])
     free: list[tuple[Any, Any]] = []
     for miss, slope in zip(misses, slopes, strict=True):
         direction = (1.0 + z * z) * slope
+        least = DEPENDENT * _dot(system, slope, direction) + TINY
         for other, inverse in free:
             direction = direction - other * (_dot(system, slope, other) * inverse)
-        inverse = 1.0 / (_dot(system, slope, direction) + TINY)
+        square = _dot(system, slope, direction)
+        inverse = square / (square * square + least * least)
         moved = moved + direction * ((miss - _dot(system, slope, moved)) * inverse)
         free.append((direction, inverse))
     return z + moved
@@ -68,7 +73,7 @@ def mending_kernels(system: System) -> tuple[kernels.Kernel, kernels.Kernel, ker
     z = sym.state(x)
     values, slopes = laws(sym, z)
     values = [trace.lifted(v) for v in values]
-    noises = [ROUND_OFF * (1.0 + round_off(f, list(x))) for f in values]
+    noises = [ROUND_OFF * round_off(f, list(x)) for f in values]
     start = [*x, values[0], values[-1], noises[-1], noises[0]]
     for pair in zip(values[1:-1], noises[1:-1], strict=True):
         start += pair
@@ -77,8 +82,9 @@ def mending_kernels(system: System) -> tuple[kernels.Kernel, kernels.Kernel, ker
     own = [ROUND_OFF * sum(abs(g) for g in np.asarray(slope * z)) for slope in slopes]  # of z's own rounding
     margins = [a + b - abs(m) for a, b, m in zip(allowed[:-1], own, misses, strict=False)]
     good = reduce(trace.minimum, map(trace.lifted, [*margins, *sym.temperatures(z), *sym.shapes(z)]))
+    good = trace.guarded(good, values)  # of what is not a number the least is lost
     mend = [*nearer(sym, z, misses[:-1], slopes[:-1]), values[-1], good]
-    hold = [*nearer(sym, z, misses, slopes), values[-1], trace.minimum(good, allowed[-1] - misses[-1])]
+    hold = [*nearer(sym, z, misses, slopes), values[-1], trace.minimum(good, allowed[-1] + own[-1] - misses[-1])]
     constants = constant_part([trace.lifted(v) for v in (*mend, *hold)], [*x, *told])
     known = {v: f"a[{i}]" for i, v in enumerate([*x, *told])} | system.constant_symbols()
     places = {c: f"b[{system.n_constant_values + i}]" for i, c in enumerate(constants)}
@@ -87,9 +93,10 @@ def mending_kernels(system: System) -> tuple[kernels.Kernel, kernels.Kernel, ker
 
 
 def round_off(f: Symbol, x: Sequence[Symbol]) -> Symbol:
-    """The round-off of f, in units of the last place: the sizes of its operations times what they weigh in f."""
-    found, weights = abs(f), _weights(f, x)
-    return reduce(lambda total, part: total + abs(part[1] * part[0]), weights, found)
+    """The round-off of f, in units of the last place: the sizes of its operations times what they weigh in f; of a
+    variable 1 beside its size, for it may begin at 0."""
+    parts = [abs(by) * (1.0 + abs(node)) if node.op == "var" else abs(by * node) for node, by in _weights(f, x)]
+    return reduce(trace.add, parts, abs(f))
 
 
 def _weights(f: Symbol, x: Sequence[Symbol]) -> list[tuple[Symbol, Symbol]]:

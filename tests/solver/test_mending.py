@@ -46,3 +46,41 @@ def test_what_no_state_has_is_not_reached():
     target = start(np.array([0.6, 0.9, 0.5]), given)
     target[3] = -1.0
     assert not mended(mend, hold, target, given, np.empty(5))
+    target[:3], target[3] = np.nan, 1.0
+    assert not mended(mend, hold, target, given, np.empty(5))
+
+
+def test_an_entropy_that_begins_at_0_may_miss_the_round_off_of_what_it_becomes():
+    model = tcbench.scenarios()["damped_oscillator"].model
+    start, mend, hold, given = prepared(model)
+    target = start(np.array([2.0, 0.0, 0.0]), given)
+    there = np.array([1.0, 1.0, 300.0])
+    target[:5] = [*there, model.energy(there), 300.0 + 1e-10]
+    assert mended(mend, hold, target, given, np.empty(5)) and abs(target[2] - 300.0) < 2e-10
+
+
+class Twice(tcbench.System):
+    """A rotator one of whose invariants is told twice: each of them alone says all that both do."""
+
+    name = "twice"
+    variables = {"m": (3,)}
+
+    def energy(self, z):
+        return (z.m * z.m / np.array([1.0, 2.0, 3.5])).sum() / 2
+
+    def entropy(self, z):
+        return 0.0 * z.m[0]
+
+    def reversible(self, z, dE, dS):
+        return {"m": np.cross(z.m, dE.m)}
+
+    def invariants(self, z):
+        return {"length": z.m @ z.m, "again": 3.0 * (z.m @ z.m)}
+
+
+def test_an_invariant_that_says_nothing_new_moves_nothing():
+    model, z0 = Twice(), np.array([0.6, 0.9, 0.5])
+    start, mend, hold, given = prepared(model)
+    target = start(z0, given)
+    target[:3] += 1e-6
+    assert mended(mend, hold, target, given, np.empty(5)) and np.linalg.norm(target[:3] - z0) < 1e-5

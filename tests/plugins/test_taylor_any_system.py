@@ -1,0 +1,65 @@
+"""tc_taylor on systems that are not made of elements: series from the vector field, mended onto their own laws."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from random_laws import GENERAL, assert_laws_of_any, random_start
+from scipy.integrate import solve_ivp
+from tcbench_plugins.tc_taylor import lanes
+from tcbench_plugins.tc_taylor.factored import Factored
+from tcbench_plugins.tc_taylor.rates import of_any, operations
+from tcbench_plugins.tc_taylor.recurrences import series_kernels
+from tcbench_plugins.tc_taylor.series import Normal
+
+import tcbench
+from tcbench.compiler.kernels import kernel, namespace
+
+ORDER = 10
+
+
+@pytest.mark.parametrize("name", GENERAL)
+def test_series_begin_with_the_rates_and_lanes_and_plain_python_agree(name, monkeypatch):
+    scenario = random_start(name, 0)
+    system, found = scenario.model, []
+    for width in (4, 1):
+        monkeypatch.setattr(lanes, "WIDTH", width)
+        series, _, more = series_kernels(system, ORDER, len(system.constant_values))
+        setup = kernel(system.constant_symbols(), more)(system.constant_values, system.constant_values)
+        given = np.concatenate([system.constant_values, setup])
+        found.append(series(scenario.z0, given))
+        scope, out = dict(namespace()), np.empty(series.size)
+        exec(series.text, scope)
+        scope["kernel"](scenario.z0, given, out)
+        found.append(out)
+    table = found[0][:-2].reshape(ORDER + 1, -1)
+    field = np.asarray(system.vector_field(scenario.z0))
+    assert np.array_equal(table[0], scenario.z0) and np.allclose(table[1], field, rtol=1e-13, atol=1e-14)
+    largest = abs(table).max(axis=1, keepdims=True)
+    for other in found[1:]:
+        assert np.all(abs(other[:-2].reshape(ORDER + 1, -1) - table) <= 1e-11 * largest)
+    sizes = [np.sum(table[k] ** 2 / (1 + scenario.z0**2)) for k in (ORDER - 1, ORDER)]
+    assert found[0][-2:] == pytest.approx(sizes, rel=1e-12)
+
+
+@pytest.mark.parametrize("name", GENERAL)
+def test_errors_follow_the_tolerance(name):
+    scenario = random_start(name, 1)
+    times = np.array([0.0, 0.05 * scenario.t_end])
+    exact = solve_ivp(
+        lambda t, z: np.asarray(scenario.model.vector_field(z)), times, scenario.z0, "DOP853", rtol=1e-13, atol=1e-13
+    ).y[:, -1]
+    solve = tcbench.integrators()["tc_taylor"].adaptive
+    for tolerance in (1e-4, 1e-8, 1e-12):
+        states, _ = solve(scenario.model, scenario.z0, times, tolerance, tolerance)
+        assert np.max(abs(states[-1] - exact) / np.maximum(1.0, abs(exact))) <= 10 * tolerance + 1e-11
+
+
+@given(st.sampled_from(GENERAL), st.integers(0, 2**32), st.floats(-12, -1), st.floats(0, 3))
+def test_every_law_holds_from_random_states_whatever_dissipates(name, seed, exponent, stiffer):
+    assert_laws_of_any("tc_taylor", name, seed, 10.0**exponent, 10.0**stiffer, 0.02)
+
+
+def test_what_sums_have_in_common_is_taken_out_where_that_saves_much():
+    body = tcbench.scenarios()["rigid_body"].model
+    assert operations(of_any(body, Factored)) < 0.7 * operations(of_any(body, Normal))
