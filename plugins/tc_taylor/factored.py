@@ -21,11 +21,11 @@ class Factored(Normal):
             rest: Linear = {}
             for key, weight in form.items():
                 if degree(key) > 1 and any(y is x for y, _ in key):
-                    inside = combined(inside, {self._merged(((x, -1),), key): weight}, ONE)
+                    inside = combined(inside, {self.merged(((x, -1),), key): weight}, ONE)
                 else:
                     rest[key] = weight
-            ((key, weight),) = self._factor(inside).items()
-            form = combined(rest, {self._merged(((x, 1),), key): weight}, ONE)
+            ((key, weight),) = self.as_factor(inside).items()
+            form = combined(rest, {self.merged(((x, 1),), key): weight}, ONE)
 
     def _product(self, key: Monomial) -> Series:
         """Pairs that exist already first, then what is no variable: equations have that in common."""
@@ -42,15 +42,15 @@ class Factored(Normal):
 
     def single(self, form: Linear) -> Series:
         """Of one monomial over another: the quotient of what is no variable, times the variables."""
-        below = Counter(self._key((x, k) for x, k in key if k < 0) for key in form)
+        below = Counter(self.one_key((x, k) for x, k in key if k < 0) for key in form)
         changed: Linear = {}
         for key, weight in form.items():
-            under = self._key((x, k) for x, k in key if k < 0)
+            under = self.one_key((x, k) for x, k in key if k < 0)
             over = tuple((x, k) for x, k in key if k > 0 and x.kind != "var")
             variables = tuple((x, k) for x, k in key if k > 0 and x.kind == "var")
             if under and over and variables and below[under] == 1:
                 whole = self._product(over), self._product(tuple((x, -k) for x, k in under))
-                key = self._merged(((self.series("quotient", whole), 1),), variables)
+                key = self.merged(((self.series("quotient", whole), 1),), variables)
             changed = combined(changed, {key: weight}, ONE)
         return super().single(changed)
 

@@ -206,24 +206,24 @@ class Normal:
     def inverse(self, form: Linear) -> Linear:
         if len(form) == 1:
             ((key, weight),) = form.items()
-            return {self._key((x, -k) for x, k in key): trace.reciprocal(weight)}
-        return self.inverse(self._factor(form))
+            return {self.one_key((x, -k) for x, k in key): trace.reciprocal(weight)}
+        return self.inverse(self.as_factor(form))
 
     def times(self, a: Linear, b: Linear) -> Linear:
         """The product. A sum is multiplied out by a constant and where that cancels a factor; else it is one factor."""
         if len(a) > 1 and len(b) > 1:
-            return self.times(self._factor(a), self._factor(b))
+            return self.times(self.as_factor(a), self.as_factor(b))
         if len(a) > 1:
             a, b = b, a
         ((left, weight),) = a.items()
         if len(b) > 1 and left and not any(self._cancels(left, key) for key in b):
-            b = self._factor(b)
+            b = self.as_factor(b)
         result: Linear = {}
         for right, other in b.items():
-            result = combined(result, {self._merged(left, right): trace.mul(weight, other)}, ONE)
+            result = combined(result, {self.merged(left, right): trace.mul(weight, other)}, ONE)
         return result
 
-    def _factor(self, form: Linear) -> Linear:
+    def as_factor(self, form: Linear) -> Linear:
         """The sum as one factor, its leading constant outside: multiples of a sum are one series.
 
         The sign is that of the constant term, where there is one: what is positive, such as 2 - x, stays so.
@@ -238,7 +238,7 @@ class Normal:
         powers = {id(x): k for x, k in left}
         return any(powers.get(id(x), 0) * k < 0 for x, k in right)
 
-    def _merged(self, left: Monomial, right: Monomial) -> Monomial:
+    def merged(self, left: Monomial, right: Monomial) -> Monomial:
         powers: dict[int, tuple[Series, int]] = {}
         for x, k in (*left, *right):
             powers[id(x)] = (x, powers.get(id(x), (x, 0))[1] + k)
@@ -249,9 +249,9 @@ class Normal:
                 powers[id(base)] = (base, powers[id(base)][1] + 1)
                 rate = self.series("D", (self.series("log", (base,)),))
                 powers[id(rate)] = (rate, 1)
-        return self._key((x, k) for x, k in powers.values() if k)
+        return self.one_key((x, k) for x, k in powers.values() if k)
 
-    def _key(self, factors: Iterable[tuple[Series, int]]) -> Monomial:
+    def one_key(self, factors: Iterable[tuple[Series, int]]) -> Monomial:
         """One key for one product, whatever the order of its factors: that in which they came first."""
         found = tuple(factors)
         return self.keys.setdefault(frozenset((id(x), k) for x, k in found), found)
@@ -260,8 +260,8 @@ class Normal:
         """The sum as one series: terms of a common denominator are one quotient."""
         groups: dict[Monomial, Linear] = {}
         for key, weight in form.items():
-            below = self._key((x, -k) for x, k in key if k < 0)
-            groups.setdefault(below, {})[self._key((x, k) for x, k in key if k > 0)] = weight
+            below = self.one_key((x, -k) for x, k in key if k < 0)
+            groups.setdefault(below, {})[self.one_key((x, k) for x, k in key if k > 0)] = weight
         parts: Linear = groups.pop((), {})
         for below, above in groups.items():
             quotient = self.series("quotient", (self._sum(above), self._product(below)))
