@@ -13,7 +13,15 @@ from typing import Any
 
 
 class TcbenchError(Exception):
-    """A mistake in the input. The command line prints the sentence and exits with code 2."""
+    """A mistake in the input, as one sentence: what is wrong, what exists, what to do.
+
+    The command line prints the sentence and exits with code 2. A run that fails raises none: its `Trajectory`, or its
+    row, says so.
+
+    References
+    ----------
+    docs/measures.md lists the statuses of runs.
+    """
 
 
 class UnknownNameError(TcbenchError, LookupError):

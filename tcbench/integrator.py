@@ -27,11 +27,33 @@ Residual = Callable[..., Any]
 class Flow:
     """One sub-step: a residual r(z0, z1, h, system) = 0 that is advanced by `fraction` of the step.
 
-    With `stages` = k the formula is r(z0, z1, h, system, stages), stages being k further states, and returns k + 1
-    blocks of residuals, shape (k + 1, n). With variables="temperature" the states are (q, p, theta). With of_step=True
-    the formula has two more arguments, states (q, p, s): that at the start of the whole step, of all its flows, and the
-    first one of the run (of which it may use constants of the motion only: a step has no memory). `memory` is set by
-    the Integrator.
+    Parameters
+    ----------
+    residual : function
+        Formula of states z0, z1, shape (n,) each, and the step h, all dimensionless; returns shape (n,). With `stages`
+        = k it is r(z0, z1, h, system, stages), stages being k further states, and returns k + 1 blocks, shape (k + 1,
+        n).
+    fraction : float
+        Of the step, dimensionless.
+    variables : str
+        "entropy": states are (q, p, s), or the system's own variables; "temperature": (q, p, theta).
+    stages : int
+        Further states that are unknowns of the step.
+    of_step : bool
+        The formula has two more arguments, states (q, p, s): that at the start of the whole step, of all its flows, and
+        the first one of the run (of which it may use constants of the motion only: a step has no memory).
+    memory : int
+        Earlier states that the formula sees; set by the Integrator.
+
+    Raises
+    ------
+    TcbenchError
+        Not here: when a method that has it is registered or run, for a formula that is not branch-free numpy, names the
+        line.
+
+    References
+    ----------
+    Romero (2009), eq. (6), is such a residual, and eqs. (12)-(13) are two; docs/add-integrator.md.
     """
 
     residual: Residual
@@ -54,37 +76,74 @@ KINDS_OF_FIELDS = {  # of what tcbench reads before it can say more
 class Integrator:
     """A time integrator and what its author says of it. Give exactly one of flows, step and adaptive.
 
-    name : lower-case identifier, unique.
-    order : declared order of convergence (None for an adaptive solver).
-    claims : what the method conserves or obeys: "energy", "entropy" (never decreases) and any invariant's name.
-    flows : residual formulas r(z0, z1, h, system); a callable, or a sequence of callables, (callable, fraction) pairs
-        and `Flow`s. tcbench supplies exact Jacobian, Newton, continuation and failure reports.
-    step : z1 = step(z, h, system), any Python. With increments=True it returns z1 - z, and what rounding drops in
-        adding it is kept: momenta stay exact over thousands of steps.
-    march : rows = march(z, h, count, system), shape (up to count, n): what `step` returns in the next steps, as many as
-        succeed, from a compiled loop of your own. Optional, beside step=.
-    adaptive : z = adaptive(system, z0, t_eval, rtol, atol), shape (len(t_eval), n), swept over tolerance.
-    outputs : states, counts = outputs(system, z0, t_eval, rtol, atol): an iterator of the rows of `adaptive`, and a
-        dict of counts that is kept up to date meanwhile, so that a run that has failed is not carried to its end.
-        Optional, beside adaptive=.
-    memory, starter : of a multistep method. With memory=k the formula (one, of the whole step) or the step function has
-        one more argument, `before`, the k states before z0, all h apart: before[0] is that of one step before.
-        The first k steps are done by the method `starter`, of order at least order - 1.
-    workspace : of a step function with arrays of its own. workspace(system) makes what one run holds, by itself; `step`
-        and `march` have it as their last argument. `step` is to return the same whatever it holds; `march`, which is
-        given the states of one run in their order, may go on with what it left there.
-    variables : "entropy" for z = (q, p, s), "temperature" for (q, p, theta); of the formulas only.
-    systems : names of the systems that the method is written for; empty: for all.
-    needs : optional functions of `System` that the formulas ask for, such as "conduction_flow"; on systems that do not
+    States z have shape (n,), times and steps are the system's; everything is dimensionless.
+
+    Parameters
+    ----------
+    name : str
+        Lower-case identifier, unique.
+    order : int, optional
+        Declared order of convergence; None for an adaptive solver.
+    claims : set of str
+        What the method conserves or obeys: "energy", "entropy" (never decreases) and any invariant's name.
+    source : str
+        Paper and equation.
+    flows : function, Flow, or sequence of these and of (function, fraction)
+        Residual formulas r(z0, z1, h, system). tcbench supplies exact Jacobian, Newton, continuation and failure
+        reports.
+    step : function
+        z1 = step(z, h, system), any Python, shape (n,).
+    march : function, optional, beside step
+        rows = march(z, h, count, system), shape (up to count, n): what `step` returns in the next steps, as many as
+        succeed, from a compiled loop of your own.
+    adaptive : function
+        z = adaptive(system, z0, t_eval, rtol, atol), shape (len(t_eval), n), swept over tolerance.
+    outputs : function, optional, beside adaptive
+        states, counts = outputs(system, z0, t_eval, rtol, atol): an iterator of the rows of `adaptive`, and a dict of
+        counts that is kept up to date meanwhile, so that a run that has failed is not carried to its end.
+    increments : bool
+        `step` returns z1 - z, and what rounding drops in adding it is kept: momenta stay exact over thousands of steps.
+    memory, starter : int, and str or Integrator
+        Of a multistep method. With memory=k the formula (one, of the whole step) or the step function has one more
+        argument, `before`, the k states before z0, all h apart, shape (k, n): before[0] is that of one step before. The
+        first k steps are done by the method `starter`, of order at least order - 1.
+    workspace : function, optional
+        Of a step function with arrays of its own: workspace(system) makes what one run holds, by itself; `step` and
+        `march` have it as their last argument. `step` is to return the same whatever it holds; `march`, which is given
+        the states of one run in their order, may go on with what it left there.
+    variables : str
+        "entropy" for z = (q, p, s), "temperature" for (q, p, theta); of the formulas only.
+    systems : set of str
+        Names of the systems that the method is written for; empty: for all.
+    needs : tuple of str
+        Optional functions of `System` that the formulas ask for, such as "conduction_flow"; on systems that do not
         define them the method is left out.
-    elements : the formulas are written in elements: for an `ElementSystem` only.
-    requires : packages beside tcbench's own that the method imports, as they are installed ("scikit-sundae"). Where one
-        is absent the method is listed, and run only when it is named.
-    source : paper and equation.
-    tags : free words, for whoever filters by them.
-    uses : methods, or plugins, that the method is made of (a wrapper's: what it wraps), so that it is not compared with
-        a reference of its own kind, and so that one worker runs their cells. What a method reads is found by itself.
-    parameters, family : a family of methods; see `family`.
+    elements : bool
+        The formulas are written in elements: for an `ElementSystem` only.
+    requires : tuple of str
+        Packages beside tcbench's own that the method imports, as they are installed ("scikit-sundae"). Where one is
+        absent the method is listed, and run only when it is named.
+    tags : set of str
+        Free words, for whoever filters by them.
+    description : str
+        A sentence for lists.
+    uses : str or tuple of str
+        Methods, or plugins, that the method is made of (a wrapper's: what it wraps), so that it is not compared with a
+        reference of its own kind, and so that one worker runs their cells. What a method reads is found by itself.
+    parameters, family : mapping of str to tuple of str, and function
+        A family of methods; see `family`.
+    plugin, base : str
+        Filled in by the registry: distribution or file that brought it; of a variant, the registered name.
+
+    Raises
+    ------
+    TcbenchError
+        For a name that is none, several or none of flows, step and adaptive, what does not go together, and a method of
+        fixed steps without an order.
+
+    References
+    ----------
+    Romero (2009), eqs. (6)-(13): what makes a method consistent; docs/add-integrator.md.
     """
 
     name: str
@@ -259,9 +318,27 @@ def installed_version(package: str) -> str | None:
 def family(make: Callable[..., Integrator], **parameters: Any) -> Integrator:
     """The default member of a parametrized method; `name[param=value]` picks another.
 
-    `make(**parameters)` returns the Integrator for given values (strings); the first value of each is the default.
-    A parameter may be a function of all registered integrators (name -> Integrator) that returns its values: it is
-    called when every plugin has been loaded.
+    Parameters
+    ----------
+    make : function
+        `make(**parameters)` returns the Integrator for given values, which are strings.
+    **parameters : sequence of str, or function
+        The values that each may have, the first of which is its default; or a function of all registered integrators
+        (name -> Integrator) that returns them: it is called when every plugin has been loaded.
+
+    Returns
+    -------
+    Integrator
+        To be returned by the hook `tcbench_integrators`.
+
+    Raises
+    ------
+    TcbenchError
+        For a parameter without values, and what `make` raises for the default ones.
+
+    References
+    ----------
+    docs/add-integrator.md.
     """
     allowed = {n: v if callable(v) else tuple(str(x) for x in v) for n, v in parameters.items()}
     return replace(make(), parameters=allowed, family=make)

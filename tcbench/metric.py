@@ -15,7 +15,30 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Metric:
-    """A further column: `compute(trajectory)` -> float. `unit` is shown beside its name."""
+    """A further column of the conservation table: one number a run.
+
+    Parameters
+    ----------
+    name : str
+        Of the column.
+    compute : function
+        compute(trajectory) -> float, from states of shape (m, n).
+    unit : str
+        Shown beside the name; "" for what is dimensionless.
+    description : str
+        A sentence for the page.
+    plugin : str
+        Filled in by the registry.
+
+    Raises
+    ------
+    TcbenchError
+        Not here: where `compute` raises, the row says so.
+
+    References
+    ----------
+    docs/measures.md.
+    """
 
     name: str
     compute: Callable[[Trajectory], float]
@@ -26,11 +49,29 @@ class Metric:
 
 @dataclass(frozen=True)
 class Observable:
-    """A further quantity over time: `compute(trajectory)` -> numbers, one for each recorded time, shape (m,).
-
-    For `Trajectory.to_frame`, `plot` and `observe`. `unit` is shown beside its name.
+    """A further quantity over time, for `Trajectory.to_frame`, `plot` and `observe`.
 
         Observable("kinetic", lambda run: (run.z[:, 4:8] ** 2).sum(axis=1) / 2)
+
+    Parameters
+    ----------
+    name : str
+        Of the column.
+    compute : function
+        compute(trajectory) -> numbers, one for each recorded time, shape (m,).
+    unit : str
+        Shown beside the name; "" for what is dimensionless.
+    description : str
+        A sentence.
+
+    Raises
+    ------
+    TcbenchError
+        Where it is used, for another shape than (m,).
+
+    References
+    ----------
+    docs/measures.md.
     """
 
     name: str

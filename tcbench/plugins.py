@@ -114,12 +114,44 @@ def plugin_folders() -> list[Path]:
 
 
 def integrators() -> dict[str, Integrator]:
-    """Every registered integrator by name."""
+    """Every registered integrator by name, built-in ones and those of plugins.
+
+    Returns
+    -------
+    dict of str to Integrator
+        A copy, in the order of their registration; methods whose packages are absent are in it, too
+        (`Integrator.lacks`).
+
+    Raises
+    ------
+    TcbenchError
+        For two plugins that register one name. A plugin that cannot be loaded is left out, and `tcbench list` says why.
+
+    References
+    ----------
+    docs/methods.md has the formula and the source of each.
+    """
     return dict(registry().integrators)
 
 
 def scenarios() -> dict[str, Scenario]:
-    """Every registered scenario by name."""
+    """Every registered scenario by name, built-in ones and those of plugins.
+
+    Returns
+    -------
+    dict of str to Scenario
+        A copy, in the order of their registration; of a family (`ScenarioFamily`) the member with its default
+        parameters.
+
+    Raises
+    ------
+    TcbenchError
+        For two plugins that register one name. A plugin that cannot be loaded is left out, and `tcbench list` says why.
+
+    References
+    ----------
+    Romero (2009), section 6, for the paper's own; docs/physics.md.
+    """
     return dict(registry().scenarios)
 
 

@@ -34,10 +34,29 @@ DEFAULT_OUTPUT = Path("results") / "latest"
 
 @dataclass(frozen=True, eq=False)
 class Results:
-    """What `run` returns: the tables by name of what it was asked for, and what the engine did.
+    """What `run` and `load` return: the tables by name of what was asked for, and what the engine did.
 
-    `output` is the folder, whose tables/ have the rows of every run into it. `summary` counts what was measured now
-    (`run`) and what was finished before and used again (`already_finished`); together they are `planned`.
+    Attributes
+    ----------
+    tables : mapping of str to DataFrame
+        Of the studies that were asked for, a row a run or a fit; units and formulas of their columns: docs/measures.md.
+    output : Path
+        The folder, whose tables/ have the rows of every run into it.
+    summary : Summary
+        What was measured now (`run`) and what was finished before and used again (`already_finished`), together
+        `planned`; `elapsed_s` in seconds.
+    left_out : sequence of str
+        Sentences: why methods that were asked for are not in a study.
+    statuses : mapping of str to int
+        How its cells ended, those finished before included.
+    problems : sequence of str
+        Sentences: lines that could not be read, rows of older formulas.
+    every : mapping of str to DataFrame
+        Tables of all runs into this folder.
+
+    References
+    ----------
+    docs/measures.md.
     """
 
     tables: Mapping[str, DataFrame]
@@ -85,14 +104,54 @@ def run(
     on_event: Callable[[Event], None] | None = None,
     progress: bool | None = None,
 ) -> Results:
-    """Run studies; None means all of a kind. Finished cells of the same folder are not run again.
+    """Run studies: many integrators on many scenarios, in parallel, into a folder.
 
-    dt : steps of the ladder studies, instead of each scenario's own.
-    output : folder for the rows (cells.jsonl), tables/ (CSV and Parquet) and manifest.json.
-    jobs, timeout (s), memory_limit (bytes) : of the worker processes. fresh : forget earlier rows.
-    retry_failed : run again whatever did not end well. dask : address of a scheduler to use instead.
-    progress : None, a bar on a terminal and in Jupyter, nothing in a pipe; True, in a pipe a line a minute; False,
-        nothing. on_event : called with each event of the engine, too.
+    Finished cells of the same folder are not run again.
+
+    Parameters
+    ----------
+    integrators, scenarios, studies : iterable of str, or of Integrator, Scenario; optional
+        None means all of a kind.
+    output : str or Path
+        Folder for the rows (cells.jsonl), tables/ (CSV and Parquet) and manifest.json.
+    dt : sequence of float, optional
+        Steps of the ladder studies, in each scenario's (dimensionless) time, instead of each scenario's own.
+    options : mapping, optional
+        Of single studies, by name, such as {"size": 100, "seed": 1} of the ensemble; docs/running.md has them all.
+    jobs : int, optional
+        Worker processes; one for each usable core by default.
+    timeout : float
+        Seconds that one cell may take.
+    memory_limit : int, optional
+        Bytes that one worker may use.
+    fresh : bool
+        Forget earlier rows.
+    retry_failed : bool
+        Run again whatever did not end well.
+    dask : str, optional
+        Address of a scheduler whose workers are to be used instead.
+    security : mapping of str, optional
+        Files of keys and certificates for it, as `distributed.Security` takes them.
+    on_event : function, optional
+        Called with each event of the engine.
+    progress : bool, optional
+        None: a bar on a terminal and in Jupyter, nothing in a pipe; True: in a pipe a line a minute; False: nothing.
+
+    Returns
+    -------
+    Results
+        The tables of what was asked for. Times in them are in seconds, or in the unit that their name ends in; all else
+        is dimensionless (docs/measures.md).
+
+    Raises
+    ------
+    TcbenchError
+        For unknown names, options that a study does not have, limits that are no numbers, and a folder that is in use
+        or cannot be written. A cell that fails raises nothing: its row says so.
+
+    References
+    ----------
+    docs/measures.md says what every column is and by which formula.
     """
     expect("run", locals(), KINDS_OF_ARGUMENTS)
     with waiting("planning", progress):
@@ -162,7 +221,24 @@ def execute(
 def load(folder: str | Path) -> Results:
     """The results of an earlier run, as `run` returned them, also of one that is still running or that was published.
 
-    folder : of the run. Nothing is measured and no plugin is needed. Raises TcbenchError where there is no run.
+    Parameters
+    ----------
+    folder : str or Path
+        Of the run. Nothing is measured and no plugin is needed.
+
+    Returns
+    -------
+    Results
+        Its tables; units as of `run`.
+
+    Raises
+    ------
+    TcbenchError
+        Where there is no run.
+
+    References
+    ----------
+    docs/measures.md says what every column is and by which formula.
     """
     from .local import Summary
 

@@ -53,9 +53,31 @@ def animate(
 ) -> FuncAnimation | Path:
     """The runs of one scenario side by side, in the same time; a run that failed stops where it did and says so.
 
-    path : writes .gif, .mp4 (needs ffmpeg) or .html (one file, with controls) and returns the path; without it the
-    animation itself is returned, which a notebook plays, with controls. Raises TcbenchError for no run, more than four,
-    different scenarios, other suffixes, and systems that cannot be drawn in the plane (see System.points).
+    Parameters
+    ----------
+    runs : Trajectory or sequence of Trajectory
+        At most four, of one scenario whose masses lie in the plane; their states have shape (m, n).
+    path : str or Path, optional
+        Writes .gif, .mp4 (needs ffmpeg) or .html (one file, with controls).
+    frames : int
+        Pictures in all.
+    fps : int
+        Pictures in a second.
+
+    Returns
+    -------
+    FuncAnimation or Path
+        The path that was written; without one the animation itself, which a notebook plays, with controls.
+
+    Raises
+    ------
+    TcbenchError
+        For no run, more than four, different scenarios, other suffixes, and systems that cannot be drawn in the plane
+        (see `System.points`).
+
+    References
+    ----------
+    docs/gallery.md shows some.
     """
     chosen: list[Any] = [runs] if hasattr(runs, "scenario") else list(runs)
     if path is not None:

@@ -61,17 +61,45 @@ def draw(
 ) -> Figure:
     """A chart as a matplotlib Figure, to change and to save; nothing is written, and a notebook shows it.
 
-    kind : a name of `tcbench plot`. data : the folder of a run; a table, such as results.tables["work_precision"], or
-    several by name where the chart takes several; trajectories, for laws, four-panel and path. ax : draw into this Axes
-    (charts of one panel; y= chooses one) and return its Figure. scenario : needed where the data have several.
-    methods : only these, in this order; a mapping, or a str as on the command line, "tc_strang=Strang,gauss2", says
-    what to write for each. x, y : columns; y of charts whose panels are variables, laws or measures: these. dt : of
-    laws, four-panel and path, the runs of this step only. size : of the figure, in inches, or "15x10cm". font_size :
-    points; 9 by default, or down to 5 what fits into that size. style : a matplotlib style, its file, its name or its
-    settings, over what your own matplotlibrc sets.
+    Parameters
+    ----------
+    kind : str
+        A name of `tcbench plot`.
+    data : str, Path, DataFrame, mapping of str to DataFrame, Trajectory or iterable of Trajectory
+        The folder of a run; a table, such as results.tables["work_precision"], or several by name where the chart takes
+        several; trajectories, of shape (m, n) each, for laws, four-panel and path.
+    ax : Axes, optional
+        Draw into this one (charts of one panel; `y` chooses one) and return its Figure.
+    scenario : str, optional
+        Needed where the data have several.
+    methods : str, sequence of str or mapping of str to str, optional
+        Only these, in this order; a mapping, or a str as on the command line, "tc_strang=Strang,gauss2", says what to
+        write for each.
+    x, y : str, or sequence of str; optional
+        Columns; `y` of charts whose panels are variables, laws or measures: these.
+    dt : float, optional
+        Of laws, four-panel and path: the runs of this step only, in the scenario's dimensionless time.
+    size : str or (float, float), optional
+        Of the figure: in inches, or "15x10cm".
+    font_size : float, optional
+        In points; 9 by default, or down to 5 what fits into that size.
+    style : str, Path or mapping, optional
+        A matplotlib style, its file, its name or its settings, over what your own matplotlibrc sets.
 
-    Raises TcbenchError for an unknown kind, scenario, method, column or style, for what the data do not have, and for a
-    size too small for the panels.
+    Returns
+    -------
+    Figure
+        Not known to pyplot, so that it need not be closed.
+
+    Raises
+    ------
+    TcbenchError
+        For an unknown kind, scenario, method, column or style, for what the data do not have, and for a size too small
+        for the panels.
+
+    References
+    ----------
+    docs/gallery.md shows every kind.
     """
     from ..store.tables import only
 

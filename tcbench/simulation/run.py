@@ -43,17 +43,46 @@ def simulate(
 ) -> Trajectory:
     """Run one integrator on one scenario.
 
-    dt : step, the scenario's own by default; the last step ends at or just past t_end. An adaptive solver has none.
-    tolerance : rtol of an adaptive solver (atol = rtol); it has no dt. Default 1e-6.
-    continuation : True: Newton, then natural tracking in h, then pseudo-arclength through folds, so that a step fails
-        only when it has no root (docs/stability.md). False: plain Newton from z0 (20 iterations), for comparison.
-    record_every : keep every k-th state (None: the first and the last); the summary covers every step. An adaptive run
-        is always reported at 200 times.
-    residuals : also measure the residual of each accepted step (summary.residual_max).
-    audit_roots : follow the arc at every step and count accepted roots that are not the principal one
-        (solver.wrong_roots of solver.audited solves); some 50 times slower, the run itself is unchanged.
+    Parameters
+    ----------
+    integrator : str or Integrator
+        A name of `integrators()`, a variant such as "tc_gauss[k=3]", or an Integrator of your own.
+    scenario : str or Scenario
+        A name of `scenarios()`, a member of a family such as "chain[n=10]", or a Scenario of your own.
+    dt : float, optional
+        Step, in the scenario's (dimensionless) time; its own by default. The last step ends at or just past `t_end`. An
+        adaptive solver has none.
+    t_end : float, optional
+        Horizon, in the same time; the scenario's own by default.
+    tolerance : float, optional
+        rtol of an adaptive solver (atol = rtol), which has no dt; dimensionless. Default 1e-6.
+    continuation : bool
+        True: Newton, then natural tracking in h, then pseudo-arclength through folds, so that a step fails only when it
+        has no root (docs/stability.md). False: plain Newton from z0 (20 iterations), for comparison.
+    record_every : int or None
+        Keep every k-th state; None: the first and the last. The summary covers every step. An adaptive run is always
+        reported at 200 times.
+    residuals : bool
+        Also measure the residual of each accepted step (`summary.residual_max`).
+    audit_roots : bool
+        Follow the arc at every step and count accepted roots that are not the principal one (`solver.wrong_roots` of
+        `solver.audited` solves); some 50 times slower, the run itself is unchanged.
 
-    Returns a Trajectory, of failed runs too; raises TcbenchError for bad input only.
+    Returns
+    -------
+    Trajectory
+        Of m recorded states of n numbers, `z` of shape (m, n), everything dimensionless; of a failed run, too: its
+        `status` and `failure` say so.
+
+    Raises
+    ------
+    TcbenchError
+        For bad input only: an unknown name, a method that is not for this system, a step that is not positive, more
+        states than memory could hold.
+
+    References
+    ----------
+    Romero (2009), eqs. (6)-(13) and section 6; how the equations of a step are solved: docs/stability.md.
     """
     from .. import plugins
 

@@ -20,16 +20,36 @@ from .recorder import cause_of
 
 
 def stepper(method: str | Integrator, system: System | Scenario | str) -> Stepper:
-    """One step of a method as a function, z1 = step(z, h), on a system (of a scenario, if that is given).
+    """One step of a method as a function, z1 = step(z, h).
 
     For Richardson extrapolation, composition, control of the step and whatever else is made of steps of other methods;
     a plugin's `step` or `adaptive` may ask for it at every call. The step is solved as in a run, continuation included,
     and starts a run of its own: z1 depends on z and h alone, and what rounding drops is not carried on to the next.
 
-    z : (q, p, s), shape (n,); h : finite; where heat is conducted a negative step may not exist. Returns z1 as
-    a state; `iterations` counts Newton's so far.
-    Raises ArithmeticError, with the cause, where there is no step, and TcbenchError for methods without one: adaptive
-    solvers and multistep methods.
+    Parameters
+    ----------
+    method : str or Integrator
+        With a step: no adaptive solver and no multistep method.
+    system : System, Scenario or str
+        What it is to step; of a scenario its system.
+
+    Returns
+    -------
+    Stepper
+        Called with z, a finite state of shape (n,), and h, finite, in the system's dimensionless time; gives z1, shape
+        (n,). `iterations` counts Newton's so far. Where heat is conducted a negative step may not exist.
+
+    Raises
+    ------
+    TcbenchError
+        For methods without one step, methods that are not for this system, and, when it is called, for what is no
+        state.
+    ArithmeticError
+        When it is called and there is no step; with the cause.
+
+    References
+    ----------
+    docs/stability.md: which root of its equations a step is.
     """
     from .. import plugins
 

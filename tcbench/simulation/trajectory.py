@@ -80,14 +80,51 @@ class SolverCounts:
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """A run in z = (q, p, s), whatever variables the integrator solves in. Everything is dimensionless.
+    """A run in z = (q, p, s), or the system's own variables, whatever variables the integrator solves in.
 
-    t (m,), z (m, n), energy (m,), entropy (m,), invariants: name -> (m,), temperatures (m, elements): recorded
-    states, every state unless record_every was given; never a state that is not finite.
-    status : one of STATUSES; failure : a sentence with step, time and cause ("" when ok).
-    newton_iterations (m - 1,) : Newton iterations between consecutive records.
-    steps : completed steps (output times of an adaptive solver that does not count its steps); dt : step (NaN for
-    adaptive solvers).
+    Everything but the wall time is dimensionless. Of m recorded states (every state unless record_every was given),
+    none that is not finite; n numbers in a state.
+
+    Attributes
+    ----------
+    integrator, scenario : Integrator, Scenario
+        What was run.
+    dt : float
+        Step; NaN of adaptive solvers.
+    t : array, shape (m,)
+        Times.
+    z : array, shape (m, n)
+        States.
+    energy, entropy : array, shape (m,)
+        E and S, by the system's formulas.
+    invariants : mapping of str to array, shape (m,)
+        By name, such as "angular_momentum".
+    temperatures : array, shape (m, n_temperatures)
+        Of each element, or of what the system says.
+    status : str
+        One of STATUSES, "ok" if all is well.
+    failure : str
+        A sentence with step, time and cause; "" if all is well.
+    steps : int
+        Completed steps; output times of an adaptive solver that does not count its steps.
+    newton_iterations : array of int, shape (m - 1,)
+        Between consecutive records.
+    wall_time_s : float
+        Seconds.
+    summary : Summary
+        Extremes over every step, also of those that were not recorded.
+    solver : SolverCounts
+        What the implicit solver needed.
+
+    Raises
+    ------
+    TcbenchError
+        By `observe`, `to_frame`, `plot` and `animate`, for observables of another shape and systems that cannot be
+        drawn.
+
+    References
+    ----------
+    Romero (2009), eqs. (3)-(4) for the two laws, eq. (37) for the Lyapunov functional; docs/measures.md.
     """
 
     integrator: Integrator
@@ -109,6 +146,7 @@ class Trajectory:
 
     @property
     def ok(self) -> bool:
+        """Did it arrive at its end?"""
         return self.status == "ok"
 
     @property

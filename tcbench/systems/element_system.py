@@ -28,7 +28,30 @@ Array = NDArray[Any]
 
 
 class ElementSystem(System):
-    """Base class; an instance holds values of the constants and is immutable."""
+    """Base class of masses and elements that carry entropy, springs above all; see `System` for what is common to all.
+
+    The state is z = (q, p, s), shape (2 n_positions + n_elements,), dimensionless. A subclass writes `inertia`,
+    `shape`, `element_energy`, `conduction` and `entropies`.
+
+    Parameters
+    ----------
+    **values : number or array
+        A value for each constant, of the shape that the class declares for it.
+
+    Attributes
+    ----------
+    n_positions, n_elements : int
+        Lengths of q and p, and of s.
+
+    Raises
+    ------
+    TcbenchError
+        As of `System`; for strain measures that are more than quadratic in q, TraceError.
+
+    References
+    ----------
+    Romero (2009), eqs. (27)-(33) for the discrete gradient, (34) for the friction matrix; docs/add-system.md.
+    """
 
     n_positions: int = 0
     n_elements: int = 0
@@ -172,7 +195,7 @@ class ElementSystem(System):
 
     @property
     def DS(self) -> NDArray[np.float64]:
-        """Gradient of the entropy S = sum of s."""
+        """Gradient of the entropy S = sum of s, shape (size,)."""
         return np.concatenate([np.zeros(2 * self.n_positions), np.ones(self.n_elements)])
 
     @derived
@@ -228,6 +251,7 @@ class ElementSystem(System):
 
     @cached_property
     def told(self) -> tuple[tuple[str, ...], int]:
+        """As of any system: names of the invariants, number of temperatures."""
         unknown = trace.variables("x", 2 * self.n_positions)
         return tuple(self.invariants(unknown[: self.n_positions], unknown[self.n_positions :])), self.n_elements
 

@@ -32,19 +32,41 @@ SPACES = ("position", "element", "link", "point")
 
 
 class Network(ElementSystem):
-    """Base class; see `ElementSystem` for what is common to all.
-
-    elements : whole numbers, shape (n_elements, k): the positions (coordinates) that each element sees. Numbers from
-        n_positions on are the fixed coordinates `anchors`, in their order.
-    links : shape (n_links, 2): pairs of elements between which heat is conducted.
-    points : shape (n_points, d): the coordinates of each mass, for invariants; optional.
-    constants : name -> "position", "element", "link" or "point" (one number for each) or a shape.
+    """Base class of systems of masses and elements of any number; see `ElementSystem` for what is common to all.
 
     The author writes `inertia`, `element_energy`, `entropies` as for others, and instead of shape and conduction:
     `element_shape(q)`: strain measure, from the k coordinates of an element; `link(a, b)`: the entropy rates of the two
     elements of a link from their temperatures, a * rate_a + b * rate_b = 0; and, optionally, `point_invariants(q, p)`,
     the share of one mass in the invariants, by name. All of them get arrays, one entry for each element, link or mass,
     and do the same with every entry.
+
+    Parameters
+    ----------
+    **values : number or array
+        A value for each constant, shape (n_elements,) for one of the elements; dimensionless.
+
+    Attributes
+    ----------
+    elements : array of int, shape (n_elements, k)
+        The positions (coordinates) that each element sees. Numbers from n_positions on are the fixed coordinates
+        `anchors`, in their order.
+    links : array of int, shape (n_links, 2)
+        Pairs of elements between which heat is conducted.
+    points : array of int, shape (n_points, d)
+        The coordinates of each mass, for invariants; optional.
+    anchors : array, shape (n_anchors,)
+        Coordinates that do not move.
+    constants : mapping
+        Name -> "position", "element", "link" or "point" (one number for each) or a shape.
+
+    Raises
+    ------
+    TcbenchError
+        As of `ElementSystem`. Formulas that treat elements differently are traced as a whole, which takes longer.
+
+    References
+    ----------
+    The pendulum of Romero (2009), section 4, has two elements and one link; docs/chain.md, docs/add-system.md.
     """
 
     elements: ClassVar[Any] = np.zeros((0, 1), np.int64)
@@ -224,7 +246,7 @@ class Network(ElementSystem):
 
     @cached_property
     def constant_values(self) -> NDArray[np.float64]:
-        """(time step, the constants in declared order, the anchors): the second argument of every kernel."""
+        """(time step, constants, anchors), shape (n_constant_values,): the second argument of every kernel."""
         parts = [np.ravel(getattr(self, name)) for name in self.constants]
         return fixed(np.concatenate([[0.0], *parts, self.anchors]).astype(np.float64))
 

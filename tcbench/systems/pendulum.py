@@ -45,6 +45,25 @@ class Springs(ElementSystem):
 
 
 class Pendulum(Springs):
+    """Masses in the plane, joined by thermoelastic springs; subclasses say which, and how heat is conducted.
+
+    The state is z = (q, p, s), for the two springs of the paper shape (10,), dimensionless.
+
+    Parameters
+    ----------
+    **values : number or array
+        A value for each constant, of the shape that the class declares for it, such as shape (n_elements,).
+
+    Raises
+    ------
+    TcbenchError
+        As of `System`.
+
+    References
+    ----------
+    Romero (2009), section 4, eqs. (22) and (43); docs/physics.md.
+    """
+
     name = "pendulum"
     n_positions = 4
     n_elements = 2

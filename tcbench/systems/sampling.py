@@ -25,7 +25,24 @@ STREAM = 2009  # beside the seed, so that these numbers are those of no other pr
 
 @dataclass(frozen=True)
 class Range:
-    """Where a number of a random scenario lies, low <= x <= high; uniform, or uniform in its logarithm."""
+    """Where a number of a random scenario lies, low <= x <= high.
+
+    Parameters
+    ----------
+    low, high : float
+        Ends, in the unit of the number: dimensionless in the built-in families.
+    log : bool
+        Uniform in the logarithm, not in the number itself.
+
+    Raises
+    ------
+    TcbenchError
+        By `narrowed`, for what a user writes instead: no number, low above high, not positive where `log`.
+
+    References
+    ----------
+    docs/ensembles.md.
+    """
 
     low: float
     high: float

@@ -33,12 +33,46 @@ ELEMENTS = ("positions", "momenta", "temperatures")  # the initial data of an El
 
 @dataclass(frozen=True)
 class Scenario:
-    """A standard scenario. All numbers are dimensionless.
+    """A system with its constants, its initial state, a horizon and steps. All numbers are dimensionless.
 
-    system : class of the system; constants : its constants by name.
-    initial : the variables at the start, by name. positions, momenta, temperatures : of an ElementSystem instead.
-    t_end, dt : horizon and the scenario's own step; ladder : steps of the conservation study, as multiples of dt.
-    t_converge : time at which errors are measured. blowup_factor : |E - E0| beyond this times V0 is a blow-up.
+    Parameters
+    ----------
+    name : str
+        Unique.
+    system : class
+        A subclass of `System`.
+    constants : mapping of str to number or array
+        Of the system, by name; arrays of the shape that it declares, such as shape (n_elements,).
+    positions, momenta, temperatures : sequence of float
+        Where an ElementSystem starts, shape (n_positions,), (n_positions,) and (n_elements,).
+    t_end : float
+        Horizon.
+    dt : float
+        The scenario's own step.
+    initial : mapping of str to number or array
+        Where any other system starts: its variables by name, of the shape that each has.
+    t_converge : float
+        Time at which errors are measured.
+    blowup_factor : float
+        |E - E0| beyond this times V0 (`initial_exergy`) is a blow-up.
+    shows : str
+        A sentence: what it is for.
+    source : str
+        Paper and section.
+    plugin : str
+        Filled in by the registry.
+    ladder : sequence of float
+        Steps of the conservation study, as multiples of dt.
+
+    Raises
+    ------
+    TcbenchError
+        For constants and initial values that the system does not have or cannot take, numbers that are not finite, a
+        step that is not positive or longer than the horizon.
+
+    References
+    ----------
+    Romero (2009), section 6, is where the built-in ones come from; V is eq. (37); docs/add-scenario.md.
     """
 
     name: str
@@ -186,11 +220,30 @@ class ScenarioFamily:
 
     Give `make` and `defaults`, or `sample` and `ranges`.
 
-    make : the Scenario of given values (strings); TcbenchError for those that it cannot take. defaults : every
-        parameter, with the value that it has when the name alone is given.
-    sample : a random Scenario, `sample(draw)`, from the numbers of a `Draw`: `name[seed=7]`. ranges : name -> `Range`
-        of what it draws; `name[seed=7,stiffness=10:300]` narrows or widens one. Such a family can be run by hundreds,
-        by the study `ensemble`.
+    Parameters
+    ----------
+    name : str
+        Of the family.
+    make : function, optional
+        make(**values) -> Scenario of given values, which are strings; TcbenchError for those that it cannot take.
+    defaults : mapping of str to str
+        Every parameter, with the value that it has when the name alone is given.
+    shows, source, plugin : str
+        As of a `Scenario`.
+    sample : function, optional
+        sample(draw) -> a random Scenario, from the numbers of a `Draw`: `name[seed=7]`.
+    ranges : mapping of str to Range
+        What it draws, dimensionless in the built-in families; `name[seed=7,stiffness=10:300]` narrows or widens one.
+        Such a family can be run by hundreds, by the study `ensemble`.
+
+    Raises
+    ------
+    TcbenchError
+        For both or none of make and sample; by `member`, for unknown parameters and values that cannot be.
+
+    References
+    ----------
+    docs/add-scenario.md, docs/ensembles.md.
     """
 
     name: str

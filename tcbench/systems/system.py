@@ -33,7 +33,42 @@ FORMULAS = ("energy", "entropy", "reversible", "irreversible")
 
 
 class System(Traced):
-    """Base class; an instance holds values of the constants and is immutable."""
+    """Base class of GENERIC systems; an instance holds values of the constants and is immutable.
+
+    A subclass says `name`, `variables` and `constants` and writes `energy`, `entropy`, `reversible` and `irreversible`
+    (or `poisson` and `friction`); gradients, discrete gradients and compiled kernels are derived. A state z has shape
+    (size,), and z.q is the variable q; everything is dimensionless.
+
+    Parameters
+    ----------
+    **values : number or array
+        A value for each constant, of the shape that the class declares for it.
+
+    Attributes
+    ----------
+    name : str
+        Of the kind of system.
+    variables : mapping of str to tuple of int
+        Name -> shape: () for a number, (3,) for three.
+    constants : mapping of str to tuple of int
+        Likewise.
+    positive, non_negative : tuple of str
+        Constants that must be so.
+    reference_temperature : float or name of a constant
+        theta_ref of the exergy V = E - theta_ref S + offset; 0: the energy is its own scale.
+    source : str
+        Paper and equation.
+
+    Raises
+    ------
+    TcbenchError
+        For a class that overrides what is derived, constants that are absent, unknown, of another shape, not finite or
+        not positive.
+
+    References
+    ----------
+    Romero (2009), eq. (1), dz/dt = L grad E + M grad S; eq. (37) for V; docs/add-system.md.
+    """
 
     variables: Mapping[str, tuple[int, ...]] = {}  # name -> shape
     positive: ClassVar[tuple[str, ...]] = ()  # constants that must be > 0
@@ -139,6 +174,7 @@ class System(Traced):
 
     @cached_property
     def layout(self) -> Layout:
+        """Where each variable stands in z, and its shape, by name."""
         return laid_out(self.variables)
 
     @cached_property
@@ -152,10 +188,11 @@ class System(Traced):
         return [f"{n}{i}" if shape else n for n, shape in self.variables.items() for i in range(int(np.prod(shape)))]
 
     def state(self, values: Any) -> State:
+        """z with its variables as attributes, shape (..., size): one state or several."""
         return State(values, self.layout)
 
     def start(self, initial: Any) -> NDArray[np.float64]:
-        """z from the initial data of a Scenario; TcbenchError where a step could not begin there."""
+        """z, shape (size,), from the initial data of a Scenario; TcbenchError where a step could not begin there."""
         for name in initial:
             if name not in self.variables:
                 raise unknown_name(f"variable of {self.name!r}", name, self.variables)
@@ -193,7 +230,7 @@ class System(Traced):
 
     @cached_property
     def constant_values(self) -> NDArray[np.float64]:
-        """(time step, then the constants in declared order): the second argument of every kernel."""
+        """(time step, constants in declared order), shape (n_constant_values,): the second argument of every kernel."""
         parts = [np.ravel(getattr(self, name)) for name in self.constants]
         return fixed(np.concatenate([[0.0], *parts]).astype(np.float64))
 
@@ -216,11 +253,13 @@ class System(Traced):
 
     @property
     def invariant_names(self) -> tuple[str, ...]:
+        """Names of what else is conserved."""
         symbolic: System = self.symbolic
         return symbolic.told[0]
 
     @property
     def n_temperatures(self) -> int:
+        """How many temperatures a state has."""
         symbolic: System = self.symbolic
         return symbolic.told[1]
 
