@@ -15,7 +15,7 @@ import numpy as np
 
 from . import short_vectors
 from .language import FUNCTIONS
-from .values import BOOL, FLOAT, FUSED, INT, NOTHING, Several, TranslationError, Value, constant, say
+from .values import BOOL, FLOAT, INT, NOTHING, Several, TranslationError, Value, constant, say
 
 ARITHMETIC = {ast.Add: ("add", "fadd"), ast.Sub: ("sub", "fsub"), ast.Mult: ("mul", "fmul")}
 COMPARISONS: dict[type, tuple[str, str]] = {
@@ -39,6 +39,7 @@ class Arithmetic:
     """What `Body` needs to evaluate an expression at the place where its text ends."""
 
     module: Any  # of translator: declares what is called
+    function: Any  # of translator: the one that is translated
     names: Mapping[str, Any]  # globals of the function
     lines: list[str]
     values: dict[str, Value]  # names that are assigned once
@@ -149,10 +150,10 @@ class Arithmetic:
             kind = FLOAT if isinstance(operation, ast.Div) else INT
             x, y = self.convert(node, left, kind), self.convert(node, right, kind)
         if isinstance(operation, ast.Div):
-            return Value(FLOAT, (self.emit(f"fdiv {FUSED} double {x}, {y}"),))
+            return Value(FLOAT, (self.emit(f"fdiv {self.function.fused} double {x}, {y}"),))
         if type(operation) in ARITHMETIC:
             whole, real = ARITHMETIC[type(operation)]
-            code = f"{whole} nsw i64 {x}, {y}" if kind == INT else f"{real} {FUSED} double {x}, {y}"
+            code = f"{whole} nsw i64 {x}, {y}" if kind == INT else f"{real} {self.function.fused} double {x}, {y}"
             return Value(kind, (self.emit(code),))
         if isinstance(operation, ast.Mod | ast.FloorDiv):
             if kind == INT:
@@ -181,7 +182,7 @@ class Arithmetic:
     def _power(self, node: ast.BinOp) -> Value:
         _, x = self.number(node.left, FLOAT)
         if isinstance(node.right, ast.Constant) and node.right.value == 2:
-            return Value(FLOAT, (self.emit(f"fmul {FUSED} double {x}, {x}"),))
+            return Value(FLOAT, (self.emit(f"fmul {self.function.fused} double {x}, {x}"),))
         _, y = self.number(node.right, FLOAT)
         return Value(FLOAT, (self.machine_call("llvm.pow.f64", x, y),))
 

@@ -23,8 +23,10 @@ Floats = Annotated[NDArray[np.float64], "Floats"]
 Matrix = Annotated[NDArray[np.float64], "Matrix"]
 Cube = Annotated[NDArray[np.float64], "Cube"]
 Ints = Annotated[NDArray[np.int64], "Ints"]
+Eight = Annotated[NDArray[np.float64], "Eight"]  # a short vector of eight numbers
 Kernel = int
 
+SPLIT = 2.0**27 + 1
 PYTHON_KERNELS: dict[int, Callable[[Any, Any, Any], None]] = {}  # of plain Python: made-up address -> function
 _ADDRESSES = itertools.count(1)
 F = TypeVar("F", bound=Callable[..., Any])
@@ -33,6 +35,12 @@ F = TypeVar("F", bound=Callable[..., Any])
 def rare(function: F) -> F:
     """Mark a function that few steps call: its code stays apart from the loop's."""
     function.rare = True  # type: ignore[attr-defined]
+    return function
+
+
+def exact(function: F) -> F:
+    """Mark a function whose operations are rounded one by one, on every processor alike: none is fused with another."""
+    function.exact = True  # type: ignore[attr-defined]
     return function
 
 
@@ -80,6 +88,20 @@ def pick(x: Floats, y: Floats, *lanes: int) -> Floats:
 def put(array: Floats, start: int, x: Floats) -> None:
     """Store a vector in an array, from `start` on."""
     array[start : start + len(x)] = x
+
+
+def two_product(x: Any, y: Any) -> tuple[Any, Any]:
+    """x y, of numbers or short vectors, as the sum of two: the rounded product and what rounding took from it, exactly
+    (Dekker 1971); where neither overflows nor comes near the smallest numbers."""
+    product, (x1, x2), (y1, y2) = x * y, _halves(x), _halves(y)
+    return product, x2 * y2 - (((product - x1 * y1) - x2 * y1) - x1 * y2)
+
+
+def _halves(x: Any) -> tuple[Any, Any]:
+    """x as a sum of two numbers of 26 bits."""
+    scaled = SPLIT * x
+    high = scaled - (scaled - x)
+    return high, x - high
 
 
 def bits(x: float) -> int:

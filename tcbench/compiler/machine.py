@@ -46,6 +46,15 @@ def target() -> tuple[str, str]:
 
 
 @cache
+def has_fma() -> bool:
+    """Does what is compiled for multiply and add with one rounding?"""
+    cpu, features = target()
+    if cpu in LEVELS:
+        return (cpu in LEVELS[2:] or "+fma" in features.split(",")) and "-fma" not in features.split(",")
+    return "-fma" not in features.split(",")
+
+
+@cache
 def _machine(level: int = 3) -> Any:
     """What writes machine code. level: 1 leaves out the second scheduling of instructions, whose time grows as the
     square of the length of straight-line code, and little else."""

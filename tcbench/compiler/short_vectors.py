@@ -12,7 +12,8 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from . import language
-from .values import FLOAT, FUSED, INT, NOTHING, Array, Value, constant, say
+from .machine import has_fma
+from .values import FLOAT, INT, NOTHING, Array, Several, Value, constant, say
 
 if TYPE_CHECKING:
     from .arithmetic import Arithmetic
@@ -52,7 +53,9 @@ def binary(body: Arithmetic, node: ast.AST, operation: ast.operator, left: Value
     if type(operation) not in OPERATIONS:
         raise body.refusal(node, "of vectors, +, -, * and / are translated")
     kind = kind_of_width(width)
-    return Value(kind, (body.emit(f"{OPERATIONS[type(operation)]} {FUSED} {kind} {codes[0]}, {codes[1]}"),))
+    return Value(
+        kind, (body.emit(f"{OPERATIONS[type(operation)]} {body.function.fused} {kind} {codes[0]}, {codes[1]}"),)
+    )
 
 
 def lane(body: Expressions, node: ast.Subscript, owner: Value) -> Value:
@@ -111,6 +114,37 @@ def _pick(body: Expressions, node: ast.Call) -> Value:
     return Value(kind_of_width(len(lanes)), (body.emit(code),))
 
 
+def _two_product(body: Expressions, node: ast.Call) -> Value:
+    """By fused multiply-add where the processor has it, else as `language` has it: the same bits."""
+    values = [body.value(x) for x in node.args]
+    kind = next((x.kind for x in values if width_of(x.kind)), FLOAT)
+    x, y = (body.part(v) if v.kind == kind else body.convert(node, v, kind) for v in values)
+    suffix = f"v{width_of(kind)}f64" if width_of(kind) else "f64"
+
+    def do(operation: str, a: str, b: str) -> str:
+        return body.emit(f"{operation} {kind} {a}, {b}")
+
+    product = do("fmul", x, y)
+    if has_fma():
+        body.module.external.add(f"declare {kind} @llvm.fma.{suffix}({kind}, {kind}, {kind})")
+        minus = body.emit(f"fneg {kind} {product}")
+        rest = body.emit(f"call {kind} @llvm.fma.{suffix}({kind} {x}, {kind} {y}, {kind} {minus})")
+        return Value(Several((kind, kind)), (product, rest))
+    split = constant(language.SPLIT)
+    factor = f"<{', '.join([f'{FLOAT} {split}'] * width_of(kind))}>" if width_of(kind) else split
+    halves = []
+    for number in (x, y):
+        scaled = do("fmul", factor, number)
+        high = do("fsub", scaled, do("fsub", scaled, number))
+        halves.append((high, do("fsub", number, high)))
+    (x1, x2), (y1, y2) = halves
+    rest = do("fsub", product, do("fmul", x1, y1))
+    for a, b in ((x2, y1), (x1, y2)):
+        rest = do("fsub", rest, do("fmul", a, b))
+    return Value(Several((kind, kind)), (product, do("fsub", do("fmul", x2, y2), rest)))
+
+
 CALLS: dict[Any, Callable[[Expressions, ast.Call], Value]] = {
     language.vector: _vector, language.row: _row, language.put: _put, language.pick: _pick,
+    language.two_product: _two_product,
 }  # fmt: skip

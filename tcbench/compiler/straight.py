@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from .statements import Body
-from .values import FLOAT, FUSED, Value, constant
+from .values import FLOAT, Value, constant
 
 HEAD = "def kernel(a, b, out):\n"
 OPERATIONS = {"+": "fadd", "-": "fsub", "*": "fmul", "/": "fdiv"}
@@ -56,7 +56,7 @@ class Straight(Body):
         words = text.split(" ")
         if len(words) == 3 and words[1] in OPERATIONS:
             x, y = self.operand(words[0]), self.operand(words[2])
-            code = f"{OPERATIONS[words[1]]} {FUSED} double {x}, {y}" if x and y else ""
+            code = f"{OPERATIONS[words[1]]} {self.function.fused} double {x}, {y}" if x and y else ""
         elif len(words) > 1:
             return False
         elif item := _ITEM.match(text):

@@ -64,7 +64,11 @@ class Inputs(Hasher):
             return
         digest, names = described(function.__code__)
         ours = vars(language).get(function.__name__) is function  # the translator knows it by what it is
-        self.note("function", function.__name__ if ours else "", getattr(function, "rare", False))
+        self.note(
+            "function",
+            function.__name__ if ours else "",
+            *(getattr(function, mark, False) for mark in ("rare", "exact")),
+        )
         self.digest.update(digest)
         for name, kind in function.__annotations__.items():
             self.note(name)

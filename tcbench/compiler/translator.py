@@ -22,7 +22,7 @@ from . import straight
 from .statements import Body
 from .straight import Straight
 from .translations import described
-from .values import BOOL, INT, NOTHING, Array, Several, TranslationError, kind_of, machine_kinds
+from .values import BOOL, FUSED, INT, NOTHING, Array, Several, TranslationError, kind_of, machine_kinds
 
 KERNEL = Array(sized=False)
 TABLE = """@table = global ptr null
@@ -40,6 +40,7 @@ class Function:
     title: str  # for people
     arguments: dict[str, Any]
     result: Any
+    fused: str  # flag of its floating-point operations
 
     @property
     def result_code(self) -> str:
@@ -145,7 +146,7 @@ class Module:
         arguments = {a.arg: KERNEL if kinds is None else kind_of(kinds[a.arg], names) if a.arg in kinds else None
                      for a in tree.args.args}  # fmt: skip
         result = NOTHING if kinds is None else kind_of(kinds["return"], names) if "return" in kinds else None
-        made = Function(name, title, arguments, result)
+        made = Function(name, title, arguments, result, "" if getattr(key, "exact", False) else FUSED)
         self.open.append(key)
         body = Body(self, made, tree, names, file) if lines is None else Straight(self, made, tree, names, lines)
         self.open.remove(key)

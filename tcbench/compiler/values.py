@@ -12,9 +12,10 @@ from ..errors import TcbenchError
 from .records import RANKS, Record, Rows, annotation_text
 
 INT, FLOAT, BOOL, NOTHING = "i64", "double", "i1", "void"
-KINDS = {"int": INT, "Kernel": INT, "float": FLOAT, "bool": BOOL, "None": NOTHING}
+EIGHT = f"<8 x {FLOAT}>"
+KINDS = {"int": INT, "Kernel": INT, "float": FLOAT, "bool": BOOL, "None": NOTHING, "Eight": EIGHT}
 WORDS = {INT: "an int", FLOAT: "a float", BOOL: "a bool", NOTHING: "nothing"}
-FUSED = "contract"  # fused multiply-add
+FUSED = "contract"  # fused multiply-add, except in functions that are `exact`
 Part = str | Callable[[], str]
 
 
@@ -85,7 +86,7 @@ def kind_of(annotation: Any, names: Mapping[str, Any]) -> Any:
         return Array(RANKS[text], INT if text == "Ints" else FLOAT)
     if text.startswith("tuple["):
         parts = [kind_of(x.strip(), names) for x in text[6:-1].split(",")]
-        return Several(tuple(parts)) if all(x in (INT, FLOAT, BOOL) for x in parts) else None
+        return Several(tuple(parts)) if all(x in (INT, FLOAT, BOOL, EIGHT) for x in parts) else None
     rows = text.startswith("Rows[")
     known = names.get(text[5:-1] if rows else text)
     if isinstance(known, type) and issubclass(known, Record):

@@ -1,8 +1,9 @@
 """`reference_for`: the certified states of any scenario: read from the package, or computed once and kept.
 
 Built-in scenarios have stored references, found by their numbers and not by their name, so that a variant made by
-`replace()` never gets the wrong one. Everything else is computed on the fly, in extended precision, from the
-system's own traced equations (`extended`), and cached under a hash of all that it depends on.
+`replace()` never gets the wrong one. Everything else is computed on the fly from the system's own traced equations, by
+two Taylor series in double-doubles (`pairs`: milliseconds) or, where these lead nowhere, by two collocations in
+extended precision (`certified.compute`: seconds), and cached under a hash of all that it depends on.
 """
 
 from __future__ import annotations
@@ -15,11 +16,14 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import numpy as np
+
 from .. import cache
 from ..compiler.translations import inputs
 from ..errors import TcbenchError
 from ..systems.right_hand_side import Field, as_python
 from ..systems.scenario import Scenario
+from . import pairs
 from .certified import LONG, Reference, cached, compute, gap, scenario_hash, stored, stored_file
 from .collocation import ReferenceFailed
 from .extended_precision import _FUNCTIONS
@@ -28,6 +32,7 @@ from .precision import DESCRIPTION
 DEADLINE = 100.0  # seconds for each of the two collocations: a cell has 300 for everything
 REMEMBERED_S = 24 * 3600.0  # of a failure: another day the machine may have more time
 HORIZON = 25.0  # `recompute` goes no further where nothing is stored: chaotic scenarios lose their digits
+HALF_ULP = float(np.finfo(float).eps) / 2
 DISAGREEMENT = 1e-10  # two computations further apart than this certify nothing
 
 
@@ -66,7 +71,7 @@ def _once(recipe: _Recipe) -> Reference:
 
 def algorithm() -> str | None:
     """Hash of what makes references of equations, as it is loaded: code, its constants, the packages behind it."""
-    made = inputs(compute, _FUNCTIONS, as_python, DEADLINE, DESCRIPTION)
+    made = inputs(compute, _FUNCTIONS, as_python, DEADLINE, DESCRIPTION, HALF_ULP, *pairs.makers())
     return made and f"{made} {_packages()}"
 
 
@@ -117,7 +122,7 @@ class _Recipe:
     def __init__(self, scenario: Scenario, times: tuple[float, ...]) -> None:
         from .extended_precision import extended
 
-        self.model, self.times = scenario.model, times
+        self.model, self.start, self.times = scenario.model, scenario.z0, times
         self.field = extended(scenario, "vector_field")
         self.z0 = scenario.z0.astype(LONG)
         made = algorithm()
@@ -125,6 +130,11 @@ class _Recipe:
         self.key = made and hashlib.sha256(text.encode()).hexdigest()[:32]
 
     def compute(self) -> Reference:
+        """By the series; where they lead nowhere by the collocations."""
+        (found,) = pairs.solve([self.model], [self.start], self.times)
+        return self.collocations() if found is None else from_pair(found, self.times)
+
+    def collocations(self) -> Reference:
         def rhs(_: Any, z: Any) -> Any:
             return self.field(z)
 
@@ -134,12 +144,18 @@ class _Recipe:
         )
 
 
+def from_pair(found: pairs.Pair, times: Sequence[float]) -> Reference:
+    """The floor is what rounding its start takes from a run in doubles, and the last digit of the states."""
+    floor = found.certificate + HALF_ULP * np.maximum(1.0, found.growth)
+    return Reference(tuple(times), found.states, tuple(found.certificate.tolist()), tuple(floor.tolist()), pairs.SOURCE)
+
+
 def recompute(scenario: Scenario) -> dict[str, Any]:
     """Compute the reference of a scenario anew and compare it with the one in use.
 
     Returns scenario, method, agrees (bool), and rows: one dict a time with t, gap (new against the one in use),
     certificate (gap of the two new computations) and check (gap to a third, unrelated method; NaN if there is none).
-    Stored references need heyoka (PeerMissing says how to install it); others take the pair of collocations.
+    Stored references need heyoka (PeerMissing says how to install it); others are checked by the collocations.
     """
     known = stored_for(scenario)
     return _recompute_on_the_fly(scenario) if known is None else _recompute_stored(scenario)
@@ -164,13 +180,16 @@ def _recompute_stored(scenario: Scenario) -> dict[str, Any]:
 def _recompute_on_the_fly(scenario: Scenario) -> dict[str, Any]:
     times = tuple(sorted({scenario.t_converge, max(scenario.t_converge, min(scenario.t_end, HORIZON))}))
     recipe = _Recipe(scenario, times)
-    fresh = recipe.compute()
+    fresh, check = recipe.compute(), [float("nan")] * len(times)
+    if fresh.source == pairs.SOURCE:
+        with contextlib.suppress(ReferenceFailed):
+            check = [gap(a, b) for a, b in zip(recipe.collocations().states, fresh.states, strict=True)]
     known = _kept(recipe, lambda: fresh)
     gaps = [gap(a, b) for a, b in zip(fresh.states, known.states, strict=True)]
     allowed = [a + b for a, b in zip(fresh.floor, known.floor, strict=True)]
     rows = [
-        {"t": t, "gap": g, "certificate": c, "check": float("nan")}
-        for t, g, c in zip(times, gaps, fresh.certificate, strict=True)
+        {"t": t, "gap": g, "certificate": c, "check": other}
+        for t, g, c, other in zip(times, gaps, fresh.certificate, check, strict=True)
     ]
     agrees = all(g <= a for g, a in zip(gaps, allowed, strict=True)) and max(fresh.certificate) <= DISAGREEMENT
     return {"scenario": scenario.name, "method": fresh.source, "agrees": agrees, "rows": rows}

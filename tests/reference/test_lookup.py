@@ -5,7 +5,7 @@ import pytest
 
 import tcbench
 from tcbench import cache
-from tcbench.reference import certified, collocation
+from tcbench.reference import certified, collocation, double_double, pairs, tape, taylor
 from tcbench.reference import certified as reference
 from tcbench.reference import lookup as truth
 from tcbench.reference.collocation import ReferenceFailed
@@ -57,12 +57,12 @@ def test_extended_vector_field_is_the_compiled_one(name):
 
 @pytest.mark.parametrize("name", ["short_term", "stiff_spring", "fast_conduction", "bound_equilibrium"])
 def test_on_the_fly_reference_agrees_with_the_certified_one(name):
-    """Computed from the traced equations and not told of the stored digits: certificate below 1e-15, the distance to
+    """Computed from the traced equations and not told of the stored digits: certificate below 1e-21, the distance to
     the stored state what rounding the data to double does (`floor`), within the two units that the floor is read to."""
     scenario = tcbench.scenarios()[name]
     known = truth.reference_for(scenario, [1.0])
     made = truth._Recipe(scenario, (1.0,)).compute()
-    assert made.certificate[0] < 1e-15 and "double precision" not in made.source
+    assert made.certificate[0] < 1e-21 and "double-double" in made.source
     assert reference.gap(made.states[0], known.states[0]) < 2 * known.floor[0] + 2 * made.floor[0]
 
 
@@ -133,6 +133,8 @@ def test_what_makes_references_is_in_their_key(monkeypatch):
     changes = [
         (certified, "SAFETY", 5.0), (certified, "ROUNDINGS", 1.0), (collocation, "MOST_ITERATIONS", 1),
         (collocation, "_newton", lambda *_: None), (truth, "DEADLINE", 1.0), (certified.gap, "__code__", len_code()),
+        (pairs, "FINE", 1e-25), (pairs, "DEFECT", 1.0), (taylor, "INSIDE", 0.5), (taylor, "advance", lambda *_: None),
+        (double_double, "LN2", 0.7), (tape, "PAIR", 32),
     ]  # fmt: skip
     for where, name, value in changes:
         with monkeypatch.context() as patch:
@@ -152,8 +154,34 @@ def test_recomputing_a_stored_reference_reproduces_it():
     assert max(row["gap"] for row in report["rows"]) < 1e-20
 
 
+def test_what_the_series_cannot_do_the_collocations_do(monkeypatch):
+    """Equations too stiff for series, too large, or with a function that has none."""
+    scenario = tcbench.scenarios()["reaction"]
+    by_series = truth._Recipe(scenario, (5.0,)).compute()
+    without = (tape._Recorder, "functions", lambda self: {})
+    for where, name, value in ((pairs, "MOST", 1), (pairs, "LARGEST", 100), without):
+        with monkeypatch.context() as patch:
+            patch.setattr(where, name, value)
+            tape.tape.cache_clear()
+            made = truth._Recipe(scenario, (5.0,)).compute()
+        assert "collocation" in made.source and reference.gap(made.states[0], by_series.states[0]) < 3e-16
+    tape.tape.cache_clear()
+
+
+def test_series_of_other_equations_than_the_compiled_ones_certify_nothing(monkeypatch):
+    """A mistake in a recurrence, which both runs of a pair would share."""
+    scenario = tcbench.scenarios()["heavy_top"]
+    assert pairs.solve([scenario.model], [scenario.z0], [1.0])[0] is not None
+    wrong = {**tape.CODE, "add": tape.CODE["sub"]}
+    monkeypatch.setattr(tape, "CODE", wrong)
+    tape.tape.cache_clear()
+    assert pairs.solve([scenario.model], [scenario.z0], [1.0]) == [None]
+    tape.tape.cache_clear()
+
+
 def test_a_solution_that_cannot_be_computed_is_an_error_that_says_where(monkeypatch):
     monkeypatch.setattr(truth, "DEADLINE", 0.0)
+    monkeypatch.setattr(pairs, "MOST", 1)
     scenario = tcbench.scenarios()["short_term"].replace(coupling=0.22)
     with pytest.raises(ReferenceFailed, match=r"stopped at t = .*smaller t_converge"):
         truth.reference_for(scenario, [1.0])

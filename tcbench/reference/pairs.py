@@ -1,0 +1,122 @@
+"""References by two Taylor series in double-double arithmetic, of many scenarios at once: state, certificate and floor.
+
+Each scenario is run three times from the same doubles: finely, a hundred times more coarsely, and coarsely from a start
+that is moved a little. Four times the gap of the first two is the certificate of the first, which is far more accurate
+than that; the third tells how much the solution magnifies an error, above all what rounding takes from any run in
+doubles (the floor). What the runs share, the recurrences, is compared with the compiled equations as they go.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from fractions import Fraction
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..compiler.translations import described
+from ..errors import TcbenchError
+from ..systems.system import System
+from .tape import LANES, PAIR, tape
+from .taylor import LIBRARY, Work, march
+
+ORDER, WIDE = 40, 22  # of the series; orders with all digits
+FINE, COARSE = 1e-26, 1e-24
+SAFETY = 4.0
+SHIFT = 1e-14  # of the start, relative: growth up to 1e10 is seen
+DEFECT = 1e-7  # of the series in the compiled equations, relative
+MOST = 50_000  # steps; of equations so stiff others know more
+LARGEST = 2**23  # doubles in memory
+RUNS = 3
+SOURCE = f"Taylor series of order {ORDER} in double-double arithmetic at {FINE:g} against {COARSE:g}"
+CHANCE = 10 * FINE  # per unit of growth: the errors of both may be alike by chance (2 of 500)
+LINEAR = 1e-4  # a gap beyond has stopped growing, and says nothing: chaos has eaten all digits
+
+
+class Pair(NamedTuple):
+    """At each time: states (m, n), their certificate, and how many times a change of the start has become.
+
+    All but the states relative, as max |difference| / max(1, |z|).
+    """
+
+    states: NDArray[np.float64]
+    low: NDArray[np.float64]  # what rounding took from the states
+    certificate: NDArray[np.float64]
+    growth: NDArray[np.float64]
+    steps: int
+
+
+def solve(systems: Sequence[System], starts: Sequence[Any], times: Sequence[float]) -> list[Pair | None]:
+    """Of scenarios whose systems share one structure; None where this way leads nowhere (too stiff, too large, no
+    series, blown up)."""
+    system = systems[0]
+    text, (n,) = system.formula("vector_field")
+    try:
+        plan = tape(text, n, system.n_constant_values, ORDER)
+    except TcbenchError:
+        return [None] * len(systems)
+    size = plan.size + PAIR * (ORDER + 1)
+    if size > LARGEST:
+        return [None] * len(systems)
+    ends, runs = len(times), RUNS * len(systems)
+    states = np.full((runs, (ends + 1) * 2 * n), math.nan)
+    signs = np.where(np.random.Generator(np.random.PCG64(n)).integers(0, 2, n), 1.0, -1.0)
+    for i, z in enumerate(starts):
+        states[RUNS * i : RUNS * (i + 1), :n] = z
+        states[RUNS * i + 2, :n] += SHIFT * signs * np.maximum(1.0, np.abs(z))
+    constants = np.repeat([x.constant_values for x in systems], RUNS, axis=0)
+    values = np.repeat([plan.values(x.constant_values) for x in systems], RUNS, axis=0)
+    work = Work(
+        order=ORDER, wide=WIDE, variables=n, inputs=len(plan.inputs), length=len(plan.setup), steps=len(plan.code),
+        size=size, runs=runs, ends=ends, constants=constants.shape[1], most=MOST,
+        rate=system.kernel("vector_field")[0].address, setup=plan.setup, code=plan.code, memory=memory(size),
+        rates=plan.rates, moving=plan.moving, places=plan.inputs, times=np.array(times, float), values=values,
+        given=constants, tolerances=np.tile([FINE, COARSE, COARSE], len(systems)), states=states,
+        taken=np.zeros(runs, np.int64), defects=np.zeros(runs), lanes=np.zeros(8 * LANES),
+        which=np.zeros(3 * LANES, np.int64), probe=np.zeros(3 * n),
+    )  # fmt: skip
+    LIBRARY.march(work)
+    found = work.states.reshape(len(systems), RUNS, ends + 1, 2, n)
+    moved = np.abs(found[:, 2, 0, 0] - found[:, 0, 0, 0]) / np.maximum(1.0, np.abs(found[:, 0, 0, 0]))
+    taken, defects = work.taken.reshape(-1, RUNS), work.defects.reshape(-1, RUNS)
+    return [
+        _pair(found[i, :, 1:], float(np.max(moved[i])), int(taken[i].sum()))
+        if (taken[i] > 0).all() and (defects[i] <= DEFECT).all() else None
+        for i in range(len(systems))
+    ]  # fmt: skip
+
+
+def makers() -> tuple[Any, ...]:
+    """Whatever decides what `solve` gives for a scenario, for keys."""
+    numbers = (ORDER, WIDE, FINE, COARSE, SAFETY, SHIFT, DEFECT, MOST, LARGEST, CHANCE, LINEAR)
+    return described(solve.__code__)[0], tape.__wrapped__, memory, march, _pair, numbers
+
+
+def memory(size: int) -> NDArray[np.float64]:
+    """For vectors, which must not lie across two lines of a cache; with 1/k for each k at its end."""
+    room = np.zeros(size + LANES)
+    first = -room.ctypes.data // 8 % LANES
+    found = room[first : first + size]
+    inverse = found[size - PAIR * (ORDER + 1) :].reshape(-1, 2, LANES)
+    for k in range(1, ORDER + 1):
+        inverse[k, 0] = 1.0 / k
+        inverse[k, 1] = float(Fraction(1, k) - Fraction(1.0 / k))
+    return found
+
+
+def _pair(found: NDArray[np.float64], moved: float, steps: int) -> Pair:
+    """found: (run, time, high or low part, number)."""
+    fine, coarse, shifted = found
+    size = np.maximum(1.0, np.abs(fine[:, 0]))
+    gap = np.max(np.abs(difference(fine, coarse)) / size, axis=1)
+    apart = np.max(np.abs(difference(shifted, coarse)) / size, axis=1)
+    growth = apart / moved
+    certificate = np.where(gap < LINEAR, SAFETY * gap + CHANCE * (1.0 + growth), math.inf)
+    return Pair(fine[:, 0], fine[:, 1], certificate, growth, steps)
+
+
+def difference(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """a - b of double-doubles (time, part, number) that are near each other: the high parts' difference is exact."""
+    return (a[:, 0] - b[:, 0]) + (a[:, 1] - b[:, 1])

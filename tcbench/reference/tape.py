@@ -1,0 +1,211 @@
+"""A system's equations as a tape: operations on Taylor series, one after the other, for `taylor` to go through.
+
+The straight-line text of the vector field is run once on `Node`s, which write down what is done to them. A quotient is
+one operation, constants and what is made of them are computed once a scenario, and what nothing uses is left out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..systems.right_hand_side import as_python
+
+LANES, PAIR = 8, 16  # scenarios side by side; doubles of one coefficient: eight high parts, eight low ones
+OPERATIONS = ("add", "add_static", "sub", "neg", "mul", "square", "scale", "div", "recip", "sqrt", "exp", "log",
+              "slope", "cos_sin", "atan", "second")  # fmt: skip
+CODE = {name: i for i, name in enumerate(OPERATIONS)}
+FIELDS = 5  # of an operation: what it does, where its result stands, two operands, and room of its own
+SERIES_ROOM, NUMBER_ROOM = ("log", "cos_sin", "atan"), ("div", "sqrt", "log", "atan")  # what they keep beside
+
+
+class Node:
+    """A series, or (static) a constant; behaves as a number in the text of a formula."""
+
+    def __init__(self, tape: _Recorder, op: str, args: tuple[Node, ...] = (), value: Any = None) -> None:
+        self.tape, self.op, self.args, self.value = tape, op, args, value
+        self.static: bool = op == "input" or (op != "variable" and all(a.static for a in args))
+
+    def __add__(self, other: Any) -> Node:
+        return self.tape.add(self, self.tape.lifted(other))
+
+    def __radd__(self, other: Any) -> Node:
+        return self.tape.add(self.tape.lifted(other), self)
+
+    def __sub__(self, other: Any) -> Node:
+        return self.tape.sub(self, self.tape.lifted(other))
+
+    def __rsub__(self, other: Any) -> Node:
+        return self.tape.sub(self.tape.lifted(other), self)
+
+    def __mul__(self, other: Any) -> Node:
+        return self.tape.mul(self, self.tape.lifted(other))
+
+    def __rmul__(self, other: Any) -> Node:
+        return self.tape.mul(self.tape.lifted(other), self)
+
+    def __truediv__(self, other: Any) -> Node:
+        return self.tape.mul(self, self.tape.make("recip", self.tape.lifted(other)))
+
+    def __rtruediv__(self, other: Any) -> Node:
+        return self.tape.mul(self.tape.lifted(other), self.tape.make("recip", self))
+
+    def __neg__(self) -> Node:
+        return self.args[0] if self.op == "neg" else self.tape.make("neg", self)
+
+
+class _Recorder:
+    """Nodes in the order in which they were made; equal ones are one."""
+
+    def __init__(self) -> None:
+        self.nodes: dict[Any, Node] = {}
+
+    def make(self, op: str, *args: Node, value: Any = None) -> Node:
+        key = (op, tuple(map(id, args)), value)
+        return self.nodes.setdefault(key, Node(self, op, args, value))
+
+    def lifted(self, x: Any) -> Node:
+        return x if isinstance(x, Node) else self.make("input", value=float(x))
+
+    def add(self, a: Node, b: Node) -> Node:
+        if a.static and not b.static:
+            a, b = b, a
+        if b.value == 0.0:
+            return a
+        return self.make("add_static" if b.static and not a.static else "add", a, b)
+
+    def sub(self, a: Node, b: Node) -> Node:
+        if a is b:
+            return self.lifted(0.0)
+        if a.static != b.static:
+            return self.add(a, -b)
+        return self.make("sub", a, b)
+
+    def mul(self, a: Node, b: Node) -> Node:
+        if a.static and not b.static:
+            a, b = b, a
+        for x, other in ((a, b), (b, a)):
+            if x.value == 1.0:
+                return other
+            if x.op == "recip" and not x.static and not other.static:
+                return self.make("div", other, x.args[0])
+        if a is b:
+            return self.make("square", a)
+        return self.make("scale" if b.static and not a.static else "mul", a, b)
+
+    def cos_sin(self, x: Node) -> tuple[Node, Node]:
+        both = self.make("cos_sin", x, self.make("slope", x))
+        return both, self.make("second", both)
+
+    def functions(self) -> dict[str, Callable[..., Any]]:
+        """The elementary functions, of those that have a series everywhere."""
+        one, half = self.lifted(1.0), self.lifted(0.5)
+
+        def exp(x: Node) -> Node:
+            return self.make("exp", x, self.make("slope", x))
+
+        def log(x: Node) -> Node:
+            return self.make("log", x)
+
+        def sqrt(x: Node) -> Node:
+            return self.make("sqrt", x)
+
+        def atan(x: Node) -> Node:
+            return self.make("atan", x, one + x * x)
+
+        def tanh(x: Node) -> Node:
+            square = exp(x + x)
+            return (square - one) / (square + one)
+
+        def asin(x: Node) -> Node:
+            return atan(x / sqrt(one - x * x))
+
+        def sine(x: Node) -> Node:
+            return self.cos_sin(x)[1]
+
+        return {
+            "exp": exp, "log": log, "sqrt": sqrt, "atan": atan, "tanh": tanh, "asin": asin, "sin": sine,
+            "cos": lambda x: self.cos_sin(x)[0], "tan": lambda x: sine(x) / self.cos_sin(x)[0],
+            "acos": lambda x: 2.0 * atan(sqrt((one - x) / (one + x))),
+            "sinh": lambda x: (exp(x) - exp(-x)) * half, "cosh": lambda x: (exp(x) + exp(-x)) * half,
+            "expm1": lambda x: exp(x) - one, "log1p": lambda x: log(one + x),
+            "hypot": lambda x, y: sqrt(x * x + y * y), "pow": lambda x, y: exp(y * log(x)),
+        }  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Tape:
+    """Operations with their places in memory, which count doubles.
+
+    size : of the memory. setup, code : operations on constants, on series; FIELDS numbers each. rates : where the rate
+    of each variable stands, and whether it moves. inputs : where constants stand, and numbers: the index of a system's
+    constant in `given`, or -1 and a literal in `literals`.
+    """
+
+    size: int
+    setup: NDArray[np.int64]
+    code: NDArray[np.int64]
+    rates: NDArray[np.int64]
+    moving: NDArray[np.int64]
+    inputs: NDArray[np.int64]
+    given: NDArray[np.int64]
+    literals: NDArray[np.float64]
+
+    def values(self, constants: NDArray[np.float64]) -> NDArray[np.float64]:
+        """What the inputs are where the system's constants are these."""
+        return np.where(self.given >= 0, np.asarray(constants)[np.maximum(self.given, 0)], self.literals)
+
+
+@lru_cache(maxsize=32)
+def tape(text: str, variables: int, constants: int, order: int) -> Tape:
+    """Of a kernel's text (`System.formula`) with so many variables and constants, for series up to this order.
+
+    TcbenchError where it uses a function that has no series.
+    """
+    recorder = _Recorder()
+    unknowns = [recorder.make("variable", value=("variable", i)) for i in range(variables)]
+    known = [recorder.make("input", value=("constant", i)) for i in range(constants)]
+    out: dict[int, Any] = {}
+    as_python(text, recorder.functions())(unknowns, known, out)
+    return _laid_out(recorder, unknowns, [recorder.lifted(out[i]) for i in range(len(out))], order)
+
+
+def _laid_out(recorder: _Recorder, unknowns: Sequence[Node], outputs: Sequence[Node], order: int) -> Tape:
+    needed = {id(x) for x in unknowns}
+    waiting = list(outputs)
+    while waiting:
+        node = waiting.pop()
+        if id(node) not in needed:
+            needed.add(id(node))
+            waiting += node.args
+    series = PAIR * (order + 1)
+    place: dict[int, int] = {}
+    end, setup, code, inputs, values = 0, list[int](), list[int](), list[int](), list[Any]()
+    for node in (x for x in recorder.nodes.values() if id(x) in needed):
+        room = PAIR if node.static else series
+        if node.op == "second":
+            place[id(node)] = place[id(node.args[0])] + room
+            continue
+        at = place[id(node)] = end
+        rooms = 1 + (node.op in SERIES_ROOM)
+        end += rooms * room + PAIR * (node.op in NUMBER_ROOM)
+        if node.op == "input":
+            inputs.append(at)
+            values.append(node.value)
+        elif node.op != "variable":
+            first, second = (*(place[id(a)] for a in node.args), 0)[:2]
+            (setup if node.static else code).extend([CODE[node.op], at, first, second, at + rooms * room])
+    given = [x[1] if isinstance(x, tuple) else -1 for x in values]
+    literals = [math.nan if isinstance(x, tuple) else x for x in values]
+
+    def whole(numbers: Sequence[int]) -> NDArray[np.int64]:
+        return np.array(numbers, np.int64)
+
+    rates, moving = whole([place[id(x)] for x in outputs]), whole([not x.static for x in outputs])
+    return Tape(end, whole(setup), whole(code), rates, moving, whole(inputs), whole(given), np.array(literals))

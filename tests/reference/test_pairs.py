@@ -1,0 +1,118 @@
+"""Pairs of Taylor series: never further from the solution than they say, on any system, alone or in a crowd."""
+
+import numpy as np
+import pytest
+
+import tcbench
+from tcbench import Scenario, System
+from tcbench.compiler import language
+from tcbench.plugins import find_scenario
+from tcbench.reference import pairs
+from tcbench.reference.certified import LONG, gap
+from tcbench.reference.lookup import _Recipe
+
+
+def solved(scenarios, times):
+    return pairs.solve([s.model for s in scenarios], [s.z0 for s in scenarios], times)
+
+
+def distance(a, b):
+    return float(np.max(np.abs((a.states - b.states) + (a.low - b.low)) / np.maximum(1.0, np.abs(b.states))))
+
+
+def more_precise(scenarios, times, monkeypatch):
+    """A run of another order and other steps, with thirty digits throughout."""
+    with monkeypatch.context() as patch:
+        for name, value in (("ORDER", 46), ("WIDE", 46), ("FINE", 1e-29), ("COARSE", 1e-28)):
+            patch.setattr(pairs, name, value)
+        return solved(scenarios, times)
+
+
+@pytest.mark.parametrize("seeds", [range(24), pytest.param(range(500), marks=pytest.mark.slow)], ids=["few", "many"])
+def test_no_certificate_is_below_the_true_error(seeds, monkeypatch):
+    scenarios = [find_scenario(f"random[seed={k}]") for k in seeds]
+    found, truth = solved(scenarios, [10.0]), more_precise(scenarios, [10.0], monkeypatch)
+    bars = np.array([pair.certificate[0] for pair in found])
+    errors = np.array([distance(pair, exact) for pair, exact in zip(found, truth, strict=True)])
+    assert (10 * errors < bars).all() and np.median(bars) < 1e-20
+    assert np.mean(bars <= 1e-11) >= 0.98 or len(seeds) < 500
+
+
+def test_alone_in_a_crowd_and_through_other_times_it_is_the_same():
+    """What lies in the other lanes does not matter; to stop on the way moves the steps, and no more than it may."""
+    scenarios = [find_scenario(f"random[seed={k}]") for k in range(5)]
+    crowd = solved(scenarios, [2.0])
+    for scenario, pair in zip(scenarios, crowd, strict=True):
+        (alone,) = solved([scenario], [2.0])
+        assert np.array_equal(alone.states, pair.states) and np.array_equal(alone.low, pair.low)
+        assert alone.certificate == pair.certificate and alone.steps == pair.steps
+    (stopping,) = solved(scenarios[:1], [0.3, 1.1, 2.0])
+    assert stopping.states.shape == (3, 10) and distance(stopping, crowd[0]) > 0.1
+    assert np.array_equal(stopping.states[2:], crowd[0].states)
+    assert abs(stopping.low[2] - crowd[0].low[0]).max() < 10 * (crowd[0].certificate + stopping.certificate[2])
+
+
+GENERAL = ["damped_oscillator", "viscous_pendulum", "rubbing_piston", "rigid_body", "heavy_top", "reaction",
+           "gas_containers"]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", GENERAL)
+def test_systems_of_every_kind_agree_with_a_more_precise_run(name, monkeypatch):
+    scenario = tcbench.scenarios()[name]
+    (found,), (exact,) = solved([scenario], [1.0]), more_precise([scenario], [1.0], monkeypatch)
+    assert distance(found, exact) < found.certificate[0] < 1e-22
+
+
+class Functions(System):
+    """z' = every elementary function of the tracer at once."""
+
+    name = "functions"
+    constants = {"a": ()}
+    variables = {"z": (), "s": ()}
+
+    def energy(self, z):
+        return z.z
+
+    def entropy(self, z):
+        return z.s
+
+    def reversible(self, z, dE, dS):
+        x = 0.5 + 0.3 * np.sin(z.s)
+        smooth = np.tanh(x) + np.tan(x) + np.arcsin(x) + np.arccos(x) + np.arctan(x) + np.sinh(x) + np.cosh(x)
+        others = np.expm1(x) + np.log1p(x) + np.hypot(x, self.a) + x**1.7 + np.sqrt(x) / x + 1.0 / x
+        return {"z": 0.0 * z.z, "s": 0.1 * dE.z * (smooth + others + np.cos(x) + np.exp(-x) * np.log(x))}
+
+    def irreversible(self, z, dE, dS):
+        return {}
+
+
+def test_every_elementary_function_has_its_series():
+    scenario = Scenario("functions", Functions, {"a": 0.7}, initial={"z": 1.0, "s": 0.2}, t_end=2.0, dt=0.1)
+    (pair,) = solved([scenario], [2.0])
+    exact = _Recipe(scenario, (2.0,)).collocations()
+    assert gap(pair.states[0].astype(LONG) + pair.low[0], exact.states[0]) < exact.floor[0] < 1e-14
+    assert pair.certificate[0] < 1e-20
+
+
+def test_a_network_has_a_pair_too(monkeypatch):
+    scenario = find_scenario("chain[n=4]")
+    (found,), (exact,) = solved([scenario], [0.5]), more_precise([scenario], [0.5], monkeypatch)
+    assert distance(found, exact) < found.certificate[0] < 1e-20
+
+
+@pytest.mark.skipif(language.PLAIN, reason="everything is plain")
+def test_bits_do_not_depend_on_the_processor(monkeypatch):
+    """Compiled, and by plain Python: the same states to the last bit of 32 digits."""
+    from tcbench.compiler.library import _quiet
+    from tcbench.reference.taylor import march
+
+    scenario = tcbench.scenarios()["damped_oscillator"]
+    monkeypatch.setattr(pairs, "ORDER", 12)
+    monkeypatch.setattr(pairs, "WIDE", 7)
+    monkeypatch.setattr(pairs, "FINE", 1e-9)
+    monkeypatch.setattr(pairs, "COARSE", 1e-8)
+    (compiled,) = solved([scenario], [0.4])
+    monkeypatch.setattr(pairs.LIBRARY, "__dict__", {**vars(pairs.LIBRARY), "march": _quiet(march)})
+    (plain,) = solved([scenario], [0.4])
+    for one, other in zip(compiled, plain, strict=True):
+        assert np.array_equal(one, other)
