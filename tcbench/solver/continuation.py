@@ -33,7 +33,7 @@ import numpy as np
 from ..compiler.language import Floats, call, copy_into, fill, rare
 from .flow import Flow
 from .linear_algebra import solve_bordered
-from .newton import ACCEPTED, newton, set_step
+from .newton import ACCEPTED, NEGLIGIBLE, newton, set_step
 from .sparse import sparse_bordered, sparse_iterate
 
 FOUND, UNDETERMINED, LOST, COLD_ROOT = range(4)
@@ -168,7 +168,7 @@ def land(flow: Flow, cosine: float, ds: float, s: float) -> tuple[int, int]:
     for i in range(2 * n + flow.ne, 2 * n + flow.ne + flow.npos):
         if not d[i] > 0.0:
             return COLD_ROOT, 1
-    code, iterations = newton(flow)
+    code, iterations = newton(flow, NEGLIGIBLE, 0.0)
     if code != ACCEPTED:
         return UNDETERMINED, iterations
     for i in range(n):

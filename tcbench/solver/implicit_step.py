@@ -21,7 +21,7 @@ from ..systems.system import System
 from .continuation import COLD_ROOT, FOUND, LOST, UNDETERMINED, arc, detour
 from .flow import Flow, Tally
 from .flow_kernels import FlowKernels, build
-from .newton import ACCEPTED, REJECTED, newton, plain_newton, set_step, track
+from .newton import ACCEPTED, NEGLIGIBLE, REJECTED, newton, plain_newton, set_step, track
 
 # why there is no step (Trajectory turns these, and those of the loop, into statuses and sentences)
 OK, NONCONVERGED, NO_ROOT, NONFINITE, COLLAPSED, COLD, BLOWUP, NO_WARM_ROOT, FOLDED = range(9)
@@ -48,7 +48,7 @@ def solve_flow(flow: Flow, here: Floats, solved: bool) -> tuple[int, int]:
         pass  # the arc's root, whatever Newton would find
     elif flow.continuation:
         copy_into(flow.x, flow.w[:n])  # z1 = z0
-        code, total = newton(flow)
+        code, total = newton(flow, NEGLIGIBLE, 0.0)
         if code == ACCEPTED:
             tally.retried += 1
         else:
@@ -206,7 +206,7 @@ class OneFlow:
     def newton(self, start: Sequence[float] | float) -> tuple[int, int]:
         """(ACCEPTED or REJECTED, iterations) of the careful Newton from these unknowns."""
         self.x[:] = start
-        found: tuple[int, int] = SOLVERS.newton(self.record)
+        found: tuple[int, int] = SOLVERS.newton(self.record, NEGLIGIBLE, 0.0)
         return found
 
     def plain_newton(self, start: Sequence[float] | float) -> tuple[int, int]:

@@ -20,7 +20,7 @@ MAX_ITERATIONS = 8
 ROUND_OFF = 4e-16
 CONVERGED = 1e-10  # near a root: what does not shrink below this is round-off
 QUADRATIC = 1e-8  # the same, after a correction a thousand times as large
-CHORD = 1e-6  # below this one more correction with the same factors shows, and mends, what Newton's left
+CHORD = 1e-2  # below this one more correction with the same factors shows, and mends, what Newton's left
 QUICK = 0.3  # corrections with old factors are tried below this
 NEGLIGIBLE = 1e-16  # predicted error that no further correction would change
 SQUARED = 1e-11  # Newton's error after a correction below this is its square times curvature: below round-off to 1e6
@@ -35,7 +35,8 @@ PLAIN_ITERATIONS = 20
 TRACK_FIRST = 0.4  # first fraction of h after the whole step was rejected
 TRACK_MIN = 1e-5
 TRACK_TRIES = 400
-TRACK_OFF = 0.6  # distance of a root from the predicted one, over those between it and the last two
+TRACK_OFF = 0.9  # distance of an iterate from the prediction, over those between it and the last two roots
+TRACK_ENOUGH = 1e-4  # predicted error of a root on the way: the next one begins from it, and nothing else
 
 
 def set_step(flow: Flow, fraction: float) -> None:
@@ -147,9 +148,11 @@ def newton_correction(flow: Flow) -> tuple[float, float]:
 
 
 @rare
-def newton(flow: Flow) -> tuple[int, int]:
+def newton(flow: Flow, enough: float, slope: float) -> tuple[int, int]:
     """Newton at fixed h from `x`, in place; returns (ACCEPTED or REJECTED, iterations), increments of the state in dz.
 
+    enough : predicted error that ends it, NEGLIGIBLE for a root that is kept. slope : of the line through `old` and
+    `known` on which it begins, and from which it must not leap; 0: there is none.
     Corrections are measured by delta = max |d_i| * scale_i. Rejected at once: a value that is not finite, a
     non-positive temperature, a negative determinant (a root on the wrong side of a fold), delta that does not halve.
     It ends where the next correction would be below round-off, by how the last one shrank, or where corrections near a
@@ -178,14 +181,16 @@ def newton(flow: Flow) -> tuple[int, int]:
         if delta > 0.5 * previous:
             return REJECTED, iteration
         contraction = delta / previous
-        if contraction * delta < NEGLIGIBLE and previous < np.inf:
+        if slope > 0.0 and leaps(flow, slope):
+            return REJECTED, iteration
+        seen = previous < np.inf
+        if seen and contraction * delta < enough:
             return finish(flow), iteration
-        quadratic = previous < np.inf and contraction < 1e-3
-        near = near or delta < CONVERGED or (quadratic and delta < QUADRATIC)
+        near = near or delta < CONVERGED or (seen and contraction < 1e-3 and delta < QUADRATIC)
         previous = delta
-        if quadratic and delta < CHORD and smallest >= SMALL_PIVOT:
+        if seen and contraction < 0.1 and delta < CHORD and smallest >= SMALL_PIVOT:
             previous = polish(flow)
-            if max(contraction * contraction, previous / delta) * previous < NEGLIGIBLE:
+            if max(contraction * contraction, previous / delta) * previous < enough:
                 return finish(flow), iteration
     return (finish(flow) if near else REJECTED), MAX_ITERATIONS
 
@@ -246,8 +251,8 @@ def plain_newton(flow: Flow) -> tuple[int, int]:
 
 
 @rare
-def leapt(flow: Flow, slope: float) -> bool:
-    """Is the root in x far from the line through `old` and `known`, as one on another branch is?
+def leaps(flow: Flow, slope: float) -> bool:
+    """Is x far from the line through `old` and `known`, as a root on another branch is?
 
     Measured by sums of squares: they turn with the axes.
     """
@@ -256,7 +261,7 @@ def leapt(flow: Flow, slope: float) -> bool:
         step, last = (flow.x[i] - flow.known[i]) * flow.scale[i], (flow.known[i] - flow.old[i]) * flow.scale[i]
         off += (step - slope * last) ** 2
         moved += step * step + last * last
-    return off > TRACK_OFF * TRACK_OFF * moved + NEGLIGIBLE
+    return off > TRACK_OFF * TRACK_OFF * moved + TRACK_ENOUGH * TRACK_ENOUGH
 
 
 @rare
@@ -264,7 +269,7 @@ def track(flow: Flow) -> tuple[int, int, int]:
     """Follow the root from h = 0 to h by natural continuation; returns (code, iterations, tries).
 
     Secant predictor in h; the increment doubles (or grows 1.2-fold after a hard solve) and shrinks to 0.4, also where
-    Newton's root is not the one that was predicted: past a fold there are others.
+    Newton's iterates leave the line that was predicted: past a fold there are other roots.
     """
     x, old, known = flow.x, flow.old, flow.known
     n = flow.nx
@@ -281,15 +286,15 @@ def track(flow: Flow) -> tuple[int, int, int]:
         slope = (target - done) / (done - before) if done > before else 0.0
         for i in range(n):
             x[i] = known[i] + slope * (known[i] - old[i])
-        code, count = newton(flow)
+        code, count = newton(flow, TRACK_ENOUGH if target < 1.0 else NEGLIGIBLE, slope)
         iterations += count
-        if code == ACCEPTED and not (done > 0.0 and leapt(flow, slope)):
+        if code == ACCEPTED:
             if target >= 1.0:
                 return ACCEPTED, iterations, attempt
             copy_into(old, known)
             copy_into(known, x)
             before, done = done, target
-            step *= 2.0 if count <= 4 else 1.2
+            step *= 2.0 if count <= 2 else 1.2
         else:
             step *= 0.4
     return REJECTED, iterations, TRACK_TRIES
