@@ -49,8 +49,9 @@ def test_a_step_keeps_its_energy_as_exactly_as_its_states_can_be_written(method)
         assert gap <= 5 * written + 1e-12 * size, (seed, gap / size, written / size)
 
 
-def test_a_run_with_a_spring_of_a_length_of_5e_5_keeps_its_energy():
+def test_a_run_with_a_spring_that_comes_close_to_nothing_keeps_its_energy():
+    """How close, 2e-4 or 4e-5, the last digits decide: the motion is chaotic."""
     run = simulate("tc_strang", find_scenario("random[seed=3000252]"), dt=0.025)
     q = run.z[:, :4]
-    assert run.ok and np.hypot(*(q[:, 2:] - q[:, :2]).T).min() < 1e-4
+    assert run.ok and np.hypot(*(q[:, 2:] - q[:, :2]).T).min() < 1e-3
     assert run.summary.energy_error_max < 1e-11
