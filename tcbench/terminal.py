@@ -157,6 +157,7 @@ LONG = (
     "ensemble_accuracy",
     "ensemble_points",
     "ensemble_scenarios",
+    "ensemble_seeds",
     "performance_profile",
 )  # shown when asked for by name
 

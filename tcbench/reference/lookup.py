@@ -12,6 +12,7 @@ import contextlib
 import functools
 import hashlib
 import importlib.metadata
+import math
 import time
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -30,6 +31,7 @@ from .extended_precision import _FUNCTIONS
 from .precision import DESCRIPTION
 
 DEADLINE = 100.0  # seconds for each of the two collocations: a cell has 300 for everything
+SHORT = 10.0  # the same, of one among many
 REMEMBERED_S = 24 * 3600.0  # of a failure: another day the machine may have more time
 HORIZON = 25.0  # `recompute` goes no further where nothing is stored: chaotic scenarios lose their digits
 HALF_ULP = float(np.finfo(float).eps) / 2
@@ -47,6 +49,22 @@ def reference_for(scenario: Scenario, times: Sequence[float]) -> Reference:
         return _at(known, times)
     recipe = _Recipe(scenario, tuple(float(t) for t in times))
     return _kept(recipe, lambda: _once(recipe))
+
+
+def ends_of(scenarios: Sequence[Scenario]) -> list[tuple[Reference | None, float]]:
+    """The reference of each scenario at its t_end, computed together and not kept, and how many times a change of the
+    start has become there; None, and NaN, where it cannot be had within SHORT seconds."""
+    systems, starts = [s.model for s in scenarios], [s.z0 for s in scenarios]
+    found: list[tuple[Reference | None, float]] = []
+    for scenario, pair in zip(scenarios, pairs.solve(systems, starts, [[s.t_end] for s in scenarios]), strict=True):
+        if pair is not None:
+            found.append((from_pair(pair, [scenario.t_end]), float(pair.growth[0])))
+            continue
+        try:
+            found.append((_Recipe(scenario, (scenario.t_end,)).collocations(SHORT), math.nan))
+        except ReferenceFailed:
+            found.append((None, math.nan))
+    return found
 
 
 def _kept(recipe: _Recipe, make: Callable[[], Reference]) -> Reference:
@@ -134,14 +152,13 @@ class _Recipe:
         (found,) = pairs.solve([self.model], [self.start], self.times)
         return self.collocations() if found is None else from_pair(found, self.times)
 
-    def collocations(self) -> Reference:
+    def collocations(self, max_seconds: float | None = None) -> Reference:
         def rhs(_: Any, z: Any) -> Any:
             return self.field(z)
 
         field = Field(self.model)  # in doubles, which only steer Newton's iterations
-        return compute(
-            rhs, field.jacobian, self.z0, self.times, vectorized=True, in_doubles=field, max_seconds=DEADLINE
-        )
+        limit = DEADLINE if max_seconds is None else max_seconds
+        return compute(rhs, field.jacobian, self.z0, self.times, vectorized=True, in_doubles=field, max_seconds=limit)
 
 
 def from_pair(found: pairs.Pair, times: Sequence[float]) -> Reference:

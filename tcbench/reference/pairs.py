@@ -48,9 +48,21 @@ class Pair(NamedTuple):
     steps: int
 
 
-def solve(systems: Sequence[System], starts: Sequence[Any], times: Sequence[float]) -> list[Pair | None]:
-    """Of scenarios whose systems share one structure; None where this way leads nowhere (too stiff, too large, no
-    series, blown up)."""
+def solve(systems: Sequence[System], starts: Sequence[Any], times: Any) -> list[Pair | None]:
+    """Of scenarios with their own times, shape (scenarios, m), or the same for all; None where this way leads nowhere
+    (too stiff, too large, no series, blown up). Those of one structure go side by side."""
+    ends = np.broadcast_to(np.asarray(times, float), (len(systems), np.shape(times)[-1]))
+    groups: dict[Any, list[int]] = {}
+    for i, system in enumerate(systems):
+        groups.setdefault(system.structure, []).append(i)
+    found: dict[int, Pair | None] = {}
+    for group in groups.values():
+        pairs = _solve([systems[i] for i in group], [starts[i] for i in group], ends[group])
+        found |= dict(zip(group, pairs, strict=True))
+    return [found[i] for i in range(len(systems))]
+
+
+def _solve(systems: Sequence[System], starts: Sequence[Any], times: NDArray[np.float64]) -> list[Pair | None]:
     system = systems[0]
     text, (n,) = system.formula("vector_field")
     try:
@@ -60,7 +72,7 @@ def solve(systems: Sequence[System], starts: Sequence[Any], times: Sequence[floa
     size = plan.size + PAIR * (ORDER + 1)
     if size > LARGEST:
         return [None] * len(systems)
-    ends, runs = len(times), RUNS * len(systems)
+    ends, runs = times.shape[1], RUNS * len(systems)
     states = np.full((runs, (ends + 1) * 2 * n), math.nan)
     signs = np.where(np.random.Generator(np.random.PCG64(n)).integers(0, 2, n), 1.0, -1.0)
     for i, z in enumerate(starts):
@@ -72,7 +84,7 @@ def solve(systems: Sequence[System], starts: Sequence[Any], times: Sequence[floa
         order=ORDER, wide=WIDE, variables=n, inputs=len(plan.inputs), length=len(plan.setup), steps=len(plan.code),
         size=size, runs=runs, ends=ends, constants=constants.shape[1], most=MOST,
         rate=system.kernel("vector_field")[0].address, setup=plan.setup, code=plan.code, memory=memory(size),
-        rates=plan.rates, moving=plan.moving, places=plan.inputs, times=np.array(times, float), values=values,
+        rates=plan.rates, moving=plan.moving, places=plan.inputs, times=np.repeat(times, RUNS, axis=0), values=values,
         given=constants, tolerances=np.tile([FINE, COARSE, COARSE], len(systems)), states=states,
         taken=np.zeros(runs, np.int64), defects=np.zeros(runs), lanes=np.zeros(8 * LANES),
         which=np.zeros(3 * LANES, np.int64), probe=np.zeros(3 * n),
@@ -91,7 +103,7 @@ def solve(systems: Sequence[System], starts: Sequence[Any], times: Sequence[floa
 def makers() -> tuple[Any, ...]:
     """Whatever decides what `solve` gives for a scenario, for keys."""
     numbers = (ORDER, WIDE, FINE, COARSE, SAFETY, SHIFT, DEFECT, MOST, LARGEST, CHANCE, LINEAR)
-    return described(solve.__code__)[0], tape.__wrapped__, memory, march, _pair, numbers
+    return described(_solve.__code__)[0], tape.__wrapped__, memory, march, _pair, numbers
 
 
 def memory(size: int) -> NDArray[np.float64]:

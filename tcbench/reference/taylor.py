@@ -39,10 +39,10 @@ class Work(Record):
     rates: Ints = sized("variables")
     moving: Ints = sized("variables")
     places: Ints = sized("inputs")
-    times: Floats = sized("ends")
     values: Matrix = sized("runs", "inputs")  # of each run: constants of the tape,
     given: Matrix = sized("runs", "constants")  # and of the compiled equations;
     tolerances: Floats = sized("runs")
+    times: Matrix = sized("runs", "ends")
     states: Matrix = sized(
         "runs", "(ends + 1) * 2 * variables"
     )  # where it starts and, at each time, high and low parts
@@ -126,7 +126,7 @@ def choose(j: Work, lane: int) -> None:
     if run < 0:
         j.which[2 * LANES + lane] = 3
         return
-    t, end = lanes[lane], j.times[j.which[LANES + lane]]
+    t, end = lanes[lane], j.times[run, j.which[LANES + lane]]
     left = end - t
     back = left - end
     low = ((end - (left - back)) + (-t - back)) - lanes[LANES + lane]  # the digits that the difference lost
@@ -199,7 +199,7 @@ def arrive(j: Work, lane: int) -> bool:
     for i in range(n):
         j.states[run, 2 * n * (at + 1) + i] = w[stride * i + lane]
         j.states[run, 2 * n * (at + 1) + n + i] = w[stride * i + LANES + lane]
-    lanes[lane], lanes[LANES + lane] = j.times[at], 0.0
+    lanes[lane], lanes[LANES + lane] = j.times[run, at], 0.0
     j.which[LANES + lane] = at + 1
     over: bool = at + 1 == j.ends
     return over

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 SCRIPTS = ("base", "chart", "overview", "player", "scenarios", "methods", "tables", "main")  # in the order of the page
-SERIES = "series"  # the thin time series of the runs: many numbers of which a chart shows three digits
+ROUNDED = ("series", "ensemble_seeds")  # many numbers, of which a chart shows three digits
 HISTORY = "history"
 LONGEST_NAME = 80
 
@@ -88,7 +88,7 @@ def _content(store: Store, tables: dict[str, DataFrame]) -> dict[str, Any]:
         "references": _references(tables),
         "problems": store.problems,
         "page": script_json(data),
-        "packed": {name: packed_table(table, 6 if name == SERIES else 10) for name, table in tables.items()},
+        "packed": {name: packed_table(table, 6 if name in ROUNDED else 10) for name, table in tables.items()},
         "library": library(),
         "script": script,
         "hashes": [script_hash(text) for text in (script, vendored())],

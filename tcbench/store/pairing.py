@@ -22,6 +22,7 @@ KEYS = {
     "stable_tolerances": (), "work_precision": ("control", "value"), "size": ("numbers",),
     "failure_share": ("dt", "tolerance", "first_seed", "runs"), "ensemble_laws": ("law", "first_seed", "runs"),
     "ensemble_accuracy": ("control", "value", "first_seed"), "ensemble_scenarios": ("seed",),
+    "ensemble_seeds": ("seed", "runs"),
     "ensemble_points": ("seed", "control", "value"),
     "map": ("x_name", "x", "y_name", "y"),
     "failure_map": ("x_name", "x_low", "x_high", "y_name", "y_low", "y_high", "first_seed", "runs"),

@@ -30,6 +30,7 @@ SHARE_S = 0.03  # of that for one method on one scenario
 BLOCK, TIMED_BLOCK = 50, 10  # scenarios in a cell
 APART = 1_000_000  # between the first scenarios of two ensembles: the largest size
 SHARES, REFERENCES, TIMINGS = "shares", "references", "timings"
+OWNER = "tc_monolithic"  # in whose name the cells of references stand: one that is always there
 
 
 def plan(
@@ -59,8 +60,6 @@ def _family_cells(
             scenario = plugins.find_family(family).member(**values, seed=str(first + start))
             cell: Row = {"part": part, "ensemble": label(family, values), "seeds": [first + start, first + stop]}
             if part == REFERENCES:
-                from .quick_reference import OWNER
-
                 owner = owner or plugins.find_integrator(OWNER)
                 if methods:
                     cells.append((owner, scenario, cell))
@@ -123,14 +122,13 @@ def members(scenario: Scenario, seeds: Sequence[int]) -> list[Scenario]:
 
 
 def drawn(scenario: Scenario, options: Row) -> list[Any]:
-    """The numbers of all members of a block; of references, which solvers they come from."""
+    """The numbers of all members of a block; of references, what computes them."""
     sample = plugins.find_family(plugins.split_name(scenario.name)[0]).sample
     found: list[Any] = [_numbers(scenario.name, tuple(options["seeds"]), sample)]
     if options["part"] == REFERENCES:
-        from .quick_reference import available
+        from ..reference.lookup import algorithm
 
-        solvers = [method for family in available().values() for method, _ in family]
-        found.append({method.name: method.versions() for method in solvers})
+        found.append(algorithm())
     return found
 
 
@@ -142,18 +140,17 @@ def _numbers(scenario: str, seeds: tuple[int, ...], sample: Any) -> str:
 
 def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
     from . import ensemble_runs as runs
-    from .quick_reference import own_family
+    from .ensemble_seeds import drawn_numbers
 
     scenarios = members(scenario, options["seeds"])
-    if options["part"] == SHARES:
-        rows = runs.shares(integrator, scenarios, options["dt"])
-        return {"status": "ok", "rows": rows, "claims": sorted(integrator.claims)}
     if options["part"] == REFERENCES:
         return {"status": "ok", "references": runs.references(scenarios)}
-    found = runs.timings(integrator, scenarios, options["share_s"], options["seeds"][0])
+    common: Row = {"status": "ok", "claims": sorted(integrator.claims), "drawn": drawn_numbers(scenarios)}
+    if options["part"] == SHARES:
+        return common | {"rows": runs.shares(integrator, scenarios, options["dt"])}
     control = "tolerance" if integrator.kind == "adaptive" else "dt"
-    own = own_family([integrator.plugin, *integrator.uses])
-    return {"status": "ok", "ladders": found, "claims": sorted(integrator.claims), "control": control, "own": own}
+    found = runs.timings(integrator, scenarios, options["share_s"], options["seeds"][0])
+    return common | {"ladders": found, "control": control}
 
 
 def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
@@ -167,7 +164,7 @@ STUDY = Study(
     description="hundreds of random scenarios: shares of failures, laws, error against time, performance profiles",
     tables=(
         "failure_share", "ensemble_laws", "ensemble_accuracy", "ensemble_points", "performance_profile",
-        "first_share", "ensemble_scenarios",
+        "first_share", "ensemble_scenarios", "ensemble_seeds",
     ),
     plan=plan,
     measure=measure,

@@ -16,7 +16,6 @@ from ..simulation import metrics
 from ..simulation.run import simulate
 from ..simulation.trajectory import Trajectory
 from ..systems.scenario import Scenario
-from . import quick_reference
 from .base import Row
 from .stable_step import outcome_of
 
@@ -85,7 +84,18 @@ def by_law(rows: Sequence[dict[str, Any]]) -> dict[str, list[Any]]:
 
 
 def references(scenarios: Sequence[Scenario]) -> list[Row]:
-    return [quick_reference.solve(scenario) for scenario in scenarios]
+    """Of each scenario at its t_end: `state`, its error bar `gap` and `floor`, and `lyapunov`, the finite-time exponent
+    ln(growth)/t_end of a disturbance of the start, per unit of time. None and NaN where there is no reference."""
+    from ..reference.lookup import ends_of
+
+    rows: list[Row] = []
+    for scenario, (reference, growth) in zip(scenarios, ends_of(scenarios), strict=True):
+        lyapunov = math.log(growth) / scenario.t_end if growth > 0 else math.nan
+        bars = (None, None) if reference is None else (reference.certificate[0], reference.floor[0])
+        gap, floor = (bar if bar is not None and math.isfinite(bar) else None for bar in bars)
+        state = None if reference is None else reference.states[0].tolist()
+        rows.append({"state": state, "gap": gap, "floor": floor, "lyapunov": lyapunov})
+    return rows
 
 
 # -- error against time

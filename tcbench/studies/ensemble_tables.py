@@ -8,15 +8,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..reference.certified import gap
 from .base import Row
 from .cost import reach
 from .ensemble_runs import KINDS
-from .quick_reference import USABLE, distance, reference_for
+from .ensemble_seeds import law_names, seed_rows
 from .statistics import profile, quantile, wilson
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
+USABLE = 0.1  # a scenario counts for a target if what no run in doubles can tell is at most this part of it
 TARGETS = (("state", 1e-3), ("state", 1e-6), ("state", 1e-9), ("energy", 1e-12))
 MEASURES = {"state": "error", "energy": "energy_error"}
 TAUS = tuple(float(f"{x:.4g}") for x in np.geomspace(1.0, 100.0, 33))
@@ -33,108 +35,123 @@ def tables(records: Sequence[Row]) -> dict[str, DataFrame]:
     """Every table of the study; of several ensembles (families, or their ranges) one below the other."""
     import pandas as pd
 
-    found: dict[str, list[Row]] = {
-        "failure_share": [], "ensemble_laws": [], "ensemble_accuracy": [], "ensemble_points": [],
-        "performance_profile": [], "first_share": [], "ensemble_scenarios": [],
-    }  # fmt: skip
+    found: dict[str, list[DataFrame]] = {}
     for name in dict.fromkeys(record["ensemble"] for record in records):
         here = sorted((r for r in records if r["ensemble"] == name), key=lambda r: (r["integrator"], r["seeds"][0]))
         first = min(r["seeds"][0] for r in here)
-        made = _one_ensemble(here)
-        for table, rows in made.items():
-            found[table] += [{"ensemble": name} | row | {"first_seed": first} for row in rows]
-    frames = {table: pd.DataFrame(rows) for table, rows in found.items()}
-    if len(frames["failure_share"]):
+        for table, frame in _one_ensemble(here).items():
+            if len(frame):
+                frame.insert(0, "ensemble", name)
+                found.setdefault(table, []).append(frame.assign(first_seed=first))
+    frames = {table: pd.concat(parts, ignore_index=True) for table, parts in found.items()}
+    if "failure_share" in frames:
         frames["failure_share"] = frames["failure_share"].reindex(columns=list(SHARE_COLUMNS))
-    return {table: frame for table, frame in frames.items() if len(frame)}
+    return frames
 
 
-def _one_ensemble(records: Sequence[Row]) -> dict[str, list[Row]]:
+def _one_ensemble(records: Sequence[Row]) -> dict[str, DataFrame]:
+    import pandas as pd
+
     known = scenario_rows(records)
     ladders = with_errors(records, known)
-    runs = [*stepped_runs(records), *adaptive_runs(records)]
+    runs = run_table(records)
     profiles, firsts = profile_rows(records, ladders, known)
-    return {
+    scenarios = [{k: v for k, v in row.items() if k != "state"} for row in known.values()]
+    rows = {
         "failure_share": share_rows(runs), "ensemble_laws": law_rows(runs),
         "ensemble_accuracy": accuracy_rows(ladders, known), "ensemble_points": point_rows(ladders, known),
-        "performance_profile": profiles, "first_share": firsts,
-        "ensemble_scenarios": [{k: v for k, v in row.items() if k != "states"} for row in known.values()],
+        "performance_profile": profiles, "first_share": firsts, "ensemble_scenarios": scenarios,
     }  # fmt: skip
+    frames = {name: pd.DataFrame(found) for name, found in rows.items()}
+    return frames | {"ensemble_seeds": seed_rows(records, runs, known)}
 
 
 # -- failures and laws
 
 
-def stepped_runs(records: Sequence[Row]) -> list[Row]:
-    """One row a run at a step: integrator, control, value, seed, kind, sentence, laws, broken."""
-    found = []
+def run_table(records: Sequence[Row]) -> DataFrame:
+    """One row a run: integrator, claims, control, value, seed, kind, sentence, and for each law its error `law.NAME`
+    and whether it was broken, `broken.NAME`. Runs of adaptive solvers are those of the timings."""
+    import pandas as pd
+
+    parts: list[Row] = []
     for record in records:
-        if record["part"] != "shares":
-            continue
-        seeds = range(*record["seeds"])
-        gone = LOST if record.get("status") in ("timeout", "crash") else "exception"
-        lost: Row = {"kinds": [], "laws": {}, "broken": {}, "sentences": {}}
-        rows = record.get("rows") or [lost | {"dt": dt} for dt in record["dt"]]
-        for row in rows:
-            for i, seed in enumerate(seeds):
-                found.append({
-                    "integrator": record["integrator"], "claims": record.get("claims", ()), "control": "dt",
-                    "value": row["dt"], "seed": seed, "kind": KINDS[row["kinds"][i]] if row["kinds"] else gone,
-                    "sentence": row["sentences"].get(str(i), record.get("failure", "")),
-                    "laws": {name: values[i] for name, values in row["laws"].items()},
-                    "broken": {name: values[i] for name, values in row["broken"].items()},
-                })  # fmt: skip
+        if record["part"] == "shares":
+            parts += stepped_runs(record)
+        elif record["part"] == "timings" and record.get("control") == "tolerance":
+            parts += adaptive_runs(record)
+    columns = list(dict.fromkeys(name for part in parts for name in part))
+    found: dict[str, list[Any]] = {name: [] for name in columns}
+    for part in parts:  # a list a column, or one value for all of them
+        count = len(part["seed"])
+        for name, column in found.items():
+            values = part.get(name, math.nan)
+            column += values if isinstance(values, list) else [values] * count
+    return pd.DataFrame(found)
+
+
+def stepped_runs(record: Row) -> list[Row]:
+    """A block of scenarios at each step; all of them lost where the cell timed out or crashed."""
+    seeds = list(range(*record["seeds"]))
+    method = {"integrator": record["integrator"], "claims": frozenset(record.get("claims", ())), "control": "dt"}
+    gone = LOST if record.get("status") in ("timeout", "crash") else "exception"
+    lost: Row = {"kinds": [], "laws": {}, "broken": {}, "sentences": {}}
+    found = []
+    for row in record.get("rows") or [lost | {"dt": dt} for dt in record["dt"]]:
+        sentences = [row["sentences"].get(str(i), record.get("failure", "")) for i in range(len(seeds))]
+        part = {"value": row["dt"], "seed": seeds, "kind": [KINDS[k] for k in row["kinds"]] or gone}
+        found.append(method | part | {"sentence": sentences} | _law_columns(row))
     return found
 
 
-def adaptive_runs(records: Sequence[Row]) -> list[Row]:
-    """The same of adaptive solvers, whose runs are those of the timings; laws of those that were observed."""
-    found = []
-    for record in records:
-        if record["part"] != "timings" or record.get("control") != "tolerance":
-            continue
-        method = {"integrator": record["integrator"], "claims": record["claims"], "control": "tolerance"}
-        for seed, rungs in zip(range(*record["seeds"]), record["ladders"], strict=True):
-            for rung in rungs:
-                run = {"value": rung["value"], "seed": seed, "kind": KINDS[rung["kind"]]}
-                seen = {"laws": rung.get("laws", {}), "broken": rung.get("broken", {})}
-                found.append(method | run | seen | {"sentence": rung.get("sentence", "")})
-    return found
+def _law_columns(row: Row) -> Row:
+    laws = {f"law.{name}": values for name, values in row.get("laws", {}).items()}
+    return laws | {f"broken.{name}": values for name, values in row.get("broken", {}).items()}
 
 
-def share_rows(runs: Sequence[Row]) -> list[Row]:
+def adaptive_runs(record: Row) -> list[Row]:
+    """Each rung of each scenario; laws of those that were observed."""
+    method = {"integrator": record["integrator"], "claims": frozenset(record["claims"]), "control": "tolerance"}
+    return [
+        method | {"value": rung["value"], "seed": [seed], "kind": KINDS[rung["kind"]]}
+        | {"sentence": rung.get("sentence", "")} | _law_columns(rung)
+        for seed, rungs in zip(range(*record["seeds"]), record["ladders"], strict=True) for rung in rungs
+    ]  # fmt: skip
+
+
+def share_rows(runs: DataFrame) -> list[Row]:
     """Shares of failed runs with their 95 % intervals; `example`: the first failure's seed and sentence."""
     rows = []
-    for (name, control, value), group in grouped(runs, "integrator", "control", "value"):
-        made = [run for run in group if run["kind"] != "too slow"]
-        failed = [run for run in made if run["kind"] != "ok"]
+    for (name, control, value), group in runs.groupby(["integrator", "control", "value"]) if len(runs) else ():
+        made = group[group["kind"] != "too slow"]
+        failed = made[made["kind"] != "ok"]
         low, high = wilson(len(failed), len(made))
-        first = min(failed, key=lambda run: run["seed"], default=None)
+        first = failed.loc[failed["seed"].idxmin()] if len(failed) else None
         rows.append(
             {"integrator": name, control: value, "runs": len(made), "failed": len(failed)}
-            | {"share": len(failed) / len(made) if made else math.nan, "low": low, "high": high}
-            | {kind: sum(run["kind"] == kind for run in failed) for kind in (*FAILED, LOST)}
+            | {"share": len(failed) / len(made) if len(made) else math.nan, "low": low, "high": high}
+            | {kind: int((failed["kind"] == kind).sum()) for kind in (*FAILED, LOST)}
             | {"too slow": len(group) - len(made)}
-            | {"example": f"seed {first['seed']}: {first['sentence']}" if first else ""}
+            | {"example": "" if first is None else f"seed {first['seed']}: {first['sentence']}"}
         )
     return rows
 
 
-def law_rows(runs: Sequence[Row]) -> list[Row]:
+def law_rows(runs: DataFrame) -> list[Row]:
     """Largest error of each law over a run: the worst, 99 % and the median of all runs, and how many broke it."""
     rows = []
-    for (name,), group in grouped(runs, "integrator"):
-        for law in dict.fromkeys(law for run in group for law in run["laws"]):
-            seen = [run for run in group if _is_number(run["laws"].get(law))]
-            if not seen:
+    for name, group in runs.groupby("integrator") if len(runs) else ():
+        for law in law_names(group):
+            seen = group[np.isfinite(group[f"law.{law}"].astype(float))]
+            if not len(seen):
                 continue
-            worst = max(seen, key=lambda run: run["laws"][law])
-            values = [run["laws"][law] for run in seen]
+            values = seen[f"law.{law}"].astype(float)
+            worst = seen.loc[values.idxmax()]
             rows.append({
                 "integrator": name, "law": law, "claimed": law in worst["claims"], "runs": len(seen),
-                "broken": sum(run["broken"][law] for run in seen), "worst": worst["laws"][law],
-                "quantile_99": quantile(values, 0.99), "median": quantile(values, 0.5), "worst_seed": worst["seed"],
-                f"worst_{worst['control']}": worst["value"],
+                "broken": int(seen[f"broken.{law}"].sum()), "worst": float(values.max()),
+                "quantile_99": quantile(values.to_numpy(), 0.99), "median": quantile(values.to_numpy(), 0.5),
+                "worst_seed": worst["seed"], f"worst_{worst['control']}": worst["value"],
             })  # fmt: skip
     return rows
 
@@ -143,32 +160,29 @@ def law_rows(runs: Sequence[Row]) -> list[Row]:
 
 
 def scenario_rows(records: Sequence[Row]) -> dict[int, Row]:
-    """By seed: error bar of the reference, growth of a disturbance, and the solvers' states."""
+    """By seed: error bar of the reference, growth of a disturbance, and the state at the end."""
     rows: dict[int, Row] = {}
     for record in records:
         if record["part"] == "references":
             for seed, found in zip(range(*record["seeds"]), record.get("references") or [], strict=False):
-                states = found["states"]
+                floor = math.inf if found["floor"] is None else found["floor"]
                 rows[seed] = {
-                    "seed": seed, "reference_gap": found["gap"], "lyapunov": found["lyapunov"], "solvers": len(states),
-                    "smallest_target": found["gap"] / USABLE, "states": states,
+                    "seed": seed, "reference_gap": math.inf if found["gap"] is None else found["gap"],
+                    "lyapunov": found["lyapunov"], "solvers": 2, "floor": floor, "smallest_target": floor / USABLE,
+                    "state": found["state"],
                 }  # fmt: skip
     return rows
 
 
-def with_errors(records: Sequence[Row], known: Mapping[int, Row], without: str = "") -> dict[str, dict[int, list[Row]]]:
-    """Rungs by integrator and seed, each with `error` against a solver of another family; no error, no reference.
-
-    without : a further family whose solvers are not used.
-    """
+def with_errors(records: Sequence[Row], known: Mapping[int, Row]) -> dict[str, dict[int, list[Row]]]:
+    """Rungs by integrator and seed, each with its `error`; none where there is no reference."""
     found: dict[str, dict[int, list[Row]]] = {}
     for record in records:
         if record["part"] != "timings":
             continue
         mine = found.setdefault(record["integrator"], {})
         for seed, rungs in zip(range(*record["seeds"]), record.get("ladders") or [], strict=False):
-            states = known[seed]["states"] if seed in known else {}
-            exact = reference_for(states, record["own"], without)
+            exact = known[seed]["state"] if seed in known else None
             mine[seed] = [_with_error(rung, exact) | {"control": record["control"]} for rung in rungs]
         for seed in range(*record["seeds"]):
             mine.setdefault(seed, [])  # of a cell that was lost: no method gets away with a crash
@@ -177,15 +191,15 @@ def with_errors(records: Sequence[Row], known: Mapping[int, Row], without: str =
 
 def _with_error(rung: Row, exact: Any) -> Row:
     good = rung["kind"] == 0
-    error = distance(rung["state"], exact) if good and exact is not None else math.nan
+    error = gap(rung["state"], exact) if good and exact is not None else math.nan
     return rung | {"status": KINDS[rung["kind"]], "error": error, "wall_time_min_s": rung.get("time_s")}
 
 
 def usable(known: Mapping[int, Row], measure: str, target: float, seeds: Iterable[int]) -> list[int]:
-    """The scenarios whose reference is good enough for a target; an error of the energy needs none."""
+    """The scenarios of which a run in doubles can tell something at a target; an error of the energy needs none."""
     if measure == "energy":
         return list(seeds)
-    return [seed for seed in seeds if seed in known and known[seed]["reference_gap"] <= USABLE * target]
+    return [seed for seed in seeds if seed in known and known[seed]["floor"] <= USABLE * target]
 
 
 def accuracy_rows(ladders: Mapping[str, Mapping[int, list[Row]]], known: Mapping[int, Row]) -> list[Row]:
@@ -267,7 +281,3 @@ def grouped(rows: Iterable[Row], *columns: str) -> list[tuple[tuple[Any, ...], l
     for row in rows:
         found.setdefault(tuple(row[column] for column in columns), []).append(row)
     return sorted(found.items())
-
-
-def _is_number(value: Any) -> bool:
-    return value is not None and math.isfinite(value)

@@ -17,7 +17,7 @@ import tcbench
 from tcbench import Integrator, Range, ScenarioFamily, TcbenchError, plugins
 from tcbench.cli import main
 from tcbench.errors import MachineError
-from tcbench.studies import ensemble, ensemble_runs, ensemble_tables, quick_reference
+from tcbench.studies import ensemble, ensemble_runs, ensemble_tables
 from tcbench.studies.base import default_studies
 from tcbench.studies.ensemble import STUDY, measure, plan, tabulate
 from tcbench.studies.statistics import wilson
@@ -104,11 +104,10 @@ def test_faults_of_the_machine_are_not_the_methods(error):
     def faulty(*arguments):
         raise error
 
-    scenario, states = RANDOM.member(), np.zeros(10)
+    scenario = RANDOM.member()
     adaptive, step = Integrator(name="a", adaptive=faulty), Integrator(name="s", order=1, step=faulty)
     for run in (
         lambda: ensemble_runs.run_once(adaptive, scenario, 1e-3),
-        lambda: quick_reference.run(adaptive, scenario, states, 1e-3),
         lambda: tcbench.simulate(adaptive, scenario, tolerance=1e-3),
         lambda: tcbench.simulate(step, scenario, dt=0.1),
     ):
@@ -122,6 +121,23 @@ def test_a_lost_cell_counts_against_the_method():
     table = tabulate([lost])["failure_share"]
     assert table.failed.tolist() == [10, 10] == table.lost.tolist() and not table.exception.any()
     assert table.example[0].startswith("seed 0: The cell did not end")
+
+
+def test_a_row_a_seed_has_the_numbers_that_were_drawn(shares):
+    table = shares["ensemble_seeds"]
+    assert len(table) == 120 and not table.duplicated(["integrator", "seed"]).any()
+    row = table[(table.integrator == "midpoint_entropy") & (table.failed > 0)].iloc[0]
+    scenario, steps = RANDOM.member(seed=str(row.seed)), ensemble.STEPS
+    runs = [tcbench.simulate("midpoint_entropy", scenario, dt=dt, record_every=None) for dt in steps]
+    assert (row.runs, row.failed) == (7, sum(not run.ok for run in runs))
+    assert row.fails_from == next(dt for dt, run in zip(steps, runs, strict=True) if not run.ok)
+    assert row.energy_error_max == max(ensemble_runs.laws(run)["energy"] for run in runs)
+    constants = scenario.constants
+    assert [row.stiffness0, row.stiffness1, row.coupling] == [*constants["stiffness"], constants["coupling"]]
+    assert [row.positions3, row.temperatures1] == [scenario.positions[3], scenario.temperatures[1]]
+    assert set(table.reference_temperature) == {300.0}
+    kept = shares["failure_share"].groupby("integrator").failed.sum()
+    assert table.groupby("integrator").failed.sum().to_dict() == kept.to_dict()
 
 
 # -- planning
@@ -235,80 +251,48 @@ def test_the_map_says_where_a_method_fails(tmp_path):
 
 # -- references, errors and times
 
-PEERLESS = pytest.mark.skipif(
-    bool(plugins.find_integrator("heyoka").lacks), reason="the second family of references needs heyoka"
-)
-
 
 @pytest.fixture(scope="module")
 def timed():
-    """Records of the timings of 20 scenarios, with references of all three families."""
-    chosen = methods("tc_gauss_adaptive", "heyoka", "scipy_odeint", "verlet_heat4", "tc_strang")
+    """Records of the timings of 20 scenarios, and of their references."""
+    chosen = methods("tc_gauss_adaptive", "tc_taylor", "scipy_odeint", "verlet_heat4", "tc_strang")
     cells = plan(chosen, [RANDOM.member()], {"size": 20, "dt": [0.4]})
-    found = records([cell for cell in cells if cell[2]["part"] == "timings"])
-    for start in (0, 10):
-        scenarios = ensemble.members(RANDOM.member(), [start, start + 10])
-        solved = [quick_reference.solve(scenario, count=3) for scenario in scenarios]
-        found.append({"integrator": "", "part": "references", "ensemble": "random", "seeds": [start, start + 10],
-                      "references": solved})  # fmt: skip
-    return found
+    return records([cell for cell in cells if cell[2]["part"] != "shares"])
 
 
-@PEERLESS
-def test_quick_references_agree_with_the_certified_one():
-    from tcbench.reference.lookup import reference_for
-
-    scenario = tcbench.scenarios()["short_term"]
-    found = quick_reference.solve(scenario)
-    exact = reference_for(scenario, [scenario.t_end]).states[0]
-    assert found["gap"] < 1e-9
-    for state in found["states"].values():
-        assert quick_reference.distance(state, exact) <= 10 * found["gap"]
-
-
-@PEERLESS
-def test_the_growth_of_a_disturbance_tells_chaotic_scenarios_from_others(timed):
-    rows = pd.DataFrame([r for record in timed for r in record.get("references", [])])
-    assert np.isfinite(rows.lyapunov).all()
-    known = rows[np.isfinite(rows.gap)]
-    order = known.lyapunov.rank().corr(np.log(known.gap).rank())
-    assert order > 0.6  # what grows fast is known badly
+def test_references_say_how_far_they_may_be_and_what_chaos_leaves_of_doubles(timed):
+    rows = pd.DataFrame(ensemble_tables.scenario_rows(timed).values())
+    assert np.isfinite(rows.lyapunov).all() and (rows.reference_gap <= rows.floor).all()
+    known = rows[np.isfinite(rows.reference_gap)]
+    assert len(known) >= 18 and known.reference_gap.median() < 1e-18
+    assert known.lyapunov.rank().corr(np.log(known.reference_gap).rank()) > 0.6  # what grows fast is known badly
+    good = known[known.floor < 1e-12].iloc[0]
+    run = tcbench.simulate("tc_taylor", f"random[seed={good.seed}]", tolerance=1e-13)
+    assert ensemble_tables.gap(run.z[-1], good.state) < 1e4 * good.floor
 
 
-@PEERLESS
-@pytest.mark.parametrize("family", quick_reference.FAMILIES)
-def test_leaving_a_family_of_references_out_changes_no_share_by_more_than_its_interval(timed, family):
-    known = ensemble_tables.scenario_rows(timed)
-    names = sorted({r["integrator"] for r in timed if r["part"] == "timings"})
-    ladders = [ensemble_tables.with_errors(timed, known, without) for without in ("", family)]
-    for measure_name, target in (("state", 1e-3), ("state", 1e-6)):
-        seeds = ensemble_tables.usable(known, measure_name, target, range(20))
-        assert len(seeds) >= 8
-        times = [ensemble_tables.times_to(each, names, seeds, measure_name, target) for each in ladders]
-        _, low, high = ensemble_tables.profile(times[0], np.array([1.0, 10.0, 100.0]))
-        other = ensemble_tables.profile(times[1], np.array([1.0, 10.0, 100.0]))[0]
-        assert np.all((low - 1e-12 <= other) & (other <= high + 1e-12))
+def test_a_scenario_too_stiff_for_series_has_a_reference_and_one_without_is_left_out(monkeypatch):
+    from tcbench.reference import lookup, pairs
+
+    scenarios = [RANDOM.member(seed="3", t_end="0.5")]
+    (before,) = ensemble_runs.references(scenarios)
+    monkeypatch.setattr(pairs, "MOST", 1)
+    (stiff,) = ensemble_runs.references(scenarios)
+    assert ensemble_tables.gap(stiff["state"], before["state"]) < 1e-15 and math.isnan(stiff["lyapunov"])
+    monkeypatch.setattr(lookup, "SHORT", 0.0)
+    (none,) = ensemble_runs.references(scenarios)
+    assert none["state"] is none["gap"] is None
+    known = ensemble_tables.scenario_rows([{"part": "references", "seeds": [3, 4], "references": [none]}])
+    assert ensemble_tables.usable(known, "state", 1.0, [3]) == [] and known[3]["smallest_target"] == math.inf
 
 
-@PEERLESS
-def test_no_method_is_compared_with_its_own_family(timed):
-    own = {r["integrator"]: r["own"] for r in timed if r["part"] == "timings"}
-    assert own["tc_gauss_adaptive"] == "collocation" and own["heyoka"] == "taylor" and own["tc_strang"] == ""
-    states = ensemble_tables.scenario_rows(timed)[1]["states"]
-    assert quick_reference.reference_for(states, "collocation").tolist() == states["heyoka"]
-    assert quick_reference.reference_for(states, "taylor").tolist() == states["tc_gauss_adaptive[k=6]"]
-    assert quick_reference.reference_for(states, "taylor", "collocation").tolist() == states["scipy_dop853"]
-    assert quick_reference.own_family(["projected", "gauss"]) == "collocation"  # a wrapper's family is what it wraps
-
-
-@PEERLESS
 def test_profiles_count_failures_and_leave_out_what_has_no_reference(timed):
     tables = tabulate(timed)
     firsts, profiles = tables["first_share"], tables["performance_profile"]
     known = ensemble_tables.scenario_rows(timed)
     for target in (1e-3, 1e-6, 1e-9):
         rows = firsts[(firsts.measure == "state") & (firsts.target == target)]
-        good = sum(row["reference_gap"] <= 0.1 * target for row in known.values())
+        good = sum(row["floor"] <= 0.1 * target for row in known.values())
         assert set(rows.runs) == {good} and set(rows.without_reference) == {20 - good}
         assert rows["first"].sum() <= good and (rows.reached <= good).all()
     fine = firsts[(firsts.measure == "state") & (firsts.target == 1e-9)].set_index("integrator")
@@ -319,20 +303,12 @@ def test_profiles_count_failures_and_leave_out_what_has_no_reference(timed):
     assert (profiles.low <= profiles.share).all() and (profiles.share <= profiles.high).all()
 
 
-@PEERLESS
 def test_accuracy_is_of_completed_runs_with_a_reference(timed):
     table = tabulate(timed)["ensemble_accuracy"].set_index(["integrator", "value"])
     row = table.loc[("tc_gauss_adaptive", 1e-9)]
     assert row.runs + row.without_reference + row.failed >= row.runs > 5
     assert row.error_10 <= row.error_median <= row.error_90 and row.time_10_s <= row.time_median_s <= row.time_90_s
     assert row.error_median < table.loc[("tc_gauss_adaptive", 1e-3)].error_median
-
-
-def test_where_solvers_failed_there_is_no_reference():
-    assert quick_reference.largest_gap({"heyoka": [1.0, 2.0], "tc_gauss_adaptive[k=6]": [math.nan, 0.0]}) == math.inf
-    gap = quick_reference.largest_gap({"heyoka": [1.0, 2.0], "tc_gauss_adaptive[k=6]": [1.0, 2.5]})
-    assert gap == pytest.approx(0.25)
-    assert quick_reference.reference_for({"heyoka": [math.nan]}, "") is None
 
 
 def test_a_slow_adaptive_solver_does_not_hold_the_ensemble_up():
