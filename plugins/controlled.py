@@ -33,7 +33,7 @@ def controlled(method: Integrator, tolerance: float | None = None, name: str = "
 
     return Integrator(
         name=name, adaptive=adaptive, claims=method.claims, systems=method.systems, needs=method.needs,
-        elements=method.elements,
+        elements=method.elements, refuses=method.refuses, by_default=method.by_default,
         requires=method.requires, uses=method.sources,
         source=f"step doubling around {method.name}", tags=set() if tolerance is None else {"fixed tolerance"},
     )  # fmt: skip

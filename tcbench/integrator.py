@@ -16,6 +16,7 @@ from .errors import TcbenchError, expect, unknown_name
 if TYPE_CHECKING:
     from .systems.system import System
 
+SOLVED_FOR = {"entropy": "", "temperature": "temperatures", "energy": "energies"}  # in the place of entropies
 WAYS = ("flows", "step", "adaptive")  # to step; an integrator gives one
 _NAME = re.compile(r"[a-z][a-z0-9_]*\Z")
 
@@ -36,7 +37,8 @@ class Flow:
     fraction : float
         Of the step, dimensionless.
     variables : str
-        "entropy": states are (q, p, s), or the system's own variables; "temperature": (q, p, theta).
+        "entropy": states are (q, p, s), or the system's own variables; "temperature": (q, p, theta); "energy":
+        (q, p, u) with the energies u of the elements.
     stages : int
         Further states that are unknowns of the step.
     of_step : bool
@@ -66,7 +68,8 @@ class Flow:
 
 KINDS_OF_FIELDS = {  # of what tcbench reads before it can say more
     "claims": "words or a word", "tags": "words or a word", "systems": "words or a word", "needs": "words or a word",
-    "requires": "words or a word", "uses": "words or a word", "increments": "True or False", "source": "a word",
+    "requires": "words or a word", "uses": "words or a word", "increments": "True or False",
+    "by_default": "True or False", "source": "a word",
     "description": "a word", "plugin": "a word", "base": "a word", "parameters": "a mapping",
     "family": "a function or nothing",
 }  # fmt: skip
@@ -112,7 +115,8 @@ class Integrator:
         `march` have it as their last argument. `step` is to return the same whatever it holds; `march`, which is given
         the states of one run in their order, may go on with what it left there.
     variables : str
-        "entropy" for z = (q, p, s), "temperature" for (q, p, theta); of the formulas only.
+        "entropy" for z = (q, p, s), "temperature" for (q, p, theta), "energy" for (q, p, u) with the energies u of the
+        elements; of the formulas only.
     systems : set of str
         Names of the systems that the method is written for; empty: for all.
     needs : tuple of str
@@ -120,6 +124,10 @@ class Integrator:
         define them the method is left out.
     elements : bool
         The formulas are written in elements: for an `ElementSystem` only.
+    refuses : function, optional
+        Of a method that asks for more than that: refuses(system) -> "", or why the system is not for it.
+    by_default : bool
+        False for one that runs only where it is named, or a pattern fits its name.
     requires : tuple of str
         Packages beside tcbench's own that the method imports, as they are installed ("scikit-sundae"). Where one is
         absent the method is listed, and run only when it is named.
@@ -163,6 +171,8 @@ class Integrator:
     systems: frozenset[str] = frozenset()
     needs: tuple[str, ...] = ()
     elements: bool = False
+    refuses: Callable[[System], str] | None = None
+    by_default: bool = True
     requires: tuple[str, ...] = ()
     tags: frozenset[str] = frozenset()
     description: str = ""
@@ -192,7 +202,7 @@ class Integrator:
             object.__setattr__(self, name, tuple(getattr(self, name)))
         if not isinstance(self.name, str):
             raise TcbenchError(f"The name of an integrator is a word, not {self.name!r}.")
-        for way in ("step", "march", "adaptive", "outputs", "workspace"):
+        for way in ("step", "march", "adaptive", "outputs", "workspace", "refuses"):
             if getattr(self, way) is not None and not callable(getattr(self, way)):
                 raise TcbenchError(f"Integrator {self.name!r}: {way}= is a function, not {getattr(self, way)!r}.")
         base = self.name.partition("[")[0]
@@ -211,9 +221,10 @@ class Integrator:
             )
         if self.outputs is not None and self.adaptive is None:
             raise TcbenchError(f"Integrator {self.name!r} gives outputs= without adaptive=, which outputs= repeats.")
-        if self.variables not in ("entropy", "temperature"):
+        if self.variables not in SOLVED_FOR:
             raise TcbenchError(
-                f"Integrator {self.name!r}: variables must be 'entropy' or 'temperature', not {self.variables!r}."
+                f"Integrator {self.name!r}: variables must be 'entropy', 'temperature' or 'energy', not "
+                f"{self.variables!r}."
             )
         if self.flows is not None:
             flows = _as_flows(self.flows, self.variables)
@@ -257,12 +268,15 @@ class Integrator:
         """ "" if the method is for this system, otherwise why not, to go on after "NAME: ...", without a full stop."""
         if self.systems and system.name not in self.systems:
             return f"it is written for {', '.join(sorted(self.systems))} only, not for {system.name}"
-        if self.variables == "temperature" and not system.defines("entropies"):
-            return f"it solves for temperatures in the place of entropies, and {system.name} has no elements with both"
+        if self.variables != "entropy" and not system.defines("entropies"):
+            solved = SOLVED_FOR[self.variables]
+            return f"it solves for {solved} in the place of entropies, and {system.name} has no elements with both"
         if self.elements and not system.defines("element_energy"):
             return f"its formulas are written in elements with a strain and an entropy each, and {system.name} has none"
         missing = [name for name in self.needs if not system.defines(name)]
-        return f"it needs {', '.join(missing)}, which the system {system.name} does not define" if missing else ""
+        if missing:
+            return f"it needs {', '.join(missing)}, which the system {system.name} does not define"
+        return self.refuses(system) if self.refuses else ""
 
     @property
     def sources(self) -> tuple[str, ...]:

@@ -238,6 +238,11 @@ def expand_integrators(names: Iterable[str | Integrator]) -> list[Integrator]:
     return list({i.name: i for i in result}.values())
 
 
+def by_default() -> list[str]:
+    """Names of those that run where none is named."""
+    return [name for name in present() if registry().integrators[name].by_default]
+
+
 def present() -> list[str]:
     """Names of the registered integrators whose packages are installed."""
     return [name for name, method in registry().integrators.items() if not method.lacks]

@@ -17,7 +17,7 @@ def not_run(asked: list[str] | None, dt: list[float] | None) -> list[str]:
     for name, method in plugins.integrators().items() if asked is None else ():
         if method.lacks:
             sentences.append(f"{name} was not run: {method.lacks}.")
-    chosen = plugins.expand_integrators(plugins.present() if asked is None else asked)
+    chosen = plugins.expand_integrators(plugins.by_default() if asked is None else asked)
     adaptive = [method.name for method in chosen if method.kind == "adaptive"]
     if dt and adaptive:
         sentences.append(f"--dt does not apply to methods that choose their steps: {', '.join(adaptive)}.")

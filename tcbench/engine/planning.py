@@ -50,7 +50,7 @@ def plan_job(
         _check_list(name, chosen_names)
     forget()
     registry = plugins.registry()
-    methods = plugins.expand_integrators(plugins.present() if integrators is None else integrators)
+    methods = plugins.expand_integrators(plugins.by_default() if integrators is None else integrators)
     selected = [s.current() for s in plugins.expand_scenarios(registry.scenarios if scenarios is None else scenarios)]
     chosen = [find_study(name) for name in (default_studies() if studies is None else expand_studies(studies))]
     if len({s.name for s in selected}) < len(selected):

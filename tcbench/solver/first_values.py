@@ -39,8 +39,10 @@ def plain_start(reduction: Reduction) -> list[Symbol]:
     return [start[s] for s in x]
 
 
-def near_start(index: Sequence[int], system: System, z0: Any, h: Symbol, temperature: bool) -> list[Symbol]:
+def near_start(index: Sequence[int], system: System, z0: Any, h: Symbol, variables: str) -> list[Symbol]:
     """A nearer initial value, of elements: Taylor to second order for p, s frozen, and the trapezoidal rule for s.
+
+    Of temperatures and of energies, y, in the place of entropies likewise, with dy = dy/ds ds.
 
     Conduction is stiff: its explicit step overshoots, and no step at all costs Newton an iteration. Forces may be stiff
     as well: as much of their part is left out as the kinetic energy of the change of p is of that of p.
@@ -66,17 +68,21 @@ def near_start(index: Sequence[int], system: System, z0: Any, h: Symbol, tempera
         s0 = list(z0[first:])
         theta = system.temperatures(z0)
         rate = np.array(system.conduction(theta), dtype=object)
-        slope = _ones(m)
-        if temperature:
-            slope = np.diagonal(trace.jacobian(list(theta), s0))
+        other, slope = variables != "entropy", _ones(m)
+        if other:
+            slope = np.diagonal(trace.jacobian(list(system.in_variables(variables, z0)[first:]), s0))
             rate = rate * slope
         A = trace.jacobian(list(rate), s0)
         matrix = [[const(float(i == j)) - 0.5 * h * A[i, j] / slope[j] for j in range(m)] for i in range(m)]
         right = h * rate
         if moving:  # temperatures change as elements stretch, too
-            warmed = system.temperatures(np.concatenate([path, z0[n:]]))
-            _, by_t, by_tt = _derivatives(warmed if temperature else system.conduction(warmed), t, 2)
-            right = right + believed * (by_t + 0.5 * by_tt if temperature else 0.5 * h * by_t)
+            moved = np.concatenate([path, z0[n:]])
+            warmed: Any = (
+                system.in_variables(variables, moved)[first:]
+                if other else system.conduction(system.temperatures(moved))
+            )  # fmt: skip
+            _, by_t, by_tt = _derivatives(warmed, t, 2)
+            right = right + believed * (by_t + 0.5 * by_tt if other else 0.5 * h * by_t)
         known |= {first + i: g for i, g in enumerate(factorise(matrix)[0].solve(list(right)))}
     return [known.get(i, const(0.0)) for i in index]
 
@@ -90,10 +96,13 @@ def _derivatives(values: Sequence[Symbol], t: Symbol, order: int) -> list[Any]:
 
 
 def scales_of(
-    where: Sequence[int], moved: Sequence[Symbol], place: Any, system: System, y0: State, z0: Any, temperature: bool
+    where: Sequence[int], moved: Sequence[Symbol], place: Any, system: System, y0: State, z0: Any, variables: str
 ) -> list[Symbol]:
-    """1/size of each unknown, as the system says; of temperatures theta."""
+    """1/size of each unknown, as the system says; of temperatures theta, of energies theta times that of an entropy."""
     sizes = system.sizes(z0)
-    if temperature:
+    if variables == "temperature":
         sizes[-len(y0.theta) :] = y0.theta
+    if variables == "energy":
+        m = len(y0.u)
+        sizes[-m:] = [theta * size for theta, size in zip(system.temperatures(z0), sizes[-m:], strict=True)]
     return [trace.reciprocal(sizes[i % system.size]) for i in [*where, *(place[e] for e in moved)]]

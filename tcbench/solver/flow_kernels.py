@@ -108,8 +108,7 @@ def _build(flow: Flow, system: System, why: str) -> FlowKernels:
     sym, n = system.symbolic, system.size
     h, z0 = trace.variable("h"), trace.variables("z", n)
     d = trace.variables("d", n * (1 + flow.stages))
-    temperature = flow.variables == "temperature"
-    y0 = sym.temperature_variables(z0) if temperature else sym.state(z0)
+    y0 = sym.in_variables(flow.variables, z0)
     start = trace.variables("start", n * (flow.memory or 2))
     given = traced(flow, sym, y0, d, h, further(flow, sym, z0, h, start))
     reduction = reduce(normalised(given, d, h), list(d))
@@ -118,19 +117,19 @@ def _build(flow: Flow, system: System, why: str) -> FlowKernels:
     increments = np.array(reduction.increments(d), dtype=object)
     y1 = sym.state(np.asarray(y0) + increments[:n])
     dz = increments[:n]
-    if temperature:
-        ds = sym.entropy_variables(y1).s - sym.state(z0).s
+    if flow.variables != "entropy":
+        ds = sym.entropy_increments(flow.variables, y0, y1)
         dz = np.concatenate([dz[: -len(ds)], ds])
     place = {s: i for i, s in enumerate(d)}
     where = [place[s] for s in x]
-    positive = list(y1.s) if temperature else []
+    positive = list(y1.s) if flow.variables == "temperature" else []
     if slopes is None:
         moved = reduction.moved()
-        scales = scales_of(where, moved, place, sym, y0, z0, temperature)
+        scales = scales_of(where, moved, place, sym, y0, z0, flow.variables)
         parts = _dense_parts(reduction, moved, positive, h, scales)
-        guess = near_start(where, sym, z0, h, temperature)
+        guess = near_start(where, sym, z0, h, flow.variables)
     else:
-        parts = _sparse_parts(reduction, slopes, positive, h, scales_of(where, [], place, sym, y0, z0, temperature))
+        parts = _sparse_parts(reduction, slopes, positive, h, scales_of(where, [], place, sym, y0, z0, flow.variables))
         guess = [const(0.0)] * len(x)
     fixed = [*plain_start(reduction), *guess, *parts.scales]
     hoisted = hoisted_values([*parts.iterate, *parts.polish, *parts.full, *dz], [*x, *parts.stored])
@@ -301,9 +300,7 @@ def further(flow: Flow, system: System, z0: Any, h: Symbol, start: Any) -> list[
     if flow.of_step:
         return [system.state(start[:n]), system.state(start[n:])]
     states = [system.state(z0 + h * start[k * n : (k + 1) * n]) for k in range(flow.memory)]
-    if flow.variables == "temperature":
-        states = [system.temperature_variables(z) for z in states]
-    return [tuple(states)] if states else []
+    return [tuple(system.in_variables(flow.variables, z) for z in states)] if states else []
 
 
 def traced(flow: Flow, system: System, y0: State, d: Any, h: Symbol, further: list[Any]) -> list[Symbol]:

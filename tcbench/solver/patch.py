@@ -96,8 +96,7 @@ class _Whole:
             h, z0 = trace.variable("h"), trace.variables("z", size)
             d = trace.variables("d", size * (1 + flow.stages))
             start = trace.variables("start", size * (flow.memory or 2))
-            temperature = flow.variables == "temperature"
-            y0 = sym.temperature_variables(z0) if temperature else sym.state(z0)
+            y0 = sym.in_variables(flow.variables, z0)
             rows = normalised(traced(flow, sym, y0, d, h, further(flow, sym, z0, h, start)), d, h)
             index = [
                 size * (block // 3) + first[block % 3] + i
@@ -113,9 +112,9 @@ class _Whole:
             slopes = trace.jacobian(ordered, x) if x else np.zeros((0, 0), dtype=object)
             by_h = [row.get(0, const(0.0)) for row in trace.sparse_jacobian(ordered, [h])]
             increments = np.array(reduction.increments(d), dtype=object)[:size]
-            if temperature:
-                y1 = sym.state(np.asarray(y0) + increments)
-                increments = np.concatenate([increments[: 2 * n], sym.entropy_variables(y1).s - sym.state(z0).s])
+            if flow.variables != "entropy":
+                ds = sym.entropy_increments(flow.variables, y0, sym.state(np.asarray(y0) + increments))
+                increments = np.concatenate([increments[: 2 * n], ds])
             inputs = {s: f"a[{i}]" for i, s in enumerate([*z0, *x])}
             inputs |= {h: "b[0]", **sym.constant_symbols()}
             at = len(small.constant_values)

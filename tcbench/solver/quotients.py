@@ -21,8 +21,7 @@ def zero_over_zero(flow: Flow, system: System, z: Any, h: float) -> str:
 
     The formula is run on plain numbers; one that cannot be is not judged here.
     """
-    make = system.temperature_variables if flow.variables == "temperature" else system.state
-    states = [make(np.array(z)) for _ in range(2 + flow.stages + flow.memory + 2)]
+    states = [system.in_variables(flow.variables, np.array(z)) for _ in range(2 + flow.stages + flow.memory + 2)]
     arguments: list[Any] = [*states[:2], h, system]
     arguments += [states[2 : 2 + flow.stages]] if flow.stages else []
     arguments += [tuple(states[-flow.memory :])] if flow.memory else states[-2:] if flow.of_step else []

@@ -105,8 +105,7 @@ def space_flow(flow: Flow, network: Network) -> SpaceFlow:
 def _space_flow(flow: Flow, net: Network) -> SpaceFlow:
     h, z0 = trace.variable("h"), net.fresh_state("z")
     d = np.concatenate([net.fresh_state(f"d{k}") for k in range(1 + flow.stages)])
-    temperature = flow.variables == "temperature"
-    y0 = net.temperature_variables(z0) if temperature else z0
+    y0 = net.in_variables(flow.variables, z0)
     start = np.concatenate([net.fresh_state(f"start{k}") for k in range(flow.memory or 2)])
     given = blocks(traced(flow, net, net.state(y0), d, h, further(flow, net, z0, h, start)))
     first = d[:: spaces.REPRESENTATIVES]
@@ -119,14 +118,14 @@ def _space_flow(flow: Flow, net: Network) -> SpaceFlow:
     both = [v for block in made for v in (block, spaces.twin(block))]
     y1 = net.state(np.asarray(y0) + np.array([*both, None], dtype=object)[:-1])
     dz = list(made)
-    if temperature:
-        dz[2] = spaces.symmetric(list(net.entropy_variables(y1).s - z0.s))
-    positive = [spaces.symmetric(list(y1.s))] if temperature else []
+    if flow.variables != "entropy":
+        dz[2] = spaces.symmetric(list(net.entropy_increments(flow.variables, y0, y1)))
+    positive = [spaces.symmetric(list(y1.s))] if flow.variables == "temperature" else []
     place = {s: i for i, s in enumerate(first)}
     kinds = [KINDS[place[s] % len(KINDS)] for s in x]
     flat = [(i, term, slope) for i, row in enumerate(terms) for term, slope in row.items()]
     slopes = [slope for _, _, slope in flat]
-    sized = [_scale(place[s] % len(KINDS), net, z0, y0, temperature) for s in x]
+    sized = [_scale(place[s] % len(KINDS), net, z0, y0, flow.variables) for s in x]
     fixed = [*_start(reduction), *[const(0.0)] * len(x), *sized]
     hoisted = hoisted_values([*reduction.rows, *slopes, *d_dh, *positive, *dz], x)
     kept = [Slot(v.space.name if v.space else SCALAR, v) for v in hoisted]
@@ -167,15 +166,16 @@ def _states(flat: Any) -> list[Slot]:
     return [slot for k in range(0, len(flat), size) for slot in state_slots(flat[k : k + size])]
 
 
-def _scale(block: int, net: Network, z0: Any, y0: Any, temperature: bool) -> Symbol:
-    """1/size of a block of unknowns: of positions and momenta max(1, largest), entropies c0, temperatures theta."""
+def _scale(block: int, net: Network, z0: Any, y0: Any, variables: str) -> Symbol:
+    """1/size of a block of unknowns: of positions and momenta max(1, largest), else as `first_values.scales_of`."""
     two = spaces.REPRESENTATIVES
     if block < 2:
         largest = spaces.over_all("max", abs(z0[block * two]))
         return trace.reciprocal(trace.maximum(const(1.0), largest))
-    if temperature:
+    if variables == "temperature":
         return trace.reciprocal(y0[2 * two])
-    return trace.reciprocal(trace.lifted(np.ravel(net.entropy_scale() * np.ones(two))[0]))
+    size = trace.lifted(np.ravel(net.entropy_scale() * np.ones(two))[0])
+    return trace.reciprocal(size * net.temperatures(z0)[0] if variables == "energy" else size)
 
 
 def _start(reduction: Reduction) -> list[Symbol]:

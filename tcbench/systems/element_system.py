@@ -22,12 +22,13 @@ from .refusals import check_degree, check_own
 from .sizes import check_sizes
 from .state import LETTERS, Layout, State, laid_out
 from .system import System
+from .thermal_variables import ThermalVariables, marked_positive
 from .traced import derived
 
 Array = NDArray[Any]
 
 
-class ElementSystem(System):
+class ElementSystem(ThermalVariables, System):
     """Base class of masses and elements that carry entropy, springs above all; see `System` for what is common to all.
 
     The state is z = (q, p, s), shape (2 n_positions + n_elements,), dimensionless. A subclass writes `inertia`,
@@ -70,7 +71,7 @@ class ElementSystem(System):
             cls.shape = wraps(shape)(lambda self, q: _mark_like(shape(self, q), q))  # type: ignore[method-assign]
         if "entropies" in cls.__dict__:
             entropies = cls.__dict__["entropies"]
-            cls.entropies = wraps(entropies)(lambda self, q, theta: entropies(self, q, _positive(theta)))  # type: ignore[method-assign]
+            cls.entropies = wraps(entropies)(lambda self, q, theta: entropies(self, q, marked_positive(theta)))  # type: ignore[method-assign]
 
     # ---- written by the author of a system -------------------------------------------------------------
 
@@ -129,9 +130,9 @@ class ElementSystem(System):
 
     @cached_property
     def layout(self) -> Layout:
-        """As of any system; `theta` names the last block in (q, p, theta)."""
+        """As of any system; `theta` names the last block in (q, p, theta), and `u` in (q, p, u)."""
         found = laid_out(self.variables)
-        return {**found, "theta": found["s"]}
+        return {**found, "theta": found["s"], "u": found["s"]}
 
     @property
     def size(self) -> int:
@@ -297,18 +298,6 @@ class ElementSystem(System):
         return self.entropy_gradient(z0)
 
     @derived
-    def temperature_variables(self, z: Any) -> Any:
-        """(q, p, theta) from (q, p, s)."""
-        z = self.state(z)
-        return self.state(np.concatenate([z.q, z.p, self.temperatures(z)]))
-
-    @derived
-    def entropy_variables(self, y: Any) -> Any:
-        """(q, p, s) from (q, p, theta)."""
-        y = self.state(y)
-        return self.state(np.concatenate([y.q, y.p, self.entropies(y.q, y.theta)]))
-
-    @derived
     def temperature_field(self, y: Any) -> Any:
         """d(q, p, theta)/dt, by the chain rule from the vector field."""
         z = trace.variables("z", self.size)
@@ -357,12 +346,6 @@ class ElementSystem(System):
     def check_shape(self, q: Any) -> None:
         """TraceError where the strain measures are not at most quadratic in q."""
         check_degree(self, list(self.shape(q)), list(q))
-
-
-def _positive(theta: Any) -> Any:
-    """Temperatures: a logarithm of them may be undone."""
-    trace.positive(np.ravel(theta))
-    return theta
 
 
 def _mark(values: Any) -> Any:

@@ -191,6 +191,10 @@ class System(Traced):
         """z with its variables as attributes, shape (..., size): one state or several."""
         return State(values, self.layout)
 
+    def in_variables(self, variables: str, z: Any) -> State:
+        """z in the variables that a formula is written in; of elements there are several sets."""
+        return self.state(z)
+
     def start(self, initial: Any) -> NDArray[np.float64]:
         """z, shape (size,), from the initial data of a Scenario; TcbenchError where a step could not begin there."""
         for name in initial:

@@ -12,7 +12,14 @@ from tcbench.reference.lookup import reference_for
 from tcbench.systems.right_hand_side import Field, expressions
 
 PEERS = [i.name for i in tcbench.integrators().values() if "peer" in i.tags and not i.lacks]
-LOOSE = {"cvode": 1e-6, "diffrax": 1e-7, "solve_ivp_bdf": 1e-6, "scipy_odeint": 1e-7, "solve_ivp_lsoda": 1e-7}
+LOOSE = {
+    "cvode": 1e-6,
+    "pydiffsol": 1e-6,
+    "diffrax": 1e-7,
+    "solve_ivp_bdf": 1e-6,
+    "scipy_odeint": 1e-7,
+    "solve_ivp_lsoda": 1e-7,
+}
 
 
 @pytest.mark.parametrize("scenario", ["short_term", "gas_containers"])
@@ -24,7 +31,7 @@ def test_a_peer_agrees_with_the_reference_at_a_tight_tolerance(peer, scenario):
     states, counts = method.adaptive(scenario.model, scenario.z0.copy(), np.array([0.0, 1.0]), 1e-11, 1e-11)
     assert states.shape == (2, scenario.model.size) and np.array_equal(states[0], scenario.z0)
     assert np.max(np.abs(states[-1] - exact) / np.maximum(1, np.abs(exact))) < LOOSE.get(peer, 1e-8)
-    assert counts["steps"] > 0 and all(value > 0 for value in counts.values())
+    assert all(value > 0 for value in counts.values()) and ("steps" in counts or peer == "pydiffsol")
 
 
 @pytest.mark.parametrize("peer", PEERS)
@@ -81,20 +88,22 @@ ABSENT = """
 import importlib.metadata, importlib.util
 find, known = importlib.util.find_spec, importlib.metadata.version
 def version(name):
-    if name in ("heyoka", "scikit-sundae", "diffrax", "jax"):
+    if name in ("heyoka", "scikit-sundae", "diffrax", "jax", "pydiffsol"):
         raise importlib.metadata.PackageNotFoundError(name)
     return known(name)
 importlib.metadata.version = version
-importlib.util.find_spec = lambda name, *a: None if name in ("heyoka", "sksundae", "diffrax", "jax") else find(name, *a)
+absent = ("heyoka", "sksundae", "diffrax", "jax", "pydiffsol")
+importlib.util.find_spec = lambda name, *a: None if name in absent else find(name, *a)
 import tcbench
 from tcbench.plugins import registry
 from tcbench.studies.work_precision import plan
 found = tcbench.integrators()
 assert not registry().broken
-for name in ("cvode", "heyoka", "diffrax"):
+for name in ("cvode", "heyoka", "diffrax", "pydiffsol"):
     assert "pip install" in found[name].lacks and not found[name].suits(tcbench.scenarios()["short_term"].model)
 scenario = tcbench.scenarios()["short_term"]
-assert {i.name for i, _, _ in plan(list(found.values()), [scenario], {})} == set(found) - {"cvode", "heyoka", "diffrax"}
+peers = {"cvode", "heyoka", "diffrax", "pydiffsol"}
+assert {i.name for i, _, _ in plan(list(found.values()), [scenario], {})} == set(found) - peers
 try:
     tcbench.simulate("cvode", "short_term")
 except tcbench.TcbenchError as error:

@@ -61,12 +61,14 @@ def test_every_method_runs_or_says_why_not(name):
         if reason := method.suits(scenario.model):
             why = {
                 "temperatures": method.variables == "temperature",
+                "energies": method.variables == "energy",
+                "positions": method.refuses,
                 "elements": method.elements,
                 "needs": method.needs,
             }
             assert any(true and word in reason for word, true in why.items()) and not reason.endswith(".")
             assert not any(scenario.model.defines(need) for need in method.needs)
-            with pytest.raises(TcbenchError, match=r"needs|temperatures|elements"):
+            with pytest.raises(TcbenchError, match=r"needs|temperatures|energies|elements"):
                 tcbench.simulate(method, scenario)
         else:
             run = tcbench.simulate(method, scenario, **({} if method.kind == "adaptive" else {"dt": 0.05}))

@@ -1,0 +1,70 @@
+"""Continuous Petrov-Galerkin in time with projected gradients: both laws at order 2k, for any GENERIC system.
+
+z is a polynomial of degree k on the step. At Gauss nodes c_j, weights b_j, Lagrange polynomials l_j,
+
+    z'(c_j) = L(z_j) DE_j + M(z_j) DS_j,    DE_j = 1/b_j integral l_j grad E(z(x)) dx,    DS_j likewise:
+
+sum b_j DE_j . z'_j is E1 - E0, and every term of it is 0. The integrals are by Gauss's rule with POINTS points, so the
+energy is exact up to that, and not claimed; so is a nonlinear S. Gradients are projected in all coordinates, which
+loses the angular momentum; tc_gauss, which projects stress and temperature only, keeps it.
+"""
+
+import numpy as np
+from numpy.polynomial import Polynomial
+
+from tcbench import Flow, Integrator, family, hookimpl
+
+POINTS = 8
+
+
+def gauss(points):
+    """Nodes and weights on [0, 1]."""
+    x, w = np.polynomial.legendre.leggauss(points)
+    return (x + 1) / 2, w / 2
+
+
+def lagrange(nodes):
+    """Polynomials that are 1 at one node and 0 at the others."""
+    found = []
+    for j, c in enumerate(nodes):
+        rest = np.delete(nodes, j)
+        found.append(Polynomial.fromroots(rest) / np.prod(c - rest) if len(rest) else Polynomial([1.0]))
+    return found
+
+
+def projected_gradients(k):
+    (c, b), (x, w) = gauss(k), gauss(POINTS)
+    ls = lagrange(c)
+    A = np.array([[(p := l.integ())(node) - p(0.0) for l in ls] for node in c])
+    path = np.array([[(p := l.integ())(point) - p(0.0) for l in ls] for point in x])
+    weight = np.array([w * l(x) / b_j for l, b_j in zip(ls, b, strict=True)])
+
+    def residual(z0, z1, h, system, stages):
+        moved = np.array([z - z0 for z in stages])
+        hF = np.linalg.inv(A) @ moved
+        along = [system.state(z0 + row @ hF) for row in path]
+        slopes = [(np.asarray(system.gradient(z)), np.asarray(system.entropy_gradient(z))) for z in along]
+        rates = []
+        for z, W in zip(stages, weight, strict=True):
+            DE, DS = (system.state(sum(a * s[i] for a, s in zip(W, slopes, strict=True))) for i in (0, 1))
+            rates.append(np.asarray(system.reversible(z, DE, DS) + system.irreversible(z, DE, DS)))
+        rates = np.array(rates)
+        return np.concatenate([z1 - z0 - h * (b @ rates), *(moved - h * (A @ rates))])
+
+    return residual
+
+
+def cpg(k="2"):
+    return Integrator(
+        name="cpg",
+        order=2 * int(k),
+        claims={"entropy"},
+        source="Giesselmann, Karsai and Tscherpel (2024); Andrews and Farrell (2025)",
+        flows=Flow(projected_gradients(int(k)), stages=int(k)),
+        by_default=False,
+    )
+
+
+@hookimpl
+def tcbench_integrators():
+    return [family(cpg, k=(2, 1, 3))]

@@ -1,0 +1,68 @@
+"""pydiffsol: implicit solvers in Rust (diffsol), the formulas of the system in their language, compiled by LLVM.
+
+Jacobians are by automatic differentiation of what was compiled, so Python is in no step.
+"""
+
+import re
+
+import numpy as np
+
+from tcbench import Integrator, family, hookimpl
+
+SOLVERS = ("bdf", "esdirk34", "tr_bdf2")  # the first is the default
+FIRST_STEP = 1e-3  # of the tolerance's square root: the package's own, 1.0, lasts longer than a stiff start
+REWRITTEN = {  # functions that their language has not
+    "log1p": "log(1.0 + ({}))", "expm1": "(exp({}) - 1.0)", "asin": "arcsin({})", "acos": "arccos({})",
+    "atan": "arctan({})", "recip": "(1.0 / ({}))",
+}  # fmt: skip
+_FREE = {}  # solvers that no run has, by kind of system: LLVM takes a second to make one
+
+
+def program(system):
+    """The formulas of the field in DiffSL: initial state and constants are inputs."""
+    text, (size,) = system.formula("vector_field")
+    count = len(system.constant_values)
+    lines, out = [], {}
+    for line in text.splitlines()[1:]:
+        name, _, formula = (part.strip() for part in line.partition("="))
+        formula = re.sub(r"\ba\[(\d+)\]", r"x\1", re.sub(r"\bb\[(\d+)\]", r"c\1", formula))
+        for function, by in REWRITTEN.items():
+            formula = re.sub(rf"\b{function}\((\w+)\)", lambda found, by=by: by.format(found[1]), formula)
+        if name.startswith("out["):
+            out[int(name[4:-1])] = formula
+        else:
+            lines.append(f"{name} {{ {formula} }}")
+    given = [f"z{i} = 1.0" for i in range(size)] + [f"c{i} = 1.0" for i in range(count)]
+    state = [f"x{i} = z{i}" for i in range(size)]
+    return "\n".join([
+        f"in_i {{ {', '.join(given)} }}", f"u_i {{ {', '.join(state)} }}", *lines,
+        f"F_i {{ {', '.join(out[i] for i in range(size))} }}",
+    ])  # fmt: skip
+
+
+def pydiffsol(solver="bdf"):
+    def adaptive(system, z0, t_eval, rtol, atol):
+        import pydiffsol as ds
+
+        free = _FREE.setdefault((system.structure, solver), [])
+        try:
+            ode = free.pop()
+        except IndexError:
+            ode = ds.Ode(program(system), jit_backend=ds.llvm, ode_solver=getattr(ds, solver))
+        ode.rtol, ode.atol, ode.t0 = rtol, atol, float(t_eval[0])
+        ode.h0 = FIRST_STEP * np.sqrt(rtol) * float(t_eval[-1] - t_eval[0])
+        try:
+            times = np.ascontiguousarray(t_eval, dtype=float)
+            found = ode.solve_dense(np.concatenate([z0, system.constant_values]), times)
+        finally:
+            free.append(ode)
+        return np.ascontiguousarray(found.ys.T), {}
+
+    return Integrator(
+        name="pydiffsol", adaptive=adaptive, source=f"diffsol {solver}", tags={"peer"}, requires=["pydiffsol"],
+    )  # fmt: skip
+
+
+@hookimpl
+def tcbench_integrators():
+    return [family(pydiffsol, solver=SOLVERS)]

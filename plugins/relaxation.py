@@ -1,0 +1,74 @@
+"""Relaxation Runge-Kutta: explicit steps whose length in time is chosen so that the energy is right.
+
+A step of the underlying method from z0 over tau ends in z0 + tau d(tau). The relaxed one ends in z0 + gamma tau d(tau),
+with the gamma that keeps the energy, and stands for the time gamma tau (Ketcheson 2019), so the order stays. Here
+gamma tau is the step h that is asked for, and tau is found instead: E(z0 + h d(tau)) = E(z0), one scalar equation, by a
+fixed number of secant steps from tau = h. At rest, where every tau will do, it stays h. Where there is no such tau, as
+beyond the stability of the underlying method, the step is not a number and the run ends.
+"""
+
+import numpy as np
+
+from tcbench import Integrator, family, hookimpl
+from tcbench.compiler import derivatives as trace
+
+TABLEAUX = {  # Hairer, Norsett & Wanner, Solving ODEs I, II.1: Runge's, Kutta's of order three, the classical one
+    2: ([[], [1 / 2]], [0, 1]),
+    3: ([[], [1 / 2], [-1, 2]], [1 / 6, 2 / 3, 1 / 6]),
+    4: ([[], [1 / 2], [0, 1 / 2], [0, 0, 1]], [1 / 6, 1 / 3, 1 / 3, 1 / 6]),
+}
+SECANTS = 6
+EPS = np.finfo(float).eps  # of the sizes of the energy's terms: differences as small say nothing of a slope
+LEFT = 1e-12  # of the energy, over the size of the terms of its sum: beyond it there was no such tau
+TINY = 1e-300
+
+
+def relaxed(order):
+    A, b = TABLEAUX[order]
+
+    def direction(z0, tau, system):
+        """sum b_i f_i, and the sum of the sizes of its terms, component by component."""
+        rates = []
+        for row in A:
+            inner = [a * f for a, f in zip(row, rates, strict=True) if a]
+            rates.append(np.asarray(system.vector_field(z0 + tau * sum(inner[1:], inner[0]) if inner else z0)))
+        parts = [w * f for w, f in zip(b, rates, strict=True) if w]
+        return sum(parts[1:], parts[0]), sum(abs(part) for part in parts)
+
+    def residual(z0, z1, h, system):
+        def tried(tau):
+            """The direction at tau; what the energy gains, as DE . dz, which keeps its digits; the size of what that is
+            the sum of."""
+            d, size = direction(z0, tau, system)
+            DE = np.asarray(system.discrete_gradient(z0, system.state(z0 + h * d)))
+            return d, DE @ (h * d), abs(DE) @ (h * size)
+
+        d, g, size = tried(h)
+        slope = -(np.asarray(system.gradient(system.state(z0 + h * d))) @ d)  # to leading order
+        tau, step = h, -g * slope / (slope * slope + TINY)
+        for _ in range(SECANTS):
+            tau, before = tau + step, g
+            d, g, size = tried(tau)
+            change, noise = g - before, EPS * size
+            step = -g * step * change / (change * change + noise * noise + TINY)
+        room = trace.maximum(LEFT * size + EPS * abs(system.energy(z0)) + TINY - abs(g), trace.const(0.0))
+        return z1 - z0 - np.array([trace.guarded(h * x, [1.0 / room]) for x in d])
+
+    return residual
+
+
+def relaxation(order="4"):
+    return Integrator(
+        name="relaxation",
+        order=int(order),
+        claims={"energy"},
+        source="Ketcheson (2019), SIAM J. Numer. Anal. 57: 2850-2870",
+        flows=relaxed(int(order)),
+        tags={"explicit"},
+        by_default=False,
+    )
+
+
+@hookimpl
+def tcbench_integrators():
+    return [family(relaxation, order=(4, 2, 3))]

@@ -1,0 +1,48 @@
+"""A formula solved for one of its variables, operation by operation: f(x) = y as x = g(y), where x stands in f once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from .derivatives import Symbol, depends_on, refused
+
+Rule = Callable[[Symbol], Symbol]
+OF_ONE: dict[str, Rule] = {
+    "neg": lambda y: -y, "recip": lambda y: 1.0 / y, "mark": lambda y: y, "exp": lambda y: y.log(),
+    "log": lambda y: y.exp(), "expm1": lambda y: y.log1p(), "log1p": lambda y: y.expm1(), "sqrt": lambda y: y * y,
+    "sinh": lambda y: (y + (y * y + 1.0).sqrt()).log(),
+}  # fmt: skip
+WHY = (
+    "A formula is solved for a variable that stands in it once, under +, -, *, /, exp, log, expm1, log1p, sqrt, sinh "
+    "and powers with another exponent than 2; methods in entropies (tc_monolithic) take every energy"
+)
+
+
+def solved(f: Symbol, x: Symbol, y: Symbol) -> Symbol:
+    """The x at which f(x) is y; TraceError where x stands in f several times, or under what has no inverse."""
+    moving = depends_on([f], [x])
+    while f is not x:
+        held = [a for a in f.args if a.number in moving]
+        if len(held) != 1:
+            raise refused("an energy cannot be solved for its entropy, which it does not hold just once", WHY)
+        (inner,) = held
+        others = [a for a in f.args if a is not inner]
+        y, f = _undone(f, inner, others, y), inner
+    return y
+
+
+def _undone(node: Symbol, inner: Symbol, others: list[Symbol], y: Symbol) -> Symbol:
+    """The value of `inner` for which that of `node` is y."""
+    if node.op in OF_ONE:
+        return OF_ONE[node.op](y)
+    if others and node.op in ("add", "sub", "mul", "pow"):
+        (other,) = others
+        first = node.args[0] is inner
+        if node.op == "add":
+            return y - other
+        if node.op == "sub":
+            return y + other if first else other - y
+        if node.op == "mul":
+            return y / other
+        return y ** (1.0 / other) if first else y.log() / other.log()
+    raise refused(f"an energy cannot be solved for its entropy: {node.op!r} cannot be undone", WHY)

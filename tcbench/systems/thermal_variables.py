@@ -1,0 +1,117 @@
+"""The thermal variable of elements: states with temperatures, or with energies, in the place of entropies."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..compiler import derivatives as trace
+from ..compiler.divided_differences import rectangle, symmetrised_slopes
+from ..compiler.inverse import solved
+from ..errors import TraceError
+from .state import State
+from .traced import derived
+
+if TYPE_CHECKING:
+    from .system import System as Base
+else:
+    Base = object
+
+
+class ThermalVariables(Base):
+    """What an `ElementSystem` has of them; everything is derived."""
+
+    @derived
+    def temperature_variables(self, z: Any) -> Any:
+        """(q, p, theta) from (q, p, s)."""
+        z = self.state(z)
+        return self.state(np.concatenate([z.q, z.p, self.temperatures(z)]))
+
+    @derived
+    def entropy_variables(self, y: Any) -> Any:
+        """(q, p, s) from (q, p, theta)."""
+        y = self.state(y)
+        return self.state(np.concatenate([y.q, y.p, self.entropies(y.q, y.theta)]))
+
+    @derived
+    def energy_variables(self, z: Any) -> Any:
+        """(q, p, u) from (q, p, s), with the energies u of the elements."""
+        z = self.state(z)
+        return self.state(np.concatenate([z.q, z.p, self.element_energy(self.shape(z.q), z.s)]))
+
+    @derived
+    def variables_of_energies(self, y: Any) -> Any:
+        """(q, p, s) from (q, p, u)."""
+        y = self.state(y)
+        _, s = self.by_thermal_variable("energy", self.shape(y.q), y.u)
+        return self.state(np.concatenate([y.q, y.p, s]))
+
+    def in_variables(self, variables: str, z: Any) -> State:
+        """z as (q, p, s), or (q, p, theta), or (q, p, u): "entropy", "temperature", "energy"."""
+        made = {"entropy": self.state, "temperature": self.temperature_variables, "energy": self.energy_variables}
+        return made[variables](z)
+
+    def from_variables(self, variables: str, y: Any) -> State:
+        """(q, p, s) from what `in_variables` gives."""
+        made = {"entropy": self.state, "temperature": self.entropy_variables, "energy": self.variables_of_energies}
+        return made[variables](y)
+
+    def entropy_increments(self, variables: str, y0: State, y1: State) -> Any:
+        """s(y1) - s(y0), of states as `in_variables` gives them; an operator on symbols.
+
+        By divided differences: the difference of two logarithms would lose digits at every step.
+        """
+        pi0, dpi, dy = self.shape(y0.q), self.shape(y1.q) - self.shape(y0.q), y1.s - y0.s
+        pairs = [rectangle(*edges) for edges in zip(pi0, dpi, y0.s, dy, strict=True)]
+        try:
+            _, s = self.by_thermal_variable(variables, *(trace.array(side) for side in zip(*pairs, strict=True)))
+        except TraceError:  # an operation without a rule, which methods without discrete gradients may do without
+            return self.from_variables(variables, y1).s - self.from_variables(variables, y0).s
+        slopes = [symmetrised_slopes(x) for x in s]
+        return np.array([a * p + b * d for (a, b), p, d in zip(slopes, dpi, dy, strict=True)])
+
+    def by_thermal_variable(self, variables: str, pi: Any, y: Any) -> tuple[Any, Any]:
+        """(energies, entropies) of the elements as functions of strain measures and of y: their entropies, temperatures
+        or energies; an operator on symbols, or on the corners of divided differences.
+
+        TraceError where the energy cannot be solved for the entropy operation by operation, or entropies() does not see
+        the positions through the strain measures alone.
+        """
+        pi_, y_ = self.fresh("pi", "element"), self.fresh("y", "element")
+        if variables == "entropy":
+            s = y_
+        elif variables == "temperature":
+            s = self._entropies_at(pi_, marked_positive(y_))
+        else:
+            s_ = self.fresh("s", "element")
+            s = trace.array(solved(e, x, u) for e, x, u in zip(self.element_energy(pi_, s_), s_, y_, strict=True))
+        e = y_ if variables == "energy" else self.element_energy(pi_, s)
+        here = dict(zip([*pi_, *y_], [*pi, *y], strict=True))
+        found = trace.array(trace.substitute([*map(trace.lifted, [*e, *s])], here))
+        return found[: len(e)], found[len(e) :]
+
+    def _entropies_at(self, pi: Any, theta: Any) -> Any:
+        """entropies(q, theta), which its author writes in the positions, as a function of the strain measures."""
+        q = self.fresh("q", "position")
+        shape, s = list(self.shape(q)), [*map(trace.lifted, self.entropies(q, theta))]
+        here = {node: p for x, p in zip(shape, pi, strict=True) for node in _itself(x)}
+        found = trace.substitute(s, here)
+        if set(trace.depends_on(found, list(q))) & {x.number for x in trace.topological(found)}:
+            raise trace.refused(
+                f"entropies() of {self.name!r} sees the positions other than through the strain measures",
+                "A method in temperatures needs them as a function of those: write entropies() in self.shape(q)",
+            )
+        return trace.array(found)
+
+
+def _itself(x: Any) -> list[trace.Symbol]:
+    """The nodes that stand for a strain measure: as it is marked, and as it is written; none of a number."""
+    nodes = [x, *x.args] if isinstance(x, trace.Symbol) and x.op == "mark" else [x]
+    return [node for node in nodes if isinstance(node, trace.Symbol) and node.op != "const"]
+
+
+def marked_positive(theta: Any) -> Any:
+    """Temperatures: a logarithm of them may be undone."""
+    trace.positive(np.ravel(theta))
+    return theta
