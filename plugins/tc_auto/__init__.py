@@ -4,20 +4,24 @@ tc_auto goes over from tc_taylor to tc_gauss_adaptive and back during a run, by 
 over the decay time of the conduction. See march.py and docs/methods.md.
 """
 
-from functools import cache
+from functools import cache, lru_cache
 
 import numpy as np
 
 from tcbench import Integrator, hookimpl
+from tcbench.compiler.once import Spares
 
 from ..tc_gauss import stages_of
 from ..tc_gauss.method import GaussMethod
 from ..tc_taylor import SAFETY, order_of
-from ..tc_taylor import method_of as taylor_method
-from ..tc_taylor.method import MOST_ELEMENTS
+from ..tc_taylor.method import TaylorMethod, refusal
 
 EXACT = {"energy", "entropy", "angular_momentum"}
 FINER = 0.03  # of the tolerance, for tc_gauss: at equal ones it misses ten times what tc_taylor does (docs/methods.md)
+COST, COST_OF_ORDER = 0.33, 0.062  # an explicit step of order p takes the time of so many iterations, and of so many p
+# Microseconds on one machine, of which the ratio counts: of an explicit step and a line of its series; of a node in an
+# iteration and the square of the number of variables.
+STEP, STEP_OF_LINE, NODE, NODE_OF_SQUARE = 0.06, 0.00035, 0.1, 0.0022
 SOURCE = "Taylor series or Gauss collocation, whichever costs less where the run is (docs/methods.md)"
 
 
@@ -29,26 +33,52 @@ def loops():
     return LOOPS
 
 
-def methods_of(system, tolerance):
-    """The implicit one, and the explicit one of the order for this tolerance; none where it is not for the system."""
-    explicit = taylor_method(system, order_of(tolerance)) if system.n_elements <= MOST_ELEMENTS else None
-    return GaussMethod(system, stages_of(tolerance)), explicit
+def methods_of(system, order, stages):
+    """The implicit method, and the explicit one; none where it is not for the system. And `step_in_iterations`."""
+    gauss, taylor = GaussMethod(system, stages), None if refusal(system) else TaylorMethod(system, order)
+    return gauss, taylor, 0.0 if taylor is None else step_in_iterations(gauss, taylor)
+
+
+def step_in_iterations(gauss, taylor):
+    """Iterations that take the time of an explicit step: of elements by the order, of any system by what both do."""
+    if not gauss.work.general:
+        return COST + COST_OF_ORDER * taylor.work.order
+    n = taylor.size
+    return (STEP + STEP_OF_LINE * taylor.lines) / (gauss.stages * (NODE + NODE_OF_SQUARE * n * n))
+
+
+SPARES = Spares(methods_of)
+
+
+@lru_cache
+def chosen(tolerance):
+    """Order and stages for a tolerance."""
+    return order_of(tolerance), stages_of(tolerance)
 
 
 def adaptive(system, z0, t_eval, rtol, atol):
     z0, times = np.ascontiguousarray(z0, float), np.ascontiguousarray(t_eval, float)
-    gauss, taylor = methods_of(system, rtol)
-    return gauss.adaptive(z0, times, rtol) if taylor is None else both(gauss, taylor, z0, times, rtol)
+    methods, free = SPARES.take(system, *chosen(rtol))
+    try:
+        return methods[0].adaptive(z0, times, rtol) if methods[1] is None else both(methods, z0, times, rtol)
+    finally:
+        free.append(methods)
 
 
-def both(gauss, taylor, z0, times, tolerance):
+def both(methods, z0, times, tolerance):
     """States at `times`, and what they cost; ArithmeticError where the steps of both become too short."""
+    gauss, taylor, worth = methods
     states = np.empty((len(times), len(z0)))
-    done = loops().steps(taylor.work, gauss.work, z0, times, SAFETY * tolerance, *gauss.held(FINER * tolerance), states)
+    taylor.work.clear()
+    held = gauss.held(FINER * tolerance)
+    done = loops().steps(taylor.work, gauss.work, z0, times, SAFETY * tolerance, *held, worth, states)
+    steps, rejected, iterations, *_ = gauss.counts.table.tolist()
+    explicit = taylor.counts.table.tolist()
+    if steps or rejected:
+        gauss.work.clear()  # as it was before
     if done < len(times):
         raise ArithmeticError(f"the step became too short before t = {times[done]:g}")
-    implicit, explicit = gauss.cost(), taylor.cost()
-    return states, implicit | {name: explicit[name] + implicit[name] for name in explicit}
+    return states, {"steps": steps + explicit[0], "rejected": rejected + explicit[1], "newton_iterations": iterations}
 
 
 @hookimpl
@@ -59,7 +89,6 @@ def tcbench_integrators():
             claims=EXACT,
             source=SOURCE,
             adaptive=adaptive,
-            elements=True,
             tags={"collocation", "explicit", "taylor"},
         )
     ]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from tcbench.compiler.language import Floats, Matrix, call, copy_into
+from tcbench.compiler.language import Floats, Matrix, call, copy_into, fill
 from tcbench.compiler.library import Library
 
 from ..tc_gauss import march as gauss
@@ -12,34 +12,54 @@ from ..tc_gauss.memory import Work as Gauss
 from ..tc_taylor import march as taylor
 from ..tc_taylor.march import Work as Taylor
 
-# Explicit steps are measured in decay times of the conduction.
-STABLE, STABLE_OF_ORDER = 2.0, 0.3  # those of order p that conduction bounds: about so many, and so many p
-STIFF = 0.7  # of these: from here on conduction bounds a step
+# Explicit steps are measured in decay times of the conduction, of any system in those of its fastest motion.
+STABLE, STABLE_OF_ORDER = 2.0, 0.3  # those of order p that stability bounds: about so many, and so many p
+STIFF = 0.7  # of these: from here on stability bounds a step
 PATIENCE, MORE = 8, 10  # stiff steps in a row before the other method is tried, and so many times as many each time
 LONGER = 4.0  # the first implicit step, over the last explicit one
-COST, COST_OF_ORDER = 0.33, 0.062  # an explicit step of order p takes the time of so many iterations, and of so many p
 OWED = 3.0  # iterations that the implicit method may take beyond what explicit steps would, before it is left
+# Of any system: iterations that the explicit steps to the end must be worth for the other method to be tried, and the
+# part of them that a trial may owe; steps until the fastest motion is looked for, each time twice as many, up to one.
+SHORT, SHARE, LEG, MOST_LEG = 80.0, 0.04, 32, 512
+TURNS, SETTLED = 12, 4  # of the power method, and those of them that are not counted
 
 
 def steps(
-    e: Taylor, g: Gauss, z: Floats, times: Floats, tolerance: float, defect: float, residual: float, states: Matrix
+    e: Taylor,
+    g: Gauss,
+    z: Floats,
+    times: Floats,
+    tolerance: float,
+    defect: float,
+    residual: float,
+    worth: float,
+    states: Matrix,
 ) -> int:
-    """States (q, p, s) at `times` from z on; how many rows were reached."""
+    """States z at `times` from z on; how many rows were reached. worth: iterations in the time of an explicit step."""
     taylor.begin(e, z)
-    gauss.begin(g, z)
     copy_into(states[0], z)
+    g.counts.steps, g.counts.rejected, g.counts.iterations = 0, 0, 0
+    if not g.general:
+        gauss.begin(g, z)
     stable = STABLE + STABLE_OF_ORDER * e.order
     row, t, h, patience, explicit, given_up = 1, times[0], 0.0, PATIENCE, True, False
+    leg, left = LEG if g.general else 0, 0.0
     while row < len(times):
-        rate = gauss.decay_rate(g)
+        first = g.general and e.counts.steps == 0  # a short run is left to explicit steps
+        rate = 1e-300 if first else fastest(g)
         if explicit:
-            row, t, h = taylor.advance(e, times, tolerance, states, row, t, STIFF * stable / rate, patience)
-            call(e.to_z, e.mended, e.given, g.here)
-            gauss.go_to(g, g.here)
-            patience *= MORE
+            before = e.counts.steps
+            row, t, h = taylor.advance(e, times, tolerance, states, row, t, STIFF * stable / rate, patience, leg)
+            go_over(e, g)
+            left = worth * rate * (times[len(times) - 1] - t) / stable
+            if e.counts.steps - before < leg or not g.general:
+                patience *= MORE
+            if g.general and h > 0.0 and (left < SHORT or e.counts.steps - before >= leg):
+                leg = min(2 * leg, MOST_LEG)
+                continue
         else:
-            g.budget[0] = (COST + COST_OF_ORDER * e.order) * rate / stable
-            g.budget[1] = math.inf if given_up else OWED
+            g.budget[0] = worth * rate / stable
+            g.budget[1] = math.inf if given_up else max(OWED, SHARE * left) if g.general else OWED
             row, t, h = gauss.advance(g, times, defect, residual, states, row, t, LONGER * h)
             keep_laws(e, g)
         if h == 0.0 and given_up:
@@ -49,9 +69,46 @@ def steps(
     return row
 
 
+def go_over(e: Taylor, g: Gauss) -> None:
+    """The implicit method on from the other's state; of any system to its laws, which stand alike after the state."""
+    call(e.to_z, e.mended, e.given, g.here)
+    gauss.go_to(g, g.here)
+    if g.general:
+        g.run[0] = e.target[e.size]
+        copy_into(g.laws[e.size : len(e.target)], e.target[e.size : len(e.target)])
+
+
+def fastest(g: Gauss) -> float:
+    """The rate of the fastest decay or motion, never 0; of any system by the power method, which goes round in circles
+    where that is a motion: the mean of some turns."""
+    if not g.general:
+        return gauss.decay_rate(g)
+    call(g.to_matrix, g.z, g.c, g.matrix)
+    n, x, y = len(g.z), g.vector[0], g.vector[1]
+    for i in range(n):
+        x[i] = 1.0 + 0.5 * (i % 2) - 0.1 * (i % 3)
+    grown = 0.0
+    for turn in range(TURNS):
+        fill(y, 0.0)
+        for j in range(n):
+            for i in range(n):
+                y[i] += g.matrix[j, i] * x[j]
+        largest = 1e-300
+        for i in range(n):
+            largest = max(largest, abs(y[i]))
+        for i in range(n):
+            x[i] = y[i] / largest
+        if turn >= SETTLED:
+            grown += math.log(largest)
+    return math.exp(grown / (TURNS - SETTLED))
+
+
 def keep_laws(e: Taylor, g: Gauss) -> None:
     """The explicit method on from the other's state, to the energy and invariants of the start of the run."""
     taylor.start_from(e, g.z)
+    if g.general:
+        copy_into(e.target[e.size : len(e.target)], g.laws[e.size : len(e.target)])
+        return
     e.target[e.size] = g.run[0]
     for i in range(e.size + 2, len(e.target)):
         e.target[i] = g.laws[i]

@@ -378,6 +378,7 @@ def on_vectors(symbolic: System, k: int) -> list[int]:
     return [*(load(t, str) for t in (*iterations, stiff_block(k))), *sums_on_vectors(k, n, e)]
 
 
+@cache
 def sums_on_vectors(k: int, n: int, e: int) -> list[int]:
     """Addresses of the last two of them, which ask nothing of the system."""
     if PLAIN:

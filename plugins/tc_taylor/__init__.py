@@ -11,6 +11,7 @@ from functools import cache, partial
 import numpy as np
 
 from tcbench import Integrator, family, hookimpl
+from tcbench.compiler.once import Spares
 
 ORDERS = (8, 10, 12, 14, 16, 18, 20)
 EXACT = {"energy", "entropy", "angular_momentum"}
@@ -26,6 +27,9 @@ def method_of(system, order):
     return TaylorMethod(system, order)
 
 
+SPARES = Spares(method_of)
+
+
 @cache
 def order_of(tolerance):
     best = LEAST - EFFORT * math.log(min(SAFETY * tolerance, 1.0))
@@ -34,7 +38,11 @@ def order_of(tolerance):
 
 def adaptive(system, z0, t_eval, rtol, atol):
     z0, times = np.ascontiguousarray(z0, float), np.ascontiguousarray(t_eval, float)
-    return method_of(system, order_of(rtol)).adaptive(z0, times, SAFETY * rtol)
+    method, free = SPARES.take(system, order_of(rtol))
+    try:
+        return method.adaptive(z0, times, SAFETY * rtol)
+    finally:
+        free.append(method)
 
 
 def one_step(z, h, system, method):

@@ -97,25 +97,26 @@ def adaptive_steps(w: Work, z: Floats, times: Floats, tolerance: float, states: 
     """States z at `times` from z on, each mended; how many rows were reached."""
     begin(w, z)
     copy_into(states[0], z)
-    row, _, _ = advance(w, times, tolerance, states, 1, times[0], math.inf, 1)
+    row, _, _ = advance(w, times, tolerance, states, 1, times[0], math.inf, 1, 0)
     return row
 
 
 def advance(
-    w: Work, times: Floats, tolerance: float, states: Matrix, row: int, t: float, most: float, patience: int
+    w: Work, times: Floats, tolerance: float, states: Matrix, row: int, t: float, most: float, patience: int, leg: int
 ) -> tuple[int, float, float]:
     """States z at times[row:] from t on, each mended; returns (row that is next, t, the last step).
 
     A step ends where its series does, not at output times: states on the way come from the series. It ends early where
     steps become too short (then the last is 0), and after `patience` of them in a row that were longer than `most`: so
-    they are where stiffness bounds them. Between outputs only every fourth step ends in a mended state; from one that
-    ends in none the run goes back to the last, and mends each step.
+    they are where stiffness bounds them; and in the first mended state after the steps of a `leg`, if that is not 0.
+    Between outputs only every fourth step ends in a mended state; from one that ends in none the run goes back to the
+    last, and mends each step.
     """
-    h, fresh, long = 0.0, True, 0
+    h, fresh, long, end = 0.0, True, 0, w.counts.steps + leg
     since, often, begun = 0, 1, t  # steps since the last mended state, how many there may be, and when it was
     while row < len(times):
         if fresh:
-            if long == patience:
+            if long == patience or (leg > 0 and since == 0 and w.counts.steps >= end):
                 return row, t, h
             if since == 0:
                 copy_into(w.kept, w.mended)

@@ -17,6 +17,7 @@ from .mending import mending_kernels as of_elements
 from .recurrences import series_kernels
 
 Floats = NDArray[np.float64]
+MOST_VARIABLES = 100  # of a system that has no elements
 MOST_ELEMENTS = 32  # beyond, the straight-line code of a series takes more than ten seconds to compile
 
 
@@ -24,13 +25,10 @@ class TaylorMethod:
     """Taylor steps of one order on one system: fixed ones and adaptive runs. One run at a time has it."""
 
     def __init__(self, system: System, order: int) -> None:
-        if system.defines("element_energy") and system.n_elements > MOST_ELEMENTS:
-            raise TcbenchError(
-                f"tc_taylor writes its series out: {system.n_elements} elements are too many for it "
-                f"(at most {MOST_ELEMENTS}). Take tc_gauss or tc_monolithic."
-            )
-        self.loops, model = prepared(system, order)
-        self.system, self.size = system, system.size
+        if why := refusal(system):
+            raise TcbenchError(why)
+        self.loops, model, self.lines = prepared(system, order)
+        self.size = system.size
         self.counts = model.counts.again()
         self.reached: Floats | None = None  # where the run has come by marching
         self.work = model.again(counts=self.counts)
@@ -38,6 +36,7 @@ class TaylorMethod:
     def adaptive(self, z0: Floats, times: Floats, tolerance: float) -> tuple[Floats, dict[str, int]]:
         """States at `times`, shape (len(times), n), and their cost; ArithmeticError where steps become too short."""
         states = np.empty((len(times), self.size))
+        self.work.clear()
         done = self.loops.adaptive_steps(self.work, z0, times, tolerance, states)
         if done < len(times):
             raise ArithmeticError(f"the step became too short before t = {times[done]:g}")
@@ -70,9 +69,23 @@ class TaylorMethod:
         return states[:done]
 
 
+def refusal(system: System) -> str:
+    """Why a system has no series here; "" for one that has."""
+    if system.defines("element_energy"):
+        count, most, what = system.n_elements, MOST_ELEMENTS, "elements"
+    else:
+        count, most, what = system.size, MOST_VARIABLES, "variables"
+    if count <= most:
+        return ""
+    return (
+        f"tc_taylor writes its series out: {count} {what} are too many for it (at most {most}). Take tc_gauss or "
+        "tc_monolithic."
+    )
+
+
 @once_a_system
-def prepared(system: System, order: int) -> tuple[Any, Any]:
-    """What the methods of all runs share: compiled functions, and a record that each makes `again`."""
+def prepared(system: System, order: int) -> tuple[Any, Any, int]:
+    """What the methods of all runs share: compiled functions, a record that each makes `again`, lines of the series."""
     from .march import LOOPS, Counts, Work  # LLVM is loaded when something runs, not when plugins are listed
 
     symbolic, c = system.symbolic, system.constant_values
@@ -83,7 +96,7 @@ def prepared(system: System, order: int) -> tuple[Any, Any]:
         n_target=start.size, of_elements=system.defines("element_energy"), to_series=series.address,
         to_state=polynomial.address, to_mend=mend.address, to_hold=hold.address, to_z=to_z.address, counts=Counts(),
     )  # fmt: skip
-    return LOOPS, work
+    return LOOPS, work, series.text.count("\n")
 
 
 @once

@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable
 from functools import cache, wraps
 from functools import cached_property as _cached_property
-from typing import Any, Self, TypeVar, overload
+from typing import Any, Generic, Self, TypeVar, overload
 from weakref import WeakKeyDictionary
 
 LOCK = threading.RLock()  # of traces and of what is made of them: one thread at a time
@@ -42,6 +42,25 @@ def once_a_system(make: Callable[..., Made]) -> Callable[..., Made]:
 
     found.cache_clear = kept.clear  # type: ignore[attr-defined]
     return found
+
+
+class Spares(Generic[Made]):
+    """What a run has to itself, kept for the next one: make(system, ...), which does not refer to the system."""
+
+    def __init__(self, make: Callable[..., Made]) -> None:
+        self.make, self.free = make, once_a_system(_none)
+
+    def take(self, *key: object) -> tuple[Made, list[Made]]:
+        """One that nobody has, and the list to which it is given back."""
+        free = self.free(*key)
+        try:
+            return free.pop(), free  # at once: of two threads each gets another
+        except IndexError:
+            return self.make(*key), free
+
+
+def _none(*key: object) -> list[Any]:
+    return []
 
 
 class cached_property(_cached_property[Made]):

@@ -55,7 +55,7 @@ def test_errors_follow_the_tolerance(name):
         assert np.max(abs(states[-1] - exact) / np.maximum(1.0, abs(exact))) <= 10 * tolerance + 1e-11
 
 
-@given(st.sampled_from(GENERAL), st.integers(0, 2**32), st.floats(-12, -1), st.floats(0, 3))
+@given(st.sampled_from(GENERAL), st.integers(0, 2**32), st.sampled_from((-1, -4, -8, -12)), st.floats(0, 3))
 def test_every_law_holds_from_random_states_whatever_dissipates(name, seed, exponent, stiffer):
     assert_laws_of_any("tc_taylor", name, seed, 10.0**exponent, 10.0**stiffer, 0.02)
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from random_laws import assert_laws
+from random_laws import GENERAL, assert_laws, assert_laws_of_any, random_start
 from states import admissible_states
-from tcbench_plugins.tc_auto import adaptive, both, methods_of
+from tcbench_plugins.tc_auto import adaptive, both, chosen, methods_of
 from tcbench_plugins.tc_gauss import march
 
 import tcbench
@@ -18,8 +18,8 @@ END = np.array([0.0, 20.0])
 
 def shares(scenario, tolerance, times=END):
     """(implicit, explicit) steps of a run."""
-    implicit, explicit = methods_of(scenario.model, tolerance)
-    both(implicit, explicit, scenario.z0, times, tolerance)
+    implicit, explicit, worth = methods_of(scenario.model, *chosen(tolerance))
+    both((implicit, explicit, worth), scenario.z0, times, tolerance)
     return implicit.counts.steps, explicit.counts.steps
 
 
@@ -83,10 +83,45 @@ def test_output_times_are_hit_and_a_large_system_is_left_to_collocation():
 
 def test_an_attempt_is_given_up_when_it_owes_what_it_may():
     scenario = tcbench.scenarios()["cold_spring"]
-    gauss, _ = methods_of(scenario.model, 1e-7)
+    gauss, *_ = methods_of(scenario.model, *chosen(1e-7))
     states = np.empty((2, len(scenario.z0)))
     for owed in (5.0, 9.0):
         march.begin(gauss.work, scenario.z0)
         gauss.work.budget[:2] = 0.0, owed
         row, t, _ = march.advance(gauss.work, END, *gauss.held(1e-7), states, 1, 0.0, 0.5)
         assert row == 1 and t == 0.0 and gauss.counts.iterations == owed + 1  # an attempt at 0.5 would take some fifty
+
+
+@given(st.sampled_from(GENERAL), st.integers(0, 2**32), st.sampled_from((-2, -5, -9)), st.floats(0, 3))
+def test_every_law_of_any_system_holds_whatever_dissipates(name, seed, exponent, stiffer):
+    assert_laws_of_any("tc_auto", name, seed, 10.0**exponent, 10.0**stiffer, 0.02)
+
+
+@pytest.mark.parametrize(("name", "times"), [("rigid_body", 1000), ("heavy_top", 1000), ("reaction", 1000)])
+def test_a_general_system_that_dissipates_fast_is_left_to_collocation_once_it_is_seen_to(name, times):
+    """Where it begins the fastest motion may be another: it is looked for again."""
+    scenario = random_start(name, 0, times)
+    end = np.array([0.0, scenario.t_end])
+    explicit_alone = tcbench.integrators()["tc_taylor"].adaptive(scenario.model, scenario.z0, end, 1e-6, 1e-6)
+    implicit, explicit = shares(scenario, 1e-6, end)
+    assert implicit > 3 and explicit < 0.2 * explicit_alone[1]["steps"]
+    found, _ = adaptive(scenario.model, scenario.z0, end, 1e-6, 1e-6)
+    assert np.max(abs(found[-1] - explicit_alone[0][-1])) <= 1e-4 * (1 + abs(found[-1]).max())
+
+
+@pytest.mark.parametrize("name", GENERAL)
+def test_a_general_system_as_it_ships_is_left_to_the_series(name):
+    scenario = tcbench.scenarios()[name]
+    implicit, explicit = shares(scenario, 1e-6, np.array([0.0, scenario.t_end]))
+    assert implicit == 0 and explicit > 3
+
+
+@pytest.mark.parametrize("name", ["stiff_spring", "cold_spring", "rubbing_piston"])
+def test_a_run_does_not_see_what_another_left_in_its_memory(name):
+    scenario = random_start(name, 0, 1000) if name in GENERAL else tcbench.scenarios()[name]
+    end = np.array([0.0, 0.1 * scenario.t_end])
+    methods = methods_of(scenario.model, *chosen(1e-5))
+    first, _ = both(methods, scenario.z0, end, 1e-5)
+    both(methods, first[-1], 3.0 * end, 1e-4)
+    again, _ = both(methods, scenario.z0, end, 1e-5)
+    assert np.array_equal(first, again)

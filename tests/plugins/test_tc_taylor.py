@@ -230,7 +230,7 @@ def test_a_run_that_ends_early_ends_in_a_mended_state():
     for patience in range(1, 9):
         method = TaylorMethod(scenario.model, 10)
         method.loops.begin(method.work, scenario.z0)
-        march.advance(method.work, np.array([0.0, 5.0]), 1e-3, states, 1, 0.0, 0.0, patience)
+        march.advance(method.work, np.array([0.0, 5.0]), 1e-3, states, 1, 0.0, 0.0, patience, 0)
         z = scenario.model.entropy_variables(method.work.mended[:10])
         assert abs(scenario.model.energy(z) - scenario.model.energy(scenario.z0)) <= 1e-13 * scenario.initial_exergy
         assert method.cost()["steps"] == patience
