@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 
 from tcbench import Integrator, family, hookimpl
+from tcbench.compiler.once import Spares
 
 from .method import GaussMethod
 
@@ -22,6 +23,9 @@ BY_TOLERANCE = ((1e-4, 4), (1e-6, 6), (0.0, 7))  # (down to, k): what costs leas
 def stages_of(tolerance):
     """The number of stages that costs least at this tolerance."""
     return next(k for lowest, k in BY_TOLERANCE if tolerance >= lowest)
+
+
+SPARES = Spares(GaussMethod)
 
 
 def increments(z, h, system, method):
@@ -42,7 +46,11 @@ def tc_gauss(k="3"):
 def tc_gauss_adaptive(k="by tolerance"):
     def adaptive(system, z0, t_eval, rtol, atol):
         chosen = stages_of(rtol) if k == "by tolerance" else int(k)
-        return GaussMethod(system, chosen).adaptive(z0, np.ascontiguousarray(t_eval, dtype=float), rtol)
+        method, free = SPARES.take(system, chosen)
+        try:
+            return method.adaptive(z0, np.ascontiguousarray(t_eval, dtype=float), rtol)
+        finally:
+            free.append(method)
 
     common = {"claims": EXACT, "source": SOURCE, "tags": {"collocation"}}
     return Integrator(name="tc_gauss_adaptive", adaptive=adaptive, **common)

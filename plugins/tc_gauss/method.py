@@ -46,6 +46,7 @@ class GaussMethod:
     def adaptive(self, z0: Floats, times: Floats, tolerance: float) -> tuple[Floats, dict[str, int]]:
         """States at `times`, and what they cost."""
         states = np.empty((len(times), self.size))
+        self.work.clear()
         code = self.loops.adaptive_steps(self.work, z0, times, *self.held(tolerance), states)
         if code != SOLVED:
             raise ArithmeticError("the step became too short")

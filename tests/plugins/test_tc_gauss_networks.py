@@ -102,6 +102,7 @@ def test_corrections_solve_the_linear_system_of_all_stages(k):
     expected = before + np.linalg.solve(whole, (new - before).ravel()).reshape(e, k)
     assert np.abs(w.U[n:, :k] - expected).max() < 1e-10  # the eigenvectors of A, k = 7, have a condition of 2e3
     defects = new[:, 0].copy()
+    conduction.factor(w, w.numbers.pairs, h, 0.0)
     conduction.damp(w, defects)
     assert np.abs(defects - np.linalg.solve(np.eye(e) - h * w.matrix.T, new[:, 0])).max() < 1e-12
 
