@@ -86,8 +86,9 @@ def simulate(
     """
     from .. import plugins
 
-    flags = {"continuation": continuation, "residuals": residuals, "audit_roots": audit_roots}
-    expect("simulate", flags, dict.fromkeys(flags, "True or False"))
+    if {type(continuation), type(residuals), type(audit_roots)} != {bool}:
+        flags = {"continuation": continuation, "residuals": residuals, "audit_roots": audit_roots}
+        expect("simulate", flags, dict.fromkeys(flags, "True or False"))
     integrator = plugins.find_integrator(integrator)
     scenario = plugins.find_scenario(scenario).current()
     if t_end is not None and t_end != scenario.t_end:
