@@ -1,15 +1,9 @@
-"""Thermodynamic projection: any method made to keep energy and momenta, with an entropy that never falls.
+"""Thermodynamic projection: any method made to keep energy and invariants, with an entropy that never falls.
 
-After each step (of an adaptive solver: at each output time) the result is moved to the nearest state, in a simple
-sense, with the values that the run began with:
-1. the momenta are rotated back: along m dJ/dp, for each invariant J, which must be linear in p;
-2. all entropies are shifted by the same amount until the energy is right, if the total then is no lower than before
-   the step; otherwise to the total before the step,
-3. and what energy is still missing goes into the part of the momenta that carries no invariant.
-If that part has less kinetic energy than must go, no momenta and entropies at these positions have the right energy:
-the part is stopped, entropy and momenta are kept and the energy is not. It happens at steps at which the method alone
-fails, and close to an equilibrium, where little kinetic energy is left; so projected methods claim entropy and momenta.
-The correction is as small as the error of one step, so the order stays. Source: docs/methods.md.
+After each step (of an adaptive solver: at each output time) the result is moved to a state near it with the energy and
+the invariants that the run began with, and no less entropy than before the step: along their gradients, as
+tcbench/solver/mending.py has it. The move is as small as the error of one step, so the order stays. Where no such state
+is near, which happens at steps at which the method alone fails, the step fails. Source: docs/methods.md.
 
 `projected[method=NAME]` wraps any registered method, peers included. The default is verlet_heat4: explicit, of order
 four, and with the projection thermodynamically consistent.
@@ -28,11 +22,13 @@ from tcbench import Flow, Integrator, System, TcbenchError, family, hookimpl
 from tcbench.compiler import derivatives as trace
 from tcbench.plugins import find_integrator
 from tcbench.solver.flow_kernels import apply_explicit
-from tcbench.systems.momenta import lengthening, restored_momenta
+from tcbench.solver.mending import laws, nearer
 
 from .exact_conduction import VERLET_HEAT4
 
-SMALLEST_SHARE = 1e-12  # of the energy, as kinetic energy free to change: below it 3. does nothing
+MOVES = 6  # onto the laws; each leaves about the square of what was missed
+ROUNDED = 1e-15  # over the same: of an entropy that is as low nothing is made up for
+NEAR = 1e-12  # over 1 and the size of a law: what a projected state may miss
 
 
 def projected(method: Integrator, name: str = "projected") -> Integrator:
@@ -43,10 +39,9 @@ def projected(method: Integrator, name: str = "projected") -> Integrator:
     if method.memory:
         raise TcbenchError(f"{method.name!r} is a multistep method: take a one-step method or an adaptive solver.")
     common: dict[str, Any] = {
-        "name": name, "claims": {"entropy", "angular_momentum"}, "tags": method.tags | {"projected"},
+        "name": name, "claims": {"energy", "entropy", "angular_momentum"}, "tags": method.tags | {"projected"},
         "source": f"thermodynamic projection around {method.name}", "description": "",
         "uses": method.sources, "parameters": {}, "family": None,
-        "elements": True,
     }  # fmt: skip
     if method.adaptive is not None:
         outputs = method.outputs and _projected_outputs(method.outputs)
@@ -62,25 +57,20 @@ def projected(method: Integrator, name: str = "projected") -> Integrator:
 def projection(z0: Any, z1: Any, h: Any, system: System, start: Any, first: Any) -> Any:
     """z1 = the projection of z0, for a step that began at `start` in a run that began at `first`; explicit.
 
-    Energy and momenta are taken from `first`: from `start` their round-off would add up.
+    Energy and invariants are taken from `first`: from `start` their round-off would add up.
     """
-    p, free = restored_momenta(z0, system, system.invariants(first.q, first.p))
-    energy, risen = system.energy(first), sum(z0.s) - sum(start.s)
-
-    def at(shift: Any) -> Any:
-        return system.state(np.concatenate([z0.q, p, z0.s + shift]))
-
-    missing, heat = energy - system.energy(at(0.0)), sum(system.temperatures(at(0.0)))
-    c = np.mean(system.entropy_scale() * np.ones(system.n_elements))
-    shift = c * np.log1p(missing / (c * heat))  # exact where heat grows as exp(s/c)
-    shift = shift + (energy - system.energy(at(shift))) / sum(system.temperatures(at(shift)))
-    shift = trace.maximum(shift, -risen / system.n_elements)
-    missing = energy - system.energy(at(shift))
-    kinetic = sum(free * free / system.inertia()) / 2
-    floor = SMALLEST_SHARE * (1.0 + abs(energy))
-    x = trace.maximum(missing * kinetic / (kinetic * kinetic + floor * floor), trace.const(-1.0))
-    scaled = p + lengthening(free, x)
-    return z1 - np.concatenate([z0.q, scaled, z0.s + shift])
+    wanted = [*laws(system, first)[0][:-1], system.entropy(start)]
+    wanted[-1] = wanted[-1] - ROUNDED * (1.0 + abs(wanted[-1]))
+    z, values = z0, laws(system, z0)[0]
+    for _ in range(MOVES):
+        misses = [target - f for target, f in zip(wanted, values, strict=True)]
+        z = nearer(system, z, misses, laws(system, z)[1], at_least=True)
+        values = laws(system, z)[0]
+    *kept, risen = (f - target for target, f in zip(wanted, values, strict=True))
+    sizes = [NEAR * (1.0 + abs(target)) for target in wanted]
+    within = [size - abs(miss) for size, miss in zip(sizes, kept, strict=False)]
+    inside = [trace.lifted(np.sqrt(x)) for x in (*within, sizes[-1] + risen)]  # NaN where a law is missed
+    return z1 - trace.array(trace.guarded(x, inside) for x in map(trace.lifted, z))
 
 
 def _projected_step(step: Callable[..., Any], increments: bool) -> Callable[..., Any]:
