@@ -2,7 +2,8 @@
 
 After each step (of an adaptive solver: at each output time) the result is moved to a state near it with the energy and
 the invariants that the run began with, and no less entropy than before the step: along their gradients, as
-tcbench/solver/mending.py has it. The move is as small as the error of one step, so the order stays. Where no such state
+tcbench/solver/mending.py has it, each variable in proportion to how far the step has moved it. That is as little as the
+error of one step, so the order stays. Where no such state
 is near, which happens at steps at which the method alone fails, the step fails. Source: docs/methods.md.
 
 `projected[method=NAME]` wraps any registered method, peers included. The default is verlet_heat4: explicit, of order
@@ -22,11 +23,12 @@ from tcbench import Flow, Integrator, System, TcbenchError, family, hookimpl
 from tcbench.compiler import derivatives as trace
 from tcbench.plugins import find_integrator
 from tcbench.solver.flow_kernels import apply_explicit
-from tcbench.solver.mending import laws, nearer
+from tcbench.solver.mending import by_variable, laws, nearer
 
 from .exact_conduction import VERLET_HEAT4
 
-MOVES = 6  # onto the laws; each leaves about the square of what was missed
+MOVES = 10  # onto the laws: three where little is missed, more of a stiff spring at a long step
+STILL = 1e-12  # of the square of a variable, as that of its share in a step where nothing moves
 ROUNDED = 1e-15  # over the same: of an entropy that is as low nothing is made up for
 NEAR = 1e-12  # over 1 and the size of a law: what a projected state may miss
 
@@ -61,10 +63,12 @@ def projection(z0: Any, z1: Any, h: Any, system: System, start: Any, first: Any)
     """
     wanted = [*laws(system, first)[0][:-1], system.entropy(start)]
     wanted[-1] = wanted[-1] - ROUNDED * (1.0 + abs(wanted[-1]))
+    moved = z0 - start
+    weights = by_variable(system, moved, moved) + STILL * (1.0 + by_variable(system, z0, z0))
     z, values = z0, laws(system, z0)[0]
     for _ in range(MOVES):
         misses = [target - f for target, f in zip(wanted, values, strict=True)]
-        z = nearer(system, z, misses, laws(system, z)[1], at_least=True)
+        z = nearer(system, z, misses, laws(system, z)[1], weights, at_least=True)
         values = laws(system, z)[0]
     *kept, risen = (f - target for target, f in zip(wanted, values, strict=True))
     sizes = [NEAR * (1.0 + abs(target)) for target in wanted]

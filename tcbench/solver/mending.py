@@ -24,9 +24,7 @@ from ..systems.system import System
 ROUND_OFF = 2.0**-51  # of what the terms of a law are: what a mended state may miss
 TINY = 1e-140  # beside a square: nothing is moved along a gradient that is 0
 DEPENDENT = 1e-26  # of the square of a gradient, free of the others: what round-off leaves where they say the same
-MOST = (
-    12  # moves: near an equilibrium, where little is left of the gradient of the entropy, each leaves half of the way
-)
+MOST = 12  # moves: near an equilibrium, where little is left of the entropy's gradient, each leaves half of the way
 
 
 def laws(system: System, z: Any) -> tuple[list[Any], list[Any]]:
@@ -35,23 +33,36 @@ def laws(system: System, z: Any) -> tuple[list[Any], list[Any]]:
     return values, [system.gradient(z), *system.momenta_gradients(z), system.entropy_gradient(z)]
 
 
-def nearer(system: System, z: Any, misses: Sequence[Any], slopes: Sequence[Any]) -> Any:
+def nearer(
+    system: System, z: Any, misses: Sequence[Any], slopes: Sequence[Any], weights: Any, at_least: bool = False
+) -> Any:
     """z after the shortest move that makes up for the misses of laws with these slopes, to first order.
 
-    Each along the part of its slope that leaves the earlier ones alone (Gram and Schmidt).
+    Each along the part of its slope that leaves the earlier ones alone (Gram and Schmidt). weights: squares of the
+    sizes by which a move is measured. at_least: of the last law, the entropy, only what is too little is made up for.
     """
     moved = 0.0 * z
     free: list[tuple[Any, Any]] = []
     for miss, slope in zip(misses, slopes, strict=True):
-        direction = (1.0 + z * z) * slope
+        direction = weights * slope
         least = DEPENDENT * _dot(system, slope, direction) + TINY
         for other, inverse in free:
             direction = direction - other * (_dot(system, slope, other) * inverse)
         square = _dot(system, slope, direction)
         inverse = square / (square * square + least * least)
-        moved = moved + direction * ((miss - _dot(system, slope, moved)) * inverse)
+        lack = miss - _dot(system, slope, moved)
+        if at_least and len(free) == len(misses) - 1:
+            lack = trace.maximum(trace.lifted(lack), const(0.0))
+        moved = moved + direction * (lack * inverse)
         free.append((direction, inverse))
     return z + moved
+
+
+def by_variable(system: System, x: Any, y: Any) -> Any:
+    """For each number of a state x . y of its variable, which does not turn with the axes."""
+    blocks = [slice(*system.layout[name][:2]) for name in system.variables]
+    pairs = [(np.asarray(x)[block], np.asarray(y)[block]) for block in blocks]
+    return trace.array(product for a, b in pairs for product in [a @ b] * len(a))
 
 
 def _dot(system: System, x: Any, y: Any) -> Any:
@@ -83,8 +94,13 @@ def mending_kernels(system: System) -> tuple[kernels.Kernel, kernels.Kernel, ker
     margins = [a + b - abs(m) for a, b, m in zip(allowed[:-1], own, misses, strict=False)]
     good = reduce(trace.minimum, map(trace.lifted, [*margins, *sym.temperatures(z), *sym.shapes(z)]))
     good = trace.guarded(good, values)  # of what is not a number the least is lost
-    mend = [*nearer(sym, z, misses[:-1], slopes[:-1]), values[-1], good]
-    hold = [*nearer(sym, z, misses, slopes), values[-1], trace.minimum(good, allowed[-1] + own[-1] - misses[-1])]
+    weights = 1.0 + by_variable(sym, z, z)
+    mend = [*nearer(sym, z, misses[:-1], slopes[:-1], weights), values[-1], good]
+    hold = [
+        *nearer(sym, z, misses, slopes, weights),
+        values[-1],
+        trace.minimum(good, allowed[-1] + own[-1] - misses[-1]),
+    ]
     constants = constant_part([trace.lifted(v) for v in (*mend, *hold)], [*x, *told])
     known = {v: f"a[{i}]" for i, v in enumerate([*x, *told])} | system.constant_symbols()
     places = {c: f"b[{system.n_constant_values + i}]" for i, c in enumerate(constants)}
