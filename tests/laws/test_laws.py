@@ -33,8 +33,8 @@ EXACT = 1e-12  # what thousands of converged solves may leave of a conserved qua
 
 
 def explicit(name):
-    """Whether a method has a stability limit, and beyond it no step: it has to say so, and keeps its laws below."""
-    return "explicit" in METHODS[name].tags
+    """Whether a method has a limit, and beyond it no step: it has to say so, and keeps its laws below."""
+    return bool(METHODS[name].tags & {"explicit", "projected"})
 
 
 def claiming(law):
