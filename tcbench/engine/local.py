@@ -3,7 +3,7 @@
 Ordinary cells run side by side on `jobs` workers. Timed cells run afterwards, one at a time, in one warm
 worker (those of a second `turn` in another, after all of the first) and in an order shuffled by a seeded
 generator, while no other worker exists; their rows say so (`timed`, `shuffle_order`, `shuffle_seed`). The
-parent is the only writer: it appends each row, fsynced, as it comes, so nothing finished is ever lost.
+parent is the only writer: it appends each row as it comes, so nothing finished is lost with a process.
 
 What becomes of a misbehaving cell (all others are unaffected):
 

@@ -59,9 +59,15 @@ def _measure(method: Integrator, scenario: Scenario, cell: Mapping[str, Any]) ->
     return row | {
         "plugin": str(origin) if origin and origin.distribution else method.plugin,
         "scenario_hash": scenario.hash,
-        "tcbench_version": package_version("tcbench"),
+        "tcbench_version": _own_version(),
         **({"machine": machine_name()} if cell["timed"] else {}),
     }
+
+
+@functools.cache
+def _own_version() -> str | None:
+    """Read once in a process: to read it takes longer than most cells."""
+    return package_version("tcbench")
 
 
 def measure_here(
@@ -121,7 +127,19 @@ def module_folder(system: str) -> str:
     return str(Path(top.__file__ or ".").parent)
 
 
+_REBUILT: list[Any] = []  # data and scenario of the cell before, which is often of the same one
+
+
 def _rebuild(data: Mapping[str, Any]) -> Scenario:
+    if data["label"]:
+        return _made(data)  # of a plugin: what it reads is noted for each cell
+    if not _REBUILT or _REBUILT[0] != data:
+        _REBUILT[:] = data, _made(data)
+    found: Scenario = _REBUILT[1]
+    return found
+
+
+def _made(data: Mapping[str, Any]) -> Scenario:
     module, _, name = data["system"].partition(":")
     if data["label"].startswith("module "):
         inputs.begin()  # before it is imported

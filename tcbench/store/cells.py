@@ -16,6 +16,7 @@ from typing import Any
 from ..errors import TcbenchError
 from .encoding import canonical_json, plain
 
+KEPT = ("sweep",)  # options that decide what a row keeps, and nothing that it measures
 UNHASHABLE = "unhashable"  # source_hash of what has no hash: never the same twice
 
 
@@ -77,7 +78,8 @@ class Cell:
 
 def identity_of(cell: Mapping[str, Any]) -> str:
     """The canonical JSON of what a cell is, without the code (fingerprint) and machine that measured it."""
-    return canonical_json({k: v for k, v in cell.items() if k not in ("fingerprint", "machine")})
+    options = {k: v for k, v in (cell.get("options") or {}).items() if k not in KEPT}
+    return canonical_json({k: v for k, v in cell.items() if k not in ("fingerprint", "machine")} | {"options": options})
 
 
 def _plain_options(options: Mapping[str, Any], cell: Cell) -> dict[str, Any]:

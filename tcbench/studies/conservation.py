@@ -21,6 +21,7 @@ COLUMNS = (
 )  # fmt: skip
 SHORT_S = 0.1  # a run as short as this is timed twice
 TOLERANCES = (1e-3, 1e-6, 1e-9)  # of adaptive solvers, which have no dt
+MANY = 40  # scenarios: of more, a sweep, no course is kept, and rows have constants and initial values as columns
 OWN = 1e-6  # the tolerance that stands for the scenario's own step
 
 
@@ -28,13 +29,14 @@ def plan(
     integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]
 ) -> list[tuple[Integrator, Scenario, Row]]:
     cells: list[tuple[Integrator, Scenario, Row]] = []
+    extra: Row = {"sweep": True} if len(scenarios) > MANY else {}
     for scenario in scenarios:
         steps = options.get("dt") or [factor * scenario.dt for factor in scenario.ladder]
         for integrator in integrators:
             if integrator.kind == "adaptive":
-                cells.extend((integrator, scenario, {"tolerance": tolerance}) for tolerance in TOLERANCES)
+                cells.extend((integrator, scenario, {"tolerance": tolerance} | extra) for tolerance in TOLERANCES)
             else:
-                cells.extend((integrator, scenario, {"dt": dt}) for dt in steps if dt <= scenario.t_end)
+                cells.extend((integrator, scenario, {"dt": dt} | extra) for dt in steps if dt <= scenario.t_end)
     return cells
 
 
@@ -55,6 +57,8 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
             )
         row["us_per_step"] = min(row["us_per_step"], metrics.us_per_step(again))
     row |= {name: metric.compute(run) for name, metric in plugins.metrics().items()}
+    if options.get("sweep"):
+        return row | {"numbers": scenario.numbers()}
     return row | series.kept(run) if _drawn(scenario, options) else row
 
 
@@ -89,7 +93,9 @@ def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
 
     from ..simulation import series
 
-    table = pd.DataFrame([{name: value for name, value in row.items() if name not in series.ROW} for row in records])
+    left_out = (*series.ROW, "numbers", "sweep")
+    rows = [{k: v for k, v in row.items() if k not in left_out} | (row.get("numbers") or {}) for row in records]
+    table = pd.DataFrame(rows)
     table = table.reindex(columns=[*COLUMNS, *(c for c in table.columns if c not in COLUMNS)])
     order = [c for c in ("scenario", "integrator", "dt", "tolerance") if c in table]
     return {"conservation": table.sort_values(order, kind="stable", ignore_index=True)} | series.tables(records)

@@ -15,19 +15,9 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 
-def numbers_of(scenario: Scenario) -> dict[str, float]:
-    """Constants and initial values by name, those of arrays with their index: stiffness0, stiffness1, coupling, ..."""
-    found: dict[str, float] = {}
-    initial = {name: getattr(scenario, name) for name in scenario.model.initial_data if name != "initial"}
-    for name, value in {**scenario.constants, **initial, **scenario.initial}.items():
-        values = np.ravel(np.asarray(value, dtype=float)).tolist()
-        found |= {name: values[0]} if np.ndim(value) == 0 else {f"{name}{i}": x for i, x in enumerate(values)}
-    return found
-
-
 def drawn_numbers(scenarios: Sequence[Scenario]) -> Row:
     """Of a block, as its row keeps them: a list each, of those that differ; one number of those that are alike."""
-    rows = [numbers_of(scenario) for scenario in scenarios]
+    rows = [scenario.numbers() for scenario in scenarios]
     columns = {name: [row.get(name, math.nan) for row in rows] for name in rows[0]} if rows else {}
     return {name: values[0] if len(set(values)) == 1 else values for name, values in columns.items()}
 

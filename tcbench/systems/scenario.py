@@ -203,6 +203,15 @@ class Scenario:
         found |= {"system": f"{self.system.name} {self.system.__qualname__}", "constants": self.as_dict()["constants"]}
         return {name: list(value) if isinstance(value, tuple) else value for name, value in found.items()}
 
+    def numbers(self) -> dict[str, float]:
+        """Constants and initial values by name, those of arrays with their index: coupling, stiffness0, stiffness1."""
+        initial = {name: getattr(self, name) for name in self.model.initial_data if name != "initial"}
+        found: dict[str, float] = {}
+        for name, value in {**self.constants, **initial, **self.initial}.items():
+            values = np.ravel(np.asarray(value, dtype=float)).tolist()
+            found |= {name: values[0]} if np.ndim(value) == 0 else {f"{name}{i}": x for i, x in enumerate(values)}
+        return found
+
     @property
     def hash(self) -> str:
         """Hash of the data that determine the exact solution, 16 hexadecimal digits."""
