@@ -52,7 +52,7 @@ def entropies(scenario: Scenario) -> Line:
     """entropies() is the inverse of theta = de/ds."""
     model, worst = scenario.model, 0.0
     if not model.defines("entropies"):
-        return Line("entropies", NONE, "of elements only: this system starts from its variables")
+        return positive(scenario)
     states = admissible_states(scenario, np.random.default_rng(SEED))
     for _ in range(20):
         z = next(states)
@@ -62,6 +62,17 @@ def entropies(scenario: Scenario) -> Line:
     worst = max(worst, float(given))
     remedy = "Solve theta = d(element_energy)/ds for s."
     return line("entropies", worst <= 1e-10, f"inverse of theta = de/ds, gap {worst:.0e}", remedy)
+
+
+def positive(scenario: Scenario) -> Line:
+    """Temperatures and measures at the start."""
+    model, z0 = scenario.model, scenario.z0
+    found = np.concatenate([np.asarray(model.temperatures(z0)), np.asarray(model.shapes(z0))])
+    if not found.size:
+        return Line("positive", NONE, "no temperature(z, dE, dS) and no measures(z): nothing is watched")
+    said = f"{found.size} temperatures and measures, the least {found.min():.4g} at the start"
+    remedy = "temperature(z, dE, dS) is absolute, dE by dS: dE.s where S = s, 1 / dS.u where E = u."
+    return line("positive", bool(found.min() > 0), said, remedy)
 
 
 def exergy(scenario: Scenario) -> Line:

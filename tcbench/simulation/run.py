@@ -15,6 +15,7 @@ from ..solver import foresight
 from ..solver import implicit_step as m
 from ..solver.implicit_step import Rules, compiled_flows
 from ..solver.quotients import REMEDY, zero_over_zero
+from ..systems.refusals import check_invariants
 from ..systems.scenario import Scenario
 from .compiled_loop import LOOPS, Run
 from .prepared import take
@@ -96,6 +97,7 @@ def simulate(
         scenario = scenario.replace(t_end=t_end)
     if reason := integrator.lacks or integrator.suits(scenario.model):
         raise TcbenchError(f"{integrator.name!r} cannot run on {scenario.name!r}: {reason}.")
+    check_invariants(scenario.model, scenario.z0)
     if integrator.kind == "adaptive":
         return run_adaptive(integrator, scenario, _checked_tolerance(tolerance))
     if tolerance is not None:

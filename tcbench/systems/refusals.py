@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
+from weakref import WeakSet
 
 import numpy as np
 
@@ -20,6 +21,9 @@ if TYPE_CHECKING:
 MOST_DEGREE = 2  # of a strain measure in the positions
 POINTS = 5  # random ones at which a derivative has to vanish
 ROUND_OFF = 1e-9  # of a derivative, over the terms that it is the sum of
+NEAR = 1e-4  # of a state's size: how far a rate is measured
+CONSERVED = 1e-5  # of its terms, the rate of what is conserved, measured so
+_CONSERVED: WeakSet[Any] = WeakSet()  # systems that have been looked at
 
 
 def check_class(cls: type[System]) -> None:
@@ -160,3 +164,26 @@ def check_own(system: ElementSystem, rows: Sequence[Any], count: int) -> None:
                 "Let element_energy() act element by element; what couples two of them is an element of its own",
                 where,
             )
+
+
+def check_invariants(system: System, z0: Any) -> None:
+    """TcbenchError where what a system says is conserved changes as it moves: methods that hold its value would hold
+    it all the same, and go elsewhere."""
+    if system in _CONSERVED or system.defines("element_energy") or not system.invariant_names:
+        return
+    rng = np.random.default_rng(0)
+    for z in (np.asarray(x, float) for x in (z0, *(system.nearby(z0, rng) for _ in range(POINTS)))):
+        step = NEAR * np.asarray(system.vector_field(z))
+        step /= 1.0 + np.abs(step).max() / (NEAR * (1.0 + np.abs(z).max()))
+        moves = np.concatenate([step[None], np.diag(step)])  # along the flow, and each of its components
+        with np.errstate(all="ignore"):
+            whole, *terms = np.asarray(system.momenta(z + moves)) - np.asarray(system.momenta(z - moves))
+            off = np.abs(whole) / np.sum(np.abs(terms), axis=0)
+        for name, share in zip(system.invariant_names, off, strict=True):
+            if share > CONSERVED:  # not NaN
+                raise TcbenchError(
+                    f"invariants() of {type(system).__name__} names {name!r}, which is not conserved: its rate at "
+                    f"{np.array2string(z, precision=3)} is {share:.1g} of the terms that it is the sum of. Mend "
+                    "reversible(), irreversible() or the formula, or leave it out (tcbench check says more)."
+                )
+    _CONSERVED.add(system)

@@ -6,6 +6,7 @@ import math
 import sys
 import time
 import types
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from click.testing import CliRunner
 
 import tcbench
 from tcbench import Integrator, plugins
-from tcbench.authoring import check
+from tcbench.authoring import check, scenario_checks
 from tcbench.authoring import integrator_checks as contract
 from tcbench.cli import main
 
@@ -389,3 +390,44 @@ def test_the_sentence_names_the_line_of_the_plugin_and_none_of_ours(tmp_path, na
 def test_a_claim_that_no_system_has_is_not_passed_as_measured():
     found = contract.claims(made(flows=implicit_midpoint, claims={"enregy"}))
     assert found.verdict == check.NONE and "metadata" in found.found
+
+
+class Friction(tcbench.System):
+    """A mass whose friction heats a bath, right; below it is planted wrong."""
+
+    name = "friction_bath"
+    variables = {"q": (), "p": (), "s": ()}
+
+    def energy(self, z):
+        return z.p**2 / 2 + z.q**2 / 2 + np.exp(z.s)
+
+    def entropy(self, z):
+        return z.s
+
+    def reversible(self, z, dE, dS):
+        return {"q": dE.p, "p": -dE.q}
+
+    def irreversible(self, z, dE, dS):
+        return {"p": -dE.p, "s": dE.p**2 / dE.s}
+
+    def temperature(self, z, dE, dS):
+        return dE.s
+
+
+GENERAL = {  # what is wrong -> the check that finds it
+    "reversible": (lambda self, z, dE, dS: {"q": dE.p, "p": -dE.q * (1 + z.q)}, "reversible keeps energy"),
+    "irreversible": (lambda self, z, dE, dS: {"p": -dE.p, "s": dE.p**2 / np.exp(z.s)}, "irreversible keeps energy"),
+    "invariants": (lambda self, z: {"momentum": z.p}, "momentum is invariant"),
+}
+
+
+@pytest.mark.parametrize("name", GENERAL)
+def test_of_any_system_the_line_of_the_formula_is_named(name):
+    """irreversible: right at the true gradients, where dE.s is exp(s), and wrong at those that a method puts in."""
+    wrong, claim = GENERAL[name]
+    kind = type("Wrong", (Friction,), {name: wrong})
+    scenario = tcbench.Scenario("wrong", kind, {}, initial={"q": 1, "p": 0.5, "s": 0}, t_end=1, dt=0.1)
+    failed = {line.check: line.remedy for line in scenario_checks.laws(scenario) if line.verdict == check.FAIL}
+    assert f"test_check.py, line {wrong.__code__.co_firstlineno}, " in failed[claim]
+    right = replace(scenario, system=Friction)
+    assert all(line.verdict == check.OK for line in [*scenario_checks.laws(right), scenario_checks.entropies(right)])

@@ -170,6 +170,15 @@ def test_refused_in_a_sentence(what):
         wrong()
 
 
+def test_what_is_not_conserved_is_no_invariant():
+    """A method that mends would hold it and go elsewhere, with status ok."""
+    kind = made(invariants=lambda self, z: {"energy_of_motion": z.p * z.p})
+    for method in ("tc_taylor", "tc_monolithic"):
+        with pytest.raises(TcbenchError, match=r"'energy_of_motion', which is not conserved"):
+            tcbench.simulate(method, start(kind))
+    assert tcbench.simulate("tc_monolithic", start(made(invariants=lambda self, z: {"heat": z.s}))).ok
+
+
 def test_a_formula_that_fails_is_named_with_its_line():
     def energy(self, z):
         return np.linalg.norm(z.q, 7, 7, 7, 7)
