@@ -45,6 +45,27 @@ def package(session: nox.Session) -> None:
 
 
 @nox.session(default=False)
+def conda(session: nox.Session) -> None:
+    """The recipe for conda-forge, from the sdist; with stand-ins for its channel where that cannot be reached."""
+    session.install("-e", ".", "build", "py-rattler-build")
+    session.run("python", ".ci/conda.py")
+
+
+@nox.session(default=False)
+def coverage(session: nox.Session) -> None:
+    """Lines that tests reach, those of compiled code as plain Python: see docs/architecture.md."""
+    session.install("-e", ".[dev]", "pytest-cov")
+    session.run("bash", ".ci/coverage", external=True)
+
+
+@nox.session(default=False)
+def instructions(session: nox.Session) -> None:
+    """Instructions a step and a call under valgrind, against those that are kept; words after -- go to the script."""
+    session.install("-e", ".[dev]")
+    session.run("python", "benchmarks/instructions.py", *session.posargs)
+
+
+@nox.session(default=False)
 def benchmarks(session: nox.Session) -> None:
     """Each asv benchmark once, at this commit."""
     session.install("-e", ".[dev]")
