@@ -19,6 +19,7 @@ from .matrix import (
     to_numbers,
     unmeasured,
 )
+from .summary import seconds
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -31,6 +32,8 @@ TIE = 1.05  # timings that are nearer than this are as good as each other
 LOOSE = 1e-3  # tolerances above it ask for so little that a failure says nothing
 FEW_RUNS = 50  # from random starts, below which "never failed" says nothing: up to 6 % of failures would not show
 FEW_A_STEP = 10  # at one step or tolerance
+RESTS_ON = ("conservation", "work_precision", "time_to_accuracy", "cost", "stability", "convergence",
+            "equilibrium_summary")  # fmt: skip
 NAMED = 3  # methods that a sentence names before it counts the others
 
 
@@ -51,6 +54,23 @@ def findings(tables: Tables, declared: Tables) -> list[Finding]:
         random_starts(tables),
     )  # fmt: skip
     return [finding for finding in found if finding is not None]
+
+
+def scenario_answers(
+    tables: Tables, declared: Tables, scenarios: Iterable[str]
+) -> dict[str, list[tuple[str, str, str]]]:
+    """Scenario -> (question, answer, the rest of it) of the same rules, asked of its rows alone."""
+    found = {}
+    for name in scenarios:
+        mine = one_scenario(tables, name)
+        answers = (accurate(mine), coarse(mine, declared), cheapest(mine, declared), failing(mine))
+        found[name] = [(one.title, one.lead, one.text) for one in answers if one is not None]
+    return found
+
+
+def one_scenario(tables: Tables, name: str) -> dict[str, Any]:
+    """What is said of a run rests on these tables: their rows of this scenario."""
+    return {key: t[t["scenario"].astype(str) == name] for key, t in tables.items() if key in RESTS_ON}
 
 
 def accurate(tables: Tables) -> Finding | None:
@@ -82,6 +102,7 @@ def accurate(tables: Tables) -> Finding | None:
         compared = slower if table["integrator"].nunique() > 1 else "no other method ran"
         mine = [row for row in rows if row["integrator"] == name]
         where = f"on all {reached} of {count} scenarios that it runs on" if special else _on(reached, count)
+        where = f"in {seconds(float(mine[0]['time_s']))}" if count == 1 else where
         text = f"an error of {power(target)} {where}, {compared}{_against_peers(mine)}"
         if special:
             text += f"; {called(names[0])} on {len(ratios[names[0]])}, at most {rounded(max(ratios[names[0]]))} times"
@@ -198,8 +219,8 @@ def coarse(tables: Tables, declared: Tables) -> Finding | None:
     count = len({scenario for of in cells.values() for scenario in of})
     general, *_ = _surest(found)
     name = _where_it_runs(found, {m: len(of) for m, of in cells.items()}, general) or general
-    where = _on(len(found[name]), count)
-    text = f"final temperatures within {percent(max(found[name]))} {where}, each law kept"
+    where = f" {_on(len(found[name]), count)}" if count > 1 else ""
+    text = f"final temperatures within {percent(max(found[name]))}{where}, each law kept"
     price = own_steps(tables, declared)
     costs = {m: median(price[m].values()) for m in found if price.get(m) and len(found[m]) == len(found[name])}
     cheap = min(costs, key=lambda m: (costs[m], m), default=name)
@@ -208,7 +229,14 @@ def coarse(tables: Tables, declared: Tables) -> Finding | None:
     lead = called(name) if name == general else f"{called(name)}, else {called(general)}"
     if general not in (name, cheap):
         text += f"; {called(general)} within {percent(max(found[general]))} on {len(found[general])}"
-    return Finding("At the coarsest step", lead, text, "#lens=coarse")
+    return Finding(_coarsest(tables["work_precision"]), lead, text, "#lens=coarse")
+
+
+def _coarsest(table: DataFrame) -> str:
+    """The question with the step, where there is one."""
+    rows = table[table["control"].eq("dt")]
+    steps = to_numbers(rows, "value").groupby(rows["scenario"].astype(str)).max().dropna()
+    return f"At h = {steps.iloc[0]:.3g}" if len(steps) == 1 else "At the coarsest step"
 
 
 def cheapest(tables: Tables, declared: Tables) -> Finding | None:
@@ -223,7 +251,7 @@ def cheapest(tables: Tables, declared: Tables) -> Finding | None:
     first = min(typical, key=lambda n: (typical[n], n))
     name = min((n for n in typical if n not in failed), key=lambda n: (typical[n], n), default=first)
     count = len(times[name])
-    text = f"{typical[name]:.2g} µs a step, {f'median of {count} scenarios' if count > 1 else 'on one scenario'}"
+    text = f"{typical[name]:.2g} µs a step{f', median of {count} scenarios' if count > 1 else ''}"
     if name in failed:
         return Finding(
             "The cheapest step", called(name), f"{text}; {failed[name]}; no method never failed", "#lens=cost"
@@ -240,13 +268,15 @@ def _where_it_fails(tables: Tables, name: str) -> str:
     for study, failed, step in (("stability", "limit", "dt_unstable"), ("conservation", "status", "dt")):
         table = tables.get(study)
         rows = None if table is None else table[(table["integrator"] == name) & table[failed].notna()]
+        rows = None if rows is None else rows[["scenario", failed, step]]
         for row in rows.to_dict("records") if rows is not None else ():
             judged.add(row["scenario"])
             if row[failed] not in ("none", "ok"):
                 at = float(row[step]) if finite(row[step]) else math.inf
                 limits[row["scenario"]] = min(at, limits.get(row["scenario"], math.inf))
-    start = f", from h = {min(limits.values()):.2g}" if limits and finite(min(limits.values())) else ""
-    return f"fails on {len(limits)} of {len(judged)}{start}" if limits else ""
+    start = f" from h = {min(limits.values()):.2g}" if limits and finite(min(limits.values())) else ""
+    where = f" on {len(limits)} of {len(judged)}{',' if start else ''}" if len(judged) > 1 else ""
+    return f"fails{where}{start}" if limits else ""
 
 
 def failing(tables: Tables) -> Finding | None:

@@ -13,8 +13,10 @@ from ..store.store import Store
 from ..store.tables import read_tables
 from ..studies.columns import column
 from .html import library, packed_table, script_hash, script_json, script_text, vendored
+from .leaders import leaders
 from .matrix import FAMILIES, failures, lenses, methods, names, stopped
-from .overview import findings
+from .overview import findings, law_shares, one_scenario, scenario_answers
+from .plot import run_looks
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -69,6 +71,9 @@ def _content(store: Store, tables: dict[str, DataFrame]) -> dict[str, Any]:
     scenarios = names(tables, "scenario")
     data = {
         "families": FAMILIES, "methods": found, "scenarios": scenarios, "declared": _named(declared, tables),
+        "looks": {name: [one.colour, one.marker, dashes(one.dash)] for name, one in run_looks(tables).items()},
+        "leaders": leaders(tables, declared), "answers": scenario_answers(tables, declared, scenarios),
+        "kept": {name: law_shares(one_scenario(tables, name)) for name in scenarios},
         "lenses": lenses(tables, declared), "failures": failures(tables), "stopped": stopped(tables),
         "tables": {name: len(table) for name, table in tables.items()},
         "labels": {name: column(name).label for table in tables.values() for name in map(str, table.columns)},
@@ -92,7 +97,15 @@ def _content(store: Store, tables: dict[str, DataFrame]) -> dict[str, Any]:
         "library": library(),
         "script": script,
         "hashes": [script_hash(text) for text in (script, vendored())],
+        "css": (css := script_text("report.css")),
+        "style_hash": script_hash(css),
     }
+
+
+def dashes(dash: Any) -> str:
+    """A dash of matplotlib as one of SVG, for a line of two points."""
+    parts = {"-": (), "--": (3.5, 1.6), "-.": (5, 1.5, 1, 1.5)}.get(dash) if isinstance(dash, str) else dash[1]
+    return " ".join(f"{2 * length:g}" for length in parts or ())
 
 
 def _named(declared: Mapping[str, Any], tables: Mapping[str, DataFrame]) -> dict[str, dict[str, Any]]:

@@ -4,88 +4,17 @@ import csv
 import io
 
 import awkward
-import browser as chromium
 import numpy as np
 import pandas as pd
 import pytest
 
 from tcbench.report.write_report import write_report
 
-SIXTY = [*awkward.FIVE, *awkward.PEERS, *(f"method_{i:02d}" for i in range(53))]
 VIEWS = (
     "", "#scenario=short_term", "#method=tc_strang", "#scenario=cold_spring&method=midpoint_entropy", "#failures",
     "#claims", "#table=stability", "#measured",
 )  # fmt: skip
 READY = "() => document.documentElement.dataset.ready"
-
-
-def write(folder, methods, scenarios=awkward.SCENARIOS, extra=None, **settings):
-    tables = awkward.everything(methods, scenarios, **settings) | (extra or {})
-    return write_report(awkward.write_run(folder / "run", tables, (), awkward.declared(methods, scenarios)))
-
-
-@pytest.fixture(scope="module")
-def full(tmp_path_factory):
-    return write(tmp_path_factory.mktemp("full"), [*awkward.FIVE, *awkward.PEERS])
-
-
-@pytest.fixture(scope="module")
-def sixty(tmp_path_factory):
-    return write(tmp_path_factory.mktemp("sixty"), SIXTY, extra=awkward.ensemble(SIXTY))
-
-
-@pytest.fixture(scope="module")
-def large(tmp_path_factory):
-    """As many methods and scenarios as there are, with names as long, and an ensemble."""
-    methods = [*awkward.FIVE, *awkward.PEERS, *(f"a_method_of_ours_{i:02d}" for i in range(19))]
-    scenarios = ["relative_equilibrium", *awkward.SCENARIOS, "bound_equilibrium", "fast_conduction", "long_term", "gas"]
-    return write(tmp_path_factory.mktemp("large"), methods, scenarios, extra=awkward.ensemble(methods))
-
-
-@pytest.fixture(scope="module")
-def alone(tmp_path_factory):
-    return write(tmp_path_factory.mktemp("alone"), ["tc_monolithic"], ["short_term"])
-
-
-@pytest.fixture(scope="module")
-def failed(tmp_path_factory):
-    return write(tmp_path_factory.mktemp("failed"), awkward.FIVE, failing=lambda name, h: True)
-
-
-@pytest.fixture(scope="module")
-def hostile(tmp_path_factory):
-    return awkward.write_hostile(tmp_path_factory.mktemp("hostile") / "run", write_report)[0]
-
-
-@pytest.fixture(scope="module")
-def browser():
-    yield from chromium.launched()
-
-
-@pytest.fixture
-def visit(browser):
-    """Open a page; afterwards: no console message, no request but for the page itself."""
-    contexts, messages, requests = [], [], []
-
-    def opened(path, place="", width=1400, **settings):
-        context = browser.new_context(viewport={"width": width, "height": 900}, **settings)
-        contexts.append(context)
-        page = context.new_page()
-        page.on("console", lambda message: messages.append(message.text))
-        page.on("pageerror", lambda error: messages.append(str(error)))
-        page.on("dialog", lambda dialog: (messages.append("dialog"), dialog.dismiss()))
-        page.on("request", lambda request: requests.append(request.url))
-        page.goto(path.as_uri() + place)
-        if settings.get("java_script_enabled", True):
-            page.wait_for_function(READY)
-        return page
-
-    yield opened
-    for context in contexts:
-        context.close()
-    assert messages == []
-    assert [url[:100] for url in requests if not url.startswith(("file:", "data:", "blob:"))] == []
-    assert len([url for url in requests if url.startswith("file:")]) == len(contexts)
 
 
 def go(page, place):
@@ -185,7 +114,7 @@ def test_on_a_wide_screen_no_table_of_a_method_is_cut_off(large, visit):
 def test_a_deep_link_opens_its_place_and_tabs_lead_on(full, visit):
     page = visit(full, "#method=tc_strang")
     assert page.locator("h2:visible").first.text_content() == "tc_strang"
-    assert "def step(z0, z1, h, system)" in page.locator("pre").text_content()
+    assert "def step(z0, z1, h, system)" in page.locator("#method-page details:not(.again) pre").text_content()
     page.locator("#tabs a", has_text="Scenarios").click()
     page.locator("#scenario-page h2").wait_for()
     assert page.locator("[aria-current=page]", has_text="Scenarios").count() == 1
@@ -211,7 +140,7 @@ def test_the_fastest_lawful_method_on_a_scenario_is_one_click_away(full, visit):
 
 def test_why_a_run_ends_is_one_click_away(full, visit):
     page = visit(full)
-    page.locator(".matrix .cell.failed[href='#scenario=cold_spring&method=midpoint_temperature']").click()
+    page.locator(".matrix .cell.failed[href^='#scenario=cold_spring&method=midpoint_temperature&']").click()
     told = page.locator(".pair")
     told.wait_for()
     assert "h = 0.3: blew up" in told.inner_text() and "5 of its 12 runs" in told.inner_text()
@@ -225,7 +154,7 @@ def test_the_order_with_its_interval_is_one_click_away(full, visit):
 
 def test_a_lens_recolours_the_cells(full, visit):
     page = visit(full)
-    cell = page.locator(".matrix .cell[href='#scenario=short_term&method=tc_monolithic']")
+    cell = page.locator(".matrix .cell[href^='#scenario=short_term&method=tc_monolithic&']")
     assert cell.text_content() == "best★"
     page.locator("#matrix-controls select").select_option("step")
     assert cell.text_content() == "> 12"
@@ -234,8 +163,8 @@ def test_a_lens_recolours_the_cells(full, visit):
     assert cell.text_content() == "1e-15"
 
 
-def test_lines_answer_to_pointer_click_and_keys(full, visit):
-    page = visit(full)
+def test_lines_answer_to_pointer_click_and_keys(sixty, visit):
+    page = visit(sixty)
     chart = page.locator("#speed svg")
     box = page.locator("#speed g.rest .line").first.bounding_box()
     page.mouse.move(box["x"] + 1, box["y"] + 1)
@@ -280,9 +209,9 @@ def test_the_player_plays(full, visit):
 def test_methods_in_time_are_chosen_by_name(full, visit):
     page = visit(full, "#scenario=short_term")
     names = page.locator(".panels figure").first.locator(".name")
-    assert sorted(names.all_text_contents()) == sorted(awkward.FIVE)
+    assert sorted(names.all_text_contents()) == sorted([*awkward.FIVE, *awkward.PEERS])
     page.locator(".chips button", has_text="tc_strang").click()
-    page.wait_for_function("() => document.querySelectorAll('.panels figure:first-child .name').length === 4")
+    page.wait_for_function("() => document.querySelectorAll('.panels figure:first-child .name').length === 6")
     assert "tc_strang" not in names.all_text_contents()
 
 
@@ -337,7 +266,7 @@ def test_hostile_names_stay_text_in_every_view(hostile, visit):
     page.locator("#tabs a[data-view=method]").click()
     page.locator("#method-page select").first.select_option(awkward.HOSTILE)
     page.locator("#method-page h2", has_text="alert('x')").wait_for()
-    assert "</script>" in page.locator("pre").text_content()
+    assert "</script>" in page.locator("#method-page details:not(.again) pre").text_content()
     assert page.evaluate("document.querySelectorAll('[onerror], [onload], [onclick], main script').length") == 0
 
 
@@ -346,11 +275,11 @@ def test_every_control_is_reached_by_keyboard(full, visit):
     page.keyboard.press("Tab")
     assert page.evaluate("document.activeElement.textContent") == "Skip to the overview"
     reached = set()
-    for _ in range(45):
+    for _ in range(60):
         page.keyboard.press("Tab")
         reached.add(page.evaluate("document.activeElement.tagName.toLowerCase()"))
     assert {"a", "select", "button", "svg"} <= reached
-    page.locator(".matrix th a").first.focus()
+    page.locator(".matrix tbody th a").first.focus()
     page.keyboard.press("ArrowRight")
     here = page.evaluate("document.activeElement.getAttribute('href')")
     assert here.startswith("#scenario=") and page.locator("#tip").is_visible()
@@ -369,7 +298,7 @@ def test_the_page_prints_in_light_colours_without_controls_and_says_what_cells_a
     assert page.locator("#matrix-controls").is_visible() and page.locator(".dot.all").first.is_visible()
     style = "e => { const s = getComputedStyle(e); return [s.appearance, s.borderTopWidth, s.printColorAdjust]; }"
     assert page.locator("#matrix-controls select").evaluate(style)[:2] == ["none", "0px"]
-    for painted in (".matrix .dot", ".matrix .cell", ".matrix .swatch"):  # else paper would show every law as broken
+    for painted in (".matrix .dot", ".matrix .cell", ".matrix .mark"):  # else paper would show every law as broken
         assert page.locator(painted).first.evaluate(style)[2] == "exact", painted
     go(page, "#scenario=stiff_spring")
     assert page.locator(".player button").is_hidden() and page.locator("canvas").first.is_visible()
@@ -380,24 +309,6 @@ def test_without_scripts_the_sentences_and_a_table_are_there(full, visit):
     assert page.locator(".finding:visible").count() == 5
     assert page.locator("noscript table tr, table.simple tr").count() >= 8
     assert not page.locator("#tabs").is_visible()
-
-
-def test_family_colours_are_told_apart_by_the_colour_blind(full, visit):
-    """The least distance of two families' colours, as a deuteranope and a protanope see them (Vienot et al. 1999)."""
-    see = {
-        "deuteranope": np.array([[0.29275, 0.70725, 0.0], [0.29275, 0.70725, 0.0], [-0.02234, 0.02234, 1.0]]),
-        "protanope": np.array([[0.11238, 0.88762, 0.0], [0.11238, 0.88762, 0.0], [0.00401, -0.00401, 1.0]]),
-    }
-    for scheme in ("light", "dark"):
-        page = visit(full, color_scheme=scheme)
-        read = (
-            "[0, 1, 2, 3].map(i => getComputedStyle(document.documentElement).getPropertyValue(`--family-${i}`).trim())"
-        )
-        colours = [[int(c[i : i + 2], 16) / 255 for i in (1, 3, 5)] for c in page.evaluate(read)]
-        for matrix in see.values():
-            seen = [np.clip(matrix @ np.array(c) ** 2.2, 0, 1) ** (1 / 2.2) for c in colours]
-            least = min(np.linalg.norm(a - b) for i, a in enumerate(seen) for b in seen[:i])
-            assert least > 0.12, (scheme, least)
 
 
 def test_a_users_own_system_is_drawn_without_springs(tmp_path, visit):

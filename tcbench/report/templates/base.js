@@ -7,6 +7,7 @@ const fill = (element, attributes, children) => {
   for (const [key, value] of Object.entries(attributes)) {
     if (value === undefined || value === null || value === false) continue;
     if (key.startsWith("on")) element.addEventListener(key.slice(2), value);
+    else if (key === "style") element.style.cssText = value;  // not as an attribute: the page's policy forbids those
     else element.setAttribute(key, value === true ? "" : value);
   }
   element.append(...children.flat().filter((child) => child !== null && child !== undefined && child !== false));
@@ -41,7 +42,21 @@ const unique = (values) => [...new Set(values)];
 const link = (place) => `#${Object.entries(place).map(([k, v]) => `${k}=${encodeURIComponent(v)}`).join("&")}`;
 const method = Object.fromEntries(page.methods.map((m) => [m.name, m]));
 const told = page.declared.integrators, scenes = page.declared.scenarios;
-const colour = (name) => `var(--family-${method[name] ? method[name].family : 4})`;
+// one colour, marker and dash a method: those of the pictures of its run; lightened where the page is dark
+const look = (name) => page.looks[name] || ["#59626d", "o", ""];
+const colour = (name) => `color-mix(in srgb, ${look(name)[0]} var(--keep), var(--lift))`;
+const MARKS = {
+  o: "M-1,0a1,1 0 1,0 2,0a1,1 0 1,0 -2,0z", s: "M-.85,-.85h1.7v1.7h-1.7z", "^": "M0,-1L1,.8H-1z", v: "M0,1L1,-.8H-1z",
+  "<": "M-1,0L.8,-1V1z", ">": "M1,0L-.8,-1V1z", D: "M0,-1.1L1.1,0L0,1.1L-1.1,0z", d: "M0,-1.2L.7,0L0,1.2L-.7,0z",
+  P: "M-.4,-1h.8v.6h.6v.8h-.6v.6h-.8v-.6h-.6v-.8h.6z", X: "M-1,-.5L-.5,-1L0,-.5L.5,-1L1,-.5L.5,0L1,.5L.5,1L0,.5L-.5,1L-1,.5L-.5,0z",
+  p: "M0,-1L.95,-.31L.59,.81H-.59L-.95,-.31z", h: "M0,-1L.87,-.5V.5L0,1L-.87,.5V-.5z",
+  "*": "M0,-1.2L.3,-.4L1.14,-.37L.48,.15L.7,.97L0,.5L-.7,.97L-.48,.15L-1.14,-.37L-.3,-.4z",
+};
+const marker = (name, x, y, size) => shape("path", { class: "marker", d: MARKS[look(name)[1]] || MARKS.o, transform: `translate(${x.toFixed(1)},${y.toFixed(1)}) scale(${size})` });
+const mark = (name) => shape("svg", { class: "mark", width: 13, height: 11, viewBox: "-6.5 -5.5 13 11", "aria-hidden": "true", style: `--own:${colour(name)}` }, marker(name, 0, 0, 4));
+// how a chart is made again from the tables of this folder, or anew
+const again = (...commands) => el("details", { class: "again" }, el("summary", {}, "reproduce this"), el("pre", {}, commands.join("\n")));
+const word = (text) => (/^[\w.,:=+-]+$/.test(text) ? text : `'${String(text).replaceAll("'", "'\\''")}'`);
 const lawful = (m) => m.laws.some((l) => l.of > 0) && m.laws.every((l) => l.kept === l.of);
 const PAPER = page.methods.filter((m) => m.family === 0).map((m) => m.name);
 
@@ -96,7 +111,7 @@ const chips = (title, names, chosen, toggled) => el("div", { class: "chips", rol
       event.currentTarget.setAttribute("aria-pressed", String(chosen.has(name)));
       toggled();
     },
-  }, short(name))));
+  }, mark(name), short(name))));
 
 const tip = $("tip");
 const showTip = (lines, x, y) => {

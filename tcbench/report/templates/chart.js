@@ -15,8 +15,8 @@ const scale = (kind, [low, high], [from, to]) => {
     } });
   }
   const zero = kind === "zerolog", start = zero ? from + 0.07 * (to - from) : from;
-  const floor = zero ? Math.max(low, 1e-18) : low;
-  const [a, b] = [Math.log10(floor), Math.max(Math.log10(high), Math.log10(floor) + 0.5)];
+  const floor = zero ? ROUND_OFF : low;
+  const [a, b] = [Math.log10(floor), Math.max(Math.log10(high), Math.log10(floor) + (zero ? 3 : 0.5))];
   const at = (v) => (zero && v < floor ? from : start + ((Math.log10(v) - a) / (b - a)) * (to - start));
   return Object.assign(at, { kind, ticks: (count) => {
     const every = Math.max(1, Math.ceil((b - a) / count)), found = zero ? [[0, "0"]] : [];
@@ -28,6 +28,8 @@ const scale = (kind, [low, high], [from, to]) => {
     return found;
   } });
 };
+// relative errors below it are round-off, over any number of steps: one place on an axis, in a grey band
+const ROUND_OFF = 1e-12;
 const padded = (kind, [low, high]) => (kind === "linear" ? [low - 0.04 * (high - low), high + 0.04 * (high - low)] : [low / 1.4, high * 1.4]);
 
 // axes and grid; x, y: {kind, domain, label}
@@ -40,6 +42,8 @@ const frame = (width, height, { x, y, title, margin = {} }) => {
     svg.append(shape("line", { class: "grid", x1: X(v), x2: X(v), y1: top, y2: height - bottom }),
       shape("text", { x: X(v), y: height - bottom + 14, "text-anchor": "middle" }, x.text ? x.text(v) : text));
   }
+  const foot = Y && y.errors && (y.kind === "zerolog" || y.domain[0] < ROUND_OFF) ? Y(ROUND_OFF) : null;
+  if (foot !== null) svg.append(shape("rect", { class: "round-off", x: left, width: Math.max(0, width - right - left), y: foot, height: Math.max(0, height - bottom - foot) }));
   for (const [v, text] of Y ? Y.ticks(Math.max(2, Math.floor(height / 42))) : []) {
     svg.append(shape("line", { class: "grid", x1: left, x2: width - right, y1: Y(v), y2: Y(v) }),
       shape("text", { x: left - 6, y: Y(v) + 4, "text-anchor": "end" }, text));
@@ -79,33 +83,28 @@ const placeNames = (f, names, beside) => {
     if (beside || Math.hypot(box.x - box.x0, box.y - 4 - box.y0) > 16) {
       f.svg.append(shape("line", { class: "lead", x1: box.x0, y1: box.y0, x2: box.x, y2: box.y - 4 }));
     }
-    f.svg.append(shape("text", { class: "name", x: box.x, y: box.y, style: `fill:${box.colour}` }, box.text));
+    f.svg.append(shape("text", { class: "name", x: box.x, y: box.y, style: `fill:color-mix(in srgb, ${box.colour} 72%, var(--text))` }, box.text));
   }
 };
-
-// lines of one family have its colour; where several are in front their dashes differ, and every other one is nearer to ink
-const DASHES = ["", "7 3", "2 2", "9 3 2 3", "4 2", "1 3"];
 
 // series: {name, points: [{x, y, low, high, tell}], crosses: [{x, tell}], fore, dots}; low and high: a band; toggled(name) when one is chosen;
 // beside: the names stand in the right margin
 const lines = (width, height, { series, toggled, beside, ...axes }) => {
   const f = frame(width, height, axes), { svg, X, Y } = f;
-  const targets = [], drawnOf = new Map(), front = new Map();
-  for (const one of series.filter((s) => s.fore)) {
-    const key = one.colour || colour(one.name), before = front.get(key) || 0;
-    one.dash = DASHES[before % DASHES.length];
-    one.own = before % 2 ? `color-mix(in srgb, ${key} 50%, var(--text))` : key;
-    front.set(key, before + 1);
-  }
+  const targets = [], drawnOf = new Map();
   for (const one of [...series].sort((a, b) => !!a.fore - !!b.fore)) {
-    const group = shape("g", { class: one.fore ? "fore" : "rest", style: `--own:${(one.fore && one.own) || one.colour || colour(one.name)}` });
+    const group = shape("g", { class: one.fore ? "fore" : "rest", style: `--own:${one.colour || colour(one.name)}` });
     const place = (p) => ({ ...p, name: one.name, px: X(p.x), py: Y(p.y) });
     const banded = one.fore ? one.points.filter((p) => known(p.low) && known(p.high)) : [];
     if (banded.length > 1) {
       const back = [...banded].reverse().map((p) => ({ x: p.x, y: p.low }));
       group.append(shape("path", { class: "band", d: `${path([...banded.map((p) => ({ x: p.x, y: p.high })), ...back], X, Y)}Z` }));
     }
-    group.append(shape("path", { class: "line", d: path(one.points, X, Y), "stroke-dasharray": one.dash || false }));
+    group.append(shape("path", { class: "line", d: path(one.points, X, Y), "stroke-dasharray": (one.fore && !one.colour && look(one.name)[2]) || false }));
+    if (one.fore && !one.colour && !one.dots) {
+      const there = one.points.filter((p) => known(p.x) && known(p.y)), every = Math.max(1, Math.ceil(there.length / 9));
+      for (let i = there.length > 12 ? every >> 1 : 0; i < there.length; i += every) group.append(marker(one.name, X(there[i].x), Y(there[i].y), 3.4));
+    }
     for (const p of one.points) {
       if (!known(p.x) || !known(p.y)) continue;
       targets.push(place(p));
@@ -121,7 +120,7 @@ const lines = (width, height, { series, toggled, beside, ...axes }) => {
   }
   placeNames(f, series.filter((s) => s.fore).flatMap((s) => {
     const last = s.points.findLast((p) => known(p.x) && known(p.y));
-    return last ? [{ text: short(s.name, 24), x: X(last.x), y: Y(last.y), colour: s.own || s.colour || colour(s.name) }] : [];
+    return last ? [{ text: short(s.name, 24), x: X(last.x), y: Y(last.y), colour: s.colour || colour(s.name) }] : [];
   }), beside);
   answer(svg, targets, drawnOf, toggled);
   return svg;

@@ -62,7 +62,7 @@ const orderChart = (m, points, fit, width) => {
     series.push({ name: `order ${number(fit.order)}`, colour: "var(--soft)", fore: true, points: [at(fit.dt_max), at(fit.dt_min)] });
   }
   return lines(width, 280, { series, x: { kind: "log", domain: padded("log", extent(points.map((r) => r.dt))), label: "step size h", text: number },
-    y: { kind: "log", domain: padded("log", extent(points.map((r) => r.error))), label: "error (filled: in the fit)" }, title: "Error against step size" });
+    y: { kind: "log", errors: true, domain: padded("log", extent(points.map((r) => r.error))), label: "error (filled: in the fit)" }, title: "Error against step size" });
 };
 
 const stable = async (m) => {
@@ -88,7 +88,7 @@ const speedOf = async (m) => {
     const all = rows(work, { scenario: inMethod.speed }), error = errorsIn(all)[0] || "error";
     root.replaceChildren(el("div", { class: "tools" }, select("scenario", where.map((s) => [s, s]), inMethod.speed, (s) => { inMethod.speed = s; draw(); })),
       el("div", { class: "two" }, place, simple(["scenario", "to 10⁻³", "to 10⁻⁶", "to 10⁻⁹"], lines_)));
-    const fore = new Set([m.name, ...leaders(speedSeries(all, error))]);
+    const fore = leaders(inMethod.speed).add(m.name);
     drawn(place, (width) => place.replaceChildren(speedChart(all, error, width, 300, fore, (name) => { location.hash = link({ method: name }); })));
   };
   draw();
@@ -111,7 +111,7 @@ const methods = async (place) => {
   const it = told[m.name], part = (title, content) => content && el("section", {}, el("h3", {}, title), content);
   root.replaceChildren(
     el("div", { class: "choose" }, select("Method", page.methods.map((x) => [x.name, x.name]), m.name, (name) => { location.hash = link({ method: name }); })),
-    el("h2", { style: `--own:${colour(m.name)}` }, short(m.name, 80)),
+    el("h2", { class: "own", style: `--own:${colour(m.name)}` }, mark(m.name), short(m.name, 80)),
     el("p", { class: "soft" }, [page.families[m.family], it?.source && short(it.source, 200), it && { flows: it.tags?.includes("explicit") ? "explicit" : "implicit, tcbench's Newton", step: "a step of its own", adaptive: "chooses its steps" }[it.kind], it?.order && `declared order ${it.order}`].filter(Boolean).join(" · ")),
     el("div", { class: "two" }, el("section", {}, it ? [el("p", { class: "told" }, it.description.replace(/([^\n])\n(?!\n)/g, "$1 ")), it.formula ? el("details", { open: true }, el("summary", {}, "Its formula, as its author wrote it"), el("pre", { tabindex: 0 }, it.formula)) : ""] : empty("This folder does not say what the method is: run its command again with this version of tcbench.")),
       part("Claimed and measured", m.laws.length ? await measured(m) : empty("This run measured no laws.")) || ""));

@@ -27,11 +27,11 @@ const stepTip = (m) => (!m.step || !m.step.of ? "not studied: no fixed step" : m
   ? `least of the largest stable steps, on ${m.step.where}; a limit on ${m.step.limited} of ${m.step.of} scenarios`
   : `no limit found on ${m.step.of} scenarios`);
 
-const cellText = (kind, value, best, stopped) => {
+const cellText = (kind, value, best, stopped, digits = 2) => {
   if (value === null) return stopped ? "…" : "–";
-  if (kind === "time") return value === best ? "best" : number(value / best, value / best < 10 ? 2 : 3);
-  if (kind === "step" && Array.isArray(value)) return `> ${number(value[1], 2)}`;
-  return number(value, 2);
+  if (kind === "time") return value === best ? (digits < 2 ? "1" : "best") : number(value / best, value / best < 10 ? 2 : digits + 1);
+  if (kind === "step" && Array.isArray(value)) return `> ${number(value[1], digits)}`;
+  return number(value, digits);
 };
 // how strongly a cell is tinted, 1 for the best: better is stronger, and never between where no text could be read
 const strength = (kind, value, best) => {
@@ -64,33 +64,32 @@ const matrix = () => {
   const ordered = [...page.methods].sort(by);
   const head = el("tr", {}, el("th", { scope: "col" }, "method"), el("th", { scope: "col", title: (page.methods[0]?.laws || []).map((l) => words(l.law)).join(", ") }, "laws"),
     el("th", { scope: "col", title: "lowest fitted order" }, "order"), el("th", { scope: "col", title: "least of the largest stable steps" }, "h stable"),
-    page.scenarios.map((s) => el("th", { scope: "col", "aria-sort": view.sorted === s ? "ascending" : "none" },
-      el("button", { type: "button", title: `${s}: sort by it`, onclick: () => { view.sorted = view.sorted === s ? null : s; drawMatrix(); } },
-        ...broken(short(s, 34)), view.sorted === s ? " ↓" : ""))));
+    page.scenarios.map((s) => el("th", { scope: "col", class: "one", "aria-sort": view.sorted === s ? "ascending" : "none" },
+      el("a", { href: link({ scenario: s }), title: `${s}: its answers` }, ...broken(short(s, 34))), " ",
+      el("button", { type: "button", title: `${s}: sort by it`, "aria-label": `sort by ${s}`, onclick: () => { view.sorted = view.sorted === s ? null : s; drawMatrix(); } },
+        view.sorted === s ? "▾" : "▿"))));
   const body = [];
   let family = null;
   for (const m of ordered) {
     if (!view.sorted && m.family !== family) {
       family = m.family;
-      body.push(el("tr", { class: "family" }, el("th", { colspan: 4 + page.scenarios.length, scope: "colgroup" },
-        el("span", { class: "swatch", style: `background:${colour(m.name)}` }), page.families[family])));
+      body.push(el("tr", { class: "family" }, el("th", { colspan: 4 + page.scenarios.length, scope: "colgroup" }, page.families[family])));
     }
     body.push(el("tr", {},
-      el("th", { scope: "row" }, view.sorted ? el("span", { class: "swatch", style: `background:${colour(m.name)}` }) : null,
-        el("a", { href: link({ method: m.name }), title: m.name }, short(m.name, 26))),
+      el("th", { scope: "row" }, mark(m.name), el("a", { href: link({ method: m.name }), title: m.name }, short(m.name, 26))),
       el("td", {}, dots(m)), el("td", { title: orderTip(m) }, orderText(m)), el("td", { title: stepTip(m) }, stepText(m)),
       page.scenarios.map((s) => {
         const v = value(m.name, s), failed = page.failures[m.name]?.[s], tint = v === undefined ? 0 : strength(kind, v, best[s]);
-        if (v === undefined && !failed) return el("td", {});
+        if (v === undefined && !failed) return el("td", { class: "one" });
         const first = star[s] === m.name;
-        const cell = el("a", { href: link({ scenario: s, method: m.name }), tabindex: -1, class: `cell${failed ? " failed" : ""}${tint === 1 ? " strong" : ""}`,
-          style: `--tint:${Math.round(100 * tint)}%` }, v === undefined ? " " : cellText(kind, v, best[s], stopped(m.name, s)), first ? "★" : "");
-        return el("td", {}, tipped(cell, () => [`${m.name} on ${s}`, ...cellTip(kind, v, best[s], stopped(m.name, s)),
+        const cell = el("a", { href: link({ scenario: s, method: m.name, lens: view.lens }), tabindex: -1, class: `cell${failed ? " failed" : ""}${tint === 1 ? " strong" : ""}`,
+          style: `--tint:${Math.round(100 * tint)}%` }, v === undefined ? " " : cellText(kind, v, best[s], stopped(m.name, s), tight() ? 1 : 2), first ? "★" : "");
+        return el("td", { class: "one" }, tipped(cell, () => [`${m.name} on ${s}`, ...cellTip(kind, v, best[s], stopped(m.name, s)),
           ...(first ? ["★ first of the methods that kept every law in every run"] : []),
           ...(failed ? [`${failed[0]} of ${failed[1]} runs failed. ${failed[2]}`] : [])]));
       })));
   }
-  return el("table", { class: "matrix" }, el("thead", {}, head), el("tbody", {}, body));
+  return el("table", { class: page.scenarios.length > MANY ? "matrix many" : "matrix", style: `--scenarios:${page.scenarios.length}` }, el("thead", {}, head), el("tbody", {}, body));
 };
 const cellTip = (kind, v, best, stopped) => {
   if (v === undefined) return ["not measured through this lens"];
@@ -101,9 +100,12 @@ const cellTip = (kind, v, best, stopped) => {
   if (kind === "step") return [Array.isArray(v) ? `no limit found up to h = ${number(v[1])}` : `stable up to h = ${number(v)}`];
   return [kind === "small" ? `|E − E₀| / V₀ up to ${number(v)}` : `${number(v)} µs a step`];
 };
+const narrow = matchMedia("(max-width: 620px)"), MANY = 9;  // scenarios, above which headings stand upright
+const tight = () => narrow.matches || page.scenarios.length > MANY;
+narrow.addEventListener("change", () => drawMatrix());
 const drawMatrix = () => {
   $("matrix").replaceChildren(matrix());
-  $("matrix-note").textContent = view.lens?.startsWith("time") ? "★ first that keeps every law. – not reached, … stopped early. " : "";
+  $("matrix-note").textContent = { time: "★ first that keeps every law; – not reached; … stopped early", wrong: "– the run failed; stronger is less wrong", small: "– the run failed; stronger is less lost", step: "> no limit up to there; – none found", cost: "stronger is cheaper" }[LENSES[view.lens]?.[1]] || "";
 };
 // arrow keys move among the links of a row and between rows
 const walk = (event) => {
@@ -125,17 +127,6 @@ const walk = (event) => {
 // the errors that runs of a scenario have: of the state, of each variable, and of what is conserved
 const errorsIn = (all) => ["error", ...unique(all.flatMap(Object.keys)).filter((c) => /^error_(?!entropy_produced)/.test(c)), "energy_error_max", "angular_momentum_error_max"]
   .filter((c) => all.some((r) => known(r[c]) && (r[c] > 0 || c.endsWith("_max"))));
-// the first of each family to the smallest error that it reaches
-const leaders = (series) => {
-  const found = new Set();
-  for (const [, mine] of grouped(series, "family")) {
-    for (const target of [1e-9, 1e-6, 1e-3, Infinity]) {
-      const times = mine.map((s) => [s.name, Math.min(...s.points.filter((p) => p.y <= target).map((p) => p.x))]).filter(([, t]) => known(t));
-      if (times.length) { found.add(times.sort((a, b) => a[1] - b[1])[0][0]); break; }
-    }
-  }
-  return found;
-};
 const speedSeries = (all, error) => [...grouped(all, "integrator")].map(([name, mine]) => {
   const control = (r) => `${r.control === "dt" ? "h" : "rtol"} = ${number(r.value)}`;
   const zero = error.endsWith("_error_max");
@@ -146,13 +137,14 @@ const speedSeries = (all, error) => [...grouped(all, "integrator")].map(([name, 
     failed: mine.filter((r) => r.status !== "ok").map((r) => ({ r, tell: () => [`${control(r)} failed: ${r.failure || r.status}`] })),
   };
 });
+const leaders = (scenario) => new Set(page.leaders[scenario] || page.methods.map((m) => m.name));
 const speedChart = (all, error, width, height, fore, toggled) => {
   const series = speedSeries(all, error), points = series.flatMap((s) => s.points);
   if (!points.length) return empty("No completed run has an error here.");
   const zero = error.endsWith("_error_max"), positive = points.map((p) => p.y).filter((y) => y > 0);
   const x = { kind: "log", domain: padded("log", extent(points.map((p) => p.x))), label: "wall time ← better", text: seconds };
-  const y = { kind: zero ? "zerolog" : "log", domain: padded("log", positive.length ? extent(positive) : [1e-17, 1]), label: `${label(error)} ↓ better` };
-  const shown = fore || leaders(series);
+  const y = { errors: true, kind: zero ? "zerolog" : "log", domain: padded("log", positive.length ? extent(positive) : [1e-17, 1]), label: `${label(error)} ↓ better` };
+  const shown = fore || leaders(all[0].scenario);
   for (const s of series) {  // a failed run has no time: its cross stands above the first time of its method
     const first = Math.min(...s.points.map((p) => p.x));
     s.fore = shown.has(s.name);
@@ -184,7 +176,8 @@ const drawSpeed = async () => {
     }),
     view.speed === "profile" ? "" : select("error of", errors.map((e) => [e, words(e === "error" ? "the state" : label(e))]), view.error, (e) => { view.error = e; drawSpeed(); }));
   if (view.speed === "profile") { await drawProfile(place); return; }
-  drawn(place, (width) => place.replaceChildren(speedChart(all, view.error, width, width < 500 ? 300 : 272, view.fore, toggle)));
+  drawn(place, (width) => place.replaceChildren(speedChart(all, view.error, width, width < 500 ? 300 : 262, view.fore, toggle)));
+  $("speed-again").replaceChildren(again(`tcbench run -s ${word(view.scenario)} --study work_precision -o mine`, `tcbench plot work-precision mine -s ${word(view.scenario)} -o speed.svg`));
 };
 
 // of runs from random starts: the share that a method brings to the target within tau times the best time
@@ -252,6 +245,7 @@ const drawSteps = async () => {
   const choices = [...(stability ? [["steps", "the scenarios"]] : []), ...(shares ? [["shares", "an ensemble of random starts"]] : [])];
   controls.replaceChildren(choices.length > 1 ? select("On", choices, view.wide, (v) => { view.wide = v; drawSteps(); }) : "",
     view.wide === "steps" ? "A bar ends where the first scenario fails; × each that fails; | where plain Newton does." : "Of runs from random starts, with 95 % bands.");
+  $("steps-again").replaceChildren(again(`tcbench run --study ${view.wide === "steps" ? "stability" : "ensemble"} -o mine`, `tcbench plot ${view.wide === "steps" ? "stable-step" : "failure-share"} mine -o steps.svg`));
   const all = view.wide === "steps" ? rows(stability) : firstEnsemble(rows(shares)).filter((r) => known(r.dt));
   drawn(place, (width) => place.replaceChildren(view.wide === "steps" ? stepBars(all, width) : shareChart(all, width)));
 };

@@ -51,7 +51,7 @@ const losses = (name, runs, place) => {
     ...(scenes[name]?.links?.length ? [] : variablesOf(runs[0].states).slice(0, MOST_LINES)).map((c) => ["", c, "linear"])];
   const shown = new Set([...chosenIn.methods].filter((m) => runs.some((r) => r.name === m)));
   const all = [...shown].map((m) => runs.find((r) => r.name === m));
-  place.replaceChildren(el("div", { class: "tools" }, select("Loss of", there.map((c) => [c, label(c)]), chosenIn.loss, (c) => { chosenIn.loss = c; losses(name, runs, place); })),
+  place.replaceChildren(el("div", { class: "tools" }, select("Loss of", there.map((c) => [c, label(c)]), chosenIn.loss, (c) => { chosenIn.loss = c; losses(name, runs, place); }), again(`tcbench run -s ${word(name)} --study conservation -o mine`, `tcbench plot laws mine -s ${word(name)} -o laws.svg`)),
     el("div", { class: "panels" }, panels.map(([what, column, kind]) => {
       const holder = el("figure", {}, el("figcaption", {}, label(column))), chart = el("div", {});
       holder.append(chart);
@@ -72,36 +72,114 @@ const timeChart = (runs, column, kind, width) => {
   const ys = series.flatMap((s) => s.points.map((p) => p.y)).filter(known);
   if (!ys.length) return empty("Choose a method above.");
   const positive = ys.filter((y) => y > 0);
-  const domain = kind === "zerolog" ? [Math.max(1e-17, Math.min(...positive, 1e-15)), Math.max(...positive, 1e-14) * 2] : padded("linear", extent(ys));
+  const domain = kind === "zerolog" ? [ROUND_OFF, Math.max(...positive, ROUND_OFF) * 2] : padded("linear", extent(ys));
   return lines(width, 250, { series, x: { kind: "linear", domain: extent(series.flatMap((s) => s.points.map((p) => p.x))), label: "time t" },
-    y: { kind, domain, label: "" }, beside: width > 340, margin: { right: width > 340 ? 24 + 6.4 * Math.max(...series.map((s) => short(s.name, 24).length)) : 14, left: 56 }, title: `${label(column)} in time` });
+    y: { kind, domain, errors: kind === "zerolog", label: "" }, beside: width > 340, margin: { right: width > 340 ? 24 + 6.4 * Math.max(...series.map((s) => short(s.name, 24).length)) : 14, left: 56 }, title: `${label(column)} in time` });
 };
 
 // one method on one scenario: every run on its ladders, its order, its step
-const together = async (name, scenario) => {
+const together = async (name, scenario, lens, every) => {
   const where = { integrator: name, scenario };
   const [ladder, work, steps, fits] = [rows(await table("conservation"), where), rows(await table("work_precision"), where), rows(await table("stability"), where), rows(await table("convergence"), where)];
   const bad = [...ladder.map((r) => ({ ...r, at: known(r.dt) ? `h = ${number(r.dt)}` : `tolerance ${number(r.tolerance)}` })), ...work.map((r) => ({ ...r, at: `${r.control === "dt" ? "h" : "rtol"} = ${number(r.value)}` }))].filter((r) => r.status && r.status !== "ok");
   const whole = fits.find((r) => r.variable === "all") || fits[0], step = steps[0];
-  const parts = [];
+  const parts = numberOf(lens, name, scenario);
   if (whole) parts.push(`Order ${orderWith(whole)}.`);
   if (step?.limit) parts.push(step.limit === "none" ? `No limit of its step found up to h = ${number(step.dt_cap)}.` : `Stable up to h = ${number(step.dt_stable)}; then ${step.limit}: ${LIMITS[step.limit] || ""}${step.cause ? ` (${words(step.cause)})` : ""}.`);
   const runs = ladder.length + work.length;
   parts.push(!runs ? "" : bad.length ? `${bad.length} of its ${runs} runs on the ladders of steps and tolerances failed:` : `All of its ${runs} runs on the ladders of steps and tolerances reached their end.`);
   const once = unique(bad.map((r) => `${r.at}: ${r.failure || r.status}`));
   return el("section", { class: "pair", style: `--own:${colour(name)}`, "aria-label": `${name} on ${scenario}` },
-    el("h3", {}, el("a", { href: link({ method: name }) }, name), ` on ${scenario}`), parts.filter(Boolean).map((p) => el("p", {}, p)),
-    once.length ? el("ul", {}, once.slice(0, 12).map((t) => el("li", {}, short(t, 500)))) : "", once.length > 12 ? el("p", { class: "soft" }, `and ${once.length - 12} more in the table below`) : "");
+    el("h3", {}, mark(name), el("a", { href: link({ method: name }) }, name), ` on ${scenario}`), parts.filter(Boolean).map((p) => el("p", {}, p)),
+    once.length ? el("ul", {}, once.slice(0, 12).map((t) => el("li", {}, short(t, 500)))) : "", once.length > 12 ? el("p", { class: "soft" }, `and ${once.length - 12} more in the table below`) : "", runBehind(lens, name, scenario, every));
 };
 const LIMITS = { physical: "the solution is there, but energy, temperature or entropy leaves its bounds", branch: "the step's solution ends", solver: "a solution exists and Newton does not find it" };
 const orderWith = (fit) => (known(fit.order) ? `${fit.order.toFixed(2)} (${fit.order_low.toFixed(3)} to ${fit.order_high.toFixed(3)}), declared ${fit.declared ?? "none"}` : `undetermined${fit.note ? `: ${fit.note}` : ""}`);
+
+// what a scenario answers: the sentences, every method ranked, speed against accuracy
+const answered = (name) => el("p", { class: "answers" }, (page.answers[name] || []).flatMap(([title, lead, text], i) => [i ? ". " : "", `${title}: `, el("strong", {}, lead), `, ${text}`]), page.answers[name]?.length ? "." : "");
+const DEFINED = {
+  laws: "runs on the ladder of steps that ended with every law of the system kept, of all its runs", stable: "the largest step up to which every step of the ladder ran through; > none found up to there",
+  failed: "runs on the ladders of steps and tolerances that did not reach the end, of all", time: "the least wall time in which the error of the state at the end is that small, on a straight line between two rungs; – not reached, … stopped early",
+  theta: "largest error of the temperatures at the end, relative; of methods with a fixed step", produced: "error of the entropy produced over the run, relative", state: "error of the state at the end, relative to its size",
+};
+const ranking = (name, wanted, work) => {
+  const steps = unique(work.filter((r) => r.control === "dt").map((r) => r.value)).sort((a, b) => b - a), root = el("div", {});
+  chosenIn.step = steps.find((h) => chosenIn.step && Math.abs(h / chosenIn.step - 1) < 0.2) || steps[0];
+  const cells = (key) => page.lenses.find((l) => l.key === key)?.cells || {};
+  const percent = (v) => (v < ROUND_OFF ? "0" : `${number(100 * v, 2)} %`), plain = (v) => v;
+  const draw = () => {
+    const at = Object.fromEntries(work.filter((r) => r.control === "dt" && Math.abs(r.value / chosenIn.step - 1) < 1e-6).map((r) => [r.integrator, r]));
+    const h = `h = ${number(chosenIn.step)}`, wrong = (column) => (m) => (at[m] ? (at[m].status === "ok" ? at[m][column] ?? undefined : null) : undefined);
+    const timed = (key) => (m) => cells(key)[m]?.[name], share = (m) => page.kept[name]?.[m];
+    const columns = [
+      ["laws", "laws kept", DEFINED.laws, (m) => (share(m) ? 1 - share(m)[0] / share(m)[1] : undefined), (v, m) => `${share(m)[0]} of ${share(m)[1]}`],
+      ...["0.001", "1e-06", "1e-09"].map((t) => [`time ${t}`, `to ${power(Math.round(Math.log10(+t)))}`, DEFINED.time, timed(`time ${t}`), seconds]),
+      ["theta", `temperatures at ${h}`, DEFINED.theta, wrong("error_theta"), percent], ["produced", `entropy made at ${h}`, DEFINED.produced, wrong("error_entropy_produced"), percent],
+      ["state", `state at ${h}`, DEFINED.state, wrong("error"), percent],
+      ["stable", "stable up to h", DEFINED.stable, (m) => { const v = cells("step")[m]?.[name]; return Array.isArray(v) ? -1e9 : known(v) ? -v : v; }, (v) => (v === -1e9 ? `> ${number(cells("step")[Object.keys(cells("step")).find((m) => Array.isArray(cells("step")[m][name]))][name][1], 2)}` : number(-v, 2))],
+      ["failed", "failed", DEFINED.failed, (m) => page.failures[m]?.[name]?.[0] || 0, plain],
+    ].filter(([key, , , get]) => page.methods.some((m) => known(get(m.name))) && (key !== "failed" || page.methods.some((m) => get(m.name) > 0)));
+    const there = page.methods.filter((m) => columns.some(([key, , , get]) => key !== "failed" && get(m.name) !== undefined));
+    if (!columns.some(([key]) => key === chosenIn.rank)) chosenIn.rank = ["time 1e-06", "time 0.001", "theta", "state", "laws"].find((k) => columns.some(([key]) => key === k)) || columns[0]?.[0];
+    const sorting = columns.find(([key]) => key === chosenIn.rank), tie = columns.find(([key]) => key === "theta" || key === "state");
+    const size = (column, m) => { const v = column?.[3](m); return v === undefined ? Infinity : v === null ? 1e300 : v; };
+    there.sort((a, b) => size(sorting, a.name) - size(sorting, b.name) || size(tie, a.name) - size(tie, b.name) || (a.name < b.name ? -1 : 1));
+    const best = Object.fromEntries(columns.map((c) => [c[0], Math.min(...there.map((m) => c[3](m.name)).filter(known))]));
+    root.replaceChildren(
+      el("div", { class: "tools" }, steps.length ? select("errors at step", steps.map((s) => [String(s), number(s)]), String(chosenIn.step), (v) => { chosenIn.step = +v; draw(); }) : "",
+        el("span", { class: "soft" }, "– not reached or failed; … stopped early; blank: not measured. A heading sorts."),
+        again(`tcbench run -s ${word(name)} -o mine`, "tcbench report mine")),
+      el("div", { class: "scroll ranking", tabindex: 0 }, el("table", { class: "simple rank" },
+        el("thead", {}, el("tr", {}, el("th", { scope: "col" }, "method"), columns.map(([key, title, means]) => el("th", { scope: "col", title: means, "aria-sort": key === chosenIn.rank ? "ascending" : "none" },
+          el("button", { type: "button", onclick: () => { chosenIn.rank = key; draw(); } }, title, key === chosenIn.rank ? " ▾" : ""))))),
+        el("tbody", {}, there.map(({ name: m }) => el("tr", { class: m === wanted ? "wanted" : false },
+          el("th", { scope: "row" }, mark(m), el("a", { href: link({ scenario: name, method: m }) }, short(m, 26))),
+          columns.map(([key, , , get, say]) => {
+            const v = get(m), early = key.startsWith("time") && page.stopped[m]?.[name];
+            return el("td", { class: v === best[key] && !["failed", "laws"].includes(key) ? "best" : false }, v === undefined ? "" : v === null ? (early ? "…" : "–") : say(v, m));
+          })))))));
+  };
+  draw();
+  return root;
+};
+const speedHere = (name, wanted, work) => {
+  const errors = errorsIn(work), place = el("div", { class: "chart" }), root = el("div", {});
+  const draw = () => {
+    if (!errors.includes(chosenIn.error)) chosenIn.error = errors[0] || "error";
+    const front = chosenIn.front ||= leaders(name);
+    if (wanted) front.add(wanted);
+    root.replaceChildren(el("div", { class: "tools" }, select("error of", errors.map((e) => [e, words(e === "error" ? "the state" : label(e))]), chosenIn.error, (e) => { chosenIn.error = e; draw(); }),
+      again(`tcbench run -s ${word(name)} --study work_precision -o mine`, `tcbench plot work-precision mine -s ${word(name)} -o speed.svg`)), place);
+    drawn(place, (width) => place.replaceChildren(speedChart(work, chosenIn.error, width, width < 500 ? 320 : 400, front, (m) => { front[front.has(m) ? "delete" : "add"](m); draw(); })));
+  };
+  chosenIn.front = null;
+  draw();
+  return root;
+};
+// what a cell of the overview said, and the run behind it
+const numberOf = (key, name, scenario) => {
+  const lens = page.lenses.find((l) => l.key === key), v = lens?.cells[name]?.[scenario];
+  if (v === undefined) return [];
+  const kind = LENSES[key][1], all = Object.values(lens.cells).map((of) => of[scenario]).filter(known);
+  return [`${LENSES[key][0][0].toUpperCase()}${LENSES[key][0].slice(1)}: ${cellTip(kind, v, all.length ? Math.min(...all) : null, kind === "time" && page.stopped[name]?.[scenario]).join("; ")}.`];
+};
+const runBehind = (key, name, scenario, work) => {
+  const mine = work.filter((r) => r.integrator === name), fixed = mine.filter((r) => r.control === "dt");
+  const target = key?.startsWith("time") ? +key.split(" ").at(-1) : null, column = key?.includes("energy") ? "energy_error_max" : "error";
+  const rung = target ? mine.filter((r) => r.status === "ok" && r[column] <= target).sort((a, b) => a.wall_time_min_s - b.wall_time_min_s)[0]
+    : ["coarse", "produced"].includes(key) ? fixed.sort((a, b) => b.value - a.value)[0] : null;
+  const dt = scenes[scenario]?.dt, control = rung ? (rung.control === "dt" ? ` --dt ${+rung.value.toPrecision(6)}` : ` --tolerance ${rung.value}`) : fixed.length && dt ? ` --dt ${dt}` : "";
+  return again(`tcbench simulate ${word(name)} ${word(scenario)}${control}`);
+};
 
 const scenarios = async (place) => {
   const root = $("scenario-page"), name = page.scenarios.includes(place.scenario) ? place.scenario : page.scenarios.find((s) => s === "stiff_spring") || page.scenarios[0];
   if (!name) { root.replaceChildren(empty("This run has no scenario.")); return; }
   const order = (r) => `${method[r.name]?.family ?? 4}${r.name}`;
   const runs = (await runsOf(name)).sort((a, b) => (order(a) < order(b) ? -1 : 1)), names = runs.map((r) => r.name);
-  chosenIn.methods ||= new Set(PAPER.length ? PAPER : names.slice(0, 5));
+  const work = rows(await table("work_precision"), { scenario: name });
+  if (chosenIn.of !== name) [chosenIn.of, chosenIn.methods] = [name, leaders(name)];
   if (place.method) chosenIn.methods.add(place.method);
   if (!names.some((n) => chosenIn.methods.has(n))) names.slice(0, 5).forEach((n) => chosenIn.methods.add(n));
   const stage = el("div", {}), charts = el("div", {});
@@ -110,13 +188,15 @@ const scenarios = async (place) => {
     const pick = (which, now) => select(right ? which : "method", names.map((n) => [n, n]), now, (n) => { chosenIn[which] = n; chosenIn[which === "left" ? "right" : "left"] = which === "left" ? right : left; perform(); });
     const both = [left, right].filter(Boolean).map((n) => runs.find((r) => r.name === n));
     const spans = [["opening", `the first ${both[0].opening?.length - 1} steps`], ["whole", "the whole run, thinned"]];
-    stage.replaceChildren(el("div", { class: "tools" }, pick("left", left), right ? pick("right", right) : "",
+    stage.replaceChildren(el("div", { class: "tools" }, pick("left", left), right ? pick("right", right) : "", again(`tcbench animate ${[left, right].filter(Boolean).map(word).join(" ")} ${word(name)} -o runs.gif`),
       both.some((r) => r.opening) ? select("show", spans, chosenIn.span, (v) => { chosenIn.span = v; perform(left); }) : ""),
     player(both.map(shownOf), scenes[name] || {}));
   };
   root.replaceChildren(
     el("nav", { class: "choose", "aria-label": "scenarios", hidden: page.scenarios.length < 2 }, page.scenarios.map((s) => el("a", { href: link({ scenario: s }), "aria-current": s === name ? "page" : false }, short(s)))),
-    el("h2", {}, short(name, 80)), place.method ? await together(place.method, name) : "",
+    el("h2", {}, short(name, 80)), answered(name), place.method ? await together(place.method, name, place.lens, work) : "",
+    el("div", { class: work.length ? "two answering" : "answering" }, el("section", {}, el("h3", {}, "Every method on it"), ranking(name, place.method, work)),
+      work.length ? el("section", {}, el("h3", {}, "Speed against accuracy"), speedHere(name, place.method, work)) : ""),
     el("div", { class: "two" }, el("section", {}, el("h3", {}, "What it is"), about(name)),
       el("section", {}, el("h3", {}, "What happens, at its own step"), runs.length ? stage : empty("This run keeps no time series of this scenario."))),
     runs.length ? el("section", {}, el("h3", {}, "In time"), chips("methods in the charts", names, chosenIn.methods, () => losses(name, runs, charts)), charts) : "",

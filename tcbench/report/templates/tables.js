@@ -70,7 +70,7 @@ const failuresView = async () => {
   const total = ladders.reduce((n, f) => n + f.failed, 0);
   root.replaceChildren(el("h2", {}, "Where methods fail"), el("p", {}, `${total} runs and measurements failed, in ${ladders.length} pairs of method and scenario. A failure is a result: each sentence says at which step and why, here of the smallest step that failed.`),
     simple(["method", "scenario", "failed", "what happened"], ladders.sort((a, b) => (method[a.m]?.family ?? 4) - (method[b.m]?.family ?? 4) || (a.m < b.m ? -1 : a.m > b.m ? 1 : b.failed - a.failed))
-      .map((f) => [el("a", { href: link({ method: f.m }) }, el("span", { class: "swatch", style: `background:${colour(f.m)}` }), short(f.m)), el("a", { href: link({ scenario: f.s, method: f.m }) }, short(f.s)), `${f.failed} of ${f.runs}`, f.text])));
+      .map((f) => [el("a", { href: link({ method: f.m }) }, mark(f.m), short(f.m)), el("a", { href: link({ scenario: f.s, method: f.m }) }, short(f.s)), `${f.failed} of ${f.runs}`, f.text])));
 };
 
 const claimsView = async () => {
