@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 
 def console() -> Console:
-    """stdout; rich obeys NO_COLOR, and a pipe gets plain text of a width that does not wrap tables."""
-    return Console(width=None if sys.stdout.isatty() else 160, highlight=False, emoji=False, markup=False)
+    """stdout; rich obeys NO_COLOR, and a pipe gets plain text in which a row of a table is a line, however long."""
+    return Console(width=None if sys.stdout.isatty() else PIPE, highlight=False, emoji=False, markup=False)
 
 
 def say(text: str) -> None:
@@ -71,30 +71,41 @@ def number(value: Any) -> str:
     return str(value)
 
 
+TOO_NARROW = "Without room here (a wider terminal or a pipe shows them)"
 FIRST_TO_GO = tuple(  # headings of columns that a narrow terminal does without
     column(c).short
     for c in ("us_per_step", "newton_iterations_mean", "points_used", "order_low", "order_high",
               "angular_momentum_error_max")
 )  # fmt: skip
 GAP = 2  # blanks between columns
+SHORT = 12  # characters of a phrase that is not folded
+PIPE = 100_000  # characters of a line in a pipe, where nothing is folded and nothing cropped
 
 
 def make_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
-    """A plain table; numbers to the right, names never folded, columns dropped where the terminal is narrow."""
+    """A plain table; numbers to the right, names and numbers never folded; columns for which a narrow terminal has no
+    room are left out, and named below."""
     columns, rows = [visible(name) for name in columns], [[visible(text) for text in row] for row in rows]
+    cells = [[name, *(row[i] for row in rows)] for i, name in enumerate(columns)]
+    widths = [max(map(len, found), default=0) for found in cells]
+    solid = [w <= SHORT or not any(" " in text for text in found[1:]) for w, found in zip(widths, cells, strict=True)]
+    least = [w if s else max(len(word) for text in found for word in text.split() or [""])
+             for w, s, found in zip(widths, solid, cells, strict=True)]  # fmt: skip
     kept = list(range(len(columns)))
-    widths = [max(len(name), *(len(row[i]) for row in rows), 0) for i, name in enumerate(columns)]
-    for name in FIRST_TO_GO:
-        if name in columns and sum(widths[i] + GAP for i in kept) - GAP > console().width:
-            kept = [i for i in kept if columns[i] != name]
+    last_to_go = [*(n for n in FIRST_TO_GO if n in columns), *reversed(columns[2:])]
+    while last_to_go and sum(least[i] + GAP for i in kept) - GAP > console().width:
+        name = last_to_go.pop(0)
+        kept = [i for i in kept if columns[i] != name]
+    gone = [name for i, name in enumerate(columns) if i not in kept]
     table = Table(
-        title=visible(title), title_justify="left", box=None, pad_edge=False, header_style="bold", padding=(0, 1)
-    )
+        title=visible(title), title_justify="left", box=None, pad_edge=False, header_style="bold", padding=(0, 1),
+        caption=f"{TOO_NARROW}: {', '.join(gone)}" if gone else None, caption_justify="left",
+    )  # fmt: skip
     for i in kept:
         right = bool(rows) and all(_numeric(row[i]) for row in rows)
-        table.add_column(columns[i], justify="right" if right else "left", overflow="fold", no_wrap=i == 0 and right)
-        if i in (0, 1) and widths[i] < 30 and not any(" " in row[i] for row in rows):  # names
-            table.columns[-1].min_width = widths[i]
+        table.add_column(
+            columns[i], justify="right" if right else "left", overflow="fold", no_wrap=solid[i], min_width=least[i]
+        )
     for row in rows:
         table.add_row(*(row[i] for i in kept))
     return table
