@@ -1,4 +1,4 @@
-"""The tables of docs/methods.md from a run folder: python benchmarks/methods_tables.py results/latest"""
+"""The tables of docs/methods-measured.md from a run folder: python benchmarks/methods_tables.py results/latest"""
 
 import math
 import sys
