@@ -12,7 +12,7 @@ from tcbench import Integrator, hookimpl
 from tcbench.compiler.once import Spares
 
 from ..tc_gauss import stages_of
-from ..tc_gauss.method import GaussMethod
+from ..tc_gauss.method import GaussMethod, held
 from ..tc_taylor import SAFETY, order_of
 from ..tc_taylor.method import TaylorMethod, refusal
 
@@ -52,15 +52,17 @@ SPARES = Spares(methods_of)
 
 @lru_cache
 def chosen(tolerance):
-    """Order and stages for a tolerance."""
-    return order_of(tolerance), stages_of(tolerance)
+    """(order, stages) for a tolerance, and what explicit steps may miss, defect and residual of implicit ones."""
+    stages = stages_of(tolerance)
+    return (order_of(tolerance), stages), (SAFETY * tolerance, *held(stages, FINER * tolerance))
 
 
 def adaptive(system, z0, t_eval, rtol, atol):
-    z0, times = np.ascontiguousarray(z0, float), np.ascontiguousarray(t_eval, float)
-    methods, free = SPARES.take(system, *chosen(rtol))
+    methods, free = SPARES.take(system, *chosen(rtol)[0])
     try:
-        return methods[0].adaptive(z0, times, rtol) if methods[1] is None else both(methods, z0, times, rtol)
+        if methods[1] is None:
+            return methods[0].adaptive(np.ascontiguousarray(z0, float), np.ascontiguousarray(t_eval, float), rtol)
+        return both(methods, z0, t_eval, rtol)
     finally:
         free.append(methods)
 
@@ -68,17 +70,16 @@ def adaptive(system, z0, t_eval, rtol, atol):
 def both(methods, z0, times, tolerance):
     """States at `times`, and what they cost; ArithmeticError where the steps of both become too short."""
     gauss, taylor, worth = methods
-    states = np.empty((len(times), len(z0)))
-    taylor.work.clear()
-    held = gauss.held(FINER * tolerance)
-    done = loops().steps(taylor.work, gauss.work, z0, times, SAFETY * tolerance, *held, worth, states)
+    taylor.begin(z0, times)
+    done = loops().steps(taylor.work, gauss.work, *chosen(tolerance)[1], worth)
     steps, rejected, iterations, *_ = gauss.counts.table.tolist()
-    explicit = taylor.counts.table.tolist()
+    more, failed, _ = taylor.counts.table.tolist()
     if steps or rejected:
         gauss.work.clear()  # as it was before
     if done < len(times):
         raise ArithmeticError(f"the step became too short before t = {times[done]:g}")
-    return states, {"steps": steps + explicit[0], "rejected": rejected + explicit[1], "newton_iterations": iterations}
+    counts = {"steps": steps + more, "rejected": rejected + failed, "newton_iterations": iterations}
+    return taylor.states.copy(), counts
 
 
 @hookimpl

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from tcbench.compiler.language import Floats, Matrix, call, copy_into, fill
+from tcbench.compiler.language import call, copy_into, fill
 from tcbench.compiler.library import Library
 
 from ..tc_gauss import march as gauss
@@ -24,23 +24,14 @@ SHORT, SHARE, LEG, MOST_LEG = 80.0, 0.04, 32, 512
 TURNS, SETTLED = 12, 4  # of the power method, and those of them that are not counted
 
 
-def steps(
-    e: Taylor,
-    g: Gauss,
-    z: Floats,
-    times: Floats,
-    tolerance: float,
-    defect: float,
-    residual: float,
-    worth: float,
-    states: Matrix,
-) -> int:
-    """States z at `times` from z on; how many rows were reached. worth: iterations in the time of an explicit step."""
-    taylor.begin(e, z)
-    copy_into(states[0], z)
+def steps(e: Taylor, g: Gauss, tolerance: float, defect: float, residual: float, worth: float) -> int:
+    """The states and times that e has been lent; how many rows were reached. worth: iterations in the time of an
+    explicit step."""
+    times, states = e.times, e.states
+    taylor.begin(e, states[0])
     g.counts.steps, g.counts.rejected, g.counts.iterations = 0, 0, 0
     if not g.general:
-        gauss.begin(g, z)
+        gauss.begin(g, states[0])
     stable = STABLE + STABLE_OF_ORDER * e.order
     row, t, h, patience, explicit, given_up = 1, times[0], 0.0, PATIENCE, True, False
     leg, left = LEG if g.general else 0, 0.0

@@ -47,7 +47,7 @@ class GaussMethod:
         """States at `times`, and what they cost."""
         states = np.empty((len(times), self.size))
         self.work.clear()
-        code = self.loops.adaptive_steps(self.work, z0, times, *self.held(tolerance), states)
+        code = self.loops.adaptive_steps(self.work, z0, times, *held(self.stages, tolerance), states)
         if code != SOLVED:
             raise ArithmeticError("the step became too short")
         return states, self.cost()
@@ -57,11 +57,11 @@ class GaussMethod:
         steps, rejected, iterations, *_ = self.counts.table.tolist()
         return {"steps": steps, "rejected": rejected, "newton_iterations": iterations}
 
-    def held(self, tolerance: float) -> tuple[float, float]:
-        """Defect and residual of adaptive steps. The end of a step is superconvergent (order 2k), its polynomial is not
-        (order k + 1): the defect is held at the power of the tolerance that belongs to an error of its size."""
-        k = self.stages
-        return tolerance ** ((k + 1) / (2 * k)), max(FINEST, SOLVED_TO * tolerance)
+
+def held(k: int, tolerance: float) -> tuple[float, float]:
+    """Defect and residual of adaptive steps of k stages. The end of a step is superconvergent (order 2k), its
+    polynomial is not (order k + 1): the defect is held at the power of the tolerance that belongs to its error."""
+    return tolerance ** ((k + 1) / (2 * k)), max(FINEST, SOLVED_TO * tolerance)
 
 
 @once_a_system

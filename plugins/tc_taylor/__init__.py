@@ -37,10 +37,9 @@ def order_of(tolerance):
 
 
 def adaptive(system, z0, t_eval, rtol, atol):
-    z0, times = np.ascontiguousarray(z0, float), np.ascontiguousarray(t_eval, float)
     method, free = SPARES.take(system, order_of(rtol))
     try:
-        return method.adaptive(z0, times, SAFETY * rtol)
+        return method.adaptive(z0, t_eval, SAFETY * rtol)
     finally:
         free.append(method)
 

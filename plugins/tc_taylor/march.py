@@ -13,7 +13,6 @@ from tcbench.solver.mending import mended
 # root of high order is a division; those of the root's 1 are taken so that it is right on average.
 ONE = (1023.0 - 0.043) * 2.0**52
 SHRINK, SHORTEST = 0.5, 1e-12  # of a step that ends in no admissible state; of a step, over the time
-SELDOM = 4  # steps from one mended state to the next, where none is asked for: mending takes a fifth of a step
 
 
 class Counts(Record, mutable=True):
@@ -31,6 +30,7 @@ class Work(Record):
     order: int
     n_given: int
     n_target: int
+    seldom: int  # steps from one mended state to the next, where none is asked for
     of_elements: bool  # mended by kernels of their own: see mending.py, and tcbench.solver.mending for any system
     to_start: Kernel
     to_series: Kernel  # see recurrences.series_kernels
@@ -46,6 +46,9 @@ class Work(Record):
     # The state that has them, its entropy, the least of what must be positive. When a step begins, the run is there.
     mended: Floats = sized("size + 2")
     kept: Floats = sized("size + 2")  # the last of these that a step began from
+    rows: int  # what follows is lent for a run: a call that passes arrays takes two microseconds more
+    times: Floats = sized("rows")
+    states: Matrix = sized("rows", "size")  # z at these times, the first given
 
 
 def begin(w: Work, z: Floats) -> None:
@@ -101,6 +104,11 @@ def adaptive_steps(w: Work, z: Floats, times: Floats, tolerance: float, states: 
     return row
 
 
+def run(w: Work, tolerance: float) -> int:
+    """The same with what the record has been lent."""
+    return adaptive_steps(w, w.states[0], w.times, tolerance, w.states)
+
+
 def advance(
     w: Work, times: Floats, tolerance: float, states: Matrix, row: int, t: float, most: float, patience: int, leg: int
 ) -> tuple[int, float, float]:
@@ -109,7 +117,7 @@ def advance(
     A step ends where its series does, not at output times: states on the way come from the series. It ends early where
     steps become too short (then the last is 0), and after `patience` of them in a row that were longer than `most`: so
     they are where stiffness bounds them; and in the first mended state after the steps of a `leg`, if that is not 0.
-    Between outputs only every fourth step ends in a mended state; from one that ends in none the run goes back to the
+    Between outputs only some steps end in a mended state; from one that ends in none the run goes back to the
     last, and mends each step.
     """
     h, fresh, long, end = 0.0, True, 0, w.counts.steps + leg
@@ -146,7 +154,7 @@ def advance(
             t += h
             long = long + 1 if h > most else 0
             since = 0 if mended else since + 1
-            often = min(2 * often, SELDOM) if mended else often
+            often = min(2 * often, w.seldom) if mended else often
             continue
         w.counts.rejected += 1
         w.target[w.size + 1] = lowest
@@ -168,4 +176,4 @@ def fixed_steps(w: Work, h: float, states: Matrix) -> int:
     return len(states)
 
 
-LOOPS = Library("taylor", begin, adaptive_steps, fixed_steps)
+LOOPS = Library("taylor", begin, run, fixed_steps)

@@ -17,6 +17,7 @@ from .mending import mending_kernels as of_elements
 from .recurrences import series_kernels
 
 Floats = NDArray[np.float64]
+SELDOM = (8, 4)  # steps to a mended state, of any system and of elements: mending takes a fifth of a step
 MOST_VARIABLES = 100  # of a system that has no elements
 MOST_ELEMENTS = 32  # beyond, the straight-line code of a series takes more than ten seconds to compile
 
@@ -32,15 +33,25 @@ class TaylorMethod:
         self.counts = model.counts.again()
         self.reached: Floats | None = None  # where the run has come by marching
         self.work = model.again(counts=self.counts)
+        self.times, self.states = np.empty(0), np.empty((0, self.size))
 
     def adaptive(self, z0: Floats, times: Floats, tolerance: float) -> tuple[Floats, dict[str, int]]:
         """States at `times`, shape (len(times), n), and their cost; ArithmeticError where steps become too short."""
-        states = np.empty((len(times), self.size))
-        self.work.clear()
-        done = self.loops.adaptive_steps(self.work, z0, times, tolerance, states)
+        self.begin(z0, times)
+        done = self.loops.run(self.work, tolerance)
         if done < len(times):
             raise ArithmeticError(f"the step became too short before t = {times[done]:g}")
-        return states, self.cost()
+        return self.states.copy(), self.cost()
+
+    def begin(self, z0: Floats, times: Floats) -> None:
+        """The next run of the record goes from z0 through these times, to `states`."""
+        if len(times) != len(self.times):
+            self.times, self.states = np.empty(len(times)), np.empty((len(times), self.size))
+            self.work.rows = len(times)
+            self.work.lend("times", self.times)
+            self.work.lend("states", self.states)
+        self.times[:] = times
+        self.states[0] = z0
 
     def cost(self) -> dict[str, int]:
         """What the last run took."""
@@ -89,12 +100,14 @@ def prepared(system: System, order: int) -> tuple[Any, Any, int]:
     from .march import LOOPS, Counts, Work  # LLVM is loaded when something runs, not when plugins are listed
 
     symbolic, c = system.symbolic, system.constant_values
+    elements = system.defines("element_energy")
     series, polynomial, mend, hold, setup, start, to_z = kernels(symbolic, order)
     given = np.concatenate([c, setup(c, c)])
     work = Work(
         size=symbolic.size, order=order, n_given=len(given), given=given, to_start=start.address,
-        n_target=start.size, of_elements=system.defines("element_energy"), to_series=series.address,
-        to_state=polynomial.address, to_mend=mend.address, to_hold=hold.address, to_z=to_z.address, counts=Counts(),
+        n_target=start.size, of_elements=elements, seldom=SELDOM[elements], to_series=series.address,
+        to_state=polynomial.address, to_mend=mend.address, to_hold=hold.address, to_z=to_z.address, rows=1,
+        counts=Counts(),
     )  # fmt: skip
     return LOOPS, work, series.text.count("\n")
 

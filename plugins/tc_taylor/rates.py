@@ -18,7 +18,7 @@ from .factored import Factored
 from .lanes import reachable
 from .series import ONE, ZERO, Linear, Normal, Series, combined
 
-FEWER = 0.85  # factored, a system has so many of its series at most; else the longer chains of operations cost more
+FEWER = 0.9  # factored, a system has so many of its series at most; else the longer chains of operations cost more
 
 
 def rates(system: System) -> tuple[list[Series], list[Series]]:

@@ -8,6 +8,7 @@ from random_laws import GENERAL, assert_laws, assert_laws_of_any, random_start
 from states import admissible_states
 from tcbench_plugins.tc_auto import adaptive, both, chosen, methods_of
 from tcbench_plugins.tc_gauss import march
+from tcbench_plugins.tc_gauss.method import held
 
 import tcbench
 from tcbench.plugins import find_scenario
@@ -18,7 +19,7 @@ END = np.array([0.0, 20.0])
 
 def shares(scenario, tolerance, times=END):
     """(implicit, explicit) steps of a run."""
-    implicit, explicit, worth = methods_of(scenario.model, *chosen(tolerance))
+    implicit, explicit, worth = methods_of(scenario.model, *chosen(tolerance)[0])
     both((implicit, explicit, worth), scenario.z0, times, tolerance)
     return implicit.counts.steps, explicit.counts.steps
 
@@ -83,12 +84,12 @@ def test_output_times_are_hit_and_a_large_system_is_left_to_collocation():
 
 def test_an_attempt_is_given_up_when_it_owes_what_it_may():
     scenario = tcbench.scenarios()["cold_spring"]
-    gauss, *_ = methods_of(scenario.model, *chosen(1e-7))
+    gauss, *_ = methods_of(scenario.model, *chosen(1e-7)[0])
     states = np.empty((2, len(scenario.z0)))
     for owed in (5.0, 9.0):
         march.begin(gauss.work, scenario.z0)
         gauss.work.budget[:2] = 0.0, owed
-        row, t, _ = march.advance(gauss.work, END, *gauss.held(1e-7), states, 1, 0.0, 0.5)
+        row, t, _ = march.advance(gauss.work, END, *held(gauss.stages, 1e-7), states, 1, 0.0, 0.5)
         assert row == 1 and t == 0.0 and gauss.counts.iterations == owed + 1  # an attempt at 0.5 would take some fifty
 
 
@@ -120,7 +121,7 @@ def test_a_general_system_as_it_ships_is_left_to_the_series(name):
 def test_a_run_does_not_see_what_another_left_in_its_memory(name):
     scenario = random_start(name, 0, 1000) if name in GENERAL else tcbench.scenarios()[name]
     end = np.array([0.0, 0.1 * scenario.t_end])
-    methods = methods_of(scenario.model, *chosen(1e-5))
+    methods = methods_of(scenario.model, *chosen(1e-5)[0])
     first, _ = both(methods, scenario.z0, end, 1e-5)
     both(methods, first[-1], 3.0 * end, 1e-4)
     again, _ = both(methods, scenario.z0, end, 1e-5)
