@@ -1,1 +1,1 @@
-"""What is exactly true: certified states, by unrelated methods."""
+"""What is exactly true: states with a certified error bar."""

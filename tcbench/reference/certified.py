@@ -1,4 +1,4 @@
-"""Reference solutions with a certificate: read from the package, or computed on the fly by unrelated methods.
+"""Reference solutions with a certificate: read from the package, or computed on the fly (`pairs`, `compute`).
 
 Every gap in this file is measured as max_i |a_i - b_i| / max(1, |b_i|) over the components of a state.
 
@@ -58,7 +58,7 @@ class Reference:
     """States known to a stated accuracy.
 
     times : n floats.  states : (n, m) float64, the certified states rounded to double.
-    certificate : gap between two unrelated computations, one number a time (see the module's docstring for
+    certificate : from the gap between two computations, one number a time (see the module's docstring for
         the measure).
     floor : smallest error that means something for a double-precision run, >= certificate.
     source : how it was made.  exact : the states as decimal strings where they are known, else ().
