@@ -17,14 +17,13 @@ from typing import Any
 import numpy as np
 
 from tcbench import Integrator, hookimpl
+from tcbench.building_blocks import directional
 from tcbench.compiler.cut import Cut
 from tcbench.compiler.derivatives import Symbol, array, const
 from tcbench.compiler.divided_differences import Corners, rectangle, symmetrised_slopes
 from tcbench.systems.element_system import ElementSystem
 from tcbench.systems.state import State
 from tcbench.systems.system import System
-
-TINY = 1e-60  # beside squares of relative increments: 0/0 becomes 0 where nothing moves
 
 
 def by_elements(system: ElementSystem, z0: Any, z1: Any, slopes: Callable[..., tuple[Any, Any]]) -> State:
@@ -63,14 +62,11 @@ def gonzalez(system: ElementSystem, z0: Any, z1: Any) -> State:
 
     def slopes(pi0: Any, dpi: Any, s0: Any, ds: Any) -> tuple[Any, Any]:
         pi, s = pi0 + 0.5 * dpi, s0 + 0.5 * ds
-        stress, theta = system.element_slopes(pi, s)
-        x, y = dpi / pi, ds / system.entropy_scale()
-        exact = [symmetrised_slopes(e) for e in _corners(system, pi0, dpi, s0, ds)]
-        missing = np.array([
-            (a - m) * dp + (b - t) * d for (a, b), m, t, dp, d in zip(exact, stress, theta, dpi, ds, strict=True)
-        ])  # fmt: skip
-        share = missing / (x * x + y * y + TINY)
-        return stress + share * x / pi, theta + share * y / system.entropy_scale()
+        exact = [array(side) for side in zip(*map(symmetrised_slopes, _corners(system, pi0, dpi, s0, ds)), strict=True)]
+        weights = np.stack([1.0 / pi**2, 0 * pi + 1.0 / system.entropy_scale() ** 2])
+        middle = [np.asarray(slope) for slope in system.element_slopes(pi, s)]
+        stress, theta = directional(np.stack(middle), np.stack([dpi, ds]), np.stack(exact), weights)
+        return stress, theta
 
     return by_elements(system, z0, z1, slopes)
 
@@ -105,10 +101,8 @@ def cut_gonzalez(F: Cut, start: list[Symbol], step: list[Symbol]) -> list[Symbol
     """What is missing goes where F is not linear; the distance is sum dy^2/(1 + y^2)."""
     middle = [y + 0.5 * d for y, d in zip(start, step, strict=True)]
     slopes, exact = F.outer_slopes(middle), F.outer_discrete(start, step)
-    missing = sum(((a - m) * d for a, m, d in zip(exact, slopes, step, strict=True)), const(0.0))
-    along = [const(0.0) if m.op == "const" else d / (1.0 + y * y) for m, y, d in zip(slopes, middle, step, strict=True)]
-    share = missing / (sum((a * d for a, d in zip(along, step, strict=True)), const(0.0)) + TINY)
-    return [m + share * a for m, a in zip(slopes, along, strict=True)]
+    weights = [const(0.0) if m.op == "const" else 1.0 / (1.0 + y * y) for m, y in zip(slopes, middle, strict=True)]
+    return list(directional(array(slopes), array(step), array(exact), array(weights)))
 
 
 def cut_mean_value(F: Cut, start: list[Symbol], step: list[Symbol], points: int = 5) -> list[Symbol]:

@@ -206,6 +206,7 @@ def simulate(
 @many("scenario", "Instead of the last word.")
 @click.option("--x", required=True, metavar="AXIS", help="name=low:high:n[:log], as in dt=0.02:4:40:log.")
 @click.option("--y", required=True, metavar="AXIS", help="The same; constants are multiples of the scenario's own.")
+@click.option("--dt", type=float, help="Step, where no axis is dt (default: the scenario's own).")
 @click.option("--size", type=int, help="Scenarios in each cell of a map of random scenarios (default: 30).")
 @click.option("--seed", type=int, help="Which ones.")
 @output(Path("results/map"))
@@ -248,6 +249,7 @@ def reference(names: tuple[str, ...], scenarios: tuple[str, ...], folders: tuple
 @main.command()
 @runs()
 @click.option("--table", metavar="NAME", help="This table alone, whatever its length.")
+@click.option("--latex", is_flag=True, help="That table as a LaTeX tabular.")
 @ROWS_OF_SCENARIOS
 @ROWS_OF_INTEGRATORS
 @PLUGINS

@@ -183,6 +183,11 @@ class Integrator:
     base: str = ""  # of a variant: the registered name
     _members: dict[Any, Integrator] = field(default_factory=dict, init=False, compare=False, repr=False)
 
+    def __repr__(self) -> str:
+        order = "chooses its steps" if self.kind == "adaptive" else f"order {self.order}"
+        kept = f", keeps {', '.join(sorted(self.claims))}" if self.claims else ""
+        return f"<Integrator {self.name}: {order}{kept}{'; ' if self.source else ''}{self.source}>"
+
     def __post_init__(self) -> None:
         expect(f"Integrator {self.name!r}", vars(self), KINDS_OF_FIELDS)
         for words in ("claims", "tags", "systems", "needs", "requires"):

@@ -60,3 +60,17 @@ def test_the_spelling_of_earlier_versions_is_refused_with_the_new_one():
         method(tags={"only for chain"})
     with pytest.raises(TcbenchError, match="needs are several words"):
         method(needs="conduction_flow")
+
+
+@pytest.mark.parametrize(
+    ("made", "said"),
+    [
+        (lambda: tcbench.integrators()["tc_monolithic"], "order 2, keeps angular_momentum, energy, entropy; Romero"),
+        (lambda: tcbench.integrators()["tc_auto"], "chooses its steps"),
+        (lambda: tcbench.scenarios()["short_term"], "of pendulum, t_end = 25, dt = 0.3"),
+        (lambda: tcbench.scenarios()["short_term"].model, "<System pendulum: q[4], p[4], s[2]>"),
+    ],
+)
+def test_what_a_notebook_shows_of_an_object_is_one_short_line(made, said):
+    text = repr(made())
+    assert said in text and len(text) < 200 and "\n" not in text and text[0] + text[-1] == "<>"

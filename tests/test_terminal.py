@@ -2,10 +2,14 @@
 
 import io
 
+import awkward
 import pytest
+from click.testing import CliRunner
 from rich.console import Console
 
+import tcbench
 from tcbench import terminal
+from tcbench.cli import main
 
 NAMES = ["midpoint_temperature", "tc_gauss_adaptive[k=3]"]
 HEADS = ["integrator", "scenario", *(f"a_column_{i}" for i in range(9)), "what happened"]
@@ -38,3 +42,31 @@ def test_a_pipe_has_every_column_on_one_line(capsys):
     terminal.put(terminal.make_table("", HEADS, ROWS * 40))
     lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith(tuple(NAMES))]
     assert len(lines) == 80 and all(line.endswith(ROWS[0][-1]) for line in lines)
+
+
+def test_a_table_is_written_for_a_paper(tmp_path):
+    """Heads are words, small numbers are powers of ten and not 0.000000, names print as they are."""
+    run = awkward.write_run(tmp_path / "run", {"conservation": awkward.conservation(["tc_monolithic", "a&b_%"])})
+    words = ["show", str(run), "--table", "conservation", "--latex", "-s", "short_term"]
+    done = CliRunner().invoke(main, words)
+    assert done.exit_code == 0, done.output
+    head, first = done.output.splitlines()[2], done.output.splitlines()[4]
+    assert head.startswith("scenario & integrator & step size h & status & max $|$E $-$ E$_0$$|$ / V$_0$")
+    assert first.startswith(r"short\_term & tc\_monolithic & 0.075 & ok & $10^{-15}$")
+    assert r"a\&b\_\%" in done.output and "0.000000" not in done.output and done.output.count("\\\\\n") == 11
+    alone = CliRunner().invoke(main, ["show", str(run), "--latex"])
+    assert alone.exit_code == 2 and "--table NAME" in alone.output
+
+
+def test_a_map_says_its_step_and_takes_another(tmp_path):
+    words = ["map", "tc_monolithic", "short_term", "--x", "stiffness=1:2:2", "--y", "temperatures=1:1.1:2", "-q"]
+    done = CliRunner().invoke(main, [*words, "--dt", "0.2", "-o", str(tmp_path / "map")])
+    assert done.exit_code == 0, done.output
+    table = tcbench.load(tmp_path / "map").tables["map"]
+    assert set(table["dt"]) == {0.2}
+    titles = [ax.get_title(loc="left") for ax in tcbench.draw("map", {"map": table}).axes]
+    assert titles == ["tc_monolithic, h = 0.2"]
+    twice = CliRunner().invoke(
+        main, ["map", "tc_monolithic", "short_term", "--x", "dt=1:2:2", *words[5:], "--dt", "0.2"]
+    )
+    assert twice.exit_code == 2 and "The step is an axis of this map already" in twice.output

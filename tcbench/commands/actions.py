@@ -20,6 +20,7 @@ from ..store.encoding import csv_bytes
 from ..store.store import Store
 from ..store.tables import only, read_tables
 from ..studies.base import default_studies
+from ..studies.columns import shown
 from .left_out import not_run, short_ladder
 from .simulate import one_of
 
@@ -134,7 +135,10 @@ def map_command(
         raise TcbenchError("tcbench map takes at least one integrator, and then the scenario.")
     scenario = one_of("scenario", plugins.expand_scenarios(scenarios), "A map is of one.")
     settings = {name: options.pop(name) for name in ("x", "y", "size", "seed")}
-    drawn = plugins.is_sampled(scenario)
+    drawn, dt = plugins.is_sampled(scenario), options.pop("dt")
+    if drawn and dt is not None:
+        raise TcbenchError("A map of random scenarios has the step as an axis: --x dt=0.025:1.6:7:log.")
+    settings |= {} if dt is None else {"dt": dt}
     if not drawn and (settings["size"] is not None or settings["seed"] is not None):
         raise TcbenchError("--size and --seed are for maps of random scenarios: tcbench map INTEGRATOR random ...")
     name = "failure_map" if drawn else "map"
@@ -178,11 +182,14 @@ def reference_command(names: Sequence[str], as_json: bool) -> int:
 
 
 def show_command(
-    folder: Path, table: str | None, scenarios: tuple[str, ...], integrators: tuple[str, ...], as_json: bool
-) -> None:
+    folder: Path, table: str | None, latex: bool, scenarios: tuple[str, ...], integrators: tuple[str, ...],
+    as_json: bool,
+) -> None:  # fmt: skip
     """The tables of a small run, or the one that is named; of a large run its summary, and what there is."""
     if not folder.is_dir():
         raise TcbenchError(f"There is no run in {str(folder)!r}. tcbench run --output FOLDER makes one.")
+    if latex and table is None:
+        raise TcbenchError("--latex writes one table: say which with --table NAME.")
     with waiting("reading the rows"):
         store = Store.read(folder)
         tables = read_tables(store)
@@ -197,7 +204,12 @@ def show_command(
         raise TcbenchError(f"The table {table!r} of this run has no row of {', '.join((*scenarios, *integrators))}.")
     if table is not None:
         tables = {table: tables[table]}
-    if as_json:
+    if latex and table is not None:
+        from ..report.latex import to_latex
+
+        columns = terminal.SHOWN.get(table) or shown(tables[table].columns)
+        sys.stdout.write(to_latex(tables[table], ["scenario", *(c for c in columns if c != "scenario")]))
+    elif as_json:
         terminal.print_json(records(tables))
     elif table is not None:
         terminal.print_table(table, tables[table])

@@ -92,13 +92,18 @@ def varied(scenario: Scenario, name: str, value: float) -> tuple[Scenario, float
     return scenario.replace(**{base: own if own.ndim else float(own)}), None
 
 
-def measure_cell(integrator: Integrator, scenario: Scenario, x: tuple[str, float], y: tuple[str, float]) -> Row:
-    """The outcome at one point of the map: with the shared solver, with plain Newton, and whether the sheet folds."""
+def measure_cell(
+    integrator: Integrator, scenario: Scenario, x: tuple[str, float], y: tuple[str, float], own: float | None = None
+) -> Row:
+    """The outcome at one point of the map: with the shared solver, with plain Newton, and whether the sheet folds.
+
+    own : the step where no axis is the step; by default the scenario's.
+    """
     from . import stable_step as stability
 
     scenario, dt = varied(scenario, *x)
     scenario, dt_y = varied(scenario, *y)
-    dt = next((value for value in (dt, dt_y) if value is not None), scenario.dt)
+    dt = next((value for value in (dt, dt_y) if value is not None), own or scenario.dt)
     row: Row = {"x_name": x[0], "x": x[1], "y_name": y[0], "y": y[1], "dt": dt}
     if dt > scenario.t_end:
         return row | {"outcome": "skipped", "status": "skipped", "failure": "dt is longer than the horizon"}
@@ -118,6 +123,12 @@ def plan(
     x, y = parse_axis(options["x"]), parse_axis(options["y"])
     if x.name == y.name:
         raise TcbenchError(f"Both axes of the map are {x.name!r}; they must differ.")
+    if (dt := options.get("dt")) is not None:
+        if "dt" in (x.name, y.name):
+            raise TcbenchError("The step is an axis of this map already: leave out --dt, or take another axis.")
+        if not (math.isfinite(dt) and dt > 0):
+            raise TcbenchError(f"The step of a map is a positive number, not {dt:g}.")
+    step = {} if dt is None else {"dt": float(dt)}
     cells: list[tuple[Integrator, Scenario, Row]] = []
     for scenario in scenarios:
         for axis in (x, y):
@@ -126,7 +137,8 @@ def plan(
             if integrator.kind != "flows":
                 raise TcbenchError(f"{integrator.name!r} is not given by flows; a map needs one that is.")
             cells.extend(
-                (integrator, scenario, {"x": options["x"], "y": options["y"], "row": j}) for j in range(len(y.values))
+                (integrator, scenario, {"x": options["x"], "y": options["y"], **step, "row": j})
+                for j in range(len(y.values))
             )
     return cells
 
@@ -135,7 +147,9 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
     """One row of the map: every x at the y of index options["row"]."""
     x, y = parse_axis(options["x"]), parse_axis(options["y"])
     at = (y.name, y.values[options["row"]])
-    return {"status": "ok", "cells": [measure_cell(integrator, scenario, (x.name, value), at) for value in x.values]}
+    dt = options.get("dt")
+    cells = [measure_cell(integrator, scenario, (x.name, value), at, dt) for value in x.values]
+    return {"status": "ok", "cells": cells}
 
 
 def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:

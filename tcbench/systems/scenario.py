@@ -111,6 +111,10 @@ class Scenario:
         put(self, "constants", Fixed({k: _plain(v) for k, v in self.constants.items()}))
         self._cache["z0"] = self._start()
 
+    def __repr__(self) -> str:
+        said = f": {self.shows}" if self.shows else ""
+        return f"<Scenario {self.name} of {self.system.name}, t_end = {self.t_end:g}, dt = {self.dt:g}{said}>"
+
     def __getstate__(self) -> dict[str, Any]:
         """What is copied and pickled: the numbers, and the system."""
         return {**vars(self), "_cache": {"model": self.model}}

@@ -182,6 +182,10 @@ class System(Traced):
         """Length of z."""
         return sum(int(np.prod(shape)) for shape in self.variables.values())
 
+    def __repr__(self) -> str:
+        shapes = (f"{n}{list(shape) if shape else ''}" for n, shape in self.variables.items())
+        return f"<System {self.name}: {', '.join(shapes)}>"
+
     @property
     def component_names(self) -> list[str]:
         """Of each number of z: q of a variable that is one number, q0, q1, ... of an array."""

@@ -5,7 +5,7 @@ import pytest
 
 import tcbench
 from tcbench import Integrator
-from tcbench.building_blocks import divided_difference, divided_differences, log1p_ratio, phi
+from tcbench.building_blocks import directional, divided_difference, divided_differences, log1p_ratio, phi
 from tcbench.errors import TraceError
 
 STEPS = [0.0, 1e-300, 1e-12, -1e-8, 1e-3, 0.7, -0.4]
@@ -82,3 +82,22 @@ def test_a_method_made_of_them_is_the_papers():
     theirs = tcbench.simulate("tc_monolithic", "short_term", dt=0.3)
     assert own.ok and np.abs(own.z - theirs.z).max() < 1e-9
     assert own.summary.energy_error_max < 1e-12 * max(1, abs(own.energy[0]))
+
+
+def test_gonzalez_of_the_whole_state_keeps_the_energy_and_stands_still_where_nothing_moves():
+    """On a state of several units, as one formula: the quotient is 0/0 for what rests, and is the gradient there."""
+    gradient, step, exact = np.array([1.0, -2.0, 0.5]), np.array([0.3, 0.0, -0.1]), np.array([1.5, 9.0, 0.25])
+    weights = np.array([1.0, 4.0, 0.01])
+    found = directional(gradient, step, exact, weights)
+    assert found @ step == pytest.approx(exact @ step, rel=1e-14) and found[1] == gradient[1]
+    assert np.array_equal(directional(gradient, 0 * step, exact), gradient)
+
+    def whole(z0, z1, h, system):
+        middle = (z0 + z1) / 2
+        DE = directional(system.gradient(middle), z1 - z0, system.discrete_gradient(z0, z1))
+        DS = system.entropy_gradient(z0)
+        return z1 - z0 - h * (system.reversible(middle, DE, DS) + system.irreversible(middle, DE, DS))
+
+    method = tcbench.Integrator(name="gonzalez_whole", order=2, flows=whole)
+    run = tcbench.simulate(method, "short_term", dt=0.1, t_end=5)
+    assert run.ok and abs(run.energy - run.energy[0]).max() < 1e-10 * run.scenario.initial_exergy

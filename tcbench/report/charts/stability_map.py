@@ -66,7 +66,8 @@ def map_figure(table: DataFrame) -> Drawing:
         ax.set_xlabel(_label(x_name))
     for ax in axes[:: figure.columns]:
         ax.set_ylabel(_label(y_name))
-    titles(axes, methods)
+    steps = [] if "dt" in (x_name, y_name) or "dt" not in table else list(table["dt"].dropna().unique())
+    titles(axes, [f"{name}, h = {steps[0]:g}" if len(steps) == 1 else name for name in methods])
     used = {cell_class(o, e) for o, e in zip(table["outcome"], table["energy_error_max"], strict=True)}
     handles: list[Any] = [
         Patch(facecolor=colour, edgecolor="#888888", label=text)
