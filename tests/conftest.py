@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+import atexit
+import os
+import shutil
+import sys
+import tempfile
+
 import pytest
 from hypothesis import settings
 
@@ -9,6 +15,13 @@ settings.register_profile("tcbench", deadline=None, max_examples=60, derandomize
 settings.load_profile("tcbench")
 SLOW = {"test_cli", "test_docs", "test_readme", "test_notebooks", "test_machine", "test_kernel_cache", "test_history"}
 SLOW |= {"test_net", "test_space_flow", "test_ensemble", "test_shared_runs", "test_size"}
+
+if sys.dont_write_bytecode and "PYTHONPYCACHEPREFIX" not in os.environ:
+    # half of what a process takes to start is compiling what it imports: of this session, they do it once
+    sys.dont_write_bytecode, sys.pycache_prefix = False, tempfile.mkdtemp(prefix="tcbench-tests-")
+    os.environ["PYTHONPYCACHEPREFIX"] = sys.pycache_prefix
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+    atexit.register(shutil.rmtree, sys.pycache_prefix, ignore_errors=True)
 
 
 def pytest_addoption(parser):
