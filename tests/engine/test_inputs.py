@@ -294,8 +294,8 @@ def test_all_members_of_a_block_of_random_scenarios_are_in_its_key(monkeypatch):
     assert not set(keys().values()) & set(before.values())
     monkeypatch.undo()
     assert keys() == before
-    for found in ("7.0", "8.0"):  # of the solvers that make the references
-        monkeypatch.setattr("tcbench.integrator.installed_version", lambda name, found=found: found)
+    for found in ("1.0", "9.0"):  # of the packages behind the references
+        monkeypatch.setattr("tcbench.reference.lookup._packages", lambda found=found: found)
         changed = {part for part, key in keys().items() if key != before[part]}
         assert changed == {("references", 0), ("references", 10)}
 
