@@ -16,10 +16,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..compiler.language import PLAIN
 from ..compiler.translations import described
 from ..errors import TcbenchError
 from ..systems.system import System
-from .tape import LANES, PAIR, tape
+from .tape import FIELDS, LANES, PAIR, tape
 from .taylor import LIBRARY, Work, march
 
 ORDER, WIDE = 40, 22  # of the series; orders with all digits
@@ -27,7 +28,7 @@ FINE, COARSE = 1e-26, 1e-24
 SAFETY = 4.0
 SHIFT = 1e-14  # of the start, relative: growth up to 1e10 is seen
 DEFECT = 1e-7  # of the series in the compiled equations, relative
-MOST = 50_000  # steps; of equations so stiff others know more
+MOST, MOST_OPERATIONS = 50_000, 20_000_000  # steps; operations of the tape in all: seconds, then others know more
 LARGEST = 2**24  # doubles in memory: some thousand numbers in a state
 RUNS = 3
 SOURCE = f"Taylor series of order {ORDER} in double-double arithmetic at {FINE:g} against {COARSE:g}"
@@ -69,8 +70,8 @@ def _solve(systems: Sequence[System], starts: Sequence[Any], times: NDArray[np.f
         plan = tape(text, n, system.n_constant_values, ORDER)
     except TcbenchError:
         return [None] * len(systems)
-    size = plan.size + PAIR * (ORDER + 1)
-    if size > LARGEST:
+    size, most = plan.size + PAIR * (ORDER + 1), MOST_OPERATIONS * FIELDS // max(len(plan.code), 1)
+    if size > LARGEST or PLAIN:  # thousands of times slower
         return [None] * len(systems)
     ends, runs = times.shape[1], RUNS * len(systems)
     states = np.full((runs, (ends + 1) * 2 * n), math.nan)
@@ -82,7 +83,7 @@ def _solve(systems: Sequence[System], starts: Sequence[Any], times: NDArray[np.f
     values = np.repeat([plan.values(x.constant_values) for x in systems], RUNS, axis=0)
     work = Work(
         order=ORDER, wide=WIDE, variables=n, inputs=len(plan.inputs), length=len(plan.setup), steps=len(plan.code),
-        size=size, runs=runs, ends=ends, constants=constants.shape[1], most=MOST,
+        size=size, runs=runs, ends=ends, constants=constants.shape[1], most=min(MOST, most),
         rate=system.kernel("vector_field")[0].address, setup=plan.setup, code=plan.code, memory=memory(size),
         rates=plan.rates, moving=plan.moving, places=plan.inputs, times=np.repeat(times, RUNS, axis=0), values=values,
         given=constants, tolerances=np.tile([FINE, COARSE, COARSE], len(systems)), states=states,
@@ -102,7 +103,7 @@ def _solve(systems: Sequence[System], starts: Sequence[Any], times: NDArray[np.f
 
 def makers() -> tuple[Any, ...]:
     """Whatever decides what `solve` gives for a scenario, for keys."""
-    numbers = (ORDER, WIDE, FINE, COARSE, SAFETY, SHIFT, DEFECT, MOST, LARGEST, CHANCE, LINEAR)
+    numbers = (ORDER, WIDE, FINE, COARSE, SAFETY, SHIFT, DEFECT, MOST, MOST_OPERATIONS, LARGEST, CHANCE, LINEAR, PLAIN)
     return described(_solve.__code__)[0], tape.__wrapped__, memory, march, _pair, numbers
 
 

@@ -22,13 +22,13 @@ KEYS = {
     "stable_tolerances": (), "work_precision": ("control", "value"), "size": ("numbers",),
     "failure_share": ("dt", "tolerance", "first_seed", "runs"), "ensemble_laws": ("law", "first_seed", "runs"),
     "ensemble_accuracy": ("control", "value", "first_seed"), "ensemble_scenarios": ("seed",),
-    "ensemble_seeds": ("seed", "runs"),
     "ensemble_points": ("seed", "control", "value"),
     "map": ("x_name", "x", "y_name", "y"),
     "failure_map": ("x_name", "x_low", "x_high", "y_name", "y_low", "y_high", "first_seed", "runs"),
 }  # fmt: skip
 # Sums of other tables, and the rows of a chart: their changes are told by the tables that they are made of.
-DERIVED = ("time_to_accuracy", "cost", "series", "opening", "performance_profile", "first_share", "size_exponents")
+DERIVED = ("time_to_accuracy", "cost", "series", "opening", "performance_profile", "first_share", "size_exponents",
+           "ensemble_seeds")  # fmt: skip
 TIMED = ("work_precision", "ensemble_points", "size")  # tables of cells that ran alone
 ANY_KEY = ("variable", "dt", "tolerance", "t", "measure", "target", "claim", "factor", "tau", "control", "value",
            "seed", "first_seed")  # fmt: skip # of tables of other versions

@@ -97,6 +97,7 @@ COLUMNS = (  # the first that fits counts: names before patterns
     Column("failed", worse="higher"),
     Column("broken", worse="higher"),
     Column("quantile_99", short="99 %"),
+    Column("fails_from", short="fails from"),
     Column("tau", "time over the fastest method's, τ"),
     # equilibrium
     _error("entropy_gap", "entropy: S* − S", "entropy gap"),

@@ -11,6 +11,8 @@ from tcbench.reference import pairs
 from tcbench.reference.certified import LONG, gap
 from tcbench.reference.lookup import _Recipe
 
+pytestmark = pytest.mark.skipif(language.PLAIN, reason="collocations take their place where everything is plain")
+
 
 def solved(scenarios, times):
     return pairs.solve([s.model for s in scenarios], [s.z0 for s in scenarios], times)
@@ -94,13 +96,53 @@ def test_every_elementary_function_has_its_series():
     assert pair.certificate[0] < 1e-20
 
 
+class Falling(System):
+    """Rates that are constants, or nothing at all."""
+
+    name = "falling"
+    constants = {"g": ()}
+    variables = {"p": (), "x": (), "s": ()}
+
+    def energy(self, z):
+        return self.g * z.x
+
+    def entropy(self, z):
+        return z.s
+
+    def reversible(self, z, dE, dS):
+        return {"p": -dE.x, "x": 0.0 * z.x}
+
+    def irreversible(self, z, dE, dS):
+        return {}
+
+
+def test_rates_that_are_constant_have_a_pair():
+    scenario = Scenario("falling", Falling, {"g": 0.1}, initial={"p": 1.0, "x": 2.0, "s": 3.0}, t_end=2.0, dt=0.1)
+    (pair,) = solved([scenario], [1.5])
+    assert pair.states[0].tolist() == [0.85, 2.0, 3.0] and pair.certificate[0] < 1e-24
+
+
+def test_a_solution_that_ends_has_none():
+    """z' = z^2 is infinite at t = 1; beside it others go on."""
+
+    class Exploding(Falling):
+        def reversible(self, z, dE, dS):
+            return {"p": z.p * z.p * dE.x / self.g}
+
+    made = [
+        Scenario("e", Exploding, {"g": 0.1}, initial={"p": p, "x": 2.0, "s": 3.0}, t_end=2.0, dt=0.1)
+        for p in (1.0, 0.25)
+    ]
+    gone, there = solved(made, [1.5])
+    assert gone is None and there.states[0][0] == pytest.approx(0.25 / (1 - 0.25 * 1.5), rel=1e-15)
+
+
 def test_a_network_has_a_pair_too(monkeypatch):
     scenario = find_scenario("chain[n=4]")
     (found,), (exact,) = solved([scenario], [0.5]), more_precise([scenario], [0.5], monkeypatch)
     assert distance(found, exact) < found.certificate[0] < 1e-20
 
 
-@pytest.mark.skipif(language.PLAIN, reason="everything is plain")
 def test_bits_do_not_depend_on_the_processor(monkeypatch):
     """Compiled, and by plain Python: the same states to the last bit of 32 digits."""
     from tcbench.compiler.library import _quiet
