@@ -126,11 +126,15 @@ class _Recorder:
         def asin(x: Node) -> Node:
             return atan(x / sqrt(one - x * x))
 
+        def atan2(y: Node, x: Node) -> Node:
+            """By half the angle: no number on the cut itself, y = 0 > x."""
+            return 2.0 * atan(y / (sqrt(x * x + y * y) + x))
+
         def sine(x: Node) -> Node:
             return self.cos_sin(x)[1]
 
         return {
-            "exp": exp, "log": log, "sqrt": sqrt, "atan": atan, "tanh": tanh, "asin": asin, "sin": sine,
+            "exp": exp, "log": log, "sqrt": sqrt, "atan": atan, "atan2": atan2, "tanh": tanh, "asin": asin, "sin": sine,
             "cos": lambda x: self.cos_sin(x)[0], "tan": lambda x: sine(x) / self.cos_sin(x)[0],
             "acos": lambda x: 2.0 * atan(sqrt((one - x) / (one + x))),
             "sinh": lambda x: (exp(x) - exp(-x)) * half, "cosh": lambda x: (exp(x) + exp(-x)) * half,

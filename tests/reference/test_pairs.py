@@ -82,6 +82,7 @@ class Functions(System):
         x = 0.5 + 0.3 * np.sin(z.s)
         smooth = np.tanh(x) + np.tan(x) + np.arcsin(x) + np.arccos(x) + np.arctan(x) + np.sinh(x) + np.cosh(x)
         others = np.expm1(x) + np.log1p(x) + np.hypot(x, self.a) + x**1.7 + np.sqrt(x) / x + 1.0 / x
+        others = others + np.arctan2(x, np.cos(3.0 * z.s))
         return {"z": 0.0 * z.z, "s": 0.1 * dE.z * (smooth + others + np.cos(x) + np.exp(-x) * np.log(x))}
 
     def irreversible(self, z, dE, dS):
