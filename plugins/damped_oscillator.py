@@ -1,8 +1,11 @@
-"""A pendulum whose friction heats a bath of constant temperature: E = p^2/(2 m) - k cos q + T s, S = s."""
+"""A pendulum whose friction heats a bath of constant temperature: E = p^2/(2 m) - k cos q + T s, S = s.
+
+And the same on a linear spring, `linear_oscillator`, U = k q^2/2, a family of its own: it is run where it is named.
+"""
 
 import numpy as np
 
-from tcbench import Scenario, System, hookimpl
+from tcbench import Scenario, ScenarioFamily, System, TcbenchError, hookimpl
 
 SOURCE = "Shang and Ottinger (2020), Proc. R. Soc. A 476: 20190446, with U = -cos q"
 
@@ -39,9 +42,45 @@ class DampedOscillator(System):
         return [[(0, 0), (np.sin(z.q), -np.cos(z.q))]]
 
 
+class LinearOscillator(DampedOscillator):
+    name = "linear_oscillator"
+    source = SOURCE.replace("-cos q", "q^2/2")
+
+    def energy(self, z):
+        return z.p**2 / (2 * self.mass) + self.stiffness * z.q**2 / 2 + self.reference_temperature * z.s
+
+    def exergy_offset(self):
+        return 0.0
+
+    def points(self, z):
+        """The spring."""
+        return [[(0, 0), (z.q, 0)]]
+
+
+def linear(friction):
+    try:
+        value = float(friction)
+    except ValueError:
+        raise TcbenchError(f"The friction of linear_oscillator is a number, not {friction!r}.") from None
+    return Scenario(
+        name="linear_oscillator",
+        system=LinearOscillator,
+        constants={"mass": 1, "stiffness": 1, "friction": value, "reference_temperature": 1},
+        initial={"q": 2, "p": 0, "s": 0},
+        t_end=200,
+        dt=0.3,
+        shows="friction that is linear in the momentum: the area of (q, p) shrinks by the same factor everywhere",
+        source=LinearOscillator.source,
+    )
+
+
 @hookimpl
 def tcbench_scenarios():
     return [
+        ScenarioFamily(
+            "linear_oscillator", make=linear, defaults={"friction": "0.01"}, shows="friction on a linear spring",
+            source=LinearOscillator.source,
+        ),
         Scenario(
             name="damped_oscillator",
             system=DampedOscillator,
@@ -51,5 +90,5 @@ def tcbench_scenarios():
             dt=0.3,
             shows="the smallest system with friction: a hundred small losses of energy, all of them found in the bath",
             source=SOURCE,
-        )
-    ]
+        ),
+    ]  # fmt: skip

