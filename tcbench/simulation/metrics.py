@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ..solver.implicit_step import compiled_flows
 from .trajectory import Trajectory
 
 
@@ -93,6 +94,17 @@ def newton_iterations(run: Trajectory) -> float:
 def newton_iterations_mean(run: Trajectory) -> float:
     """Newton iterations per completed step, all solves of the step together; NaN if they are not known."""
     return newton_iterations(run) / run.steps if run.steps else np.nan
+
+
+def evaluations(run: Trajectory) -> float:
+    """Evaluations of the run, a count that no machine changes: of a formula those of its residual (one a Newton
+    iteration, Jacobian included, and one a step of each explicit flow), of a solver those of the right-hand side. NaN
+    where neither is told.
+    """
+    if run.integrator.kind == "flows":
+        flows = compiled_flows(run.integrator.flows, run.scenario.model.symbolic)
+        return newton_iterations(run) + run.steps * sum(flow.n_unknowns == 0 for flow in flows)
+    return float(run.solver.rhs_evaluations) or np.nan
 
 
 def us_per_step(run: Trajectory) -> float:

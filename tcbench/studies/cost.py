@@ -15,14 +15,16 @@ LEAST_S = 2e-5  # shorter runs measure the call, not the work
 
 def time_to_accuracy(records: Sequence[Row]) -> list[Row]:
     """One row for each scenario, measure, target and method: seconds to the target (NaN if no rung reached it), and
-    the ratio of the best peer's time, of any peer and of SciPy's, to it (above 1: faster than the best peer)."""
+    the ratio of the best peer's time, of any peer and of SciPy's, to it (above 1: faster than the best peer); steps and
+    evaluations to it, which no machine changes."""
     rows: list[Row] = []
     scenarios = sorted({r["scenario"] for r in records})
     for scenario in scenarios:
         here = sorted((r for r in records if r["scenario"] == scenario), key=lambda r: r["integrator"])
         for measure, targets in TARGETS.items():
             for target in targets:
-                times = {r["integrator"]: reach(r.get("points") or [], measure, target) for r in here}
+                rungs = {r["integrator"]: r.get("points") or [] for r in here}
+                times = {name: reach(points, measure, target) for name, points in rungs.items()}
                 of_peers = {r["integrator"]: times[r["integrator"]] for r in here if r.get("peer")}
                 of_scipy = {r["integrator"]: times[r["integrator"]] for r in here if r.get("peer") == "scipy"}
                 peer, best = _least(of_peers)
@@ -32,17 +34,19 @@ def time_to_accuracy(records: Sequence[Row]) -> list[Row]:
                         "integrator": name, "scenario": scenario, "measure": measure, "target": target, "time_s": time,
                         "best_peer": peer, "ratio_to_best_peer": best / time, "best_scipy": scipy,
                         "ratio_to_best_scipy": best_scipy / time,
+                        "steps_to": reach(rungs[name], measure, target, "steps"),
+                        "evaluations_to": reach(rungs[name], measure, target, "evaluations"),
                     }
                     for name, time in times.items()
                 ]  # fmt: skip
     return rows
 
 
-def reach(points: Sequence[Row], measure: str, target: float) -> float:
-    """Least time to an error of `target`: of the rungs at or below it, or between two neighbours by a straight line in
-    logarithms. An error hidden by the reference's own counts as reached."""
+def reach(points: Sequence[Row], measure: str, target: float, cost: str = "wall_time_min_s") -> float:
+    """Least time, or other cost, to an error of `target`: of the rungs at or below it, or between two neighbours by a
+    straight line in logarithms. An error hidden by the reference's own counts as reached."""
     found = []
-    known = [(reached_error(p, measure), p["wall_time_min_s"]) for p in points if p.get("status") == "ok"]
+    known = [(reached_error(p, measure), _number(p.get(cost))) for p in points if p.get("status") == "ok"]
     known = [(e, t) for e, t in known if _is_number(e) and _is_number(t)]
     for e, t in known:
         if e <= target:
@@ -60,6 +64,10 @@ def reached_error(point: Row, measure: str) -> float:
         return math.inf
     error = 0.0 if measure == "error" and point.get("reference_limited") else point.get(measure)
     return float(error) if error is not None and math.isfinite(error) else math.inf
+
+
+def _number(value: Any) -> float:
+    return math.nan if value is None else float(value)
 
 
 def _is_number(value: Any) -> bool:

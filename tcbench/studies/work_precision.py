@@ -53,8 +53,8 @@ COLUMNS = (
     "error_entropy_produced", "energy_error_max", "angular_momentum_error_max", "entropy_fall_max",
     "reference_limited", "reference_floor",
     "wall_time_min_s",
-    "wall_time_median_s", "repeats", "steps", "newton_iterations", "rhs_evaluations", "t", "peer", "failure",
-    "left_out",
+    "wall_time_median_s", "repeats", "steps", "newton_iterations", "rhs_evaluations", "evaluations", "t", "peer",
+    "failure", "left_out",
 )  # fmt: skip
 
 
@@ -156,14 +156,15 @@ def ladder(integrator: Integrator, scenario: Scenario, steps: Sequence[float] | 
 
 
 def _fixed(integrator: Integrator, scenario: Scenario, dt: float) -> Callable[[bool], tuple[Row, float]]:
-    from ..simulation.metrics import angular_momentum_error_max, energy_error_max, newton_iterations
+    from ..simulation.metrics import angular_momentum_error_max, energy_error_max, evaluations, newton_iterations
     from ..simulation.run import simulate
 
     def run(first: bool) -> tuple[Row, float]:
         result = simulate(integrator, scenario, dt=dt, record_every=None)
         row = {
             "status": result.status, "failure": result.failure, "steps": result.steps,
-            "newton_iterations": newton_iterations(result), "state": result.z[-1] if result.ok else None,
+            "newton_iterations": newton_iterations(result), "evaluations": evaluations(result),
+            "state": result.z[-1] if result.ok else None,
             "energy_error_max": energy_error_max(result),
             "angular_momentum_error_max": angular_momentum_error_max(result),
             "entropy_fall_max": max(0.0, -result.summary.entropy_increment_min),
@@ -210,7 +211,8 @@ def _adaptive(
         states, counts = found if isinstance(found, tuple) else (found, {})
         end = np.asarray(states[-1], dtype=float)
         left = abs(model.energy(end) - model.energy(z0)) / scenario.initial_exergy
-        return seen | counts | {"state": end, "energy_error_max": max(seen["energy_error_max"], left)}, elapsed
+        told = {"evaluations": counts["rhs_evaluations"]} if "rhs_evaluations" in counts else {}
+        return seen | counts | told | {"state": end, "energy_error_max": max(seen["energy_error_max"], left)}, elapsed
 
     return run
 

@@ -1,0 +1,205 @@
+"""Measures that others use of geometric integrators: the error over a trajectory, at a fixed coarse step; how far a
+step is from symplectic where nothing dissipates; how the energy error grows over long runs. Run where it is named.
+
+Everything is dimensionless. Errors are max |z - z_ref|/max(1, |z_ref|) at EIGHT equally spaced times up to a horizon,
+at the scenario's own step and at four times that, so that a trajectory that is right at its end only is told apart.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from .base import Row, Study
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+    from ..integrator import Integrator
+    from ..systems.scenario import Scenario
+
+EIGHT = 8
+HORIZON = 25.0  # of trajectories: chaotic ones are not longer known
+COARSE = 4  # times the scenario's own step
+TOLERANCE = 1e-6  # of solvers that choose their steps
+LONG = 2**14  # steps of the run whose energy error is followed
+OCTAVES = 6  # the last ones of it, to which the exponent is fitted
+NUDGE = 1e-5  # of the components, for the slopes of a step: what is left of them is 1e-9
+DISSIPATING = ("conductivity", "friction", "damping", "speed")  # constants without which a system does not dissipate
+COLUMNS = (
+    "integrator", "scenario", "dt", "tolerance", "status", "error_end", "error_path_max", "error_path_rms",
+    "error_theta", "error_entropy_produced", "symplecticity_defect", "energy_growth_exponent", "energy_growth_end", "t",
+    "failure",
+)  # fmt: skip
+
+
+def plan(
+    integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]
+) -> list[tuple[Integrator, Scenario, Row]]:
+    """One cell a pair and step: the scenario's own and a coarse one, or those that are asked for."""
+    cells: list[tuple[Integrator, Scenario, Row]] = []
+    for scenario in scenarios:
+        for integrator in (i for i in integrators if not i.lacks):
+            if integrator.kind == "adaptive":
+                cells.append((integrator, scenario, {"tolerance": TOLERANCE}))
+            else:
+                steps = options.get("dt") or (scenario.dt, COARSE * scenario.dt)
+                cells += [(integrator, scenario, {"dt": dt}) for dt in steps]
+    return cells
+
+
+def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
+    row = path_errors(integrator, scenario, options)
+    row["symplecticity_defect"] = symplecticity_defect(integrator, scenario, options)
+    return row | energy_growth(integrator, scenario, options)
+
+
+def path_errors(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
+    """Errors at eight times, and of temperatures and of the entropy produced at the last of them."""
+    import numpy as np
+
+    from ..reference.lookup import reference_for
+    from .convergence import groups, relative_error
+    from .work_precision import errors_of
+
+    t_end = min(HORIZON, scenario.t_end)
+    times = [t_end * (k + 1) / EIGHT for k in range(EIGHT)]
+    reference = reference_for(scenario, times)
+    status, failure, states = _states(integrator, scenario.replace(t_end=t_end), options, times)
+    row: Row = {"status": status, "failure": failure, "t": t_end}
+    if states is None:
+        return row
+    errors = [
+        relative_error(groups(scenario.model, z)["all"], groups(scenario.model, exact)["all"])
+        for z, exact in zip(states, reference.states, strict=True)
+    ]
+    end = errors_of(scenario, states[-1], reference.states[-1], 10.0 * float(reference.floor[-1]))
+    names = ("error_theta", "error_entropy_produced")
+    return row | {
+        "error_end": errors[-1], "error_path_max": max(errors),
+        "error_path_rms": float(np.sqrt(np.mean(np.square(errors)))), **{n: end[n] for n in names if n in end},
+    }  # fmt: skip
+
+
+def _states(integrator: Integrator, scenario: Scenario, options: Row, times: Sequence[float]) -> Any:
+    """(status, failure, states at the times or None): steps are as long as is asked for, or the next shorter that
+    divides the times."""
+    import numpy as np
+
+    from ..errors import leave_to_the_machine
+    from ..simulation.run import simulate
+
+    if integrator.kind == "adaptive":
+        tolerance = options["tolerance"]
+        try:
+            found = integrator.adaptive(  # type: ignore[misc]
+                scenario.model, scenario.z0.copy(), np.array([0.0, *times]), tolerance, tolerance
+            )
+        except Exception as error:  # a solver that gives up is a row
+            leave_to_the_machine(error)
+            return "exception", f"{type(error).__name__}: {error}"[:300], None
+        return "ok", "", np.asarray(found[0] if isinstance(found, tuple) else found)[1:]
+    every = max(1, math.ceil(scenario.t_end / EIGHT / options["dt"] - 1e-9))
+    run = simulate(integrator, scenario, dt=scenario.t_end / (EIGHT * every), record_every=every)
+    return run.status, run.failure, run.z[1:] if run.ok else None
+
+
+def without_dissipation(scenario: Scenario) -> Scenario | None:
+    """The scenario with all constants at 0 that make it dissipate; None where it dissipates all the same."""
+    import numpy as np
+
+    still = scenario.replace(name="still", **{name: 0.0 for name in DISSIPATING if name in scenario.constants})
+    model, z0 = still.model, still.z0
+    lost = np.abs(model.irreversible(z0, model.gradient(z0), model.entropy_gradient(z0))).max()
+    return None if lost > 0 else still
+
+
+def symplecticity_defect(integrator: Integrator, scenario: Scenario, options: Row) -> float:
+    """max |M L(z0) M^T - L(z1)| over max |L|, M the slopes of one step where nothing dissipates; by differences, so
+    that 1e-8 is none. NaN where a system dissipates in other ways, and where a step fails."""
+    import numpy as np
+
+    still = without_dissipation(scenario)
+    if still is None:
+        return math.nan
+    model, z0 = still.model, np.asarray(still.z0)
+    h = options.get("dt", scenario.dt)
+
+    def step(z: Any) -> Any:
+        start = still.replace(name="moved", t_end=h, **model.initial_of(z))
+        return _one_step(integrator, start, h, options)
+
+    def poisson(z: Any) -> Any:
+        dS = model.entropy_gradient(z)
+        return np.array([model.reversible(z, model.state(e), dS) for e in np.eye(len(z))]).T
+
+    try:
+        z1, slopes = step(z0), []
+        for i, size in enumerate(NUDGE * np.maximum(1.0, np.abs(z0))):
+            d = size * np.eye(len(z0))[i]
+            slopes.append((step(z0 + d) - step(z0 - d)) / (2 * size))
+    except ArithmeticError:
+        return math.nan
+    M, L0, L1 = np.array(slopes).T, poisson(z0), poisson(z1)
+    scale = np.abs(L1).max()
+    return float(np.abs(M @ L0 @ M.T - L1).max() / scale) if scale else math.nan
+
+
+def _one_step(integrator: Integrator, start: Scenario, h: float, options: Row) -> Any:
+    import numpy as np
+
+    from ..simulation.run import simulate
+
+    if integrator.kind == "adaptive":
+        status, failure, states = _states(integrator, start, options, [h])
+    else:
+        run = simulate(integrator, start, dt=h, t_end=h)
+        status, failure, states = run.status, run.failure, run.z
+    if status != "ok":
+        raise ArithmeticError(failure)
+    return np.asarray(states[-1])
+
+
+def energy_growth(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
+    """a of |E - E0| ~ t^a over the last octaves of a long run where nothing dissipates (if that can be): 0 where it is
+    bounded, 1/2 where it is round-off, 1 where it has a bias; and its root mean square over the last half, over V0. NaN
+    where the run fails before."""
+    import numpy as np
+
+    from ..simulation.run import simulate
+
+    none = {"energy_growth_exponent": math.nan, "energy_growth_end": math.nan}
+    if integrator.kind == "adaptive":
+        return none  # its long run is as long as its tolerance lets it be
+    dt = options["dt"]
+    run = simulate(integrator, without_dissipation(scenario) or scenario, dt=dt, t_end=LONG * dt)
+    if not run.ok:
+        return none
+    gap = np.abs(run.energy - run.energy[0]) / scenario.initial_exergy
+    ends = [LONG // 2**k for k in range(OCTAVES, -1, -1)]
+    sizes = [float(np.sqrt(np.mean(gap[a:b] ** 2))) for a, b in itertools.pairwise(ends)]
+    known = min(sizes) > 0
+    slope = float(np.polyfit(np.log(ends[1:]), np.log(sizes), 1)[0]) if known else math.nan
+    return {"energy_growth_exponent": slope, "energy_growth_end": sizes[-1]}
+
+
+def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
+    import pandas as pd
+
+    table = pd.DataFrame(list(records))
+    table = table.reindex(columns=[*COLUMNS, *(c for c in table.columns if c not in COLUMNS)])
+    return {"measures": table.sort_values(["scenario", "integrator"], kind="stable", ignore_index=True)}
+
+
+STUDY = Study(
+    name="measures",
+    place=65,
+    description="error over the trajectory and at a coarse step, symplecticity of a step, growth of the energy error",
+    tables=("measures",),
+    plan=plan,
+    measure=measure,
+    tabulate=tabulate,
+    by_default=False,
+)
