@@ -1,9 +1,10 @@
 """Which thermal variable? One monolithic method in entropies, temperatures and energies: cost, accuracy, robustness.
 
-    python benchmarks/thermal_variables.py measure    # two minutes: results/thermal_variables.json, the page, the picture
-    python benchmarks/thermal_variables.py            # the page and the picture again from that file
+    python benchmarks/thermal_variables.py measure    # half a minute: the file, the page and the picture
+    python benchmarks/thermal_variables.py            # the page and the picture again, from the file
 
-Everything but the times is counted or compared with a reference, so that another machine finds the same.
+The file is results/thermal_variables.json. Everything but the times is counted or compared with a reference, so that
+another machine finds the same.
 """
 
 from __future__ import annotations
