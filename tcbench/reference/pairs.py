@@ -49,23 +49,28 @@ class Pair(NamedTuple):
     steps: int
 
 
-def solve(systems: Sequence[System], starts: Sequence[Any], times: Any) -> list[Pair | None]:
+def solve(systems: Sequence[System], starts: Sequence[Any], times: Any, text: str = "") -> list[Pair | None]:
     """Of scenarios with their own times, shape (scenarios, m), or the same for all; None where this way leads nowhere
-    (too stiff, too large, no series, blown up). Those of one structure go side by side."""
+    (too stiff, too large, no series, blown up). Those of one structure go side by side.
+
+    text : of the vector field of all of them, where it is known.
+    """
     ends = np.broadcast_to(np.asarray(times, float), (len(systems), np.shape(times)[-1]))
     groups: dict[Any, list[int]] = {}
     for i, system in enumerate(systems):
         groups.setdefault(system.structure, []).append(i)
     found: dict[int, Pair | None] = {}
     for group in groups.values():
-        pairs = _solve([systems[i] for i in group], [starts[i] for i in group], ends[group])
+        pairs = _solve([systems[i] for i in group], [starts[i] for i in group], ends[group], text)
         found |= dict(zip(group, pairs, strict=True))
     return [found[i] for i in range(len(systems))]
 
 
-def _solve(systems: Sequence[System], starts: Sequence[Any], times: NDArray[np.float64]) -> list[Pair | None]:
-    system = systems[0]
-    text, (n,) = system.formula("vector_field")
+def _solve(
+    systems: Sequence[System], starts: Sequence[Any], times: NDArray[np.float64], text: str
+) -> list[Pair | None]:
+    system, n = systems[0], systems[0].size
+    text = text or system.formula("vector_field")[0]
     try:
         plan = tape(text, n, system.n_constant_values, ORDER)
     except TcbenchError:
