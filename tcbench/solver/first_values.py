@@ -33,7 +33,7 @@ def plain_start(reduction: Reduction) -> list[Symbol]:
     start = dict.fromkeys(x, zero)
     for formula in reduction.eliminated.values():
         moving = [(x[j], a) for j, a in sorted(trace.sparse_jacobian([formula], x)[0].items())]
-        if len(moving) == 1:
+        if len(moving) == 1 and moving[0][1].number not in trace.depends_on([moving[0][1]], x):
             (symbol, slope), (offset,) = moving[0], trace.substitute([formula], dict.fromkeys(x, zero))
             start[symbol] = trace.neg(trace.mul(offset, trace.reciprocal(slope)))
     return [start[s] for s in x]

@@ -25,6 +25,7 @@ from ..compiler.once import cached_property
 from ..compiler.sentences import MixedSpaces
 from ..errors import TcbenchError, TraceError
 from ..integrator import Flow, Residual
+from ..systems.element_system import ElementSystem
 from ..systems.state import State
 from ..systems.system import System
 from ..systems.traced import FEW
@@ -111,7 +112,8 @@ def _build(flow: Flow, system: System, why: str) -> FlowKernels:
     y0 = sym.in_variables(flow.variables, z0)
     start = trace.variables("start", n * (flow.memory or 2))
     given = traced(flow, sym, y0, d, h, further(flow, sym, z0, h, start))
-    reduction = reduce(normalised(given, d, h), list(d))
+    unseen = not (flow.stages or isinstance(sym, ElementSystem))  # of theirs the last digits stay what they were
+    reduction = reduce(normalised(given, d, h), list(d), unseen=unseen)
     slopes = _ordered(reduction) if len(reduction.unknowns) > UNROLLED else None
     x = reduction.unknowns
     increments = np.array(reduction.increments(d), dtype=object)

@@ -33,16 +33,20 @@ class Reduction:
 
 
 def reduce(
-    rows: Sequence[Symbol], unknowns: Sequence[Symbol], sweep: bool = False, only: Collection[Symbol] | None = None
+    rows: Sequence[Symbol],
+    unknowns: Sequence[Symbol],
+    sweep: bool = False,
+    only: Collection[Symbol] | None = None,
+    unseen: bool = False,
 ) -> Reduction:
     """Drop unknowns that do not move, and eliminate those that their own row gives explicitly or linearly.
 
     A row i goes that reads a*d_i + g = 0 with a constant a > 0 and g free of d_i, affine in the other unknowns.
     sweep: whatever the number; of arrays (`spaces`), of which a row may see other entries of an unknown: it then stays.
-    only: the unknowns that may go; None: any.
+    only: the unknowns that may go; None: any. unseen: also those that no other row sees, however theirs is curved.
     """
     if len(unknowns) <= SMALL and not sweep:
-        return _one_by_one(Reduction(list(rows), list(unknowns)))
+        return _one_by_one(Reduction(list(rows), list(unknowns)), unseen)
     left, eliminated = list(zip(rows, unknowns, strict=True)), dict[Symbol, Symbol]()
     curvature = _Curvature(unknowns)
     while True:  # what was eliminated may make another row linear
@@ -63,11 +67,11 @@ def reduce(
     return Reduction([row for row, _ in left], [unknown for _, unknown in left], _closed(eliminated))
 
 
-def _one_by_one(state: Reduction) -> Reduction:
+def _one_by_one(state: Reduction, unseen: bool) -> Reduction:
     """The same at a cost that grows as the square: the order in which nodes are made decides the last digits of what is
     computed, and those of small systems stay what they were."""
     while True:
-        found = _eliminable(state)
+        found = _eliminable(state) or (_eliminable(state, unseen=True) if unseen else None)
         if found is None:
             state.rows.reverse()
             state.unknowns.reverse()
@@ -80,12 +84,16 @@ def _one_by_one(state: Reduction) -> Reduction:
         state.eliminated = dict(zip(state.eliminated, formulas, strict=True)) | {unknown: formula}
 
 
-def _eliminable(state: Reduction) -> tuple[int, Symbol, Symbol] | None:
+def _eliminable(state: Reduction, unseen: bool = False) -> tuple[int, Symbol, Symbol] | None:
+    slopes_of = trace.sparse_jacobian(state.rows, state.unknowns) if unseen else []
     for i, (row, unknown) in enumerate(zip(state.rows, state.unknowns, strict=True)):
         (slopes,) = trace.sparse_jacobian([row], state.unknowns)
         moving = trace.depends_on(slopes.values(), state.unknowns)
         a = slopes.get(i, const(0.0))
-        if a.op != "const" or a.value <= 0 or any(s.number in moving for s in slopes.values()):
+        curved = any(s.number in moving for s in slopes.values())
+        if unseen:
+            curved = any(i in other for j, other in enumerate(slopes_of) if j != i)
+        if a.op != "const" or a.value <= 0 or curved:
             continue
         (g,) = trace.substitute([row], {unknown: const(0.0)})
         return i, unknown, trace.neg(trace.mul(g, trace.reciprocal(a)))

@@ -6,8 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import tcbench
 from tcbench.compiler import derivatives as trace
-from tcbench.compiler.chain_rule import discrete_gradient, gradient
+from tcbench.compiler.chain_rule import discrete_gradient, exponentials, gradient
 from tcbench.compiler.kernels import kernel
 from tcbench.errors import TraceError
 
@@ -117,3 +118,23 @@ def test_what_has_no_rule_is_named():
     x = trace.variable("x")
     with pytest.raises(TraceError, match=r"'max'.*no divided-difference rule"):
         discrete_gradient(trace.maximum(x, trace.const(0.0)), [x], [x], [x])
+
+
+def test_powers_of_products_with_exponentials_become_one():
+    """Also where the rest of the product has factors that are negative; others stay as they are."""
+    x, y = trace.variables("x", 2)
+    for f, powers in [
+        ((np.exp(x) / (y + 4.0)) ** (2 / 3), 0), ((x * np.exp(y) * (x - 5.0) * np.exp(x)) ** 0.3, 0),
+        ((x * (x - 5.0)) ** 0.3, 1), ((np.exp(x) * (y - 9.0)) ** 3, 0),
+    ]:  # fmt: skip
+        simpler = exponentials(f)
+        assert sum(node.op == "pow" for node in trace.topological([simpler])) == powers
+        made = kernel({x: "a[0]", y: "a[1]"}, [f, simpler])
+        given, same = made(np.array([-0.7, 0.4]), np.zeros(1))
+        assert np.isfinite(given) and same == pytest.approx(given, rel=1e-14)
+
+
+def test_an_unknown_that_no_other_row_sees_is_explicit():
+    """The heat of a bath of constant temperature is known when the momentum is: one unknown, and the same laws."""
+    run = tcbench.simulate("tc_monolithic", "damped_oscillator", t_end=3.0)
+    assert run.solver.way == "unrolled: 1 unknowns" and run.summary.energy_error_max < 1e-14
