@@ -53,7 +53,7 @@ def exponentials(f: Symbol) -> Symbol:
 
 def _logarithm(product: Symbol) -> Symbol | None:
     """Of a product with exponentials in it, which is positive where the rest is; None of another."""
-    factors, exponents, rest = [product], [], []
+    factors, exponents, rest = [product], list[Symbol](), list[Symbol]()
     while factors:
         x = factors.pop()
         if x.op == "mul":
@@ -62,10 +62,12 @@ def _logarithm(product: Symbol) -> Symbol | None:
             (exponents if x.op == "exp" else rest).append(x)
     if not exponents:
         return None
-    found = reduce(add, (x.args[0] for x in exponents))
-    if len(rest) == 1 and rest[0].op == "recip":
-        return found - rest[0].args[0].log()
-    return found + reduce(mul, rest).log() if rest else found
+    found: Symbol = reduce(add, (x.args[0] for x in exponents))
+    if not rest:
+        return found
+    whole: Symbol = reduce(mul, rest)
+    logarithm: Symbol = -whole.args[0].log() if whole.op == "recip" else whole.log()
+    return add(found, logarithm)
 
 
 def discrete_gradient(
