@@ -32,7 +32,8 @@ _SOURCES: dict[str, str] = {}  # of libraries, read when they were made: an auth
 class Library:
     """Functions of the restricted Python, compiled together when the first of them is asked for: `library.march(...)`.
 
-    Arguments: numbers, records, and contiguous arrays of the kinds that the annotations say.
+    Arguments: numbers, records, and contiguous arrays of the kinds that the annotations say. Globals that the functions
+    read are constants of the compiled code, as they are when the first of them is asked for.
     """
 
     def __init__(self, name: str, *functions: Any) -> None:
@@ -221,7 +222,9 @@ def evaluate(kernel: int, a: Any, b: Any, out: Any) -> None:
             call(kernel, a, b, out)
     elif (_NATIVE or _native())[0](kernel, id(a), id(b), id(out)):
         if not (out.flags.c_contiguous and out.flags.writeable and out.dtype == np.float64):
-            raise TypeError("a kernel's results need a contiguous array of float64 that can be written")
+            raise TcbenchError(
+                "The array for a kernel's results must be contiguous, of float64, and not read-only: give np.empty(n)."
+            )
         run_kernel(kernel, np.ascontiguousarray(a, np.float64), np.ascontiguousarray(b, np.float64), out)
 
 

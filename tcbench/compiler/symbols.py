@@ -152,6 +152,11 @@ class Symbol:
     def _compare(self, other: object) -> Any:
         raise refused("a comparison of symbols")
 
+    def _rounded(self, *_: object) -> Any:
+        raise refused("a whole number made of a symbol (//, %, round)")
+
+    __floordiv__ = __rfloordiv__ = __mod__ = __rmod__ = __divmod__ = __rdivmod__ = __round__ = __trunc__ = _rounded
+
     __lt__ = __le__ = __gt__ = __ge__ = __eq__ = __ne__ = _compare
 
     def __hash__(self) -> int:

@@ -151,6 +151,9 @@ class ElementSystem(ThermalVariables, System):
                 raise TcbenchError(f"{name} must be {size} numbers, not {len(values)}.")
         if min(temperatures) <= 0:
             raise TcbenchError(f"temperatures must be positive, not {min(temperatures):g}.")
+        inertia = np.asarray(self.inertia(), dtype=float)
+        if not np.all(inertia > 0):
+            raise TcbenchError(f"{type(self).__name__}: inertia() must be positive, not {inertia.min():g}.")
         check_sizes(self, np.array(positions), np.array(momenta), np.array(temperatures))
         shape = np.asarray(self.shape(np.array(positions)), dtype=float)
         if not np.all(shape > 0):

@@ -328,7 +328,7 @@ class Network(ElementSystem):
         for name in ("position", "element"):
             number = Count(spaces.REPRESENTATIVES)
             number.symbol = spaces.count(name)
-            setattr(clone, f"n_{name}s", number)
+            vars(clone)[f"n_{name}s"] = number
         clone.traced_by_spaces = True
         clone.anchor_symbol = spaces.variable("anchor", "anchor")[0]
         clone.anchor_symbol.twin = clone.anchor_symbol  # both representatives see all of them

@@ -32,6 +32,11 @@ def check_class(cls: type[System]) -> None:
     for name in dict.fromkeys(n for c in cls.__mro__[: cls.__mro__.index(base)] for n in c.__dict__):
         if not name.startswith("__") and name not in base.written and _is_computed(base, name):
             raise _overridden(cls.__name__, name, base.written)
+    if cls.__getattribute__ is not object.__getattribute__:
+        raise TcbenchError(
+            f"{cls.__name__} writes __getattribute__: what a formula reads of self would not be what it names. Call a "
+            "function of your own in the formulas."
+        )
     constants: Mapping[Any, Any] = cls.constants  # whatever an author wrote
     for name in constants:
         if not isinstance(name, str) or not name.isidentifier():
@@ -62,6 +67,11 @@ def check_attribute(system: System, name: str) -> None:
     """TcbenchError where an attribute of an instance would hide what its class computes, or be another constant."""
     if name not in system.constants and _is_computed(type(system), name):
         raise _overridden(type(system).__name__, name, _base(type(system)).written)
+    if name not in system.constants and name in _base(type(system)).written:
+        raise TcbenchError(
+            f"{type(system).__name__} sets {name!r} on an instance: it belongs to the class, whose formulas all of its "
+            "scenarios share. Write it in the body of the class."
+        )
     if name in system.constants and name in system.__dict__:
         raise TcbenchError(
             f"The constant {name!r} of a system does not change: take another one, such as "

@@ -14,6 +14,7 @@ from tcbench.compiler.derivatives import jacobian
 from tcbench.compiler.kernels import _code, kernel, namespace
 from tcbench.compiler.library import evaluate
 from tcbench.compiler.symbols import guarded, lam, maximum, minimum, phi
+from tcbench.errors import TraceError
 
 pytestmark = pytest.mark.skipif(language.PLAIN, reason="the text itself runs")
 ROUND_OFF = 1e-13  # contracted multiply-adds, and another order of no operation
@@ -82,7 +83,7 @@ def test_arrays_that_are_not_contiguous_doubles_are_copied_first():
     for a in (np.array([1.0, 9.0, 3.0])[::2], np.array([1, 3]), np.array([1, 3], np.float32), [1.0, 3.0]):
         evaluate(double.address, a, np.zeros(1), out)
         assert out.tolist() == [2.0, 6.0]
-    with pytest.raises(TypeError, match="results"):
+    with pytest.raises(TcbenchError, match="results"):
         evaluate(double.address, np.ones(2), np.zeros(1), np.zeros(2, int))
 
 
@@ -92,6 +93,12 @@ def test_what_is_read_only_is_read_and_not_written():
     a.setflags(write=False)
     out.setflags(write=False)
     found = kernel({u: "a[0]"}, [u + 1.0])
-    with pytest.raises(TypeError, match="that can be written"):
+    with pytest.raises(TcbenchError, match="not read-only: give"):
         evaluate(found.address, a, a, out)
     assert found(a, a) == 2.0 and out == 0.0
+
+
+@pytest.mark.parametrize("form", [lambda u: u // 2, lambda u: 2 % u, lambda u: divmod(u, 2), round, math.trunc])
+def test_a_whole_number_made_of_a_symbol_is_refused(form):
+    with pytest.raises(TraceError, match="a whole number made of a symbol"):
+        form(trace.variable("u"))

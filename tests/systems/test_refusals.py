@@ -160,3 +160,34 @@ def test_constants_do_not_change():
     with pytest.raises(TcbenchError, match=r"do not change: take another one, scenario.replace"):
         one.constants["conductivity"] = 5.0
     assert copy.deepcopy(one) == pickle.loads(pickle.dumps(one)) == one
+
+
+def test_elements_have_a_mass():
+    class Light(tcbench.Pendulum):
+        name = "light"
+
+        def inertia(self):
+            return np.array([1.0, 1.0, -1.0, 1.0])
+
+    with pytest.raises(TcbenchError, match=r"Light: inertia\(\) must be positive, not -1"):
+        scenario(Light)
+
+
+def test_what_belongs_to_the_class_is_not_set_on_an_instance():
+    class Late(tcbench.Pendulum):
+        name = "late"
+
+        def __init__(self, **values):
+            super().__init__(**values)
+            self.n_positions = 4
+
+    with pytest.raises(TcbenchError, match="Late sets 'n_positions' on an instance: it belongs to the class"):
+        scenario(Late)
+
+
+def test_what_a_formula_reads_is_what_it_names():
+    with pytest.raises(TcbenchError, match="Reading writes __getattribute__"):
+
+        class Reading(tcbench.Pendulum):
+            def __getattribute__(self, name):
+                return object.__getattribute__(self, name)
