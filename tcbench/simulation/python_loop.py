@@ -124,26 +124,32 @@ class Monitor:
         return found
 
 
-def run_adaptive(integrator: Integrator, scenario: Scenario, tolerance: float) -> Trajectory:
-    """One adaptive run at rtol = atol = tolerance, reported at evenly spaced times.
+def run_adaptive(
+    integrator: Integrator, scenario: Scenario, tolerance: float, times: np.ndarray | None = None
+) -> Trajectory:
+    """One adaptive run at rtol = atol = tolerance, reported at these times, by default at evenly spaced ones.
 
     It ends at the first of them at which it has failed where the solver gives its states one by one (`outputs`).
     """
-    t = np.linspace(0.0, scenario.t_end, POINTS + 1)
-    found = shared_runs.known(integrator.name, scenario, tolerance)
+    t = np.linspace(0.0, scenario.t_end, POINTS + 1) if times is None else np.append(0.0, times)
+    found = shared_runs.known(integrator.name, scenario, tolerance) if times is None else None
     if found is None:
         found = _solve(integrator, scenario, t, tolerance)
-        shared_runs.keep(integrator.name, scenario, tolerance, found)
-    monitor = Monitor(scenario, t[1], POINTS, 1)
+        if times is None:
+            shared_runs.keep(integrator.name, scenario, tolerance, found)
+    monitor = Monitor(scenario, t[1], len(t) - 1, 1)
     reason, done = monitor.add(1, found.states[1:]) if len(found.states) > 1 else (OK, 0)
     status, sentence = ("exception", found.failure) if found.failure else explain(reason, done, t[1], scenario)
+    if times is not None and reason != OK and not found.failure:
+        last = min(done if status == "blowup" else done + 1, len(t) - 1)
+        sentence = f"output {last} (t = {t[last]:.6g}): {sentence.partition(': ')[2]}"
     solver = SolverCounts(
         newton_iterations=found.counts.get("newton_iterations", 0),
         rhs_evaluations=found.counts.get("rhs_evaluations", 0),
         unknown=tuple(name for name in ("steps", "newton_iterations") if name not in found.counts),
     )
     run = monitor.trajectory(integrator, status, sentence, found.wall_s, solver)
-    return replace(run, dt=math.nan, steps=found.counts.get("steps", done))
+    return replace(run, t=t[: len(run.t)], dt=math.nan, steps=found.counts.get("steps", done))
 
 
 def _solve(integrator: Integrator, scenario: Scenario, t: np.ndarray, tolerance: float) -> Solved:
@@ -169,7 +175,7 @@ def _solve(integrator: Integrator, scenario: Scenario, t: np.ndarray, tolerance:
 
 def _until_failed(rows: Iterator[Any], scenario: Scenario, t: np.ndarray) -> np.ndarray:
     """The states that an iterator gives, up to the first that has failed."""
-    monitor, states, reason = Monitor(scenario, t[1], POINTS, 1), np.empty((len(t), scenario.model.size)), OK
+    monitor, states, reason = Monitor(scenario, t[1], len(t) - 1, 1), np.empty((len(t), scenario.model.size)), OK
     for i in range(len(t)):
         row = next(rows, None)
         if row is None:

@@ -37,6 +37,7 @@ def simulate(
     t_end: float | None = None,
     *,
     tolerance: float | None = None,
+    times: Any = None,
     continuation: bool = True,
     record_every: int | None = 1,
     residuals: bool = False,
@@ -57,12 +58,15 @@ def simulate(
         Horizon, in the same time; the scenario's own by default.
     tolerance : float, optional
         rtol of an adaptive solver (atol = rtol), which has no dt; dimensionless. Default 1e-6.
+    times : sequence of float, optional
+        When an adaptive solver reports, shape (k,), growing; the last is the horizon, and the state at 0 always comes
+        first. The states are the solver's own: its steps end there, or its own interpolation gives them.
     continuation : bool
         True: Newton, then natural tracking in h, then pseudo-arclength through folds, so that a step fails only when it
         has no root (docs/stability.md). False: plain Newton from z0 (20 iterations), for comparison.
     record_every : int or None
-        Keep every k-th state; None: the first and the last. The summary covers every step. An adaptive run is always
-        reported at 200 times.
+        Keep every k-th state; None: the first and the last. The summary covers every step. An adaptive run is
+        reported at 200 times, or at `times`.
     residuals : bool
         Also measure the residual of each accepted step (`summary.residual_max`).
     audit_roots : bool
@@ -99,7 +103,13 @@ def simulate(
         raise TcbenchError(f"{integrator.name!r} cannot run on {scenario.name!r}: {reason}.")
     check_invariants(scenario.model, scenario.z0)
     if integrator.kind == "adaptive":
-        return run_adaptive(integrator, scenario, _checked_tolerance(tolerance))
+        chosen = None if times is None else _checked_times(times, t_end)
+        if chosen is not None:
+            end = float(chosen[-1])
+            scenario = scenario.replace(t_end=end, dt=min(scenario.dt, end))
+        return run_adaptive(integrator, scenario, _checked_tolerance(tolerance), chosen)
+    if times is not None:
+        raise TcbenchError(f"{integrator.name!r} has states at the ends of its steps: give dt=, not times=.")
     if tolerance is not None:
         raise TcbenchError(f"{integrator.name!r} takes a step dt, not a tolerance.")
     dt = checked_dt(scenario.dt if dt is None else dt, scenario)
@@ -141,6 +151,20 @@ def checked_dt(dt: Any, scenario: Scenario) -> float:
             f"dt = {value:g} is longer than the horizon t_end = {scenario.t_end:g} of {scenario.name!r}."
         )
     return value
+
+
+def _checked_times(times: Any, t_end: float | None) -> np.ndarray:
+    """The times after 0, ascending; the last one is the horizon."""
+    try:
+        found = np.asarray(times, dtype=float).ravel()
+    except (TypeError, ValueError):
+        raise TcbenchError(f"times must be numbers, not {times!r}.") from None
+    found = found[1:] if len(found) and found[0] == 0 else found
+    if not len(found) or not np.isfinite(found).all() or found[0] <= 0 or (np.diff(found) <= 0).any():
+        raise TcbenchError("times must be finite numbers that grow, the first at 0 or later, the last after 0.")
+    if t_end is not None and t_end != found[-1]:
+        raise TcbenchError(f"The run ends at the last of its times, {found[-1]:g}: leave out t_end = {t_end:g}.")
+    return found
 
 
 def _checked_tolerance(tolerance: float | None) -> float:

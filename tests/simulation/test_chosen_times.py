@@ -1,0 +1,40 @@
+"""Adaptive solvers report when they are asked to; what cannot be a list of times is refused in a sentence."""
+
+import numpy as np
+import pytest
+
+import tcbench
+from tcbench import TcbenchError
+
+TIMES = [0.1, 0.15, 1.0, 4.0]
+
+
+@pytest.mark.parametrize("name", ["tc_auto", "tc_taylor", "tc_gauss_adaptive", "scipy_odeint"])
+def test_a_run_has_the_states_at_the_times_that_were_asked_for(name):
+    run = tcbench.simulate(name, "short_term", tolerance=1e-10, times=TIMES)
+    assert run.ok and np.array_equal(run.t, [0, *TIMES]) and run.z.shape == (5, 10) and len(run.energy) == 5
+    again = tcbench.simulate(name, "short_term", tolerance=1e-10, times=[0, *np.linspace(0.5, 4, 8)])
+    assert np.allclose(again.z[[2, 8]], run.z[[3, 4]], rtol=1e-8, atol=1e-8)  # at t = 1 and 4
+
+
+def test_the_runs_at_the_default_times_are_not_mistaken_for_them():
+    before = tcbench.simulate("tc_auto", "short_term", t_end=4.0)
+    chosen = tcbench.simulate("tc_auto", "short_term", times=TIMES)
+    after = tcbench.simulate("tc_auto", "short_term", t_end=4.0)
+    assert len(before.t) == len(after.t) == 201 and len(chosen.t) == 5 and np.array_equal(before.z, after.z)
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "message"),
+    [
+        ("tc_auto", {"times": [1.0, 1.0]}, "numbers that grow"),
+        ("tc_auto", {"times": []}, "numbers that grow"),
+        ("tc_auto", {"times": [0.0]}, "the last after 0"),
+        ("tc_auto", {"times": "soon"}, "must be numbers, not 'soon'"),
+        ("tc_auto", {"times": [1.0], "t_end": 2.0}, "leave out t_end = 2"),
+        ("tc_monolithic", {"times": [1.0]}, "states at the ends of its steps: give dt="),
+    ],
+)
+def test_what_is_no_list_of_times_is_refused(name, options, message):
+    with pytest.raises(TcbenchError, match=message):
+        tcbench.simulate(name, "short_term", **options)
