@@ -14,9 +14,9 @@ def cells(path, kind):
     return [cell for cell in json.loads(path.read_text(encoding="utf-8"))["cells"] if cell["cell_type"] == kind]
 
 
-def test_there_are_four_and_the_page_leads_to_each():
+def test_there_are_five_and_the_page_leads_to_each():
     page = (ROOT / "docs" / "notebooks.md").read_text()
-    assert {path.name for path in BOOKS} == set(re.findall(r"\(notebooks/([\w.]+)\)", page)) and len(BOOKS) == 4
+    assert {path.name for path in BOOKS} == set(re.findall(r"\(notebooks/([\w.]+)\)", page)) and len(BOOKS) == 5
 
 
 @pytest.mark.parametrize("path", BOOKS, ids=lambda p: p.stem)

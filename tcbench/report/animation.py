@@ -92,14 +92,15 @@ def _movie(runs: Sequence[Trajectory], frames: int, fps: int) -> FuncAnimation:
 
     class Movie(FuncAnimation):
         def _repr_html_(self) -> str:
-            self._draw_was_started = True  # it is shown: no warning that it never was
             page = html.escape(_page(_pictures(runs, frames), fps))
             width, height = (80 * size + 40 for size in stage.figure.get_size_inches())
             return f'<iframe srcdoc="{page}" width="{width:.0f}" height="{height:.0f}" style="border:0"></iframe>'
 
     with matplotlib.rc_context(STYLE):
         stage = _Stage(runs, frames)
-        return Movie(stage.figure, stage.show, frames=frames, interval=1000 / fps, blit=False)
+        movie = Movie(stage.figure, stage.show, frames=frames, interval=1000 / fps, blit=False)
+        vars(movie)["_draw_was_started"] = True  # one that nobody looks at is no reason for a warning
+        return movie
 
 
 def save(runs: Sequence[Trajectory], path: str | Path, frames: int = FRAMES, fps: int = FPS) -> Path:

@@ -76,3 +76,17 @@ def test_what_cannot_be_animated_is_refused_with_a_sentence(runs, tmp_path, monk
     monkeypatch.delattr(type(gas.scenario.model), "points")
     with pytest.raises(TcbenchError, match=r"no springs in the plane.*points\(q\)"):
         tcbench.animate(gas)
+
+
+def test_a_notebook_plays_it(runs):
+    movie = tcbench.animate(runs, frames=3)
+    text = movie._repr_html_()
+    assert text.startswith("<iframe srcdoc=") and text.count("iVBOR") == 3 and "http" not in text
+
+
+def test_the_runs_that_end_well_fill_the_frame(runs):
+    stage = animation._Stage(runs, 10)
+    view, place = stage.views[1], segments(runs[1].scenario.model, runs[1].z)
+    (left, right), (low, high) = view.ax.get_xlim(), view.ax.get_ylim()
+    spans = np.ptp(place.reshape(-1, 2), axis=0) / (right - left, high - low)
+    assert 0.8 < max(spans) <= 1
