@@ -221,7 +221,7 @@ def test_every_claim_on_every_scenario(name, scenario):
         if run.ok:
             break
     assert run.ok or "explicit" in method.tags, run.failure  # relaxation has no step where the energy's curvature is 0
-    assert all(left <= 1 for _, left in laws(run, method.claims))
+    assert not any(left > 1 for _, left in laws(run, method.claims))  # of completed steps: nothing is told of none
 
 
 @pytest.mark.parametrize("name", [m for m in STEPPED if find_integrator(m).claims])

@@ -363,3 +363,14 @@ def test_what_is_wider_than_a_narrow_window_fades_where_it_goes_on(full, visit):
         )
         == 0
     )
+
+
+def test_what_authors_state_and_what_is_added_stand_apart(tmp_path, visit):
+    row = {"claim": "E is of order 2", "expected": "2", "measured": "2.00", "verdict": "holds", "why": "a slope"}
+    later = pd.DataFrame([row | {"stated_by": who} for who in ("Shang and Ottinger (2020)", "tcbench")])
+    tables = {"conservation": awkward.conservation(awkward.FIVE), "claims": pd.DataFrame([row]), "literature": later}
+    page = visit(write_report(awkward.write_run(tmp_path / "run", tables, (), {})))
+    go(page, "#claims")
+    headings = page.locator("#claim-page h2").all_inner_texts()
+    assert headings == ["The paper's claims", "Stated by Shang and Ottinger (2020)", "Beside it, measured by tcbench"]
+    assert page.locator("#claim-page table").count() == 3

@@ -81,4 +81,8 @@ const claimsView = async () => {
   root.replaceChildren(el("h2", {}, "The paper's claims"), el("p", {}, `${all.length} statements of Romero (2009) were checked: ${counts}.`),
     simple(["claim", "section", "expected", "measured", "verdict", "why"], all.map((r, i) => [r, i]).sort(([a, i], [b, j]) => rank(a) - rank(b) || i - j)
       .map(([r]) => [r.claim || "", r.section || "", r.expected || "", r.measured || "", r.verdict || "not measured", r.why || ""])));
+  if (!page.tables.literature) return;
+  for (const [who, list] of grouped(rows(await table("literature")), "stated_by"))
+    root.append(el("h2", {}, who === "tcbench" ? "Beside it, measured by tcbench" : `Stated by ${who}`),
+      simple(["claim", "expected", "measured", "verdict", "why"], list.map((r) => [r.claim || "", r.expected || "", r.measured || "", r.verdict || "not measured", r.why || ""])));
 };
