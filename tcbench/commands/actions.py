@@ -96,6 +96,7 @@ def list_command(integrators: Sequence[str], scenarios: Sequence[str], as_json: 
             {
                 "name": i.name, "order": i.order, "kind": i.kind, "claims": sorted(i.claims), "source": i.source,
                 "systems": sorted(i.systems), "needs": list(i.needs), "lacks": i.lacks,
+                "by_default": i.by_default,
                 "parameters": {k: list(v) for k, v in i.parameters.items()}, "plugin": i.plugin,
             }
             for i in methods if integrators or whole
