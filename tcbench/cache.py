@@ -79,11 +79,18 @@ def folder(part: str) -> Path:
     """The folder of one of `PARTS`, made where there is none; refused where others may write to it."""
     here = root() / part
     if here not in _TRUSTED or not here.is_dir():
-        for path in (here.parent, here):
-            _make(path)
-            _trust(path)
+        try:
+            _prepare(here)
+        except MachineError:  # it may have been removed between two looks; what is wrong for good is so again
+            _prepare(here)
         _TRUSTED.add(here)
     return here
+
+
+def _prepare(here: Path) -> None:
+    for path in (here.parent, here):
+        _make(path)
+        _trust(path)
 
 
 def _make(path: Path) -> None:
@@ -169,10 +176,10 @@ def write(part: str, name: str, content: bytes) -> None:
     """Write a file; others see it whole or not at all. (After a power cut the checksum tells what was lost.)"""
     global _written
     try:
-        try:
-            _write(folder(part) / name, content)
-        except FileNotFoundError:  # the folder was removed meanwhile
-            _write(folder(part) / name, content)
+        for _ in range(2):  # the folder may be removed meanwhile, again and again: then the file is made another time
+            with contextlib.suppress(FileNotFoundError):
+                _write(folder(part) / name, content)
+                break
     except OSError as error:
         raise MachineError(
             f"The cache folder {str(root() / part)!r} cannot be written: {error.strerror or error}. "

@@ -1,6 +1,7 @@
 """The user's cache: private, within its limit, cleared by a command; no process minds what another one removes."""
 
 import os
+import shutil
 import subprocess
 import sys
 import time
@@ -141,12 +142,14 @@ def test_the_command_says_where_how_large_and_clears(place):
     assert wrong.exit_code == 2 and "wipe" in wrong.output
 
 
-USE = """import sys
+USE = """import shutil, sys
 from tcbench import cache
 for round in range(300):
     name = f"{round % 40:064x}.o"
     if sys.argv[1] == "use":
         assert cache.kept("code", name, lambda: name.encode() * 100) == name.encode() * 100
+    elif sys.argv[1] == "remove":
+        shutil.rmtree(cache.root(), ignore_errors=True)
     else:
         getattr(cache, sys.argv[1])()
 """
@@ -155,5 +158,25 @@ for round in range(300):
 def test_nobody_minds_what_another_process_removes(place):
     env = os.environ | {cache.LIMIT: "0.05"}
     running = [subprocess.Popen([sys.executable, "-c", USE, what], env=env, stderr=subprocess.PIPE, text=True)
-               for what in ("use", "use", "prune", "clear")]  # fmt: skip
-    assert [(process.communicate()[1], process.returncode) for process in running] == [("", 0)] * 4
+               for what in ("use", "use", "prune", "clear", "remove")]  # fmt: skip
+    assert [(process.communicate()[1], process.returncode) for process in running] == [("", 0)] * 5
+
+
+def test_a_folder_that_keeps_being_removed_keeps_nothing_and_stops_nobody(place, monkeypatch):
+    trust = cache._trust
+
+    def late(path):
+        monkeypatch.setattr(cache, "_trust", trust)
+        path.rmdir()  # somebody else, between the making and the look
+        trust(path)
+
+    monkeypatch.setattr(cache, "_trust", late)
+    assert cache.folder("code").is_dir()
+    write = cache._write
+
+    def written(path, content):
+        shutil.rmtree(path.parent)
+        write(path, content)
+
+    monkeypatch.setattr(cache, "_write", written)
+    assert cache.kept("code", NAMES[0], lambda: b"made") == b"made" and cache.read("code", NAMES[0]) is None

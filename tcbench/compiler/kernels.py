@@ -118,7 +118,7 @@ class Kernel:
 
     def __getstate__(self) -> dict[str, Any]:
         """Without the address, which is one in this process only."""
-        return {name: value for name, value in vars(self).items() if name != "address"}
+        return {name: value for name, value in dict(vars(self)).items() if name != "address"}
 
     @cached_property
     def address(self) -> int:

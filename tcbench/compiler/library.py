@@ -204,14 +204,15 @@ _NATIVE: list[Any] = []
 
 def _native() -> list[Any]:
     """[evaluate, run_kernel] of `_checked_call`, as ctypes has them; they are too short to release the lock."""
-    if not _NATIVE:
-        names = ["evaluate", "run_kernel", "kinds_at"]
-        at = addresses(names, _checked_call, loops=False)
-        word = ctypes.c_ssize_t
-        kinds = (ctypes.c_int64 * 2).from_address(ctypes.PYFUNCTYPE(word)(at[2])())
-        kinds[:] = [id(np.ndarray), id(np.dtype(np.float64))]
-        checked = ctypes.PYFUNCTYPE(word, word, word, word, word)(at[0])
-        _NATIVE[:] = checked, ctypes.PYFUNCTYPE(None, word, word, word, word)(at[1])  # both at once: threads look here
+    with LOCK:
+        if not _NATIVE:
+            names = ["evaluate", "run_kernel", "kinds_at"]
+            at = addresses(names, _checked_call, loops=False)
+            word = ctypes.c_ssize_t
+            kinds = (ctypes.c_int64 * 2).from_address(ctypes.PYFUNCTYPE(word)(at[2])())
+            kinds[:] = [id(np.ndarray), id(np.dtype(np.float64))]
+            checked = ctypes.PYFUNCTYPE(word, word, word, word, word)(at[0])
+            _NATIVE[:] = checked, ctypes.PYFUNCTYPE(None, word, word, word, word)(at[1])
     return _NATIVE
 
 

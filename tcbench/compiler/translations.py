@@ -136,7 +136,7 @@ def _held(modules: Iterable[types.ModuleType]) -> list[Any]:
     held: list[Any] = []
     for module in modules:
         content = list(vars(module).values())
-        own = [vars(x).values() for x in content if isinstance(x, type) and x.__module__ == module.__name__]
+        own = [list(vars(x).values()) for x in content if isinstance(x, type) and x.__module__ == module.__name__]
         held += content + [x for part in own for x in part]
     return held
 

@@ -110,7 +110,7 @@ def algorithm() -> str | None:
 
     Found again as long as nothing in the modules of it was exchanged, a hundred times as fast.
     """
-    held = [x for module in MODULES for x in vars(module).values()]
+    held = [x for module in MODULES for x in list(vars(module).values())]
     held += [x.__code__ for x in held if isinstance(x, FunctionType)]
     if not _SEEN or len(held) != len(_SEEN[0]) or not all(map(is_, held, _SEEN[0])):
         made = inputs(compute, _FUNCTIONS, as_python, DEADLINE, DESCRIPTION, HALF_ULP, *pairs.makers())

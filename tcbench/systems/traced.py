@@ -80,7 +80,10 @@ class Traced:
     def __getstate__(self) -> dict[str, Any]:
         """The numbers, for copies and pickles: what follows from them (symbols, addresses of kernels) is made again."""
         derived = {
-            name for kind in type(self).__mro__ for name, x in vars(kind).items() if isinstance(x, cached_property)
+            name
+            for kind in type(self).__mro__
+            for name, x in dict(vars(kind)).items()
+            if isinstance(x, cached_property)
         }
         # of a copy, whole at once: another thread may keep what it made meanwhile
         return {name: value for name, value in dict(vars(self)).items() if name not in derived}

@@ -102,3 +102,19 @@ def test_what_is_read_only_is_read_and_not_written():
 def test_a_whole_number_made_of_a_symbol_is_refused(form):
     with pytest.raises(TraceError, match="a whole number made of a symbol"):
         form(trace.variable("u"))
+
+
+def test_a_kernel_is_copied_while_a_thread_loads_it():
+    """What a thread adds meanwhile: here at every name that the copy looks at."""
+
+    class Name(str):
+        def __ne__(self, other):
+            vars(found)[f"late{len(vars(found))}"] = 1
+            return str.__ne__(self, other)
+
+        __hash__ = str.__hash__
+
+    u = trace.variable("u")
+    found = kernel({u: "a[0]"}, [u + 1.0])
+    vars(found)[Name("mine")] = 1
+    assert found.__getstate__()["text"] == found.text
