@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from tcbench.compiler.language import call, copy_into, fill
+from tcbench.compiler.language import call, copy_into, fill, rare
 from tcbench.compiler.library import Library
 
 from ..tc_gauss import march as gauss
@@ -60,6 +60,7 @@ def steps(e: Taylor, g: Gauss, tolerance: float, defect: float, residual: float,
     return row
 
 
+@rare
 def go_over(e: Taylor, g: Gauss) -> None:
     """The implicit method on from the other's state; of any system to its laws, which stand alike after the state."""
     call(e.to_z, e.mended, e.given, g.here)
@@ -69,6 +70,7 @@ def go_over(e: Taylor, g: Gauss) -> None:
         copy_into(g.laws[e.size : len(e.target)], e.target[e.size : len(e.target)])
 
 
+@rare
 def fastest(g: Gauss) -> float:
     """The rate of the fastest decay or motion, never 0; of any system by the power method, which goes round in circles
     where that is a motion: the mean of some turns."""
@@ -94,6 +96,7 @@ def fastest(g: Gauss) -> float:
     return math.exp(grown / (TURNS - SETTLED))
 
 
+@rare
 def keep_laws(e: Taylor, g: Gauss) -> None:
     """The explicit method on from the other's state, to the energy and invariants of the start of the run."""
     taylor.start_from(e, g.z)

@@ -23,7 +23,7 @@ from tcbench.compiler import derivatives as trace
 from tcbench.compiler.cut import Cut
 from tcbench.compiler.derivatives import Symbol, lifted
 from tcbench.compiler.kernels import Kernel, constant_part, kernel
-from tcbench.compiler.language import Floats, call
+from tcbench.compiler.language import Floats, call, rare
 from tcbench.compiler.once import once
 from tcbench.solver.mending import mended, mending_kernels, round_off
 from tcbench.systems.system import System
@@ -95,6 +95,7 @@ class _Part:
         self.gradient = cut.joined([next(means) if v else s for s, v in zip(cut.slopes, varies, strict=True)], rows)
 
 
+@rare
 def rates(w: Work, h: float, z: Floats, points: int, level: int) -> None:
     """N, the rates that the equations give for those in U."""
     a, k, m = w.numbers, w.k, w.m
@@ -125,6 +126,7 @@ def rates(w: Work, h: float, z: Floats, points: int, level: int) -> None:
             w.N[i, j] = w.FG[i]
 
 
+@rare
 def corrected(w: Work, h: float) -> float:
     """U as the simplified Newton has it from N; returns the scaled size of the correction, NaN if it is."""
     conduction.keep(w)
@@ -140,6 +142,7 @@ def corrected(w: Work, h: float) -> float:
     return h * size
 
 
+@rare
 def renew(w: Work, h: float, z: Floats) -> None:
     """The matrix anew, at the mean of the stages as they are by now."""
     for i in range(w.m):
@@ -151,6 +154,7 @@ def renew(w: Work, h: float, z: Floats) -> None:
     conduction.prepare(w, h, w.z1)
 
 
+@rare
 def mend(w: Work, z: Floats, limit: float) -> bool:
     """The end of the step on the laws of the run; False, and nothing is done, if that moves it by more than the limit,
     or none is near."""

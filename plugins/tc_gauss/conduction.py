@@ -64,6 +64,7 @@ def prepare(w: Work, h: float, z: Floats) -> None:
             factor(w, j, h * w.numbers.eigen_re[j], h * w.numbers.eigen_im[j])
 
 
+@rare
 def factor(w: Work, which: int, re: float, im: float) -> None:
     """LU factors of I - (re + i im) M, with the reciprocals of the pivots."""
     a, b, e = w.factors_re[which], w.factors_im[which], w.e
@@ -85,6 +86,7 @@ def factor(w: Work, which: int, re: float, im: float) -> None:
                     b[j, i] -= a[m, i] * v + b[m, i] * u
 
 
+@rare
 def solve(a: Matrix, b: Matrix, x: Floats, y: Floats) -> None:
     """x + i y = (factors)^-1 (x + i y)."""
     e = len(x)

@@ -18,7 +18,7 @@ from ..compiler import derivatives as trace
 from ..compiler import kernels
 from ..compiler.derivatives import Symbol, const
 from ..compiler.kernels import constant_part, kernel
-from ..compiler.language import Floats, Kernel, call
+from ..compiler.language import Floats, Kernel, call, rare
 from ..systems.system import System
 
 ROUND_OFF = 2.0**-51  # of what the terms of a law are: what a mended state may miss
@@ -130,6 +130,7 @@ def _weights(f: Symbol, x: Sequence[Symbol]) -> list[tuple[Symbol, Symbol]]:
     return found
 
 
+@rare
 def mended(to_mend: Kernel, to_hold: Kernel, target: Floats, given: Floats, found: Floats) -> bool:
     """Move the state that `target` begins with onto the laws behind it, in place; False: none is near, or admissible.
 
@@ -144,6 +145,7 @@ def mended(to_mend: Kernel, to_hold: Kernel, target: Floats, given: Floats, foun
     return good
 
 
+@rare
 def onto(to: Kernel, target: Floats, given: Floats, found: Floats) -> bool:
     """Moves of one of the two kernels, until its margin is positive."""
     size = len(found) - 2
