@@ -5,7 +5,7 @@ from pathlib import Path
 
 from setuptools import setup
 
-PICTURE = re.compile(r"^!\[[^\]]*\]\((?!https?:)[^)]*\)\n+", re.MULTILINE)
+PICTURE = re.compile(r"^\[?!\[[^\]]*\]\((?!https?:)[^)]*\)(\]\([^)]*\))?\n+", re.MULTILINE)  # of a link, too
 LINK = re.compile(r"\[([^\]]*)\]\((?!https?:|#)[^)]*\)")
 
 readme = Path(__file__).with_name("README.md").read_text(encoding="utf-8")
