@@ -7,6 +7,9 @@ gives the numbers, the same everywhere and for ever. A range may be written anew
 from tcbench import Range, Scenario, ScenarioFamily, hookimpl
 from tcbench.systems.pendulum import Pendulum
 from tcbench.systems.sampling import rounded
+from tcbench.systems.scenario import around
+
+from . import damped_oscillator, heavy_top, reaction, rigid_body, rubbing_piston, viscous_pendulum
 
 RANGES = {
     "stiffness": Range(0.03, 300, log=True),  # of each spring
@@ -36,8 +39,12 @@ def sample(draw):
     )  # fmt: skip
 
 
+AROUND = (damped_oscillator, viscous_pendulum, rubbing_piston, rigid_body, heavy_top, reaction)
+
+
 @hookimpl
 def tcbench_scenarios():
     return [
-        ScenarioFamily("random", sample=sample, ranges=RANGES, shows="random pendulums", source="docs/ensembles.md")
+        ScenarioFamily("random", sample=sample, ranges=RANGES, shows="random pendulums", source="docs/ensembles.md"),
+        *(around(x) for plugin in AROUND for x in plugin.tcbench_scenarios() if isinstance(x, Scenario)),
     ]

@@ -275,4 +275,4 @@ def test_members_of_families_are_those_of_the_files_as_they_are_now(tmp_path):
         np.testing.assert_allclose(step(z, 1e-3, system) - z, 1e-3 * scale * system.vector_field(z))
         wrapped = plugins.find_integrator("projected[method=mine]").step(z, 1e-6, system)
         expected = 1e-6 * scale * system.vector_field(z)
-        np.testing.assert_allclose(wrapped[:4], expected[:4])  # a projection leaves positions as they are
+        np.testing.assert_allclose(wrapped[:4], expected[:4], atol=1e-7)  # a projection moves by what is missed

@@ -15,6 +15,7 @@ from ..integrator import Integrator
 from ..simulation import metrics
 from ..simulation.run import simulate
 from ..simulation.trajectory import Trajectory
+from ..systems.element_system import ElementSystem
 from ..systems.scenario import Scenario
 from .base import Row
 from .stable_step import outcome_of
@@ -62,10 +63,14 @@ def laws(run: Trajectory) -> dict[str, float]:
     """Largest error of each law over the completed steps; NaN where there are none. Dimensionless.
 
     energy: |E - E0|/V0; entropy: the largest fall in a step; invariants: their departure over the size of their terms,
-    |q0| |p0| (random momenta may cancel), at least 1e-12 of it.
+    |q0| |p0| (random momenta may cancel), at least 1e-12 of it; of a system without elements over its value, or 1.
     """
     found = {"energy": metrics.energy_error_max(run), "entropy": max(0.0, -run.summary.entropy_increment_min)}
-    start = run.scenario.model.state(run.z[0])
+    model = run.scenario.model
+    if not isinstance(model, ElementSystem):
+        sizes = {name: max(1.0, abs(float(values[0]))) for name, values in run.invariants.items()}
+        return found | {name: error / sizes[name] for name, error in run.summary.invariant_error_max.items()}
+    start = model.state(run.z[0])
     size = float(np.linalg.norm(start.q) * np.linalg.norm(start.p)) or 1.0
     return found | {name: error / size for name, error in run.summary.invariant_error_max.items()}
 

@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 from ..errors import TcbenchError, expect, shown, unknown_name
 from .declaration import SETTINGS
 from .refusals import Fixed
-from .sampling import Draw, Range, seed_of
+from .sampling import Draw, Range, rounded, seed_of
 from .state import fixed, formulas_hash
 from .system import System
 
+TRIES, NEAR = 100, 0.3  # of a random start; what a variable that is 0 is taken to be
 REST = 1e-10  # least exergy of a scenario, relative to its energy: see Scenario.initial_exergy
 KINDS_OF_FIELDS = {
     "system": "a class", "constants": "a mapping", "initial": "a mapping", "shows": "a word", "source": "a word",
@@ -294,6 +295,53 @@ class ScenarioFamily:
         object.__setattr__(named, "name", f"{self.name}[{label}]")
         object.__setattr__(named, "plugin", self.plugin)
         return named
+
+
+def around(scenario: Scenario, ranges: Mapping[str, Range] | None = None) -> ScenarioFamily:
+    """Random scenarios of the system of another, around its numbers: `random_NAME[seed=7]`.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        Of a `System` that starts from `initial`.
+    ranges : mapping of str to Range, optional
+        By the name of a constant what its numbers are multiplied by (a third to three times, uniform in the logarithm,
+        if nothing is given); "initial": how far each variable is moved, over its size or 0.3.
+
+    Returns
+    -------
+    ScenarioFamily
+        Its members have a step and a horizon as the scenario has. Numbers with which a step could not begin are drawn
+        anew.
+
+    References
+    ----------
+    docs/ensembles.md.
+    """
+    factors = {name: Range(1 / 3, 3, log=True) for name in scenario.constants}
+    limits = {**factors, "initial": Range(-0.5, 0.5), **(ranges or {})}
+
+    def sample(draw: Draw) -> Scenario:
+        error = TcbenchError(f"No admissible start was found around {scenario.name!r}: narrow the range of initial.")
+        for _ in range(TRIES):
+            constants = {
+                n: np.asarray(rounded(np.asarray(v) * draw(n))).tolist() for n, v in scenario.constants.items()
+            }
+            initial = {}
+            for name, value in scenario.initial.items():
+                at = np.asarray(value, dtype=float)
+                moved = np.reshape([draw("initial") for _ in range(at.size)], at.shape)
+                initial[name] = rounded(at + np.maximum(NEAR, np.abs(at)) * moved)
+            try:
+                return dataclass_replace(scenario, constants=constants, initial=initial)
+            except TcbenchError as found:
+                error = found
+        raise error
+
+    return ScenarioFamily(
+        f"random_{scenario.name}", sample=sample, ranges=limits, shows=f"random variants of {scenario.name}",
+        source="docs/ensembles.md",
+    )  # fmt: skip
 
 
 def _data(value: Any) -> Any:

@@ -209,7 +209,8 @@ class System(Traced):
                 raise TcbenchError(f"initial must give {name!r}, {whole(shape)}; it has {initial.get(name)!r}.")
         z = np.concatenate([np.ravel(initial[name]) for name in self.variables]).astype(float)
         state = self.state(z)  # in plain numpy: a scenario is made without compiling anything
-        found = [finite(self, name, getattr(type(self), name).__wrapped__(self, state)) for name in FORMULAS[:2]]
+        with np.errstate(all="ignore"):  # what is not finite is said below
+            found = [finite(self, name, getattr(type(self), name).__wrapped__(self, state)) for name in FORMULAS[:2]]
         if not np.all(np.isfinite([*z, *found])):
             raise TcbenchError("the initial state, its energy or its entropy is not finite.")
         if not np.all(np.asarray(self.measures(state), dtype=float) > 0):

@@ -207,3 +207,26 @@ def test_a_method_written_for_any_system_reads_its_variables():
     run = tcbench.simulate(Integrator(name="euler", order=1, flows=euler), "rigid_body", dt=0.01, t_end=0.1)
     model = run.scenario.model
     assert run.ok and model.vector_field(run.z[0]).m.shape == (3,) and model.component_names == ["m0", "m1", "m2"]
+
+
+@pytest.mark.parametrize("name", SIX)
+def test_random_variants_of_a_scenario(name):
+    """Drawn around it, the same for ever, and every law holds on them."""
+    from tcbench import plugins
+
+    base, family = SCENARIOS[name], plugins.find_family(f"random_{name}")
+    for seed in ("0", "11"):
+        scenario = family.member(seed=seed)
+        assert scenario.hash == family.member(seed=seed).hash != base.hash
+        for constant, value in scenario.constants.items():
+            factors = np.asarray(value, float)[np.asarray(base.constants[constant]) != 0]
+            factors = factors / np.asarray(base.constants[constant], float)[np.asarray(base.constants[constant]) != 0]
+            assert np.all((factors > 0.333) & (factors < 3.001))
+        for method in ("tc_monolithic", "tc_gauss"):
+            run = tcbench.simulate(method, scenario, dt=0.1, t_end=3.0)
+            assert run.ok and run.summary.energy_error_max <= 1e-12 and run.summary.entropy_increment_min >= -1e-13
+            assert max(run.summary.invariant_error_max.values(), default=0.0) <= 1e-12
+    fixed = next(iter(base.constants))
+    still = family.member(seed="3", **{fixed: "1", "initial": "0"})
+    assert still.constants[fixed] == pytest.approx(base.constants[fixed], rel=1e-5)
+    assert still.z0 == pytest.approx(base.z0, rel=1e-5, abs=1e-6)
