@@ -109,7 +109,9 @@ def test_a_page_runs_its_own_scripts_and_no_others(folder):
     policy = re.search(r'Content-Security-Policy" content="([^"]*)"', text)[1]
     assert "script-src 'sha256-" in policy and "base-uri 'none'" in policy
     scripts = re.findall(r"<script>(.*?)</script>", text, re.DOTALL)
-    assert len(scripts) == 1 and script_hash(scripts[0]) in policy and policy.count("sha256") == 2
+    styles = re.findall(r"<style>(.*?)</style>", text, re.DOTALL)
+    assert len(scripts) == 1 and script_hash(scripts[0]) in policy and "unsafe" not in policy
+    assert len(styles) == 1 and script_hash(styles[0]) in policy and policy.count("sha256") == 3  # and the library's
     assert not re.search(r"<[^>]+ on[a-z]+=", text.partition("<script")[0])
 
 
