@@ -11,7 +11,9 @@ Register it by an entry point in group "tcbench", or put the file in a folder na
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from types import FunctionType
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import pluggy
 
@@ -22,7 +24,17 @@ if TYPE_CHECKING:
 
 PROJECT = "tcbench"
 hookspec = pluggy.HookspecMarker(PROJECT)
-hookimpl = pluggy.HookimplMarker(PROJECT)
+REPLACED = "tcbench_replaced"  # attribute of a hook: the line of the one that it took the name of
+Hook = TypeVar("Hook", bound=Callable[..., Any])
+_mark = pluggy.HookimplMarker(PROJECT)
+
+
+def hookimpl(function: Hook) -> Hook:
+    """Marks a function of a plugin as its hook of that name."""
+    before = function.__globals__.get(function.__name__)
+    if isinstance(before, FunctionType) and hasattr(before, f"{PROJECT}_impl"):
+        setattr(function, REPLACED, before.__code__.co_firstlineno)
+    return _mark(function)
 
 
 @hookspec

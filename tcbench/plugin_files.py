@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
-import ast
+import contextlib
 import hashlib
 import importlib
 import importlib.util
 import os
 import sys
-from collections.abc import Iterable
-from importlib.machinery import EXTENSION_SUFFIXES, SOURCE_SUFFIXES, ExtensionFileLoader, FileFinder, SourceFileLoader
+from collections.abc import Iterable, Iterator
+from importlib.machinery import (
+    EXTENSION_SUFFIXES,
+    SOURCE_SUFFIXES,
+    ExtensionFileLoader,
+    FileFinder,
+    ModuleSpec,
+    SourceFileLoader,
+)
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from . import inputs
 from .errors import TcbenchError
+from .inputs import marks, watching
 
 
 def plugin_files(folders: Iterable[Path]) -> list[Path]:
@@ -33,6 +40,8 @@ class RefusedError(TcbenchError):
 _HELPERS: dict[str, ModuleType] = {}  # modules beside plugin files that these have imported
 _PATHS: list[str] = []  # what was added to sys.path
 _FOLDERS: set[Path] = set()  # of the files that were imported
+_BESIDE: dict[Path, None] = {}  # of those that are registered now
+_AT_HOME: list[Path] = []  # plugin files that are being imported, or asked for what they bring
 
 
 class AsWritten(SourceFileLoader):
@@ -49,10 +58,27 @@ def _read_as_written(folder: str) -> Any:
     reads are noted everything that is not installed, or a row would name the new file and have the old code."""
     path = Path(folder)
     above = next((f for f in _FOLDERS if path.is_relative_to(f)), None)
-    watched = inputs.recorder() is not None and not (folder + os.sep).startswith(inputs.INSTALLED)
+    watched = watching.recorder() is not None and not (folder + os.sep).startswith(marks.INSTALLED)
     if not path.is_dir() or (not watched if above is None else _in_environment(path, above)):
         raise ImportError(f"no plugin files in {folder}")
-    return FileFinder(folder, (ExtensionFileLoader, EXTENSION_SUFFIXES), (AsWritten, SOURCE_SUFFIXES))
+    return _Finder(folder, (ExtensionFileLoader, EXTENSION_SUFFIXES), (AsWritten, SOURCE_SUFFIXES))
+
+
+class _Finder(FileFinder):
+    """Of modules in a folder of plugin files. When a step runs nobody knows which plugin asks for a helper that two
+    folders have, so none gets it."""
+
+    def find_spec(self, fullname: str, target: Any = None) -> ModuleSpec | None:
+        spec = super().find_spec(fullname, target)
+        if spec is not None and Path(self.path) in _BESIDE and not _AT_HOME:
+            folders = _folders_with(fullname)
+            if len(folders) > 1:
+                raise RefusedError(
+                    f"Two folders have a module {fullname!r}, and Python would give one of their plugins the wrong "
+                    f"one: {folders[0]} and {folders[1]}. Rename one of them, import it where the plugin file begins, "
+                    "or run them apart."
+                )
+        return spec
 
 
 def _in_environment(path: Path, above: Path) -> bool:
@@ -72,8 +98,8 @@ def forget_helpers() -> None:
     for path in _PATHS:
         if path in sys.path:
             sys.path.remove(path)
-    _HELPERS.clear()
-    _PATHS.clear()
+    for known in (_HELPERS, _PATHS, _BESIDE):
+        known.clear()
     importlib.invalidate_caches()
 
 
@@ -88,6 +114,7 @@ def import_file(path: Path) -> Any:
     if str(path.parent) not in sys.path:
         sys.path.append(str(path.parent))
         _PATHS.append(str(path.parent))
+    _BESIDE.setdefault(path.parent)
     if path.parent not in _FOLDERS:
         _FOLDERS.add(path.parent)
         sys.path_importer_cache.pop(str(path.parent), None)
@@ -95,19 +122,48 @@ def import_file(path: Path) -> Any:
     spec = importlib.util.spec_from_file_location(name, path, loader=loader)
     if spec is None:
         raise ImportError(f"{path} is not a Python file")
-    _refuse_clash(path)
-    _refuse_twice(path)
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module  # before it runs: cached kernels and dataclasses look their module up
     before = set(sys.modules)
     try:
-        loader.exec_module(module)
+        with at_home(path):
+            try:
+                loader.exec_module(module)
+            finally:
+                new = set(sys.modules) - before
+                _HELPERS.update({name: sys.modules[name] for name in new if _beside(path, sys.modules[name])})
     except BaseException:
         sys.modules.pop(name, None)
         raise
-    finally:
-        _HELPERS.update({new: sys.modules[new] for new in set(sys.modules) - before if _beside(path, sys.modules[new])})
     return module
+
+
+@contextlib.contextmanager
+def at_home(path: Path) -> Iterator[None]:
+    """Meanwhile imports find what lies beside this plugin file before what lies beside others, by whatever name."""
+    home, before = str(path.parent), list(sys.path)
+    order = sorted(_PATHS, key=lambda folder: folder != home)
+    sys.path[:] = [p for p in sys.path if p not in _PATHS] + [p for p in order if p in before]
+    _forget_shared()
+    _AT_HOME.append(path)
+    try:
+        yield
+    finally:
+        _AT_HOME.pop()
+        _forget_shared()
+
+
+def _forget_shared() -> None:
+    """A helper that another folder has by this name, too, is found anew by whoever imports it."""
+    for name, module in list(_HELPERS.items()):
+        if sys.modules.get(name) is module and len(_folders_with(name.partition(".")[0])) > 1:
+            del sys.modules[name]
+
+
+def _folders_with(name: str) -> list[Path]:
+    """The folders of plugin files, of this process, that have a module of this name."""
+    files = [f"{name}{suffix}" for suffix in SOURCE_SUFFIXES + EXTENSION_SUFFIXES] + [f"{name}/__init__.py"]
+    return [folder for folder in _BESIDE if any((folder / file).is_file() for file in files)]
 
 
 def _beside(path: Path, module: ModuleType) -> bool:
@@ -115,53 +171,3 @@ def _beside(path: Path, module: ModuleType) -> bool:
     file = Path(getattr(module, "__file__", None) or "/")
     nearer = (Path(p) for p in sys.path if p and Path(p) != path.parent and Path(p).is_relative_to(path.parent))
     return file.is_relative_to(path.parent) and not any(file.is_relative_to(p) for p in nearer)
-
-
-def _refuse_clash(path: Path) -> None:
-    """A helper beside the file that an import would look for in another plugin folder is a wrong one: refuse it."""
-    for name, own in _neighbours(path).items():
-        try:
-            found = getattr(sys.modules.get(name) or importlib.util.find_spec(name), "__file__", None)
-            found = found or getattr(importlib.util.find_spec(name), "origin", None)
-        except (ImportError, ValueError):
-            continue
-        if found and Path(found).resolve() != own and any(str(Path(found).resolve()).startswith(p) for p in _PATHS):
-            raise RefusedError(
-                f"Two folders have a module {name!r}, and Python would give {path.name} the wrong one: {own} and "
-                f"{found}. Rename one of them, or run them apart."
-            )
-
-
-def _refuse_twice(path: Path) -> None:
-    """Two hooks of one name: Python keeps the last alone, and what the first brings would be missing without a word."""
-    try:
-        found = [node for node in ast.parse(path.read_bytes()).body if isinstance(node, ast.FunctionDef)]
-    except (SyntaxError, ValueError):
-        return  # its import says so
-    for name in dict.fromkeys(node.name for node in found if node.name.startswith("tcbench_")):
-        lines = [str(node.lineno) for node in found if node.name == name]
-        if len(lines) > 1:
-            raise RefusedError(
-                f"{name} is defined in line {' and again in line '.join(lines)}, and Python keeps the last one only. "
-                "Return everything from one function."
-            )
-
-
-def _neighbours(path: Path) -> dict[str, Path]:
-    """Modules beside a file that it imports, anywhere in it, directly or through each other: name -> file."""
-    found: dict[str, Path] = {}
-    waiting = [path]
-    while waiting:
-        try:
-            tree = ast.parse(waiting.pop().read_bytes())
-        except (OSError, SyntaxError, ValueError):
-            continue
-        for node in ast.walk(tree):
-            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
-            names += [node.module] if isinstance(node, ast.ImportFrom) and node.module and not node.level else []
-            for top in {name.partition(".")[0] for name in names} - set(found):
-                for file in (path.parent / f"{top}.py", path.parent / top / "__init__.py"):
-                    if file.is_file() and file != path:
-                        found[top] = file.resolve()
-                        waiting.append(file)
-    return found

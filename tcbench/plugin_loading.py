@@ -6,29 +6,26 @@ plugin does to its process (numpy patched, output, threads, wrong numbers) ends 
 
 from __future__ import annotations
 
-import builtins
 import contextlib
-import os
-import sys
-import time
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib.metadata import entry_points
 from pathlib import Path
-from types import UnionType
+from types import FunctionType, UnionType
 from typing import Any
 
-import numpy as np
 import pluggy
 
-from . import cache, hookspecs, inputs
+from . import cache, hookspecs
 from .errors import ChangedError, TcbenchError
+from .inputs import marks, watching
 from .integrator import Integrator
 from .metric import Metric
-from .plugin_files import RefusedError, forget_helpers, import_file, plugin_files
+from .plugin_files import RefusedError, at_home, forget_helpers, import_file, plugin_files
 from .systems.scenario import Scenario, ScenarioFamily
+from .undone import Computing, undone
 
 GROUP = "tcbench"
 OWN = "tcbench"  # the distribution whose plugins are tcbench's own
@@ -76,7 +73,6 @@ class Registry:
 
 KINDS = ("integrators", "scenarios", "scenario_families", "metrics")  # of what a registry has by name
 _LOADING: list[str] = []  # the plugin that is being imported
-_CHANGED: dict[str, tuple[str | None, str | None]] = {}  # variables that plugins have set here: before, and as set
 
 
 def loading() -> str:
@@ -84,14 +80,23 @@ def loading() -> str:
     return _LOADING[0] if _LOADING else ""
 
 
-def load(folders: Iterable[Path] = ()) -> Registry:
-    """A fresh registry from the entry points of group "tcbench" and from plugin files."""
+def load(folders: Iterable[Path] = (), apart: bool = False) -> Registry:
+    """A fresh registry from the entry points of group "tcbench" and from plugin files.
+
+    apart : each plugin finds numpy and scipy as they were, whatever another has done to them; for a process that only
+        looks up what there is.
+    """
     forget_helpers()
     manager, result = _manager(), Registry()
-    with _undone():
+    known = Computing() if apart else None
+    with undone():
         for origin, importer in _present(folders):
             _register(manager, result, origin, importer, _unique(origin, result))
+            if known:
+                known.keep() if origin.distribution == OWN else known.restore()
         _collect(manager, result)
+        if known:
+            known.restore()
     return result
 
 
@@ -115,40 +120,9 @@ def _present(folders: Iterable[Path]) -> Iterator[tuple[Origin, Callable[[], Any
         yield Origin(path.stem, path=str(path)), partial(import_file, path)
 
 
-@contextlib.contextmanager
-def _undone() -> Iterator[None]:
-    """What imports do to this process that the engine or other methods would feel is undone: builtins and clocks that
-    they replace, numpy's error state, the current folder, output that would stand among results."""
-    modules = [(module, dict(vars(module))) for module in (builtins, time)]
-    environment, folder = dict(os.environ), ""
-    with contextlib.suppress(OSError):  # one that was removed
-        folder = os.getcwd()
-    try:
-        with np.errstate(), contextlib.redirect_stdout(sys.stderr):
-            yield
-    finally:
-        for module, before in modules:
-            for name, value in before.items():
-                if vars(module).get(name) is not value:
-                    setattr(module, name, value)
-        with contextlib.suppress(OSError):
-            if folder and os.getcwd() != folder:
-                os.chdir(folder)
-        for name in {*environment, *os.environ}:
-            before_it, now = environment.get(name), os.environ.get(name)
-            if now != before_it:
-                known = _CHANGED.get(name)
-                _CHANGED[name] = (known[0] if known and known[1] == before_it else before_it), now
-
-
-def environment() -> dict[str, str]:
-    """The environment as it was before any plugin changed it: that of workers."""
-    found = dict(os.environ)
-    for name, (before, as_set) in _CHANGED.items():
-        if found.get(name) == as_set:  # else the user has set it since
-            found.pop(name, None)
-            found |= {} if before is None else {name: before}
-    return found
+def are_foreign(folders: Iterable[Path]) -> bool:
+    """Are there plugins that are not tcbench's own? None is imported to find out."""
+    return bool(plugin_files(folders)) or any(p.dist is None or p.dist.name != OWN for p in entry_points(group=GROUP))
 
 
 # -- in a worker: only what a cell needs
@@ -164,7 +138,7 @@ def index(found: Registry) -> dict[str, Any]:
     return {
         "brings": {kind: brought(getattr(found, kind)) for kind in KINDS},
         "origins": {
-            label: [origin.name, origin.distribution, origin.path, inputs.file_hash(origin.path)]
+            label: [origin.name, origin.distribution, origin.path, marks.file_hash(origin.path)]
             for label, origin in foreign.items()
         },
         "parameters": {
@@ -208,7 +182,7 @@ class _Waiting:
         self.imported.add(label)
         name, distribution, path, mark = self.known["origins"][label]
         watched(label, str(Path(path).parent))
-        if inputs.file_hash(path) != mark:
+        if marks.file_hash(path) != mark:
             raise ChangedError(
                 f"The files of the plugin {label} are not those that the run was planned with: edited meanwhile, or "
                 "others on this machine. Run again, and what they say now is measured."
@@ -239,8 +213,8 @@ class _Waiting:
 
 def watched(label: str, folder: str) -> None:
     """From now on what this process reads is noted; the code of this plugin lies in this folder."""
-    inputs.leave_out(cache.root())
-    inputs.begin().plugins[label] = folder
+    watching.leave_out(cache.root())
+    watching.begin().plugins[label] = folder
 
 
 class _Lazy(dict[str, Any]):
@@ -293,6 +267,7 @@ def _register(
     _LOADING.append(origin.path or origin.name)
     try:
         module = importer()
+        _refuse_twice(module)
         manager.register(module, name=label)
         manager.check_pending()
         result.origins[label] = replace(origin, path=origin.path or getattr(module, "__file__", ""))
@@ -304,6 +279,16 @@ def _register(
         result.origins[label] = replace(origin, **_told(error, origin.path))
     finally:
         _LOADING.pop()
+
+
+def _refuse_twice(module: Any) -> None:
+    """Two hooks of one name: Python keeps the last alone, and what the first brings would be missing without a word."""
+    for name, hook in vars(module).items():
+        if isinstance(hook, FunctionType) and (line := getattr(hook, hookspecs.REPLACED, 0)):
+            raise RefusedError(
+                f"{name} is defined in line {line} and again in line {hook.__code__.co_firstlineno}, and Python keeps "
+                "the last one only. Return everything from one function."
+            )
 
 
 def _told(error: BaseException, path: str) -> dict[str, str]:
@@ -340,8 +325,10 @@ def _collect(manager: pluggy.PluginManager, result: Registry) -> None:
         for implementation in getattr(manager.hook, hook_name).get_hookimpls():
             label = str(implementation.plugin_name)
             _LOADING.append(label)
+            path = result.origins[label].path
             try:
-                items = _checked(implementation.function(), kind, hook_name)
+                with at_home(Path(path)) if path else contextlib.nullcontext():
+                    items = _checked(implementation.function(), kind, hook_name)
             except BaseException as error:
                 if isinstance(error, KeyboardInterrupt):
                     raise

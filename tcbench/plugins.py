@@ -29,6 +29,7 @@ Named = TypeVar("Named", Integrator, Scenario, Metric)
 _REGISTRY: Registry | None = None
 _INDEX: dict[str, Any] | None = None
 _FOLDERS: list[Path] = []
+_APART = False  # plugins are loaded to look up what they bring, not to compute with
 _LOCK = threading.RLock()  # one thread loads plugins or makes a member of a family, the others wait
 
 
@@ -47,8 +48,20 @@ def registry() -> Registry:
         known = _REGISTRY
         if known is None:
             with waiting("loading plugins"):
-                known = _REGISTRY = load(plugin_folders())
+                known = _REGISTRY = load(plugin_folders(), _APART)
         return known
+
+
+def only_look_up(folders: Iterable[str | Path]) -> None:
+    """`use_folders`, in a process that is there to say what plugins bring."""
+    global _APART
+    _APART = True
+    use_folders(folders)
+
+
+def waiting_to_be_imported() -> bool:
+    """Is there a plugin, not tcbench's own, that this process has not imported?"""
+    return _REGISTRY is None and plugin_loading.are_foreign(plugin_folders())
 
 
 def use_index(known: dict[str, Any]) -> None:

@@ -81,7 +81,7 @@ def test_simulate_loads_nothing_that_it_does_not_need():
     code = (
         "import os, sys\nfrom click.testing import CliRunner\nfrom tcbench.cli import main\n"
         "print(CliRunner().invoke(main, ['simulate', 'tc_monolithic', 'short_term']).output)\n"
-        "heavy = {'scipy', 'pandas', 'matplotlib', 'pebble', 'tcbench.engine', 'tcbench.store'} & set(sys.modules)\n"
+        "heavy = {'scipy', 'pandas', 'matplotlib', 'tcbench.engine', 'tcbench.store'} & set(sys.modules)\n"
         "print(os.environ.get('OPENBLAS_NUM_THREADS'), sorted(heavy))\n"
     )
     for asked, used in ((None, "1"), ("2", "2")):
@@ -279,16 +279,17 @@ def test_names_that_a_run_does_not_have_are_refused(tmp_path):
 
 def test_what_was_not_run_is_named_at_the_end(monkeypatch):
     from tcbench import plugins
-    from tcbench.commands import actions as commands
+    from tcbench.engine.planning import plan_job
     from tcbench.integrator import Integrator
 
     absent = Integrator(name="far_away", order=1, step=lambda z, h, system: z, requires=("no-such-package",))
     monkeypatch.setitem(plugins.registry().integrators, "far_away", absent)
-    (sentence,) = [text for text in commands.not_run(None, None) if "far_away" in text]
+    (sentence,) = [text for text in plan_job(None, ["short_term"], ["conservation"]).notes if "far_away" in text]
     assert "not run" in sentence and "pip install no-such-package" in sentence
     assert "far_away" not in plugins.present()
-    assert commands.not_run(["tc_strang"], None) == []
-    assert "scipy_odeint" in commands.not_run(["scipy_odeint", "tc_strang"], [0.1])[0]
+    assert plan_job(["tc_strang"], ["short_term"], ["conservation"]).notes == []
+    named = plan_job(["scipy_odeint", "tc_strang"], ["short_term"], ["conservation"], dt=[0.1])
+    assert "scipy_odeint" in named.notes[0]
 
 
 def test_strict_ends_with_1_where_a_cell_crashed(tmp_path):
@@ -328,7 +329,7 @@ def test_names_are_completed_in_the_shell():
 
 
 def test_a_script_without_a_guard_is_not_run_again_by_workers(tmp_path):
-    """What `worker_slot._Process` overrides is private to multiprocessing: this goes red where a Python changes it."""
+    """Workers get everything by name, and know nothing of this process's main module."""
     (tmp_path / "script.py").write_text(
         "import tcbench\n"
         "open(__file__ + '.begun', 'a').write('x')\n"

@@ -95,7 +95,7 @@ BROKEN = {
     "listless.py": (GOOD.replace("return [", "return 7 #"), "TypeError"),
     "wrong_type.py": (GOOD.replace("return [Integrator", "return [dict"), "must return a list of Integrator"),
     "nameless.py": (GOOD.replace('name="mine"', 'name="Mine!"'), "must be lower-case"),
-    "twice.py": (GOOD + GOOD[GOOD.index("@hookimpl") :], "line 8 and again in line 11"),
+    "twice.py": (GOOD + GOOD[GOOD.index("@hookimpl") :], "line 7 and again in line 10"),
     "orderless.py": (GOOD.replace("order=2, ", ""), "must declare its order"),
 }  # fmt: skip
 
@@ -122,8 +122,8 @@ def test_a_broken_plugin_stays_listed_with_its_traceback_and_costs_no_other(tmp_
          "'no_such_module_here', line 2."),
         (GOOD.replace("return [", "return 7 #"), "TypeError: 'int' object is not iterable."),
         (GOOD.replace('name="mine"', 'name="Mine!"'), "must be lower-case letters, digits and underscores, line 9."),
-        (GOOD + GOOD[GOOD.index("@hookimpl") :], "syn.py was not loaded: tcbench_integrators is defined in line 8 and "
-         "again in line 11, and Python keeps the last one only. Return everything from one function."),
+        (GOOD + GOOD[GOOD.index("@hookimpl") :], "syn.py was not loaded: tcbench_integrators is defined in line 7 and "
+         "again in line 10, and Python keeps the last one only. Return everything from one function."),
     ],
 )  # fmt: skip
 def test_a_file_that_is_not_loaded_is_one_sentence_also_where_nothing_of_it_is_asked_for(tmp_path, source, sentence):

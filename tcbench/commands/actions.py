@@ -6,6 +6,7 @@ import json
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 from .. import plugins, terminal
@@ -21,7 +22,7 @@ from ..store.store import Store
 from ..store.tables import only, read_tables
 from ..studies.base import default_studies
 from ..studies.columns import shown
-from .left_out import not_run, short_ladder
+from .left_out import short_ladder
 from .simulate import one_of
 
 if TYPE_CHECKING:
@@ -50,7 +51,7 @@ def run_command(options: dict[str, Any], display: terminal.Display) -> int:
     with waiting("summing up"):
         store, tables = Store.read(results.output), results.every
         store.problems[:] = results.problems
-        replace_file(results.output / "summary.csv", csv_bytes(summary(tables, plugins.integrators())), results.output)
+        replace_file(results.output / "summary.csv", csv_bytes(summary(tables, claimed(store))), results.output)
     page = None
     if report and not results.summary.interrupted:
         from ..report.write_report import write_report
@@ -71,9 +72,8 @@ def run_command(options: dict[str, Any], display: terminal.Display) -> int:
         [
             *results.problems,
             *results.left_out,
-            *not_run(chosen["integrators"], dt),
             *short_ladder(dt, results.tables),
-            *plugins.not_loaded(),
+            *results.notes,
         ]
     )
     if results.summary.interrupted:
@@ -134,17 +134,18 @@ def map_command(
 
     if not (methods and scenarios):
         raise TcbenchError("tcbench map takes at least one integrator, and then the scenario.")
-    scenario = one_of("scenario", plugins.expand_scenarios(scenarios), "A map is of one.")
     settings = {name: options.pop(name) for name in ("x", "y", "size", "seed")}
-    drawn, dt = plugins.is_sampled(scenario), options.pop("dt")
+    dt = options.pop("dt")
+    settings |= {} if dt is None else {"dt": dt}
+    with waiting("planning"):
+        job = plan_job(methods, scenarios, ["map"], options=settings)
+    one_of("scenario", sorted({cell.scenario for cell in job.cells}), "A map is of one.")
+    drawn = job.studies[0].name != "map"
     if drawn and dt is not None:
         raise TcbenchError("A map of random scenarios has the step as an axis: --x dt=0.025:1.6:7:log.")
-    settings |= {} if dt is None else {"dt": dt}
     if not drawn and (settings["size"] is not None or settings["seed"] is not None):
         raise TcbenchError("--size and --seed are for maps of random scenarios: tcbench map INTEGRATOR random ...")
     name = "failure_map" if drawn else "map"
-    with waiting("planning"):
-        job = plan_job(methods, [scenario], ["ensemble_map" if drawn else "map"], options=settings)
     output = options.pop("output")
     results = execute(job, output, options)
     picture = output / f"{name}.png"
@@ -220,11 +221,21 @@ def show_command(
             terminal.say(f"\n{sentence}")
     else:
         if scenarios:
-            terminal.print_frame(summary(tables, plugins.integrators()).drop(columns="claims broken"), "summary")
+            terminal.print_frame(summary(tables, claimed(store)).drop(columns="claims broken"), "summary")
         else:
             terminal.print_methods(by_method(tables, told(store)), remarks(tables))
         terminal.warn(absent_methods(tables))
         terminal.print_contents(tables, folder)
+
+
+def claimed(store: Store) -> dict[str, Any]:
+    """The methods of a folder by name, as far as a summary asks: for what they claim."""
+    found = told(store).get("integrators")
+    methods = found.items() if isinstance(found, dict) else ()
+    return {
+        name: SimpleNamespace(claims=frozenset(facts["claims"]))
+        for name, facts in methods if isinstance(facts, dict) and isinstance(facts.get("claims"), list)
+    }  # fmt: skip
 
 
 def told(store: Store) -> dict[str, Any]:
@@ -232,8 +243,9 @@ def told(store: Store) -> dict[str, Any]:
     from ..engine.declared import method_facts
 
     found = store.declared()
-    known = {name: method_facts(method) for name, method in plugins.integrators().items()}
-    return found if found.get("integrators") else {**found, "integrators": known}
+    if found.get("integrators"):
+        return found
+    return {**found, "integrators": {name: method_facts(method) for name, method in plugins.integrators().items()}}
 
 
 def absent_methods(tables: dict[str, DataFrame]) -> list[str]:

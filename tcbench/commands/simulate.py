@@ -21,10 +21,10 @@ AGAIN_S = 10.0  # a run of a solver of its own that took less is repeated for it
 
 
 def one_of(kind: str, found: Sequence[Any], many: str) -> Any:
-    """The one integrator or scenario that was selected."""
+    """The one integrator or scenario (or its name) that was selected."""
     if len(found) == 1:
         return found[0]
-    names = ", ".join(item.name for item in found) or "none"
+    names = ", ".join(getattr(item, "name", item) for item in found) or "none"
     raise TcbenchError(f"One {kind} is needed here, not {len(found)} ({names}). {many}")
 
 

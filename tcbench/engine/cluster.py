@@ -1,9 +1,8 @@
 """Cells to rows on a Dask cluster: each Dask worker runs shares of the cells in the local engine.
 
 Dask moves shares of cells and nothing else: it cannot kill a hung task, so isolation and deadlines are the
-local engine's, which runs in a process of its own beside the Dask worker and talks JSON lines with it
-(`python -m tcbench.engine.cluster`). Rows come back to the submitting process, the only writer. A share whose Dask
-worker dies is submitted again.
+local engine's. Rows come back to the submitting process, the only writer. A share whose Dask worker dies is submitted
+again.
 
 Dask itself uses pickle between client, scheduler and workers: connect to your own scheduler only, and give
 the TLS options.
@@ -12,15 +11,11 @@ the TLS options.
 from __future__ import annotations
 
 import json
-import os
 import re
 import socket
-import subprocess
-import sys
-import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from typing import IO, TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any
 
 from ..errors import TcbenchError
 from ..store.cells import Cell
@@ -35,7 +30,6 @@ SHARES_PER_THREAD = 4  # small enough that the last share does not keep the rest
 LARGEST_SHARE = 50
 LOST_LIMIT = 5  # Dask workers that may die under one share before its cells are recorded as crashed
 CONNECT_LIMIT_S = 30.0
-END = b"end\n"
 
 
 def run_on_dask(
@@ -105,26 +99,23 @@ def _all_machines(store: Rows) -> set[str]:
 def run_share(job: str) -> tuple[str, list[str]]:
     """In a Dask worker: run a share (JSON: cells, measure, context, limits).
 
-    Returns the provenance of this machine (JSON) and the rows, lines as in `cells.jsonl`.
-    The engine runs in a child process: Dask's workers are daemonic and may not have pebble's workers for
-    children. The child ends with this process, because its standard input then closes.
+    Returns the provenance of this machine (JSON) and the rows, lines as in `cells.jsonl`. The processes of the cells
+    end with this one.
     """
-    command = [sys.executable, "-P", "-m", "tcbench.engine.cluster"]
-    # the Dask worker may have been given tcbench on its path rather than installed
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
+    from ..store.provenance import cpu_model, provenance
+
+    data, cpu = json.loads(job), cpu_model()
     lines: list[str] = []
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment) as child:
-        assert child.stdin is not None and child.stdout is not None
-        try:
-            child.stdin.write(job.encode() + b"\n")
-            child.stdin.flush()  # and left open: its end tells the child that the Dask worker is gone
-            for line in child.stdout:
-                if line == END:
-                    return lines[0], lines[1:]
-                lines.append(line.decode())
-        finally:
-            child.stdin.close()
-        raise RuntimeError(f"the local engine of a share ended early, with exit code {child.wait()}")
+
+    class Lines(Rows):
+        def append(
+            self, key: str, row: Mapping[str, Any], cell: Mapping[str, Any] | None = None, provenance: str | None = None
+        ) -> None:
+            lines.append(encode_line(key, dict(row) | {"worker_host_cpu": cpu}, cell, "").decode())
+
+    limits = {name: data[name] for name in ("jobs", "timeout", "memory_limit", "seed")}
+    run_cells(map(Cell.from_dict, data["cells"]), data["measure"], data["context"], Lines(), **limits)
+    return canonical_json(provenance(command=[])), lines
 
 
 class _ClusterRun:
@@ -273,46 +264,3 @@ def knock(address: str) -> None:
         socket.create_connection((found["host"].strip("[]"), int(found["port"])), CONNECT_LIMIT_S).close()
     except (OSError, OverflowError) as error:
         raise TcbenchError(f"No Dask scheduler answers at {address} ({error}). {remedy}") from error
-
-
-def main(stdin: IO[str], stdout: IO[str]) -> int:
-    """One share: a JSON job on standard input; provenance, rows and END on standard output."""
-    job = json.loads(stdin.readline())
-    _end_with(stdin)
-    from ..store.provenance import cpu_model, provenance
-
-    cpu = cpu_model()
-
-    class Lines(Rows):
-        def append(
-            self,
-            key: str,
-            row: Mapping[str, Any],
-            cell: Mapping[str, Any] | None = None,
-            provenance: str | None = None,
-        ) -> None:
-            stdout.write(encode_line(key, dict(row) | {"worker_host_cpu": cpu}, cell, "").decode())
-            stdout.flush()
-
-    stdout.write(canonical_json(provenance(command=[])) + "\n")
-    cells = [Cell.from_dict(data) for data in job["cells"]]
-    limits = {name: job[name] for name in ("jobs", "timeout", "memory_limit", "seed")}
-    run_cells(cells, job["measure"], job["context"], Lines(), **limits)
-    stdout.write(END.decode())
-    stdout.flush()
-    return 0
-
-
-def _end_with(stream: IO[str]) -> None:
-    """Leave the process when the stream ends: whoever ordered the share is gone."""
-
-    def follow() -> None:
-        stream.read()
-        os._exit(1)  # the engine's workers follow their parent
-
-    threading.Thread(target=follow, name="tcbench-share-watch", daemon=True).start()
-
-
-if __name__ == "__main__":
-    # the workers' own main module is this one again; they must not see a share
-    sys.exit(main(sys.stdin, sys.stdout))

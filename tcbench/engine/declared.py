@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 import inspect
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +14,6 @@ from ..systems.plane import links
 if TYPE_CHECKING:
     from ..integrator import Integrator
     from ..systems.scenario import Scenario
-    from .planning import Job
 
 FAMILIES = ("Romero (2009)", "consistent, beyond the paper", "other structure", "peers")
 PAPER = FAMILIES[0]
@@ -22,12 +21,14 @@ LONGEST = 4000  # characters of a formula or description that are kept
 LAWS = {"energy", "entropy"}
 
 
-def declared(job: Job) -> dict[str, dict[str, Any]]:
-    """The methods and scenarios of a job by name, and those that are not installed with what they lack."""
+def declared(
+    methods: Sequence[Integrator], scenarios: Sequence[Scenario], absent: Mapping[str, str]
+) -> dict[str, dict[str, Any]]:
+    """The methods and scenarios of a run by name, and those that are not installed with what they lack."""
     return {
-        "integrators": {method.name: method_facts(method) for method in job.methods},
-        "scenarios": {scenario.name: scenario_facts(scenario) for scenario in job.scenarios},
-        "absent": dict(job.absent),
+        "integrators": {method.name: method_facts(method) for method in methods},
+        "scenarios": {scenario.name: scenario_facts(scenario) for scenario in scenarios},
+        "absent": dict(absent),
     }
 
 

@@ -11,18 +11,18 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from .. import inputs, plugins
+from .. import plugins
 from ..compiler.code_hash import content_hash
 from ..compiler.language import PLAIN
+from ..inputs import marks
 from ..integrator import Integrator
-from ..plugin_loading import environment
 from ..store.cells import UNHASHABLE
 from ..store.encoding import canonical_json
 from ..store.provenance import machine_name, versions
 from ..studies.base import Study
 from ..systems.scenario import Scenario
 from ..systems.system import System
-from .worker import ONE_THREAD
+from .child import given
 
 MAIN = "__main__"
 # what an Integrator says of itself, beside what it computes
@@ -64,12 +64,10 @@ def forget() -> None:
 @cache
 def code_mark() -> str:
     """What computes, whatever the cell: tcbench's sources, the packages under it, Python, what C code is told."""
-    found = environment()
-    told = {name: value for name, value in found.items() if READ_BY_C.match(name)}
-    told = dict.fromkeys(ONE_THREAD, "1") | told
+    told = {name: value for name, value in given().items() if READ_BY_C.match(name)}
     return fingerprint(
         tcbench=own_sources(), versions=versions(), python=list(sys.version_info[:2]), cpu=platform.machine(),
-        told=told, plain=PLAIN,
+        told=told, plain=PLAIN, optimize=sys.flags.optimize,
     )[:12]  # fmt: skip
 
 
@@ -77,11 +75,11 @@ def code_mark() -> str:
 def own_sources() -> str:
     """One hash of all that tcbench and its own plugins compute with."""
     found = {}
-    for folder in map(Path, inputs.OWN):
+    for folder in map(Path, marks.OWN):
         for path in sorted(folder.rglob("*")):
             relative = path.relative_to(folder)
             if path.suffix in (".py", ".json") and relative.parts[0] not in NO_NUMBERS:
-                found[f"{folder.name} {relative.as_posix()}"] = inputs.file_hash(str(path))
+                found[f"{folder.name} {relative.as_posix()}"] = marks.file_hash(str(path))
     return fingerprint(files=found)
 
 
@@ -99,7 +97,7 @@ def source_mark(method: Integrator) -> str:
     """What a row says of its method, its `source_hash`: of the plugin's file; of the code of a session's object."""
     if plugins.is_registered(method):
         origin = plugins.registry().origins.get(method.plugin)
-        return (inputs.file_hash(origin.path) or "")[:12] if origin and origin.path else ""
+        return (marks.file_hash(origin.path) or "")[:12] if origin and origin.path else ""
     return (
         content_hash({f.name: getattr(method, f.name) for f in fields(method) if f.compare and f.name not in SAID})
         or UNHASHABLE

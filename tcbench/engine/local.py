@@ -41,6 +41,7 @@ from ..store.cells import Cell
 from ..store.cores import usable_cores
 from ..store.lock import hold_lock
 from ..store.store import Rows, is_finished
+from .child import Child
 from .reuse import Reuse
 from .worker_slot import Crew, Slot, needed
 
@@ -284,34 +285,37 @@ class _Run:
     def all(self, work: Sequence[tuple[Cell, dict[str, Any]]], jobs: int, exclusive: bool = False) -> None:
         """Run the cells on at most `jobs` slots; on return, also by an exception, no worker is left."""
         waiting = deque(work)
-        woken: queue.SimpleQueue[Slot] = queue.SimpleQueue()
-        slots = [Slot(number, self.crew, woken.put, exclusive) for number in range(min(jobs, len(waiting)))]
+        said: queue.SimpleQueue[tuple[Slot, Child, bytes | None]] = queue.SimpleQueue()
+        numbers = range(min(jobs, len(waiting)))
+        slots = [Slot(number, self.crew, lambda *words: said.put(words), exclusive) for number in numbers]
         try:
             for slot in slots:
                 self._feed(slot, waiting)
             last_look = time.monotonic()
             while self.running:
-                try:
-                    candidates = [woken.get(timeout=TICK_S)]
-                except queue.Empty:
-                    candidates = slots
+                with contextlib.suppress(queue.Empty):
+                    slot, child, line = said.get(timeout=TICK_S)
+                    self._done(slot, slot.cell, slot.hear(child, line), waiting)
                 if (since := time.monotonic() - last_look) > TICK_S:
-                    candidates, last_look = slots, time.monotonic()
-                    for slot in slots if since > STOPPED_S else ():
-                        slot.was_stopped(since)
-                for slot in candidates:
-                    cell = slot.cell
-                    row = slot.check()
-                    if row is not None and cell is not None:
-                        # feed first: the worker computes while the row is being written
-                        self.running -= 1
-                        self._feed(slot, waiting)
-                        self.ledger.write(cell, row, self.running)
+                    last_look = time.monotonic()
+                    for slot in slots:
+                        if since > STOPPED_S:
+                            slot.was_stopped(since)
+                        self._done(slot, slot.cell, slot.check(), waiting)
         finally:
             self.running = 0
             for slot in slots:
                 slot.discard()
             self.crew.wait_for_the_dead()
+
+    def _done(
+        self, slot: Slot, cell: Cell | None, row: dict[str, Any] | None, waiting: deque[tuple[Cell, dict[str, Any]]]
+    ) -> None:
+        if row is not None and cell is not None:
+            # feed first: the worker computes while the row is being written
+            self.running -= 1
+            self._feed(slot, waiting)
+            self.ledger.write(cell, row, self.running)
 
     def _feed(self, slot: Slot, waiting: deque[tuple[Cell, dict[str, Any]]]) -> None:
         while waiting:

@@ -10,9 +10,10 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .. import inputs, plugins
+from .. import plugins
 from ..compiler.code_hash import content_hash
 from ..errors import ChangedError
+from ..inputs import watching
 from ..integrator import Integrator
 from ..plugin_loading import watched
 from ..store.cells import Cell
@@ -142,7 +143,7 @@ def _rebuild(data: Mapping[str, Any]) -> Scenario:
 def _made(data: Mapping[str, Any]) -> Scenario:
     module, _, name = data["system"].partition(":")
     if data["label"].startswith("module "):
-        inputs.begin()  # before it is imported
+        watching.begin()  # before it is imported
     elif data["label"]:
         plugins.registry().need(data["label"])
     imported = importlib.import_module(module)

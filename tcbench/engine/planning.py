@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,9 +12,12 @@ from .. import plugins
 from ..errors import TcbenchError
 from ..integrator import Integrator
 from ..store.cells import Cell
+from ..store.encoding import plain
 from ..store.store import Rows, Store
 from ..studies.base import Study, default_studies, expand_studies, find_study
 from ..systems.scenario import Scenario
+from .child import ask
+from .declared import declared
 from .fingerprint import cell_fingerprint, code_mark, forget, own_sources, scenario_mark, source_mark
 from .measure import module_folder, scenario_data
 
@@ -23,18 +27,22 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """Everything that a run will do, before it does it."""
+    """Everything that a run will do, before it does it.
+
+    here : by key, cells of what workers cannot look up, measured in this process; else all of it is data.
+    left_out : why methods that were asked for by name are in none of a study's cells. notes : absent peers, steps that
+        do not apply, plugins that were not loaded. packages : that the methods require.
+    told : what methods and scenarios say of themselves (`declared`), found when it is asked for.
+    """
 
     cells: list[Cell]
     context: dict[str, Any]
     studies: list[Study]
-    here: dict[
-        str, tuple[Integrator, Scenario]
-    ]  # by key: cells of what workers cannot look up, measured in this process
-    left_out: Sequence[str] = ()  # why methods that were asked for by name are in none of a study's cells
-    methods: Sequence[Integrator] = ()
-    scenarios: Sequence[Scenario] = ()
-    absent: Mapping[str, str] = field(default_factory=dict)  # peers whose package is not installed, with how to get it
+    here: Mapping[str, tuple[Integrator, Scenario]] = field(default_factory=dict)
+    left_out: Sequence[str] = ()
+    notes: Sequence[str] = ()
+    packages: Sequence[str] = ()
+    told: Callable[[], Mapping[str, Any]] = dict
 
 
 def plan_job(
@@ -45,17 +53,53 @@ def plan_job(
     dt: Sequence[float] | None = None,
     options: Mapping[str, Any] | None = None,
 ) -> Job:
-    """Look everything up and plan the cells; raises TcbenchError before anything is written."""
+    """Look everything up and plan the cells; raises TcbenchError before anything is written.
+
+    Plugins that are not tcbench's own are imported in another process, unless this one has imported them already or
+    is given objects: what they do to numpy, say, stays there.
+    """
     for name, chosen_names in (("integrators", integrators), ("scenarios", scenarios), ("studies", studies)):
         _check_list(name, chosen_names)
+    asked: list[Any] = [None if n is None else list(n) for n in (integrators, scenarios, studies)]
+    asked += [None if dt is None else list(dt), dict(options or {})]
     forget()
+    if plugins.waiting_to_be_imported() and all(isinstance(n, str) for names in asked[:3] for n in names or ()):
+        found = ask("tcbench.engine.planning:planned_for_another", list(map(str, plugins.plugin_folders())), *asked)
+        if found is not None:
+            return _from_data(found)
+    return _plan(*asked)
+
+
+def planned_for_another(folders: Sequence[str], *asked: Any) -> str:
+    """The job of the process that asks, as JSON; "null" where cells would have to be measured here."""
+    plugins.only_look_up(folders)
+    job = _plan(*asked)
+    if job.here:
+        return "null"
+    data = {name: getattr(job, name) for name in ("context", "left_out", "notes", "packages")}
+    data |= {"studies": [study.name for study in job.studies], "cells": [cell.as_dict() for cell in job.cells]}
+    return json.dumps({**data, "told": job.told()}, default=plain)
+
+
+def _from_data(data: Mapping[str, Any]) -> Job:
+    cells, studies, told = ([*data["cells"]], [*data["studies"]], data["told"])
+    kept = {name: data[name] for name in ("left_out", "notes", "packages")}
+    return Job([*map(Cell.from_dict, cells)], data["context"], [*map(find_study, studies)], told=lambda: told, **kept)
+
+
+def _plan(
+    integrators: list[Any] | None, scenarios: list[Any] | None, studies: list[str] | None, dt: list[float] | None,
+    options: dict[str, Any],
+) -> Job:  # fmt: skip
     registry = plugins.registry()
     methods = plugins.expand_integrators(plugins.by_default() if integrators is None else integrators)
     selected = [s.current() for s in plugins.expand_scenarios(registry.scenarios if scenarios is None else scenarios)]
     chosen = [find_study(name) for name in (default_studies() if studies is None else expand_studies(studies))]
+    if all(map(plugins.is_sampled, selected)):
+        chosen = [find_study(study.of_random or study.name) for study in chosen]
     if len({s.name for s in selected}) < len(selected):
         raise TcbenchError("Two scenarios of one run have the same name; give variants a name: replace(name=...).")
-    settings = {"dt": _checked_steps(dt, selected), **(options or {})}
+    settings = {"dt": _checked_steps(dt, selected), **options}
     custom = {s.name: data for s in selected if not _can_be_named(s) and (data := scenario_data(s)) is not None}
     remote = {s.name: s.name in custom or _can_be_named(s) for s in selected}
     cells, here, seen = [], {}, set()
@@ -95,8 +139,10 @@ def plan_job(
         },
     }
     absent = {name: m.lacks for name, m in registry.integrators.items() if m.lacks}
+    notes = _not_run(absent if integrators is None else {}, methods, dt) + plugins.not_loaded()
+    packages = sorted({name for method in methods for name in method.requires})
     unique = list({c.key: c for c in cells}.values())
-    return Job(unique, context, chosen, here, left_out, methods, selected, absent)
+    return Job(unique, context, chosen, here, left_out, notes, packages, lambda: declared(methods, selected, absent))
 
 
 def _check_list(name: str, values: Any) -> None:
@@ -128,6 +174,15 @@ def _left_out(
         missing = [study for study in chosen if (method.name, study.name) not in seen]
         if by_name or len(missing) == len(chosen):
             sentences += [_why_not(method, study, scenarios) for study in missing[: None if by_name else 1]]
+    return sentences
+
+
+def _not_run(absent: Mapping[str, str], methods: Sequence[Integrator], dt: Any) -> list[str]:
+    """Sentences on what a run leaves out although nobody said so: absent peers, and steps that do not apply."""
+    sentences = [f"{name} was not run: {why}." for name, why in absent.items()]
+    adaptive = [method.name for method in methods if method.kind == "adaptive"]
+    if dt and adaptive:
+        sentences.append(f"--dt does not apply to methods that choose their steps: {', '.join(adaptive)}.")
     return sentences
 
 

@@ -8,10 +8,9 @@ from collections.abc import Mapping
 from importlib.machinery import PathFinder
 from typing import Any
 
-from .. import inputs
-from ..plugin_loading import environment
+from ..inputs import marks, recorder
 from ..store.store import Rows
-from .worker import ONE_THREAD
+from .child import given
 
 NOT_NOTED = "what it read was not noted"
 
@@ -27,7 +26,7 @@ class Reuse:
         self._store = store
         self._folders: Mapping[str, str] = context.get("anchors", {})
         self._needs: Mapping[str, Any] = context.get("needs", {})
-        self._environment = dict.fromkeys(ONE_THREAD, "1") | environment() | {"PYTHONSAFEPATH": "1"}  # a worker's
+        self._environment = given() | {recorder.CURRENT: os.getcwd()}
         self._seen: dict[tuple[str, str], str | None] = {}
         self._verdicts: dict[str, str] = {}
         # a plugin file's folder comes last on the path, as in `plugin_files`
@@ -50,16 +49,17 @@ class Reuse:
         try:
             if noted["unseen"]:
                 return "; ".join(noted["unseen"])
-            for kind, look in (("files", inputs.file_hash), ("folders", inputs.folder_hash)):
-                marks: dict[str, str] = noted[kind]
-                for path, mark in marks.items():
+            looks = {"files": marks.file_hash, "folders": marks.folder_hash, "links": recorder.link_mark}
+            for kind, look in looks.items():
+                then: dict[str, str] = noted[kind]
+                for path, mark in then.items():
                     if mark not in self._found(kind, path, look):
                         return path
             for name, mark in noted["environment"].items():
-                if inputs.text_hash(self._environment.get(name)) != mark:
+                if marks.text_hash(self._environment.get(name)) != mark:
                     return f"the variable {name}"
             for name, mark in noted["packages"].items():
-                if self._once("package", name, inputs.package_mark) != mark:
+                if self._once("package", name, marks.package_mark) != mark:
                     return f"the package {name}"
             for name, path in noted["modules"].items():
                 if not self._same_module(name, path, noted["plugins"]):
@@ -70,7 +70,7 @@ class Reuse:
 
     def _found(self, kind: str, path: str, look: Any) -> list[str | None]:
         """The marks of what a path may mean now."""
-        places = inputs.placed(path, dict(self._folders))
+        places = marks.placed(path, dict(self._folders))
         return [self._once(kind, place, look) for place in places] or ["no such plugin"]
 
     def _once(self, kind: str, name: str, look: Any) -> str | None:
@@ -87,5 +87,5 @@ class Reuse:
         spec = PathFinder.find_spec(name, [*self._path, *folders])
         if spec is None or not spec.origin:
             return True
-        places = inputs.placed(path, dict(self._folders)) if path else []
+        places = marks.placed(path, dict(self._folders)) if path else []
         return any(os.path.realpath(spec.origin) == os.path.realpath(place) for place in places)

@@ -18,7 +18,7 @@ from ..store.store import Store
 from ..store.tables import latest_rows, make_tables, read_tables
 from ..studies.base import studies
 from ..systems.scenario import Scenario
-from .declared import declared, merged
+from .declared import merged
 from .measure import MEASURE, measure_here
 from .planning import Job, plan_job
 from .remaining import Remaining
@@ -66,6 +66,7 @@ class Results:
     statuses: Mapping[str, int] = field(default_factory=dict)  # how its cells ended, those finished before included
     problems: Sequence[str] = ()  # sentences: lines that could not be read, rows of older formulas
     every: Mapping[str, DataFrame] = field(default_factory=dict)  # tables of all runs into this folder
+    notes: Sequence[str] = ()  # sentences: absent peers, steps that do not apply, plugins that were not loaded
 
     def _repr_html_(self) -> str:
         """What a notebook shows: the tables and how many rows each has, and the first of them."""
@@ -177,8 +178,7 @@ def execute(
 
         knock(dask)  # before anything is written
     with Store.open(output, fresh=fresh) as store:
-        packages = sorted({name for method in job.methods for name in method.requires})
-        store.add_provenance(provenance(packages=packages))
+        store.add_provenance(provenance(packages=job.packages))
         local = [cell for cell in job.cells if cell.key in job.here]
         remote = [cell for cell in job.cells if cell.key not in job.here]
         retry = bool(limits.get("retry_failed"))
@@ -208,14 +208,14 @@ def execute(
                 every = read_tables(store)  # of all runs into this folder
             every = {name: table for name, table in every.items() if len(table)}
             store.write_tables(every)
-            store.write_declared(merged(store.declared(), declared(job)))
+            store.write_declared(merged(store.declared(), job.told()))
             keep(job, store)
             rows = store.rows()
             statuses = Counter(str(rows[cell.key].get("status")) for cell in job.cells if cell.key in rows)
         data = {"cells": len(job.cells), "interrupted": summary.interrupted, "tables": sorted(every)}
-        store.write_manifest(manifest(store.provenance_id, started, utc_now(), data, packages))
+        store.write_manifest(manifest(store.provenance_id, started, utc_now(), data, job.packages))
         problems = tuple(dict.fromkeys(store.problems))
-        return Results(tables, Path(output), summary, job.left_out, statuses, problems, every)
+        return Results(tables, Path(output), summary, job.left_out, statuses, problems, every, job.notes)
 
 
 def load(folder: str | Path) -> Results:

@@ -6,9 +6,9 @@ import hashlib
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING
 
-from .. import inputs
 from ..errors import TcbenchError
 from ..files import replacing
+from ..inputs import marks
 
 if TYPE_CHECKING:
     from ..store.store import Store
@@ -31,9 +31,9 @@ def measured_files(job: Job, store: Store) -> dict[str, bytes]:
         relative = path.partition(">/")[2]
         if not path.endswith(".py") or not relative or ".." in PurePosixPath(relative).parts or path.startswith("<>"):
             continue
-        for place in inputs.placed(path, anchors):
+        for place in marks.placed(path, anchors):
             text = Path(place).read_bytes() if Path(place).is_file() else b""
-            if inputs.text_hash(text) == mark:
+            if marks.text_hash(text) == mark:
                 text = text.replace(b"\r\n", b"\n")
                 name = Path(relative)
                 found[relative if found.get(relative, text) == text else _marked(name, text).as_posix()] = text

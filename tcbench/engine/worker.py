@@ -11,36 +11,24 @@ import contextlib
 import ctypes
 import errno
 import faulthandler
-import importlib
 import io
 import json
-import multiprocessing
 import os
-import signal
 import sys
-import threading
 import time
 import traceback
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from .. import inputs
 from ..errors import ChangedError, MachineError
+from ..inputs import watching
 from ..store.encoding import encode_values
+from .child import resolve
 
 DIED = "Fatal Python error"  # what faulthandler writes first
 MESSAGE_LIMIT = 2000  # characters kept of an exception's message, and of the ends of its traceback and of the output
 ROW_LIMIT = 64 * 2**20  # bytes of JSON a row may have
-# Cells run side by side, one a core: threads inside them would only get in each other's way and blur timings.
-ONE_THREAD = (
-    "OMP_NUM_THREADS",
-    "OPENBLAS_NUM_THREADS",
-    "MKL_NUM_THREADS",
-    "VECLIB_MAXIMUM_THREADS",
-    "NUMEXPR_NUM_THREADS",
-)
-
 NOT_FINAL = (OSError, ImportError, MemoryError, MachineError, ChangedError)  # another day they are not raised
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EMFILE, errno.ENFILE)  # no cell's fault
 _settings: dict[str, Any] = {}
@@ -48,33 +36,22 @@ _told: set[str] = set()  # identities of inputs that the parent has
 
 
 def start(settings: dict[str, Any]) -> None:
-    """Prepare the process (the pool's initializer): limits, signals, output."""
+    """Prepare the process (a `child.Child`): limits, output; the measuring code is imported before any clock starts.
+
+    An error of that import is left to the cells' rows.
+    """
     _settings.update(settings)
-    for name in ONE_THREAD:
-        os.environ.setdefault(name, "1")
-    _lead_a_group()
-    # pebble installs a Python handler, which a hang inside C code never reaches
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    _die_with_parent()
-    _redirect(Path(settings["logs"]) / f"start-{settings['slot']}.log")
+    _keep_offspring()
     _own_streams()
     _settings["folder"] = os.getcwd()
-    inputs.leave_out(settings["logs"])
+    watching.leave_out(settings["logs"])
     with contextlib.suppress(Exception):
         # a segfault then leaves its Python traceback in the output; other threads are the engine's own
         faulthandler.enable(file=2, all_threads=False)
     if settings.get("memory_limit"):
         _limit_memory(int(settings["memory_limit"]))
-
-
-def warm_up() -> None:
-    """Import the measuring code before the first clock starts. An error is left to the cells' rows."""
     with contextlib.suppress(BaseException):
-        resolve(_settings["measure"])
-
-
-def ping() -> None:
-    """Answer, which proves that whatever was sent to this worker earlier is over."""
+        resolve(settings["measure"])
 
 
 def run_cell(key: str, cell: dict[str, Any], extra: dict[str, Any]) -> str:
@@ -98,7 +75,7 @@ def run_cell(key: str, cell: dict[str, Any], extra: dict[str, Any]) -> str:
 
 def _what_was_read() -> dict[str, Any]:
     """The identity of what this worker has read for plugins that are not tcbench's own; the first time, all of it."""
-    watched = inputs.recorder()
+    watched = watching.recorder()
     if watched is None:
         return {}
     name, text = watched.collected()
@@ -128,15 +105,6 @@ def complete_row(
     except caught as error:
         row = exception_row(error) | also()
     return row | {"cell_time_s": time.perf_counter() - began} | dict(extra)
-
-
-def resolve(name: str) -> Callable[[dict[str, Any], dict[str, Any]], Mapping[str, Any]]:
-    """The function called `package.module:function`."""
-    module, _, function = name.partition(":")
-    found: Callable[[dict[str, Any], dict[str, Any]], Mapping[str, Any]] = getattr(
-        importlib.import_module(module), function
-    )
-    return found
 
 
 def exception_row(error: BaseException) -> dict[str, Any]:
@@ -237,55 +205,11 @@ def _utf8_text(descriptor: int) -> io.TextIOWrapper:
     return io.TextIOWrapper(io.BufferedWriter(raw), encoding="utf-8", errors="backslashreplace", line_buffering=True)
 
 
-def _lead_a_group() -> None:
-    """What a cell starts ends with its worker: all in one process group; on Linux what leaves it stays a descendant."""
-    if hasattr(os, "setpgid"):
-        with contextlib.suppress(OSError):  # it leads one already
-            os.setpgid(0, 0)
+def _keep_offspring() -> None:
+    """What a cell starts ends with its worker: on Linux what leaves the worker's group stays its descendant."""
     if sys.platform == "linux":
         with contextlib.suppress(Exception):
             ctypes.CDLL(None).prctl(36, 1, 0, 0, 0)  # 36 = PR_SET_CHILD_SUBREAPER
-
-
-def kill_with_all(worker: int) -> None:
-    """Kill a worker and every process that its cells have started (those that left its group: on Linux only)."""
-    if not hasattr(os, "killpg"):  # pragma: no cover -- Windows
-        return
-    for pid in (*_descendants(worker), worker):
-        with contextlib.suppress(OSError):
-            os.kill(pid, signal.SIGKILL)
-    with contextlib.suppress(OSError):  # none of that group is left, or it does not lead one yet
-        os.killpg(worker, signal.SIGKILL)
-
-
-def _descendants(ancestor: int) -> set[int]:
-    """Children of a process, and theirs, from /proc."""
-    parents: dict[int, int] = {}
-    for stat in Path("/proc").glob("[0-9]*/stat"):
-        with contextlib.suppress(OSError, ValueError, IndexError):
-            parents[int(stat.parent.name)] = int(stat.read_text(errors="replace").rpartition(")")[2].split()[1])
-    found: set[int] = set()
-    newer = {ancestor}
-    while newer := {pid for pid, parent in parents.items() if parent in newer} - found:
-        found |= newer
-    return found
-
-
-def _die_with_parent() -> None:
-    """A killed parent must not leave workers behind, least of all one that hangs."""
-    if sys.platform == "linux":  # also reaches a worker that is stuck in C code
-        with contextlib.suppress(Exception):
-            ctypes.CDLL(None).prctl(1, int(signal.SIGKILL), 0, 0, 0)  # 1 = PR_SET_PDEATHSIG
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-
-        def follow() -> None:
-            parent.join()
-            if hasattr(os, "killpg"):
-                os.killpg(0, signal.SIGKILL)
-            os._exit(1)
-
-        threading.Thread(target=follow, name="tcbench-parent-watch", daemon=True).start()
 
 
 def _limit_memory(limit: int) -> None:

@@ -17,7 +17,7 @@ from .cores import usable_cores
 
 # a new version of these may change digits, so it changes keys
 NUMERICAL_PACKAGES = ("numpy", "scipy", "llvmlite")
-PACKAGES = (*NUMERICAL_PACKAGES, "pandas", "pebble", "dask", "distributed")
+PACKAGES = (*NUMERICAL_PACKAGES, "pandas", "dask", "distributed")
 THREAD_VARIABLES = (
     "OMP_NUM_THREADS",
     "OPENBLAS_NUM_THREADS",

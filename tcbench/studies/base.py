@@ -35,6 +35,7 @@ class Study:
     metrics : rows have the columns of plugins' metrics. sampled : plan draws its scenarios from families.
     scenarios : names of those that it runs on where none is named; () for all. fresh : each cell in a process that has
         run no other.
+    of_random : the study that takes its place where all scenarios are random ones.
     drawn(scenario, cell options) -> JSON values: what else a cell computes with, such as the scenarios that it draws.
     """
 
@@ -53,6 +54,7 @@ class Study:
     sampled: bool = False
     scenarios: tuple[str, ...] = ()
     fresh: bool = False
+    of_random: str = ""
     drawn: Callable[[Scenario, Row], Any] | None = None
 
     def is_timed(self, options: Row) -> bool:

@@ -187,4 +187,5 @@ STUDY = Study(
     plan=plan,
     measure=measure,
     tabulate=tabulate,
+    of_random="ensemble_map",
 )

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from tcbench import TcbenchError, plugins
+from tcbench import run as run_here
 from tcbench.store.store import Store
 
 SCRIPT = Path(sys.executable).with_name("tcbench")
@@ -55,14 +56,20 @@ def helped(folder, name, factor, late=False):
     (folder / "helper.py").write_text(f"factor = {factor}\n")
 
 
-@pytest.mark.parametrize("late", [False, True])
-def test_a_helper_of_another_folder_is_refused_with_a_sentence(tmp_path, late):
+def test_helpers_of_one_name_in_two_folders_are_each_its_own_or_refused_with_a_sentence(tmp_path):
+    """Imported where the file begins each is found at home; in a step nobody knows who asks, if both are loaded."""
     helped(tmp_path / "a", "mine_a", 1.0)
-    helped(tmp_path / "b", "mine_b", 0.5, late)
-    plugins.use_folders([tmp_path / "a", tmp_path / "b"])
-    assert plugins.find_integrator("mine_a")
-    with pytest.raises(TcbenchError, match=r"Two folders have a module 'helper', and Python would give mine_b.py the"):
-        plugins.find_integrator("mine_b")
+    helped(tmp_path / "b", "mine_b", 0.5)
+    helped(tmp_path / "c", "mine_c", 0.25, late=True)
+    plugins.use_folders([tmp_path / name for name in "abc"])
+    found = {name: plugins.find_integrator(f"mine_{name}").step for name in "abc"}
+    assert [found[name].__globals__["factor"] for name in "ab"] == [1.0, 0.5]
+    with pytest.raises(TcbenchError, match=r"Two folders have a module 'helper', and Python would give one of their"):
+        found["c"](0.0, 0.1, None)
+    chosen = [word for name in "abc" for word in ("-i", f"mine_{name}", "--plugins-dir", name)]
+    assert run(*chosen, cwd=tmp_path).returncode == 0  # each cell has a process that knows one of them
+    found = rows(tmp_path / "out").values()
+    assert len(found) == 3 and not [row for row in found if "Two folders" in row["failure"]]
 
 
 def test_helpers_of_folders_that_are_loaded_one_after_the_other_are_each_its_own(tmp_path):
@@ -112,6 +119,23 @@ def test_a_worker_that_ran_a_plugins_code_serves_no_other_plugin(tmp_path):
     found, clean = rows(tmp_path / "out"), rows(tmp_path / "alone")
     assert found["bbb"]["energy_error_max"] == clean["bbb"]["energy_error_max"], found["bbb"]
     assert found["tc_monolithic"]["status"] == "ok"
+
+
+def test_a_run_imports_no_plugin_and_none_changes_what_is_planned_of_another(tmp_path):
+    who = tmp_path / "who"
+    note = f"import os\nopen({str(who)!r}, 'a').write(f'{{os.getpid()}} ')\n"
+    plugin(tmp_path / "p" / "aaa.py", before=note + "np.exp = None\nimport scipy.integrate as S\nS.RK45.B = None")
+    plugin(tmp_path / "p" / "bbb.py", before="assert np.exp(0.0) == 1.0")
+    plugins.use_folders([tmp_path / "p"])
+    measure = ["short_term"], ["conservation"], tmp_path / "out"
+    tables = run_here(["aaa", "bbb", "tc_strang"], *measure, dt=[0.3], jobs=1).tables
+    found = tables["conservation"].set_index("integrator")["status"]
+    assert found["tc_strang"] == "ok" and found["bbb"] != "exception"
+    pids = who.read_text().split()
+    assert len(pids) == len(set(pids)) == 2 and str(os.getpid()) not in pids  # where it is looked up, and where it runs
+    (tmp_path / "p" / "bbb.py").write_text("import os\nos._exit(7)\n")
+    with pytest.raises(TcbenchError, match=r"The process that imports the plugins died \(exit code 7\)"):
+        run_here(["tc_strang"], *measure)
 
 
 @pytest.mark.parametrize("how", ["raise SystemExit(0)", "raise GeneratorExit", "import os; os.environ['x'] = 1"])

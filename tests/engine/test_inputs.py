@@ -1,25 +1,30 @@
 """What a plugin reads is noted and compared: attacks on rows that are used again, without a process (a worker's side is
 played here), and a few from end to end."""
 
+import io
 import json
 import os
 import shutil
 import sqlite3
+import subprocess
 import sys
 import textwrap
+import zipfile
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 import pytest
 
 import tcbench
-from tcbench import inputs, plugin_files, plugins
+from tcbench import plugin_files, plugins
+from tcbench.engine.child import given
 from tcbench.engine.cluster import _all_machines
 from tcbench.engine.local import plan
 from tcbench.engine.planning import plan_job
 from tcbench.engine.reuse import Reuse
-from tcbench.engine.starting import before_plugins
+from tcbench.inputs import marks, watching
 from tcbench.store.cells import Cell
 from tcbench.store.store import Rows, Store
 from tcbench.store.tables import latest_rows
@@ -55,7 +60,7 @@ def desk(tmp_path, monkeypatch):
 
 def forget(folder):
     """As in a process of its own: nothing of the folder has been imported."""
-    inputs.end()
+    watching.end()
     plugins.forget()
     plugin_files.forget_helpers()
     for name, module in list(sys.modules.items()):
@@ -68,6 +73,7 @@ def forget(folder):
 def planned(desk, name="mine"):
     forget(desk)
     plugins.use_folders([folder for folder in (desk / "p", desk / "q") if any(folder.iterdir())])
+    plugins.registry()  # so that no other process plans
     return plan_job([name], ["short_term"], ["conservation"], dt=[0.3])
 
 
@@ -75,13 +81,13 @@ def measured(desk, name="mine"):
     """The rows of a run: what a worker would note is noted here."""
     job = planned(desk, name)
     forget(desk)
-    with before_plugins():
+    with patch.dict(os.environ, given(), clear=True):
         plugins.use_index(job.context["index"])
         method = plugins.find_integrator(name)
         model = tcbench.scenarios()["short_term"].model
         method.step(model.state(tcbench.scenarios()["short_term"].z0), 0.1, model)
-        identity, text = inputs.recorder().collected()
-        inputs.end()
+        identity, text = watching.recorder().collected()
+        watching.end()
     rows, cell = Rows(), job.cells[0]
     rows.append(cell.key, {"status": "ok", "inputs": identity, "_inputs": json.loads(text)}, cell.as_dict())
     return rows
@@ -104,6 +110,16 @@ def write(desk, files):
 
 
 G1, G2 = "G = 1.0\n", "G = 1.1\n"
+
+
+def archive(text):
+    """A zip file with one module."""
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w") as written:
+        written.writestr("zipped_x.py", text)
+    return file.getvalue()
+
+
 BESIDE = "import sys\nsys.path.insert(0, str(HERE.parent / 'lib'))\n"
 ATTACKS = {  # what the plugin does, files before, files after
     "json": (plugin("G = json.loads((HERE / 'g.json').read_text())", "G"), {"p/g.json": "1.0"}, {"p/g.json": "1.1"}),
@@ -139,14 +155,39 @@ ATTACKS = {  # what the plugin does, files before, files after
              {"p/tools.py": plugin(name="base") + "# other\n"}),
     "undeclared": (plugin("", "__import__('tcbench').plugins.find_integrator('base').order"),
                    {"q/tools.py": plugin(name="base")}, {"q/tools.py": plugin(name="base") + "# other\n"}),
+    "a file that is asked for": (plugin("G = 1.1 if (HERE / 'flag').exists() else 1.0", "G"), {}, {"p/flag": ""}),
+    "in a step is asked for": (plugin("", "(1.1 if os.path.isfile(HERE / 'flag') else 1.0)"), {}, {"p/flag": ""}),
+    "a size": (plugin("G = os.stat(HERE / 'g').st_size", "G"), {"p/g": "1"}, {"p/g": "12"}),
+    "a walk": (plugin("G = sum(len(files) for _, _, files in os.walk(HERE / '_d'))", "G"), {"p/_d/e/a": "1"},
+               {"p/_d/e/b": "1"}),
+    "bytes": (plugin("K = float(open(os.fsencode(HERE / 'g')).read())", "K"),
+              {"p/g": "1"}, {"p/g": "2"}),
+    "a zip": (plugin("sys.path.append(str(HERE / 'g.zip'))\nfrom zipped_x import G", "G"), {"p/g.zip": archive(G1)},
+              {"p/g.zip": archive(G2)}),
+    "a path file": (plugin("import site\nsite.addsitedir(str(HERE.parent / 'lib'))\nfrom pth_x import G", "G"),
+                    {"lib/a.pth": "v1\n", "lib/v1/pth_x.py": G1, "lib/v2/pth_x.py": G2}, {"lib/a.pth": "v2\n"}),
+    "a distribution": (plugin("sys.path.append(str(HERE.parent / 'lib'))\nimport importlib.metadata\n"
+                              "G = float(importlib.metadata.version('own-x'))", "G"),
+                       {"lib/own_x-1.0.dist-info/METADATA": "Name: own-x\nVersion: 1.0\n"},
+                       {"lib/own_x-1.0.dist-info/METADATA": "Name: own-x\nVersion: 1.1\n"}),
+    "a module's own reader": (plugin("sys.path.append(str(HERE.parent / 'lib'))\nimport res_x, importlib.resources\n"
+                                     "G = float(importlib.resources.files('res_x').joinpath('g').read_text())", "G"),
+                              {"lib/res_x/__init__.py": "", "lib/res_x/g": "1"}, {"lib/res_x/g": "2"}),
+    "two parts of a namespace": (plugin(BESIDE + "from parts_x.b import G", "G"),
+                                 {"p/parts_x/a.py": G1, "lib/parts_x/b.py": G1}, {"lib/parts_x/b.py": G2}),
+    "a pickle": (plugin("import pickle\nG = pickle.loads((HERE / 'g').read_bytes())", "G"), {"p/g": b"F1\n."},
+                 {"p/g": b"F2\n."}),
+    "after a change of folder": (plugin("os.chdir(HERE)\nG = float(open('g').read())\nos.chdir('/')", "G"),
+                                 {"p/g": "1"}, {"p/g": "2"}),
+    "in a thread": (plugin("import threading\nG = []\ndef read():\n    G.append(float(open(HERE / 'g').read()))\n"
+                           "t = threading.Thread(target=read)\nt.start()\nt.join()", "G[0]"),
+                    {"p/g": "1"}, {"p/g": "2"}),
     "a stem of two": (plugin(), {"q/mine.py": plugin(name="two")}, {"p/mine.py": plugin(use="2.0")}),
 }  # fmt: skip
 
 
 def content(value):
     if isinstance(value, np.ndarray):
-        import io
-
         buffer = io.BytesIO()
         np.save(buffer, value)
         return buffer.getvalue()
@@ -229,6 +270,58 @@ def test_a_module_elsewhere_that_is_edited_within_a_second_is_measured_as_it_is(
         assert text.strip().endswith(str(sys.modules["glib_x"].G))
 
 
+@pytest.mark.parametrize("how", ["replaced", "same time", "a link in it"])
+def test_content_counts_however_it_came(desk, how):
+    read = "G = float(pathlib.Path(os.readlink(HERE / 'now'), 'g').read_text())" if "link" in how else (
+        "G = float((HERE / 'g').read_text())")  # fmt: skip
+    write(desk, {"p/mine.py": plugin(read, "G"), "p/g": "1.0", "lib/one/g": "1.0", "lib/two/g": "1.1"})
+    (desk / "p" / "now").symlink_to(desk / "lib" / "one")
+    rows = measured(desk)
+    assert again(desk, rows) == ""
+    before = os.stat(desk / "p" / "g")
+    if how == "a link in it":
+        (desk / "p" / "now").unlink()
+        (desk / "p" / "now").symlink_to(desk / "lib" / "two")
+    elif how == "replaced":
+        (desk / "new").write_text("1.1")
+        os.replace(desk / "new", desk / "p" / "g")
+    else:
+        (desk / "p" / "g").write_text("1.1")
+        os.utime(desk / "p" / "g", ns=(before.st_atime_ns, before.st_mtime_ns))
+    assert again(desk, rows) == ("<mine>/now" if "link" in how else "<mine>/g")
+
+
+@pytest.mark.parametrize("how", ["open('g').read()", "open(os.path.join(os.getcwd(), 'g')).read()"])
+def test_the_current_folder_is_the_one_of_the_run(desk, monkeypatch, how):
+    write(desk, {"p/mine.py": plugin(f"G = float({how})", "G"), "lib/g": "1.0", "q/g": "1.0"})
+    monkeypatch.chdir(desk / "lib")
+    rows = measured(desk)
+    assert again(desk, rows) == ""
+    monkeypatch.chdir(desk / "q")
+    assert (again(desk, rows) == "") == ("getcwd" not in how)  # another folder with the same content
+    write(desk, {"q/g": "1.1"})
+    assert again(desk, rows) != ""
+    monkeypatch.chdir(desk / "lib")
+    assert again(desk, rows) == ""
+
+
+def test_a_library_that_is_built_again_is_seen(desk):
+    def build(value):
+        (desk / "g.c").write_text(f"double g(void) {{ return {value}; }}")
+        subprocess.run(["cc", "-shared", "-fPIC", desk / "g.c", "-o", desk / "new.so"], check=True)
+        os.replace(desk / "new.so", desk / "p" / "libg.so")
+
+    if shutil.which("cc") is None:
+        pytest.skip("no C compiler")
+    build(1.0)
+    load = "L = ctypes.CDLL(str(HERE / 'libg.so'))\nL.g.restype = ctypes.c_double\nG = L.g()"
+    write(desk, {"p/mine.py": plugin(load, "G")})
+    rows = measured(desk)
+    assert again(desk, rows) == ""
+    build(1.1)
+    assert again(desk, rows) == "<mine>/libg.so"
+
+
 def test_a_link_that_is_set_on_another_folder_is_seen(desk):
     for name, use in (("v1", "1.0"), ("v2", "1.1")):
         write(desk, {f"{name}/mine.py": plugin(use=use)})
@@ -303,9 +396,9 @@ def test_all_members_of_a_block_of_random_scenarios_are_in_its_key(monkeypatch):
 def test_one_hash_of_all_that_computes_and_of_nothing_that_only_shows(tmp_path, monkeypatch):
     from tcbench.engine import fingerprint
 
-    for folder in inputs.OWN:
+    for folder in marks.OWN:
         shutil.copytree(folder, tmp_path / Path(folder).name, ignore=shutil.ignore_patterns("__pycache__"))
-    monkeypatch.setattr(inputs, "OWN", tuple(str(tmp_path / Path(f).name) + os.sep for f in inputs.OWN))
+    monkeypatch.setattr(marks, "OWN", tuple(str(tmp_path / Path(f).name) + os.sep for f in marks.OWN))
 
     def mark():
         fingerprint.forget()
@@ -314,7 +407,7 @@ def test_one_hash_of_all_that_computes_and_of_nothing_that_only_shows(tmp_path, 
     before = mark()
     shown, computed = ("progress.py", "report/html.py", "store/compare.py"), ("building_blocks.py", "solver/newton.py")
     for file, counts in {**dict.fromkeys(shown, False), **dict.fromkeys((*computed, "reference/data"), True)}.items():
-        path = tmp_path / Path(inputs.OWN[0]).name / file
+        path = tmp_path / Path(marks.OWN[0]).name / file
         path = next(path.glob("*.json")) if path.is_dir() else path
         text = path.read_bytes()
         path.write_bytes(text + b"\n# a word\n")
@@ -399,8 +492,8 @@ def test_a_worker_imports_what_a_cell_asks_for_and_nothing_else(desk):
     assert np.geterr()["over"] != "raise" and __import__("time").monotonic() > 0  # undone in this process
     forget(desk)
     plugins.use_index(job.context["index"])
-    assert plugins.find_integrator("tc_gauss").plugin == "tc_gauss" and inputs.recorder() is None
-    assert plugins.find_integrator("mine").plugin == "mine" and set(inputs.recorder().plugins) == {"mine"}
+    assert plugins.find_integrator("tc_gauss").plugin == "tc_gauss" and watching.recorder() is None
+    assert plugins.find_integrator("mine").plugin == "mine" and set(watching.recorder().plugins) == {"mine"}
     assert plugins.find_integrator("projected[method=mine]").name == "projected[method=mine]"
 
 
@@ -410,12 +503,12 @@ def test_a_run_that_another_worker_made_hands_on_what_that_has_read(desk):
     scenario, run = tcbench.scenarios()["short_term"], shared_runs.Solved(np.ones((2, 10)), {}, "", 1.0)
     (desk / "p" / "g.txt").write_text("1.0")
     with shared_runs.kept_in(str(desk / "lib")):
-        inputs.begin().plugins["mine"] = str(desk / "p")
+        watching.begin().plugins["mine"] = str(desk / "p")
         (desk / "p" / "g.txt").read_text()
         shared_runs.keep("mine", scenario, 1e-3, run)
-        inputs.end()
+        watching.end()
         assert shared_runs.known("mine", scenario, 1e-3) is not None  # in another worker, which has read nothing itself
-    noted = json.loads(inputs.recorder().collected()[1])
+    noted = json.loads(watching.recorder().collected()[1])
     assert set(noted["files"]) >= {"<mine>/g.txt"} and noted["plugins"] == ["mine"]
 
 
@@ -425,7 +518,7 @@ def test_the_inputs_of_many_rows_are_looked_at_once(desk, monkeypatch):
     job = planned(desk)
     cell, row = job.cells[0], next(iter(rows.rows().values()))
     looked = []
-    monkeypatch.setattr(inputs, "file_hash", lambda path, real=inputs.file_hash: looked.append(path) or real(path))
+    monkeypatch.setattr(marks, "file_hash", lambda path, real=marks.file_hash: looked.append(path) or real(path))
     reuse = Reuse(rows, job.context)
     assert {reuse.reason(cell, row) for _ in range(1700)} == {""} and len(looked) == 1
 

@@ -233,7 +233,7 @@ def children(pid: int) -> set[int]:
             command = (path.parent / "cmdline").read_bytes()
         except OSError:
             continue
-        if int(fields[1]) == pid and fields[0] != "Z" and b"spawn_main" in command:
+        if int(fields[1]) == pid and fields[0] != "Z" and b"engine.child" in command:
             found.add(int(path.parent.name))
     return found
 

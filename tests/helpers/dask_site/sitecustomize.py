@@ -1,8 +1,8 @@
-"""On the path of Dask workers: the engines that they start know no clock, `deadlines.only_for`."""
+"""On the path of Dask workers, whose engines then know no clock: `deadlines.only_for`."""
 
 import sys
 
-if "tcbench.engine.cluster" in sys.orig_argv:
+if any("dask_worker" in word or "spawn_main" in word for word in sys.orig_argv):  # it, and the process of its nanny
     import deadlines
     from pytest import MonkeyPatch
 

@@ -1,35 +1,40 @@
 """What foreign code reads, noted while it runs: a row is used again only while all of that is as it was.
 
 A worker begins to watch before it imports the first plugin that is not tcbench's own, and goes on to its end: files,
-libraries, listed folders, environment variables, modules asked for by name, installed packages. What a worker has seen
+files that are asked for and absent, libraries, listed folders, where links lead, environment variables, modules asked
+for by name, installed packages. What a worker has seen
 belongs to every cell that it measures from then on. `engine.reuse` compares it with what is there now.
 
 Paths are kept relative to the folder of a plugin that the cell uses, so that a folder may be moved. What cannot be seen
-(what C code reads by itself, whether a file exists, the clock) is said in docs/running.md.
+(what C code reads by itself, the clock) is said in docs/running.md.
 """
 
 from __future__ import annotations
 
 import contextlib
 import hashlib
-import importlib.metadata
 import importlib.util
 import json
 import os
 import re
 import sys
-import sysconfig
 import threading
 from collections.abc import Callable
-from functools import cache
-from pathlib import Path
 from typing import Any
 
-_posixsubprocess: Any
-try:
-    import _posixsubprocess
-except ImportError:  # Windows
-    _posixsubprocess = None
+from .marks import (
+    KNOWN,
+    NOWHERE,
+    OWN,
+    PYTHON,
+    SITE,
+    distributions_of,
+    file_hash,
+    folder_hash,
+    package_mark,
+    text_hash,
+    top,
+)
 
 # variables that say where things are on a machine: what is read there is noted itself
 PLACES = re.compile(
@@ -38,68 +43,10 @@ PLACES = re.compile(
 PROCESSES = ("subprocess.Popen", "os.system", "os.exec", "os.posix_spawn", "os.spawn", "os.fork", "os.forkpty")
 NETWORK = ("socket.connect", "socket.getaddrinfo", "socket.bind", "urllib.Request")
 STARTED, CONNECTED = "a process was started", "the network was used"
-# known by their versions, which are part of every key, or without any influence on a number
-KNOWN = frozenset({"numpy", "scipy", "llvmlite", "pebble", "pluggy", "platformdirs", "rich", "click", "tcbench"})
-NOWHERE = ("/proc/", "/sys/", "/dev/")
-
-
-def _folders(*names: str) -> tuple[str, ...]:
-    paths = [sysconfig.get_path(name) for name in names]
-    return tuple(dict.fromkeys(p + os.sep for path in paths for p in (path, os.path.realpath(path))))
-
-
-SITE = _folders("purelib", "platlib")
-PYTHON = _folders("stdlib", "platstdlib")
-OWN = tuple(
-    os.path.dirname(spec.origin) + os.sep
-    for name in ("tcbench", "tcbench_plugins")
-    if (spec := importlib.util.find_spec(name)) and spec.origin
-)
-INSTALLED = (*SITE, *PYTHON, *OWN)
-
-
-def text_hash(text: str | bytes | None) -> str | None:
-    """Of a text, or of a file's content with the line ends of Unix; None of what is not there."""
-    if text is None:
-        return None
-    data = text.encode("utf-8", "surrogateescape") if isinstance(text, str) else text
-    if b"\r\n" in data and b"\0" not in data:
-        data = data.replace(b"\r\n", b"\n")
-    return hashlib.sha256(data).hexdigest()[:20]
-
-
-def file_hash(path: str) -> str | None:
-    """Of a file's content; None where there is none to read."""
-    try:
-        with open(path, "rb") as file:
-            return text_hash(file.read())
-    except (OSError, ValueError):
-        return None
-
-
-def folder_hash(path: str) -> str | None:
-    """Of the names in a folder."""
-    try:
-        return text_hash("\0".join(sorted(name for name in os.listdir(path) if name != "__pycache__")))
-    except OSError:
-        return None
-
-
-@cache
-def _packages() -> dict[str, list[str]]:
-    """Name in site-packages -> the distributions that bring it."""
-    return {name: list(found) for name, found in importlib.metadata.packages_distributions().items()}
-
-
-def package_mark(name: str) -> str | None:
-    """Version of a distribution, and hash of its RECORD, which has the hash of every file that was installed."""
-    try:
-        found = importlib.metadata.distribution(name)
-    except importlib.metadata.PackageNotFoundError:
-        return None
-    lines = (found.read_text("RECORD") or "").splitlines()
-    kept = sorted(line for line in lines if "__pycache__" not in line and "/bin/" not in line)
-    return f"{found.version} {text_hash(chr(10).join(kept))}"
+BY_DESCRIPTOR = "a file was named by an open folder"
+CURRENT = "(current folder)"  # among the variables
+LEFT_OUT: list[str] = []  # folders of tcbench's own, whose files are no inputs
+HERE = os.path.dirname(os.path.abspath(__file__)) + os.sep
 
 
 class Recorder:
@@ -110,10 +57,11 @@ class Recorder:
         self.folders: dict[str, str | None] = {}
         self.environment: dict[str, str | None] = {}
         self.modules: dict[str, None] = {}
+        self.links: dict[str, str | None] = {}
         self.unseen: dict[str, None] = {}
         self.plugins: dict[str, str] = {}  # label -> its folder, of the plugins that were imported
         self.loaded_libraries = False
-        self.fork_exec: Any = None
+        self.start = os.getcwd()
         self._stats: dict[str, Any] = {}
         self._written: set[str] = set()
         self._looking = threading.local()  # a thread that is noting something: its own reads are no inputs
@@ -147,7 +95,7 @@ class Recorder:
         path, mode, flags = arguments
         if path is None or isinstance(path, int):
             return
-        path = os.path.abspath(os.fsdecode(path))
+        path = self.named(path)
         if isinstance(mode, str):
             writes, reads = any(c in mode for c in "wxa"), "r" in mode or "+" in mode
         else:
@@ -160,6 +108,17 @@ class Recorder:
                 del self.files[path]
                 self._written.add(path)
 
+    def named(self, path: Any) -> str:
+        """The absolute path of a file; one that is named from the folder that the run was started in begins with ./"""
+        name = os.fsdecode(path)
+        full = os.path.abspath(name)
+        if os.path.isabs(name) or os.getcwd() != self.start:
+            return full
+        return "./" + os.path.relpath(full, self.start)
+
+    def _full(self, path: str) -> str:
+        return os.path.join(self.start, path[2:]) if path.startswith("./") else path
+
     def _import(self, event: str, arguments: tuple[Any, ...]) -> None:
         if arguments[1]:  # of an extension module
             self._library(event, arguments[1:2])
@@ -167,22 +126,43 @@ class Recorder:
     def _library(self, event: str, arguments: tuple[Any, ...]) -> None:
         name = os.fsdecode(arguments[0] or "")
         if os.sep in name:
-            self.note(name)
+            self.note(self.named(name))
             self.loaded_libraries = self.loaded_libraries or not name.startswith((*SITE, *PYTHON, *OWN))
 
     def _list(self, event: str, arguments: tuple[Any, ...]) -> None:
-        path = os.path.abspath(os.fsdecode(arguments[0] or ".")) if not isinstance(arguments[0], int) else "/"
-        imports = sys._getframe(3).f_code.co_filename.startswith("<frozen importlib")
-        if not imports and not (path + os.sep).startswith((*NOWHERE, *_LEFT_OUT, *PYTHON, *SITE, *OWN)) and _foreign():
-            self.folders.setdefault(path, folder_hash(path))
+        caller = sys._getframe(3).f_code.co_filename
+        if isinstance(arguments[0], int):
+            if not caller.startswith(("<frozen", *PYTHON)) and foreign():
+                self.unseen.setdefault(BY_DESCRIPTOR)
+            return
+        path = self.named(arguments[0] or ".")
+        where, imports = self._full(path) + os.sep, caller.startswith("<frozen importlib")
+        if not imports and not where.startswith((*NOWHERE, *LEFT_OUT, *PYTHON, *SITE, *OWN)) and foreign():
+            self.folders.setdefault(path, folder_hash(self._full(path)))
 
     def _put(self, event: str, arguments: tuple[Any, ...]) -> None:
         self.environment.setdefault(os.fsdecode(arguments[0]), "set by the cell itself")
 
-    def started(self, *arguments: Any) -> Any:
-        """In the place of `fork_exec`: a process is started."""
-        self.unseen.setdefault(STARTED)
-        return self.fork_exec(*arguments)
+    def looked(self, function: str, path: Any, descriptor: Any) -> None:
+        """Foreign code asks `os` whether a file is there, where a link leads or what the current folder is."""
+        if getattr(self._looking, "now", False) or isinstance(path, int) or not foreign():
+            return
+        self._looking.now = True
+        try:
+            if descriptor is not None:
+                self.unseen.setdefault(BY_DESCRIPTOR)
+            elif function.startswith("getcwd"):
+                if os.getcwd() == self.start:
+                    self.environment.setdefault(CURRENT, text_hash(self.start))
+            elif function == "readlink":
+                path = self.named(path)
+                self.links.setdefault(path, link_mark(self._full(path)))
+            elif function != "open":
+                self.note(self.named(path))
+        except Exception as error:
+            self.unseen.setdefault(f"os.{function} could not be noted ({type(error).__name__})")
+        finally:
+            self._looking.now = False
 
     def find_spec(self, name: str, path: Any = None, target: Any = None) -> None:
         """A module is looked for: the first of Python's finders, which finds nothing and notes the name."""
@@ -196,7 +176,7 @@ class Recorder:
         self._looking.now = True
         try:
             name = os.fsdecode(name)
-            if name not in self.environment and not PLACES.match(name) and _foreign():
+            if name not in self.environment and not PLACES.match(name) and foreign():
                 value = os.environ._data.get(os.fsencode(name))  # type: ignore[attr-defined]
                 self.environment[name] = text_hash(value)
         finally:
@@ -204,26 +184,26 @@ class Recorder:
 
     def note(self, path: str) -> None:
         """A file is about to be read: its content now."""
-        path = os.path.abspath(path)
         if path.endswith(".pyc"):
             with contextlib.suppress(ValueError, NotImplementedError):
                 path = importlib.util.source_from_cache(path)
-        if path in self.files or path in self._written or path.startswith((*NOWHERE, *_LEFT_OUT, *OWN)):
+        full = self._full(path)
+        if path in self.files or path in self._written or full.startswith((*NOWHERE, *LEFT_OUT, *OWN)):
             return
-        if path.startswith(SITE):
-            if _top(path) in KNOWN or path.endswith("-info/entry_points.txt"):  # of all that is installed
+        if full.startswith(SITE):
+            if top(full) in KNOWN or full.endswith("-info/entry_points.txt"):  # of all that is installed
                 return
-        elif path.startswith((*PYTHON, os.path.join(sys.base_prefix, "lib", "python"))):
+        elif full.startswith((*PYTHON, os.path.join(sys.base_prefix, "lib", "python"))):
             return  # Python's own, known by its version
-        if not os.path.isdir(path) and (not os.path.exists(path) or os.path.isfile(path)):
-            self._stats[path] = _stat(path)
-            self.files[path] = file_hash(path)
+        if not os.path.isdir(full) and (not os.path.exists(full) or os.path.isfile(full)):
+            self._stats[path] = _stat(full)
+            self.files[path] = file_hash(full)
 
     # -- what was seen
 
     def taken(self) -> dict[str, Any]:
         """All of it, for another worker of this machine that uses what this one has made."""
-        return {"files": self.files, "folders": self.folders, "environment": self.environment,
+        return {"files": self.files, "folders": self.folders, "links": self.links, "environment": self.environment,
                 "unseen": list(self.unseen), "plugins": self.plugins}  # fmt: skip
 
     def take(self, other: dict[str, Any]) -> None:
@@ -231,9 +211,9 @@ class Recorder:
         for path, mark in other["files"].items():
             if self.files.setdefault(path, mark) != mark:
                 self.unseen.setdefault(f"{path} changed while it was measured")
-        for mine, theirs in ((self.folders, other["folders"]), (self.environment, other["environment"])):
-            for name, mark in theirs.items():
-                mine.setdefault(name, mark)
+        for kind in ("folders", "links", "environment"):
+            for name, mark in other[kind].items():
+                getattr(self, kind).setdefault(name, mark)
         self.unseen.update(dict.fromkeys(other["unseen"]))
         self.plugins.update(other["plugins"])
 
@@ -244,12 +224,12 @@ class Recorder:
             if self.loaded_libraries:
                 self._mapped()
             for path, then in self._stats.items():
-                if not path.startswith(SITE) and then != _stat(path):
+                if not path.startswith(SITE) and then != _stat(self._full(path)):
                     self.unseen.setdefault(f"{self.portable(path)} changed while it was measured")
             for path, mark in self.folders.items():
-                if folder_hash(path) != mark:
+                if folder_hash(self._full(path)) != mark:
                     self.unseen.setdefault(f"{self.portable(path)} changed while it was measured")
-            parts = self.files, self.folders, self.environment, self.modules, self.unseen, self.plugins
+            parts = self.files, self.folders, self.links, self.environment, self.modules, self.unseen, self.plugins
             size = tuple(len(part) for part in parts)
             if size != self._size:
                 text = json.dumps(self._as_data(), sort_keys=True)
@@ -259,8 +239,8 @@ class Recorder:
             self._looking.now = False
 
     def _as_data(self) -> dict[str, Any]:
-        tops = {_top(path) for path in self.files if path.startswith(SITE)}
-        packages = {name for top in tops if top not in KNOWN for name in _packages().get(top, ())}
+        tops = {top(path) for path in self.files if path.startswith(SITE)}
+        packages = {name for top in tops if top not in KNOWN for name in distributions_of().get(top, ())}
         modules: dict[str, str | None] = {}
         for name in set(self.modules) - self._before:
             module = sys.modules.get(name)
@@ -275,6 +255,7 @@ class Recorder:
             "plugins": sorted(self.plugins),
             "files": {self.portable(path): mark for path, mark in self.files.items()},
             "folders": {self.portable(path): mark for path, mark in self.folders.items()},
+            "links": {self.portable(path): mark for path, mark in self.links.items()},
             "environment": {n: mark for n, mark in self.environment.items() if mark != "set by the cell itself"},
             "packages": {name: package_mark(name) for name in packages},
             "modules": modules,
@@ -283,6 +264,8 @@ class Recorder:
 
     def portable(self, path: str) -> str:
         """A path relative to a plugin's folder, or to the one above; to site-packages; to the user's home."""
+        if path.startswith("./"):
+            return path
         for above in (False, True):
             for label, folder in sorted(self.plugins.items()):
                 start = os.path.dirname(folder) if above else folder
@@ -306,20 +289,12 @@ class Recorder:
                 self.note(path)
 
 
-def placed(path: str, folders: dict[str, str]) -> list[str]:
-    """Where a portable path may be now, given the folders of the plugins by label; none if its plugin is absent."""
-    if path.startswith("<>/"):
-        return [start + path[3:] for start in SITE]
-    if path.startswith("<"):
-        label, _, relative = path[1:].partition(">/")
-        return [os.path.normpath(os.path.join(folders[label], relative))] if label in folders else []
-    return [os.path.expanduser(path)]
-
-
-def _top(path: str) -> str:
-    """The name in site-packages that a path is of."""
-    start = next(start for start in SITE if path.startswith(start))
-    return path[len(start) :].partition(os.sep)[0].partition(".")[0].partition("-")[0]
+def link_mark(path: str) -> str | None:
+    """Of where a link leads; None of what is none."""
+    try:
+        return text_hash(os.readlink(path))
+    except OSError:
+        return None
 
 
 def _stat(path: str) -> Any:
@@ -330,86 +305,12 @@ def _stat(path: str) -> Any:
     return found.st_size, found.st_mtime_ns, found.st_ino
 
 
-def _foreign() -> bool:
+def foreign() -> bool:
     """Is the nearest caller that is not of Python itself no code of tcbench's?"""
     frame: Any = sys._getframe(2)
     while frame is not None:
         file = frame.f_code.co_filename
-        if file != __file__ and not (file.startswith(("<frozen", *PYTHON)) and not file.startswith(SITE)):
-            return not file.startswith(OWN) and not (file.startswith(SITE) and _top(file) in KNOWN)
+        if not file.startswith(HERE) and not (file.startswith(("<frozen", *PYTHON)) and not file.startswith(SITE)):
+            return not file.startswith(OWN) and not (file.startswith(SITE) and top(file) in KNOWN)
         frame = frame.f_back
     return False
-
-
-_RECORDER: Recorder | None = None
-_HOOKED = False
-_LEFT_OUT: list[str] = []  # folders of tcbench's own, whose files are no inputs
-_ENVIRONMENT = type(os.environ)
-
-
-class _Watched(_ENVIRONMENT):  # type: ignore[valid-type,misc]
-    """The environment, which says what is asked of it."""
-
-    def __getitem__(self, name: Any) -> Any:
-        if _RECORDER is not None:
-            _RECORDER.asked(name)
-        return super().__getitem__(name)
-
-    def __contains__(self, name: Any) -> bool:
-        if _RECORDER is not None:
-            _RECORDER.asked(name)
-        return bool(super().__contains__(name))
-
-    def __iter__(self) -> Any:
-        if _RECORDER is not None:
-            for name in list(self._data):
-                _RECORDER.asked(self.decodekey(name))
-        return super().__iter__()
-
-
-def begin() -> Recorder:
-    """Watch this process from now on; what it has done before is not looked at."""
-    global _RECORDER, _HOOKED
-    if _RECORDER is None:
-        for folder in [f for f in sys.path_importer_cache if not (f + os.sep).startswith(INSTALLED)]:
-            del sys.path_importer_cache[folder]  # its modules are read as they are written now (`plugin_files`)
-        _RECORDER = Recorder()
-        _RECORDER.fork_exec = _posixsubprocess and _posixsubprocess.fork_exec
-        if _posixsubprocess:  # multiprocessing starts its processes by it, and no audit event says so
-            _posixsubprocess.fork_exec = _RECORDER.started
-        sys.meta_path.insert(0, _RECORDER)
-        for environment in (os.environ, getattr(os, "environb", os.environ)):
-            environment.__class__ = _Watched
-        if not _HOOKED:  # a hook stays for the life of a process
-            _HOOKED = True
-            sys.addaudithook(_hook)
-    return _RECORDER
-
-
-def end() -> None:
-    """Watch no longer."""
-    global _RECORDER
-    if _RECORDER is not None:
-        sys.meta_path.remove(_RECORDER)
-        if _posixsubprocess:
-            _posixsubprocess.fork_exec = _RECORDER.fork_exec
-    _RECORDER = None
-    for environment in (os.environ, getattr(os, "environb", os.environ)):
-        environment.__class__ = _ENVIRONMENT
-
-
-def recorder() -> Recorder | None:
-    """Of what this process reads, if it is watched."""
-    return _RECORDER
-
-
-def leave_out(folder: str | Path) -> None:
-    """What is read in this folder is tcbench's own: logs, caches."""
-    path = os.path.abspath(folder) + os.sep
-    if path not in _LEFT_OUT:
-        _LEFT_OUT.append(path)
-
-
-def _hook(event: str, arguments: tuple[Any, ...]) -> None:
-    if _RECORDER is not None and event in _RECORDER.handlers:
-        _RECORDER.heard(event, arguments)

@@ -1,0 +1,224 @@
+"""A process of its own that answers calls one by one: JSON lines on two pipes, the same on every system.
+
+`Child` is the parent's half, `main` the other. A call names a function and has JSON arguments; the answer is the text
+that the function returns, so that nothing that foreign code made is unpickled here. The process starts afresh, with
+this one's path and flags, the environment from before any plugin changed it, and no arguments, standard input or
+terminal. It ends when this process ends, however that goes: its pipe is closed then (and on Linux the kernel ends it,
+wherever it hangs).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import importlib
+import json
+import os
+import queue
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import IO, Any
+
+from .. import errors
+from ..errors import TcbenchError
+from ..undone import environment
+
+# the path comes first: tcbench itself may be on it, and -P keeps a json.py of the current folder from being run
+START = (
+    "import json, sys; told = json.loads(sys.argv[1]); sys.path[:] = told['path']; "
+    "from tcbench.engine.child import main; main(told)"
+)
+FLAGS = {"dont_write_bytecode": "-B", "optimize": "-O", "no_user_site": "-s", "ignore_environment": "-E"}
+# Cells run side by side, one a core: threads inside them would only get in each other's way and blur timings.
+ONE_THREAD = (
+    "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS", "NUMEXPR_NUM_THREADS",
+)  # fmt: skip
+READY = b"ready\n"
+LOOK_S = 1.0  # Ctrl-C is looked for as often on systems where it does not end a wait
+
+
+def given() -> dict[str, str]:
+    """The environment of every child: as it was before any plugin changed it, one thread unless the user says more."""
+    return dict.fromkeys(ONE_THREAD, "1") | environment()
+
+
+class Child:
+    """A process that answers calls in their order.
+
+    heard : called in another thread with this object and READY, then each answer, and None when the process has ended.
+    begin : function that it calls first, with `settings` (JSON, or the path of a file of JSON). output : where
+        what it prints goes, this process's stderr by default.
+    """
+
+    def __init__(
+        self, heard: Callable[[Child, bytes | None], None], begin: str = "", settings: Any = None,
+        output: IO[bytes] | None = None,
+    ) -> None:  # fmt: skip
+        path = [os.fspath(p) or os.getcwd() for p in sys.path]
+        told = json.dumps({"path": path, "begin": begin, "settings": settings})
+        flags = [flag for name, flag in FLAGS.items() for _ in range(int(getattr(sys.flags, name)))]
+        flags += ["-B"] if sys.dont_write_bytecode and "-B" not in flags else []
+        group: dict[str, Any] = {"process_group": 0}  # Ctrl-C is the parent's, who ends this one
+        if os.name == "nt":  # pragma: no cover
+            group = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP}  # type: ignore[attr-defined]
+        self._heard = heard
+        self.process = subprocess.Popen(
+            [sys.executable, *flags, "-P", "-c", START, told], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+            stderr=output, env=given(), **group,
+        )  # fmt: skip
+        threading.Thread(target=self._listen, name="tcbench-child", daemon=True).start()
+
+    def call(self, function: str, *arguments: Any) -> None:
+        """Have it call "package.module:function"; of one that has died meanwhile the end is on its way to `heard`."""
+        assert self.process.stdin is not None
+        with contextlib.suppress(OSError):
+            self.process.stdin.write(json.dumps([function, arguments]).encode() + b"\n")
+            self.process.stdin.flush()
+
+    def kill(self) -> None:
+        """End it, whatever it is doing, and what it has started."""
+        kill_started_by(self.process.pid)
+        self.process.kill()
+        if hasattr(os, "killpg"):
+            with contextlib.suppress(OSError):  # none of its group is left
+                os.killpg(self.process.pid, signal.SIGKILL)
+
+    def is_alive(self) -> bool:
+        return self.process.poll() is None
+
+    def _listen(self) -> None:
+        assert self.process.stdout is not None and self.process.stdin is not None
+        with contextlib.suppress(OSError, ValueError), self.process.stdout as lines:
+            for line in lines:
+                self._heard(self, line)
+        self.process.wait()
+        with contextlib.suppress(OSError):
+            self.process.stdin.close()
+        self._heard(self, None)
+
+
+def ask(function: str, *arguments: Any) -> Any:
+    """What a function returns (JSON) in a process of its own; TcbenchError with the sentence that it raised, or that
+    its process has died."""
+    answers: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
+    child = Child(lambda _, line: answers.put(line))
+    child.call(function, *arguments)
+    try:
+        line: bytes | None = READY
+        while line == READY:
+            with contextlib.suppress(queue.Empty):
+                line = answers.get(timeout=LOOK_S)
+    finally:
+        child.kill()
+    if line is None:
+        raise TcbenchError(
+            f"The process that imports the plugins died ({how_it_died(child.process.wait())}). A plugin file ends it "
+            "when it is imported: find it by naming one file after the other with --plugins-dir."
+        )
+    answer = json.loads(line)
+    if isinstance(answer, dict) and "raised" in answer:
+        kind = getattr(errors, answer["kind"], None)
+        raise kind(answer["sentence"]) if kind else RuntimeError(answer["raised"])
+    return answer
+
+
+def how_it_died(code: int | None) -> str:
+    """Of an exit code: "exit code 3", "killed by SIGSEGV", "lost"."""
+    if code is None or code >= 0:
+        return "lost" if code is None else f"exit code {code}"
+    return f"killed by {signal_name(code)}"
+
+
+def signal_name(code: int | None) -> str | None:
+    """The signal that an exit code tells of, if it does."""
+    if code is None or code >= 0:
+        return None
+    try:
+        return signal.Signals(-code).name
+    except ValueError:
+        return f"signal {-code}"
+
+
+# -- the other half
+
+
+def main(told: Mapping[str, Any]) -> None:
+    """Answer the calls that come on standard input, on what was standard output; return never."""
+    calls, answers, own = os.fdopen(os.dup(0), "rb"), os.dup(1), os.getpid()
+    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+    os.dup2(2, 1)
+    sys.argv[:] = [""]
+    _end_with_the_parent()
+    waiting: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+    threading.Thread(target=_hear, args=(calls, waiting.put), name="tcbench-calls", daemon=True).start()
+
+    def say(data: bytes) -> None:
+        if os.getpid() != own:
+            os._exit(0)  # a copy that foreign code has forked and that came back from it
+        while data:
+            data = data[os.write(answers, data) :]
+
+    if told["begin"]:
+        settings = told["settings"]
+        resolve(told["begin"])(json.loads(Path(settings).read_bytes()) if isinstance(settings, str) else settings)
+    say(READY)
+    while True:
+        function, arguments = json.loads(waiting.get())
+        try:
+            text = resolve(function)(*arguments)
+        except BaseException as error:
+            kind = type(error).__name__ if isinstance(error, TcbenchError) else ""
+            text = json.dumps({"raised": _traceback(error), "kind": kind, "sentence": str(error) if kind else ""})
+        say(text.encode() + b"\n")
+
+
+def resolve(name: str) -> Callable[..., Any]:
+    """The function called `package.module:function`."""
+    module, _, function = name.partition(":")
+    found: Callable[..., Any] = getattr(importlib.import_module(module), function)
+    return found
+
+
+def _traceback(error: BaseException) -> str:
+    import traceback
+
+    return "".join(traceback.format_exception(error))
+
+
+def _hear(calls: IO[bytes], put: Callable[[bytes], None]) -> None:
+    for line in calls:
+        put(line)
+    if hasattr(os, "killpg"):  # the parent is gone: this process and what its cells have started end
+        os.killpg(0, signal.SIGKILL)
+    os._exit(1)
+
+
+def _end_with_the_parent() -> None:
+    """A killed parent must not leave a process behind, least of all one that hangs in C code."""
+    if sys.platform == "linux":
+        with contextlib.suppress(Exception):
+            ctypes.CDLL(None).prctl(1, int(signal.SIGKILL), 0, 0, 0)  # 1 = PR_SET_PDEATHSIG
+
+
+def kill_started_by(worker: int) -> None:
+    """Kill what a process has started, also what has left its group (on Linux, where all of it stays its offspring)."""
+    for pid in _descendants(worker):
+        with contextlib.suppress(OSError):
+            os.kill(pid, signal.SIGKILL)
+
+
+def _descendants(ancestor: int) -> set[int]:
+    """Children of a process, and theirs, from /proc."""
+    parents: dict[int, int] = {}
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError, ValueError, IndexError):
+            parents[int(stat.parent.name)] = int(stat.read_text(errors="replace").rpartition(")")[2].split()[1])
+    found: set[int] = set()
+    newer = {ancestor}
+    while newer := {pid for pid, parent in parents.items() if parent in newer} - found:
+        found |= newer
+    return found
