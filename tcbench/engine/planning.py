@@ -161,7 +161,7 @@ def _of_study(study: Study, selected: Sequence[Scenario], named: Any) -> Sequenc
     if not study.sampled or named is not None:
         return selected
     families = plugins.registry().scenario_families
-    return [plugins.find_scenario(name) for name, family in families.items() if family.sample is not None]
+    return [plugins.find_scenario(name) for name, family in families.items() if family.sample and family.by_default]
 
 
 def _left_out(

@@ -23,6 +23,7 @@ KEYS = {
     "failure_share": ("dt", "tolerance", "first_seed", "runs"), "ensemble_laws": ("law", "first_seed", "runs"),
     "ensemble_accuracy": ("control", "value", "first_seed"), "ensemble_scenarios": ("seed",),
     "ensemble_points": ("seed", "control", "value"),
+    "literature": ("claim",), "literature_errors": ("dt",), "measures": ("dt", "tolerance"),
     "map": ("x_name", "x", "y_name", "y"),
     "failure_map": ("x_name", "x_low", "x_high", "y_name", "y_low", "y_high", "first_seed", "runs"),
 }  # fmt: skip

@@ -249,6 +249,8 @@ class ScenarioFamily:
     ranges : mapping of str to Range
         What it draws, dimensionless in the built-in families; `name[seed=7,stiffness=10:300]` narrows or widens one.
         Such a family can be run by hundreds, by the study `ensemble`.
+    by_default : bool
+        False for a family with `sample` that studies of random scenarios draw from only where it is named.
 
     Raises
     ------
@@ -268,6 +270,7 @@ class ScenarioFamily:
     plugin: str = ""
     sample: Callable[[Draw], Scenario] | None = None
     ranges: Mapping[str, Range] = field(default_factory=dict)
+    by_default: bool = True
 
     def __post_init__(self) -> None:
         if (self.make is None) == (self.sample is None):
@@ -340,7 +343,7 @@ def around(scenario: Scenario, ranges: Mapping[str, Range] | None = None) -> Sce
 
     return ScenarioFamily(
         f"random_{scenario.name}", sample=sample, ranges=limits, shows=f"random variants of {scenario.name}",
-        source="docs/ensembles.md",
+        source="docs/ensembles.md", by_default=False,
     )  # fmt: skip
 
 

@@ -17,7 +17,8 @@ from tcbench.studies.stability import COLUMNS, STUDY
 
 SCENARIOS, INTEGRATORS = tcbench.scenarios(), tcbench.integrators()
 SHORT = ("short_term", "stiff_spring", "cold_spring", "fast_conduction")
-TC = [name for name, i in INTEGRATORS.items() if i.kind == "flows" and {"energy", "entropy"} <= i.claims]
+TC = [name for name, i in INTEGRATORS.items() if i.kind == "flows" and {"energy", "entropy"} <= i.claims
+      and "projected" not in i.tags]  # fmt: skip # from where a large step ends no state near has the laws
 
 
 def cell(integrator, scenario):
