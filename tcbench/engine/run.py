@@ -53,6 +53,8 @@ class Results:
         Sentences: lines that could not be read, rows of older formulas.
     every : mapping of str to DataFrame
         Tables of all runs into this folder.
+    notes : sequence of str
+        Sentences: absent peers, steps that do not apply, plugins that were not loaded.
 
     References
     ----------
