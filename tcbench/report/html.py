@@ -7,7 +7,7 @@ import gzip
 import hashlib
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
@@ -20,13 +20,13 @@ LONGEST = 12_000  # characters of a message that are kept
 SENTENCES = ("failure",)  # bookkeeping that a reader needs
 
 
-def packed_table(table: DataFrame, digits: int) -> str:
+def packed_table(table: DataFrame, digits: Callable[[str], int]) -> str:
     """A table as columns of JSON, compressed, in base64; without what only says where its rows come from.
 
     A column of words is a list of the distinct ones and the places in it; -1 is no word. NaN and infinities are null.
     """
     shown = [c for c in table.columns if known(str(c)).shown or c in SENTENCES]
-    columns = {str(c): _column(table[c], digits) for c in shown if table[c].notna().any()}
+    columns = {str(c): _column(table[c], digits(str(c))) for c in shown if table[c].notna().any()}
     return packed(json.dumps(columns, separators=(",", ":"), ensure_ascii=True, allow_nan=False))
 
 

@@ -17,6 +17,7 @@ Tables = Mapping[str, Any]
 LAWS = {"energy": "energy_error_max", "entropy": "second_law_violations"}
 ERROR = "_error_max"  # ends the column of an invariant's largest error
 UNKNOWN = "not declared in this folder"
+LEDGERS = ("claims", "literature", "literature_errors")  # statements: what only they name has no number in any lens
 FAMILIES = ("Romero (2009)", "consistent, beyond the paper", "other structure", "peers", UNKNOWN)
 TIMES = (("time 0.001", "error", 1e-3), ("time 1e-06", "error", 1e-6), ("time 1e-09", "error", 1e-9),
          ("time energy 1e-12", "energy_error_max", 1e-12))  # fmt: skip
@@ -42,8 +43,10 @@ def is_fixed(row: Mapping[str, Any]) -> bool:
 
 
 def names(tables: Tables, column: str) -> list[str]:
-    """The methods or scenarios of all tables, sorted."""
-    return sorted({str(v) for t in tables.values() if column in t for v in t[column].dropna().unique()})
+    """The methods or scenarios of all tables, sorted; those that only ledgers name where a run has nothing else."""
+    measured = [table for name, table in tables.items() if name not in LEDGERS]
+    chosen = measured if any(column in table for table in measured) else tables.values()
+    return sorted({str(v) for t in chosen if column in t for v in t[column].dropna().unique()})
 
 
 def law_columns(table: DataFrame) -> dict[str, str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +23,8 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 SCRIPTS = ("base", "chart", "overview", "player", "scenarios", "methods", "tables", "main")  # in the order of the page
-ROUNDED = ("series", "ensemble_seeds")  # many numbers, of which a chart shows three digits
+ROUNDED = ("series", "opening", "ensemble_seeds")  # many numbers, of which a chart shows three digits
+EXACTER = ("t", "dt", "tolerance", "entropy", "seed")  # and temperatures: they change by little beside what they are
 HISTORY = "history"
 LONGEST_NAME = 80
 
@@ -93,13 +95,20 @@ def _content(store: Store, tables: dict[str, DataFrame]) -> dict[str, Any]:
         "references": _references(tables),
         "problems": store.problems,
         "page": script_json(data),
-        "packed": {name: packed_table(table, 6 if name in ROUNDED else 10) for name, table in tables.items()},
+        "packed": {name: packed_table(table, partial(_digits, name)) for name, table in tables.items()},
         "library": library(),
         "script": script,
         "hashes": [script_hash(text) for text in (script, vendored())],
         "css": (css := script_text("report.css")),
         "style_hash": script_hash(css),
     }
+
+
+def _digits(table: str, name: str) -> int:
+    """The digits of a column on the page; the files have them all."""
+    if table not in ROUNDED:
+        return 10
+    return 4 if name.endswith("_error") else 6 if name in EXACTER or name.startswith("temperature") else 5
 
 
 def dashes(dash: Any) -> str:
