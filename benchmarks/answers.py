@@ -19,18 +19,20 @@ COARSE = ("tc_gauss", "tc_strang_exact", "tc_monolithic", "tc_staggered", "tc_st
 
 def collect(folder):
     """What the answers are made of: the page's sentences, and errors at the coarsest step by scenario."""
-    from tcbench.report.matrix import coarse_errors
+    from tcbench.report.judged import judged
+    from tcbench.report.matrix import cells
     from tcbench.report.overview import findings
     from tcbench.store.store import Store
     from tcbench.store.tables import read_tables
 
     store = Store.read(folder)
     tables, manifest = read_tables(store), store.manifest()
-    heat, made = coarse_errors(tables), coarse_errors(tables, "error_entropy_produced")
+    found = judged(tables, store.declared())
+    heat, made = cells(found, "coarse"), cells(found, "produced")
     return {
         "machine": manifest["machine"]["cpu"], "version": manifest["tcbench"],
         "ended": str(manifest["ended"])[:10],
-        "sentences": [[f.title, f.lead, f.text] for f in findings(tables, store.declared())],
+        "sentences": [[f.title, f.lead, f.text] for f in findings(found, tables)],
         "coarse": {m: {"temperatures": heat[m], "entropy": made.get(m, {})} for m in COARSE if m in heat},
     }  # fmt: skip
 

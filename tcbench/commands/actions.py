@@ -6,7 +6,6 @@ import json
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 from .. import plugins, terminal
@@ -15,6 +14,7 @@ from ..engine.run import run
 from ..errors import TcbenchError, unknown_name
 from ..progress import LOUD, waiting
 from ..report.by_method import by_method, remarks
+from ..report.judged import judged
 from ..report.summary import summary
 from ..store.disk import replace_file
 from ..store.encoding import csv_bytes
@@ -51,7 +51,7 @@ def run_command(options: dict[str, Any], display: terminal.Display) -> int:
     with waiting("summing up"):
         store, tables = Store.read(results.output), results.every
         store.problems[:] = results.problems
-        replace_file(results.output / "summary.csv", csv_bytes(summary(tables, claimed(store))), results.output)
+        replace_file(results.output / "summary.csv", csv_bytes(summed(tables, store)), results.output)
     page = None
     if report and not results.summary.interrupted:
         from ..report.write_report import write_report
@@ -221,21 +221,17 @@ def show_command(
             terminal.say(f"\n{sentence}")
     else:
         if scenarios:
-            terminal.print_frame(summary(tables, claimed(store)).drop(columns="claims broken"), "summary")
+            terminal.print_frame(summed(tables, store).drop(columns="claims broken"), "summary")
         else:
             terminal.print_methods(by_method(tables, told(store)), remarks(tables))
         terminal.warn(absent_methods(tables))
         terminal.print_contents(tables, folder)
 
 
-def claimed(store: Store) -> dict[str, Any]:
-    """The methods of a folder by name, as far as a summary asks: for what they claim."""
-    found = told(store).get("integrators")
-    methods = found.items() if isinstance(found, dict) else ()
-    return {
-        name: SimpleNamespace(claims=frozenset(facts["claims"]))
-        for name, facts in methods if isinstance(facts, dict) and isinstance(facts.get("claims"), list)
-    }  # fmt: skip
+def summed(tables: Mapping[str, DataFrame], store: Store) -> DataFrame:
+    """Each method on each scenario, in words."""
+    declared = told(store)
+    return summary(judged(tables, declared), declared["integrators"])
 
 
 def told(store: Store) -> dict[str, Any]:

@@ -9,7 +9,8 @@ from statistics import median
 from typing import TYPE_CHECKING, Any
 
 from ..progress import LOUD
-from .matrix import finite, methods, unmeasured
+from .judged import finite, judged
+from .matrix import methods, unmeasured
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -26,7 +27,6 @@ HEADINGS = (
     "random failed",
 )
 REASONS = 4  # sentences on what has no result: the tables have the rest
-TARGET = 1e-6
 FOLD_ABOVE = 20  # methods, so that 30 lines hold everything
 HOLDS = "holds"
 
@@ -38,8 +38,8 @@ def by_method(tables: Tables, declared: Tables) -> list[list[str]]:
     have no limit. to 1e-6: scenarios on which the error of the state reached it; x best: its time there over that of
     the fastest method, median over these scenarios. random failed: runs of an ensemble, over all steps or tolerances.
     """
-    rows = methods(tables, declared)
-    ratios = times_over_best(tables.get("time_to_accuracy"))
+    found = judged(tables, declared)
+    rows, ratios = methods(found, tables, declared), times_over_best(found)
     rows.sort(key=lambda r: (r["family"], *_rank(ratios.get(r["name"], [])), r["name"]))
     folded = _scipy(tables) if len(rows) > FOLD_ABOVE else set()
     random = random_failures(tables.get("failure_share"))
@@ -51,17 +51,13 @@ def by_method(tables: Tables, declared: Tables) -> list[list[str]]:
     return [[HEADINGS[i] for i in used], *([row[i] for i in used] for row in shown)]
 
 
-def times_over_best(table: DataFrame | None) -> dict[str, list[float]]:
-    """Method -> its time to 1e-6 over the fastest method's, one a scenario; infinite where it did not get there."""
-    found: dict[str, list[float]] = {}
-    if table is None:
-        return found
-    rows = table[table["measure"].eq("error") & table["target"].eq(TARGET)]
-    for _, part in rows.groupby("scenario", sort=True):
-        best = min((float(t) for t in part["time_s"] if finite(t)), default=math.inf)
-        for name, time in zip(part["integrator"], part["time_s"], strict=True):
-            found.setdefault(str(name), []).append(float(time) / best if finite(time) else math.inf)
-    return found
+def times_over_best(found: DataFrame, key: str = "time 1e-06") -> dict[str, list[float]]:
+    """Method -> its time over the fastest method's, one a scenario; infinite where it did not get there."""
+    if key not in found:
+        return {}
+    times = found[key].dropna()
+    ratios = times / times.groupby(level="scenario").transform("min")
+    return {name: of.fillna(math.inf).tolist() for name, of in ratios.groupby(level="integrator")}
 
 
 def random_failures(table: DataFrame | None) -> dict[str, tuple[int, int]]:

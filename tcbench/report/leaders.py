@@ -6,7 +6,8 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from .matrix import FAMILIES, UNKNOWN, finite, names, peers, to_numbers
+from .judged import finite, to_numbers
+from .matrix import FAMILIES, families, names
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -15,15 +16,6 @@ Tables = Mapping[str, Any]
 CROWD = 8  # so many methods are all in colour
 IN_COLOUR = 5  # of more: as many of each family as make this number, one at least
 TARGETS = (1e-9, 1e-6, 1e-3)
-
-
-def families(tables: Tables, declared: Tables) -> dict[str, str]:
-    """Method -> its family: declared, else whether it is a peer."""
-    told, solvers = declared.get("integrators", {}), peers(tables)
-    return {
-        name: told.get(name, {}).get("family") or (FAMILIES[3] if name in solvers else UNKNOWN)
-        for name in names(tables, "integrator")
-    }
 
 
 def leaders(tables: Tables, declared: Tables) -> dict[str, list[str]]:

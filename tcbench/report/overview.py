@@ -8,32 +8,22 @@ from dataclasses import dataclass
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
-from .matrix import (
-    Unmeasured,
-    coarse_errors,
-    finite,
-    is_fixed,
-    law_columns,
-    laws_kept,
-    own_steps,
-    to_numbers,
-    unmeasured,
-)
+from .judged import TIMES, finite, laws, to_numbers
+from .matrix import Unmeasured, is_fixed, unmeasured
 from .summary import seconds
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
 Tables = Mapping[str, Any]
-TARGETS = (1e-6, 1e-3)  # errors of an accurate trajectory; the second where no method reaches the first
+TARGETS = ("time 1e-06", "time 0.001")  # to an accurate trajectory; the second where no method reaches the first
 LONGEST = 40  # characters of a name in a sentence
 TURNING = "\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"  # bidirectional controls
 TIE = 1.05  # timings that are nearer than this are as good as each other
 LOOSE = 1e-3  # tolerances above it ask for so little that a failure says nothing
 FEW_RUNS = 50  # from random starts, below which "never failed" says nothing: up to 6 % of failures would not show
 FEW_A_STEP = 10  # at one step or tolerance
-RESTS_ON = ("conservation", "work_precision", "time_to_accuracy", "cost", "stability", "convergence",
-            "equilibrium_summary")  # fmt: skip
+LADDERS = ("conservation", "work_precision", "stability", "convergence", "equilibrium_summary")
 NAMED = 3  # methods that a sentence names before it counts the others
 
 
@@ -47,70 +37,69 @@ class Finding:
     href: str
 
 
-def findings(tables: Tables, declared: Tables) -> list[Finding]:
-    """The sentences that these tables allow, in the order in which a reader asks."""
-    found = (
-        accurate(tables), coarse(tables, declared), lawful(tables), cheapest(tables, declared), failing(tables),
-        random_starts(tables),
-    )  # fmt: skip
-    return [finding for finding in found if finding is not None]
+def findings(found: DataFrame, tables: Tables) -> list[Finding]:
+    """The sentences that the judged table allows, in the order in which a reader asks."""
+    said = (accurate(found, tables), coarse(found), lawful(found), cheapest(found), failing(tables),
+            random_starts(tables))  # fmt: skip
+    return [finding for finding in said if finding is not None]
 
 
 def scenario_answers(
-    tables: Tables, declared: Tables, scenarios: Iterable[str]
+    found: DataFrame, tables: Tables, scenarios: Iterable[str]
 ) -> dict[str, list[tuple[str, str, str]]]:
     """Scenario -> (question, answer, the rest of it) of the same rules, asked of its rows alone."""
-    found = {}
+    answers = {}
     for name in scenarios:
-        mine = one_scenario(tables, name)
-        answers = (accurate(mine), coarse(mine, declared), cheapest(mine, declared), failing(mine))
-        found[name] = [(one.title, one.lead, one.text) for one in answers if one is not None]
-    return found
+        mine = one_scenario(found, name)
+        ladders = {key: t[t["scenario"].astype(str) == name] for key, t in tables.items() if key in LADDERS}
+        said = (accurate(mine, tables), coarse(mine), cheapest(mine), failing(ladders))
+        answers[name] = [(one.title, one.lead, one.text) for one in said if one is not None]
+    return answers
 
 
-def one_scenario(tables: Tables, name: str) -> dict[str, Any]:
-    """What is said of a run rests on these tables: their rows of this scenario."""
-    return {key: t[t["scenario"].astype(str) == name] for key, t in tables.items() if key in RESTS_ON}
+def one_scenario(found: DataFrame, name: str) -> DataFrame:
+    """The rows of a scenario, and the columns that say something of it."""
+    return found[found.index.get_level_values("scenario") == name].dropna(axis=1, how="all")
 
 
-def accurate(tables: Tables) -> Finding | None:
+def accurate(found: DataFrame, tables: Tables) -> Finding | None:
     """The method that reaches an error of 1e-6 on most scenarios (of 1e-3 where none gets to 1e-6) and, of those, is
     never far behind: the one whose largest ratio to the fastest method's time is the least. Methods within 5 % of it
     are named with it."""
-    table = tables.get("time_to_accuracy")
-    if table is None or not len(table):
+    asked = [key for key in TARGETS if key in found]
+    if not asked:
         return None
     title = "An accurate trajectory"
-    table = table[table["measure"].eq("error")]
-    count = table["scenario"].nunique()
-    for target in TARGETS:
-        rows = [r for r in table[table["target"].eq(target)].to_dict("records") if finite(r["time_s"])]
-        if not rows:
-            continue
-        best: dict[str, float] = {}
-        for row in rows:
-            best[row["scenario"]] = min(row["time_s"], best.get(row["scenario"], math.inf))
-        ratios: dict[str, list[float]] = {}
-        for row in rows:
-            ratios.setdefault(str(row["integrator"]), []).append(row["time_s"] / best[row["scenario"]])
-        names = _surest(ratios)
-        ran = dict(table[table["target"].eq(target)].groupby("integrator")["scenario"].nunique())
-        special = _where_it_runs(ratios, ran, names[0])
-        name = special or names[0]
-        worst, reached = max(ratios[name]), len(ratios[name])
-        slower = f"at most {rounded(worst)} times the fastest's time" if worst > TIE else "no method is faster"
-        compared = slower if table["integrator"].nunique() > 1 else "no other method ran"
-        mine = [row for row in rows if row["integrator"] == name]
-        where = f"on all {reached} of {count} scenarios that it runs on" if special else _on(reached, count)
-        where = f"in {seconds(float(mine[0]['time_s']))}" if count == 1 else where
-        text = f"an error of {power(target)} {where}, {compared}{_against_peers(mine)}"
-        if special:
-            text += f"; {called(names[0])} on {len(ratios[names[0]])}, at most {rounded(max(ratios[names[0]]))} times"
-            return Finding(title, f"{called(name)}, else {called(names[0])}", text, f"#lens=time {target:g}")
-        text += f"; as good within 5 %: {_some(names[1:], 1)}" if names[1:] else ""
-        return Finding(title, called(name), text, f"#lens=time {target:g}")
-    text = f"no method reached an error of {power(TARGETS[-1])} on any scenario"
-    return Finding(title, "none", text, "#lens=time 0.001")
+    key = next((key for key in asked if reached(found, key).any()), None)
+    if key is None:
+        least = power(TIMES[TARGETS[-1]][1])
+        return Finding(title, "none", f"no method reached an error of {least} on any scenario", "#lens=time 0.001")
+    times = found.loc[found[key].notna(), key]
+    count = times.index.get_level_values("scenario").nunique()
+    done = times[reached(found, key)[times.index]]
+    over = done / done.groupby(level="scenario").transform("min")
+    ratios = {name: of.tolist() for name, of in over.groupby(level="integrator")}
+    ran = times.groupby(level="integrator").size().to_dict()
+    names = _surest(ratios)
+    special = _where_it_runs(ratios, ran, names[0])
+    name = special or names[0]
+    worst, number = max(ratios[name]), len(ratios[name])
+    slower = f"at most {rounded(worst)} times the fastest's time" if worst > TIE else "no method is faster"
+    compared = slower if len(ran) > 1 else "no other method ran"
+    where = f"on all {number} of {count} scenarios that it runs on" if special else _on(number, count)
+    where = f"in {seconds(float(done[name].iloc[0]))}" if count == 1 else where
+    peers = _against_peers(tables["time_to_accuracy"], key, name, done[name].index)
+    text = f"an error of {power(TIMES[key][1])} {where}, {compared}{peers}"
+    if special:
+        text += f"; {called(names[0])} on {len(ratios[names[0]])}, at most {rounded(max(ratios[names[0]]))} times"
+        return Finding(title, f"{called(name)}, else {called(names[0])}", text, f"#lens={key}")
+    text += f"; as good within 5 %: {_some(names[1:], 1)}" if names[1:] else ""
+    return Finding(title, called(name), text, f"#lens={key}")
+
+
+def reached(found: DataFrame, key: str) -> Any:
+    """Where a number is known and finite."""
+    return found[key].notna() & found[key].ne(math.inf)
 
 
 def _surest(found: Mapping[str, Sequence[float]]) -> list[str]:
@@ -146,10 +135,13 @@ def power(value: float) -> str:
     return f"1e{round(math.log10(value))}"
 
 
-def _against_peers(rows: Sequence[Mapping[str, Any]]) -> str:
+def _against_peers(table: DataFrame, key: str, name: str, scenarios: Iterable[str]) -> str:
     """How a method that is no peer compares with the best peer of each scenario on which both reach the target."""
-    ratios = [float(r["ratio_to_best_peer"]) for r in rows if finite(r["ratio_to_best_peer"])]
-    if not ratios or rows[0]["integrator"] in {r["best_peer"] for r in rows}:
+    measure, target = TIMES[key]
+    mine = table[table["integrator"].eq(name) & table["measure"].eq(measure) & table["target"].eq(target)]
+    mine = mine[mine["scenario"].isin(list(scenarios))]
+    ratios = [float(ratio) for ratio in mine["ratio_to_best_peer"] if finite(ratio)]
+    if not ratios or name in set(mine["best_peer"]):
         return ""
     typical = f"{rounded(median(ratios))} times as long"
     if len(ratios) == 1:
@@ -166,13 +158,13 @@ def rounded(value: float) -> str:
     return f"{float(f'{value:.2g}'):g}" if value < 1e5 else f"{value:.0f}"
 
 
-def lawful(tables: Tables) -> Finding | None:
+def lawful(found: DataFrame) -> Finding | None:
     """The methods that ended every run with every law kept, and the largest step of these runs."""
-    shares = law_shares(tables)
+    shares = law_shares(found)
     if not shares:
         return None
-    title, href, table = "The laws at any step", "#lens=energy", tables["conservation"]
-    keep = [name for name, (good, runs) in shares.items() if good == runs]
+    title, href = "The laws at any step", "#lens=energy"
+    keep = lawful_ones(found)
     if not keep:
         name = max(shares, key=lambda n: shares[n][0] / shares[n][1])
         good, runs = shares[name]
@@ -180,77 +172,75 @@ def lawful(tables: Tables) -> Finding | None:
             f"kept every law in every run; {called(name)} in {good} of {runs}" if good else "ended a run with every law"
         )
         return Finding(title, "no method", most, href)
-    steps = [float(h) for h in table.groupby("integrator")["dt"].max()[keep] if finite(h)]
+    steps = [float(h) for h in found.groupby(level="integrator")["dt_most"].max()[keep] if finite(h)]
     largest = f", at every step tried, up to h = {min(steps):.3g}" if steps else ""
     runs = sum(shares[name][1] for name in keep)
-    words = _listed([law.replace("_", " ") for law in law_columns(table)], "and")
+    words = _listed([law.replace("_", " ") for law in laws(found)], "and")
     return Finding(
         title, f"{len(keep)} of {len(shares)} method{'s' if len(shares) > 1 else ''}",
         f"kept {words} in each of {runs} runs{largest}: {_some(keep)}", href,
     )  # fmt: skip
 
 
-def law_shares(tables: Tables) -> dict[str, tuple[int, int]]:
+def law_shares(found: DataFrame) -> dict[str, tuple[int, int]]:
     """Method -> how many runs of the conservation study it ended with every law kept, and of how many."""
-    table = tables.get("conservation")
-    if table is None or not len(table):
+    if "ladder_runs" not in found:
         return {}
-    good = table["status"].eq("ok") & _all_kept(table, law_columns(table))
-    return {str(name): (int(kept.sum()), len(kept)) for name, kept in good.groupby(table["integrator"], sort=True)}
+    sums = found[["lawful", "ladder_runs"]].groupby(level="integrator").sum()
+    return {str(n): (int(kept), int(runs)) for n, kept, runs in sums.itertuples() if runs}
 
 
-def _all_kept(rows: DataFrame, columns: Mapping[str, str]) -> Any:
-    """Whether a run kept every law that its system has; a run without a completed step kept none."""
-    import pandas as pd
-
-    judged = pd.DataFrame({law: laws_kept(rows, law, column) for law, column in columns.items()})
-    return judged.ne(False).all(axis=1) & judged.notna().any(axis=1)
+def lawful_ones(found: DataFrame) -> list[str]:
+    """The methods that ended every run with every law kept."""
+    return [name for name, (good, runs) in law_shares(found).items() if good == runs]
 
 
-def coarse(tables: Tables, declared: Tables) -> Finding | None:
+def coarse(found: DataFrame) -> Finding | None:
     """Of the methods that kept every law in every run: the one whose temperatures at the end are least wrong at the
     coarsest step of each scenario, by its worst scenario; and those of the cheapest of them, for what that costs."""
-    lawful_ones = {name for name, (good, runs) in law_shares(tables).items() if good == runs}
-    cells = coarse_errors(tables)
-    found = {m: [x for x in of.values() if x is not None] for m, of in cells.items() if m in lawful_ones}
-    found = {name: errors for name, errors in found.items() if errors}
-    if not found:
+    if "coarse" not in found:
         return None
-    count = len({scenario for of in cells.values() for scenario in of})
-    general, *_ = _surest(found)
-    name = _where_it_runs(found, {m: len(of) for m, of in cells.items()}, general) or general
-    where = f" {_on(len(found[name]), count)}" if count > 1 else ""
-    text = f"final temperatures within {percent(max(found[name]))}{where}, each law kept"
-    price = own_steps(tables, declared)
-    costs = {m: median(price[m].values()) for m in found if price.get(m) and len(found[m]) == len(found[name])}
+    ran = found["coarse"].dropna()
+    known = ran[reached(found, "coarse")[ran.index] & ran.index.isin(lawful_ones(found), level="integrator")]
+    errors = {name: of.tolist() for name, of in known.groupby(level="integrator")}
+    if not errors:
+        return None
+    count = ran.index.get_level_values("scenario").nunique()
+    general, *_ = _surest(errors)
+    name = _where_it_runs(errors, ran.groupby(level="integrator").size().to_dict(), general) or general
+    where = f" {_on(len(errors[name]), count)}" if count > 1 else ""
+    text = f"final temperatures within {percent(max(errors[name]))}{where}, each law kept"
+    price = typical_cost(found)
+    costs = {m: price[m] for m in errors if m in price and len(errors[m]) == len(errors[name])}
     cheap = min(costs, key=lambda m: (costs[m], m), default=name)
     if cheap != name:
-        text += f"; {called(cheap)}, whose step is the cheapest of these, within {percent(max(found[cheap]))}"
+        text += f"; {called(cheap)}, whose step is the cheapest of these, within {percent(max(errors[cheap]))}"
     lead = called(name) if name == general else f"{called(name)}, else {called(general)}"
     if general not in (name, cheap):
-        text += f"; {called(general)} within {percent(max(found[general]))} on {len(found[general])}"
-    return Finding(_coarsest(tables["work_precision"]), lead, text, "#lens=coarse")
+        text += f"; {called(general)} within {percent(max(errors[general]))} on {len(errors[general])}"
+    steps = found.groupby(level="scenario")["dt_coarsest"].max().dropna()
+    title = f"At h = {steps.iloc[0]:.3g}" if len(steps) == 1 else "At the coarsest step"
+    return Finding(title, lead, text, "#lens=coarse")
 
 
-def _coarsest(table: DataFrame) -> str:
-    """The question with the step, where there is one."""
-    rows = table[table["control"].eq("dt")]
-    steps = to_numbers(rows, "value").groupby(rows["scenario"].astype(str)).max().dropna()
-    return f"At h = {steps.iloc[0]:.3g}" if len(steps) == 1 else "At the coarsest step"
+def typical_cost(found: DataFrame) -> Any:
+    """Method -> microseconds a step, median over its scenarios."""
+    return found["cost"].dropna().groupby(level="integrator").median() if "cost" in found else {}
 
 
-def cheapest(tables: Tables, declared: Tables) -> Finding | None:
+def cheapest(found: DataFrame) -> Finding | None:
     """The fixed-step method of the least time a step (median over its scenarios) of those that never failed; and where
     one that is cheaper fails. Methods that ran on fewer than half of the scenarios are no candidates."""
-    times = own_steps(tables, declared)
-    most = max(map(len, times.values()), default=0)
-    typical = {name: median(found.values()) for name, found in times.items() if found and 2 * len(found) >= most}
+    if "cost" not in found:
+        return None
+    times = found["cost"].dropna().groupby(level="integrator").size()
+    typical = typical_cost(found)[2 * times >= times.max()].to_dict()
     if not typical:
         return None
-    failed = {name: text for name in typical if (text := _where_it_fails(tables, name))}
+    failed = {name: text for name in typical if (text := _where_it_fails(found.loc[name]))}
     first = min(typical, key=lambda n: (typical[n], n))
     name = min((n for n in typical if n not in failed), key=lambda n: (typical[n], n), default=first)
-    count = len(times[name])
+    count = times[name]
     text = f"{typical[name]:.2g} µs a step{f', median of {count} scenarios' if count > 1 else ''}"
     if name in failed:
         return Finding(
@@ -261,22 +251,16 @@ def cheapest(tables: Tables, declared: Tables) -> Finding | None:
     return Finding("Cheapest, never failed", called(name), text, "#lens=cost")
 
 
-def _where_it_fails(tables: Tables, name: str) -> str:
+def _where_it_fails(mine: DataFrame) -> str:
     """On how many scenarios a method has a largest stable step or a run of its ladder failed; "" where neither."""
-    limits: dict[str, float] = {}
-    judged: set[str] = set()
-    for study, failed, step in (("stability", "limit", "dt_unstable"), ("conservation", "status", "dt")):
-        table = tables.get(study)
-        rows = None if table is None else table[(table["integrator"] == name) & table[failed].notna()]
-        rows = None if rows is None else rows[["scenario", failed, step]]
-        for row in rows.to_dict("records") if rows is not None else ():
-            judged.add(row["scenario"])
-            if row[failed] not in ("none", "ok"):
-                at = float(row[step]) if finite(row[step]) else math.inf
-                limits[row["scenario"]] = min(at, limits.get(row["scenario"], math.inf))
-    start = f" from h = {min(limits.values()):.2g}" if limits and finite(min(limits.values())) else ""
-    where = f" on {len(limits)} of {len(judged)}{',' if start else ''}" if len(judged) > 1 else ""
-    return f"fails{where}{start}" if limits else ""
+    tried = mine["fails"].dropna() if "fails" in mine else ()
+    count, start = int(sum(tried)), ""
+    if not count:
+        return ""
+    if finite(least := mine["fails_from"].min()):
+        start = f" from h = {least:.2g}"
+    where = f" on {count} of {len(tried)}{',' if start else ''}" if len(tried) > 1 else ""
+    return f"fails{where}{start}"
 
 
 def failing(tables: Tables) -> Finding | None:

@@ -14,6 +14,7 @@ from ..store.store import Store
 from ..store.tables import read_tables
 from ..studies.columns import column
 from .html import library, packed_table, script_hash, script_json, script_text, vendored
+from .judged import judged
 from .leaders import leaders
 from .matrix import FAMILIES, failures, lenses, methods, names, stopped
 from .overview import findings, law_shares, one_scenario, scenario_answers
@@ -26,7 +27,6 @@ SCRIPTS = ("base", "chart", "overview", "player", "scenarios", "methods", "table
 ROUNDED = ("series", "opening", "ensemble_seeds")  # many numbers, of which a chart shows three digits
 EXACTER = ("t", "dt", "tolerance", "entropy", "seed")  # and temperatures: they change by little beside what they are
 HISTORY = "history"
-LONGEST_NAME = 80
 
 
 def write_report(
@@ -69,14 +69,15 @@ def _content(store: Store, tables: dict[str, DataFrame]) -> dict[str, Any]:
     history = _history(store.folder)
     if history is not None:
         tables = tables | {HISTORY: history}
-    found = methods(tables, declared)
+    found = judged(tables, declared)
+    rows = methods(found, tables, declared)
     scenarios = names(tables, "scenario")
     data = {
-        "families": FAMILIES, "methods": found, "scenarios": scenarios, "declared": _named(declared, tables),
+        "families": FAMILIES, "methods": rows, "scenarios": scenarios, "declared": _named(declared, tables),
         "looks": {name: [one.colour, one.marker, dashes(one.dash)] for name, one in run_looks(tables).items()},
-        "leaders": leaders(tables, declared), "answers": scenario_answers(tables, declared, scenarios),
-        "kept": {name: law_shares(one_scenario(tables, name)) for name in scenarios},
-        "lenses": lenses(tables, declared), "failures": failures(tables), "stopped": stopped(tables),
+        "leaders": leaders(tables, declared), "answers": scenario_answers(found, tables, scenarios),
+        "kept": {name: law_shares(one_scenario(found, name)) for name in scenarios},
+        "lenses": lenses(found), "failures": failures(tables), "stopped": stopped(tables),
         "tables": {name: len(table) for name, table in tables.items()},
         "labels": {name: column(name).label for table in tables.values() for name in map(str, table.columns)},
     }  # fmt: skip
@@ -84,9 +85,9 @@ def _content(store: Store, tables: dict[str, DataFrame]) -> dict[str, Any]:
         "title": store.folder.resolve().name,
         "machine": _machine(manifest),
         "when": str(manifest.get("ended", "")),
-        "counts": (len(found), len(scenarios)),
-        "findings": [asdict(finding) for finding in findings(tables, declared)],
-        "methods": found,
+        "counts": (len(rows), len(scenarios)),
+        "findings": [asdict(finding) for finding in findings(found, tables)],
+        "methods": rows,
         "families": FAMILIES,
         "claims": "claims" in tables,
         "absent": sorted(declared.get("absent", {}).items()),

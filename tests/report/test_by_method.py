@@ -12,6 +12,7 @@ import tcbench
 from tcbench import terminal
 from tcbench.cli import main
 from tcbench.report.by_method import by_method, claims, remarks, times_over_best
+from tcbench.report.judged import judged
 from tcbench.report.matrix import names as names_of
 
 
@@ -37,7 +38,11 @@ def test_times_are_over_the_fastest_of_each_scenario():
         [("a", "s", 1.0), ("b", "s", 4.0), ("a", "t", 3.0), ("b", "t", 1.5), ("c", "s", math.nan)],
         columns=["integrator", "scenario", "time_s"],
     ).assign(measure="error", target=1e-6)
-    assert times_over_best(table) == {"a": [1.0, 2.0], "b": [4.0, 1.0], "c": [math.inf]}
+    assert times_over_best(judged({"time_to_accuracy": table}, {})) == {
+        "a": [1.0, 2.0],
+        "b": [4.0, 1.0],
+        "c": [math.inf],
+    }
     rows = by_method({"time_to_accuracy": table}, {})
     assert rows == [
         ["method", "to 1e-6", "x best"],

@@ -8,7 +8,9 @@ import pytest
 
 import tcbench
 from tcbench import Integrator
-from tcbench.report.summary import claimed, claims_kept, summary, time_to_target
+from tcbench.report.judged import judged
+from tcbench.report.summary import claims_kept, summary
+from tcbench.studies.cost import reach
 from tcbench.studies.work_precision import tabulate
 from tests.simulation.test_changed_formulas import Springs, springs
 
@@ -64,24 +66,18 @@ def test_every_invariant_has_its_column_its_claim_and_its_chart(tables):
 
 
 def test_claims_count_where_they_were_measured(tables):
-    methods = {"tc_monolithic": tcbench.integrators()["tc_monolithic"]}
-    methods["liar"] = Integrator(name="liar", order=1, step=shove, claims={"px", "angular_momentum"})
-    rows = summary(tables, methods).set_index("integrator")
+    claims = {"tc_monolithic": tcbench.integrators()["tc_monolithic"].claims, "liar": {"px", "angular_momentum"}}
+    methods = {name: {"claims": sorted(of)} for name, of in claims.items()}
+    rows = summary(judged(tables, {}), methods).set_index("integrator")
     assert rows.loc["tc_monolithic", "claims kept"] == "2 of 2, 1 not measured"
     assert rows.loc["liar", "claims kept"] == "0 of 1, not px, 1 not measured"
     assert rows["claims broken"].to_dict() == {"tc_monolithic": 0, "liar": 1}
-    verdicts = claimed(tables, methods).set_index(["integrator", "claim"])["verdict"]
-    assert verdicts["liar", "px"] == "broken" and verdicts["tc_monolithic", "px"] == "kept, not claimed"
-    assert verdicts["liar", "angular_momentum"] == verdicts["tc_monolithic", "angular_momentum"] == "not measured"
-    assert verdicts["tc_monolithic", "energy"] == "kept" and ("liar", "lyapunov_increment_max") not in verdicts
 
 
 def test_a_claim_that_nothing_measures_is_not_kept():
-    rows = pandas.DataFrame({"steps": [3], "energy_error_max": [np.nan]})
-    assert claims_kept(rows, Integrator(name="a", order=1, step=shove, claims={"energy"})) == (
-        "0 of 0, 1 not measured",
-        0,
-    )
+    rows = pandas.DataFrame({"steps": [3], "energy_error_max": [np.nan], "status": "ok"})
+    (row,) = judged({"conservation": rows.assign(integrator="a", scenario="s")}, {}).to_dict("records")
+    assert claims_kept(row, ["energy"]) == ("0 of 0, 1 not measured", 0)
 
 
 def point(error, seconds, **more):
@@ -100,7 +96,8 @@ def point(error, seconds, **more):
 def test_the_time_to_an_accuracy_is_one_number_everywhere(points):
     tables = tabulate([{"integrator": "a", "scenario": "s", "peer": "", "points": points, "horizons": []}])
     line = tables["time_to_accuracy"].set_index(["measure", "target"]).loc[("error", 1e-6), "time_s"]
-    assert time_to_target(tables["work_precision"]) == f"{1e3 * line:.3g} ms"
+    assert reach(tables["work_precision"].to_dict("records"), "error", 1e-6) == pytest.approx(line, rel=1e-12)
+    assert summary(judged(tables, {}), {})["time to 1e-6"].tolist() == [f"{1e3 * line:.3g} ms"]
 
 
 def test_one_name_has_one_unit():

@@ -12,13 +12,15 @@ import pytest
 
 import tcbench
 from tcbench.report import matrix, overview
-from tcbench.report.overview import scenario_answers
+from tcbench.report.judged import judged
 from tcbench.report.summary import seconds
 from tcbench.store.tables import read_tables
 
 
 def sentences(tables, declared=None):
-    return {found.title: (found.lead, found.text) for found in overview.findings(tables, declared or {})}
+    return {
+        found.title: (found.lead, found.text) for found in overview.findings(judged(tables, declared or {}), tables)
+    }
 
 
 def records(tables, name):
@@ -164,7 +166,7 @@ def test_the_sentences_follow_from_the_tables(seed):
 @pytest.mark.parametrize("seed", [3, 8, 11])
 def test_what_a_scenario_answers_follows_from_its_rows(seed):
     tables = random_tables(seed)
-    found = scenario_answers(tables, {}, sorted(set(tables["conservation"]["scenario"])))
+    found = overview.scenario_answers(judged(tables, {}), tables, sorted(set(tables["conservation"]["scenario"])))
     for scenario, answers in found.items():
         mine = {name: table[table["scenario"] == scenario] for name, table in tables.items() if "scenario" in table}
         steps = mine["work_precision"].loc[mine["work_precision"]["control"] == "dt", "value"]
@@ -377,7 +379,7 @@ def test_when_every_run_failed_nothing_is_praised():
         not [title for title in said if title.startswith(("The cheapest", "Cheapest"))]
         and said["What fails"][0] == "75 of 75 runs"
     )
-    assert overview.findings({}, {}) == []
+    assert overview.findings(judged({}, {}), {}) == []
 
 
 def test_a_name_cannot_turn_or_flood_a_sentence():
@@ -399,7 +401,8 @@ def test_laws_count_the_runs_that_could_keep_them():
     table["angular_momentum_error_max"] = math.nan
     table["linear_momentum_error_max"] = 1e-15
     told = {"integrators": {"tc_monolithic": {"claims": ["energy"], "family": "Romero (2009)"}}}
-    rows = {m["name"]: m for m in matrix.methods({"conservation": table}, told)}
+    tables = {"conservation": table}
+    rows = {m["name"]: m for m in matrix.methods(judged(tables, told), tables, told)}
     laws = {law["law"]: law for law in rows["tc_monolithic"]["laws"]}
     assert laws["energy"] == {"law": "energy", "claimed": True, "kept": 3, "of": 4}
     assert laws["linear_momentum"]["of"] == 4 and "angular_momentum" not in laws
@@ -409,7 +412,9 @@ def test_laws_count_the_runs_that_could_keep_them():
 
 def test_cells_are_numbers_dashes_or_nothing():
     tables = awkward.everything(awkward.FIVE)
-    lenses = {lens["key"]: lens["cells"] for lens in matrix.lenses(tables, {"scenarios": {"short_term": {"dt": 0.3}}})}
+    lenses = {
+        lens["key"]: lens["cells"] for lens in matrix.lenses(judged(tables, {"scenarios": {"short_term": {"dt": 0.3}}}))
+    }
     assert lenses["step"]["tc_monolithic"]["short_term"] == ["none", 12.0]
     assert lenses["energy"]["midpoint_entropy"]["short_term"] is None  # it failed at that step
     assert "scipy_radau" not in lenses["energy"]

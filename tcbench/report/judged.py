@@ -1,0 +1,210 @@
+"""What each method came to on each scenario: the one table that terminal, summary.csv, page and sentences read."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from ..studies.columns import ERROR_MAX, claim_column, invariant_columns
+
+if TYPE_CHECKING:
+    from pandas import DataFrame, Series
+
+Tables = Mapping[str, Any]
+PAIR = ["integrator", "scenario"]
+KEPT = 1e-9  # relative error up to which a conserved quantity counts as kept: round-off and solver, over any horizon
+TIMES = {
+    "time 0.001": ("error", 1e-3), "time 1e-06": ("error", 1e-6), "time 1e-09": ("error", 1e-9),
+    "time energy 1e-12": ("energy_error_max", 1e-12),
+}  # fmt: skip
+NUMBERS = (*TIMES, "coarse", "produced", "energy", "step", "cost")  # columns that hold one number a pair
+
+
+def judged(tables: Tables, declared: Tables) -> DataFrame:
+    """A row for each method and scenario of any table, indexed by both and sorted; absent studies leave columns out.
+
+    failed, runs : of the ladders of steps and tolerances; ladder_failed, ladder_runs : of `conservation` alone, with
+    dt_most, its largest step, and done, its runs with a completed step. kept_LAW, of_LAW : the runs that kept a law, of
+    those whose system has it; lawful : those that ended and kept every one. fails : whether one of them failed or there
+    is a largest stable step; fails_from : the least step at which that is so.
+    order, fits : the fitted order of the state, of the lowest variable where that was not fitted; how many fits.
+    limit, dt_stable, dt_unstable, dt_cap : as in `stability`; dt_coarsest : the scenario's, in `work_precision`.
+    NUMBERS : times to an accuracy, s; errors of the temperatures and of the entropy produced at the coarsest step; the
+    energy error at the scenario's own step; the largest stable step; µs a step. Infinite where it was asked for and not
+    reached, or the run failed; NaN where it was not measured.
+    """
+    import pandas as pd
+
+    plain = {name: _with_names(table) for name, table in tables.items() if {*PAIR} <= set(table)}
+    there = [table[PAIR] for table in plain.values()]
+    if not there:
+        return pd.DataFrame(index=pd.MultiIndex.from_arrays([[], []], names=PAIR))
+    index = pd.MultiIndex.from_frame(pd.concat(there).drop_duplicates()).sort_values()
+    parts = [_ladders(plain), *_of_ladder(plain.get("conservation"), declared)]
+    parts += [_orders(plain.get("convergence")), _steps(plain.get("stability")), _cost(plain, declared)]
+    parts += [*_times(plain.get("time_to_accuracy")), *_coarsest(plain.get("work_precision"))]
+    return _with_failures(pd.concat([part for part in parts if part is not None], axis=1).reindex(index))
+
+
+def _with_failures(found: DataFrame) -> DataFrame:
+    """The table with what both ladders, of runs and of stable steps, say of failures."""
+    import pandas as pd
+
+    limit, runs = (found.get(name, pd.Series(math.nan, found.index)) for name in ("limit", "ladder_runs"))
+    limited = limit.notna() & limit.ne("none")
+    fails = limited | (found["ladder_failed"] > 0 if "ladder_failed" in found else False)
+    steps = found.reindex(columns=["least_failed", "dt_unstable"])
+    steps["dt_unstable"] = steps["dt_unstable"].where(limited)
+    asked = limit.notna() | runs.notna()
+    return found.assign(fails=fails.astype(float).where(asked), fails_from=steps.min(axis=1))
+
+
+def _with_names(table: DataFrame) -> DataFrame:
+    known = table.dropna(subset=PAIR)
+    return known.assign(**{name: known[name].astype(str) for name in PAIR})
+
+
+def to_numbers(table: DataFrame, column: str) -> Any:
+    """A column as floats; NaN where the table has none."""
+    import pandas as pd
+
+    return pd.to_numeric(table[column] if column in table else pd.Series(math.nan, table.index), errors="coerce")
+
+
+def finite(value: Any) -> bool:
+    try:
+        return math.isfinite(float(value))
+    except (TypeError, ValueError):
+        return False
+
+
+def is_kept(law: str, value: Any) -> Any:
+    """Whether a law is kept by this loss, or by each of a column of them."""
+    return value <= (0 if law == "entropy" else KEPT)
+
+
+def law_columns(table: DataFrame) -> dict[str, str]:
+    """Law -> column of `conservation`: energy, entropy, and each invariant that some system of the run has."""
+    there = {law: claim_column(law) for law in ("energy", "entropy") if claim_column(law) in table}
+    others = [c for c in invariant_columns(table.columns) if table[c].notna().any()]
+    return there | {c.removesuffix(ERROR_MAX): c for c in others}
+
+
+def laws(found: DataFrame) -> list[str]:
+    """The laws that were judged."""
+    return [str(name).removeprefix("kept_") for name in found if str(name).startswith("kept_")]
+
+
+def _ladders(tables: Tables) -> DataFrame | None:
+    import pandas as pd
+
+    there = [tables[name] for name in ("conservation", "work_precision") if name in tables]
+    rows = [table[PAIR].assign(failed=_failed(table), runs=1) for table in there]
+    return pd.concat(rows).groupby(PAIR).sum() if rows else None
+
+
+def _of_ladder(table: DataFrame | None, declared: Tables) -> list[Any]:
+    """Laws, failures and the energy error of the study `conservation`."""
+    if table is None:
+        return []
+    bad, steps = _failed(table), to_numbers(table, "dt")
+    done = to_numbers(table, "steps") > 0 if "steps" in table else bad | True
+    rows = table[PAIR].assign(ladder_failed=bad, ladder_runs=1, done=done)
+    whole, some = ~bad, bad & False
+    for law, column in law_columns(table).items():
+        values = to_numbers(table, column).where(done)
+        rows[f"kept_{law}"], rows[f"of_{law}"] = is_kept(law, values), values.notna()
+        whole, some = whole & (rows[f"kept_{law}"] | values.isna()), some | values.notna()
+    sums = rows.assign(lawful=whole & some).groupby(PAIR).sum()
+    ends = table[PAIR].assign(least_failed=steps.where(bad), dt_most=steps).groupby(PAIR)
+    lost = _one(_at_own_step(table, declared), "energy_error_max", "energy")
+    return [sums, ends["least_failed"].min(), ends["dt_most"].max(), lost]
+
+
+def own_step(declared: Tables, name: str, rows: DataFrame) -> float | None:
+    """The scenario's own step: declared, else the middle one of its ladder in `conservation`."""
+    dt = declared.get("scenarios", {}).get(name, {}).get("dt")
+    if finite(dt):
+        return float(dt)
+    steps = sorted({float(h) for h in to_numbers(rows, "dt") if finite(h)})
+    return steps[len(steps) // 2] if steps else None
+
+
+def _at_own_step(table: DataFrame, declared: Tables) -> DataFrame:
+    """The rows of `conservation` at each scenario's own step; adaptive solvers have none."""
+    own = {name: own_step(declared, str(name), rows) for name, rows in table.groupby("scenario")}
+    return table[(to_numbers(table, "dt") / table["scenario"].map(own).astype(float) - 1).abs() < 1e-9]
+
+
+def _failed(rows: DataFrame) -> Any:
+    return rows["status"].ne("ok")
+
+
+def _one(rows: DataFrame, column: str, name: str) -> Series:
+    """The last number of each pair; infinite where there is none, or the run failed."""
+    values = _plain(rows, column)
+    values = values.where(~_failed(rows)) if "status" in rows else values
+    return _last(rows, **{name: values.fillna(math.inf)})[name]
+
+
+def _plain(rows: DataFrame, column: str) -> Any:
+    """Its finite numbers."""
+    return to_numbers(rows, column).replace([math.inf, -math.inf], math.nan)
+
+
+def _last(rows: DataFrame, **columns: Any) -> DataFrame:
+    return rows[PAIR].assign(**columns).drop_duplicates(PAIR, keep="last").set_index(PAIR)
+
+
+def _orders(table: DataFrame | None) -> DataFrame | None:
+    if table is None:
+        return None
+    whole = table["variable"].astype(str).eq("all")
+    rows = table[whole | ~whole.groupby([table[name] for name in PAIR]).transform("any")]
+    return rows[PAIR].assign(order=_plain(rows, "order"), fits=1).groupby(PAIR).agg({"order": "min", "fits": "sum"})
+
+
+def _steps(table: DataFrame | None) -> DataFrame | None:
+    """What the study `stability` found; `step` is there where it was studied at all."""
+    if table is None:
+        return None
+    numbers = {name: _plain(table, name) for name in ("dt_stable", "dt_unstable", "dt_cap")}
+    return _last(table, limit=table["limit"], step=numbers["dt_stable"].fillna(math.inf), **numbers)
+
+
+def _times(table: DataFrame | None) -> list[Series]:
+    if table is None:
+        return []
+    chosen = {key: table["measure"].eq(of) & table["target"].eq(target) for key, (of, target) in TIMES.items()}
+    return [_one(table[rows], "time_s", key) for key, rows in chosen.items() if rows.any()]
+
+
+def _coarsest(table: DataFrame | None) -> list[Any]:
+    """Errors at the end of the run with the coarsest step of a scenario's ladder. One that the reference's own hides
+    counts as ten times that; a scenario without this error is left out."""
+    if table is None:
+        return []
+    rows = table[table["control"].eq("dt")]
+    rows = rows.assign(value=to_numbers(rows, "value"))
+    rows = rows[rows["value"] >= (1 - 1e-9) * rows.groupby("scenario")["value"].transform("max")]
+    found: list[Any] = [_last(rows, dt_coarsest=rows["value"])]
+    for name, column in (("coarse", "error_theta"), ("produced", "error_entropy_produced")):
+        error = to_numbers(rows, column)
+        there = error.notna().groupby(rows["scenario"]).transform("any")
+        known = rows.assign(error=_plain(rows, column).fillna(10 * to_numbers(rows, "reference_floor")))
+        found += [_one(known[there], "error", name)] if there.any() else []
+    return found
+
+
+def _cost(tables: Tables, declared: Tables) -> Series | None:
+    """Microseconds a step of fixed-step methods: as timed alone, else beside other cells."""
+    rows, points, ladder = (tables.get(name) for name in ("cost", "work_precision", "conservation"))
+    if rows is not None and points is not None:
+        rows = rows[rows["integrator"].isin(points.loc[points["control"].astype(str).eq("dt"), "integrator"])]
+    elif ladder is not None:
+        rows = _at_own_step(ladder, declared)
+        rows = rows[~_failed(rows)]
+    else:
+        return None
+    return _last(rows, cost=_plain(rows, "us_per_step"))["cost"]

@@ -1,0 +1,49 @@
+"""The judged table, row by row against plain loops; and what reads it says one thing."""
+
+import math
+
+import pytest
+
+from tcbench.report.by_method import by_method
+from tcbench.report.judged import judged, laws
+from tcbench.report.matrix import methods
+from tcbench.report.summary import summary
+from tests.report.test_overview import is_number, random_tables, records
+
+LAWS = {"energy": ("energy_error_max", 1e-9), "entropy": ("second_law_violations", 0),
+        "angular_momentum": ("angular_momentum_error_max", 1e-9)}  # fmt: skip
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_each_row_is_what_its_runs_came_to(seed):
+    tables = random_tables(seed)
+    found = judged(tables, {})
+    assert set(laws(found)) <= set(LAWS) and found.index.is_unique
+    for (method, scenario), row in found.iterrows():
+        runs = [r for r in records(tables, "conservation") if (r["integrator"], r["scenario"]) == (method, scenario)]
+        ends = [r for r in records(tables, "stability") if (r["integrator"], r["scenario"]) == (method, scenario)]
+        lawful = [r["status"] == "ok" for r in runs]
+        for law in laws(found):
+            column, most = LAWS[law]
+            kept = [r[column] <= most for r in runs if r["steps"] and is_number(r[column])]
+            assert (row[f"kept_{law}"], row[f"of_{law}"]) == (sum(kept), len(kept))
+            lawful = [w and r["steps"] > 0 and not r[column] > most for w, r in zip(lawful, runs, strict=True)]
+        assert row["lawful"] == sum(lawful) and row["ladder_runs"] == len(runs) == 3
+        steps = [r["dt"] for r in runs if r["status"] != "ok"]
+        steps += [r["dt_unstable"] for r in ends if r["limit"] != "none"]
+        assert bool(row["fails"]) == bool(steps)
+        assert row["fails_from"] == pytest.approx(min(filter(is_number, steps), default=math.nan), nan_ok=True)
+
+
+def test_a_law_that_is_broken_beyond_all_bounds_is_broken_in_every_place():
+    """summary.csv left infinite losses out, and called the claim kept."""
+    tables = random_tables(3)
+    bad = tables["conservation"]["integrator"].eq("m00") & tables["conservation"]["scenario"].eq("s0")
+    tables["conservation"].loc[bad, ["energy_error_max", "status", "steps"]] = [math.inf, "ok", 80]
+    told = {name: {"claims": ["energy"]} for name in ("m00", "m01")}
+    found = judged(tables, {})
+    rows = summary(found, told).set_index(["scenario", "integrator"])
+    assert rows.loc[("s0", "m00"), "claims kept"] == "0 of 1, not energy"
+    (row,) = [m for m in methods(found, tables, {"integrators": told}) if m["name"] == "m00"]
+    assert row["laws"][0]["kept"] <= row["laws"][0]["of"] - 3
+    assert [r[1] for r in by_method(tables, {"integrators": told}) if r[0] == "m00"] == ["0 of 1"]
