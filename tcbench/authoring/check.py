@@ -110,7 +110,7 @@ def _of_file(path: Path, only: Sequence[str]) -> list[Subject]:
 
 
 def _loads(origin: Origin) -> Line:
-    found = origin.error.strip().splitlines()[-1]
+    found = origin.error.strip().splitlines()[-1].removeprefix("tcbench.errors.TcbenchError: ")
     places = [text.strip() for text in origin.error.splitlines() if origin.path and origin.path in text]
     where = f" ({places[-1]})" if places else ""
     return Line("loads", FAIL, found + where, "Mend the line that the message names; tcbench list shows the traceback.")
@@ -149,6 +149,8 @@ def _guarded(name: str, test: Callable[[Any], Any], subject: Any) -> Any:
     """The line (or lines) of a test; an exception of the plugin is a finding, not the end of the check."""
     try:
         return test(subject)
+    except TcbenchError as error:
+        return Line(name, FAIL, str(error), "Mend what the sentence names.")
     except Exception as error:
         from ..simulation.recorder import exception_sentence
 
@@ -221,7 +223,11 @@ def scenario_lines(scenario: Scenario, only: Sequence[str] = ()) -> Iterator[Lin
     for name, test in scenario_checks.TESTS:
         if not only or name in only:
             found = _guarded(name, test, scenario)
-            yield from found if isinstance(found, list) else [found]
+            lines = found if isinstance(found, list) else [found]
+            yield from lines
+            if name == "formulas" and any(item.verdict == FAIL for item in lines):
+                yield Line("the rest", NONE, "not checked: no method can use these formulas")
+                return
 
 
 def printable(item: Line) -> Iterator[str]:

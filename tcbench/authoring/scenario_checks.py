@@ -10,13 +10,16 @@ import numpy as np
 from .. import plugins
 from ..simulation.run import simulate
 from ..studies.theorems import SEED, admissible_states, operators
+from ..systems.element_system import ElementSystem
+from ..systems.plane import segments
+from ..systems.traced import LARGE
 from .check_line import FAIL, NONE, OK, Line, line
 
 if TYPE_CHECKING:
     from ..systems.scenario import Scenario
 
 METHODS = ("tc_monolithic", "tc_staggered", "tc_strang", "midpoint_entropy", "midpoint_temperature")
-REMEDIES = {  # by the first words of a finding of theorems.operators
+REMEDIES = {  # of elements, by the first words of a finding of theorems.operators
     "the discrete gradient": "shape() must be linear or quadratic in q; element_energy() must act element by element.",
     "L is skew": "Report this: L does not depend on the system.",
     "the exact flow keeps": "theta @ conduction(theta) must vanish, and written as a difference of temperatures.",
@@ -38,12 +41,30 @@ def metadata(scenario: Scenario) -> Line:
     )
 
 
+def formulas(scenario: Scenario) -> list[Line]:
+    """Everything that the author writes can be traced, and is the same whenever it is called."""
+    model, z0 = scenario.model, scenario.z0
+    if isinstance(model, ElementSystem):
+        return []  # each is asked for what it owes
+    for name in DERIVED:
+        getattr(model, name)(z0)
+    if model.defines("points"):
+        segments(model, np.asarray(z0)[None])
+    if model.size > LARGE:  # whose traces are long, and made once
+        return [Line("formulas", OK, "traced")]
+    changing = [name for name in DERIVED if model.formula(name) != model.formula(name)]
+    remedy = "A formula reads its arguments, constants of self and what does not change: no counter, no random numbers."
+    found = f"traced twice, {', '.join(changing)} is not the same" if changing else "traced twice, they are the same"
+    return [line("formulas", not changing, found, remedy)]
+
+
 def laws(scenario: Scenario) -> list[Line]:
     """The conditions of the theory on the system's operators, on random states."""
     method = plugins.find_integrator("tc_monolithic")
     lines = []
     for finding in operators(method, scenario):
-        remedy = next((text for start, text in REMEDIES.items() if finding.claim.startswith(start)), finding.why)
+        known = REMEDIES if isinstance(scenario.model, ElementSystem) else {}
+        remedy = next((text for start, text in known.items() if finding.claim.startswith(start)), finding.why)
         lines.append(line(finding.claim.partition(":")[0], finding.agrees, finding.measured, remedy))
     return lines
 
@@ -102,8 +123,10 @@ def paper_methods(scenario: Scenario) -> Line:
     return Line("the paper's methods", OK, ", ".join(f"{n} {status}" for status, n in statuses.items()))
 
 
+DERIVED = ("vector_field", "momenta", "temperatures", "shapes", "exergy")  # in which all that is written enters
 TESTS: tuple[tuple[str, Callable[[Scenario], Line | list[Line]]], ...] = (
     ("metadata", metadata),
+    ("formulas", formulas),
     ("entropies", entropies),
     ("exergy", exergy),
     ("the operators", laws),

@@ -9,11 +9,11 @@ from types import FrameType
 
 from ..errors import TraceError
 
-_REMEDY = (
+ELEMENTARY = (
     "Formulas must be branch-free numpy (arithmetic, **, @, sqrt, exp, log, expm1, log1p, sin, cos, tan, arcsin, "
-    "arccos, arctan, arctan2, sinh, cosh, tanh, hypot); "
-    "for anything else register the method with step= (a plain Python function) instead of flows="
+    "arccos, arctan, arctan2, sinh, cosh, tanh, hypot)"
 )
+_REMEDY = f"{ELEMENTARY}; a method with anything else is registered with step= (plain Python) instead of flows="
 
 
 def where_in_user_code() -> str:

@@ -163,7 +163,9 @@ class Symbol:
         return self.number  # unique: a dict never needs __eq__
 
     def __float__(self) -> float:
-        raise refused("a symbol cannot become a float (a call into math, SciPy or numpy.linalg?)")
+        raise refused(
+            "a symbol cannot become a float (a call into math, SciPy or numpy.linalg? an array without dtype=object?)"
+        )
 
     __int__ = __index__ = __float__
 

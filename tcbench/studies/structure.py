@@ -14,11 +14,12 @@ import numpy as np
 
 from ..compiler import derivatives as trace
 from ..compiler.kernels import Kernel, kernel
+from ..systems.declaration import MATRICES
 
 if TYPE_CHECKING:
     from ..systems.system import System
 
-FORMULAS = ("reversible", "irreversible")
+FORMULAS = tuple(MATRICES)
 SPREAD = 2.0  # random slopes are the true ones, times a number from 1/2 to 2
 ROUNDOFF = 1e-13  # of sums of some ten terms of one size
 Row = Callable[[str, str, str, float, float, str], Any]
@@ -42,7 +43,8 @@ def findings(row: Row, model: System, sample: Any, rng: np.random.Generator) -> 
             lost[name] = max(lost[name], *(_relative(slope, rate) for rate in np.split(found[2 * n : 4 * n], 2)))
         scale = np.linalg.norm(dS) * np.linalg.norm(z1 - z0) + abs(float(model.entropy(z0))) + 1e-300
         gap = max(gap, abs(dS @ np.asarray(z1 - z0) - (model.entropy(z1) - model.entropy(z0))) / scale)
-    lines = {name: _line(model, name) for name in (*FORMULAS, "entropy", "invariants")}
+    written = {name: matrix if model.defines(matrix) else name for name, matrix in MATRICES.items()}
+    lines = {name: _line(model, written.get(name, name)) for name in (*FORMULAS, "entropy", "invariants")}
     why = "{}: it must hold for the covectors that are put in, whatever they are, not for the true gradients only."
     of = {name: why.format(lines[name]) for name in FORMULAS}
     rows = [
@@ -57,11 +59,51 @@ def findings(row: Row, model: System, sample: Any, rng: np.random.Generator) -> 
         row("the discrete gradient of S is directional: DS . (z1 - z0) = S(z1) - S(z0)", "eq. (8)",
             "defect 0, relative", gap, ROUNDOFF, f"{lines['entropy']}: a sum whose terms cancel loses its digits."),
     ]  # fmt: skip
+    rows += _of_matrices(row, model, sample)
     return rows + [
         row(f"{name.replace('_', ' ')} is invariant", "section 3", "rate 0, relative", worst, ROUNDOFF,
             f"{lines['invariants']}: neither reversible nor irreversible may change it.")
         for name, worst in lost.items()
     ]  # fmt: skip
+
+
+def _of_matrices(row: Row, model: System, sample: Any) -> list[Any]:
+    """What L and M owe at the true gradients. They are projected, so that what is wrong here keeps both laws and is
+    another system."""
+    rows = []
+    for name, told, other, sign, needs in (
+        ("reversible", "L is skew", "S", -1.0, "L = -L^T"), ("irreversible", "M is symmetric", "E", 1.0, "M = M^T")
+    ):  # fmt: skip
+        if not model.defines(MATRICES[name]):
+            continue
+        value = _matrix_of(model, MATRICES[name])
+        turned, kept, least = 0.0, 0.0, 0.0
+        for z, _ in sample:
+            A = value(np.asarray(z), model.constant_values).reshape(model.size, model.size)
+            g = np.asarray(model.entropy_gradient(z) if other == "S" else model.gradient(z))
+            size = np.abs(A).max() + 1e-300
+            turned = max(turned, float(np.abs(A - sign * A.T).max() / size))
+            kept = max(kept, float((np.abs(A @ g) / (np.abs(A) @ np.abs(g) + 1e-300)).max()))
+            least = max(least, -float(np.linalg.eigvalsh((A + A.T) / 2).min() / size))
+        where = _line(model, MATRICES[name])
+        rows.append(row(f"{told}: {needs}", "eq. (1)", "defect 0, relative", turned, ROUNDOFF, f"{where}."))
+        rows.append(
+            row(f"{told[0]} grad {other} = 0: at the true gradients", "eq. (2)", "defect 0, relative", kept,
+                ROUNDOFF, f"{where}: a row of the matrix times grad {other} vanishes.")
+        )  # fmt: skip
+        if sign > 0:
+            rows.append(row("M is positive: no eigenvalue below 0", "eq. (1)", "violation 0, relative", least,
+                            ROUNDOFF, f"{where}: B B^T with columns B is."))  # fmt: skip
+    return rows
+
+
+def _matrix_of(model: System, name: str) -> Kernel:
+    """z -> the matrix that an author wrote."""
+    sym = model.symbolic
+    with trace.tracing():
+        z = trace.variables("z", model.size)
+        outputs = [trace.lifted(x) for x in np.ravel(np.asarray(getattr(sym, name)(z), dtype=object))]
+        return kernel({x: f"a[{i}]" for i, x in enumerate(z)} | sym.constant_symbols(), outputs)
 
 
 def _defects(dE: Any, dS: Any, rev: Any, irr: Any) -> Any:

@@ -1,17 +1,14 @@
-"""What the class of a system declares, checked when it is made: names, shapes, values, and what its formulas return."""
+"""What the class of a system declares, checked when it is made: names, shapes, values."""
 
 from __future__ import annotations
 
 import keyword
-from collections.abc import Callable, Mapping
-from functools import wraps
-from pathlib import Path
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..compiler import derivatives as trace
-from ..errors import TcbenchError, unknown_name
+from ..errors import TcbenchError
 from .state import State, fixed
 
 if TYPE_CHECKING:
@@ -21,6 +18,7 @@ SETTINGS = (
     "name", "t_end", "dt", "initial", "positions", "momenta", "temperatures", "t_converge", "blowup_factor",
 )  # fmt: skip
 COLUMNS = ("t", "energy", "entropy", "theta", "all")  # of tables
+MATRICES = {"reversible": "poisson", "irreversible": "friction"}  # what may stand in the place of a rate
 ELEMENTS = ("n_positions", "n_elements", "inertia", "shape", "element_energy", "conduction", "entropies")
 
 
@@ -39,6 +37,11 @@ def check_declared(cls: type[System], general: type[System]) -> None:
             raise _taken(cls, "constant", name)
     if base is general and cls is not general:
         _check_variables(cls)
+        for rate, matrix in MATRICES.items():
+            if cls.defines(rate) and cls.defines(matrix):
+                raise TcbenchError(
+                    f"{cls.__name__} has {rate}() and {matrix}(), which say the same; write one of them."
+                )
 
 
 def _check_variables(cls: type[System]) -> None:
@@ -62,6 +65,16 @@ def _taken(cls: type[System], kind: str, name: str) -> TcbenchError:
     )
 
 
+def named_constant(cls: type[System], what: str, name: str) -> property:
+    """The value of the constant that a class names in the place of a number."""
+    if cls.constants.get(name) != ():
+        numbers = ", ".join(n for n, shape in cls.constants.items() if shape == ()) or "none"
+        raise TcbenchError(
+            f"{cls.__name__}: {what} = {name!r} names no constant that is a number; those are: {numbers}."
+        )
+    return property(lambda self: getattr(self, name))
+
+
 def checked_constant(system: System, name: str, shape: tuple[int, ...], value: Any) -> Any:
     """The value of a constant, a number or an array."""
     try:
@@ -77,69 +90,6 @@ def checked_constant(system: System, name: str, shape: tuple[int, ...], value: A
     if name in system.non_negative and not np.all(array >= 0):
         raise TcbenchError(f"Constant {name!r} must not be negative, not {value!r}.")
     return float(array) if shape == () else fixed(array)
-
-
-def as_written(formula: Callable[..., Any], name: str) -> Callable[..., Any]:
-    """An author's formula on arrays: its arguments get their names, and the rates that it names become a vector."""
-
-    @wraps(formula)
-    def body(self: System, *states: Any) -> Any:
-        try:
-            found = formula(self, *map(self.state, states))
-        except TcbenchError:
-            raise
-        except Exception as error:  # numpy and Python refuse symbols with errors of their own
-            message = f"{_place(formula, error)}: {name}() of {type(self).__name__} cannot be evaluated"
-            raise TcbenchError(f"{message}: {type(error).__name__}: {error}") from error
-        where = f"{_place(formula)}: {name}() of {type(self).__name__}"
-        if name in ("energy", "entropy"):
-            return _number(found, where)
-        return self.state(_rates(self, found, where))
-
-    body.__name__ = name  # whatever the author's function is called: kernels are known by it
-    return body
-
-
-def _place(formula: Callable[..., Any], error: Exception | None = None) -> str:
-    """File and line of what an author wrote, as deep in its file as the error goes."""
-    code: Any = getattr(formula, "__code__", None)
-    name, line, step = (
-        getattr(code, "co_filename", "?"),
-        getattr(code, "co_firstlineno", 0),
-        getattr(error, "__traceback__", None),
-    )
-    while step is not None:
-        if step.tb_frame.f_code.co_filename == name:
-            line = step.tb_lineno
-        step = step.tb_next
-    return f"{Path(name).name}, line {line}"
-
-
-def _number(found: Any, where: str) -> Any:
-    array = np.asarray(found, dtype=object)
-    if array.size != 1 or array.item() is None or isinstance(array.item(), str):
-        raise TcbenchError(
-            f"{where} returns one number, not "
-            + ("nothing (is `return` missing?)." if found is None else f"shape {array.shape}; sum() adds up.")
-        )
-    return array.item()
-
-
-def _rates(self: System, found: Any, where: str) -> Any:
-    if not isinstance(found, Mapping):
-        example = next(iter(self.variables), "q")
-        given = "nothing (is `return` missing?)" if found is None else type(found).__name__
-        raise TcbenchError(f"{where} returns rates by the name of their variable, {{{example!r}: ...}}, not {given}.")
-    rates = trace.array([trace.const(0.0)] * self.size)
-    for name, value in found.items():
-        if name not in self.variables:
-            raise unknown_name(f"variable of {self.name!r}", str(name), self.variables)
-        first, end, shape = self.layout[name]
-        array = np.asarray(value, dtype=object)
-        if array.shape != shape:
-            raise TcbenchError(f"{where}: the rate of {name!r} is {whole(shape)}, not shape {array.shape}.")
-        rates[first:end] = [trace.lifted(x) for x in array.ravel()]
-    return rates
 
 
 def whole(shape: tuple[int, ...]) -> str:

@@ -10,7 +10,7 @@ from weakref import WeakSet
 import numpy as np
 
 from ..compiler import derivatives as trace
-from ..compiler.sentences import refused
+from ..compiler.sentences import refused, where_in_user_code
 from ..compiler.symbols import Symbol
 from ..errors import TcbenchError
 
@@ -63,8 +63,14 @@ def _is_computed(cls: type, name: str) -> bool:
     return hasattr(inspect.getattr_static(cls, name, None), "__get__")
 
 
-def check_attribute(system: System, name: str) -> None:
-    """TcbenchError where an attribute of an instance would hide what its class computes, or be another constant."""
+def check_attribute(system: System, name: str, value: Any) -> None:
+    """TcbenchError where an attribute of an instance would hide what its class computes, be another constant, or hand a
+    value from one formula to another, which may be called with other states in between."""
+    if name not in system.constants and _has_symbols(value):
+        raise TcbenchError(
+            f"{where_in_user_code()}: a formula of {type(system).__name__} sets self.{name}. Formulas only read self: "
+            "another one may be called with other states. Use a local name, or call a function of your own in each."
+        )
     if name not in system.constants and _is_computed(type(system), name):
         raise _overridden(type(system).__name__, name, _base(type(system)).written)
     if name not in system.constants and name in _base(type(system)).written:
@@ -77,6 +83,10 @@ def check_attribute(system: System, name: str) -> None:
             f"The constant {name!r} of a system does not change: take another one, such as "
             f"scenario.replace({name}=...).model."
         )
+
+
+def _has_symbols(value: Any) -> bool:
+    return any(isinstance(x, Symbol) for x in np.ravel(np.asarray(value, dtype=object)))
 
 
 class Fixed(dict[str, Any]):

@@ -24,7 +24,8 @@ from ..compiler import derivatives as trace
 from ..compiler.cut import Cut
 from ..compiler.once import cached_property
 from ..errors import TcbenchError, unknown_name
-from .declaration import as_written, check_declared, checked_constant, finite, whole
+from .as_written import RETURNED, as_written
+from .declaration import check_declared, checked_constant, finite, named_constant, whole
 from .refusals import check_attribute, check_class
 from .state import Layout, State, fixed, formulas_hash, laid_out
 from .traced import Traced, derived
@@ -86,14 +87,19 @@ class System(Traced):
     def __init_subclass__(cls, **arguments: Any) -> None:
         super().__init_subclass__(**arguments)
         check_declared(cls, System)
+        if isinstance(cls.reference_temperature, str):
+            cls.reference_temperature = named_constant(cls, "reference_temperature", cls.reference_temperature)
         check_class(cls)
         for name in FORMULAS:
             formula = getattr(cls, name)
             if not hasattr(formula, "is_derived"):
                 setattr(cls, name, derived(as_written(formula, name)))
+        for name in RETURNED:
+            if name in cls.__dict__ and name not in FORMULAS and "energy" in cls.written:  # no system of elements
+                setattr(cls, name, as_written(cls.__dict__[name], name))
 
     def __setattr__(self, name: str, value: Any) -> None:
-        check_attribute(self, name)
+        check_attribute(self, name, value)
         object.__setattr__(self, name, value)
 
     def __init__(self, **values: Any) -> None:

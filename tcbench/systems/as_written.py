@@ -1,0 +1,141 @@
+"""An author's formulas as they are called: their arguments have names and cannot be written to, and what they return is
+what the formula owes; else the sentence names the author's line."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from functools import wraps
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..compiler import derivatives as trace
+from ..compiler.sentences import ELEMENTARY
+from ..errors import TcbenchError, unknown_name
+from .declaration import whole
+
+if TYPE_CHECKING:
+    from .system import System
+
+Returned = Callable[["System", Any, str], Any]  # (system, what a formula returned, where it is written)
+
+
+def as_written(formula: Callable[..., Any], name: str) -> Callable[..., Any]:
+    """An author's formula on arrays: its arguments get their names, and the rates that it names become a vector."""
+    returned = RETURNED[name]
+
+    @wraps(formula)
+    def body(self: System, *states: Any) -> Any:
+        try:
+            found = formula(self, *(_read_only(self, state) for state in states))
+        except TcbenchError:
+            raise
+        except Exception as error:  # numpy and Python refuse symbols with errors of their own
+            symbolic = any(np.asarray(state).dtype == object for state in states)
+            why = f"{type(error).__name__}: {str(error).rstrip('.')}"
+            if "read-only" in why:
+                why += ": a formula does not write to its arguments. Write a = a + b, not a += b"
+            elif symbolic:
+                why += f". {ELEMENTARY}"
+            message = f"{place(formula, error)}: {name}() of {type(self).__name__} cannot be evaluated"
+            raise TcbenchError(f"{message}: {why}.") from error
+        return returned(self, found, f"{place(formula)}: {name}() of {type(self).__name__}")
+
+    body.__name__ = name  # whatever the author's function is called: kernels are known by it
+    return body
+
+
+def _read_only(self: System, values: Any) -> Any:
+    """A formula that writes to its arguments changes what the method put in."""
+    state = self.state(values)
+    state.setflags(write=False)
+    return state
+
+
+def place(formula: Callable[..., Any], error: Exception | None = None) -> str:
+    """File and line of what an author wrote, as deep in its file as the error goes."""
+    code: Any = getattr(inspect.unwrap(formula), "__code__", None)
+    name, line, step = (
+        getattr(code, "co_filename", "?"),
+        getattr(code, "co_firstlineno", 0),
+        getattr(error, "__traceback__", None),
+    )
+    while step is not None:
+        if step.tb_frame.f_code.co_filename == name:
+            line = step.tb_lineno
+        step = step.tb_next
+    return f"{Path(name).name}, line {line}"
+
+
+def _number(self: System, found: Any, where: str) -> Any:
+    array = np.asarray(found, dtype=object)
+    if array.size != 1 or array.item() is None or isinstance(array.item(), str):
+        raise TcbenchError(
+            f"{where} returns one number, not "
+            + ("nothing (is `return` missing?)." if found is None else f"shape {array.shape}; sum() adds up.")
+        )
+    return array.item()
+
+
+def _rates(self: System, found: Any, where: str) -> Any:
+    rates = trace.array([trace.const(0.0)] * self.size)
+    example = next(iter(self.variables), "q")
+    for name, value in _named(found, where, f"rates by the name of their variable, {{{example!r}: ...}}").items():
+        if name not in self.variables:
+            raise TcbenchError(f"{where}: {unknown_name(f'variable of {self.name!r}', str(name), self.variables)}")
+        first, end, shape = self.layout[name]
+        array = np.asarray(value, dtype=object)
+        if array.shape != shape:
+            raise TcbenchError(f"{where}: the rate of {name!r} is {whole(shape)}, not shape {array.shape}.")
+        rates[first:end] = [trace.lifted(x) for x in array.ravel()]
+    return self.state(rates)
+
+
+def _named(found: Any, where: str, what: str) -> Mapping[Any, Any]:
+    if not isinstance(found, Mapping):
+        given = "nothing (is `return` missing?)" if found is None else type(found).__name__
+        raise TcbenchError(f"{where} returns {what}, not {given}.")
+    return found
+
+
+def _numbers_by_name(self: System, found: Any, where: str) -> Any:
+    for name, value in _named(found, where, "numbers by name, {'spin': ...}").items():
+        if _shape(value) != ():
+            raise TcbenchError(f"{where}: each is one number, not {name!r} of shape {_shape(value)}; sum() adds up.")
+    return found
+
+
+def _numbers(self: System, found: Any, where: str) -> Any:
+    if found is None or isinstance(found, (Mapping, str)):
+        given = "nothing (is `return` missing?)" if found is None else type(found).__name__
+        raise TcbenchError(f"{where} returns one number or several, an array of them, not {given}.")
+    return found
+
+
+def _matrix(self: System, found: Any, where: str) -> Any:
+    if _shape(found) != (self.size, self.size):
+        raise TcbenchError(
+            f"{where} returns a matrix of shape {(self.size, self.size)}, a row for each of "
+            f"{', '.join(self.component_names[:8])}{', ...' * (self.size > 8)}; not shape {_shape(found)}."
+        )
+    return found
+
+
+def _as_it_is(self: System, found: Any, where: str) -> Any:
+    return found
+
+
+def _shape(found: Any) -> tuple[int, ...] | None:
+    try:
+        return tuple(np.shape(found))
+    except ValueError:  # rows of several lengths
+        return None
+
+
+RETURNED: Mapping[str, Returned] = {  # what each formula owes
+    "energy": _number, "entropy": _number, "reversible": _rates, "irreversible": _rates,
+    "poisson": _matrix, "friction": _matrix, "invariants": _numbers_by_name, "temperature": _numbers,
+    "measures": _numbers, "points": _as_it_is,  # of which systems.plane asks more
+}  # fmt: skip

@@ -1,0 +1,163 @@
+"""`tcbench check` on systems with one fault each: what is wrong is said once, with the author's line."""
+
+import math
+
+import numpy as np
+import pytest
+
+from tcbench import Scenario, System, TcbenchError
+from tcbench.authoring import check
+
+CALLS = [0]
+
+
+class Potentials(System):
+    name = "right"
+    variables = {"q": (2,), "p": (2,), "s": ()}
+    constants = {"eta": (), "theta": ()}
+    reference_temperature = "theta"
+
+    def energy(self, z):
+        return z.p @ z.p / 2 + z.q @ z.q / 2 + np.exp(z.s)
+
+    def entropy(self, z):
+        return z.s
+
+
+class Right(Potentials):
+    def reversible(self, z, dE, dS):
+        return {"q": dE.p, "p": -dE.q}
+
+    def irreversible(self, z, dE, dS):
+        force = self.eta * dE.p
+        return {"p": -force, "s": force @ dE.p / dE.s}
+
+
+class ByMatrices(Potentials):
+    def poisson(self, z):
+        L = np.zeros((5, 5))
+        L[0, 2] = L[1, 3] = 1
+        return L - L.T
+
+    def friction(self, z):
+        v, theta = z.p, np.exp(z.s)
+        B = np.array([[0, 0], [0, 0], [1, 0], [0, 1], [-v[0] / theta, -v[1] / theta]])
+        return self.eta * theta * B @ B.T
+
+
+def counted(self, z, dE, dS):
+    CALLS[0] += 1
+    return {"p": -CALLS[0] * dE.p, "s": CALLS[0] * dE.p @ dE.p / dE.s}
+
+
+def in_place(self, z, dE, dS):
+    force = dE.p
+    force *= self.eta
+    return {"p": -force, "s": force @ dE.p / dE.s}
+
+
+def kept(self, z, dE, dS):
+    self.force = self.eta * dE.p
+    return {"p": -self.force, "s": self.force @ dE.p / dE.s}
+
+
+def of_floats(self, z, dE, dS):
+    rate = np.zeros(2)
+    rate[0] = dE.p[0]
+    return {"p": -rate}
+
+
+def misnamed(self, z, dE, dS):
+    return {"P": -dE.p}
+
+
+def by_math(self, z, dE, dS):
+    return {"p": -math.sin(z.q[0]) * dE.p}
+
+
+FAULTS = {  # formula -> (what is wrong with it, lines below its first, words of the sentence)
+    "counter": ("irreversible", counted, None, "not the same"),
+    "in place": ("irreversible", in_place, 2, "does not write to its arguments"),
+    "kept in self": ("irreversible", kept, 1, "sets self.force"),
+    "an array of floats": ("irreversible", of_floats, 2, "dtype=object"),
+    "a variable that is none": ("irreversible", misnamed, 0, "No variable of 'right' is called 'P'"),
+    "math": ("irreversible", by_math, 1, "np.|numpy"),
+    "invariants in a list": ("invariants", lambda self, z: [z.p @ z.p], 0, "by name"),
+    "an invariant of two numbers": ("invariants", lambda self, z: {"p": z.p}, 0, "one number, not 'p'"),
+    "measures by name": ("measures", lambda self, z: {"r": z.q @ z.q}, 0, "not dict"),
+    "no temperature": ("temperature", lambda self, z, dE, dS: None, 0, "missing"),
+    "a picture of one point": ("points", lambda self, z: [z.q], None, "points"),
+}  # fmt: skip
+
+
+def lines_of(kind):
+    settings = {"initial": {"q": [1, 0], "p": [0, 1], "s": 0}, "t_end": 1, "dt": 0.1, "shows": "x", "source": "x"}
+    try:
+        scenario = Scenario("wrong", kind, {"eta": 0.1, "theta": 1}, **settings)
+    except TcbenchError as error:  # as when its file is loaded
+        return [check.Line("loads", check.FAIL, str(error))]
+    return list(check.scenario_lines(scenario))
+
+
+def failed(kind):
+    return {line.check: f"{line.found} {line.remedy}" for line in lines_of(kind) if line.verdict == check.FAIL}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_one_sentence_names_the_line(fault):
+    name, wrong, below, words = FAULTS[fault]
+    found = failed(type("Wrong", (Right,), {name: wrong}))
+    assert len(found) == 1
+    (sentence,) = found.values()
+    assert any(word in sentence for word in words.split("|"))
+    if below is not None:
+        assert f"test_check_systems.py, line {wrong.__code__.co_firstlineno + below}:" in sentence
+
+
+def matrix(name, change):
+    right = getattr(ByMatrices, name)
+
+    def wrong(self, z):
+        A = np.array(right(self, z), dtype=object)
+        A[2, 3] = A[2, 3] + change
+        return A
+
+    return name, wrong
+
+
+MATRICES = {
+    "not skew": (*matrix("poisson", 0.1), "L is skew"),
+    "not symmetric": (*matrix("friction", 0.1), "M is symmetric"),
+    "degenerate for another gradient": (
+        "friction", lambda self, z: np.diag([0, 0, self.eta, self.eta, self.eta]), "M grad E = 0",
+    ),
+    "of another shape": ("friction", lambda self, z: np.eye(4), "formulas"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("fault", MATRICES)
+def test_matrices_are_asked_before_they_are_projected(fault):
+    """Projected, each of these keeps both laws and is another system."""
+    name, wrong, claim = MATRICES[fault]
+    found = failed(type("Wrong", (ByMatrices,), {name: wrong}))
+    assert f"test_check_systems.py, line {wrong.__code__.co_firstlineno}" in found[claim]
+
+
+@pytest.mark.parametrize("kind", [Right, ByMatrices])
+def test_what_is_right_passes(kind):
+    assert failed(kind) == {} and [line.found for line in lines_of(kind) if line.check == "formulas"]
+
+
+def test_a_reference_temperature_may_be_the_name_of_a_constant():
+    scenario = Scenario(
+        "r", Right, {"eta": 0.1, "theta": 2}, initial={"q": [1, 0], "p": [0, 1], "s": 0.5}, t_end=1, dt=0.1
+    )
+    assert scenario.model.exergy(scenario.z0) == pytest.approx(1 + np.exp(0.5) - 1)
+    assert scenario.model.reference_temperature == 2
+    with pytest.raises(TcbenchError, match="'warm' names no constant that is a number; those are: eta, theta"):
+        type("Wrong", (Right,), {"reference_temperature": "warm"})
+
+
+def test_a_rate_is_written_once():
+    with pytest.raises(TcbenchError, match=r"has irreversible\(\) and friction\(\), which say the same"):
+        type("Wrong", (Right,), {"friction": ByMatrices.friction})
