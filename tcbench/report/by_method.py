@@ -9,7 +9,7 @@ from statistics import median
 from typing import TYPE_CHECKING, Any
 
 from ..progress import LOUD
-from .judged import finite, judged
+from .judged import finite, judged, ladder_runs
 from .matrix import methods, unmeasured
 
 if TYPE_CHECKING:
@@ -162,13 +162,8 @@ def _some(names: Iterable[str]) -> str:
 
 
 def _failed(tables: Tables) -> str:
-    statuses: Counter[str] = Counter()
-    runs = 0
-    for name in ("conservation", "work_precision"):
-        table = tables.get(name)
-        if table is not None and len(table):
-            statuses.update(str(s) for s in table["status"] if s != "ok")
-            runs += len(table)
+    ladders = ladder_runs(tables)
+    runs, statuses = len(ladders), Counter(str(s) for s in ladders["status"] if s != "ok")
     if not runs:
         return ""
     if not statuses:

@@ -18,13 +18,14 @@ TIMES = {
     "time 0.001": ("error", 1e-3), "time 1e-06": ("error", 1e-6), "time 1e-09": ("error", 1e-9),
     "time energy 1e-12": ("energy_error_max", 1e-12),
 }  # fmt: skip
+LOOSE = 1e-3  # tolerances above it ask for so little that what a solver does with them is no failure
 NUMBERS = (*TIMES, "coarse", "produced", "energy", "step", "cost")  # columns that hold one number a pair
 
 
 def judged(tables: Tables, declared: Tables) -> DataFrame:
     """A row for each method and scenario of any table, indexed by both and sorted; absent studies leave columns out.
 
-    failed, runs : of the ladders of steps and tolerances; ladder_failed, ladder_runs : of `conservation` alone, with
+    failed, runs : of `ladder_runs`; ladder_failed, ladder_runs : of `conservation` alone, with
     dt_most, its largest step, and done, its runs with a completed step. kept_LAW, of_LAW : the runs that kept a law, of
     those whose system has it; lawful : those that ended and kept every one. fails : whether one of them failed or there
     is a largest stable step; fails_from : the least step at which that is so.
@@ -96,12 +97,28 @@ def laws(found: DataFrame) -> list[str]:
     return [str(name).removeprefix("kept_") for name in found if str(name).startswith("kept_")]
 
 
-def _ladders(tables: Tables) -> DataFrame | None:
+def ladder_runs(tables: Tables) -> DataFrame:
+    """The runs of the ladders of steps and tolerances up to LOOSE, of which failures are counted: integrator,
+    scenario, status, failure, dt (NaN where a tolerance was asked for) and tolerance."""
     import pandas as pd
 
-    there = [tables[name] for name in ("conservation", "work_precision") if name in tables]
-    rows = [table[PAIR].assign(failed=_failed(table), runs=1) for table in there]
-    return pd.concat(rows).groupby(PAIR).sum() if rows else None
+    parts = []
+    for name, table in tables.items():
+        if name == "conservation":
+            steps, asked = to_numbers(table, "dt"), to_numbers(table, "tolerance")
+        elif name == "work_precision":
+            values, fixed = to_numbers(table, "value"), table["control"].eq("dt")
+            steps, asked = values.where(fixed), values.mask(fixed)
+        else:
+            continue
+        parts.append(table.reindex(columns=[*PAIR, "status", "failure"]).assign(dt=steps, tolerance=asked))
+    runs = pd.concat(parts) if parts else pd.DataFrame(columns=[*PAIR, "status", "failure", "dt", "tolerance"])
+    return runs[~(runs["tolerance"] > LOOSE)]
+
+
+def _ladders(tables: Tables) -> DataFrame | None:
+    runs = ladder_runs(tables)
+    return runs[PAIR].assign(failed=_failed(runs), runs=1).groupby(PAIR).sum() if len(runs) else None
 
 
 def _of_ladder(table: DataFrame | None, declared: Tables) -> list[Any]:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..progress import LOUD
-from .judged import NUMBERS, finite, laws
+from .judged import NUMBERS, finite, ladder_runs, laws
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -16,11 +16,6 @@ Tables = Mapping[str, Any]
 UNKNOWN = "not declared in this folder"
 LEDGERS = ("claims", "literature", "literature_errors")  # statements: what only they name has no number in any lens
 FAMILIES = ("Romero (2009)", "consistent, beyond the paper", "other structure", "peers", UNKNOWN)
-
-
-def is_fixed(row: Mapping[str, Any]) -> bool:
-    """Whether a row of `work_precision` is a run with a fixed step."""
-    return row.get("control") == "dt"
 
 
 def names(tables: Tables, column: str) -> list[str]:
@@ -152,19 +147,17 @@ def failures(tables: Tables, longest: int = 300) -> dict[str, dict[str, Any]]:
     """{method: {scenario: [failed, runs, sentence of the failed run at the smallest step]}} of the ladders, and of
     what other studies could not measure."""
     found: dict[str, dict[str, list[Any]]] = {}
-    for study, step in (("conservation", "dt"), ("work_precision", "value")):
-        table = tables.get(study)
-        for row in table.to_dict("records") if table is not None else ():
-            cell = found.setdefault(str(row["integrator"]), {}).setdefault(str(row["scenario"]), [0, 0, "", math.inf])
-            cell[1] += 1
-            if row["status"] == "ok":
-                continue
-            cell[0] += 1
-            size = float(row[step]) if finite(row.get(step)) else math.inf
-            if not cell[2] or (study == "conservation" and size < cell[3]):
-                text = row.get("failure")
-                said = text if isinstance(text, str) and text else str(row["status"])
-                cell[2], cell[3] = _at(row, step) + said[:longest], size
+    for row in ladder_runs(tables).to_dict("records"):
+        cell = found.setdefault(str(row["integrator"]), {}).setdefault(str(row["scenario"]), [0, 0, "", math.inf])
+        cell[1] += 1
+        if row["status"] == "ok":
+            continue
+        cell[0] += 1
+        size = float(row["dt"]) if finite(row["dt"]) else math.inf
+        if not cell[2] or size < cell[3]:
+            text = row["failure"]
+            said = text if isinstance(text, str) and text else str(row["status"])
+            cell[2], cell[3] = _at(row) + said[:longest], size
     for item in unmeasured(tables):
         cell = found.setdefault(item.integrator, {}).setdefault(item.scenario, [0, 0, "", math.inf])
         cell[:3] = [cell[0] + 1, cell[1] + 1, cell[2] or item.sentence[:longest]]
@@ -172,7 +165,7 @@ def failures(tables: Tables, longest: int = 300) -> dict[str, dict[str, Any]]:
         c[0] for c in cells.values())}  # fmt: skip
 
 
-def _at(row: Mapping[str, Any], step: str) -> str:
-    if finite(row.get(step)):
-        return f"{'h' if step == 'dt' or is_fixed(row) else 'rtol'} = {float(row[step]):.3g}: "
-    return f"tolerance {float(row['tolerance']):.0e}: " if finite(row.get("tolerance")) else ""
+def _at(row: Mapping[str, Any]) -> str:
+    if finite(row["dt"]):
+        return f"h = {row['dt']:.3g}: "
+    return f"tolerance {row['tolerance']:.0e}: " if finite(row["tolerance"]) else ""

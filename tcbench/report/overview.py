@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
-from .judged import TIMES, finite, laws, to_numbers
-from .matrix import Unmeasured, is_fixed, unmeasured
+from .judged import TIMES, finite, ladder_runs, laws
+from .matrix import Unmeasured, unmeasured
 from .summary import seconds
 
 if TYPE_CHECKING:
@@ -20,7 +20,6 @@ TARGETS = ("time 1e-06", "time 0.001")  # to an accurate trajectory; the second 
 LONGEST = 40  # characters of a name in a sentence
 TURNING = "\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"  # bidirectional controls
 TIE = 1.05  # timings that are nearer than this are as good as each other
-LOOSE = 1e-3  # tolerances above it ask for so little that a failure says nothing
 FEW_RUNS = 50  # from random starts, below which "never failed" says nothing: up to 6 % of failures would not show
 FEW_A_STEP = 10  # at one step or tolerance
 LADDERS = ("conservation", "work_precision", "stability", "convergence", "equilibrium_summary")
@@ -264,23 +263,13 @@ def _where_it_fails(mine: DataFrame) -> str:
 
 
 def failing(tables: Tables) -> Finding | None:
-    """How many runs of the ladders of steps and tolerances failed, and the smallest step at which one did. Tolerances
-    above 1e-3 ask for so little that what a solver does with them is no failure, and do not count."""
-    runs, failed, steps = 0, 0, []
-    for study, control in (("conservation", "tolerance"), ("work_precision", "value")):
-        table = tables.get(study)
-        if table is None or not len(table):
-            continue
-        asked = to_numbers(table, control)
-        if study == "work_precision":
-            asked = asked.where(~table["control"].eq("dt"))
-        table = table[~(asked > LOOSE)]
-        bad = table[table["status"].ne("ok")]
-        runs, failed = runs + len(table), failed + len(bad)
-        for row in bad.to_dict("records"):
-            step = row.get("dt") if study == "conservation" else row.get("value") if is_fixed(row) else None
-            if finite(step):
-                steps.append((float(step), str(row["integrator"]), str(row["scenario"])))  # type: ignore[arg-type]
+    """How many runs of the ladders of steps and tolerances failed, and the smallest step at which one did."""
+    ladders = ladder_runs(tables)
+    bad = ladders[ladders["status"].ne("ok")]
+    runs, failed = len(ladders), len(bad)
+    steps = [
+        (h, str(m), str(s)) for h, m, s in zip(bad["dt"], bad["integrator"], bad["scenario"], strict=True) if finite(h)
+    ]
     without = unmeasured(tables)
     if not runs and without:
         return Finding("What fails", _without(without), without[0].sentence, "#failures")

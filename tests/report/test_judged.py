@@ -4,9 +4,10 @@ import math
 
 import pytest
 
-from tcbench.report.by_method import by_method
+from tcbench.report.by_method import by_method, remarks
 from tcbench.report.judged import judged, laws
-from tcbench.report.matrix import methods
+from tcbench.report.matrix import failures, methods, unmeasured
+from tcbench.report.overview import failing
 from tcbench.report.summary import summary
 from tests.report.test_overview import is_number, random_tables, records
 
@@ -47,3 +48,18 @@ def test_a_law_that_is_broken_beyond_all_bounds_is_broken_in_every_place():
     (row,) = [m for m in methods(found, tables, {"integrators": told}) if m["name"] == "m00"]
     assert row["laws"][0]["kept"] <= row["laws"][0]["of"] - 3
     assert [r[1] for r in by_method(tables, {"integrators": told}) if r[0] == "m00"] == ["0 of 1"]
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_failures_are_counted_by_one_rule(seed):
+    """The page's sentence left tolerances above 1e-3 out; its cells and the terminal counted them."""
+    tables = random_tables(seed)
+    runs = [r for r in records(tables, "conservation") if not r.get("tolerance", 0) > 1e-3]
+    runs += [r for r in records(tables, "work_precision") if r["control"] == "dt" or not r["value"] > 1e-3]
+    failed = sum(r["status"] != "ok" for r in runs)
+    assert failed and len(runs) < sum(len(tables[name]) for name in ("conservation", "work_precision"))
+    found, cells = judged(tables, {}), failures(tables)
+    assert (found["failed"].sum(), found["runs"].sum()) == (failed, len(runs))
+    assert sum(cell[0] for of in cells.values() for cell in of.values()) == failed + len(unmeasured(tables))
+    assert failing(tables).lead == f"{failed} of {len(runs)} runs"
+    assert remarks(tables)[0].startswith(f"{failed} of {len(runs)} runs of the ladders failed")

@@ -100,7 +100,7 @@ const orderWith = (fit) => (known(fit.order) ? `${fit.order.toFixed(2)} (${fit.o
 const answered = (name) => el("p", { class: "answers" }, (page.answers[name] || []).flatMap(([title, lead, text], i) => [i ? ". " : "", `${title}: `, el("strong", {}, lead), `, ${text}`]), page.answers[name]?.length ? "." : "");
 const DEFINED = {
   laws: "runs on the ladder of steps that ended with every law of the system kept, of all its runs", stable: "the largest step up to which every step of the ladder ran through; > none found up to there",
-  failed: "runs on the ladders of steps and tolerances that did not reach the end, of all", time: "the least wall time in which the error of the state at the end is that small, on a straight line between two rungs; – not reached, … stopped early",
+  failed: "runs on the ladders of steps and of tolerances up to 1e-3 that did not reach the end", time: "the least wall time in which the error of the state at the end is that small, on a straight line between two rungs; – not reached, … stopped early",
   theta: "largest error of the temperatures at the end, relative; of methods with a fixed step", produced: "error of the entropy produced over the run, relative", state: "error of the state at the end, relative to its size",
 };
 const ranking = (name, wanted, work) => {
@@ -115,8 +115,8 @@ const ranking = (name, wanted, work) => {
     const columns = [
       ["laws", "laws kept", DEFINED.laws, (m) => (share(m) ? 1 - share(m)[0] / share(m)[1] : undefined), (v, m) => `${share(m)[0]} of ${share(m)[1]}`],
       ...["0.001", "1e-06", "1e-09"].map((t) => [`time ${t}`, `to ${power(Math.round(Math.log10(+t)))}`, DEFINED.time, timed(`time ${t}`), seconds]),
-      ["theta", `temperatures at ${h}`, DEFINED.theta, wrong("error_theta"), percent], ["produced", `entropy made at ${h}`, DEFINED.produced, wrong("error_entropy_produced"), percent],
-      ["state", `state at ${h}`, DEFINED.state, wrong("error"), percent],
+      ["theta", "temperatures", `at ${h}: ${DEFINED.theta}`, wrong("error_theta"), percent], ["produced", "entropy made", `at ${h}: ${DEFINED.produced}`, wrong("error_entropy_produced"), percent],
+      ["state", "state", `at ${h}: ${DEFINED.state}`, wrong("error"), percent],
       ["stable", "stable up to h", DEFINED.stable, (m) => { const v = cells("step")[m]?.[name]; return Array.isArray(v) ? -1e9 : known(v) ? -v : v; }, (v) => (v === -1e9 ? `> ${number(cells("step")[Object.keys(cells("step")).find((m) => Array.isArray(cells("step")[m][name]))][name][1], 2)}` : number(-v, 2))],
       ["failed", "failed", DEFINED.failed, (m) => page.failures[m]?.[name]?.[0] || 0, plain],
     ].filter(([key, , , get]) => page.methods.some((m) => known(get(m.name))) && (key !== "failed" || page.methods.some((m) => get(m.name) > 0)));
