@@ -75,8 +75,10 @@ class Normal:
 
     def _form(self, node: Symbol) -> Linear:
         args = [self.known[a.number] for a in node.args]
-        if not any(any(key for key in form) for form in args):
-            return {(): node}
+        if not any(any(key for key in form) for form in args):  # what does not move, also where terms cancelled
+            values = [form.get((), ZERO) for form in args]
+            (still,) = trace.substitute([node], dict(zip(node.args, values, strict=True)))
+            return {} if trace.is_const(still, 0.0) else {(): still}
         match node.op:
             case "add":
                 return combined(args[0], args[1], ONE)
@@ -211,6 +213,8 @@ class Normal:
 
     def times(self, a: Linear, b: Linear) -> Linear:
         """The product. A sum is multiplied out by a constant and where that cancels a factor; else it is one factor."""
+        if not a or not b:
+            return {}
         if len(a) > 1 and len(b) > 1:
             return self.times(self.as_factor(a), self.as_factor(b))
         if len(a) > 1:

@@ -66,7 +66,7 @@ def _is_computed(cls: type, name: str) -> bool:
 def check_attribute(system: System, name: str, value: Any) -> None:
     """TcbenchError where an attribute of an instance would hide what its class computes, be another constant, or hand a
     value from one formula to another, which may be called with other states in between."""
-    if name not in system.constants and _has_symbols(value):
+    if "energy" in _base(type(system)).written and name not in system.constants and _has_symbols(value):
         raise TcbenchError(
             f"{where_in_user_code()}: a formula of {type(system).__name__} sets self.{name}. Formulas only read self: "
             "another one may be called with other states. Use a local name, or call a function of your own in each."

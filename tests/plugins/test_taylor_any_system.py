@@ -63,3 +63,32 @@ def test_every_law_holds_from_random_states_whatever_dissipates(name, seed, expo
 def test_what_sums_have_in_common_is_taken_out_where_that_saves_much():
     body = tcbench.scenarios()["rigid_body"].model
     assert operations(of_any(body, Factored)) < 0.7 * operations(of_any(body, Normal))
+
+
+class Cancels(tcbench.System):
+    """A variable leaves by cancellation: what holds it is a constant, and so is a function of that."""
+
+    name = "cancels"
+    variables = {"a": (), "b": (), "u": ()}
+    constants = {"sites": ()}
+
+    def energy(self, z):
+        return z.u
+
+    def entropy(self, z):
+        """The slope of the last terms by b has b / (b / sites) / sites in it."""
+        free = self.sites - z.b
+        mixing = z.b * np.log(z.b / self.sites) + free * np.log(free / self.sites)
+        return np.log(z.u) - z.a * (np.log(z.a) - 1) - mixing
+
+    def irreversible(self, z, dE, dS):
+        flow = z.a * (self.sites - z.b) * (dS.b - dS.a)
+        return {"a": -flow, "b": flow}
+
+
+def test_what_cancels_is_a_constant():
+    scenario = tcbench.Scenario("c", Cancels, {"sites": 2}, initial={"a": 1, "b": 0.1, "u": 1}, t_end=2, dt=0.1)
+    ends = [
+        tcbench.simulate(method, scenario, tolerance=1e-11).z[-1] for method in ("tc_taylor", "solve_ivp_dop853")
+    ]
+    assert ends[0] == pytest.approx(ends[1], rel=1e-9)
