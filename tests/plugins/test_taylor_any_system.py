@@ -88,7 +88,5 @@ class Cancels(tcbench.System):
 
 def test_what_cancels_is_a_constant():
     scenario = tcbench.Scenario("c", Cancels, {"sites": 2}, initial={"a": 1, "b": 0.1, "u": 1}, t_end=2, dt=0.1)
-    ends = [
-        tcbench.simulate(method, scenario, tolerance=1e-11).z[-1] for method in ("tc_taylor", "solve_ivp_dop853")
-    ]
+    ends = [tcbench.simulate(method, scenario, tolerance=1e-11).z[-1] for method in ("tc_taylor", "solve_ivp_dop853")]
     assert ends[0] == pytest.approx(ends[1], rel=1e-9)
