@@ -290,6 +290,11 @@ def find_scenario(name: str | Scenario) -> Scenario:
             with _LOCK:  # one thread makes it: of its system's class there must be one
                 return here.members.get(key) or here.members.setdefault(key, families[base].member(**values))
         return here.members[key]
+    if base in known:
+        raise TcbenchError(
+            f"Scenario {base!r} takes no values in brackets; {', '.join(sorted(families))} do. Change its constants by "
+            f"tcbench.scenarios()[{base!r}].replace(name=..., ...)."
+        )
     raise unknown_name("scenario", base, [*known, *families], *_remedy())
 
 

@@ -161,6 +161,7 @@ BAD = [
     (("run",), "Say what to run"),
     (("run", "-i", "tc_monolitic"), "Did you mean 'tc_monolithic'?"),
     (("run", "-s", "shortterm"), "Did you mean 'short_term'?"),
+    (("run", "-s", "short_term[mass=2]"), "takes no values in brackets"),
     (("run", "--study", "conservatoin"), "Did you mean 'conservation'?"),
     (("run", "--all", "--dt", "0"), "dt must be positive"),
     (("run", "--all", "--dt", "nan"), "dt must be positive and finite"),
