@@ -6,8 +6,6 @@ over the decay time of the conduction. See march.py and docs/methods.md.
 
 from functools import cache, lru_cache
 
-import numpy as np
-
 from tcbench import Integrator, hookimpl
 from tcbench.compiler.once import Spares
 
@@ -61,7 +59,7 @@ def adaptive(system, z0, t_eval, rtol, atol):
     methods, free = SPARES.take(system, *chosen(rtol)[0])
     try:
         if methods[1] is None:
-            return methods[0].adaptive(np.ascontiguousarray(z0, float), np.ascontiguousarray(t_eval, float), rtol)
+            return methods[0].adaptive(z0, t_eval, rtol)
         return both(methods, z0, t_eval, rtol)
     finally:
         free.append(methods)

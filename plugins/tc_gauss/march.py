@@ -120,14 +120,13 @@ def remember_laws(w: Work, z: Floats) -> None:
         w.laws[size + 2 + i] = w.mended[n + 1 + i]
 
 
-def adaptive_steps(w: Work, z0: Floats, times: Floats, tolerance: float, residual: float, states: Matrix) -> int:
-    """States at `times` from z0; SOLVED or FAILED. The steps are chosen so that the defect stays at the tolerance, and
-    are solved to the residual."""
-    begin(w, z0)
-    copy_into(states[0], z0)
+def run(w: Work, tolerance: float, residual: float) -> int:
+    """States at the times that the record has been lent, from the first state; SOLVED or FAILED. The steps are chosen
+    so that the defect stays at the tolerance, and are solved to the residual."""
+    begin(w, w.states[0])
     w.budget[0], w.budget[1] = 0.0, math.inf
-    row, _, _ = advance(w, times, tolerance, residual, states, 1, times[0], 0.0)
-    return SOLVED if row == len(times) else FAILED
+    row, _, _ = advance(w, w.times, tolerance, residual, w.states, 1, w.times[0], 0.0)
+    return SOLVED if row == len(w.times) else FAILED
 
 
 def begin(w: Work, z: Floats) -> None:
@@ -219,4 +218,4 @@ def fixed_steps(w: Work, h: float, z0: Floats, increments: Matrix) -> int:
     return len(increments)
 
 
-LOOPS = Library("collocation", fixed_steps, adaptive_steps)
+LOOPS = Library("collocation", fixed_steps, run)

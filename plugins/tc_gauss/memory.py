@@ -130,3 +130,6 @@ class Work(Record):
     carry: Floats = sized("n + m")  # and what rounding dropped on the way
     here: Floats = sized("n + m")  # of a march: where it is
     dropped: Floats = sized("n + m")  # and what rounding dropped on the way
+    rows: int  # what follows is lent for a run: see `records.Lending`
+    times: Floats = sized("rows")
+    states: Matrix = sized("rows", "n + m")  # at these times, the first given

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tcbench.compiler.once import once_a_system
+from tcbench.compiler.records import Lending
 from tcbench.errors import TcbenchError
 from tcbench.systems.system import System
 
@@ -22,14 +24,14 @@ MOST_VARIABLES = 300  # of a system without elements
 VECTOR_KERNELS = ("to_iterate", "to_iterate_finer", "to_block", "to_extrapolate", "to_close")
 
 
-class GaussMethod:
+class GaussMethod(Lending):
     """k-stage consistent collocation on one system: fixed steps and adaptive runs. One run at a time has it."""
 
     def __init__(self, system: System, stages: int) -> None:
         self.loops, model = prepared(system, stages)
         self.stages, self.size = stages, system.size
         self.counts = model.counts.again()
-        self.work = model.again(counts=self.counts, c=model.c.copy())  # of which the first is the step
+        self.lend_to(model.again(counts=self.counts, c=model.c.copy()), self.size)  # the first of c is the step
 
     def march(self, z: Floats, h: float, count: int) -> Floats:
         """Increments of up to `count` steps, as many as have a solution; ArithmeticError where the first has none."""
@@ -45,12 +47,11 @@ class GaussMethod:
 
     def adaptive(self, z0: Floats, times: Floats, tolerance: float) -> tuple[Floats, dict[str, int]]:
         """States at `times`, and what they cost."""
-        states = np.empty((len(times), self.size))
+        self.begin(z0, times)
         self.work.clear()
-        code = self.loops.adaptive_steps(self.work, z0, times, *held(self.stages, tolerance), states)
-        if code != SOLVED:
+        if self.loops.run(self.work, *held(self.stages, tolerance)) != SOLVED:
             raise ArithmeticError("the step became too short")
-        return states, self.cost()
+        return self.states.copy(), self.cost()
 
     def cost(self) -> dict[str, int]:
         """What the last adaptive run took."""
@@ -58,6 +59,7 @@ class GaussMethod:
         return {"steps": steps, "rejected": rejected, "newton_iterations": iterations}
 
 
+@cache
 def held(k: int, tolerance: float) -> tuple[float, float]:
     """Defect and residual of adaptive steps of k stages. The end of a step is superconvergent (order 2k), its
     polynomial is not (order k + 1): the defect is held at the power of the tolerance that belongs to its error."""
@@ -72,7 +74,7 @@ def prepared(system: System, k: int) -> tuple[Any, Any]:
 
     numbers = Numbers(k=k, **formulas.coefficients(k)._asdict())
     found = (of_elements if system.defines("element_energy") else of_any_system)(system, k)
-    return LOOPS, Work(k=k, n_factors=numbers.pairs + 1, numbers=numbers, counts=Counts(), **found)
+    return LOOPS, Work(k=k, n_factors=numbers.pairs + 1, numbers=numbers, counts=Counts(), rows=1, **found)
 
 
 def of_elements(system: System, k: int) -> dict[str, Any]:

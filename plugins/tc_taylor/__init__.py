@@ -17,7 +17,7 @@ ORDERS = (8, 10, 12, 14, 16, 18, 20)
 EXACT = {"energy", "entropy", "angular_momentum"}
 SOURCE = "Taylor series (Jorba and Zou 2005), mended into heat (docs/methods.md)"
 SAFETY = 0.05  # what a step may miss, over the tolerance: a run then misses a tenth of what tc_gauss_adaptive does
-LEAST, EFFORT = 5.0, 0.38  # the best order is about LEAST - EFFORT ln(tolerance): measured, see docs/methods.md
+LEAST, EFFORT = 5.6, 0.46  # the best order is about LEAST - EFFORT ln(tolerance): measured, see docs/methods.md
 
 
 def method_of(system, order):

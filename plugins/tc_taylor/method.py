@@ -11,6 +11,7 @@ from tcbench import System, TcbenchError
 from tcbench.compiler import derivatives as trace
 from tcbench.compiler.kernels import Kernel, kernel
 from tcbench.compiler.once import once, once_a_system
+from tcbench.compiler.records import Lending
 from tcbench.solver.mending import mending_kernels as of_any
 
 from .mending import mending_kernels as of_elements
@@ -22,7 +23,7 @@ MOST_VARIABLES = 100  # of a system that has no elements
 MOST_ELEMENTS = 32  # beyond, the straight-line code of a series takes more than ten seconds to compile
 
 
-class TaylorMethod:
+class TaylorMethod(Lending):
     """Taylor steps of one order on one system: fixed ones and adaptive runs. One run at a time has it."""
 
     def __init__(self, system: System, order: int) -> None:
@@ -32,8 +33,7 @@ class TaylorMethod:
         self.size = system.size
         self.counts = model.counts.again()
         self.reached: Floats | None = None  # where the run has come by marching
-        self.work = model.again(counts=self.counts)
-        self.times, self.states = np.empty(0), np.empty((0, self.size))
+        self.lend_to(model.again(counts=self.counts), self.size)
 
     def adaptive(self, z0: Floats, times: Floats, tolerance: float) -> tuple[Floats, dict[str, int]]:
         """States at `times`, shape (len(times), n), and their cost; ArithmeticError where steps become too short."""
@@ -42,16 +42,6 @@ class TaylorMethod:
         if done < len(times):
             raise ArithmeticError(f"the step became too short before t = {times[done]:g}")
         return self.states.copy(), self.cost()
-
-    def begin(self, z0: Floats, times: Floats) -> None:
-        """The next run of the record goes from z0 through these times, to `states`."""
-        if len(times) != len(self.times):
-            self.times, self.states = np.empty(len(times)), np.empty((len(times), self.size))
-            self.work.rows = len(times)
-            self.work.lend("times", self.times)
-            self.work.lend("states", self.states)
-        self.times[:] = times
-        self.states[0] = z0
 
     def cost(self) -> dict[str, int]:
         """What the last run took."""

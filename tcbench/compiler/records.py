@@ -224,6 +224,29 @@ class Record:
         return record
 
 
+class Lending:
+    """A method whose record, `work`, has `rows`, `times` and `states`; these are lent to it, for a call that passes
+    arrays takes two microseconds more."""
+
+    work: Any
+    times: np.ndarray
+    states: np.ndarray
+
+    def lend_to(self, work: Any, size: int) -> None:
+        """Of states with so many numbers."""
+        self.work, self.times, self.states = work, np.empty(0), np.empty((0, size))
+
+    def begin(self, z0: np.ndarray, times: np.ndarray) -> None:
+        """The next run of the record goes from z0 through these times, to `states`."""
+        if len(times) != len(self.times):
+            self.times, self.states = np.empty(len(times)), np.empty((len(times), self.states.shape[1]))
+            self.work.rows = len(times)
+            self.work.lend("times", self.times)
+            self.work.lend("states", self.states)
+        self.times[:] = times
+        self.states[0] = z0
+
+
 class _Plan:
     """What making a record of a class from these names and sizes comes to."""
 
