@@ -76,7 +76,9 @@ class Packs:
     def _steps(self, x: Series, ahead: int) -> int:
         key = (id(x), ahead)
         if key not in self.waits:
-            if x.kind == "var":
+            if x.constant:
+                found = 0
+            elif x.kind == "var":
                 found = 0 if ahead == 0 else self._steps(self.rate[x.index], ahead - 1)
             elif x.kind == "D":
                 found = self._steps(x.parts[0], ahead + 1)
@@ -139,14 +141,18 @@ class Gathering:
         if text not in self.written:
             name = self.written[text] = f"t{len(self.lines)}"
             self.lines.append(f"{name} = {text}")
-            self.ready[name] = ready or 1 + max((self.ready[x] for x in re.findall(r"\bt\d+", text)), default=0)
+            self.ready[name] = ready or 1 + self.known(text)
         return self.written[text]
+
+    def known(self, text: str) -> int:
+        """When all that stands in a text is known."""
+        return max((self.ready[x] for x in re.findall(r"\bt\d+", text)), default=0)
 
     def sum_of(self, products: list[tuple[str, ...]]) -> str | None:
         """The sum of products of names, those that are known longest first, which leaves the least to wait for."""
         if not products:
             return None
-        when = {product: max(self.ready.get(x, 0) for x in product) for product in products}
+        when = {product: max(map(self.known, product)) for product in products}
         ordered = sorted(products, key=lambda product: when[product])
         ready = 0
         for product in ordered:

@@ -33,7 +33,7 @@ class Work(Record):
     seldom: int  # steps from one mended state to the next, where none is asked for
     of_elements: bool  # mended by kernels of their own: see mending.py, and tcbench.solver.mending for any system
     to_start: Kernel
-    to_series: Kernel  # see recurrences.series_kernels
+    to_series: Kernel  # see texts.series_kernels
     to_state: Kernel
     to_mend: Kernel
     to_hold: Kernel

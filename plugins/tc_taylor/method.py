@@ -15,7 +15,7 @@ from tcbench.compiler.records import Lending
 from tcbench.solver.mending import mending_kernels as of_any
 
 from .mending import mending_kernels as of_elements
-from .recurrences import series_kernels
+from .texts import series_kernels
 
 Floats = NDArray[np.float64]
 SELDOM = (8, 4)  # steps to a mended state, of any system and of elements: mending takes a fifth of a step

@@ -35,10 +35,11 @@ def operations(found: tuple[list[Series], list[Series]]) -> int:
 
 
 def of_any(system: System, form: type[Normal]) -> tuple[list[Series], list[Series]]:
-    """z and the vector field, in a normal form of this kind."""
-    z = trace.variables("z", system.size)
+    """z and the vector field, in a normal form of this kind; the field leaves the invariants as they are."""
+    z, sym = trace.variables("z", system.size), system.symbolic
     normal = form(z)
-    forms = normal.of(list(system.symbolic.vector_field(z)))
+    normal.hold(normal.of([trace.lifted(x) for x in sym.momenta(z)]))
+    forms = normal.of(list(sym.vector_field(z)))
     return normal.variables, [normal.single(form) if form else normal.series("sum", (), (ZERO,)) for form in forms]
 
 

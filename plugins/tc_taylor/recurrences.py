@@ -1,5 +1,4 @@
-"""The text of the kernels: Taylor coefficients of a system's solution, of all orders, by recurrences for the operations
-of the traced formulas; and the polynomial that they make.
+"""Taylor coefficients of a system's solution, of all orders, by recurrences for the operations of the traced formulas.
 
 The coefficient n of y needs the coefficients below n of its rate; each is written down when it is first asked for, and
 the sums begin with the terms that are known longest, which leaves the processor least to wait for. Source: Jorba and
@@ -9,32 +8,36 @@ Zou (2005), section 3; docs/methods.md.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
 
-import numpy as np
-
-from tcbench import System
 from tcbench.compiler import derivatives as trace
 from tcbench.compiler.derivatives import Symbol
-from tcbench.compiler.kernels import Kernel
 
-from .lanes import WIDTH, Gathering, Pack, Packs, Term, is_square, slots_of
-from .rates import rates
+from .lanes import Gathering, Pack, Packs, Term, is_square, slots_of
 from .series import ONE, Series
 
+WHOLE, REST = -1, -2  # parts of a coefficient: see `Writer`
+AHEAD = 3  # the coefficient of the variables from which on one goes ahead
+Of = Callable[[int], str | None]
+Products = Sequence[tuple[str | None, ...]]
 PARTNERS = {"sin": ("cos", 1.0), "cos": ("sin", -1.0), "sinh": ("cosh", 1.0), "cosh": ("sinh", 1.0)}
 THROUGH = 2  # a position comes from a velocity, which comes from a force
 
 
 class Writer(Gathering):
-    """Writes down coefficients when they are first asked for, a pack of series at a time; what is 0 is None."""
+    """Writes down coefficients when they are first asked for, a pack of series at a time; what is 0 is None.
 
-    def __init__(self, variables: list[Series], rate: dict[int, Series], first: int = 0) -> None:
+    The newest coefficient of each series is linear in the newest of the variables. So it has three ways to be written,
+    its `part`: whole; without the newest of the variables; or what one of them, by its index, adds for each unit.
+    """
+
+    def __init__(self, variables: list[Series], rate: dict[int, Series], first: int = 0, ahead: bool = False) -> None:
+        """ahead: the variables' coefficients go ahead of the other series: see `_moved`."""
         super().__init__(first)
-        self.rate, self.packs = rate, Packs(rate, variables)
+        self.variables, self.rate, self.packs = variables, rate, Packs(rate, variables)
         self.names: dict[tuple[tuple[int, ...], int, str], str | None] = {}
         self.operands: dict[int, tuple[Pack, int]] = {}  # packs in which a sum stands
+        self.ahead = ahead
 
     def coefficient(self, x: Series, n: int) -> str:
         """Coefficient n of one series."""
@@ -42,19 +45,21 @@ class Writer(Gathering):
         name = self.value(pack, n)
         return "0.0" if name is None else self.lane(name, len(pack), lane)
 
-    def value(self, pack: Pack, n: int) -> str | None:
+    def value(self, pack: Pack, n: int, part: int = WHOLE) -> str | None:
         """Name of coefficient n of a pack of any series."""
 
         def make() -> str | None:
             if self.packs.home.get(id(pack[0]), ((), 0))[0] == pack:
-                return getattr(self, f"_{pack[0].kind}")(pack, n)
+                return getattr(self, f"_{pack[0].kind}")(pack, n, part)
             if len({self.packs.steps(x) for x in pack}) == 1:  # else some lanes may be wanted before others are known
                 for lane, x in enumerate(pack):
                     self.operands.setdefault(id(x), (pack, lane))
+            if part != WHOLE:
+                return self.total([self.terms(x, n, pack, part=part) for x in pack])
             near, far = ([self.terms(x, n, pack, through=way) for x in pack] for way in (0, THROUGH))
             return self.total(far if len(slots_of(far)) <= len(slots_of(near)) else near)
 
-        return self._once(pack, n, "", make)
+        return self._once(pack, n, "" if part == WHOLE else str(part), make)
 
     def _once(self, pack: Pack, n: int, what: str, make: Callable[[], str | None]) -> str | None:
         key = (tuple(id(x) for x in pack), n, what)
@@ -62,25 +67,31 @@ class Writer(Gathering):
             self.names[key] = make()
         return self.names[key]
 
-    def terms(self, x: Series, n: int, of: Pack = (), weight: Symbol = ONE, through: int = 0) -> list[Term]:
+    def terms(
+        self, x: Series, n: int, of: Pack = (), weight: Symbol = ONE, through: int = 0, part: int = WHOLE
+    ) -> list[Term]:
         """weight times coefficient n of a series, as terms of packs. of: the pack that is being made.
 
         through: with variables as what they come from, which is known earlier, so many times.
         """
+        if n and x.constant:
+            return []
+        if x.kind == "var" and part != WHOLE:
+            return [Term(weight)] if x.index == part else []
         log = x.parts[0] if x.kind == "D" and x.parts[0].kind == "log" else x
         known = self.packs.home.get(id(log)) or self.operands.get(id(x))
         if through and x.kind == "var" and n:
             return self.terms(self.rate[x.index], n - 1, (), trace.mul(weight, trace.const(1.0 / n)), through - 1)
         if log is not x and known:
             return self._term(self._log_rate(known[0], n + 1), *known, weight)
-        if x.kind == "log" and known and n:
+        if x.kind == "log" and known and n and part == WHOLE:
             return self._term(self._log_rate(known[0], n), *known, trace.mul(weight, trace.const(1.0 / n)))
         if known and known[0] != of:
-            return self._term(self.value(known[0], n), *known, weight)
+            return self._term(self.value(known[0], n, part), *known, weight)
         if x.kind == "D":
             return self.terms(x.parts[0], n + 1, (), trace.mul(weight, trace.const(n + 1.0)), through)
-        found = [term for part, w in zip(x.parts, x.weights, strict=False)
-                 for term in self.terms(part, n, (), trace.mul(weight, w), through)]  # fmt: skip
+        found = [term for y, w in zip(x.parts, x.weights, strict=False)
+                 for term in self.terms(y, n, (), trace.mul(weight, w), through, part)]  # fmt: skip
         constant = trace.mul(weight, x.weights[-1])
         return found if n or trace.is_const(constant, 0.0) else [*found, Term(constant)]
 
@@ -89,16 +100,28 @@ class Writer(Gathering):
 
     # ---- sums of products, the factors that are known longest first ----------------------------------------------
 
-    def convolution(self, a: Callable[[int], str | None], b: Callable[[int], str | None], n: int, first: int = 0,
-                    last: int | None = None) -> str | None:  # fmt: skip
-        """The sum of a(j) b(n - j) for j = first .. last."""
-        pairs = [(a(j), b(n - j)) for j in range(first, (n if last is None else last) + 1)]
-        return self.sum_of([(left, right) for left, right in pairs if left and right])
+    def summed(self, pack: Pack, n: int, older: Callable[[], Products], newest: Products, weight: float = 1.0,
+               what: str = "older") -> str | None:  # fmt: skip
+        """weight times the sum of older products, the same in every part of a coefficient, and the newest ones."""
 
-    def _of(self, pack: Pack) -> Callable[[int], str | None]:
+        def known() -> str | None:
+            found = self.sum_of([x for x in older() if all(x)])
+            return found if found is None or weight == 1.0 else self.name(f"{weight!r} * {found}")
+
+        last = [x for x in newest if all(x)]
+        if weight == 1.0 and not self.ahead:
+            return self.sum_of([x for x in [*older(), *last] if all(x)])
+        before = self._once(pack, n, what, known)
+        return self.sum_of([(before,), *last] if before else last)
+
+    def convolution(self, pack: Pack, n: int, a: Of, b: Of, newest: Products, weight: float = 1.0) -> str | None:
+        """weight times the sum of a(j) b(n - j) for j = 1 .. n - 1, and the newest products."""
+        return self.summed(pack, n, lambda: [(a(j), b(n - j)) for j in range(1, n)], newest, weight)
+
+    def _of(self, pack: Pack) -> Of:
         return lambda n: self.value(pack, n)
 
-    def _slope(self, pack: Pack) -> Callable[[int], str | None]:
+    def _slope(self, pack: Pack) -> Of:
         """n times coefficient n."""
 
         def slope(n: int) -> str | None:
@@ -107,14 +130,16 @@ class Writer(Gathering):
 
         return slope
 
-    def _divided(self, newest: str | None, known: str | None, below: Pack, n: int = 1) -> str | None:
-        """(n newest - known) over the first coefficient of `below`; from `newest` on, one operation."""
-        inverse = self.name(f"1.0 / {self.value(below, 0)}")
+    def _divided(self, newest: str | None, known: str | None, inverse: str, n: int = 1) -> str | None:
+        """(n newest - known) times the inverse; from `newest` on, one operation."""
         known = known and self.name(f"{known} * {inverse}")
         if newest is None:
             return known and self.name(f"-{known}")
         first = f"{newest} * {inverse if n == 1 else self.name(f'{float(n)!r} * {inverse}')}"
         return self.name(f"{first} - {known}" if known else first)
+
+    def _inverse(self, pack: Pack, above: float = 1.0) -> str:
+        return self.name(f"{above!r} / {self.value(pack, 0)}")
 
     def _lanewise(self, function: str, pack: Pack, of_size: Sequence[bool] = ()) -> str:
         """A function of the first coefficients, or of the size of some."""
@@ -126,7 +151,11 @@ class Writer(Gathering):
 
     # ---- one recurrence a kind -----------------------------------------------------------------------------
 
-    def _var(self, pack: Pack, n: int) -> str | None:
+    def _var(self, pack: Pack, n: int, part: int) -> str | None:
+        if n and part != WHOLE:
+            return self.total([self.terms(x, n, (), part=part) for x in pack])
+        if n >= AHEAD and self.ahead:
+            return self._moved(pack, n)
         if n:
             return self.total([self.terms(self.rate[x.index], n - 1, (), trace.const(1.0 / n)) for x in pack])
         places = [x.index for x in pack]
@@ -136,106 +165,139 @@ class Writer(Gathering):
             return self.name(f"row(a, {places[0]}, {len(pack)})")
         return self.name(f"vector({', '.join(f'a[{i}]' for i in places)})")
 
-    def _product(self, pack: Pack, n: int) -> str | None:
+    def _moved(self, pack: Pack, n: int) -> str | None:
+        """The Jacobian times the variables' last coefficients, and the rest of their rates, over n: so the next
+        coefficient waits for the last one through a product and a sum only, not through all operations."""
+        rate = [self.rate[x.index] for x in pack]
+        rest = self.total([self.terms(y, n - 1, (), trace.const(1.0 / n), part=REST) for y in rate])
+        products = []
+        for x in self.variables:
+            slope = self._once(pack, 1, f"slope {x.index}",
+                               lambda i=x.index: self.total([self.terms(y, 1, part=i) for y in rate]))  # fmt: skip
+            home, lane = self.packs.home[id(x)]
+            last = self.value(home, n - 1)
+            if slope and last:
+                one = self.lane(last, len(home), lane)
+                every = f"pick({last}, {last}, {', '.join([str(lane)] * len(pack))})"
+                products.append((slope, one if len(pack) == 1 or len(home) == 1 else self.name(every)))
+        halves = [x for x in (self.sum_of(products[0::2]), self.sum_of(products[1::2])) if x]
+        if not halves:
+            return rest
+        moved = self.name(f"{1.0 / n!r} * ({' + '.join(halves)})" if rest is None else " + ".join(halves))
+        return moved if rest is None else self.name(f"{rest} + {1.0 / n!r} * {moved}")
+
+    def _product(self, pack: Pack, n: int, part: int) -> str | None:
         if is_square(pack[0]):
-            return self._square(self._of(self.packs.parts(pack)[0]), n)
-        return self.convolution(*map(self._of, self.packs.parts(pack)), n)
+            return self._square(pack, self.packs.parts(pack)[0], n, part)
+        a, b = self.packs.parts(pack)
+        newest = [(self.value(a, 0), self.value(b, n, part))]
+        if n:
+            newest.append((self.value(a, n, part), self.value(b, 0)))
+        return self.convolution(pack, n, self._of(a), self._of(b), newest)
 
-    def _square(self, a: Callable[[int], str | None], n: int) -> str | None:
+    def _square(self, pack: Pack, a: Pack, n: int, part: int, what: str = "older") -> str | None:
         """Each product of two different coefficients is in it twice; it is the one known longer that is doubled."""
-        pairs = [(a(j), a(n - j)) for j in range((n + 1) // 2)]
-        products = [(self.name(f"{left} + {left}"), right) for left, right in pairs if left and right]
-        middle = a(n // 2) if n % 2 == 0 else None
-        return self.sum_of([*products, (middle, middle)] if middle else products)
 
-    def _quotient(self, pack: Pack, n: int) -> str | None:
+        def twice(j: int) -> str | None:
+            name = self.value(a, j)
+            return name and self.name(f"{name} + {name}")
+
+        def older() -> Products:
+            pairs = [(twice(j), self.value(a, n - j)) for j in range(1, (n + 1) // 2)]
+            return [*pairs, (self.value(a, n // 2),) * 2] if n % 2 == 0 else pairs
+
+        if n == 0:
+            return self.sum_of([(str(self.value(a, 0)),) * 2])
+        return self.summed(pack, n, older, [(twice(0), self.value(a, n, part))], what=what)
+
+    def _quotient(self, pack: Pack, n: int, part: int) -> str | None:
         above, below = self.packs.parts(pack)
-        newest = self.value(above, n)
-        return self._divided(newest, self.convolution(self._of(below), self._of(pack), n, 1), below)
+        last = [(self.value(below, n, part), self.value(pack, 0))] if n else []
+        known = self.convolution(pack, n, self._of(below), self._of(pack), last)
+        return self._divided(self.value(above, n, part), known, self._inverse(below))
 
-    def _log_rate(self, pack: Pack, n: int) -> str | None:
+    def _log_rate(self, pack: Pack, n: int, part: int = WHOLE) -> str | None:
         """n times coefficient n of log u: (n u_n - sum_(0<j<n) (j l_j) u_(n-j)) / u_0."""
 
         def make() -> str | None:
             (u,) = self.packs.parts(pack)
-            known = self.convolution(lambda j: self._log_rate(pack, j), self._of(u), n, 1, n - 1)
-            return self._divided(self.value(u, n), known, u, n)
+            known = self.convolution(pack, n, lambda j: self._log_rate(pack, j), self._of(u), [])
+            return self._divided(self.value(u, n, part), known, self._inverse(u), n)
 
-        return self._once(pack, n, "rate", make)
+        return self._once(pack, n, f"rate {part}", make)
 
-    def _log(self, pack: Pack, n: int) -> str | None:
+    def _log(self, pack: Pack, n: int, part: int) -> str | None:
         if n == 0:
             return self._lanewise("log", *self.packs.parts(pack), [x.of_size for x in pack])
-        rate = self._log_rate(pack, n)
+        rate = self._log_rate(pack, n, part)
         return rate if rate is None or n == 1 else self.name(f"{1.0 / n!r} * {rate}")
 
-    def _exp(self, pack: Pack, n: int) -> str | None:
-        (u,) = self.packs.parts(pack)
-        if n == 0:
-            return self._lanewise("exp", u)
-        text = self.convolution(self._slope(u), self._of(pack), n, 1)
-        return None if text is None else self.name(f"{1.0 / n!r} * ({text})")
+    def _risen(self, pack: Pack, u: Pack, n: int, part: int, by: Of) -> str | None:
+        """Coefficient n of f(u), where `by` has those of df/du: the sum of (j u_j) by(n - j), over n."""
+        return self.convolution(pack, n, self._slope(u), by, [(self.value(u, n, part), by(0))], 1.0 / n)
 
-    def _sqrt(self, pack: Pack, n: int) -> str | None:
+    def _exp(self, pack: Pack, n: int, part: int) -> str | None:
+        (u,) = self.packs.parts(pack)
+        return self._risen(pack, u, n, part, self._of(pack)) if n else self._lanewise("exp", u)
+
+    def _sqrt(self, pack: Pack, n: int, part: int) -> str | None:
         (u,) = self.packs.parts(pack)
         if n == 0:
             return self._lanewise("sqrt", u)
-        known = self.convolution(self._of(pack), self._of(pack), n, 1, n - 1)
-        twice = self._divided(self.value(u, n), known, pack)
-        return twice and self.name(f"0.5 * {twice}")
+        known = self.convolution(pack, n, self._of(pack), self._of(pack), [])
+        return self._divided(self.value(u, n, part), known, self._inverse(pack, 0.5))
 
-    def _turned(self, u: Pack, n: int, what: str) -> str | None:
+    def _turned(self, u: Pack, n: int, what: str, part: int = WHOLE) -> str | None:
         """Coefficient n of sin u, cos u, sinh u or cosh u: each is its partner's rate."""
 
         def make() -> str | None:
             if n == 0:
                 return self._lanewise(what, u)
             other, sign = PARTNERS[what]
-            text = self.convolution(self._slope(u), lambda j: self._turned(u, j, other), n, 1)
-            return None if text is None else self.name(f"{sign / n!r} * ({text})")
+            last = self.value(u, n, part)
+            if last and sign < 0.0:
+                last = self.name(f"-{last}")
+            return self.summed(u, n, lambda: [(self._slope(u)(j), self._turned(u, n - j, other)) for j in range(1, n)],
+                               [(last, self._turned(u, 0, other))], sign / n, f"older {what}")  # fmt: skip
 
-        return self._once(u, n, what, make)
+        return self._once(u, n, f"{what} {part}", make)
 
-    def _sin(self, pack: Pack, n: int) -> str | None:
-        return self._turned(*self.packs.parts(pack), n, "sin")
+    def _sin(self, pack: Pack, n: int, part: int) -> str | None:
+        return self._turned(*self.packs.parts(pack), n, "sin", part)
 
-    def _cos(self, pack: Pack, n: int) -> str | None:
-        return self._turned(*self.packs.parts(pack), n, "cos")
+    def _cos(self, pack: Pack, n: int, part: int) -> str | None:
+        return self._turned(*self.packs.parts(pack), n, "cos", part)
 
-    def _sinh(self, pack: Pack, n: int) -> str | None:
-        return self._turned(*self.packs.parts(pack), n, "sinh")
+    def _sinh(self, pack: Pack, n: int, part: int) -> str | None:
+        return self._turned(*self.packs.parts(pack), n, "sinh", part)
 
-    def _cosh(self, pack: Pack, n: int) -> str | None:
-        return self._turned(*self.packs.parts(pack), n, "cosh")
+    def _cosh(self, pack: Pack, n: int, part: int) -> str | None:
+        return self._turned(*self.packs.parts(pack), n, "cosh", part)
 
-    def _bell(self, pack: Pack, sign: str) -> Callable[[int], str | None]:
+    def _bell(self, pack: Pack, sign: str) -> Of:
         """Coefficients of 1 - x^2 or 1 + x^2."""
 
         def bell(n: int) -> str | None:
-            square = self.convolution(self._of(pack), self._of(pack), n)
+            square = self._square(pack, pack, n, WHOLE, "bell")
             if n == 0:
                 return self.name(f"1.0 {sign} {square or '0.0'}")
-            return None if square is None else self.name(f"{sign}({square})" if sign == "-" else square)
+            return None if square is None else self.name(f"{sign}{square}") if sign == "-" else square
 
         return bell
 
-    def _tanh(self, pack: Pack, n: int) -> str | None:
+    def _tanh(self, pack: Pack, n: int, part: int) -> str | None:
         (u,) = self.packs.parts(pack)
-        if n == 0:
-            return self._lanewise("tanh", u)
-        text = self.convolution(self._slope(u), self._bell(pack, "-"), n, 1)
-        return None if text is None else self.name(f"{1.0 / n!r} * ({text})")
+        return self._risen(pack, u, n, part, self._bell(pack, "-")) if n else self._lanewise("tanh", u)
 
-    def _atan(self, pack: Pack, n: int) -> str | None:
+    def _atan(self, pack: Pack, n: int, part: int) -> str | None:
         (u,) = self.packs.parts(pack)
+        bell = self._bell(u, "+")
         if n == 0:
             return self._lanewise("atan", u)
-        bell = self._bell(u, "+")
-        known = self.convolution(self._slope(pack), bell, n, 1, n - 1)
-        newest = self._slope(u)(n) or "0.0"
-        return self.name(f"({newest} - ({known})) / ({float(n)!r} * {bell(0)})" if known else f"{newest} / {bell(0)}")
+        known = self.convolution(pack, n, self._slope(pack), bell, [], 1.0 / n)
+        return self._divided(self.value(u, n, part), known, self.name(f"1.0 / {bell(0)}"))
 
-    def _atan2(self, pack: Pack, n: int) -> str | None:
+    def _atan2(self, pack: Pack, n: int, _: int) -> str | None:
         """From how fast the angle turns."""
         turn, y, x = self.packs.parts(pack)
         if n == 0:
@@ -245,89 +307,3 @@ class Writer(Gathering):
             return self.name(texts[0] if len(texts) == 1 else f"vector({', '.join(texts)})")
         rate = self.value(turn, n - 1)
         return rate if rate is None or n == 1 else self.name(f"{1.0 / n!r} * {rate}")
-
-
-def series_kernels(system: System, order: int, first: int) -> tuple[Kernel, Kernel, list[Symbol]]:
-    """(series, polynomial, constants) of one structure of system; nothing is compiled yet.
-
-    series(y, given) -> coefficients 0 .. order of y, each of the size of y, then the squared sizes of the last two: see
-        `squared_size`. The constants of the list stand in `given` from `first` on.
-    polynomial(coefficients, (h,)) -> y after h
-    """
-    variables, rate = rates(system)
-    size = system.size
-    writer = Writer(variables, dict(enumerate(rate)), first)
-    stored = [line for k in range(order + 1) for line in stores(writer, variables, k)]
-    for at, k in enumerate((order - 1, order)):
-        stored.append(f"out[{(order + 1) * size + at}] = {squared_size(writer, system, variables, k)}")
-    series = written([*writer.lines, *stored], (order + 1) * size + 2)
-    return series, polynomial_kernel(order, size), writer.given
-
-
-def squared_size(writer: Writer, system: System, variables: list[Series], k: int) -> str:
-    """Of coefficient k: the sum of its squares over 1 + y^2; of elements those of velocities and c0 theta/theta_0."""
-    squares: dict[int, list[tuple[str, ...]]] = {}  # by the number of lanes
-    for pack, weights, whole in weighted(writer, system, variables):
-        if value := writer.value(pack, k):
-            weighed = writer.name(f"{value} * {weights}")
-            squares.setdefault(len(pack), []).append((weighed, value if whole else weighed))
-    sums = [writer.lane(str(writer.sum_of(x)), width, lane) for width, x in squares.items() for lane in range(width)]
-    while len(sums) > 1:
-        sums = [writer.name(" + ".join(sums[i : i + 2])) for i in range(0, len(sums), 2)]
-    return sums[0] if sums else "0.0"
-
-
-def weighted(writer: Writer, system: System, variables: list[Series]) -> Iterator[tuple[Pack, str, bool]]:
-    """The variables whose coefficients are measured, as packs; weights of the coefficients, or (True) of squares."""
-    sym, size = system.symbolic, system.size
-    if not system.defines("element_energy"):
-        for pack in dict.fromkeys(writer.packs.home[id(x)][0] for x in variables):
-            y = writer.value(pack, 0)
-            yield pack, writer.name(f"1.0 / (1.0 + {y} * {y})"), True
-        return
-    n = system.n_positions
-    scale = [trace.reciprocal(m) for m in lifted(sym.inertia(), n)] + lifted(sym.entropy_scale(), system.n_elements)
-    for begin, end in ((n, 2 * n), (2 * n, size)):
-        for i in range(begin, end, WIDTH):
-            pack = tuple(variables[i : min(i + WIDTH, end)])
-            weights = writer.weights(scale[i - n : i - n + len(pack)])
-            if begin == 2 * n:
-                weights = writer.name(f"{weights} / {writer.value(pack, 0)}")
-            yield pack, weights, False
-
-
-def stores(writer: Writer, variables: list[Series], k: int) -> list[str]:
-    """Coefficient k of the variables into its place."""
-    size, lines = len(variables), []
-    for pack in dict.fromkeys(writer.packs.home[id(x)][0] for x in variables):
-        places, name = [k * size + x.index for x in pack], writer.value(pack, k)
-        if name and len(pack) > 1 and places == list(range(places[0], places[0] + len(pack))):
-            lines.append(f"put(out, {places[0]}, {name})")
-        else:
-            lines += [f"out[{place}] = {writer.coefficient(x, k)}" for place, x in zip(places, pack, strict=True)]
-    return lines
-
-
-def polynomial_kernel(order: int, size: int) -> Kernel:
-    """The polynomials of all numbers, some at a time; in Estrin's order: short chains of operations."""
-    lines = ["h1 = b[0]"] + [f"h{2 * k} = h{k} * h{k}" for k in (2**i for i in range(order.bit_length() - 1))]
-    for i in range(0, size, WIDTH):
-        count = min(WIDTH, size - i)
-        texts = [f"row(a, {k * size + i}, {count})" if count > 1 else f"a[{k * size + i}]" for k in range(order + 1)]
-        power = 1
-        while len(texts) > 1:
-            pairs = [f"({low} + {high} * h{power})" for low, high in zip(texts[::2], texts[1::2], strict=False)]
-            texts, power = pairs + texts[len(pairs) * 2 :], 2 * power
-        lines += [f"t{i} = {texts[0]}", f"put(out, {i}, t{i})" if count > 1 else f"out[{i}] = t{i}"]
-    return written(lines, size)
-
-
-def lifted(value: Any, count: int) -> list[Symbol]:
-    """A number, a symbol or an array of them, as so many symbols."""
-    return [
-        x if isinstance(x, Symbol) else trace.const(float(x)) for x in np.asarray(value, dtype=object) * np.ones(count)
-    ]
-
-
-def written(lines: list[str], count: int) -> Kernel:
-    return Kernel("def kernel(a, b, out):\n" + "".join(f"    {line}\n" for line in lines), count)

@@ -24,6 +24,7 @@ class Series:
     kind  : var, sum, product, quotient, D (time derivative) or the name of a function.
     parts : series it is made of. weights : of a sum, (constant, ...) beside its parts, and last the constant term.
     of_size : of a logarithm: of the size of its part, which may be negative.
+    constant : in time, as a sum that is an invariant: its first coefficient is the only one.
     """
 
     kind: str
@@ -31,6 +32,7 @@ class Series:
     weights: tuple[Symbol, ...] = ()
     index: int = -1
     of_size: bool = False
+    constant: bool = False
 
 
 Monomial = tuple[tuple[Series, int], ...]  # factors and exponents, in the order of their first appearance
@@ -174,6 +176,13 @@ class Normal:
         self.form_of[id(x)] = inside
         return self.times(outside, {((x, 1),): ONE})
 
+    def hold(self, forms: list[Linear]) -> None:
+        """These are constant in time."""
+        for form in forms:
+            if any(form):
+                for x, _ in next(iter(self.as_factor(form))):
+                    x.constant = True
+
     def symbols(self, forms: list[Linear], names: list[Symbol]) -> list[Symbol]:
         """The sums as formulas again. names: of the variables, by index; no time derivative is in them."""
 
@@ -232,6 +241,9 @@ class Normal:
 
         The sign is that of the constant term, where there is one: what is positive, such as 2 - x, stays so.
         """
+        first = next(iter(form.values()))
+        if first.op != "const" and all(w is first for w in form.values()):
+            return {((self.single(dict.fromkeys(form, ONE)), 1),): first}
         leading = next((w.value for key, w in form.items() if key and w.op == "const"), 1.0)
         if () in form and form[()].op == "const":
             leading = math.copysign(leading, form[()].value)
@@ -268,8 +280,10 @@ class Normal:
             groups.setdefault(below, {})[self.one_key((x, k) for x, k in key if k > 0)] = weight
         parts: Linear = groups.pop((), {})
         for below, above in groups.items():
-            quotient = self.series("quotient", (self._sum(above), self._product(below)))
-            parts = combined(parts, {((quotient, 1),): ONE}, ONE)
+            leading = next(iter(above.values()))  # multiples of a quotient are one series
+            leading = leading if leading.op == "const" else ONE
+            top = self._sum(scaled(above, trace.reciprocal(leading)))
+            parts = combined(parts, {((self.series("quotient", (top, self._product(below))), 1),): leading}, ONE)
         return self._sum(parts)
 
     def _sum(self, form: Linear) -> Series:

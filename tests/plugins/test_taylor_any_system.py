@@ -6,11 +6,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from random_laws import GENERAL, assert_laws_of_any, random_start
 from scipy.integrate import solve_ivp
-from tcbench_plugins.tc_taylor import lanes
+from tcbench_plugins.tc_taylor import lanes, texts
 from tcbench_plugins.tc_taylor.factored import Factored
-from tcbench_plugins.tc_taylor.rates import of_any, operations
-from tcbench_plugins.tc_taylor.recurrences import series_kernels
+from tcbench_plugins.tc_taylor.rates import of_any, operations, rates
 from tcbench_plugins.tc_taylor.series import Normal
+from tcbench_plugins.tc_taylor.texts import series_kernels
 
 import tcbench
 from tcbench.compiler.kernels import kernel, namespace
@@ -20,10 +20,12 @@ ORDER = 10
 
 @pytest.mark.parametrize("name", GENERAL)
 def test_series_begin_with_the_rates_and_lanes_and_plain_python_agree(name, monkeypatch):
+    """Also where the variables' coefficients go ahead of the others (by work that costs nothing)."""
     scenario = random_start(name, 0)
     system, found = scenario.model, []
-    for width in (4, 1):
+    for width, work in ((4, 1.0), (1, 1.0), (4, -1.0)):
         monkeypatch.setattr(lanes, "WIDTH", width)
+        monkeypatch.setattr(texts, "WORK", work)
         series, _, more = series_kernels(system, ORDER, len(system.constant_values))
         setup = kernel(system.constant_symbols(), more)(system.constant_values, system.constant_values)
         given = np.concatenate([system.constant_values, setup])
@@ -58,6 +60,15 @@ def test_errors_follow_the_tolerance(name):
 @given(st.sampled_from(GENERAL), st.integers(0, 2**32), st.sampled_from((-1, -4, -8, -12)), st.floats(0, 3))
 def test_every_law_holds_from_random_states_whatever_dissipates(name, seed, exponent, stiffer):
     assert_laws_of_any("tc_taylor", name, seed, 10.0**exponent, 10.0**stiffer, 0.02)
+
+
+def test_multiples_of_a_quotient_are_one_series_and_invariants_none():
+    """The force between two masses is on both; |g|^2 of the top is what it was."""
+    found = {
+        name: lanes.reachable(rates(tcbench.scenarios()[name].model)[1]) for name in ("viscous_pendulum", "heavy_top")
+    }
+    assert sum(x.kind == "quotient" for x in found["viscous_pendulum"]) == 6
+    assert [len(x.parts) for x in found["heavy_top"] if x.constant] == [3]
 
 
 def test_what_sums_have_in_common_is_taken_out_where_that_saves_much():

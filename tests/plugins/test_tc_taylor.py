@@ -12,8 +12,9 @@ from tcbench_plugins.tc_taylor.factored import Factored
 from tcbench_plugins.tc_taylor.march import step_length
 from tcbench_plugins.tc_taylor.method import TaylorMethod, kernels
 from tcbench_plugins.tc_taylor.rates import rates
-from tcbench_plugins.tc_taylor.recurrences import Writer, series_kernels, written
+from tcbench_plugins.tc_taylor.recurrences import Writer
 from tcbench_plugins.tc_taylor.series import Normal
+from tcbench_plugins.tc_taylor.texts import may_go_ahead, series_kernels, written
 
 import tcbench
 from tcbench import TcbenchError
@@ -53,14 +54,16 @@ class Precise:
 
 @pytest.mark.parametrize("form", [Normal, Factored])
 @pytest.mark.parametrize("name", FUNCTIONS)
-def test_the_coefficients_of_each_operation_are_those_of_fifty_digits(name, form):
+@pytest.mark.parametrize("ahead", [False, True])
+def test_the_coefficients_of_each_operation_are_those_of_fifty_digits(name, form, ahead):
     """y' = f(y): coefficient n + 1 of y is coefficient n of f of the polynomial up to y^n, over n + 1."""
     f, order = FUNCTIONS[name], 8
     y = trace.variable("y")
     normal = form([y])
     (variable,) = normal.variables
     (rate,) = normal.of([f(np, y)])
-    writer = Writer([variable], {0: normal.single(rate)})
+    rate = normal.single(rate)
+    writer = Writer([variable], {0: rate}, ahead=ahead and may_go_ahead([variable], [rate]))
     stored = [f"out[{k}] = {writer.coefficient(variable, k)}" for k in range(order + 1)]
     found = written([*writer.lines, *stored], order + 1)(np.array([0.4]), np.zeros(1))
     with mpmath.workdps(50):
@@ -122,6 +125,14 @@ def test_lanes_change_nothing_but_round_off_and_plain_python_agrees(name, monkey
     largest = abs(found[0]).max(axis=1, keepdims=True)  # what cancels is known to the round-off of what it is made of
     for other in found[1:]:
         assert np.all(abs(other - found[0]) <= 1e-12 * largest)
+
+
+def test_what_a_lane_waits_for_is_what_its_vector_waits_for():
+    """Sums begin with what is known longest."""
+    gathering = lanes.Gathering(0)
+    early, late = gathering.name("a[0]"), gathering.name("row(a, 1, 3)", ready=5)
+    name = gathering.sum_of([(f"{late}[1]", early), (early, early)])
+    assert gathering.lines[-1] == f"{name} = {early} * {early} + {late}[1] * {early}" and gathering.ready[name] == 6
 
 
 def test_equal_springs_and_both_directions_are_lanes_of_one_vector():

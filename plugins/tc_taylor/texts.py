@@ -1,0 +1,126 @@
+"""The text of the kernels: all coefficients of a series, and the polynomials that they make."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from tcbench import System
+from tcbench.compiler import derivatives as trace
+from tcbench.compiler.derivatives import Symbol
+from tcbench.compiler.kernels import Kernel
+
+from .lanes import WIDTH, Pack, reachable
+from .rates import rates
+from .recurrences import Writer
+from .series import Series
+
+MOST_AHEAD = 16  # variables of systems whose coefficients may go ahead
+WORK = 0.1  # what an operation adds to the time, over one of the longest chain of those that wait for each other
+
+
+def series_kernels(system: System, order: int, first: int) -> tuple[Kernel, Kernel, list[Symbol]]:
+    """(series, polynomial, constants) of one structure of system; nothing is compiled yet.
+
+    series(y, given) -> coefficients 0 .. order of y, each of the size of y, then the squared sizes of the last two: see
+        `squared_size`. The constants of the list stand in `given` from `first` on.
+    polynomial(coefficients, (h,)) -> y after h
+    """
+    variables, rate = rates(system)
+    size = system.size
+    ways = (False, True) if may_go_ahead(variables, rate) else (False,)
+    writer, stored = min((coefficients(variables, rate, order, first, way) for way in ways), key=time_of)
+    for at, k in enumerate((order - 1, order)):
+        stored.append(f"out[{(order + 1) * size + at}] = {squared_size(writer, system, variables, k)}")
+    series = written([*writer.lines, *stored], (order + 1) * size + 2)
+    return series, polynomial_kernel(order, size), writer.given
+
+
+def may_go_ahead(variables: list[Series], rate: list[Series]) -> bool:
+    """Is the newest coefficient of each series linear in that of the variables, and are these few?"""
+    every = reachable([*variables, *rate])
+    return len(variables) <= MOST_AHEAD and all(x.kind not in ("D", "atan2") for x in every)
+
+
+def coefficients(
+    variables: list[Series], rate: list[Series], order: int, first: int, ahead: bool
+) -> tuple[Writer, list[str]]:
+    """One way to write them all, and the lines that store those of the variables."""
+    writer = Writer(variables, dict(enumerate(rate)), first, ahead)
+    return writer, [line for k in range(order + 1) for line in stores(writer, variables, k)]
+
+
+def time_of(found: tuple[Writer, list[str]]) -> float:
+    """In operations that wait for each other."""
+    return max(found[0].ready.values()) + WORK * len(found[0].lines)
+
+
+def squared_size(writer: Writer, system: System, variables: list[Series], k: int) -> str:
+    """Of coefficient k: the sum of its squares over 1 + y^2; of elements those of velocities and c0 theta/theta_0."""
+    squares: dict[int, list[tuple[str, ...]]] = {}  # by the number of lanes
+    for pack, weights, whole in weighted(writer, system, variables):
+        if value := writer.value(pack, k):
+            weighed = writer.name(f"{value} * {weights}")
+            squares.setdefault(len(pack), []).append((weighed, value if whole else weighed))
+    sums = [writer.lane(str(writer.sum_of(x)), width, lane) for width, x in squares.items() for lane in range(width)]
+    while len(sums) > 1:
+        sums = [writer.name(" + ".join(sums[i : i + 2])) for i in range(0, len(sums), 2)]
+    return sums[0] if sums else "0.0"
+
+
+def weighted(writer: Writer, system: System, variables: list[Series]) -> Iterator[tuple[Pack, str, bool]]:
+    """The variables whose coefficients are measured, as packs; weights of the coefficients, or (True) of squares."""
+    sym, size = system.symbolic, system.size
+    if not system.defines("element_energy"):
+        for pack in dict.fromkeys(writer.packs.home[id(x)][0] for x in variables):
+            y = writer.value(pack, 0)
+            yield pack, writer.name(f"1.0 / (1.0 + {y} * {y})"), True
+        return
+    n = system.n_positions
+    scale = [trace.reciprocal(m) for m in lifted(sym.inertia(), n)] + lifted(sym.entropy_scale(), system.n_elements)
+    for begin, end in ((n, 2 * n), (2 * n, size)):
+        for i in range(begin, end, WIDTH):
+            pack = tuple(variables[i : min(i + WIDTH, end)])
+            weights = writer.weights(scale[i - n : i - n + len(pack)])
+            if begin == 2 * n:
+                weights = writer.name(f"{weights} / {writer.value(pack, 0)}")
+            yield pack, weights, False
+
+
+def stores(writer: Writer, variables: list[Series], k: int) -> list[str]:
+    """Coefficient k of the variables into its place."""
+    size, lines = len(variables), []
+    for pack in dict.fromkeys(writer.packs.home[id(x)][0] for x in variables):
+        places, name = [k * size + x.index for x in pack], writer.value(pack, k)
+        if name and len(pack) > 1 and places == list(range(places[0], places[0] + len(pack))):
+            lines.append(f"put(out, {places[0]}, {name})")
+        else:
+            lines += [f"out[{place}] = {writer.coefficient(x, k)}" for place, x in zip(places, pack, strict=True)]
+    return lines
+
+
+def polynomial_kernel(order: int, size: int) -> Kernel:
+    """The polynomials of all numbers, some at a time; in Estrin's order: short chains of operations."""
+    lines = ["h1 = b[0]"] + [f"h{2 * k} = h{k} * h{k}" for k in (2**i for i in range(order.bit_length() - 1))]
+    for i in range(0, size, WIDTH):
+        count = min(WIDTH, size - i)
+        texts = [f"row(a, {k * size + i}, {count})" if count > 1 else f"a[{k * size + i}]" for k in range(order + 1)]
+        power = 1
+        while len(texts) > 1:
+            pairs = [f"({low} + {high} * h{power})" for low, high in zip(texts[::2], texts[1::2], strict=False)]
+            texts, power = pairs + texts[len(pairs) * 2 :], 2 * power
+        lines += [f"t{i} = {texts[0]}", f"put(out, {i}, t{i})" if count > 1 else f"out[{i}] = t{i}"]
+    return written(lines, size)
+
+
+def lifted(value: Any, count: int) -> list[Symbol]:
+    """A number, a symbol or an array of them, as so many symbols."""
+    return [
+        x if isinstance(x, Symbol) else trace.const(float(x)) for x in np.asarray(value, dtype=object) * np.ones(count)
+    ]
+
+
+def written(lines: list[str], count: int) -> Kernel:
+    return Kernel("def kernel(a, b, out):\n" + "".join(f"    {line}\n" for line in lines), count)
