@@ -9,7 +9,7 @@ from statistics import median
 from typing import TYPE_CHECKING, Any
 
 from ..progress import LOUD
-from .judged import finite, judged, ladder_runs
+from .judged import finite, judged, ladder_runs, of_whole_state
 from .matrix import methods, unmeasured
 
 if TYPE_CHECKING:
@@ -149,7 +149,7 @@ def _missing(tables: Tables) -> list[str]:
         reasons.setdefault(item.why, []).append(f"{item.study} of {item.integrator} on {item.scenario}")
     sentences = [f"No result of {_some(what)}: {why}" for why, what in reasons.items()]
     notes: dict[str, list[str]] = {}
-    for row in tables["convergence"].to_dict("records") if "convergence" in tables else ():
+    for row in of_whole_state(tables["convergence"]).to_dict("records") if "convergence" in tables else ():
         if row.get("verdict") == "undetermined" and row.get("status") not in LOUD and isinstance(row.get("note"), str):
             notes.setdefault(row["note"], []).append(f"{row['integrator']} on {row['scenario']}")
     sentences += [f"Order undetermined of {_some(dict.fromkeys(what))}: {note}" for note, what in notes.items()]
@@ -181,4 +181,4 @@ def _paper(table: DataFrame | None) -> str:
         for verdict, n in counts.items() if verdict != HOLDS
     )  # fmt: skip
     told = f"{counts[HOLDS]} hold" + (f", {rest}" if rest else "")
-    return f"The paper: {sum(counts.values())} statements checked: {told}."
+    return f"The paper's statements: {sum(counts.values())} checked, {told}."

@@ -174,11 +174,16 @@ def _last(rows: DataFrame, **columns: Any) -> DataFrame:
     return rows[PAIR].assign(**columns).drop_duplicates(PAIR, keep="last").set_index(PAIR)
 
 
+def of_whole_state(table: DataFrame) -> DataFrame:
+    """Of the orders by variable those of the state, where it was measured."""
+    whole = table["variable"].astype(str).eq("all")
+    return table[whole | ~whole.groupby([table[name] for name in PAIR]).transform("any")]
+
+
 def _orders(table: DataFrame | None) -> DataFrame | None:
     if table is None:
         return None
-    whole = table["variable"].astype(str).eq("all")
-    rows = table[whole | ~whole.groupby([table[name] for name in PAIR]).transform("any")]
+    rows = of_whole_state(table)
     return rows[PAIR].assign(order=_plain(rows, "order"), fits=1).groupby(PAIR).agg({"order": "min", "fits": "sum"})
 
 

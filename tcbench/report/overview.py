@@ -174,7 +174,11 @@ def lawful(found: DataFrame) -> Finding | None:
     steps = [float(h) for h in found.groupby(level="integrator")["dt_most"].max()[keep] if finite(h)]
     largest = f", at every step tried, up to h = {min(steps):.3g}" if steps else ""
     runs = sum(shares[name][1] for name in keep)
-    words = _listed([law.replace("_", " ") for law in laws(found)], "and")
+    named = [law.replace("_", " ") for law in laws(found)]
+    invariants = [name for name in named if name not in ("energy", "entropy")]
+    if len(invariants) > 1:  # of several systems, each with its own names
+        named = [*(name for name in named if name not in invariants), "every invariant"]
+    words = _listed(named, "and")
     return Finding(
         title, f"{len(keep)} of {len(shares)} method{'s' if len(shares) > 1 else ''}",
         f"kept {words} in each of {runs} runs{largest}: {_some(keep)}", href,

@@ -23,7 +23,8 @@ def plan(
 ) -> list[tuple[Integrator, Scenario, Row]]:
     """One cell a group of claims, and only groups about what is selected; nothing selected, no rows.
 
-    Theorems: the operators once, the steps for every method that claims something. Entries of the ledger: those
+    Theorems: the operators once, the steps for every method that claims something of
+    this system. Entries of the ledger: those
     whose integrator and scenario are both selected.
     """
     from .paper_claims import LEDGER
@@ -33,7 +34,8 @@ def plan(
     if shared is not None:
         consistent = [i for i in integrators if {"energy", "entropy"} <= i.claims]
         cells += [(integrator, shared, {"group": "operators"}) for integrator in consistent[:1]]
-        steppers = [i for i in integrators if i.claims and i.kind != "adaptive"]
+        shown = {"energy", "entropy", *shared.model.invariant_names}  # what this system can show
+        steppers = [i for i in integrators if i.claims & shown and i.kind != "adaptive"]
         cells += [(integrator, shared, {"group": "steps"}) for integrator in steppers]
     for group, entry in LEDGER.items():
         cells += [

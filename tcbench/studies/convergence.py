@@ -106,6 +106,9 @@ def relative_error(found: Any, exact: Any) -> float:
 
 
 def _order_row(name: str, fit: OrderFit, declared: int | None) -> Row:
+    verdict, note = fit.verdict(declared), fit.note
+    if verdict == "undetermined" and fit.points_used:
+        note = f"The slope lies between {fit.order_low:.2f} and {fit.order_high:.2f}, which says too little: {note}"
     return {
         "variable": name,
         "order": float(fit.order),
@@ -115,8 +118,8 @@ def _order_row(name: str, fit: OrderFit, declared: int | None) -> Row:
         "dt_min": float(fit.dt_min),
         "dt_max": float(fit.dt_max),
         "declared": declared,
-        "verdict": fit.verdict(declared),
-        "note": fit.note,
+        "verdict": verdict,
+        "note": note,
     }
 
 

@@ -35,6 +35,13 @@ def test_each_reason_is_told_once_below_the_table(tables):
     assert undetermined == "Order undetermined of d on large: Only 2 points stand above every floor."
 
 
+def test_an_order_is_that_of_the_state_and_not_of_a_variable_that_stands_still(tables):
+    table = tables["convergence"]
+    still = {"variable": "u", "note": "Only 0 points stand above every floor."}
+    rows = [table.iloc[-1].to_dict() | still, table.iloc[-1].to_dict() | {"verdict": "as declared", "note": "fine"}]
+    assert not any("Order" in sentence for sentence in remarks({"convergence": pandas.DataFrame(rows)}))
+
+
 def test_two_steps_for_an_order_and_a_scenario_that_does_not_suit_are_told(tmp_path):
     words = ["run", "-i", "verlet_heat", "-s", "short_term", "-s", "gas_containers", "--study", "convergence", "--dt"]
     done = CliRunner().invoke(main, [*words, "0.1", "--dt", "0.2", "-o", str(tmp_path / "out")])

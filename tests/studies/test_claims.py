@@ -237,3 +237,11 @@ def test_what_collocation_claims_of_a_step_holds_at_long_steps_too():
     page, where no property test at a short step had met it."""
     found = verdicts(theorems.steps(tcbench.integrators()["tc_gauss"], tcbench.scenarios()["short_term"]))
     assert found["a step commutes with rotations"] == HOLDS
+
+
+def test_a_method_that_claims_nothing_of_a_system_has_no_cell_there():
+    """gauss2 keeps momenta, of which a rigid body has none: its steps would be a cell without a row."""
+    cells = plan(methods("gauss2", "tc_strang"), scenarios("rigid_body"), {})
+    assert [(method.name, options["group"]) for method, _, options in cells] == [
+        ("tc_strang", "operators"), ("tc_strang", "steps"),
+    ]  # fmt: skip
