@@ -14,7 +14,7 @@ from ..progress import part
 from ..solver import foresight
 from ..solver import implicit_step as m
 from ..solver.implicit_step import Rules, compiled_flows
-from ..solver.quotients import REMEDY, zero_over_zero
+from ..solver.quotients import REMEDY, finite_at_rest, zero_over_zero
 from ..systems.refusals import check_invariants
 from ..systems.scenario import Scenario
 from .compiled_loop import LOOPS, Run
@@ -204,7 +204,11 @@ def run_flows(
     if reason == m.OK and first and first.failure:
         status, failure = first.status, first.failure
     if reason in (m.NONCONVERGED, m.NO_ROOT, m.NONFINITE):
-        places = [zero_over_zero(flow, model, run.z, dt) for flow in integrator.flows]
+        places = [
+            zero_over_zero(flow, model, run.z, dt)
+            for flow, made in zip(integrator.flows, kernels, strict=True)
+            if not finite_at_rest(made, flow.memory, model, run.z, dt)
+        ]
         failure += "".join(f". The formula divides 0 by 0 at z1 = z0 ({place}): {REMEDY}" for place in places if place)
     found = assemble(integrator, scenario, run, status, failure, wall, way=ready.way)
     ready.give_back()

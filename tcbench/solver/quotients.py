@@ -8,12 +8,26 @@ from typing import Any
 
 import numpy as np
 
+from ..compiler.library import evaluate
 from ..integrator import Flow
 from ..systems.system import System
+from .flow_kernels import FlowKernels
 
 REMEDY = (
     "Write the quotient with tcbench.building_blocks (divided_difference, phi, log1p_ratio), which has its value there"
 )
+
+
+def finite_at_rest(kernels: FlowKernels, memory: int, system: System, z: Any, h: float) -> bool:
+    """Has the compiled formula its value and its derivatives at z1 = z0 = z? Then it divides nothing by 0 there, and a
+    run on plain numbers, which takes a thousand times as long, has nothing to find."""
+    further = [np.zeros(memory * len(z))] if memory else [z, z]
+    c = np.concatenate([[h], system.constant_values[1:], *further])
+    w = np.zeros(kernels.opening.size + kernels.setup.size)
+    w[kernels.opening.size :] = kernels.setup(c, c)
+    evaluate(kernels.prologue.address, np.array(z, dtype=float), c, w)
+    still = np.zeros(max(1, kernels.n_unknowns))
+    return bool(np.all(np.isfinite(kernels.full(w, still))) and np.all(np.isfinite(kernels.finish(w, still))))
 
 
 def zero_over_zero(flow: Flow, system: System, z: Any, h: float) -> str:

@@ -50,3 +50,18 @@ def test_a_run_that_ends_for_another_reason_says_nothing_of_it():
 @pytest.mark.parametrize("name", ["tc_gauss", "scipy_odeint"])
 def test_other_kinds_have_no_formula_to_look_at(name):
     assert checks.quotients(tcbench.integrators()[name]).verdict == checks.NONE
+
+
+FAILING = [
+    ("midpoint_entropy", "short_term", 2.0), ("bdf2", "stiff_spring", 0.5), ("gauss2", "viscous_pendulum", 4.0),
+    ("projected[method=verlet_heat4]", "stiff_spring", 0.5),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "scenario", "dt"), FAILING)
+def test_the_formula_is_not_run_on_plain_numbers_where_its_kernels_have_their_values(name, scenario, dt, monkeypatch):
+    looked = []
+    monkeypatch.setattr("tcbench.simulation.run.zero_over_zero", lambda *what: looked.append(what) or "")
+    run = tcbench.simulate(name, scenario, dt=dt, continuation=False, t_end=40.0)
+    assert run.status in ("nonconverged", "nonfinite") and not looked, run.failure
+    assert not tcbench.simulate(BAD, SCENARIO).ok and looked
