@@ -1,13 +1,13 @@
 """Work and precision: the time that each method needs for an error, against the certified reference.
 
 One cell is one method on one scenario, measured alone on the machine; it goes down a ladder of steps or tolerances.
-Each rung is warm (one run is not timed where it might load something), and repeated until 10 ms have passed. A
-fixed-step run is timed inside `simulate`, its diagnostics of every step included; an adaptive solver from call to
-return, asked for the end time only. Its errors in the invariants are those of a run that reports 200 times; where that
-takes long, another cell, before and not alone, has left it for the timed one (`simulation.shared_runs`). Finer rungs
-that cost much and tell nothing new are left out (see `enough`); the column left_out of the last rung that was run says
-which and why. When all cells are timed, another process times the quick rungs of each again: how far apart the two are
-is what chance does, and `tcbench compare` has to know.
+Each rung is warm (one run is not timed where it might load something), and repeated until 10 ms have passed or 30 runs
+are done. A fixed-step run is timed inside `simulate`, its diagnostics of every step included; an adaptive solver from
+call to return, asked for the end time only. Its errors in the invariants are those of a run that reports 200 times;
+where that takes long, another cell, before and not alone, has left it for the timed one (`simulation.shared_runs`).
+Finer rungs that cost much and tell nothing new are left out (see `enough`); the column left_out of the last rung that
+was run says which and why. When all cells are timed, another process times every other quick rung of each again: how
+far apart the two are is what chance does, and `tcbench compare` has to know.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ HORIZONS = (0.125, 0.25, 0.5, 1.0)  # of the run whose cost is measured against 
 OWN = TOLERANCES[5]  # at which that is done
 LAWS = "laws"  # the part that is not timed
 AGAIN = {"turn": 2}  # cells that time the quick rungs once more, in another process: for the comparison of runs
-LEAST_AGAIN = 3  # rungs of those, however long they take
+LEAST_AGAIN = 3  # rungs of those, if none is slow; of twice as many every other one is enough
 WARM = 1e-3  # part of the horizon of a run that only loads and compiles
 COLUMNS = (
     "integrator", "scenario", "control", "value", "status", "error", "error_q", "error_p", "error_s", "error_theta",
@@ -241,15 +241,15 @@ def _make_laws(integrator: Integrator, scenario: Scenario) -> int:
 def _again(integrator: Integrator, scenario: Scenario, rungs: Sequence[float]) -> list[Row]:
     """The work of the quick rungs, in another process than the first time: how far apart the two are is chance."""
     points: list[Row] = []
-    for count, value in enumerate(rungs, start=1):
-        adaptive = integrator.kind == "adaptive"
+    adaptive = integrator.kind == "adaptive"
+    for count, value in enumerate(rungs[:: 2 if len(rungs) >= 2 * LEAST_AGAIN else 1], start=1):
         run = _adaptive(integrator, scenario, value, False) if adaptive else _fixed(integrator, scenario, value)
         begin = time.process_time()
         row, seconds, work = timed(run, SPENT_S / 2, warm=bool(points))
         spent = time.process_time() - begin
         if seconds:
             points.append({"value": value, "yardsticks": work})
-        if count >= LEAST_AGAIN and spent > (2 * CHEAP_S if row["status"] == "ok" else SLOW_S):
+        if spent > SLOW_S or (count >= LEAST_AGAIN and row["status"] == "ok" and spent > 2 * CHEAP_S):
             break
     return points
 

@@ -17,6 +17,7 @@ from .base import Row
 
 LOOPS = 3000  # of the yardstick: about 0.1 ms
 TRIALS = 5
+MOST_REPEATS = 30  # their least work and median wander by 1 % from time to time; those of 100 by as much
 PATIENCE = 20  # times the processor seconds of the repeats: of a run that waits, and where others take most of the core
 Run = Callable[[bool], tuple[Row, float]]  # run(first) -> row, seconds
 
@@ -57,7 +58,12 @@ def timed(run: Run, spent: float, warm: bool = False) -> Timing:
         return Timing(row, [], math.nan)
     seconds, works = ([elapsed], [work]) if warm and elapsed >= 2 * spent else ([], [])
     end = time.process_time() + spent
-    while not works or (sum(works) < spent and time.process_time() < end and sum(seconds) < PATIENCE * spent):
+    while not works or (
+        len(works) < MOST_REPEATS
+        and sum(works) < spent
+        and time.process_time() < end
+        and sum(seconds) < PATIENCE * spent
+    ):
         row, elapsed, work = _once(run, first=False)
         if row["status"] != "ok":
             return Timing(row, [], math.nan)

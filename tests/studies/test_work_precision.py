@@ -10,6 +10,7 @@ import pytest
 import tcbench
 from tcbench import Integrator
 from tcbench.studies import work_precision as study
+from tcbench.studies import yardstick
 from tcbench.studies.cost import cost_rows, exponent, reach, time_to_accuracy
 
 SCENARIO = tcbench.scenarios()["short_term"].replace(t_end=1.0)
@@ -133,3 +134,50 @@ def test_exponents_are_those_of_the_power_law(records):
     rows = cost_rows(timed)
     assert [r["integrator"] for r in rows] == sorted(r["integrator"] for r in timed)  # of one scenario
     assert all(r["us_per_step"] > 0 for r in rows)
+
+
+class Clock:
+    """Processor time that passes only where a test says so."""
+
+    def __init__(self):
+        self.now = 0.0
+
+    def process_time(self):
+        return self.now
+
+    perf_counter = process_time
+
+
+@pytest.mark.parametrize(("takes", "rungs"), [(0.0, [0, 2, 4, 6]), (0.1, [0, 2, 4]), (1.0, [0])])
+def test_the_second_process_times_every_other_rung_and_stops_at_a_slow_one(takes, rungs, monkeypatch):
+    clock = Clock()
+
+    def timed(run, spent, warm):
+        clock.now += takes
+        return yardstick.Timing({"status": "ok"}, [takes], 1.0)
+
+    monkeypatch.setattr(study, "time", clock)
+    monkeypatch.setattr(study, "timed", timed)
+    method = tcbench.integrators()["tc_strang"]
+    found = study._again(method, SCENARIO, [0.1 / 2**k for k in range(7)])
+    assert [p["value"] for p in found] == [0.1 / 2**k for k in rungs]
+    assert len(study._again(method, SCENARIO, [0.1, 0.05])) == (2 if takes < 1.0 else 1)
+
+
+def test_a_slow_failure_ends_the_second_process_too(monkeypatch):
+    clock, seen = Clock(), []
+
+    def timed(run, spent, warm):
+        clock.now += 1.0
+        seen.append(1)
+        return yardstick.Timing({"status": "blowup"}, [], math.nan)
+
+    monkeypatch.setattr(study, "time", clock)
+    monkeypatch.setattr(study, "timed", timed)
+    assert study._again(tcbench.integrators()["tc_strang"], SCENARIO, [0.1, 0.05, 0.025]) == [] and len(seen) == 1
+
+
+def test_repeats_end_when_more_would_say_no_more(monkeypatch):
+    monkeypatch.setattr(yardstick, "time", Clock())
+    found = yardstick.timed(lambda first: ({"status": "ok"}, 1e-6), 0.01)
+    assert len(found.seconds) == yardstick.MOST_REPEATS
