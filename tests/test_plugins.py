@@ -1,5 +1,6 @@
 """Registration: entry points, files, broken plugins, duplicates, families."""
 
+import math
 import subprocess
 import sys
 import tomllib
@@ -13,6 +14,7 @@ from click.testing import CliRunner
 import tcbench
 from tcbench import TcbenchError, hookspecs, plugins
 from tcbench.cli import main
+from tcbench.report.by_method import remarks
 
 ROOT = Path(__file__).parent.parent
 GOOD = """
@@ -229,6 +231,34 @@ def test_scenarios_and_metrics_of_a_file_are_registered_and_used(tmp_path):
     assert tcbench.scenarios()["shorter"].t_end == 3.0 and tcbench.scenarios()["shorter"].plugin == "scenario"
     results = tcbench.run(["tc_monolithic"], ["shorter"], ["conservation"], output=tmp_path / "out", dt=[0.3])
     assert list(results.tables["conservation"]["hottest"]) == [pytest.approx(380.0)]
+
+
+METRICS = """
+from tcbench import Metric, hookimpl
+
+@hookimpl
+def tcbench_metrics():
+    return [
+        Metric("broken", lambda run: run.temprature.max()),
+        Metric("energy_error_max", lambda run: 0.0),
+        Metric("many", lambda run: run.energy),
+        Metric("words", lambda run: "1"),
+        Metric("steps_squared", lambda run: len(run.energy) ** 2),
+    ]
+"""
+
+
+def test_a_metric_that_gives_no_number_costs_its_own_column(tmp_path):
+    """It cost the rows of every method."""
+    (tmp_path / "mine.py").write_text(METRICS)
+    plugins.use_folders([tmp_path])
+    results = tcbench.run(["tc_monolithic"], ["short_term"], ["conservation"], output=tmp_path / "out", dt=[0.5])
+    (row,) = results.tables["conservation"].to_dict("records")
+    assert row["status"] == "ok" and 0 < row["energy_error_max"] < 1e-9 and row["steps_squared"] == 51**2
+    assert all(math.isnan(row[name]) for name in ("broken", "many", "words"))
+    said = " ".join(remarks(results.tables))
+    assert "Metric 'broken' of mine: AttributeError" in said and "at mine.py:7" in said and "(1 of 1 runs)" in said
+    assert "Metric 'energy_error_max' of mine: the table has a column of this name" in said
 
 
 FAMILIES = """

@@ -139,7 +139,11 @@ def _folded(
 
 def remarks(tables: Tables) -> list[str]:
     """Sentences below the table: what failed, and what the paper's statements came to."""
-    return [sentence for sentence in (_failed(tables), *_missing(tables), _paper(tables.get("claims"))) if sentence]
+    return [
+        sentence
+        for sentence in (_failed(tables), *_missing(tables), *_metrics(tables), _paper(tables.get("claims")))
+        if sentence
+    ]
 
 
 def _missing(tables: Tables) -> list[str]:
@@ -154,6 +158,15 @@ def _missing(tables: Tables) -> list[str]:
             notes.setdefault(row["note"], []).append(f"{row['integrator']} on {row['scenario']}")
     sentences += [f"Order undetermined of {_some(dict.fromkeys(what))}: {note}" for note, what in notes.items()]
     return sentences[:REASONS]
+
+
+def _metrics(tables: Tables) -> list[str]:
+    """Which metrics of plugins gave no number, on how many runs, each reason once."""
+    table = tables.get("conservation")
+    if table is None or "metric_failure" not in table:
+        return []
+    reasons = Counter(str(text) for text in table["metric_failure"].dropna())
+    return [f"{why} ({count} of {len(table)} runs)." for why, count in reasons.most_common(REASONS)]
 
 
 def _some(names: Iterable[str]) -> str:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame, Series
 
 LONGEST = 12_000  # characters of a message that are kept
-SENTENCES = ("failure",)  # bookkeeping that a reader needs
+SENTENCES = ("failure", "metric_failure")  # bookkeeping that a reader needs
 
 
 def packed_table(table: DataFrame, digits: Callable[[str], int]) -> str:

@@ -6,12 +6,14 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from ..errors import MachineError
 from .base import Row, Study
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
     from ..integrator import Integrator
+    from ..simulation.trajectory import Trajectory
     from ..systems.scenario import Scenario
 
 COLUMNS = (
@@ -41,7 +43,6 @@ def plan(
 
 
 def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
-    from .. import plugins
     from ..simulation import metrics, series, shared_runs
     from ..simulation.run import simulate
 
@@ -56,10 +57,38 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
                 integrator, scenario, **(extra if adaptive else {"dt": options["dt"], "record_every": None})
             )
         row["us_per_step"] = min(row["us_per_step"], metrics.us_per_step(again))
-    row |= {name: metric.compute(run) for name, metric in plugins.metrics().items()}
+    row |= _of_plugins(run, row)
     if options.get("sweep"):
         return row | {"numbers": scenario.numbers()}
     return row | series.kept(run) if _drawn(scenario, options) else row
+
+
+def _of_plugins(run: Trajectory, row: Row) -> Row:
+    """The numbers of plugins' metrics. One that gives none costs its own column; `metric_failure` says why."""
+    from .. import plugins
+    from ..simulation.recorder import exception_sentence
+
+    found: Row = {}
+    said = []
+    for name, metric in plugins.metrics().items():
+        if name in row or name in COLUMNS:
+            said.append(f"Metric {name!r} of {metric.plugin}: the table has a column of this name; rename the metric")
+            continue
+        try:
+            found[name] = _number(metric.compute(run))
+        except (MachineError, MemoryError):
+            raise
+        except Exception as error:
+            found[name] = math.nan
+            why = exception_sentence(error, 0, 0.0).partition("): ")[2]
+            said.append(f"Metric {name!r} of {metric.plugin}: {why}")
+    return found | ({"metric_failure": "; ".join(said)} if said else {})
+
+
+def _number(value: Any) -> float:
+    if isinstance(value, str) or value is None:
+        raise TypeError(f"it gives {value!r}, not a number")
+    return float(value)
 
 
 def _drawn(scenario: Scenario, options: Row) -> bool:

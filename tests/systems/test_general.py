@@ -25,7 +25,7 @@ def test_laws_at_large_steps(method, name):
     entropy of a system at rest is computed to some last digits."""
     settings = {"tolerance": 1e-7, "t_end": 2000.0} if method in ADAPTIVE else {"dt": 0.5, "t_end": 500.0}
     run = tcbench.simulate(method, SCENARIOS[name], **settings)
-    assert run.status == "ok" and run.steps == 1000 or method in ADAPTIVE and run.steps > 200
+    assert (run.status == "ok" and run.steps == 1000) or (method in ADAPTIVE and run.steps > 200)
     # of a step beyond the paper's the energy is that of many stages
     assert run.summary.energy_error_max <= (5e-13 if method in ADAPTIVE else 1e-13)
     assert run.summary.entropy_increment_min >= -4e-15 * max(1.0, abs(run.entropy).max())
