@@ -4,7 +4,7 @@ tc_auto goes over from tc_taylor to tc_gauss_adaptive and back during a run, by 
 over the decay time of the conduction. See march.py and docs/methods.md.
 """
 
-from functools import cache, lru_cache
+from functools import lru_cache
 
 from tcbench import Integrator, hookimpl
 from tcbench.compiler.once import Spares
@@ -23,18 +23,34 @@ STEP, STEP_OF_LINE, NODE, NODE_OF_SQUARE = 0.06, 0.00035, 0.1, 0.0022
 SOURCE = "Taylor series or Gauss collocation, whichever costs less where the run is (docs/methods.md)"
 
 
-@cache
-def loops():
-    """The compiled functions; LLVM is loaded when something runs, not when plugins are listed."""
-    from .march import LOOPS
+class BothMethods:
+    """Both methods, set up for a system; the explicit one is None where it is not for the system."""
 
-    return LOOPS
+    def __init__(self, system, order, stages):
+        self.gauss, self.taylor = GaussMethod(system, stages), None if refusal(system) else TaylorMethod(system, order)
+        self.tolerance = None  # that `work` is set to
+        if self.taylor:
+            from .march import LOOPS, Both  # LLVM is loaded when something runs, not when plugins are listed
 
+            worth = step_in_iterations(self.gauss, self.taylor)
+            self.loops, self.work = LOOPS, Both(explicit=self.taylor.work, implicit=self.gauss.work, worth=worth)
 
-def methods_of(system, order, stages):
-    """The implicit method, and the explicit one; none where it is not for the system. And `step_in_iterations`."""
-    gauss, taylor = GaussMethod(system, stages), None if refusal(system) else TaylorMethod(system, order)
-    return gauss, taylor, 0.0 if taylor is None else step_in_iterations(gauss, taylor)
+    def adaptive(self, z0, times, tolerance):
+        """States at `times`, and what they cost; ArithmeticError where the steps of both become too short."""
+        gauss, taylor, work = self.gauss, self.taylor, self.work
+        if self.tolerance != tolerance:
+            self.tolerance, work.tolerance = tolerance, SAFETY * tolerance
+            work.defect, work.residual = held(gauss.stages, FINER * tolerance)
+        taylor.begin(z0, times)
+        done = self.loops.steps(work)
+        steps, rejected, iterations, *_ = gauss.counts.table.tolist()
+        more, failed, _ = taylor.counts.table.tolist()
+        if steps or rejected:
+            gauss.work.clear()  # as it was before
+        if done < len(times):
+            raise ArithmeticError(f"the step became too short before t = {times[done]:g}")
+        counts = {"steps": steps + more, "rejected": rejected + failed, "newton_iterations": iterations}
+        return taylor.states.copy(), counts
 
 
 def step_in_iterations(gauss, taylor):
@@ -45,39 +61,21 @@ def step_in_iterations(gauss, taylor):
     return (STEP + STEP_OF_LINE * taylor.lines) / (gauss.stages * (NODE + NODE_OF_SQUARE * n * n))
 
 
-SPARES = Spares(methods_of)
+SPARES = Spares(BothMethods)
 
 
 @lru_cache
 def chosen(tolerance):
-    """(order, stages) for a tolerance, and what explicit steps may miss, defect and residual of implicit ones."""
-    stages = stages_of(tolerance)
-    return (order_of(tolerance), stages), (SAFETY * tolerance, *held(stages, FINER * tolerance))
+    """(order, stages) for a tolerance."""
+    return order_of(tolerance), stages_of(tolerance)
 
 
 def adaptive(system, z0, t_eval, rtol, atol):
-    methods, free = SPARES.take(system, *chosen(rtol)[0])
+    methods, free = SPARES.take(system, *chosen(rtol))
     try:
-        if methods[1] is None:
-            return methods[0].adaptive(z0, t_eval, rtol)
-        return both(methods, z0, t_eval, rtol)
+        return (methods if methods.taylor else methods.gauss).adaptive(z0, t_eval, rtol)
     finally:
         free.append(methods)
-
-
-def both(methods, z0, times, tolerance):
-    """States at `times`, and what they cost; ArithmeticError where the steps of both become too short."""
-    gauss, taylor, worth = methods
-    taylor.begin(z0, times)
-    done = loops().steps(taylor.work, gauss.work, *chosen(tolerance)[1], worth)
-    steps, rejected, iterations, *_ = gauss.counts.table.tolist()
-    more, failed, _ = taylor.counts.table.tolist()
-    if steps or rejected:
-        gauss.work.clear()  # as it was before
-    if done < len(times):
-        raise ArithmeticError(f"the step became too short before t = {times[done]:g}")
-    counts = {"steps": steps + more, "rejected": rejected + failed, "newton_iterations": iterations}
-    return taylor.states.copy(), counts
 
 
 @hookimpl

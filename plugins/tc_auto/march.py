@@ -6,6 +6,7 @@ import math
 
 from tcbench.compiler.language import call, copy_into, fill, rare
 from tcbench.compiler.library import Library
+from tcbench.compiler.records import Record
 
 from ..tc_gauss import march as gauss
 from ..tc_gauss.memory import Work as Gauss
@@ -24,9 +25,21 @@ SHORT, SHARE, LEG, MOST_LEG = 80.0, 0.04, 32, 512
 TURNS, SETTLED = 12, 4  # of the power method, and those of them that are not counted
 
 
-def steps(e: Taylor, g: Gauss, tolerance: float, defect: float, residual: float, worth: float) -> int:
-    """The states and times that e has been lent; how many rows were reached. worth: iterations in the time of an
-    explicit step."""
+class Both(Record):
+    """Both methods, what explicit steps may miss, defect and residual of implicit ones, and the iterations that take
+    the time of an explicit step."""
+
+    explicit: Taylor
+    implicit: Gauss
+    tolerance: float
+    defect: float
+    residual: float
+    worth: float
+
+
+def steps(both: Both) -> int:
+    """The states and times that the explicit method has been lent; how many rows were reached."""
+    e, g, worth = both.explicit, both.implicit, both.worth
     times, states = e.times, e.states
     taylor.begin(e, states[0])
     g.counts.steps, g.counts.rejected, g.counts.iterations = 0, 0, 0
@@ -40,7 +53,7 @@ def steps(e: Taylor, g: Gauss, tolerance: float, defect: float, residual: float,
         rate = 1e-300 if first else fastest(g)
         if explicit:
             before = e.counts.steps
-            row, t, h = taylor.advance(e, times, tolerance, states, row, t, STIFF * stable / rate, patience, leg)
+            row, t, h = taylor.advance(e, times, both.tolerance, states, row, t, STIFF * stable / rate, patience, leg)
             go_over(e, g)
             left = worth * rate * (times[len(times) - 1] - t) / stable
             if e.counts.steps - before < leg or not g.general:
@@ -51,7 +64,7 @@ def steps(e: Taylor, g: Gauss, tolerance: float, defect: float, residual: float,
         else:
             g.budget[0] = worth * rate / stable
             g.budget[1] = math.inf if given_up else max(OWED, SHARE * left) if g.general else OWED
-            row, t, h = gauss.advance(g, times, defect, residual, states, row, t, LONGER * h)
+            row, t, h = gauss.advance(g, times, both.defect, both.residual, states, row, t, LONGER * h)
             keep_laws(e, g)
         if h == 0.0 and given_up:
             return row

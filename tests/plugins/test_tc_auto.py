@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from random_laws import GENERAL, assert_laws, assert_laws_of_any, random_start
 from states import admissible_states
-from tcbench_plugins.tc_auto import adaptive, both, chosen, methods_of
+from tcbench_plugins.tc_auto import BothMethods, adaptive, chosen
 from tcbench_plugins.tc_gauss import march
 from tcbench_plugins.tc_gauss.method import held
 
@@ -19,9 +19,9 @@ END = np.array([0.0, 20.0])
 
 def shares(scenario, tolerance, times=END):
     """(implicit, explicit) steps of a run."""
-    implicit, explicit, worth = methods_of(scenario.model, *chosen(tolerance)[0])
-    both((implicit, explicit, worth), scenario.z0, times, tolerance)
-    return implicit.counts.steps, explicit.counts.steps
+    methods = BothMethods(scenario.model, *chosen(tolerance))
+    methods.adaptive(scenario.z0, times, tolerance)
+    return methods.gauss.counts.steps, methods.taylor.counts.steps
 
 
 @pytest.mark.parametrize("name", ["bound_equilibrium", "gas_containers"])
@@ -84,7 +84,7 @@ def test_output_times_are_hit_and_a_large_system_is_left_to_collocation():
 
 def test_an_attempt_is_given_up_when_it_owes_what_it_may():
     scenario = tcbench.scenarios()["cold_spring"]
-    gauss, *_ = methods_of(scenario.model, *chosen(1e-7)[0])
+    gauss = BothMethods(scenario.model, *chosen(1e-7)).gauss
     states = np.empty((2, len(scenario.z0)))
     for owed in (5.0, 9.0):
         march.begin(gauss.work, scenario.z0)
@@ -121,8 +121,8 @@ def test_a_general_system_as_it_ships_is_left_to_the_series(name):
 def test_a_run_does_not_see_what_another_left_in_its_memory(name):
     scenario = random_start(name, 0, 1000) if name in GENERAL else tcbench.scenarios()[name]
     end = np.array([0.0, 0.1 * scenario.t_end])
-    methods = methods_of(scenario.model, *chosen(1e-5)[0])
-    first, _ = both(methods, scenario.z0, end, 1e-5)
-    both(methods, first[-1], 3.0 * end, 1e-4)
-    again, _ = both(methods, scenario.z0, end, 1e-5)
+    methods = BothMethods(scenario.model, *chosen(1e-5))
+    first, _ = methods.adaptive(scenario.z0, end, 1e-5)
+    methods.adaptive(first[-1], 3.0 * end, 1e-4)
+    again, _ = methods.adaptive(scenario.z0, end, 1e-5)
     assert np.array_equal(first, again)
