@@ -14,6 +14,7 @@ from ..systems.element_system import ElementSystem
 from ..systems.plane import segments
 from ..systems.traced import LARGE
 from .check_line import FAIL, NONE, OK, Line, line
+from .units import check_units
 
 if TYPE_CHECKING:
     from ..systems.scenario import Scenario
@@ -56,6 +57,18 @@ def formulas(scenario: Scenario) -> list[Line]:
     remedy = "A formula reads its arguments, constants of self and what does not change: no counter, no random numbers."
     found = f"traced twice, {', '.join(changing)} is not the same" if changing else "traced twice, they are the same"
     return [line("formulas", not changing, found, remedy)]
+
+
+def units(scenario: Scenario) -> list[Line]:
+    """The formulas agree with the units that the author declares."""
+    if isinstance(scenario.model, ElementSystem):
+        return []
+    if not scenario.model.units:
+        return [Line("units", NONE, "none declared: units = {'q': 'm', ...} has them checked")]
+    check_units(scenario.model)
+    return [
+        Line("units", OK, f"every sum and every rate agrees with the {len(scenario.model.units)} that are declared")
+    ]
 
 
 def laws(scenario: Scenario) -> list[Line]:
@@ -127,6 +140,7 @@ DERIVED = ("vector_field", "momenta", "temperatures", "shapes", "exergy")  # in 
 TESTS: tuple[tuple[str, Callable[[Scenario], Line | list[Line]]], ...] = (
     ("metadata", metadata),
     ("formulas", formulas),
+    ("units", units),
     ("entropies", entropies),
     ("exergy", exergy),
     ("the operators", laws),

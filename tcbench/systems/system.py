@@ -59,6 +59,8 @@ class System(Traced):
         theta_ref of the exergy V = E - theta_ref S + offset; 0: the energy is its own scale.
     source : str
         Paper and equation.
+    units : mapping of str to str
+        Units of measure by the name of a variable or a constant, for `tcbench check`; nothing else reads them.
 
     Raises
     ------
@@ -76,12 +78,13 @@ class System(Traced):
     non_negative: ClassVar[tuple[str, ...]] = ()
     reference_temperature: Any = 0.0  # of the exergy; 0: the energy is its own scale
     source: ClassVar[str] = ""
+    units: ClassVar[Mapping[str, Any]] = {}  # of variables, constants, energy, entropy, time: for `tcbench check`
     initial_data: ClassVar[tuple[str, ...]] = ("initial",)  # settings of a Scenario that say where it starts
     collapsed: ClassVar[str] = "what measures(z) says is not positive"  # of a run that ends for that
     # what an author may define; every other name that the class has is derived or taken
     written: ClassVar[tuple[str, ...]] = (
         "name", "constants", "variables", "positive", "non_negative", "reference_temperature", "source", *FORMULAS,
-        "poisson", "friction", "invariants", "temperature", "measures", "exergy_offset", "points",
+        "poisson", "friction", "invariants", "temperature", "measures", "exergy_offset", "points", "units",
     )  # fmt: skip
 
     def __init_subclass__(cls, **arguments: Any) -> None:

@@ -1,0 +1,132 @@
+"""Units of measure that an author declares: a formula that disagrees is told with its line."""
+
+import numpy as np
+import pytest
+
+import tcbench
+from tcbench import System, TcbenchError
+from tcbench.authoring.units import Unit, check_units, unit
+
+
+class Oscillator(System):
+    """A mass on two springs, with friction that heats a bath, and a clock of another unit."""
+
+    name = "oscillator"
+    variables = {"q": (2,), "p": (2,), "s": ()}
+    constants = {"mass": (), "stiffness": (2,), "friction_": (), "capacity": (), "warm": (), "power": ()}
+    reference_temperature = "warm"
+    units = {
+        "q": "m", "p": "kg m/s", "s": "J/K", "mass": "kg", "stiffness": ["N/m", "N/m^3"], "friction_": "kg/s",
+        "capacity": "J/K", "warm": "K",
+    }  # fmt: skip
+
+    def energy(self, z):
+        linear, cubic = self.stiffness
+        r = np.sqrt(z.q @ z.q)
+        bath = self.capacity * self.warm * (np.exp(z.s / self.capacity) - 1)
+        return z.p @ z.p / (2 * self.mass) + linear / 2 * r**2 + cubic * r**self.power + bath
+
+    def entropy(self, z):
+        return z.s
+
+    def reversible(self, z, dE, dS):
+        return {"q": dE.p, "p": -dE.q}
+
+    def irreversible(self, z, dE, dS):
+        force = self.friction_ * dE.p
+        return {"p": -force, "s": np.sum(force * dE.p) / dE.s}
+
+    def temperature(self, z, dE, dS):
+        return dE.s
+
+    def exergy_offset(self):
+        return -self.warm * self.capacity
+
+    def invariants(self, z):
+        return {"spin": z.q[0] * z.p[1] - z.q[1] * z.p[0]}
+
+
+class Matrices(Oscillator):
+    reversible = System.reversible
+    irreversible = System.irreversible
+
+    def poisson(self, z):
+        L = np.zeros((5, 5))
+        L[0, 2] = L[1, 3] = 1
+        return L - L.T
+
+    def friction(self, z):
+        v, theta = z.p / self.mass, self.warm * np.exp(z.s / self.capacity)
+        B = np.array([[0, 0], [0, 0], [1, 0], [0, 1], [-v[0] / theta, -v[1] / theta]], dtype=object)
+        return self.friction_ * theta * B @ B.T
+
+
+def model(kind, **changed):
+    units = {"units": {**kind.units, **changed.pop("units", {})}}
+    constants = {"mass": 1, "stiffness": (1, 2), "friction_": 0.1, "capacity": 1, "warm": 300, "power": 4}
+    return type("Wrong", (kind,), {**units, **changed})(**constants)
+
+
+def test_what_agrees_passes():
+    check_units(model(Oscillator))
+    check_units(model(Oscillator, units={"energy": "eV", "mass": "eV s^2/m^2", "p": "eV s/m", "time": "s",
+                                         "stiffness": ["eV/m^2", "eV/m^4"], "friction_": "eV s/m^2", "s": "eV/K",
+                                         "capacity": "eV/K", "entropy": "eV/K"}))  # fmt: skip
+
+
+def of(name, formula):
+    return {name: formula}, formula
+
+
+WRONG = {
+    "a sum": (*of("energy", lambda self, z: z.p @ z.p / 2 + z.s * self.warm), r"kg\^2 m\^2 s\^-2 and J are added"),
+    "a pure number": (*of("energy", lambda self, z: self.warm * z.s + 1), "J and the pure number 1"),
+    "a function": (*of("energy", lambda self, z: self.warm * self.capacity * np.exp(z.s)), "argument of exp.* not"),
+    "an energy": (*of("energy", lambda self, z: z.p @ z.p), "gives the energy in .*; it is J"),
+    "an entropy": (*of("entropy", lambda self, z: z.s / self.capacity), "gives the entropy in a pure number"),
+    "a rate": (
+        *of("irreversible", lambda self, z, dE, dS: {"p": -self.friction_ * z.p}), r"rate of p in .*; it is N",
+    ),
+    "a rate with S": (*of("irreversible", lambda self, z, dE, dS: {"s": dE.p @ dE.p / dE.s}), "the rate of s in"),
+    "a temperature": (*of("temperature", lambda self, z, dE, dS: dS.s / dE.s), "a temperature in .*; it is K"),
+    "an offset": (*of("exergy_offset", lambda self: self.warm), "the offset in K; it is J"),
+    "an invariant": (*of("invariants", lambda self, z: {"x": z.q[0] + z.p[0]}), "m and .* are added"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", WRONG)
+def test_what_disagrees_is_told_with_its_line(what):
+    written, formula, words = WRONG[what]
+    with pytest.raises(TcbenchError, match=rf"test_units.py, line {formula.__code__.co_firstlineno}:.*{words}"):
+        check_units(model(Oscillator, **written))
+
+
+@pytest.mark.parametrize(
+    ("units", "words"),
+    [
+        ({"x": "m"}, "'x'.*capacity"), ({"q": "m/"}, "'m/' is no unit"), ({"q": ["m"]}, "1 for the 2 numbers of 'q'"),
+        ({"power": "m"}, "an exponent is a pure number, not m"), ({"time": "h"}, "rate of q"),
+    ],
+)  # fmt: skip
+def test_what_is_declared_must_make_sense(units, words):
+    with pytest.raises(TcbenchError, match=words):
+        check_units(model(Oscillator, units=units))
+
+
+def test_matrices_too():
+    check_units(model(Matrices))
+    with pytest.raises(TcbenchError, match=r"friction.. of Wrong gives row 2, column 2 in .* it is"):
+        check_units(model(Matrices, units={"friction_": "kg"}))
+
+
+@pytest.mark.parametrize("name", ["rigid_body", "heavy_top", "reaction"])
+def test_a_system_of_pure_numbers_agrees(name):
+    """Every operation that the formulas use is known."""
+    system = tcbench.scenarios()[name].model
+    kind = type("Pure", (type(system),), {"units": {"energy": "1", "entropy": "1", "time": "1"}})
+    check_units(kind(**tcbench.scenarios()[name].constants))
+
+
+def test_units_are_written_as_people_write_them():
+    assert unit("J/(kg K)").like(unit("m^2 s^-2 K^-1")) and unit("m^(1/2)").powers == {"m": 0.5}
+    assert str(unit("kg m^2/s^2")) == "J" and str(unit("")) == "a pure number" and str(Unit({"mol": 1})) == "mol"
