@@ -34,8 +34,9 @@ FIGURES = (
     PaperFigure(3, "short_term", ("tc_staggered",), "The paper's account holds: E is constant, S only grows."),
     PaperFigure(
         4, "short_term", ("midpoint_entropy",),
-        "The paper reports that E and S oscillate. E does; S does not and cannot: the printed equations (A2) make its "
-        "increment non-negative for any positive temperatures. The failure after 5 steps at h = 0.5 is not reproduced.",
+        "The paper reports that E and S oscillate. E goes up, comes back and settles; the temperatures oscillate. S "
+        "does not and cannot: the printed equations (A2) make its increment non-negative for any positive temperatures. "
+        "The failure after 5 steps at h = 0.5 is not reproduced.",
     ),
     PaperFigure(
         5, "short_term", ("midpoint_temperature",),

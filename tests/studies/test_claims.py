@@ -186,6 +186,12 @@ def test_contradiction_is_computed_from_the_printed_conduction_law(monkeypatch, 
     assert entropy.verdict != CONTRADICTS
 
 
+def test_turns_are_those_that_a_figure_shows():
+    t = np.linspace(0, 20, 400)
+    assert [ledger._turns(x) for x in (t, 0 * t, np.sin(t), 5 + 1e-12 * np.sin(t))] == [0, 0, 6, 6]
+    assert ledger._turns(np.exp(-t) + 1e-3 * np.sin(5 * t)) == 0  # falls, with a ripple of a thousandth
+
+
 def test_random_states_are_admissible_repeatable_and_varied():
     scenario = tcbench.scenarios()["short_term"]
     first, again = (admissible_states(scenario, np.random.default_rng(1)) for _ in range(2))
