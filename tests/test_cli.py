@@ -9,11 +9,13 @@ import sys
 from pathlib import Path
 
 import pytest
+from command import tcbench
 
 
-def tcbench(*args, cwd=None, env=None):
+def process(*args, cwd=None):
+    """As `tcbench`, by a process of its own."""
     command = [sys.executable, "-m", "tcbench", *map(str, args)]
-    return subprocess.run(command, capture_output=True, text=True, cwd=cwd, env=os.environ | (env or {}))
+    return subprocess.run(command, capture_output=True, text=True, cwd=cwd)
 
 
 def test_help_lists_the_commands_without_importing_what_is_heavy():
@@ -95,7 +97,7 @@ def test_run_writes_tables_and_a_manifest_and_resumes(tmp_path):
     out = tmp_path / "mine"
     chosen = ("-i", "tc_monolithic", "-i", "midpoint_entropy", "-s", "stiff_spring", "--study", "conservation")
     args = ("run", *chosen, "--dt", 0.1, "--dt", 0.3, "-o", out)
-    first = tcbench(*args)
+    first = process(*args)
     assert first.returncode == 0, first.stderr
     assert "stiff_spring" in first.stdout and "blowup" in first.stdout and "4 cells" in first.stdout
     rows = list(csv.DictReader((out / "tables" / "conservation.csv").open()))
@@ -206,6 +208,11 @@ def test_bad_input_is_one_sentence_and_exit_code_2(args, sentence, tmp_path):
     assert done.stdout == "" and list(tmp_path.iterdir()) == []  # nothing half-written
 
 
+def test_a_process_of_its_own_says_and_returns_the_same():
+    done = process(*BAD[1][0])
+    assert (done.returncode, done.stdout) == (2, "") and done.stderr == tcbench(*BAD[1][0]).stderr
+
+
 def test_a_plugin_file_runs_beside_the_built_ins(tmp_path):
     (tmp_path / "mine.py").write_text(
         "from tcbench import Integrator, hookimpl\n"
@@ -223,7 +230,7 @@ def test_a_plugin_file_runs_beside_the_built_ins(tmp_path):
 
 
 def test_piped_output_is_plain_text():
-    done = tcbench("list")
+    done = process("list")
     assert "\x1b" not in done.stdout and "\x1b" not in done.stderr
 
 
