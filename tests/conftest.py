@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import atexit
 import os
-import shutil
 import sys
-import tempfile
 
 import pytest
 from hypothesis import settings
@@ -16,12 +13,9 @@ settings.load_profile("tcbench")
 SLOW = {"test_cli", "test_docs", "test_readme", "test_notebooks", "test_machine", "test_kernel_cache", "test_history"}
 SLOW |= {"test_net", "test_space_flow", "test_ensemble", "test_shared_runs", "test_size"}
 
-if sys.dont_write_bytecode and "PYTHONPYCACHEPREFIX" not in os.environ:
-    # half of what a process takes to start is compiling what it imports: of this session, they do it once
-    sys.dont_write_bytecode, sys.pycache_prefix = False, tempfile.mkdtemp(prefix="tcbench-tests-")
-    os.environ["PYTHONPYCACHEPREFIX"] = sys.pycache_prefix
-    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
-    atexit.register(shutil.rmtree, sys.pycache_prefix, ignore_errors=True)
+# half of what a process takes to start is compiling what it imports: they do it once, beside the sources
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 
 def pytest_addoption(parser):
@@ -40,8 +34,14 @@ def starts_processes(item):
     return item.path.parent.name in ("engine", "authoring") or item.path.stem in SLOW
 
 
+def place(item):
+    """Where a test stands in the order: laws of one run are asked one after the other, by the worker that keeps it."""
+    run = getattr(item, "callspec", None) if item.path.stem == "test_laws" else None
+    return not starts_processes(item), str(item.path.parent), run.id if run else ""
+
+
 def pytest_collection_modifyitems(config, items):
-    items.sort(key=lambda item: not starts_processes(item))
+    items.sort(key=place)
     if not config.getoption("--run-slow"):
         slow = pytest.mark.skip(reason="takes minutes: --run-slow")
         for item in items:

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pandas as pd
+from command import tcbench
 
 from tcbench.studies.columns import column
 from tcbench.terminal import SHOWN, number
@@ -18,19 +19,19 @@ BLOCKS = re.findall(r"```(sh|python)\n(.*?)```", README, re.DOTALL)
 
 
 def test_every_snippet_of_the_readme_runs(tmp_path):
-    tcbench = [sys.executable, "-m", "tcbench"]
     ran = 0
     for language, text in BLOCKS:
         if language == "python":
             name = "mine.py" if "hookimpl" in text else "snippet.py"
             (tmp_path / name).write_text(text)
-            commands = [[sys.executable, name]]
-        else:
-            lines = [line.partition("#")[0].split() for line in text.splitlines()]
-            commands = [tcbench + words[1:] for words in lines if words and words[0] == "tcbench"]
-        for command in commands:
-            done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
-            assert done.returncode == 0, f"{command}: {done.stderr}"
+            done = subprocess.run([sys.executable, name], cwd=tmp_path, capture_output=True, text=True)
+            assert done.returncode == 0, f"{name}: {done.stderr}"
+            ran += 1
+            continue
+        lines = [line.partition("#")[0].split() for line in text.splitlines()]
+        for words in (words for words in lines if words and words[0] == "tcbench"):
+            done = tcbench(*words[1:], cwd=tmp_path)
+            assert done.returncode == 0, f"{words}: {done.stderr}"
             ran += 1
     assert ran >= 7
     assert (tmp_path / "run.csv").exists() and (tmp_path / "results/mine/tables/conservation.csv").exists()

@@ -6,7 +6,6 @@ import math
 import sys
 import time
 import types
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,7 +13,7 @@ from click.testing import CliRunner
 
 import tcbench
 from tcbench import Integrator, plugins
-from tcbench.authoring import check, scenario_checks
+from tcbench.authoring import check
 from tcbench.authoring import integrator_checks as contract
 from tcbench.cli import main
 
@@ -343,91 +342,6 @@ def test_a_slow_method_is_told_how_long_its_lines_take():
     assert estimate(made(flows=implicit_midpoint), list(TESTS)) is None
 
 
-FORMULAS = """
-import numpy as np
-from tcbench import Integrator, hookimpl
-
-def branching(z0, z1, h, system):
-    return z1 if z0[0] > 0 else z0
-
-def silent(z0, z1, h, system):
-    z1 - z0 - h * system.vector_field((z0 + z1) / 2)
-
-def nothing(z, h, system):
-    z + h
-
-def scipys(z, h, system):
-    from scipy.optimize import brentq
-    return brentq(lambda x: 1.0, 0.0, 1.0)
-
-@hookimpl
-def tcbench_integrators():
-    formulas = [Integrator(name=f.__name__, order=2, source="x", flows=f) for f in (branching, silent)]
-    return formulas + [Integrator(name=f.__name__, order=2, source="x", step=f) for f in (nothing, scipys)]
-"""
-
-
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [
-        ("branching", "mine.py, line 6: a comparison of symbols"),
-        ("silent", "returned nothing (is `return` missing?)"),
-        ("nothing", "is `return` missing?"),
-        ("scipys", "at mine.py:16"),
-    ],
-)
-def test_the_sentence_names_the_line_of_the_plugin_and_none_of_ours(tmp_path, name, words):
-    (tmp_path / "mine.py").write_text(FORMULAS)
-    done = command(name, "--only", "runs", "--plugins-dir", str(tmp_path))
-    assert done.exit_code == 1 and words in done.stdout, done.stdout
-    assert not any(
-        ours in done.stdout for ours in ("python_loop.py", "symbols.py", "segmentation fault", "must not die")
-    )
-    method = plugins.find_integrator(name)
-    assert ".py:" not in check._guarded("order", TESTS["order"], method).found.replace("mine.py:", "")
-
-
 def test_a_claim_that_no_system_has_is_not_passed_as_measured():
     found = contract.claims(made(flows=implicit_midpoint, claims={"enregy"}))
     assert found.verdict == check.NONE and "metadata" in found.found
-
-
-class Friction(tcbench.System):
-    """A mass whose friction heats a bath, right; below it is planted wrong."""
-
-    name = "friction_bath"
-    variables = {"q": (), "p": (), "s": ()}
-
-    def energy(self, z):
-        return z.p**2 / 2 + z.q**2 / 2 + np.exp(z.s)
-
-    def entropy(self, z):
-        return z.s
-
-    def reversible(self, z, dE, dS):
-        return {"q": dE.p, "p": -dE.q}
-
-    def irreversible(self, z, dE, dS):
-        return {"p": -dE.p, "s": dE.p**2 / dE.s}
-
-    def temperature(self, z, dE, dS):
-        return dE.s
-
-
-GENERAL = {  # what is wrong -> the check that finds it
-    "reversible": (lambda self, z, dE, dS: {"q": dE.p, "p": -dE.q * (1 + z.q)}, "reversible keeps energy"),
-    "irreversible": (lambda self, z, dE, dS: {"p": -dE.p, "s": dE.p**2 / np.exp(z.s)}, "irreversible keeps energy"),
-    "invariants": (lambda self, z: {"momentum": z.p}, "momentum is invariant"),
-}
-
-
-@pytest.mark.parametrize("name", GENERAL)
-def test_of_any_system_the_line_of_the_formula_is_named(name):
-    """irreversible: right at the true gradients, where dE.s is exp(s), and wrong at those that a method puts in."""
-    wrong, claim = GENERAL[name]
-    kind = type("Wrong", (Friction,), {name: wrong})
-    scenario = tcbench.Scenario("wrong", kind, {}, initial={"q": 1, "p": 0.5, "s": 0}, t_end=1, dt=0.1)
-    failed = {line.check: line.remedy for line in scenario_checks.laws(scenario) if line.verdict == check.FAIL}
-    assert f"test_check.py, line {wrong.__code__.co_firstlineno}, " in failed[claim]
-    right = replace(scenario, system=Friction)
-    assert all(line.verdict == check.OK for line in [*scenario_checks.laws(right), scenario_checks.entropies(right)])

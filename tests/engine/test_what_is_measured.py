@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pandas
 import pytest
+from command import tcbench as command
 
 import tcbench
 from tcbench import Integrator, plugins
@@ -251,9 +252,9 @@ def test_a_folder_has_one_truth_whatever_was_run_last(tmp_path):
 
 
 def test_the_summary_of_the_command_line_has_all_rows_too(tmp_path):
-    command = [sys.executable, "-m", "tcbench", "run", "-s", "short_term", "--study", "conservation", "--dt", "0.3"]
+    words = ["run", "-s", "short_term", "--study", "conservation", "--dt", "0.3", "-o", tmp_path]
     for methods in (["-i", "tc_monolithic", "-i", "midpoint_entropy"], ["-i", "tc_monolithic"]):
-        done = subprocess.run([*command, *methods, "-o", str(tmp_path)], capture_output=True, text=True)
+        done = command(*words, *methods)
         assert done.returncode == 0, done.stderr
     summary = pandas.read_csv(tmp_path / "summary.csv")
     assert sorted(summary["integrator"]) == ["midpoint_entropy", "tc_monolithic"]

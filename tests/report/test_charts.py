@@ -22,7 +22,6 @@ from tcbench.report.charts.style import COLOURS, KNOWN, look
 from tcbench.simulation import series
 
 METHODS = {
-    "five": awkward.FIVE,
     "with peers": [*awkward.FIVE, *awkward.PEERS],
     "one": ["tc_monolithic"],
     "forty": awkward.FORTY,

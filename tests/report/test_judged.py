@@ -3,13 +3,13 @@
 import math
 
 import pytest
+from random_tables import is_number, random_tables, records
 
 from tcbench.report.by_method import by_method, remarks
 from tcbench.report.judged import judged, laws
 from tcbench.report.matrix import failures, methods, unmeasured
 from tcbench.report.overview import failing
 from tcbench.report.summary import summary
-from tests.report.test_overview import is_number, random_tables, records
 
 LAWS = {"energy": ("energy_error_max", 1e-9), "entropy": ("second_law_violations", 0),
         "angular_momentum": ("angular_momentum_error_max", 1e-9)}  # fmt: skip

@@ -45,7 +45,7 @@ def test_no_view_overflows_and_text_is_readable(which, width, request, visit):
         assert overflow(page) <= 0, place
         assert page.evaluate("document.querySelectorAll('main > .view:not([hidden])').length") == 1
         assert page.locator("main > .view:visible").inner_text().strip()
-        for scheme in ("light", "dark"):
+        for scheme in ("light", "dark") if width == 1400 else ():
             page.emulate_media(color_scheme=scheme)
             light = page.evaluate(LIGHTNESS)
             assert all(v > 0.55 if scheme == "dark" else v < 0.45 for v in light), (place, scheme)

@@ -86,14 +86,8 @@ def method_of(name):
 
 def told(run):
     """All that is computed, to the last bit."""
-    return (
-        run.status,
-        run.failure,
-        run.z.tobytes(),
-        run.energy.tobytes(),
-        repr(run.solver),
-        run.summary.energy_error_max,
-    )
+    numbers = run.z.tobytes(), run.energy.tobytes()
+    return run.status, run.failure, *numbers, repr(run.solver), run.summary.energy_error_max
 
 
 def simulate(name, scenario, **given):

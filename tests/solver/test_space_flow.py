@@ -13,8 +13,7 @@ from tcbench.solver.space_flow import space_flow
 
 METHODS = [
     "tc_monolithic", "tc_staggered", "midpoint_entropy", "midpoint_temperature", "midpoint_temperature[reading=rate]",
-    "midpoint_temperature[reading=a5_literal]", "tc_gonzalez", "tc_itoh_abe", "tc_mean_value", "gauss2", "gauss3",
-    "projected[method=midpoint_entropy]",
+    "tc_gonzalez", "tc_itoh_abe", "tc_mean_value", "gauss2", "projected[method=midpoint_entropy]",
 ]  # fmt: skip
 SCENARIO = net(4, 4)
 
@@ -36,9 +35,10 @@ def whole(monkeypatch):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_every_flow_is_that_of_the_whole_trace(method, whole):
+    scenario = net(3, 2)  # the work of the whole trace grows with the cube of the unknowns
     for flow in tcbench.integrators()[method.partition("[")[0]].flows if "[" not in method else ():
-        assert space_flow(flow, SCENARIO.model.symbolic).terms
-    run, expected = tcbench.simulate(method, SCENARIO, dt=0.1, t_end=0.5), whole(method, SCENARIO, dt=0.1, t_end=0.5)
+        assert space_flow(flow, scenario.model.symbolic).terms
+    run, expected = tcbench.simulate(method, scenario, dt=0.1, t_end=0.5), whole(method, scenario, dt=0.1, t_end=0.5)
     assert run.ok and "loops over the elements" in run.solver.way
     assert "loops over the elements" not in expected.solver.way
     assert np.abs(run.z - expected.z).max() < 1e-11
