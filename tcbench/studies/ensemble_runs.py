@@ -150,17 +150,18 @@ def ladder(integrator: Integrator, scenario: Scenario) -> list[float]:
 
 def _first_time(integrator: Integrator, scenario: Scenario, rungs: list[Row], share_s: float) -> None:
     adaptive = integrator.kind == "adaptive"
-    begin, growth = time.process_time(), 1.5 if adaptive else 2.0
+    begin, growth, took = time.process_time(), 1.5 if adaptive else 2.0, 0.0  # of the processor, as all that is decided
     for value in ladder(integrator, scenario):
         left = share_s - (time.process_time() - begin)
-        if rungs and growth * max(rungs[-1].get("time_s") or 0.0, 0.0) > left:
+        if growth * took > left:
             break
         if adaptive and not rungs and _too_slow(integrator, scenario, value, left):
             rungs.append({"value": value, "kind": KINDS.index("too slow"), "sentence": "a part of it took too long"})
             break
+        started = time.process_time()
         rungs.append({"value": value} | run_once(integrator, scenario, value))
-        left = share_s - (time.process_time() - begin)
-        if adaptive and rungs[-1]["kind"] == 0 and 2.0 * rungs[-1]["time_s"] < left:
+        took = time.process_time() - started
+        if adaptive and rungs[-1]["kind"] == 0 and 2.0 * took < share_s - (time.process_time() - begin):
             rungs[-1] |= _observed(integrator, scenario, value)
 
 

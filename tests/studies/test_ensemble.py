@@ -323,6 +323,13 @@ def test_a_slow_adaptive_solver_does_not_hold_the_ensemble_up():
     assert [[ensemble_runs.KINDS[rung["kind"]] for rung in rungs] for rungs in ladders] == [["too slow"]] * 3
 
 
+def test_a_run_that_waits_for_other_processes_cuts_no_ladder_short(monkeypatch):
+    monkeypatch.setattr(ensemble_runs, "run_once", lambda *_: {"kind": 0, "time_s": 1e6, "repeats": 1})
+    rungs = []
+    ensemble_runs._first_time(*methods("tc_strang"), RANDOM.member(), rungs, 60.0)
+    assert len(rungs) == ensemble_runs.RUNGS
+
+
 def test_the_study_is_part_of_all_and_says_what_it_is():
     assert "ensemble" in default_studies() and "ensemble_map" not in default_studies() and STUDY.sampled
     assert STUDY.is_timed({"part": "timings"}) and not STUDY.is_timed({"part": "shares"})
