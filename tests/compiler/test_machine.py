@@ -8,6 +8,7 @@ import sys
 import numpy as np
 import pytest
 
+import tcbench
 from tcbench import TcbenchError
 from tcbench import cache as files
 from tcbench.compiler import language, library, machine
@@ -104,9 +105,9 @@ def test_a_remembered_object_that_is_gone_is_made_again(cache):
     assert len(made) == 2 and len(list(folder.glob("*.text"))) == 1
 
 
-RUN = "tcbench.simulate('tc_strang', 'short_term', t_end=6.0).z[-1]"
+WAY = {"integrator": "tc_strang", "scenario": "short_term", "t_end": 6.0}
 CODE = f"""import tcbench; from tcbench.compiler import machine
-print(*machine.target()[:1], *(x.hex() for x in {RUN}))
+print(*machine.target()[:1], *(x.hex() for x in tcbench.simulate(**{WAY}).z[-1]))
 """
 
 
@@ -120,7 +121,7 @@ def test_another_processor_may_be_compiled_for(asked):
     done = subprocess.run([sys.executable, "-c", CODE], env=env, capture_output=True, text=True, check=True)
     name, *numbers = done.stdout.split()
     assert name == asked.partition(":")[0]
-    here, there = eval(RUN), np.array([float.fromhex(x) for x in numbers])
+    here, there = tcbench.simulate(**WAY).z[-1], np.array([float.fromhex(x) for x in numbers])
     np.testing.assert_allclose(there, here, rtol=1e-11, atol=1e-11)  # products are fused with sums, or not
 
 
