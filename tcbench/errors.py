@@ -112,6 +112,17 @@ def unknown_name(kind: str, name: str, known: Iterable[str], remedy: str = "", c
     return UnknownNameError(f"No {kind} is called {name!r}.{cause}{guess}{listing}{remedy}")
 
 
+def misnamed(error: BaseException) -> str:
+    """What an exception says, in a line, and of an attribute that an object does not have the nearest that it has."""
+    text = f"{type(error).__name__}: {str(error).splitlines()[0][:300]}" if str(error) else type(error).__name__
+    if isinstance(error, AttributeError) and isinstance(error.name, str):
+        known = [name for name in dir(error.obj) if not name.startswith("_")]
+        if close := difflib.get_close_matches(error.name, known, n=1):
+            who = getattr(error.obj, "__name__", type(error.obj).__name__)
+            return f"{who!r} has no {error.name!r} (did you mean {close[0]!r}?)"
+    return text
+
+
 def matching(kind: str, name: str, known: Iterable[str], remedy: str = "", cause: str = "") -> list[str]:
     """The known names that `name` means: itself, or those that fit a pattern with * or ?; an error if there is none."""
     names = list(known)

@@ -28,8 +28,11 @@ from .inputs import marks, watching
 def plugin_files(folders: Iterable[Path]) -> list[Path]:
     files: list[Path] = []
     for folder in folders:
-        found = [folder] if folder.is_file() else sorted(folder.glob("*.py"))
-        files.extend(p.resolve() for p in found if not p.name.startswith(("_", "test_", "conftest", "setup")))
+        if folder.is_file():  # named by itself, whatever its name
+            files.append(folder.resolve())
+        else:
+            found = sorted(folder.glob("*.py"))
+            files.extend(p.resolve() for p in found if not p.name.startswith(("_", "test_", "conftest", "setup")))
     return list(dict.fromkeys(files))
 
 

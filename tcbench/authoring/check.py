@@ -32,6 +32,8 @@ WARM_LIMIT = 900.0  # seconds for that; more on a slow machine means that someth
 ALONE = ("runs", "step too large")  # lines that are runs in a process of their own
 OF_INTEGRATORS = ("metadata", *(name for name, _ in integrator_checks.TESTS), *ALONE, "time per step")
 OF_SCENARIOS = tuple(name for name, _ in scenario_checks.TESTS)
+DOES_NOT_RUN = Line("the rest", NONE, "not checked: the method does not run")
+LOOK_BELOW = "A step of 0.01 must succeed: see whether the formula is consistent with dz/dt."
 WIDTH = max(map(len, OF_INTEGRATORS))  # of the names of lines; those of the operators may be longer
 
 
@@ -73,9 +75,11 @@ def subjects(target: str, only: Sequence[str] = ()) -> list[Subject]:
     known = dict.fromkeys((*OF_INTEGRATORS, *OF_SCENARIOS))
     chosen = [one for name in only for one in matching("line of tcbench check", name, known)]
     path = Path(target)
-    if path.suffix == ".py" or path.exists():
+    if path.suffix == ".py" or path.is_file():
         return _of_file(path, chosen)
     registry = plugins.registry()
+    if path.is_dir() and target not in {*registry.integrators, *registry.scenarios}:
+        raise TcbenchError(f"{target!r} is a folder: name a plugin file in it. tcbench new integrator NAME writes one.")
     broken = [o for o in registry.broken if o.name == target]
     if broken:
         return [Subject(target, "plugin", iter([_loads(broken[0])]))]
@@ -128,12 +132,17 @@ def integrator_lines(method: Integrator, folders: Sequence[str] = (), only: Sequ
     if "metadata" in wanted:
         yield integrator_checks.metadata(method)
     tests = {name: test for name, test in integrator_checks.TESTS if name in wanted}
-    if method.kind == "flows" and "input unchanged" in tests:  # harmless to trace here; what fails it does not run
-        yield _guarded("input unchanged", tests.pop("input unchanged"), method)
+    if method.kind == "flows" and "input unchanged" in tests:  # harmless to trace here; what cannot be does not run
+        yield (traced := _guarded("runs", tests.pop("input unchanged"), method))
+        if traced.check == "runs":
+            yield DOES_NOT_RUN
+            return
     started = _runs_alone("runs", method, folders)
     yield started
     if started.verdict == FAIL:
-        yield Line("the rest", NONE, "not checked: the method does not run")
+        if started.remedy == LOOK_BELOW and "consistent" in tests:
+            yield _guarded("consistent", tests["consistent"], method)
+        yield DOES_NOT_RUN
         return
     if slow := _guarded("estimate", lambda method: estimate(method, [*tests]), method):
         yield slow
@@ -155,7 +164,7 @@ def _guarded(name: str, test: Callable[[Any], Any], subject: Any) -> Any:
         from ..simulation.recorder import exception_sentence
 
         sentence = exception_sentence(error, 0, 0.0).partition("): ")[2]
-        return Line(name, FAIL, sentence, "The plugin must not raise on an admissible state; see the sentence.")
+        return Line(name, FAIL, sentence, "Mend what the sentence names: a plugin raises on no admissible state.")
 
 
 def _runs_alone(name: str, method: Integrator, folders: Sequence[str]) -> Line:
@@ -186,7 +195,8 @@ def _runs_alone(name: str, method: Integrator, folders: Sequence[str]) -> Line:
         return Line(name, FAIL, row["failure"], "Mend what the sentence names.")
     if name == "runs":
         found = row["status"] if row["status"] == "ok" else f"{row['status']}: {row['failure']}"
-        return line(name, row["status"] == "ok", found, "See the sentence; it names the step and your line.")
+        remedy = "Mend what the sentence names." if row["status"] == "exception" else LOOK_BELOW
+        return line(name, row["status"] == "ok", found, remedy)
     return Line(name, OK, f"h = 1000: status {row['status']}" if "dt" in settings else f"status {row['status']}")
 
 

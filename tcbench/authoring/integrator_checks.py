@@ -12,6 +12,7 @@ import numpy as np
 from .. import plugins
 from ..compiler import derivatives as trace
 from ..simulation.run import simulate
+from ..solver.flow_kernels import called
 from ..solver.quotients import REMEDY, zero_over_zero
 from ..studies.theorems import SEED, admissible_states, energy_defect, entropy_fall
 from .check_line import FAIL, NONE, OK, Line, line
@@ -155,7 +156,7 @@ def _overwrites(flow: Flow, model: System) -> bool:
     before = [list(state) for state in states]
     extra = [*([states[2:given]] if flow.stages else []), *([start, start] if flow.of_step else [])]
     extra += [tuple(states[given:])] if flow.memory else []
-    flow.residual(states[0], states[1], trace.variable("h"), system, *extra)
+    called(flow, [states[0], states[1], trace.variable("h"), system, *extra])
     return any(a is not b for z, old in zip(states, before, strict=True) for a, b in zip(z, old, strict=True))
 
 

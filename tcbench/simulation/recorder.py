@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ..errors import misnamed
 from ..integrator import Integrator
 from ..solver import implicit_step as m
 from ..systems.scenario import Scenario
@@ -105,5 +106,4 @@ def exception_sentence(error: BaseException, step: int, t: float) -> str:
     frames = [f for f in traceback.extract_tb(error.__traceback__) if not Path(f.filename).is_relative_to(OURS)]
     frames = [f for f in frames if not INSTALLED.intersection(Path(f.filename).parts)] or frames
     where = f" at {Path(frames[-1].filename).name}:{frames[-1].lineno}" if frames else ""
-    message = str(error).splitlines()[0][:300] if str(error) else ""
-    return f"step {step} (t = {t:.6g}): {type(error).__name__}{': ' + message if message else ''}{where}"
+    return f"step {step} (t = {t:.6g}): {misnamed(error)}{where}"

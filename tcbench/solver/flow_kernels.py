@@ -10,6 +10,7 @@ The author's formula r(z0, z1, h, system) is run once on symbols. Then, exactly 
 
 from __future__ import annotations
 
+import inspect
 import traceback
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -23,7 +24,7 @@ from ..compiler.formula_hash import formula_hash
 from ..compiler.kernels import Kernel, constant_part, kernel
 from ..compiler.once import cached_property
 from ..compiler.sentences import MixedSpaces
-from ..errors import TcbenchError, TraceError
+from ..errors import TcbenchError, TraceError, misnamed
 from ..integrator import Flow, Residual
 from ..systems.element_system import ElementSystem
 from ..systems.state import State
@@ -311,17 +312,7 @@ def traced(flow: Flow, system: System, y0: State, d: Any, h: Symbol, further: li
     y1 = system.state(np.asarray(y0) + d[:n])
     stages = [system.state(np.asarray(y0) + d[k : k + n]) for k in range(n, len(d), n)]
     arguments = [y0, y1, h, system, *([stages] if stages else []), *further]
-    try:
-        result = np.asarray(flow.residual(*arguments), dtype=object)
-    except TcbenchError:
-        raise
-    except Exception as error:  # numpy and Python refuse symbols with errors of their own
-        frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename == _file(flow.residual)]
-        where = f"{frames[-1].filename}, line {frames[-1].lineno}: " if frames else ""
-        raise TraceError(
-            f"{where}the residual {flow.residual.__name__!r} cannot be traced: {type(error).__name__}: {error}. "
-            "Formulas are branch-free numpy on symbols; for what calls LAPACK or SciPy use step= instead of flows=."
-        ) from error
+    result = np.asarray(called(flow, arguments), dtype=object)
     if result.size != len(d):
         given = (
             "nothing (is `return` missing?)"
@@ -339,6 +330,41 @@ def traced(flow: Flow, system: System, y0: State, d: Any, h: Symbol, further: li
             "state solves it. Look for inf, and for numbers that overflow."
         )
     return rows
+
+
+_NOT_NUMPY = " Formulas are branch-free numpy on symbols; for what calls LAPACK or SciPy use step= instead of flows=."
+
+
+def called(flow: Flow, arguments: Sequence[Any]) -> Any:
+    """What the author's formula returns for these arguments, symbols among them; one sentence where it cannot."""
+    function = flow.residual
+    try:
+        return function(*arguments)
+    except TcbenchError:
+        raise
+    except Exception as error:  # numpy and Python refuse symbols with errors of their own
+        frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename == _file(function)]
+        if not frames and (wanted := _other_arguments(flow, arguments)):
+            raise TraceError(wanted) from error
+        where = f"{frames[-1].filename}, line {frames[-1].lineno}: " if frames else ""
+        remedy = "" if isinstance(error, AttributeError | NameError) else _NOT_NUMPY
+        raise TraceError(
+            f"{where}the residual {function.__name__!r} cannot be traced: {misnamed(error)}.{remedy}"
+        ) from error
+
+
+def _other_arguments(flow: Flow, arguments: Sequence[Any]) -> str:
+    """A sentence where the author's function takes other arguments than a residual is given, else ""."""
+    try:
+        taken = inspect.signature(flow.residual)
+        taken.bind(*arguments)
+    except ValueError:  # of a builtin
+        return ""
+    except TypeError:
+        further = ["stages"] * bool(flow.stages) + ["start", "first"] * flow.of_step + ["before"] * bool(flow.memory)
+        given = ", ".join(["z0", "z1", "h", "system", *further])
+        return f"{_file(flow.residual)}: the residual {flow.residual.__name__!r} takes ({given}); yours takes {taken}."
+    return ""
 
 
 def _file(function: Residual) -> str:

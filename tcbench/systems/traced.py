@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..compiler import derivatives as trace
 from ..compiler.once import LOCK, cached_property
-from ..errors import TcbenchError, TraceError
+from ..errors import TcbenchError, TraceError, misnamed
 from .state import fixed
 
 if TYPE_CHECKING:
@@ -58,8 +58,8 @@ def _run(body: Callable[..., Any], system: Any, *states: Any) -> Any:
         own = [f for f in traceback.extract_tb(error.__traceback__) if not Path(f.filename).is_relative_to(OURS)]
         where = f"{own[0].filename}, line {own[0].lineno}: " if own else ""
         raise TraceError(
-            f"{where}a formula of {type(system).__name__} cannot be traced: {type(error).__name__}: {error}. Formulas "
-            "are branch-free numpy on symbols, and what they read of self are constants."
+            f"{where}a formula of {type(system).__name__} cannot be traced: {misnamed(error)}. Formulas are "
+            "branch-free numpy on symbols, and what they read of self are constants."
         ) from error
 
 

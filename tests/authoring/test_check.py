@@ -259,7 +259,7 @@ def test_files_that_do_not_load_or_bring_nothing_fail_with_a_remedy(tmp_path):
     assert taken.exit_code == 1 and "unique name" in taken.stdout and "Rename" in taken.stdout
     for text, words in (("def broken(:\n", "SyntaxError"), ("x = 1\n", "no hook is implemented")):
         plugins.forget()
-        path = tmp_path / f"bad{len(words)}.py"
+        path = tmp_path / f"_bad{len(words)}.py"  # named by itself, so no matter how it begins
         path.write_text(text)
         done = command(str(path))
         assert done.exit_code == 1 and words in done.stdout and "->" in done.stdout
@@ -268,6 +268,22 @@ def test_files_that_do_not_load_or_bring_nothing_fail_with_a_remedy(tmp_path):
 def test_unknown_targets_are_refused_with_a_sentence(tmp_path):
     assert command("tc_stran").exit_code == 2
     assert "tcbench new integrator" in command(str(tmp_path / "none.py")).output
+    assert "is a folder: name a plugin file in it" in command(str(tmp_path)).output
+
+
+def test_a_formula_with_which_a_run_fails_is_asked_whether_it_is_consistent(monkeypatch):
+    def wrong_sign(z0, z1, h, system):
+        return z1 - z0 + h * system.vector_field((z0 + z1) / 2)
+
+    failed = check.Line("runs", check.FAIL, "no_root: step 2", check.LOOK_BELOW)
+    monkeypatch.setattr(check, "_runs_alone", lambda *given: failed)
+    *_, found, rest = check.integrator_lines(made(flows=wrong_sign))
+    assert found.check == "consistent" and "Look for a wrong sign" in found.remedy and rest == check.DOES_NOT_RUN
+
+
+def test_a_formula_that_cannot_be_traced_is_told_of_once():
+    found = list(check.integrator_lines(made(flows=lambda z0, z1, h, system: system.vectorfield(z1))))
+    assert [line.check for line in found if line.verdict == check.FAIL] == ["runs"]
 
 
 def test_lines_come_as_they_are_known_and_only_some_if_asked(tmp_path, monkeypatch):

@@ -21,6 +21,12 @@ def branching(z0, z1, h, system):
 def silent(z0, z1, h, system):
     z1 - z0 - h * system.vector_field((z0 + z1) / 2)
 
+def misspelt(z0, z1, h, system):
+    return z1 - z0 - h * system.vectorfield(z0)
+
+def fewer(z0, z1, h):
+    return z1 - z0
+
 def nothing(z, h, system):
     z + h
 
@@ -30,7 +36,8 @@ def scipys(z, h, system):
 
 @hookimpl
 def tcbench_integrators():
-    formulas = [Integrator(name=f.__name__, order=2, source="x", flows=f) for f in (branching, silent)]
+    traced = (branching, silent, misspelt, fewer)
+    formulas = [Integrator(name=f.__name__, order=2, source="x", flows=f) for f in traced]
     return formulas + [Integrator(name=f.__name__, order=2, source="x", step=f) for f in (nothing, scipys)]
 """
 
@@ -41,12 +48,14 @@ def tcbench_integrators():
         ("branching", "mine.py, line 6: a comparison of symbols"),
         ("silent", "returned nothing (is `return` missing?)"),
         ("nothing", "is `return` missing?"),
-        ("scipys", "at mine.py:16"),
+        ("misspelt", "'Pendulum' has no 'vectorfield' (did you mean 'vector_field'?).\n"),
+        ("fewer", "takes (z0, z1, h, system); yours takes (z0, z1, h)."),
+        ("scipys", "at mine.py:22"),
     ],
 )
 def test_the_sentence_names_the_line_of_the_plugin_and_none_of_ours(tmp_path, name, words):
     (tmp_path / "mine.py").write_text(FORMULAS)
-    done = command("check", name, "--only", "runs", "--plugins-dir", str(tmp_path))
+    done = command("check", name, "--only", "runs,input unchanged", "--plugins-dir", str(tmp_path))
     assert done.returncode == 1 and words in done.stdout, done.stdout
     assert not any(
         ours in done.stdout for ours in ("python_loop.py", "symbols.py", "segmentation fault", "must not die")
