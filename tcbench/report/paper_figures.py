@@ -35,7 +35,7 @@ FIGURES = (
     PaperFigure(
         4, "short_term", ("midpoint_entropy",),
         "The paper reports that E and S oscillate. E goes up, comes back and settles; the temperatures oscillate. S "
-        "does not and cannot: the printed equations (A2) make its increment non-negative for any positive temperatures. "
+        "does not and cannot: the printed equations (A2) make its increment non-negative. "
         "The failure after 5 steps at h = 0.5 is not reproduced.",
     ),
     PaperFigure(
