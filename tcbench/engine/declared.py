@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .. import plugins
-from ..systems.plane import links
+from ..systems.plane import joints, links
 
 if TYPE_CHECKING:
     from ..integrator import Integrator
@@ -80,13 +80,14 @@ def _docstring(method: Integrator) -> str:
 
 
 def scenario_facts(scenario: Scenario) -> dict[str, Any]:
-    """The data of a scenario, its invariants, and which masses its elements join in the plane (if they do)."""
+    """The data of a scenario, its invariants, and which masses its elements join in the plane
+    (if they do), or which joints the lines of its own picture."""
     z0, model = scenario.z0, scenario.model
     return scenario.as_dict() | {
         "dt": scenario.dt, "t_converge": scenario.t_converge, "ladder": list(scenario.ladder), "shows": scenario.shows,
         "source": scenario.source, "plugin": scenario.plugin, "initial_exergy": float(scenario.initial_exergy),
         "initial_energy": float(model.energy(z0)), "invariants": list(model.invariant_names),
-        "links": links(model),
+        "links": links(model), "joints": joints(model, z0)[0],
     }  # fmt: skip
 
 

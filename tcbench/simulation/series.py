@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..systems.plane import drawn
 from ..systems.state import LETTERS
 from .metrics import invariant_scale
 
@@ -27,8 +28,8 @@ def columns(run: Trajectory, keep: Any = slice(None)) -> dict[str, np.ndarray]:
     energy_error |E - E_0|/V_0; entropy_fall (largest S so far) - S; NAME and NAME_error of each invariant (the error
     |I - I_0|/|I_0|, as in the tables); lyapunov_rise: (E - theta_ref S) above its least value so far, over V_0;
     temperature_a, ... ; then the variables, each number by its name (m0, m1, ...), or what elements tell instead:
-    strain_a (log strain) of each, x_1, y_1, ... of each mass in the plane, q_1, ... of other positions. "So far" is
-    over every recorded state.
+    strain_a (log strain) of each, x_1, y_1, ... of each mass in the plane, q_1, ... of other positions; and at_x_1,
+    at_y_1, ... of each joint of a picture that points() gives. "So far" is over every recorded state.
     """
     model, scale, L = run.scenario.model, run.scenario.initial_exergy, run.lyapunov
     found = {
@@ -44,7 +45,7 @@ def columns(run: Trajectory, keep: Any = slice(None)) -> dict[str, np.ndarray]:
         return found
     for letter, theta in zip(LETTERS, run.temperatures[keep].T, strict=False):
         found[f"temperature_{letter}"] = theta
-    return found | model.told_in_time(run.z[keep])
+    return found | model.told_in_time(run.z[keep]) | drawn(model, run.z[0], run.z[keep])
 
 
 def kept(run: Trajectory, points: int = POINTS) -> dict[str, dict[str, list[float]]]:
@@ -69,7 +70,7 @@ def variables(names: Iterable[str]) -> list[str]:
     there = [str(name) for name in names]
     known = {"integrator", "scenario", "status", "dt", "tolerance", "t", "energy", "entropy"}
     laws = {name.removesuffix("_error") for name in there if name.endswith("_error")}
-    told = ("temperature_", "strain_")
+    told = ("temperature_", "strain_", "at_x_", "at_y_")
     return [n for n in there if n not in known | laws and not n.endswith(LOST) and not n.startswith(told)]
 
 

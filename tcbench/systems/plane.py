@@ -34,6 +34,39 @@ def links(model: System) -> list[list[int]]:
     return [list(pairs[match[0]]) for match in found] if all(len(match) for match in found) else []
 
 
+def joints(model: System, z0: Any) -> tuple[list[list[int]], list[int]]:
+    """Of a system that says points(): the two joints of each line, and which ends (0, 1 of the first line, 2, 3 of the
+    second, ...) are the joints 1, 2, ...; joint 0 is the origin. Ends that are one point wherever the system is are one
+    joint. ([], []) of a system without a picture."""
+    if not model.defines("points"):
+        return [], []
+    rng = np.random.default_rng(0)
+    try:
+        with np.errstate(all="ignore"):
+            states = np.array([z0, *(model.nearby(z0, rng) for _ in range(3))], dtype=float)
+            ends = segments(model, states).reshape(len(states), -1, 2)
+    except (TcbenchError, ArithmeticError, TypeError, ValueError):  # `tcbench check` says which
+        return [], []
+    places, first, found = [np.zeros((len(states), 2))], [], []
+    for k in range(ends.shape[1]):
+        same = (i for i, place in enumerate(places) if np.array_equal(place, ends[:, k], equal_nan=True))
+        joint = next(same, len(places))
+        if joint == len(places):
+            places.append(ends[:, k])
+            first.append(k)
+        found.append(joint)
+    return [found[i : i + 2] for i in range(0, len(found), 2)], first
+
+
+def drawn(model: System, z0: Any, z: Any) -> dict[str, NDArray[np.float64]]:
+    """Where the joints of a system that says points() are at each of the states: at_x_1, at_y_1, at_x_2, ..."""
+    _, first = joints(model, z0)
+    if not first:
+        return {}
+    places = segments(model, z).reshape(len(z), -1, 2)[:, first]
+    return {f"at_{axis}_{i + 1}": places[:, i, k] for i in range(len(first)) for k, axis in enumerate("xy")}
+
+
 def segments(model: System, z: Any) -> NDArray[np.float64]:
     """The ends of each line of a picture in the plane at each of the states z (m, n), shape (m, lines, 2, 2).
 

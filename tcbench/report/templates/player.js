@@ -1,5 +1,5 @@
 // The player: a system moving, two methods side by side, E, S and the invariants as running lines. Springs in the plane
-// are drawn, coloured by temperature; of any other system the variables run as lines too.
+// are drawn, coloured by temperature, and the lines that a system says itself (points); of others the variables run too.
 const TRAIL = 60;  // states of a trace
 const heat = (share) => {  // cold to hot, told apart with any kind of colour vision
   const stops = [[43, 91, 168], [126, 126, 132], [226, 116, 22]], at = Math.min(1.999, Math.max(0, 2 * share)), i = Math.floor(at);
@@ -7,11 +7,13 @@ const heat = (share) => {  // cold to hot, told apart with any kind of colour vi
 };
 const LETTERS = [..."abcdefghijklmnopqrstuvwxyz"];
 const lettered = (one, prefix) => LETTERS.map((l) => `${prefix}_${l}`).filter((c) => one[0] && one[0][c] !== undefined && one.some((r) => known(r[c])));
-const masses = (one) => Array.from({ length: 99 }, (_, i) => i + 1).filter((i) => one[0] && known(one[0][`x_${i}`]) && known(one[0][`y_${i}`]));
+// columns of places in the plane: of masses that springs join, or of the joints of a system's own picture
+const placed = (facts) => (facts.joints?.length ? ["at_x_", "at_y_"] : ["x_", "y_"]);
+const masses = (one, [x, y]) => Array.from({ length: 99 }, (_, i) => i + 1).filter((i) => one[0] && known(one[0][x + i]) && known(one[0][y + i]));
 
 // of columns of states, those that are variables of the system, or what it tells instead
 const KNOWN = ["integrator", "scenario", "status", "dt", "tolerance", "t", "energy", "entropy"];
-const variablesOf = (states) => Object.keys(states[0] || {}).filter((c) => !KNOWN.includes(c) && !/(_error|_fall|_rise)$|^(temperature|strain)_/.test(c)
+const variablesOf = (states) => Object.keys(states[0] || {}).filter((c) => !KNOWN.includes(c) && !/(_error|_fall|_rise)$|^(temperature|strain)_|^at_[xy]_/.test(c)
   && states[0][`${c}_error`] === undefined && states.some((r) => known(r[c])));
 const MOST_LINES = 12;  // running lines of variables beside the laws
 
@@ -27,7 +29,7 @@ const player = (runs, facts) => {
   const times = unique(runs.flatMap((run) => run.states.map((r) => r.t))).sort((a, b) => a - b), end = times.at(-1) || 1;
   const temperatures = runs.flatMap((run) => lettered(run.states, "temperature").flatMap((c) => run.states.map((r) => r[c]))).filter(known);
   const [cold, hot] = extent(temperatures);
-  const reach = reached(runs);
+  const reach = reached(runs, placed(facts));
   const sides = runs.map((run) => side(run, facts, [cold, hot], runs, reach));
   const time = el("output", {}), slider = el("input", { type: "range", min: 0, max: end, step: end / 600, value: 0, "aria-label": "time",
     oninput: () => { state.at = +slider.value; show(); } });
@@ -63,12 +65,12 @@ const player = (runs, facts) => {
 };
 
 // how far any mass has been from the origin up to t: the picture grows with it, the same for both methods
-const reached = (runs) => {
+const reached = (runs, [x, y]) => {
   const far = runs.map((run) => {
     let most = 0;
     return run.states.map((s) => {
-      for (const i of masses(run.states)) {
-        const away = Math.hypot(s[`x_${i}`], s[`y_${i}`]);
+      for (const i of masses(run.states, [x, y])) {
+        const away = Math.hypot(s[x + i], s[y + i]);
         if (away < 1e6) most = Math.max(most, away);  // what flies away leaves the picture
       }
       return most;
@@ -79,13 +81,14 @@ const reached = (runs) => {
 
 // one method: the drawing, and its running lines
 const side = (run, facts, [cold, hot], runs, reach) => {
-  const ids = masses(run.states), links = facts.links || [], elements = lettered(run.states, "temperature");
-  const canvas = ids.length && links.length ? el("canvas", { width: 640, height: 460, role: "img", "aria-label": `${run.name}: the masses and springs at the time chosen below` }) : null;
+  const own = facts.joints?.length ? facts.joints : null, [px, py] = placed(facts), links = own || facts.links || [];
+  const ids = masses(run.states, [px, py]), elements = lettered(run.states, "temperature");
+  const canvas = ids.length && links.length ? el("canvas", { width: 640, height: 460, role: "img", "aria-label": `${run.name}: ${own ? "the system" : "the masses and springs"} at the time chosen below` }) : null;
   const said = el("p", { class: "soft said" });
   const dense = run.states.length > 2 && run.states[2].t - run.states[1].t <= 1.01 * run.dt;
   const draw = (k, t) => {
     const ink = getComputedStyle(document.documentElement), pen = canvas.getContext("2d"), { width, height } = canvas;
-    const size = (0.44 * height) / reach(t), at = (s, i) => (i ? [width / 2 + size * s[`x_${i}`], height / 2 - size * s[`y_${i}`]] : [width / 2, height / 2]);
+    const size = (0.44 * height) / reach(t), at = (s, i) => (i ? [width / 2 + size * s[px + i], height / 2 - size * s[py + i]] : [width / 2, height / 2]);
     pen.clearRect(0, 0, width, height);
     pen.lineWidth = 1.5;
     if (dense) {  // every twentieth state is no path
@@ -102,7 +105,7 @@ const side = (run, facts, [cold, hot], runs, reach) => {
     links.forEach(([a, b], e) => {
       pen.strokeStyle = known(now[elements[e]]) ? heat((now[elements[e]] - cold) / (hot - cold || 1)) : ink.getPropertyValue("--soft");
       pen.lineWidth = 4;
-      spring(pen, at(now, a), at(now, b));
+      (own ? rod : spring)(pen, at(now, a), at(now, b));
     });
     pen.fillStyle = ink.getPropertyValue("--text");
     for (const i of [0, ...ids]) {
@@ -111,7 +114,7 @@ const side = (run, facts, [cold, hot], runs, reach) => {
       pen.beginPath(); pen.arc(x, y, i ? 9 : 4, 0, 7); pen.fill();
     }
   };
-  const all = canvas ? [] : [...variablesOf(run.record), ...elements], told = all.slice(0, MOST_LINES);
+  const all = canvas && !own ? [] : [...variablesOf(run.record), ...elements], told = all.slice(0, MOST_LINES);
   const wanted = ["energy", "entropy", ...(facts.invariants || ["angular_momentum"]), ...told];
   const kept = wanted.filter((c) => run.record.some((r) => known(r[c])));
   const places = kept.map((c) => strip(run, c, runs));
@@ -125,6 +128,7 @@ const side = (run, facts, [cold, hot], runs, reach) => {
     for (const p of places) p.show(t);
   } };
 };
+const rod = (pen, from, to) => { pen.beginPath(); pen.moveTo(...from); pen.lineTo(...to); pen.stroke(); };
 const spring = (pen, [x0, y0], [x1, y1]) => {
   const turns = 11, dx = x1 - x0, dy = y1 - y0, length = Math.hypot(dx, dy) || 1, wide = Math.min(9, 900 / length);
   pen.beginPath(); pen.moveTo(x0, y0);

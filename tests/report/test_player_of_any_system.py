@@ -1,0 +1,60 @@
+"""The player draws what a system says of itself in points(); its variables run below."""
+
+import numpy as np
+import pandas
+import pytest
+
+import tcbench
+from tcbench.report.write_report import write_report
+from tcbench.simulation.series import columns, variables
+from tcbench.systems.plane import drawn, joints
+
+PAINTED = "() => [...document.querySelector('canvas').getContext('2d').getImageData(0, 0, 640, 460).data].some(v => v)"
+JOINTS = {
+    "viscous_pendulum": [[0, 1], [1, 2]], "rubbing_piston": [[0, 1], [2, 1]], "heavy_top": [[0, 1]],
+    "gas_containers": [[0, 1], [2, 1]], "short_term": [],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", JOINTS)
+def test_ends_that_are_always_one_point_are_one_joint(name):
+    scenario = tcbench.scenarios()[name]
+    assert joints(scenario.model, scenario.z0)[0] == JOINTS[name]
+
+
+def test_places_are_columns_and_no_variables():
+    run = tcbench.simulate("tc_strang", "viscous_pendulum", t_end=3)
+    told = columns(run, slice(0, 5))
+    assert np.array_equal(told["at_x_2"], run.z[:5, 2]) and np.array_equal(told["at_y_1"], run.z[:5, 1])
+    assert not any(name.startswith("at_") for name in variables(told))
+
+
+def test_a_picture_that_fails_costs_no_run():
+    class Own(tcbench.System):
+        name = "own"
+        variables = {"q": ()}
+        energy = entropy = lambda self, z: z.q
+
+        def points(self, z):
+            return [[(0, 0), (1 / 0, z.q)]]
+
+    scenario = tcbench.Scenario("own", Own, {}, initial={"q": 1}, t_end=1, dt=0.1)
+    assert joints(scenario.model, scenario.z0) == ([], []) and drawn(scenario.model, scenario.z0, np.ones((3, 1))) == {}
+
+
+@pytest.fixture(scope="module")
+def page_of_one(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("own") / "run"
+    scenario = tcbench.scenarios()["viscous_pendulum"].replace(t_end=6.0)
+    tcbench.run(["tc_strang"], [scenario], ["conservation"], folder, dt=[0.3], jobs=1)
+    assert "at_x_2" in pandas.read_parquet(folder / "tables" / "series.parquet")
+    return write_report(folder)
+
+
+def test_the_page_plays_it(page_of_one, visit):
+    page = visit(page_of_one, "#scenario=viscous_pendulum")
+    page.wait_for_function(PAINTED)
+    assert "the system at the time" in page.locator(".player canvas").get_attribute("aria-label")
+    running = page.locator(".running").all_text_contents()
+    assert running[0].startswith("E = ") and any(text.startswith("alpha0 = ") for text in running)
+    assert not any(text.startswith("at_") for text in running)
