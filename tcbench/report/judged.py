@@ -45,7 +45,8 @@ def judged(tables: Tables, declared: Tables) -> DataFrame:
     parts = [_ladders(plain), *_of_ladder(plain.get("conservation"), declared)]
     parts += [_orders(plain.get("convergence")), _steps(plain.get("stability")), _cost(plain, declared)]
     parts += [*_times(plain.get("time_to_accuracy")), *_coarsest(plain.get("work_precision"))]
-    return _with_failures(pd.concat([part for part in parts if part is not None], axis=1).reindex(index))
+    known = [part for part in parts if part is not None]
+    return _with_failures(pd.concat([pd.DataFrame(index=index), *known], axis=1).reindex(index))
 
 
 def _with_failures(found: DataFrame) -> DataFrame:

@@ -2,13 +2,14 @@
 
 import math
 
+import pandas as pd
 import pytest
 from random_tables import is_number, random_tables, records
 
 from tcbench.report.by_method import by_method, remarks
 from tcbench.report.judged import judged, laws
 from tcbench.report.matrix import failures, methods, unmeasured
-from tcbench.report.overview import failing
+from tcbench.report.overview import failing, findings
 from tcbench.report.summary import summary
 
 LAWS = {"energy": ("energy_error_max", 1e-9), "entropy": ("second_law_violations", 0),
@@ -63,3 +64,11 @@ def test_failures_are_counted_by_one_rule(seed):
     assert sum(cell[0] for of in cells.values() for cell in of.values()) == failed + len(unmeasured(tables))
     assert failing(tables).lead == f"{failed} of {len(runs)} runs"
     assert remarks(tables)[0].startswith(f"{failed} of {len(runs)} runs of the ladders failed")
+
+
+def test_a_run_of_other_studies_alone_has_rows_that_say_nothing():
+    """As of a study of equilibria, or of a plugin: summary.csv ended in an exception of pandas."""
+    tables = {"other": pd.DataFrame({"integrator": ["a"], "scenario": ["s"]})}
+    (row,) = summary(judged(tables, {}), {}).to_dict("records")
+    assert row["claims kept"] == row["order"] == row["failures"] == "-" and by_method(tables, {}) == [["method"], ["a"]]
+    assert findings(judged(tables, {}), tables) == []
