@@ -19,6 +19,7 @@ Tables = Mapping[str, Any]
 TARGETS = ("time 1e-06", "time 0.001")  # to an accurate trajectory; the second where no method reaches the first
 LONGEST = 40  # characters of a name in a sentence
 TURNING = "\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"  # bidirectional controls
+WRONG = {"coarse": "final temperatures", "produced": "entropy produced"}  # errors at the coarsest step
 TIE = 1.05  # timings that are nearer than this are as good as each other
 FEW_RUNS = 50  # from random starts, below which "never failed" says nothing: up to 6 % of failures would not show
 FEW_A_STEP = 10  # at one step or tolerance
@@ -199,28 +200,35 @@ def lawful_ones(found: DataFrame) -> list[str]:
 
 
 def coarse(found: DataFrame) -> Finding | None:
-    """Of the methods that kept every law in every run: the one whose temperatures at the end are least wrong at the
-    coarsest step of each scenario, by its worst scenario; and those of the cheapest of them, for what that costs."""
+    """Of the methods that kept every law in every run: the one that is least wrong at the coarsest step of each
+    scenario, by the worse of its two errors on its worst scenario; and those of the cheapest of them, for what that
+    costs."""
     if "coarse" not in found:
         return None
-    ran = found["coarse"].dropna()
-    known = ran[reached(found, "coarse")[ran.index] & ran.index.isin(lawful_ones(found), level="integrator")]
+    wrong = [column for column in WRONG if column in found]
+    ran = found[wrong].max(axis=1)[found["coarse"].notna()]
+    known = ran[ran.ne(math.inf) & ran.index.isin(lawful_ones(found), level="integrator")]
     errors = {name: of.tolist() for name, of in known.groupby(level="integrator")}
     if not errors:
         return None
+    worst = found.loc[known.index, wrong].groupby(level="integrator").max()
+
+    def within(name: str) -> str:
+        return ", ".join(f"{WRONG[c]} within {percent(v)}" for c, v in worst.loc[name].items() if finite(v))
+
     count = ran.index.get_level_values("scenario").nunique()
     general, *_ = _surest(errors)
     name = _where_it_runs(errors, ran.groupby(level="integrator").size().to_dict(), general) or general
     where = f" {_on(len(errors[name]), count)}" if count > 1 else ""
-    text = f"final temperatures within {percent(max(errors[name]))}{where}, each law kept"
+    text = f"{within(name)}{where}, each law kept"
     price = typical_cost(found)
     costs = {m: price[m] for m in errors if m in price and len(errors[m]) == len(errors[name])}
     cheap = min(costs, key=lambda m: (costs[m], m), default=name)
     if cheap != name:
-        text += f"; {called(cheap)}, whose step is the cheapest of these, within {percent(max(errors[cheap]))}"
+        text += f"; {called(cheap)}, whose step is the cheapest of these: {within(cheap)}"
     lead = called(name) if name == general else f"{called(name)}, else {called(general)}"
     if general not in (name, cheap):
-        text += f"; {called(general)} within {percent(max(errors[general]))} on {len(errors[general])}"
+        text += f"; {called(general)} {_on(len(errors[general]), count)}: {within(general)}"
     steps = found.groupby(level="scenario")["dt_coarsest"].max().dropna()
     title = f"At h = {steps.iloc[0]:.3g}" if len(steps) == 1 else "At the coarsest step"
     return Finding(title, lead, text, "#lens=coarse")

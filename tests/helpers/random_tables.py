@@ -16,7 +16,7 @@ def is_number(value):
 
 def random_tables(seed):
     """A run of random size whose methods are good and bad at everything, with gaps."""
-    random = np.random.default_rng(seed)
+    random, other = np.random.default_rng(seed), np.random.default_rng(seed + 1000)
     methods = [f"m{i:02d}" for i in range(int(random.integers(1, 40)))]
     scenarios = [f"s{i}" for i in range(int(random.integers(1, 9)))]
     peers = set(methods[-3:]) if len(methods) > 6 else set()
@@ -39,6 +39,7 @@ def random_tables(seed):
                     "integrator": m, "scenario": s, "control": "rtol" if m in peers else "dt", "value": h,
                     "status": "ok" if random.random() < 0.95 else "nonconverged",
                     "error_theta": random.choice([10.0 ** random.uniform(-5, 0), math.nan], p=[0.9, 0.1]),
+                    "error_entropy_produced": other.choice([10.0 ** other.uniform(-5, 0), math.nan], p=[0.9, 0.1]),
                     "reference_floor": 1e-12, "peer": "scipy" if m == methods[-1] else "other" if m in peers else "",
                 })  # fmt: skip
             cost.append(
