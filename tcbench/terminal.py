@@ -131,7 +131,7 @@ SHOWN = {  # columns of a table that fit a terminal
         "angular_momentum_error_max", "newton_iterations_mean", "us_per_step", "blowup_time",
     ),
     "convergence": ("integrator", "variable", "order", "order_low", "order_high", "points_used", "verdict"),
-    "equilibrium_summary": ("integrator", "equilibrium", "entropy_gap", "growth_a", "growth_b"),
+    "equilibrium_summary": ("integrator", "equilibrium", "entropy_gap", "temperature_gap", "growth_a", "growth_b"),
     "stability": (
         "integrator", "limit", "dt_stable", "dt_unstable", "dt_fold", "limit_plain", "dt_stable_plain",
         "dt_unstable_plain",

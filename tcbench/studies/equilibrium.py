@@ -1,4 +1,8 @@
-"""Equilibrium: how far a trajectory is from the exact relative equilibrium of its energy and angular momentum."""
+"""Equilibrium: how far a trajectory is from the state of largest entropy that its energy and invariants allow.
+
+Of the double pendulum that is the relative equilibrium, in closed form (`relative_equilibrium`); of any other system
+`maximum_entropy` climbs to it.
+"""
 
 from __future__ import annotations
 
@@ -13,12 +17,14 @@ if TYPE_CHECKING:
     from ..integrator import Integrator
     from ..simulation.trajectory import Trajectory
     from ..systems.scenario import Scenario
+    from .maximum_entropy import Equilibrium
     from .relative_equilibrium import RelativeEquilibrium
 
 LONG_HORIZON = 1000.0  # a run of everything studies only scenarios at least this long: shorter ones show no approach
 TIMES = 60  # rows a run, equally spaced in ln t
 TOLERANCE = 1e-9  # of adaptive solvers, which have no dt
 APPROACHED = 0.01  # part of the initial entropy gap that may be left, and must still be falling
+SLOW = 0.01  # part of the gap that would be closed in the time of the run, at the rate of its end
 ABOVE = 1e-9  # entropy cannot exceed that of the equilibrium by more than round-off, unless energy is not conserved
 COLUMNS = (
     "integrator", "scenario", "dt", "t", "entropy_gap", "strain_gap", "temperature_gap", "rotation_gap", "entropy",
@@ -29,6 +35,8 @@ SUMMARY_COLUMNS = (
     "strain_gap", "temperature_gap", "rotation_gap", "growth_a", "growth_b", "exact_strain_a", "exact_strain_b",
     "exact_temperature", "exact_rate", "exact_entropy", "note",
 )  # fmt: skip
+OF_ANY = ("integrator", "scenario", "dt", "t", "status", "t_final", "equilibrium", "entropy_gap", "entropy_gap_falls",
+          "entropy", "exact_entropy", "note")  # fmt: skip
 
 
 def plan(
@@ -36,12 +44,12 @@ def plan(
 ) -> list[tuple[Integrator, Scenario, Row]]:
     """One cell a pair: scenarios with a long horizon when every scenario is selected, otherwise those asked for.
 
-    Scenarios of other systems than the pendulum have no relative equilibrium in this sense and are left out.
+    Systems of so many variables that second derivatives are not written out are left out.
     """
     from .. import plugins
-    from ..systems.pendulum import Pendulum
+    from .maximum_entropy import MOST
 
-    chosen = [scenario for scenario in scenarios if scenario.system is Pendulum]
+    chosen = [scenario for scenario in scenarios if scenario.model.size <= MOST]
     if {scenario.name for scenario in scenarios} >= set(plugins.scenarios()):
         chosen = [scenario for scenario in chosen if scenario.t_end >= LONG_HORIZON]
     cells: list[tuple[Integrator, Scenario, Row]] = []
@@ -57,19 +65,28 @@ def plan(
 
 def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
     """Gaps along one run, at log-spaced recorded times, and what they amount to."""
-    import numpy as np
 
     from ..simulation.run import simulate
+    from ..systems.pendulum import Pendulum
+
+    run = simulate(integrator, scenario, **options)
+    exact, columns = (_of_pendulum if scenario.system is Pendulum else _of_any)(run, log_spaced(run.t))
+    table = [dict(zip(columns, map(float, line), strict=True)) for line in zip(*columns.values(), strict=True)]
+    return {"status": run.status, "failure": run.failure, "rows": table, "summary": summarise(run, exact, columns)}
+
+
+def _of_pendulum(run: Trajectory, rows: Sequence[int]) -> tuple[RelativeEquilibrium, Row]:
+    """Its relative equilibrium, and columns at the recorded states `rows`."""
+    import numpy as np
+
     from .relative_equilibrium import gaps, measures
 
-    exact = exact_equilibrium(scenario)
-    run = simulate(integrator, scenario, **options)
-    rows = log_spaced(run.t)
-    z, state = run.z[rows], measures(run.z[rows], scenario.constants)
-    gap = gaps(z, exact, scenario.constants)
+    exact, constants = exact_equilibrium(run.scenario), run.scenario.constants
+    z, state = run.z[rows], measures(run.z[rows], constants)
+    gap = gaps(z, exact, constants)
     if exact.distant:  # a distance to springs of more than a hundred natural lengths means nothing on this horizon
         gap = {name: np.full(len(z), np.nan) for name in gap}
-    columns = {
+    return exact, {
         "t": run.t[rows],
         **gap,
         "entropy": state["entropy"],
@@ -79,8 +96,18 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
         "temperature_b": state["temperatures"][:, 1],
         "rate": state["rate"],
     }
-    table = [dict(zip(columns, map(float, line), strict=True)) for line in zip(*columns.values(), strict=True)]
-    return {"status": run.status, "failure": run.failure, "rows": table, "summary": summarise(run, exact, columns)}
+
+
+def _of_any(run: Trajectory, rows: Sequence[int]) -> tuple[Equilibrium, Row]:
+    """The state of largest entropy, and columns at the recorded states `rows`."""
+    import numpy as np
+
+    from .maximum_entropy import maximum_entropy
+
+    exact = maximum_entropy(run.scenario.model, run.scenario.z0)
+    theta, entropy = run.temperatures[rows], run.entropy[rows]
+    warm = {"temperature_gap": np.abs(theta - exact.temperatures).max(axis=1)} if theta.shape[1] else {}
+    return exact, {"t": run.t[rows], "entropy_gap": exact.entropy - entropy, **warm, "entropy": entropy}
 
 
 def exact_equilibrium(scenario: Scenario) -> RelativeEquilibrium:
@@ -100,29 +127,35 @@ def log_spaced(t: Any) -> list[int]:
     return sorted({int(i) for i in np.rint(np.geomspace(1, len(t) - 1, TIMES))})
 
 
-def summarise(run: Trajectory, exact: RelativeEquilibrium, columns: Mapping[str, Any]) -> Row:
+def summarise(run: Trajectory, exact: Any, columns: Mapping[str, Any]) -> Row:
     """One row a run: the last gaps, whether the entropy gap still falls, growth of the strains, and a sentence."""
     import numpy as np
 
     last = {name: float(values[-1]) for name, values in columns.items()}
     late = columns["t"] >= run.t[-1] / 10
-    growth = [_slope(np.log(columns["t"][late]), columns[f"strain_{spring}"][late]) for spring in "ab"]
     gap = columns["entropy_gap"]
     falls = bool(np.all(np.diff(gap[late]) <= 1e-12)) and len(gap[late]) > 1  # a fall below round-off of S is none
     start = exact.entropy - float(run.entropy[0])
-    word = _classify(run, exact, last["entropy_gap"], falls and last["entropy_gap"] <= APPROACHED * start)
-    return {
+    near = last["entropy_gap"] <= max(APPROACHED * start, ABOVE)
+    word = _classify(run, exact, last["entropy_gap"], near and (falls or last["entropy_gap"] <= ABOVE))
+    found: Row = {name: last[name] for name in columns if name.endswith("_gap")}
+    found |= {
         "t_final": float(run.t[-1]),
         "equilibrium": word,
-        **{name: last[name] for name in ("entropy_gap", "strain_gap", "temperature_gap", "rotation_gap")},
         "entropy_gap_falls": falls,
+        "exact_entropy": exact.entropy,
+    }
+    if "rate" not in columns:
+        warm = {"exact_temperature": float(np.mean(exact.temperatures))} if "temperature_gap" in columns else {}
+        return found | warm | {"note": _sentence(word, run, exact, last, ())}
+    growth = [_slope(np.log(columns["t"][late]), columns[f"strain_{spring}"][late]) for spring in "ab"]
+    return found | {
         "growth_a": growth[0],
         "growth_b": growth[1],
         "exact_strain_a": float(exact.strains[0]),
         "exact_strain_b": float(exact.strains[1]),
         "exact_temperature": exact.temperature,
         "exact_rate": exact.rate,
-        "exact_entropy": exact.entropy,
         "note": _sentence(word, run, exact, last, growth),
     }
 
@@ -134,25 +167,24 @@ def _slope(x: Any, y: Any) -> float:
     return float(np.polyfit(x, y, 1)[0]) if len(x) > 1 else float("nan")
 
 
-def _classify(run: Trajectory, exact: RelativeEquilibrium, gap: float, near: bool) -> str:
+def _classify(run: Trajectory, exact: Any, gap: float, near: bool) -> str:
     """none, run failed, distant, passed, approached or not reached."""
     if not exact.exists:
         return "none"
     if not run.ok:
         return "run failed"
-    if exact.distant:
+    if getattr(exact, "distant", False):
         return "distant"
     if gap < -ABOVE:
         return "passed"
     return "approached" if near else "not reached"
 
 
-def _sentence(
-    word: str, run: Trajectory, exact: RelativeEquilibrium, last: Mapping[str, float], growth: Sequence[float]
-) -> str:
-    t, growing = run.t[-1], f"strains grow by {growth[0]:.3f} and {growth[1]:.3f} per unit of ln t"
+def _sentence(word: str, run: Trajectory, exact: Any, last: Mapping[str, float], growth: Sequence[float]) -> str:
+    t = run.t[-1]
+    growing = f"strains grow by {growth[0]:.3f} and {growth[1]:.3f} per unit of ln t" if growth else ""
     if word == "none":
-        return f"{exact.note} By t = {t:g} {growing}."
+        return f"{exact.note} By t = {t:g} {growing}." if growing else exact.note
     if word == "distant":
         a, b = exact.strains
         return (
@@ -167,7 +199,19 @@ def _sentence(
             f"At t = {t:g} the entropy is {excess:.3g} above the largest that the initial energy allows: "
             f"the energy moved by {moved:.3g}."
         )
-    return f"At t = {t:g} the entropy is {last['entropy_gap']:.3g} below that of the relative equilibrium."
+    told = f"At t = {t:g} the entropy is {last['entropy_gap']:.3g} below that of the "
+    if growth:
+        return f"{told}relative equilibrium."
+    told += "equilibrium, the largest that energy and invariants allow"
+    if word == "approached":
+        return f"{told}."
+    model, z = run.scenario.model, run.z[-1]
+    rises = float(model.entropy_gradient(z) @ model.vector_field(z)) * t
+    return (
+        f"{told}; what dissipates is too slow, or something is conserved that invariants() does not name."
+        if (rises < SLOW * last["entropy_gap"])
+        else f"{told}, and still rises."
+    )
 
 
 def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
@@ -188,7 +232,9 @@ def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
 
 
 def _table(frame: DataFrame, columns: Sequence[str]) -> DataFrame:
-    """Columns in order, others after them; rows by scenario, integrator and dt, then as measured."""
+    """Columns in order, others after them; rows by scenario, integrator and dt, then as measured. Columns that only
+    the pendulum has are left out where it is not there."""
+    columns = [c for c in columns if c in frame.columns or c in OF_ANY]
     rest = [c for c in frame.columns if c not in columns]
     frame = frame.reindex(columns=[*columns, *rest])
     return frame.sort_values(["scenario", "integrator", "dt"], kind="stable", ignore_index=True)
@@ -197,7 +243,7 @@ def _table(frame: DataFrame, columns: Sequence[str]) -> DataFrame:
 STUDY = Study(
     name="equilibrium",
     place=30,
-    description="gap to the exact relative equilibrium over time, or the growth where none is within reach",
+    description="gap to the largest entropy that energy and invariants allow, over time, or why there is none",
     tables=("equilibrium", "equilibrium_summary"),
     plan=plan,
     measure=measure,

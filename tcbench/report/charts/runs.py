@@ -222,7 +222,7 @@ def path(series: DataFrame, columns: int = 3) -> Drawing:
 
 @chart
 def equilibrium(table: DataFrame, summary: DataFrame | None = None) -> Drawing:
-    """Gaps to the exact relative equilibrium in time, for one scenario, one panel a measure.
+    """Gaps to the exact equilibrium in time, for one scenario, one panel a measure.
 
     table : rows of `equilibrium`. Where it has no gaps, because the equilibrium is distant, the measures themselves are
     drawn: a strain that grows like ln t is a straight line. summary : rows of `equilibrium_summary`; the exact values
@@ -308,6 +308,6 @@ KINDS = (
          (SERIES,), four_panel),
     Kind("path", "conservation", "Paths of the masses in the plane over the first steps, coloured by temperature.",
          (OPENING,), path),
-    Kind("equilibrium", "equilibrium", "Distance to the exact relative equilibrium in time.", ("equilibrium",),
+    Kind("equilibrium", "equilibrium", "Distance to the exact equilibrium in time.", ("equilibrium",),
          equilibrium, ("equilibrium_summary",)),
 )  # fmt: skip

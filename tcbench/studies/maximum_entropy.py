@@ -1,0 +1,146 @@
+"""The thermal equilibrium of any system: the state of largest entropy among those with its energy and invariants.
+
+Newton's method on that surface: S is climbed along its tangents with the second derivatives of S - sum of multipliers
+times constraints, brought back to the surface after each step, and never lowered. Gradients and second derivatives are
+those of the formulas. What turns or drifts for ever at one entropy (a rotation, a free position) is one equilibrium.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..compiler import derivatives as trace
+from ..compiler.kernels import Kernel, kernel
+from ..compiler.once import once
+
+if TYPE_CHECKING:
+    from ..systems.system import System
+
+Floats = NDArray[np.float64]
+MOST = 80  # numbers of a state: the matrices of second derivatives are written out
+STEPS = 300
+CLIMBED = 1e-9  # slope of S along the surface, relative to all of it, that counts as none
+FLAT = 1e-9  # curvature, relative to the largest, along which S neither rises nor falls
+FAR = 100.0  # times the size of the start: an equilibrium beyond is not within reach
+HELD = 1e-13  # of the constraints, relative
+ADMISSIBLE = 0.0  # temperatures and measures are above
+
+
+@dataclass(frozen=True, eq=False)
+class Equilibrium:
+    """exists: else `note` says why not. entropy: the largest; z: a state that has it; temperatures: there."""
+
+    exists: bool
+    z: Floats
+    entropy: float
+    temperatures: Floats
+    note: str = ""
+
+
+def maximum_entropy(system: System, z0: Any) -> Equilibrium:
+    """The equilibrium that is reached uphill from z0 at its energy and invariants."""
+    if system.size > MOST:
+        return _none(system, f"a state of {system.size} numbers is too long for matrices of second derivatives")
+    surface = _Surface(system, np.asarray(z0, float))
+    z, far = surface.start, FAR * (1.0 + float(np.linalg.norm(surface.start)))
+    rng = np.random.default_rng(0)
+    for _ in range(STEPS):
+        step, slope, saddle = surface.uphill(z)
+        if slope <= CLIMBED and saddle is None:
+            theta = np.asarray(system.temperatures(z))
+            return Equilibrium(True, z, float(system.entropy(z)), theta)
+        if slope <= CLIMBED and saddle is not None:
+            step = 1e-3 * (1.0 + np.linalg.norm(z)) * saddle * rng.choice((-1.0, 1.0))
+        higher = surface.climbed(z, step, slope <= CLIMBED)
+        if higher is None:
+            return _none(system, "the entropy rises to where a temperature or a measure is no longer positive")
+        z = higher
+        if np.linalg.norm(z) > far:
+            return _none(system, f"the entropy still rises where the state is {FAR:g} times as large as at the start")
+    return _none(system, f"{STEPS} steps uphill did not lead to a largest entropy")
+
+
+def _none(system: System, why: str) -> Equilibrium:
+    nothing = np.full(system.size, np.nan)
+    return Equilibrium(False, nothing, np.nan, np.full(system.n_temperatures, np.nan), f"No equilibrium: {why}.")
+
+
+class _Surface:
+    """The states with the energy and the invariants of `start`."""
+
+    def __init__(self, system: System, start: Floats) -> None:
+        self.system, self.start, self.count = system, start, 1 + len(system.invariant_names)
+        self.kernel = _derivatives(system.symbolic)
+        values = self.at(start)[0]
+        self.target, self.scale = values[1:], np.maximum(1.0, np.abs(values[1:]))
+
+    def at(self, z: Floats) -> tuple[Floats, Floats, Floats]:
+        """Values, gradients and second derivatives of S, E, invariants."""
+        m, n = 1 + self.count, len(z)
+        found = self.kernel(np.ascontiguousarray(z), self.system.constant_values)
+        values, slopes, curves = np.split(found, [m, m + m * n])
+        return values, slopes.reshape(m, n), curves.reshape(m, n, n)
+
+    def uphill(self, z: Floats) -> tuple[Floats, float, Floats | None]:
+        """A step along the tangents, the relative slope of S there, and a direction in which S curves up, if any."""
+        _, slopes, curves = self.at(z)
+        size = np.maximum(1.0, np.abs(z))
+        rise, held = slopes[0] * size, slopes[1:] * size
+        weights, *_ = np.linalg.lstsq(held.T, rise, rcond=1e-12)
+        _, singular, rows = np.linalg.svd(held)
+        tangent = rows[int((singular > 1e-12 * singular.max(initial=0.0)).sum()) :].T
+        along = tangent.T @ rise
+        terms = np.abs(rise) + np.abs(weights) @ np.abs(held)  # of which the slope is what is left
+        curve = (curves[0] - np.tensordot(weights, curves[1:], 1)) * np.outer(size, size)
+        if not len(along):
+            return np.zeros_like(z), 0.0, None
+        bend, axes = np.linalg.eigh(tangent.T @ curve @ tangent)
+        flat = FLAT * max(1e-300, float(np.abs(bend).max()))
+        step = tangent @ (axes @ ((axes.T @ along) / np.maximum(np.abs(bend), max(flat, 1e-12))))
+        length = float(np.linalg.norm(step))
+        step *= min(1.0, 0.5 / (length + 1e-300)) if length > 0.5 else 1.0
+        upward = size * (tangent @ axes[:, -1]) if bend[-1] > 1e3 * flat else None
+        return size * step, float(np.linalg.norm(along) / (np.linalg.norm(terms) + 1e-300)), upward
+
+    def climbed(self, z: Floats, step: Floats, leave: bool) -> Floats | None:
+        """The state after the longest of ever shorter steps that is admissible and not lower."""
+        before = float(self.system.entropy(z))
+        for halvings in range(50):
+            found = self.back(z + 0.5**halvings * step)
+            if found is not None and (leave or self.system.entropy(found) >= before - 1e-15 * (1.0 + abs(before))):
+                return found
+        return None
+
+    def back(self, z: Floats) -> Floats | None:
+        """The nearest state of the surface, by Gauss and Newton; None where it is not admissible."""
+        with np.errstate(all="ignore"):
+            for _ in range(30):
+                values, slopes, _ = self.at(z)
+                off = values[1:] - self.target
+                if not np.all(np.isfinite(values)):
+                    return None
+                if np.all(np.abs(off) <= HELD * self.scale):
+                    return z if self._admissible(z) else None
+                size = np.maximum(1.0, np.abs(z))
+                z = z - size * np.linalg.lstsq(slopes[1:] * size, off, rcond=1e-12)[0]
+            return z if np.all(np.abs(off) <= 1e-10 * self.scale) and self._admissible(z) else None
+
+    def _admissible(self, z: Floats) -> bool:
+        watched = np.concatenate([np.asarray(self.system.temperatures(z)), np.asarray(self.system.shapes(z))])
+        return bool(np.all(watched > ADMISSIBLE))
+
+
+@once
+def _derivatives(symbolic: System) -> Kernel:
+    """z -> values, gradients, second derivatives of S, E and the invariants, for all systems of one structure."""
+    with trace.tracing():
+        z = trace.variables("z", symbolic.size)
+        values = [trace.lifted(x) for x in (symbolic.entropy(z), symbolic.energy(z), *symbolic.momenta(z))]
+        slopes = trace.jacobian(values, list(z))
+        curves = [x for row in slopes for x in trace.jacobian(list(row), list(z)).ravel()]
+        inputs = {x: f"a[{i}]" for i, x in enumerate(z)} | symbolic.constant_symbols()
+        return kernel(inputs, [*values, *slopes.ravel(), *curves])
