@@ -88,7 +88,7 @@ def directional(gradient: Any, step: Any, exact: Any, weights: Any = 1.0, axis: 
 
 def _by_rules(function: Callable[..., Corners], *corners: Corners) -> Corners:
     try:
-        return function(*corners)
+        return corners[0].lifted(function(*corners))  # a constant has slopes, too
     except TypeError as error:  # numpy hides the sentence that says which operation has no rule
         if isinstance(error.__cause__, TraceError):
             raise error.__cause__ from None

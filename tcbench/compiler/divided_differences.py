@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from .derivatives import Symbol, const, lam, lifted, phi, refused, sinc
-from .symbols import MOST_FACTORS, make
+from .symbols import make
 
 ZERO = const(0.0)
 RULES = (
@@ -207,7 +207,7 @@ class Corners:
 
 
 def _is_whole(exponent: Any) -> bool:
-    return bool(abs(exponent) <= MOST_FACTORS and exponent == int(exponent))
+    return float(exponent).is_integer()
 
 
 def _sinhc(x: Symbol) -> Symbol:

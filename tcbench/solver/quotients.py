@@ -33,16 +33,18 @@ def finite_at_rest(kernels: FlowKernels, memory: int, system: System, z: Any, h:
 def zero_over_zero(flow: Flow, system: System, z: Any, h: float) -> str:
     """Where the formula divides 0 by 0 at z1 = z0 = z: "file, line N", or "" if it does not.
 
-    The formula is run on plain numbers; one that cannot be is not judged here.
+    The formula is run on plain numbers; one that cannot be, or that overflows, is not judged here.
     """
     states = [system.in_variables(flow.variables, np.array(z)) for _ in range(2 + flow.stages + flow.memory + 2)]
     arguments: list[Any] = [*states[:2], h, system]
     arguments += [states[2 : 2 + flow.stages]] if flow.stages else []
     arguments += [tuple(states[-flow.memory :])] if flow.memory else states[-2:] if flow.of_step else []
     try:
-        with np.errstate(all="ignore", invalid="raise"):
+        with np.errstate(all="ignore", invalid="raise", over="raise"):
             flow.residual(*arguments)
     except (FloatingPointError, ZeroDivisionError) as error:
+        if "overflow" in str(error):  # infinity less infinity is no number either
+            return ""
         frames = traceback.extract_tb(error.__traceback__)
         own = [f for f in frames if f.filename == flow.residual.__code__.co_filename]
         return f"{Path(own[-1].filename).name}, line {own[-1].lineno}" if own else ""

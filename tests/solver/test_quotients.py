@@ -42,6 +42,15 @@ def test_what_divides_by_nothing_that_vanishes_is_not_accused():
             assert not any(zero_over_zero(f, SCENARIO.model, SCENARIO.z0, 0.1) for f in method.flows), name
 
 
+def test_what_overflows_is_not_accused():
+    def large(z0, z1, h, system):
+        size = (1e200 * z0.p[0]) ** 2
+        return z1 - z0 - h * system.vector_field((z0 + z1) / 2) * (size - size)
+
+    method = Integrator(name="large", order=1, source="x", flows=large)
+    assert zero_over_zero(method.flows[0], SCENARIO.model, SCENARIO.model.state(SCENARIO.z0 + 1.0), 0.1) == ""
+
+
 def test_a_run_that_ends_for_another_reason_says_nothing_of_it():
     run = tcbench.simulate("midpoint_entropy", SCENARIO, dt=2.0, continuation=False, t_end=200.0)
     assert not run.ok and "0 by 0" not in run.failure
