@@ -115,12 +115,13 @@ class Corners:
             logarithm: Corners = self.log() * exponent
             return logarithm.exp()
         result = one = self.lifted(1.0)
-        square, n = self, abs(int(exponent))
+        # of 1/x, not 1 over the power, whose end is what is left of its start: nothing, if that is many times larger
+        square, n = self if exponent >= 0 else self._reciprocal(), abs(int(exponent))
         while n:
             if n & 1:
                 result = square if result is one else result * square
             square, n = square * square if n > 1 else square, n >> 1
-        return result if exponent >= 0 else result._reciprocal()
+        return result
 
     def __rpow__(self, base: Any) -> Corners:
         return (self * lifted(base).log()).exp()
