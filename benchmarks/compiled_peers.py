@@ -3,8 +3,9 @@
     python benchmarks/compiled_peers.py                    # the eight scenarios, to the horizons of work_precision
     python benchmarks/compiled_peers.py --lsoda FOLDER     # and LSODA in C++, from src/ of numbalsoda; needs g++
 
-numbalsoda has no wheel for Python 3.11 and later, and its own build asks for a Fortran compiler (for another solver in
-it); its LSODA is two files of C++. Times are of the processor, the least of rounds in which all rungs take turns.
+pip finds no wheel of numbalsoda for Python 3.11 to 3.13, and its own build asks for a Fortran compiler (for another
+solver in it); its LSODA is two files of C++. Times are of the processor, the least of rounds in which all rungs take
+turns.
 """
 
 from __future__ import annotations

@@ -15,6 +15,10 @@ if TYPE_CHECKING:
 ABSENT = "-"
 
 
+COLUMNS = ["scenario", "integrator", "claims kept", "order", "max stable step", "time to 1e-6", "failures",
+           "claims broken"]  # fmt: skip
+
+
 def summary(found: DataFrame, methods: Mapping[str, Any]) -> DataFrame:
     """One row an integrator and scenario: claims kept, order, largest stable step, time to 1e-6, failures.
 
@@ -30,7 +34,7 @@ def summary(found: DataFrame, methods: Mapping[str, Any]) -> DataFrame:
             "order": _order(row), "max stable step": stable_step(row), "time to 1e-6": _time(row),
             "failures": _of(row, "ladder_failed", "ladder_runs"), "claims broken": broken,
         })  # fmt: skip
-    return pd.DataFrame(rows)
+    return pd.DataFrame(rows, columns=COLUMNS)  # of an ensemble alone, these
 
 
 def claims_kept(row: Mapping[str, Any], claims: Any) -> tuple[str, int]:

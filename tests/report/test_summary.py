@@ -29,6 +29,11 @@ def test_summary_says_what_was_measured():
     assert (row["claims kept"], row["claims broken"]) == ("no step done", 0)
 
 
+def test_of_an_ensemble_alone_it_has_its_headings_and_no_row():
+    table = summary(judged(awkward.ensemble(awkward.FIVE), {}), {})
+    assert table.empty and table.to_csv(index=False).startswith("scenario,integrator,claims kept,")
+
+
 def test_what_no_study_found_is_told_from_what_none_looked_for():
     limits = {"integrator": ["a", "b", "c"], "scenario": "s", "limit": [None, "solver", "none"], "dt_cap": 12.0}
     ends = pd.DataFrame(limits | {"dt_stable": [None, None, 3.0], "dt_unstable": [None, 1.0, None]})
