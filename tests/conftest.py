@@ -49,6 +49,18 @@ def pytest_collection_modifyitems(config, items):
                 item.add_marker(slow)
 
 
+@pytest.fixture(autouse=True, scope="session")
+def a_share_of_the_cores():
+    """Beside other workers of pytest a run begins no more processes than there are cores for it."""
+    from tcbench.engine import local
+
+    beside = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
+    with pytest.MonkeyPatch.context() as patch:
+        cores = local.usable_cores()
+        patch.setattr(local, "usable_cores", lambda: max(1, cores // beside))
+        yield
+
+
 @pytest.fixture(autouse=True)
 def plugins_as_installed():
     """After each test the plugin folders that it named are forgotten."""
