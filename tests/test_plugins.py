@@ -246,7 +246,8 @@ def test_a_metric_that_gives_no_number_costs_its_own_column(tmp_path):
     assert row["status"] == "ok" and 0 < row["energy_error_max"] < 1e-9 and row["steps_squared"] == 51**2
     assert all(math.isnan(row[name]) for name in ("broken", "many", "words"))
     said = " ".join(remarks(results.tables))
-    assert "Metric 'broken' of mine: AttributeError" in said and "at mine.py:7" in said and "(1 of 1 runs)" in said
+    assert "Metric 'broken' of mine: 'Trajectory' has no 'temprature'" in said and "at mine.py:7" in said
+    assert "(1 of 1 runs)" in said
     assert "Metric 'energy_error_max' of mine: the table has a column of this name" in said
 
 
