@@ -173,7 +173,7 @@ def lawful(found: DataFrame) -> Finding | None:
         )
         return Finding(title, "no method", most, href)
     steps = [float(h) for h in found.groupby(level="integrator")["dt_most"].max()[keep] if finite(h)]
-    largest = f", at every step tried, up to h = {min(steps):.3g}" if steps else ""
+    largest = f", at every step tried, up to h = {min(steps):.2g}" if steps else ""
     runs = sum(shares[name][1] for name in keep)
     named = [law.replace("_", " ") for law in laws(found)]
     invariants = [name for name in named if name not in ("energy", "entropy")]
@@ -230,7 +230,7 @@ def coarse(found: DataFrame) -> Finding | None:
     if general not in (name, cheap):
         text += f"; {called(general)} {_on(len(errors[general]), count)}: {within(general)}"
     steps = found.groupby(level="scenario")["dt_coarsest"].max().dropna()
-    title = f"At h = {steps.iloc[0]:.3g}" if len(steps) == 1 else "At the coarsest step"
+    title = f"At h = {steps.iloc[0]:.2g}" if len(steps) == 1 else "At the coarsest step"
     return Finding(title, lead, text, "#lens=coarse")
 
 

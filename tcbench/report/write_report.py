@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict
 from functools import partial
@@ -13,6 +14,7 @@ from ..files import replacing
 from ..store.store import Store
 from ..store.tables import read_tables
 from ..studies.columns import column
+from ..studies.work_precision import SPENT_S
 from .html import library, packed_table, script_hash, script_json, script_text, vendored
 from .judged import judged
 from .leaders import leaders
@@ -90,6 +92,7 @@ def _content(store: Store, tables: dict[str, DataFrame]) -> dict[str, Any]:
         "methods": rows,
         "families": FAMILIES,
         "claims": "claims" in tables,
+        "spent_ms": f"{1e3 * SPENT_S:g}",
         "absent": sorted(declared.get("absent", {}).items()),
         "manifest": _facts(manifest),
         "provenances": {name: _facts(found) for name, found in store.provenances().items()},
@@ -137,14 +140,17 @@ def _machine(manifest: Mapping[str, Any]) -> str:
 
 
 def _references(tables: Mapping[str, DataFrame]) -> list[tuple[str, str]]:
-    """What errors are measured against, by scenario, with its own uncertainty."""
-    found: dict[tuple[str, str], None] = {}
+    """What errors are measured against, by scenario, with its own uncertainty where a table has it."""
+    found: dict[tuple[str, str], float] = {}
     for study in ("work_precision", "convergence"):
         table = tables.get(study)
         if table is not None and "reference" in table:
-            for row in table[["scenario", "reference"]].dropna().drop_duplicates().itertuples(index=False):
-                found[str(row[0]), str(row[1])] = None
-    return sorted(found)
+            floors = table.get("reference_floor", table["reference"].map(lambda _: math.nan))
+            for (name, text), floor in floors.groupby([table["scenario"], table["reference"]]).max().items():
+                found.setdefault((str(name), str(text)), float(floor))
+    return [
+        (name, f"{text}: ± {floor:.1g}" if floor == floor else text) for (name, text), floor in sorted(found.items())
+    ]
 
 
 def _history(folder: Path) -> DataFrame | None:
@@ -164,6 +170,8 @@ def _facts(data: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
         if key == "command" and isinstance(value, list) and value:
             words = [str(value[0]).replace("\\", "/").rpartition("/")[2], *map(str, value[1:])]
             lines.append((name, " ".join(words)))
+        elif value is None or value is False or value == "":
+            continue  # no commit, not interrupted
         elif isinstance(value, Mapping):
             lines += _facts(value, f"{name}.")
         elif isinstance(value, list):

@@ -24,7 +24,7 @@ COLUMNS = (
     "declared", "verdict", "status", "note",
 )  # fmt: skip
 POINT_COLUMNS = (
-    "integrator", "scenario", "variable", "dt", "status", "error", "local_order", "used", "reason",
+    "integrator", "scenario", "variable", "dt", "status", "error", "local_order", "used", "reason", "failure",
 )  # fmt: skip
 
 
@@ -52,13 +52,13 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
     reference = reference_for(scenario, [scenario.t_converge])
     exact = groups(scenario.model, reference.states[0])
     dt: list[float] = []
-    statuses: list[str] = []
+    ends: list[tuple[str, str]] = []  # status and sentence
     floors: list[float] = []
     errors: dict[str, list[float]] = {name: [] for name in exact}
     for n in step_counts(integrator, scenario, options.get("dt")):
-        step, status, floor, state = _end_state(integrator, scenario, n)
+        step, end, floor, state = _end_state(integrator, scenario, n)
         dt.append(step)
-        statuses.append(status)
+        ends.append(end)
         floors.append(floor)
         found = None if state is None else groups(scenario.model, state)
         for name in exact:
@@ -68,16 +68,16 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
         name: fit_order(dt, errors[name], reference.floor[0], solver_floor=floors, roundoff=roundoff) for name in exact
     }
     return {
-        "status": "ok" if "ok" in statuses else statuses[-1],
+        "status": "ok" if "ok" in dict(ends) else ends[-1][0],
         "t": scenario.t_converge,
         "reference": reference.source,
         "orders": [_order_row(name, fits[name], integrator.order) for name in exact],
-        "points": [row for name in exact for row in _point_rows(name, fits[name], dt, statuses, errors[name])],
+        "points": [row for name in exact for row in _point_rows(name, fits[name], dt, ends, errors[name])],
     }
 
 
-def _end_state(integrator: Integrator, scenario: Scenario, n: int) -> tuple[float, str, float, Any]:
-    """(dt, status, error that the solver leaves, state at t_converge or None) of a run of n steps."""
+def _end_state(integrator: Integrator, scenario: Scenario, n: int) -> tuple[float, tuple[str, str], float, Any]:
+    """(dt, status and sentence, error that the solver leaves, state at t_converge or None) of a run of n steps."""
     from ..simulation.run import simulate
 
     dt, t_end = scenario.t_converge / n, scenario.t_converge
@@ -85,7 +85,7 @@ def _end_state(integrator: Integrator, scenario: Scenario, n: int) -> tuple[floa
     run = simulate(integrator, scenario, dt=dt, t_end=t_end, record_every=None, **extra)
     left = run.summary.residual_max  # NaN for explicit methods, which solve nothing
     arrived = run.ok and run.steps == n
-    return dt, run.status, n * left if left == left else 0.0, run.z[-1] if arrived else None
+    return dt, (run.status, run.failure), n * left if left == left else 0.0, run.z[-1] if arrived else None
 
 
 def groups(model: System, z: Any) -> dict[str, Any]:
@@ -124,9 +124,9 @@ def _order_row(name: str, fit: OrderFit, declared: int | None) -> Row:
 
 
 def _point_rows(
-    name: str, fit: OrderFit, dt: Sequence[float], statuses: Sequence[str], errors: Sequence[float]
+    name: str, fit: OrderFit, dt: Sequence[float], ends: Sequence[tuple[str, str]], errors: Sequence[float]
 ) -> list[Row]:
-    columns = zip(dt, statuses, errors, fit.local_order, fit.used, fit.reason, strict=True)
+    columns = zip(dt, ends, errors, fit.local_order, fit.used, fit.reason, strict=True)
     return [
         {
             "variable": name,
@@ -136,8 +136,9 @@ def _point_rows(
             "local_order": float(slope),
             "used": bool(used),
             "reason": str(reason),
+            "failure": failure,
         }
-        for h, status, error, slope, used, reason in columns
+        for h, (status, failure), error, slope, used, reason in columns
     ]
 
 

@@ -374,3 +374,21 @@ def test_what_authors_state_and_what_is_added_stand_apart(tmp_path, visit):
     headings = page.locator("#claim-page h2").all_inner_texts()
     assert headings == ["The paper's claims", "Stated by Shang and Ottinger (2020)", "Beside it, measured by tcbench"]
     assert page.locator("#claim-page table").count() == 3
+
+
+def test_a_run_of_one_study_says_what_it_measured_and_no_more(tmp_path, visit):
+    """The claims alone open themselves; what was not measured is blank; a formula that took no iteration is explicit."""
+    path = awkward.write_run(tmp_path / "claims", {"claims": awkward.claims()}, (), {})
+    page = visit(write_report(path))
+    assert page.locator("#claim-page h2").is_visible() and page.locator("#tabs a", has_text="Overview").is_hidden()
+    methods = ["tc_monolithic", "controlled"]
+    table = awkward.work_precision(methods, ["short_term"])
+    table["newton_iterations"] = np.where(table["integrator"] == "controlled", 0.0, 100.0)
+    declared = awkward.declared(methods, ["short_term"])
+    declared["integrators"]["tc_monolithic"]["kind"] = declared["integrators"]["controlled"]["kind"] = "flows"
+    page = visit(write_report(awkward.write_run(tmp_path / "work", {"work_precision": table}, (), declared)))
+    row = page.locator(".matrix tbody tr", has_text="tc_monolithic").locator("td").all_inner_texts()
+    assert row[1:3] == ["", ""]  # order and stable step: of a method with a fixed step, not measured
+    for name, kind in zip(methods, ("implicit, tcbench's Newton", "explicit, compiled"), strict=True):
+        go(page, f"#method={name}")
+        assert kind in page.locator("#method-page > .soft").inner_text()

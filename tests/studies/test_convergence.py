@@ -99,6 +99,7 @@ def test_a_method_that_always_fails_is_a_row_with_a_reason():
     row = measure(made(step=broken), tcbench.scenarios()["short_term"], {})
     assert row["status"] == "exception"
     assert {point["reason"] for point in row["points"]} == {"failed"}
+    assert all("no such step" in point["failure"] for point in row["points"])
     assert {fit["verdict"] for fit in row["orders"]} == {"undetermined"}
 
 

@@ -9,9 +9,13 @@ const where = () => {
   return place;
 };
 let turn = 0;
+// a run of the claims alone measured no method: what it has to say is there
+const only = page.tables.claims && !page.lenses.length && page.methods.every((m) => !m.order && !m.step && !m.laws.some((l) => l.of));
+if (only) document.querySelector("#tabs a").hidden = true;
 const route = async () => {
   const place = where(), mine = (turn += 1);
-  const name = place.scenario !== undefined ? "scenario" : Object.keys(VIEWS).find((v) => place[v] !== undefined) || "overview";
+  const asked = place.scenario !== undefined ? "scenario" : Object.keys(VIEWS).find((v) => place[v] !== undefined) || "overview";
+  const name = asked === "overview" && only ? "claims" : asked;
   hideTip();
   for (const view of document.querySelectorAll("main > .view")) view.hidden = view.id !== `view-${name}`;
   for (const tab of document.querySelectorAll("#tabs a")) {

@@ -99,10 +99,17 @@ const ended = async (m) => {
   const found = [];
   for (const [study, step] of [["conservation", "dt"], ["work_precision", "value"], ["convergence_points", "dt"]]) {
     for (const r of rows(await table(study), { integrator: m.name })) {
-      if (r.status && r.status !== "ok" && (study !== "convergence_points" || r.variable === "all")) found.push([el("a", { href: link({ scenario: r.scenario, method: m.name }) }, short(r.scenario)), words(study.replace("_points", "")), known(r[step]) ? number(r[step]) : known(r.tolerance) ? `tol ${number(r.tolerance)}` : "–", r.status, r.failure || ""]);
+      if (r.status && r.status !== "ok" && (study !== "convergence_points" || r.variable === "all")) found.push([el("a", { href: link({ scenario: r.scenario, method: m.name }) }, short(r.scenario)), words(study.replace("_points", "")), known(r[step]) ? number(r[step]) : known(r.tolerance) ? `tol ${number(r.tolerance)}` : "–", r.status, r.failure || r.reason || ""]);
     }
   }
   return found.length ? simple(["scenario", "study", "step or tolerance", "status", "what happened"], found.slice(0, 200)) : empty("Every run of this method reached its end.");
+};
+
+// what a formula is: it was run, and where no step of it took an iteration, there was nothing to solve
+const solved = async (m) => {
+  const counts = [...rows(await table("conservation"), { integrator: m.name }).map((r) => r.newton_iterations_mean),
+    ...rows(await table("work_precision"), { integrator: m.name }).map((r) => r.newton_iterations)].filter(known);
+  return !counts.length ? "a formula, compiled" : counts.every((n) => n === 0) ? "explicit, compiled" : "implicit, tcbench's Newton";
 };
 
 const methods = async (place) => {
@@ -112,7 +119,7 @@ const methods = async (place) => {
   root.replaceChildren(
     el("div", { class: "choose" }, select("Method", page.methods.map((x) => [x.name, x.name]), m.name, (name) => { location.hash = link({ method: name }); })),
     el("h2", { class: "own", style: `--own:${colour(m.name)}` }, mark(m.name), short(m.name, 80)),
-    el("p", { class: "soft" }, [page.families[m.family], it?.source && short(it.source, 200), it && { flows: it.tags?.includes("explicit") ? "explicit" : "implicit, tcbench's Newton", step: "a step of its own", adaptive: "chooses its steps" }[it.kind], it?.order && `declared order ${it.order}`].filter(Boolean).join(" · ")),
+    el("p", { class: "soft" }, [page.families[m.family], it?.source && short(it.source, 200), it && { flows: await solved(m), step: "a step of its own", adaptive: "chooses its steps" }[it.kind], it?.order && `declared order ${it.order}`].filter(Boolean).join(" · ")),
     el("div", { class: "two" }, el("section", {}, it ? [el("p", { class: "told" }, it.description.replace(/([^\n])\n(?!\n)/g, "$1 ")), it.formula ? el("details", { open: true }, el("summary", {}, "Its formula, as its author wrote it"), el("pre", { tabindex: 0 }, it.formula)) : ""] : empty("This folder does not say what the method is: run its command again with this version of tcbench.")),
       part("Claimed and measured", m.laws.length ? await measured(m) : empty("This run measured no laws.")) || ""));
   for (const content of [part("Order", await orders(m)), part("Speed and accuracy", await speedOf(m)), part("Largest stable steps", await stable(m)), part("Runs that failed", await ended(m))]) if (content) root.append(content);

@@ -19,11 +19,12 @@ const dots = (m) => el("span", { class: "dots" }, m.laws.map((law) => {
   const text = law.of ? `${said}kept in ${law.kept} of ${law.of} runs` : `${said}not measured: no run has it`;
   return el("span", { class: `dot ${size}${law.claimed === false ? " unclaimed" : ""}`, title: `${words(law.law)}: ${text}` });
 }));
-const orderText = (m) => (m.order ? (known(m.order.median) ? m.order.low.toFixed(1).replace(/\.0$/, "") : "?") : "·");
-const orderTip = (m) => (!m.order ? "no fixed step" : !m.order.of ? "the steps show no order"
+const without = (m, text, none) => (m.kind === "adaptive" ? text : none);  // of what only methods with a fixed step have
+const orderText = (m) => (m.order ? (known(m.order.median) ? m.order.low.toFixed(1).replace(/\.0$/, "") : "?") : without(m, "·", ""));
+const orderTip = (m) => (!m.order ? without(m, "no fixed step", "not measured") : !m.order.of ? "the steps show no order"
   : `fitted order ${m.order.low.toFixed(2)} to ${m.order.high.toFixed(2)} on ${m.order.of} scenarios; declared ${m.order.declared ?? "none"}`);
-const stepText = (m) => (!m.step || !m.step.of ? "·" : m.step.limited ? (m.step.least ? number(m.step.least, 2) : "none") : `> ${number(m.step.cap, 2)}`);
-const stepTip = (m) => (!m.step || !m.step.of ? "not studied: no fixed step" : m.step.limited
+const stepText = (m) => (!m.step || !m.step.of ? without(m, "·", m.step ? "?" : "") : m.step.limited ? (m.step.least ? number(m.step.least, 2) : "none") : `> ${number(m.step.cap, 2)}`);
+const stepTip = (m) => (!m.step || !m.step.of ? without(m, "no fixed step", m.step ? "no answer" : "not measured") : m.step.limited
   ? `least of the largest stable steps, on ${m.step.where}; a limit on ${m.step.limited} of ${m.step.of} scenarios`
   : `no limit found on ${m.step.of} scenarios`);
 
@@ -106,6 +107,7 @@ narrow.addEventListener("change", () => drawMatrix());
 const drawMatrix = () => {
   $("matrix").replaceChildren(matrix());
   $("matrix-note").textContent = { time: "★ first that keeps every law; – not reached; … stopped early", wrong: "– the run failed; stronger is less wrong", small: "– the run failed; stronger is less lost", step: "> no limit up to there; – none found", cost: "stronger is cheaper" }[LENSES[view.lens]?.[1]] || "";
+  $("matrix-note").append(view.lens ? "; " : "");
 };
 // arrow keys move among the links of a row and between rows
 const walk = (event) => {
@@ -202,14 +204,14 @@ const drawProfile = async (place) => {
 };
 
 // one bar a method to the first scenario on which it fails; a cross a scenario, a tick where plain Newton fails
-const stepBars = (all, width) => {
+const stepBars = (all, width, tried) => {
   const methods = [...grouped(all, "integrator")].map(([name, mine]) => ({ name, mine,
     ends: mine.filter((r) => r.limit && r.limit !== "none"), cap: Math.max(...mine.map((r) => r.dt_cap).filter(known)) }));
   const least = (m) => (m.ends.length ? Math.min(...m.ends.map((r) => (known(r.dt_stable) ? r.dt_stable : 0))) : Infinity);
   methods.sort((a, b) => (method[a.name]?.family ?? 4) - (method[b.name]?.family ?? 4) || least(b) - least(a) || (a.name < b.name ? -1 : 1));
   const steps = all.flatMap((r) => [r.dt_stable, r.dt_cap, r.dt_stable_plain]).filter((v) => known(v) && v > 0);
   if (!steps.length) return empty("No method has a stable step here.");
-  const domain = padded("log", extent(steps)), left = Math.min(150, 14 + 6.6 * Math.max(...methods.map((m) => short(m.name, 20).length)));
+  const domain = padded("log", extent([...steps, tried].filter(known))), left = Math.min(150, 14 + 6.6 * Math.max(...methods.map((m) => short(m.name, 20).length)));
   const row = methods.length > 30 ? 11 : Math.max(8, Math.min(18, 214 / methods.length)), height = row * methods.length + 40;
   const f = frame(width, height, { x: { kind: "log", domain, label: "step size h → better", text: number }, y: { kind: "none" }, title: "Largest stable step of each method",
     margin: { left, right: 74, top: 4, bottom: 34 } });
@@ -220,7 +222,7 @@ const stepBars = (all, width) => {
     group.append(shape("text", { x: left - 6, y: y + 4, "text-anchor": "end", "font-size": Math.min(11, row) }, short(m.name, 20)));
     for (const r of m.mine) if (known(r.dt_stable_plain) && r.limit_plain !== "none") group.append(shape("line", { class: "tick", x1: f.X(r.dt_stable_plain), x2: f.X(r.dt_stable_plain), y1: y - 4, y2: y + 4 }));
     for (const r of m.ends) group.append(shape("path", { class: "cross", d: cross(known(r.dt_stable) ? f.X(r.dt_stable) : left, y) }));
-    if (!m.ends.length) group.append(shape("path", { class: "arrow", d: `M${end},${y - 4}l6,4l-6,4z` }), shape("text", { class: "soft", x: end + 9, y: y + 4, "font-size": Math.min(11, row) }, "no limit"));
+    if (!m.ends.length) group.append(shape("path", { class: "arrow", d: `M${end},${y - 4}l6,4l-6,4z` }), shape("text", { class: "soft", x: end + 9, y: y + 4, "font-size": Math.min(11, row) }, `> ${number(m.cap, 2)}`));
     const told = () => [m.name, ...(m.ends.length ? m.ends.map((r) => `${r.scenario}: up to h = ${number(r.dt_stable)}, ${r.limit}`) : [`no limit found up to h = ${number(m.cap)}`])];
     f.svg.append(tipped(fill(shape("a", { href: link({ method: m.name }), "aria-label": told().join("; ") }), {}, [group]), told));
   });
@@ -244,10 +246,11 @@ const drawSteps = async () => {
   if (!stability) view.wide = "shares";
   const choices = [...(stability ? [["steps", "the scenarios"]] : []), ...(shares ? [["shares", "an ensemble of random starts"]] : [])];
   controls.replaceChildren(choices.length > 1 ? select("On", choices, view.wide, (v) => { view.wide = v; drawSteps(); }) : "",
-    view.wide === "steps" ? "A bar ends where the first scenario fails; × each that fails; | where plain Newton does." : "Of runs from random starts, with 95 % bands.");
+    view.wide === "steps" ? "A bar ends where the first scenario fails; × each that fails; | plain Newton; > no limit." : "Of runs from random starts, with 95 % bands.");
   $("steps-again").replaceChildren(again(`tcbench run --study ${view.wide === "steps" ? "stability" : "ensemble"} -o mine`, `tcbench plot ${view.wide === "steps" ? "stable-step" : "failure-share"} mine -o steps.svg`));
+  const tried = extent(((view.wide === "steps" && (await table("stability_points"))?.columns.dt) || []).filter(known))[0];
   const all = view.wide === "steps" ? rows(stability) : firstEnsemble(rows(shares)).filter((r) => known(r.dt));
-  drawn(place, (width) => place.replaceChildren(view.wide === "steps" ? stepBars(all, width) : shareChart(all, width)));
+  drawn(place, (width) => place.replaceChildren(view.wide === "steps" ? stepBars(all, width, tried) : shareChart(all, width)));
 };
 const overviewCharts = () => Promise.all([drawSpeed(), drawSteps()]);
 

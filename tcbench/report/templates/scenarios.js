@@ -35,19 +35,24 @@ const runsOf = async (scenario) => {
       failure: own && own.status !== "ok" ? own.failure || own.status : "" };
   });
 };
-// what the player shows of a run: all of its thin series, or every one of its first steps
-const shownOf = (run) => {
-  if (chosenIn.span === "whole" || !run.opening) return { ...run, whole: true, record: run.states };
-  const end = run.opening.at(-1).t;
-  return { ...run, states: run.opening, record: run.states.filter((s) => s.t <= end * 1.0001) };
+// what the player shows of runs: all of their thin series, or every one of the first steps; of a run that has no such
+// steps the same time, if it has enough states there
+const shownOf = (runs) => {
+  const openings = runs.filter((r) => r.opening), end = 1.0001 * Math.max(...openings.map((r) => r.opening.at(-1).t));
+  return runs.map((run) => {
+    const record = run.states.filter((s) => s.t <= end), first = run.opening || record;
+    if (chosenIn.span === "whole" || !openings.length || first.length < 10) return { ...run, whole: true, record: run.states };
+    return { ...run, states: first, record, whole: record.length === run.states.length };
+  });
 };
 
 const losses = (name, runs, place) => {
   const there = lost(runs).filter((c) => runs.some((r) => r.states.some((s) => known(s[c]))));
   if (!there.length) return;
   if (!there.includes(chosenIn.loss)) [chosenIn.loss] = there;
-  const panels = [["loss", chosenIn.loss, "zerolog"], ...lettered(runs[0].states, "temperature").map((c) => ["", c, "linear"]),
-    ...lettered(runs[0].states, "strain").map((c) => ["", c, "linear"]),
+  const moves = (c) => moving(runs, c);
+  const panels = [["loss", chosenIn.loss, "zerolog"], ...lettered(runs[0].states, "temperature").filter(moves).map((c) => ["", c, "linear"]),
+    ...lettered(runs[0].states, "strain").filter(moves).map((c) => ["", c, "linear"]),
     ...(scenes[name]?.links?.length ? [] : variablesOf(runs[0].states).slice(0, MOST_LINES)).map((c) => ["", c, "linear"])];
   const shown = new Set([...chosenIn.methods].filter((m) => runs.some((r) => r.name === m)));
   const all = [...shown].map((m) => runs.find((r) => r.name === m));
@@ -187,10 +192,10 @@ const scenarios = async (place) => {
     const [left, right] = pair(runs, wanted);
     const pick = (which, now) => select(right ? which : "method", names.map((n) => [n, n]), now, (n) => { chosenIn[which] = n; chosenIn[which === "left" ? "right" : "left"] = which === "left" ? right : left; perform(); });
     const both = [left, right].filter(Boolean).map((n) => runs.find((r) => r.name === n));
-    const spans = [["opening", `the first ${both[0].opening?.length - 1} steps`], ["whole", "the whole run, thinned"]];
+    const spans = [["opening", `the first ${both.find((r) => r.opening)?.opening.length - 1} steps`], ["whole", "the whole run, thinned"]];
     stage.replaceChildren(el("div", { class: "tools" }, pick("left", left), right ? pick("right", right) : "", again(`tcbench animate ${[left, right].filter(Boolean).map(word).join(" ")} ${word(name)} -o runs.gif`),
       both.some((r) => r.opening) ? select("show", spans, chosenIn.span, (v) => { chosenIn.span = v; perform(left); }) : ""),
-    player(both.map(shownOf), scenes[name] || {}));
+    player(shownOf(both), scenes[name] || {}));
   };
   root.replaceChildren(
     el("nav", { class: "choose", "aria-label": "scenarios", hidden: page.scenarios.length < 2 }, page.scenarios.map((s) => el("a", { href: link({ scenario: s }), "aria-current": s === name ? "page" : false }, short(s)))),
