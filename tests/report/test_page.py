@@ -377,7 +377,7 @@ def test_what_authors_state_and_what_is_added_stand_apart(tmp_path, visit):
 
 
 def test_a_run_of_one_study_says_what_it_measured_and_no_more(tmp_path, visit):
-    """The claims alone open themselves; what was not measured is blank; a formula that took no iteration is explicit."""
+    """The claims alone open themselves; the unmeasured is blank; a formula that took no iteration is explicit."""
     path = awkward.write_run(tmp_path / "claims", {"claims": awkward.claims()}, (), {})
     page = visit(write_report(path))
     assert page.locator("#claim-page h2").is_visible() and page.locator("#tabs a", has_text="Overview").is_hidden()

@@ -137,9 +137,10 @@ def _ranges(ax: Axes, table: DataFrame) -> None:
 
 
 @chart_of_rows
-def stable_step(table: DataFrame) -> Drawing:
+def stable_step(table: DataFrame, points: DataFrame | None = None) -> Drawing:
     """The largest stable step of each method as a bracket, one panel a scenario.
 
+    points : rows of `stability_points`: the axis begins at the smallest step that was tried.
     table : rows of `stability`. The marker stands at dt_stable and tells the kind of limit, the short bar behind it is
     dt_unstable (neighbours on the ladder), the dotted line reaches dt_half; a star marks stable steps above the limit
     (not monotone), a grey tick the limit of plain Newton.
@@ -150,6 +151,7 @@ def stable_step(table: DataFrame) -> Drawing:
     size = (3.6 + left, max(1.5, 0.19 * len(methods) + 0.75))
     figure, axes = panels(len(scenarios), 2 if len(methods) <= 14 else 3, size, left)
     every = [finite(table[c]) for c in STEP_COLUMNS if c in table]
+    every += [] if points is None else [finite(points["dt"])]
     spans = np.concatenate(every) if every else np.array([])
     for i, (ax, scenario) in enumerate(zip(axes, scenarios, strict=True)):
         part = table[table["scenario"].astype(str) == scenario] if scenario else table
@@ -162,9 +164,11 @@ def stable_step(table: DataFrame) -> Drawing:
         if i >= len(scenarios) - figure.columns:
             ax.set_xlabel(column_named("dt").label)
     titles(axes, scenarios)
+    caps = finite(table["dt_cap"]) if "dt_cap" in table else np.array([])
+    up_to = f" up to h = {np.nanmin(caps):.3g}" if np.isfinite(caps).any() else ""
     kinds = set(table["limit"].dropna().astype(str)) if "limit" in table else set()
     keys = [
-        Line2D([], [], color=ink(), marker=m, linestyle="none", label=MEANING[k])
+        Line2D([], [], color=ink(), marker=m, linestyle="none", label=MEANING[k] + (up_to if k == "none" else ""))
         for k, m in LIMITS.items()
         if k in kinds
     ]
@@ -211,7 +215,7 @@ KINDS = (
     Kind("conservation", "conservation", "Largest losses of a run against its step size.", ("conservation",),
          conservation, options=("x", "y")),
     Kind("stable-step", "stability", "Largest stable step, by kind of limit.", ("stability",), stable_step,
-         by_scenario=False),
+         ("stability_points",), by_scenario=False),
     Kind("blowup", "stability", "Time at which a run failed, against its step size.", ("stability_points",), blowup,
          ("blowup_sensitivity",)),
 )  # fmt: skip

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...errors import TcbenchError
 from ...simulation.series import variables
 from ...studies.columns import column as column_named
 from .kind import OPENING, SERIES, Kind
@@ -178,7 +179,8 @@ def _roomy(ax: Axes, values: Any) -> None:
 def path(series: DataFrame, columns: int = 3) -> Drawing:
     """Paths of the masses in the plane, coloured by the temperature of each one's spring; one panel a run.
 
-    Needs positions x_1, y_1, x_2, y_2, ... and temperature_a, temperature_b, ... The start is a ring, the end a dot.
+    Needs positions x_1, y_1, x_2, ... (at_x_1, ... of a system with points(z)) and temperature_a, temperature_b, ... The
+    start is a ring, the end a dot.
     """
     from matplotlib.collections import LineCollection
     from matplotlib.colors import Normalize
@@ -186,18 +188,21 @@ def path(series: DataFrame, columns: int = 3) -> Drawing:
     methods = names(series)
     runs = _runs(series, methods)
     heat = _numbered(series, "temperature")
-    masses = [(f"x_{i}", f"y_{i}") for i in range(1, 10) if len(_measured(series, [f"x_{i}", f"y_{i}"])) == 2]
+    drawn = "at_" if _measured(series, ["at_x_1"]) else ""
+    places = [(f"{drawn}x_{i}", f"{drawn}y_{i}") for i in range(1, 10)]
+    masses = [pair for pair in places if len(_measured(series, pair)) == 2]
     more, runs = len(runs) - MOST_PATHS, runs[:MOST_PATHS]
-    if not masses or not heat or not runs:
-        figure, axes = panels(1, columns, (3.3, 3.1), left=0.5)
-        note(axes[0], "this system has no masses in the plane")
-        return figure
-    figure, axes = panels(len(runs), columns, (3.3, 3.1), left=0.5)
+    if runs and not (masses and heat):
+        raise TcbenchError(
+            "The chart 'path' shows ways in the plane and temperatures, and these runs have none: a system says where "
+            "it is with points(z), and how warm with temperature(z, dE, dS)."
+        )
+    figure, axes = panels(max(1, len(runs)), columns, (3.3, 3.1), left=0.5)
     every = finite(np.ravel(series[heat].to_numpy()))
     low, high = (np.nanmin(every), np.nanmax(every)) if np.isfinite(every).any() else (0.0, 1.0)
     scale = Normalize(low, high if high > low else low + 1.0)
     mappable = None
-    for ax, (name, run) in zip(axes, runs, strict=True):
+    for ax, (name, run) in zip(axes, runs, strict=False):
         for i, (x, y) in enumerate(masses):
             points = np.column_stack([finite(run[x]), finite(run[y])])
             segments = np.stack([points[:-1], points[1:]], axis=1)
