@@ -179,8 +179,8 @@ def _roomy(ax: Axes, values: Any) -> None:
 def path(series: DataFrame, columns: int = 3) -> Drawing:
     """Paths of the masses in the plane, coloured by the temperature of each one's spring; one panel a run.
 
-    Needs positions x_1, y_1, x_2, ... (at_x_1, ... of a system with points(z)) and temperature_a, temperature_b, ... The
-    start is a ring, the end a dot.
+    Needs positions x_1, y_1, x_2, ... (at_x_1, ... of a system with points(z)) and temperature_a, temperature_b, ...
+    The start is a ring, the end a dot.
     """
     from matplotlib.collections import LineCollection
     from matplotlib.colors import Normalize
