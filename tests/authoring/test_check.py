@@ -39,8 +39,9 @@ def verdicts(method):
 # ---- what is right passes
 
 
-PRESENT = [i for i in tcbench.integrators().values() if not i.lacks]
+PRESENT = [i for i in tcbench.integrators().values() if not i.lacks and i.name != "gauss3"]
 VARIANTS = [v.name for i in PRESENT for v in i.variants() if v.name != i.name and not v.lacks]
+VARIANTS += ["gauss3"]  # gauss2's formula with another table, whose order and laws other tests measure
 
 
 @pytest.mark.parametrize(

@@ -192,7 +192,7 @@ def test_plot_writes_each_format_from_runs_and_from_a_folder(suffix, runs, tmp_p
     path = plot.plot("four-panel", runs, tmp_path / f"a{suffix}")
     assert path.read_bytes()[:4] in (b"\x89PNG", b"<?xm", b"%PDF")
     folder = awkward.write_run(tmp_path / "run", awkward.everything(awkward.FIVE))
-    for kind in ("work-precision", "convergence", "conservation", "blowup"):
+    for kind in ("work-precision", "convergence", "conservation", "blowup") if suffix == ".png" else ("conservation",):
         assert plot.plot(kind, folder, tmp_path / f"{kind}{suffix}", scenario="short_term").stat().st_size > 1000
     assert plot.plot("stable-step", folder, tmp_path / f"s{suffix}").stat().st_size > 1000
 

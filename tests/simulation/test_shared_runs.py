@@ -175,10 +175,10 @@ def test_a_quick_solver_leaves_nothing(tmp_path, monkeypatch):
 
 def test_studies_of_one_run_share_their_slow_runs(tmp_path):
     studies = ["conservation", "equilibrium"]
-    results = tcbench.run(["solve_ivp_radau"], ["stiff_spring"], studies, tmp_path / "both", jobs=1)
+    results = tcbench.run(["solve_ivp_radau"], ["short_term"], studies, tmp_path / "both", jobs=1)
     both = results.tables
     assert list(both["conservation"]["shared_runs"]) == [0, 0, 0]
     assert list(both["equilibrium_summary"]["shared_runs"]) == [1]
-    alone = tcbench.run(["solve_ivp_radau"], ["stiff_spring"], studies[1:], tmp_path / "one", jobs=1).tables
+    alone = tcbench.run(["solve_ivp_radau"], ["short_term"], studies[1:], tmp_path / "one", jobs=1).tables
     assert list(alone["equilibrium_summary"]["shared_runs"]) == [0]
     assert alone["equilibrium"].equals(both["equilibrium"])
