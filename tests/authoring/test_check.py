@@ -39,18 +39,36 @@ def verdicts(method):
 # ---- what is right passes
 
 
-PRESENT = [i for i in tcbench.integrators().values() if not i.lacks and i.name != "gauss3"]
+PRESENT = [i for i in tcbench.integrators().values() if not i.lacks]
 VARIANTS = [v.name for i in PRESENT for v in i.variants() if v.name != i.name and not v.lacks]
-VARIANTS += ["gauss3"]  # gauss2's formula with another table, whose order and laws other tests measure
+KINDS = (  # of every kind of method; laws and orders of each built-in one: tests/laws, tests/plugins
+    "tc_monolithic", "tc_strang", "midpoint_entropy", "verlet_heat", "bdf2", "projected", "tc_gauss",
+    "tc_gauss_adaptive", "tc_taylor", "tc_auto", "controlled", "scipy_odeint", "solve_ivp_radau",
+)  # fmt: skip
+OTHERS = [i.name for i in PRESENT if i.name not in KINDS]
 
 
-@pytest.mark.parametrize(
-    "name", [*(i.name for i in PRESENT), *(pytest.param(n, marks=pytest.mark.slow) for n in VARIANTS)]
-)
-def test_every_built_in_passes_every_line(name):
+def passes_every_line(name):
     method = plugins.find_integrator(name)
     lines = [contract.metadata(method), *verdicts(method).values()]
     assert {line.check: line.found for line in lines if line.verdict == check.FAIL} == {}
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_a_built_in_of_each_kind_passes_every_line(name):
+    passes_every_line(name)
+
+
+@pytest.mark.slow  # .ci/run asks for it
+@pytest.mark.parametrize("name", OTHERS)
+def test_every_other_built_in_passes_every_line(name):
+    passes_every_line(name)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", VARIANTS)
+def test_every_variant_passes_every_line(name):
+    passes_every_line(name)
 
 
 def test_an_explicit_step_with_a_right_jacobian_passes():
