@@ -14,6 +14,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from .chart import Chart, Panel, Series
     from .engine.run import Results, load, run
     from .errors import TcbenchError
     from .hookspecs import hookimpl
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from .simulation.run import simulate
     from .simulation.stepper import stepper
     from .simulation.trajectory import Trajectory
+    from .study import Study
     from .systems.element_system import ElementSystem
     from .systems.network import Network
     from .systems.pendulum import Pendulum
@@ -35,6 +37,10 @@ if TYPE_CHECKING:
 _HOME = {
     "animate": "report.animation",
     "draw": "report.plot",
+    "Chart": "chart",
+    "Panel": "chart",
+    "Series": "chart",
+    "Study": "study",
     "TcbenchError": "errors",
     "hookimpl": "hookspecs",
     "Flow": "integrator",
@@ -60,9 +66,9 @@ _HOME = {
 }
 
 __all__ = [
-    "ElementSystem", "Flow", "Integrator", "Metric", "Network", "Observable", "Pendulum", "Range", "Results",
-    "Scenario", "ScenarioFamily", "System", "TcbenchError", "Trajectory", "animate", "draw", "family", "hookimpl",
-    "integrators", "load", "run", "scenarios", "simulate", "stepper",
+    "Chart", "ElementSystem", "Flow", "Integrator", "Metric", "Network", "Observable", "Panel", "Pendulum", "Range",
+    "Results", "Scenario", "ScenarioFamily", "Series", "Study", "System", "TcbenchError", "Trajectory", "animate",
+    "draw", "family", "hookimpl", "integrators", "load", "run", "scenarios", "simulate", "stepper",
 ]  # fmt: skip
 
 

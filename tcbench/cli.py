@@ -149,7 +149,7 @@ def main(ctx: click.Context) -> None:
 @AS_JSON
 def run(everything: bool, folders: tuple[str, ...], quiet: bool, as_json: bool, **options: Any) -> None:
     """Run studies and write tables. Finished cells of the output folder are not run again."""
-    from . import terminal
+    from .commands import terminal
     from .commands.actions import run_command
 
     prepare(folders, quiet)
@@ -223,7 +223,7 @@ def map_(
 
     Of random scenarios (`random`) the share of failures over the step and a constant, such as stiffness=0.03:300:6:log.
     """
-    from . import terminal
+    from .commands import terminal
     from .commands.actions import map_command
 
     prepare(folders, quiet)

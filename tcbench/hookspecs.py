@@ -18,8 +18,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import pluggy
 
 if TYPE_CHECKING:
+    from .chart import Chart
     from .integrator import Integrator
     from .metric import Metric
+    from .study import Study
     from .systems.scenario import Scenario, ScenarioFamily
 
 PROJECT = "tcbench"
@@ -50,3 +52,13 @@ def tcbench_scenarios() -> list[Scenario | ScenarioFamily]:  # type: ignore[empt
 @hookspec
 def tcbench_metrics() -> list[Metric]:  # type: ignore[empty-body]
     """Further numbers to compute from each trajectory of the conservation study, one column each."""
+
+
+@hookspec
+def tcbench_studies() -> list[Study]:  # type: ignore[empty-body]
+    """Studies that the plugin brings: what to measure of each method on each scenario, and the tables of it."""
+
+
+@hookspec
+def tcbench_charts() -> list[Chart]:  # type: ignore[empty-body]
+    """Charts that the plugin brings: what `tcbench plot` and the page draw of tables."""

@@ -19,13 +19,15 @@ from typing import Any
 import pluggy
 
 from . import cache, hookspecs
+from .chart import Chart
 from .errors import ChangedError, TcbenchError
 from .inputs import marks, watching
+from .inputs.undone import Computing, undone
 from .integrator import Integrator
 from .metric import Metric
 from .plugin_files import RefusedError, at_home, forget_helpers, import_file, plugin_files
+from .study import Study
 from .systems.scenario import Scenario, ScenarioFamily
-from .undone import Computing, undone
 
 GROUP = "tcbench"
 OWN = "tcbench"  # the distribution whose plugins are tcbench's own
@@ -62,6 +64,8 @@ class Registry:
     scenarios: dict[str, Scenario] = field(default_factory=dict)
     scenario_families: dict[str, ScenarioFamily] = field(default_factory=dict)
     metrics: dict[str, Metric] = field(default_factory=dict)
+    studies: dict[str, Study] = field(default_factory=dict)
+    charts: dict[str, Chart] = field(default_factory=dict)
     origins: dict[str, Origin] = field(default_factory=dict)
     members: dict[Any, Scenario] = field(default_factory=dict)  # of families of scenarios, that were asked for
     need: Callable[[str], Any] = str  # in a worker: imports a plugin by its label
@@ -71,7 +75,7 @@ class Registry:
         return [origin for origin in self.origins.values() if origin.error]
 
 
-KINDS = ("integrators", "scenarios", "scenario_families", "metrics")  # of what a registry has by name
+KINDS = ("integrators", "scenarios", "scenario_families", "metrics", "studies", "charts")  # of a registry, by name
 _LOADING: list[str] = []  # the plugin that is being imported
 
 
@@ -320,6 +324,8 @@ def _collect(manager: pluggy.PluginManager, result: Registry) -> None:
         ("tcbench_integrators", Integrator, result.integrators),
         ("tcbench_scenarios", Scenario | ScenarioFamily, offered),
         ("tcbench_metrics", Metric, result.metrics),
+        ("tcbench_studies", Study, result.studies),
+        ("tcbench_charts", Chart, result.charts),
     )
     for hook_name, kind, target in targets:
         for implementation in getattr(manager.hook, hook_name).get_hookimpls():

@@ -9,7 +9,7 @@ import re
 import threading
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from . import plugin_loading
 from .errors import TcbenchError, is_pattern, matching, unknown_name
@@ -23,7 +23,6 @@ from .progress import waiting
 from .systems.scenario import Scenario, ScenarioFamily
 
 _VARIANT = re.compile(r"(?P<base>[^\[\]]+)\[(?P<values>[^\[\]]*)\]\Z")
-Named = TypeVar("Named", Integrator, Scenario, Metric)
 
 
 _REGISTRY: Registry | None = None
@@ -184,7 +183,7 @@ def find_integrator(name: str | Integrator) -> Integrator:
         return known[name]
     base, values = split_name(name)
     if base not in known:
-        raise unknown_name("integrator", base, known, *_remedy())
+        raise unknown_name("integrator", base, known, *cure())
     return known[base].variant(**values) if values else known[base]
 
 
@@ -238,7 +237,7 @@ def expand_integrators(names: Iterable[str | Integrator]) -> list[Integrator]:
     result: list[Integrator] = []
     for name in names:
         if isinstance(name, str) and is_pattern(name):
-            result.extend(registry().integrators[one] for one in matching("integrator", name, present(), *_remedy()))
+            result.extend(registry().integrators[one] for one in matching("integrator", name, present(), *cure()))
             continue
         base, values = split_name(name) if isinstance(name, str) else ("", {})
         if "all" in values.values():
@@ -267,7 +266,7 @@ def expand_scenarios(names: Iterable[str | Scenario]) -> list[Scenario]:
     for name in names:
         if isinstance(name, str) and is_pattern(name):
             known = registry().scenarios
-            result.extend(known[one] for one in matching("scenario", name, known, *_remedy()))
+            result.extend(known[one] for one in matching("scenario", name, known, *cure()))
         else:
             result.append(find_scenario(name))
     return [scenario for k, scenario in enumerate(result) if scenario not in result[:k]]
@@ -295,14 +294,14 @@ def find_scenario(name: str | Scenario) -> Scenario:
             f"Scenario {base!r} takes no values in brackets; {', '.join(sorted(families))} do. Change its constants by "
             f"tcbench.scenarios()[{base!r}].replace(name=..., ...)."
         )
-    raise unknown_name("scenario", base, [*known, *families], *_remedy())
+    raise unknown_name("scenario", base, [*known, *families], *cure())
 
 
 def find_family(name: str) -> ScenarioFamily:
     """The family of scenarios of that name."""
     families = registry().scenario_families
     if name not in families:
-        raise unknown_name("family of scenarios", name, families, *_remedy())
+        raise unknown_name("family of scenarios", name, families, *cure())
     return families[name]
 
 
@@ -321,7 +320,7 @@ def scenarios_for(method: Integrator) -> list[Scenario]:
     raise TcbenchError(f"No registered scenario suits {method.name!r}; bring one with tcbench_scenarios, in its file.")
 
 
-def _remedy() -> tuple[str, str]:
+def cure() -> tuple[str, str]:
     """What to do about a name that is not there, and what may be to blame: files that were not loaded."""
     folders = ", ".join(str(folder) for folder in plugin_folders())
     looked = f"Plugin files were looked for in {folders}." if folders else ""

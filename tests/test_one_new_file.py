@@ -10,7 +10,7 @@ import tcbench
 PACKAGE = Path(tcbench.__file__).parent
 STUDY = '''"""How many steps a run has."""
 
-from .base import Study
+from ..study import Study
 
 
 def plan(integrators, scenarios, options):
@@ -35,7 +35,7 @@ CHART = '''"""Bars."""
 
 from matplotlib.figure import Figure
 
-from .kind import Kind
+from ...chart import Chart
 
 
 def bars(table):
@@ -44,7 +44,7 @@ def bars(table):
     return figure
 
 
-KINDS = (Kind("bars", "counting", "Steps.", ("counted",), bars),)
+CHARTS = (Chart("bars", "Steps.", ("counted",), bars, study="counting"),)
 '''
 
 

@@ -10,8 +10,8 @@ from pathlib import Path
 import pandas as pd
 from command import tcbench
 
+from tcbench.commands.terminal import SHOWN, number
 from tcbench.studies.columns import column
-from tcbench.terminal import SHOWN, number
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text()

@@ -8,8 +8,8 @@ from click.testing import CliRunner
 from rich.console import Console
 
 import tcbench
-from tcbench import terminal
 from tcbench.cli import main
+from tcbench.commands import terminal
 
 NAMES = ["midpoint_temperature", "tc_gauss_adaptive[k=3]"]
 HEADS = ["integrator", "scenario", *(f"a_column_{i}" for i in range(9)), "what happened"]

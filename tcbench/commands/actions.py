@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .. import plugins, terminal
+from .. import plugins
 from ..engine.planning import plan_job, preview
 from ..engine.run import run
 from ..errors import TcbenchError, unknown_name
@@ -22,6 +22,7 @@ from ..store.store import Store
 from ..store.tables import only, read_tables
 from ..studies.base import default_studies
 from ..studies.columns import shown
+from . import terminal
 from .left_out import short_ladder
 from .simulate import one_of
 
@@ -130,7 +131,7 @@ def map_command(
 ) -> int:
     """Run the map, one cell a row of it; tables and one picture in the output folder."""
     from ..engine.run import execute
-    from ..report.chart_kinds import find_kind
+    from ..report.chart_kinds import draw_kind, find_kind
 
     if not (methods and scenarios):
         raise TcbenchError("tcbench map takes at least one integrator, and then the scenario.")
@@ -152,7 +153,8 @@ def map_command(
     table = results.tables.get(name)
     if table is not None:
         with waiting("drawing the map"):
-            find_kind(name.replace("_", "-")).draw(results.tables).savefig(picture, dpi=150, bbox_inches="tight")
+            figure = draw_kind(find_kind(name.replace("_", "-")), results.tables)
+            figure.savefig(picture, dpi=150, bbox_inches="tight")
     if display.as_json:
         terminal.print_json({"output": str(output), "picture": str(picture), "tables": records(results.tables)})
     elif table is not None and not display.quiet:

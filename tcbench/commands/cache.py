@@ -21,7 +21,7 @@ def cache_command(action: str | None, as_json: bool) -> None:
     """
     found = cache.clear() if action == "clear" else cache.usage()
     if as_json:
-        from ..terminal import print_json
+        from .terminal import print_json
 
         print_json(asdict(found) | {"folder": str(found.folder)})
         return

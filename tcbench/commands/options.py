@@ -79,9 +79,7 @@ class ChartKind(Choice):
         return tuple(kinds())
 
     def convert(self, value: Any, parameter: click.Parameter | None, ctx: click.Context | None) -> str:
-        from ..report.chart_kinds import find_kind
-
-        return find_kind(value).name
+        return str(value)  # looked up when the plugins' folders are known
 
 
 def read_config(ctx: click.Context, parameter: click.Parameter, path: Path | None) -> None:

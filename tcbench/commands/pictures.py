@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from .. import plugins, terminal
+from .. import plugins
 from ..errors import TcbenchError
 from ..progress import waiting
+from . import terminal
 from .actions import wrote
 from .simulate import one_of
 

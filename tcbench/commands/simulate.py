@@ -10,12 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from .. import plugins, terminal
+from .. import plugins
 from ..errors import TcbenchError
 from ..progress import waiting
 from ..report.summary import verdicts
 from ..simulation import metrics
 from ..simulation.run import simulate
+from . import terminal
 
 AGAIN_S = 10.0  # a run of a solver of its own that took less is repeated for its time
 

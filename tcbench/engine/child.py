@@ -25,7 +25,7 @@ from typing import IO, Any
 
 from .. import errors
 from ..errors import TcbenchError
-from ..undone import environment
+from ..inputs.undone import environment
 
 # the path comes first: tcbench itself may be on it, and -P keeps a json.py of the current folder from being run
 START = (

@@ -14,7 +14,8 @@ from ..integrator import Integrator
 from ..store.cells import Cell
 from ..store.encoding import plain
 from ..store.store import Rows, Store
-from ..studies.base import Study, default_studies, expand_studies, find_study
+from ..studies.base import default_studies, expand_studies, find_study
+from ..study import Study
 from ..systems.scenario import Scenario
 from .child import ask
 from .declared import declared
@@ -219,6 +220,8 @@ def _needs(
     """By integrator, scenario and study the plugins, not tcbench's own, that a worker imports for its cells."""
     metrics = plugins.needs(*(metric.plugin for metric in plugins.metrics().values()))
     found = {f"study {study.name}": metrics for study in chosen if study.metrics}
+    for study in chosen:
+        found[f"study {study.name}"] = found.get(f"study {study.name}", set()) | plugins.needs(study.plugin)
     found |= {method.name: plugins.needs(method.name, method.plugin) for method in methods}
     for scenario in scenarios:
         found[scenario.name] = found.get(scenario.name, set()) | plugins.needs(scenario.name, scenario.plugin)

@@ -16,7 +16,7 @@ from ..store.cores import usable_cores
 from ..store.provenance import manifest, provenance, utc_now
 from ..store.store import Store
 from ..store.tables import latest_rows, make_tables, read_tables
-from ..studies.base import studies
+from ..studies.base import in_order
 from ..systems.scenario import Scenario
 from .declared import merged
 from .measure import MEASURE, measure_here
@@ -203,8 +203,8 @@ def execute(
             tables = make_tables(job.studies, store, keys)
             latest, older = latest_rows(store)
             if keys == latest:
-                in_order = [name for study in studies().values() for name in study.tables]
-                every = {name: tables[name] for name in in_order if name in tables}
+                names = [name for study in in_order(job.studies).values() for name in study.tables]
+                every = {name: tables[name] for name in names if name in tables}
                 store.problems += older
             else:
                 every = read_tables(store)  # of all runs into this folder

@@ -1,30 +1,50 @@
-"""Which charts there are and which tables each needs: what `tcbench plot` and the report have in common."""
+"""Which charts there are, tcbench's own and those of plugins: what `tcbench plot` and the report have in common."""
 
 from __future__ import annotations
 
 import importlib
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from .. import plugins
+from ..chart import Chart, Tables
 from ..errors import unknown_name
-from .charts.kind import OPENING, SERIES, Kind, Tables, of_scenario
 
-__all__ = ["OPENING", "SERIES", "Kind", "Tables", "find_kind", "kinds", "of_scenario", "with_fallbacks"]
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 @cache
-def kinds() -> dict[str, Kind]:
-    """Every kind of chart by name: the KINDS of each file in `charts`, the files in alphabetical order."""
+def own_kinds() -> dict[str, Chart]:
+    """tcbench's own charts by name: the CHARTS of each file in `charts`, the files in alphabetical order."""
     files = sorted((Path(__file__).parent / "charts").glob("[a-z]*.py"))
     modules = [importlib.import_module(f".charts.{file.stem}", __package__) for file in files]
-    return {kind.name: kind for module in modules for kind in getattr(module, "KINDS", ())}
+    return {chart.name: chart for module in modules for chart in getattr(module, "CHARTS", ())}
 
 
-def find_kind(name: str) -> Kind:
+def kinds() -> dict[str, Chart]:
+    """Every chart by name, those of plugins last."""
+    return own_kinds() | plugins.registry().charts
+
+
+def find_kind(name: str) -> Chart:
+    """The chart of this name; plugins are asked where it is not one of tcbench's own."""
+    if name in own_kinds():
+        return own_kinds()[name]
     if name not in kinds():
-        raise unknown_name("chart", name, kinds())
+        raise unknown_name("chart", name, kinds(), *plugins.cure())
     return kinds()[name]
+
+
+def draw_kind(kind: Chart, tables: Tables, **options: Any) -> Figure:
+    """The chart of these tables, drawn by itself or as its panels say."""
+    from .charts.render import chart
+
+    draw: Callable[..., Any] = kind.panels if kind.name in own_kinds() else chart(kind.panels)
+    figure: Figure = draw(*kind.of(tables), **options)
+    return figure
 
 
 def with_fallbacks(tables: Tables) -> dict[str, Any]:

@@ -27,16 +27,18 @@ def leaders(tables: Tables, declared: Tables) -> dict[str, list[str]]:
     ranks = {scenario: _ranks(tables, scenario) for scenario in scenarios}
     worst = (len(TARGETS), math.inf, math.inf)
     found = {
-        scenario: _first(known, {name: rank.get(name, worst) for name in known}) for scenario, rank in ranks.items()
+        scenario: front(known, {name: rank.get(name, worst) for name in known}) for scenario, rank in ranks.items()
     }
     firsts = {name: (-sum(name in of for of in found.values()), name) for name in known}
-    return found | {"": _first(known, firsts)}
+    return found | {"": front(known, firsts)}
 
 
-def _first(known: Mapping[str, str], rank: Mapping[str, Any]) -> list[str]:
+def front(known: Mapping[str, str], rank: Mapping[str, Any]) -> list[str]:
+    """Who is in colour, in every chart: all of a few methods; of more the first of each family by a rank."""
     if len(known) <= CROWD:
         return sorted(known)
-    of = {family: sorted((n for n in known if known[n] == family), key=lambda n: (rank[n], n)) for family in FAMILIES}
+    kinds = dict.fromkeys([*FAMILIES, *known.values()])
+    of = {family: sorted((n for n in known if known[n] == family), key=lambda n: (rank[n], n)) for family in kinds}
     there = [members for members in of.values() if members]
     each = -(-IN_COLOUR // len(there))
     return [name for members in there for name in members[:each]]

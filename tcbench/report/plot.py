@@ -8,12 +8,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+from ..chart import OPENING, RUNS, Chart, of_scenario
 from ..errors import TcbenchError, expect, unknown_name
 from ..files import replacing
-from .chart_kinds import OPENING, SERIES, Kind, find_kind, of_scenario, with_fallbacks
+from .chart_kinds import draw_kind, find_kind, with_fallbacks
 from .charts import layout, theme
 from .leaders import leaders
-from .matrix import names
+from .matrix import families, names
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -112,20 +113,21 @@ def draw(
     if not chosen.possible(tables):
         raise TcbenchError(_absent(chosen, tables))
     wanted = replace(wanted, looks=run_looks(tables), fore=leaders(tables, declared))
+    wanted = replace(wanted, families=families(tables, declared))
     tables = only(tables, "integrator", list(wanted.labels))
     shown = chosen.select(tables, _scenario(chosen, tables, scenario))
     shown, options = _columns(chosen, shown, x, [y] if isinstance(y, str) else list(y or ()))
     if size is not None and "font.size" not in wanted.settings:
         for points in LARGER:
             with suppress(layout.TooSmall), theme.using(theme.of_type(wanted, points)):
-                return chosen.draw(shown, **options)
+                return draw_kind(chosen, shown, **options)
         wanted = theme.of_type(wanted, SMALLEST)
     with theme.using(wanted):
-        return chosen.draw(shown, **options)
+        return draw_kind(chosen, shown, **options)
 
 
 def _columns(
-    kind: Kind, tables: dict[str, DataFrame], x: str | None, y: Sequence[str]
+    kind: Chart, tables: dict[str, DataFrame], x: str | None, y: Sequence[str]
 ) -> tuple[dict[str, DataFrame], dict[str, Any]]:
     """The tables of the panels in y, and the options x and y of the charts that take them as columns of numbers."""
     from pandas.api.types import is_numeric_dtype
@@ -183,7 +185,7 @@ def run_looks(tables: Mapping[str, DataFrame]) -> dict[str, Any]:
     return looks(names(tables, "integrator"))
 
 
-def _tables(kind: Kind, data: Source, dt: float | None) -> tuple[dict[str, DataFrame], dict[str, Any]]:
+def _tables(kind: Chart, data: Source, dt: float | None) -> tuple[dict[str, DataFrame], dict[str, Any]]:
     """The tables of what was given, and what its folder declares of its methods."""
     from pandas import DataFrame
 
@@ -204,29 +206,29 @@ def _tables(kind: Kind, data: Source, dt: float | None) -> tuple[dict[str, DataF
         raise TcbenchError(f"The chart {kind.name!r} shows the tables of a run: give its folder, not trajectories.")
     else:
         runs = [data] if isinstance(data, Trajectory) else list(data)
-        tables = dict.fromkeys((SERIES, OPENING), series.trajectories(runs))
+        tables = dict.fromkeys((RUNS, OPENING), series.trajectories(runs))
     return (_at_step(tables, dt) if _of_runs(kind) else tables), declared
 
 
-def _of_runs(kind: Kind) -> bool:
-    return bool({SERIES, OPENING} & set(kind.needs))
+def _of_runs(kind: Chart) -> bool:
+    return bool({RUNS, OPENING} & set(kind.needs))
 
 
 def _at_step(tables: dict[str, DataFrame], dt: float | None) -> dict[str, DataFrame]:
     """The runs in time of one step; all if none is named."""
     import numpy as np
 
-    if dt is None or SERIES not in tables:
+    if dt is None or RUNS not in tables:
         return tables
-    steps = sorted({float(v) for v in tables[SERIES].get("dt", ()) if v == v})
+    steps = sorted({float(v) for v in tables[RUNS].get("dt", ()) if v == v})
     if not np.isclose(steps, dt, rtol=1e-9).any():
         there = ", ".join(f"{step:g}" for step in steps) or "none"
         raise TcbenchError(f"No run of dt = {dt:g} was kept in time; this run has {there}.")
-    near = {n: np.isclose(t["dt"].astype(float), dt, rtol=1e-9) for n, t in tables.items() if n in (SERIES, OPENING)}
+    near = {n: np.isclose(t["dt"].astype(float), dt, rtol=1e-9) for n, t in tables.items() if n in (RUNS, OPENING)}
     return tables | {name: tables[name][rows] for name, rows in near.items()}
 
 
-def _absent(kind: Kind, tables: dict[str, DataFrame]) -> str:
+def _absent(kind: Chart, tables: dict[str, DataFrame]) -> str:
     if _of_runs(kind):
         return (
             f"The chart {kind.name!r} shows runs in time, and this folder keeps none: the study conservation does, at "
@@ -237,7 +239,7 @@ def _absent(kind: Kind, tables: dict[str, DataFrame]) -> str:
     return f"The chart {kind.name!r} needs the table {missing[0]!r}, which this run has not. Its tables: {there}."
 
 
-def _scenario(kind: Kind, tables: dict[str, DataFrame], scenario: str | None) -> str | None:
+def _scenario(kind: Chart, tables: dict[str, DataFrame], scenario: str | None) -> str | None:
     """The scenario to draw: the one asked for, or the only one there is."""
     there = kind.scenarios(tables)
     if there == [None]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -15,17 +16,18 @@ from ..store.store import Store
 from ..store.tables import read_tables
 from ..studies.columns import column
 from ..studies.work_precision import SPENT_S
-from .html import library, packed_table, script_hash, script_json, script_text, vendored
+from .html import library, packed, packed_table, script_hash, script_json, script_text, vendored
 from .judged import judged
 from .leaders import leaders
 from .matrix import FAMILIES, failures, lenses, methods, names, stopped
 from .overview import findings, law_shares, one_scenario, scenario_answers
+from .page_charts import page_charts
 from .plot import run_looks
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-SCRIPTS = ("base", "chart", "overview", "player", "scenarios", "methods", "tables", "main")  # in the order of the page
+SCRIPTS = ("base", "chart", "panels", "overview", "player", "scenarios", "methods", "tables", "main")  # in their order
 ROUNDED = ("series", "opening", "ensemble_seeds")  # many numbers, of which a chart shows three digits
 EXACTER = ("t", "dt", "tolerance", "entropy", "seed")  # and temperatures: they change by little beside what they are
 HISTORY = "history"
@@ -74,13 +76,15 @@ def _content(store: Store, tables: dict[str, DataFrame]) -> dict[str, Any]:
     found = judged(tables, declared)
     rows = methods(found, tables, declared)
     scenarios = names(tables, "scenario")
+    charts = page_charts(store.folder, tables, declared, store.problems)
+    own = [{"name": name, "text": one["text"]} for name, one in charts.items() if one["plugin"]]
     data = {
         "families": FAMILIES, "methods": rows, "scenarios": scenarios, "declared": _named(declared, tables),
         "looks": {name: [one.colour, one.marker, dashes(one.dash)] for name, one in run_looks(tables).items()},
         "leaders": leaders(tables, declared), "answers": scenario_answers(found, tables, scenarios),
         "kept": {name: law_shares(one_scenario(found, name)) for name in scenarios},
         "lenses": lenses(found), "failures": failures(tables), "stopped": stopped(tables),
-        "tables": {name: len(table) for name, table in tables.items()},
+        "charts": own, "tables": {name: len(table) for name, table in tables.items()},
         "labels": {name: column(name).label for table in tables.values() for name in map(str, table.columns)},
     }  # fmt: skip
     return {
@@ -93,6 +97,8 @@ def _content(store: Store, tables: dict[str, DataFrame]) -> dict[str, Any]:
         "families": FAMILIES,
         "claims": "claims" in tables,
         "spent_ms": f"{1e3 * SPENT_S:g}",
+        "charts": own,
+        "charts_packed": packed(json.dumps(charts, separators=(",", ":"), allow_nan=False)),
         "absent": sorted(declared.get("absent", {}).items()),
         "manifest": _facts(manifest),
         "provenances": {name: _facts(found) for name, found in store.provenances().items()},

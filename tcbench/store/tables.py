@@ -7,8 +7,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..errors import TcbenchError, matching
-from ..studies.base import Study, studies
+from ..errors import TcbenchError, UnknownNameError, matching
+from ..studies.base import find_study, in_order, study_names
+from ..study import Study
 from .cells import UNHASHABLE, identity_of
 from .provenance import machine_name
 from .store import Rows, Store
@@ -27,8 +28,11 @@ def read_tables(source: str | Path | Store) -> dict[str, DataFrame]:
     latest, older = latest_rows(store)
     store.problems += older
     tables: dict[str, DataFrame] = {}
-    kept = [] if latest else store.tables()
-    for study in studies().values():
+    chosen, others = _studies(store)
+    known = [name for study in chosen for name in study.tables]
+    kept = [name for name in store.tables() if not latest or (others and name not in known)]
+    store.problems += [f"No study is called {name!r} here: its tables are those that were written." for name in others]
+    for study in chosen:
         try:
             tables |= make_tables([study], store, latest)
         except (KeyError, ValueError, TypeError) as error:  # rows of another version of the study
@@ -41,6 +45,18 @@ def read_tables(source: str | Path | Store) -> dict[str, DataFrame]:
             except TcbenchError as error:
                 store.problems.append(str(error))
     return {name: table for name, table in tables.items() if len(table)}
+
+
+def _studies(store: Rows) -> tuple[list[Study], list[str]]:
+    """tcbench's own studies and those of plugins that have rows, in their order; and the names that no study has."""
+    rows = {line["cell"]["study"] for line in store.lines() if line["cell"]}
+    found, others = [*map(find_study, study_names())], []
+    for name in sorted(rows.difference(study_names())):
+        try:
+            found.append(find_study(name))
+        except UnknownNameError:
+            others.append(name)
+    return [*in_order(found).values()], others
 
 
 def latest_rows(store: Rows) -> tuple[set[str], list[str]]:

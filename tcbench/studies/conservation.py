@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from ..errors import MachineError
-from .base import Row, Study
+from ..study import Row, Study
 
 if TYPE_CHECKING:
     from pandas import DataFrame

@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from .base import Row
+from ..study import Row
 
 TARGETS = {"error": (1e-3, 1e-6, 1e-9), "energy_error_max": (1e-6, 1e-12)}
 LEAST_S = 2e-5  # shorter runs measure the call, not the work

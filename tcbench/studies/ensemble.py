@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from .. import plugins
 from ..errors import TcbenchError
-from .base import Row, Study
+from ..study import Row, Study
 
 if TYPE_CHECKING:
     from pandas import DataFrame

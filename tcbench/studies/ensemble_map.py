@@ -19,7 +19,7 @@ import numpy as np
 
 from .. import plugins
 from ..errors import TcbenchError, unknown_name
-from .base import Row, Study
+from ..study import Row, Study
 from .ensemble import APART, whole
 from .map import Axis, parse_axis
 from .statistics import wilson

@@ -15,9 +15,9 @@ from ..integrator import Integrator
 from ..simulation import metrics
 from ..simulation.run import simulate
 from ..simulation.trajectory import Trajectory
+from ..study import Row
 from ..systems.element_system import ElementSystem
 from ..systems.scenario import Scenario
-from .base import Row
 from .stable_step import outcome_of
 
 TOLERANCES = (1e-3, 1e-5, 1e-7, 1e-9, 1e-11, 1e-13)  # of adaptive solvers

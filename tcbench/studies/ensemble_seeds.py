@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..study import Row
 from ..systems.scenario import Scenario
-from .base import Row
 
 if TYPE_CHECKING:
     from pandas import DataFrame

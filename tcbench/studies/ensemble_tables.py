@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..reference.certified import gap
-from .base import Row
+from ..study import Row
 from .cost import reach
 from .ensemble_runs import KINDS
 from .ensemble_seeds import law_names, seed_rows

@@ -13,7 +13,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from .base import Row, Study
+from ..study import Row, Study
 from .theorems import Finding, shell_name
 
 if TYPE_CHECKING:

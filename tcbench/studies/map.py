@@ -18,8 +18,8 @@ import numpy as np
 
 from ..errors import TcbenchError, unknown_name
 from ..integrator import Integrator
+from ..study import Row, Study
 from ..systems.scenario import Scenario
-from .base import Row, Study
 
 if TYPE_CHECKING:
     from pandas import DataFrame

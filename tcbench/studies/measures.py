@@ -12,7 +12,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from .base import Row, Study
+from ..study import Row, Study
 
 if TYPE_CHECKING:
     from pandas import DataFrame

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .. import cache
-from .base import Row, Study
+from ..study import Row, Study
 from .cost import exponent
 
 if TYPE_CHECKING:

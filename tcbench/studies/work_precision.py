@@ -18,7 +18,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from ..errors import leave_to_the_machine
-from .base import Row, Study
+from ..study import Row, Study
 from .cost import TARGETS, cost_rows, reached_error, time_to_accuracy
 from .yardstick import timed
 

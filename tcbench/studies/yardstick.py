@@ -13,7 +13,7 @@ from collections.abc import Callable
 from statistics import median
 from typing import NamedTuple
 
-from .base import Row
+from ..study import Row
 
 LOOPS = 3000  # of the yardstick: about 0.1 ms
 TRIALS = 5

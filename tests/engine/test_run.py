@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import tcbench
-from tcbench import Integrator, TcbenchError, terminal
+from tcbench import Integrator, TcbenchError
+from tcbench.commands import terminal
 
 
 def heun(z, h, system):

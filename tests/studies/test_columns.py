@@ -2,7 +2,7 @@
 
 import pytest
 
-from tcbench import terminal
+from tcbench.commands import terminal
 from tcbench.studies.columns import COLUMNS, WANDER, column, shown
 
 

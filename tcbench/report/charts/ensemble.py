@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import matplotlib
 import numpy as np
-from matplotlib.ticker import FuncFormatter, LogLocator
+from matplotlib.ticker import LogLocator
 
-from .kind import Kind
-from .layout import end_labels, handle, legend, line_labels, note, panels, pt, titles
+from ...chart import Chart, Panel, Series, Sheet
+from ..leaders import front
+from .layout import handle, legend, line_labels, note, panels, pt, titles
+from .render import chart, chart_of_rows
 from .scales import ROUND_OFF, log_axis, round_off_band
-from .style import GREY, OTHER, Look, chart_of_rows, finite, ink, look, names, short
-from .theme import INK
+from .style import GREY, finite, ink, look, names, short
+from .theme import INK, current
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -21,126 +24,79 @@ if TYPE_CHECKING:
 
     from .layout import Drawing
 
-NAMED = 6  # lines of a panel that are coloured and named; the others are grey
-BAND = 0.13  # opacity of a band
 FEWEST = 5  # runs: a share of fewer says nothing
 CONTROLS = {"dt": "step size h", "tolerance": "tolerance"}
 
 
 def first(table: DataFrame) -> DataFrame:
-    """The rows of the first ensemble of a table."""
-    return table[table["ensemble"] == table["ensemble"].iloc[0]]
+    """The rows of the first ensemble of a table, where it has several."""
+    return table[table["ensemble"] == table["ensemble"].iloc[0]] if "ensemble" in table and len(table) else table
 
 
-@chart_of_rows
-def failure_share(table: DataFrame) -> Drawing:
+@chart
+def failure_share(table: DataFrame) -> Sheet:
     """Share of runs that failed against the step (and, of adaptive solvers, the tolerance), with 95 % bands.
 
     table : rows of `failure_share` of one ensemble. Methods that never failed are one line, at 0, with the largest
-    upper limit among them; their number is its name.
+    upper limit among them; their number is its name. In colour are those that fail most.
     """
+    table = first(table)
     enough = table[finite(table["runs"]) >= FEWEST]
     shown = [control for control in CONTROLS if control in enough and np.isfinite(finite(enough[control])).any()]
-    figure, axes = panels(max(1, len(shown)), 2, (5.4, 3.3), right=1.5)
-    if not shown:
-        note(axes[0], f"no step or tolerance has {FEWEST} runs")
-    parts = [enough[np.isfinite(finite(enough[c]))].sort_values(c, kind="stable") for c in shown]
-    coloured = {name: look(name) for part in parts for name in _most_failing(part)[:NAMED]}
-    for ax, part, control in zip(axes, parts, shown, strict=False):
-        _shares(ax, part, control, coloured)
-    figure.place()
-    return figure
+    parts = [_shares(enough[np.isfinite(finite(enough[c]))].sort_values(c, kind="stable"), c) for c in shown]
+    few = Panel([], "", "", note=f"no step or tolerance has {FEWEST} runs")
+    return Sheet(parts or [few], 2, (5.4, 3.3), 1.5, named=True)
 
 
-def _most_failing(part: DataFrame) -> list[str]:
-    """The methods that failed at all, the one with the largest mean share first."""
-    worst = {n: float(finite(part.loc[part["integrator"] == n, "share"]).mean()) for n in names(part)}
-    return sorted((n for n in worst if worst[n] > 0), key=lambda n: -worst[n])
+def _ranked(part: DataFrame) -> dict[str, float]:
+    """The methods with a share above 0, and minus its mean: the largest first."""
+    mean = {n: float(finite(part.loc[part["integrator"] == n, "share"]).mean()) for n in names(part)}
+    return {n: -mean[n] for n in sorted(mean, key=lambda n: -mean[n]) if mean[n] > 0}
 
 
-def _shares(ax: Axes, part: DataFrame, control: str, coloured: Mapping[str, Look]) -> None:
-    log_axis(ax, "x", finite(part[control]))
-    _percent(ax)
-    failing = _most_failing(part)
+def _shares(part: DataFrame, control: str) -> Panel:
+    failing = _ranked(part)
+    series = [_banded(part, name, control) for name in reversed(failing)]
     never = [n for n in names(part) if n not in failing]
-    ends = []
-    for name in reversed(failing):
-        rows = part[part["integrator"] == name]
-        x, share = finite(rows[control]), finite(rows["share"])
-        style = coloured.get(name, OTHER)
-        colour = style.colour
-        if name in coloured:
-            ax.fill_between(x, finite(rows["low"]), finite(rows["high"]), color=colour, alpha=BAND, linewidth=pt(0))
-        ax.plot(x, share, color=colour, linestyle=style.dash, marker=style.marker, markersize=pt(3.5))
-        ends.append((float(x[-1]), float(share[-1]), name, colour))
     if never:
         rows = part[part["integrator"].isin(never)]
         x = np.unique(finite(rows[control]))
         high = [float(finite(rows.loc[finite(rows[control]) == value, "high"]).max()) for value in x]
-        ax.fill_between(x, 0.0, high, color=ink(), alpha=BAND, linewidth=0)
-        ax.plot(x, np.zeros(len(x)), color=ink(), linewidth=pt(2.2), clip_on=False)
         text = never[0] if len(never) == 1 else f"0 of all runs: {len(never)} methods"
-        ends.append((float(x[-1]), 0.0, text, ink()))
-    end_labels(ax, ends)
-    ax.set_xlabel(CONTROLS[control])
-    ax.set_ylabel("share of runs that failed")
+        series.append(Series(text, x, np.zeros(len(x)), np.zeros(len(x)), high, marks="", plain=True))
+    y = "share of runs that failed"
+    return Panel(series, CONTROLS[control], y, y_scale="share", rank=failing, x_values=part[control])
 
 
-def _percent(ax: Axes) -> None:
-    ax.set_ylim(-0.02, 1.02)
-    ax.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{100 * y:.0f} %"))
+def _banded(part: DataFrame, name: str, column: str, marks: str = "filled") -> Series:
+    rows = part[part["integrator"] == name]
+    x, share, low, high = (finite(rows[c]) for c in (column, "share", "low", "high"))
+    return Series(name, x, share, low, high, marks=marks)
 
 
-@chart_of_rows
-def performance_profiles(table: DataFrame) -> Drawing:
+@chart
+def performance_profiles(table: DataFrame) -> Sheet:
     """Share of scenarios solved within tau times the fastest, one panel a target, with 95 % bands.
 
-    table : rows of `performance_profile` of one ensemble. At tau = 1: how often a method is the first.
+    table : rows of `performance_profile` of one ensemble. At tau = 1: how often a method is the first. In colour are
+    those that solve most, over all tau.
     """
-    targets = list(dict.fromkeys(zip(table["measure"].astype(str), table["target"].astype(float), strict=True)))
-    figure, axes = panels(max(1, len(targets)), 2, (5.4, 3.1), right=1.4)
-    texts = []
-    parts = [table[(table["measure"] == measure) & (table["target"] == target)] for measure, target in targets]
-    coloured = {name: look(name) for part in parts for name in _leading(part)[:NAMED]}
-    for ax, part, (measure, target) in zip(axes, parts, targets, strict=False):
-        _profiles(ax, part, coloured)
-        runs, left_out = (int(part[c].iloc[0]) for c in ("runs", "without_reference"))
-        missing = f", {left_out} without reference" if left_out else ""
-        texts.append(f"{measure} to {target:.0e}: {runs} scenarios{missing}".replace("e-0", "e-"))
-    titles(axes, texts)
-    figure.place()
-    return figure
+    table = first(table)
+    targets = dict.fromkeys(zip(table["measure"].astype(str), table["target"].astype(float), strict=True))
+    shown = [_profile(table[(table["measure"] == m) & (table["target"] == t)], m, t) for m, t in targets]
+    return Sheet(shown, 2, (5.4, 3.1), 1.4, named=True)
 
 
-def _leading(part: DataFrame) -> list[str]:
-    """The methods that solve anything, the one with the largest mean share first."""
-    score = {n: float(finite(part.loc[part["integrator"] == n, "share"]).mean()) for n in names(part)}
-    return sorted((n for n in score if score[n] > 0), key=lambda n: -score[n])
-
-
-def _profiles(ax: Axes, part: DataFrame, coloured: Mapping[str, Look]) -> None:
-    ax.set_xlabel("time over the fastest method's, τ")
-    ax.set_ylabel("share of scenarios")
-    if not np.isfinite(finite(part["share"])).any():
-        note(ax, "no scenario has a reference that is good enough")
-        return
-    log_axis(ax, "x", finite(part["tau"]))
-    ax.set_xlim(1.0, float(finite(part["tau"]).max()))
-    _percent(ax)
-    leading = _leading(part)
-    ends = []
-    for name in reversed(leading):
-        rows = part[part["integrator"] == name]
-        tau, share = finite(rows["tau"]), finite(rows["share"])
-        named = name in leading[:NAMED]
-        style = coloured[name] if named else OTHER
-        colour = style.colour
-        if named:
-            ax.fill_between(tau, finite(rows["low"]), finite(rows["high"]), color=colour, alpha=BAND, linewidth=0,
-                            step="post")  # fmt: skip
-            ends.append((float(tau[-1]), float(share[-1]), name, colour))
-        ax.step(tau, share, where="post", color=colour, linestyle=style.dash, linewidth=pt(1.6 if named else 0.7))
-    end_labels(ax, ends)
+def _profile(part: DataFrame, measure: str, target: float) -> Panel:
+    runs, left_out = (int(part[c].iloc[0]) for c in ("runs", "without_reference"))
+    missing = f", {left_out} without reference" if left_out else ""
+    known, leading = np.isfinite(finite(part["share"])).any(), _ranked(part)
+    return Panel(
+        [_banded(part, name, "tau", "") for name in reversed(leading)], "time over the fastest method's, τ",
+        "share of scenarios", y_scale="share", rank=leading, stepped=True, x_values=part["tau"],
+        title=f"{measure} to {target:.0e}: {runs} scenarios{missing}".replace("e-0", "e-"),
+        note="" if known else "no scenario has a reference that is good enough",
+    )  # fmt: skip
 
 
 @chart_of_rows
@@ -148,8 +104,9 @@ def error_time(points: DataFrame, integrators: Sequence[str] | None = None) -> D
     """Error of the state against time: every run a dot, and the medians of each setting joined, from coarse to fine.
 
     points : rows of `ensemble_points` of one ensemble. integrators : those to draw in colour; by default those with the
-    least median time at the middle of the errors. The other runs are grey.
+    least median time at some accuracy. The other runs are grey.
     """
+    points = first(points)
     figure, (ax,) = panels(1, 1, (7.0, 4.6), right=0.8)
     error, seconds = finite(points["error"]), finite(points["time_s"])
     good = np.isfinite(error) & (error > 0) & np.isfinite(seconds) & (seconds > 0)
@@ -201,14 +158,15 @@ def error_time(points: DataFrame, integrators: Sequence[str] | None = None) -> D
 
 
 def _leaders(points: DataFrame) -> list[str]:
-    """The methods that are the fastest at errors around 1e-3, 1e-6 and 1e-9, by median."""
-    found: dict[str, None] = {}
+    """Who is in colour: by the place among the fastest at errors around 1e-3, 1e-6 or 1e-9, by median."""
+    rank = dict.fromkeys(names(points), math.inf)
     error = np.log10(np.clip(finite(points["error"]), ROUND_OFF, None))
     for centre in (-3, -6, -9):
         near = points[np.abs(error - centre) < 1.5]
         times = near.groupby("integrator")["time_s"].median().sort_values()
-        found |= dict.fromkeys(str(name) for name in times.index[:3])
-    return list(found)[:NAMED]
+        rank |= {str(name): min(place, rank[str(name)]) for place, name in enumerate(times.index)}
+    known = current().families
+    return sorted(front({name: known.get(name, "") for name in rank}, rank), key=lambda name: (rank[name], name))
 
 
 @chart_of_rows
@@ -217,6 +175,7 @@ def law_quantiles(table: DataFrame) -> Drawing:
 
     table : rows of `ensemble_laws` of one ensemble.
     """
+    table = first(table)
     known = list(dict.fromkeys(table["law"].astype(str)))
     methods = names(table)
     figure, axes = panels(max(1, len(known)), 3, (3.6, 0.75 + 0.17 * max(4, len(methods))), left=1.45)
@@ -254,6 +213,7 @@ def where_it_fails(table: DataFrame) -> Drawing:
     table : rows of `failure_map` of one ensemble. The number in a cell is its share in per cent; a cell in which no run
     failed is white.
     """
+    table = first(table)
     methods = names(table)
     figure, axes = panels(max(1, len(methods)), 3, (4.0, 3.4), left=0.8, right=0.25)
     for ax, name in zip(axes, methods, strict=False):
@@ -288,17 +248,17 @@ def _cell_text(low: float, high: float) -> str:
     return f"{low:.3g}" if low == high else f"{low:.3g}–{high:.3g}"
 
 
-KINDS = (
-    Kind("failure-share", "ensemble", "Share of random scenarios on which a method fails, with 95 % bands.",
-         ("failure_share",), lambda table: failure_share(first(table)), by_scenario=False),
-    Kind("performance-profile", "ensemble", "Share of random scenarios that a method solves within τ times the fastest "
-         "one's time; at τ = 1, those where it is the fastest.", ("performance_profile",),
-         lambda table: performance_profiles(first(table)), by_scenario=False, picks="measure"),
-    Kind("error-time", "ensemble", "Error against time on random scenarios: every run, and the medians.",
-         ("ensemble_points",), lambda table: error_time(first(table)), by_scenario=False),
-    Kind("law-quantiles", "ensemble", "Losses over random scenarios: median, 99 % and worst of all runs; filled where "
-         "the law is claimed.", ("ensemble_laws",), lambda table: law_quantiles(first(table)), by_scenario=False,
-         picks="law"),
-    Kind("failure-map", "ensemble_map", "Share of failures, per cent, over a constant and the step.", ("failure_map",),
-         lambda table: where_it_fails(first(table)), by_scenario=False),
+CHARTS = (
+    Chart("failure-share", "Share of random scenarios on which a method fails, with 95 % bands.", ("failure_share",),
+          failure_share, by_scenario=False, study="ensemble"),
+    Chart("performance-profile", "Share of random scenarios that a method solves within τ times the fastest one's "
+          "time; at τ = 1, those where it is the fastest.", ("performance_profile",),
+          performance_profiles, by_scenario=False, picks="measure", study="ensemble"),
+    Chart("error-time", "Error against time on random scenarios: every run, and the medians.", ("ensemble_points",),
+          error_time, by_scenario=False, study="ensemble"),
+    Chart("law-quantiles", "Losses over random scenarios: median, 99 % and worst of all runs; filled where the law is "
+          "claimed.", ("ensemble_laws",), law_quantiles, by_scenario=False, picks="law",
+          study="ensemble"),
+    Chart("failure-map", "Share of failures, per cent, over a constant and the step.", ("failure_map",),
+          where_it_fails, by_scenario=False, study="ensemble_map"),
 )  # fmt: skip

@@ -10,12 +10,13 @@ import numpy as np
 from matplotlib.lines import Line2D
 from matplotlib.transforms import ScaledTranslation
 
+from ...chart import Chart, Panel, Series, Sheet
 from ...studies.columns import column as column_named
 from ...studies.columns import invariant_columns
-from .kind import Kind
 from .layout import failed_handle, failed_tracks, legend, note, panels, pt, titles
-from .scales import log_axis, zero_log_axis
-from .style import GREY, chart, chart_of_rows, finite, ink, look, names, ok, short
+from .render import chart, chart_of_rows
+from .scales import log_axis
+from .style import GREY, finite, ink, look, names, ok, short
 from .theme import scale
 
 if TYPE_CHECKING:
@@ -33,7 +34,7 @@ MEANING = {
 
 
 @chart
-def conservation(table: DataFrame, x: str = "dt", y: Sequence[str] | None = None) -> Drawing:
+def conservation(table: DataFrame, x: str = "dt", y: Sequence[str] | None = None) -> Sheet:
     """What each method loses against its step, for one scenario: energy, entropy, angular momentum.
 
     table : rows of `conservation`. Every error is a magnitude; 0 has its own place at the foot of the axis. Failed runs
@@ -47,30 +48,23 @@ def conservation(table: DataFrame, x: str = "dt", y: Sequence[str] | None = None
     wanted = ("energy_error_max", "entropy_fall_max", *invariant_columns(data.columns))
     measured = [c for c in wanted if c in data and np.isfinite(finite(data[c])).any()] or ["energy_error_max"]
     columns = ["entropy_fall_max" if c == "entropy_increment_min" else c for c in y or measured]
-    figure, axes = panels(len(columns), 3, (3.6, 2.9))
-    methods = [n for n in names(data) if np.isfinite(finite(data[x][data["integrator"].astype(str) == n])).any()]
-    for ax, column in zip(axes, columns, strict=True):
-        _losses(ax, data, x, column, methods)
-        ax.set_xlabel(column_named(x).label)
-        ax.set_ylabel(column_named(column).label)
-    legend(figure, methods, [failed_handle()] if (~ok(data)).any() else [])
-    return figure
+    return Sheet([_losses(data, x, column) for column in columns])
 
 
-def _losses(ax: Axes, table: DataFrame, x: str, column: str, methods: Sequence[str]) -> None:
+def _losses(table: DataFrame, x: str, column: str) -> Panel:
     h, done = finite(table[x]), np.asarray(ok(table))
     error = np.abs(finite(table[column])) if column in table else np.full(len(table), np.nan)
-    if not np.isfinite(h).any():
-        note(ax, "no run has a fixed step")
-        return
-    log_axis(ax, "x", h)
-    zero_log_axis(ax, error[done])
-    names_of = table["integrator"].astype(str).to_numpy()
-    failed_tracks(ax, {name: h[(names_of == name) & ~done & np.isfinite(h)] for name in methods})
-    for name in methods:
-        style, pick = look(name), np.flatnonzero((names_of == name) & done & np.isfinite(error))
+    of, series = table["integrator"].astype(str).to_numpy(), []
+    for name in names(table):
+        mine = (of == name) & np.isfinite(h)
+        pick = np.flatnonzero(mine & done & np.isfinite(error))
         pick = pick[np.argsort(h[pick])]
-        ax.plot(h[pick], error[pick], color=style.colour, marker=style.marker, linestyle=style.dash)
+        if mine.any():
+            series.append(Series(name, h[pick], error[pick], crosses=h[mine & ~done]))
+    return Panel(
+        series, column_named(x).label, column_named(column).label, y_scale="zero", errors=True, x_values=h,
+        y_values=error[done], note="" if series else "no run has a fixed step",
+    )  # fmt: skip
 
 
 @chart
@@ -211,11 +205,11 @@ def _bracket(ax: Axes, rows: DataFrame, name: str, y: float) -> None:
             )
 
 
-KINDS = (
-    Kind("conservation", "conservation", "Largest losses of a run against its step size.", ("conservation",),
-         conservation, options=("x", "y")),
-    Kind("stable-step", "stability", "Largest stable step, by kind of limit.", ("stability",), stable_step,
-         ("stability_points",), by_scenario=False),
-    Kind("blowup", "stability", "Time at which a run failed, against its step size.", ("stability_points",), blowup,
-         ("blowup_sensitivity",)),
+CHARTS = (
+    Chart("conservation", "Largest losses of a run against its step size.", ("conservation",), conservation,
+          options=("x", "y"), study="conservation"),
+    Chart("stable-step", "Largest stable step, by kind of limit.", ("stability",), stable_step, ("stability_points",),
+          by_scenario=False, study="stability"),
+    Chart("blowup", "Time at which a run failed, against its step size.", ("stability_points",), blowup,
+          ("blowup_sensitivity",), study="stability"),
 )  # fmt: skip

@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...chart import OPENING, RUNS, Chart
 from ...errors import TcbenchError
 from ...simulation.series import variables
 from ...studies.columns import column as column_named
-from .kind import OPENING, SERIES, Kind
 from .layout import handle, legend, note, panels, pt, titles
+from .render import chart, chart_of_rows
 from .scales import log_axis, round_off_band, zero_log_axis
-from .style import GREY, chart, chart_of_rows, finite, ink, look, names, short
+from .style import finite, ink, look, names, short
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -285,34 +286,13 @@ def _zero(ax: Axes, _which: str, values: Any) -> None:
     zero_log_axis(ax, values)
 
 
-@chart
-def history(table: DataFrame) -> Drawing:
-    """Benchmarks over commits: columns benchmark, date, value, unit; one panel a benchmark, one line a machine."""
-    import pandas as pd
-
-    found = names(table, "benchmark")[:24]
-    figure, axes = panels(max(1, len(found)), 3, (3.5, 2.1))
-    if not found:
-        note(axes[0], "no benchmark has been recorded")
-    for ax, benchmark in zip(axes, found, strict=False):
-        part = table[table["benchmark"].astype(str) == benchmark].sort_values("date")
-        groups = part.groupby([c for c in ("machine", "parameters") if c in part], dropna=False)
-        for i, (_, line) in enumerate(groups):
-            colour = GREY if i else ink()
-            ax.plot(pd.to_datetime(line["date"]), finite(line["value"]), color=colour, marker="o", markersize=pt(3))
-        ax.set_ylim(bottom=0)
-        ax.tick_params(axis="x", labelrotation=30, labelsize=pt(7))
-    titles(axes, found)
-    return figure
-
-
-KINDS = (
-    Kind("laws", "conservation", "Losses in time, at the scenario's own step; on the 0 a law is kept exactly.",
-         (SERIES,), laws, options=("y",)),
-    Kind("four-panel", "conservation", "Energy, entropy, temperatures, and strains (or variables) in time.",
-         (SERIES,), four_panel),
-    Kind("path", "conservation", "Paths of the masses in the plane over the first steps, coloured by temperature.",
-         (OPENING,), path),
-    Kind("equilibrium", "equilibrium", "Distance to the exact equilibrium in time.", ("equilibrium",),
-         equilibrium, ("equilibrium_summary",)),
+CHARTS = (
+    Chart("laws", "Losses in time, at the scenario's own step; on the 0 a law is kept exactly.", (RUNS,), laws,
+          options=("y",), study="conservation"),
+    Chart("four-panel", "Energy, entropy, temperatures, and strains (or variables) in time.", (RUNS,), four_panel,
+          study="conservation"),
+    Chart("path", "Paths of the masses in the plane over the first steps, coloured by temperature.", (OPENING,), path,
+          study="conservation"),
+    Chart("equilibrium", "Distance to the exact equilibrium in time.", ("equilibrium",), equilibrium,
+          ("equilibrium_summary",), study="equilibrium"),
 )  # fmt: skip

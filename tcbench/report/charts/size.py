@@ -7,57 +7,39 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...chart import Chart, Panel, Series, Sheet
 from ...studies.columns import column as column_named
 from ...studies.size import GROWING
-from .kind import Kind
-from .layout import legend, line_labels, note, panels, titles
-from .scales import log_axis
-from .style import chart, finite, look, names, ok
+from .render import chart
+from .style import finite, names, ok
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from pandas import DataFrame
-
-    from .layout import Drawing
 
 
 @chart
-def size(table: DataFrame, fits: DataFrame | None = None, y: Sequence[str] | None = None) -> Drawing:
+def size(table: DataFrame, fits: DataFrame | None = None, y: Sequence[str] | None = None) -> Sheet:
     """Time to the first step, time a step and memory against the numbers in a state, a row of panels a family.
 
     table : rows of `size`; fits : rows of `size_exponents`; y : other columns of `size`. The number at the end of a
     line is its exponent. Runs that failed are left out.
     """
-    columns, families = list(y or GROWING), names(table, "family") or [""]
-    figure, axes = panels(len(columns) * len(families), len(columns), (3.3, 2.7), right=0.35)
-    pairs = [(family, column) for family in families for column in columns]
-    for ax, (family, column) in zip(axes, pairs, strict=True):
-        fit = None if fits is None or "family" not in fits else fits[fits["family"].astype(str) == family]
-        _lines(ax, table[(table["family"].astype(str) == family) & ok(table)], fit, column)
-        ax.set_xlabel(column_named("numbers").label)
-        ax.set_ylabel(column_named(column).label)
-    titles(axes, [family for family, _ in pairs])
-    legend(figure, names(table))
-    return figure
+    columns = list(y or GROWING)
+    shown = [_lines(table[ok(table)], fits, family, column) for family in names(table, "family") for column in columns]
+    return Sheet(shown, len(columns), (3.3, 2.7), right=0.35)
 
 
-def _lines(ax: Axes, rows: DataFrame, fits: DataFrame | None, column: str) -> None:
-    x, y = finite(rows["numbers"]), finite(rows[column])
-    good = np.isfinite(x) & (y > 0)
-    if not good.any():
-        note(ax, "no completed run has a value here")
-        return
-    log_axis(ax, "x", x[good])
-    log_axis(ax, "y", y[good])
-    ends: list[tuple[float, float, str, str]] = []
-    for key, mine in rows[good].groupby(["integrator", "dt"], sort=False):
-        style, mine = look(str(key[0])), mine.sort_values("numbers")
-        ax.plot(mine["numbers"], mine[column], color=style.colour, marker=style.marker, linestyle=style.dash)
-        slope = _exponent(fits, key, column)
-        if np.isfinite(slope):
-            last = mine.iloc[-1]
-            ends.append((float(last["numbers"]), float(last[column]), f"{slope:.2f}", style.colour))
-    line_labels(ax, ends)
+def _lines(rows: DataFrame, fits: DataFrame | None, family: str, column: str) -> Panel:
+    rows = rows[rows["family"].astype(str) == family]
+    fit = None if fits is None or "family" not in fits else fits[fits["family"].astype(str) == family]
+    good = rows[np.isfinite(finite(rows["numbers"])) & (finite(rows[column]) > 0)]
+    series = []
+    for key, mine in good.groupby(["integrator", "dt"], sort=False):
+        mine, slope = mine.sort_values("numbers"), _exponent(fit, key, column)
+        text = f"{slope:.2f}" if np.isfinite(slope) else ""
+        series.append(Series(str(key[0]), finite(mine["numbers"]), finite(mine[column]), text=text))
+    note = "" if series else "no completed run has a value here"
+    return Panel(series, column_named("numbers").label, column_named(column).label, title=family, note=note)
 
 
 def _exponent(fits: DataFrame | None, key: Any, column: str) -> float:
@@ -68,7 +50,7 @@ def _exponent(fits: DataFrame | None, key: Any, column: str) -> float:
     return float(finite(mine[GROWING[column]])[0]) if len(mine) else np.nan
 
 
-KINDS = (
-    Kind("size", "size", "Times and memory against the size of a system; the number at a line's end is its exponent.",
-         ("size",), size, ("size_exponents",), by_scenario=False, options=("y",)),
+CHARTS = (
+    Chart("size", "Times and memory against the size of a system; the number at a line's end is its exponent.",
+          ("size",), size, ("size_exponents",), by_scenario=False, options=("y",), study="size"),
 )  # fmt: skip

@@ -10,11 +10,12 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from ...chart import Chart
 from ...studies.columns import column as column_named
-from .kind import Kind
 from .layout import legend, panels, titles
+from .render import chart_of_rows
 from .scales import log_axis
-from .style import chart_of_rows, names
+from .style import names
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -114,4 +115,4 @@ def _panel(ax: Axes, table: DataFrame) -> None:
     ax.set_ylim(y_edges[0], y_edges[-1])
 
 
-KINDS = (Kind("map", "stability", "How runs end in a plane of two parameters.", ("map",), map_figure),)
+CHARTS = (Chart("map", "How runs end in a plane of two parameters.", ("map",), map_figure, study="stability"),)

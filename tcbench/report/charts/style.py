@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
-from functools import wraps
-from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec, cast
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import matplotlib
 import numpy as np
-from matplotlib.figure import Figure
 
 from . import theme
-from .scales import thin_out
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-    from .layout import Drawing
 
 # Okabe and Ito's colours without black and yellow, which vanish on a dark or a white page, for the paper's methods; for
 # all others colours of Tol's muted scheme, which differ from these under every common kind of colour blindness.
@@ -116,49 +111,6 @@ def _from(values: Sequence[Any], first: Any) -> list[Any]:
 def ink() -> str:
     """The colour of what belongs to no method."""
     return str(matplotlib.rcParams["text.color"])
-
-
-Asked = ParamSpec("Asked")
-
-
-def chart(draw: Callable[Asked, Drawing]) -> Callable[Asked, Figure]:
-    """Draw with tcbench's style and the theme's over the caller's matplotlib settings; restores these.
-
-    Of many methods those that lead are in colour, the rest is grey: `report.leaders`.
-    """
-    return _styled(draw, crowded=True)
-
-
-def chart_of_rows(draw: Callable[Asked, Drawing]) -> Callable[Asked, Figure]:
-    """As `chart`, of one in which every method has a row or a panel of its own: all of them are in colour."""
-    return _styled(draw, crowded=False)
-
-
-def _styled(draw: Callable[Asked, Drawing], crowded: bool) -> Callable[Asked, Figure]:
-    @wraps(draw)
-    def styled(*arguments: Asked.args, **options: Asked.kwargs) -> Figure:
-        chosen = theme.current()
-        tables = [a for a in arguments if hasattr(a, "columns")]
-        methods = list(dict.fromkeys(name for table in tables for name in names(table)))
-        rest = _rest(tables, methods) if crowded and not chosen.labels else frozenset()
-        with (
-            theme.using(replace(chosen, looks=looks(methods, chosen.looks), rest=rest)),
-            matplotlib.rc_context(theme.rc(chosen.settings)),
-        ):
-            figure = draw(*arguments, **options)
-            for ax in getattr(figure, "grid", ()):
-                thin_out(ax)
-        return figure if isinstance(figure, Figure) else cast(Figure, figure.figure)  # of an Axes that was given
-
-    return styled
-
-
-def _rest(tables: Sequence[DataFrame], methods: Sequence[str]) -> frozenset[str]:
-    """The methods that are drawn in grey: those that do not lead on the chart's scenario, or on most of several."""
-    fore = theme.current().fore
-    scenarios = {str(s) for table in tables if "scenario" in table for s in table["scenario"].dropna().unique()}
-    front = fore.get(scenarios.pop() if len(scenarios) == 1 else "", methods)
-    return frozenset(methods).difference(front) if set(front) & set(methods) else frozenset()
 
 
 def names(table: DataFrame, column: str = "integrator") -> list[str]:

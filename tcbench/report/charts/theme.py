@@ -63,7 +63,8 @@ class Theme:
 
     settings : matplotlib's, over those of the charts. size : width and height in inches. axes : draw into these instead
     of a new figure. looks : of the methods of the run, and of the chart under way. fore : scenario -> the methods that
-    are in colour where many ran, those of "" in charts of several; rest : those that the chart under way draws in grey.
+    are in colour where many ran, those of "" in charts of several; rest : those that it draws in grey. families : of
+    the methods, each of which has some in colour.
     """
 
     labels: Mapping[str, str] = field(default_factory=dict)
@@ -73,6 +74,7 @@ class Theme:
     looks: Mapping[str, Look] = field(default_factory=dict)
     fore: Mapping[str, Sequence[str]] = field(default_factory=dict)
     rest: frozenset[str] = frozenset()
+    families: Mapping[str, str] = field(default_factory=dict)
 
 
 _CURRENT: ContextVar[Theme] = ContextVar("theme")

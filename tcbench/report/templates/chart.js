@@ -61,6 +61,8 @@ const path = (points, X, Y) => {
   }
   return text;
 };
+// level up to the next point
+const corners = (points) => points.flatMap((p, i) => (i ? [{ x: p.x, y: points[i - 1].y, low: points[i - 1].low, high: points[i - 1].high }, p] : [p]));
 const cross = (x, y, size = 3.5) => `M${x - size},${y - size}l${2 * size},${2 * size}m0,${-2 * size}l${-2 * size},${2 * size}`;
 
 // names at the ends of lines, or in the margin beside them, moved apart where they would cover each other
@@ -95,12 +97,12 @@ const lines = (width, height, { series, toggled, beside, ...axes }) => {
   for (const one of [...series].sort((a, b) => !!a.fore - !!b.fore)) {
     const group = shape("g", { class: one.fore ? "fore" : "rest", style: `--own:${one.colour || colour(one.name)}` });
     const place = (p) => ({ ...p, name: one.name, px: X(p.x), py: Y(p.y) });
-    const banded = one.fore ? one.points.filter((p) => known(p.low) && known(p.high)) : [];
+    const banded = one.fore ? (one.stepped ? corners(one.points) : one.points).filter((p) => known(p.low) && known(p.high)) : [];
     if (banded.length > 1) {
       const back = [...banded].reverse().map((p) => ({ x: p.x, y: p.low }));
       group.append(shape("path", { class: "band", d: `${path([...banded.map((p) => ({ x: p.x, y: p.high })), ...back], X, Y)}Z` }));
     }
-    group.append(shape("path", { class: "line", d: path(one.points, X, Y), "stroke-dasharray": (one.fore && !one.colour && look(one.name)[2]) || false }));
+    group.append(shape("path", { class: "line", d: path(one.stepped ? corners(one.points) : one.points, X, Y), "stroke-dasharray": (one.fore && !one.colour && look(one.name)[2]) || false }));
     if (one.fore && !one.colour && !one.dots) {
       const there = one.points.filter((p) => known(p.x) && known(p.y)), every = Math.max(1, Math.ceil(there.length / 9));
       for (let i = there.length > 12 ? every >> 1 : 0; i < there.length; i += every) group.append(marker(one.name, X(there[i].x), Y(there[i].y), 3.4));

@@ -1,5 +1,5 @@
 // Which view is shown: `#method=NAME`, `#scenario=NAME`, `#scenario=NAME&method=NAME`, `#lens=KEY`, `#table=NAME`, `#failures` ...
-const VIEWS = { overview, scenario: scenarios, method: methods, failures: failuresView, claims: claimsView, table: tablesView, measured: async () => {} };
+const VIEWS = { overview, scenario: scenarios, method: methods, failures: failuresView, claims: claimsView, charts: chartsView, table: tablesView, measured: async () => {} };
 const where = () => {
   const place = {};
   for (const part of location.hash.slice(1).split("&").filter(Boolean)) {

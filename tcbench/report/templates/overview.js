@@ -184,23 +184,8 @@ const drawSpeed = async () => {
 
 // of runs from random starts: the share that a method brings to the target within tau times the best time
 const drawProfile = async (place) => {
-  const all = firstEnsemble(rows(await table("performance_profile"))).filter((r) => r.measure !== "energy");
-  const target = Math.max(...unique(all.map((r) => r.target)).filter((t) => t <= 1e-6), Math.min(...all.map((r) => r.target)));
-  const series = [...grouped(all.filter((r) => r.target === target), "integrator")].map(([name, mine]) => ({
-    name, family: method[name]?.family,
-    points: mine.sort((a, b) => a.tau - b.tau).map((r) => ({ x: r.tau, y: r.share, low: r.low, high: r.high, tell: () => [
-      `within ${number(r.tau)} times the best: ${number(100 * r.share)} %${known(r.low) ? ` (${number(100 * r.low)} to ${number(100 * r.high)})` : ""}`] })),
-  }));
-  const ranked = [...series].sort((a, b) => b.points.at(-1).y - a.points.at(-1).y || b.points[0].y - a.points[0].y);
-  const first = [...series].sort((a, b) => b.points[0].y - a.points[0].y).slice(0, 2);  // most often the fastest, or next to it
-  const best = [...grouped(ranked.filter((s) => s.points.at(-1).y > 0), "family").values()].map((mine) => mine[0]);
-  const shown = view.fore || new Set([...best, ...first].map((s) => s.name));
-  for (const s of series) s.fore = shown.has(s.name);
-  const x = { kind: "log", domain: extent(all.map((r) => r.tau)), label: "time over the best (τ)" };
-  drawn(place, (width) => place.replaceChildren(lines(width, 272, {
-    series, x, y: { kind: "linear", domain: [0, 1.02], label: `share of starts with an error of ${number(target)} ↑ better` },
-    toggled: (name) => toggle(name, shown), title: "Performance profile over the ensemble", ...marginFor(series),
-  })));
+  const all = await panelsOf("performance-profile"), panel = all.find((p) => p.title.includes("state to 1e-6")) || all[0];
+  drawn(place, (width) => place.replaceChildren(panelChart(panel, width, 272, { shown: view.fore, toggled: toggle, named: true, title: "Performance profile over the ensemble" })));
 };
 
 // one bar a method to the first scenario on which it fails; a cross a scenario, a tick where plain Newton fails
@@ -230,15 +215,6 @@ const stepBars = (all, width, tried) => {
 };
 // names in the right margin, as wide as the longest of them
 const marginFor = (series) => ({ beside: true, margin: { right: 24 + 6.4 * Math.max(0, ...series.filter((s) => s.fore).map((s) => short(s.name, 24).length)) } });
-const firstEnsemble = (all) => all.filter((r) => r.ensemble === all[0].ensemble);
-// of an ensemble: the share of random starts on which a method failed, against its step, with the interval
-const shareChart = (all, width) => {
-  const series = [...grouped(all, "integrator")].map(([name, mine]) => ({ name, fore: mine.some((r) => r.failed > 0), dots: true,
-    points: mine.sort((a, b) => a.dt - b.dt).map((r) => ({ x: r.dt, y: r.share, low: r.low, high: r.high, tell: () => [
-      `h = ${number(r.dt)}: ${r.failed} of ${r.runs} failed, ${number(100 * r.share)} % (${number(100 * r.low)} to ${number(100 * r.high)} %)`] })) }));
-  return lines(width, 262, { series, x: { kind: "log", domain: padded("log", extent(all.map((r) => r.dt))), label: "step size h", text: number },
-    y: { kind: "linear", domain: [-0.02, 1.02], label: "share of starts that failed ↓ better" }, title: "Failure shares", ...marginFor(series) });
-};
 const drawSteps = async () => {
   const stability = await table("stability"), shares = await table("failure_share"), place = $("steps"), controls = $("steps-controls");
   $("steps-panel").hidden = !stability && !shares;
@@ -249,8 +225,8 @@ const drawSteps = async () => {
     view.wide === "steps" ? "A bar ends where the first scenario fails; × each that fails; | plain Newton; > no limit." : "Of runs from random starts, with 95 % bands.");
   $("steps-again").replaceChildren(again(`tcbench run --study ${view.wide === "steps" ? "stability" : "ensemble"} -o mine`, `tcbench plot ${view.wide === "steps" ? "stable-step" : "failure-share"} mine -o steps.svg`));
   const tried = extent(((view.wide === "steps" && (await table("stability_points"))?.columns.dt) || []).filter(known))[0];
-  const all = view.wide === "steps" ? rows(stability) : firstEnsemble(rows(shares)).filter((r) => known(r.dt));
-  drawn(place, (width) => place.replaceChildren(view.wide === "steps" ? stepBars(all, width, tried) : shareChart(all, width)));
+  const all = rows(stability), [panel] = await panelsOf("failure-share");
+  drawn(place, (width) => place.replaceChildren(view.wide === "steps" ? stepBars(all, width, tried) : panelChart(panel, width, 262, { named: true, title: "Failure shares" })));
 };
 const overviewCharts = () => Promise.all([drawSpeed(), drawSteps()]);
 

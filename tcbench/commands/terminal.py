@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 from rich.table import Table
 
-from .errors import visible
-from .studies.columns import column, shown
+from ..errors import visible
+from ..studies.columns import column, shown
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-    from .engine.local import Plan
-    from .engine.run import Results
+    from ..engine.local import Plan
+    from ..engine.run import Results
 
 
 def console() -> Console:

@@ -1,0 +1,201 @@
+"""`Chart`: which tables a picture needs and what it shows of them, as data that a picture and the page draw alike."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+if TYPE_CHECKING:
+    import numpy as np
+    from matplotlib.figure import Figure
+    from numpy.typing import NDArray
+    from pandas import DataFrame
+
+    Numbers: TypeAlias = Sequence[float] | NDArray[np.float64]
+
+Tables = Mapping[str, Any]
+RUNS = "series"  # the table of runs in time, thin, as rows of the conservation study keep them
+OPENING = "opening"  # their first steps, every one of them
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """One line of a panel.
+
+    Parameters
+    ----------
+    name : str
+        Of the method, whose colour, marker and dash it has, in every chart the same.
+    x, y : sequence of float
+        Of shape (n,) each, in the units of the axes; what is not finite is left out.
+    low, high : sequence of float
+        A band around it, of shape (n,); () for none.
+    crosses : sequence of float
+        Where on the x axis runs failed; NaN, without a place of their own, at its right end.
+    text : str
+        What stands at its end; its name, in a panel whose lines are named there.
+    line, marks : bool and str
+        Whether points are joined; "filled", "hollow" or "" for none.
+    plain : bool
+        It is of no single method: drawn in the colour of the text.
+
+    Raises
+    ------
+    TcbenchError
+        Not here.
+
+    References
+    ----------
+    docs/gallery.md.
+    """
+
+    name: str
+    x: Numbers
+    y: Numbers
+    low: Numbers = ()
+    high: Numbers = ()
+    crosses: Numbers = ()
+    text: str = ""
+    line: bool = True
+    marks: str = "filled"
+    plain: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """A pair of axes and their lines.
+
+    Parameters
+    ----------
+    series : sequence of Series
+        The first is drawn below the others.
+    x, y : str
+        What is written on the axes, with its unit.
+    x_scale, y_scale : str
+        "log", "linear", "share" (0 to 100 %) or "zero": logarithmic, with a place for 0 where round-off begins.
+    title, note : str
+        Above it; and instead of lines, where there are none.
+    errors : bool
+        y are relative errors: where they are round-off is grey.
+    x_values, y_values : sequence of float or None
+        What the axes reach over; None: the points.
+    rank : mapping of str to float, or None
+        Of many methods those of the least rank, dimensionless, are in colour, of each family some; None: those that lead
+        on the scenario.
+    stepped : bool
+        Lines go on level up to the next point.
+
+    Raises
+    ------
+    TcbenchError
+        Not here.
+
+    References
+    ----------
+    docs/gallery.md.
+    """
+
+    series: Sequence[Series]
+    x: str
+    y: str
+    x_scale: str = "log"
+    y_scale: str = "log"
+    title: str = ""
+    note: str = ""
+    errors: bool = False
+    x_values: Any = None
+    y_values: Any = None
+    rank: Mapping[str, float] | None = None
+    stepped: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Sheet:
+    """Panels with what is settled for all of them.
+
+    columns : of the picture, at the most; size : inches of a panel; right : inches beside it. named : lines are named
+    at their ends and not in a legend. hollow : what the legend says of hollow marks.
+    """
+
+    panels: Sequence[Panel]
+    columns: int = 3
+    size: tuple[float, float] = (3.6, 2.9)
+    right: float = 0.2
+    named: bool = False
+    hollow: str = ""
+
+
+@dataclass(frozen=True)
+class Chart:
+    """One kind of chart: `tcbench plot NAME`, `tcbench.draw(name, ...)`, and a place on the page.
+
+    Parameters
+    ----------
+    name, text : str
+        What it is called, and a sentence of what it shows.
+    needs : tuple of str
+        The tables that must be there; the first one is what the chart shows.
+    panels : function
+        These tables and those of `also` in this order (None for an absent one), of one scenario where `by_scenario`,
+        and the options that it names -> sequence of Panel; or a matplotlib Figure, which is a picture alone.
+    also : tuple of str
+        Tables that are used where they are there.
+    by_scenario : bool
+        Whether each scenario has one of its own.
+    options : tuple of str
+        "x", "y": columns that `panels` takes as keywords.
+    picks : str
+        The column whose values are its panels, where the option y names some of these.
+    study : str
+        What measures it.
+    plugin : str
+        Filled in by the registry.
+
+    Raises
+    ------
+    TcbenchError
+        Not here: tables that are not there are named when it is drawn.
+
+    References
+    ----------
+    docs/gallery.md.
+    """
+
+    name: str
+    text: str
+    needs: tuple[str, ...]
+    panels: Callable[..., Sequence[Panel] | Sheet | Figure]
+    also: tuple[str, ...] = ()
+    by_scenario: bool = True
+    options: tuple[str, ...] = ()
+    picks: str = ""
+    study: str = ""
+    plugin: str = ""
+
+    def of(self, tables: Tables) -> list[Any]:
+        """The tables as `panels` takes them."""
+        return [tables.get(name) for name in (*self.needs, *self.also)]
+
+    def possible(self, tables: Tables) -> bool:
+        """Whether there is something to draw."""
+        return all(name in tables and len(tables[name]) for name in self.needs)
+
+    def select(self, tables: Tables, scenario: str | None) -> dict[str, DataFrame]:
+        """The tables that this chart draws, of one scenario."""
+        chosen = {name: tables[name] for name in (*self.needs, *self.also) if name in tables}
+        return {name: of_scenario(table, scenario) for name, table in chosen.items()}
+
+    def scenarios(self, tables: Tables) -> list[str | None]:
+        """The scenarios that it can be drawn for; [None] for a chart of all together."""
+        table = tables[self.needs[0]]
+        if not self.by_scenario or "scenario" not in table:
+            return [None]
+        return [str(name) for name in dict.fromkeys(table["scenario"].dropna())]
+
+
+def of_scenario(table: DataFrame, scenario: str | None) -> DataFrame:
+    """Its rows of a scenario; all of them where none is named."""
+    if scenario is None or "scenario" not in table:
+        return table
+    return table[table["scenario"].astype(str) == scenario]
