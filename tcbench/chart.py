@@ -81,8 +81,8 @@ class Panel:
     x_values, y_values : sequence of float or None
         What the axes reach over; None: the points.
     rank : mapping of str to float, or None
-        Of many methods those of the least rank, dimensionless, are in colour, of each family some; None: those that lead
-        on the scenario.
+        Of many methods those of the least rank, dimensionless, are in colour, of each family some; None: those that
+        lead on the scenario.
     stepped : bool
         Lines go on level up to the next point.
 
