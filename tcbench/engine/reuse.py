@@ -26,7 +26,8 @@ class Reuse:
         self._store = store
         self._folders: Mapping[str, str] = context.get("anchors", {})
         self._needs: Mapping[str, Any] = context.get("needs", {})
-        self._environment = given() | {recorder.CURRENT: os.getcwd()}
+        told = given()
+        self._environment = told | {recorder.CURRENT: os.getcwd(), recorder.NAMES: recorder.names_of(told)}
         self._seen: dict[tuple[str, str], str | None] = {}
         self._verdicts: dict[str, str] = {}
         # a plugin file's folder comes last on the path, as in `plugin_files`

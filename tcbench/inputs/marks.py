@@ -39,8 +39,14 @@ def text_hash(text: str | bytes | None) -> str | None:
     return hashlib.sha256(data).hexdigest()[:20]
 
 
+A_FOLDER = "a folder"
+SIZES = "/*"  # behind a folder's name: its names and how large each is
+
+
 def file_hash(path: str) -> str | None:
     """Of a file's content; None where there is none to read."""
+    if os.path.isdir(path):
+        return A_FOLDER
     try:
         with open(path, "rb") as file:
             return text_hash(file.read())
@@ -49,11 +55,18 @@ def file_hash(path: str) -> str | None:
 
 
 def folder_hash(path: str) -> str | None:
-    """Of the names in a folder."""
+    """Of the names in a folder and of what is a folder among them; of FOLDER/* the sizes of files, too."""
+    sized = path.endswith(SIZES)
     try:
-        return text_hash("\0".join(sorted(name for name in os.listdir(path) if name != "__pycache__")))
+        with os.scandir(path.removesuffix(SIZES)) as found:
+            names = sorted(
+                f"{one.name}/" if one.is_dir() else f"{one.name} {one.stat().st_size}" if sized else one.name
+                for one in found
+                if one.name != "__pycache__"
+            )
     except OSError:
         return None
+    return text_hash("\0".join(names))
 
 
 @cache

@@ -19,15 +19,20 @@ import os
 import re
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from importlib.machinery import EXTENSION_SUFFIXES
 from typing import Any
+from urllib.parse import unquote, urlsplit
 
 from .marks import (
+    A_FOLDER,
+    INSTALLED,
     KNOWN,
     NOWHERE,
     OWN,
     PYTHON,
     SITE,
+    SIZES,
     distributions_of,
     file_hash,
     folder_hash,
@@ -43,8 +48,9 @@ PLACES = re.compile(
 PROCESSES = ("subprocess.Popen", "os.system", "os.exec", "os.posix_spawn", "os.spawn", "os.fork", "os.forkpty")
 NETWORK = ("socket.connect", "socket.getaddrinfo", "socket.bind", "urllib.Request")
 STARTED, CONNECTED = "a process was started", "the network was used"
-BY_DESCRIPTOR = "a file was named by an open folder"
-CURRENT = "(current folder)"  # among the variables
+BY_DESCRIPTOR, MACHINE = "a file was named by an open folder", "the state of the machine was read"
+CURRENT, NAMES = "(current folder)", "(names of all)"  # among the variables
+SET_HERE = "set by the cell itself"
 LEFT_OUT: list[str] = []  # folders of tcbench's own, whose files are no inputs
 HERE = os.path.dirname(os.path.abspath(__file__)) + os.sep
 
@@ -96,6 +102,8 @@ class Recorder:
         if path is None or isinstance(path, int):
             return
         path = self.named(path)
+        if path.startswith(("/proc/", "/sys/")) and foreign(installed=False):
+            self.unseen.setdefault(MACHINE)
         if isinstance(mode, str):
             writes, reads = any(c in mode for c in "wxa"), "r" in mode or "+" in mode
         else:
@@ -125,6 +133,8 @@ class Recorder:
 
     def _library(self, event: str, arguments: tuple[Any, ...]) -> None:
         name = os.fsdecode(arguments[0] or "")
+        if name.startswith("file:"):  # a database
+            name = unquote(urlsplit(name).path)
         if os.sep in name:
             self.note(self.named(name))
             self.loaded_libraries = self.loaded_libraries or not name.startswith((*SITE, *PYTHON, *OWN))
@@ -138,10 +148,12 @@ class Recorder:
         path = self.named(arguments[0] or ".")
         where, imports = self._full(path) + os.sep, caller.startswith("<frozen importlib")
         if not imports and not where.startswith((*NOWHERE, *LEFT_OUT, *PYTHON, *SITE, *OWN)) and foreign():
+            if event == "os.scandir" and not caller.startswith(PYTHON):  # who may ask each entry for its size
+                path += SIZES
             self.folders.setdefault(path, folder_hash(self._full(path)))
 
     def _put(self, event: str, arguments: tuple[Any, ...]) -> None:
-        self.environment.setdefault(os.fsdecode(arguments[0]), "set by the cell itself")
+        self.environment.setdefault(os.fsdecode(arguments[0]), SET_HERE)
 
     def looked(self, function: str, path: Any, descriptor: Any) -> None:
         """Foreign code asks `os` whether a file is there, where a link leads or what the current folder is."""
@@ -154,11 +166,13 @@ class Recorder:
             elif function.startswith("getcwd"):
                 if os.getcwd() == self.start:
                     self.environment.setdefault(CURRENT, text_hash(self.start))
-            elif function == "readlink":
-                path = self.named(path)
-                self.links.setdefault(path, link_mark(self._full(path)))
             elif function != "open":
-                self.note(self.named(path))
+                path = self.named(path)
+                link = link_mark(self._full(path))
+                if link is not None or function == "lstat":
+                    self.links.setdefault(path, link)
+                if function != "readlink":
+                    self.note(path, asked=True)
         except Exception as error:
             self.unseen.setdefault(f"os.{function} could not be noted ({type(error).__name__})")
         finally:
@@ -168,6 +182,22 @@ class Recorder:
         """A module is looked for: the first of Python's finders, which finds nothing and notes the name."""
         if "." not in name:
             self.modules.setdefault(name)
+        elif path is not None and not getattr(self._looking, "now", False):
+            self._looking.now = True
+            try:
+                self._submodule(name.rpartition(".")[2], list(path))
+            finally:
+                self._looking.now = False
+
+    def _submodule(self, name: str, folders: Iterable[Any]) -> None:
+        """What an import of it finds first in the folders of its package, or would if it were there."""
+        kinds = (os.sep + "__init__.py", *EXTENSION_SUFFIXES, ".py", "")
+        for folder in (f for f in folders if isinstance(f, str) and not (f + os.sep).startswith(INSTALLED)):
+            for kind in kinds:
+                path = self.named(os.path.join(folder, name + kind))
+                self.note(path, asked=True)
+                if self.files.get(path) is not None:
+                    return
 
     def asked(self, name: Any) -> None:
         """An environment variable was read."""
@@ -182,11 +212,24 @@ class Recorder:
         finally:
             self._looking.now = False
 
-    def note(self, path: str) -> None:
-        """A file is about to be read: its content now."""
+    def names(self) -> None:
+        """The environment was read as a whole: a variable that comes is an input, too."""
+        if not getattr(self._looking, "now", False) and foreign():
+            given = (os.fsdecode(name) for name in os.environ._data)  # type: ignore[attr-defined]
+            kept = names_of(name for name in given if self.environment.get(name) != SET_HERE)
+            self.environment.setdefault(NAMES, text_hash(kept))
+
+    def note(self, path: str, asked: bool = False) -> None:
+        """A file is about to be read: its content now. asked: whether there is one."""
         if path.endswith(".pyc"):
             with contextlib.suppress(ValueError, NotImplementedError):
                 path = importlib.util.source_from_cache(path)
+                if not os.path.exists(full := self._full(path)):  # a source of another kind has left it
+                    folder, stem = os.path.split(os.path.splitext(full)[0])
+                    with contextlib.suppress(OSError):
+                        for name in os.listdir(folder):
+                            if name.startswith(stem + "."):
+                                self.note(self.named(os.path.join(folder, name)))
         full = self._full(path)
         if path in self.files or path in self._written or full.startswith((*NOWHERE, *LEFT_OUT, *OWN)):
             return
@@ -195,9 +238,18 @@ class Recorder:
                 return
         elif full.startswith((*PYTHON, os.path.join(sys.base_prefix, "lib", "python"))):
             return  # Python's own, known by its version
-        if not os.path.isdir(full) and (not os.path.exists(full) or os.path.isfile(full)):
+        if os.path.isdir(full):
+            if asked and not any(
+                (folder + os.sep).startswith(full.rstrip(os.sep) + os.sep) for folder in self._homes()
+            ):
+                self.files[path] = A_FOLDER
+        elif not os.path.exists(full) or os.path.isfile(full):
             self._stats[path] = _stat(full)
             self.files[path] = file_hash(full)
+
+    def _homes(self) -> Iterable[str]:
+        """Folders that are there wherever the plugins are."""
+        return (self.start, os.path.expanduser("~"), *self.plugins.values())
 
     # -- what was seen
 
@@ -256,7 +308,7 @@ class Recorder:
             "files": {self.portable(path): mark for path, mark in self.files.items()},
             "folders": {self.portable(path): mark for path, mark in self.folders.items()},
             "links": {self.portable(path): mark for path, mark in self.links.items()},
-            "environment": {n: mark for n, mark in self.environment.items() if mark != "set by the cell itself"},
+            "environment": {n: mark for n, mark in self.environment.items() if mark != SET_HERE},
             "packages": {name: package_mark(name) for name in packages},
             "modules": modules,
             "unseen": sorted(self.unseen),
@@ -297,6 +349,11 @@ def link_mark(path: str) -> str | None:
         return None
 
 
+def names_of(environment: Iterable[str]) -> str:
+    """The names of variables, as far as they may be inputs."""
+    return "\0".join(sorted(name for name in environment if not PLACES.match(name)))
+
+
 def _stat(path: str) -> Any:
     try:
         found = os.stat(path)
@@ -305,12 +362,12 @@ def _stat(path: str) -> Any:
     return found.st_size, found.st_mtime_ns, found.st_ino
 
 
-def foreign() -> bool:
-    """Is the nearest caller that is not of Python itself no code of tcbench's?"""
+def foreign(installed: bool = True) -> bool:
+    """Is the nearest caller that is not of Python itself no code of tcbench's? installed: or of a package."""
     frame: Any = sys._getframe(2)
     while frame is not None:
         file = frame.f_code.co_filename
         if not file.startswith(HERE) and not (file.startswith(("<frozen", *PYTHON)) and not file.startswith(SITE)):
-            return not file.startswith(OWN) and not (file.startswith(SITE) and top(file) in KNOWN)
+            return not file.startswith(OWN) and not (file.startswith(SITE) and (not installed or top(file) in KNOWN))
         frame = frame.f_back
     return False

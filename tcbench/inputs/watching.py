@@ -16,6 +16,7 @@ try:
 except ImportError:  # Windows
     _posixsubprocess = None  # type: ignore[assignment]
 
+AT_START = ("sitecustomize", "usercustomize")  # modules that Python imports before anything else
 ASKING = ("stat", "lstat", "access", "readlink", "getcwd", "getcwdb", "open")
 _RECORDER: Recorder | None = None
 _HOOKED = False
@@ -40,7 +41,13 @@ class _Watched(_ENVIRONMENT):  # type: ignore[valid-type,misc]
         if _RECORDER is not None:
             for name in list(self._data):
                 _RECORDER.asked(self.decodekey(name))
+            _RECORDER.names()
         return super().__iter__()
+
+    def __len__(self) -> int:
+        if _RECORDER is not None:
+            _RECORDER.names()
+        return int(super().__len__())
 
 
 def begin() -> Recorder:
@@ -57,6 +64,9 @@ def begin() -> Recorder:
         sys.meta_path.insert(0, _RECORDER)
         for environment in (os.environ, getattr(os, "environb", os.environ)):
             environment.__class__ = _Watched
+        for name in AT_START:
+            if file := getattr(sys.modules.get(name), "__file__", None):
+                _RECORDER.note(os.path.abspath(file))
         if not _HOOKED:  # a hook stays for the life of a process
             _HOOKED = True
             sys.addaudithook(_hook)
