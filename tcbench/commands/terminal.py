@@ -13,6 +13,7 @@ from rich.table import Table
 
 from ..errors import visible
 from ..studies.columns import column, shown
+from ..studies.conservation import COLUMNS as CONSERVATION
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -156,7 +157,7 @@ SHOWN = {  # columns of a table that fit a terminal
 }  # fmt: skip
 
 
-CONTROLS = ("dt", "tolerance")  # shown where some method has them
+MOST_OWN = 8  # columns of the conservation table that systems and plugins bring; of a sweep they are its constants
 WHOLE = 40  # rows of the conservation table that a run prints in full; of more, the middle steps
 LONG = (
     "convergence_points",
@@ -191,11 +192,18 @@ def print_table(name: str, table: DataFrame) -> None:
         print_frame(table, f"\n{name}", [c for c in shown(table.columns) if table[c].notna().any()])
     else:
         for group, part in table.groupby(by, sort=False):
-            _print_block(f"\n{name}: {group}", columns, part)
+            _print_block(f"\n{name}: {group}", name, part)
 
 
-def _print_block(title: str, columns: Sequence[str], part: DataFrame) -> None:
-    columns = [c for c in columns if c in part and (c not in CONTROLS or part[c].notna().any())]
+def _print_block(title: str, name: str, part: DataFrame) -> None:
+    """Rows of a table: the columns that fit a terminal and have a number; of conservation the errors of a system's own
+    invariants and metrics of plugins, too."""
+    columns = list(SHOWN[name])
+    if name == "conservation":
+        own = [c for c in shown(part.columns) if c not in CONSERVATION and c not in columns]
+        place = columns.index("angular_momentum_error_max") + 1
+        columns[place:place] = own if len(own) <= MOST_OWN else []
+    columns = [c for c in columns if c in part and part[c].notna().any()]
     rows = [[number(v) for v in row] for row in part[columns].itertuples(index=False)]
     put(make_table(title, [column(c).short for c in columns], rows))
 
@@ -262,7 +270,7 @@ class Display:
         small = results.tables.get("conservation")
         if small is not None and len(small) <= WHOLE and set(results.tables).difference(LONG) == {"conservation"}:
             for scenario, part in small.groupby("scenario", sort=False):
-                _print_block(f"\n{scenario}", SHOWN["conservation"], part)
+                _print_block(f"\n{scenario}", "conservation", part)
         elif len(methods) > 1 and len(methods[0]) > 1:
             print_methods(methods, remarks)
         else:  # studies that say nothing of single methods
