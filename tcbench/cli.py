@@ -6,16 +6,16 @@ import errno
 import io
 import os
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import click
+from click.core import ParameterSource
 
 from . import progress
 from .commands.cache import cache_command
 from .commands.examples import Command, Sectioned
-from .commands.options import CONFIG, LATEST, ChartKind, completion, many, output, runs
+from .commands.options import CONFIG, LATEST, ChartKind, completion, many, one_sentence, output, runs, words
 from .errors import TcbenchError, visible
 from .studies.base import study_names
 
@@ -66,6 +66,9 @@ class Group(click.Group):
                 sys.stdout.flush()
         except TcbenchError as error:
             click.echo(f"Error: {visible(str(error))}", err=True)
+            ctx.exit(2)
+        except click.UsageError as error:
+            click.echo(f"Error: {visible(one_sentence(error))}", err=True)
             ctx.exit(2)
         except KeyboardInterrupt:
             click.echo("Interrupted.", err=True)
@@ -363,6 +366,8 @@ def compare(run_a: Path, run_b: Path, **options: Any) -> None:
     """What changed from RUN_A to RUN_B beyond noise, cell by cell. RUN_B: results/latest."""
     from .commands.actions import compare_command
 
+    if click.get_current_context().get_parameter_source("run_b") == ParameterSource.DEFAULT:
+        click.echo(f"RUN_B is {run_b}: none is named.", err=True)
     sys.exit(compare_command(run_a, run_b, **options))
 
 
@@ -414,12 +419,3 @@ def prepare(folders: tuple[str, ...], quiet: bool = False) -> None:
         from . import plugins
 
         plugins.use_folders(folders)
-
-
-def words(
-    names: tuple[str, ...], integrators: tuple[str, ...], scenarios: tuple[str, ...]
-) -> tuple[Sequence[str], Sequence[str]]:
-    """Integrators and scenarios of words without -i and -s: the last is the scenario, unless -s names one."""
-    if names and not scenarios:
-        return (*integrators, *names[:-1]), names[-1:]
-    return (*integrators, *names), scenarios

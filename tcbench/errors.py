@@ -9,7 +9,9 @@ import re
 from collections.abc import Callable, Collection, Iterable, Mapping
 from functools import cache
 from numbers import Integral, Real
-from typing import Any
+from typing import Any, TypeVar
+
+Value = TypeVar("Value")
 
 
 class TcbenchError(Exception):
@@ -105,11 +107,26 @@ def visible(text: str) -> str:
 def unknown_name(kind: str, name: str, known: Iterable[str], remedy: str = "", cause: str = "") -> UnknownNameError:
     """The error for a mistyped name: what may be the cause, the nearest match, everything that exists, what to do."""
     names = sorted(known)
-    close = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
+    close = [] if is_pattern(name) else difflib.get_close_matches(name, names, n=1, cutoff=0.5)
     guess = f" Did you mean {close[0]!r}?" if close else ""
     listing = f" Known: {', '.join(names)}." if names else f" No {kind} is registered."
     cause, remedy = (f" {text}" if text else "" for text in (cause, remedy))
-    return UnknownNameError(f"No {kind} is called {name!r}.{cause}{guess}{listing}{remedy}")
+    called = "fits the pattern" if is_pattern(name) else "is called"
+    return UnknownNameError(f"No {kind} {called} {name!r}.{cause}{guess}{listing}{remedy}")
+
+
+class ByName(dict[str, Value]):
+    """Things by name: an unknown one is refused with the sentence of `unknown_name`."""
+
+    def __init__(self, kind: str, found: Mapping[str, Value]) -> None:
+        super().__init__(found)
+        self.kind = kind
+
+    def __missing__(self, name: str) -> Value:
+        raise unknown_name(self.kind, str(name), self)
+
+    def __reduce__(self) -> Any:
+        return ByName, (self.kind, dict(self))
 
 
 def misnamed(error: BaseException) -> str:

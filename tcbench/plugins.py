@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from . import plugin_loading
-from .errors import TcbenchError, is_pattern, matching, unknown_name
+from .errors import ByName, TcbenchError, is_pattern, matching, unknown_name
 from .integrator import Integrator
 from .metric import Metric
 from .plugin_files import RefusedError
@@ -143,7 +143,7 @@ def integrators() -> dict[str, Integrator]:
     ----------
     docs/methods.md has the formula and the source of each.
     """
-    return dict(registry().integrators)
+    return ByName("integrator", registry().integrators)
 
 
 def scenarios() -> dict[str, Scenario]:
@@ -164,7 +164,7 @@ def scenarios() -> dict[str, Scenario]:
     ----------
     Romero (2009), section 6, for the paper's own; docs/physics.md.
     """
-    return dict(registry().scenarios)
+    return ByName("scenario", registry().scenarios)
 
 
 def metrics() -> dict[str, Metric]:

@@ -195,6 +195,10 @@ BAD = [
     (("show", "no_such_run"), "There is no run in"),
     (("compare", "no_such_run", "no_such_run"), "There is no run in"),
     (("simulat", "tc_monolithic", "short_term"), "Did you mean 'simulate'?"),
+    (("simulate", "tc_monolithic"), "tc_monolithic is an integrator: the scenario is missing"),
+    (("simulate", "short_term", "tc_monolithic"), "short_term is a scenario and comes last"),
+    (("run", "--dt", "abc"), "'abc' is not a valid float. See tcbench run --help."),
+    (("cache", "claer"), "'claer' is not 'clear'. See tcbench cache --help."),
 ]
 
 
@@ -264,9 +268,9 @@ def test_patterns_and_options_select_in_every_command(tmp_path):
 @pytest.mark.parametrize(
     ("args", "sentence"),
     [
-        (("run", "-i", "nothing*"), "No integrator is called 'nothing*'"),
-        (("run", "-i", "tc_strang", "-s", "*_nothing"), "No scenario is called '*_nothing'"),
-        (("run", "--study", "z*"), "No study is called 'z*'"),
+        (("run", "-i", "nothing*"), "No integrator fits the pattern 'nothing*'"),
+        (("run", "-i", "tc_strang", "-s", "*_nothing"), "No scenario fits the pattern '*_nothing'"),
+        (("run", "--study", "z*"), "No study fits the pattern 'z*'"),
         (("simulate", "-i", "tc_*", "short_term"), "One integrator is needed here, not"),
         (("check", "tc_strang", "--only", "ordr"), "Did you mean 'order'?"),
         (("plot", "lawz"), "Did you mean 'laws'?"),

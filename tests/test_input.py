@@ -115,6 +115,8 @@ def test_a_value_of_a_configuration_is_taken_or_refused_in_a_sentence(name, tmp_
         (tmp_path / "c.toml").write_text("\n".join(f"{key} = {v}" for key, v in given.items()))
         done = CliRunner().invoke(main, ["run", "--config", "c.toml", "--dry-run"])
         assert done.exit_code in (0, 2) and isinstance(done.exception, SystemExit | None), (value, done.exception)
+        if (name, value) == ("dt", '"x"'):
+            assert "'c.toml': Invalid value for '--dt': 'x' is not a valid float." in done.output
 
 
 def test_a_huge_record_every_keeps_the_first_state_and_the_last():

@@ -296,3 +296,8 @@ def test_members_of_families_are_those_of_the_files_as_they_are_now(tmp_path):
         wrapped = plugins.find_integrator("projected[method=mine]").step(z, 1e-6, system)
         expected = 1e-6 * scale * system.vector_field(z)
         np.testing.assert_allclose(wrapped[:4], expected[:4], atol=1e-7)  # a projection moves by what is missed
+
+
+def test_an_unknown_name_in_the_table_of_scenarios_is_a_sentence():
+    with pytest.raises(TcbenchError, match="Did you mean 'short_term'"):
+        tcbench.scenarios()["shrt_term"]

@@ -70,3 +70,11 @@ def test_a_map_says_its_step_and_takes_another(tmp_path):
         main, ["map", "tc_monolithic", "short_term", "--x", "dt=1:2:2", *words[5:], "--dt", "0.2"]
     )
     assert twice.exit_code == 2 and "The step is an axis of this map already" in twice.output
+
+
+def test_the_conservation_table_has_every_invariant_and_metric_and_no_empty_column(tmp_path):
+    table = awkward.conservation(["tc_monolithic"], ["short_term"])
+    table = table.assign(angular_momentum_error_max=float("nan"), casimir_error_max=1e-15, hottest=1.5)
+    run = awkward.write_run(tmp_path / "run", {"conservation": table})
+    head = CliRunner().invoke(main, ["show", str(run), "--table", "conservation"]).output.splitlines()[2]
+    assert "casimir_error_max" in head and "hottest" in head and "|dJ|/J" not in head

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
 from ..errors import TcbenchError, unknown_name
 
+CONFIG_FILE = "tcbench.config"  # key of a context's notes: the file that options are from
 LATEST = Path("results/latest")  # where `run` writes and whatever reads a run looks, unless told otherwise
 
 
@@ -100,6 +102,7 @@ def read_config(ctx: click.Context, parameter: click.Parameter, path: Path | Non
             raise unknown_name(f"option in {str(path)!r}", name, known)
         option = known[name]
         values[option.name or ""] = _as_typed(f"{name!r} in {str(path)!r}", option, value)
+    ctx.meta[CONFIG_FILE] = str(path)
     ctx.default_map = {**(ctx.default_map or {}), **values}
 
 
@@ -124,3 +127,43 @@ CONFIG = click.option(
     "--config", type=click.Path(path_type=Path, dir_okay=False), callback=read_config, is_eager=True,
     expose_value=False, metavar="FILE", help="Take options from this TOML file: their names here, without dashes.",
 )  # fmt: skip
+
+
+def one_sentence(error: click.UsageError) -> str:
+    """What is wrong with an option, and the file that it is from, where that is not the command line."""
+    ctx, option = error.ctx, getattr(error, "param", None)
+    text = error.format_message()
+    if ctx is not None and option is not None and ctx.get_parameter_source(option.name) == ParameterSource.DEFAULT_MAP:
+        text = f"{ctx.meta[CONFIG_FILE]!r}: {text}"
+    return text if ctx is None or text.endswith("?") else f"{text} See tcbench {ctx.info_name} --help."
+
+
+def words(
+    names: tuple[str, ...], integrators: tuple[str, ...], scenarios: tuple[str, ...]
+) -> tuple[Sequence[str], Sequence[str]]:
+    """Integrators and scenarios of words without -i and -s: the last is the scenario, unless -s names one."""
+    if names and not scenarios:
+        methods, chosen = (*integrators, *names[:-1]), names[-1:]
+    else:
+        methods, chosen = (*integrators, *names), scenarios
+    if names:
+        _in_their_places(methods, chosen)
+    return methods, chosen
+
+
+def _in_their_places(methods: Sequence[str], chosen: Sequence[str]) -> None:
+    """TcbenchError where a scenario stands in the place of an integrator, or is missing."""
+    from .. import plugins
+
+    here = plugins.registry()
+    scenes = {*here.scenarios, *here.scenario_families} - set(here.integrators)
+
+    def bare(name: str) -> str:
+        return name.partition("[")[0]
+
+    for name in methods:
+        if bare(name) in scenes:
+            raise TcbenchError(f"{name} is a scenario and comes last, after the integrators: swap them.")
+    for name in chosen:
+        if bare(name) in here.integrators and bare(name) not in scenes:
+            raise TcbenchError(f"{name} is an integrator: the scenario is missing, the last word. See tcbench list.")

@@ -25,7 +25,9 @@ def one_of(kind: str, found: Sequence[Any], many: str) -> Any:
     """The one integrator or scenario (or its name) that was selected."""
     if len(found) == 1:
         return found[0]
-    names = ", ".join(getattr(item, "name", item) for item in found) or "none"
+    if not found:
+        raise TcbenchError(f"Say which {kind}: {many}")
+    names = ", ".join(getattr(item, "name", item) for item in found)
     raise TcbenchError(f"One {kind} is needed here, not {len(found)} ({names}). {many}")
 
 

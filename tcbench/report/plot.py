@@ -236,7 +236,10 @@ def _absent(kind: Chart, tables: dict[str, DataFrame]) -> str:
         )
     missing = [name for name in kind.needs if name not in tables or not len(tables[name])]
     there = ", ".join(tables) or "none"
-    return f"The chart {kind.name!r} needs the table {missing[0]!r}, which this run has not. Its tables: {there}."
+    return (
+        f"The chart {kind.name!r} needs the table {missing[0]!r}, which this run has not. Its tables: {there}. "
+        f"tcbench run --study {kind.study} makes it."
+    )
 
 
 def _scenario(kind: Chart, tables: dict[str, DataFrame], scenario: str | None) -> str | None:

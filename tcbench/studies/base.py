@@ -53,6 +53,6 @@ def find_study(name: str) -> Study:
 
     known = plugins.registry().studies
     if name not in known:
-        raise unknown_name("study", name, default_studies(), *plugins.cure())
+        raise unknown_name("study", name, [*study_names(), *known], *plugins.cure())
     found: Study = known[name]
     return found
