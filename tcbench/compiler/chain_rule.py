@@ -9,17 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import reduce
 from typing import Any
 
 from .derivatives import (
     LINEAR,
     Symbol,
     accumulate,
-    add,
     const,
     depends_on,
-    mul,
     partials,
     phi,
     rebuild,
@@ -35,39 +32,6 @@ ZERO, ONE = const(0.0), const(1.0)
 def gradient(output: Symbol, inputs: Sequence[Symbol]) -> list[Symbol]:
     """df/dz, all of it at the cost of a few evaluations of f."""
     return _backwards(output, inputs, lambda node: (ONE,) if node.op == "mark" else partials(node))
-
-
-def exponentials(f: Symbol) -> Symbol:
-    """f with the powers of products that have an exponential in them as one exponential: (exp(s) / v)^c is
-    exp(c (s - log v)), whose divided differences take half as many functions."""
-    new: dict[Symbol, Symbol] = {}
-    for node in topological([f]):
-        args = tuple(new.get(a, a) for a in node.args)
-        rooted = node.op == "pow" and node.args[1].op == "const" and node.args[1].value % 1.0 != 0.0
-        if rooted and (log := _logarithm(args[0])) is not None:  # of a root the product is positive
-            new[node] = (args[1] * log).exp()
-        elif any(a is not b for a, b in zip(args, node.args, strict=True)):
-            new[node] = rebuild(node.op, args, node.value)
-    return new.get(f, f)
-
-
-def _logarithm(product: Symbol) -> Symbol | None:
-    """Of a product with exponentials in it, which is positive where the rest is; None of another."""
-    factors, exponents, rest = [product], list[Symbol](), list[Symbol]()
-    while factors:
-        x = factors.pop()
-        if x.op == "mul":
-            factors += x.args
-        else:
-            (exponents if x.op == "exp" else rest).append(x)
-    if not exponents:
-        return None
-    found: Symbol = reduce(add, (x.args[0] for x in exponents))
-    if not rest:
-        return found
-    whole: Symbol = reduce(mul, rest)
-    logarithm: Symbol = -whole.args[0].log() if whole.op == "recip" else whole.log()
-    return add(found, logarithm)
 
 
 def discrete_gradient(

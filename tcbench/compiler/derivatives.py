@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .language import NUMPY_NAMES
+from .powers import power
 from .sentences import refused
 from .symbols import (
     Symbol,
@@ -32,7 +33,6 @@ from .symbols import (
     neg,
     phi,
     positive,
-    power,
     reciprocal,
     sinc,
     sub,

@@ -37,7 +37,6 @@ class _Expressions(threading.local):
 
 
 _KNOWN = _Expressions()
-MOST_FACTORS = 64  # of a power that is written as products
 _OF_ARGUMENTS = object()
 _COUNTER = iter(range(sys.maxsize))
 
@@ -141,9 +140,13 @@ class Symbol:
         return make("abs", self)
 
     def __pow__(self, exponent: Number) -> Symbol:
+        from .powers import power
+
         return _lift(exponent, lambda o: power(self, o))
 
     def __rpow__(self, base: Number) -> Symbol:
+        from .powers import power
+
         return _lift(base, lambda o: power(o, self))
 
     def __bool__(self) -> bool:
@@ -401,22 +404,6 @@ def reciprocal(a: Symbol) -> Symbol:
     if a.op == "recip":
         return a.args[0]
     return intern("recip", (a,))
-
-
-def power(base: Symbol, exponent: Any) -> Symbol:
-    """base ** exponent: whole numbers up to 64 by products, which take any base, and their halves by a root."""
-    exponent = lifted(exponent)
-    wanted = exponent.value if is_const(exponent) else math.inf
-    if wanted > 0 and 2 * wanted <= MOST_FACTORS and wanted % 1 == 0.5:
-        return mul(make("sqrt", base), power(base, wanted - 0.5))
-    if not abs(wanted) <= MOST_FACTORS or wanted != int(wanted):
-        return make("pow", base, exponent)
-    result, square, n = const(1.0), base, abs(int(wanted))
-    while n:
-        if n & 1:
-            result = mul(result, square)
-        square, n = mul(square, square), n >> 1
-    return result if wanted >= 0 else reciprocal(result)
 
 
 def phi(x: Symbol) -> Symbol:

@@ -319,7 +319,7 @@ class System(Traced):
     def _slopes(self, name: str, z0: Any, z1: Any = None) -> State:
         """Gradient of a formula at z0, or its discrete gradient from there to z1."""
         x = trace.variables("x", self.size)
-        f, start = chain_rule.exponentials(trace.lifted(getattr(self, name)(x))), [*map(trace.lifted, np.asarray(z0))]
+        f, start = trace.lifted(getattr(self, name)(x)), [*map(trace.lifted, np.asarray(z0))]
         if z1 is None:
             slopes = trace.substitute(chain_rule.gradient(f, list(x)), dict(zip(x, start, strict=True)))
         else:

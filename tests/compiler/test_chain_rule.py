@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 import tcbench
 from tcbench.compiler import derivatives as trace
-from tcbench.compiler.chain_rule import discrete_gradient, exponentials, gradient
+from tcbench.compiler.chain_rule import discrete_gradient, gradient
 from tcbench.compiler.kernels import kernel
 from tcbench.errors import TraceError
 
@@ -122,16 +122,15 @@ def test_what_has_no_rule_is_named():
 
 def test_powers_of_products_with_exponentials_become_one():
     """Also where the rest of the product has factors that are negative; others stay as they are."""
-    x, y = trace.variables("x", 2)
     for f, powers in [
-        ((np.exp(x) / (y + 4.0)) ** (2 / 3), 0), ((x * np.exp(y) * (x - 5.0) * np.exp(x)) ** 0.3, 0),
-        ((x * (x - 5.0)) ** 0.3, 1), ((np.exp(x) * (y - 9.0)) ** 3, 0),
+        (lambda x, y: (np.exp(x) / (y + 4.0)) ** (2 / 3), 0),
+        (lambda x, y: (x * np.exp(y) * (x - 5.0) * np.exp(x)) ** 0.3, 0),
+        (lambda x, y: (x * (x - 5.0)) ** 0.3, 1), (lambda x, y: (np.exp(x) * (y - 9.0)) ** 3, 0),
     ]:  # fmt: skip
-        simpler = exponentials(f)
-        assert sum(node.op == "pow" for node in trace.topological([simpler])) == powers
-        made = kernel({x: "a[0]", y: "a[1]"}, [f, simpler])
-        given, same = made(np.array([-0.7, 0.4]), np.zeros(1))
-        assert np.isfinite(given) and same == pytest.approx(given, rel=1e-14)
+        x, y = trace.variables("x", 2)
+        assert sum(node.op == "pow" for node in trace.topological([f(x, y)])) == powers
+        (found,) = kernel({x: "a[0]", y: "a[1]"}, [f(x, y)])(np.array([-0.7, 0.4]), np.zeros(1))
+        assert np.isfinite(found) and found == pytest.approx(f(-0.7, 0.4), rel=1e-14)
 
 
 def test_an_unknown_that_no_other_row_sees_is_explicit():
