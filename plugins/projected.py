@@ -15,6 +15,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -27,9 +28,11 @@ from tcbench.solver.mending import by_variable, laws, nearer
 
 from .exact_conduction import VERLET_HEAT4
 
-MOVES = 10  # onto the laws: three where little is missed, more of a stiff spring at a long step
+MOVES = 10  # onto the laws at most: two where little is missed, more of a stiff spring at a long step
 STILL = 1e-12  # of the square of a variable, as that of its share in a step where nothing moves
 ROUNDED = 1e-15  # over the same: of an entropy that is as low nothing is made up for
+ROUND_OFF = 2.0**-50  # of what the terms of a law are: what a projected state may miss
+HUGE = 1e300  # times what is positive: more than 1
 NEAR = 1e-12  # over 1 and the size of a law: what a projected state may miss
 
 
@@ -49,7 +52,7 @@ def projected(method: Integrator, name: str = "projected") -> Integrator:
         outputs = method.outputs and _projected_outputs(method.outputs)
         return replace(method, **common, adaptive=_projected_solver(method.adaptive), outputs=outputs)
     if method.kind == "flows":
-        return replace(method, **common, flows=[*method.flows, Flow(projection, of_step=True)])
+        return replace(method, **common, flows=[*method.flows, *PROJECTION])
     assert method.step is not None
     # each step is projected before the next begins, so the loop of a method that marches by itself is left unused
     step = _projected_step(method.step, method.increments)
@@ -57,24 +60,46 @@ def projected(method: Integrator, name: str = "projected") -> Integrator:
 
 
 def projection(z0: Any, z1: Any, h: Any, system: System, start: Any, first: Any) -> Any:
-    """z1 = the projection of z0, for a step that began at `start` in a run that began at `first`; explicit.
+    """z1 = z0 moved once towards the laws, for a step that began at `start` in a run that began at `first`; explicit.
 
-    Energy and invariants are taken from `first`: from `start` their round-off would add up.
+    Where no law is missed by more than round-off nothing moves.
     """
-    wanted = [*laws(system, first)[0][:-1], system.entropy(start)]
-    wanted[-1] = wanted[-1] - ROUNDED * (1.0 + abs(wanted[-1]))
+    values, slopes = laws(system, z0)
+    wanted = _wanted(system, start, first)
+    misses = [target - f for target, f in zip(wanted, values, strict=True)]
     moved = z0 - start
     weights = by_variable(system, moved, moved) + STILL * (1.0 + by_variable(system, z0, z0))
-    z, values = z0, laws(system, z0)[0]
-    for _ in range(MOVES):
-        misses = [target - f for target, f in zip(wanted, values, strict=True)]
-        z = nearer(system, z, misses, laws(system, z)[1], weights, at_least=True)
-        values = laws(system, z)[0]
-    *kept, risen = (f - target for target, f in zip(wanted, values, strict=True))
-    sizes = [NEAR * (1.0 + abs(target)) for target in wanted]
-    within = [size - abs(miss) for size, miss in zip(sizes, kept, strict=False)]
-    inside = [trace.lifted(np.sqrt(x)) for x in (*within, sizes[-1] + risen)]  # NaN where a law is missed
-    return z1 - trace.array(trace.guarded(x, inside) for x in map(trace.lifted, z))
+    z = nearer(system, z0, misses, slopes, weights, at_least=True)
+    sizes = [1.0 + abs(f) for f in values]
+    noises = [ROUND_OFF * (size + sum(map(abs, slope * z0))) for size, slope in zip(sizes, slopes, strict=True)]
+    least = [trace.minimum(noise, NEAR / 3 * size) for noise, size in zip(noises, sizes, strict=True)]
+    beyond = [abs(miss) - size for miss, size in zip(misses[:-1], least, strict=False)] + [misses[-1] - least[-1]]
+    most = reduce(trace.maximum, map(trace.lifted, beyond))
+    return z1 - z0 - (z - z0) * trace.minimum(trace.maximum(HUGE * most, trace.const(0.0)), trace.const(1.0))
+
+
+def kept(z0: Any, z1: Any, h: Any, system: System, start: Any, first: Any) -> Any:
+    """z1 = z0 if that has the laws, to what they may miss, and else NaN; explicit."""
+    misses = [target - f for target, f in zip(_wanted(system, start, first), laws(system, z0)[0], strict=True)]
+    sizes = [NEAR * (1.0 + abs(f)) for f in _wanted(system, start, first)]
+    within = [size - abs(miss) for size, miss in zip(sizes, misses[:-1], strict=False)]
+    inside = [trace.lifted(np.sqrt(x)) for x in (*within, sizes[-1] - misses[-1])]  # NaN where a law is missed
+    return z1 - trace.array(trace.guarded(x, inside) for x in map(trace.lifted, z0))
+
+
+def _wanted(system: System, start: Any, first: Any) -> list[Any]:
+    """Energy and invariants are taken from `first`: from `start` their round-off would add up."""
+    entropy = system.entropy(start)
+    return [*laws(system, first)[0][:-1], entropy - ROUNDED * (1.0 + abs(entropy))]
+
+
+PROJECTION = Flow(projection, of_step=True, most=MOVES), Flow(kept, of_step=True)
+
+
+def onto_laws(system: System, start: Any, end: Any, first: Any = None) -> Any:
+    """The end of a step, projected; NaN where no state near it has the laws."""
+    end = end + apply_explicit(projection, system, start, end, first, MOVES)
+    return end + apply_explicit(kept, system, start, end, first)
 
 
 def _projected_step(step: Callable[..., Any], increments: bool) -> Callable[..., Any]:
@@ -83,7 +108,7 @@ def _projected_step(step: Callable[..., Any], increments: bool) -> Callable[...,
         if found.shape != np.shape(z):
             raise ValueError(f"the step returned shape {found.shape}, a state has shape {np.shape(z)}")
         dz = found if increments else found - z
-        return dz + apply_explicit(projection, system, np.asarray(z), z + dz)
+        return onto_laws(system, np.asarray(z), z + dz) - z
 
     return stepped
 
@@ -93,7 +118,7 @@ def _mended(states: Iterable[Any], system: System, z0: Any) -> Iterator[Any]:
     first = last = np.asarray(z0, dtype=float)
     yield first
     for state in itertools.islice(states, 1, None):
-        last = state + apply_explicit(projection, system, last, np.asarray(state, dtype=float), first)
+        last = onto_laws(system, last, np.asarray(state, dtype=float), first)
         yield last
 
 

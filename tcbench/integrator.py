@@ -46,6 +46,8 @@ class Flow:
         the first one of the run (of which it may use constants of the motion only: a step has no memory).
     memory : int
         Earlier states that the formula sees; set by the Integrator.
+    most : int
+        Times that an explicit formula is applied, each to what the last one gave, until it changes nothing.
 
     Raises
     ------
@@ -64,6 +66,7 @@ class Flow:
     stages: int = 0
     of_step: bool = False
     memory: int = 0
+    most: int = 1
 
 
 KINDS_OF_FIELDS = {  # of what tcbench reads before it can say more

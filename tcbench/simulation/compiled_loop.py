@@ -182,6 +182,22 @@ def measure_residual(flow: Flow) -> None:
         flow.tally.residual_max = max(flow.tally.residual_max, size)
 
 
+@rare
+def settled(flow: Flow, after: Floats, trial: Floats) -> bool:
+    """An explicit flow is applied again, until it changes nothing; False where what it gives is not finite."""
+    for _ in range(flow.most - 1):
+        changed = 0.0
+        for i in range(flow.n):
+            changed = max(changed, abs(flow.dz[i]))
+        if changed == 0.0:
+            return True
+        call(flow.prologue, after, flow.c, flow.w)
+        if finish(flow) != ACCEPTED:
+            return False
+        move(after, trial, flow.dz, after, trial)
+    return True
+
+
 def one_step(run: Run, z: Floats, carry: Floats, after: Floats, trial: Floats) -> tuple[int, int]:
     """All flows from `z` + `carry`, opened, to `after` + `trial`; returns (OK or why there is no step, iterations)."""
     iterations = 0
@@ -197,6 +213,8 @@ def one_step(run: Run, z: Floats, carry: Floats, after: Floats, trial: Floats) -
             if finish(flow) != ACCEPTED:
                 return NONFINITE, iterations
             move(here, dropped, flow.dz, after, trial)
+            if flow.most > 1 and not settled(flow, after, trial):
+                return NONFINITE, iterations
             continue
         code = REJECTED
         if flow.continuation and flow.audit < PRINCIPAL:

@@ -113,6 +113,8 @@ class Prepared:
         """One step from z, as if a run began there, to run.z; returns why there is none, or OK."""
         run = self.run
         run.z[:], run.carry[:], run.c[-2 * len(z) :] = z, 0.0, np.tile(z, 2)
+        if run.of_step:
+            self.set_length(run.h)  # with what depends on the start of the run
         return int(LOOPS.march(run, 0, 1))
 
 

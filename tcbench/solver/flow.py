@@ -46,6 +46,7 @@ class Flow(Record):
     nfull: int  # residual, Jacobian, d residual/dh
     n_constants: int
     n_observables: int
+    most: int  # times that an explicit formula is applied
     prologue: Kernel
     iterate: Kernel
     polish: Kernel

@@ -138,10 +138,12 @@ def _build(flow: Flow, system: System, why: str) -> FlowKernels:
     hoisted = hoisted_values([*parts.iterate, *parts.polish, *parts.full, *dz], [*x, *parts.stored])
     opening = [*fixed, *hoisted, *sym.observe(z0)]
     # of an explicit flow the step size is constant as well; where Newton works, continuation varies it
-    fixed_constants = constant_part(opening, [*z0, *start, *([h] if x else [])])
+    behind = {s: f"b[{system.n_constant_values + i}]" for i, s in enumerate(start)}
+    first: list[Symbol] = list(start[n:]) if flow.of_step else []  # the state at the start of the run is constant, too
+    varying = start[: len(start) - len(first)]
+    fixed_constants = constant_part(opening, [*z0, *varying, *([h] if x else [])])
     constants = system.constant_symbols()
-    prologue_inputs = {**{s: f"a[{i}]" for i, s in enumerate(z0)}, h: "b[0]", **constants}
-    prologue_inputs |= {s: f"b[{system.n_constant_values + i}]" for i, s in enumerate(start)}
+    prologue_inputs = {**{s: f"a[{i}]" for i, s in enumerate(z0)}, h: "b[0]", **constants, **behind}
     prologue_inputs |= {s: f"out[{len(opening) + i}]" for i, s in enumerate(fixed_constants)}
     reads: dict[Symbol, str] = {s: f"a[{len(fixed) + i}]" for i, s in enumerate(hoisted)}
     reads |= {s: f"b[{i}]" for i, s in enumerate(x)}
@@ -150,7 +152,7 @@ def _build(flow: Flow, system: System, why: str) -> FlowKernels:
     opened = make(prologue_inputs, opening)
     iterate = make(reads, [*parts.iterate, *parts.stored.values()])
     return FlowKernels(
-        setup=make({h: "b[0]", **system.constant_symbols()}, fixed_constants),
+        setup=make({h: "b[0]", **constants, **{s: behind[s] for s in first}}, fixed_constants),
         prologue=opened if slopes else make(prologue_inputs, [*fixed, *hoisted]),
         opening=opened,
         iterate=iterate,
@@ -240,10 +242,11 @@ def _ordered(reduction: Reduction) -> _Slopes:
 _EXPLICIT: dict[tuple[Residual, tuple[Any, ...], str | None], FlowKernels] = {}
 
 
-def apply_explicit(formula: Residual, system: System, start: Any, end: Any, first: Any = None) -> Any:
+def apply_explicit(formula: Residual, system: System, start: Any, end: Any, first: Any = None, most: int = 1) -> Any:
     """What an explicit flow of the whole step (of_step=True) adds to `end`, by its compiled formula; shape (n,).
 
     start, first : the states at which the step and the run began; without the latter they are one.
+    most : times that it is applied, until it changes nothing.
     TraceError for a formula that is implicit, or reads the step's length, which is not given here.
     """
     key = (formula, system.structure, formula_hash(formula))
@@ -263,7 +266,13 @@ def apply_explicit(formula: Residual, system: System, start: Any, end: Any, firs
                 "formula, or give a method flows=."
             )
         _EXPLICIT[key] = kernels
-    return _applied(_EXPLICIT[key], system, 0.0, *states)
+    total = np.zeros(system.size)
+    for _ in range(most):
+        change = _applied(_EXPLICIT[key], system, 0.0, states[0] + total, *states[1:])
+        total = total + change
+        if not np.any(change):
+            break
+    return total
 
 
 def _applied(kernels: FlowKernels, system: System, h: float, end: Any, start: Any, first: Any) -> Any:

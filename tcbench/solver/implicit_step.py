@@ -161,7 +161,8 @@ def make_flows(
     flows = []
     for formula, k in zip(integrator.flows, kernels, strict=True):
         flow = Flow(
-            **k.fields, n=model.size, n_constants=len(c), n_observables=n_observables, observe=observe.address,
+            **k.fields, n=model.size, n_constants=len(c), n_observables=n_observables, most=formula.most,
+            observe=observe.address,
             continuation=rules.continuation, audit=rules.audit, residuals=rules.residuals,
             reference=model.reference_temperature, bound=bound, tally=tally, c=c,
         )  # fmt: skip

@@ -7,14 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from tcbench_plugins.controlled import controlled
-from tcbench_plugins.projected import projected, projection
+from tcbench_plugins.projected import onto_laws, projected
 
 import tcbench
 from tcbench.compiler import derivatives as trace
 from tcbench.compiler.complex_symbols import Complex, real
 from tcbench.compiler.kernels import kernel
 from tcbench.errors import TcbenchError
-from tcbench.integrator import Integrator
+from tcbench.integrator import Flow, Integrator
 from tcbench.plugins import find_integrator
 from tcbench.reference.lookup import reference_for
 from tcbench.solver.flow_kernels import apply_explicit
@@ -140,12 +140,25 @@ def test_the_entropy_is_held_where_it_would_fall(grown):
     model, z0 = scenario.model, scenario.z0
     end = z0.copy()
     end[4:8] = grown * end[4:8] + np.array([0.0, 1e-3, 0.0, 0.0])  # more or less kinetic energy, other momenta
-    fixed = end + apply_explicit(projection, model, z0, end)
+    fixed = onto_laws(model, z0, end)
     assert model.energy(fixed) == pytest.approx(float(model.energy(z0)), rel=1e-14)
     assert model.momenta(fixed) == pytest.approx(model.momenta(z0), rel=1e-14)
     risen = float(model.entropy(fixed) - model.entropy(z0))
     assert abs(risen) <= 1e-14 if grown > 1 else risen > -1e-14
     assert np.linalg.norm(fixed - end) <= 2 * np.linalg.norm(end - z0)
+
+
+def test_an_explicit_formula_is_applied_until_it_changes_nothing():
+    """By halves so often as it may be; and not again from where it rests."""
+    halved = Flow(lambda z0, z1, h, system: z1 - z0 / 2, most=3)
+    run = tcbench.simulate(Integrator(name="halved", order=1, flows=[halved]), "rigid_body", dt=0.1, t_end=0.1)
+    assert run.z[-1] == pytest.approx(run.z[0] / 8, rel=1e-15)
+    model, z0 = tcbench.scenarios()["rigid_body"].model, run.z[0]
+
+    def at_least(z0, z1, h, system, start, first):
+        return z1 - trace.array(trace.maximum(trace.lifted(x) - 0.125, trace.const(0.25)) for x in z0)
+
+    assert z0 + apply_explicit(at_least, model, z0, z0, most=99) == pytest.approx([0.25] * 3, rel=1e-15)
 
 
 def test_where_no_state_is_near_the_step_fails():
