@@ -88,11 +88,6 @@ class Field:
     def is_array(self) -> bool:
         return self.kind in RANKS
 
-    @property
-    def rows_of(self) -> str:
-        """Name of the record class of a field of rows, or ""."""
-        return self.kind.removeprefix("Rows[").removesuffix("]") if self.kind.startswith("Rows[") else ""
-
     def __get__(self, record: Any, owner: type) -> Any:
         if record is None:
             return self

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from ..engine.declared import FAMILIES as DECLARED
 from ..progress import LOUD
 from .judged import NUMBERS, finite, ladder_runs, laws
 
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
 Tables = Mapping[str, Any]
 UNKNOWN = "not declared in this folder"
 LEDGERS = ("claims", "literature", "literature_errors")  # statements: what only they name has no number in any lens
-FAMILIES = ("Romero (2009)", "consistent, beyond the paper", "other structure", "peers", UNKNOWN)
+FAMILIES = (*DECLARED, UNKNOWN)
 
 
 def names(tables: Tables, column: str) -> list[str]:

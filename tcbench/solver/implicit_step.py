@@ -5,14 +5,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..compiler.formula_hash import formula_hash
 from ..compiler.language import Floats, copy_into, rare
-from ..compiler.library import Library, evaluate
+from ..compiler.library import evaluate
 from ..compiler.once import once
 from ..integrator import Flow as Formula
 from ..integrator import Integrator
@@ -177,59 +176,3 @@ def set_length(flow: Flow, kernels: FlowKernels, h: float) -> None:
     if kernels.setup.size:
         flow.c[0] = h
         evaluate(kernels.setup.address, flow.c, flow.c, flow.w[kernels.opening.size :])
-
-
-class OneFlow:
-    """The first flow of a method at the start of a scenario, for a look at its solvers one by one.
-
-    x: unknowns; dz: increments of the state; z: the start; each solver leaves its root there.
-    """
-
-    def __init__(self, integrator: Integrator, scenario: Scenario, h: float) -> None:
-        constants = constants_of(integrator, scenario)
-        self.tally = Tally()
-        kernels = compiled_flows(integrator.flows, scenario.model.symbolic)
-        flows = make_flows(
-            integrator, scenario.model, scenario.bound, h, constants, self.tally, Rules(), kernels
-        )  # fmt: skip
-        self.record = flows[0]
-        self.x, self.dz, self.z = self.record.x, self.record.dz, scenario.z0
-        self.record.start[:] = self.z
-        self.prepare()
-
-    def prepare(self) -> None:
-        """The flow over its whole step."""
-        r = self.record
-        r.c[0] = r.h
-        evaluate(r.prologue, r.start, r.c, r.w)
-        r.scale[:] = r.w[2 * r.nx : 3 * r.nx + r.ne]
-
-    def newton(self, start: Sequence[float] | float) -> tuple[int, int]:
-        """(ACCEPTED or REJECTED, iterations) of the careful Newton from these unknowns."""
-        self.x[:] = start
-        found: tuple[int, int] = SOLVERS.newton(self.record, NEGLIGIBLE, 0.0)
-        return found
-
-    def plain_newton(self, start: Sequence[float] | float) -> tuple[int, int]:
-        """The same of Newton as textbooks have it."""
-        self.x[:] = start
-        found: tuple[int, int] = SOLVERS.plain_newton(self.record)
-        return found
-
-    def track(self) -> tuple[int, int, int]:
-        """(ACCEPTED or REJECTED, iterations, tries) of natural continuation."""
-        found: tuple[int, int, int] = SOLVERS.track(self.record)
-        return found
-
-    def arc(self) -> tuple[int, int, int]:
-        """(FOUND, LOST, COLD_ROOT or UNDETERMINED, Jacobians, folds)."""
-        found: tuple[int, int, int] = SOLVERS.arc(self.record)
-        return found
-
-    def detour(self) -> tuple[int, int]:
-        """(FOUND or UNDETERMINED, Jacobians): what follows an arc that is undetermined."""
-        found: tuple[int, int] = SOLVERS.detour(self.record)
-        return found
-
-
-SOLVERS = Library("solvers", newton, plain_newton, track, arc, detour)

@@ -50,11 +50,6 @@ class Cell:
         """Sha256, hexadecimal, of the canonical JSON of all fields."""
         return hashlib.sha256(canonical_json(self.as_dict()).encode()).hexdigest()
 
-    @property
-    def identity(self) -> str:
-        """What the cell is, whatever code and machine measure it, as canonical JSON."""
-        return identity_of(self.as_dict())
-
     def as_dict(self) -> dict[str, Any]:
         """The fields as plain JSON values."""
         return {

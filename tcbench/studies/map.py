@@ -172,13 +172,6 @@ def _lost_row(record: Row) -> Row:
     }  # fmt: skip
 
 
-def stability_map(integrators: Sequence[Integrator], scenario: Scenario, x: str, y: str) -> DataFrame:
-    """The whole map in this process, without the engine; columns as COLUMNS."""
-    cells = plan(integrators, [scenario], {"x": x, "y": y})
-    records = [{"integrator": i.name, "scenario": s.name, **o, **measure(i, s, o)} for i, s, o in cells]
-    return tabulate(records)["map"]
-
-
 STUDY = Study(
     name="map",
     by_default=False,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,30 +70,3 @@ def profile(times: Floats, taus: Floats) -> tuple[Floats, Floats, Floats]:
     bounds = {hit: wilson(hit, count) for hit in set(hits.ravel().tolist())}
     low, high = (np.array([bounds[hit][k] for hit in hits.ravel().tolist()]).reshape(hits.shape) for k in (0, 1))
     return (hits / count if count else np.full(hits.shape, np.nan)), low, high
-
-
-def kendall_tau(a: Sequence[float] | Floats, b: Sequence[float] | Floats) -> float:
-    """Kendall's tau-b of two scores of the same things: 1 where they rank alike, -1 where opposite; ties allowed."""
-    x, y = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
-    upper = np.triu_indices(len(x), 1)
-    dx, dy = _signs(x)[upper], _signs(y)[upper]
-    scale = math.sqrt(float((dx != 0).sum()) * float((dy != 0).sum()))
-    return float((dx * dy).sum()) / scale if scale else math.nan
-
-
-def _signs(x: Any) -> Any:
-    """Signs of all differences; two infinite values are equal."""
-    return (x[:, None] > x).astype(int) - (x[:, None] < x).astype(int)
-
-
-def rank_agreement(first: Floats, second: Floats, times: int = RESAMPLES) -> tuple[float, float, float]:
-    """Kendall's tau of the rankings by two ensembles and its 95 % interval: (tau, low, high).
-
-    first, second : scores (scenarios, methods) of the same methods, such as 1 for a failure; methods are ranked by
-    their means. The interval is a bootstrap over the scenarios of both.
-    """
-    weights = [resamples(len(x), times, seed) @ x / len(x) for seed, x in enumerate((first, second))]
-    taus = [kendall_tau(a, b) for a, b in zip(*weights, strict=True)]
-    known = np.array([t for t in taus if not math.isnan(t)])
-    low, high = (quantile(known, q) for q in LIMITS)
-    return kendall_tau(first.mean(axis=0), second.mean(axis=0)), low, high

@@ -10,7 +10,7 @@ from tcbench.reference import certified
 pytest.importorskip("flint")
 from flint import arb, ctx
 
-from tcbench.reference.enclosure import box_of, evaluated, exact, proven_state
+from benchmarks.proven_reference import box_of, evaluated, exact, proven_state
 
 
 @pytest.fixture(autouse=True)

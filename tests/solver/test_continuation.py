@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from one_flow import OneFlow
 from scalar import CUBIC, cubic, parabola, scalar
 from states import admissible_states
 
 import tcbench
 from tcbench.simulation.run import simulate
 from tcbench.solver.continuation import FOUND, LOST
-from tcbench.solver.implicit_step import OneFlow
 from tcbench.solver.linear_algebra import solve_bordered
 
 SCENARIOS = tcbench.scenarios()
@@ -173,7 +173,7 @@ def test_an_audit_does_not_change_the_run(name):
 def test_without_compilation_the_arc_gives_the_same():
     """TCBENCH_PLAIN=1: the same kernels as plain Python."""
     code = (
-        "from scalar import *; from tcbench.solver.implicit_step import OneFlow; import tcbench\n"
+        "from scalar import *; from one_flow import OneFlow; import tcbench\n"
         "s = tcbench.scenarios()['short_term']\n"
         "for e, h in ((parabola, 0.3), (parabola, 0.6), (cubic, 0.7)):\n"
         "    w = OneFlow(scalar('e', e), s, h); print(*w.arc(), float(w.x[0]) if h != 0.6 else 0.0)\n"

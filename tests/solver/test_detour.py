@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from one_flow import OneFlow
 
 import tcbench
 from tcbench.integrator import Integrator
 from tcbench.simulation.run import simulate
 from tcbench.solver.continuation import FOUND, UNDETERMINED
-from tcbench.solver.implicit_step import OneFlow
 
 SCENARIO = tcbench.scenarios()["short_term"]
 # found by benchmarks/audit_steps.py: a weak spring, which its coupling to the temperature pulls to nothing

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from one_flow import OneFlow
 
 import tcbench
-from tcbench.solver.implicit_step import OneFlow
 from tcbench.solver.newton import ACCEPTED
 
 METHODS = ("tc_monolithic", "tc_staggered", "midpoint_entropy", "midpoint_temperature")

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from one_flow import OneFlow
 from scalar import CUBIC, cubic, logarithm, parabola, scalar
 
 import tcbench
 from tcbench.simulation.run import simulate
-from tcbench.solver.implicit_step import OneFlow
 from tcbench.solver.linear_algebra import solve_pivoted
 from tcbench.solver.newton import ACCEPTED, MAX_ITERATIONS, PLAIN_ITERATIONS, REJECTED
 

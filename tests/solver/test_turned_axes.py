@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from one_flow import OneFlow
 
 import tcbench
 from tcbench.simulation.run import simulate
-from tcbench.solver.implicit_step import OneFlow
 from tcbench.studies.theorems import turned
 
 SCENARIO = tcbench.scenarios()["short_term"]

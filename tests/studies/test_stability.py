@@ -204,9 +204,10 @@ def test_a_map_of_a_general_system_varies_its_own_variables():
 @pytest.fixture(scope="module")
 def small_map():
     names = ("tc_monolithic", "midpoint_entropy")
-    return maps.stability_map(
-        [INTEGRATORS[n] for n in names], SCENARIOS["short_term"], "dt=0.1:40:7:log", "stiffness[1]=1:300:4:log"
-    )
+    options = {"x": "dt=0.1:40:7:log", "y": "stiffness[1]=1:300:4:log"}
+    cells = maps.plan([INTEGRATORS[n] for n in names], [SCENARIOS["short_term"]], options)
+    records = [{"integrator": i.name, "scenario": s.name, **o, **maps.measure(i, s, o)} for i, s, o in cells]
+    return maps.tabulate(records)["map"]
 
 
 def test_a_map_has_one_row_a_cell(small_map):

@@ -1,6 +1,5 @@
 """Intervals, profiles and rankings against values worked out elsewhere."""
 
-import itertools
 import math
 
 import numpy as np
@@ -8,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tcbench.studies.statistics import kendall_tau, profile, quantile, rank_agreement, ratios, resamples, wilson
+from tcbench.studies.statistics import profile, quantile, ratios, resamples, wilson
 
 
 @pytest.mark.parametrize(
@@ -83,26 +82,3 @@ def test_resamples_draw_as_many_as_there_are_and_are_the_same_for_ever():
 
 
 FIRST = [0.0, 0.0, 0.0, 3.0, 0.0, 3.0, 1.0]
-
-
-def test_kendalls_tau_against_pairs_counted_one_by_one():
-    a, b = [1, 2, 3, 4, 4, math.inf], [2, 1, 3, 5, 4, math.inf]
-    concordant = discordant = ties_a = ties_b = 0
-    for i, j in itertools.combinations(range(6), 2):
-        x = (a[i] > a[j]) - (a[i] < a[j])
-        y = (b[i] > b[j]) - (b[i] < b[j])
-        concordant += x * y > 0
-        discordant += x * y < 0
-        ties_a += x == 0
-        ties_b += y == 0
-    expected = (concordant - discordant) / math.sqrt((15 - ties_a) * (15 - ties_b))
-    assert kendall_tau(a, b) == pytest.approx(expected, rel=1e-14)
-    assert kendall_tau([1, 2, 3], [1, 2, 3]) == 1.0 and kendall_tau([1, 2, 3], [3, 2, 1]) == -1.0
-
-
-def test_two_samples_of_the_same_methods_agree_and_opposite_ones_do_not():
-    draws = np.random.PCG64(1).random_raw(2 * 60 * 5).reshape(2, 60, 5) / 2.0**64
-    failed = (draws < np.array([0.05, 0.2, 0.4, 0.6, 0.9])).astype(float)
-    tau, low, high = rank_agreement(failed[0], failed[1])
-    assert low <= tau <= high and low > 0.5
-    assert rank_agreement(failed[0], failed[1][:, ::-1])[2] < 0.0
