@@ -91,7 +91,7 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
         if why := enough(points, took):
             points[-1]["left_out"] = f"{len(rungs) - len(points)} finer ones, to {rungs[-1]:.3g}: {why}"
             break
-        begin = time.perf_counter()
+        begin = time.process_time()  # a busy machine cuts no ladder short
         timing = timed(run_at(integrator, scenario, value), SPENT_S, warm=any(p["repeats"] for p in points))
         point, seconds = timing.row, timing.seconds
         state, first_s = point.pop("state", None), point.pop("first_s", 0.0)
@@ -101,7 +101,7 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
             | errors_of(scenario, state, exact, floor)
             | timing.columns()
         )
-        took.append(seconds[0] if seconds else max(first_s, time.perf_counter() - begin))
+        took.append(timing.work if seconds else max(first_s, time.process_time() - begin))
     good = [p["status"] for p in points]
     return {
         "status": "ok" if "ok" in good else good[-1],
@@ -117,7 +117,7 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
 
 
 def enough(points: Sequence[Row], took: Sequence[float]) -> str:
-    """Why finer rungs are not worth their time, "" if they are. took : seconds of one run of each rung.
+    """Why finer rungs are not worth their time, "" if they are. took : processor seconds of a run of each rung.
 
     A rung that is slow is the last one, for the next would be slower still; one that is not slow is followed by the
     next as long as an accuracy of the table time_to_accuracy is not reached, or it is cheap.
@@ -190,15 +190,16 @@ def _adaptive(
 
     def run(first: bool) -> tuple[Row, float]:
         if first and invariants:
-            read = shared_runs.found()
+            known = shared_runs.found()
             result = simulate(integrator, scenario, tolerance=tolerance)
-            if shared_runs.found() > read and result.ok:  # nothing has been loaded or compiled
+            read = shared_runs.found() > known
+            if read and result.ok:  # nothing has been loaded or compiled
                 integrator.adaptive(model, z0.copy(), start, tolerance, tolerance)  # type: ignore[misc]
             seen.update(
                 status=result.status, failure=result.failure, energy_error_max=energy_error_max(result),
                 angular_momentum_error_max=angular_momentum_error_max(result),
                 entropy_fall_max=max(0.0, -result.summary.entropy_increment_min),
-                first_s=result.wall_time_s,
+                first_s=result.wall_time_s if read else 0.0,
             )  # fmt: skip
             return seen, 0.0
         begin = time.perf_counter()
@@ -245,11 +246,11 @@ def _again(integrator: Integrator, scenario: Scenario, rungs: Sequence[float]) -
     for count, value in enumerate(rungs[:: 2 if len(rungs) >= 2 * LEAST_AGAIN else 1], start=1):
         run = _adaptive(integrator, scenario, value, False) if adaptive else _fixed(integrator, scenario, value)
         begin = time.process_time()
-        row, seconds, work = timed(run, SPENT_S / 2, warm=bool(points))
+        timing = timed(run, SPENT_S / 2, warm=bool(points))
         spent = time.process_time() - begin
-        if seconds:
-            points.append({"value": value, "yardsticks": work})
-        if spent > SLOW_S or (count >= LEAST_AGAIN and row["status"] == "ok" and spent > 2 * CHEAP_S):
+        if timing.seconds:
+            points.append({"value": value, "yardsticks": timing.yardsticks})
+        if spent > SLOW_S or (count >= LEAST_AGAIN and timing.row["status"] == "ok" and spent > 2 * CHEAP_S):
             break
     return points
 
@@ -295,10 +296,10 @@ def _horizons(integrator: Integrator, scenario: Scenario, points: Sequence[Row])
             run = _adaptive(integrator, shorter, OWN, invariants=False)
         else:
             run = _fixed(integrator, shorter, min(scenario.dt, HORIZONS[0] * scenario.t_end))
-        row, seconds, _ = timed(run, SPENT_S / 2, warm=True)
-        if row["status"] != "ok" or seconds[0] > SLOW_S:
+        timing = timed(run, SPENT_S / 2, warm=True)
+        if timing.row["status"] != "ok" or timing.work > SLOW_S:
             break
-        rows.append({"t": shorter.t_end, "seconds": min(seconds)})
+        rows.append({"t": shorter.t_end, "seconds": min(timing.seconds)})
     return rows
 
 

@@ -23,11 +23,13 @@ Run = Callable[[bool], tuple[Row, float]]  # run(first) -> row, seconds
 
 
 class Timing(NamedTuple):
-    """What `timed` found: the row of the run, the seconds of its repeats, and the least of its work in yardsticks."""
+    """What `timed` found: the row of the run, the seconds of its repeats, and the least of its work: in yardsticks, in
+    seconds that others have not taken."""
 
     row: Row
     seconds: list[float]
     yardsticks: float
+    work: float = math.nan
 
     def columns(self) -> Row:
         """As a rung of a table has them."""
@@ -69,7 +71,7 @@ def timed(run: Run, spent: float, warm: bool = False) -> Timing:
             return Timing(row, [], math.nan)
         seconds.append(elapsed)
         works.append(work)
-    return Timing(row, seconds, float(f"{min(works) / unit:.4g}"))
+    return Timing(row, seconds, float(f"{min(works) / unit:.4g}"), min(works))
 
 
 def _once(run: Run, first: bool) -> tuple[Row, float, float]:
