@@ -61,7 +61,8 @@ def test_list_shows_integrators_with_claims_and_sources_without_compiling():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert "tc_strang" in done.stdout and "Romero (2009), remark 3.2" in done.stdout
-    assert done.stdout.strip().endswith("[]")
+    assert done.stdout.strip().endswith("[]") and max(map(len, done.stdout.splitlines())) <= 260
+    assert "Curtiss and Hirschfelder (1952); run when named" in done.stdout and "measures " in done.stdout
     data = json.loads(tcbench("list", "--json").stdout)
     assert {i["name"]: i["order"] for i in data["integrators"]}["tc_staggered"] == 1
     assert {s["name"] for s in data["scenarios"]} >= {"short_term", "cold_spring"}
@@ -198,6 +199,7 @@ BAD = [
     (("simulate", "tc_monolithic"), "tc_monolithic is an integrator: the scenario is missing"),
     (("simulate", "short_term", "tc_monolithic"), "short_term is a scenario and comes last"),
     (("run", "--dt", "abc"), "'abc' is not a valid float. See tcbench run --help."),
+    (("run", "--study", "map", "-i", "tc_strang", "-s", "short_term"), "A map needs its two axes: tcbench map"),
     (("cache", "claer"), "'claer' is not 'clear'. See tcbench cache --help."),
 ]
 

@@ -20,7 +20,7 @@ from ..store.disk import replace_file
 from ..store.encoding import csv_bytes
 from ..store.store import Store
 from ..store.tables import only, read_tables
-from ..studies.base import default_studies
+from ..studies.base import studies
 from ..studies.columns import shown
 from . import terminal
 from .left_out import short_ladder
@@ -116,7 +116,10 @@ def list_command(integrators: Sequence[str], scenarios: Sequence[str], as_json: 
             }
             for f in registry.scenario_families.values() if whole
         ],
-        "studies": [{"name": s.name, "description": s.description} for s in default_studies().values() if whole],
+        "studies": [
+            {"name": s.name, "description": s.description, "by_default": s.by_default}
+            for s in studies().values() if whole
+        ],
         "broken": [{"name": o.name, "path": o.path or o.distribution, "error": o.error} for o in registry.broken],
     }  # fmt: skip
     if as_json:

@@ -157,6 +157,7 @@ SHOWN = {  # columns of a table that fit a terminal
 }  # fmt: skip
 
 
+MOST_VALUES = 3  # parameters of a family of scenarios that a list names
 MOST_OWN = 8  # columns of the conservation table that systems and plugins bring; of a sweep they are its constants
 WHOLE = 40  # rows of the conservation table that a run prints in full; of more, the middle steps
 LONG = (
@@ -227,19 +228,26 @@ def meaning(name: str) -> str:
     return label or told.unit
 
 
+def _when(item: Mapping[str, Any]) -> str:
+    return "" if item["by_default"] else "run when named"
+
+
 def print_listing(data: Mapping[str, Any]) -> None:
-    rows = [
-        [i["name"], number(i["order"]), " ".join(i["claims"]), "; ".join(filter(None, (i["source"], i["lacks"]))),
-         "; ".join(f"{k}: {', '.join(v)}" for k, v in i["parameters"].items())]
-        for i in data["integrators"]
-    ]  # fmt: skip
-    put(make_table("Integrators", ["name", "order", "claims", "source", "parameters"], rows))
+    """Tables of what there is; the parameters of methods where some are named."""
+    heads = ["name", "order", "claims", "source", *(["parameters"] if not data["studies"] else [])]
+    rows: list[list[str]] = []
+    for i in data["integrators"]:
+        source = "; ".join(filter(None, (i["source"], _when(i), i["lacks"])))
+        values = "; ".join(f"{k}: {', '.join(v)}" for k, v in i["parameters"].items())
+        rows.append([i["name"], number(i["order"]), " ".join(i["claims"]), source, values][: len(heads)])
+    put(make_table("Integrators", heads, rows))
     rows = [[s["name"], number(s["t_end"]), number(s["dt"]), s["shows"], s["source"]] for s in data["scenarios"]]
     for f in data["scenario_families"]:
-        label = ",".join(f"{k}={v}" for k, v in f["parameters"].items())
+        given = [f"{k}={v}" for k, v in f["parameters"].items()]
+        label = ",".join(given if len(given) <= MOST_VALUES else [given[0], "..."])
         rows.append([f"{f['name']}[{label}]", "", "", f"{f['shows']}; run when named, with any value", f["source"]])
     put(make_table("\nScenarios", ["name", "t_end", "dt", "shows", "source"], rows))
-    rows = [[s["name"], s["description"]] for s in data["studies"]]
+    rows = [[s["name"], "; ".join(filter(None, (s["description"], _when(s))))] for s in data["studies"]]
     put(make_table("\nStudies", ["name", "measures"], rows))
     for origin in data["broken"]:
         say(f"\nPlugin {origin['name']!r} ({origin['path']}):\n{origin['error']}")

@@ -21,7 +21,7 @@ from .. import plugins
 from ..errors import TcbenchError, unknown_name
 from ..study import Row, Study
 from .ensemble import APART, whole
-from .map import Axis, parse_axis
+from .map import Axis, needs_axes, parse_axis
 from .statistics import wilson
 
 if TYPE_CHECKING:
@@ -55,6 +55,7 @@ def plan(
     integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]
 ) -> list[tuple[Integrator, Scenario, Row]]:
     """One cell a row of the map; options: x, y (axes as written), size (scenarios in a cell), seed."""
+    needs_axes(options)
     size = whole(options, "size", SIZE, 2, LARGEST)
     first = APART * whole(options, "seed", 0, 0, 10**9)
     cells: list[tuple[Integrator, Scenario, Row]] = []

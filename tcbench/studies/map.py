@@ -48,6 +48,12 @@ class Axis:
 MOST_VALUES = 2000  # on an axis: more than a screen or a page can show
 
 
+def needs_axes(options: Mapping[str, Any]) -> None:
+    """TcbenchError where a map is asked for as other studies are, without axes."""
+    if not options.get("x") or not options.get("y"):
+        raise TcbenchError("A map needs its two axes: tcbench map INTEGRATOR SCENARIO --x dt=0.02:4:40:log --y ...")
+
+
 def parse_axis(text: str) -> Axis:
     """An axis from `name=low:high:n[:log]`."""
     match = _AXIS.match(text.strip())
@@ -120,6 +126,7 @@ def plan(
     integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]
 ) -> list[tuple[Integrator, Scenario, Row]]:
     """One cell a row of the map; options "x" and "y" are the axes as written."""
+    needs_axes(options)
     x, y = parse_axis(options["x"]), parse_axis(options["y"])
     if x.name == y.name:
         raise TcbenchError(f"Both axes of the map are {x.name!r}; they must differ.")
