@@ -46,6 +46,7 @@ def projected(method: Integrator, name: str = "projected") -> Integrator:
     common: dict[str, Any] = {
         "name": name, "claims": {"energy", "entropy", "angular_momentum"}, "tags": method.tags | {"projected"},
         "source": f"thermodynamic projection around {method.name}", "description": "",
+        "nonfinite": "no state near the step's has the energy, the invariants and no less entropy; or it is not finite",
         "uses": method.sources, "parameters": {}, "family": None,
     }  # fmt: skip
     if method.adaptive is not None:

@@ -73,7 +73,7 @@ KINDS_OF_FIELDS = {  # of what tcbench reads before it can say more
     "claims": "words or a word", "tags": "words or a word", "systems": "words or a word", "needs": "words or a word",
     "requires": "words or a word", "uses": "words or a word", "increments": "True or False",
     "by_default": "True or False", "source": "a word",
-    "description": "a word", "plugin": "a word", "base": "a word", "parameters": "a mapping",
+    "description": "a word", "nonfinite": "a word", "plugin": "a word", "base": "a word", "parameters": "a mapping",
     "family": "a function or nothing",
 }  # fmt: skip
 
@@ -138,6 +138,8 @@ class Integrator:
         Free words, for whoever filters by them.
     description : str
         A sentence for lists.
+    nonfinite : str
+        What a run says that ends with a new state that is not finite, of a method that gives one on purpose.
     uses : str or tuple of str
         Methods, or plugins, that the method is made of (a wrapper's: what it wraps), so that it is not compared with a
         reference of its own kind, and so that one worker runs their cells. What a method reads is found by itself.
@@ -179,6 +181,7 @@ class Integrator:
     requires: tuple[str, ...] = ()
     tags: frozenset[str] = frozenset()
     description: str = ""
+    nonfinite: str = ""
     uses: str | tuple[str, ...] = ()
     parameters: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     family: Callable[..., Integrator] | None = None

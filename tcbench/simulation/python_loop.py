@@ -54,7 +54,7 @@ def run_step(integrator: Integrator, scenario: Scenario, dt: float, steps: int, 
             loaded, count = time.perf_counter(), TOGETHER
     end = time.perf_counter()
     wall = (end - loaded) * done / (done - alone) if done > alone else end - begin
-    status, sentence = explain(reason, done, dt, scenario)
+    status, sentence = explain(reason, done, dt, scenario, integrator)
     if failure and reason == OK:
         status, sentence = first.status if first.failure else "exception", failure
     return monitor.trajectory(integrator, status, sentence, wall, OWN_COUNTS)
@@ -139,7 +139,9 @@ def run_adaptive(
             shared_runs.keep(integrator.name, scenario, tolerance, found)
     monitor = Monitor(scenario, t[1], len(t) - 1, 1)
     reason, done = monitor.add(1, found.states[1:]) if len(found.states) > 1 else (OK, 0)
-    status, sentence = ("exception", found.failure) if found.failure else explain(reason, done, t[1], scenario)
+    status, sentence = (
+        ("exception", found.failure) if found.failure else explain(reason, done, t[1], scenario, integrator)
+    )
     if times is not None and reason != OK and not found.failure:
         last = min(done if status == "blowup" else done + 1, len(t) - 1)
         sentence = f"output {last} (t = {t[last]:.6g}): {sentence.partition(': ')[2]}"

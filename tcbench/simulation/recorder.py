@@ -33,14 +33,16 @@ _STATUS = {
 }
 
 
-def cause_of(reason: int, model: System) -> str:
+def cause_of(reason: int, model: System, method: Integrator) -> str:
     """Why a step was not done, in words."""
+    if reason == m.NONFINITE and method.nonfinite:
+        return method.nonfinite
     return _STATUS[reason][1].replace("{collapsed}", model.collapsed)
 
 
-def explain(reason: int, done: int, dt: float, scenario: Scenario) -> tuple[str, str]:
+def explain(reason: int, done: int, dt: float, scenario: Scenario, method: Integrator) -> tuple[str, str]:
     """Status and sentence for the way a run ended."""
-    status, cause = _STATUS[reason][0], cause_of(reason, scenario.model)
+    status, cause = _STATUS[reason][0], cause_of(reason, scenario.model, method)
     if not cause:
         return status, ""
     step = done if reason == m.BLOWUP else done + 1  # the state of a blow-up exists; otherwise the next step failed

@@ -200,7 +200,7 @@ def run_flows(
         reason = march(run, done, steps, told)
         done = run.tally.steps
     wall = time.perf_counter() - begin
-    status, failure = explain(reason, done, dt, scenario)
+    status, failure = explain(reason, done, dt, scenario, integrator)
     if reason == m.OK and first and first.failure:
         status, failure = first.status, first.failure
     if reason in (m.NONCONVERGED, m.NO_ROOT, m.NONFINITE):

@@ -123,5 +123,6 @@ class Stepper:
         reason = ready.step(z)
         if reason != OK:
             backwards = ", for heat does not flow backwards" if h < 0 else ""
-            raise ArithmeticError(f"{self.method.name}, a step of {h:g}: {cause_of(reason, self.system)}{backwards}")
+            cause = cause_of(reason, self.system, self.method)
+            raise ArithmeticError(f"{self.method.name}, a step of {h:g}: {cause}{backwards}")
         return ready.run.z.copy()

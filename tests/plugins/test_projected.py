@@ -286,3 +286,9 @@ def test_a_peer_keeps_the_laws_at_its_outputs_and_its_accuracy(peer):
     long = tcbench.simulate(f"projected[method={peer}]", "relative_equilibrium", tolerance=1e-5)  # nothing adds up
     assert np.abs(long.angular_momentum - long.angular_momentum[0]).max() < 1e-14 * 50 * 19.6
     assert "peer" in find_integrator(f"projected[method={peer}]").tags
+
+
+@pytest.mark.parametrize(("method", "settings"), [("gauss2", {"dt": 5.0}), ("scipy_dopri5", {"tolerance": 0.9})])
+def test_a_step_without_a_lawful_state_near_says_so(method, settings):
+    run = tcbench.simulate(f"projected[method={method}]", "viscous_pendulum", t_end=200.0, **settings)
+    assert run.status == "nonfinite" and "no state near the step's has the energy" in run.failure
