@@ -133,7 +133,6 @@ def conservation(run: Trajectory) -> dict[str, Any]:
         "energy_drift": energy_drift(run),
         "entropy_increment_min": entropy_increment_min(run),
         "second_law_violations": second_law_violations(run),
-        "angular_momentum_error_max": angular_momentum_error_max(run),
         **invariant_errors(run),
         "lyapunov_increment_max": lyapunov_increment_max(run),
         "residual_max": residual_max(run),

@@ -125,7 +125,8 @@ def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
     left_out = (*series.ROW, "numbers", "sweep")
     rows = [{k: v for k, v in row.items() if k not in left_out} | (row.get("numbers") or {}) for row in records]
     table = pd.DataFrame(rows)
-    table = table.reindex(columns=[*COLUMNS, *(c for c in table.columns if c not in COLUMNS)])
+    first = [c for c in COLUMNS if c in table or not c.endswith("momentum_error_max")]  # which not all systems have
+    table = table.reindex(columns=[*first, *(c for c in table.columns if c not in COLUMNS)])
     order = [c for c in ("scenario", "integrator", "dt", "tolerance") if c in table]
     return {"conservation": table.sort_values(order, kind="stable", ignore_index=True)} | series.tables(records)
 

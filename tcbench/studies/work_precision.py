@@ -156,7 +156,7 @@ def ladder(integrator: Integrator, scenario: Scenario, steps: Sequence[float] | 
 
 
 def _fixed(integrator: Integrator, scenario: Scenario, dt: float) -> Callable[[bool], tuple[Row, float]]:
-    from ..simulation.metrics import angular_momentum_error_max, energy_error_max, evaluations, newton_iterations
+    from ..simulation.metrics import energy_error_max, evaluations, invariant_errors, newton_iterations
     from ..simulation.run import simulate
 
     def run(first: bool) -> tuple[Row, float]:
@@ -166,7 +166,7 @@ def _fixed(integrator: Integrator, scenario: Scenario, dt: float) -> Callable[[b
             "newton_iterations": newton_iterations(result), "evaluations": evaluations(result),
             "state": result.z[-1] if result.ok else None,
             "energy_error_max": energy_error_max(result),
-            "angular_momentum_error_max": angular_momentum_error_max(result),
+            **invariant_errors(result),
             "entropy_fall_max": max(0.0, -result.summary.entropy_increment_min),
         }  # fmt: skip
         return row, result.wall_time_s
@@ -181,7 +181,7 @@ def _adaptive(
     import numpy as np
 
     from ..simulation import shared_runs
-    from ..simulation.metrics import angular_momentum_error_max, energy_error_max
+    from ..simulation.metrics import energy_error_max, invariant_errors
     from ..simulation.run import simulate
 
     ends, z0, model = np.array([0.0, scenario.t_end]), scenario.z0, scenario.model
@@ -197,9 +197,8 @@ def _adaptive(
                 integrator.adaptive(model, z0.copy(), start, tolerance, tolerance)  # type: ignore[misc]
             seen.update(
                 status=result.status, failure=result.failure, energy_error_max=energy_error_max(result),
-                angular_momentum_error_max=angular_momentum_error_max(result),
                 entropy_fall_max=max(0.0, -result.summary.entropy_increment_min),
-                first_s=result.wall_time_s if read else 0.0,
+                first_s=result.wall_time_s if read else 0.0, **invariant_errors(result),
             )  # fmt: skip
             return seen, 0.0
         begin = time.perf_counter()
@@ -321,7 +320,7 @@ def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
         for point in record.get("points") or [{}]:
             rows.append(common | point | {"yardsticks_again": again.get((*name, point.get("value")), math.nan)})
     table = pd.DataFrame(rows)
-    absent = [c for c in COLUMNS if c.startswith("error_") and c not in table]  # of variables that no system has
+    absent = [c for c in COLUMNS if "error_" in c and c not in table]  # of variables and invariants that no system has
     rest = [c for c in table.columns if c not in COLUMNS]
     table = table.reindex(columns=[*(c for c in COLUMNS if c not in absent), *rest])
     table = table.sort_values(["scenario", "integrator"], kind="stable", ignore_index=True)

@@ -177,7 +177,8 @@ class System(Traced):
     def defines(cls, name: str) -> bool:
         """Does the system define an optional function, such as "conduction_flow"?"""
         (base, *_) = (c for c in cls.__mro__ if "written" in c.__dict__)
-        return getattr(cls, name, None) not in (None, getattr(base, name, None))
+        own = getattr(cls, name, None)
+        return callable(own) and own is not getattr(base, name, None)  # the points of a network are a table
 
     # ---- variables -------------------------------------------------------------------------------------
 

@@ -53,7 +53,7 @@ def tables(tmp_path_factory):
 
 def test_every_invariant_has_its_column_its_claim_and_its_chart(tables):
     table = tables["conservation"].set_index("integrator")
-    assert table.loc["tc_monolithic", "px_error_max"] < 1e-13 and table["angular_momentum_error_max"].isna().all()
+    assert table.loc["tc_monolithic", "px_error_max"] < 1e-13 and "angular_momentum_error_max" not in table
     # the sum of the momenta is 0: the departure is over the size of the terms, here |p_0| + |p_1| = 1
     assert table.loc["liar", "px_error_max"] == pytest.approx(0.1 * table.loc["liar", "t_final"], rel=1e-6)
     assert table.loc["liar", "centre_error_max"] == pytest.approx(table.loc["liar", "px_error_max"], rel=1e-6)

@@ -5,6 +5,7 @@ import pandas
 import pytest
 
 import tcbench
+from tcbench.plugins import find_scenario
 from tcbench.report.write_report import write_report
 from tcbench.simulation.series import columns, variables
 from tcbench.systems.plane import drawn, joints
@@ -12,13 +13,13 @@ from tcbench.systems.plane import drawn, joints
 PAINTED = "() => [...document.querySelector('canvas').getContext('2d').getImageData(0, 0, 640, 460).data].some(v => v)"
 JOINTS = {
     "viscous_pendulum": [[0, 1], [1, 2]], "rubbing_piston": [[0, 1], [2, 1]], "heavy_top": [[0, 1]],
-    "gas_containers": [[0, 1], [2, 1]], "short_term": [],
+    "gas_containers": [[0, 1], [2, 1]], "short_term": [], "chain[n=3]": [],
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("name", JOINTS)
 def test_ends_that_are_always_one_point_are_one_joint(name):
-    scenario = tcbench.scenarios()[name]
+    scenario = find_scenario(name)
     assert joints(scenario.model, scenario.z0)[0] == JOINTS[name]
 
 

@@ -15,8 +15,8 @@ from .style import finite, names, ok
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-ERRORS = ("error_q", "error_p", "error_s", "error_theta", "energy_error_max", "angular_momentum_error_max")
-CONSERVED = ("energy_error_max", "angular_momentum_error_max")  # exactly 0 is possible: these get an axis with a zero
+ERRORS = ("error_q", "error_p", "error_s", "error_theta")
+CONSERVED = "_error_max"  # how columns of what is conserved end: exactly 0 is possible, these get an axis with a zero
 PRODUCED = "error_entropy_produced"  # not an error of the state: drawn where it is asked for
 VARIABLES = {"q": "positions q", "p": "momenta p", "s": "entropies s", "theta": "temperatures θ", "all": "all"}
 
@@ -37,7 +37,7 @@ def _cloud(table: DataFrame, x: str, column: str) -> Panel:
     done = np.asarray(ok(table))
     xs, ys = (np.full(len(table), np.nan) if name in absent else finite(table[name]) for name in (x, column))
     ys = np.abs(ys)
-    usable = done & np.isfinite(xs) & (xs > 0) & np.isfinite(ys) & ((ys > 0) | (column in CONSERVED))
+    usable = done & np.isfinite(xs) & (xs > 0) & np.isfinite(ys) & ((ys > 0) | column.endswith(CONSERVED))
     note = f"The table has no column {absent[0]}." if absent else ""
     if not usable.any() and done.all():
         note = note or "no completed run has a value here"
@@ -48,9 +48,10 @@ def _cloud(table: DataFrame, x: str, column: str) -> Panel:
         pick = np.flatnonzero(mine & usable)
         pick = pick[np.argsort(-order[pick], kind="stable")]
         series.append(Series(name, xs[pick], ys[pick], crosses=places[mine & ~done]))
+    scale = "zero" if column.endswith(CONSERVED) else "log"
     return Panel(
-        series, column_named(x).label, column_named(column).label, y_scale="zero" if column in CONSERVED else "log",
-        note=note, errors=True, x_values=xs, y_values=ys[usable],
+        series, column_named(x).label, column_named(column).label, y_scale=scale, note=note, errors=True,
+        x_values=xs, y_values=ys[usable],
     )  # fmt: skip
 
 
@@ -63,10 +64,9 @@ def _by_name(table: DataFrame) -> list[tuple[str, Any]]:
 def _errors(table: DataFrame) -> list[str]:
     """The errors of the variables that the system has, of its temperatures, and of what it conserves."""
     others = [str(c) for c in table if str(c).startswith("error_") and c not in ERRORS and c != PRODUCED]
-    columns = [*(c for c in ERRORS if c not in CONSERVED), *others, *CONSERVED]
-    return [c for c in columns if c in table and (np.abs(finite(table[c])) > (-1 if c in CONSERVED else 0)).any()] or [
-        "error"
-    ]
+    conserved = [str(c) for c in table if str(c).endswith(CONSERVED)]
+    least = {c: -1 if c in conserved else 0 for c in (*ERRORS, *others, *conserved)}
+    return [c for c in least if c in table and (np.abs(finite(table[c])) > least[c]).any()] or ["error"]
 
 
 @chart

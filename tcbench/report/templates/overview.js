@@ -127,7 +127,7 @@ const walk = (event) => {
 };
 
 // the errors that runs of a scenario have: of the state, of each variable, and of what is conserved
-const errorsIn = (all) => ["error", ...unique(all.flatMap(Object.keys)).filter((c) => /^error_(?!entropy_produced)/.test(c)), "energy_error_max", "angular_momentum_error_max"]
+const errorsIn = (all) => ["error", ...unique(all.flatMap(Object.keys)).filter((c) => /^error_(?!entropy_produced)/.test(c)), ...unique(all.flatMap(Object.keys)).filter((c) => c.endsWith("_error_max"))]
   .filter((c) => all.some((r) => known(r[c]) && (r[c] > 0 || c.endsWith("_max"))));
 const speedSeries = (all, error) => [...grouped(all, "integrator")].map(([name, mine]) => {
   const control = (r) => `${r.control === "dt" ? "h" : "rtol"} = ${number(r.value)}`;
