@@ -103,3 +103,13 @@ def test_of_any_system_the_line_of_the_formula_is_named(name):
     assert f"test_check_places.py, line {wrong.__code__.co_firstlineno}, " in failed[claim]
     right = replace(scenario, system=Friction)
     assert all(line.verdict == check.OK for line in [*scenario_checks.laws(right), scenario_checks.entropies(right)])
+
+
+def test_an_exergy_that_is_mostly_offset_is_told():
+    """The least of p^2/2 + q^2/2 + exp(s) - s is 1."""
+    set_to_zero = type("SetToZero", (Friction,), {"reference_temperature": 1.0})
+    right = type("Right", (set_to_zero,), {"exergy_offset": lambda self: -1.0})
+    for kind, remedy in ((set_to_zero, "let exergy_offset() give -1 more"), (right, "")):
+        scenario = tcbench.Scenario("offset", kind, {}, initial={"q": 0.5, "p": 0.5, "s": 0.1}, t_end=1, dt=0.1)
+        found = scenario_checks.exergy(scenario)
+        assert found.verdict == check.OK and remedy in found.remedy and bool(remedy) == bool(found.remedy)
