@@ -38,27 +38,27 @@ LONGEST = 60.0  # horizon
 TABLE_S = 1.0  # of rounds for a row of a table: longer than a processor stays at one speed
 
 
-class Truss(tcbench.Network):
+class Truss(tcbench.ElementSystem):
     """Three masses and three springs in the plane, free; springs that share a mass conduct heat."""
 
     name = "truss"
-    n_positions = 6
-    elements = np.array([[0, 1, 2, 3], [2, 3, 4, 5], [4, 5, 0, 1]])
-    links = np.array([[0, 1], [1, 2], [2, 0]])
-    constants = {"mass": "position", "stiffness": "element", "kappa": (), "reference_temperature": ()}
+    tables = {"ends": ("element", 4, "position"), "pairs": ("link", 2, "element")}
+    constants = {"mass": ("position",), "stiffness": ("element",), "kappa": (), "reference_temperature": ()}
 
     def inertia(self):
         return self.mass
 
-    def element_shape(self, q):
-        return (q[2] - q[0]) ** 2 + (q[3] - q[1]) ** 2
+    def shape(self, q):
+        ends = q[self.ends]
+        return ((ends[:, 2:] - ends[:, :2]) ** 2).sum(axis=1)
 
     def element_energy(self, pi, s):
         strain, warm = 0.5 * np.log(pi), self.reference_temperature
         return self.stiffness / 2 * strain**2 + warm * (0.2 * strain + 5 * (np.exp((s - 0.2 * strain) / 5) - 1))
 
-    def link(self, a, b):
-        return self.kappa * (b - a) / a, self.kappa * (a - b) / b
+    def conduction(self, theta):
+        a, b = theta[self.pairs].T
+        return self.pairs.sums(self.kappa * np.stack([(b - a) / a, (a - b) / b], axis=1))
 
     def entropies(self, q, theta):
         return 0.1 * np.log(self.shape(q)) + 5 * np.log(theta / self.reference_temperature)
@@ -66,6 +66,7 @@ class Truss(tcbench.Network):
 
 def truss() -> tcbench.Scenario:
     constants = {"mass": np.repeat([1.0, 2.0, 1.5], 2), "stiffness": np.array([20.0, 10.0, 15.0]), "kappa": 1.0}
+    constants |= {"ends": [[0, 1, 2, 3], [2, 3, 4, 5], [4, 5, 0, 1]], "pairs": [[0, 1], [1, 2], [2, 0]]}
     return tcbench.Scenario(
         "truss", Truss, constants | {"reference_temperature": 300.0}, positions=[0.0, 0.0, 1.2, 0.1, 0.5, 0.9],
         momenta=[0.3, -0.5, 0.2, 0.8, -0.5, -0.3], temperatures=[330.0, 300.0, 280.0], t_end=5.0, dt=0.05,

@@ -18,9 +18,10 @@ import numpy as np
 
 from tcbench import Integrator, hookimpl
 from tcbench.building_blocks import directional
+from tcbench.compiler.array_states import each, entries, refilled, side_by_side
 from tcbench.compiler.cut import Cut
-from tcbench.compiler.derivatives import Symbol, array, const
-from tcbench.compiler.divided_differences import Corners, rectangle, symmetrised_slopes
+from tcbench.compiler.derivatives import Symbol, const
+from tcbench.compiler.divided_differences import rectangle, symmetrised_slopes
 from tcbench.systems.element_system import ElementSystem
 from tcbench.systems.state import State
 from tcbench.systems.system import System
@@ -33,22 +34,20 @@ def by_elements(system: ElementSystem, z0: Any, z1: Any, slopes: Callable[..., t
     system.check_shape(mid.q)
     pull = system.shape_gradient(mid.q)
     stress, theta = slopes(system.shape(z0.q), pull @ dz.q, z0.s, dz.s)
-    return system.assemble(np.asarray(stress) @ pull, mid.p, np.asarray(theta))
+    return system.assemble(stress @ pull, mid.p, theta)
 
 
-def _corners(system: ElementSystem, pi0: Any, dpi: Any, s0: Any, ds: Any) -> list[Corners]:
+def _corners(system: ElementSystem, *edges: Any) -> Any:
     """The element energies with their exact slopes along the edges of [pi0, pi1] x [s0, s1]."""
-    pairs = [rectangle(*edges) for edges in zip(pi0, dpi, s0, ds, strict=True)]
-    pi, s = (array(side) for side in zip(*pairs, strict=True))
-    return list(system.element_energy(pi, s))
+    return system.element_energy(*each(rectangle, *edges, count=2))
 
 
 def itoh_abe(system: ElementSystem, z0: Any, z1: Any) -> State:
     """Coordinate increments in the order pi, s (Itoh and Abe 1988); not symmetric, so of order 1."""
 
     def slopes(*edges: Any) -> tuple[Any, Any]:
-        found = _corners(system, *edges)
-        return [e.pi_at_s0 for e in found], [e.s_at_pi1 for e in found]
+        found: tuple[Any, Any] = each(lambda e: (e.pi_at_s0, e.s_at_pi1), _corners(system, *edges), count=2)
+        return found
 
     return by_elements(system, z0, z1, slopes)
 
@@ -62,11 +61,11 @@ def gonzalez(system: ElementSystem, z0: Any, z1: Any) -> State:
 
     def slopes(pi0: Any, dpi: Any, s0: Any, ds: Any) -> tuple[Any, Any]:
         pi, s = pi0 + 0.5 * dpi, s0 + 0.5 * ds
-        exact = [array(side) for side in zip(*map(symmetrised_slopes, _corners(system, pi0, dpi, s0, ds)), strict=True)]
-        weights = np.stack([1.0 / pi**2, 0 * pi + 1.0 / system.entropy_scale() ** 2])
-        middle = [np.asarray(slope) for slope in system.element_slopes(pi, s)]
-        stress, theta = directional(np.stack(middle), np.stack([dpi, ds]), np.stack(exact), weights)
-        return stress, theta
+        exact = each(symmetrised_slopes, _corners(system, pi0, dpi, s0, ds), count=2)
+        weights = np.stack([1.0 / pi**2, 0 * pi + 1.0 / system.entropy_scale() ** 2], axis=1)
+        middle = np.stack(system.element_slopes(pi, s), axis=1)
+        found = directional(middle, np.stack([dpi, ds], axis=1), np.stack(exact, axis=1), weights, axis=1)
+        return found[:, 0], found[:, 1]
 
     return by_elements(system, z0, z1, slopes)
 
@@ -102,7 +101,7 @@ def cut_gonzalez(F: Cut, start: list[Symbol], step: list[Symbol]) -> list[Symbol
     middle = [y + 0.5 * d for y, d in zip(start, step, strict=True)]
     slopes, exact = F.outer_slopes(middle), F.outer_discrete(start, step)
     weights = [const(0.0) if m.op == "const" else 1.0 / (1.0 + y * y) for m, y in zip(slopes, middle, strict=True)]
-    return list(directional(array(slopes), array(step), array(exact), array(weights)))
+    return entries(directional(*map(side_by_side, (slopes, step, exact, weights))))
 
 
 def cut_mean_value(F: Cut, start: list[Symbol], step: list[Symbol], points: int = 5) -> list[Symbol]:
@@ -117,10 +116,9 @@ def cut_mean_value(F: Cut, start: list[Symbol], step: list[Symbol], points: int 
 def by_cut(system: System, name: str, z0: Any, z1: Any, slopes: Callable[..., list[Symbol]]) -> State:
     """The discrete gradient of the "energy" or the "entropy"."""
     cut = system.cut(name)
-    rows = cut.gradients(list((z0 + z1) / 2))
-    dz = np.asarray(z1 - z0)
-    step = [sum((g * dz[i] for i, g in row.items()), const(0.0)) for row in rows]
-    return system.state(array(cut.joined(slopes(cut, cut.values(list(np.asarray(z0))), step), rows)))
+    rows = cut.gradients(entries((z0 + z1) / 2))
+    step = cut.moved(rows, entries(z1 - z0))
+    return system.state(refilled(z0, cut.joined(slopes(cut, cut.values(entries(z0)), step), rows)))
 
 
 EXACT = {"energy", "entropy", "angular_momentum"}

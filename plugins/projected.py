@@ -22,6 +22,7 @@ import numpy as np
 
 from tcbench import Flow, Integrator, System, TcbenchError, family, hookimpl
 from tcbench.compiler import derivatives as trace
+from tcbench.compiler.array_states import each
 from tcbench.plugins import find_integrator
 from tcbench.solver.flow_kernels import apply_explicit
 from tcbench.solver.mending import by_variable, laws, nearer
@@ -72,7 +73,7 @@ def projection(z0: Any, z1: Any, h: Any, system: System, start: Any, first: Any)
     weights = by_variable(system, moved, moved) + STILL * (1.0 + by_variable(system, z0, z0))
     z = nearer(system, z0, misses, slopes, weights, at_least=True)
     sizes = [1.0 + abs(f) for f in values]
-    noises = [ROUND_OFF * (size + sum(map(abs, slope * z0))) for size, slope in zip(sizes, slopes, strict=True)]
+    noises = [ROUND_OFF * (size + abs(slope * z0).sum()) for size, slope in zip(sizes, slopes, strict=True)]
     least = [trace.minimum(noise, NEAR / 3 * size) for noise, size in zip(noises, sizes, strict=True)]
     beyond = [abs(miss) - size for miss, size in zip(misses[:-1], least, strict=False)] + [misses[-1] - least[-1]]
     most = reduce(trace.maximum, map(trace.lifted, beyond))
@@ -85,7 +86,7 @@ def kept(z0: Any, z1: Any, h: Any, system: System, start: Any, first: Any) -> An
     sizes = [NEAR * (1.0 + abs(f)) for f in _wanted(system, start, first)]
     within = [size - abs(miss) for size, miss in zip(sizes, misses[:-1], strict=False)]
     inside = [trace.lifted(np.sqrt(x)) for x in (*within, sizes[-1] - misses[-1])]  # NaN where a law is missed
-    return z1 - trace.array(trace.guarded(x, inside) for x in map(trace.lifted, z0))
+    return z1 - each(lambda x: trace.guarded(trace.lifted(x), inside), z0)
 
 
 def _wanted(system: System, start: Any, first: Any) -> list[Any]:

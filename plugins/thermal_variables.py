@@ -12,6 +12,7 @@ and Schiebl (2019), whose formulas may differ.
 import numpy as np
 
 from tcbench import Integrator, hookimpl
+from tcbench.compiler.array_states import each
 from tcbench.compiler.divided_differences import rectangle, symmetrised_slopes
 
 
@@ -21,16 +22,13 @@ def monolithic(variables):
         system.check_shape(mid.q)
         slope = system.shape_gradient(mid.q)
         dpi = slope @ dy.q
-        pi, y = zip(*(rectangle(*e) for e in zip(system.shape(y0.q), dpi, y0.s, dy.s, strict=True)), strict=True)
-        energies, entropies = system.by_thermal_variable(variables, pi, y)
-        stress, theta, ds = [], [], []
-        for e, s, dp, d in zip(energies, entropies, dpi, dy.s, strict=True):
-            (e_pi, e_y), (s_pi, s_y) = symmetrised_slopes(e), symmetrised_slopes(s)
-            theta.append(e_y / s_y)
-            stress.append(e_pi - theta[-1] * s_pi)
-            ds.append(s_pi * dp + s_y * d)
-        DE, DS = system.assemble(np.array(stress) @ slope, mid.p, np.array(theta)), system.entropy_gradient(y0)
-        dz = np.concatenate([dy.q, dy.p, ds])
+        corners = each(rectangle, system.shape(y0.q), dpi, y0.s, dy.s, count=2)
+        energies, entropies = system.by_thermal_variable(variables, *corners)
+        (e_pi, e_y), (s_pi, s_y) = (each(symmetrised_slopes, x, count=2) for x in (energies, entropies))
+        theta = e_y / s_y
+        stress = e_pi - theta * s_pi
+        DE, DS = system.assemble(stress @ slope, mid.p, theta), system.entropy_gradient(y0)
+        dz = np.concatenate([dy.q, dy.p, s_pi * dpi + s_y * dy.s])
         return dz - h * (system.reversible(mid, DE, DS) + system.irreversible(mid, DE, DS))
 
     return residual

@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from .simulation.trajectory import Trajectory
     from .study import Study
     from .systems.element_system import ElementSystem
-    from .systems.network import Network
     from .systems.pendulum import Pendulum
     from .systems.sampling import Range
     from .systems.scenario import Scenario, ScenarioFamily
@@ -54,7 +53,6 @@ _HOME = {
     "load": "engine.run",
     "run": "engine.run",
     "ElementSystem": "systems.element_system",
-    "Network": "systems.network",
     "Pendulum": "systems.pendulum",
     "Range": "systems.sampling",
     "Scenario": "systems.scenario",
@@ -66,7 +64,7 @@ _HOME = {
 }
 
 __all__ = [
-    "Chart", "ElementSystem", "Flow", "Integrator", "Metric", "Network", "Observable", "Panel", "Pendulum", "Range",
+    "Chart", "ElementSystem", "Flow", "Integrator", "Metric", "Observable", "Panel", "Pendulum", "Range",
     "Results", "Scenario", "ScenarioFamily", "Series", "Study", "System", "TcbenchError", "Trajectory", "animate",
     "draw", "family", "hookimpl", "integrators", "load", "run", "scenarios", "simulate", "stepper",
 ]  # fmt: skip

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from .compiler.array_states import each, is_array
 from .compiler.derivatives import Symbol, array, const, lifted, refused, variables
 from .compiler.derivatives import lam as _lam
 from .compiler.derivatives import phi as _phi
@@ -81,9 +82,13 @@ def directional(gradient: Any, step: Any, exact: Any, weights: Any = 1.0, axis: 
         `system.discrete_gradient(z0, z1)`; the difference of two energies would lose its digits as the step shrinks.
     weights : w > 0 of the entries, where they have different units. axis : along which products are summed.
     """
-    gradient, step, exact = (np.asarray(part) for part in (gradient, step, exact))
+    if not is_array(gradient, step, exact):
+        gradient, step, exact = (np.asarray(part) for part in (gradient, step, exact))
     missing, length = ((exact - gradient) * step).sum(axis=axis), (weights * step * step).sum(axis=axis) + TINY
-    return gradient + np.expand_dims(missing / length, axis) * (weights * step)
+    share = missing / length
+    if np.ndim(share):
+        share = share[:, None] if is_array(share) else np.expand_dims(share, axis)
+    return gradient + share * (weights * step)
 
 
 def _by_rules(function: Callable[..., Corners], *corners: Corners) -> Corners:
@@ -97,6 +102,8 @@ def _by_rules(function: Callable[..., Corners], *corners: Corners) -> Corners:
 
 def _each(rule: Callable[..., Symbol], *arguments: Any) -> Any:
     """The rule on every entry; numbers where all entries are numbers."""
+    if is_array(*arguments):
+        return each(lambda *entry: rule(*map(lifted, entry)), *arguments)
     arrays = np.broadcast_arrays(*(np.asarray(a, dtype=object) for a in arguments))
     if any(isinstance(x, Corners) for a in arrays for x in a.flat):
         raise refused("a building block stands in what a divided difference is taken of, and has no rule there", RULES)

@@ -2,51 +2,47 @@
 
 from __future__ import annotations
 
-import re
-from functools import cache
 from typing import Any
 
 import numpy as np
 
 from tcbench import Scenario, TcbenchError
-from tcbench.systems.spring_network import SpringNetwork, whole_number
+from tcbench.systems.spring_network import SpringNetwork, tables_of, whole_number
 
 MOST = 1000  # masses along a side
 SPACING = 1.1
 
 
 class Net(SpringNetwork):
-    """Springs between points of the plane. See `net_system`."""
+    """Springs between points of the plane."""
 
     name = "net"
 
 
-@cache
-def net_system(nx: int, ny: int) -> type[SpringNetwork]:
-    """The class of nets with nx by ny masses; mass (i, j) is number i * ny + j."""
+def joined(nx: int, ny: int) -> Any:
+    """The two points that each spring joins; mass (i, j) is number i * ny + j."""
     number = np.arange(nx * ny).reshape(nx, ny)
     along = np.stack([number[:-1].ravel(), number[1:].ravel()], axis=1)
     across = np.stack([number[:, :-1].ravel(), number[:, 1:].ravel()], axis=1)
     corners = [(0, nx * ny), ((nx - 1) * ny, nx * ny + 1)]  # tied to the fixed points beyond the last mass
-    names = {"__module__": __name__, "__qualname__": f"Net{nx}x{ny}", "__doc__": f"A net of {nx} by {ny} masses."}
-    return Net.over(np.concatenate([along, across, corners]), SPACING * np.array([[-1.0, 0.0], [nx, 0.0]]), **names)
+    return np.concatenate([along, across, corners])
 
 
 def net(nx: int, ny: int, **changes: Any) -> Scenario:
     """A stretched net with a hot patch that is let go: heat spreads while it swings; changes as for replace()."""
-    kind = net_system(nx, ny)
-    m = kind.n_elements
+    ends, fixed = joined(nx, ny), SPACING * np.array([[-1.0, 0.0], [nx, 0.0]])
+    m = len(ends)
     i, j = (x.ravel() for x in np.meshgrid(np.arange(nx), np.arange(ny), indexing="ij"))
-    ends = kind.elements.reshape(m, 2, 2)  # type: ignore[attr-defined]
     places = SPACING * np.stack([i, j], axis=1)
-    middle = np.concatenate([places.ravel(), kind.anchors])[ends].mean(axis=1)  # type: ignore[attr-defined]
+    middle = np.concatenate([places, fixed])[ends].mean(axis=1)
     distance = ((middle - SPACING * np.array([nx - 1, ny - 1]) / 2) ** 2).sum(axis=1)
     speed = 0.3 * np.stack([np.sin(0.7 * (j + 1)), np.sin(0.9 * (i + 1))], axis=1)
     scenario = Scenario(
         name=f"net_{nx}x{ny}",
-        system=kind,
+        system=Net,
         constants={
-            "masses": np.ones(nx * ny), "stiffness": np.full(m, 10.0), "natural_lengths": np.ones(m),
+            **tables_of(ends, fixed), "masses": np.ones(nx * ny),
+            "stiffness": np.full(m, 10.0), "natural_lengths": np.ones(m),
             "conductivity": 10.0, "reference_temperature": 300.0, "coupling": 0.2, "heat_capacity": 5.0,
         },
         positions=tuple(places.ravel()),
@@ -66,11 +62,3 @@ def net_of(nx: str, ny: str) -> Scenario:
         if whole_number(size, 2, MOST) is None:
             raise TcbenchError(f"A net has 2 to {MOST} masses along each side, not {size[:30]!r}: net[nx=10,ny=10].")
     return net(int(nx), int(ny))
-
-
-def __getattr__(name: str) -> Any:
-    """Net3x3, ...: workers look the class of a scenario up by its name."""
-    found = re.fullmatch(r"Net([1-9]\d*)x([1-9]\d*)", name)
-    if found is None:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return net_system(int(found[1]), int(found[2]))

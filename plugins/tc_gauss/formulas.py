@@ -5,7 +5,6 @@ See `step` for the equations. The kernels on vectors treat all nodes, or eight q
 
 from __future__ import annotations
 
-from contextlib import suppress
 from functools import cache, reduce
 from typing import Any, NamedTuple
 
@@ -13,14 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcbench.compiler import derivatives as trace
+from tcbench.compiler.array_states import entries
 from tcbench.compiler.kernels import WIDTH, Kernel, constant_part, kernel
 from tcbench.compiler.language import PLAIN
-from tcbench.compiler.symbols import MixedSpaces
 from tcbench.errors import TcbenchError
 from tcbench.reference.collocation import gauss_nodes, tableau
 from tcbench.reference.precision import LONG
 from tcbench.systems.momenta import lengthening, restored_momenta
-from tcbench.systems.network import Network
 from tcbench.systems.system import System
 
 # points of the quadratures, whole numbers of vectors: the coarsest that keeps the energy is taken
@@ -102,15 +100,14 @@ class Formulas(NamedTuple):
 
 @cache
 def formulas(symbolic: System) -> Formulas:
-    """The formulas of a system, traced from its functions; of a large network on one element for all.
+    """The formulas of a system, traced from its functions; of a large one over spaces on arrays.
 
     symbolic: one object for all systems of one structure, as `System.symbolic` gives it; so below.
     """
-    if isinstance(symbolic, Network) and symbolic.n_elements > MOST_ELEMENTS:
+    if symbolic.large and symbolic.n_elements > MOST_ELEMENTS:
         from .by_elements import formulas_of
 
-        with suppress(MixedSpaces):  # not the same for all elements
-            return Formulas(formulas_of(symbolic), None, kernel({}, []), {}, None)
+        return Formulas(formulas_of(symbolic), None, kernel({}, []), {}, None)
     with trace.tracing() as table:
         return whole_formulas(symbolic, symbolic.constant_symbols())._replace(table=table)
 
@@ -121,7 +118,7 @@ def whole_formulas(system: Any, constant_symbols: dict[Any, str]) -> Formulas:
     h = trace.variable("h")
     constants = {h: "b[0]"} | constant_symbols
     z = trace.variables("z", system.size)
-    bodies = [*iterated(system), _mending(system, z)]
+    bodies = [*((entries(*x), entries(*y)) for x, y in iterated(system)), _mending(system, z)]
     bodies.insert(0, (list(z), _start(system, z)))
     some = 2 < system.n_elements <= MOST_ELEMENTS
     if some:
@@ -141,14 +138,14 @@ def whole_formulas(system: Any, constant_symbols: dict[Any, str]) -> Formulas:
 
 
 def iterated(system: Any) -> list[tuple[list[Any], list[Any]]]:
-    """Inputs and values of what an iteration asks for: rates of the shapes, slopes of the elements, rates."""
+    """Arrays in and out of what an iteration asks for: rates of the shapes, slopes of the elements, rates."""
     v, q = (system.fresh(name, "position") for name in "vq")
     pi, s, sigma, theta = (system.fresh(name, "element") for name in ("pi", "s", "sigma", "theta"))
     stress, temperature = system.element_slopes(pi, s)
     return [
-        ([*v, *q], list(system.shape_gradient(q) @ v)),
-        ([*pi, *s], [*stress, *temperature]),
-        ([*v, *q, *sigma, *theta], [*(-(sigma @ system.shape_gradient(q))), *system.conduction(theta)]),
+        ([v, q], [system.shape_gradient(q) @ v]),
+        ([pi, s], [stress, temperature]),
+        ([v, q, sigma, theta], [-(sigma @ system.shape_gradient(q)), system.conduction(theta)]),
     ]
 
 
@@ -281,11 +278,11 @@ def _conduction_matrix(system: Any, z: Any) -> list[Any]:
 def noise_of(system: Any, z: Any, energy: Any) -> Any:
     """Some rounding errors of each element's heat, of the work that it holds, of the motion, of positions under their
     forces and of the total."""
-    n, e, state = system.n_positions, system.n_elements, system.state(z)
-    pi, theta, force = system.shape(state.q), system.temperatures(z), system.vector_field(z)[n : 2 * n]
-    held = sum(abs(x) for x in system.element_slopes(pi, state.s)[0] * pi)
-    placed = sum(abs(x) for x in force * state.q)
-    heat = sum(theta * (np.ones(e) * system.entropy_scale()))
+    state = system.state(z)
+    pi, theta, force = system.shape(state.q), system.temperatures(z), system.state(system.vector_field(z)).p
+    held = np.sum(abs(system.element_slopes(pi, state.s)[0] * pi))
+    placed = np.sum(abs(force * state.q))
+    heat = np.sum(theta * system.entropy_scale())
     return 2.0**-51 * (heat + held + state.p @ (state.p / system.inertia()) + placed + abs(energy) + 1.0)
 
 

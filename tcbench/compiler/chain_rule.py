@@ -11,12 +11,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from . import arrays
 from .derivatives import (
     LINEAR,
     Symbol,
     accumulate,
+    add,
     const,
     depends_on,
+    mul,
     partials,
     phi,
     rebuild,
@@ -49,6 +52,9 @@ def discrete_gradient(
             continue
         ends = [edges[a.number] for a in node.args]
         value = rebuild(node.op, tuple(edge.value for edge in ends), node.value)
+        if node.op in arrays.LINEAR:
+            edges[node.number] = Edge(value, rebuild(node.op, tuple(edge.step for edge in ends), node.value))
+            continue
         slopes[node.number] = along = divided_differences(node, ends, value)
         change = ZERO
         for edge, slope in zip(ends, along, strict=True):
@@ -109,7 +115,17 @@ def _backwards(output: Symbol, inputs: Sequence[Symbol], slopes: Callable[[Symbo
     for node in reversed(topological([output])):
         if node.number in ends or node.number not in moving or node.number not in by:
             continue
-        for argument, slope in zip(node.args, slopes(node), strict=True):
-            if argument.number in moving:
-                accumulate(by, by[node.number], {argument.number: slope})
+        y = by[node.number]
+        of_arrays = node.op in arrays.LINEAR
+        for k, slope in enumerate(arrays.transposed(node, y) if of_arrays else slopes(node)):
+            argument = node.args[k]
+            if argument.number not in moving:
+                continue
+            if of_arrays or argument.space != node.space:
+                part = slope if of_arrays else mul(y, slope)
+                if argument.space == arrays.NUMBER and node.op != "total":  # a number that all entries read
+                    part = arrays.total("add", part, arrays.reader(node, k))
+                by[argument.number] = add(by[argument.number], part) if argument.number in by else part
+            else:
+                accumulate(by, y, {argument.number: slope})
     return [by.get(x.number, ZERO) for x in inputs]

@@ -8,8 +8,10 @@ they are, the gradient sum_b F_b grad y_b(z) keeps what belongs to a symmetry of
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from . import derivatives as trace
+from .arrays import LINEAR, along, total, variable
 from .chain_rule import discrete_gradient, gradient
 from .derivatives import Symbol
 
@@ -26,19 +28,30 @@ class Cut:
                 if degree[node.number] > 2:
                     cut |= {a.number: a for a in node.args if 1 <= degree[a.number] <= 2}
         self.inner = list(cut.values())
-        self.y = [trace.variable(f"y{i}") for i in range(len(self.inner))]
+        self.y = [variable(f"y{i}", y.space) for i, y in enumerate(self.inner)]
         (self.outer,) = trace.substitute([f], dict(zip(self.inner, self.y, strict=True)))
-        self.rows = trace.sparse_jacobian(self.inner, self.x)
+        self.of_arrays = any(y.space for y in self.x)
+        self.rows = [] if self.of_arrays else trace.sparse_jacobian(self.inner, self.x)
         self.slopes = gradient(self.outer, self.y)
 
     def values(self, z: Sequence[Symbol]) -> list[Symbol]:
         """The y at a state."""
         return trace.substitute(self.inner, dict(zip(self.x, z, strict=True)))
 
-    def gradients(self, z: Sequence[Symbol]) -> list[dict[int, Symbol]]:
-        """Of each y at a state: number of the variable -> slope."""
+    def gradients(self, z: Sequence[Symbol]) -> Any:
+        """Of each y at a state: number of the variable -> slope. Of arrays the state, for `moved` and `joined`."""
+        if self.of_arrays:
+            return list(z)
         here = dict(zip(self.x, z, strict=True))
         return [dict(zip(row, trace.substitute(list(row.values()), here), strict=True)) for row in self.rows]
+
+    def moved(self, rows: Any, dz: Sequence[Symbol]) -> list[Symbol]:
+        """grad y . dz of each y, with its gradients."""
+        if not self.of_arrays:
+            return [sum((g * dz[i] for i, g in row.items()), trace.const(0.0)) for row in rows]
+        steps = [variable("step", x.space) for x in self.x]
+        found = along(self.inner, dict(zip(self.x, steps, strict=True)))
+        return trace.substitute(found, dict(zip([*self.x, *steps], [*rows, *dz], strict=True)))
 
     def outer_slopes(self, y: Sequence[Symbol]) -> list[Symbol]:
         """grad F at these y."""
@@ -48,8 +61,13 @@ class Cut:
         """The discrete gradient of F by the chain rule."""
         return discrete_gradient(self.outer, self.y, start, step)
 
-    def joined(self, slopes: Sequence[Symbol], rows: Sequence[dict[int, Symbol]]) -> list[Symbol]:
+    def joined(self, slopes: Sequence[Symbol], rows: Any) -> list[Symbol]:
         """sum_b slopes_b rows_b: a gradient by z."""
+        if self.of_arrays:
+            held = [variable("slope", y.space) for y in self.inner]
+            work = [total("add", w * y, y.space) for w, y in zip(held, self.inner, strict=True)]
+            found = gradient(sum(work, trace.const(0.0)), self.x)
+            return trace.substitute(found, dict(zip([*self.x, *held], [*rows, *slopes], strict=True)))
         found = [trace.const(0.0)] * len(self.x)
         for slope, row in zip(slopes, rows, strict=True):
             for i, g in row.items():
@@ -64,8 +82,8 @@ def _degrees(f: Symbol, x: Sequence[Symbol]) -> dict[int, int]:
         if node.number in degree:
             continue
         parts = [degree[a.number] for a in node.args]
-        if node.op in ("add", "sub", "neg", "mark"):
-            degree[node.number] = max(parts)
+        if node.op in ("add", "sub", "neg", "mark", *LINEAR):
+            degree[node.number] = max(parts, default=0)
         elif node.op == "mul":
             degree[node.number] = min(3, sum(parts))
         else:

@@ -252,9 +252,9 @@ def substitute(outputs: Sequence[Symbol], replacement: Mapping[Symbol, Symbol]) 
 def rebuild(op: str, args: tuple[Any, ...], value: Any = None) -> Any:
     """The node `op(*args)` through the simplifying constructors; value: what it carries beside its arguments."""
     if value is not None:
-        from . import spaces
+        from . import arrays
 
-        return spaces.rebuilt(op, args, value)
+        return arrays.rebuilt(op, args, value)
     constructors: dict[str, Any] = {
         "add": add, "sub": sub, "mul": mul, "neg": neg, "recip": reciprocal, "phi": phi, "lam": lam,
         "mark": mark, "max": maximum, "min": minimum, "pow": power, "sinc": sinc,

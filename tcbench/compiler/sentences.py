@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
-from functools import cache
 from types import FrameType
 
 from ..errors import TraceError
@@ -30,24 +28,3 @@ def where_in_user_code() -> str:
 def refused(what: str, remedy: str = _REMEDY, where: str = "") -> TraceError:
     """An error that names the line of the formula."""
     return TraceError(f"{where or where_in_user_code()}: {what}. {remedy}.")
-
-
-@dataclass(frozen=True, eq=False)
-class Space:
-    """What a symbol stands for all of (positions, elements, ...), and which of the two representatives it is."""
-
-    name: str
-    which: int
-
-
-@cache
-def space_of(name: str, which: int) -> Space:
-    return Space(name, which)
-
-
-class MixedSpaces(TraceError):
-    """A formula that does not do the same with all entries of an array."""
-
-
-def mixed_up(what: str) -> MixedSpaces:
-    return MixedSpaces(f"{where_in_user_code()}: {what}")

@@ -24,7 +24,7 @@ from ..errors import TraceError
 from .collector import paused
 from .language import FUNCTIONS
 from .once import LOCK
-from .sentences import MixedSpaces, Space, mixed_up, refused, where_in_user_code
+from .sentences import refused, where_in_user_code
 
 Key = tuple[str, tuple[int, ...], Any]  # of an expression: operation, numbers of its arguments, value
 
@@ -37,7 +37,7 @@ class _Expressions(threading.local):
 
 
 _KNOWN = _Expressions()
-_OF_ARGUMENTS = object()
+TAKE = "Take it along a table first: x[self.table], self.table.sums(x)"
 _COUNTER = iter(range(sys.maxsize))
 
 
@@ -57,13 +57,6 @@ def tracing(known: Mapping[Key, Symbol] | None = None) -> Iterator[Mapping[Key, 
 def expressions() -> Mapping[Key, Symbol]:
     """Those of the trace that is going on."""
     return _KNOWN.table
-
-
-def mixed(a: Symbol, b: Symbol) -> MixedSpaces:
-    names = [x.space.name if x.space else "number" for x in (a, b)]
-    if names[0] == names[1]:
-        return mixed_up(f"two different {names[0]}s meet in one operation")
-    return mixed_up(f"a {names[0]} and a {names[1]} meet in one operation")
 
 
 def _is_positive(op: str, args: tuple[Symbol, ...], value: Any) -> bool:
@@ -91,16 +84,14 @@ Number: TypeAlias = "Symbol | float | np.floating[Any] | np.integer[Any]"
 class Symbol:
     """One value of the expression graph; behaves as a number in numpy object arrays."""
 
-    __slots__ = ("__weakref__", "args", "number", "op", "positive", "sample", "space", "twin", "value")
+    __slots__ = ("__weakref__", "args", "number", "op", "positive", "space", "value")
     positive: bool  # known to be: what an author says is, and what is made of such
-    sample: float | None
-    space: Space | None
-    twin: Symbol | None
+    space: str  # of what it stands for an array of all: see `arrays`; "" of a number
 
     def __init__(self, op: str, args: tuple[Symbol, ...], value: Any) -> None:
         self.op, self.args, self.value = op, args, value
         self.number = next(_COUNTER)  # order of creation: a topological order
-        self.space = self.twin = self.sample = None  # see `spaces`: of a symbol that stands for an array
+        self.space = ""
         self.positive = _is_positive(op, args, value)
 
     def __repr__(self) -> str:
@@ -192,40 +183,27 @@ def _lift(other: Any, operation: Callable[[Symbol], Symbol]) -> Symbol:
     if isinstance(other, Symbol):
         return operation(other)
     if isinstance(other, int | float | np.floating | np.integer):
-        known = getattr(other, "symbol", None)  # of a `spaces.Count`
-        return operation(const(float(other)) if known is None else known)
+        return operation(const(float(other)))
     theirs: Symbol = NotImplemented
     return theirs
 
 
-def intern(op: str, args: tuple[Symbol, ...], value: Any = None, space: Any = _OF_ARGUMENTS) -> Symbol:
+def intern(op: str, args: tuple[Symbol, ...], value: Any = None, space: str | None = None) -> Symbol:
+    """The node of this operation; space: of its value, by default that of its arguments."""
     key = (op, tuple(a.number for a in args), value)
     table = _KNOWN.table
     node = table.get(key)
     if node is None:
-        if space is _OF_ARGUMENTS:
-            space = None
+        if space is None:
+            space = ""
             for a in args:
-                if a.space is not space and a.space is not None:
-                    if space is not None:
-                        return _across(op, args)
+                if a.space != space and a.space:
+                    if space:
+                        raise refused(f"an array of {space}s meets one of {a.space}s", TAKE)
                     space = a.space
         node = table[key] = Symbol(op, args, value)
         node.space = space
     return node
-
-
-def _across(op: str, args: tuple[Symbol, ...]) -> Symbol:
-    """An operation of symbols of several spaces: a sum (an extreme) over all entries, or refused."""
-    if op not in ("add", "max", "min"):
-        raise mixed(*[a for a in args if a.space is not None][:2])
-    from .spaces import across
-
-    return across(op, *args)
-
-
-def rebuilt_pair(op: str, a: Symbol, b: Symbol) -> Symbol:
-    return {"add": add, "max": maximum, "min": minimum}[op](a, b)
 
 
 def const(value: float) -> Symbol:

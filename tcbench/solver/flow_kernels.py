@@ -23,13 +23,11 @@ from ..compiler.derivatives import Symbol, const
 from ..compiler.formula_hash import formula_hash
 from ..compiler.kernels import Kernel, constant_part, kernel
 from ..compiler.once import cached_property
-from ..compiler.sentences import MixedSpaces
 from ..errors import TcbenchError, TraceError, misnamed
 from ..integrator import Flow, Residual
 from ..systems.element_system import ElementSystem
 from ..systems.state import State
 from ..systems.system import System
-from ..systems.traced import FEW
 from .elimination import ZERO_PIVOT, factorise
 from .first_values import near_start, plain_start, scales_of
 from .foresight import foreseen
@@ -93,20 +91,17 @@ class FlowKernels:
 
 def build(flow: Flow, system: System) -> FlowKernels:
     """Trace, reduce, differentiate and print one flow; nothing is compiled yet."""
-    symbolic, why = system.symbolic, ""  # its symbols come first, whoever made them
-    if hasattr(type(symbolic), "by_spaces") and system.size > FEW:  # a Network
-        from .space_flow import space_flow
+    symbolic = system.symbolic  # its symbols come first, whoever made them
+    with foreseen(system, 1 + flow.stages, by_loops=system.large):
+        if system.large:
+            from .array_flow import flow_of
 
-        try:
-            with foreseen(system, 1 + flow.stages, by_loops=True):
-                return space_flow(flow, symbolic).kernels(symbolic.mesh)
-        except MixedSpaces as error:
-            why = f", traced as a whole ({error})"
-    with foreseen(system, 1 + flow.stages, by_loops=False), trace.tracing():
-        return _build(flow, symbolic, why)
+            return flow_of(flow, formula_hash(flow.residual), system.by_arrays).kernels(system.mesh)
+        with trace.tracing():
+            return _build(flow, symbolic)
 
 
-def _build(flow: Flow, system: System, why: str) -> FlowKernels:
+def _build(flow: Flow, system: System) -> FlowKernels:
     sym, n = system.symbolic, system.size
     h, z0 = trace.variable("h"), trace.variables("z", n)
     d = trace.variables("d", n * (1 + flow.stages))
@@ -163,7 +158,7 @@ def _build(flow: Flow, system: System, why: str) -> FlowKernels:
         n_eliminated=len(parts.moved),
         n_positive=len(positive),
         pattern=slopes.pattern if slopes else None,
-        way=f"sparse: {len(x)} unknowns{why}" if slopes else f"unrolled: {len(x)} unknowns" if x else f"explicit{why}",
+        way=f"sparse: {len(x)} unknowns" if slopes else f"unrolled: {len(x)} unknowns" if x else "explicit",
     )
 
 

@@ -54,7 +54,7 @@ def foreseen(system: System, copies: int, by_loops: bool) -> Iterator[None]:
     seconds, megabytes = (x * system.size * copies for x in (LOOPS if by_loops else WHOLE))
     room, cure = memory(), "a smaller one is needed"
     if not by_loops:
-        cure = "declare its elements (tcbench.Network, docs/add-system.md): they are then traced one for all"
+        cure = "declare its spaces (docs/add-system.md): formulas are then traced on arrays"
     if room is not None and megabytes > SPARE * room:
         raise MachineError(
             f"A {system.name} of {system.size} numbers needs about {_gigabytes(megabytes)} to be traced "

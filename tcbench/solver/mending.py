@@ -16,6 +16,7 @@ import numpy as np
 
 from ..compiler import derivatives as trace
 from ..compiler import kernels
+from ..compiler.array_states import Blocks, entries, is_array, refilled
 from ..compiler.derivatives import Symbol, const
 from ..compiler.kernels import constant_part, kernel
 from ..compiler.language import Floats, Kernel, call, rare
@@ -60,13 +61,19 @@ def nearer(
 
 def by_variable(system: System, x: Any, y: Any) -> Any:
     """For each number of a state x . y of its variable, which does not turn with the axes."""
+    if is_array(x):
+        products = [trace.lifted(np.sum(a * b)) for a, b in zip(x.blocks, y.blocks, strict=True)]
+        found = [refilled(a, [v] * len(entries(a))) for a, v in zip(x.blocks, products, strict=True)]
+        return Blocks(found, x.names)
     blocks = [slice(*system.layout[name][:2]) for name in system.variables]
     pairs = [(np.asarray(x)[block], np.asarray(y)[block]) for block in blocks]
     return trace.array(product for a, b in pairs for product in [a @ b] * len(a))
 
 
 def _dot(system: System, x: Any, y: Any) -> Any:
-    """x . y, variable by variable: of a network each is a sum over all of its elements."""
+    """x . y, variable by variable."""
+    if is_array(x):
+        return x @ y
     blocks = [slice(*system.layout[name][:2]) for name in system.variables]
     return sum((np.asarray(x)[block] @ np.asarray(y)[block] for block in blocks), const(0.0))
 

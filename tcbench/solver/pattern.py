@@ -12,6 +12,7 @@ from ..compiler.library import callback
 from ..compiler.once import cached_property
 
 Ints = NDArray[np.int64]
+SHARED = 20  # times the root of their number: a row that sees more is of what all share, as a bath
 
 
 class Pattern:
@@ -29,7 +30,14 @@ class Pattern:
         i = np.concatenate([np.asarray(rows, np.int64), np.arange(n)])
         j = np.concatenate([np.asarray(columns, np.int64), np.arange(n)])
         graph = coo_matrix((np.ones(len(i), np.int8), (i, j)), shape=(n, n)).tocsr()
-        self.order = np.ascontiguousarray(reverse_cuthill_mckee(graph + graph.T, symmetric_mode=True), dtype=np.int64)
+        graph = (graph + graph.T).tocsr()
+        shared = np.flatnonzero(np.diff(graph.indptr) > SHARED * np.sqrt(n))
+        if len(shared):  # they see most of the others: behind these, whose factors stay narrow
+            own = np.setdiff1d(np.arange(n), shared)
+            order = own[reverse_cuthill_mckee(graph[own][:, own].tocsr(), symmetric_mode=True)]
+            self.order = np.concatenate([order, shared]).astype(np.int64)
+        else:
+            self.order = np.ascontiguousarray(reverse_cuthill_mckee(graph, symmetric_mode=True), dtype=np.int64)
         inverse = np.empty(n, np.int64)
         inverse[self.order] = np.arange(n)
         key, found = np.unique(inverse[i] * n + inverse[j], return_inverse=True)

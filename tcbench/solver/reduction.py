@@ -5,10 +5,12 @@ Works on the graph of the residual; its cost is linear in the number of rows whe
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 from ..compiler import derivatives as trace
+from ..compiler.array_jacobian import jacobian_terms
+from ..compiler.arrays import LINEAR
 from ..compiler.derivatives import Symbol, const
 
 SMALL = 64  # unknowns up to which rows are taken one by one, each time through all of them
@@ -32,20 +34,13 @@ class Reduction:
         return [e for e, formula in self.eliminated.items() if formula.number in moving]
 
 
-def reduce(
-    rows: Sequence[Symbol],
-    unknowns: Sequence[Symbol],
-    sweep: bool = False,
-    only: Collection[Symbol] | None = None,
-    unseen: bool = False,
-) -> Reduction:
+def reduce(rows: Sequence[Symbol], unknowns: Sequence[Symbol], unseen: bool = False) -> Reduction:
     """Drop unknowns that do not move, and eliminate those that their own row gives explicitly or linearly.
 
     A row i goes that reads a*d_i + g = 0 with a constant a > 0 and g free of d_i, affine in the other unknowns.
-    sweep: whatever the number; of arrays (`spaces`), of which a row may see other entries of an unknown: it then stays.
-    only: the unknowns that may go; None: any. unseen: also those that no other row sees, however theirs is curved.
+    unseen: also those that no other row sees, however theirs is curved.
     """
-    if len(unknowns) <= SMALL and not sweep:
+    if len(unknowns) <= SMALL:
         return _one_by_one(Reduction(list(rows), list(unknowns)), unseen)
     left, eliminated = list(zip(rows, unknowns, strict=True)), dict[Symbol, Symbol]()
     curvature = _Curvature(unknowns)
@@ -54,7 +49,7 @@ def reduce(
         inserted = trace.Substitution(eliminated)
         for row, unknown in left:
             row = inserted(row)
-            formula = _solved(row, unknown, curvature) if only is None or unknown in only else None
+            formula = _solved(row, unknown, curvature)
             if formula is None:
                 kept.append((row, unknown))
             else:
@@ -65,6 +60,43 @@ def reduce(
             break
     left.reverse()  # entropies first: their pivots are safe at any h (an M-matrix)
     return Reduction([row for row, _ in left], [unknown for _, unknown in left], _closed(eliminated))
+
+
+def reduce_arrays(rows: Sequence[Symbol], unknowns: Sequence[Symbol], h: Symbol) -> Reduction:
+    """The same of arrays: those go that their row gives entry by entry, however it is curved in others.
+
+    What belongs to one entry alone, as the flow of a dashpot, is condensed so.
+    """
+    left, eliminated = list(zip(rows, unknowns, strict=True)), dict[Symbol, Symbol]()
+    while True:
+        before = len(eliminated)
+        for row, unknown in list(left):
+            row = next(r for r, x in left if x is unknown)
+            formula = _of_array(row, unknown, h)
+            if formula is None:
+                continue
+            others = [(r, x) for r, x in left if x is not unknown]
+            found = trace.substitute([*(r for r, _ in others), *eliminated.values()], {unknown: formula})
+            left = [(r, x) for r, (_, x) in zip(found, others, strict=False)]
+            eliminated = dict(zip(eliminated, found[len(left) :], strict=True)) | {unknown: formula}
+        if len(eliminated) == before:
+            left.reverse()
+            return Reduction([row for row, _ in left], [unknown for _, unknown in left], eliminated)
+
+
+def _of_array(row: Symbol, unknown: Symbol, h: Symbol) -> Symbol | None:
+    """The formula that the row gives for an array; None where it is not linear in that, or sees other entries of it."""
+    if _Curvature([unknown])(row) != AFFINE:
+        return None
+    (found,) = jacobian_terms([row], [unknown])
+    if len(found) != 1:
+        return None
+    ((term, a),) = found.items()
+    (still,) = trace.substitute([a], {h: const(0.0)})
+    if term.rows or term.columns or still.op != "const" or still.value <= 0:
+        return None
+    (g,) = trace.substitute([row], {unknown: const(0.0)})
+    return trace.neg(trace.mul(g, trace.reciprocal(a)))
 
 
 def _one_by_one(state: Reduction, unseen: bool) -> Reduction:
@@ -130,8 +162,8 @@ class _Curvature:
     def __call__(self, output: Symbol) -> int:
         for node in trace.topological_beyond([output], self.found):
             parts = [self.found[a.number] for a in node.args]
-            if node.op in ("add", "sub", "neg", "mark"):
-                kind = max(parts)
+            if node.op in ("add", "sub", "neg", "mark", *LINEAR):
+                kind = max(parts, default=FREE)
             elif node.op == "mul":
                 kind = min(CURVED, sum(parts))
             else:

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..compiler import derivatives as trace
+from ..compiler.array_states import Blocks, fitted, is_array
+from ..compiler.array_symbols import ArraySymbol
 from ..compiler.sentences import ELEMENTARY
 from ..errors import TcbenchError, unknown_name
 from .declaration import whole
@@ -33,7 +35,7 @@ def as_written(formula: Callable[..., Any], name: str) -> Callable[..., Any]:
         except TcbenchError:
             raise
         except Exception as error:  # numpy and Python refuse symbols with errors of their own
-            symbolic = any(np.asarray(state).dtype == object for state in states)
+            symbolic = is_array(*states) or any(np.asarray(state).dtype == object for state in states)
             why = f"{type(error).__name__}: {str(error).rstrip('.')}"
             if "read-only" in why:
                 why += ": a formula does not write to its arguments. Write a = a + b, not a += b"
@@ -50,7 +52,8 @@ def as_written(formula: Callable[..., Any], name: str) -> Callable[..., Any]:
 def _read_only(self: System, values: Any) -> Any:
     """A formula that writes to its arguments changes what the method put in."""
     state = self.state(values)
-    state.setflags(write=False)
+    if not is_array(state):
+        state.setflags(write=False)
     return state
 
 
@@ -70,6 +73,8 @@ def place(formula: Callable[..., Any], error: Exception | None = None) -> str:
 
 
 def _number(self: System, found: Any, where: str) -> Any:
+    if is_array(found):
+        raise TcbenchError(f"{where} returns one number, not {found!r}; x.sum() adds up.")
     array = np.asarray(found, dtype=object)
     if array.size != 1 or array.item() is None or isinstance(array.item(), str):
         raise TcbenchError(
@@ -80,17 +85,32 @@ def _number(self: System, found: Any, where: str) -> Any:
 
 
 def _rates(self: System, found: Any, where: str) -> Any:
-    rates = trace.array([trace.const(0.0)] * self.size)
     example = next(iter(self.variables), "q")
-    for name, value in _named(found, where, f"rates by the name of their variable, {{{example!r}: ...}}").items():
+    found = _named(found, where, f"rates by the name of their variable, {{{example!r}: ...}}")
+    for name in found:
         if name not in self.variables:
             raise TcbenchError(f"{where}: {unknown_name(f'variable of {self.name!r}', str(name), self.variables)}")
+    if self.by_array:
+        return self.state(_array_rates(self, found, where))
+    rates = trace.array([trace.const(0.0)] * self.size)
+    for name, value in found.items():
         first, end, shape = self.layout[name]
         array = np.asarray(value, dtype=object)
         if array.shape != shape:
             raise TcbenchError(f"{where}: the rate of {name!r} is {whole(shape)}, not shape {array.shape}.")
         rates[first:end] = [trace.lifted(x) for x in array.ravel()]
     return self.state(rates)
+
+
+def _array_rates(self: System, found: Mapping[str, Any], where: str) -> Blocks:
+    """The same on arrays."""
+    z = self.fresh_state("z")
+    for name, value in found.items():
+        like = getattr(z, name)
+        if isinstance(like, ArraySymbol) and not isinstance(value, ArraySymbol):
+            raise TcbenchError(f"{where}: the rate of {name!r} is one for each {like.space}, not {value!r}.")
+    rates = [fitted(found.get(name, 0.0), getattr(z, name), f"{where}: the rate of {name}") for name in self.variables]
+    return Blocks(rates)
 
 
 def _named(found: Any, where: str, what: str) -> Mapping[Any, Any]:

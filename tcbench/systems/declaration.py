@@ -32,12 +32,17 @@ def check_declared(cls: type[System], general: type[System]) -> None:
             f"class {cls.__name__}(ElementSystem), from tcbench import ElementSystem; all else stays. System is the "
             "class of any GENERIC system (docs/add-system.md)."
         )
-    for name in cls.constants:
+    for name in (*cls.constants, *cls.tables):
         if name in SETTINGS:
             raise _taken(cls, "constant", name)
+    _check_spaces(cls)
     if base is general and cls is not general:
         _check_variables(cls)
         for rate, matrix in MATRICES.items():
+            if cls.defines(matrix) and cls.has_spaces():
+                raise TcbenchError(
+                    f"{cls.__name__} has variables over spaces and a matrix, {matrix}(); write {rate}(), a formula."
+                )
             if cls.defines(rate) and cls.defines(matrix):
                 raise TcbenchError(
                     f"{cls.__name__} has {rate}() and {matrix}(), which say the same; write one of them."
@@ -53,10 +58,37 @@ def _check_variables(cls: type[System]) -> None:
             raise TcbenchError(f"{cls.__name__}: a variable has a name that Python takes, as in z.q, not {name!r}.")
         if hasattr(State, name) or name in (*SETTINGS, *COLUMNS, *cls.constants):
             raise _taken(cls, "variable", name)
-        if not (isinstance(shape, tuple) and all(isinstance(n, int) and n > 0 for n in shape)):
+        _check_shape(cls, f"the variable {name!r}", shape)
+
+
+def _check_shape(cls: type[System], what: str, shape: Any) -> None:
+    sizes = shape[1:] if isinstance(shape, tuple) and shape and _is_space(shape[0]) else shape
+    if not (isinstance(sizes, tuple) and all(isinstance(n, int) and n > 0 for n in sizes)):
+        raise TcbenchError(
+            f"{cls.__name__}: the shape of {what} is () for a number, (3,) for three, ('node', 2) for two of each "
+            f"node; not {shape!r}."
+        )
+
+
+def _is_space(name: Any) -> bool:
+    return isinstance(name, str) and name.isidentifier()
+
+
+def _check_spaces(cls: type[System]) -> None:
+    """Constants and tables over spaces, as they are declared."""
+    shape: Any  # whatever an author wrote
+    for name, shape in cls.constants.items():
+        if isinstance(shape, tuple) and any(isinstance(n, str) for n in shape):
+            _check_shape(cls, f"the constant {name!r}", shape)
+    for name, shape in cls.tables.items():
+        good = isinstance(shape, tuple) and len(shape) > 1 and all(isinstance(n, int) and n > 0 for n in shape[1:-1])
+        if not (good and _is_space(shape[0]) and all(map(_is_space, str(shape[-1]).split("+")))):
             raise TcbenchError(
-                f"{cls.__name__}: the shape of the variable {name!r} is () for a number, (3,) for three; not {shape!r}."
+                f"{cls.__name__}: the table {name!r} is declared by what has numbers, how many each, and of what: "
+                f"('spring', 2, 'node') or ('spring', 2, 'node+anchor'); not {shape!r}."
             )
+        if name in cls.constants:
+            raise _taken(cls, "table", name)
 
 
 def _taken(cls: type[System], kind: str, name: str) -> TcbenchError:

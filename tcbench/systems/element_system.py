@@ -7,16 +7,22 @@ these have temperatures in the place of entropies as variables, and the paper's 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import wraps
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..compiler import chain_rule
 from ..compiler import derivatives as trace
+from ..compiler.array_states import each, entries, is_array, refilled
+from ..compiler.array_symbols import ArraySymbol
+from ..compiler.arrays import variable
 from ..compiler.divided_differences import rectangle, symmetrised_slopes
 from ..compiler.once import cached_property
 from ..errors import TcbenchError
+from .array_elements import ArraySlope, element_slopes, temperature_field
 from .operators import Poisson, SparseRows
 from .refusals import check_degree, check_own
 from .sizes import check_sizes
@@ -59,7 +65,8 @@ class ElementSystem(ThermalVariables, System):
     collapsed = "an element collapsed (strain measure not positive)"
     initial_data = ("positions", "momenta", "temperatures")
     written: ClassVar[tuple[str, ...]] = (
-        "name", "constants", "positive", "non_negative", "reference_temperature", "source", "n_positions", "n_elements",
+        "name", "constants", "tables", "positive", "non_negative", "reference_temperature", "source", "n_positions",
+        "n_elements",
         "inertia", "shape", "element_energy", "conduction", "entropies", "invariants", "conduction_flow", "points",
         "entropy_scale", "exergy_offset",
     )  # fmt: skip
@@ -124,6 +131,20 @@ class ElementSystem(ThermalVariables, System):
 
     # ---- derived ---------------------------------------------------------------------------------------
 
+    @classmethod
+    def declared_variables(cls) -> dict[str, tuple[Any, ...]]:
+        return {"q": ("position",), "p": ("position",), "s": ("element",)}
+
+    @classmethod
+    def has_spaces(cls) -> bool:
+        return bool(cls.tables)
+
+    def _set_variables(self, sizes: Mapping[str, int]) -> None:
+        self.__dict__.update(n_positions=sizes["position"], n_elements=sizes["element"])
+
+    def block_numbers(self) -> dict[str, int]:
+        return {**super().block_numbers(), "theta": 2, "u": 2}
+
     @property
     def variables(self) -> dict[str, tuple[int, ...]]:  # type: ignore[override]
         return {"q": (self.n_positions,), "p": (self.n_positions,), "s": (self.n_elements,)}
@@ -131,14 +152,15 @@ class ElementSystem(ThermalVariables, System):
     @cached_property
     def layout(self) -> Layout:
         """As of any system; `theta` names the last block in (q, p, theta), and `u` in (q, p, u)."""
-        found = laid_out(self.variables)
-        return {**found, "theta": found["s"], "u": found["s"]}
+        return (found := dict(laid_out(self.variables))) | {"theta": found["s"], "u": found["s"]}
 
     @property
     def size(self) -> int:
         return 2 * self.n_positions + self.n_elements
 
     def sizes(self, z: Any) -> list[Any]:
+        if self.by_array:
+            return [*self.array_sizes(z)[:2], 0.0 * z.s + self.entropy_scale()]
         n = self.n_positions
         of_entropies = trace.array([trace.const(1.0)] * self.n_elements) * self.entropy_scale()
         return [*super().sizes(z)[: 2 * n], *of_entropies]
@@ -205,7 +227,8 @@ class ElementSystem(ThermalVariables, System):
     @derived
     def reversible(self, z: Any, dE: Any, dS: Any) -> Any:
         """L dE."""
-        return self.state(self.L @ dE)
+        dE = self.state(dE)
+        return self.state(np.concatenate([dE.p, -dE.q, 0.0 * dE.s]))
 
     @derived
     def irreversible(self, z: Any, dE: Any, dS: Any) -> Any:
@@ -214,7 +237,8 @@ class ElementSystem(ThermalVariables, System):
 
     def dissipation(self, theta: Any) -> State:
         """M(theta) DS as a vector of the size of z; never M times DS, which cancels (PHYSICS 4)."""
-        return self.state(np.concatenate([np.zeros(2 * self.n_positions), self.conduction(theta)]))
+        still = ArraySymbol("position", trace.const(0.0)) if self.by_array else np.zeros(self.n_positions)
+        return self.state(np.concatenate([still, still, self.conduction(theta)]))
 
     @derived
     def friction(self, theta: Any) -> Any:
@@ -233,13 +257,13 @@ class ElementSystem(ThermalVariables, System):
     def energy(self, z: Any) -> Any:
         """Total energy E(z)."""
         z = self.state(z)
-        kinetic = sum(0.5 * z.p**2 / self.inertia())
-        return kinetic + sum(self.element_energy(self.shape(z.q), z.s))
+        kinetic = np.sum(0.5 * z.p**2 / self.inertia())
+        return kinetic + np.sum(self.element_energy(self.shape(z.q), z.s))
 
     @derived
     def entropy(self, z: Any) -> Any:
         """Total entropy S(z)."""
-        return sum(self.state(z).s)
+        return np.sum(self.state(z).s)
 
     @derived
     def momenta(self, z: Any) -> Any:
@@ -249,15 +273,16 @@ class ElementSystem(ThermalVariables, System):
 
     def momenta_gradients(self, z: Any) -> list[State]:
         q, p = self.fresh("q", "position"), self.fresh("p", "position")
-        here = dict(zip([*q, *p], [*z.q, *z.p], strict=True))
-        found = [[*self.slopes(f, q), *self.slopes(f, p)] for f in self.invariants(q, p).values()]
-        return [self.state(trace.array([*trace.substitute(slopes, here), *0.0 * z.s])) for slopes in found]
+        here = dict(zip(entries(q, p), entries(z.q, z.p), strict=True))
+        pairs = [(self.slopes(f, q), self.slopes(f, p)) for f in self.invariants(q, p).values()]
+        slopes = [[trace.substitute(entries(x), here) for x in pair] for pair in pairs]
+        return [self.state(np.concatenate([refilled(q, a), refilled(p, b), 0.0 * z.s])) for a, b in slopes]
 
     @cached_property
     def told(self) -> tuple[tuple[str, ...], int]:
         """As of any system: names of the invariants, number of temperatures."""
-        unknown = trace.variables("x", 2 * self.n_positions)
-        return tuple(self.invariants(unknown[: self.n_positions], unknown[self.n_positions :])), self.n_elements
+        sym = self.by_arrays if self.large else self
+        return tuple(sym.invariants(*(sym.fresh(x, "position") for x in "qp"))), self.n_elements
 
     @derived
     def temperatures(self, z: Any) -> Any:
@@ -286,15 +311,14 @@ class ElementSystem(ThermalVariables, System):
         self.check_shape(mid.q)
         slope = self.shape_gradient(mid.q)  # exact divided differences, as pi is at most quadratic
         dpi = _mark(slope @ dz.q)
-        pairs = [rectangle(*edges) for edges in zip(self.shape(z0.q), dpi, z0.s, dz.s, strict=True)]
-        pi, s = (trace.array(side) for side in zip(*pairs, strict=True))
-        slopes = [symmetrised_slopes(e) for e in self.element_energy(pi, s)]
-        stress, theta = _mark([d_pi for d_pi, _ in slopes]), _mark([d_s for _, d_s in slopes])
-        return self.assemble(stress @ slope, mid.p, theta)
+        pi, s = each(rectangle, self.shape(z0.q), dpi, z0.s, dz.s, count=2)
+        stress, theta = each(symmetrised_slopes, self.element_energy(pi, s), count=2)
+        return self.assemble(_mark(stress) @ slope, mid.p, _mark(theta))
 
     @derived
     def entropy_gradient(self, z: Any) -> Any:
-        return self.state(trace.array(map(trace.const, self.DS)))
+        z = self.state(z)
+        return self.state(np.concatenate([0.0 * z.q, 0.0 * z.p, 0.0 * z.s + 1.0]))
 
     @derived
     def discrete_entropy_gradient(self, z0: Any, z1: Any) -> Any:
@@ -303,6 +327,8 @@ class ElementSystem(ThermalVariables, System):
     @derived
     def temperature_field(self, y: Any) -> Any:
         """d(q, p, theta)/dt, by the chain rule from the vector field."""
+        if self.by_array:
+            return temperature_field(self, y)
         z = trace.variables("z", self.size)
         slope = trace.jacobian(list(self.temperature_variables(z)), list(z))
         here = dict(zip(z, self.entropy_variables(y), strict=True))
@@ -316,6 +342,8 @@ class ElementSystem(ThermalVariables, System):
 
     def element_slopes(self, pi: Any, s: Any) -> tuple[Any, Any]:
         """(de/dpi, de/ds), (n_elements,) each, of the elements at these strain measures and entropies; exact."""
+        if self.by_array:
+            return element_slopes(self, pi, s)
         n = self.n_elements
         pi_, s_ = self.fresh("pi", "element"), self.fresh("s", "element")
         slopes = trace.sparse_jacobian(list(self.element_energy(pi_, s_)), [*pi_, *s_])
@@ -329,14 +357,20 @@ class ElementSystem(ThermalVariables, System):
 
     def fresh(self, name: str, space: str) -> Any:
         """New variables, one for each "position" or "element"."""
+        if self.by_array:
+            return ArraySymbol(space, variable(name, space))
         return trace.variables(name, self.n_positions if space == "position" else self.n_elements)
 
     def slopes(self, value: Any, by: Any) -> Any:
         """Derivatives of a number by an array of variables (as `fresh` makes them), which it is a function of."""
+        if self.by_array:
+            return refilled(by, chain_rule.gradient(trace.lifted(value), entries(by)))
         return trace.jacobian([value], list(by))[0]
 
     def shape_gradient(self, q: Any) -> Any:
         """d(shape)/dq at q, shape (n_elements, n_positions); an operator."""
+        if self.by_array:
+            return ArraySlope(self.shape, self.fresh("q", "position"), q)
         q_ = self.fresh("q", "position")
         rows = trace.sparse_jacobian(list(self.shape(q_)), list(q_))
         entries = [(i, j, x) for i, row in enumerate(rows) for j, x in row.items()]
@@ -348,11 +382,13 @@ class ElementSystem(ThermalVariables, System):
 
     def check_shape(self, q: Any) -> None:
         """TraceError where the strain measures are not at most quadratic in q."""
-        check_degree(self, list(self.shape(q)), list(q))
+        check_degree(self, entries(self.shape(q)), entries(q))
 
 
 def _mark(values: Any) -> Any:
     """Accumulate derivatives through these values; a number among symbols, as a rigid element has it, becomes one."""
+    if is_array(values):
+        return each(lambda x: trace.mark(trace.lifted(x)), values)
     if np.asarray(values).dtype != object:
         return values
     return trace.array(trace.mark(trace.lifted(x)) if isinstance(x, trace.Symbol | float | int) else x for x in values)
@@ -360,4 +396,5 @@ def _mark(values: Any) -> Any:
 
 def _mark_like(values: Any, q: Any) -> Any:
     """The same where q is symbols: then rigid elements, all of which have a number, are no exception."""
-    return _mark(np.asarray(values, dtype=object) if np.asarray(q).dtype == object else values)
+    of_symbols = not is_array(values) and np.asarray(q).dtype == object
+    return _mark(np.asarray(values, dtype=object) if of_symbols else values)

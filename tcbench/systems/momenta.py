@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..compiler import derivatives as trace
+from ..compiler.array_states import entries
 from ..errors import TcbenchError
 from .element_system import ElementSystem
 
@@ -21,21 +22,20 @@ def restored_momenta(z0: Any, system: ElementSystem, invariants: dict[str, Any])
 
     Raises TcbenchError for invariants that are not linear in the momenta.
     """
-    inertia = system.inertia() * np.ones(system.n_positions)
-    p = z0.p
+    inertia, p = system.inertia(), z0.p
     directions: list[tuple[Any, Any]] = []
     symbols = system.fresh("p", "position")
     for name, before in invariants.items():
         gradient = system.slopes(system.invariants(z0.q, symbols)[name], symbols)
-        if trace.depends_on(list(gradient), list(symbols)) & {x.number for x in gradient}:
+        if trace.depends_on(entries(gradient), entries(symbols)) & {x.number for x in entries(gradient)}:
             raise TcbenchError(f"The invariant {name!r} is not linear in the momenta, which the projection needs.")
         direction = inertia * gradient
         for other, norm in directions:  # orthogonal in the kinetic energy: earlier invariants stay
-            direction = direction - other * (sum(other * direction / inertia) / norm)
-        norm = sum(direction * direction / inertia)
+            direction = direction - other * (np.sum(other * direction / inertia) / norm)
+        norm = np.sum(direction * direction / inertia)
         p = p + direction * ((before - system.invariants(z0.q, p)[name]) / norm)
         directions.append((direction, norm))
     free = p
     for direction, norm in directions:
-        free = free - direction * (sum(direction * free / inertia) / norm)
+        free = free - direction * (np.sum(direction * free / inertia) / norm)
     return p, free

@@ -10,6 +10,7 @@ from weakref import WeakSet
 import numpy as np
 
 from ..compiler import derivatives as trace
+from ..compiler.arrays import LINEAR
 from ..compiler.sentences import refused, where_in_user_code
 from ..compiler.symbols import Symbol
 from ..errors import TcbenchError
@@ -22,6 +23,7 @@ MOST_DEGREE = 2  # of a strain measure in the positions
 POINTS = 5  # random ones at which a derivative has to vanish
 ROUND_OFF = 1e-9  # of a derivative, over the terms that it is the sum of
 NEAR = 1e-4  # of a state's size: how far a rate is measured
+FEW_COMPONENTS = 40  # of a state, that are each moved alone
 CONSERVED = 1e-5  # of its terms, the rate of what is conserved, measured so
 _CONSERVED: WeakSet[Any] = WeakSet()  # systems that have been looked at
 
@@ -37,7 +39,7 @@ def check_class(cls: type[System]) -> None:
             f"{cls.__name__} writes __getattribute__: what a formula reads of self would not be what it names. Call a "
             "function of your own in the formulas."
         )
-    constants: Mapping[Any, Any] = cls.constants  # whatever an author wrote
+    constants: Mapping[Any, Any] = {**cls.constants, **cls.tables}  # whatever an author wrote
     for name in constants:
         if not isinstance(name, str) or not name.isidentifier():
             raise TcbenchError(f"{cls.__name__}: a constant is named by a word, self.word in formulas, not {name!r}.")
@@ -119,7 +121,7 @@ def check_degree(system: ElementSystem, shapes: Sequence[Any], q: Sequence[Symbo
                 "Let shape() return another measure of the strain, such as the squared length, and take the root, the "
                 "logarithm or the power in element_energy(); methods without discrete gradients (tc_gauss, tc_taylor, "
                 "midpoint_entropy) take any shape()",
-                _line(system, "element_shape", "shape"),
+                _line(system, "shape"),
             )
 
 
@@ -130,7 +132,7 @@ def _degrees(shapes: Sequence[Any], q: Sequence[Symbol]) -> dict[int, float]:
         if node.number in degree:
             continue
         of = [degree[a.number] for a in node.args]
-        if node.op in ("add", "sub", "neg", "mark", "gather"):
+        if node.op in ("add", "sub", "neg", "mark", *LINEAR):
             degree[node.number] = max(of)
         elif node.op == "mul":
             degree[node.number] = sum(of)
@@ -143,6 +145,8 @@ def _third_vanishes(x: Symbol, q: Sequence[Symbol]) -> bool:
     """Is the third derivative along a line nil, at random points and in random directions?"""
     from ..compiler.kernels import namespace, straight_line
 
+    if x.space:
+        return False  # of arrays: what is not seen to be so
     t, start, along = trace.variable("t"), trace.variables("q", len(q)), trace.variables("v", len(q))
     (line,) = trace.substitute([x], dict(zip(q, start + t * along, strict=True)))
     rates = [line]
@@ -178,12 +182,17 @@ def check_own(system: ElementSystem, rows: Sequence[Any], count: int) -> None:
     for i, row in enumerate(rows):
         others = sorted({j % count for j in row} - {i})
         if others:
-            raise refused(
-                f"the energy of element {i} depends on the strain or the entropy of element {others[0]}, and gradients "
-                "are made of each element's own",
-                "Let element_energy() act element by element; what couples two of them is an element of its own",
-                where,
-            )
+            raise refuse_coupled(system, f"element {i}", f"element {others[0]}")
+
+
+def refuse_coupled(system: System, one: str = "an element", other: str = "another one") -> TcbenchError:
+    """Where the energy of an element is not its own."""
+    return refused(
+        f"the energy of {one} depends on the strain or the entropy of {other}, and gradients are made of each "
+        "element's own",
+        "Let element_energy() act element by element; what couples two of them is an element of its own",
+        _line(system, "element_energy"),
+    )
 
 
 def check_invariants(system: System, z0: Any) -> None:
@@ -195,7 +204,11 @@ def check_invariants(system: System, z0: Any) -> None:
     for z in (np.asarray(x, float) for x in (z0, *(system.nearby(z0, rng) for _ in range(POINTS)))):
         step = NEAR * np.asarray(system.vector_field(z))
         step /= 1.0 + np.abs(step).max() / (NEAR * (1.0 + np.abs(z).max()))
-        moves = np.concatenate([step[None], np.diag(step)])  # along the flow, and each of its components
+        if len(step) > FEW_COMPONENTS:  # along the flow, and it with other signs
+            others = step * rng.choice([-1.0, 1.0], (FEW_COMPONENTS, len(step)))
+        else:  # and each of its components
+            others = np.diag(step)
+        moves = np.concatenate([step[None], others])
         with np.errstate(all="ignore"):
             whole, *terms = np.asarray(system.momenta(z + moves)) - np.asarray(system.momenta(z - moves))
             off = np.abs(whole) / np.sum(np.abs(terms), axis=0)

@@ -175,7 +175,7 @@ class Scenario:
         settings: dict[str, Any] = {}
         constants = dict(self.constants)
         for name, value in changes.items():
-            if name in self.system.constants:
+            if name in self.system.constants or name in self.system.tables:
                 constants[name] = value
             elif name == "initial":
                 settings["initial"] = {**settings.get("initial", self.initial), **value}
@@ -185,7 +185,7 @@ class Scenario:
                 settings["initial"] = {**settings.get("initial", self.initial), name: value}
             else:
                 known = [n for n in SETTINGS if n in self.model.initial_data or n not in (*ELEMENTS, "initial")]
-                raise unknown_name("setting of a scenario", name, [*known, *self.system.constants, *self.initial])
+                raise unknown_name("setting of a scenario", name, [*known, *constants, *self.initial])
         if "name" not in changes:
             settings["name"] = self.name
         if "dt" not in changes and "t_end" in changes:
@@ -212,7 +212,8 @@ class Scenario:
         """Constants and initial values by name, those of arrays with their index: coupling, stiffness0, stiffness1."""
         initial = {name: getattr(self, name) for name in self.model.initial_data if name != "initial"}
         found: dict[str, float] = {}
-        for name, value in {**self.constants, **initial, **self.initial}.items():
+        constants = {name: value for name, value in self.constants.items() if name not in self.system.tables}
+        for name, value in {**constants, **initial, **self.initial}.items():
             values = np.ravel(np.asarray(value, dtype=float)).tolist()
             found |= {name: values[0]} if np.ndim(value) == 0 else {f"{name}{i}": x for i, x in enumerate(values)}
         return found
@@ -321,14 +322,16 @@ def around(scenario: Scenario, ranges: Mapping[str, Range] | None = None) -> Sce
     ----------
     docs/ensembles.md.
     """
-    factors = {name: Range(1 / 3, 3, log=True) for name in scenario.constants}
+    tables = scenario.system.tables
+    factors = {name: Range(1 / 3, 3, log=True) for name in scenario.constants if name not in tables}
     limits = {**factors, "initial": Range(-0.5, 0.5), **(ranges or {})}
 
     def sample(draw: Draw) -> Scenario:
         error = TcbenchError(f"No admissible start was found around {scenario.name!r}: narrow the range of initial.")
         for _ in range(TRIES):
             constants = {
-                n: np.asarray(rounded(np.asarray(v) * draw(n))).tolist() for n, v in scenario.constants.items()
+                n: v if n in tables else np.asarray(rounded(np.asarray(v) * draw(n))).tolist()
+                for n, v in scenario.constants.items()
             }
             initial = {}
             for name, value in scenario.initial.items():
@@ -383,5 +386,6 @@ def _positive(name: str, value: Any) -> float:
 
 def _plain(value: Any) -> Any:
     """Numbers and lists of numbers, for JSON and comparison."""
-    array = np.asarray(value, dtype=float)
+    array = np.asarray(value)
+    array = array if array.dtype.kind == "i" and array.ndim else array.astype(float)  # whole numbers of tables
     return float(array) if array.shape == () else array.tolist()

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 
 from ..compiler import derivatives as trace
-from ..compiler import spaces
+from ..compiler.array_jacobian import jacobian_terms
+from ..compiler.array_kernels import jacobian_kernel
+from ..compiler.array_mesh import Block
+from ..compiler.array_states import entries
+from ..compiler.arrays import NUMBER
 from ..compiler.kernels import Kernel
 from ..compiler.rolled import rolled
-from ..compiler.sentences import MixedSpaces
-from ..compiler.space_kernels import Mesh, Slot, space_kernel
-from .network import Network, blocks, state_slots
 from .system import System
-from .traced import FEW
 
 
 def sparse_jacobian(system: System) -> Callable[[Any], Any]:
@@ -39,43 +39,38 @@ def sparse_jacobian(system: System) -> Callable[[Any], Any]:
 @cache
 def _entries(symbolic: Any) -> tuple[Kernel, Any, Any]:
     """The kernel of the entries, and their rows and columns."""
-    if isinstance(symbolic, Network) and symbolic.size > FEW:
-        try:
-            return _by_spaces(symbolic)
-        except MixedSpaces:
-            pass
+    if symbolic.large:
+        return _by_arrays(symbolic)
     with trace.tracing():
         z = trace.variables("z", symbolic.size)
         found = trace.sparse_jacobian(list(symbolic.vector_field(z)), list(z))
-        entries = [(i, j, slope) for i, row in enumerate(found) for j, slope in row.items()]
+        terms = [(i, j, slope) for i, row in enumerate(found) for j, slope in row.items()]
         inputs = {x: f"a[{i}]" for i, x in enumerate(z)} | symbolic.constant_symbols()
-        kernel = rolled(inputs, [slope for _, _, slope in entries])
-    return kernel, *(np.array([entry[k] for entry in entries], np.int64) for k in range(2))  # type: ignore[return-value]
+        kernel = rolled(inputs, [slope for _, _, slope in terms])
+    return kernel, *(np.array([term[k] for term in terms], np.int64) for k in range(2))  # type: ignore[return-value]
 
 
-def _by_spaces(network: Network) -> tuple[Kernel, Any, Any]:
-    net, mesh = network.by_spaces, network.mesh
+def _by_arrays(symbolic: Any) -> tuple[Kernel, Any, Any]:
+    """As of any system, in loops."""
+    net, mesh = symbolic.by_arrays, symbolic.mesh
     with trace.tracing():
         z = net.fresh_state("z")
-        x = list(z[:: spaces.REPRESENTATIVES])
-        terms = spaces.jacobian_terms(blocks(list(net.vector_field(z))), x)
-        flat = [(i, term, slope) for i, row in enumerate(terms) for term, slope in row.items()]
-        inputs = {"a": state_slots(z), "b": net.constant_slots()}
-        made = space_kernel(inputs, [Slot("entries", None)], [(term, slope) for _, term, slope in flat], terms_at=0)
-    n, offsets, which = network.n_positions, (0, network.n_positions, 2 * network.n_positions), {}
-    for k, symbol in enumerate(x):
-        which[symbol.number] = k
-    rows, columns, places, count = [], [], [], 0
+        x, blocks = entries(z), net.blocks(z)
+        found = jacobian_terms(entries(net.vector_field(z)), x)
+        flat = [(i, term, slope) for i, row in enumerate(found) for term, slope in row.items()]
+        inputs = {"a": blocks, "b": [Block(NUMBER, (None,)), *net.constant_blocks()]}
+        made = jacobian_kernel(inputs, [], [(term, slope) for _, term, slope in flat], [])
+    starts = mesh.offsets(blocks)
+    place = [(starts[k] + c, len(b.symbols)) for k, b in enumerate(blocks) for c in range(len(b.symbols))]
+    which, rows, columns, places, count = {s.number: k for k, s in enumerate(x)}, [], [], [], 0
     for i, term, _ in flat:
-        r, c = (mesh.along(path) if path else np.arange(mesh.sizes[term.over]) for path in (term.rows, term.columns))
-        k = which[term.unknown.number]
-        free = (r < n if i < 2 else True) & (c < n if k < 2 else True) & np.ones(len(r), bool)
-        place = np.full(len(r), -1, np.int64)
-        place[free] = count + np.arange(free.sum())
+        r, c = (mesh.along(path, term.over) for path in (term.rows, term.columns))
+        free = (r >= 0) & (c >= 0)
+        (first, step), (column, apart) = place[i], place[which[term.unknown.number]]
+        rows.append((first + step * r)[free])
+        columns.append((column + apart * c)[free])
+        places.append(np.where(free, count + np.cumsum(free) - 1, -1))
         count += int(free.sum())
-        rows.append(offsets[i] + r[free])
-        columns.append(offsets[k] + c[free])
-        places.append(place)
-    behind = [np.where(place < 0, count, place) for place in places]  # fixed coordinates are no columns
-    sized = Mesh({**mesh.sizes, "entries": count}, mesh.maps)
-    return made.kernel(sized, behind, extra=1), np.concatenate(rows), np.concatenate(columns)
+    behind = [np.where(p < 0, count, p) for p in places]  # what is fixed is no column
+    kernel = made.kernel(mesh.with_entries(count), behind, extra=1)
+    return kernel, np.concatenate(rows), np.concatenate(columns)

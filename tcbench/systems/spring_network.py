@@ -1,65 +1,73 @@
-"""`SpringNetwork`: masses joined by thermoelastic springs, in a space of any dimension."""
+"""`SpringNetwork`: masses joined by thermoelastic springs, as many as you like, in the plane or in space."""
 
 from __future__ import annotations
 
 from collections import defaultdict
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from .network import Network
 from .pendulum import Springs
 
 
-class SpringNetwork(Network, Springs):
-    """Springs as in the pendulum; each two that share a mass conduct heat. `over` gives the class of one net."""
+class SpringNetwork(Springs):
+    """Springs as in the pendulum; each two that share a mass conduct heat. `tables_of` makes the tables of a net."""
 
+    dimension: ClassVar[int] = 2
     constants = {
-        "masses": "point", "stiffness": "element", "natural_lengths": "element", "conductivity": (),
-        "reference_temperature": (), "coupling": (), "heat_capacity": (),
+        "masses": ("point",), "stiffness": ("element",), "natural_lengths": ("element",), "anchors": ("anchor",),
+        "conductivity": (), "reference_temperature": (), "coupling": (), "heat_capacity": (),
+    }  # fmt: skip
+    # of springs the coordinates of their ends, of links the springs, of coordinates the mass, of masses the coordinates
+    tables = {
+        "ends": ("element", 4, "position+anchor"), "pairs": ("link", 2, "element"), "owner": ("position", "point"),
+        "places": ("point", 2, "position"),
     }  # fmt: skip
 
-    @classmethod
-    def over(cls, pairs: ArrayLike, anchors: ArrayLike, **body: str) -> type[SpringNetwork]:
-        """The class of the net with these springs.
-
-        pairs : numbers (m, 2) of the points that each joins: masses first, then the fixed `anchors` (k, d).
-        body : `__module__`, `__qualname__` and `__doc__` of the class.
-        """
-        joined, fixed = np.asarray(pairs), np.asarray(anchors, dtype=float)
-        d = fixed.shape[1]
-        n = int(joined.max()) + 1 - len(fixed)
-        tables = {
-            "n_positions": d * n, "points": np.arange(d * n).reshape(n, d), "anchors": fixed.ravel(),
-            "elements": (d * joined[:, :, None] + np.arange(d)).reshape(-1, 2 * d), "links": _meeting(joined, n),
-        }  # fmt: skip
-        return type(body["__qualname__"], (cls,), tables | body)
-
     def inertia(self) -> Any:
-        return self.per_position(self.masses)
+        return self.masses[self.owner]
 
-    def element_shape(self, q: Any) -> Any:
-        """Squared length of a spring, from the coordinates of its two ends."""
-        d = len(q) // 2
-        first, *others = (q[d + k] - q[k] for k in range(d))
-        return sum((x * x for x in others), first * first)
+    def shape(self, q: Any) -> Any:
+        """Squared lengths of the springs."""
+        ends = np.concatenate([q, self.anchors])[self.ends]
+        return ((ends[:, self.dimension :] - ends[:, : self.dimension]) ** 2).sum(axis=1)
 
-    def link(self, a: Any, b: Any) -> tuple[Any, Any]:
-        """Eq. (22) for two springs."""
-        return self.conductivity * ((b - a) / a), self.conductivity * ((a - b) / b)
+    def conduction(self, theta: Any) -> Any:
+        """Eq. (22) for each two springs that share a mass."""
+        a, b = theta[self.pairs].T
+        return self.pairs.sums(np.stack([self.conductivity * ((b - a) / a), self.conductivity * ((a - b) / b)], axis=1))
+
+    def points(self, q: Any) -> Any:
+        """The ends of the springs in the plane; of one in space x and z."""
+        d = self.dimension
+        return np.concatenate([q, self.anchors])[self.ends].reshape(-1, 2, d)[:, :, [0, d - 1]]
 
 
-def _meeting(pairs: NDArray[Any], n_masses: int) -> NDArray[Any]:
+def tables_of(pairs: ArrayLike, anchors: ArrayLike) -> dict[str, Any]:
+    """The tables, and the anchors, of the net with these springs.
+
+    pairs : numbers (m, 2) of the points that each joins: masses first, then the fixed `anchors` (k, d).
+    """
+    joined, fixed = np.asarray(pairs), np.asarray(anchors, dtype=float)
+    d = fixed.shape[1]
+    n = int(joined.max()) + 1 - len(fixed)
+    return {
+        "ends": (d * joined[:, :, None] + np.arange(d)).reshape(-1, 2 * d), "pairs": _meeting(joined, n),
+        "owner": np.repeat(np.arange(n), d), "places": np.arange(d * n).reshape(n, d), "anchors": fixed.ravel(),
+    }  # fmt: skip
+
+
+def _meeting(pairs: Any, n_masses: int) -> Any:
     """Each two springs that share a mass: numbers (n_links, 2)."""
     springs: dict[int, list[int]] = defaultdict(list)
-    links = []
+    links: list[tuple[int, int]] = []
     for k, ends in enumerate(pairs.tolist()):
         for mass in ends:
             if mass < n_masses:
                 links += [(other, k) for other in springs[mass]]
                 springs[mass].append(k)
-    return np.array(links)
+    return np.array(links, dtype=np.int64).reshape(-1, 2)
 
 
 def whole_number(text: str, least: int, most: int) -> int | None:

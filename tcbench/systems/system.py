@@ -14,26 +14,28 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import reduce
-from typing import Any, ClassVar
+from typing import Any, ClassVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..compiler import chain_rule
 from ..compiler import derivatives as trace
+from ..compiler.array_states import Blocks, entries, is_array, refilled
 from ..compiler.cut import Cut
 from ..compiler.once import cached_property
 from ..errors import TcbenchError, unknown_name
 from .as_written import RETURNED, as_written
 from .declaration import check_declared, checked_constant, finite, named_constant, whole
+from .over_spaces import OverSpaces
 from .refusals import check_attribute, check_class
 from .state import Layout, State, fixed, formulas_hash, laid_out
-from .traced import Traced, derived
+from .traced import derived
 
 FORMULAS = ("energy", "entropy", "reversible", "irreversible")
 
 
-class System(Traced):
+class System(OverSpaces):
     """Base class of GENERIC systems; an instance holds values of the constants and is immutable.
 
     A subclass says `name`, `variables` and `constants` and writes `energy`, `entropy`, `reversible` and `irreversible`
@@ -83,8 +85,9 @@ class System(Traced):
     collapsed: ClassVar[str] = "what measures(z) says is not positive"  # of a run that ends for that
     # what an author may define; every other name that the class has is derived or taken
     written: ClassVar[tuple[str, ...]] = (
-        "name", "constants", "variables", "positive", "non_negative", "reference_temperature", "source", *FORMULAS,
-        "poisson", "friction", "invariants", "temperature", "measures", "exergy_offset", "points", "units",
+        "name", "constants", "variables", "tables", "positive", "non_negative", "reference_temperature", "source",
+        *FORMULAS, "poisson", "friction", "invariants", "temperature", "measures", "exergy_offset", "points",
+        "units",
     )  # fmt: skip
 
     def __init_subclass__(cls, **arguments: Any) -> None:
@@ -112,8 +115,10 @@ class System(Traced):
                 f"{type(self).__name__} declares no variables; write variables = {{'q': (), 'p': (2,)}}."
             )
         for name in values:
-            if name not in self.constants:
-                raise unknown_name(f"constant of {self.name!r}", name, self.constants)
+            if name not in self.constants and name not in self.tables:
+                raise unknown_name(f"constant of {self.name!r}", name, {**self.constants, **self.tables})
+        if self.has_spaces():
+            self._measured(values)
         for name, shape in self.constants.items():
             if name not in values:
                 raise TcbenchError(f"System {self.name!r} needs a value for the constant {name!r}.")
@@ -203,6 +208,9 @@ class System(Traced):
 
     def state(self, values: Any) -> State:
         """z with its variables as attributes, shape (..., size): one state or several."""
+        if self.by_array:
+            of_arrays: Any = self.array_state(values)
+            return cast(State, of_arrays)
         return State(values, self.layout)
 
     def in_variables(self, variables: str, z: Any) -> State:
@@ -223,7 +231,7 @@ class System(Traced):
             found = [finite(self, name, getattr(type(self), name).__wrapped__(self, state)) for name in FORMULAS[:2]]
         if not np.all(np.isfinite([*z, *found])):
             raise TcbenchError("the initial state, its energy or its entropy is not finite.")
-        if not np.all(np.asarray(self.measures(state), dtype=float) > 0):
+        if not np.all(np.asarray(_row(self.measures(state)), dtype=float) > 0):
             raise TcbenchError(f"what must stay positive is {self.measures(state)} at the start.")
         return z
 
@@ -234,6 +242,8 @@ class System(Traced):
 
     def sizes(self, z: Any) -> list[Any]:
         """What the increment of each number of z is measured by: its variable, at least 1."""
+        if self.by_array:
+            return self.array_sizes(z)
         blocks = [np.asarray(z)[slice(*self.layout[name][:2])] for name in self.variables]
         return [size for block in blocks for size in [_largest(list(block))] * len(block)]
 
@@ -265,10 +275,10 @@ class System(Traced):
 
     def momenta_gradients(self, z: Any) -> list[State]:
         """Gradients of the invariants, on symbols."""
-        x = trace.variables("x", self.size)
-        found = [chain_rule.gradient(f, list(x)) for f in self.momenta(x)]
-        here = dict(zip(x, map(trace.lifted, z), strict=True))
-        return [self.state(trace.array(trace.substitute(slopes, here))) for slopes in found]
+        x = self.fresh_state("x") if self.by_array else self.state(trace.variables("x", self.size))
+        found = [chain_rule.gradient(f, entries(x)) for f in self.momenta(x)]
+        here = dict(zip(entries(x), map(trace.lifted, entries(z)), strict=True))
+        return [self.state(refilled(x, trace.substitute(slopes, here))) for slopes in found]
 
     @property
     def invariant_names(self) -> tuple[str, ...]:
@@ -285,6 +295,8 @@ class System(Traced):
     @cached_property
     def told(self) -> tuple[tuple[str, ...], int]:
         """Names of the invariants, number of temperatures: asked of the one that stands for all of its structure."""
+        if self.large:
+            return self.observed_counts()
         z = trace.variables("x", self.size)
         return tuple(self.invariants(self.state(z))), len(self.temperatures(z))
 
@@ -310,8 +322,8 @@ class System(Traced):
 
     def cut(self, name: str) -> Cut:
         """ "energy" or "entropy" as a function of what is at most quadratic in z."""
-        x = trace.variables("x", self.size)
-        return Cut(trace.lifted(getattr(self, name)(x)), list(x))
+        x = self.fresh_state("x") if self.by_array else trace.variables("x", self.size)
+        return Cut(trace.lifted(getattr(self, name)(x)), entries(x))
 
     def discrete_gradients(self, z0: Any, z1: Any) -> tuple[State, State]:
         """D E(z0, z1) and D S(z0, z1)."""
@@ -319,14 +331,15 @@ class System(Traced):
 
     def _slopes(self, name: str, z0: Any, z1: Any = None) -> State:
         """Gradient of a formula at z0, or its discrete gradient from there to z1."""
-        x = trace.variables("x", self.size)
-        f, start = trace.lifted(getattr(self, name)(x)), [*map(trace.lifted, np.asarray(z0))]
+        x = entries(self.fresh_state("x") if self.by_array else trace.variables("x", self.size))
+        at = refilled(z0, x) if self.by_array else trace.array(x)
+        f, start = trace.lifted(getattr(self, name)(at)), [*map(trace.lifted, entries(z0))]
         if z1 is None:
             slopes = trace.substitute(chain_rule.gradient(f, list(x)), dict(zip(x, start, strict=True)))
         else:
-            step = [*map(trace.lifted, np.asarray(z1) - np.asarray(z0))]
+            step = [b - a for a, b in zip(start, map(trace.lifted, entries(z1)), strict=True)]
             slopes = chain_rule.discrete_gradient(f, list(x), start, step)
-        return self.state(trace.array(slopes))
+        return refilled(z0, slopes) if self.by_array else self.state(trace.array(slopes))
 
     @derived
     def vector_field(self, z: Any) -> Any:
@@ -375,7 +388,10 @@ def _largest(values: Sequence[Any]) -> Any:
 
 def _row(values: Any) -> Any:
     """Numbers and arrays, one after the other."""
-    return trace.array(x for part in np.atleast_1d(np.asarray(values, dtype=object)) for x in np.ravel(part))
+    parts = values if isinstance(values, list | tuple) else [values]
+    if is_array(*parts):
+        return Blocks(parts)
+    return trace.array(x for part in parts for x in np.ravel(np.asarray(part, dtype=object)))
 
 
 def _projected(matrix: Any, x: Any, kernel: Any) -> Any:

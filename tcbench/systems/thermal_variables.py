@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..compiler import derivatives as trace
+from ..compiler.array_states import each, entries, refilled
 from ..compiler.divided_differences import rectangle, symmetrised_slopes
 from ..compiler.inverse import solved
 from ..errors import TraceError
@@ -63,13 +64,12 @@ class ThermalVariables(Base):
         By divided differences: the difference of two logarithms would lose digits at every step.
         """
         pi0, dpi, dy = self.shape(y0.q), self.shape(y1.q) - self.shape(y0.q), y1.s - y0.s
-        pairs = [rectangle(*edges) for edges in zip(pi0, dpi, y0.s, dy, strict=True)]
         try:
-            _, s = self.by_thermal_variable(variables, *(trace.array(side) for side in zip(*pairs, strict=True)))
+            _, s = self.by_thermal_variable(variables, *each(rectangle, pi0, dpi, y0.s, dy, count=2))
         except TraceError:  # an operation without a rule, which methods without discrete gradients may do without
             return self.from_variables(variables, y1).s - self.from_variables(variables, y0).s
-        slopes = [symmetrised_slopes(x) for x in s]
-        return np.array([a * p + b * d for (a, b), p, d in zip(slopes, dpi, dy, strict=True)])
+        by_pi, by_y = each(symmetrised_slopes, s, count=2)
+        return by_pi * dpi + by_y * dy
 
     def by_thermal_variable(self, variables: str, pi: Any, y: Any) -> tuple[Any, Any]:
         """(energies, entropies) of the elements as functions of strain measures and of y: their entropies, temperatures
@@ -85,24 +85,24 @@ class ThermalVariables(Base):
             s = self._entropies_at(pi_, marked_positive(y_))
         else:
             s_ = self.fresh("s", "element")
-            s = trace.array(solved(e, x, u) for e, x, u in zip(self.element_energy(pi_, s_), s_, y_, strict=True))
+            s = each(solved, self.element_energy(pi_, s_), s_, y_)
         e = y_ if variables == "energy" else self.element_energy(pi_, s)
-        here = dict(zip([*pi_, *y_], [*pi, *y], strict=True))
-        found = trace.array(trace.substitute([*map(trace.lifted, [*e, *s])], here))
-        return found[: len(e)], found[len(e) :]
+        here = dict(zip(entries(pi_, y_), entries(pi, y), strict=True))
+        found = trace.substitute([*map(trace.lifted, entries(e, s))], here)
+        return refilled(pi_, found[: len(entries(pi_))]), refilled(pi_, found[len(entries(pi_)) :])
 
     def _entropies_at(self, pi: Any, theta: Any) -> Any:
         """entropies(q, theta), which its author writes in the positions, as a function of the strain measures."""
         q = self.fresh("q", "position")
-        shape, s = list(self.shape(q)), [*map(trace.lifted, self.entropies(q, theta))]
-        here = {node: p for x, p in zip(shape, pi, strict=True) for node in _itself(x)}
+        shape, s = entries(self.shape(q)), [*map(trace.lifted, entries(self.entropies(q, theta)))]
+        here = {node: p for x, p in zip(shape, entries(pi), strict=True) for node in _itself(x)}
         found = trace.substitute(s, here)
-        if set(trace.depends_on(found, list(q))) & {x.number for x in trace.topological(found)}:
+        if set(trace.depends_on(found, entries(q))) & {x.number for x in trace.topological(found)}:
             raise trace.refused(
                 f"entropies() of {self.name!r} sees the positions other than through the strain measures",
                 "A method in temperatures needs them as a function of those: write entropies() in self.shape(q)",
             )
-        return trace.array(found)
+        return refilled(theta, found)
 
 
 def _itself(x: Any) -> list[trace.Symbol]:
@@ -113,5 +113,5 @@ def _itself(x: Any) -> list[trace.Symbol]:
 
 def marked_positive(theta: Any) -> Any:
     """Temperatures: a logarithm of them may be undone."""
-    trace.positive(np.ravel(theta))
+    trace.positive(entries(theta))
     return theta

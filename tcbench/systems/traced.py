@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiler import derivatives as trace
+from ..compiler.array_states import is_array
 from ..compiler.once import LOCK, cached_property
 from ..errors import TcbenchError, TraceError, misnamed
 from .state import fixed
@@ -21,9 +22,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[Any]
 OURS = Path(__file__).parents[1]
-FEW = 24  # length of a network's state up to which its formulas are traced as a whole
+FEW = 24  # length of a state over spaces up to which formulas are traced entry by entry
 LARGE = 80  # length of a state beyond which formulas become loops: see compiler.rolled
-KEPT = ("formulas", "zeros")  # of an instance, by the one that has symbols for constants
 _SYMBOLIC: dict[tuple[Any, ...], Any] = {}
 _KERNELS: dict[tuple[Any, ...], tuple[Kernel, tuple[int, ...]]] = {}
 
@@ -39,6 +39,8 @@ def derived(body: Callable[..., Any]) -> Callable[..., Any]:
 
     @wraps(body)
     def function(self: Traced, *states: Any) -> Any:
+        if is_array(*states):
+            return body(self, *states)
         arrays = [np.asarray(state) for state in states]
         if any(a.dtype == object for a in arrays):
             return body(self, *arrays)
@@ -67,7 +69,7 @@ class Traced:
     """Functions of states that are traced with symbols for constants, once for all systems of one structure."""
 
     name: ClassVar[str] = ""
-    constants: ClassVar[Mapping[str, Any]] = {}  # name -> shape, a tuple; of a Network also the space it belongs to
+    constants: Mapping[str, Any] = {}  # name -> shape, a tuple
     positive: ClassVar[tuple[str, ...]] = ()  # constants that must be > 0
     size: Any  # length of z
     zeros: tuple[tuple[str, int], ...] = ()  # constants (name, index) that are 0: what they switch off costs nothing
@@ -105,13 +107,18 @@ class Traced:
         """The same compiled: what `compiler.language.call` and `compiler.library.evaluate` take, and its shape."""
         return self._kernel(self._body(name), (self.size,))
 
+    @property
+    def kept(self) -> tuple[str, ...]:
+        """Of an instance, by the one that has symbols for constants."""
+        return "formulas", "zeros"
+
     @cached_property
     def symbolic(self) -> Self:
         """The same system with symbols for constants, one object for every set of values."""
         key = self.structure
         if key not in _SYMBOLIC:
             clone = object.__new__(type(self))
-            clone.__dict__.update(attributes(self, KEPT))
+            clone.__dict__.update(attributes(self, self.kept))
             for name, shape in self.constants.items():
                 symbols = self.symbols_of(name)
                 setattr(clone, name, symbols[0] if shape == () else symbols.reshape(shape))
@@ -159,7 +166,7 @@ class Traced:
         return self.state(values) if shape == (self.size,) else values
 
     def _kernel(self, body: Callable[..., Any], sizes: tuple[int, ...]) -> tuple[Kernel, tuple[int, ...]]:
-        key = (self.structure, body.__name__, sizes)
+        key = (self.structure, body, sizes)
         if key not in _KERNELS:
             from ..compiler.kernels import kernel as straight
             from ..compiler.rolled import rolled

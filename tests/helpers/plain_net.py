@@ -30,8 +30,9 @@ class PlainNet:
             for a in range(self.m) for b in range(a + 1, self.m) if mass in self.ends[a] and mass in self.ends[b]
         ]  # fmt: skip
         self.anchors = np.reshape(anchors, (2, 2))
-        for name, value in constants.items():
-            setattr(self, name, np.asarray(value, dtype=float))
+        for name in ("masses", "stiffness", "natural_lengths", "conductivity", "reference_temperature", "coupling",
+                     "heat_capacity"):  # fmt: skip
+            setattr(self, name, np.asarray(constants[name], dtype=float))
 
     def split(self, z):
         n = self.n

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tcbench_plugins.net.net import net, net_of, net_system
+from tcbench_plugins.net.net import net, net_of
 
 import tcbench
 from tcbench.plugins import find_scenario
-from tcbench.solver import flow_kernels, implicit_step
+from tcbench.systems import traced
 
 from ..helpers.plain_net import PlainNet
 
@@ -18,18 +18,16 @@ TC = FIVE[:3]
 
 @pytest.fixture(params=["as a whole", "in loops over the elements"])
 def way(request, monkeypatch):
-    """As a network, and as a system that declares no elements."""
+    """On arrays, and entry by entry."""
     if request.param == "as a whole":
-        monkeypatch.setattr(flow_kernels, "FEW", 10**6)
-    implicit_step._compiled_flows.cache_clear()
-    yield request.param
-    implicit_step._compiled_flows.cache_clear()
+        monkeypatch.setattr(traced, "FEW", 10**6)
+    return request.param
 
 
 @pytest.mark.parametrize("method", FIVE)
 def test_states_are_those_of_plain_numpy(method, way):
     scenario = net(3, 3)
-    plain = PlainNet(3, 3, scenario.constants, scenario.system.anchors)
+    plain = PlainNet(3, 3, scenario.constants, scenario.model.anchors)
     run = tcbench.simulate(method, scenario, dt=0.1, t_end=1.0)
     assert run.ok and run.steps == 10 and ("loops" in run.solver.way) == ("loops" in way)
     z = np.array(scenario.z0)
@@ -75,7 +73,7 @@ def test_random_states_keep_the_laws(seed, h):
     q = np.array(scenario.positions) + rng.uniform(-0.3, 0.3, len(scenario.positions))
     changed = scenario.replace(
         positions=tuple(q), momenta=tuple(rng.normal(size=len(q))),
-        temperatures=tuple(rng.uniform(200, 400, scenario.system.n_elements)), name="random",
+        temperatures=tuple(rng.uniform(200, 400, scenario.model.n_elements)), name="random",
     )  # fmt: skip
     run = tcbench.simulate("tc_monolithic", changed, dt=h, t_end=3 * h)
     assert run.ok and run.summary.energy_error_max < 1e-12 and run.summary.entropy_increment_min > -1e-12
@@ -93,8 +91,7 @@ def test_sizes_are_whole_numbers(size):
 
 
 def test_it_is_anchored_and_neighbours_conduct():
-    kind = net_system(3, 2)
-    assert kind.n_positions == 12 and kind.n_elements == 9 and len(kind.anchors) == 4
     model = net(3, 2).model
+    assert model.n_positions == 12 and model.n_elements == 9 and len(model.anchors) == 4
     theta = np.linspace(280, 330, 9)
     assert abs(theta @ model.conduction(theta)) < 1e-10 and model.conduction(theta).sum() > 0

@@ -1,14 +1,13 @@
-"""tc_gauss on networks: formulas traced on one element for all are those of the whole trace, and keep its promises."""
+"""tc_gauss on networks: formulas traced on arrays are those of the whole trace, and keep its promises."""
 
 import numpy as np
 import pytest
 from tcbench_plugins.chain.chain import chain
 from tcbench_plugins.net.net import net
-from tcbench_plugins.tc_gauss import by_elements, conduction, formulas
+from tcbench_plugins.tc_gauss import conduction, formulas
 from tcbench_plugins.tc_gauss.method import GaussMethod, prepared
 
 import tcbench
-from tcbench.compiler.symbols import MixedSpaces
 
 
 def traced_as_a_whole_up_to(elements, monkeypatch, scenario):
@@ -126,15 +125,3 @@ def test_stiff_conduction_of_a_net_is_solved_at_a_fixed_step(k):
     run = tcbench.simulate(f"tc_gauss[k={k}]", scenario, dt=0.05, t_end=1.0)
     assert run.ok
     assert run.summary.energy_error_max < 1e-11 and run.summary.entropy_increment_min > -1e-13
-
-
-def test_formulas_that_differ_from_the_whole_trace_are_noticed(monkeypatch):
-    model = net(4, 3).model
-    monkeypatch.setattr(by_elements, "iterated", lambda net: formulas.iterated(net)[:2] + [_doubled(net)])
-    with pytest.raises(MixedSpaces, match="something else"):
-        by_elements.formulas_of(model.symbolic)
-
-
-def _doubled(net):
-    inputs, values = formulas.iterated(net)[2]
-    return inputs, [2.0 * x for x in values]

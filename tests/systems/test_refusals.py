@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import tcbench
-from tcbench import Network, Scenario, TcbenchError
+from tcbench import Scenario, TcbenchError
 from tcbench.systems.pendulum import Pendulum
 
 START = tcbench.scenarios()["short_term"]
@@ -112,21 +112,6 @@ def test_elements_whose_energies_depend_on_each_other_are_refused():
 def test_friction_of_no_conduction_is_nil(rates):
     kind = type("Insulated", (Pendulum,), {"name": "insulated", "conduction": lambda self, theta: rates})
     assert np.asarray(scenario(kind).model.friction(np.array([300.0, 310.0]))).tolist() == [[0, 0], [0, 0]]
-
-
-@pytest.mark.parametrize("points", [[[0, 1]], [[0, 1], [1, 2]], [[0, 1], [0, 1], [2, 3]]])
-def test_each_position_belongs_to_one_point(points):
-    tables = {"n_positions": 4, "elements": [[0, 1], [2, 3]], "links": [[0, 1]], "points": points}
-    with pytest.raises(
-        TcbenchError, match=r"Own: each position is a coordinate of one of the points, and position \d of"
-    ):
-        type("Own", (Network,), tables)
-
-
-def test_numbers_of_masses_need_masses():
-    kind = type("Own", (Network,), {"n_positions": 2, "elements": [[0, 1]], "constants": {"reference_temperature": ()}})
-    with pytest.raises(TcbenchError, match="Own has no points"):
-        kind(reference_temperature=1.0).per_position(np.ones(2))
 
 
 SIZES = {

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import tcbench
-from tcbench import ElementSystem, Network, Scenario
+from tcbench import ElementSystem, Scenario
 
 
 class SpringAndBath(ElementSystem):
@@ -94,31 +94,31 @@ class ChainOfBaths(SpringAndBath):
         return {"angular_momentum": q[::2] @ p[1::2] - q[1::2] @ p[::2]}
 
 
-class NetOfBaths(Network):
+class NetOfBaths(ElementSystem):
     """The same from tables."""
 
     name = "net_of_baths"
-    n_positions = 2 * N
-    points = np.arange(2 * N).reshape(N, 2)
-    anchors = np.zeros(2)
-    ends = np.stack([np.r_[N, : N - 1], np.arange(N)], axis=1)
-    elements = np.tile((2 * ends[:, :, None] + np.arange(2)).reshape(N, 4), (2, 1))
-    links = np.concatenate([np.arange(2 * N).reshape(2, N).T, np.stack([np.arange(N - 1), np.arange(1, N)], axis=1)])
-    constants = {"rigid": "element", "conductivity": (), "reference_temperature": ()}
+    tables = {"ends": ("element", 4, "position+anchor"), "pairs": ("link", 2, "element"),
+              "places": ("point", 2, "position")}  # fmt: skip
+    constants = {"rigid": ("element",), "mass": ("position",), "anchors": ("anchor",), "conductivity": (),
+                 "reference_temperature": ()}  # fmt: skip
     element_energy = SpringAndBath.element_energy
     entropies = SpringAndBath.entropies
 
     def inertia(self):
-        return np.ones(self.n_positions)
+        return self.mass
 
-    def element_shape(self, q):
-        return self.rigid + (1.0 - self.rigid) * ((q[2] - q[0]) ** 2 + (q[3] - q[1]) ** 2)
+    def shape(self, q):
+        ends = np.concatenate([q, self.anchors])[self.ends]
+        return self.rigid + (1.0 - self.rigid) * ((ends[:, 2:] - ends[:, :2]) ** 2).sum(axis=1)
 
-    def link(self, a, b):
-        return self.conductivity * (b - a) / a, self.conductivity * (a - b) / b
+    def conduction(self, theta):
+        a, b = theta[self.pairs].T
+        return self.conductivity * self.pairs.sums(np.stack([(b - a) / a, (a - b) / b], axis=1))
 
-    def point_invariants(self, q, p):
-        return {"angular_momentum": q[0] * p[1] - q[1] * p[0]}
+    def invariants(self, q, p):
+        (x, y), (u, v) = q[self.places].T, p[self.places].T
+        return {"angular_momentum": (x * v - y * u).sum()}
 
 
 class Bricks(NetOfBaths):
@@ -126,8 +126,16 @@ class Bricks(NetOfBaths):
 
     name = "bricks"
 
-    def element_shape(self, q):
-        return 1.0
+    def shape(self, q):
+        return self.rigid
+
+
+ENDS = np.stack([np.r_[N, : N - 1], np.arange(N)], axis=1)
+TABLES = {
+    "ends": np.tile((2 * ENDS[:, :, None] + np.arange(2)).reshape(N, 4), (2, 1)), "mass": np.ones(2 * N),
+    "pairs": [*np.arange(2 * N).reshape(2, N).T, *np.stack([np.arange(N - 1), np.arange(1, N)], axis=1)],
+    "places": np.arange(2 * N).reshape(N, 2), "anchors": np.zeros(2),
+}  # fmt: skip
 
 
 def of_baths(system, **more):
@@ -145,7 +153,7 @@ RIGID = np.repeat([0.0, 1.0], N)
 
 @pytest.mark.parametrize("method", ["tc_monolithic", "tc_staggered", "tc_strang", "midpoint_temperature", "gauss2"])
 def test_a_network_with_baths_is_the_same_system_and_keeps_the_laws(method):
-    run = tcbench.simulate(method, of_baths(NetOfBaths, rigid=RIGID))
+    run = tcbench.simulate(method, of_baths(NetOfBaths, rigid=RIGID, **TABLES))
     whole = tcbench.simulate(method, of_baths(ChainOfBaths))
     assert run.ok and "in loops over the elements" in run.solver.way and "in loops" not in whole.solver.way
     assert np.abs(run.z - whole.z).max() < 1e-12 * np.abs(whole.z).max()
@@ -159,7 +167,7 @@ def test_a_network_with_baths_is_the_same_system_and_keeps_the_laws(method):
 
 @pytest.mark.parametrize("method", ["tc_monolithic", "tc_strang", "gauss2"])
 def test_a_network_of_rigid_elements_alone_conducts_heat(method):
-    run = tcbench.simulate(method, of_baths(Bricks, rigid=np.ones(2 * N)), t_end=100.0)
+    run = tcbench.simulate(method, of_baths(Bricks, rigid=np.ones(2 * N), **TABLES), t_end=100.0)
     assert run.ok and "in loops over the elements" in run.solver.way
     assert np.ptp(run.temperatures[0]) > 0.9 and np.ptp(run.temperatures[-1]) < 0.2
     assert run.summary.entropy_increment_min > -1e-13

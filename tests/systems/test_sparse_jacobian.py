@@ -8,6 +8,7 @@ from tcbench_plugins.net.net import net
 import tcbench
 from tcbench.systems.sparse_jacobian import sparse_jacobian
 from tcbench.systems.system import System
+from tcbench.systems.traced import Traced
 
 SCENARIOS = [tcbench.scenarios()["short_term"], chain(3), net(4, 3), chain(12)]
 
@@ -15,7 +16,7 @@ SCENARIOS = [tcbench.scenarios()["short_term"], chain(3), net(4, 3), chain(12)]
 @pytest.mark.parametrize("scenario", SCENARIOS, ids=lambda s: s.name)
 def test_it_is_the_dense_one(scenario):
     model, z = scenario.model, np.array(scenario.z0) + 1e-2 * np.cos(np.arange(scenario.model.size))
-    kernel, shape = System._kernel(model, System.jacobian.__wrapped__, (model.size,))
+    kernel, shape = Traced._kernel(model, System.jacobian.__wrapped__, (model.size,))
     dense = kernel(z, model.constant_values).reshape(shape)
     found = sparse_jacobian(model)(z)
     assert np.abs(found.toarray() - dense).max() < 1e-12 * np.abs(dense).max()

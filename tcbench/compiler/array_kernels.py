@@ -1,0 +1,335 @@
+"""Kernels of graphs on arrays (`arrays`): a loop over each space, and again where one needs what another has summed.
+
+The text does not know how many entries there are: sizes, offsets and index tables stand in the kernel's table. So one
+piece of machine code serves a system of any size, and what works on a small one is what works on a large one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .array_jacobian import Term
+from .array_mesh import ENTRIES, Block, Ints, Mesh
+from .arrays import NUMBER, Path
+from .kernels import PAIRS, Kernel, literal, operation
+from .symbols import Symbol
+
+START = {"add": "0.0", "max": "-inf", "min": "inf"}  # of a sum, a maximum, a minimum
+
+
+@dataclass
+class ArrayKernel:
+    """A kernel of any size: its text, and what its table says for a mesh."""
+
+    text: str
+    head: list[tuple[Any, ...]]
+    inputs: Mapping[str, Sequence[Block]]
+    outputs: Sequence[Block]
+    arrays: list[str]  # spaces of the intermediate arrays
+
+    def kernel(self, mesh: Mesh, places: Sequence[Ints] = (), extra: int = 0) -> Kernel:
+        """places: of the terms of a Jacobian, where in its entries they are; extra: room behind the outputs."""
+        offsets = {letter: mesh.offsets(blocks) for letter, blocks in self.inputs.items()}
+        out = offsets["out"] = mesh.offsets(self.outputs)
+        offsets["s"] = [0, *np.cumsum([mesh.size(space) for space in self.arrays]).tolist()]
+        rows: list[Ints] = []
+        start, numbers = len(self.head), []
+        for what, *which in self.head:
+            if what == "at":
+                numbers.append(offsets[which[0]][which[1]])
+            elif what == "size":
+                numbers.append(mesh.size(which[0]))
+            else:  # the places of a loop's terms side by side, as it reads them
+                of_path = what == "path"
+                row = (
+                    np.maximum(mesh.along(which[0]), 0) if of_path else np.stack([places[k] for k in which], 1).ravel()
+                )
+                numbers.append(start)
+                rows.append(row)
+                start += len(row)
+        table = np.concatenate([np.array(numbers, np.int64), *rows, np.zeros(1, np.int64)])
+        return Kernel(self.text, out[-1] + extra, table)
+
+
+def array_kernel(inputs: Mapping[str, Sequence[Block]], outputs: Sequence[Block]) -> ArrayKernel:
+    """The kernel that reads the inputs' blocks and fills out with the outputs, one after the other."""
+    return _Writer(inputs, outputs, (), -1).written()
+
+
+def jacobian_kernel(
+    inputs: Mapping[str, Sequence[Block]], before: Sequence[Block], terms: Sequence[tuple[Term, Symbol]],
+    behind: Sequence[Block],
+) -> ArrayKernel:  # fmt: skip
+    """The same with the entries of a Jacobian, to which the terms are added up, between other outputs."""
+    return _Writer(inputs, [*before, Block(ENTRIES, (None,)), *behind], terms, len(before)).written()
+
+
+class Place(NamedTuple):
+    """Where an array stands: a letter, a block of it, its component and of how many."""
+
+    letter: str
+    block: int
+    component: int = 0
+    of: int = 1
+    behind: tuple[str, ...] = ()  # of joined arrays: so many entries stand before it
+
+
+class _Writer:
+    def __init__(
+        self, inputs: Mapping[str, Sequence[Block]], outputs: Sequence[Block],
+        terms: Sequence[tuple[Term, Symbol]], terms_at: int,
+    ) -> None:  # fmt: skip
+        self.inputs, self.outputs, self.terms, self.terms_at = inputs, outputs, terms, terms_at
+        self.stored: dict[int, Place] = {
+            x.number: Place(letter, k, c, len(block.symbols)) for letter, blocks in inputs.items()
+            for k, block in enumerate(blocks) for c, x in enumerate(block.symbols) if x is not None
+        }  # fmt: skip
+        self.given = set(self.stored)
+        self.head: list[tuple[Any, ...]] = []
+        self.arrays: list[str] = []
+        self.names: dict[int, str] = {}
+        self.count = 0
+        self.nodes = self._needed([x for b in outputs for x in b.symbols if x is not None] + [x for _, x in terms])
+        self.level = self._levels()
+        self.stage = {x.number: (self.level[x.number], x.space) for x in self.nodes}
+
+    def _needed(self, wanted: Sequence[Symbol]) -> list[Symbol]:
+        seen: dict[int, Symbol] = {}
+        stack = list(wanted)
+        while stack:
+            node = stack.pop()
+            if node.number not in seen:
+                seen[node.number] = node
+                if node.number not in self.given:
+                    stack.extend(node.args)
+        return [seen[number] for number in sorted(seen)]
+
+    def _levels(self) -> dict[int, int]:
+        """In which round of loops each value is made: what is summed, joined or read elsewhere waits for the next."""
+        level: dict[int, int] = {}
+        for node in self.nodes:
+            if node.number in self.given or not node.args:
+                level[node.number] = 0
+            else:
+                last = max(level[a.number] for a in node.args)
+                whole = ("collect", "join", "part")  # those are there before the loops of their round
+                waits = node.op in ("collect", "total") or (
+                    node.op in ("take", "join", "part")
+                    and any(a.number not in self.given and a.args and a.op not in whole for a in node.args)
+                )
+                level[node.number] = last + waits
+        return level
+
+    def slot(self, *what: Any) -> str:
+        """Name of the number in the table that says this."""
+        if what not in self.head:
+            self.head.append(what)
+        return f"n{self.head.index(what)}"
+
+    def item(self, place: Place, i: str) -> str:
+        start = self.slot("at", place.letter, place.block)
+        i = " + ".join([i, *(self.slot("size", x) for x in place.behind)])
+        if place.of == 1:
+            return f"{place.letter}[{start} + {i}]"
+        return f"{place.letter}[{start} + {place.of} * ({i}) + {place.component}]"
+
+    def _fresh(self, letter: str) -> str:
+        self.count += 1
+        return f"{letter}{self.count}"
+
+    def _array(self, node: Symbol) -> Place:
+        self.arrays.append(node.space)
+        return Place("s", len(self.arrays) - 1)
+
+    def written(self) -> ArrayKernel:
+        self._store()
+        first: list[str] = []
+        made = [x for x in self.nodes if x.number not in self.given]
+        for node in made:
+            if node.op == "collect":
+                first += self._zero(node.space, self.stored[node.number])
+            elif node.op == "total":
+                self.names[node.number] = name = self._fresh("r")
+                first.append(f"{name} = {START[node.value[0]]}")
+        if self.terms_at >= 0:
+            first += self._zero(ENTRIES, Place("out", self.terms_at))
+        stages = {stage for stage in self.stage.values() if stage[1] != NUMBER}
+        stages |= {self._stage(x, term.over) for term, x in self.terms}
+        stages |= {self._stage(x, p[0].source) for node in made if node.op == "collect"
+                   for x, p in zip(node.args, node.value, strict=True)}  # fmt: skip
+        body = []
+        for depth in range(1 + max(self.level.values(), default=0)):
+            body += self._numbers(depth)
+            for node in made:
+                if node.op == "join" and self.level[node.number] == depth:
+                    body += self._joined(node)
+            for space in sorted(s for d, s in stages if d == depth):
+                body += self._loop(depth, space)
+        body += self._last()
+        room = self.slot("at", "s", len(self.arrays))
+        named = [f"n{k} = table[{k}]" for k in range(len(self.head))]
+        lines = [*named, f"s = scratch({room} + 1)", *first, *body, "release(s)"]
+        text = "def kernel(a, b, out):\n" + "".join(f"    {line}\n" for line in lines)
+        return ArrayKernel(text, self.head, self.inputs, self.outputs, self.arrays)
+
+    def _stage(self, x: Symbol, space: str) -> tuple[int, str]:
+        return self.level[x.number], space
+
+    def _store(self) -> None:
+        """Which values of a loop are read by another loop, and where they stand."""
+        for k, block in enumerate(self.outputs):
+            for c, x in enumerate(block.symbols):
+                if x is not None and x.space and x.op not in ("part", "join"):
+                    self.stored.setdefault(x.number, Place("out", k, c, len(block.symbols)))
+        for node in self.nodes:
+            if node.number in self.given:
+                continue
+            if node.op in ("collect", "join") and node.number not in self.stored:
+                self.stored[node.number] = self._array(node)
+            for a in node.args if node.op not in ("collect", "total") else ():
+                elsewhere = node.op in ("take", "join", "part") or self.stage[a.number] != self.stage[node.number]
+                if a.space and a.number not in self.stored and elsewhere and a.op != "part":
+                    self.stored[a.number] = self._array(a)
+            if node.op == "part":
+                k, space = node.value
+                whole = self.stored[node.args[0].number]
+                self.stored[node.number] = whole._replace(behind=(*whole.behind, *space.split("+")[:k]))
+
+    # text -----------------------------------------------------------------------------------------------------------
+
+    def _loop_over(self, space: str, body: Callable[[str], list[str]]) -> list[str]:
+        i = self._fresh("i")
+        lines = body(i)
+        return [f"for {i} in range({self.slot('size', space)}):", *(f"    {line}" for line in lines)] if lines else []
+
+    def _numbers(self, depth: int) -> list[str]:
+        lines = []
+        for node in self.nodes:
+            if self.stage[node.number] != (depth, NUMBER):
+                continue
+            if node.number in self.given:
+                self.names[node.number] = name = self._fresh("c")
+                lines.append(f"{name} = {self.item(self.stored[node.number], '0')}")
+            elif node.op != "total":
+                lines += self._operation(node, self.names)
+        return lines
+
+    def _operation(self, node: Symbol, names: dict[int, str], partner: Symbol | None = None) -> list[str]:
+        if node.op in ("const", "mark"):
+            names[node.number] = literal(node) if node.op == "const" else names[node.args[0].number]
+            return []
+        if node.op == "var":
+            raise ValueError(f"the kernel needs {node!r}, which is no input of it")
+        names[node.number] = name = self._fresh("v")
+        if node.op == "count":
+            return [f"{name} = float({self.slot('size', node.value)})"]
+        if partner is not None:
+            names[partner.number] = f"d{name}"
+            return [f"{name}, d{name} = {node.op}_pair({names[node.args[0].number]})"]
+        return [f"{name} = {operation(node, [names[a.number] for a in node.args])}"]
+
+    def _joined(self, node: Symbol) -> list[str]:
+        lines, before = list[str](), ""
+        for x, space in zip(node.args, node.value.split("+"), strict=True):
+            lines += self._copy(self.stored[node.number], x, space, before)
+            before += f" + {self.slot('size', space)}"
+        return lines
+
+    def _copy(self, place: Place, x: Symbol, space: str, before: str = "") -> list[str]:
+        """An array, or a number for each of its entries, into its place; before: so many entries stand there."""
+        value = "" if x.space else self._number(x)
+
+        def line(i: str) -> list[str]:
+            return [f"{self.item(place, i + before)} = {value or self.item(self.stored[x.number], i)}"]
+
+        return self._loop_over(space, line)
+
+    def _zero(self, space: str, place: Place) -> list[str]:
+        return self._loop_over(space, lambda i: [f"{self.item(place, i)} = 0.0"])
+
+    def _number(self, x: Symbol) -> str:
+        return literal(x) if x.op == "const" else self.names[x.number]
+
+    def _loop(self, depth: int, space: str) -> list[str]:
+        return self._loop_over(space, lambda i: _Body(self, depth, space, i).lines)
+
+    def _last(self) -> list[str]:
+        """Outputs that are numbers, inputs, parts of others, or the same as others."""
+        lines = []
+        for k, block in enumerate(self.outputs):
+            for c, x in enumerate(block.symbols):
+                place = Place("out", k, c, len(block.symbols))
+                if x is None or (self.stored.get(x.number) == place and x.number not in self.given):
+                    continue
+                if block.space == NUMBER:
+                    lines.append(f"{self.item(place, '0')} = {self._number(x)}")
+                else:
+                    lines += self._copy(place, x, block.space)
+        return lines
+
+
+class _Body:
+    """What one loop does with entry i."""
+
+    def __init__(self, writer: _Writer, depth: int, space: str, i: str) -> None:
+        self.w, self.i, self.lines = writer, i, list[str]()
+        self.names, self.indices = dict(writer.names), dict[Path, str]()
+        here = [x for x in writer.nodes if writer.stage[x.number] == (depth, space) and x.number not in writer.given]
+        slopes = {(x.op, x.args[0].number): x for x in here if x.op in PAIRS.values()}
+        for node in here:
+            if node.number in self.names or node.op in ("collect", "join", "part"):
+                continue
+            if node.op == "take":
+                self.names[node.number] = name = writer._fresh("v")
+                source = writer.stored[node.args[0].number]
+                self.lines.append(f"{name} = {writer.item(source, self.index(node.value))}")
+                continue
+            for a in node.args:
+                self.value(a)
+            partner = slopes.get((PAIRS[node.op], node.args[0].number)) if node.op in PAIRS else None
+            self.lines += writer._operation(node, self.names, partner)
+        for node in here:
+            place = writer.stored.get(node.number)
+            if place and node.op not in ("collect", "join", "part"):
+                self.lines.append(f"{writer.item(place, i)} = {self.names[node.number]}")
+        self._sums((depth, space))
+
+    def index(self, path: Path) -> str:
+        if path not in self.indices:
+            self.indices[path] = j = self.w._fresh("j")
+            self.lines.append(f"{j} = table[{self.w.slot('path', path)} + {self.i}]")
+        return self.indices[path]
+
+    def value(self, x: Symbol) -> str:
+        if x.number not in self.names:
+            if x.op == "const":
+                self.names[x.number] = literal(x)
+            else:
+                self.names[x.number] = name = self.w._fresh("v")
+                self.lines.append(f"{name} = {self.w.item(self.w.stored[x.number], self.i)}")
+        return self.names[x.number]
+
+    def _sums(self, stage: tuple[int, str]) -> None:
+        """What this loop adds to sums: along tables, over all, and into a Jacobian."""
+        w = self.w
+        for node in w.nodes:
+            if node.number in w.given:
+                continue
+            if node.op == "collect":
+                for x, path in zip(node.args, node.value, strict=True):
+                    if w._stage(x, path[0].source) == stage:
+                        value = self.value(x)
+                        place = w.item(w.stored[node.number], self.index(path))
+                        self.lines.append(f"{place} += {value}")
+            elif node.op == "total" and w._stage(node.args[0], node.value[1]) == stage:
+                name, item, op = w.names[node.number], self.value(node.args[0]), node.value[0]
+                self.lines.append(f"{name} = " + (f"{name} + {item}" if op == "add" else f"{op}({name}, {item})"))
+        here = [k for k, (term, x) in enumerate(w.terms) if w._stage(x, term.over) == stage]
+        for m, k in enumerate(here):
+            value = self.value(w.terms[k][1])
+            place = f"table[{w.slot('places', *here)} + {len(here)} * {self.i} + {m}]"
+            self.lines.append(f"{w.item(Place('out', w.terms_at), place)} += {value}")

@@ -1,0 +1,309 @@
+"""What formulas see of arrays over spaces: numpy arrays without a length, whose entries have no numbers.
+
+A formula in plain numpy is run once on these. Whatever does not do the same with all entries is refused at its line.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NoReturn
+
+import numpy as np
+from numpy.lib.mixins import NDArrayOperatorsMixin
+
+from . import symbols
+from .arrays import Map, Path, collect, count, part, take, total
+from .sentences import refused
+from .symbols import TAKE, array, lifted
+
+SAME = "A formula does the same with all of them: what differs from one to the next is a constant over them"
+
+
+class ArraySymbol(NDArrayOperatorsMixin):
+    """An array with an entry for each of `space`; parts: the components of one entry, an object array."""
+
+    __array_priority__ = 100.0
+
+    def __init__(self, space: str, parts: Any) -> None:
+        self.space, self.parts = space, boxed(parts)
+
+    def __repr__(self) -> str:
+        return f"<array over {self.space}s{', ' + str(self.parts.shape) + ' each' if self.parts.shape else ''}>"
+
+    @property
+    def ndim(self) -> int:
+        return 1 + int(self.parts.ndim)
+
+    def _no_length(self, *_: Any) -> NoReturn:
+        raise refused(
+            f"how many {self.space}s there are is not known while a formula is traced",
+            f"Sums and means over them are x.sum() and x.mean(). {SAME}",
+        )
+
+    __len__ = __iter__ = _no_length
+    shape = size = property(_no_length)
+
+    def __array__(self, *_: Any, **__: Any) -> NoReturn:
+        self._no_length()
+
+    def __bool__(self) -> bool:
+        raise refused("a branch on the value of a symbol (if, while, and, max, min, ==)")
+
+    def __float__(self) -> float:
+        raise refused("a symbol cannot become a float (a call into math, SciPy or numpy.linalg?)")
+
+    def __getitem__(self, key: Any) -> Any:
+        if isinstance(key, TableSymbol):
+            return key.of(self)
+        keys = key if isinstance(key, tuple) else (key,)
+        if keys[0] is Ellipsis and sum(k is not None for k in keys[1:]) <= self.parts.ndim:
+            return ArraySymbol(self.space, self.parts[keys])
+        if isinstance(keys[0], slice) and keys[0] == slice(None):
+            return ArraySymbol(self.space, self.parts[keys[1:]]) if keys[1:] else self
+        raise refused(
+            f"one or some of the {self.space}s are asked for by number",
+            f"x[:, k] is a component of each, x[self.table] are those that a table names. {SAME}",
+        )
+
+    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> Any:
+        if any(hasattr(x, "blocks") for x in inputs):
+            return NotImplemented  # a whole state does it, block by block
+        if ufunc is np.matmul and method == "__call__":
+            return _inner(*inputs)
+        if method == "reduce" and ufunc in (np.add, np.maximum, np.minimum):
+            name = {np.add: "sum", np.maximum: "max", np.minimum: "min"}[ufunc]
+            return getattr(self, name)(options.get("axis", 0))
+        if method != "__call__" or options or ufunc.nout != 1:
+            raise refused(
+                f"np.{ufunc.__name__} with {method} or {sorted(options)} is not known for arrays over a space"
+            )
+        if ufunc in (np.maximum, np.minimum):
+            ufunc = np.frompyfunc(symbols.maximum if ufunc is np.maximum else symbols.minimum, 2, 1)
+            inputs = tuple(x if isinstance(x, ArraySymbol) else np.frompyfunc(lifted, 1, 1)(x) for x in inputs)
+        return ArraySymbol(space_of(inputs), ufunc(*map(parts_of, inputs)))
+
+    def __array_function__(self, function: Any, types: Any, args: Any, kwargs: Any) -> Any:
+        return call_function(function, args, kwargs)
+
+    def _over(self, op: str, fold: Callable[..., Any], axis: int | None) -> Any:
+        if axis in (None, 0):
+            each = np.array([total(op, lifted(x), self.space) for x in self.parts.ravel()] + [None], dtype=object)[:-1]
+            return fold(each) if axis is None else each.reshape(self.parts.shape)[()]
+        return ArraySymbol(self.space, fold(self.parts, axis=_inner_axis(axis)))
+
+    def sum(self, axis: int | None = None) -> Any:
+        return self._over("add", np.sum, axis)
+
+    def max(self, axis: int | None = None) -> Any:
+        return self._over("max", _largest, axis)
+
+    def min(self, axis: int | None = None) -> Any:
+        return self._over("min", _least, axis)
+
+    def mean(self, axis: int | None = None) -> Any:
+        if axis not in (None, 0):
+            return self.sum(axis) / self.parts.shape[_inner_axis(axis)]
+        return self.sum(axis) / ((self.parts.size if axis is None else 1) * count(self.space))
+
+    @property
+    def T(self) -> Any:
+        """x, y = q.T: the components of all."""
+        if self.parts.ndim > 1:
+            raise refused("an array over a space with several axes of components is not transposed", "Write x[:, i, j]")
+        return [ArraySymbol(self.space, x) for x in self.parts] if self.parts.ndim else self
+
+
+def boxed(values: Any) -> Any:
+    if isinstance(values, np.ndarray):
+        return values
+    box = np.empty((), dtype=object)
+    box[()] = values
+    return box
+
+
+def _inner_axis(axis: Any) -> Any:
+    return axis - 1 if axis > 0 else axis
+
+
+def space_of(inputs: Iterable[Any]) -> str:
+    """The one space of the arrays that meet; refused where they are of several, or could be taken for others."""
+    inputs = list(inputs)
+    arrays = [x for x in inputs if isinstance(x, ArraySymbol)]
+    if len({x.space for x in arrays}) > 1:
+        raise refused(f"an array over {arrays[0].space}s meets one over {arrays[-1].space}s", TAKE)
+    if len({x.ndim for x in arrays}) > 1:
+        raise refused("arrays with and without components meet", "Write x[:, None] for the one without")
+    if any(np.ndim(x) >= arrays[0].ndim for x in inputs if not isinstance(x, ArraySymbol)):
+        raise refused(
+            f"an array over {arrays[0].space}s meets one that is none",
+            f"Declare it as a constant over them: constants = {{'name': ({arrays[0].space!r},)}}",
+        )
+    return arrays[0].space
+
+
+def parts_of(x: Any) -> Any:
+    return x.parts if isinstance(x, ArraySymbol) else np.asarray(x, dtype=object) if np.ndim(x) else x
+
+
+def _largest(values: Any, axis: int | None = None) -> Any:
+    return np.frompyfunc(symbols.maximum, 2, 1).reduce(values, axis=axis)
+
+
+def _least(values: Any, axis: int | None = None) -> Any:
+    return np.frompyfunc(symbols.minimum, 2, 1).reduce(values, axis=axis)
+
+
+def _inner(a: Any, b: Any) -> Any:
+    """x @ y of two arrays over one space without components, and of components with fixed numbers."""
+    if isinstance(a, ArraySymbol) and isinstance(b, ArraySymbol) and a.ndim == b.ndim == 1:
+        return (a * b).sum()
+    if isinstance(a, ArraySymbol) and not isinstance(b, ArraySymbol) and a.ndim == 2:
+        return ArraySymbol(a.space, a.parts @ np.asarray(b, dtype=object))
+    raise refused("this product is not known for arrays over spaces", "Write a sum: (x * y).sum(axis=1)")
+
+
+def _stack(arrays: Sequence[Any], axis: int = 0) -> Any:
+    if axis == 0:
+        raise refused("arrays over a space are stacked along their components", "Write axis=1 or axis=-1")
+    space = space_of(arrays)
+    shape = next(x for x in arrays if isinstance(x, ArraySymbol)).parts.shape
+    full = [np.broadcast_to(x.parts if isinstance(x, ArraySymbol) else boxed(x), shape) for x in arrays]
+    return ArraySymbol(space, np.stack(full, axis=_inner_axis(axis)))
+
+
+def _concatenate(arrays: Sequence[Any], axis: int = 0) -> Any:
+    if axis != 0:
+        return ArraySymbol(space_of(arrays), np.concatenate([x.parts for x in arrays], axis=_inner_axis(axis)))
+    from .array_states import Blocks
+
+    found: list[Any] = []
+    for x in arrays:
+        found += x.blocks if isinstance(x, Blocks) else [array(x) if isinstance(x, list | tuple) else x]
+    return Blocks(found)
+
+
+def _cross(a: Any, b: Any) -> Any:
+    (x, y, z), (u, v, w) = a.T, b.T
+    return _stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=1)
+
+
+def _sum_of(x: Any, axis: int | None = None) -> Any:
+    return x.sum(axis)
+
+
+_FUNCTIONS: dict[str, Callable[..., Any]] = {
+    "sum": _sum_of, "mean": lambda x, axis=None: x.mean(axis), "max": lambda x, axis=None: x.max(axis),
+    "amax": lambda x, axis=None: x.max(axis), "min": lambda x, axis=None: x.min(axis),
+    "amin": lambda x, axis=None: x.min(axis), "stack": _stack, "column_stack": lambda x: _stack(x, axis=1),
+    "concatenate": _concatenate, "cross": _cross, "dot": _inner, "ndim": lambda x: x.ndim,
+    "norm": lambda x, axis: np.sqrt((x * x).sum(axis)), "zeros_like": lambda x: x * 0.0,
+    "ones_like": lambda x: x * 0.0 + 1.0,
+}  # fmt: skip
+
+
+def call_function(function: Any, args: Any, kwargs: Any) -> Any:
+    known = _FUNCTIONS.get(function.__name__)
+    if known is None:
+        raise refused(
+            f"np.{function.__name__} is not known for arrays over a space", f"Known are {', '.join(_FUNCTIONS)}"
+        )
+    return known(*args, **kwargs)
+
+
+# tables -------------------------------------------------------------------------------------------------------------
+
+
+class TableSymbol:
+    """A table as formulas see it: which of `target` each entry of `source` has, one or several."""
+
+    __array_ufunc__ = None
+
+    def __init__(self, name: str, source: str, target: str, columns: Any) -> None:
+        self.name, self.source, self.target, self.columns = name, source, target, np.asarray(columns)
+
+    def __getitem__(self, key: Any) -> TableSymbol:
+        if isinstance(key, tuple) and key and isinstance(key[0], slice) and key[0] == slice(None):
+            return TableSymbol(self.name, self.source, self.target, self.columns[key[1:]])
+        raise refused(f"a row of the table {self.name!r} is asked for", f"self.{self.name}[:, k] is a column. {SAME}")
+
+    @property
+    def T(self) -> list[TableSymbol]:
+        """first, second = self.ends.T: its columns."""
+        return [TableSymbol(self.name, self.source, self.target, c) for c in self.columns.T]
+
+    def __len__(self) -> int:
+        raise refused(f"the length of the table {self.name!r} is asked for", SAME)
+
+    def __iter__(self) -> Any:
+        raise refused(f"the rows of the table {self.name!r} are asked for", SAME)
+
+    def _paths(self) -> list[tuple[tuple[int, ...], Path]]:
+        return [(i, (Map(self.name, int(c), self.source, self.target),)) for i, c in np.ndenumerate(self.columns)]
+
+    def of(self, x: Any) -> ArraySymbol:
+        """x[table]"""
+        if x.space != self.target:
+            raise refused(f"the table {self.name!r} names {self.target}s, and the array is over {x.space}s")
+        found = np.empty((*self.columns.shape, *x.parts.shape), dtype=object)
+        for i, path in self._paths():
+            found[i] = np.frompyfunc(lambda y, p=path: take(lifted(y), p), 1, 1)(x.parts)
+        return ArraySymbol(self.source, found)
+
+    def sums(self, x: Any) -> Any:
+        """For each of the target the sum of what x has where the table names it: the transpose of x[table].
+
+        Of a target "a+b" its array over a: at fixed places nothing is summed.
+        """
+        if isinstance(x, ArraySymbol) and x.space != self.source:
+            raise refused(f"sums() of the table {self.name!r} are of an array over {self.source}s, not {x.space}s")
+        parts = boxed(parts_of(x))
+        inner = parts.shape[self.columns.ndim :] if isinstance(x, ArraySymbol) else ()
+        if isinstance(x, ArraySymbol) and parts.shape[: self.columns.ndim] != self.columns.shape:
+            raise refused(
+                f"sums() of the table {self.name!r} needs components {self.columns.shape} for each of {self.source}, "
+                f"not {parts.shape}",
+                f"np.stack([a, b], axis=1) makes them; self.{self.name}[:, k].sums(x) is one column's",
+            )
+        found = np.empty(inner, dtype=object)
+        for k in np.ndindex(*inner):
+            terms = [(lifted(parts[(*i, *k)] if isinstance(x, ArraySymbol) else x), path) for i, path in self._paths()]
+            found[k] = collect(terms)
+        return first_of(ArraySymbol(self.target, found))
+
+
+class Table(np.ndarray):
+    """The same as numbers. counts: of the spaces of the target."""
+
+    counts: tuple[int, ...]
+
+    def __array_finalize__(self, source: Any) -> None:
+        self.counts = getattr(source, "counts", ())
+
+    def __reduce__(self) -> Any:
+        return _numbered, (np.array(self), self.counts)
+
+    def sums(self, x: Any) -> Any:
+        """As of a `TableSymbol`."""
+        index = np.asarray(self)
+        values = np.broadcast_to(x, index.shape) if np.ndim(x) < index.ndim else np.asarray(x)
+        if values.dtype == object:
+            flat = [symbols.const(0.0)] * int(np.prod((sum(self.counts), *values.shape[index.ndim :])))
+            found = array(flat).reshape(sum(self.counts), *values.shape[index.ndim :])
+        else:
+            found = np.zeros((sum(self.counts), *values.shape[index.ndim :]), values.dtype)
+        np.add.at(found, index, values)
+        return found[: self.counts[0]]
+
+
+def _numbered(values: Any, counts: tuple[int, ...]) -> Table:
+    found: Table = values.view(Table)
+    found.counts = counts
+    return found
+
+
+def first_of(x: ArraySymbol) -> ArraySymbol:
+    """Of joined arrays the first."""
+    if "+" not in x.space:
+        return x
+    found = np.frompyfunc(lambda y: part(y, 0, x.space), 1, 1)(x.parts)
+    return ArraySymbol(x.space.split("+")[0], found)

@@ -1,0 +1,208 @@
+"""The kernels of a flow on a system that is declared over spaces, from a formula that is traced on arrays.
+
+As `flow_kernels`, with arrays in the place of numbers, and nothing that depends on a size but where the entries are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..compiler import derivatives as trace
+from ..compiler.array_jacobian import Term, jacobian_terms, shared_as_unknowns
+from ..compiler.array_kernels import ArrayKernel, array_kernel, jacobian_kernel
+from ..compiler.array_mesh import Block, Mesh
+from ..compiler.array_states import Blocks, entries, fitted, refilled
+from ..compiler.array_symbols import ArraySymbol
+from ..compiler.arrays import NUMBER, along
+from ..compiler.derivatives import Symbol, const
+from ..compiler.kernels import kernel
+from ..compiler.once import once
+from ..errors import TraceError
+from ..integrator import Flow
+from .elimination import ZERO_PIVOT
+from .flow_kernels import FlowKernels, called, hoisted_values
+from .normal_rows import normalised
+from .pattern import Pattern
+from .reduction import Reduction, reduce_arrays
+
+
+@dataclass(frozen=True)
+class ArrayFlow:
+    """A flow without a size: texts, and where the terms of the Jacobian belong."""
+
+    opening: ArrayKernel
+    iterate: ArrayKernel
+    finish: ArrayKernel
+    unknowns: tuple[str, ...]  # their spaces
+    terms: tuple[tuple[int, int, Term], ...]  # which row, which unknown, and which entries
+    positive: tuple[str, ...]  # spaces of temperatures that have to be positive
+
+    def kernels(self, mesh: Mesh) -> FlowKernels:
+        """For a system of this mesh."""
+        offsets = mesh.offsets([Block(space, (None,)) for space in self.unknowns])
+        n, positive, empty = offsets[-1], sum(map(mesh.size, self.positive)), kernel({}, [])
+        pattern, places = self._pattern(mesh, offsets, positive) if n else (None, [])
+        opening = self.opening.kernel(mesh)
+        iterate = self.iterate.kernel(mesh.with_entries(pattern.nnz if pattern else 0), places, extra=1)
+        return FlowKernels(
+            setup=empty, prologue=opening, opening=opening, iterate=iterate, polish=empty,
+            finish=self.finish.kernel(mesh), full=iterate, n_unknowns=n, n_eliminated=0, n_positive=positive,
+            pattern=pattern, way=(f"sparse: {n} unknowns" if n else "explicit") + ", in loops over the elements",
+        )  # fmt: skip
+
+    def _pattern(self, mesh: Mesh, offsets: Sequence[int], positive: int) -> tuple[Pattern, list[NDArray[np.int64]]]:
+        if not self.terms:
+            raise TraceError(ZERO_PIVOT)
+        rows, columns = [], []
+        for i, j, term in self.terms:
+            r, c = mesh.along(term.rows, term.over), mesh.along(term.columns, term.over)
+            fixed = (r < 0) | (c < 0)
+            rows.append(np.where(fixed, -1, offsets[i] + r))
+            columns.append(np.where(fixed, -1, offsets[j] + c))
+        row, column = np.concatenate(rows), np.concatenate(columns)
+        free = row >= 0
+        pattern = Pattern(offsets[-1], row[free], column[free])
+        if len(np.setdiff1d(pattern.diagonal, pattern.places)):
+            raise TraceError(ZERO_PIVOT)
+        where = np.full(len(row), pattern.nnz + offsets[-1] + positive)  # what is fixed writes behind everything
+        where[free] = pattern.places
+        return pattern, np.split(where, np.cumsum([len(r) for r in rows])[:-1])
+
+
+def array_flow(flow: Flow, system: Any) -> ArrayFlow:
+    """Trace, reduce and differentiate one flow; system: one that stands for all of its kind, of any size."""
+    with trace.tracing():
+        return _array_flow(flow, system)
+
+
+def _array_flow(flow: Flow, net: Any) -> ArrayFlow:
+    h, z0 = trace.variable("h"), net.fresh_state("z")
+    y0 = net.in_variables(flow.variables, z0)
+    steps = [net.fresh_state(f"d{k}") for k in range(1 + flow.stages)]
+    start = [net.fresh_state(f"start{k}") for k in range(flow.memory or 2)]
+    d = entries(*steps)
+    rows = normalised(_rows(flow, net, y0, z0, h, steps, start), d, h, own_slopes)
+    if any(row.space not in (NUMBER, s.space) for row, s in zip(rows, d, strict=True)):
+        raise trace.refused(
+            f"the rows of the residual {flow.residual.__name__!r} are in another order than {', '.join(net.variables)}",
+            "Give them in that of the state",
+        )
+    reduction = reduce_arrays(rows, d, h)
+    x = reduction.unknowns
+    residual, unknowns, shared = shared_as_unknowns(reduction.rows, x)
+    terms = jacobian_terms(residual, unknowns)
+    flat = [(i, term, slope) for i, row in enumerate(terms) for term, slope in row.items()]
+    d_dh = along(residual, {h: const(1.0)})
+    dy = refilled(y0, reduction.increments(d)[: len(entries(y0))])
+    y1 = net.state(y0 + dy)
+    dz = dy
+    if flow.variables != "entropy":
+        dz = net.state(np.concatenate([dy.q, dy.p, net.entropy_increments(flow.variables, y0, y1)]))
+    positive = entries(y1.s) if flow.variables == "temperature" else []
+    sizes = dict(zip(d, scales(net, z0, y0, flow.variables) * len(steps), strict=True))
+    began = _start(reduction)
+    began |= dict(zip(shared, trace.substitute(list(shared.values()), began), strict=True))
+    scaled = [sizes[s] if s in sizes else _of_size(began[s]) for s in unknowns]
+    kinds = [s.space for s in unknowns]
+    fixed = [*(began[s] for s in unknowns), *[const(0.0)] * len(unknowns), *scaled]
+    hoisted = hoisted_values([*residual, *(slope for _, _, slope in flat), *d_dh, *positive, *entries(dz)], unknowns)
+    kept = [Block(v.space, (v,)) for v in hoisted]
+    inputs = {
+        "a": net.blocks(z0),
+        "b": [Block(NUMBER, (h,)), *net.constant_blocks(), *(b for v in start for b in net.blocks(v))],
+    }
+    opening = [Block(k, (v,)) for k, v in zip(kinds * 3, fixed, strict=True)]
+    reads = {
+        "a": [*(Block(k, (None,)) for k in kinds * 3), *kept],
+        "b": [Block(k, (s,)) for k, s in zip(kinds, unknowns, strict=True)],
+    }
+    before = [Block(k, (row,)) for k, row in zip(kinds, residual, strict=True)]
+    behind = [Block(k, (v,)) for k, v in zip(kinds, d_dh, strict=True)] + [Block(v.space, (v,)) for v in positive]
+    columns = {s.number: i for i, s in enumerate(unknowns)}
+    return ArrayFlow(
+        opening=array_kernel(inputs, [*opening, *kept, *net.blocks(net.observe(z0))]),
+        iterate=jacobian_kernel(reads, before, [(term, slope) for _, term, slope in flat], behind),
+        finish=array_kernel(reads, net.blocks(dz)),
+        unknowns=tuple(kinds),
+        terms=tuple((i, columns[term.unknown.number], term) for i, term, _ in flat),
+        positive=tuple(v.space for v in positive),
+    )
+
+
+def _rows(
+    flow: Flow, net: Any, y0: Any, z0: Any, h: Symbol, steps: Sequence[Any], start: Sequence[Any]
+) -> list[Symbol]:
+    """Run the author's formula on arrays; its rows, those of stages behind."""
+    y1, *stages = (net.state(y0 + d) for d in steps)
+    if flow.of_step:
+        more = list(start)
+    else:  # of an earlier state its slope is known: see flow_kernels.further
+        more = [tuple(net.in_variables(flow.variables, net.state(z0 + h * v)) for v in start)] if flow.memory else []
+    found = called(flow, [y0, y1, h, net, *([stages] if stages else []), *more])
+    blocks = found.blocks if isinstance(found, Blocks) else [found]
+    wanted = [block for d in steps for block in d.blocks]
+    if len(blocks) != len(wanted):
+        raise TraceError(
+            f"The residual {flow.residual.__name__!r} returned {len(blocks)} arrays; a state of {net.name!r} has "
+            f"{len(y0.blocks)} ({', '.join(net.variables)}){f' and there are {len(stages)} stages' if stages else ''}, "
+            f"so it must return {len(wanted)}."
+        )
+    if sorted(map(_kind, blocks)) == sorted(map(_kind, wanted)):  # in whatever order
+        return list(map(trace.lifted, entries(*blocks)))
+    name = f"the residual {flow.residual.__name__!r}"
+    return [x for block, like in zip(blocks, wanted, strict=True) for x in entries(fitted(block, like, name))]
+
+
+def _kind(block: Any) -> tuple[str, int]:
+    return block.space if isinstance(block, ArraySymbol) else NUMBER, len(entries(block))
+
+
+def own_slopes(rows: Sequence[Symbol], unknowns: Sequence[Symbol]) -> list[dict[int, Symbol]]:
+    """Slopes of arrays by the entries of the same place, as `sparse_jacobian` has them."""
+    place = {x.number: j for j, x in enumerate(unknowns)}
+    terms = jacobian_terms(rows, list(unknowns))
+    return [{place[t.unknown.number]: slope for t, slope in row.items() if not (t.rows or t.columns)} for row in terms]
+
+
+def scales(net: Any, z0: Any, y0: Any, variables: str) -> list[Symbol]:
+    """1/size of each array of a state: as `first_values.scales_of`."""
+    sizes = net.sizes(z0)
+    if variables == "temperature":
+        sizes[-1] = y0.theta
+    if variables == "energy":
+        sizes[-1] = net.temperatures(z0) * sizes[-1]
+    return [trace.reciprocal(trace.lifted(x)) for x in entries(*sizes)]
+
+
+def _of_size(value: Symbol) -> Symbol:
+    return trace.reciprocal(trace.maximum(const(1.0), abs(value)))
+
+
+def _start(reduction: Reduction) -> dict[Symbol, Symbol]:
+    """Unknowns for which the eliminated increments vanish: Newton from z1 = z0. As `first_values.plain_start`."""
+    x, zero = reduction.unknowns, const(0.0)
+    start = dict.fromkeys(x, zero)
+    for formula in reduction.eliminated.values():
+        (found,) = jacobian_terms([formula], x)
+        if len(found) == 1 and all(not term.rows and not term.columns for term in found):
+            ((term, slope),) = found.items()
+            if slope.number in trace.depends_on([slope], x):
+                continue
+            (offset,) = trace.substitute([formula], dict.fromkeys(x, zero))
+            start[term.unknown] = trace.neg(trace.mul(offset, trace.reciprocal(slope)))
+    return start
+
+
+def flow_of(formula: Flow, hashed: str | None, kind: Any) -> ArrayFlow:
+    """One of a formula with this hash, for all systems of a kind; None: it has none."""
+    return array_flow(formula, kind) if hashed is None else _flow_of(formula, hashed, kind)
+
+
+@once
+def _flow_of(formula: Flow, hashed: str, kind: Any) -> ArrayFlow:
+    return array_flow(formula, kind)

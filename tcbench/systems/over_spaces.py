@@ -1,0 +1,291 @@
+"""Systems of any size: variables, constants and tables over named spaces, `{"q": ("node", 2), "s": ("spring",)}`.
+
+The formulas are those of any system, in plain numpy, the first axis of an array its space. A small system is traced
+entry by entry, a large one on arrays (`compiler.array_symbols`): its kernels are loops, and what a start costs hardly
+follows the size. Small ones are traced on arrays first, as a check: what does not treat all alike is refused in both.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..compiler import derivatives as trace
+from ..compiler.array_kernels import array_kernel
+from ..compiler.array_mesh import Block, Mesh
+from ..compiler.array_states import Blocks, entries, fitted, refilled
+from ..compiler.array_symbols import ArraySymbol, Table, TableSymbol
+from ..compiler.arrays import NUMBER, count, total, variable
+from ..compiler.kernels import Kernel
+from ..compiler.once import LOCK, cached_property
+from ..compiler.symbols import Symbol, const
+from ..errors import TcbenchError
+from . import traced
+from .traced import Traced
+
+Ints = NDArray[np.int64]
+Declared = Mapping[str, tuple[Any, ...]]
+WHOLE = ("jacobian", "friction", "poisson")  # matrices, which are traced entry by entry
+_KINDS: dict[tuple[Any, ...], Any] = {}
+_BODIES: dict[tuple[Any, ...], tuple[Any, bool]] = {}
+
+
+def space_of(declared: tuple[Any, ...]) -> str:
+    """The space of a declared shape; "" where it has none."""
+    return declared[0] if declared and isinstance(declared[0], str) else NUMBER
+
+
+def components(declared: tuple[Any, ...]) -> tuple[int, ...]:
+    """The shape of one entry."""
+    return tuple(declared[1:] if space_of(declared) else declared)
+
+
+class OverSpaces(Traced):
+    """What a `System` has of its spaces; without any it is what `Traced` is."""
+
+    tables: ClassVar[Declared] = {}  # name -> (source, columns..., target): whole numbers, given as a constant
+    variables: Declared
+    spaces: Mapping[str, int] = {}  # how many there are of each, of an instance
+    by_array: bool = False  # is it one that formulas are traced on, for all sizes?
+
+    @classmethod
+    def declared_variables(cls) -> Declared:
+        """Variables as the class declares them."""
+        return cls.variables
+
+    @classmethod
+    def has_spaces(cls) -> bool:
+        declared = (*cls.declared_variables().values(), *cls.constants.values())
+        return bool(cls.tables) or any(space_of(d) for d in declared if isinstance(d, tuple))
+
+    def _measured(self, values: Mapping[str, Any]) -> None:
+        """Sizes of the spaces and the tables from the values of the constants; shapes become numbers."""
+        cls = type(self)
+        sizes, given = dict[str, int](), dict[str, str]()
+        for name, declared in {**cls.constants, **cls.tables}.items():
+            space = space_of(declared)
+            if not space:
+                continue
+            if name not in values:
+                raise TcbenchError(f"System {self.name!r} needs a value for the constant {name!r}.")
+            if not np.ndim(values[name]):
+                raise TcbenchError(f"Constant {name!r} has one entry for each {space}; it is {values[name]!r}.")
+            size = len(values[name])
+            if sizes.setdefault(space, size) != size:
+                raise TcbenchError(
+                    f"Constant {name!r} is given for {size} {space}s, and {given[space]!r} for {sizes[space]}."
+                )
+            given.setdefault(space, name)
+        wanted = [*map(space_of, cls.declared_variables().values()), *(d[-1] for d in cls.tables.values())]
+        for space in (part for whole in wanted if whole for part in whole.split("+")):
+            if space not in sizes:
+                raise TcbenchError(
+                    f"{cls.__name__}: how many {space}s there are is told by a constant or a table over them, "
+                    f"such as constants = {{'mass': ({space!r},)}}; there is none."
+                )
+        self.__dict__["spaces"] = sizes
+        self.__dict__["constants"] = {n: (sizes[d[0]], *d[1:]) if space_of(d) else d for n, d in cls.constants.items()}
+        self._set_variables(sizes)
+        for name, (source, *columns, target) in cls.tables.items():
+            self.__dict__[name] = _table(name, values[name], (sizes[source], *columns), target, sizes)
+
+    def _set_variables(self, sizes: Mapping[str, int]) -> None:
+        declared = self.declared_variables()
+        self.__dict__["variables"] = {n: (sizes[d[0]], *d[1:]) if space_of(d) else d for n, d in declared.items()}
+
+    # ---- as any system, where entries are traced one by one ----------------------------------------------
+
+    @property
+    def large(self) -> bool:
+        """Is it traced on arrays?"""
+        return bool(self.spaces) and self.size > traced.FEW
+
+    @property
+    def structure(self) -> tuple[Any, ...]:
+        found = super().structure
+        return (*found, self.large, self.mesh_mark) if self.spaces else found
+
+    @cached_property
+    def mesh_mark(self) -> str:
+        """Hash of the tables."""
+        found = hashlib.sha256(repr(sorted(self.spaces.items())).encode())
+        for name in self.tables:
+            found.update(np.asarray(getattr(self, name)).tobytes())
+        return found.hexdigest()
+
+    @property
+    def kept(self) -> tuple[str, ...]:
+        return (*super().kept, "spaces", "constants", "variables", "n_positions", "n_elements", *self.tables)
+
+    @cached_property
+    def symbolic(self) -> Self:
+        found: Self = super().symbolic
+        if self.spaces and "mesh" not in found.__dict__:
+            if not self.large:
+                self.by_arrays.check()
+            found.__dict__.setdefault("mesh", self.mesh)
+            found.__dict__.setdefault("by_arrays", self.by_arrays)
+        return found
+
+    @cached_property
+    def mesh(self) -> Mesh:
+        """Sizes and tables, for kernels."""
+        return Mesh(self.spaces, {n: np.asarray(getattr(self, n)) for n in self.tables})
+
+    # ---- on arrays ---------------------------------------------------------------------------------------
+
+    @cached_property
+    def by_arrays(self) -> Any:
+        """What formulas are traced on, one for all sizes: symbols for arrays in the place of constants and tables."""
+        switched_off = frozenset(n for n, shape in self.constants.items() if shape and not np.any(getattr(self, n)))
+        numbers = tuple(pair for pair in self.zeros if not space_of(type(self).constants[pair[0]]))
+        key = (type(self), self.formulas, switched_off, numbers)
+        with LOCK:
+            if key not in _KINDS:
+                _KINDS[key] = self._by_arrays(switched_off)
+            return _KINDS[key]
+
+    def _by_arrays(self, switched_off: frozenset[str]) -> Any:
+        cls, kind = type(self), object.__new__(type(self))
+        own = kind.__dict__
+        own.update(by_array=True, formulas=self.formulas, variables=self.declared_variables(), symbolic=kind)
+        own.update(n_positions=count("position"), n_elements=count("element"))
+        for name, (source, *columns, target) in cls.tables.items():
+            own[name] = TableSymbol(name, source, target, np.arange(np.prod(columns, dtype=int)).reshape(columns))
+        for name, declared in cls.constants.items():
+            if not space_of(declared):
+                symbols = self.symbols_of(name)
+                own[name] = symbols[0] if declared == () else symbols.reshape(declared)
+                continue
+            own[name] = fresh(name, declared)
+            if name in switched_off:
+                own[name] = refilled(own[name], [const(0.0)] * len(entries(own[name])))
+            if name in self.positive:
+                trace.positive(entries(own[name]))
+        return kind
+
+    def check(self) -> None:
+        """TraceError where a formula does not treat all entries alike; of the one that is traced on."""
+        if "checked" not in self.__dict__:
+            with trace.tracing():
+                self.observe(self.fresh_state("z"))
+                self.vector_field(self.fresh_state("z"))
+            self.__dict__["checked"] = True
+
+    def fresh_state(self, name: str) -> Blocks:
+        """New variables, a state of arrays."""
+        return self.array_state(Blocks([fresh(f"{name}.{n}", d) for n, d in self.declared_variables().items()]))
+
+    def array_state(self, values: Any) -> Blocks:
+        """Arrays as a state: with names, and of the spaces and components that each has."""
+        declared = self.declared_variables()
+        if not isinstance(values, Blocks) or len(values.blocks) != len(declared):
+            raise trace.refused(
+                f"a state of {self.name!r} is made of {', '.join(declared)}, and not of {values!r}",
+                "np.concatenate([z.q, z.p, z.s]) makes one",
+            )
+        likes = [fresh(name, d) for name, d in declared.items()]
+        found = [fitted(x, like, n) for x, like, n in zip(values.blocks, likes, declared, strict=True)]
+        return Blocks(found, self.block_numbers())
+
+    def block_numbers(self) -> dict[str, int]:
+        return {name: k for k, name in enumerate(self.declared_variables())}
+
+    def blocks(self, value: Any) -> list[Block]:
+        """Arrays and numbers as parts of the input or output of a kernel."""
+        return list(_blocks(value))
+
+    def constant_blocks(self) -> list[Block]:
+        """What stands in `constant_values` behind the time step; what is switched off is not read."""
+        found = []
+        for name, declared in type(self).constants.items():
+            symbols = (None if x.op == "const" else x for x in entries(getattr(self, name)))
+            found.append(Block(space_of(declared), tuple(symbols)))
+        return found
+
+    def array_sizes(self, z: Blocks) -> list[Any]:
+        """As `sizes`, of a state of arrays: block by block."""
+        found = []
+        for block in z.blocks:
+            nodes = entries(block)
+            space, largest = block.space if isinstance(block, ArraySymbol) else NUMBER, const(1.0)
+            for x in nodes:
+                largest = trace.maximum(largest, total("max", abs(x), space))
+            found.append(refilled(block, [largest] * len(nodes)))
+        return found
+
+    def observed_counts(self) -> tuple[tuple[str, ...], int]:
+        """Names of the invariants, and how many temperatures there are."""
+        net = self.by_arrays
+        with trace.tracing():
+            z = net.fresh_state("z")
+            return tuple(net.invariants(z)), self.mesh.offsets(net.blocks(net.temperatures(z)))[-1]
+
+    def _kernel(self, body: Callable[..., Any], sizes: tuple[int, ...]) -> tuple[Kernel, tuple[int, ...]]:
+        if not self.large or any(n != self.size for n in sizes) or body.__name__ in WHOLE:
+            return super()._kernel(body, sizes)
+        key = (self.structure, body, sizes)
+        if key not in traced._KERNELS:
+            made, single = self._body_kernel(body, len(sizes))
+            kernel = made.kernel(self.mesh)
+            traced._KERNELS[key] = kernel, () if single else (kernel.size,)
+        return traced._KERNELS[key]
+
+    def _body_kernel(self, body: Callable[..., Any], states: int) -> tuple[Any, bool]:
+        net = self.by_arrays
+        key = (net, body, states)
+        with LOCK:
+            if key not in _BODIES:
+                with trace.tracing():
+                    given = [net.fresh_state(f"z{k}") for k in range(states)]
+                    result = body(net, *given)
+                    inputs = {"a": [b for z in given for b in net.blocks(z)],
+                              "b": [Block(NUMBER, (None,)), *net.constant_blocks()]}  # fmt: skip
+                    outputs = net.blocks(result)
+                    single = not isinstance(result, Blocks | ArraySymbol) and not np.ndim(result)
+                    _BODIES[key] = array_kernel(inputs, outputs), single
+            return _BODIES[key]
+
+
+def _table(name: str, value: Any, shape: tuple[int, ...], target: str, sizes: Mapping[str, int]) -> Table:
+    """A table of whole numbers, each of which names one of the target."""
+    counts = tuple(sizes[part] for part in target.split("+"))
+    try:
+        numbers = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        raise TcbenchError(f"The table {name!r} has whole numbers, not {value!r:.60}.") from None
+    if numbers.shape != shape:
+        raise TcbenchError(f"The table {name!r} must have shape {shape}, not {numbers.shape}.")
+    if numbers.size and not (np.all(numbers % 1 == 0) and numbers.min() >= 0 and numbers.max() < sum(counts)):
+        raise TcbenchError(
+            f"The table {name!r} names {target}s from 0 to {sum(counts) - 1}; it has {numbers.min():g} to "
+            f"{numbers.max():g}."
+        )
+    found = numbers.astype(np.int64).view(Table)
+    found.counts = counts
+    found.setflags(write=False)
+    return found
+
+
+def fresh(name: str, declared: tuple[Any, ...]) -> Any:
+    """New symbols for a variable or constant that is declared so."""
+    space, shape = space_of(declared), components(declared)
+    parts = trace.array(variable(name, space) for _ in range(int(np.prod(shape, dtype=int)))).reshape(shape)
+    return ArraySymbol(space, parts) if space else parts[()]
+
+
+def _blocks(value: Any) -> Any:
+    if isinstance(value, Blocks):
+        for x in value.blocks:
+            yield from _blocks(x)
+    elif isinstance(value, ArraySymbol):
+        yield Block(value.space, tuple(map(trace.lifted, entries(value))))
+    elif isinstance(value, list | tuple):
+        for x in value:
+            yield from _blocks(x)
+    elif isinstance(value, Symbol) or np.size(value):
+        yield Block(NUMBER, tuple(map(trace.lifted, entries(value))))

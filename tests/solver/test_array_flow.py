@@ -1,0 +1,124 @@
+"""Formulas traced on arrays: equal to the whole trace, their Jacobians exact, and refused where they do not treat all
+alike."""
+
+import numpy as np
+import pytest
+from tcbench_plugins.net.net import net
+
+import tcbench
+from tcbench.compiler.library import evaluate
+from tcbench.solver.flow_kernels import build
+from tcbench.systems import traced
+
+from ..helpers.networks import NETWORKS
+
+OF_ELEMENTS = [
+    "tc_monolithic", "tc_staggered", "midpoint_temperature", "midpoint_temperature[reading=rate]",
+    "midpoint_temperature[reading=a5_literal]", "tc_energy", "tc_gonzalez", "tc_itoh_abe", "tc_mean_value", "gauss2",
+    "bdf2", "projected[method=midpoint_entropy]",
+]  # fmt: skip
+GENERAL = ["tc_monolithic", "tc_strang", "midpoint_entropy", "tc_itoh_abe", "gauss3"]
+NET = net(3, 3)
+LOOPS = "in loops over the elements"
+
+
+@pytest.fixture
+def whole(monkeypatch):
+    """Trace entry by entry, whatever the size."""
+
+    def run(method, scenario, **options):
+        with monkeypatch.context() as m:
+            m.setattr(traced, "FEW", 10**6)
+            found = tcbench.simulate(method, scenario.replace(name="whole"), **options)
+        assert LOOPS not in found.solver.way
+        return found
+
+    return run
+
+
+@pytest.mark.parametrize("method", OF_ELEMENTS)
+def test_flows_of_elements_are_those_of_the_whole_trace(method, whole):
+    run, expected = tcbench.simulate(method, NET, t_end=0.3), whole(method, NET, t_end=0.3)
+    assert run.ok and LOOPS in run.solver.way
+    assert np.abs(run.z - expected.z).max() < 1e-13
+
+
+@pytest.mark.parametrize("name", NETWORKS)
+@pytest.mark.parametrize("method", GENERAL)
+def test_flows_of_any_system_are_those_of_the_whole_trace(method, name, whole):
+    scenario = NETWORKS[name]
+    run, expected = tcbench.simulate(method, scenario, t_end=0.2), whole(method, scenario, t_end=0.2)
+    assert run.ok and LOOPS in run.solver.way
+    assert np.abs(run.z - expected.z).max() < 1e-13
+    assert run.summary.entropy_increment_min > 0.0
+    if method.startswith("tc_"):
+        assert run.summary.energy_error_max < 1e-13
+
+
+@pytest.mark.parametrize("name", NETWORKS)
+@pytest.mark.parametrize("method", ["tc_monolithic", "gauss2"])
+def test_jacobians_are_those_of_differences(method, name):
+    scenario = NETWORKS[name]
+    model = scenario.model
+    kernels = build(tcbench.integrators()[method].flows[0], model)
+    n, pattern = kernels.n_unknowns, kernels.pattern
+    c = np.concatenate([[0.1], model.constant_values[1:], scenario.z0, scenario.z0])
+    w, out = np.zeros(kernels.opening.size), np.zeros(kernels.iterate.size)
+    evaluate(kernels.opening.address, np.array(scenario.z0), c, w)
+    x = w[:n] + 1e-3 * np.cos(np.arange(n))
+
+    def residual(x):
+        evaluate(kernels.iterate.address, w, np.ascontiguousarray(x), out)
+        return out[:n].copy()
+
+    step = 1e-5
+    differences = np.array([(residual(x + step * e) - residual(x - step * e)) / (2 * step) for e in np.eye(n)]).T
+    residual(x)
+    found = np.zeros((n, n))
+    rows = np.repeat(np.arange(n), np.diff(pattern.first))
+    found[pattern.order[rows], pattern.order[pattern.columns]] = out[n : n + pattern.nnz]
+    assert np.abs(found - differences).max() < 1e-9 * max(1.0, np.abs(found).max())
+
+
+def test_what_belongs_to_a_spring_alone_is_condensed():
+    ways = [tcbench.simulate("tc_monolithic", NETWORKS[n], t_end=0.1).solver.way for n in ("row", "dashpots")]
+    assert ways == ["sparse: 21 unknowns, in loops over the elements"] * 2
+
+
+def mixing(z0, z1, h, system):
+    return z1 - z0 - h * system.vector_field(z0) + 1e-3 * (z0.q[0] - z0.q[1])
+
+
+def by_length(z0, z1, h, system):
+    return z1 - z0 - h * system.vector_field(z0) * (len(z0.q) / 100.0)
+
+
+def by_place(z0, z1, h, system):
+    return (z1 - z0) - h * system.vector_field(z0) * np.linspace(1.0, 2.0, 46)
+
+
+@pytest.mark.parametrize(
+    ("formula", "sentence"),
+    [(mixing, "positions are asked for by number. x"), (by_length, "how many positions there are is not known"),
+     (by_place, "a whole state meets an array")],
+)  # fmt: skip
+def test_what_does_not_treat_all_alike_is_refused_at_its_line(formula, sentence):
+    method = tcbench.Integrator(name="odd", order=1, flows=formula)
+    line = formula.__code__.co_firstlineno + 1
+    with pytest.raises(tcbench.TcbenchError, match=rf"test_array_flow.py, line {line}: .*{sentence}"):
+        tcbench.simulate(method, NET, dt=0.01, t_end=0.02)
+
+
+def with_mean(z0, z1, h, system):
+    return z1 - z0 - h * system.vector_field(z0) * (system.temperatures(z0).mean() / 300.0)
+
+
+def by_count(z0, z1, h, system):
+    return z1 - z0 - h * system.vector_field(z0) * (np.sum(system.temperatures(z0)) / system.n_elements / 300.0)
+
+
+@pytest.mark.parametrize("formula", [with_mean, by_count])
+def test_means_are_taken_over_all(formula, whole):
+    method = tcbench.Integrator(name="mean", order=1, flows=formula)
+    run, expected = tcbench.simulate(method, NET, t_end=0.3), whole(method, NET, t_end=0.3)
+    assert LOOPS in run.solver.way and np.abs(run.z - expected.z).max() < 1e-13

@@ -1,0 +1,135 @@
+"""Systems over spaces: one class small and large, its numbers the author's own, wrong use told in a sentence."""
+
+import copy
+import pickle
+
+import numpy as np
+import pytest
+
+import tcbench
+from tcbench import System, TcbenchError
+from tcbench.systems import traced
+from tcbench.systems.sparse_jacobian import sparse_jacobian
+
+from ..helpers.networks import NETWORKS, Row, row
+
+SMALL = {"ends": [[0, 1], [1, 2], [2, 3], [0, 4]], "pairs": [[0, 1], [1, 2], [3, 0]], "mass": np.ones(4),
+         "stiffness": np.full(4, 10.0), "q": [[1.0, 0.0], [2.0, 0.1], [3.0, 0.0], [4.0, 0.2]],
+         "p": np.zeros((4, 2)), "s": [0.1, 0.0, -0.1, 0.05]}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", NETWORKS)
+def test_derived_functions_are_the_authors_own(name):
+    scenario = NETWORKS[name]
+    model, z = scenario.model, scenario.z0
+    state = model.state(z)
+    assert model.large and model.size == len(z)
+    for formula in ("energy", "entropy"):
+        own = getattr(type(model), formula).__wrapped__(model, state)
+        assert getattr(model, formula)(z) == pytest.approx(own, rel=1e-14)
+    gradient = np.asarray(model.gradient(z))
+    step = 1e-6
+    differences = [(model.energy(z + step * e) - model.energy(z - step * e)) / (2 * step) for e in np.eye(len(z))]
+    assert np.allclose(gradient, differences, atol=1e-7)
+    field, other = model.vector_field(z), gradient + 0.1
+    assert gradient @ field == pytest.approx(0.0, abs=1e-12) and model.entropy_gradient(z) @ field > 0
+    slopes = model.discrete_gradient(z, z + 0.01 * other)
+    assert slopes @ (0.01 * other) == pytest.approx(model.energy(z + 0.01 * other) - model.energy(z), abs=1e-12)
+    assert copy.deepcopy(scenario) == pickle.loads(pickle.dumps(scenario)) == scenario
+
+
+@pytest.mark.parametrize("name", NETWORKS)
+def test_the_sparse_jacobian_is_that_of_differences(name):
+    scenario = NETWORKS[name]
+    model, z, step = scenario.model, scenario.z0, 1e-5
+    field = model.vector_field(np.concatenate([z + step * np.eye(len(z)), z - step * np.eye(len(z))]))
+    differences = (field[: len(z)] - field[len(z) :]).T / (2 * step)
+    assert np.abs(sparse_jacobian(model)(z).toarray() - differences).max() < 2e-9 * np.abs(differences).max()
+
+
+def test_one_class_is_small_and_large():
+    small = row(Row, **SMALL)
+    run = tcbench.simulate("tc_monolithic", small)
+    assert run.ok and run.solver.way == "unrolled: 12 unknowns" and run.summary.energy_error_max < 1e-14
+    assert small.replace(kappa=1.0).system is NETWORKS["row"].system
+    for name in ("scipy_dop853", "tc_gauss"):
+        assert tcbench.simulate(name, small, **({"tolerance": 1e-6} if "scipy" in name else {})).ok
+
+
+class Counting(Row):
+    name = "counting"
+
+    def energy(self, z):
+        return super().energy(z) / len(z.s)
+
+
+class First(Row):
+    name = "first"
+
+    def irreversible(self, z, dE, dS):
+        return {"s": self.kappa * (dE.s[0] - dE.s) / dE.s}
+
+
+class Mixed(Row):
+    name = "mixed"
+
+    def entropy(self, z):
+        return (z.s + z.p[:, 0]).sum()
+
+
+class Apart(Row):
+    name = "apart"
+
+    def energy(self, z):
+        return super().energy(z) + (z.s * np.arange(7.0)).sum()
+
+
+class Unsummed(Row):
+    name = "unsummed"
+
+    def entropy(self, z):
+        return z.s
+
+
+@pytest.mark.parametrize("size", ["small", "large"])
+@pytest.mark.parametrize(
+    ("kind", "sentence"),
+    [(Counting, "how many springs there are is not known"), (First, "springs are asked for by number"),
+     (Mixed, "over springs meets one over nodes. Take it along a table"),
+     (Apart, "meets one that is none. Declare it")],
+)  # fmt: skip
+def test_formulas_that_do_not_treat_all_alike_are_refused(kind, sentence, size):
+    with pytest.raises(TcbenchError, match=rf"test_over_spaces.py, line \d+: .*{sentence}"):
+        tcbench.simulate("tc_monolithic", row(kind, **(SMALL if size == "small" and kind is not Apart else {})))
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [({"stiffness": np.ones(3)}, "'stiffness' is given for 3 springs, and 'ends' for 7|'ends' is given for 7 springs"),
+     ({"ends": [[0, 9]] * 7}, r"The table 'ends' names node\+anchors from 0 to 7; it has 0 to 9"),
+     ({"ends": np.ones((7, 3))}, r"The table 'ends' must have shape \(7, 2\)"),
+     ({"ends": np.full((7, 2), 0.5)}, "The table 'ends' names"), ({"mass": 1.0}, "'mass' has one entry for each node")],
+)  # fmt: skip
+def test_tables_and_sizes_are_checked(changes, sentence):
+    with pytest.raises(TcbenchError, match=sentence):
+        row(Row, **changes)
+
+
+def test_declarations_are_checked():
+    def declared(**body):
+        return type("Own", (System,), {"name": "own", "variables": {"x": ("node",)}, **body})
+
+    with pytest.raises(TcbenchError, match="Own: how many nodes there are is told by a constant or a table over them"):
+        declared(constants={"k": ()})(k=1.0)
+    with pytest.raises(TcbenchError, match="Own: the table 'ends' is declared by what has numbers"):
+        declared(tables={"ends": ("spring",)})
+    with pytest.raises(TcbenchError, match="Own: the shape of the variable 'x' is"):
+        declared(variables={"x": ("node", "spring")})
+    with pytest.raises(TcbenchError, match=r"returns one number, not .* adds up"):
+        tcbench.simulate("tc_monolithic", row(Unsummed))
+
+
+def test_formulas_of_all_sizes_are_traced_once():
+    one, other = NETWORKS["row"], row(Row, **SMALL, kappa=3.0)
+    assert one.model.by_arrays is other.model.by_arrays
+    assert one.model.structure != other.model.structure and one.model.size > traced.FEW
