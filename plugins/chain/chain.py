@@ -11,6 +11,7 @@ import numpy as np
 
 from tcbench import Scenario, TcbenchError
 from tcbench.systems.spring_network import SpringNetwork, tables_of, whole_number
+from tcbench.systems.viscous_springs import with_dashpots
 
 MOST_MASSES = 100_000  # the arrays of one state of more would hardly be meant
 
@@ -55,11 +56,11 @@ def chain(n: int, **changes: Any) -> Scenario:
     return scenario.replace(**changes) if changes else scenario
 
 
-def chain_of(n: str) -> Scenario:
+def chain_of(n: str, viscosity: str = "") -> Scenario:
     """`chain` for the command line: n in words."""
     masses = whole_number(n, 2, MOST_MASSES)
     if masses is None:
         raise TcbenchError(
             f"A chain has a whole number of masses, at least 2 and at most {MOST_MASSES}, not {n[:30]!r}: chain[n=8]."
         )
-    return chain(masses)
+    return with_dashpots(chain(masses), viscosity)

@@ -8,6 +8,7 @@ import numpy as np
 
 from tcbench import Scenario, TcbenchError
 from tcbench.systems.spring_network import SpringNetwork, tables_of, whole_number
+from tcbench.systems.viscous_springs import with_dashpots
 
 MOST = 1000  # masses along a side
 SPACING = 1.1
@@ -56,9 +57,9 @@ def net(nx: int, ny: int, **changes: Any) -> Scenario:
     return scenario.replace(**changes) if changes else scenario
 
 
-def net_of(nx: str, ny: str) -> Scenario:
+def net_of(nx: str, ny: str, viscosity: str = "") -> Scenario:
     """`net` for the command line: sizes in words."""
     for size in (nx, ny):
         if whole_number(size, 2, MOST) is None:
             raise TcbenchError(f"A net has 2 to {MOST} masses along each side, not {size[:30]!r}: net[nx=10,ny=10].")
-    return net(int(nx), int(ny))
+    return with_dashpots(net(int(nx), int(ny)), viscosity)

@@ -8,6 +8,7 @@ import numpy as np
 
 from tcbench import Scenario, TcbenchError
 from tcbench.systems.spring_network import SpringNetwork, tables_of, whole_number
+from tcbench.systems.viscous_springs import with_dashpots
 
 MOST = 200  # masses along an edge
 NEIGHBOURS = [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0), (1, 0, 1), (0, 1, 1), (1, -1, 0), (1, 0, -1), (0, 1, -1)]
@@ -61,7 +62,7 @@ def truss(nx: int, ny: int, nz: int, **changes: Any) -> Scenario:
     return scenario.replace(**changes) if changes else scenario
 
 
-def truss_of(nx: str, ny: str, nz: str) -> Scenario:
+def truss_of(nx: str, ny: str, nz: str, viscosity: str = "") -> Scenario:
     """`truss` for the command line: sizes in words."""
     for size in (nx, ny, nz):
         if whole_number(size, 1, MOST) is None:
@@ -70,4 +71,4 @@ def truss_of(nx: str, ny: str, nz: str) -> Scenario:
             )
     if min(int(nx), int(ny)) < 2:
         raise TcbenchError("A bar has at least 2 by 2 masses across: truss3d[nx=2,ny=2,nz=8].")
-    return truss(int(nx), int(ny), int(nz))
+    return with_dashpots(truss(int(nx), int(ny), int(nz)), viscosity)

@@ -59,6 +59,7 @@ class OverSpaces(Traced):
 
     @classmethod
     def has_spaces(cls) -> bool:
+        """Is anything declared over a space?"""
         declared = (*cls.declared_variables().values(), *cls.constants.values())
         return bool(cls.tables) or any(space_of(d) for d in declared if isinstance(d, tuple))
 
@@ -193,6 +194,7 @@ class OverSpaces(Traced):
         return Blocks(found, self.block_numbers())
 
     def block_numbers(self) -> dict[str, int]:
+        """Which block of a state of arrays each variable is."""
         return {name: k for k, name in enumerate(self.declared_variables())}
 
     def blocks(self, value: Any) -> list[Block]:

@@ -294,7 +294,7 @@ class ScenarioFamily:
         else:
             assert self.make is not None
             made = self.make(**chosen)
-        label = ",".join(f"{n}={v}" for n, v in sorted(chosen.items()))
+        label = ",".join(f"{n}={v}" for n, v in sorted(chosen.items()) if v)  # "" is what a kind does without
         named = copy.copy(made)  # its numbers have been checked: hundreds of members are made at a time
         object.__setattr__(named, "name", f"{self.name}[{label}]")
         object.__setattr__(named, "plugin", self.plugin)

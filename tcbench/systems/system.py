@@ -75,7 +75,7 @@ class System(OverSpaces):
     Romero (2009), eq. (1), dz/dt = L grad E + M grad S; eq. (37) for V; docs/add-system.md.
     """
 
-    variables: Mapping[str, tuple[int, ...]] = {}  # name -> shape
+    variables: Mapping[str, tuple[Any, ...]] = {}  # name -> shape
     positive: ClassVar[tuple[str, ...]] = ()  # constants that must be > 0
     non_negative: ClassVar[tuple[str, ...]] = ()
     reference_temperature: Any = 0.0  # of the exergy; 0: the energy is its own scale
