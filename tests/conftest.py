@@ -11,7 +11,7 @@ from hypothesis import settings
 settings.register_profile("tcbench", deadline=None, max_examples=60, derandomize=True)
 settings.load_profile("tcbench")
 SLOW = {"test_cli", "test_docs", "test_readme", "test_notebooks", "test_machine", "test_kernel_cache", "test_history"}
-SLOW |= {"test_net", "test_space_flow", "test_ensemble", "test_shared_runs", "test_size"}
+SLOW |= {"test_net", "test_array_flow", "test_ensemble", "test_shared_runs", "test_size"}
 
 # half of what a process takes to start is compiling what it imports: they do it once, beside the sources
 sys.dont_write_bytecode = False
