@@ -137,6 +137,7 @@ def run_adaptive(
         found = _solve(integrator, scenario, t, tolerance)
         if times is None:
             shared_runs.keep(integrator.name, scenario, tolerance, found)
+    shared_runs.used(found)
     monitor = Monitor(scenario, t[1], len(t) - 1, 1)
     reason, done = monitor.add(1, found.states[1:]) if len(found.states) > 1 else (OK, 0)
     status, sentence = (
@@ -159,7 +160,7 @@ def _solve(integrator: Integrator, scenario: Scenario, t: np.ndarray, tolerance:
     assert integrator.adaptive is not None
     model, z0 = scenario.model, scenario.z0.copy()
     states, counts, failure = np.empty((0, model.size)), {}, ""
-    begin = time.perf_counter()
+    begin, work = time.perf_counter(), time.process_time()
     try:
         if integrator.outputs is not None:
             rows, counts = integrator.outputs(model, z0, t, tolerance, tolerance)
@@ -171,8 +172,8 @@ def _solve(integrator: Integrator, scenario: Scenario, t: np.ndarray, tolerance:
     except Exception as error:
         leave_to_the_machine(error)
         states, failure = np.empty((0, model.size)), exception_sentence(error, 1, 0.0)
-    wall = time.perf_counter() - begin
-    return Solved(states, {name: int(value) for name, value in counts.items()}, failure, wall)
+    wall, work = time.perf_counter() - begin, time.process_time() - work
+    return Solved(states, {name: int(value) for name, value in counts.items()}, failure, wall, work)
 
 
 def _until_failed(rows: Iterator[Any], scenario: Scenario, t: np.ndarray) -> np.ndarray:

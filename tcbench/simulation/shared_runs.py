@@ -27,6 +27,7 @@ MOST_NUMBERS = 100_000  # of a run's states
 
 _folder: Path | None = None
 _found = 0
+_work_s = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,13 +35,15 @@ class Solved:
     """What an adaptive solver gave.
 
     states : at the first output times, all but of a run that failed, shape (up to 201, n); counts : of steps and the
-    like; failure : why it gave up, "" if it did not (then there are no states); wall_s : seconds that it took.
+    like; failure : why it gave up, "" if it did not (then there are no states); wall_s : seconds that it took; work_s :
+    of the processor, by which what is slow is judged, for these no busy machine makes longer.
     """
 
     states: np.ndarray
     counts: dict[str, int]
     failure: str
     wall_s: float
+    work_s: float = 0.0
 
 
 @contextmanager
@@ -73,6 +76,17 @@ def made_anew() -> Iterator[None]:
 def found() -> int:
     """How many runs have been read, not made, since `kept_in`."""
     return _found
+
+
+def used(run: Solved) -> None:
+    """This run is what is measured now."""
+    global _work_s
+    _work_s = run.work_s
+
+
+def work_s() -> float:
+    """Processor seconds of the adaptive solver's latest run in this process, whether it was made or read."""
+    return _work_s
 
 
 def known(name: str, scenario: Scenario, tolerance: float) -> Solved | None:

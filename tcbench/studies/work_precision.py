@@ -192,13 +192,13 @@ def _adaptive(
         if first and invariants:
             known = shared_runs.found()
             result = simulate(integrator, scenario, tolerance=tolerance)
-            read = shared_runs.found() > known
-            if read and result.ok:  # nothing has been loaded or compiled
+            work = shared_runs.work_s()
+            if shared_runs.found() > known and result.ok:  # nothing has been loaded or compiled
                 integrator.adaptive(model, z0.copy(), start, tolerance, tolerance)  # type: ignore[misc]
             seen.update(
                 status=result.status, failure=result.failure, energy_error_max=energy_error_max(result),
                 entropy_fall_max=max(0.0, -result.summary.entropy_increment_min),
-                first_s=result.wall_time_s if read else 0.0, **invariant_errors(result),
+                first_s=work, **invariant_errors(result),
             )  # fmt: skip
             return seen, 0.0
         begin = time.perf_counter()
@@ -228,9 +228,8 @@ def _make_laws(integrator: Integrator, scenario: Scenario) -> int:
         simulate(integrator, scenario, t_end=WARM * scenario.t_end, tolerance=TOLERANCES[0])
     made, slow = 0, list[bool]()
     while made < len(TOLERANCES) and not any(slow) and len(slow) < SLOW_FAILURES:
-        read, begin = shared_runs.found(), time.process_time()  # however busy the machine is
         run = simulate(integrator, scenario, tolerance=TOLERANCES[made])
-        seconds = time.process_time() - begin if shared_runs.found() == read else run.wall_time_s
+        seconds = shared_runs.work_s()  # however busy the machine is
         if made == 0 and run.ok and seconds < QUICK_S:
             break
         slow += [run.ok] if seconds > SLOW_S else []

@@ -145,6 +145,7 @@ def test_time_per_step_is_of_runs_in_this_process(tmp_path):
 def test_the_timed_cell_reads_what_the_one_before_has_made(tmp_path, monkeypatch):
     monkeypatch.setattr(work_precision, "SLOW_S", math.inf)  # no run is slow, however busy the machine is
     monkeypatch.setattr(work_precision, "SPENT_S", 1e-9)  # no run is repeated, however busy the machine is
+    monkeypatch.setattr(work_precision, "QUICK_S", -1.0)  # no run is quick: this one waits, and works little
     calls = []
     method, options = resting(calls, 0.03), {"part": work_precision.LAWS}
     pairs = work_precision.plan([method, tcbench.integrators()["tc_monolithic"]], [SCENARIO], {})

@@ -1,6 +1,8 @@
 """Maximum stable step, kinds of limit, blow-up times and maps."""
 
+import itertools
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -235,3 +237,11 @@ def test_the_figure_of_a_map(small_map):
     assert {"0.1", "1", "10"} <= {text.get_text() for text in panels[0].get_xticklabels()}
     assert cell_class("ok", 0.005) == 0 and cell_class("ok", 0.05) == 1 and cell_class("ok", 0.5) == 2
     assert CLASSES[cell_class("branch", math.nan)][0].startswith("branch")
+
+
+def test_a_busy_machine_ends_no_search_for_a_tolerance(monkeypatch):
+    looks = itertools.count()
+    clock = SimpleNamespace(perf_counter=lambda: float(next(looks)), process_time=lambda: 0.0)  # all is others' time
+    monkeypatch.setattr("tcbench.simulation.python_loop.time", clock)
+    scenario = tcbench.scenarios()["short_term"].replace(t_end=1.0)
+    assert stability.loosest_tolerance(tcbench.integrators()["scipy_odeint"], scenario)["confirmed"] == stability.HOLDS
