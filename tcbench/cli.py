@@ -15,7 +15,7 @@ from click.core import ParameterSource
 from . import progress
 from .commands.cache import cache_command
 from .commands.examples import Command, Sectioned
-from .commands.options import CONFIG, LATEST, ChartKind, completion, many, one_sentence, output, runs, words
+from .commands.options import CONFIG, LATEST, ChartKind, completion, many, one, one_sentence, output, runs, words
 from .errors import TcbenchError, visible
 from .studies.base import study_names
 
@@ -178,8 +178,8 @@ def list_(folders: tuple[str, ...], **options: Any) -> None:
 
 @main.command()
 @click.argument("names", nargs=-1, metavar="INTEGRATOR SCENARIO")
-@many("integrator", "Instead of the first word.")
-@many("scenario", "Instead of the last word.")
+@one("integrator", "Instead of the first word.")
+@one("scenario", "Instead of the last word.")
 @click.option("--dt", type=float, help="Step; the scenario's own by default.")
 @click.option("--t-end", type=float, help="Horizon; the scenario's own by default.")
 @click.option("--tolerance", type=float, help="Of an adaptive solver, instead of --dt.")
@@ -378,7 +378,7 @@ def compare(run_a: Path, run_b: Path, **options: Any) -> None:
 @click.option("--folder", type=click.Path(path_type=Path, file_okay=False), default=Path(), help="Where to write it.")
 @AS_JSON
 def new(kind: str, name: str, package: bool, folder: Path, as_json: bool) -> None:
-    """Write a commented plugin that runs as it is: an integrator, a scenario or a system."""
+    """Write a commented plugin that runs as it is: an integrator, a scenario, a system, or a system of elements."""
     from .commands.actions import new_command
 
     new_command(kind, name, package, folder, as_json)

@@ -34,6 +34,14 @@ def many(kind: str, help: str) -> Callable[..., Any]:
     )  # fmt: skip
 
 
+def one(kind: str, help: str) -> Callable[..., Any]:
+    """-i or -s of a command that takes one of them; `many` without the advice to repeat it."""
+    return click.option(
+        f"--{kind}", f"-{kind[0]}", f"{kind}s", multiple=True, metavar="NAME", shell_complete=completion(f"{kind}s"),
+        help=help,
+    )  # fmt: skip
+
+
 def runs(name: str = "folder", required: bool = False, shown: str = "[FOLDER]") -> Callable[..., Any]:
     """The folder of a run."""
     default = None if required else LATEST
