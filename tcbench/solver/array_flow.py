@@ -25,7 +25,7 @@ from ..compiler.once import once
 from ..errors import TraceError
 from ..integrator import Flow
 from .elimination import ZERO_PIVOT
-from .flow_kernels import FlowKernels, called, hoisted_values
+from .flow_kernels import FlowKernels, called, finite_rows, hoisted_values
 from .normal_rows import normalised
 from .pattern import Pattern
 from .reduction import Reduction, reduce_arrays
@@ -86,7 +86,7 @@ def _array_flow(flow: Flow, net: Any) -> ArrayFlow:
     steps = [net.fresh_state(f"d{k}") for k in range(1 + flow.stages)]
     start = [net.fresh_state(f"start{k}") for k in range(flow.memory or 2)]
     d = entries(*steps)
-    rows = normalised(_rows(flow, net, y0, z0, h, steps, start), d, h, own_slopes)
+    rows = normalised(finite_rows(flow, _rows(flow, net, y0, z0, h, steps, start)), d, h, own_slopes)
     if any(row.space not in (NUMBER, s.space) for row, s in zip(rows, d, strict=True)):
         raise trace.refused(
             f"the rows of the residual {flow.residual.__name__!r} are in another order than {', '.join(net.variables)}",

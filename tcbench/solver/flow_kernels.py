@@ -327,7 +327,11 @@ def traced(flow: Flow, system: System, y0: State, d: Any, h: Symbol, further: li
             f"The residual {flow.residual.__name__!r} returned {given}; a state of {system.name!r} "
             f"has {n}{f' and there are {len(stages)} stages' if stages else ''}, so it must return {len(d)}."
         )
-    rows = [r if isinstance(r, Symbol) else const(float(r)) for r in result.ravel()]
+    return finite_rows(flow, [r if isinstance(r, Symbol) else const(float(r)) for r in result.ravel()])
+
+
+def finite_rows(flow: Flow, rows: list[Symbol]) -> list[Symbol]:
+    """The rows; TraceError where there is an infinite number in them."""
     if any(x.op == "const" and np.isinf(x.value) for x in trace.topological(rows)):
         raise TraceError(
             f"{_file(flow.residual)}: the residual {flow.residual.__name__!r} contains an infinite number, so that no "

@@ -27,6 +27,7 @@ from ..compiler.once import cached_property
 from ..errors import TcbenchError, unknown_name
 from .as_written import RETURNED, as_written
 from .declaration import check_declared, checked_constant, finite, named_constant, whole
+from .operators import projected
 from .over_spaces import OverSpaces
 from .refusals import check_attribute, check_class
 from .state import Layout, State, fixed, formulas_hash, laid_out
@@ -143,12 +144,12 @@ class System(OverSpaces):
     @derived
     def reversible(self, z: Any, dE: Any, dS: Any) -> Any:
         """L(z) dE: rates by the name of their variable; those that are not named are 0."""
-        return self.state(_projected(type(self).poisson(self, self.state(z)), np.asarray(dE), np.asarray(dS)))
+        return self.state(projected(type(self).poisson(self, self.state(z)), np.asarray(dE), np.asarray(dS)))
 
     @derived
     def irreversible(self, z: Any, dE: Any, dS: Any) -> Any:
         """M(z) dS, likewise."""
-        return self.state(_projected(type(self).friction(self, self.state(z)), np.asarray(dS), np.asarray(dE)))
+        return self.state(projected(type(self).friction(self, self.state(z)), np.asarray(dS), np.asarray(dE)))
 
     def poisson(self, z: Any) -> Any:
         """L(z), shape (size, size), with L = -L^T and L grad S = 0, in the place of `reversible`."""
@@ -392,17 +393,3 @@ def _row(values: Any) -> Any:
     if is_array(*parts):
         return Blocks(parts)
     return trace.array(x for part in parts for x in np.ravel(np.asarray(part, dtype=object)))
-
-
-def _projected(matrix: Any, x: Any, kernel: Any) -> Any:
-    """Q A Q^T x with Q^T kernel = 0: skew or positive as A is, and exactly orthogonal to the kernel."""
-    matrix = np.asarray(matrix, dtype=object)
-    if not any(map(_moves, matrix.ravel())):
-        return trace.array([trace.const(0.0)] * len(kernel))
-    size = kernel @ kernel
-    y = matrix @ (x - kernel * ((kernel @ x) / size))
-    return y - kernel * ((kernel @ y) / size)
-
-
-def _moves(entry: Any) -> bool:
-    return isinstance(entry, trace.Symbol) or entry != 0

@@ -29,7 +29,8 @@ def test_infinite_numbers_do_not_end_ok(name, scenario):
         with np.errstate(all="ignore"):
             run = tcbench.simulate(method, scenario, dt=0.05, t_end=0.1)
     except TcbenchError as error:
-        assert "contains an infinite number" in str(error)
+        by_number = name == "one row" and scenario != "short_term"  # of arrays there is no last entry
+        assert ("is asked for by number" if by_number else "contains an infinite number") in str(error)
     else:
         assert not run.ok
 
