@@ -26,8 +26,10 @@ class TcbenchError(Exception):
     """
 
 
-class UnknownNameError(TcbenchError, LookupError):
-    """A name that nothing is registered under."""
+class UnknownNameError(TcbenchError, KeyError):
+    """A name that nothing is registered under. A KeyError, as of any dictionary, whose text is the sentence."""
+
+    __str__ = Exception.__str__
 
 
 class TraceError(TcbenchError):

@@ -301,3 +301,10 @@ def test_members_of_families_are_those_of_the_files_as_they_are_now(tmp_path):
 def test_an_unknown_name_in_the_table_of_scenarios_is_a_sentence():
     with pytest.raises(TcbenchError, match="Did you mean 'short_term'"):
         tcbench.scenarios()["shrt_term"]
+
+
+@pytest.mark.parametrize(("listed", "name"), [(tcbench.scenarios, "shortterm"), (tcbench.integrators, "tc_strong")])
+def test_an_unknown_name_is_a_key_error_that_says_what_there_is(listed, name):
+    with pytest.raises(KeyError, match="^No (scenario|integrator) is called .* Did you mean") as error:
+        listed()[name]
+    assert isinstance(error.value, TcbenchError) and name not in listed() and listed().get(name) is None
