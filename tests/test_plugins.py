@@ -305,6 +305,6 @@ def test_an_unknown_name_in_the_table_of_scenarios_is_a_sentence():
 
 @pytest.mark.parametrize(("listed", "name"), [(tcbench.scenarios, "shortterm"), (tcbench.integrators, "tc_strong")])
 def test_an_unknown_name_is_a_key_error_that_says_what_there_is(listed, name):
-    with pytest.raises(KeyError, match="^No (scenario|integrator) is called .* Did you mean") as error:
+    with pytest.raises(KeyError, match=r"^No (scenario|integrator) is called .* Did you mean") as error:
         listed()[name]
     assert isinstance(error.value, TcbenchError) and name not in listed() and listed().get(name) is None
