@@ -12,7 +12,7 @@ from ..errors import TcbenchError
 from .element_system import ElementSystem
 from .system import System
 
-MOST = 100  # masses beyond which nothing is drawn
+MOST = 100  # masses or lines beyond which nothing is drawn
 
 
 def links(model: System) -> list[list[int]]:
@@ -37,8 +37,8 @@ def links(model: System) -> list[list[int]]:
 def joints(model: System, z0: Any) -> tuple[list[list[int]], list[int]]:
     """Of a system that says points(): the two joints of each line, and which ends (0, 1 of the first line, 2, 3 of the
     second, ...) are the joints 1, 2, ...; joint 0 is the origin. Ends that are one point wherever the system is are one
-    joint. ([], []) of a system without a picture."""
-    if not model.defines("points"):
+    joint. ([], []) of a system without a picture, or with more than MOST lines."""
+    if not model.defines("points") or len(z0) > 10 * MOST:
         return [], []
     rng = np.random.default_rng(0)
     try:
@@ -46,6 +46,8 @@ def joints(model: System, z0: Any) -> tuple[list[list[int]], list[int]]:
             states = np.array([z0, *(model.nearby(z0, rng) for _ in range(3))], dtype=float)
             ends = segments(model, states).reshape(len(states), -1, 2)
     except (TcbenchError, ArithmeticError, TypeError, ValueError):  # `tcbench check` says which
+        return [], []
+    if ends.shape[1] > 2 * MOST:
         return [], []
     places, first, found = [np.zeros((len(states), 2))], [], []
     for k in range(ends.shape[1]):

@@ -269,8 +269,9 @@ def test_a_library_names_what_it_has_and_is_compiled_once(monkeypatch):
 
 
 def test_every_loop_of_the_package_is_translated_with_at_most_nine_arguments():
+    from one_flow import SOLVERS
+
     from tcbench.simulation.compiled_loop import LOOPS
-    from tcbench.solver.implicit_step import SOLVERS
 
     for library in (LOOPS, SOLVERS):
         module = Module()

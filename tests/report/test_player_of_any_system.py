@@ -13,7 +13,8 @@ from tcbench.systems.plane import drawn, joints
 PAINTED = "() => [...document.querySelector('canvas').getContext('2d').getImageData(0, 0, 640, 460).data].some(v => v)"
 JOINTS = {
     "viscous_pendulum": [[0, 1], [1, 2]], "rubbing_piston": [[0, 1], [2, 1]], "heavy_top": [[0, 1]],
-    "gas_containers": [[0, 1], [2, 1]], "short_term": [], "chain[n=3]": [],
+    "gas_containers": [[0, 1], [2, 1]], "short_term": [], "chain[n=3]": [[0, 1], [1, 2], [2, 3]],
+    "net[nx=9,ny=9]": [],
 }  # fmt: skip
 
 
