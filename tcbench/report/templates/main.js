@@ -14,7 +14,7 @@ const only = page.tables.claims && !page.lenses.length && page.methods.every((m)
 if (only) document.querySelector("#tabs a").hidden = true;
 const route = async () => {
   const place = where(), mine = (turn += 1);
-  const asked = place.scenario !== undefined ? "scenario" : Object.keys(VIEWS).find((v) => place[v] !== undefined) || "overview";
+  const asked = place.scenario !== undefined ? "scenario" : Object.keys(VIEWS).find((v) => place[v] !== undefined && (v !== "charts" || page.charts.length)) || "overview";
   const name = asked === "overview" && only ? "claims" : asked;
   hideTip();
   for (const view of document.querySelectorAll("main > .view")) view.hidden = view.id !== `view-${name}`;
