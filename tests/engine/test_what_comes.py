@@ -10,6 +10,7 @@ import pytest
 from desks import again, measured, plugin, write
 
 from tcbench.inputs import watching
+from tcbench.inputs.recorder import Recorder
 
 G1, G2 = "G = 1.0\n", "G = 1.1\n"
 SPEC = """
@@ -114,3 +115,22 @@ def test_what_python_imports_before_anything_else_is_an_input(desk, monkeypatch)
     noted = watching.begin().files
     watching.end()
     assert list(noted) == [os.path.abspath(module.__file__)]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="there is no /proc")
+def test_what_is_looked_up_for_a_note_is_no_input_whoever_wraps_open(desk, monkeypatch):
+    """A sitecustomize that wraps open() made every such look one of the plugin's, and the row was never used again."""
+    wrapped = "def wrap(plain):\n    def wrapper(*a, **k):\n        return plain(*a, **k)\n    return wrapper\n"
+    space = {}
+    exec(compile(wrapped, str(desk / "lib" / "wrapping.py"), "exec"), space)
+    monkeypatch.setattr("builtins.open", space["wrap"](open))
+    recorder = Recorder()
+    sys.addaudithook(
+        lambda event, arguments: recorder.heard(event, arguments) if event == "open" and listening else None
+    )
+    listening = True
+    try:
+        recorder._mapped()
+    finally:
+        listening = False
+    assert recorder.files and not recorder.unseen
