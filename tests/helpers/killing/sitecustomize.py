@@ -85,6 +85,8 @@ def install() -> None:
             kill()
         return plain_write(descriptor, data)
 
+    for function in (opened, replaced, written):  # part of Python, so that what goes through them is no plugin's read
+        function.__code__ = function.__code__.replace(co_filename="<frozen killing>")
     builtins.open = io.open = pathlib.io.open = opened  # type: ignore[assignment]
     os.replace, os.write = replaced, written  # type: ignore[assignment]
 
