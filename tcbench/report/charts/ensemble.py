@@ -68,15 +68,18 @@ def _shares(part: DataFrame, control: str) -> Panel:
     return Panel(series, CONTROLS[control], y, y_scale="share", rank=failing, x_values=part[control])
 
 
-def _banded(part: DataFrame, name: str, column: str, marks: str = "filled") -> Series:
+def _banded(part: DataFrame, name: str, column: str, marks: str = "filled", ends: bool = True) -> Series:
+    """ends: a band also where the share is 0 or 1, as it is of most lines of a profile: there it is of n alone."""
     rows = part[part["integrator"] == name]
     x, share, low, high = (finite(rows[c]) for c in (column, "share", "low", "high"))
+    if not ends:
+        low, high = (np.where((share > 0) & (share < 1), bound, np.nan) for bound in (low, high))
     return Series(name, x, share, low, high, marks=marks)
 
 
 @chart
 def performance_profiles(table: DataFrame) -> Sheet:
-    """Share of scenarios solved within tau times the fastest, one panel a target, with 95 % bands.
+    """Share of scenarios solved within tau times the fastest, one panel a target, with 95 % bands between 0 and 1.
 
     table : rows of `performance_profile` of one ensemble. At tau = 1: how often a method is the first. In colour are
     those that solve most, over all tau.
@@ -92,7 +95,7 @@ def _profile(part: DataFrame, measure: str, target: float) -> Panel:
     missing = f", {left_out} without reference" if left_out else ""
     known, leading = np.isfinite(finite(part["share"])).any(), _ranked(part)
     return Panel(
-        [_banded(part, name, "tau", "") for name in reversed(leading)], "time over the fastest method's, τ",
+        [_banded(part, name, "tau", "", ends=False) for name in reversed(leading)], "time over the fastest method's, τ",
         "share of scenarios", y_scale="share", rank=leading, stepped=True, x_values=part["tau"],
         title=f"{measure} to {target:.0e}: {runs} scenarios{missing}".replace("e-0", "e-"),
         note="" if known else "no scenario has a reference that is good enough",
