@@ -15,7 +15,7 @@ READY = "() => document.documentElement.dataset.ready"
 
 
 def taken(page_path):
-    """The Overview as a picture of few colours, so that it stays small."""
+    """The Overview as a picture in its own colours: of a palette, those of the methods are not the chart's."""
     from PIL import Image
     from playwright.sync_api import sync_playwright
 
@@ -28,7 +28,7 @@ def taken(page_path):
         page.wait_for_timeout(300)  # charts are drawn when their place has a width
         picture = Image.open(io.BytesIO(page.screenshot()))
         browser.close()
-    return picture.convert("RGB").quantize(48, dither=Image.Dither.NONE)
+    return picture.convert("RGB")
 
 
 if __name__ == "__main__":
