@@ -20,7 +20,8 @@ from typing import TYPE_CHECKING, Any
 from ..errors import TcbenchError
 from ..store.cells import Cell
 from ..store.encoding import canonical_json, decode_line, encode_line
-from ..store.store import Rows, Store
+from ..store.rows import Rows
+from ..store.store import Store
 from .local import Event, Ledger, Summary, plan, run_cells
 
 if TYPE_CHECKING:

@@ -40,7 +40,7 @@ from ..errors import TcbenchError
 from ..store.cells import Cell
 from ..store.cores import usable_cores
 from ..store.lock import hold_lock
-from ..store.store import Rows, is_finished
+from ..store.rows import Rows, is_finished
 from .child import Child
 from .reuse import Reuse
 from .worker_slot import Crew, Slot, needed
@@ -93,7 +93,6 @@ class Plan:
     to_run: list[Cell]
     finished: int
     estimate_s: float | None
-    without_estimate: int
 
 
 def plan(
@@ -120,7 +119,7 @@ def plan(
     finished = {cell.key for cell in unique if cell.key in rows and is_kept(cell, rows[cell.key])}
     to_run = [cell for cell in unique if cell.key not in finished]
     if not to_run:
-        return Plan([], len(unique), 0.0, 0)
+        return Plan([], len(unique), 0.0)
     known = _mean_times(store)
     times = [_estimate(cell, known) for cell in to_run]
     seconds = [t for t in times if t is not None]
@@ -130,7 +129,7 @@ def plan(
         alone = sum(mean if t is None else t for t, cell in zip(times, to_run, strict=True) if cell.timed)
         shared = sum(mean if t is None else t for t, cell in zip(times, to_run, strict=True) if not cell.timed)
         estimate = alone + shared / (jobs or usable_cores())
-    return Plan(to_run, len(unique) - len(to_run), estimate, len(times) - len(seconds))
+    return Plan(to_run, len(unique) - len(to_run), estimate)
 
 
 def run_cells(

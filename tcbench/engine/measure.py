@@ -18,7 +18,7 @@ from ..integrator import Integrator
 from ..plugin_loading import watched
 from ..store.cells import Cell
 from ..store.provenance import machine_name, package_version
-from ..store.store import Rows
+from ..store.rows import Rows
 from ..studies.base import find_study
 from ..systems.scenario import Scenario
 from .fingerprint import own_sources, scenario_mark, worker_finds

@@ -13,7 +13,8 @@ from ..errors import TcbenchError
 from ..integrator import Integrator
 from ..store.cells import Cell
 from ..store.encoding import plain
-from ..store.store import Rows, Store
+from ..store.rows import Rows
+from ..store.store import Store
 from ..studies.base import default_studies, expand_studies, find_study
 from ..study import Study
 from ..systems.scenario import Scenario

@@ -9,7 +9,7 @@ from importlib.machinery import PathFinder
 from typing import Any
 
 from ..inputs import marks, recorder
-from ..store.store import Rows
+from ..store.rows import Rows
 from .child import given
 
 NOT_NOTED = "what it read was not noted"

@@ -331,17 +331,11 @@ class Recorder:
 
     def _mapped(self) -> None:
         """Libraries that libraries have loaded, and what C code has mapped (Linux)."""
-        before, self._looking.now = (
-            getattr(self._looking, "now", False),
-            True,
-        )  # no read of the plugin's, whoever wraps open
         try:
             with open("/proc/self/maps", encoding="utf-8", errors="replace") as file:
                 paths = {line.split(None, 5)[5].rstrip("\n") for line in file if "/" in line}
         except (OSError, IndexError):
             return
-        finally:
-            self._looking.now = before
         for path in paths:
             if path.startswith("/") and not path.startswith(("/usr/lib", "/lib", "/memfd", "/SYSV", sys.base_prefix)):
                 self.note(path)

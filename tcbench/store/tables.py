@@ -12,7 +12,8 @@ from ..studies.base import find_study, in_order, study_names
 from ..study import Study
 from .cells import UNHASHABLE, identity_of
 from .provenance import machine_name
-from .store import Rows, Store
+from .rows import Rows
+from .store import Store
 
 if TYPE_CHECKING:
     from pandas import DataFrame

@@ -20,7 +20,8 @@ from tcbench.engine.cluster import run_on_dask
 from tcbench.engine.local import run_cells
 from tcbench.errors import TcbenchError
 from tcbench.store.cells import Cell
-from tcbench.store.store import Rows, Store
+from tcbench.store.rows import Rows
+from tcbench.store.store import Store
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests" / "helpers"))  # the local engine's workers find `faults` on it

@@ -10,6 +10,7 @@ import pytest
 
 import tcbench
 from tcbench import Integrator, cache
+from tcbench.store.rows import is_finished
 from tcbench.store.store import Store
 
 SCRIPT = Path(sys.executable).with_name("tcbench")
@@ -66,7 +67,7 @@ def test_a_cache_without_room_ends_in_a_sentence_and_the_next_run_measures(tmp_p
     env = os.environ | {"TCBENCH_CACHE_DIR": str(cache), "PYTHONDONTWRITEBYTECODE": "1"}
     done = subprocess.run(["bash", "-c", limited], cwd=tmp_path, env=env, capture_output=True, text=True)
     assert "Traceback" not in done.stderr, done.stderr
-    assert not Store.read(tmp_path / "out").finished_keys()
+    assert not any(map(is_finished, Store.read(tmp_path / "out").rows().values()))
     healthy = run(tmp_path, "out", methods=["tc_monolithic"], cache=cache)
     assert healthy.returncode == 0 and rows(tmp_path / "out")["tc_monolithic"]["status"] == "ok", healthy.stderr
 

@@ -14,7 +14,7 @@ from tcbench.engine.local import plan
 from tcbench.engine.planning import plan_job
 from tcbench.inputs import marks
 from tcbench.store.cells import Cell
-from tcbench.store.store import Rows
+from tcbench.store.rows import Rows
 from tcbench.store.tables import latest_rows
 
 

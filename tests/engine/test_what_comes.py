@@ -125,12 +125,13 @@ def test_what_is_looked_up_for_a_note_is_no_input_whoever_wraps_open(desk, monke
     exec(compile(wrapped, str(desk / "lib" / "wrapping.py"), "exec"), space)
     monkeypatch.setattr("builtins.open", space["wrap"](open))
     recorder = Recorder()
+    recorder.loaded_libraries = True
     sys.addaudithook(
         lambda event, arguments: recorder.heard(event, arguments) if event == "open" and listening else None
     )
     listening = True
     try:
-        recorder._mapped()
+        recorder.collected()
     finally:
         listening = False
     assert recorder.files and not recorder.unseen

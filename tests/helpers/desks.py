@@ -12,7 +12,7 @@ from tcbench.engine.child import given
 from tcbench.engine.planning import plan_job
 from tcbench.engine.reuse import Reuse
 from tcbench.inputs import watching
-from tcbench.store.store import Rows
+from tcbench.store.rows import Rows
 
 HEAD = """
 import contextlib, ctypes, importlib, io, json, os, pathlib, sqlite3, sys

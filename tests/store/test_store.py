@@ -23,7 +23,8 @@ from tcbench.errors import TcbenchError
 from tcbench.store.cells import Cell
 from tcbench.store.encoding import decode_line, encode_line
 from tcbench.store.provenance import manifest, utc_now, without_home
-from tcbench.store.store import ROWS, Store, is_finished
+from tcbench.store.rows import is_finished
+from tcbench.store.store import ROWS, Store
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -91,16 +92,20 @@ def test_any_row_survives_as_strict_json_nan_and_infinity_included(row):
     assert same(decode_line(line)["row"], row)
 
 
+def finished(store):
+    return {key for key, row in store.rows().items() if is_finished(row)}
+
+
 def test_rows_come_back_latest_per_key(tmp_path):
     a, b = numbered(2)
     with Store.open(tmp_path / "run") as store:
         origin = store.add_provenance({"commit": "abc"})
         store.append(a.key, {"status": "crash"}, a.as_dict())
         store.append(b.key, {"status": "ok", "x": math.nan, "l": [math.inf, {"y/~": -math.inf}]}, b.as_dict())
-        assert store.finished_keys() == {b.key}  # a crash is worth another attempt
+        assert finished(store) == {b.key}  # a crash is worth another attempt
         store.append(a.key, {"status": "nonconverged"}, a.as_dict())
     store = Store.read(tmp_path / "run")
-    assert store.finished_keys() == {a.key, b.key}
+    assert finished(store) == {a.key, b.key}
     assert same(store.rows()[b.key], {"status": "ok", "x": math.nan, "l": [math.inf, {"y/~": -math.inf}]})
     assert store.lines()[0]["provenance"] == origin
     assert store.provenances() == {origin: {"commit": "abc"}}
@@ -117,9 +122,9 @@ def test_a_torn_last_line_is_reported_and_the_next_row_starts_on_its_own(tmp_pat
     path.write_bytes(path.read_bytes()[:-20])
     assert "line 2: is incomplete" in Store.read(tmp_path).problems[0]
     with Store.open(tmp_path) as store:
-        assert store.finished_keys() == {cells[0].key}
+        assert finished(store) == {cells[0].key}
         store.append(cells[2].key, {"status": "ok"}, cells[2].as_dict())
-    assert Store.read(tmp_path).finished_keys() == {cells[0].key, cells[2].key}
+    assert finished(Store.read(tmp_path)) == {cells[0].key, cells[2].key}
 
 
 @pytest.mark.parametrize("damage", [b"\x00\xff\xfe garbage", b"[1, 2]", b'{"key": "k"}', b"7", b"[" * 100_000])
@@ -132,11 +137,11 @@ def test_a_damaged_line_costs_its_own_cell_only(tmp_path, damage):
         lines[1] = damage
         (tmp_path / ROWS).write_bytes(b"\n".join(lines) + b"\n")
     with Store.open(tmp_path) as store:
-        assert store.finished_keys() == {cells[0].key, cells[2].key}
+        assert finished(store) == {cells[0].key, cells[2].key}
         assert "line 2: is damaged" in store.problems[0]
         store.append(cells[1].key, {"status": "ok"}, cells[1].as_dict())
     after = Store.read(tmp_path)
-    assert after.finished_keys() == {cell.key for cell in cells} and len(after.problems) == 1
+    assert finished(after) == {cell.key for cell in cells} and len(after.problems) == 1
 
 
 def test_fresh_sets_the_earlier_rows_aside(tmp_path):
@@ -207,7 +212,7 @@ def test_disk_full_in_the_middle_of_a_line_keeps_the_rows_and_resumes(tmp_path, 
     store.append(cells[2].key, {"status": "ok"}, cells[2].as_dict())  # somebody made room
     store.close()
     after = Store.read(tmp_path)
-    assert after.finished_keys() == {cells[0].key, cells[2].key} and after.problems == []
+    assert finished(after) == {cells[0].key, cells[2].key} and after.problems == []
 
 
 def test_disk_full_on_a_small_tmpfs(tmp_path):
