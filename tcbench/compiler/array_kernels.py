@@ -15,6 +15,7 @@ import numpy as np
 from .array_jacobian import Term
 from .array_mesh import ENTRIES, Block, Ints, Mesh
 from .arrays import NUMBER, Path
+from .derivatives import topological
 from .kernels import PAIRS, Kernel, literal, operation
 from .symbols import Symbol
 
@@ -89,24 +90,14 @@ class _Writer:
             for k, block in enumerate(blocks) for c, x in enumerate(block.symbols) if x is not None
         }  # fmt: skip
         self.given = set(self.stored)
-        self.head: list[tuple[Any, ...]] = []
+        self.head: dict[tuple[Any, ...], int] = {}
         self.arrays: list[str] = []
         self.names: dict[int, str] = {}
         self.count = 0
-        self.nodes = self._needed([x for b in outputs for x in b.symbols if x is not None] + [x for _, x in terms])
+        wanted = [x for b in outputs for x in b.symbols if x is not None] + [x for _, x in terms]
+        self.nodes = topological(wanted, self.given)
         self.level = self._levels()
         self.stage = {x.number: (self.level[x.number], x.space) for x in self.nodes}
-
-    def _needed(self, wanted: Sequence[Symbol]) -> list[Symbol]:
-        seen: dict[int, Symbol] = {}
-        stack = list(wanted)
-        while stack:
-            node = stack.pop()
-            if node.number not in seen:
-                seen[node.number] = node
-                if node.number not in self.given:
-                    stack.extend(node.args)
-        return [seen[number] for number in sorted(seen)]
 
     def _levels(self) -> dict[int, int]:
         """In which round of loops each value is made: what is summed, joined or read elsewhere waits for the next."""
@@ -126,9 +117,7 @@ class _Writer:
 
     def slot(self, *what: Any) -> str:
         """Name of the number in the table that says this."""
-        if what not in self.head:
-            self.head.append(what)
-        return f"n{self.head.index(what)}"
+        return f"n{self.head.setdefault(what, len(self.head))}"
 
     def item(self, place: Place, i: str) -> str:
         start = self.slot("at", place.letter, place.block)
@@ -174,7 +163,7 @@ class _Writer:
         named = [f"n{k} = table[{k}]" for k in range(len(self.head))]
         lines = [*named, f"s = scratch({room} + 1)", *first, *body, "release(s)"]
         text = "def kernel(a, b, out):\n" + "".join(f"    {line}\n" for line in lines)
-        return ArrayKernel(text, self.head, self.inputs, self.outputs, self.arrays)
+        return ArrayKernel(text, list(self.head), self.inputs, self.outputs, self.arrays)
 
     def _stage(self, x: Symbol, space: str) -> tuple[int, str]:
         return self.level[x.number], space

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -155,15 +155,16 @@ SLOPES_OF_TWO: dict[str, Callable[[Symbol, Symbol, Symbol], tuple[Symbol, Symbol
 }
 
 
-def topological(outputs: Iterable[Symbol]) -> list[Symbol]:
-    """Every node that the outputs need, arguments before users."""
+def topological(outputs: Iterable[Symbol], given: Container[int] = ()) -> list[Symbol]:
+    """Every node that the outputs need, arguments before users; without what stands beneath given ones (by number)."""
     seen: dict[int, Symbol] = {}
     stack = list(outputs)
     while stack:
         node = stack.pop()
         if node.number not in seen:
             seen[node.number] = node
-            stack.extend(node.args)
+            if node.number not in given:
+                stack.extend(node.args)
     return [seen[number] for number in sorted(seen)]
 
 
@@ -215,15 +216,8 @@ def accumulate(tangent: dict[int, Symbol], factor: Symbol, inner: Mapping[int, S
 
 
 def topological_beyond(outputs: Iterable[Symbol], known: Mapping[int, Any]) -> list[Symbol]:
-    """Nodes that the outputs need and that are not among the known ones (by number), arguments before users."""
-    seen: dict[int, Symbol] = {}
-    stack = list(outputs)
-    while stack:
-        node = stack.pop()
-        if node.number not in seen and node.number not in known:
-            seen[node.number] = node
-            stack.extend(node.args)
-    return [seen[number] for number in sorted(seen)]
+    """The same without the known ones themselves."""
+    return [node for node in topological(outputs, known) if node.number not in known]
 
 
 class Substitution:

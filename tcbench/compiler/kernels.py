@@ -34,7 +34,7 @@ def straight_line(inputs: Mapping[Symbol, str], outputs: Sequence[Symbol], in_ro
     names: dict[int, str] = {}
     lines: list[str] = []
     # an input may itself be a formula (a hoisted value): do not look beneath it
-    nodes = topological_above(inputs, outputs)
+    nodes = topological(outputs, {x.number for x in inputs})
     derivatives = {(node.op, node.args[0].number): node for node in nodes if node.op in PAIRS.values()}
     for node in nodes:
         if node.number in names:
@@ -63,19 +63,6 @@ def straight_line(inputs: Mapping[Symbol, str], outputs: Sequence[Symbol], in_ro
         lines.append(f"put(out, {i}, vector({', '.join(group)}))" if len(group) > 1 else f"out[{i}] = {group[0]}")
     lines += [f"out[{i}] = {name}" for i, name in enumerate(results) if i >= in_rows]
     return "def kernel(a, b, out):\n" + "".join(f"    {line}\n" for line in lines or ["pass"])
-
-
-def topological_above(inputs: Mapping[Symbol, Any], outputs: Sequence[Symbol]) -> list[Symbol]:
-    """The nodes that `outputs` need, arguments first, without what stands beneath an input."""
-    seen: dict[int, Symbol] = {}
-    stack = list(outputs)
-    while stack:
-        node = stack.pop()
-        if node.number not in seen:
-            seen[node.number] = node
-            if node not in inputs:
-                stack.extend(node.args)
-    return [seen[number] for number in sorted(seen)]
 
 
 def literal(node: Symbol) -> str:

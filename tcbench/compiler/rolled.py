@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from .kernels import Kernel, literal, operation, topological_above
+from .derivatives import topological
+from .kernels import Kernel, literal, operation
 from .symbols import Symbol
 
 LONGEST = 16  # terms of a sum that are written out; a longer one is a loop of its own
@@ -44,7 +45,7 @@ class _Roller:
     def __init__(self, inputs: Mapping[Symbol, Place], outputs: Sequence[Symbol]) -> None:
         self.outputs, self.places = outputs, {s.number: place for s, place in inputs.items()}
         self.inputs = {s.number for s in inputs}
-        self.nodes = topological_above(inputs, outputs)
+        self.nodes = topological(outputs, self.inputs)
         self.lines: list[str] = []
         self.table: list[int] = []
         self.loops, self.names, self.scratch = 0, 0, 0

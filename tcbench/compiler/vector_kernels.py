@@ -18,7 +18,7 @@ import numpy as np
 from llvmlite import ir
 
 from .derivatives import Symbol, topological
-from .kernels import WIDTH, topological_above
+from .kernels import WIDTH
 
 DOUBLE, INT = ir.DoubleType(), ir.IntType(64)
 POINTER = ir.PointerType(DOUBLE)
@@ -166,7 +166,7 @@ class Lanes:
     def graph(self, known: dict[Symbol, Any], outputs: Sequence[Any]) -> list[Any]:
         """Values of the graphs; `known` has the inputs and keeps every node's value for the next call."""
         symbols = [x for x in outputs if isinstance(x, Symbol)]
-        for node in topological_above(known, symbols):
+        for node in topological(symbols, {x.number for x in known}):
             if node not in known:
                 known[node] = self._value(node, [known[x] for x in node.args])
         return [known[x] if isinstance(x, Symbol) else self.constant(x) for x in outputs]
