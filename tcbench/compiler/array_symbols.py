@@ -11,12 +11,17 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
 
-from . import symbols
 from .arrays import Map, Path, collect, count, part, take, total
+from .functions import maximum, minimum
 from .sentences import refused
-from .symbols import TAKE, array, lifted
+from .symbols import TAKE, array, const, lifted
 
 SAME = "A formula does the same with all of them: what differs from one to the next is a constant over them"
+
+_OVER = {  # over all entries: name of the total, and the same of symbols
+    np.add: ("add", np.add), np.maximum: ("max", np.frompyfunc(maximum, 2, 1)),
+    np.minimum: ("min", np.frompyfunc(minimum, 2, 1)),
+}  # fmt: skip
 
 
 class ArraySymbol(NDArrayOperatorsMixin):
@@ -70,35 +75,35 @@ class ArraySymbol(NDArrayOperatorsMixin):
             return NotImplemented  # a whole state does it, block by block
         if ufunc is np.matmul and method == "__call__":
             return _inner(*inputs)
-        if method == "reduce" and ufunc in (np.add, np.maximum, np.minimum):
-            name = {np.add: "sum", np.maximum: "max", np.minimum: "min"}[ufunc]
-            return getattr(self, name)(options.get("axis", 0))
+        if method == "reduce" and ufunc in _OVER and options.keys() <= {"axis"}:
+            return self._over(ufunc, options.get("axis", 0))
         if method != "__call__" or options or ufunc.nout != 1:
             raise refused(
                 f"np.{ufunc.__name__} with {method} or {sorted(options)} is not known for arrays over a space"
             )
         if ufunc in (np.maximum, np.minimum):
-            ufunc = np.frompyfunc(symbols.maximum if ufunc is np.maximum else symbols.minimum, 2, 1)
+            _, ufunc = _OVER[ufunc]
             inputs = tuple(x if isinstance(x, ArraySymbol) else np.frompyfunc(lifted, 1, 1)(x) for x in inputs)
         return ArraySymbol(space_of(inputs), ufunc(*map(parts_of, inputs)))
 
     def __array_function__(self, function: Any, types: Any, args: Any, kwargs: Any) -> Any:
         return call_function(function, args, kwargs)
 
-    def _over(self, op: str, fold: Callable[..., Any], axis: int | None) -> Any:
+    def _over(self, ufunc: Any, axis: int | None) -> Any:
+        op, of_symbols = _OVER[ufunc]
         if axis in (None, 0):
-            each = np.array([total(op, lifted(x), self.space) for x in self.parts.ravel()] + [None], dtype=object)[:-1]
-            return fold(each) if axis is None else each.reshape(self.parts.shape)[()]
-        return ArraySymbol(self.space, fold(self.parts, axis=_inner_axis(axis)))
+            each = array(total(op, lifted(x), self.space) for x in self.parts.ravel())
+            return of_symbols.reduce(each) if axis is None else each.reshape(self.parts.shape)[()]
+        return ArraySymbol(self.space, of_symbols.reduce(self.parts, axis=_inner_axis(axis)))
 
     def sum(self, axis: int | None = None) -> Any:
-        return self._over("add", np.sum, axis)
+        return self._over(np.add, axis)
 
     def max(self, axis: int | None = None) -> Any:
-        return self._over("max", _largest, axis)
+        return self._over(np.maximum, axis)
 
     def min(self, axis: int | None = None) -> Any:
-        return self._over("min", _least, axis)
+        return self._over(np.minimum, axis)
 
     def mean(self, axis: int | None = None) -> Any:
         if axis not in (None, 0):
@@ -145,14 +150,6 @@ def parts_of(x: Any) -> Any:
     return x.parts if isinstance(x, ArraySymbol) else np.asarray(x, dtype=object) if np.ndim(x) else x
 
 
-def _largest(values: Any, axis: int | None = None) -> Any:
-    return np.frompyfunc(symbols.maximum, 2, 1).reduce(values, axis=axis)
-
-
-def _least(values: Any, axis: int | None = None) -> Any:
-    return np.frompyfunc(symbols.minimum, 2, 1).reduce(values, axis=axis)
-
-
 def _inner(a: Any, b: Any) -> Any:
     """x @ y of two arrays over one space without components, and of components with fixed numbers."""
     if isinstance(a, ArraySymbol) and isinstance(b, ArraySymbol) and a.ndim == b.ndim == 1:
@@ -187,17 +184,19 @@ def _cross(a: Any, b: Any) -> Any:
     return _stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=1)
 
 
-def _sum_of(x: Any, axis: int | None = None) -> Any:
-    return x.sum(axis)
+def _norm(x: Any, ord: Any = None, axis: int | None = None) -> Any:
+    if ord is not None or axis is None:
+        raise refused("this norm is not known for arrays over a space", "Write np.linalg.norm(x, axis=1), or a sum")
+    return np.sqrt((x * x).sum(axis))
 
 
 _FUNCTIONS: dict[str, Callable[..., Any]] = {
-    "sum": _sum_of, "mean": lambda x, axis=None: x.mean(axis), "max": lambda x, axis=None: x.max(axis),
-    "amax": lambda x, axis=None: x.max(axis), "min": lambda x, axis=None: x.min(axis),
-    "amin": lambda x, axis=None: x.min(axis), "stack": _stack, "column_stack": lambda x: _stack(x, axis=1),
-    "concatenate": _concatenate, "cross": _cross, "dot": _inner, "ndim": lambda x: x.ndim,
-    "norm": lambda x, axis: np.sqrt((x * x).sum(axis)), "zeros_like": lambda x: x * 0.0,
-    "ones_like": lambda x: x * 0.0 + 1.0,
+    "sum": lambda x, axis=None: x.sum(axis), "mean": lambda x, axis=None: x.mean(axis),
+    "max": lambda x, axis=None: x.max(axis), "amax": lambda x, axis=None: x.max(axis),
+    "min": lambda x, axis=None: x.min(axis), "amin": lambda x, axis=None: x.min(axis),
+    "stack": _stack, "column_stack": lambda x: _stack(x, axis=1), "concatenate": _concatenate, "cross": _cross,
+    "dot": _inner, "norm": _norm, "ndim": lambda x: x.ndim,
+    "zeros_like": lambda x: x * 0.0, "ones_like": lambda x: x * 0.0 + 1.0,
 }  # fmt: skip
 
 
@@ -287,7 +286,7 @@ class Table(np.ndarray):
         index = np.asarray(self)
         values = np.broadcast_to(x, index.shape) if np.ndim(x) < index.ndim else np.asarray(x)
         if values.dtype == object:
-            flat = [symbols.const(0.0)] * int(np.prod((sum(self.counts), *values.shape[index.ndim :])))
+            flat = [const(0.0)] * int(np.prod((sum(self.counts), *values.shape[index.ndim :])))
             found = array(flat).reshape(sum(self.counts), *values.shape[index.ndim :])
         else:
             found = np.zeros((sum(self.counts), *values.shape[index.ndim :]), values.dtype)

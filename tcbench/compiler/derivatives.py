@@ -12,29 +12,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .functions import guarded, lam, mark, maximum, minimum, phi, power, sinc
 from .language import NUMPY_NAMES
-from .powers import power
 from .sentences import refused
 from .symbols import (
     Symbol,
     add,
     array,
     const,
-    guarded,
     intern,
     is_const,
-    lam,
     lifted,
     make,
-    mark,
-    maximum,
-    minimum,
     mul,
     neg,
-    phi,
     positive,
     reciprocal,
-    sinc,
     sub,
     tracing,
     variable,

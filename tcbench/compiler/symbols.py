@@ -131,12 +131,12 @@ class Symbol:
         return make("abs", self)
 
     def __pow__(self, exponent: Number) -> Symbol:
-        from .powers import power
+        from .functions import power
 
         return _lift(exponent, lambda o: power(self, o))
 
     def __rpow__(self, base: Number) -> Symbol:
-        from .powers import power
+        from .functions import power
 
         return _lift(base, lambda o: power(o, self))
 
@@ -356,24 +356,6 @@ def _halve_midpoint(a: Symbol, b: Symbol) -> Symbol | None:
     return None
 
 
-def maximum(a: Symbol, b: Symbol) -> Symbol:
-    """max(a, b); has no derivative, and drops a NaN: `guarded` keeps it."""
-    return intern("max", (a, b))
-
-
-def minimum(a: Symbol, b: Symbol) -> Symbol:
-    """min(a, b); as `maximum`."""
-    return intern("min", (a, b))
-
-
-def guarded(value: Symbol, terms: Iterable[Symbol]) -> Symbol:
-    """The value, or NaN if any of the terms is not finite."""
-    total = const(0.0)
-    for term in terms:
-        total = add(total, term)
-    return intern("guard", (value, total))
-
-
 def reciprocal(a: Symbol) -> Symbol:
     if is_const(a):
         if a.value == 0.0:
@@ -382,24 +364,3 @@ def reciprocal(a: Symbol) -> Symbol:
     if a.op == "recip":
         return a.args[0]
     return intern("recip", (a,))
-
-
-def phi(x: Symbol) -> Symbol:
-    """expm1(x)/x, 1 at 0: the divided difference of exp, dimensionless."""
-    return const(1.0) if is_const(x, 0.0) else intern("phi", (x,))
-
-
-def lam(x: Symbol) -> Symbol:
-    """log1p(x)/x, 1 at 0: the divided difference of log, dimensionless."""
-    return const(1.0) if is_const(x, 0.0) else intern("lam", (x,))
-
-
-def sinc(x: Symbol) -> Symbol:
-    """sin(x)/x, 1 at 0: what the divided differences of sin and cos are made of."""
-    return const(1.0) if is_const(x, 0.0) else intern("sinc", (x,))
-
-
-def mark(x: Symbol) -> Symbol:
-    """The same value, as an intermediate through which derivatives are accumulated (it saves operations, e.g. when
-    everything in an element depends on all positions through one strain measure)."""
-    return x if x.op in ("const", "var", "mark") else intern("mark", (x,))

@@ -8,8 +8,9 @@ import pytest
 from tcbench.building_blocks import divided_difference
 from tcbench.compiler import derivatives as trace
 from tcbench.compiler.derivatives import jacobian
+from tcbench.compiler.functions import lam, phi, sinc
 from tcbench.compiler.kernels import kernel
-from tcbench.compiler.symbols import lam, make, phi, sinc
+from tcbench.compiler.symbols import make
 from tcbench.errors import TraceError
 
 ULP = 2.3e-16

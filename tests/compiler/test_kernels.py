@@ -11,9 +11,9 @@ from tcbench import TcbenchError
 from tcbench.compiler import derivatives as trace
 from tcbench.compiler import language, machine, special
 from tcbench.compiler.derivatives import jacobian
+from tcbench.compiler.functions import guarded, lam, maximum, minimum, phi
 from tcbench.compiler.kernels import _code, kernel, namespace
 from tcbench.compiler.library import evaluate
-from tcbench.compiler.symbols import guarded, lam, maximum, minimum, phi
 from tcbench.errors import TraceError
 
 pytestmark = pytest.mark.skipif(language.PLAIN, reason="the text itself runs")

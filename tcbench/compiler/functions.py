@@ -1,12 +1,14 @@
-"""Powers of symbols: by products, by roots, or by the exponentials and logarithms that they are made of."""
+"""Functions of symbols beside numpy's own: powers (by products, by roots, or by the exponentials and logarithms that
+they are made of), extremes, guards, and what divided differences are made of."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from functools import reduce
 from typing import Any
 
-from .symbols import Symbol, add, const, is_const, lifted, make, mul, reciprocal
+from .symbols import Symbol, add, const, intern, is_const, lifted, make, mul, reciprocal
 
 MOST_FACTORS = 64  # of a power that is written as products
 
@@ -46,3 +48,42 @@ def _logarithm(product: Symbol) -> Symbol | None:
     whole: Symbol = reduce(mul, rest)
     logarithm: Symbol = -whole.args[0].log() if whole.op == "recip" else whole.log()
     return add(found, logarithm)
+
+
+def maximum(a: Symbol, b: Symbol) -> Symbol:
+    """max(a, b); has no derivative, and drops a NaN: `guarded` keeps it."""
+    return intern("max", (a, b))
+
+
+def minimum(a: Symbol, b: Symbol) -> Symbol:
+    """min(a, b); as `maximum`."""
+    return intern("min", (a, b))
+
+
+def guarded(value: Symbol, terms: Iterable[Symbol]) -> Symbol:
+    """The value, or NaN if any of the terms is not finite."""
+    total = const(0.0)
+    for term in terms:
+        total = add(total, term)
+    return intern("guard", (value, total))
+
+
+def phi(x: Symbol) -> Symbol:
+    """expm1(x)/x, 1 at 0: the divided difference of exp, dimensionless."""
+    return const(1.0) if is_const(x, 0.0) else intern("phi", (x,))
+
+
+def lam(x: Symbol) -> Symbol:
+    """log1p(x)/x, 1 at 0: the divided difference of log, dimensionless."""
+    return const(1.0) if is_const(x, 0.0) else intern("lam", (x,))
+
+
+def sinc(x: Symbol) -> Symbol:
+    """sin(x)/x, 1 at 0: what the divided differences of sin and cos are made of."""
+    return const(1.0) if is_const(x, 0.0) else intern("sinc", (x,))
+
+
+def mark(x: Symbol) -> Symbol:
+    """The same value, as an intermediate through which derivatives are accumulated (it saves operations, e.g. when
+    everything in an element depends on all positions through one strain measure)."""
+    return x if x.op in ("const", "var", "mark") else intern("mark", (x,))

@@ -1,0 +1,21 @@
+"""Arrays over spaces as formulas see them: what is not known is refused, never left out."""
+
+import numpy as np
+import pytest
+
+from tcbench.compiler.array_symbols import ArraySymbol
+from tcbench.compiler.arrays import variable
+from tcbench.compiler.symbols import array
+from tcbench.errors import TcbenchError
+
+
+@pytest.mark.parametrize(
+    ("formula", "sentence"),
+    [(lambda x: np.add.reduce(x, initial=1.0), r"np.add with reduce or \['initial'\]"),
+     (lambda x: np.maximum.reduce(x, axis=0, initial=1.0), r"np.maximum with reduce or \['axis', 'initial'\]"),
+     (lambda x: np.linalg.norm(x, 1), "this norm"), (np.linalg.norm, "this norm")],
+)  # fmt: skip
+def test_options_that_change_a_sum_are_refused(formula, sentence):
+    x = ArraySymbol("node", array([variable("x", "node"), variable("y", "node")]))
+    with pytest.raises(TcbenchError, match=sentence):
+        formula(x)
