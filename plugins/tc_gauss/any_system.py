@@ -155,7 +155,7 @@ def renew(w: Work, h: float, z: Floats) -> None:
 
 
 @rare
-def mend(w: Work, z: Floats, limit: float) -> bool:
+def mend(w: Work, limit: float) -> bool:
     """The end of the step on the laws of the run; False, and nothing is done, if that moves it by more than the limit,
     or none is near."""
     m, least = w.m, w.laws[w.m + 1]
@@ -168,7 +168,7 @@ def mend(w: Work, z: Floats, limit: float) -> bool:
         w.laws[m + 1] = least
         return False
     for i in range(m):
-        w.dz[i] = w.laws[i] - z[i]
+        w.dz[i] += w.laws[i] - w.z1[i]  # with the digits of a small one
         w.z1[i] = w.laws[i]
     call(w.to_start, w.z1, w.c, w.end)
     return True

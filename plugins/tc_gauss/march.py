@@ -10,13 +10,15 @@ from tcbench.solver.linear_algebra import add_compensated, dot
 
 from . import conduction
 from .memory import Work
-from .step import COARSE, CONVERGED, FAILED, SOLVED, extrapolate, try_step
+from .step import COARSE, CONVERGED, FAILED, SOLVED, extrapolate, mend, try_step
 
 SHORTEST = 2.0**-24  # of a step, before it is given up
 SAFETY, GROW, SHRINK, ACCEPT = 0.85, 2.0, 0.2, 4.0
 BEST = 0.135  # contraction for which a unit of time costs least: it grows as h^2, and h log(1/h^2) is largest at e^-2
 RETREAT, ADVANCE = 0.7, 1.1  # of a step that is too long for the quadrature, and of the bound after steps that failed
 FIRST = 4.0  # times the decay time of the conduction: see first_step
+LEVELLED = 100.0  # times what the energy misses, by which part mending may move a state: it waits where that rests
+MISSED = 4.0  # times a step's round-off: what mending any system leaves (solver.mending.ROUND_OFF)
 COARSEST = 0  # level of quadrature
 SAVED = 40.0  # iterations that may be saved up, of a budget: see advance
 FAR = 2.5  # ratio of steps up to which the last polynomials are extrapolated
@@ -68,8 +70,12 @@ def set_scale(w: Work, z: Floats) -> None:
 
 
 def halving_step(w: Work, h: float, z0: Floats, dz_total: Floats) -> int:
-    """Increments of one step of length h; a step without a solution in reach is taken in halves."""
-    z, carry = w.z, w.carry
+    """Increments of one step of length h; a step without a solution in reach is taken in halves.
+
+    Misses of the quadrature that are round-off of a step may have one sign: where they have added up to more than that
+    beside the energy of the run, it is mended.
+    """
+    z, carry, total = w.z, w.carry, w.n + 2 * w.e
     w.budget[2] = math.inf
     copy_into(z, z0)
     fill(dz_total, 0.0)
@@ -86,6 +92,9 @@ def halving_step(w: Work, h: float, z0: Floats, dz_total: Floats) -> int:
                 return FAILED
             continue
         w.counts.steps += 1
+        missing = abs(w.end[total] - w.run[0])
+        if missing > w.end[total + 1] * (MISSED if w.general else 1.0):
+            restore_level(w, z, LEVELLED * missing / (1.0 + abs(w.run[0])))
         add_compensated(dz_total, w.dz, carry)
         for i in range(len(z)):
             z[i] = z0[i] + dz_total[i]
@@ -94,6 +103,14 @@ def halving_step(w: Work, h: float, z0: Floats, dz_total: Floats) -> int:
         while part < 1.0 and done % (2.0 * part) == 0.0:  # both halves are done
             part *= 2.0
     return SOLVED
+
+
+def restore_level(w: Work, z: Floats, limit: float) -> None:
+    """The end of a step that was solved, with the energy of the run."""
+    if w.general:  # its entropy is to be no less than at the start, nor than after the last of these
+        call(w.to_laws, z, w.c, w.now)
+        w.laws[w.m + 1] = max(w.laws[w.m + 1], w.now[w.m + 1])
+    mend(w, limit)
 
 
 def first_step(w: Work, tolerance: float) -> float:
@@ -218,4 +235,4 @@ def fixed_steps(w: Work, h: float, z0: Floats, increments: Matrix) -> int:
     return len(increments)
 
 
-LOOPS = Library("collocation", fixed_steps, run)
+LOOPS = Library("collocation", begin, fixed_steps, run)

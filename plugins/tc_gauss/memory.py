@@ -107,6 +107,7 @@ class Work(Record):
     start: Floats = sized("n_ends")  # what the first kernel gives at the start of the step
     end: Floats = sized("n_ends")  # and at its end
     laws: Floats = sized("n_laws")  # a state, its energy, energy and invariants that it should have
+    now: Floats = sized("n_laws")  # of any system: the same of the start of a step
     run: Floats = sized("1")  # the energy at the start of the run
     mended: Floats = sized("n_mended")  # what the fifth kernel makes of them
     # Iterations that a unit of time is worth, that may be owed, and the count at which an attempt is given up: see

@@ -29,12 +29,17 @@ class GaussMethod(Lending):
 
     def __init__(self, system: System, stages: int) -> None:
         self.loops, model = prepared(system, stages)
-        self.stages, self.size = stages, system.size
+        self.stages, self.size, self.marches = stages, system.size, False
         self.counts = model.counts.again()
         self.lend_to(model.again(counts=self.counts, c=model.c.copy()), self.size)  # the first of c is the step
 
     def march(self, z: Floats, h: float, count: int) -> Floats:
-        """Increments of up to `count` steps, as many as have a solution; ArithmeticError where the first has none."""
+        """Increments of up to `count` steps, as many as have a solution; ArithmeticError where the first has none.
+
+        What follows on an earlier call goes on with the energy with which the first began."""
+        if not self.marches:
+            self.loops.begin(self.work, z)
+            self.marches = True
         increments = np.empty((count, self.size))
         done = self.loops.fixed_steps(self.work, h, z, increments)
         if done == 0:
@@ -43,6 +48,7 @@ class GaussMethod(Lending):
 
     def increments(self, z: Floats, h: float) -> Floats:
         """z1 - z of one step; raises ArithmeticError where none is found."""
+        self.marches = False
         return self.march(z, h, 1)[0]
 
     def adaptive(self, z0: Floats, times: Floats, tolerance: float) -> tuple[Floats, dict[str, int]]:

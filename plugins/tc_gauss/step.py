@@ -312,16 +312,13 @@ def close(w: Work, h: float) -> None:
             w.sums[n + 2 * m + i] += a.at_end[j] * w.N[i, j]
 
 
-def mend(w: Work, z: Floats, residual: float) -> bool:
+def mend(w: Work, limit: float) -> bool:
     """Change momenta so that the end of the step has the energy and invariants of the run. False, and nothing is done,
-    if that is much of the kinetic energy that is free to change, or much more than the residual; but round-off that
-    earlier steps left behind, as where masses nearly collide, is mended whatever its size."""
+    if that is much of the kinetic energy that is free to change, or moves the state by more than the limit."""
     n, size = w.n, len(w.z1)
     total = n + 2 * w.e
-    inherited = abs(w.end[total] - w.start[total]) <= w.end[total + 1]
-    limit = np.inf if inherited else MENDED * residual
     if w.general:
-        return any_system.mend(w, z, limit)
+        return any_system.mend(w, limit)
     copy_into(w.laws, w.z1)
     w.laws[size] = w.end[total]
     right = abs(w.end[total] - w.run[0]) <= w.end[total + 1]  # to round-off, which would disturb the momenta
@@ -382,7 +379,8 @@ def try_step(w: Work, h: float, z: Floats, known: bool, coarsest: int, residual:
             return FAILED
         miss, noise = abs(total - w.start[n + 2 * e]), w.start[n + 2 * e + 1]
         if residual > CONVERGED:
-            if mend(w, z, residual):
+            # what earlier steps left behind, as where masses nearly collide, is mended whatever its size
+            if mend(w, np.inf if miss <= w.end[n + 2 * e + 1] else MENDED * residual):
                 return SOLVED
         elif miss <= noise:
             return SOLVED

@@ -51,6 +51,18 @@ def test_the_laws_hold_over_a_long_time(integrator):
     assert run.summary.invariant_error_max["angular_momentum"] <= 1e-12 * abs(run.angular_momentum[0])
 
 
+@pytest.mark.parametrize(
+    ("still", "k", "h", "steps", "bound"),
+    [("conductivity", 2, 0.3, 1024, 2e-11), ("conductivity", 3, 1.2, 1024, 5e-11), ("friction", 3, 0.3, 4096, 1e-14)],
+)
+def test_round_off_of_one_sign_does_not_add_up_where_nothing_dissipates(still, k, h, steps, bound):
+    """A quadrature's misses are below a step's noise: 1e-10, 5e-10 and 4e-14 of V0 were left."""
+    scenario = tcbench.scenarios()["stiff_spring" if still == "conductivity" else "damped_oscillator"]
+    scenario = scenario.replace(name="conservative", **{still: 0.0})
+    run = tcbench.simulate(name(k), scenario, h, steps * h, record_every=None)
+    assert run.ok and run.summary.energy_error_max <= bound
+
+
 @pytest.mark.parametrize("scenario", with_elements())
 @pytest.mark.parametrize("tolerance", [1e-1, 1e-2, 1e-6, 1e-10])
 def test_adaptive_steps_keep_the_laws_and_follow_the_tolerance(scenario, tolerance):
