@@ -186,6 +186,7 @@ def advance(
             if known:
                 extrapolate(w, step / last)
             w.budget[2] = spent + most - owed + worth * step
+            lowest = w.laws[w.m + 1]
             code = try_step(w, step, z, known, COARSEST + (step > roughest), residual, False)
             owed += w.counts.iterations - spent
             spent = w.counts.iterations
@@ -196,6 +197,7 @@ def advance(
                 factor = min(factor, math.sqrt(BEST / max(w.seen[0], 1e-3)))
             if code != SOLVED or not error <= ACCEPT * tolerance:
                 w.counts.rejected += 1
+                w.laws[w.m + 1] = lowest  # of any system the entropy that the next step may not fall below
                 h = step * (0.4 if code == FAILED else RETREAT if code == COARSE else max(SHRINK, factor))
                 longest = h if code != SOLVED else longest
                 last = 0.0
