@@ -7,6 +7,7 @@ held, and what is missing goes into the part of the momenta that carries no inva
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import reduce
 from typing import Any
 
@@ -14,9 +15,13 @@ import numpy as np
 
 from tcbench import System
 from tcbench.compiler import derivatives as trace
+from tcbench.compiler.array_kernels import ArrayKernel, array_kernel
+from tcbench.compiler.array_states import entries, is_array, refilled, side_by_side
+from tcbench.compiler.arrays import total as all_of
 from tcbench.compiler.kernels import Kernel, constant_part, kernel
 from tcbench.systems.momenta import lengthening, restored_momenta
 
+from .on_arrays import inputs_of
 from .series import Monomial, Normal
 
 ROUND_OFF = 4e-15  # of the heat: what the energy of a mended state may miss
@@ -24,63 +29,75 @@ TOGETHER = 4  # temperatures in one logarithm at most: more could overflow
 SMALLEST_SHARE = 1e-12  # of the energy, as kinetic energy free to change: below it nothing is taken from there
 
 
-def start_kernel(system: System) -> Kernel:
-    """(q, p, s) -> (q, p, theta), energy, entropy, invariants: what a run is to keep."""
-    sym = system.symbolic
-    z = trace.variables("z", system.size)
-    laws = [sym.energy(z), sym.entropy(z), *sym.momenta(z)]
-    inputs = {x: f"a[{i}]" for i, x in enumerate(z)} | system.constant_symbols()
-    return kernel(inputs, [*sym.temperature_variables(z), *laws])
-
-
 def mending_kernels(system: System) -> tuple[Kernel, Kernel, Kernel, list[trace.Symbol]]:
-    """(start, mend, hold, constants). mend, hold: (y, E0, S_floor, invariants; given) -> (y mended, S, margin).
+    """(start, mend, hold, constants).
 
-    The second keeps the entropy at S_floor. given: the system's constant_values, then the constants of the list.
+    start: (q, p, s) -> (q, p, theta), energy, entropy, invariants: what a run is to keep.
+    mend, hold: (y, E0, S_floor, invariants; given) -> (y mended, S, margin). The second keeps the entropy at S_floor.
+    given: the system's constant_values, then the constants of the list.
     margin: the least of temperatures, shapes and what the energy may miss less what it does; positive in a good state.
     """
-    sym, n, size = system.symbolic, system.n_positions, system.size
-    given = trace.variables("y", size + 2 + len(system.invariant_names))
-    q, p, theta = given[:n], given[n : 2 * n], given[2 * n : size]
-    energy, floor = given[size], given[size + 1]
-    targets = dict(zip(system.invariant_names, given[size + 2 :], strict=True))
-    p, free = restored_momenta(sym.state(np.concatenate([q, p, theta])), sym, targets)
-    pi = sym.shape(q)
-    inertia = sym.inertia()
-    y, s = list(given[:size]), list(sym.entropies(q, theta))
-    warmth = _simpler(y, list(sym.element_energy(pi, np.array(s, dtype=object))))
-    heats = _simpler(y, [t * t * trace.jacobian([x], [t])[0, 0] for x, t in zip(s, theta, strict=True)])
-    capacity = [trace.jacobian([x], [t])[0, 0] for x, t in zip(warmth, theta, strict=True)]
-    linear = not set(theta) & set(trace.topological(capacity))
-
-    def total(momenta: Any, warm: Any) -> Any:
-        return sum(0.5 * momenta**2 / inertia) + sum(at(warmth, warm))
-
-    def at(formulas: list[trace.Symbol], warm: Any) -> list[trace.Symbol]:
-        return trace.substitute(formulas, dict(zip(theta, warm, strict=True)))
-
-    warm = theta
-    for _ in range(1 if linear else 2):  # Newton for the part by which all temperatures grow
-        warm = warm * (1.0 + (energy - total(p, warm)) / sum(at(heats, warm)))
-
-    def outputs(momenta: Any, warm: Any, s: Any) -> list[trace.Symbol]:
-        allowed = ROUND_OFF * sum(heats) - abs(energy - total(momenta, warm))
-        return [*q, *momenta, *warm, sum(s), reduce(trace.minimum, [*warm, *pi, allowed])]
-
-    mended = outputs(p, warm, at([_total_entropy(y, 2 * n, s)], warm))
-
-    s = np.array(s, dtype=object)
-    s = s + (floor - sum(s)) / len(s)
-    held = sym.temperatures(np.concatenate([q, p, s]))
-    missing = energy - total(p, held)
-    kinetic = sum(free * free / inertia) / 2
-    least = SMALLEST_SHARE * (1.0 + abs(energy))
-    x = trace.maximum(missing * kinetic / (kinetic * kinetic + least * least), trace.const(-1.0))
-    held = outputs(p + lengthening(free, x), held, s)
+    sym, size = system.symbolic, system.size
+    z, given = trace.variables("z", size), trace.variables("y", size + 2 + len(system.invariant_names))
+    mended, held = _moves(sym, sym.state(given[:size]), given[size:])
     constants = constant_part([*mended, *held], list(given))
     places = {x: f"b[{system.n_constant_values + i}]" for i, x in enumerate(constants)}
     inputs = {x: f"a[{i}]" for i, x in enumerate(given)} | system.constant_symbols() | places
-    return start_kernel(system), kernel(inputs, mended, size), kernel(inputs, held, size), constants
+    known = {x: f"a[{i}]" for i, x in enumerate(z)} | system.constant_symbols()
+    made = [kernel(inputs, move, size) for move in (mended, held)]
+    return kernel(known, _start(sym, sym.state(z))), made[0], made[1], constants
+
+
+def array_mending_kernels(net: Any) -> list[ArrayKernel]:
+    """[start, mend, hold] of systems of any size, by their `by_arrays`; given: `constant_values` alone."""
+    z, y = net.fresh_state("z"), net.fresh_state("y")
+    told = trace.variables("law", 2 + len(net.momenta(z)))
+    bodies = [(z, (), _start(net, z)), *((y, told, move) for move in _moves(net, y, told))]
+    return [array_kernel(inputs_of(net, x, *more), net.blocks(side_by_side(row))) for x, more, row in bodies]
+
+
+def _start(sym: Any, z: Any) -> list[trace.Symbol]:
+    return [*entries(sym.temperature_variables(z)), sym.energy(z), sym.entropy(z), *sym.momenta(z)]
+
+
+def _moves(sym: Any, y: Any, told: Sequence[trace.Symbol]) -> tuple[list[trace.Symbol], list[trace.Symbol]]:
+    """What mend and hold give, number by number or array by array."""
+    q, theta, (energy, floor, *invariants) = y.q, y.theta, told
+    names = list(sym.invariants(q, y.p))
+    p, free = restored_momenta(y, sym, dict(zip(names, invariants, strict=True)))
+    pi, inertia, s = sym.shape(q), sym.inertia(), sym.entropies(q, theta)
+    warmth = _simpler(entries(y), entries(sym.element_energy(pi, s)))
+    own = list(zip(entries(s), entries(theta), strict=True))
+    heats = _simpler(entries(y), [t * t * trace.jacobian([x], [t])[0, 0] for x, t in own])
+    capacity = [trace.jacobian([x], [t])[0, 0] for x, t in zip(warmth, entries(theta), strict=True)]
+    linear = not set(entries(theta)) & set(trace.topological(capacity))
+
+    def total(momenta: Any, warm: Any) -> Any:
+        return np.sum(0.5 * momenta**2 / inertia) + np.sum(at(warmth, warm))
+
+    def at(formulas: list[trace.Symbol], warm: Any) -> Any:
+        return refilled(theta, trace.substitute(formulas, dict(zip(entries(theta), entries(warm), strict=True))))
+
+    warm = theta
+    for _ in range(1 if linear else 2):  # Newton for the part by which all temperatures grow
+        warm = warm * (1.0 + (energy - total(p, warm)) / np.sum(at(heats, warm)))
+
+    def outputs(momenta: Any, warm: Any, entropy: Any) -> list[trace.Symbol]:
+        allowed = ROUND_OFF * np.sum(refilled(theta, heats)) - abs(energy - total(momenta, warm))
+        least = reduce(trace.minimum, (all_of("min", x, x.space) for x in entries(warm, pi, allowed)))
+        return [*entries(q, momenta, warm), entropy, least]
+
+    entropy = _total_entropy(entries(y), len(entries(q, y.p)), entries(s)) if not is_array(s) else np.sum(s)
+    here = dict(zip(entries(theta), entries(warm), strict=True))
+    mended = outputs(p, warm, trace.substitute([entropy], here)[0])
+
+    s = s + (floor - np.sum(s)) / sym.n_elements
+    held = sym.temperatures(np.concatenate([q, p, s]))
+    missing = energy - total(p, held)
+    kinetic = np.sum(free * free / inertia) / 2
+    least = SMALLEST_SHARE * (1.0 + abs(energy))
+    x = trace.maximum(missing * kinetic / (kinetic * kinetic + least * least), trace.const(-1.0))
+    return mended, outputs(p + lengthening(free, x), held, np.sum(s))
 
 
 def _simpler(y: list[trace.Symbol], formulas: list[trace.Symbol]) -> list[trace.Symbol]:

@@ -12,15 +12,19 @@ from tcbench.compiler import derivatives as trace
 from tcbench.compiler.kernels import Kernel, kernel
 from tcbench.compiler.once import once, once_a_system
 from tcbench.compiler.records import Lending
+from tcbench.solver.mending import array_mending_kernels as of_any_large
 from tcbench.solver.mending import mending_kernels as of_any
 
+from . import on_arrays
+from .mending import array_mending_kernels as of_large_elements
 from .mending import mending_kernels as of_elements
 from .texts import series_kernels
 
 Floats = NDArray[np.float64]
 SELDOM = (8, 4)  # steps to a mended state, of any system and of elements: mending takes a fifth of a step
+# Beyond these series are loops: straight-line code is five times as fast, but takes more than ten seconds to compile.
+MOST_ELEMENTS = 32
 MOST_VARIABLES = 100  # of a system that has no elements
-MOST_ELEMENTS = 32  # beyond, the straight-line code of a series takes more than ten seconds to compile
 
 
 class TaylorMethod(Lending):
@@ -72,16 +76,20 @@ class TaylorMethod(Lending):
 
 def refusal(system: System) -> str:
     """Why a system has no series here; "" for one that has."""
-    if system.defines("element_energy"):
-        count, most, what = system.n_elements, MOST_ELEMENTS, "elements"
-    else:
-        count, most, what = system.size, MOST_VARIABLES, "variables"
-    if count <= most:
+    if system.large or not is_long(system):
         return ""
     return (
-        f"tc_taylor writes its series out: {count} {what} are too many for it (at most {most}). Take tc_gauss or "
-        "tc_monolithic."
+        f"tc_taylor writes the series of {system.size} variables out, which are too many for it (at most "
+        f"{MOST_ELEMENTS} elements, or {MOST_VARIABLES} variables of a system without). Declare spaces "
+        "(docs/add-system.md), or take tc_gauss or tc_monolithic."
     )
+
+
+def is_long(system: System) -> bool:
+    """Would the series be too long, written out?"""
+    if system.defines("element_energy"):
+        return system.n_elements > MOST_ELEMENTS
+    return system.size > MOST_VARIABLES
 
 
 @once_a_system
@@ -89,17 +97,32 @@ def prepared(system: System, order: int) -> tuple[Any, Any, int]:
     """What the methods of all runs share: compiled functions, a record that each makes `again`, lines of the series."""
     from .march import LOOPS, Counts, Work  # LLVM is loaded when something runs, not when plugins are listed
 
-    symbolic, c = system.symbolic, system.constant_values
-    elements = system.defines("element_energy")
-    series, polynomial, mend, hold, setup, start, to_z = kernels(symbolic, order)
-    given = np.concatenate([c, setup(c, c)])
+    c, elements = system.constant_values, system.defines("element_energy")
+    if is_long(system):
+        made = (k.kernel(system.mesh) for k in array_kernels(system.by_arrays, order))
+        (series, mend, hold, start, to_z), given = made, c
+        polynomial = on_arrays.polynomial_kernel(order, system.size)
+    else:
+        series, polynomial, mend, hold, setup, start, to_z = kernels(system.symbolic, order)
+        given = np.concatenate([c, setup(c, c)])
     work = Work(
-        size=symbolic.size, order=order, n_given=len(given), given=given, to_start=start.address,
+        size=system.size, order=order, n_given=len(given), given=given, to_start=start.address,
         n_target=start.size, of_elements=elements, seldom=SELDOM[elements], to_series=series.address,
         to_state=polynomial.address, to_mend=mend.address, to_hold=hold.address, to_z=to_z.address, rows=1,
         counts=Counts(),
     )  # fmt: skip
     return LOOPS, work, series.text.count("\n")
+
+
+@once
+def array_kernels(net: System, order: int) -> list[Any]:
+    """[series, mend, hold, start, to z] of large systems of one kind, by their `by_arrays`."""
+    elements = net.defines("element_energy")
+    with trace.tracing():
+        start, mend, hold = (of_large_elements if elements else of_any_large)(net)
+        y = net.fresh_state("y")
+        to_z = on_arrays.state_kernel(net, y, net.entropy_variables(y) if elements else y)
+        return [on_arrays.series_kernel(net, order), mend, hold, start, to_z]
 
 
 @once

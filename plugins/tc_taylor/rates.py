@@ -9,10 +9,14 @@ pi' is the derivative of the series of pi, and pi'/pi that of log pi: neither co
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from tcbench import System
 from tcbench.compiler import derivatives as trace
+from tcbench.compiler.array_states import entries
+from tcbench.compiler.derivatives import Symbol
 
 from .factored import Factored
 from .lanes import reachable
@@ -29,6 +33,14 @@ def rates(system: System) -> tuple[list[Series], list[Series]]:
     return factored if operations(factored) < FEWER * operations(plain) else plain
 
 
+def rates_of_arrays(net: Any, y: Any) -> tuple[list[Series], list[Series]]:
+    """The same of a system of any size, by its `by_arrays`; y: a fresh state in the same variables."""
+    field = net.temperature_field(y) if net.defines("element_energy") else net.vector_field(y)
+    laws = [] if net.defines("element_energy") else [trace.lifted(x) for x in net.momenta(y)]
+    plain, factored = (of_field(form(entries(y)), laws, entries(field)) for form in (Normal, Factored))
+    return factored if operations(factored) < FEWER * operations(plain) else plain
+
+
 def operations(found: tuple[list[Series], list[Series]]) -> int:
     """How many series there are that cost something."""
     return sum(x.kind not in ("sum", "D") for x in reachable([*found[0], *found[1]]))
@@ -37,9 +49,13 @@ def operations(found: tuple[list[Series], list[Series]]) -> int:
 def of_any(system: System, form: type[Normal]) -> tuple[list[Series], list[Series]]:
     """z and the vector field, in a normal form of this kind; the field leaves the invariants as they are."""
     z, sym = trace.variables("z", system.size), system.symbolic
-    normal = form(z)
-    normal.hold(normal.of([trace.lifted(x) for x in sym.momenta(z)]))
-    forms = normal.of(list(sym.vector_field(z)))
+    return of_field(form(z), [trace.lifted(x) for x in sym.momenta(z)], list(sym.vector_field(z)))
+
+
+def of_field(normal: Normal, laws: list[Symbol], field: list[Symbol]) -> tuple[list[Series], list[Series]]:
+    """Variables and rates; laws: what stays constant."""
+    normal.hold(normal.of(laws))
+    forms = normal.of(field)
     return normal.variables, [normal.single(form) if form else normal.series("sum", (), (ZERO,)) for form in forms]
 
 

@@ -12,6 +12,7 @@ from typing import Any
 
 from tcbench import TcbenchError
 from tcbench.compiler import derivatives as trace
+from tcbench.compiler.arrays import LINEAR, rebuilt
 from tcbench.compiler.derivatives import Symbol
 
 UNARY = ("log", "exp", "sqrt", "sin", "cos", "sinh", "cosh", "tanh", "atan")
@@ -24,13 +25,14 @@ class Series:
     kind  : var, sum, product, quotient, D (time derivative) or the name of a function.
     parts : series it is made of. weights : of a sum, (constant, ...) beside its parts, and last the constant term.
     of_size : of a logarithm: of the size of its part, which may be negative.
+    index : of a variable; of an operation that leads from one space of arrays to another its value.
     constant : in time, as a sum that is an invariant: its first coefficient is the only one.
     """
 
     kind: str
     parts: tuple[Series, ...] = ()
     weights: tuple[Symbol, ...] = ()
-    index: int = -1
+    index: Any = -1
     of_size: bool = False
     constant: bool = False
 
@@ -53,14 +55,14 @@ class Normal:
         }
 
     def series(
-        self, kind: str, parts: tuple[Series, ...] = (), weights: tuple[Symbol, ...] = (), index: int = -1
+        self, kind: str, parts: tuple[Series, ...] = (), weights: tuple[Symbol, ...] = (), index: Any = -1
     ) -> Series:
         """One object for equal series."""
         key = self.key_of(kind, parts, weights, index)
         return self.interned.setdefault(key, Series(kind, parts, weights, index))
 
     @staticmethod
-    def key_of(kind: str, parts: tuple[Series, ...] = (), weights: tuple[Symbol, ...] = (), index: int = -1) -> Any:
+    def key_of(kind: str, parts: tuple[Series, ...] = (), weights: tuple[Symbol, ...] = (), index: Any = -1) -> Any:
         """What is equal of equal series."""
         return kind, tuple(id(p) for p in parts), tuple(w.number for w in weights), index
 
@@ -121,9 +123,12 @@ class Normal:
                 return combined({(): trace.const(math.pi / 2)}, found, trace.const(-1.0))
         if node.op in UNARY:
             return self.function(node.op, args[0])
+        if node.op in LINEAR and not (node.op == "total" and node.value[0] != "add"):
+            return {((self.series(node.op, tuple(map(self.single, args)), index=node.value), 1),): ONE}
         if node.op == "abs":
             raise TcbenchError("tc_taylor has no series of |x|: there is none where x changes its sign. Take tc_gauss.")
-        raise TcbenchError(f"tc_taylor knows no series of the operation {node.op!r} in this system's formulas.")
+        name = node.value[0] if node.op == "total" else node.op
+        raise TcbenchError(f"tc_taylor knows no series of the operation {name!r} in this system's formulas.")
 
     def function(self, name: str, form: Linear) -> Linear:
         """A function of a sum; logarithms of products and exponentials of logarithms are taken apart."""
@@ -201,6 +206,8 @@ class Normal:
                     return trace.mul(*parts)
                 case "quotient":
                     return trace.mul(parts[0], trace.reciprocal(parts[1]))
+            if x.kind in LINEAR:
+                return rebuilt(x.kind, parts, x.index)
             inside = abs(parts[0]) if x.of_size else parts[0]
             return getattr(inside, {"atan": "arctan"}.get(x.kind, x.kind))()
 

@@ -19,6 +19,7 @@ from .derivatives import topological
 from .kernels import PAIRS, Kernel, literal, operation
 from .symbols import Symbol
 
+CHEAP = ("add", "sub", "mul", "neg")
 START = {"add": "0.0", "max": "-inf", "min": "inf"}  # of a sum, a maximum, a minimum
 
 
@@ -174,19 +175,32 @@ class _Writer:
             for c, x in enumerate(block.symbols):
                 if x is not None and x.space and x.op not in ("part", "join"):
                     self.stored.setdefault(x.number, Place("out", k, c, len(block.symbols)))
+        kept = self._read_elsewhere()
         for node in self.nodes:
-            if node.number in self.given:
-                continue
-            if node.op in ("collect", "join") and node.number not in self.stored:
+            if node.number in kept and node.number not in self.stored:
                 self.stored[node.number] = self._array(node)
-            for a in node.args if node.op not in ("collect", "total") else ():
-                elsewhere = node.op in ("take", "join", "part") or self.stage[a.number] != self.stage[node.number]
-                if a.space and a.number not in self.stored and elsewhere and a.op != "part":
-                    self.stored[a.number] = self._array(a)
-            if node.op == "part":
+            if node.op == "part" and node.number not in self.given:
                 k, space = node.value
                 whole = self.stored[node.args[0].number]
                 self.stored[node.number] = whole._replace(behind=(*whole.behind, *space.split("+")[:k]))
+
+    def _read_elsewhere(self) -> set[int]:
+        """Values of a loop that another one reads; not those that it makes again, by one operation of such values."""
+        kept, whole = dict[int, Symbol](), set[int]()
+        for node in (x for x in self.nodes if x.number not in self.given):
+            moves = node.op in ("take", "join", "part")
+            if node.op in ("collect", "join"):
+                kept[node.number] = node
+            for a in node.args if node.op not in ("collect", "total") else ():
+                if a.space and a.op != "part" and (moves or self.stage[a.number] != self.stage[node.number]):
+                    kept[a.number] = a
+                    whole |= {a.number} if moves else set()
+        there = set(self.stored)
+        for number, node in sorted(kept.items()):
+            args = (a.number in there or not a.space for a in node.args)
+            if number in whole or node.op not in CHEAP or not all(args):
+                there.add(number)
+        return there
 
     # text -----------------------------------------------------------------------------------------------------------
 
@@ -297,6 +311,10 @@ class _Body:
         if x.number not in self.names:
             if x.op == "const":
                 self.names[x.number] = literal(x)
+            elif x.number not in self.w.stored:
+                for a in x.args:
+                    self.value(a)
+                self.lines += self.w._operation(x, self.names)
             else:
                 self.names[x.number] = name = self.w._fresh("v")
                 self.lines.append(f"{name} = {self.w.item(self.w.stored[x.number], self.i)}")

@@ -34,6 +34,12 @@ ZERO, ONE = const(0.0), const(1.0)
 
 def gradient(output: Symbol, inputs: Sequence[Symbol]) -> list[Symbol]:
     """df/dz, all of it at the cost of a few evaluations of f."""
+    by = covectors(output, inputs)
+    return [by.get(x.number, ZERO) for x in inputs]
+
+
+def covectors(output: Symbol, inputs: Sequence[Symbol]) -> dict[int, Symbol]:
+    """df by each node under f that depends on the inputs, by its number."""
     return _backwards(output, inputs, lambda node: (ONE,) if node.op == "mark" else partials(node))
 
 
@@ -60,7 +66,8 @@ def discrete_gradient(
         for edge, slope in zip(ends, along, strict=True):
             change = change + slope * edge.step
         edges[node.number] = Edge(value, change)
-    return _backwards(output, inputs, lambda node: slopes[node.number])
+    by = _backwards(output, inputs, lambda node: slopes[node.number])
+    return [by.get(x.number, ZERO) for x in inputs]
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +116,9 @@ def _of_function(op: str, x: Edge) -> Symbol:
     return found.pi_at_s0
 
 
-def _backwards(output: Symbol, inputs: Sequence[Symbol], slopes: Callable[[Symbol], tuple[Any, ...]]) -> list[Symbol]:
+def _backwards(
+    output: Symbol, inputs: Sequence[Symbol], slopes: Callable[[Symbol], tuple[Any, ...]]
+) -> dict[int, Symbol]:
     moving, ends = depends_on([output], inputs), {x.number for x in inputs}
     by: dict[int, Symbol] = {output.number: ONE}
     for node in reversed(topological([output])):
@@ -128,4 +137,4 @@ def _backwards(output: Symbol, inputs: Sequence[Symbol], slopes: Callable[[Symbo
                 by[argument.number] = add(by[argument.number], part) if argument.number in by else part
             else:
                 accumulate(by, y, {argument.number: slope})
-    return [by.get(x.number, ZERO) for x in inputs]
+    return by

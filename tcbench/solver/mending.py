@@ -16,7 +16,11 @@ import numpy as np
 
 from ..compiler import derivatives as trace
 from ..compiler import kernels
+from ..compiler.array_kernels import ArrayKernel, array_kernel
+from ..compiler.array_mesh import Block
 from ..compiler.array_states import Blocks, entries, is_array, refilled
+from ..compiler.arrays import NUMBER, total
+from ..compiler.chain_rule import covectors
 from ..compiler.derivatives import Symbol, const
 from ..compiler.kernels import constant_part, kernel
 from ..compiler.language import Floats, Kernel, call, rare
@@ -88,53 +92,53 @@ def mending_kernels(system: System) -> tuple[kernels.Kernel, kernels.Kernel, ker
     """
     sym, size = system.symbolic, system.size
     x, told = trace.variables("x", size), trace.variables("law", 4 + 2 * len(system.invariant_names))
-    z = sym.state(x)
-    values, slopes = laws(sym, z)
+    start, mend, hold = _moves(sym, sym.state(x), list(told))
+    constants = constant_part([*mend, *hold], [*x, *told])
+    known = {v: f"a[{i}]" for i, v in enumerate([*x, *told])} | system.constant_symbols()
+    places = {c: f"b[{system.n_constant_values + i}]" for i, c in enumerate(constants)}
+    made = [kernel(known | places, f, size) for f in (mend, hold)]
+    return kernel(known, start), made[0], made[1], constants
+
+
+def array_mending_kernels(net: Any) -> list[ArrayKernel]:
+    """[start, mend, hold] of systems of any size, by their `by_arrays`; given: `constant_values` alone."""
+    z = net.fresh_state("x")
+    told = list(trace.variables("law", 4 + 2 * len(net.momenta(z))))
+    constants = [Block(NUMBER, (None,)), *net.constant_blocks()]
+    inputs = {"a": [*net.blocks(z), Block(NUMBER, tuple(told))], "b": constants}
+    made = [[refilled(z, f[: len(entries(z))]), f[len(entries(z)) :]] for f in _moves(net, z, told)]
+    return [array_kernel(inputs, net.blocks(values)) for values in made]
+
+
+def _moves(system: Any, z: Any, told: Sequence[Symbol]) -> list[list[Symbol]]:
+    """What the three give, number by number or array by array."""
+    values, slopes = laws(system, z)
     values = [trace.lifted(v) for v in values]
-    noises = [ROUND_OFF * round_off(f, list(x)) for f in values]
-    start = [*x, values[0], values[-1], noises[-1], noises[0]]
+    noises = [ROUND_OFF * round_off(f, entries(z)) for f in values]
+    start = [*entries(z), values[0], values[-1], noises[-1], noises[0]]
     for pair in zip(values[1:-1], noises[1:-1], strict=True):
         start += pair
     targets, allowed = [told[0], *told[4::2], told[1]], [told[3], *told[5::2], told[2]]
     misses = [target - f for target, f in zip(targets, values, strict=True)]
-    own = [ROUND_OFF * sum(abs(g) for g in np.asarray(slope * z)) for slope in slopes]  # of z's own rounding
+    own = [ROUND_OFF * abs(slope * z).sum() for slope in slopes]  # of z's own rounding
     margins = [a + b - abs(m) for a, b, m in zip(allowed[:-1], own, misses, strict=False)]
-    good = reduce(trace.minimum, map(trace.lifted, [*margins, *sym.temperatures(z), *sym.shapes(z)]))
+    positive = map(trace.lifted, [*margins, *entries(system.temperatures(z), system.shapes(z))])
+    good = reduce(trace.minimum, (total("min", x, x.space) for x in positive))
     good = trace.guarded(good, values)  # of what is not a number the least is lost
-    weights = 1.0 + by_variable(sym, z, z)
-    mend = [*nearer(sym, z, misses[:-1], slopes[:-1], weights), values[-1], good]
-    hold = [
-        *nearer(sym, z, misses, slopes, weights),
-        values[-1],
-        trace.minimum(good, allowed[-1] + own[-1] - misses[-1]),
-    ]
-    constants = constant_part([trace.lifted(v) for v in (*mend, *hold)], [*x, *told])
-    known = {v: f"a[{i}]" for i, v in enumerate([*x, *told])} | system.constant_symbols()
-    places = {c: f"b[{system.n_constant_values + i}]" for i, c in enumerate(constants)}
-    made = [kernel(known | places, [trace.lifted(v) for v in f], size) for f in (mend, hold)]
-    return kernel(known, [trace.lifted(v) for v in start]), made[0], made[1], constants
+    weights = 1.0 + by_variable(system, z, z)
+    mend = [*entries(nearer(system, z, misses[:-1], slopes[:-1], weights)), values[-1], good]
+    held = trace.minimum(good, allowed[-1] + own[-1] - misses[-1])
+    hold = [*entries(nearer(system, z, misses, slopes, weights)), values[-1], held]
+    return [[trace.lifted(v) for v in f] for f in (start, mend, hold)]
 
 
 def round_off(f: Symbol, x: Sequence[Symbol]) -> Symbol:
     """The round-off of f, in units of the last place: the sizes of its operations times what they weigh in f; of a
     variable 1 beside its size, for it may begin at 0."""
-    parts = [abs(by) * (1.0 + abs(node)) if node.op == "var" else abs(by * node) for node, by in _weights(f, x)]
-    return reduce(trace.add, parts, abs(f))
-
-
-def _weights(f: Symbol, x: Sequence[Symbol]) -> list[tuple[Symbol, Symbol]]:
-    """Each operation under f that depends on x, and df by it."""
-    moving, by = trace.depends_on([f], x), {f.number: const(1.0)}
-    found = []
-    for node in reversed(trace.topological([f])):
-        if node.number in moving and node.number in by:
-            found.append((node, by[node.number]))
-            if node.op != "var":
-                slopes = (const(1.0),) if node.op == "mark" else trace.partials(node)
-                for argument, slope in zip(node.args, slopes, strict=True):
-                    if argument.number in moving:
-                        trace.accumulate(by, by[node.number], {argument.number: slope})
-    return found
+    by, moving = covectors(f, x), trace.depends_on([f], x)
+    nodes = [node for node in reversed(trace.topological([f])) if node.number in by and node.number in moving]
+    sizes = [abs(by[n.number]) * (1.0 + abs(n)) if n.op == "var" else abs(by[n.number] * n) for n in nodes]
+    return reduce(trace.add, (total("add", size, size.space) for size in sizes), abs(f))
 
 
 @rare

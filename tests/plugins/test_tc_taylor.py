@@ -7,21 +7,25 @@ from hypothesis import given
 from hypothesis import strategies as st
 from random_laws import assert_laws
 from states import admissible_states
-from tcbench_plugins.tc_taylor import lanes, march
+from tcbench_plugins.tc_taylor import lanes, march, method
 from tcbench_plugins.tc_taylor.factored import Factored
 from tcbench_plugins.tc_taylor.march import step_length
 from tcbench_plugins.tc_taylor.method import TaylorMethod, kernels
+from tcbench_plugins.tc_taylor.on_arrays import Coefficients
 from tcbench_plugins.tc_taylor.rates import rates
 from tcbench_plugins.tc_taylor.recurrences import Writer
 from tcbench_plugins.tc_taylor.series import Normal
 from tcbench_plugins.tc_taylor.texts import may_go_ahead, series_kernels, written
 
 import tcbench
-from tcbench import TcbenchError
+from tcbench import System, TcbenchError
 from tcbench.compiler import derivatives as trace
+from tcbench.compiler.arrays import total, variable
 from tcbench.compiler.kernels import kernel, namespace
 from tcbench.plugins import find_integrator, find_scenario
 from tcbench.reference.lookup import reference_for
+
+from ..helpers.networks import NETWORKS
 
 SCENARIOS = ("short_term", "bound_equilibrium", "stiff_spring", "cold_spring", "gas_containers")
 FUNCTIONS = {
@@ -66,13 +70,32 @@ def test_the_coefficients_of_each_operation_are_those_of_fifty_digits(name, form
     writer = Writer([variable], {0: rate}, ahead=ahead and may_go_ahead([variable], [rate]))
     stored = [f"out[{k}] = {writer.coefficient(variable, k)}" for k in range(order + 1)]
     found = written([*writer.lines, *stored], order + 1)(np.array([0.4]), np.zeros(1))
+    on_arrays = Coefficients([y], [rate])
+    others = kernel({y: "a[0]"}, [on_arrays.of(variable, k) for k in range(order + 1)])(np.array([0.4]), np.zeros(1))
     with mpmath.workdps(50):
         exact = [mpmath.mpf(0.4)]
         for n in range(order):
             of_f = mpmath.taylor(lambda t: f(Precise(), sum(c * t**k for k, c in enumerate(exact))), 0, n)
             exact.append(of_f[n] / (n + 1))
     largest = max(abs(float(c)) for c in exact)
-    assert found == pytest.approx([float(c) for c in exact], rel=1e-13, abs=1e-15 * largest)
+    for each in (found, others):
+        assert each == pytest.approx([float(c) for c in exact], rel=1e-13, abs=1e-15 * largest)
+
+
+@pytest.mark.parametrize("name", [*NETWORKS, "net[nx=3,ny=3]"])
+def test_on_arrays_it_is_what_it_is_entry_by_entry_and_keeps_every_law(name, monkeypatch):
+    scenario = NETWORKS.get(name) or find_scenario(name)
+    times, found = np.linspace(0.0, 0.06, 4), []
+    for most in (0, 1000):
+        monkeypatch.setattr(method, "MOST_ELEMENTS", most)
+        monkeypatch.setattr(method, "MOST_VARIABLES", most)
+        fresh = scenario.replace(name=f"{name} {most}")
+        found.append(TaylorMethod(fresh.model, 4).adaptive(scenario.z0, times, 1e-6))
+        if most == 0:
+            run = tcbench.simulate("tc_taylor[order=4]", fresh, dt=0.02, t_end=0.2)
+            assert run.ok and run.summary.energy_error_max < 1e-13 and run.summary.entropy_increment_min > 0.0
+            assert all(error < 1e-12 for error in run.summary.invariant_error_max.values())
+    assert np.abs(found[0][0] - found[1][0]).max() < 1e-13 and found[0][1] == found[1][1]
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)
@@ -195,13 +218,26 @@ def test_states_on_the_way_are_those_of_the_run_and_keep_the_laws():
     assert np.ptp(energy) <= 1e-12 * scenario.initial_exergy and np.diff(entropy).min() >= -4e-16
 
 
+class Still(System):
+    name = "still"
+    variables = {"x": (101,)}
+
+    def energy(self, z):
+        return z.x @ z.x
+
+    def entropy(self, z):
+        return z.x.sum()
+
+
 def test_what_has_no_series_or_is_too_large_is_refused_with_a_sentence():
-    y = trace.variable("y")
+    y = variable("y", "cell")
     normal = Normal([y])
     with pytest.raises(TcbenchError, match=r"no series of \|x\|: there is none"):
         normal.of([abs(y)])
-    with pytest.raises(TcbenchError, match="40 elements are too many"):
-        TaylorMethod(find_scenario("chain[n=40]").model, 8)
+    with pytest.raises(TcbenchError, match="no series of the operation 'max'"):
+        normal.of([total("max", y, "cell")])
+    with pytest.raises(TcbenchError, match="101 variables out, which are too many"):
+        TaylorMethod(Still(), 8)
 
 
 @given(st.floats(1e-15, 0.1), st.floats(1e-100, 1e100), st.floats(1e-100, 1e100))
