@@ -10,7 +10,7 @@ from ..compiler.records import Record, Rows, address_of, sized
 from ..solver.flow import Flow, Tally
 from ..solver.implicit_step import BLOWUP, COLD, COLLAPSED, NO_AUDIT, NONFINITE, OK, PRINCIPAL, solve_flow
 from ..solver.linear_algebra import add_increments, move
-from ..solver.newton import ACCEPTED, REJECTED, finish, quick, quick_sparse
+from ..solver.newton import ACCEPTED, FORESEEN, REJECTED, UNKNOWN, finish, foresee, quick, quick_sparse
 
 E, S, FIRST_INVARIANT = 0, 1, 2  # in a row of observables
 FIRST, BEFORE, NOW = range(3)  # rows of `observables`
@@ -218,8 +218,9 @@ def one_step(run: Run, z: Floats, carry: Floats, after: Floats, trial: Floats) -
             continue
         code = REJECTED
         if flow.continuation and flow.audit < PRINCIPAL:
-            for i in range(n):
-                flow.x[i] = flow.w[n + i]
+            if flow.foreseen[0] != FORESEEN:
+                for i in range(n):
+                    flow.x[i] = flow.w[n + i]
             if flow.ns > 0:
                 code, count = quick_sparse(flow)
             else:
@@ -232,6 +233,8 @@ def one_step(run: Run, z: Floats, carry: Floats, after: Floats, trial: Floats) -
                 return reason, iterations
         if flow.residuals:
             measure_residual(flow)
+        if flow.foresees:
+            foresee(flow)
         move(here, dropped, flow.dz, after, trial)
     return OK, iterations
 
@@ -243,6 +246,9 @@ def march(run: Run, start: int, stop: int) -> int:
     row, left = start // every, every - start % every  # the last full record, and steps to the next
     reason, done = OK, start
     z, carry, after, trial = run.z, run.carry, run.after, run.dropped
+    if start == 0:  # what is known of earlier steps is of another run
+        for k in range(run.n_flows):
+            run.flows[k].foreseen[0] = UNKNOWN
     open_step(run, z)
     for step in range(start + 1, stop + 1):
         reason, iterations = one_step(run, z, carry, after, trial)

@@ -48,7 +48,7 @@ def near_start(index: Sequence[int], system: System, z0: Any, h: Symbol, variabl
     as well: as much of their part is left out as the kinetic energy of the change of p is of that of p.
     """
     if not isinstance(system, ElementSystem):
-        return [const(0.0)] * len(index)  # a Taylor guess would save iterations and no time
+        return [const(0.0)] * len(index)  # of the first step; then the last roots foretell the next (newton.foresee)
     n, m = system.n_positions, system.n_elements
     first = 2 * n
     moving, heated = any(n <= i < first for i in index), any(first <= i < first + m for i in index)

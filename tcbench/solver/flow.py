@@ -55,6 +55,7 @@ class Flow(Record):
     observe: Kernel
     factorise: Kernel  # of a sparse Jacobian: see `Pattern`
     h: float  # its part of the step
+    foresees: bool  # Newton begins where the last roots point to: see newton.foresee
     continuation: bool  # the whole cascade; otherwise plain Newton
     audit: int  # see implicit_step
     residuals: bool
@@ -66,6 +67,8 @@ class Flow(Record):
     w: Floats = sized("nw")  # what stays fixed during Newton
     x: Floats = sized("nx")
     d: Floats = sized("nd")
+    past: Matrix = sized("nx", "3")  # the last root of each unknown, and its backward differences
+    foreseen: Floats = sized("1")  # is the next one in x? See newton.foresee
     dz: Floats = sized("n")
     scale: Floats = sized("nx + ne")  # 1/size of the unknowns
     derivatives: Floats = sized("nfull")

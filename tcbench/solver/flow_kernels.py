@@ -69,6 +69,7 @@ class FlowKernels:
     n_unknowns: int
     n_eliminated: int
     n_positive: int
+    foresees: bool = False  # see newton.foresee
     pattern: Pattern | None = None  # of a sparse Jacobian
     way: str = ""  # how its steps are solved, in words
 
@@ -80,7 +81,7 @@ class FlowKernels:
             "nw": self.opening.size + self.setup.size, "prologue": self.prologue.address,
             "iterate": self.iterate.address, "polish": self.polish.address, "finish": self.finish.address,
             "full": self.full.address, "nfull": max(self.full.size, self.iterate.size), "nj": self.n_unknowns,
-            "ns": 0, "nnz": 0,
+            "ns": 0, "nnz": 0, "foresees": self.foresees,
         }  # fmt: skip
         p = self.pattern
         if p is not None:
@@ -157,6 +158,7 @@ def _build(flow: Flow, system: System) -> FlowKernels:
         n_unknowns=len(x),
         n_eliminated=len(parts.moved),
         n_positive=len(positive),
+        foresees=slopes is None and not isinstance(sym, ElementSystem),  # of theirs the last digits stay what they were
         pattern=slopes.pattern if slopes else None,
         way=f"sparse: {len(x)} unknowns" if slopes else f"unrolled: {len(x)} unknowns" if x else "explicit",
     )

@@ -23,6 +23,8 @@ QUADRATIC = 1e-8  # the same, after a correction a thousand times as large
 CHORD = 1e-2  # below this one more correction with the same factors shows, and mends, what Newton's left
 QUICK = 0.3  # corrections with old factors are tried below this
 NEGLIGIBLE = 1e-16  # predicted error that no further correction would change
+UNKNOWN, FAR, FORESEEN = 0.0, 1.0, 2.0  # the root of the next step
+NEAR = 0.1  # of the size of an unknown: how far from the last root the next one may be looked for
 SQUARED = 1e-11  # Newton's error after a correction below this is its square times curvature: below round-off to 1e6
 CHORD_FLOOR = 1e-14  # a correction with old factors that no longer shrinks is round-off below this
 SPARSE_FIRST = 1e-4  # relative residual of the linear system of a first correction
@@ -64,6 +66,22 @@ def finish(flow: Flow) -> int:
     for i in range(flow.n):
         total += abs(flow.dz[i])
     return ACCEPTED if total < np.inf else REJECTED
+
+
+@rare
+def foresee(flow: Flow) -> None:
+    """From the root in x that of the next step, if it is near: where a cubic through the last four points to."""
+    w, x, past, n = flow.w, flow.x, flow.past, flow.nx
+    known, off = flow.foreseen[0] != UNKNOWN, 0.0
+    for i in range(n):
+        root = x[i]
+        first = root - past[i, 0] if known else 0.0
+        second = first - past[i, 1] if known else 0.0
+        ahead = first + second + (second - past[i, 2] if known else 0.0)
+        past[i, 0], past[i, 1], past[i, 2] = root, first, second
+        x[i] = root + ahead
+        off = max(off, abs(ahead) * w[2 * n + i])
+    flow.foreseen[0] = FORESEEN if off < NEAR else FAR
 
 
 def quick(flow: Flow) -> tuple[int, int]:
