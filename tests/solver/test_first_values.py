@@ -72,7 +72,7 @@ def test_the_first_newton_is_enough_at_short_steps():
 
 @pytest.mark.parametrize("name", ["damped_oscillator", "rigid_body", "heavy_top"])
 def test_the_last_roots_of_any_system_foretell_the_next(name):
-    """From z1 = z0, as the first step begins, up to every step took a second Jacobian; of another run nothing is known."""
+    """From z1 = z0 up to every step took a second Jacobian; of another run nothing is known."""
     scenario = tcbench.scenarios()[name]
     first = tcbench.simulate("tc_monolithic", scenario, dt=scenario.dt / 3, t_end=50 * scenario.dt)
     assert first.ok and first.solver.newton_iterations <= 1.1 * first.steps
