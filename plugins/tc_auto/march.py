@@ -21,7 +21,7 @@ LONGER = 4.0  # the first implicit step, over the last explicit one
 OWED = 3.0  # iterations that the implicit method may take beyond what explicit steps would, before it is left
 # Of any system: iterations that the explicit steps to the end must be worth for the other method to be tried, and the
 # part of them that a trial may owe; steps until the fastest motion is looked for, each time twice as many, up to one.
-SHORT, SHARE, LEG, MOST_LEG = 80.0, 0.04, 32, 512
+SHORT, SHARE, LEG, MOST_LEG = 80.0, 0.1, 32, 512
 TURNS, SETTLED = 12, 4  # of the power method, and those of them that are not counted
 
 
@@ -47,7 +47,7 @@ def steps(both: Both) -> int:
         gauss.begin(g, states[0])
     stable = STABLE + STABLE_OF_ORDER * e.order
     row, t, h, patience, explicit, given_up = 1, times[0], 0.0, PATIENCE, True, False
-    leg, left = LEG if g.general else 0, 0.0
+    leg, left, busy = LEG if g.general else 0, 0.0, 0.0
     while row < len(times):
         first = g.general and e.counts.steps == 0  # a short run is left to explicit steps
         rate = 1e-300 if first else fastest(g)
@@ -55,14 +55,15 @@ def steps(both: Both) -> int:
             before = e.counts.steps
             row, t, h = taylor.advance(e, times, both.tolerance, states, row, t, STIFF * stable / rate, patience, leg)
             go_over(e, g)
-            left = worth * rate * (times[len(times) - 1] - t) / stable
+            busy = 1.0 / max(h, 1e-300) if g.general else rate / stable
+            left = worth * busy * (times[len(times) - 1] - t)
             if e.counts.steps - before < leg or not g.general:
                 patience *= MORE
             if g.general and h > 0.0 and (left < SHORT or e.counts.steps - before >= leg):
                 leg = min(2 * leg, MOST_LEG)
                 continue
         else:
-            g.budget[0] = worth * rate / stable
+            g.budget[0] = worth * busy
             g.budget[1] = math.inf if given_up else max(OWED, SHARE * left) if g.general else OWED
             row, t, h = gauss.advance(g, times, both.defect, both.residual, states, row, t, LONGER * h)
             keep_laws(e, g)

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 
-from tcbench.compiler.language import Floats, Kernel, Matrix, bits, call, copy_into, from_bits
+from tcbench.compiler.language import Floats, Matrix, bits, call, copy_into, from_bits
 from tcbench.compiler.library import Library
-from tcbench.compiler.records import Record, sized
 from tcbench.solver.mending import mended
+
+from . import damping
+from .memory import Work
 
 # The bits of a positive double, as a whole number, are its logarithm of base 2, up to 0.086 too small, times 2^52. So a
 # root of high order is a division; those of the root's 1 are taken so that it is right on average.
@@ -15,45 +17,10 @@ ONE = (1023.0 - 0.043) * 2.0**52
 SHRINK, SHORTEST = 0.5, 1e-12  # of a step that ends in no admissible state; of a step, over the time
 
 
-class Counts(Record, mutable=True):
-    """What steps cost."""
-
-    steps: int
-    rejected: int
-    held: int  # states at which the entropy was held
-
-
-class Work(Record):
-    """The kernels and arrays of a run; its states, (q, p, theta) of elements, have `size` numbers."""
-
-    size: int
-    order: int
-    n_given: int
-    n_target: int
-    seldom: int  # steps from one mended state to the next, where none is asked for
-    of_elements: bool  # mended by kernels of their own: see mending.py, and tcbench.solver.mending for any system
-    to_start: Kernel
-    to_series: Kernel  # see texts.series_kernels
-    to_state: Kernel
-    to_mend: Kernel
-    to_hold: Kernel
-    to_z: Kernel  # z of such a state
-    counts: Counts
-    given: Floats = sized("n_given")  # the system's constants, and what depends on them only
-    coefficients: Floats = sized("(order + 1) * size + 2")
-    length: Floats = sized("1")
-    target: Floats = sized("n_target")  # a state, the energy and lowest entropy and invariants that it should have
-    # The state that has them, its entropy, the least of what must be positive. When a step begins, the run is there.
-    mended: Floats = sized("size + 2")
-    kept: Floats = sized("size + 2")  # the last of these that a step began from
-    rows: int  # what follows is lent for a run: see `records.Lending`
-    times: Floats = sized("rows")
-    states: Matrix = sized("rows", "size")  # z at these times, the first given
-
-
 def begin(w: Work, z: Floats) -> None:
     """A run from z: nothing spent, and energy, entropy and invariants of z as those to be kept."""
     w.counts.steps, w.counts.rejected, w.counts.held = 0, 0, 0
+    w.trials.wait, w.trials.pause = 0, damping.PAUSE
     start_from(w, z)
 
 
@@ -131,6 +98,8 @@ def advance(
                 begun = t
             call(w.to_series, w.mended, w.given, w.coefficients)
             h = step_length(w, tolerance)
+            if w.reach > 0.0:
+                h = damping.lengthened(w, h, tolerance)
         good = h > SHORTEST * max(1.0, abs(t))
         if not good and since == 0:
             copy_into(w.mended, w.kept)
@@ -157,6 +126,7 @@ def advance(
             often = min(2 * often, w.seldom) if mended else often
             continue
         w.counts.rejected += 1
+        damping.put_off(w)
         w.target[w.size + 1] = lowest
         if since > 0:
             copy_into(w.mended, w.kept)

@@ -37,7 +37,7 @@ class TaylorMethod(Lending):
         self.size = system.size
         self.counts = model.counts.again()
         self.reached: Floats | None = None  # where the run has come by marching
-        self.lend_to(model.again(counts=self.counts), self.size)
+        self.lend_to(model.again(counts=self.counts, trials=model.trials.again()), self.size)
 
     def adaptive(self, z0: Floats, times: Floats, tolerance: float) -> tuple[Floats, dict[str, int]]:
         """States at `times`, shape (len(times), n), and their cost; ArithmeticError where steps become too short."""
@@ -95,7 +95,9 @@ def is_long(system: System) -> bool:
 @once_a_system
 def prepared(system: System, order: int) -> tuple[Any, Any, int]:
     """What the methods of all runs share: compiled functions, a record that each makes `again`, lines of the series."""
-    from .march import LOOPS, Counts, Work  # LLVM is loaded when something runs, not when plugins are listed
+    from . import damping
+    from .march import LOOPS  # LLVM is loaded when something runs, not when plugins are listed
+    from .memory import Counts, Trials, Work
 
     c, elements = system.constant_values, system.defines("element_energy")
     if is_long(system):
@@ -109,7 +111,7 @@ def prepared(system: System, order: int) -> tuple[Any, Any, int]:
         size=system.size, order=order, n_given=len(given), given=given, to_start=start.address,
         n_target=start.size, of_elements=elements, seldom=SELDOM[elements], to_series=series.address,
         to_state=polynomial.address, to_mend=mend.address, to_hold=hold.address, to_z=to_z.address, rows=1,
-        counts=Counts(),
+        counts=Counts(), trials=Trials(), **damping.fields(0 if elements else order),
     )  # fmt: skip
     return LOOPS, work, series.text.count("\n")
 

@@ -29,7 +29,7 @@ from ..systems.system import System
 ROUND_OFF = 2.0**-51  # of what the terms of a law are: what a mended state may miss
 TINY = 1e-140  # beside a square: nothing is moved along a gradient that is 0
 DEPENDENT = 1e-26  # of the square of a gradient, free of the others: what round-off leaves where they say the same
-MOST = 12  # moves: near an equilibrium, where little is left of the entropy's gradient, each leaves half of the way
+MOST = 24  # moves: near an equilibrium, where little is left of the entropy's gradient, each leaves half of the way
 
 
 def laws(system: System, z: Any) -> tuple[list[Any], list[Any]]:

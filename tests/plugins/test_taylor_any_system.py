@@ -1,13 +1,16 @@
 """tc_taylor on systems that are not made of elements: series from the vector field, mended onto their own laws."""
 
+from math import factorial
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from random_laws import GENERAL, assert_laws_of_any, random_start
 from scipy.integrate import solve_ivp
-from tcbench_plugins.tc_taylor import lanes, texts
+from tcbench_plugins.tc_taylor import damping, lanes, texts
 from tcbench_plugins.tc_taylor.factored import Factored
+from tcbench_plugins.tc_taylor.method import TaylorMethod
 from tcbench_plugins.tc_taylor.rates import of_any, operations, rates
 from tcbench_plugins.tc_taylor.series import Normal
 from tcbench_plugins.tc_taylor.texts import series_kernels
@@ -74,6 +77,42 @@ def test_multiples_of_a_quotient_are_one_series_and_invariants_none():
 def test_what_sums_have_in_common_is_taken_out_where_that_saves_much():
     body = tcbench.scenarios()["rigid_body"].model
     assert operations(of_any(body, Factored)) < 0.7 * operations(of_any(body, Normal))
+
+
+@pytest.mark.parametrize("order", damping.DAMPED)
+def test_a_damped_series_is_small_along_a_decay_and_so_is_its_estimate(order):
+    parts = damping.fields(order)
+    x = -np.linspace(1.0, parts["reach"], 400)
+    x = np.concatenate([x, x + 0.5j, x + 1j])
+    terms = np.array([x**k / factorial(k) for k in range(order + 1)])
+    weights = np.concatenate([np.ones(order + 1 - damping.LAST), parts["factors"]])
+    assert np.max(abs(weights @ terms)) <= 0.93  # 0.9 in the directions that were asked for
+    assert np.max(abs(parts["misses"] @ terms[-damping.LAST :])[:400]) <= 6.0
+    assert parts["misses"][0] == 1.0 - parts["factors"][0]  # the first term that the series misses
+
+
+@pytest.mark.parametrize(("name", "times"), [("heavy_top", 100), ("rigid_body", 100), ("viscous_pendulum", 10)])
+def test_where_something_decays_fast_steps_are_damped_and_few(name, times):
+    """As accurate as those of the series as they are, of which stability bounds each."""
+    scenario = random_start(name, 0, times)
+    span = np.array([0.0, min(20.0, 0.5 * scenario.t_end)])
+    method, found = TaylorMethod(scenario.model, 12), []
+    for reach in (method.work.reach, 0.0):
+        method.work.reach = reach
+        states, cost = method.adaptive(scenario.z0, span, 1e-8)
+        found.append((states[-1], cost["steps"]))
+    (damped, few), (plain, many) = found
+    assert few < 0.7 * many
+    assert damped == pytest.approx(plain, rel=1e-5, abs=1e-5)
+
+
+def test_an_oscillation_is_not_damped():
+    scenario = tcbench.scenarios()["damped_oscillator"]
+    method, span = TaylorMethod(scenario.model, 12), np.array([0.0, 30.0])
+    states, cost = method.adaptive(scenario.z0, span, 1e-8)
+    method.work.reach = 0.0
+    plain, same = method.adaptive(scenario.z0, span, 1e-8)
+    assert np.array_equal(states, plain) and cost == same
 
 
 class Cancels(tcbench.System):

@@ -1,0 +1,55 @@
+"""The records of the mended Taylor method: what stands where in memory."""
+
+from __future__ import annotations
+
+from tcbench.compiler.language import Floats, Kernel, Matrix
+from tcbench.compiler.records import Record, sized
+
+LAST = 4  # coefficients of a series that are damped
+
+
+class Counts(Record, mutable=True):
+    """What steps cost."""
+
+    steps: int
+    rejected: int
+    held: int  # states at which the entropy was held
+
+
+class Trials(Record, mutable=True):
+    """Of longer steps that a damped series allows: see damping.py."""
+
+    wait: int  # steps until the next one
+    pause: int  # steps to wait after one that fails
+
+
+class Work(Record):
+    """The kernels and arrays of a run; its states, (q, p, theta) of elements, have `size` numbers."""
+
+    size: int
+    order: int
+    n_given: int
+    n_target: int
+    seldom: int  # steps from one mended state to the next, where none is asked for
+    of_elements: bool  # mended by kernels of their own: see mending.py, and tcbench.solver.mending for any system
+    to_start: Kernel
+    to_series: Kernel  # see texts.series_kernels
+    to_state: Kernel
+    to_mend: Kernel
+    to_hold: Kernel
+    to_z: Kernel  # z of such a state
+    counts: Counts
+    trials: Trials
+    reach: float  # of a damped step, over the time of the fastest decay; 0: none
+    factors: Floats = sized("LAST")  # of the last coefficients in it: see damping.py
+    misses: Floats = sized("LAST")
+    given: Floats = sized("n_given")  # the system's constants, and what depends on them only
+    coefficients: Floats = sized("(order + 1) * size + 2")
+    length: Floats = sized("1")
+    target: Floats = sized("n_target")  # a state, the energy and lowest entropy and invariants that it should have
+    # The state that has them, its entropy, the least of what must be positive. When a step begins, the run is there.
+    mended: Floats = sized("size + 2")
+    kept: Floats = sized("size + 2")  # the last of these that a step began from
+    rows: int  # what follows is lent for a run: see `records.Lending`
+    times: Floats = sized("rows")
+    states: Matrix = sized("rows", "size")  # z at these times, the first given
