@@ -29,6 +29,7 @@ draw profile performance-profile --y state --size 9x5.4
 draw clouds error-time --size 7x4
 draw law_quantiles law-quantiles --size 9x4.8
 draw laws laws -s stiff_spring --dt 0.3 --size 8x4 --methods $five
+draw in_time in-time -s stiff_spring --dt 0.3 --size 8x4 --methods $five
 draw conservation conservation -s stiff_spring --size 9x3 --methods $five
 draw four_panel four-panel -s stiff_spring --dt 0.3 --size 8x4.6 --methods midpoint_entropy,tc_monolithic
 draw path path -s bound_equilibrium --size 8x3.6 --methods midpoint_entropy,tc_monolithic

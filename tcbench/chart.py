@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 if TYPE_CHECKING:
@@ -11,17 +12,22 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
     from pandas import DataFrame
+    from pandas import Series as Column
 
-    Numbers: TypeAlias = Sequence[float] | NDArray[np.float64]
+    Numbers: TypeAlias = Sequence[float] | NDArray[np.float64] | Column[Any]
 
 Tables = Mapping[str, Any]
 RUNS = "series"  # the table of runs in time, thin, as rows of the conservation study keep them
 OPENING = "opening"  # their first steps, every one of them
+MARKS = ("o", ".", "s", "^", "D", ">", "|", "_", "x")  # of rows; ".": a small o; "_": a | in grey
 
 
 @dataclass(frozen=True, eq=False)
 class Series:
     """One line of a panel.
+
+    Numbers that are a column of the chart's first table, as pandas gives it, reach the page as that column and its
+    rows: they are there once, and a point tells what its row does.
 
     Parameters
     ----------
@@ -39,6 +45,8 @@ class Series:
         Whether points are joined; "filled", "hollow" or "" for none.
     plain : bool
         It is of no single method: drawn in the colour of the text.
+    ended : bool
+        It is a run that failed: a cross at its last point.
 
     Raises
     ------
@@ -60,6 +68,44 @@ class Series:
     line: bool = True
     marks: str = "filled"
     plain: bool = False
+    ended: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """One method of a panel of rows: a bar and marks, in the unit of the x axis; NaN is the left end of the axis.
+
+    Parameters
+    ----------
+    name : str
+        Of the method.
+    marks : mapping of str to sequence of float
+        A marker of matplotlib (one of MARKS) -> where it stands.
+    bar : (float, float), or None
+        From where to where.
+    dotted : float
+        The bar goes on, dotted, up to there; NaN for no such line.
+    text : str
+        What stands behind it.
+    hollow : bool
+        Whether its marks are.
+
+    Raises
+    ------
+    TcbenchError
+        Not here.
+
+    References
+    ----------
+    docs/gallery.md.
+    """
+
+    name: str
+    marks: Mapping[str, Numbers]
+    bar: tuple[float, float] | None = None
+    dotted: float = math.nan
+    text: str = ""
+    hollow: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,14 +123,18 @@ class Panel:
     title, note : str
         Above it; and instead of lines, where there are none.
     errors : bool
-        y are relative errors: where they are round-off is grey.
+        y (of rows x) are relative errors: where they are round-off is grey.
     x_values, y_values : sequence of float or None
         What the axes reach over; None: the points.
     rank : mapping of str to float, or None
         Of many methods those of the least rank, dimensionless, are in colour, of each family some; None: those that
         lead on the scenario.
-    stepped : bool
-        Lines go on level up to the next point.
+    stepped, largest : bool
+        Lines go on level up to the next point; they show the largest magnitude so far.
+    rows : sequence of Row
+        Instead of lines: methods below each other, with their names.
+    keys : mapping of str to str
+        What marks of rows mean, or the text behind them.
 
     Raises
     ------
@@ -108,6 +158,9 @@ class Panel:
     y_values: Any = None
     rank: Mapping[str, float] | None = None
     stepped: bool = False
+    largest: bool = False
+    rows: Sequence[Row] = ()
+    keys: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,6 +202,8 @@ class Chart:
         The column whose values are its panels, where the option y names some of these.
     study : str
         What measures it.
+    picture : bool
+        `panels` returns a Figure; the page need not ask.
     plugin : str
         Filled in by the registry.
 
@@ -171,6 +226,7 @@ class Chart:
     options: tuple[str, ...] = ()
     picks: str = ""
     study: str = ""
+    picture: bool = False
     plugin: str = ""
 
     def of(self, tables: Tables) -> list[Any]:

@@ -74,10 +74,9 @@ def script_text(name: str) -> str:
     return (files(__package__) / "templates" / name).read_text("utf-8").replace("</script", "<\\/script")
 
 
-def script_json(data: Any) -> str:
-    """JSON that can stand inside a script element; numbers to six digits."""
-    text = json.dumps(_strict(data), separators=(",", ":"), ensure_ascii=True, allow_nan=False)
-    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+def strict_json(data: Any) -> str:
+    """JSON of it, numbers to six digits; null for what is no number."""
+    return json.dumps(_strict(data), separators=(",", ":"), ensure_ascii=True, allow_nan=False)
 
 
 def _strict(value: Any) -> Any:

@@ -3,34 +3,39 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from functools import cache
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from .. import plugin_loading, plugins
-from ..chart import Chart, Panel, Series, Sheet
+from ..chart import Chart, Panel, Row, Series, Sheet
 from ..engine.child import ask
 from ..errors import TcbenchError
 from ..store.store import Store
 from ..store.tables import read_tables
+from ..studies.columns import column
 from .chart_kinds import own_kinds, with_fallbacks
-from .leaders import front
+from .charts import theme
+from .charts.render import leading, span
+from .charts.style import finite
 from .matrix import families
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
+    from pandas import DataFrame
 
-OWN = ("performance-profile", "failure-share")  # that the page draws from panels; its other charts from their tables
 DIGITS = 4
 
 
 def page_charts(folder: Path, tables: Mapping[str, Any], declared: Mapping[str, Any], problems: list[str]) -> Any:
-    """Chart -> its text, whether a plugin brought it, and its panels by scenario ("" for a chart of all).
+    """Chart -> its text, its first table, and its panels by scenario ("" for a chart of all).
 
     Plugins that are not tcbench's own are imported in another process, unless this one has imported them already.
     problems : sentences on charts of plugins that cannot be drawn are appended.
     """
-    found = panels_of([own_kinds()[name] for name in OWN], tables, declared, problems)
+    found = panels_of(own_kinds().values(), tables, declared, problems)
     if not plugin_loading.are_foreign(plugins.plugin_folders()):
         return found
     if not plugins.waiting_to_be_imported():
@@ -56,60 +61,90 @@ def panels_of(
     charts: Iterable[Chart], tables: Mapping[str, Any], declared: Mapping[str, Any], problems: list[str]
 ) -> dict[str, Any]:
     """As `page_charts`, of these; what is a picture alone is left out."""
-    found, known, kind_of = {}, with_fallbacks(tables), families(tables, declared)
-    for chart in charts:
-        try:
-            sheets = _sheets(chart, known) if chart.possible(known) else {}
-            of = {name: [_panel(panel, kind_of) for panel in sheet.panels] for name, sheet in sheets.items()}
-        except Exception as error:  # a plugin's function may raise anything
-            problems.append(f"The chart {chart.name!r} is not on the page: {type(error).__name__}: {error}")
-            continue
-        if of:
-            found[chart.name] = {"text": chart.text, "plugin": chart.name not in own_kinds(), "of": of}
+    found = {}
+    known = {name: table.reset_index(drop=True) for name, table in with_fallbacks(tables).items()}
+    with theme.using(theme.Theme(families=families(tables, declared))):
+        for chart in charts:
+            try:
+                of = _sheets(chart, known) if chart.possible(known) and not chart.picture else {}
+            except Exception as error:  # a plugin's function may raise anything
+                problems.append(f"The chart {chart.name!r} is not on the page: {type(error).__name__}: {error}")
+                continue
+            if of:
+                found[chart.name] = {"text": chart.text, "table": chart.needs[0], "of": of}
     return found
 
 
-def _sheets(chart: Chart, tables: Mapping[str, Any]) -> dict[str, Sheet]:
-    draw, found = getattr(chart.panels, "__wrapped__", chart.panels), {}
+def _sheets(chart: Chart, tables: Mapping[str, Any]) -> dict[str, list[dict[str, Any]]]:
+    draw, found, told = getattr(chart.panels, "__wrapped__", chart.panels), {}, Told(tables[chart.needs[0]])
     for scenario in chart.scenarios(tables):
         panels = draw(*chart.of(chart.select(tables, scenario)))
         if not hasattr(panels, "savefig"):
-            found[scenario or ""] = panels if isinstance(panels, Sheet) else Sheet(list(panels))
+            shown = panels.panels if isinstance(panels, Sheet) else panels
+            found[scenario or ""] = [_panel(panel, told) for panel in shown]
     return found
 
 
-def _panel(panel: Panel, kind_of: Mapping[str, str]) -> dict[str, Any]:
-    x = panel.x_values if panel.x_values is not None else [v for one in panel.series for v in one.x]
-    y = panel.y_values if panel.y_values is not None else [v for one in panel.series for v in one.y]
-    rank = panel.rank
-    return {
+def _panel(panel: Panel, told: Told) -> dict[str, Any]:
+    front = None if panel.rank is None else leading(panel)
+    return _shown({
         "title": panel.title, "note": panel.note, "errors": panel.errors, "stepped": panel.stepped,
-        "x": {"label": panel.x, "scale": panel.x_scale, "domain": _domain(x, panel.x_scale)},
-        "y": {"label": panel.y, "scale": panel.y_scale, "domain": _domain(y, panel.y_scale)},
-        "fore": None if rank is None else front({name: kind_of.get(name, "") for name in rank}, rank),
-        "series": [_series(one) for one in panel.series],
-    }  # fmt: skip
+        "largest": panel.largest, "keys": dict(panel.keys), "fore": front,
+        "x": _axis(panel, "x", panel.x, panel.x_scale), "y": _axis(panel, "y", panel.y, panel.y_scale),
+        "series": [_series(one, told) for one in panel.series], "rows": [_row(one, told) for one in panel.rows],
+    })  # fmt: skip
 
 
-def _domain(values: Any, scale: str) -> list[float] | None:
-    """The least and the largest number, where there is one that the scale can show."""
-    from .charts.style import finite
-
-    if scale == "share":
-        return [-0.02, 1.02]
-    known = finite(values)
-    known = known[(known > 0) if scale in ("log", "zero") else known == known]
-    return [float(known.min()), float(known.max())] if len(known) else None
+def _shown(parts: dict[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in parts.items() if value not in ([], {}, "", False)}
 
 
-def _series(one: Series) -> dict[str, Any]:
-    numbers = {name: _rounded(getattr(one, name)) for name in ("x", "y", "low", "high", "crosses")}
-    rest = {name: getattr(one, name) for name in ("name", "text", "line", "marks", "plain")}
-    return {name: value for name, value in (numbers | rest).items() if value not in ([], "", False)}
+def _axis(panel: Panel, which: str, label: str, scale: str) -> dict[str, Any]:
+    """Its label, its scale, the least and the largest number that this can show, and which way is better."""
+    known = span(panel, which)
+    known = known[(known > 0) if scale in ("log", "zero") else np.isfinite(known)]
+    domain = [float(known.min()), float(known.max())] if len(known) else None
+    values = [getattr(one, which) for one in panel.series[:1]]
+    values += [places for row in panel.rows for places in row.marks.values() if which == "x"]
+    worse = next((column(str(of.name)).worse for of in values if hasattr(of, "name")), "")
+    better = {"": "", "lower": "more"}.get(worse, "less")
+    return _shown({"label": label, "scale": scale, "better": better}) | {
+        "domain": [-0.02, 1.02] if scale == "share" else domain
+    }
 
 
-def _rounded(values: Any) -> list[float | None]:
-    from .charts.style import finite
+def _series(one: Series, told: Told) -> dict[str, Any]:
+    at, failed = told.places(one.x), told.places(one.crosses)
+    numbers = {name: told.numbers(getattr(one, name), at) for name in ("x", "y", "low", "high")}
+    rest = {name: getattr(one, name) for name in ("name", "text", "line", "marks", "plain", "ended")}
+    return _shown(numbers | {"at": at, "failed": failed, "crosses": told.numbers(one.crosses, failed)} | rest)
 
-    known: NDArray[np.float64] = finite(values)
-    return [float(f"{value:.{DIGITS}g}") if value == value else None for value in known.tolist()]
+
+def _row(one: Row, told: Told) -> dict[str, Any]:
+    marks = [[mark, at := told.places(x), told.numbers(x, at)] for mark, x in one.marks.items()]
+    ends = {"bar": told.numbers(one.bar or (), []), "dotted": told.numbers([one.dotted], [])[0] or ""}
+    return _shown({"name": one.name, "marks": marks, "text": one.text, "hollow": one.hollow} | ends)
+
+
+class Told:
+    """What the page has of a chart's first table already."""
+
+    def __init__(self, table: DataFrame) -> None:
+        self.rows = len(table)
+        self.column = cache(lambda name: finite(table[name]) if name in table and column(name).shown else None)
+
+    def places(self, values: Any) -> list[int]:
+        """The rows that a column is of, each as its distance from the one before; -n is n times 1."""
+        rows = values.index.to_numpy() if len(values) and hasattr(values, "name") else np.array([""])
+        if rows.dtype.kind != "i" or rows.min() < 0 or rows.max() >= self.rows:
+            return []
+        steps = [(int(step), sum(1 for _ in of)) for step, of in groupby(np.diff(rows, prepend=0))]
+        return [part for step, n in steps for part in ([-n] if step == 1 and n > 1 else [step] * n)]
+
+    def numbers(self, values: Any, at: list[int]) -> Any:
+        """A column of the table by its name, where these rows of it say the same; else the numbers."""
+        found = finite(values)
+        known = self.column(str(values.name)) if at and self.places(values) == at else None
+        if known is not None and np.array_equal(found, known[values.index], equal_nan=True):
+            return str(values.name)
+        return [float(f"{value:.{DIGITS}g}") if value == value else None for value in found.tolist()]

@@ -16,7 +16,7 @@ from ..store.store import Store
 from ..store.tables import read_tables
 from ..studies.columns import column
 from ..studies.work_precision import SPENT_S
-from .html import library, packed, packed_table, script_hash, script_json, script_text, vendored
+from .html import library, packed, packed_table, script_hash, script_text, strict_json, vendored
 from .judged import judged
 from .leaders import leaders
 from .matrix import FAMILIES, failures, lenses, methods, names, stopped
@@ -68,7 +68,7 @@ def _environment() -> Any:
 
 def _content(store: Store, tables: dict[str, DataFrame]) -> dict[str, Any]:
     texts = "\n".join(script_text(f"{name}.js") for name in SCRIPTS)
-    script = f'"use strict";\n(() => {{\n{texts}\n}})();'
+    script = f'"use strict";\n(async () => {{\n{texts}\n}})();'
     manifest, declared = store.manifest(), store.declared()
     history = _history(store.folder)
     if history is not None:
@@ -77,14 +77,13 @@ def _content(store: Store, tables: dict[str, DataFrame]) -> dict[str, Any]:
     rows = methods(found, tables, declared)
     scenarios = names(tables, "scenario")
     charts = page_charts(store.folder, tables, declared, store.problems)
-    own = [{"name": name, "text": one["text"]} for name, one in charts.items() if one["plugin"]]
     data = {
         "families": FAMILIES, "methods": rows, "scenarios": scenarios, "declared": _named(declared, tables),
         "looks": {name: [one.colour, one.marker, dashes(one.dash)] for name, one in run_looks(tables).items()},
         "leaders": leaders(tables, declared), "answers": scenario_answers(found, tables, scenarios),
         "kept": {name: law_shares(one_scenario(found, name)) for name in scenarios},
         "lenses": lenses(found), "failures": failures(tables), "stopped": stopped(tables),
-        "charts": own, "tables": {name: len(table) for name, table in tables.items()},
+        "charts": list(charts), "tables": {name: len(table) for name, table in tables.items()},
         "labels": {name: column(name).label for table in tables.values() for name in map(str, table.columns)},
     }  # fmt: skip
     return {
@@ -97,14 +96,14 @@ def _content(store: Store, tables: dict[str, DataFrame]) -> dict[str, Any]:
         "families": FAMILIES,
         "claims": "claims" in tables,
         "spent_ms": f"{1e3 * SPENT_S:g}",
-        "charts": own,
+        "charts": bool(charts),
         "charts_packed": packed(json.dumps(charts, separators=(",", ":"), allow_nan=False)),
         "absent": sorted(declared.get("absent", {}).items()),
         "manifest": _facts(manifest),
         "provenances": {name: _facts(found) for name, found in store.provenances().items()},
         "references": _references(tables),
         "problems": store.problems,
-        "page": script_json(data),
+        "page": packed(strict_json(data)),
         "packed": {name: packed_table(table, partial(_digits, name)) for name, table in tables.items()},
         "library": library(),
         "script": script,

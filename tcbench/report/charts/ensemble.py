@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import matplotlib
 import numpy as np
-from matplotlib.ticker import LogLocator
 
-from ...chart import Chart, Panel, Series, Sheet
+from ...chart import Chart, Panel, Row, Series, Sheet
 from ..leaders import front
-from .layout import handle, legend, line_labels, note, panels, pt, titles
+from .layout import line_labels, note, panels, pt, titles
 from .render import chart, chart_of_rows
 from .scales import ROUND_OFF, log_axis, round_off_band
-from .style import GREY, finite, ink, look, names, short
+from .style import GREY, finite, look, names
 from .theme import INK, current
 
 if TYPE_CHECKING:
@@ -125,33 +124,17 @@ def error_time(points: DataFrame, integrators: Sequence[str] | None = None) -> D
     chosen = list(integrators) if integrators else _leaders(known)
     method = known["integrator"].astype(str).to_numpy()
     others = ~np.isin(method, chosen)
-    ax.plot(
-        seconds[good][others],
-        error[good][others],
-        ".",
-        color=GREY,
-        markersize=pt(2),
-        alpha=0.25,
-        rasterized=True,
-    )
+    dot: dict[str, Any] = {"marker": ".", "linestyle": "none", "rasterized": True}
+    ax.plot(seconds[good][others], error[good][others], color=GREY, markersize=pt(2), alpha=0.25, **dot)
     ends = []
     for name in chosen:
         style, mine = look(name), known[method == name]
         colour = style.colour
-        ax.plot(
-            finite(mine["time_s"]),
-            finite(mine["error"]),
-            ".",
-            color=colour,
-            markersize=pt(2.5),
-            alpha=0.3,
-            rasterized=True,
-        )
+        ax.plot(mine["time_s"], mine["error"], color=colour, markersize=pt(2.5), alpha=0.3, **dot)
         groups = mine.groupby("value")
         middle = groups[["time_s", "error"]].median().sort_index(ascending=False)
-        middle = middle[
-            groups.size().reindex(middle.index) >= 0.7 * groups.size().max()
-        ]  # those that every scenario had time for
+        many = groups.size() >= 0.7 * groups.size().max()  # those that every scenario had time for
+        middle = middle[many.reindex(middle.index)]
         ax.plot(middle["time_s"], middle["error"], color=colour, marker=style.marker, markersize=pt(5),
                 markeredgecolor=ax.get_facecolor(), markeredgewidth=pt(0.5))  # fmt: skip
         last = middle.iloc[-1]
@@ -173,40 +156,24 @@ def _leaders(points: DataFrame) -> list[str]:
 
 
 @chart_of_rows
-def law_quantiles(table: DataFrame) -> Drawing:
-    """What methods lose of each law: median, 99 % and worst of all runs; filled dots where the method claims the law.
+def law_quantiles(table: DataFrame) -> Sheet:
+    """What methods lose of each law: median (large), 99 % and worst of all runs; hollow where the law is not claimed.
 
     table : rows of `ensemble_laws` of one ensemble.
     """
     table = first(table)
-    known = list(dict.fromkeys(table["law"].astype(str)))
-    methods = names(table)
-    figure, axes = panels(max(1, len(known)), 3, (3.6, 0.75 + 0.17 * max(4, len(methods))), left=1.45)
-    values = finite(table["worst"])
-    for ax, law in zip(axes, known, strict=False):
-        log_axis(ax, "x", np.clip(values[np.isfinite(values)], ROUND_OFF, None))
-        ax.set_xlim(left=ROUND_OFF / 5)
-        round_off_band(ax, "x")
-        ax.xaxis.set_major_locator(LogLocator(numticks=4))
-        for place, name in enumerate(reversed(methods)):
-            rows = table[(table["integrator"] == name) & (table["law"] == law)]
-            if len(rows):
-                _dots(ax, rows.iloc[0], place, look(name).colour)
-        ax.set_yticks(range(len(methods)), [short(name, 22) for name in reversed(methods)], fontsize=pt(7))
-        ax.set_ylim(-0.7, len(methods) - 0.3)
-        ax.set_xlabel("median, 99 %, worst")
-    titles(axes, [law.replace("_", " ") for law in known])
-    dot = {"color": ink(), "marker": "o", "linestyle": "none"}
-    legend(figure, [], [handle("claimed", **dot), handle("not claimed", markerfacecolor="none", **dot)])
-    return figure
+    values, shown = np.maximum(finite(table["worst"]), ROUND_OFF), []
+    for law in dict.fromkeys(table["law"].astype(str)):
+        of = table[table["law"].eq(law)].drop_duplicates("integrator").set_index("integrator")
+        rows = [_quantiles(of.loc[name], name) if name in of.index else Row(name, {}) for name in names(table)]
+        shown.append(Panel((), "median, 99 %, worst", "", title=law.replace("_", " "), errors=True, x_values=values,
+                           rows=rows, keys={"o": "median; hollow: not claimed", ".": "99 % and worst"}))  # fmt: skip
+    return Sheet(shown, 3, (3.6, 1.5))
 
 
-def _dots(ax: Axes, row: Any, place: int, colour: str) -> None:
-    x = np.clip(finite([row["median"], row["quantile_99"], row["worst"]]), ROUND_OFF, None)
-    fill = colour if bool(row["claimed"]) else matplotlib.rcParams["axes.facecolor"]
-    ax.plot(x[[0, 2]], [place, place], color=colour, linewidth=pt(0.8))
-    for value, size in zip(x, (5.0, 3.5, 3.5), strict=True):
-        ax.plot([value], [place], "o", color=colour, markerfacecolor=fill, markersize=pt(size), markeredgewidth=pt(0.9))
+def _quantiles(row: Any, name: str) -> Row:
+    median, high, worst = np.maximum(finite([row["median"], row["quantile_99"], row["worst"]]), ROUND_OFF)
+    return Row(name, {"o": [median], ".": [high, worst]}, (median, worst), hollow=not row["claimed"])
 
 
 @chart_of_rows
@@ -258,10 +225,10 @@ CHARTS = (
           "time; at τ = 1, those where it is the fastest.", ("performance_profile",),
           performance_profiles, by_scenario=False, picks="measure", study="ensemble"),
     Chart("error-time", "Error against time on random scenarios: every run, and the medians.", ("ensemble_points",),
-          error_time, by_scenario=False, study="ensemble"),
+          error_time, by_scenario=False, study="ensemble", picture=True),
     Chart("law-quantiles", "Losses over random scenarios: median, 99 % and worst of all runs; filled where the law is "
           "claimed.", ("ensemble_laws",), law_quantiles, by_scenario=False, picks="law",
           study="ensemble"),
     Chart("failure-map", "Share of failures, per cent, over a constant and the step.", ("failure_map",),
-          where_it_fails, by_scenario=False, study="ensemble_map"),
+          where_it_fails, by_scenario=False, study="ensemble_map", picture=True),
 )  # fmt: skip

@@ -10,13 +10,16 @@ import numpy as np
 from matplotlib.lines import Line2D
 from matplotlib.transforms import ScaledTranslation
 
-from ...chart import Chart, Panel, Series, Sheet
+from ...chart import Chart, Panel, Row, Series, Sheet
 from ...studies.columns import column as column_named
 from ...studies.columns import invariant_columns
-from .layout import failed_handle, failed_tracks, legend, note, panels, pt, titles
+from ..judged import to_numbers
+from ..matrix import FAMILIES
+from . import theme
+from .layout import failed_handle, failed_tracks, legend, note, panels, pt
 from .render import chart, chart_of_rows
 from .scales import log_axis
-from .style import GREY, finite, ink, look, names, ok, short
+from .style import GREY, finite, ink, look, names, ok
 from .theme import scale
 
 if TYPE_CHECKING:
@@ -26,11 +29,13 @@ if TYPE_CHECKING:
     from .layout import Drawing
 
 LIMITS = {"physical": "s", "branch": "^", "solver": "o", "none": ">"}
-STEP_COLUMNS = ("dt_stable", "dt_unstable", "dt_half", "dt_stable_plain", "dt_cap")
+AGAIN = "★"
 MEANING = {
-    "physical": "physical limit", "branch": "the branch of solutions ends", "solver": "Newton's limit, a root exists",
-    "none": "no limit found",
+    "s": "physical limit", "^": "the branch of solutions ends", "o": "Newton's limit, a root exists",
+    ">": "no limit found", "_": "limit with plain Newton", AGAIN: "stable again above",
+    "x": "no stable step, or no answer",
 }  # fmt: skip
+STEP_COLUMNS = ("dt_stable", "dt_unstable", "dt_half", "dt_stable_plain", "dt_cap")
 
 
 @chart
@@ -52,14 +57,11 @@ def conservation(table: DataFrame, x: str = "dt", y: Sequence[str] | None = None
 
 
 def _losses(table: DataFrame, x: str, column: str) -> Panel:
-    h, done = finite(table[x]), np.asarray(ok(table))
-    error = np.abs(finite(table[column])) if column in table else np.full(len(table), np.nan)
-    of, series = table["integrator"].astype(str).to_numpy(), []
+    h, done, error = to_numbers(table, x), np.asarray(ok(table)), to_numbers(table, column).abs()
+    of, there, series = table["integrator"].astype(str).to_numpy(), np.isfinite(h), []
     for name in names(table):
-        mine = (of == name) & np.isfinite(h)
-        pick = np.flatnonzero(mine & done & np.isfinite(error))
-        pick = pick[np.argsort(h[pick])]
-        if mine.any():
+        if (mine := (of == name) & there).any():
+            pick = h[mine & done & np.isfinite(error)].sort_values(kind="stable").index
             series.append(Series(name, h[pick], error[pick], crosses=h[mine & ~done]))
     return Panel(
         series, column_named(x).label, column_named(column).label, y_scale="zero", errors=True, x_values=h,
@@ -131,78 +133,70 @@ def _ranges(ax: Axes, table: DataFrame) -> None:
 
 
 @chart_of_rows
-def stable_step(table: DataFrame, points: DataFrame | None = None) -> Drawing:
-    """The largest stable step of each method as a bracket, one panel a scenario.
+def stable_step(table: DataFrame, points: DataFrame | None = None) -> Sheet:
+    """The largest stable step of each method, one panel a scenario; before them, of several, the first that fails.
 
     points : rows of `stability_points`: the axis begins at the smallest step that was tried.
-    table : rows of `stability`. The marker stands at dt_stable and tells the kind of limit, the short bar behind it is
-    dt_unstable (neighbours on the ladder), the dotted line reaches dt_half; a star marks stable steps above the limit
-    (not monotone), a grey tick the limit of plain Newton.
+    table : rows of `stability`. A bar ends at dt_stable, where the mark tells the kind of limit; the short line behind
+    it is dt_unstable (neighbours on the ladder), the dotted one reaches dt_half; a star marks stable steps above the
+    limit (not monotone), a grey line the limit of plain Newton.
     """
-    scenarios = names(table, "scenario") or [""]
-    methods = names(table)
-    left = 0.25 + 0.062 * max([len(short(n, 26)) for n in methods], default=0)
-    size = (3.6 + left, max(1.5, 0.19 * len(methods) + 0.75))
-    figure, axes = panels(len(scenarios), 2 if len(methods) <= 14 else 3, size, left)
-    every = [finite(table[c]) for c in STEP_COLUMNS if c in table]
-    every += [] if points is None else [finite(points["dt"])]
-    spans = np.concatenate(every) if every else np.array([])
-    for i, (ax, scenario) in enumerate(zip(axes, scenarios, strict=True)):
-        part = table[table["scenario"].astype(str) == scenario] if scenario else table
-        log_axis(ax, "x", spans)
-        for row, name in enumerate(methods):
-            _bracket(ax, part[part["integrator"].astype(str) == name], name, len(methods) - 1 - row)
-        ax.set_ylim(-0.7, len(methods) - 0.3)
-        ax.set_yticks(range(len(methods)), [short(n, 26) for n in reversed(methods)], fontsize=pt(7))
-        ax.grid(axis="y", visible=False)
-        if i >= len(scenarios) - figure.columns:
-            ax.set_xlabel(column_named("dt").label)
-    titles(axes, scenarios)
-    caps = finite(table["dt_cap"]) if "dt_cap" in table else np.array([])
-    up_to = f" up to h = {np.nanmin(caps):.3g}" if np.isfinite(caps).any() else ""
-    kinds = set(table["limit"].dropna().astype(str)) if "limit" in table else set()
-    keys = [
-        Line2D([], [], color=ink(), marker=m, linestyle="none", label=MEANING[k] + (up_to if k == "none" else ""))
-        for k, m in LIMITS.items()
-        if k in kinds
-    ]
-    keys.append(Line2D([], [], color=GREY, marker="|", linestyle="none", label="limit with plain Newton"))
-    if "non_monotone" in table and table["non_monotone"].fillna(False).astype(bool).any():
-        keys.append(Line2D([], [], color=ink(), marker="*", linestyle="none", label="stable again above"))
-    if not np.isfinite(finite(table["dt_stable"])).all():
-        keys.append(failed_handle("no stable step, or no answer"))
-    legend(figure, [], keys)
-    return figure
+    scenarios, methods = names(table, "scenario") or [""], names(table)
+    tried = np.concatenate(
+        [*(finite(to_numbers(table, c)) for c in STEP_COLUMNS), finite(() if points is None else points["dt"])]
+    )
+    caps = to_numbers(table, "dt_cap")
+    up_to = f" up to h = {caps.min():.3g}" if np.isfinite(caps).any() else ""
+    of = {name: table[table["scenario"].astype(str) == name] if name else table for name in scenarios}
+    shown = {
+        name: [_bracket(part[part["integrator"].astype(str) == n], n) for n in methods] for name, part in of.items()
+    }
+    if len(scenarios) > 1:
+        shown = {"every scenario, up to the first that fails": _firsts(table)} | shown
+    panels = []
+    for title, rows in shown.items():
+        used = {mark for row in rows for mark in (*row.marks, row.text)}
+        keys = {mark: text + (up_to if mark == ">" else "") for mark, text in MEANING.items() if mark in used}
+        panels.append(Panel((), column_named("dt").label, "", title=title, x_values=tried, rows=rows, keys=keys))
+    return Sheet(panels, 2 if len(methods) <= 14 else 3, (3.6, 1.5))
 
 
-def _bracket(ax: Axes, rows: DataFrame, name: str, y: float) -> None:
-    for _, row in rows.iterrows():
-        values: dict[str, Any] = {c: finite([row.get(c)])[0] for c in STEP_COLUMNS}
-        limit, colour = str(row.get("limit")), look(name).colour
-        stable = values["dt_stable"]
-        if limit == "none" and not np.isfinite(stable):
-            stable = values["dt_cap"]
-        if not np.isfinite(stable):
-            ax.plot([0.01], [y], transform=ax.get_yaxis_transform(), color=colour, marker="x", clip_on=False)
-            continue
-        ax.plot([ax.get_xlim()[0], stable], [y, y], color=colour, linewidth=pt(3), alpha=0.35, solid_capstyle="butt")
-        if np.isfinite(values["dt_half"]) and values["dt_half"] > stable:
-            ax.plot([stable, values["dt_half"]], [y, y], color=colour, linestyle=":", linewidth=pt(1.6))
-        plain = math.nan if str(row.get("limit_plain")) == "none" else values["dt_stable_plain"]
-        for dt, hue, size in ((values["dt_unstable"], colour, 11), (plain, GREY, 8)):
-            if np.isfinite(dt):
-                ax.plot([dt], [y], color=hue, marker="|", markersize=pt(size), markeredgewidth=pt(1.4))
-        ax.plot([stable], [y], color=colour, marker=LIMITS.get(limit, "D"), linestyle="none", zorder=4)
-        if row.get("non_monotone") is not None and bool(row.get("non_monotone") == True):  # noqa: E712
-            ax.annotate(
-                "★",
-                (stable, y),
-                xytext=(6, 0),
-                fontsize=pt(7),
-                textcoords="offset points",
-                color=colour,
-                va="center",
-            )
+def _bracket(rows: DataFrame, name: str) -> Row:
+    """Of a method on a scenario."""
+    marks, end = _marks(rows), math.nan
+    for mark in (*LIMITS.values(), "D"):
+        end = float(marks[mark].iloc[-1]) if mark in marks else end
+    if math.isnan(end):
+        return Row(name, marks)
+    marks |= {"|": of} if len(of := to_numbers(rows, "dt_unstable").dropna()) else {}
+    half = float(to_numbers(rows, "dt_half").iloc[-1])
+    again = "non_monotone" in rows and rows["non_monotone"].fillna(False).astype(bool).any()
+    return Row(name, marks, (math.nan, end), half if half > end else math.nan, AGAIN if again else "")
+
+
+def _firsts(table: DataFrame) -> list[Row]:
+    """Over every scenario: marks where they end, a bar to the first of them; by family, then by its length."""
+    rows, kinds, known = {}, [*FAMILIES], theme.current().families
+    for name in names(table):
+        mine = table[(table["integrator"].astype(str) == name) & table["limit"].notna()]
+        ends, cap = mine[mine["limit"].ne("none")], to_numbers(mine, "dt_cap").max()
+        least = to_numbers(ends, "dt_stable").fillna(0.0).min() if len(ends) else math.inf
+        marks = {mark: places for mark, places in _marks(mine).items() if mark != ">" or not len(ends)}
+        family = kinds.index(known[name]) if known.get(name) in kinds else len(kinds)
+        bar = (math.nan, (least or math.nan) if len(ends) else cap)
+        rows[family, -least, name] = Row(name, marks, bar, text="" if len(ends) else f"> {cap:.2g}")
+    return [rows[key] for key in sorted(rows)]
+
+
+def _marks(rows: DataFrame) -> dict[str, Any]:
+    """Where the steps of these rows end, by the kind of limit, and where those of plain Newton do."""
+    stable, plain = to_numbers(rows, "dt_stable"), to_numbers(rows, "dt_stable_plain")
+    limit, of_plain = (rows[c].astype(str) if c in rows else rows["integrator"] for c in ("limit", "limit_plain"))
+    stable = stable.where(stable.notna() | limit.ne("none"), to_numbers(rows, "dt_cap"))
+    found = {mark: stable[limit.eq(kind) & stable.notna()] for kind, mark in LIMITS.items()}
+    found["D"], found["x"] = stable[~limit.isin(LIMITS) & stable.notna()], stable[stable.isna()]
+    found["_"] = plain[plain.notna() & of_plain.ne("none")]
+    return {mark: places for mark, places in found.items() if len(places)}
 
 
 CHARTS = (
@@ -211,5 +205,5 @@ CHARTS = (
     Chart("stable-step", "Largest stable step, by kind of limit.", ("stability",), stable_step, ("stability_points",),
           by_scenario=False, study="stability"),
     Chart("blowup", "Time at which a run failed, against its step size.", ("stability_points",), blowup,
-          ("blowup_sensitivity",), study="stability"),
+          ("blowup_sensitivity",), study="stability", picture=True),
 )  # fmt: skip

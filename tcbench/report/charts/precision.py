@@ -9,6 +9,7 @@ import numpy as np
 
 from ...chart import Chart, Panel, Series, Sheet
 from ...studies.columns import column as column_named
+from ..judged import to_numbers
 from .render import chart
 from .style import finite, names, ok
 
@@ -18,7 +19,13 @@ if TYPE_CHECKING:
 ERRORS = ("error_q", "error_p", "error_s", "error_theta")
 CONSERVED = "_error_max"  # how columns of what is conserved end: exactly 0 is possible, these get an axis with a zero
 PRODUCED = "error_entropy_produced"  # not an error of the state: drawn where it is asked for
-VARIABLES = {"q": "positions q", "p": "momenta p", "s": "entropies s", "theta": "temperatures θ", "all": "all"}
+VARIABLES = {
+    "q": "positions q",
+    "p": "momenta p",
+    "s": "entropies s",
+    "theta": "temperatures θ",
+    "all": "the whole state",
+}
 
 
 @chart
@@ -35,19 +42,17 @@ def work_precision(table: DataFrame, x: str = "wall_time_min_s", y: Sequence[str
 def _cloud(table: DataFrame, x: str, column: str) -> Panel:
     absent = [name for name in (column, x) if name not in table]
     done = np.asarray(ok(table))
-    xs, ys = (np.full(len(table), np.nan) if name in absent else finite(table[name]) for name in (x, column))
-    ys = np.abs(ys)
-    usable = done & np.isfinite(xs) & (xs > 0) & np.isfinite(ys) & ((ys > 0) | column.endswith(CONSERVED))
+    xs, ys = to_numbers(table, x), to_numbers(table, column).abs()
+    xs = xs.where(xs > 0)
+    usable = done & np.isfinite(xs) & np.isfinite(ys) & ((ys > 0) | column.endswith(CONSERVED))
     note = f"The table has no column {absent[0]}." if absent else ""
     if not usable.any() and done.all():
         note = note or "no completed run has a value here"
-    order = finite(table["value"]) if "value" in table else xs
-    places = np.where(xs > 0, xs, np.nan)
+    order = to_numbers(table, "value") if "value" in table else xs
     series = []
     for name, mine in _by_name(table):
-        pick = np.flatnonzero(mine & usable)
-        pick = pick[np.argsort(-order[pick], kind="stable")]
-        series.append(Series(name, xs[pick], ys[pick], crosses=places[mine & ~done]))
+        pick = order[mine & usable].sort_values(ascending=False, kind="stable").index
+        series.append(Series(name, xs[pick], ys[pick], crosses=xs[mine & ~done]))
     scale = "zero" if column.endswith(CONSERVED) else "log"
     return Panel(
         series, column_named(x).label, column_named(column).label, y_scale=scale, note=note, errors=True,
@@ -65,7 +70,7 @@ def _errors(table: DataFrame) -> list[str]:
     """The errors of the variables that the system has, of its temperatures, and of what it conserves."""
     others = [str(c) for c in table if str(c).startswith("error_") and c not in ERRORS and c != PRODUCED]
     conserved = [str(c) for c in table if str(c).endswith(CONSERVED)]
-    least = {c: -1 if c in conserved else 0 for c in (*ERRORS, *others, *conserved)}
+    least = {c: -1 if c in conserved else 0 for c in ("error", *ERRORS, *others, *conserved)}
     return [c for c in least if c in table and (np.abs(finite(table[c])) > least[c]).any()] or ["error"]
 
 
@@ -96,7 +101,8 @@ def _failed_points(points: DataFrame) -> Any:
 
 
 def _slopes(part: DataFrame, fits: DataFrame | None, variable: str) -> Panel:
-    h, e = finite(part["dt"]), finite(part["error"])
+    steps, errors = part["dt"], part["error"]
+    h, e = finite(steps), finite(errors)
     used = part["used"].fillna(False).astype(bool).to_numpy() if "used" in part else np.ones(len(part), dtype=bool)
     failed = _failed_points(part)
     good = np.isfinite(h) & np.isfinite(e) & (e > 0)
@@ -105,10 +111,9 @@ def _slopes(part: DataFrame, fits: DataFrame | None, variable: str) -> Panel:
         note = "no error" if np.isfinite(e).any() else "no error was measured"  # 0: a variable that stays
     series: list[Series] = []
     for name, mine in _by_name(part):
-        fitted, left = mine & good & used, mine & good & ~used
-        crosses = h[mine & failed & np.isfinite(h)]
-        series.append(Series(name, h[fitted], e[fitted], line=False, crosses=crosses))
-        series.append(Series(name, h[left], e[left], line=False, marks="hollow"))
+        fitted, left, lost = mine & good & used, mine & good & ~used, mine & failed & np.isfinite(h)
+        series.append(Series(name, steps[fitted], errors[fitted], line=False, crosses=steps[lost]))
+        series.append(Series(name, steps[left], errors[left], line=False, marks="hollow"))
         series += _fitted_line(name, h[fitted], e[fitted], fits)
     label = column_named("error" if variable == "all" else f"error_{variable}").label
     return Panel(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import wraps
@@ -10,14 +11,15 @@ from typing import TYPE_CHECKING, Any, ParamSpec, cast
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter
 
 from ...chart import Sheet
 from ..leaders import front
 from . import theme
 from .layout import end_labels, failed_handle, failed_tracks, handle, legend, line_labels, note, panels, pt, titles
-from .scales import log_axis, round_off_band, thin_out, zero_log_axis
-from .style import finite, ink, look, looks, names
+from .scales import ROUND_OFF, log_axis, round_off_band, thin_out, zero_log_axis
+from .style import GREY, finite, ink, look, looks, names, short
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -28,6 +30,9 @@ if TYPE_CHECKING:
 
 BAND = 0.13  # opacity of a band
 MOST_TEXTS = 12  # numbers at the ends of lines; of more, none can be read
+LONGEST = 26  # letters of the name of a row
+FEW = 3  # lines, of whose magnitudes the largest so far and the values can be told apart
+FREE = 60  # points, each of which has its mark
 
 
 Asked = ParamSpec("Asked")
@@ -78,15 +83,20 @@ def _rest(tables: Sequence[DataFrame], methods: Sequence[str]) -> frozenset[str]
 def render(sheet: Sheet) -> Drawing:
     """The panels of a sheet, with one legend for all of them or names at the ends of their lines."""
     shown = sheet.panels
-    figure, axes = panels(max(1, len(shown)), sheet.columns, sheet.size, right=sheet.right)
+    figure, axes = panels(max(1, len(shown)), sheet.columns, *_place(sheet), sheet.right)
     every = [one for panel in shown for one in panel.series]
     for ax, panel in zip(axes, shown, strict=False):
-        rest = theme.current().rest if panel.rank is None else frozenset(not_in_front(panel))
+        rest = theme.current().rest if panel.rank is None else frozenset(panel.rank).difference(leading(panel))
         with theme.using(replace(theme.current(), rest=rest)):
             _draw(ax, panel, sheet.named)
         ax.set_xlabel(panel.x)
         ax.set_ylabel(panel.y)
     titles(axes, {i: panel.title for i, panel in enumerate(shown) if panel.title})
+    if keys := {mark: text for panel in shown for mark, text in panel.keys.items()}:
+        legend(
+            figure, [], [Line2D([], [], label=text, linestyle="none", **_mark(m, ink())) for m, text in keys.items()]
+        )
+        return figure
     if sheet.named or not every:
         figure.place()
         return figure
@@ -99,23 +109,30 @@ def render(sheet: Sheet) -> Drawing:
     return figure
 
 
-def not_in_front(panel: Panel) -> set[str]:
-    """The methods of a panel with a rank of its own that are grey."""
-    if theme.current().labels:
-        return set()  # who was asked for is in colour
+def _place(sheet: Sheet) -> tuple[tuple[float, float], float]:
+    """The size of a panel and its left margin, in inches: of rows as their names and number ask for."""
+    rows = [panel.rows for panel in sheet.panels]
+    if not any(rows):
+        return sheet.size, 0.68
+    left = 0.25 + 0.062 * max((len(short(one.name, LONGEST)) for of in rows for one in of), default=0)
+    return (sheet.size[0] + left, max(sheet.size[1], 0.19 * max(map(len, rows)) + 0.75)), left
+
+
+def leading(panel: Panel) -> list[str]:
+    """Of the methods of a panel with a rank of its own those in colour: all that were asked for, else the first."""
     rank, known = dict(panel.rank or {}), theme.current().families
-    return set(rank).difference(front({name: known.get(name, "") for name in rank}, rank))
+    return [*rank] if theme.current().labels else front({name: known.get(name, "") for name in rank}, rank)
 
 
 def _draw(ax: Axes, panel: Panel, named: bool) -> None:
     if panel.note:
         note(ax, panel.note)
         return
-    for which, scale, values, kind in (
-        ("x", panel.x_scale, panel.x_values, "x"), ("y", panel.y_scale, panel.y_values, "y"),
-    ):  # fmt: skip
-        known = values if values is not None else [v for one in panel.series for v in getattr(one, kind)]
-        _axis(ax, which, scale, finite(known))
+    if panel.rows:
+        _rows(ax, panel)
+        return
+    for which, scale in (("x", panel.x_scale), ("y", panel.y_scale)):
+        _axis(ax, which, scale, span(panel, which))
     if panel.errors and panel.y_scale == "log":
         round_off_band(ax)
     right, places = ax.get_xlim()[1], {}
@@ -126,10 +143,10 @@ def _draw(ax: Axes, panel: Panel, named: bool) -> None:
     crosses = finite([x for one in panel.series for x in one.crosses])
     failed_tracks(ax, places, grow=bool(np.isfinite(crosses).any()))
     rest, ends, texts = theme.current().rest, [], []
-    for one in sorted(panel.series, key=lambda one: one.name not in rest):
+    for place, one in enumerate(sorted(panel.series, key=lambda one: one.name not in rest)):
         x, y = finite(one.x), finite(one.y)
         keep = np.isfinite(x) & np.isfinite(y)
-        colour = _line(ax, one, x[keep], y[keep], panel, keep)
+        colour = _line(ax, one, x[keep], y[keep], panel, keep, place)
         if keep.any():
             end = (float(x[keep][-1]), float(y[keep][-1]), one.text or one.name, colour)
             ends += [end] if one.name not in rest else []
@@ -138,6 +155,17 @@ def _draw(ax: Axes, panel: Panel, named: bool) -> None:
         end_labels(ax, ends)
     elif len(texts) <= MOST_TEXTS:
         line_labels(ax, texts)
+
+
+def span(panel: Panel, which: str) -> Any:
+    """The numbers that an axis of a panel reaches over."""
+    given = panel.x_values if which == "x" else panel.y_values
+    if given is not None:
+        return finite(given)
+    parts: list[Any] = [getattr(one, which) for one in panel.series]
+    for row in panel.rows:
+        parts += [*row.marks.values(), row.bar or (), [row.dotted]]
+    return np.concatenate([finite(part) for part in parts]) if parts else np.array([])
 
 
 def _axis(ax: Axes, which: str, scale: str, values: Any) -> None:
@@ -150,7 +178,41 @@ def _axis(ax: Axes, which: str, scale: str, values: Any) -> None:
         ax.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{100 * y:.0f} %"))
 
 
-def _line(ax: Axes, one: Series, x: Any, y: Any, panel: Panel, keep: Any) -> str:
+def _rows(ax: Axes, panel: Panel) -> None:
+    """Methods below each other, each with a bar and marks on it."""
+    log_axis(ax, "x", span(panel, "x"))
+    if panel.errors:
+        ax.set_xlim(left=ROUND_OFF / 5)
+        round_off_band(ax, "x")
+    names, low, paper = [one.name for one in panel.rows], ax.get_xlim()[0], matplotlib.rcParams["axes.facecolor"]
+    for y, one in enumerate(reversed(panel.rows)):
+        colour, end = look(one.name).colour, low
+        if one.bar is not None:
+            start, end = (low if math.isnan(x) else x for x in one.bar)
+            ax.plot([start, end], [y, y], color=colour, linewidth=pt(3), alpha=0.35, solid_capstyle="butt")
+            ax.plot([end, one.dotted], [y, y], color=colour, linestyle=":", linewidth=pt(1.6))
+        for mark, places in one.marks.items():
+            drawn = _mark(mark, colour) | ({"markerfacecolor": paper} if one.hollow else {})
+            at = finite(places)
+            ax.plot(np.where(np.isfinite(at), at, low), np.full(len(at), y), linestyle="none", clip_on=False, **drawn)
+        behind: Any = {"xytext": (6, 0), "textcoords": "offset points", "va": "center"}
+        ax.annotate(one.text, (end, y), fontsize=pt(7), color=colour, **behind)
+    ax.set_ylim(-0.7, len(names) - 0.3)
+    ax.set_yticks(range(len(names)), [short(name, LONGEST) for name in reversed(names)], fontsize=pt(7))
+    ax.grid(axis="y", visible=False)
+
+
+def _mark(mark: str, colour: str) -> dict[str, Any]:
+    """How a mark of a row is drawn."""
+    thin = mark in ("|", "_", "x")
+    size = {".": 3.5, "|": 11, "_": 8}.get(mark, 5)
+    return {
+        "marker": {".": "o", "_": "|", "★": "*"}.get(mark, mark), "color": GREY if mark == "_" else colour,
+        "markersize": pt(size), "markeredgewidth": pt(1.4 if thin else 0.9), "zorder": 3 if thin else 4,
+    }  # fmt: skip
+
+
+def _line(ax: Axes, one: Series, x: Any, y: Any, panel: Panel, keep: Any, place: int) -> str:
     """One line, its band and its marks; its colour."""
     style = look(one.name)
     colour = ink() if one.plain else style.colour
@@ -164,5 +226,14 @@ def _line(ax: Axes, one: Series, x: Any, y: Any, panel: Panel, keep: Any) -> str
         settings |= {"marker": style.marker} | ({"markerfacecolor": "none"} if one.marks == "hollow" else {})
     else:
         settings |= {"linewidth": pt(1)}
+    if panel.largest and len(y):
+        if len(panel.series) <= FEW:
+            ax.plot(x, np.abs(y), color=colour, linewidth=pt(0.5), alpha=0.45)
+        y = np.maximum.accumulate(np.abs(y))
+    if len(x) > FREE:  # sparse, and at other places of each line
+        stride = len(x) // 8
+        settings |= {"markevery": ((place * stride // 5) % stride, stride), "markersize": pt(4)}
     ax.plot(x, y, drawstyle="steps-post" if panel.stepped else "default", **settings)
+    if one.ended and len(x):
+        ax.plot(x[-1:], y[-1:], color=colour, marker="x", markersize=pt(8), markeredgewidth=pt(2))
     return colour

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...chart import OPENING, RUNS, Chart
+from ...chart import OPENING, RUNS, Chart, Panel, Series, Sheet
 from ...errors import TcbenchError
 from ...simulation.series import variables
 from ...studies.columns import column as column_named
@@ -28,7 +28,7 @@ LAWS = {
     "angular_momentum_error": "angular momentum: |J − J₀| / |J₀|",
     "lyapunov_rise": "E − θ_ref S regained / V₀",
 }
-MOST_PATHS = 12  # panels that still can be read
+MOST_PATHS = 12  # panels, of paths or of variables, that still can be read
 DASHES: tuple[Any, ...] = ("-", "--", ":", "-.", (0, (8, 2)), (0, (1, 4)))  # as many of one colour are told apart
 GROWTH = {
     ("entropy",): "entropy S",
@@ -40,7 +40,7 @@ GAPS = ("entropy_gap", "strain_gap", "temperature_gap", "rotation_gap")
 
 
 @chart
-def laws(series: DataFrame, y: Sequence[str] | None = None) -> Drawing:
+def laws(series: DataFrame, y: Sequence[str] | None = None) -> Sheet:
     """What several runs of one scenario lose in time: energy, entropy, every invariant, Lyapunov functional.
 
     series : rows of the table `series`. Magnitudes; a law that is kept exactly lies on the 0 at the foot of the axis.
@@ -50,27 +50,43 @@ def laws(series: DataFrame, y: Sequence[str] | None = None) -> Drawing:
     lost = [c for c in map(str, series) if c.endswith("_error")]
     others = {c: f"{c.removesuffix('_error').replace('_', ' ')}: |I − I₀| / |I₀|" for c in lost}
     told = LAWS | {c: text for c, text in others.items() if c not in LAWS}
-    columns = list(y or [c for c in told if c in series and np.isfinite(finite(series[c])).any()]) or ["energy_error"]
-    figure, axes = panels(len(columns), 2, (4.9, 2.7))
-    methods = names(series)
-    runs = _runs(series, methods)
-    for ax, column in zip(axes, columns, strict=True):
-        zero_log_axis(ax, series.get(column, []))
-        for rank, (name, run) in enumerate(runs):
-            t, value = finite(run["t"]), np.abs(finite(run[column]))
-            style = look(name)
-            if len(runs) <= 3:
-                ax.plot(t, value, color=style.colour, linewidth=pt(0.5), alpha=0.45)
-            largest = np.fmax.accumulate(value) if len(value) else value
-            ax.plot(
-                t, largest, color=style.colour, linestyle=style.dash, marker=style.marker, markersize=pt(4),
-                markevery=_every(len(t), rank),
-            )  # fmt: skip
-            _end(ax, run, largest, style.colour)
-        ax.set_xlabel(column_named("t").label)
-    titles(axes, [told.get(c, column_named(c).label) for c in columns])
-    legend(figure, methods)
-    return figure
+    columns = y or _measured(series, list(told)) or ["energy_error"]
+    texts = [told.get(column, column_named(column).label) for column in columns]
+    return Sheet([
+        Panel(lines, column_named("t").label, "", "linear", "zero", text, errors=True, largest=True)
+        for text, lines in zip(texts, _lines(series, columns), strict=True)
+    ], 2, (4.9, 2.7))  # fmt: skip
+
+
+@chart
+def in_time(series: DataFrame) -> Sheet:
+    """Each temperature and strain that moves, in time; of systems without strains each variable.
+
+    series : rows of the table `series`, of one scenario.
+    """
+    strains = _numbered(series, "strain")
+    moving = [c for c in (*_numbered(series, "temperature"), *strains) if _moves(series[c])]
+    columns = [*moving, *([] if strains else _measured(series, variables(series))[:MOST_PATHS])]
+    return Sheet([
+        Panel(lines, column_named("t").label, "", "linear", "linear", column_named(column).label)
+        for column, lines in zip(columns, _lines(series, columns), strict=True)
+    ])  # fmt: skip
+
+
+def _moves(values: Any) -> bool:
+    """Whether a column changes in any run: what does not is a fact, not a line."""
+    known = finite(values)
+    return bool(np.nanmax(known) - np.nanmin(known) > 1e-8 * np.nanmax(np.abs(known)))
+
+
+def _lines(series: DataFrame, columns: Sequence[str]) -> list[list[Series]]:
+    """For each column a line a run."""
+    runs = _runs(series[[c for c in series if c in (*columns, "integrator", "dt", "t", "status")]], names(series))
+    return [[Series(name, run["t"], run[column], ended=_failed(run)) for name, run in runs] for column in columns]
+
+
+def _failed(run: DataFrame) -> bool:
+    return "status" in run and str(run["status"].iloc[-1]) != "ok"
 
 
 def _runs(series: DataFrame, methods: Sequence[str]) -> list[tuple[str, DataFrame]]:
@@ -91,17 +107,10 @@ def _every(points: int, rank: int) -> tuple[int, int]:
 
 def _end(ax: Axes, run: DataFrame, values: Any, colour: str) -> None:
     """A cross where a failed run ends."""
-    if "status" in run and len(run) and str(run["status"].iloc[-1]) != "ok":
-        good = np.flatnonzero(np.isfinite(values))
-        if len(good):
-            ax.plot(
-                [run["t"].iloc[good[-1]]],
-                [values[good[-1]]],
-                color=colour,
-                marker="x",
-                markersize=pt(8),
-                markeredgewidth=pt(2),
-            )
+    good = np.flatnonzero(np.isfinite(values))
+    if len(good) and _failed(run):
+        at = [run["t"].iloc[good[-1]]], [values[good[-1]]]
+        ax.plot(*at, color=colour, marker="x", markersize=pt(8), markeredgewidth=pt(2))
 
 
 @chart
@@ -122,13 +131,8 @@ def four_panel(series: DataFrame) -> Drawing:
         for name, run in runs:
             for i, column in enumerate(shown):
                 value, style = finite(run[column]), look(name)
-                ax.plot(
-                    finite(run["t"]),
-                    value,
-                    color=style.colour,
-                    linestyle=DASHES[i % len(DASHES)],
-                    linewidth=pt(1.1),
-                )
+                dash = DASHES[i % len(DASHES)]
+                ax.plot(finite(run["t"]), value, color=style.colour, linestyle=dash, linewidth=pt(1.1))
                 _end(ax, run, value, style.colour)
         if text.startswith("energy"):
             _roomy(ax, series["energy"])
@@ -289,10 +293,11 @@ def _zero(ax: Axes, _which: str, values: Any) -> None:
 CHARTS = (
     Chart("laws", "Losses in time, at the scenario's own step; on the 0 a law is kept exactly.", (RUNS,), laws,
           options=("y",), study="conservation"),
+    Chart("in-time", "Each temperature, strain or variable in time.", (RUNS,), in_time, study="conservation"),
     Chart("four-panel", "Energy, entropy, temperatures, and strains (or variables) in time.", (RUNS,), four_panel,
-          study="conservation"),
+          study="conservation", picture=True),
     Chart("path", "Paths of the masses in the plane over the first steps, coloured by temperature.", (OPENING,), path,
-          study="conservation"),
+          study="conservation", picture=True),
     Chart("equilibrium", "Distance to the exact equilibrium in time.", ("equilibrium",), equilibrium,
-          ("equilibrium_summary",), study="equilibrium"),
+          ("equilibrium_summary",), study="equilibrium", picture=True),
 )  # fmt: skip

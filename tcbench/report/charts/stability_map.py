@@ -115,4 +115,6 @@ def _panel(ax: Axes, table: DataFrame) -> None:
     ax.set_ylim(y_edges[0], y_edges[-1])
 
 
-CHARTS = (Chart("map", "How runs end in a plane of two parameters.", ("map",), map_figure, study="stability"),)
+CHARTS = (
+    Chart("map", "How runs end in a plane of two parameters.", ("map",), map_figure, study="stability", picture=True),
+)

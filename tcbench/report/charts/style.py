@@ -137,5 +137,7 @@ def finite(values: Any) -> Any:
     """As floats, with everything that is not a finite number NaN."""
     import pandas as pd
 
-    array = pd.to_numeric(pd.Series(values), errors="coerce").to_numpy(dtype=float)
+    array = np.asarray(values)
+    if array.dtype.kind not in "fiu":
+        array = pd.to_numeric(pd.Series(values), errors="coerce").to_numpy(dtype=float)
     return np.where(np.isfinite(array), array, np.nan)

@@ -1,7 +1,12 @@
 // Small things that every view needs: elements, numbers as text, the tables of the page, the tooltip.
-const page = JSON.parse(document.getElementById("page").textContent);
 const SVG = "http://www.w3.org/2000/svg";
 const $ = (id) => document.getElementById(id);
+// what the page holds is packed; a table is unpacked when a view first asks for it
+const unpack = async (id) => {
+  const packed = Uint8Array.from(atob($(id).textContent), (c) => c.charCodeAt(0));
+  return new Response(new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"))).text();
+};
+const page = JSON.parse(await unpack("page"));
 
 const fill = (element, attributes, children) => {
   for (const [key, value] of Object.entries(attributes)) {
@@ -60,11 +65,6 @@ const word = (text) => (/^[\w.,:=+-]+$/.test(text) ? text : `'${String(text).rep
 const lawful = (m) => m.laws.some((l) => l.of > 0) && m.laws.every((l) => l.kept === l.of);
 const PAPER = page.methods.filter((m) => m.family === 0).map((m) => m.name);
 
-// a table of the page is packed; it is unpacked when a view first asks for it
-const unpack = async (id) => {
-  const packed = Uint8Array.from(atob($(id).textContent), (c) => c.charCodeAt(0));
-  return new Response(new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"))).text();
-};
 const loaded = {};
 const table = (name) => {
   if (!page.tables[name]) return Promise.resolve(null);

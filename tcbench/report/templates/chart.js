@@ -89,20 +89,20 @@ const placeNames = (f, names, beside) => {
   }
 };
 
-// series: {name, points: [{x, y, low, high, tell}], crosses: [{x, tell}], fore, dots}; low and high: a band; toggled(name) when one is chosen;
-// beside: the names stand in the right margin
+// series: {name, label, points: [{x, y, low, high, tell}], crosses: [{x, y, tell}], fore, dots}; label: at its end; low and high: a band;
+// crosses without y stand at the top; toggled(name) when one is chosen; beside: the names stand in the right margin
 const lines = (width, height, { series, toggled, beside, ...axes }) => {
   const f = frame(width, height, axes), { svg, X, Y } = f;
-  const targets = [], drawnOf = new Map();
+  const targets = [], drawnOf = new Map(), failing = unique(series.filter((s) => s.fore && s.crosses?.length).map((s) => s.name));
   for (const one of [...series].sort((a, b) => !!a.fore - !!b.fore)) {
-    const group = shape("g", { class: one.fore ? "fore" : "rest", style: `--own:${one.colour || colour(one.name)}` });
+    const group = drawnOf.get(one.name) || shape("g", { class: one.fore ? "fore" : "rest", style: `--own:${one.colour || colour(one.name)}` });
     const place = (p) => ({ ...p, name: one.name, px: X(p.x), py: Y(p.y) });
     const banded = one.fore ? (one.stepped ? corners(one.points) : one.points).filter((p) => known(p.low) && known(p.high)) : [];
     if (banded.length > 1) {
       const back = [...banded].reverse().map((p) => ({ x: p.x, y: p.low }));
       group.append(shape("path", { class: "band", d: `${path([...banded.map((p) => ({ x: p.x, y: p.high })), ...back], X, Y)}Z` }));
     }
-    group.append(shape("path", { class: "line", d: path(one.stepped ? corners(one.points) : one.points, X, Y), "stroke-dasharray": (one.fore && !one.colour && look(one.name)[2]) || false }));
+    if (!one.dots) group.append(shape("path", { class: "line", d: path(one.stepped ? corners(one.points) : one.points, X, Y), "stroke-dasharray": (one.fore && !one.colour && look(one.name)[2]) || false }));
     if (one.fore && !one.colour && !one.dots) {
       const there = one.points.filter((p) => known(p.x) && known(p.y)), every = Math.max(1, Math.ceil(there.length / 9));
       for (let i = there.length > 12 ? every >> 1 : 0; i < there.length; i += every) group.append(marker(one.name, X(there[i].x), Y(there[i].y), 3.4));
@@ -113,16 +113,16 @@ const lines = (width, height, { series, toggled, beside, ...axes }) => {
       if (one.dots) group.append(shape("circle", { class: p.hollow ? "dot hollow" : "dot", cx: X(p.x), cy: Y(p.y), r: 3 }));
     }
     for (const p of one.crosses || []) {
-      const px = X(p.x), py = f.top + 5;
+      const px = X(p.x), py = known(p.y) ? Y(p.y) : f.top + 5 + Math.max(0, failing.indexOf(one.name)) * Math.min(6, 20 / failing.length);
       targets.push({ ...p, name: one.name, px, py });
       group.append(shape("path", { class: "cross", d: cross(px, py) }));
     }
     drawnOf.set(one.name, group);
     svg.append(group);
   }
-  placeNames(f, series.filter((s) => s.fore).flatMap((s) => {
+  placeNames(f, series.filter((s) => s.fore && s.label).flatMap((s) => {
     const last = s.points.findLast((p) => known(p.x) && known(p.y));
-    return last ? [{ text: short(s.name, 24), x: X(last.x), y: Y(last.y), colour: s.colour || colour(s.name) }] : [];
+    return last ? [{ text: short(s.label, 24), x: X(last.x), y: Y(last.y), colour: s.colour || colour(s.name) }] : [];
   }), beside);
   answer(svg, targets, drawnOf, toggled);
   return svg;

@@ -1,5 +1,5 @@
 // Methods, one at a time: what it is, claims against measurements, order, stable steps, speed and accuracy, failures.
-const inMethod = { scenario: null, variable: "all", speed: null };
+const inMethod = { scenario: null, variable: null, speed: null };
 
 const measured = async (m) => {
   const ladder = rows(await table("conservation"), { integrator: m.name });
@@ -29,40 +29,25 @@ const simple = (head, lines) => {
 const orders = async (m) => {
   const fits = rows(await table("convergence"), { integrator: m.name });
   if (!fits.length) return null;
-  const variables = unique(fits.map((r) => r.variable)), where = unique(fits.map((r) => r.scenario));
-  if (!variables.includes(inMethod.variable)) [inMethod.variable] = variables;
+  const where = unique(fits.map((r) => r.scenario)), place = el("div", {}), root = el("div", {});
   if (!where.includes(inMethod.scenario)) inMethod.scenario = where.find((s) => s === "short_term") || where[0];
-  const points = rows(await table("convergence_points"), { integrator: m.name });
-  const place = el("div", {}), root = el("div", {});
-  const draw = () => {
-    const fit = fits.find((r) => r.scenario === inMethod.scenario && r.variable === inMethod.variable);
-    const lines_ = where.map((s) => fits.find((r) => r.scenario === s && r.variable === inMethod.variable)).filter(Boolean)
+  const draw = async () => {
+    const panels = await panelsOf("convergence", inMethod.scenario), panel = [inMethod.variable, "the whole state"].map((t) => panels.find((p) => p.title === t)).find(Boolean) || panels[0];
+    const line = panel.series.find((s) => s.at.length) || { found: { columns: {} }, at: [] }, variable = line.found.columns.variable?.[line.at[0]];
+    const of = (s) => fits.find((r) => r.scenario === s && r.variable === variable), fit = of(inMethod.scenario);
+    const lines_ = where.map(of).filter(Boolean)
       .map((r) => [el("a", { href: link({ scenario: r.scenario, method: m.name }) }, r.scenario), known(r.order) ? r.order.toFixed(3) : "–", known(r.order_low) ? `${r.order_low.toFixed(3)} to ${r.order_high.toFixed(3)}` : "–", r.points_used ?? "–",
         known(r.dt_min) ? `${number(r.dt_min)} to ${number(r.dt_max)}` : "–", r.verdict || ""]);
     root.replaceChildren(el("div", { class: "tools" },
       select("scenario", where.map((s) => [s, s]), inMethod.scenario, (s) => { inMethod.scenario = s; draw(); }),
-      select("variable", variables.map((v) => [v, VARIABLES[v] || v]), inMethod.variable, (v) => { inMethod.variable = v; draw(); })),
-    el("div", { class: "two" }, el("figure", {}, el("figcaption", {}, fit ? `${inMethod.scenario}: order ${orderWith(fit)}` : ""), place),
+      select("variable", panels.map((p) => [p.title, p.title]), panel.title, (v) => { inMethod.variable = v; draw(); })),
+    el("div", { class: "two" }, el("figure", {}, el("figcaption", {}, fit ? `${inMethod.scenario}: order ${orderWith(fit)}; filled: in the fit` : ""), place),
       simple(["scenario", "order", "interval", "points", "steps h", "verdict"], lines_)));
-    const mine = points.filter((r) => r.scenario === inMethod.scenario && r.variable === inMethod.variable && known(r.error) && r.error > 0);
-    drawn(place, (width) => place.replaceChildren(orderChart(m, mine, fit, width)));
+    const mine = onlyOf(panel, new Set([m.name]));
+    drawn(place, (width) => place.replaceChildren(panelChart(mine, width, 280, { shown: new Set([m.name]), title: "Error against step size" })));
   };
-  draw();
+  await draw();
   return root;
-};
-const VARIABLES = { all: "the whole state", q: "positions q", p: "momenta p", s: "entropies s", theta: "temperatures θ" };
-const orderChart = (m, points, fit, width) => {
-  if (!points.length) return empty("No run has an error here.");
-  const series = [{ name: m.name, dots: true, fore: true, points: points.sort((a, b) => b.dt - a.dt).map((r) => ({
-    x: r.dt, y: r.error, hollow: !r.used, tell: () => [`h = ${number(r.dt)}: error ${number(r.error)}`, r.used ? "in the fit" : `not in the fit: ${r.reason || ""}`] })) }];
-  const used = points.filter((r) => r.used);
-  if (fit && known(fit.order) && used.length) {
-    const middle = used.reduce((sum, r) => sum + Math.log(r.error) - fit.order * Math.log(r.dt), 0) / used.length;
-    const at = (h) => ({ x: h, y: Math.exp(middle) * h ** fit.order });
-    series.push({ name: `order ${number(fit.order)}`, colour: "var(--soft)", fore: true, points: [at(fit.dt_max), at(fit.dt_min)] });
-  }
-  return lines(width, 280, { series, x: { kind: "log", domain: padded("log", extent(points.map((r) => r.dt))), label: "step size h", text: number },
-    y: { kind: "log", errors: true, domain: padded("log", extent(points.map((r) => r.error))), label: "error (filled: in the fit)" }, title: "Error against step size" });
 };
 
 const stable = async (m) => {
@@ -75,7 +60,7 @@ const stable = async (m) => {
 };
 
 const speedOf = async (m) => {
-  const work = await table("work_precision"), mine = rows(work, { integrator: m.name });
+  const mine = rows(await table("work_precision"), { integrator: m.name });
   if (!mine.length) return null;
   const where = unique(mine.map((r) => r.scenario)), place = el("div", {}), root = el("div", {});
   if (!where.includes(inMethod.speed)) inMethod.speed = where.includes("bound_equilibrium") ? "bound_equilibrium" : where[0];
@@ -84,14 +69,13 @@ const speedOf = async (m) => {
     const row = reached.find((r) => r.scenario === s && r.target === target);
     return row ? (known(row.time_s) ? seconds(row.time_s) : "not reached") : "–";
   })]);
-  const draw = () => {
-    const all = rows(work, { scenario: inMethod.speed }), error = errorsIn(all)[0] || "error";
-    root.replaceChildren(el("div", { class: "tools" }, select("scenario", where.map((s) => [s, s]), inMethod.speed, (s) => { inMethod.speed = s; draw(); })),
+  const draw = async () => {
+    const panels = await panelsOf("work-precision", inMethod.speed), scenario = inMethod.speed;
+    root.replaceChildren(el("div", { class: "tools" }, select("scenario", where.map((s) => [s, s]), scenario, (s) => { inMethod.speed = s; draw(); })),
       el("div", { class: "two" }, place, simple(["scenario", "to 10⁻³", "to 10⁻⁶", "to 10⁻⁹"], lines_)));
-    const fore = leaders(inMethod.speed).add(m.name);
-    drawn(place, (width) => place.replaceChildren(speedChart(all, error, width, 300, fore, (name) => { location.hash = link({ method: name }); })));
+    drawn(place, (width) => place.replaceChildren(panelChart(panels[0], width, 300, { shown: leaders(scenario).add(m.name), toggled: (name) => { location.hash = link({ method: name }); } })));
   };
-  draw();
+  await draw();
   return root;
 };
 

@@ -10,7 +10,7 @@ const LENSES = {
   step: ["largest stable step h", "step"],
   cost: ["microseconds a step", "cost"],
 };
-const view = { lens: null, sorted: null, scenario: null, error: null, fore: null, wide: "steps", speed: "scenario" };
+const view = { lens: null, sorted: null, scenario: null, error: null, fore: null, wide: null, speed: "scenario" };
 
 const dots = (m) => el("span", { class: "dots" }, m.laws.map((law) => {
   const share = law.of ? law.kept / law.of : 0;
@@ -126,36 +126,7 @@ const walk = (event) => {
   next?.focus();
 };
 
-// the errors that runs of a scenario have: of the state, of each variable, and of what is conserved
-const errorsIn = (all) => ["error", ...unique(all.flatMap(Object.keys)).filter((c) => /^error_(?!entropy_produced)/.test(c)), ...unique(all.flatMap(Object.keys)).filter((c) => c.endsWith("_error_max"))]
-  .filter((c) => all.some((r) => known(r[c]) && (r[c] > 0 || c.endsWith("_max"))));
-const speedSeries = (all, error) => [...grouped(all, "integrator")].map(([name, mine]) => {
-  const control = (r) => `${r.control === "dt" ? "h" : "rtol"} = ${number(r.value)}`;
-  const zero = error.endsWith("_error_max");
-  return {
-    name, family: method[name]?.family,
-    points: mine.filter((r) => r.status === "ok" && known(r.wall_time_min_s) && known(r[error]) && (zero ? r[error] >= 0 : r[error] > 0))
-      .map((r) => ({ x: r.wall_time_min_s, y: r[error], tell: () => [`${control(r)}: ${seconds(r.wall_time_min_s)}, error ${number(r[error])}`] })),
-    failed: mine.filter((r) => r.status !== "ok").map((r) => ({ r, tell: () => [`${control(r)} failed: ${r.failure || r.status}`] })),
-  };
-});
 const leaders = (scenario) => new Set(page.leaders[scenario] || page.methods.map((m) => m.name));
-const speedChart = (all, error, width, height, fore, toggled) => {
-  const series = speedSeries(all, error), points = series.flatMap((s) => s.points);
-  if (!points.length) return empty("No completed run has an error here.");
-  const zero = error.endsWith("_error_max"), positive = points.map((p) => p.y).filter((y) => y > 0);
-  const x = { kind: "log", domain: padded("log", extent(points.map((p) => p.x))), label: "wall time ← better", text: seconds };
-  const y = { errors: true, kind: zero ? "zerolog" : "log", domain: padded("log", positive.length ? extent(positive) : [1e-17, 1]), label: `${label(error)} ↓ better` };
-  const shown = fore || leaders(all[0].scenario);
-  for (const s of series) {  // a failed run has no time: its cross stands above the first time of its method
-    const first = Math.min(...s.points.map((p) => p.x));
-    s.fore = shown.has(s.name);
-    s.crosses = s.failed.map(({ r, tell }, i) => ({ x: known(r.wall_time_min_s) ? r.wall_time_min_s : (known(first) ? first : x.domain[0] * 1.4), tell, i }));
-    if (!s.fore) s.crosses = s.crosses.slice(0, 1);
-  }
-  const svg = lines(width, height, { series, x, y, toggled: (name) => toggled(name, shown), title: "Error against time, one line a method; the tables have the numbers" });
-  return svg;
-};
 const toggle = (name, shown) => {
   view.fore = new Set(shown);
   view.fore[view.fore.has(name) ? "delete" : "add"](name);
@@ -163,70 +134,40 @@ const toggle = (name, shown) => {
 };
 
 const drawSpeed = async () => {
-  const found = await table("work_precision"), place = $("speed"), controls = $("speed-controls");
+  const found = (await chartNamed("work-precision"))?.of, place = $("speed"), controls = $("speed-controls");
   if (!found) { $("speed-panel").hidden = true; return; }
-  const there = unique(found.columns.scenario);
-  const profile = page.tables.performance_profile ? [["profile", "whole ensemble"]] : [];
+  const there = Object.keys(found), profile = page.tables.performance_profile ? [["profile", "whole ensemble"]] : [];
   view.scenario = there.includes(view.scenario) ? view.scenario : there.includes("bound_equilibrium") ? "bound_equilibrium" : there[0];
-  const all = rows(found, { scenario: view.scenario }), errors = errorsIn(all);
-  view.error = errors.includes(view.error) ? view.error : errors[0] || "error";
+  const all = await panelsOf(view.speed === "profile" ? "performance-profile" : "work-precision", view.speed === "profile" ? "" : view.scenario);
   controls.replaceChildren(
     select("Scenario", [...there.map((s) => [s, s]), ...profile], view.speed === "profile" ? "profile" : view.scenario, (s) => {
       view.speed = s === "profile" ? s : "scenario";
       if (s !== "profile") view.scenario = s;
       view.fore = null; drawSpeed();
     }),
-    view.speed === "profile" ? "" : select("error of", errors.map((e) => [e, words(e === "error" ? "the state" : label(e))]), view.error, (e) => { view.error = e; drawSpeed(); }));
-  if (view.speed === "profile") { await drawProfile(place); return; }
-  drawn(place, (width) => place.replaceChildren(speedChart(all, view.error, width, width < 500 ? 300 : 262, view.fore, toggle)));
+    view.speed === "profile" ? "" : choose(all, view, drawSpeed));
+  if (view.speed === "profile") {  // of random starts: the share that a method brings to the target within tau times the best time
+    const panel = all.find((p) => p.title.includes("state to 1e-6")) || all[0];
+    drawn(place, (width) => place.replaceChildren(panelChart(panel, width, 272, { shown: view.fore, toggled: toggle, named: true, title: "Performance profile over the ensemble" })));
+    return;
+  }
+  drawn(place, (width) => place.replaceChildren(panelChart(chosenOf(all, view), width, width < 500 ? 300 : 262, { scenario: view.scenario, shown: view.fore, toggled: toggle })));
   $("speed-again").replaceChildren(again(`tcbench run -s ${word(view.scenario)} --study work_precision -o mine`, `tcbench plot work-precision mine -s ${word(view.scenario)} -o speed.svg`));
 };
+// one of several panels, by what its y axis says
+const chosenOf = (panels, state) => panels.find((p) => p.y.label === state.error) || panels[0];
+const choose = (panels, state, changed) => select("show", panels.map((p) => [p.y.label, p.y.label]), chosenOf(panels, state).y.label, (label) => { state.error = label; changed(); });
 
-// of runs from random starts: the share that a method brings to the target within tau times the best time
-const drawProfile = async (place) => {
-  const all = await panelsOf("performance-profile"), panel = all.find((p) => p.title.includes("state to 1e-6")) || all[0];
-  drawn(place, (width) => place.replaceChildren(panelChart(panel, width, 272, { shown: view.fore, toggled: toggle, named: true, title: "Performance profile over the ensemble" })));
-};
-
-// one bar a method to the first scenario on which it fails; a cross a scenario, a tick where plain Newton fails
-const stepBars = (all, width, tried) => {
-  const methods = [...grouped(all, "integrator")].map(([name, mine]) => ({ name, mine,
-    ends: mine.filter((r) => r.limit && r.limit !== "none"), cap: Math.max(...mine.map((r) => r.dt_cap).filter(known)) }));
-  const least = (m) => (m.ends.length ? Math.min(...m.ends.map((r) => (known(r.dt_stable) ? r.dt_stable : 0))) : Infinity);
-  methods.sort((a, b) => (method[a.name]?.family ?? 4) - (method[b.name]?.family ?? 4) || least(b) - least(a) || (a.name < b.name ? -1 : 1));
-  const steps = all.flatMap((r) => [r.dt_stable, r.dt_cap, r.dt_stable_plain]).filter((v) => known(v) && v > 0);
-  if (!steps.length) return empty("No method has a stable step here.");
-  const domain = padded("log", extent([...steps, tried].filter(known))), left = Math.min(150, 14 + 6.6 * Math.max(...methods.map((m) => short(m.name, 20).length)));
-  const row = methods.length > 30 ? 11 : Math.max(8, Math.min(18, 214 / methods.length)), height = row * methods.length + 40;
-  const f = frame(width, height, { x: { kind: "log", domain, label: "step size h → better", text: number }, y: { kind: "none" }, title: "Largest stable step of each method",
-    margin: { left, right: 74, top: 4, bottom: 34 } });
-  methods.forEach((m, i) => {
-    const y = 4 + row * (i + 0.5), first = least(m), end = f.X(known(first) ? Math.max(first, domain[0]) : m.cap);
-    const group = shape("g", { class: "bar", style: `--own:${colour(m.name)}` });
-    group.append(shape("rect", { class: "hit", x: 0, y: y - row / 2, width, height: row }), shape("line", { class: "thick", x1: left, x2: end, y1: y, y2: y }));
-    group.append(shape("text", { x: left - 6, y: y + 4, "text-anchor": "end", "font-size": Math.min(11, row) }, short(m.name, 20)));
-    for (const r of m.mine) if (known(r.dt_stable_plain) && r.limit_plain !== "none") group.append(shape("line", { class: "tick", x1: f.X(r.dt_stable_plain), x2: f.X(r.dt_stable_plain), y1: y - 4, y2: y + 4 }));
-    for (const r of m.ends) group.append(shape("path", { class: "cross", d: cross(known(r.dt_stable) ? f.X(r.dt_stable) : left, y) }));
-    if (!m.ends.length) group.append(shape("path", { class: "arrow", d: `M${end},${y - 4}l6,4l-6,4z` }), shape("text", { class: "soft", x: end + 9, y: y + 4, "font-size": Math.min(11, row) }, `> ${number(m.cap, 2)}`));
-    const told = () => [m.name, ...(m.ends.length ? m.ends.map((r) => `${r.scenario}: up to h = ${number(r.dt_stable)}, ${r.limit}`) : [`no limit found up to h = ${number(m.cap)}`])];
-    f.svg.append(tipped(fill(shape("a", { href: link({ method: m.name }), "aria-label": told().join("; ") }), {}, [group]), told));
-  });
-  return f.svg;
-};
-// names in the right margin, as wide as the longest of them
-const marginFor = (series) => ({ beside: true, margin: { right: 24 + 6.4 * Math.max(0, ...series.filter((s) => s.fore).map((s) => short(s.name, 24).length)) } });
 const drawSteps = async () => {
-  const stability = await table("stability"), shares = await table("failure_share"), place = $("steps"), controls = $("steps-controls");
-  $("steps-panel").hidden = !stability && !shares;
-  if (!stability && !shares) return;
-  if (!stability) view.wide = "shares";
-  const choices = [...(stability ? [["steps", "the scenarios"]] : []), ...(shares ? [["shares", "an ensemble of random starts"]] : [])];
-  controls.replaceChildren(choices.length > 1 ? select("On", choices, view.wide, (v) => { view.wide = v; drawSteps(); }) : "",
-    view.wide === "steps" ? "A bar ends where the first scenario fails; × each that fails; | plain Newton; > no limit." : "Of runs from random starts, with 95 % bands.");
-  $("steps-again").replaceChildren(again(`tcbench run --study ${view.wide === "steps" ? "stability" : "ensemble"} -o mine`, `tcbench plot ${view.wide === "steps" ? "stable-step" : "failure-share"} mine -o steps.svg`));
-  const tried = extent(((view.wide === "steps" && (await table("stability_points"))?.columns.dt) || []).filter(known))[0];
-  const all = rows(stability), [panel] = await panelsOf("failure-share");
-  drawn(place, (width) => place.replaceChildren(view.wide === "steps" ? stepBars(all, width, tried) : panelChart(panel, width, 262, { named: true, title: "Failure shares" })));
+  const steps = await panelsOf("stable-step"), [shares] = await panelsOf("failure-share"), place = $("steps"), controls = $("steps-controls");
+  $("steps-panel").hidden = !steps.length && !shares;
+  if (!steps.length && !shares) return;
+  const choices = [...steps.map((p) => [p.title, p.title]), ...(shares ? [["shares", "an ensemble of random starts"]] : [])];
+  const now = choices.some(([key]) => key === view.wide) ? view.wide : choices[0][0], panel = now === "shares" ? shares : steps.find((p) => p.title === now);
+  controls.replaceChildren(choices.length > 1 ? select("On", choices, now, (v) => { view.wide = v; drawSteps(); }) : "", now === "shares" ? "Of runs from random starts, with 95 % bands." : keysOf(panel));
+  const [study, kind] = now === "shares" ? ["ensemble", "failure-share"] : ["stability", "stable-step"];
+  $("steps-again").replaceChildren(again(`tcbench run --study ${study} -o mine`, `tcbench plot ${kind} mine -o steps.svg`));
+  drawn(place, (width) => place.replaceChildren(panelChart(panel, width, 262, { named: true, title: now === "shares" ? "Failure shares" : "Largest stable step of each method" })));
 };
 const overviewCharts = () => Promise.all([drawSpeed(), drawSteps()]);
 

@@ -7,11 +7,6 @@ const heat = (share) => {  // cold to hot, told apart with any kind of colour vi
 };
 const LETTERS = [..."abcdefghijklmnopqrstuvwxyz"];
 const lettered = (one, prefix) => LETTERS.map((l) => `${prefix}_${l}`).filter((c) => one[0] && one[0][c] !== undefined && one.some((r) => known(r[c])));
-// does a column change in any of these runs? What does not is a fact, not a line
-const moving = (runs, column) => {
-  const [low, high] = extent(runs.flatMap((r) => r.states.map((s) => s[column])).filter(known));
-  return high - low > 1e-8 * Math.max(Math.abs(low), Math.abs(high));
-};
 // columns of places in the plane: of masses that springs join, or of the joints of a system's own picture
 const placed = (facts) => (facts.joints?.length ? ["at_x_", "at_y_"] : ["x_", "y_"]);
 const masses = (one, [x, y]) => Array.from({ length: 99 }, (_, i) => i + 1).filter((i) => one[0] && known(one[0][x + i]) && known(one[0][y + i]));

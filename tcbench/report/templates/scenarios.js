@@ -1,6 +1,5 @@
 // Scenarios, one at a time: what it is, the player, losses in time, its tables; and one method on it.
-const chosenIn = { methods: null, left: null, right: null, loss: "energy_error", span: "opening" };
-const lost = (runs) => unique(runs.flatMap((r) => Object.keys(r.states[0]))).filter((c) => /_(error|fall|rise)$/.test(c));
+const chosenIn = { methods: null, left: null, right: null, loss: null, span: "opening" };
 
 const value = (v) => (Array.isArray(v) ? `(${v.map((x) => number(x, 6)).join(", ")})` : known(v) ? number(v, 6) : String(v));
 const facts = (pairs) => el("dl", {}, pairs.filter(([, v]) => v !== undefined && v !== "" && v !== null)
@@ -46,40 +45,14 @@ const shownOf = (runs) => {
   });
 };
 
-const losses = (name, runs, place) => {
-  const there = lost(runs).filter((c) => runs.some((r) => r.states.some((s) => known(s[c]))));
+const losses = async (name, runs, place) => {
+  const there = await panelsOf("laws", name), told = await panelsOf("in-time", name);
   if (!there.length) return;
-  if (!there.includes(chosenIn.loss)) [chosenIn.loss] = there;
-  const moves = (c) => moving(runs, c);
-  const panels = [["loss", chosenIn.loss, "zerolog"], ...lettered(runs[0].states, "temperature").filter(moves).map((c) => ["", c, "linear"]),
-    ...lettered(runs[0].states, "strain").filter(moves).map((c) => ["", c, "linear"]),
-    ...(scenes[name]?.links?.length ? [] : variablesOf(runs[0].states).slice(0, MOST_LINES)).map((c) => ["", c, "linear"])];
-  const shown = new Set([...chosenIn.methods].filter((m) => runs.some((r) => r.name === m)));
-  const all = [...shown].map((m) => runs.find((r) => r.name === m));
-  place.replaceChildren(el("div", { class: "tools" }, select("Loss of", there.map((c) => [c, label(c)]), chosenIn.loss, (c) => { chosenIn.loss = c; losses(name, runs, place); }), again(`tcbench run -s ${word(name)} --study conservation -o mine`, `tcbench plot laws mine -s ${word(name)} -o laws.svg`)),
-    el("div", { class: "panels" }, panels.map(([what, column, kind]) => {
-      const holder = el("figure", {}, el("figcaption", {}, label(column))), chart = el("div", {});
-      holder.append(chart);
-      setTimeout(() => drawn(chart, (width) => chart.replaceChildren(timeChart(all, column, kind, width))));
-      return holder;
-    })));
-};
-const timeChart = (runs, column, kind, width) => {
-  const series = runs.map((run) => {
-    let most = 0;  // the largest loss so far: a line that can be read
-    const points = run.states.map((s) => {
-      const y = kind === "zerolog" ? (most = Math.max(most, Math.abs(s[column] ?? 0))) : s[column];
-      return { x: s.t, y, tell: () => [`t = ${number(s.t)}: ${number(s[column], 6)}`] };
-    });
-    const last = run.states.at(-1);
-    return { name: run.name, fore: true, points, crosses: run.failure ? [{ x: last.t, tell: () => [`ended at t = ${number(last.t)}: ${run.failure}`] }] : [] };
-  });
-  const ys = series.flatMap((s) => s.points.map((p) => p.y)).filter(known);
-  if (!ys.length) return empty("Choose a method above.");
-  const positive = ys.filter((y) => y > 0);
-  const domain = kind === "zerolog" ? [ROUND_OFF, Math.max(...positive, ROUND_OFF) * 2] : padded("linear", extent(ys));
-  return lines(width, 250, { series, x: { kind: "linear", domain: extent(series.flatMap((s) => s.points.map((p) => p.x))), label: "time t" },
-    y: { kind, domain, errors: kind === "zerolog", label: "" }, beside: width > 340, margin: { right: width > 340 ? 24 + 6.4 * Math.max(...series.map((s) => short(s.name, 24).length)) : 14, left: 56 }, title: `${label(column)} in time` });
+  const loss = there.find((p) => p.title === chosenIn.loss) || there[0];
+  const only = (p) => { const it = onlyOf(p, chosenIn.methods); return it.series.length ? it : { ...it, note: "Choose a method above." }; };
+  place.replaceChildren(el("div", { class: "tools" }, select("Loss of", there.map((p) => [p.title, p.title]), loss.title, (c) => { chosenIn.loss = c; losses(name, runs, place); }),
+    again(`tcbench run -s ${word(name)} --study conservation -o mine`, `tcbench plot laws mine -s ${word(name)} -o laws.svg`, `tcbench plot in-time mine -s ${word(name)} -o in_time.svg`)),
+  drawnPanels([loss, ...told].map(only), { shown: chosenIn.methods, named: true, why: (m) => runs.find((r) => r.name === m)?.failure }));
 };
 
 // one method on one scenario: every run on its ladders, its order, its step
@@ -148,17 +121,14 @@ const ranking = (name, wanted, work) => {
   draw();
   return root;
 };
-const speedHere = (name, wanted, work) => {
-  const errors = errorsIn(work), place = el("div", { class: "chart" }), root = el("div", {});
+const speedHere = (name, wanted, panels) => {
+  const place = el("div", { class: "chart" }), root = el("div", {}), front = leaders(name);
+  if (wanted) front.add(wanted);
   const draw = () => {
-    if (!errors.includes(chosenIn.error)) chosenIn.error = errors[0] || "error";
-    const front = chosenIn.front ||= leaders(name);
-    if (wanted) front.add(wanted);
-    root.replaceChildren(el("div", { class: "tools" }, select("error of", errors.map((e) => [e, words(e === "error" ? "the state" : label(e))]), chosenIn.error, (e) => { chosenIn.error = e; draw(); }),
+    root.replaceChildren(el("div", { class: "tools" }, choose(panels, chosenIn, draw),
       again(`tcbench run -s ${word(name)} --study work_precision -o mine`, `tcbench plot work-precision mine -s ${word(name)} -o speed.svg`)), place);
-    drawn(place, (width) => place.replaceChildren(speedChart(work, chosenIn.error, width, width < 500 ? 320 : 400, front, (m) => { front[front.has(m) ? "delete" : "add"](m); draw(); })));
+    drawn(place, (width) => place.replaceChildren(panelChart(chosenOf(panels, chosenIn), width, width < 500 ? 320 : 400, { shown: front, toggled: (m) => { front[front.has(m) ? "delete" : "add"](m); draw(); } })));
   };
-  chosenIn.front = null;
   draw();
   return root;
 };
@@ -183,7 +153,7 @@ const scenarios = async (place) => {
   if (!name) { root.replaceChildren(empty("This run has no scenario.")); return; }
   const order = (r) => `${method[r.name]?.family ?? 4}${r.name}`;
   const runs = (await runsOf(name)).sort((a, b) => (order(a) < order(b) ? -1 : 1)), names = runs.map((r) => r.name);
-  const work = rows(await table("work_precision"), { scenario: name });
+  const work = rows(await table("work_precision"), { scenario: name }), speeds = await panelsOf("work-precision", name);
   if (chosenIn.of !== name) [chosenIn.of, chosenIn.methods] = [name, leaders(name)];
   if (place.method) chosenIn.methods.add(place.method);
   if (!names.some((n) => chosenIn.methods.has(n))) names.slice(0, 5).forEach((n) => chosenIn.methods.add(n));
@@ -201,7 +171,7 @@ const scenarios = async (place) => {
     el("nav", { class: "choose", "aria-label": "scenarios", hidden: page.scenarios.length < 2 }, page.scenarios.map((s) => el("a", { href: link({ scenario: s }), "aria-current": s === name ? "page" : false }, short(s)))),
     el("h2", {}, short(name, 80)), answered(name), place.method ? await together(place.method, name, place.lens, work) : "",
     el("div", { class: work.length ? "two answering" : "answering" }, el("section", {}, el("h3", {}, "Every method on it"), ranking(name, place.method, work)),
-      work.length ? el("section", {}, el("h3", {}, "Speed against accuracy"), speedHere(name, place.method, work)) : ""),
+      work.length ? el("section", {}, el("h3", {}, "Speed against accuracy"), speedHere(name, place.method, speeds)) : ""),
     el("div", { class: "two" }, el("section", {}, el("h3", {}, "What it is"), about(name)),
       el("section", {}, el("h3", {}, "What happens, at its own step"), runs.length ? stage : empty("This run keeps no time series of this scenario."))),
     runs.length ? el("section", {}, el("h3", {}, "In time"), chips("methods in the charts", names, chosenIn.methods, () => losses(name, runs, charts)), charts) : "",
