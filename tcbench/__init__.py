@@ -14,7 +14,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .chart import Chart, Panel, Series
+    from .chart import Chart, Panel, Row, Series
     from .engine.run import Results, load, run
     from .errors import TcbenchError
     from .hookspecs import hookimpl
@@ -38,6 +38,7 @@ _HOME = {
     "draw": "report.plot",
     "Chart": "chart",
     "Panel": "chart",
+    "Row": "chart",
     "Series": "chart",
     "Study": "study",
     "TcbenchError": "errors",
@@ -65,8 +66,8 @@ _HOME = {
 
 __all__ = [
     "Chart", "ElementSystem", "Flow", "Integrator", "Metric", "Observable", "Panel", "Pendulum", "Range",
-    "Results", "Scenario", "ScenarioFamily", "Series", "Study", "System", "TcbenchError", "Trajectory", "animate",
-    "draw", "family", "hookimpl", "integrators", "load", "run", "scenarios", "simulate", "stepper",
+    "Results", "Row", "Scenario", "ScenarioFamily", "Series", "Study", "System", "TcbenchError", "Trajectory",
+    "animate", "draw", "family", "hookimpl", "integrators", "load", "run", "scenarios", "simulate", "stepper",
 ]  # fmt: skip
 
 

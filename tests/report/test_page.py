@@ -341,7 +341,7 @@ def test_a_general_system_is_told_in_its_own_variables(tmp_path, visit):
     lines = page.locator(".running > span").all_inner_texts()
     assert [line.split(" = ")[0] for line in lines] == ["E", "S", "m0", "m1"] and page.locator("canvas").count() == 0
     assert "initial m\n(0.25, 0)" in page.locator("#scenario-page dl").inner_text()
-    assert page.locator("#scenario-page .panels figcaption").all_inner_texts() == ["energy error", "m0", "m1"]
+    assert page.locator("#scenario-page .panels figcaption").all_inner_texts() == ["energy: |E − E₀| / V₀", "m0", "m1"]
     go(page, "")
     page.locator("#speed-controls select").first.select_option("body")
     errors = page.locator("#speed-controls select").last.locator("option")

@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 LIMITS = {"physical": "s", "branch": "^", "solver": "o", "none": ">"}
 AGAIN = "★"
 MEANING = {
-    "s": "physical limit", "^": "the branch of solutions ends", "o": "Newton's limit, a root exists",
-    ">": "no limit found", "_": "limit with plain Newton", AGAIN: "stable again above",
+    "s": "physical limit", "^": "the branch ends", "o": "Newton's limit, a root exists",
+    ">": "no limit found", "_": "plain Newton's", AGAIN: "stable again above",
     "x": "no stable step, or no answer",
 }  # fmt: skip
 STEP_COLUMNS = ("dt_stable", "dt_unstable", "dt_half", "dt_stable_plain", "dt_cap")

@@ -167,7 +167,7 @@ const drawSteps = async () => {
   controls.replaceChildren(choices.length > 1 ? select("On", choices, now, (v) => { view.wide = v; drawSteps(); }) : "", now === "shares" ? "Of runs from random starts, with 95 % bands." : keysOf(panel));
   const [study, kind] = now === "shares" ? ["ensemble", "failure-share"] : ["stability", "stable-step"];
   $("steps-again").replaceChildren(again(`tcbench run --study ${study} -o mine`, `tcbench plot ${kind} mine -o steps.svg`));
-  drawn(place, (width) => place.replaceChildren(panelChart(panel, width, 262, { named: true, title: now === "shares" ? "Failure shares" : "Largest stable step of each method" })));
+  drawn(place, (width) => place.replaceChildren(panelChart(panel, width, 256, { named: true, title: now === "shares" ? "Failure shares" : "Largest stable step of each method" })));
 };
 const overviewCharts = () => Promise.all([drawSpeed(), drawSteps()]);
 

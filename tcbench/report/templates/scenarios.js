@@ -176,6 +176,6 @@ const scenarios = async (place) => {
       el("section", {}, el("h3", {}, "What happens, at its own step"), runs.length ? stage : empty("This run keeps no time series of this scenario."))),
     runs.length ? el("section", {}, el("h3", {}, "In time"), chips("methods in the charts", names, chosenIn.methods, () => losses(name, runs, charts)), charts) : "",
     el("section", { id: "scenario-tables" }));
-  if (runs.length) { perform(place.method); losses(name, runs, charts); }
+  if (runs.length) { perform(place.method); await losses(name, runs, charts); }
   await listings($("scenario-tables"), "Its tables", { scenario: name });
 };
