@@ -82,9 +82,9 @@ class Row:
     marks : mapping of str to sequence of float
         A marker of matplotlib (one of MARKS) -> where it stands.
     bar : (float, float), or None
-        From where to where.
+        From where to where, in the unit of the axis.
     dotted : float
-        The bar goes on, dotted, up to there; NaN for no such line.
+        The bar goes on, dotted, up to there (in that unit); NaN for no such line.
     text : str
         What stands behind it.
     hollow : bool
