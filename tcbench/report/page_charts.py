@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Mapping
 from functools import cache
 from itertools import groupby
@@ -48,13 +49,13 @@ def page_charts(folder: Path, tables: Mapping[str, Any], declared: Mapping[str, 
     return found | others
 
 
-def of_plugins(folder: str, folders: Iterable[str]) -> tuple[dict[str, Any], list[str]]:
-    """The charts of plugins, of a run folder; in a process of its own."""
+def of_plugins(folder: str, folders: Iterable[str]) -> str:
+    """The charts of plugins, of a run folder, and problems, as JSON; in a process of its own."""
     plugins.only_look_up(folders)
     if not (charts := plugins.registry().charts):
-        return {}, []
+        return "[{}, []]"
     store, problems = Store.read(folder), list[str]()
-    return panels_of(charts.values(), read_tables(store), store.declared(), problems), problems
+    return json.dumps([panels_of(charts.values(), read_tables(store), store.declared(), problems), problems])
 
 
 def panels_of(

@@ -8,9 +8,16 @@ import tcbench
 from tcbench import TcbenchError
 
 
+def on_a_line(state):
+    """Whether masses, fixed end and momenta are on one line: nothing turns aside, and springs collapse to length 0."""
+    first, *others = state[:8].reshape(4, 2)
+    return all(abs(first[0] * y - first[1] * x) <= 1e-6 for x, y in others)
+
+
 def assert_laws(method, state, conductivity, tolerance):
+    t_end = 0.1 if on_a_line(state) else 0.5  # near length 0 the solution itself asks for 1e8 steps
     scenario = tcbench.scenarios()["short_term"].replace(
-        positions=state[:4], momenta=state[4:8], temperatures=state[8:], conductivity=conductivity, t_end=0.5, dt=0.1
+        positions=state[:4], momenta=state[4:8], temperatures=state[8:], conductivity=conductivity, t_end=t_end, dt=0.1
     )
     run = tcbench.simulate(method, scenario, tolerance=tolerance)
     if "too short" in run.failure:  # two springs that collapse head-on: the solution itself ends
