@@ -1,4 +1,4 @@
-"""Shared by all tests: slow tests on request, kernels forgotten on request."""
+"""Shared by all tests: their order and tiers, kernels forgotten on request."""
 
 from __future__ import annotations
 
@@ -12,14 +12,11 @@ settings.register_profile("tcbench", deadline=None, max_examples=60, derandomize
 settings.load_profile("tcbench")
 SLOW = {"test_cli", "test_docs", "test_readme", "test_notebooks", "test_machine", "test_kernel_cache", "test_history"}
 SLOW |= {"test_net", "test_array_flow", "test_ensemble", "test_shared_runs", "test_size"}
+THOROUGH = {"browser", "built", "dask"}  # fixtures whose tests are of the second tier
 
 # half of what a process takes to start is compiling what it imports: they do it once, beside the sources
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
-
-
-def pytest_addoption(parser):
-    parser.addoption("--run-slow", action="store_true", help="also run the tests that take minutes")
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -40,13 +37,12 @@ def place(item):
     return not starts_processes(item), str(item.path.parent), run.id if run else ""
 
 
-def pytest_collection_modifyitems(config, items):
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
     items.sort(key=place)
-    if not config.getoption("--run-slow"):
-        slow = pytest.mark.skip(reason="takes minutes: --run-slow")
-        for item in items:
-            if "slow" in item.keywords:
-                item.add_marker(slow)
+    for item in items:
+        if THOROUGH & set(item.fixturenames):
+            item.add_marker(pytest.mark.thorough)
 
 
 @pytest.fixture(autouse=True, scope="session")

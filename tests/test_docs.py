@@ -31,7 +31,7 @@ def empty(tmp_path, monkeypatch):
     return tmp_path
 
 
-@pytest.mark.parametrize("page", PAGES)
+@pytest.mark.parametrize("page", ["index", *(pytest.param(p, marks=pytest.mark.thorough) for p in PAGES[1:])])
 def test_every_command_and_snippet_of_a_page_runs(page, empty):
     ran = 0
     for language, name, code in blocks(page):
@@ -53,6 +53,7 @@ def test_every_command_and_snippet_of_a_page_runs(page, empty):
     assert ran >= 1
 
 
+@pytest.mark.thorough
 def test_what_the_pages_promise_is_there_afterwards(empty):
     """The reader's own methods are in the table."""
     import csv
@@ -118,6 +119,7 @@ def test_every_line_of_the_check_is_explained():
     assert all(f"\n| {name} |" in page for name, _ in contract.TESTS)
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(not (find_spec("mkdocs") and find_spec("mkdocstrings")), reason="the extra docs is not installed")
 def test_the_site_builds_without_a_warning(tmp_path):
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(tmp_path / "site")]

@@ -29,6 +29,7 @@ def test_it_is_executed_and_small(path):
     assert "/root" not in path.read_text() and "/home" not in path.read_text()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("path", BOOKS, ids=lambda p: p.stem)
 def test_it_runs_and_prints_what_it_shows(path, tmp_path, monkeypatch, capsys):
     """In an empty folder, as a plain program; numbers may differ in digits of round-off, words may not."""

@@ -5,6 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 import tcbench
 
 PACKAGE = Path(tcbench.__file__).parent
@@ -48,6 +50,7 @@ CHARTS = (Chart("bars", "Steps.", ("counted",), bars, study="counting"),)
 '''
 
 
+@pytest.mark.thorough
 def test_a_study_and_a_chart_are_one_file_each(tmp_path):
     copy = tmp_path / "tcbench"
     shutil.copytree(PACKAGE, copy, ignore=shutil.ignore_patterns("__pycache__"))

@@ -15,6 +15,7 @@ import pytest
 import tcbench
 from tcbench.authoring import scaffold
 
+pytestmark = pytest.mark.thorough
 EXAMPLE = Path(__file__).parent.parent / "examples" / "tcbench-example-plugin"
 
 

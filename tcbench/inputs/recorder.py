@@ -330,10 +330,11 @@ class Recorder:
         return "~/" + path[len(home) :] if path.startswith(home) else path
 
     def _mapped(self) -> None:
-        """Libraries that libraries have loaded, and what C code has mapped (Linux)."""
+        """Libraries that libraries have loaded, and what C code has mapped to read (Linux); what is shared and
+        written to is a memory of several processes, as a database of theirs has one."""
         try:
             with open("/proc/self/maps", encoding="utf-8", errors="replace") as file:
-                paths = {line.split(None, 5)[5].rstrip("\n") for line in file if "/" in line}
+                paths = {line.split(None, 5)[5].rstrip("\n") for line in file if "/" in line and " rw-s " not in line}
         except (OSError, IndexError):
             return
         for path in paths:

@@ -59,7 +59,7 @@ def test_a_built_in_of_each_kind_passes_every_line(name):
     passes_every_line(name)
 
 
-@pytest.mark.slow  # .ci/run asks for it
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", OTHERS)
 def test_every_other_built_in_passes_every_line(name):
     passes_every_line(name)

@@ -96,6 +96,7 @@ def test_a_damaged_cache_heals(tmp_path):
         assert lasting(tmp_path / f"damaged{number}") == lasting(tmp_path / "clean"), number
 
 
+@pytest.mark.thorough
 def test_the_same_key_gives_the_same_bits_whatever_the_worker_ran_before(tmp_path):
     """tc_monolithic after tc_gauss, and by itself: two workers in two orders, two empty caches."""
     orders = (["tc_gauss", "tc_strang", "tc_monolithic"], ["tc_monolithic", "tc_strang", "tc_gauss"])

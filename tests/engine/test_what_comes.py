@@ -1,5 +1,6 @@
 """What was not there when a row was measured and comes later, or goes: variables, folders, links, submodules."""
 
+import mmap
 import os
 import shutil
 import sqlite3
@@ -98,6 +99,27 @@ def test_a_database_that_is_named_by_an_address_is_a_file(desk):
     assert again(desk, rows) == ""
     fill(2.0)
     assert again(desk, rows) == "<mine>/g %.db"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="there is no /proc")
+def test_what_several_processes_write_to_as_their_memory_is_no_input(desk):
+    """heyoka's cache is a database, whose other users changed it between two rows: both were measured again."""
+    write(
+        desk,
+        {
+            "p/mine.py": plugin("with contextlib.suppress(OSError):\n    ctypes.CDLL(str(HERE / 'none.so'))"),
+            "lib/g.db-shm": "1" * 64,
+            "lib/g": "1",
+        },
+    )
+    with (desk / "lib" / "g.db-shm").open("r+b") as shared, (desk / "lib" / "g").open("rb") as read:
+        memory, _held = mmap.mmap(shared.fileno(), 0), mmap.mmap(read.fileno(), 0, prot=mmap.PROT_READ)
+        rows = measured(desk)
+        memory[:1] = b"2"
+        memory.flush()
+        assert again(desk, rows) == ""
+        (desk / "lib" / "g").write_text("2")
+        assert again(desk, rows).endswith("lib/g")
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="there is no /proc")

@@ -224,12 +224,14 @@ def test_every_claim_on_every_scenario(name, scenario):
     assert not any(left > 1 for _, left in laws(run, method.claims))  # of completed steps: nothing is told of none
 
 
+@pytest.mark.parametrize(
+    "seeds", [range(10), pytest.param(range(10, 400), marks=pytest.mark.slow)], ids=["few", "many"]
+)
 @pytest.mark.parametrize("name", [m for m in STEPPED if find_integrator(m).claims])
-def test_every_claim_on_random_starts(name, request):
-    """random[seed=0..399] with --run-slow, ten of them without: a hundredth of a second each."""
+def test_every_claim_on_random_starts(name, seeds):
     method = find_integrator(name)
     failed = []
-    for seed in range(400 if request.config.getoption("--run-slow") else 10):
+    for seed in seeds:
         scenario = find_scenario_of(seed)
         run = tcbench.simulate(method, scenario, dt=0.001 if "explicit" in method.tags else 0.1)
         if not run.ok and not {"energy", "entropy"} <= method.claims:

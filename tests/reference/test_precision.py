@@ -21,6 +21,7 @@ def python(*words, extended, **options):
     return subprocess.run([sys.executable, *words], env=environment, capture_output=True, text=True, **options)
 
 
+@pytest.mark.thorough
 def test_quadruple_precision_gives_the_same_references_equilibria_and_verdicts(tmp_path):
     pytest.importorskip("numpy_quaddtype")
     told = python("-c", DESCRIBE, extended="quad").stdout

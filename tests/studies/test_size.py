@@ -1,6 +1,8 @@
 """size: what a cell measures on systems that grow, and how rows become exponents and a chart."""
 
 import math
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -60,6 +62,7 @@ def test_the_chart_has_a_panel_a_family_and_quantity_with_exponents(tables):
     assert len(draw("size", tables, y="energy_error_max").axes) == 2
 
 
+@pytest.mark.thorough  # plans systems of ten thousand numbers
 def test_where_no_scenario_is_named_it_has_its_own_and_each_cell_has_a_process():
     job = plan_job(["tc_monolithic", "scipy_odeint"], None, ["size"])
     assert {cell.scenario for cell in job.cells} == set(study.SCENARIOS) and all(cell.timed for cell in job.cells)
@@ -75,7 +78,15 @@ def test_kernels_are_compiled_anew_and_the_cache_is_as_before(monkeypatch, tmp_p
     assert folder("code") == before == tmp_path / "code"
 
 
+MEMORY = """import numpy as np
+from tcbench.studies.size import peak_memory
+before = peak_memory()
+block = np.ones(int((before + 64) * 2**17))  # that many MB
+print(peak_memory() - before)
+"""
+
+
 def test_memory_is_that_of_this_process():
-    before = study.peak_memory()
-    block = np.ones(int((before + 64) * 2**17))  # that many MB
-    assert study.peak_memory() - before > 60 and block[0] == 1.0
+    """Asked of a new one: here other tests have filled more than what could be added in a moment."""
+    done = subprocess.run([sys.executable, "-c", MEMORY], capture_output=True, text=True, check=True)
+    assert float(done.stdout) > 60
