@@ -128,8 +128,8 @@ class OverSpaces(Traced):
         if self.spaces and "mesh" not in found.__dict__:
             if not self.large:
                 self.by_arrays.check()
-            found.__dict__.setdefault("mesh", self.mesh)
             found.__dict__.setdefault("by_arrays", self.by_arrays)
+            found.__dict__.setdefault("mesh", self.mesh)  # last: by this another thread sees that nothing is missing
         return found
 
     @cached_property

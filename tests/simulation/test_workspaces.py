@@ -19,6 +19,9 @@ from tcbench import Integrator, TcbenchError
 from tcbench.compiler.kernels import Kernel
 from tcbench.plugins import find_integrator, find_scenario
 from tcbench.systems import traced
+from tcbench.systems.over_spaces import OverSpaces
+
+from ..helpers import networks
 
 THREADS = 6
 
@@ -157,6 +160,22 @@ def test_what_another_thread_keeps_on_a_system_meanwhile_disturbs_nothing(made, 
         finally:
             stop.set()
         other.result()
+
+
+def test_what_stands_for_a_net_is_whole_before_another_thread_can_take_it(monkeypatch):
+    """It had its mesh, and not yet what it is traced on: another thread then branched on symbols."""
+
+    class Fresh(networks.Row):
+        name = "fresh"
+
+    found, make = [], OverSpaces._by_arrays
+
+    def watched(system, *given):
+        found.append(["mesh" in vars(known) for known in traced._SYMBOLIC.values() if type(known) is Fresh])
+        return make(system, *given)
+
+    monkeypatch.setattr(OverSpaces, "_by_arrays", watched)
+    assert networks.row(Fresh).model.n_temperatures == networks.N and found == [[False]]
 
 
 def test_threads_on_one_scenario_with_different_tolerances_do_not_meet(often):
