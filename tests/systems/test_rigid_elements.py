@@ -65,7 +65,7 @@ def test_the_gradient_of_a_rigid_element_is_zero_and_its_temperature_is_not():
     assert np.allclose(model.gradient(z), differences, rtol=1e-7, atol=1e-8)
 
 
-N = 10  # springs of a chain, each with a bath
+N = 8  # springs of a chain, each with a bath
 
 
 class ChainOfBaths(SpringAndBath):
