@@ -249,7 +249,9 @@ def rebuild(op: str, args: tuple[Any, ...], value: Any = None) -> Any:
     if not all(isinstance(x, Symbol) for x in args):  # complex numbers: by their own arithmetic
         unary = {"neg": operator.neg, "recip": lambda x: 1.0 / x, "mark": lambda x: x}
         binary = {"add": operator.add, "sub": operator.sub, "mul": operator.mul, "pow": operator.pow}
-        chosen: Any = unary.get(op) or binary.get(op) or operator.methodcaller(NUMPY_NAMES.get(op, op))
+        chosen: Any = unary.get(op) or binary.get(op)
+        if chosen is None:
+            return operator.methodcaller(NUMPY_NAMES.get(op, op), *args[1:])(args[0])
         return chosen(*args)
     if op == "guard":
         return intern(op, args)

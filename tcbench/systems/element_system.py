@@ -312,7 +312,7 @@ class ElementSystem(ThermalVariables, System):
         slope = self.shape_gradient(mid.q)  # exact divided differences, as pi is at most quadratic
         dpi = _mark(slope @ dz.q)
         pi, s = each(rectangle, self.shape(z0.q), dpi, z0.s, dz.s, count=2)
-        stress, theta = each(symmetrised_slopes, self.element_energy(pi, s), count=2)
+        stress, theta = each(symmetrised_slopes, self.simplified_energies(pi, s), count=2)
         return self.assemble(_mark(stress) @ slope, mid.p, _mark(theta))
 
     @derived

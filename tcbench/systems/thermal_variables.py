@@ -71,6 +71,14 @@ class ThermalVariables(Base):
         by_pi, by_y = each(symmetrised_slopes, s, count=2)
         return by_pi * dpi + by_y * dy
 
+    def simplified_energies(self, pi: Any, s: Any) -> Any:
+        """Energies of the elements, an operator on corners of divided differences: of the formula as it is simplified
+        on symbols; or a TraceError that names the line with an operation without a rule."""
+        try:
+            return self.by_thermal_variable("entropy", pi, s)[0]
+        except TraceError:
+            return self.element_energy(pi, s)
+
     def by_thermal_variable(self, variables: str, pi: Any, y: Any) -> tuple[Any, Any]:
         """(energies, entropies) of the elements as functions of strain measures and of y: their entropies, temperatures
         or energies; an operator on symbols, or on the corners of divided differences.

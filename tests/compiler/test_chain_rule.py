@@ -133,6 +133,16 @@ def test_powers_of_products_with_exponentials_become_one():
         assert np.isfinite(found) and found == pytest.approx(f(-0.7, 0.4), rel=1e-14)
 
 
+def test_discrete_gradients_of_elements_are_those_of_the_simplified_formula():
+    """Of two gases, (exp(s) / pi)^(2/3): as it is written it took twice the instructions a step."""
+    system = tcbench.scenarios()["gas_containers"].model.symbolic
+    with trace.tracing():
+        z0, z1 = trace.variables("z", 4), trace.variables("y", 4)
+        nodes = trace.topological(list(system.discrete_gradient(z0, z1)))
+    found = [node.op for node in nodes if node.op in ("exp", "log", "phi", "lam")]
+    assert {op: found.count(op) for op in set(found)} == {"exp": 2, "log": 2, "lam": 2, "phi": 4}
+
+
 def test_an_unknown_that_no_other_row_sees_is_explicit():
     """The heat of a bath of constant temperature is known when the momentum is: one unknown, and the same laws."""
     run = tcbench.simulate("tc_monolithic", "damped_oscillator", t_end=3.0)
