@@ -17,9 +17,12 @@ with all variables in the place of the entropies.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from tcbench.compiler import derivatives as trace
+from tcbench.compiler.array_states import entries, refilled
+from tcbench.compiler.arrays import variable
 from tcbench.compiler.cut import Cut
 from tcbench.compiler.derivatives import Symbol, lifted
 from tcbench.compiler.kernels import Kernel, constant_part, kernel
@@ -28,7 +31,7 @@ from tcbench.compiler.once import once
 from tcbench.solver.mending import mended, mending_kernels, round_off
 from tcbench.systems.system import System
 
-from . import conduction
+from . import conduction, sparse
 from .memory import Work
 
 EPSILON = 2.0**-53  # of what the terms of the energy are: its round-off, and what a quadrature may leave
@@ -49,21 +52,18 @@ def any_formulas(symbolic: System) -> AnyFormulas:
     """Those of all systems of one structure, by their `System.symbolic`."""
     with trace.tracing():
         *mending, fixed = mending_kernels(symbolic)
-        z, K = trace.variables("z", symbolic.size), trace.variables("K", symbolic.size)
-        parts = [_Part(symbolic.cut(name), z, K) for name in ("energy", "entropy")]
+        z, K = (symbolic.state(trace.variables(name, symbolic.size)) for name in "zK")
+        parts = parts_of(symbolic, z, K)
         y, start, motion, slopes, means = (
             [x for part in parts for x in getattr(part, name)] for name in ("y", "start", "motion", "slopes", "means")
         )
-        gradients = [symbolic.state(trace.array(p.gradient)) for p in parts]
-        rates = [rate(symbolic.state(z), *gradients) for rate in (symbolic.reversible, symbolic.irreversible)]
-        energy, rate = lifted(symbolic.energy(z)), list(map(lifted, symbolic.vector_field(z)))
-        noise = EPSILON * (1.0 + round_off(energy, list(z)))
+        forces, rate = rates_of(symbolic, z, parts), symbolic.vector_field(z)
         bodies: list[tuple[list[Any], list[Any]]] = [
-            ([*z], [*rate, *(1.0 / (1.0 + abs(x)) for x in z), energy, noise, *start]),
+            ([*z], [*entries(*started(symbolic, z)), *start]),
             ([*K, *z], motion),
             (y, slopes),
-            ([*K, *z, *means], list(rates[0] + rates[1])),
-            ([*z], list(trace.jacobian(rate, list(z)).T.ravel())),
+            ([*K, *z, *means], list(forces)),
+            ([*z], list(trace.jacobian(list(map(lifted, rate)), list(z)).T.ravel())),
         ]
         values = [list(map(lifted, body)) for _, body in bodies]
         first = symbolic.n_constant_values + len(fixed)
@@ -77,20 +77,37 @@ def any_formulas(symbolic: System) -> AnyFormulas:
     return AnyFormulas(made, (mending[0], mending[1], mending[2]), setup, len(y), len(slopes))
 
 
-class _Part:
+def parts_of(system: Any, z: Any, K: Any) -> list[Part]:
+    """Of the energy and of the entropy at a state with these rates: of numbers, or of arrays."""
+    return [Part(system.cut(name), entries(z), entries(K)) for name in ("energy", "entropy")]
+
+
+def rates_of(system: Any, z: Any, parts: Sequence[Part]) -> Any:
+    """Of the state at a node, with the projected gradients."""
+    gradients = [system.state(refilled(z, part.gradient)) for part in parts]
+    return system.reversible(z, *gradients) + system.irreversible(z, *gradients)
+
+
+def started(system: Any, z: Any) -> list[Any]:
+    """What a state begins with: rates, 1/sizes, the energy and what it may miss."""
+    energy = lifted(system.energy(z))
+    return [system.vector_field(z), 1.0 / (1.0 + abs(z)), energy, EPSILON * (1.0 + round_off(energy, entries(z)))]
+
+
+class Part:
     """The energy or the entropy: y, start (y of z), motion (their rates), slopes of F that vary, means (symbols for
     these at a node) and the gradient there."""
 
-    def __init__(self, cut: Cut, z: Any, K: Any) -> None:
+    def __init__(self, cut: Cut, z: Sequence[Symbol], K: Sequence[Symbol]) -> None:
         varies = [bool(trace.depends_on([slope], cut.y)) and slope.op != "const" for slope in cut.slopes]
         self.slopes = [slope for slope, v in zip(cut.slopes, varies, strict=True) if v]
         needed = set(trace.topological(self.slopes))
         carried = [i for i, y in enumerate(cut.y) if y in needed]
         self.y = [cut.y[i] for i in carried]
-        values, rows = cut.values(list(z)), cut.gradients(list(z))
-        self.start = [values[i] for i in carried]
-        self.motion = [sum((g * K[j] for j, g in rows[i].items()), trace.const(0.0)) for i in carried]
-        self.means: list[Symbol] = [trace.variable("mean") for _ in self.slopes]
+        values, rows = cut.values(z), cut.gradients(z)
+        moved = cut.moved(rows, K)
+        self.start, self.motion = ([x[i] for i in carried] for x in (values, moved))
+        self.means: list[Symbol] = [variable("mean", slope.space) for slope in self.slopes]
         means = iter(self.means)
         self.gradient = cut.joined([next(means) if v else s for s, v in zip(cut.slopes, varies, strict=True)], rows)
 
@@ -99,13 +116,14 @@ class _Part:
 def rates(w: Work, h: float, z: Floats, points: int, level: int) -> None:
     """N, the rates that the equations give for those in U."""
     a, k, m = w.numbers, w.k, w.m
-    for j in range(k):
-        for i in range(m):
+    for i in range(m):
+        for j in range(k):
             total = 0.0
             for l in range(k):
                 total += a.A[j, l] * w.U[i, l]
             w.at_nodes[j, i] = w.U[i, j]
             w.at_nodes[j, m + i] = z[i] + h * total
+    for j in range(k):
         call(w.to_motion, w.at_nodes[j], w.c, w.drift[j])
     if w.n_slopes > 0:
         for g in range(points):
@@ -151,7 +169,13 @@ def renew(w: Work, h: float, z: Floats) -> None:
             for l in range(w.k):
                 total += w.numbers.A[j, l] * w.U[i, l]
         w.z1[i] = z[i] + h * total / w.k
-    conduction.prepare(w, h, w.z1)
+    if w.sparse.n == 0:
+        conduction.prepare(w, h, w.z1)
+        return
+    call(w.to_matrix, w.z1, w.c, w.sparse.values)  # of a large system whether or not it seemed stiff
+    w.stiff[2] = 1.0
+    for j in range(w.numbers.pairs):
+        sparse.factor(w.sparse, j, h * w.numbers.eigen_re[j], h * w.numbers.eigen_im[j])
 
 
 @rare

@@ -3,14 +3,17 @@
 A correction dU of the rates of the entropies obeys (I - hA x M) dU = N - U, which the eigenvectors of A take apart into
 one system I - hzM of complex numbers for each pair of its eigenvalues z. Their factors are found once a step. No
 pivoting: conduction takes from one element what it gives to others, so these matrices are as good as diagonally
-dominant. Matrices stand by columns, along which all loops go. Of two elements the conduction is a matrix of rank one,
-which the kernels on vectors solve for (`step`).
+dominant. Matrices stand by columns, along which all loops go; those of large systems are sparse (`sparse`). Of two
+elements the conduction is a matrix of rank one, which the kernels on vectors solve for (`step`).
 """
 
 from __future__ import annotations
 
-from tcbench.compiler.language import Floats, Matrix, call, fill, rare
+import math
 
+from tcbench.compiler.language import Floats, call, fill, rare
+
+from . import sparse
 from .memory import Work
 
 STIFF = 0.1  # decay times in a step from which on the conduction is solved for
@@ -19,7 +22,10 @@ TURNS = 12  # of the power method
 
 @rare
 def set_matrix(w: Work, z: Floats) -> float:
-    """M at z; returns the largest sum of a column's sizes, which bounds its rates."""
+    """M at z; returns the largest sum of a column's sizes, which bounds its rates, or of a large one the fastest."""
+    if w.sparse.n > 0:
+        call(w.to_matrix, z, w.c, w.sparse.values)
+        return sparse.fastest(w.sparse)
     call(w.to_matrix, z, w.c, w.matrix)
     largest = 0.0
     for j in range(w.e):
@@ -34,6 +40,8 @@ def set_matrix(w: Work, z: Floats) -> float:
 def rate_of(w: Work, z: Floats) -> float:
     """The fastest of the conduction at z, by the power method."""
     rate, e = set_matrix(w, z), w.e
+    if w.sparse.n > 0:
+        return rate
     x, y = w.vector[0], w.vector[1]
     for i in range(e):
         x[i] = 1.0 + 0.5 * (i % 2) - 0.1 * (i % 3)
@@ -58,15 +66,31 @@ def prepare(w: Work, h: float, z: Floats) -> None:
     """Factors for steps of length h from z, if its conduction is stiff; else it is left to the iteration."""
     fastest = set_matrix(w, z)
     w.stiff[1] = -fastest
-    w.stiff[2] = 1.0 if h * fastest > STIFF else 0.0
+    if w.sparse.n > 0:
+        sparse.set_noise(w.sparse, z, w.start[w.m :])
+        w.stiff[2] = 1.0 if h * fastest * largest_eigenvalue(w) > w.sparse.bound else 0.0
+    else:
+        w.stiff[2] = 1.0 if h * fastest > STIFF else 0.0
     if w.stiff[2] > 0.0:
         for j in range(w.numbers.pairs):
             factor(w, j, h * w.numbers.eigen_re[j], h * w.numbers.eigen_im[j])
 
 
 @rare
+def largest_eigenvalue(w: Work) -> float:
+    """The size of the largest of A's."""
+    largest = 0.0
+    for j in range(w.numbers.pairs):
+        largest = max(largest, math.hypot(w.numbers.eigen_re[j], w.numbers.eigen_im[j]))
+    return largest
+
+
+@rare
 def factor(w: Work, which: int, re: float, im: float) -> None:
     """LU factors of I - (re + i im) M, with the reciprocals of the pivots."""
+    if w.sparse.n > 0:
+        sparse.factor(w.sparse, which, re, im)
+        return
     a, b, e = w.factors_re[which], w.factors_im[which], w.e
     for j in range(e):
         for i in range(e):
@@ -87,9 +111,12 @@ def factor(w: Work, which: int, re: float, im: float) -> None:
 
 
 @rare
-def solve(a: Matrix, b: Matrix, x: Floats, y: Floats) -> None:
+def solve(w: Work, which: int, x: Floats, y: Floats) -> None:
     """x + i y = (factors)^-1 (x + i y)."""
-    e = len(x)
+    if w.sparse.n > 0:
+        sparse.solve(w.sparse, which, x, y)
+        return
+    a, b, e = w.factors_re[which], w.factors_im[which], w.e
     for j in range(e):
         u, v = x[j], y[j]
         for i in range(j + 1, e):
@@ -116,21 +143,22 @@ def keep(w: Work) -> None:
 def correct(w: Work) -> None:
     """U of the entropies = what it was + (I - hA x M)^-1 (N - what it was)."""
     c, n = w.numbers, w.n
-    x, y = w.vector[0], w.vector[1]
     for i in range(w.e):
-        for l in range(w.k):
-            w.U[n + i, l] = w.before[i, l]
-    for j in range(c.pairs):
-        for i in range(w.e):
-            x[i], y[i] = 0.0, 0.0
+        for j in range(c.pairs):
+            x, y = 0.0, 0.0
             for l in range(w.k):
                 change = w.N[n + i, l] - w.before[i, l]
-                x[i] += c.into_re[j, l] * change
-                y[i] += c.into_im[j, l] * change
-        solve(w.factors_re[j], w.factors_im[j], x, y)
-        for i in range(w.e):
-            for l in range(w.k):
-                w.U[n + i, l] += c.back_re[l, j] * x[i] - c.back_im[l, j] * y[i]
+                x += c.into_re[j, l] * change
+                y += c.into_im[j, l] * change
+            w.vector[2 * j, i], w.vector[2 * j + 1, i] = x, y
+    for j in range(c.pairs):
+        solve(w, j, w.vector[2 * j], w.vector[2 * j + 1])
+    for i in range(w.e):
+        for l in range(w.k):
+            total = w.before[i, l]
+            for j in range(c.pairs):
+                total += c.back_re[l, j] * w.vector[2 * j, i] - c.back_im[l, j] * w.vector[2 * j + 1, i]
+            w.U[n + i, l] = total
 
 
 @rare
@@ -138,4 +166,4 @@ def damp(w: Work, defects: Floats) -> None:
     """(I - hM)^-1 of the entropies' defects, in place: what the flow leaves of them."""
     y = w.vector[1]
     fill(y, 0.0)
-    solve(w.factors_re[w.numbers.pairs], w.factors_im[w.numbers.pairs], defects, y)
+    solve(w, w.numbers.pairs, defects, y)

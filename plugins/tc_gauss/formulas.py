@@ -100,14 +100,10 @@ class Formulas(NamedTuple):
 
 @cache
 def formulas(symbolic: System) -> Formulas:
-    """The formulas of a system, traced from its functions; of a large one over spaces on arrays.
+    """The formulas of a system of elements, traced from its functions.
 
     symbolic: one object for all systems of one structure, as `System.symbolic` gives it; so below.
     """
-    if symbolic.large and symbolic.n_elements > MOST_ELEMENTS:
-        from .by_elements import formulas_of
-
-        return Formulas(formulas_of(symbolic), None, kernel({}, []), {}, None)
     with trace.tracing() as table:
         return whole_formulas(symbolic, symbolic.constant_symbols())._replace(table=table)
 

@@ -194,7 +194,7 @@ def advance(
             if code == SOLVED:
                 error = error_estimate(w, step)
                 factor = SAFETY * (tolerance / max(error, 1e-300)) ** (1.0 / (k + 1))
-                factor = min(factor, math.sqrt(BEST / max(w.seen[0], 1e-3)))
+                factor = min(factor, math.sqrt(max(BEST, w.sparse.bound) / max(w.seen[0], 1e-3)))
             if code != SOLVED or not error <= ACCEPT * tolerance:
                 w.counts.rejected += 1
                 w.laws[w.m + 1] = lowest  # of any system the entropy that the next step may not fall below

@@ -7,6 +7,7 @@ from tcbench.compiler.language import Cube, Floats, Kernel, Matrix
 from tcbench.compiler.records import Record, sized
 
 from .formulas import POINTS
+from .sparse import Sparse
 
 LEVELS, MOST_POINTS = len(POINTS), POINTS[-1]
 
@@ -59,6 +60,7 @@ class Work(Record):
     n_newton: int  # unknowns of Newton's method, which is for small systems; 0: none
     n_ends: int
     n_matrix: int  # elements whose conduction is solved for as a whole (see conduction.py), or 0
+    n_dense: int  # the same, where its matrix is dense
     n_factors: int
     n_nodes: int  # what stands in a row of these
     n_carried: int
@@ -80,6 +82,7 @@ class Work(Record):
     to_extrapolate: Kernel
     to_close: Kernel
     numbers: Numbers
+    sparse: Sparse  # the matrix of a large system
     counts: Counts
     c: Floats = sized("n_constants")  # the time step, the system's constants, and what depends on them only
     inverse_mass: Floats = sized("n")
@@ -96,11 +99,11 @@ class Work(Record):
     V: Matrix = sized("n", "WIDTH", of="found", at="WIDTH * 2 * m")  # velocities
     rates: Floats = sized("WIDTH * (m + n)", of="found", at="WIDTH * m")  # N, then V
     stiff: Floats = sized("3")  # h, lambda, 1 where conduction.py solves for the conduction
-    matrix: Matrix = sized("n_matrix", "n_matrix")  # of the conduction: see conduction.py
-    factors_re: Cube = sized("n_factors", "n_matrix", "n_matrix")
-    factors_im: Cube = sized("n_factors", "n_matrix", "n_matrix")
+    matrix: Matrix = sized("n_dense", "n_dense")  # of the conduction: see conduction.py
+    factors_re: Cube = sized("n_factors", "n_dense", "n_dense")
+    factors_im: Cube = sized("n_factors", "n_dense", "n_dense")
     before: Matrix = sized("n_matrix", "k")
-    vector: Matrix = sized("2", "n_matrix")
+    vector: Matrix = sized("2 * n_factors", "n_matrix")
     defects: Floats = sized("n_matrix")
     ratio: Floats = sized("1")  # this step over the last
     sums: Floats = sized("n + 3 * m")  # what `formulas.closing` writes

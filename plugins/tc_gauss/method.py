@@ -31,7 +31,8 @@ class GaussMethod(Lending):
         self.loops, model = prepared(system, stages)
         self.stages, self.size, self.marches = stages, system.size, False
         self.counts = model.counts.again()
-        self.lend_to(model.again(counts=self.counts, c=model.c.copy()), self.size)  # the first of c is the step
+        own = {"sparse": model.sparse.again()} if model.sparse.n else {}
+        self.lend_to(model.again(counts=self.counts, c=model.c.copy(), **own), self.size)  # the first of c is the step
 
     def march(self, z: Floats, h: float, count: int) -> Floats:
         """Increments of up to `count` steps, as many as have a solution; ArithmeticError where the first has none.
@@ -77,10 +78,16 @@ def prepared(system: System, k: int) -> tuple[Any, Any]:
     """What the methods of all runs share: compiled functions, and a record that each makes `again`."""
     from .march import LOOPS  # LLVM is loaded when something runs, not when plugins are listed
     from .memory import Counts, Numbers, Work
+    from .sparse import no_matrix
 
     numbers = Numbers(k=k, **formulas.coefficients(k)._asdict())
-    found = (of_elements if system.defines("element_energy") else of_any_system)(system, k)
-    return LOOPS, Work(k=k, n_factors=numbers.pairs + 1, numbers=numbers, counts=Counts(), rows=1, **found)
+    by_elements = system.defines("element_energy")
+    if system.large and not (by_elements and system.n_elements <= formulas.MOST_ELEMENTS):
+        found = of_large_system(system, numbers.pairs + 1)
+    else:
+        found = (of_elements if by_elements else of_any_system)(system, k)
+    shared = {"numbers": numbers, "counts": Counts(), "rows": 1, "n_factors": numbers.pairs + 1}
+    return LOOPS, Work(k=k, **({"sparse": no_matrix()} | shared | found))
 
 
 def of_elements(system: System, k: int) -> dict[str, Any]:
@@ -95,7 +102,7 @@ def of_elements(system: System, k: int) -> dict[str, Any]:
         "n": n, "e": e, "m": n + e, "n_constants": len(c), "c": c,
         "inverse_mass": 1.0 / (np.asarray(system.inertia(), dtype=float) * np.ones(n)),
         "n_newton": k * (n + e) if k * (n + e) <= MOST_NEWTON else 0, "n_ends": scalar[0].size,
-        "n_matrix": e if matrix else 0, "to_matrix": matrix.address if matrix else 0,
+        "n_matrix": e if matrix else 0, "n_dense": e if matrix else 0, "to_matrix": matrix.address if matrix else 0,
         "n_nodes": 2 * (n + e), "n_carried": 2 * e, "n_slopes": 2 * e, "n_mended": scalar[-1].size,
         "n_laws": n + e + 1 + scalar[-1].size, **dict(zip(names, addresses, strict=True)),
     }  # fmt: skip
@@ -109,7 +116,7 @@ def of_any_system(system: System, k: int) -> dict[str, Any]:
     if size > MOST_VARIABLES:
         raise TcbenchError(
             f"tc_gauss solves for all variables at once, with dense matrices: {size} are too many for it (at most "
-            f"{MOST_VARIABLES}). Take tc_monolithic."
+            f"{MOST_VARIABLES}). Declare its spaces (docs/add-system.md), or take tc_monolithic."
         )
     made, c0 = any_formulas(system.symbolic), system.constant_values
     c = np.concatenate([c0, made.setup(c0, c0)])
@@ -117,9 +124,19 @@ def of_any_system(system: System, k: int) -> dict[str, Any]:
     names = ("to_start", "to_motion", "to_slopes", "to_forces", "to_matrix", "to_laws", "to_mend", "to_hold")
     addresses = [x.address for x in (*made.kernels, start, mend, hold)]
     return {
-        "general": True, "n": 0, "n_newton": 0, "e": size, "m": size, "n_matrix": size, "n_constants": len(c), "c": c,
+        "general": True, "n": 0, "n_newton": 0, "n_constants": len(c), "c": c,
+        **dict.fromkeys(("e", "m", "n_matrix", "n_dense"), size),
         "n_ends": made.kernels[0].size, "n_nodes": 2 * size + made.projected, "n_carried": made.carried,
         "n_slopes": made.projected, "n_laws": start.size, "n_mended": mend.size,
         **dict(zip(names, addresses, strict=True)),
         **dict(zip(VECTOR_KERNELS[3:], formulas.sums_on_vectors(k, 0, size), strict=True)),
     }  # fmt: skip
+
+
+def of_large_system(system: System, n_factors: int) -> dict[str, Any]:
+    """The same for one whose formulas are traced on arrays."""
+    from .by_arrays import fields
+
+    size = system.size
+    found = fields(system, n_factors)
+    return {"general": True, "n": 0, "e": size, "m": size, "n_newton": 0, "n_constants": len(found["c"]), **found}

@@ -47,6 +47,7 @@ MENDED = 10.0  # residuals: by how much mending may change momenta
 MOST = 0.1  # of the kinetic energy that is free to change: what mending may move
 SLOW = 0.6  # contraction above which the fixed point is given up
 STIFFLY = 3.0  # times its round-off, by how much the energy of a stiff system may miss
+POOR, POOR_DOWN_TO = 0.1, 1e-8  # contraction above which, and residual down to which, a large one's matrix is made anew
 RENEWED = 5  # times that the matrix is, of any system, before
 MAX_NEWTON = 12
 INCREMENT = 1e-7  # of the difference quotients of the fallback: they steer, the residual decides
@@ -190,11 +191,11 @@ def iterate_simply(w: Work, h: float, z: Floats, level: int) -> float:
 
 def fixed_point(w: Work, h: float, z: Floats, level: int, residual: float) -> int:
     """Iterate from U, in place, until U and N agree to the residual. SOLVED or FAILED."""
-    previous, slow, first, shrunk, since, renewed = np.inf, 0, 0.0, 0.0, 0, 0
+    previous, slow, first, shrunk, since, renewed, here, taken = np.inf, 0, 0.0, 0.0, 0, 0, 0, 0
     w.seen[0] = 0.0
     # round-off in the conduction is that of entropies, times 1 - h lambda
     w.scale[1] = min(1.0, residual / CONVERGED / (1.0 - h * w.stiff[1]))
-    here, taken = 0, 0
+    still = max(STAGNATED, ROUNDED * residual, ROUNDED * h * w.sparse.noise[0])  # what does not shrink is round-off
     for _ in range(MAX_ITERATIONS):
         w.counts.iterations += 1
         size = iterate(w, h, z, here)
@@ -208,12 +209,16 @@ def fixed_point(w: Work, h: float, z: Floats, level: int, residual: float) -> in
             first = size
         elif size > STAGNATED:
             shrunk, taken = size, since - 1
-        if size <= residual or (size <= max(STAGNATED, ROUNDED * residual) and size > 0.5 * previous):
+        # with factors what is left at the end may weigh more in stiff parts than its size tells
+        stiffly = w.sparse.n > 0 and w.stiff[2] > 0.0
+        done = size <= residual and not (stiffly and residual <= CONVERGED and size < 0.25 * previous)
+        if done or (size <= still and size > 0.5 * previous):
             if taken > 0:  # the contraction, for the choice of the next step
                 w.seen[0] = (shrunk / first) ** (1.0 / taken)
             return SOLVED
         slow = slow + 1 if size > SLOW * previous else 0
-        if w.general and slow >= 2 and renewed < RENEWED:
+        poor = stiffly and since > 1 and size > max(POOR * previous, POOR_DOWN_TO)
+        if w.general and (slow >= 2 or poor) and renewed < RENEWED:
             any_system.renew(w, h, z)
             renewed, slow = renewed + 1, 0
         if slow >= 2 or w.counts.iterations > w.budget[2]:
@@ -267,8 +272,7 @@ def newton(w: Work, h: float, z: Floats, level: int) -> int:
 
 
 def guess(w: Work) -> None:
-    """U = the rates at the start of the step, at every node; where any system is stiff 0, from which the first
-    iteration is a linearly implicit step."""
+    """U = the rates at the start, at every node; where any system is stiff 0: first comes a linearly implicit step."""
     for j in range(w.k):
         for i in range(w.m):
             w.U[i, j] = 0.0 if w.general and w.stiff[2] > 0.0 else w.start[i]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from copy import copy
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,3 +85,21 @@ class Mesh:
 
     def offsets(self, blocks: Sequence[Block]) -> list[int]:
         return [0, *np.cumsum([self.size(b.space) * len(b.symbols) for b in blocks]).tolist()]
+
+
+def scattered(mesh: Mesh, blocks: Sequence[Block], terms: Sequence[tuple[int, Any]]) -> tuple[Ints, Ints, list[int]]:
+    """Rows and columns of the entries that terms of a Jacobian have, in the order of the blocks; -1: fixed, no entry.
+
+    terms: each with the number of its row among the symbols of the blocks. The last: how many entries each has.
+    """
+    starts = mesh.offsets(blocks)
+    place = [(starts[k] + c, len(b.symbols)) for k, b in enumerate(blocks) for c in range(len(b.symbols))]
+    which = {x.number: i for i, x in enumerate(x for b in blocks for x in b.symbols if x is not None)}
+    rows, columns = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
+    for i, term in terms:
+        r, c = (mesh.along(path, term.over) for path in (term.rows, term.columns))
+        fixed = (r < 0) | (c < 0)
+        (first, step), (column, apart) = place[i], place[which[term.unknown.number]]
+        rows.append(np.where(fixed, -1, first + step * r))
+        columns.append(np.where(fixed, -1, column + apart * c))
+    return np.concatenate(rows), np.concatenate(columns), [len(r) for r in rows[1:]]

@@ -19,7 +19,7 @@ from ..compiler import kernels
 from ..compiler.array_kernels import ArrayKernel, array_kernel
 from ..compiler.array_mesh import Block
 from ..compiler.array_states import Blocks, entries, is_array, refilled
-from ..compiler.arrays import NUMBER, total
+from ..compiler.arrays import NUMBER, count, total
 from ..compiler.chain_rule import covectors
 from ..compiler.derivatives import Symbol, const
 from ..compiler.kernels import constant_part, kernel
@@ -134,11 +134,26 @@ def _moves(system: Any, z: Any, told: Sequence[Symbol]) -> list[list[Symbol]]:
 
 def round_off(f: Symbol, x: Sequence[Symbol]) -> Symbol:
     """The round-off of f, in units of the last place: the sizes of its operations times what they weigh in f; of a
-    variable 1 beside its size, for it may begin at 0."""
+    variable 1, or the largest of an array, beside its size, for it may begin at 0."""
     by, moving = covectors(f, x), trace.depends_on([f], x)
     nodes = [node for node in reversed(trace.topological([f])) if node.number in by and node.number in moving]
-    sizes = [abs(by[n.number]) * (1.0 + abs(n)) if n.op == "var" else abs(by[n.number] * n) for n in nodes]
-    return reduce(trace.add, (total("add", size, size.space) for size in sizes), abs(f))
+    return reduce(trace.add, (_rounded(node, by[node.number]) for node in nodes), abs(f))
+
+
+def _rounded(node: Symbol, by: Symbol) -> Symbol:
+    """Of an operation, or a variable, and df by it. Of an array each entry is rounded by itself: these add up by their
+    squares, and what a sum loses grows as the root of their number."""
+    if node.op == "total":
+        op, space = node.value
+        return abs(by) * total(op, abs(node.args[0]), space) * count(space).sqrt()
+    if node.op != "var":
+        return _in_all(by * node)
+    least = total("max", abs(node), node.space) if node.space else const(1.0)
+    return _in_all(abs(by) * (least + abs(node)))
+
+
+def _in_all(size: Symbol) -> Symbol:
+    return total("add", size * size, size.space).sqrt() if size.space else abs(size)
 
 
 @rare

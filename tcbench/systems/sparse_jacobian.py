@@ -11,7 +11,7 @@ import numpy as np
 from ..compiler import derivatives as trace
 from ..compiler.array_jacobian import jacobian_terms
 from ..compiler.array_kernels import jacobian_kernel
-from ..compiler.array_mesh import Block
+from ..compiler.array_mesh import Block, scattered
 from ..compiler.array_states import entries
 from ..compiler.arrays import NUMBER
 from ..compiler.kernels import Kernel
@@ -60,17 +60,8 @@ def _by_arrays(symbolic: Any) -> tuple[Kernel, Any, Any]:
         flat = [(i, term, slope) for i, row in enumerate(found) for term, slope in row.items()]
         inputs = {"a": blocks, "b": [Block(NUMBER, (None,)), *net.constant_blocks()]}
         made = jacobian_kernel(inputs, [], [(term, slope) for _, term, slope in flat], [])
-    starts = mesh.offsets(blocks)
-    place = [(starts[k] + c, len(b.symbols)) for k, b in enumerate(blocks) for c in range(len(b.symbols))]
-    which, rows, columns, places, count = {s.number: k for k, s in enumerate(x)}, [], [], [], 0
-    for i, term, _ in flat:
-        r, c = (mesh.along(path, term.over) for path in (term.rows, term.columns))
-        free = (r >= 0) & (c >= 0)
-        (first, step), (column, apart) = place[i], place[which[term.unknown.number]]
-        rows.append((first + step * r)[free])
-        columns.append((column + apart * c)[free])
-        places.append(np.where(free, count + np.cumsum(free) - 1, -1))
-        count += int(free.sum())
-    behind = [np.where(p < 0, count, p) for p in places]  # what is fixed is no column
-    kernel = made.kernel(mesh.with_entries(count), behind, extra=1)
-    return kernel, np.concatenate(rows), np.concatenate(columns)
+    rows, columns, lengths = scattered(mesh, blocks, [(i, term) for i, term, _ in flat])
+    free = rows >= 0
+    places = np.where(free, np.cumsum(free) - 1, count := int(free.sum()))  # what is fixed is no column
+    kernel = made.kernel(mesh.with_entries(count), np.split(places, np.cumsum(lengths)[:-1]), extra=1)
+    return kernel, rows[free], columns[free]

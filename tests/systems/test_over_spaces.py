@@ -11,7 +11,7 @@ from tcbench import System, TcbenchError
 from tcbench.systems import traced
 from tcbench.systems.sparse_jacobian import sparse_jacobian
 
-from ..helpers.networks import NETWORKS, Row, row
+from ..helpers.networks import NETWORKS, N, Row, row
 
 SMALL = {"ends": [[0, 1], [1, 2], [2, 3], [0, 4]], "pairs": [[0, 1], [1, 2], [3, 0]], "mass": np.ones(4),
          "stiffness": np.full(4, 10.0), "q": [[1.0, 0.0], [2.0, 0.1], [3.0, 0.0], [4.0, 0.2]],
@@ -81,7 +81,7 @@ class Apart(Row):
     name = "apart"
 
     def energy(self, z):
-        return super().energy(z) + (z.s * np.arange(7.0)).sum()
+        return super().energy(z) + (z.s * np.arange(float(N))).sum()
 
 
 class Unsummed(Row):
@@ -105,10 +105,10 @@ def test_formulas_that_do_not_treat_all_alike_are_refused(kind, sentence, size):
 
 @pytest.mark.parametrize(
     ("changes", "sentence"),
-    [({"stiffness": np.ones(3)}, "'stiffness' is given for 3 springs, and 'ends' for 7|'ends' is given for 7 springs"),
-     ({"ends": [[0, 9]] * 7}, r"The table 'ends' names node\+anchors from 0 to 7; it has 0 to 9"),
-     ({"ends": np.ones((7, 3))}, r"The table 'ends' must have shape \(7, 2\)"),
-     ({"ends": np.full((7, 2), 0.5)}, "The table 'ends' names"), ({"mass": 1.0}, "'mass' has one entry for each node")],
+    [({"stiffness": np.ones(3)}, "'stiffness' is given for 3 springs, and 'ends' for 5|'ends' is given for 5 springs"),
+     ({"ends": [[0, 9]] * N}, r"The table 'ends' names node\+anchors from 0 to 5; it has 0 to 9"),
+     ({"ends": np.ones((N, 3))}, r"The table 'ends' must have shape \(5, 2\)"),
+     ({"ends": np.full((N, 2), 0.5)}, "The table 'ends' names"), ({"mass": 1.0}, "'mass' has one entry for each node")],
 )  # fmt: skip
 def test_tables_and_sizes_are_checked(changes, sentence):
     with pytest.raises(TcbenchError, match=sentence):
