@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pandas as pd
+import pytest
 from command import tcbench
 
 from tcbench.commands.terminal import SHOWN, number
@@ -18,6 +19,7 @@ README = (ROOT / "README.md").read_text()
 BLOCKS = re.findall(r"```(sh|python)\n(.*?)```", README, re.DOTALL)
 
 
+@pytest.mark.thorough
 def test_every_snippet_of_the_readme_runs(tmp_path):
     ran = 0
     for language, text in BLOCKS:

@@ -42,8 +42,7 @@ def verdicts(method):
 PRESENT = [i for i in tcbench.integrators().values() if not i.lacks]
 VARIANTS = [v.name for i in PRESENT for v in i.variants() if v.name != i.name and not v.lacks]
 KINDS = (  # of every kind of method; laws and orders of each built-in one: tests/laws, tests/plugins
-    "tc_monolithic", "tc_strang", "midpoint_entropy", "verlet_heat", "bdf2", "projected", "tc_gauss",
-    "tc_gauss_adaptive", "tc_taylor", "tc_auto", "controlled", "scipy_odeint", "solve_ivp_radau",
+    "tc_monolithic", "verlet_heat", "bdf2", "projected", "tc_gauss", "tc_taylor", "controlled", "scipy_odeint",
 )  # fmt: skip
 OTHERS = [i.name for i in PRESENT if i.name not in KINDS]
 

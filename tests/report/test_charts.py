@@ -44,6 +44,7 @@ def draw(name, methods):
 CHARTS = ["work_precision", "convergence", "conservation", "blowup", "stable_step", "equilibrium"]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("methods", METHODS.values(), ids=METHODS)
 @pytest.mark.parametrize("name", CHARTS)
 def test_a_chart_draws_any_number_of_methods(name, methods, tmp_path):

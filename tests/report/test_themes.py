@@ -88,6 +88,7 @@ def test_size_font_and_style_are_those_asked_for(table, tmp_path):
 KINDS_OF_TEST = {name: kind for name, kind in kinds().items() if set(kind.needs) <= set(TABLES)}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", KINDS_OF_TEST)
 def test_no_type_is_larger_or_smaller_than_what_was_asked_for_implies(kind):
     """Every text of a chart, line and marker follows the size of type: twice the points, twice every size."""
@@ -99,6 +100,7 @@ def test_no_type_is_larger_or_smaller_than_what_was_asked_for_implies(kind):
         assert drawn[1] == pytest.approx([2 * value for value in drawn[0]])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", KINDS_OF_TEST)
 @pytest.mark.parametrize(("size", "points"), [((10, 9), 9), ((7, 6), 6)])
 def test_nothing_stands_outside_a_picture_of_any_size(kind, size, points):

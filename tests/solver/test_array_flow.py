@@ -18,7 +18,10 @@ OF_ELEMENTS = [
     "bdf2", "projected[method=midpoint_entropy]",
 ]  # fmt: skip
 GENERAL = ["tc_monolithic", "tc_strang", "midpoint_entropy", "tc_itoh_abe"]
-PAIRS = [(method, name) for method in (*GENERAL, "gauss2") for name in NETWORKS] + [("gauss3", "reactions")]
+QUICK = [*(("tc_monolithic", name) for name in NETWORKS), ("tc_strang", "drag"), ("midpoint_entropy", "shared_bath"),
+         ("tc_itoh_abe", "dashpots"), ("gauss2", "row"), ("gauss3", "reactions")]  # fmt: skip
+MORE = [(method, name) for method in (*GENERAL, "gauss2") for name in NETWORKS if (method, name) not in QUICK]
+PAIRS = [*QUICK, *(pytest.param(*pair, marks=pytest.mark.thorough) for pair in MORE)]
 NET = net(2, 2)  # of 22 variables: what a whole trace and its elimination cost grows with their square
 LOOPS = "in loops over the elements"
 
