@@ -64,8 +64,6 @@ def formulas(scenario: Scenario) -> list[Line]:
 
 def units(scenario: Scenario) -> list[Line]:
     """The formulas agree with the units that the author declares."""
-    if isinstance(scenario.model, ElementSystem):
-        return []
     if not scenario.model.units:
         return [Line("units", NONE, "none declared: units = {'q': 'm', ...} has them checked")]
     check_units(scenario.model)

@@ -3,7 +3,8 @@
     units = {"q": "m", "p": "kg m/s", "s": "J/K", "mass": "kg", "stiffness": "N/m"}
 
 What is not named is a pure number, "energy" is in J, "entropy" in J/K and "time" in s unless they are named; entries of
-an array that differ are a list of units. A sum of two units, or a function of one, ends with the line that it is on.
+an array that differ are a list of units. Of elements, units of q, p and s say what each formula owes. A sum of two
+units, or a function of one, ends with the line that it is on.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import ast
 import inspect
 import operator
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -24,14 +26,16 @@ if TYPE_CHECKING:
     from ..systems.system import System
 
 Powers = Mapping[str, float]  # base unit -> exponent, none of them 0
+NONE: Powers = {}
 DERIVED = {
     "J": "kg*m**2/s**2", "N": "kg*m/s**2", "W": "kg*m**2/s**3", "Pa": "kg/m/s**2", "Hz": "1/s", "C": "A*s",
     "V": "kg*m**2/s**3/A", "F": "A**2*s**4/kg/m**2", "ohm": "kg*m**2/s**3/A**2", "rad": "1",
 }  # fmt: skip
 DEFAULTS = {"energy": "J", "entropy": "J/K", "time": "s"}
 OF_NUMBERS = (
-    "exp", "log", "expm1", "log1p", "sin", "cos", "tan", "arcsin", "arccos", "arctan", "sinh", "cosh", "tanh",
+    "expm1", "log1p", "sin", "cos", "tan", "arcsin", "arccos", "arctan", "sinh", "cosh", "tanh",
 )  # fmt: skip
+OF_SPACES = ("spaces", "n_positions", "n_elements")  # what an instance has of them, beside its tables
 NEGLIGIBLE = 1e-9  # difference of two exponents that are sums of fractions
 
 
@@ -45,11 +49,15 @@ def _one(operation: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
 
 
 class Unit:
-    """What a formula is run on: a unit; and the number, where one is known, for exponents."""
+    """What a formula is run on: a unit; and the number, where one is known, for exponents.
 
-    def __init__(self, powers: Powers, value: float | None = None) -> None:
-        self.powers = {name: n for name, n in powers.items() if abs(n) > NEGLIGIBLE}
-        self.value = value
+    log(a) - log(b) is that of a ratio: a logarithm of a unit may be added, and taken a known number of times; what is
+    left of `logs` where a number is needed is an error of the line on which the first was taken.
+    """
+
+    def __init__(self, powers: Powers, value: float | None = None, logs: Powers = NONE, line: str = "") -> None:
+        self.powers, self.logs = _without_zeros(powers), _without_zeros(logs)
+        self.value, self.line = value, line
 
     def __str__(self) -> str:
         if not self.powers:
@@ -58,28 +66,55 @@ class Unit:
         return next(names, " ".join(name if n == 1 else f"{name}^{n:g}" for name, n in self.powers.items()))
 
     def like(self, other: Unit) -> bool:
-        return not (self / other).powers
+        return not _sums(self.powers, other.powers, -1.0)
 
-    @_one
-    def _sum(self, other: Any) -> Unit:
+    def _sum(self, other: Any, sign: float = 1.0) -> Unit:
         if isinstance(other, Unit):
             if not self.like(other):
                 raise UnitsDiffer(f"{where_in_user_code()}: {self} and {other} are added, subtracted or compared.")
-        elif other != 0.0 and self.powers:  # 0 is that of any unit
+            return Unit(self.powers, logs=_sums(self.logs, other.logs, sign), line=self.line or other.line)
+        if other != 0.0 and self.powers:  # 0 is that of any unit
             raise UnitsDiffer(f"{where_in_user_code()}: {self} and the pure number {other} are added or subtracted.")
-        return Unit(self.powers)
+        return Unit(self.powers, logs=self.logs, line=self.line)
 
-    __add__ = __radd__ = __sub__ = __rsub__ = hypot = _sum
+    @_one
+    def __add__(self, other: Any) -> Unit:
+        return self._sum(other)
+
+    __radd__ = __add__
+
+    @_one
+    def __sub__(self, other: Any) -> Unit:
+        return self._sum(other, -1.0)
+
+    @_one
+    def __rsub__(self, other: Any) -> Unit:
+        return (-self)._sum(other)
+
+    @_one
+    def hypot(self, other: Any) -> Unit:
+        return self._settled()._sum(other)
 
     def arctan2(self, other: Any) -> Unit:
-        self._sum(other)
+        self._settled()._sum(other)
         return Unit({})
 
+    def _settled(self) -> Unit:
+        """The same, of which no logarithm of a unit is left."""
+        if self.logs:
+            raise UnitsDiffer(f"{self.line}: the argument of log is a pure number, not {Unit(self.logs)}.")
+        return self
+
     def _times(self, other: Any, sign: float) -> Any:
-        if not isinstance(other, Unit) and other == 0.0:
-            return 0.0
-        mine, others = self.powers, other.powers if isinstance(other, Unit) else {}
-        return Unit({name: mine.get(name, 0) + sign * others.get(name, 0) for name in {**mine, **others}})
+        if not isinstance(other, Unit):
+            other = Unit({}, float(other)) if np.ndim(other) == 0 else other
+            if other.value == 0.0 and sign > 0:
+                return 0.0
+        for one, by in ((self, other), (other, self)):
+            if one.logs and by.value is not None and not by.powers and (sign > 0 or one is self):
+                factor = by.value if sign > 0 else 1.0 / by.value
+                return Unit({}, logs={name: n * factor for name, n in one.logs.items()}, line=one.line)
+        return Unit(_sums(self._settled().powers, other._settled().powers, sign))
 
     @_one
     def __mul__(self, other: Any) -> Any:
@@ -102,24 +137,44 @@ class Unit:
             exponent = exponent.value
         if exponent is None and self.powers:
             raise UnitsDiffer(f"{where_in_user_code()}: the power of {self} is no number that is known.")
-        return Unit({name: n * exponent for name, n in self.powers.items()})
+        return Unit({name: n * exponent for name, n in self._settled().powers.items()})
 
     @_one
     def __rpow__(self, base: Any) -> Unit:
         return self._number("an exponent")
 
-    def __neg__(self) -> Self:
+    def __neg__(self) -> Unit:
+        return Unit(self.powers, logs={name: -n for name, n in self.logs.items()}, line=self.line)
+
+    def __abs__(self) -> Unit:
+        return self._settled()
+
+    def __pos__(self) -> Self:
         return self
 
-    __pos__ = __abs__ = conjugate = __neg__
+    conjugate = __pos__
 
     def sqrt(self) -> Any:
         return self**0.5
 
+    def log(self) -> Unit:
+        return Unit({}, logs=self._settled().powers, line=str(where_in_user_code()))
+
+    def exp(self) -> Unit:
+        return Unit(self.logs) if not self.powers else self._number("the argument of exp")
+
     def _number(self, what: str) -> Unit:
-        if self.powers:
+        if self._settled().powers:
             raise UnitsDiffer(f"{where_in_user_code()}: {what} is a pure number, not {self}.")
         return Unit({})
+
+
+def _without_zeros(powers: Powers) -> Powers:
+    return {name: n for name, n in powers.items() if abs(n) > NEGLIGIBLE}
+
+
+def _sums(mine: Powers, others: Powers, sign: float) -> Powers:
+    return _without_zeros({name: mine.get(name, 0) + sign * others.get(name, 0) for name in {**mine, **others}})
 
 
 def _of_number(name: str) -> Callable[[Unit], Unit]:
@@ -158,48 +213,88 @@ def unit(text: Any) -> Unit:
 
 def check_units(system: System) -> None:
     """TcbenchError where a formula of the system does not agree with the units that its author declares."""
-    kind, given = type(system), {**DEFAULTS, **system.units}
-    known = (*DEFAULTS, *system.variables, *system.constants)
-    for name in given:
-        if name not in known:
-            raise TcbenchError(f"{kind.__name__}.units: {unknown_name('variable or constant', name, known)}")
-    E, S, t = (unit(given[name]) for name in DEFAULTS)
-    z = _flat(given, system.variables)
-    clone = object.__new__(kind)
-    for name, shape in system.constants.items():
-        values = np.ravel(getattr(system, name))
-        parts = [Unit(u.powers, float(x)) for u, x in zip(_flat(given, {name: shape}), values, strict=True)]
-        clone.__dict__[name] = np.array([*parts, None], dtype=object)[:-1].reshape(shape)[()]
-    state, dE, dS = (system.state(np.array(x, dtype=object)) for x in (z, [E / u for u in z], [S / u for u in z]))
-
-    def asked(name: str, *states: Any) -> Any:
-        return inspect.unwrap(getattr(kind, name))(clone, *states)
-
-    def owes(name: str, found: Any, wanted: Unit, what: str) -> None:
-        if not (found if isinstance(found, Unit) else Unit({})).like(wanted) and not _is_zero(found):
-            where = f"{place(getattr(kind, name))}: {name}() of {kind.__name__}"
-            raise UnitsDiffer(f"{where} gives {what} in {_told(found)}; it is {wanted}.")
-
-    for name, wanted in (("energy", E), ("entropy", S)):
-        owes(name, np.asarray(asked(name, state), dtype=object).item(), wanted, f"the {name}")
-    for name, matrix, of in (("reversible", "poisson", E), ("irreversible", "friction", S)):
-        if system.defines(name):
-            for variable, rate in asked(name, state, dE, dS).items():
-                first, end, _ = system.layout[variable]
-                for x, u in zip(np.ravel(np.asarray(rate, dtype=object)), z[first:end], strict=True):
-                    owes(name, x, u / t, f"the rate of {variable}")
-        elif system.defines(matrix):
-            entries = np.asarray(asked(matrix, state), dtype=object)
-            for (i, j), x in np.ndenumerate(entries):
-                owes(matrix, x, z[i] * z[j] / (of * t), f"row {i}, column {j}")
-    if system.defines("temperature"):
-        for x in np.ravel(np.asarray(asked("temperature", state, dE, dS), dtype=object)):
-            owes("temperature", x, E / S, "a temperature")
+    checked = _Checked(system)
+    if system.defines("element_energy"):
+        checked.elements()
+    else:
+        checked.system_of_any_kind()
     if system.defines("exergy_offset"):
-        owes("exergy_offset", asked("exergy_offset"), E, "the offset")
-    for name in ("invariants", "measures"):  # of any unit, each of one
-        if system.defines(name):
-            asked(name, state)
+        checked.owes("exergy_offset", checked.asked("exergy_offset"), checked.E, "the offset")
+
+
+class _Checked:
+    """A system whose constants and state are units."""
+
+    def __init__(self, system: System) -> None:
+        self.system, self.kind, given = system, type(system), {**DEFAULTS, **system.units}
+        known = (*DEFAULTS, *system.variables, *system.constants)
+        for name in given:
+            if name not in known:
+                raise TcbenchError(f"{self.kind.__name__}.units: {unknown_name('variable or constant', name, known)}")
+        self.E, self.S, self.t = (unit(given[name]) for name in DEFAULTS)
+        self.z = _flat(given, system.variables)
+        self.clone = object.__new__(self.kind)
+        vars(self.clone).update({x: vars(system)[x] for x in (*OF_SPACES, *system.tables) if x in vars(system)})
+        for name in system.constants:
+            values = np.asarray(getattr(system, name), dtype=float)
+            units = _flat(given, {name: values.shape})
+            parts = [Unit(u.powers, float(x)) for u, x in zip(units, np.ravel(values), strict=True)]
+            vars(self.clone)[name] = np.array([*parts, None], dtype=object)[:-1].reshape(values.shape)[()]
+
+    def asked(self, name: str, *arguments: Any) -> Any:
+        return inspect.unwrap(getattr(self.kind, name))(self.clone, *arguments)
+
+    def owes(self, name: str, found: Any, wanted: Unit, what: str) -> None:
+        """UnitsDiffer where what a formula gives is in another unit than it should be, or some of it."""
+        for x in np.ravel(np.asarray(found, dtype=object)):
+            if not (x._settled() if isinstance(x, Unit) else Unit({})).like(wanted) and not _is_zero(x):
+                where = f"{place(getattr(self.kind, name))}: {name}() of {self.kind.__name__}"
+                raise UnitsDiffer(f"{where} gives {what} in {_told(x)}; it is {wanted}.")
+
+    def elements(self) -> None:
+        """Formulas of elements: what each takes and gives follows from the units of q, p and s."""
+        n = self.system.layout["q"][1]
+        vars(self.clone)["shape"] = partial(self.asked, "shape")  # which entropies() may ask for
+        q, p, s = (
+            np.array([*part, None], dtype=object)[:-1] for part in (self.z[:n], self.z[n : 2 * n], self.z[2 * n :])
+        )
+        theta = self.E / s
+        for found, x, y in zip(np.ravel(self.asked("inertia") * np.ones(n)), q, p, strict=True):
+            self.owes("inertia", found, y * self.t / x, "the inertia of a momentum over a velocity")
+            self.owes("inertia", y * y / found, self.E, "p^2 over the inertia")
+        pi = np.asarray(self.asked("shape", q), dtype=object)
+        self.owes("element_energy", self.asked("element_energy", pi, s), self.E, "the energy of an element")
+        gives = [("conduction", "a rate of s", s / self.t, [theta]), ("entropies", "an entropy", s, [q, theta])]
+        for name, what, wanted, arguments in gives:
+            for found, u in zip(np.ravel(np.asarray(self.asked(name, *arguments), dtype=object)), wanted, strict=True):
+                self.owes(name, found, u, what)
+        if self.system.defines("entropy_scale"):
+            self.owes("entropy_scale", self.asked("entropy_scale"), s[0], "the size of an entropy")
+        if self.system.defines("conduction_flow"):
+            self.owes("conduction_flow", self.asked("conduction_flow", theta, self.t)[0], s[0], "a change of s")
+        if self.system.defines("invariants"):
+            self.asked("invariants", q, p)
+
+    def system_of_any_kind(self) -> None:
+        system, z, (E, S, t) = self.system, self.z, (self.E, self.S, self.t)
+        state, dE, dS = (system.state(np.array(x, dtype=object)) for x in (z, [E / u for u in z], [S / u for u in z]))
+        for name, wanted in (("energy", E), ("entropy", S)):
+            self.owes(name, self.asked(name, state), wanted, f"the {name}")
+        for name, matrix, of in (("reversible", "poisson", E), ("irreversible", "friction", S)):
+            if system.defines(name):
+                for variable, rate in self.asked(name, state, dE, dS).items():
+                    first, end, _ = system.layout[variable]
+                    for x, u in zip(np.ravel(np.asarray(rate, dtype=object)), z[first:end], strict=True):
+                        self.owes(name, x, u / t, f"the rate of {variable}")
+            elif system.defines(matrix):
+                entries = np.asarray(self.asked(matrix, state), dtype=object)
+                for (i, j), x in np.ndenumerate(entries):
+                    self.owes(matrix, x, z[i] * z[j] / (of * t), f"row {i}, column {j}")
+        if system.defines("temperature"):
+            self.owes("temperature", self.asked("temperature", state, dE, dS), E / S, "a temperature")
+        for name in ("invariants", "measures"):  # of any unit, each of one
+            if system.defines(name):
+                self.asked(name, state)
 
 
 def _flat(given: Mapping[str, Any], shapes: Mapping[str, tuple[int, ...]]) -> list[Unit]:

@@ -286,7 +286,8 @@ class Table(np.ndarray):
         index = np.asarray(self)
         values = np.broadcast_to(x, index.shape) if np.ndim(x) < index.ndim else np.asarray(x)
         if values.dtype == object:
-            flat = [const(0.0)] * int(np.prod((sum(self.counts), *values.shape[index.ndim :])))
+            zero = const(0.0) if any(hasattr(v, "op") for v in values.flat) else 0.0  # units are no symbols
+            flat = [zero] * int(np.prod((sum(self.counts), *values.shape[index.ndim :])))
             found = array(flat).reshape(sum(self.counts), *values.shape[index.ndim :])
         else:
             found = np.zeros((sum(self.counts), *values.shape[index.ndim :]), values.dtype)

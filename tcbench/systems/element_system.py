@@ -66,7 +66,7 @@ class ElementSystem(ThermalVariables, System):
     initial_data = ("positions", "momenta", "temperatures")
     written: ClassVar[tuple[str, ...]] = (
         "name", "constants", "tables", "positive", "non_negative", "reference_temperature", "source", "n_positions",
-        "n_elements",
+        "n_elements", "units",
         "inertia", "shape", "element_energy", "conduction", "entropies", "invariants", "conduction_flow", "points",
         "entropy_scale", "exergy_offset",
     )  # fmt: skip

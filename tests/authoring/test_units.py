@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import tcbench
-from tcbench import System, TcbenchError
+from tcbench import ElementSystem, System, TcbenchError
 from tcbench.authoring.units import Unit, check_units, unit
 
 
@@ -125,6 +125,84 @@ def test_a_system_of_pure_numbers_agrees(name):
     system = tcbench.scenarios()[name].model
     kind = type("Pure", (type(system),), {"units": {"energy": "1", "entropy": "1", "time": "1"}})
     check_units(kind(**tcbench.scenarios()[name].constants))
+
+
+class Wires(ElementSystem):
+    """Two thermoelastic wires in a row: each formula of elements once."""
+
+    name = "wires"
+    n_positions = n_elements = 2
+    constants = {"mass": (), "stiffness": (), "mu": (), "capacity": (), "warm": (), "length": (), "coupling": ()}
+    reference_temperature = "warm"
+    units = {
+        "q": "m", "p": "kg m/s", "s": "J/K", "mass": "kg", "stiffness": "J", "mu": "W/K", "capacity": "J/K",
+        "warm": "K", "length": "m", "coupling": "J/K",
+    }  # fmt: skip
+
+    def inertia(self):
+        return np.array([self.mass, 2 * self.mass])
+
+    def shape(self, q):
+        return np.array([q[0] * q[0], (q[1] - q[0]) ** 2])
+
+    def strain(self, pi):
+        return np.log(pi) / 2 - np.log(self.length)
+
+    def element_energy(self, pi, s):
+        L = self.strain(pi)
+        return self.stiffness / 2 * L**2 + self.capacity * self.warm * np.exp((s - self.coupling * L) / self.capacity)
+
+    def conduction(self, theta):
+        a, b = theta
+        return self.mu * np.array([(b - a) / a, (a - b) / b])
+
+    def entropies(self, q, theta):
+        return self.capacity * np.log(theta / self.warm) + self.coupling * self.strain(self.shape(q))
+
+    def entropy_scale(self):
+        return self.capacity
+
+    def invariants(self, q, p):
+        return {"spin": q[0] * p[1] - q[1] * p[0]}
+
+
+FAULTY = {  # formula -> (what it becomes, what is said of it)
+    "inertia": (lambda self: np.array([self.mass * self.length] * 2), "inertia.. of .* in kg m; it is kg"),
+    "shape": (lambda self, q: q, "the argument of log is a pure number, not m"),
+    "element_energy": (lambda self, pi, s: self.stiffness * pi, "element_energy.. of .* it is J"),
+    "conduction": (lambda self, theta: self.mu * (theta - theta[::-1]), "conduction.. of .* a rate of s in W; it is"),
+    "entropies": (lambda self, q, theta: np.log(theta / theta[::-1]), "entropies.. of .* an entropy in a pure number"),
+    "entropy_scale": (lambda self: self.warm, "entropy_scale.. of .* in K; it is"),
+    "exergy_offset": (lambda self: self.warm, "exergy_offset.. of .* the offset in K; it is J"),
+    "invariants": (lambda self, q, p: {"spin": q[0] * p[1] - q[1]}, "and m are added"),
+}
+
+
+@pytest.mark.parametrize("name", [None, *FAULTY])
+def test_formulas_of_elements_are_checked_as_well(name):
+    """A logarithm of a length less that of another is that of their ratio; a wrong unit is told with its line."""
+    own = {} if name is None else {name: FAULTY[name][0]}
+    system = type("Mine", (Wires,), own)(mass=1, stiffness=1, mu=1, capacity=1, warm=300, length=1, coupling=0.1)
+    if name is None:
+        check_units(system)
+    else:
+        with pytest.raises(TcbenchError, match=rf"test_units.py, line \d+: .*{FAULTY[name][1]}"):
+            check_units(system)
+
+
+@pytest.mark.parametrize("name", ["short_term", "chain[n=3]"])
+def test_springs_and_networks_agree_in_si_units(name, monkeypatch):
+    system = tcbench.plugins.find_scenario(name).model
+    given = Wires.units | {
+        "masses": "kg", "natural_lengths": "m", "anchors": "m", "conductivity": "W/K", "reference_temperature": "K",
+        "heat_capacity": "J/K",
+    }  # fmt: skip
+    known = {x: u for x, u in given.items() if x in system.constants or x in system.variables}
+    monkeypatch.setattr(type(system), "units", known)
+    check_units(system)
+    monkeypatch.setattr(type(system), "units", known | {"coupling": "J"})
+    with pytest.raises(TcbenchError, match=r"line \d+: .* and J are added"):
+        check_units(system)
 
 
 def test_units_are_written_as_people_write_them():
