@@ -90,7 +90,7 @@ def fastest(g: Gauss) -> float:
     where that is a motion: the mean of some turns."""
     if not g.general:
         return gauss.decay_rate(g)
-    call(g.to_matrix, g.z, g.c, g.matrix)
+    call(g.to_matrix, g.z, g.c, g.entries)
     n, x, y = len(g.z), g.vector[0], g.vector[1]
     for i in range(n):
         x[i] = 1.0 + 0.5 * (i % 2) - 0.1 * (i % 3)

@@ -45,12 +45,15 @@ class AnyFormulas(NamedTuple):
     setup: Kernel
     carried: int
     projected: int
+    bodies: list[tuple[list[Any], list[Any]]]  # inputs and values of the kernels
+    places: dict[Any, int]  # of what is constant in them
+    table: Any  # of the trace, for those that go on from it
 
 
 @once
 def any_formulas(symbolic: System) -> AnyFormulas:
     """Those of all systems of one structure, by their `System.symbolic`."""
-    with trace.tracing():
+    with trace.tracing() as table:
         *mending, fixed = mending_kernels(symbolic)
         z, K = (symbolic.state(trace.variables(name, symbolic.size)) for name in "zK")
         parts = parts_of(symbolic, z, K)
@@ -65,7 +68,8 @@ def any_formulas(symbolic: System) -> AnyFormulas:
             ([*K, *z, *means], list(forces)),
             ([*z], list(trace.jacobian(list(map(lifted, rate)), list(z)).T.ravel())),
         ]
-        values = [list(map(lifted, body)) for _, body in bodies]
+        bodies = [(inputs, list(map(lifted, body))) for inputs, body in bodies]
+        values = [body for _, body in bodies]
         first = symbolic.n_constant_values + len(fixed)
         hoisted = constant_part([x for row in values for x in row], [x for inputs, _ in bodies for x in inputs])
         known = symbolic.constant_symbols() | {x: f"b[{first + i}]" for i, x in enumerate(hoisted)}
@@ -74,7 +78,9 @@ def any_formulas(symbolic: System) -> AnyFormulas:
             for (inputs, _), row in zip(bodies, values, strict=True)
         ]
         setup = kernel(symbolic.constant_symbols(), [*fixed, *hoisted])
-    return AnyFormulas(made, (mending[0], mending[1], mending[2]), setup, len(y), len(slopes))
+    mended_by = mending[0], mending[1], mending[2]
+    places = {x: int(text[2:-1]) for x, text in known.items()}  # of 'b[3]'
+    return AnyFormulas(made, mended_by, setup, len(y), len(slopes), bodies, places, table)
 
 
 def parts_of(system: Any, z: Any, K: Any) -> list[Part]:
@@ -149,6 +155,9 @@ def corrected(w: Work, h: float) -> float:
     """U as the simplified Newton has it from N; returns the scaled size of the correction, NaN if it is."""
     conduction.keep(w)
     if w.stiff[2] > 0.0:
+        if w.n_lanes > 0 and w.stiff[3] == 0.0:
+            conduction.factor_pairs(w, h)
+            w.stiff[3] = 1.0
         conduction.correct(w)
     size = 0.0
     for i in range(w.m):

@@ -26,7 +26,7 @@ def set_matrix(w: Work, z: Floats) -> float:
     if w.sparse.n > 0:
         call(w.to_matrix, z, w.c, w.sparse.values)
         return sparse.fastest(w.sparse)
-    call(w.to_matrix, z, w.c, w.matrix)
+    call(w.to_matrix, z, w.c, w.entries)
     largest = 0.0
     for j in range(w.e):
         total = 0.0
@@ -71,9 +71,18 @@ def prepare(w: Work, h: float, z: Floats) -> None:
         w.stiff[2] = 1.0 if h * fastest * largest_eigenvalue(w) > w.sparse.bound else 0.0
     else:
         w.stiff[2] = 1.0 if h * fastest > STIFF else 0.0
-    if w.stiff[2] > 0.0:
-        for j in range(w.numbers.pairs):
-            factor(w, j, h * w.numbers.eigen_re[j], h * w.numbers.eigen_im[j])
+    if w.stiff[2] > 0.0 and w.n_lanes > 0:
+        w.stiff[0], w.stiff[3] = h, 0.0
+        call(w.to_factor, w.entries, w.stiff, w.factors)
+    elif w.stiff[2] > 0.0:
+        factor_pairs(w, h)
+
+
+@rare
+def factor_pairs(w: Work, h: float) -> None:
+    """LU factors for each pair of eigenvalues of A."""
+    for j in range(w.numbers.pairs):
+        factor(w, j, h * w.numbers.eigen_re[j], h * w.numbers.eigen_im[j])
 
 
 @rare

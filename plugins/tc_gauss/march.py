@@ -55,8 +55,24 @@ def defect(w: Work, h: float, known: Floats, here: int) -> float:
     return largest
 
 
+def largest_defect(w: Work) -> float:
+    """Of `defect` at both ends, on vectors."""
+    m, largest = w.m, 0.0
+    for i in range(m):
+        w.sides[i, 0], w.sides[i, 1] = w.sums[m + i] - w.start[i], w.sums[2 * m + i] - w.end[i]
+    if w.stiff[2] > 0.0:
+        call(w.to_damp, w.factors, w.c, w.sides)
+    for i in range(m):
+        for side in range(2):
+            r = abs(w.sides[i, side]) * w.start[m + i]
+            largest = r if r > largest or r != r else largest
+    return largest
+
+
 def error_estimate(w: Work, h: float) -> float:
     """h times the largest defect at both ends; NaN stays."""
+    if w.n_lanes > 0:
+        return h * largest_defect(w)
     if w.stiff[2] > 0.0:
         conduction.factor(w, w.numbers.pairs, h, 0.0)
     before, after = defect(w, h, w.start, w.n + w.m), defect(w, h, w.end, w.n + 2 * w.m)

@@ -62,6 +62,7 @@ class Work(Record):
     n_matrix: int  # elements whose conduction is solved for as a whole (see conduction.py), or 0
     n_dense: int  # the same, where its matrix is dense
     n_factors: int
+    n_lanes: int  # variables of any system whose iteration is on vectors, or 0
     n_nodes: int  # what stands in a row of these
     n_carried: int
     n_slopes: int
@@ -79,6 +80,8 @@ class Work(Record):
     to_iterate: Kernel  # those on vectors; 0: none
     to_iterate_finer: Kernel
     to_block: Kernel
+    to_factor: Kernel  # of any system on vectors: see any_vectors.py
+    to_damp: Kernel
     to_extrapolate: Kernel
     to_close: Kernel
     numbers: Numbers
@@ -98,8 +101,14 @@ class Work(Record):
     N: Matrix = sized("m", "WIDTH", of="found", at="WIDTH * m")  # the rates that it gives
     V: Matrix = sized("n", "WIDTH", of="found", at="WIDTH * 2 * m")  # velocities
     rates: Floats = sized("WIDTH * (m + n)", of="found", at="WIDTH * m")  # N, then V
-    stiff: Floats = sized("3")  # h, lambda, 1 where conduction.py solves for the conduction
+    # h, lambda, 1 where conduction.py solves for the conduction, 1 if its own factors are made beside those on vectors
+    stiff: Floats = sized("4")
     matrix: Matrix = sized("n_dense", "n_dense")  # of the conduction: see conduction.py
+    entries: Floats = sized("n_dense * n_dense", of="matrix")  # the same
+    # What `any_vectors.iteration` reads: z, weights, what is carried of z; then factors.
+    vectors: Floats = sized("2 * n_lanes + n_carried + 2 * WIDTH * n_lanes * n_lanes")
+    factors: Floats = sized("2 * WIDTH * n_lanes * n_lanes", of="vectors", at="2 * n_lanes + n_carried")
+    sides: Matrix = sized("n_lanes", "WIDTH")  # defects at both ends
     factors_re: Cube = sized("n_factors", "n_dense", "n_dense")
     factors_im: Cube = sized("n_factors", "n_dense", "n_dense")
     before: Matrix = sized("n_matrix", "k")

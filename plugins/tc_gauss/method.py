@@ -87,7 +87,7 @@ def prepared(system: System, k: int) -> tuple[Any, Any]:
     else:
         found = (of_elements if by_elements else of_any_system)(system, k)
     shared = {"numbers": numbers, "counts": Counts(), "rows": 1, "n_factors": numbers.pairs + 1}
-    return LOOPS, Work(k=k, **({"sparse": no_matrix()} | shared | found))
+    return LOOPS, Work(k=k, **({"sparse": no_matrix(), "n_lanes": 0} | shared | found))
 
 
 def of_elements(system: System, k: int) -> dict[str, Any]:
@@ -111,6 +111,7 @@ def of_elements(system: System, k: int) -> dict[str, Any]:
 def of_any_system(system: System, k: int) -> dict[str, Any]:
     """The same for any system, all of whose variables stand in the place of entropies."""
     from .any_system import any_formulas
+    from .any_vectors import vector_kernels
 
     size = system.size
     if size > MOST_VARIABLES:
@@ -123,9 +124,11 @@ def of_any_system(system: System, k: int) -> dict[str, Any]:
     start, mend, hold = made.mending
     names = ("to_start", "to_motion", "to_slopes", "to_forces", "to_matrix", "to_laws", "to_mend", "to_hold")
     addresses = [x.address for x in (*made.kernels, start, mend, hold)]
+    on_vectors = vector_kernels(system.symbolic, k)
     return {
         "general": True, "n": 0, "n_newton": 0, "n_constants": len(c), "c": c,
         **dict.fromkeys(("e", "m", "n_matrix", "n_dense"), size),
+        "n_lanes": size if on_vectors["to_factor"] else 0, **on_vectors,
         "n_ends": made.kernels[0].size, "n_nodes": 2 * size + made.projected, "n_carried": made.carried,
         "n_slopes": made.projected, "n_laws": start.size, "n_mended": mend.size,
         **dict(zip(names, addresses, strict=True)),

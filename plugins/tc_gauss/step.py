@@ -166,6 +166,9 @@ def correct(w: Work, h: float) -> float:
 
 def iterate(w: Work, h: float, z: Floats, level: int) -> float:
     """One iteration with a quadrature; the scaled residual, not finite where U is out of the formulas' range."""
+    if w.general and w.n_lanes > 0 and w.stiff[2] > 0.0 and level < ON_VECTORS:
+        call(w.to_iterate if level == 0 else w.to_iterate_finer, w.vectors, w.c, w.found)
+        return h * w.found[len(w.found) - 1]
     if w.general:
         any_system.rates(w, h, z, points_of(level), level)
         return any_system.corrected(w, h)
@@ -353,6 +356,10 @@ def try_step(w: Work, h: float, z: Floats, known: bool, coarsest: int, residual:
     w.c[0] = h
     if w.general:
         copy_into(w.x0, w.start[2 * e + 2 :])
+        if w.n_lanes > 0:
+            copy_into(w.vectors, z)
+            copy_into(w.vectors[e:], w.start[e : 2 * e])
+            copy_into(w.vectors[2 * e :], w.x0)
     else:
         for i in range(2 * n):
             w.state0[i] = z[i]

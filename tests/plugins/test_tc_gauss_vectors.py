@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from random_laws import random_start
 from tcbench_plugins.tc_gauss.formulas import coefficients
 from tcbench_plugins.tc_gauss.method import VECTOR_KERNELS, GaussMethod
 
@@ -109,6 +110,36 @@ def test_adaptive_runs_on_vectors_follow_the_scalar_ones(scenario):
     (states, counts), (same, expected) = (m.adaptive(scenario.z0, times, 1e-9) for m in (fast, slow))
     np.testing.assert_allclose(states, same, rtol=1e-9, atol=1e-9)
     assert abs(counts["newton_iterations"] - expected["newton_iterations"]) <= 0.1 * expected["newton_iterations"]
+
+
+@pytest.mark.parametrize("k", [1, 4, 7])
+@pytest.mark.parametrize(("name", "times"), [("heavy_top", 1000), ("reaction", 1000), ("viscous_pendulum", 30)])
+def test_an_iteration_of_any_system_on_vectors_is_that_of_the_loops(name, times, k):
+    scenario = random_start(name, 0, times)
+    fast, slow = GaussMethod(scenario.model, k), GaussMethod(scenario.model, k)
+    assert fast.work.n_lanes == scenario.model.size
+    slow.work.n_lanes = 0
+    evaluate(slow.work.to_matrix, scenario.z0, slow.work.c, slow.work.entries)
+    h = 0.2 / abs(np.linalg.eigvals(slow.work.matrix)).max()
+    dz, same = fast.increments(scenario.z0, h), slow.increments(scenario.z0, h)
+    assert fast.work.stiff[2] == 1.0 and fast.counts.halved == slow.counts.halved == 0
+    np.testing.assert_allclose(dz, same, rtol=0, atol=1e-12 * max(1.0, np.abs(same).max()))
+    span = np.array([0.0, 16.0 * h])
+    (states, counts), (same, expected) = (m.adaptive(scenario.z0, span, 1e-7) for m in (fast, slow))
+    np.testing.assert_allclose(states, same, rtol=1e-8, atol=1e-8)
+    assert abs(counts["newton_iterations"] - expected["newton_iterations"]) <= 0.1 * expected["newton_iterations"] + 2
+
+
+def test_defects_are_damped_by_the_matrix_of_an_implicit_step():
+    scenario = random_start("heavy_top", 0, 1000)
+    work = GaussMethod(scenario.model, 4).work
+    evaluate(work.to_matrix, scenario.z0, work.c, work.entries)
+    work.stiff[0] = h = 0.3
+    evaluate(work.to_factor, work.entries, work.stiff, work.factors)
+    sides = np.arange(7.0 * WIDTH).reshape(7, WIDTH)
+    damped = sides.copy()
+    evaluate(work.to_damp, work.factors, work.c, damped)
+    np.testing.assert_allclose((np.eye(7) - h * work.matrix.T) @ damped, sides, atol=1e-10)
 
 
 def test_a_failed_step_leaves_nothing_behind():

@@ -1,0 +1,185 @@
+"""The iteration of any_system.py on vectors: all nodes, all points of a quadrature, all eigenvalues of A side by side.
+
+Three kernels: LU factors of I - h z J for one eigenvalue z of each pair and, in one lane more, of I - h J, which damps
+defects; an iteration of simplified Newton with them; and the damping. Elimination is written out for the entries of J
+that are not always 0, without pivoting, as `conduction` has it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from tcbench.compiler import derivatives as trace
+from tcbench.compiler.kernels import WIDTH
+from tcbench.compiler.language import PLAIN
+from tcbench.compiler.once import once
+from tcbench.systems.system import System
+
+from .formulas import ON_VECTORS, POINTS, coefficients
+
+MOST = 16  # variables: the code of more takes seconds to compile
+KERNELS = ("to_factor", "to_damp", "to_iterate", "to_iterate_finer")
+Complex = tuple[Any, Any]
+
+
+@once
+def vector_kernels(symbolic: System, k: int) -> dict[str, int]:
+    """Addresses of the kernels by their names in `memory.Work`; zeros where the formulas have no such form."""
+    from tcbench.compiler.vector_kernels import can_express
+
+    from .any_system import any_formulas
+
+    made = any_formulas(symbolic)
+    values = [x for _, row in made.bodies[1:4] for x in row]
+    if PLAIN or symbolic.size > MOST or not can_express(values):
+        return dict.fromkeys(KERNELS, 0)
+    from tcbench.compiler.machine import load
+
+    zeros = [trace.is_const(x, 0.0) for x in made.bodies[-1][1]]
+    with trace.tracing(made.table):
+        texts = [factors(symbolic.size, k, zeros), damping(symbolic.size, k, zeros)]
+        texts += [iteration(made, symbolic.size, k, level, zeros) for level in range(ON_VECTORS)]
+    return {name: load(text, str) for name, text in zip(KERNELS, texts, strict=True)}
+
+
+class Factors:
+    """Where the factors of a matrix stand that has these zeros; by columns, real and imaginary parts as vectors."""
+
+    def __init__(self, size: int, zeros: list[bool]) -> None:
+        self.size = size
+        self.there = np.array([not x for x in zeros]).reshape(size, size).T | np.eye(size, dtype=bool)  # row, column
+        for m in range(size):  # what elimination fills
+            self.there[m + 1 :, m + 1 :] |= np.outer(self.there[m + 1 :, m], self.there[m, m + 1 :])
+
+    def place(self, i: int, j: int) -> int:
+        return 2 * WIDTH * (j * self.size + i)
+
+    def below(self, j: int) -> list[int]:
+        return [i for i in range(j + 1, self.size) if self.there[i, j]]
+
+    def above(self, j: int) -> list[int]:
+        return [i for i in range(j) if self.there[i, j]]
+
+
+def times(lanes: Any, x: Complex, y: Complex) -> Complex:
+    (a, b), (c, d) = x, y
+    return lanes.sub(lanes.mul(a, c), lanes.mul(b, d)), lanes.add(lanes.mul(a, d), lanes.mul(b, c))
+
+
+def less(lanes: Any, x: Complex, y: Complex) -> Complex:
+    return lanes.sub(x[0], y[0]), lanes.sub(x[1], y[1])
+
+
+def factors(size: int, k: int, zeros: list[bool]) -> str:
+    """a: J by columns; b: h; out: the factors, with the reciprocals of the pivots."""
+    from tcbench.compiler.vector_kernels import Lanes
+
+    lanes, known, at = Lanes(), coefficients(k), Factors(size, zeros)
+    h = lanes.number(lanes.b, 0)
+    parts = [lanes.mul(h, lanes.constant([*x, last])) for x, last in ((known.eigen_re, 1.0), (known.eigen_im, 0.0))]
+    one, none = lanes.constant(1.0), lanes.constant(0.0)
+    entry: dict[tuple[int, int], Complex] = {}
+    for i, j in np.argwhere(at.there).tolist():
+        real, imag = (one if i == j else none), none
+        if not zeros[j * size + i]:
+            slope = lanes.number(lanes.a, j * size + i)
+            real, imag = (lanes.sub(x, lanes.mul(part, slope)) for x, part in zip((real, imag), parts, strict=True))
+        entry[i, j] = real, imag
+    for m in range(size):
+        p, q = entry[m, m]
+        scale = lanes.divide(one, lanes.add(lanes.mul(p, p), lanes.mul(q, q)))
+        entry[m, m] = lanes.mul(p, scale), lanes.sub(none, lanes.mul(q, scale))
+        for i in at.below(m):
+            entry[i, m] = times(lanes, entry[i, m], entry[m, m])
+            for j in range(m + 1, size):
+                if at.there[m, j]:
+                    entry[i, j] = less(lanes, entry[i, j], times(lanes, entry[i, m], entry[m, j]))
+    for (i, j), value in entry.items():
+        for part, number in enumerate(value):
+            lanes.store(number, at.place(i, j) + part * WIDTH)
+    return lanes.text()
+
+
+def damping(size: int, k: int, zeros: list[bool]) -> str:
+    """(I - hJ)^-1 of the rows of `out`, in place. a: the factors."""
+    from tcbench.compiler.vector_kernels import Lanes
+
+    lanes, at, lane = Lanes(), Factors(size, zeros), coefficients(k).pairs
+    x = [lanes.row(lanes.out, WIDTH * i) for i in range(size)]
+    for j in range(size):
+        for i in at.below(j):
+            x[i] = lanes.sub(x[i], lanes.mul(lanes.number(lanes.a, at.place(i, j) + lane), x[j]))
+    for j in reversed(range(size)):
+        x[j] = lanes.mul(lanes.number(lanes.a, at.place(j, j) + lane), x[j])
+        for i in at.above(j):
+            x[i] = lanes.sub(x[i], lanes.mul(lanes.number(lanes.a, at.place(i, j) + lane), x[j]))
+    for i in range(size):
+        lanes.store(x[i], WIDTH * i)
+    return lanes.text()
+
+
+def solved(lanes: Any, at: Factors, first: int, x: list[Complex]) -> list[Complex]:
+    """By the factors, which stand in `a` from `first` on."""
+
+    def factor(i: int, j: int) -> Complex:
+        place = first + at.place(i, j)
+        return lanes.row(lanes.a, place), lanes.row(lanes.a, place + WIDTH)
+
+    for j in range(at.size):
+        for i in at.below(j):
+            x[i] = less(lanes, x[i], times(lanes, factor(i, j), x[j]))
+    for j in reversed(range(at.size)):
+        x[j] = times(lanes, factor(j, j), x[j])
+        for i in at.above(j):
+            x[i] = less(lanes, x[i], times(lanes, factor(i, j), x[j]))
+    return x
+
+
+def iteration(made: Any, size: int, k: int, level: int, zeros: list[bool]) -> str:
+    """`any_system.rates` and `corrected` with one of the quadratures.
+
+    a: z, weights of a residual, what is carried of z, the factors; b: h, constants; out: U, which is corrected in
+    place, N, a row of WIDTH nodes for each variable; then the weighed size of the correction, NaN if it is.
+    """
+    from tcbench.compiler.vector_kernels import Lanes
+
+    lanes, known = Lanes(), coefficients(k)
+    _, (inputs, motion), (y, slopes), (all_inputs, rates), _ = made.bodies
+    carried = 2 * size
+
+    def numbers(pointer: Any, first: int, count: int) -> list[Any]:
+        return [lanes.number(pointer, first + i) for i in range(count)]
+
+    z, weights, y0 = numbers(lanes.a, 0, size), numbers(lanes.a, size, size), numbers(lanes.a, carried, len(y))
+    h, shared = lanes.number(lanes.b, 0), {x: lanes.number(lanes.b, i) for x, i in made.places.items()}
+
+    def integrated(start: Any, rows: Any, slope: list[Any]) -> Any:
+        return lanes.add(start, lanes.mul(h, lanes.combine(rows.T, slope)))
+
+    old = [lanes.row(lanes.out, WIDTH * i) for i in range(size)]
+    at_nodes = [integrated(z[i], known.A, numbers(lanes.out, WIDTH * i, k)) for i in range(size)]
+    at = shared | dict(zip(inputs, [*old, *at_nodes], strict=True))
+    drift = [[lanes.lane(x, l) for l in range(k)] for x in lanes.graph(at, motion)]
+    columns: list[Any] = []
+    values: list[list[Any]] = [[] for _ in slopes]
+    for first in range(0, POINTS[level] if slopes else 0, WIDTH):
+        rows = known.Ahats[level, first : first + WIDTH]
+        point = shared | {x: integrated(x0, rows, d) for x, x0, d in zip(y, y0, drift, strict=True)}
+        for found, value in zip(values, lanes.graph(point, slopes), strict=True):
+            found += [lanes.lane(value, g) for g in range(WIDTH)]
+        columns += list(known.Ws[level, :, first : first + WIDTH].T)
+    at |= dict(zip(all_inputs[2 * size :], [lanes.combine(columns, x) for x in values], strict=True))
+    new = lanes.graph(at, rates)
+    change = [[lanes.lane(lanes.sub(x, y), l) for l in range(k)] for x, y in zip(new, old, strict=True)]
+    parts = [tuple(lanes.combine(into.T, x) for into in (known.into_re, known.into_im)) for x in change]
+    parts = solved(lanes, Factors(size, zeros), carried + len(y), parts)
+    back, sizes = [*known.back_re.T, *(-known.back_im.T)], []
+    for i, part in enumerate(parts):
+        step = lanes.combine(back, [lanes.lane(x, j) for x in part for j in range(known.pairs)])
+        sizes.append(lanes.first(k, lanes.mul(weights[i], lanes.size(step))))
+        lanes.store(lanes.add(old[i], step), WIDTH * i)
+        lanes.store(new[i], WIDTH * (size + i))
+    lanes.store(lanes.largest(sizes), 2 * WIDTH * size)
+    return lanes.text()
