@@ -18,8 +18,9 @@ EXACT = {"energy", "entropy", "angular_momentum"}
 FINER = 0.03  # of the tolerance, for tc_gauss: at equal ones it misses ten times what tc_taylor does (docs/methods.md)
 COST, COST_OF_ORDER = 0.33, 0.062  # an explicit step of order p takes the time of so many iterations, and of so many p
 # Microseconds on one machine, of which the ratio counts: of an explicit step and a line of its series; of a node in an
-# iteration and the square of the number of variables.
+# iteration and the square of the number of variables; of an iteration on vectors and that square.
 STEP, STEP_OF_LINE, NODE, NODE_OF_SQUARE = 0.06, 0.00035, 0.1, 0.0022
+VECTORS, VECTORS_OF_SQUARE = 0.18, 0.0018
 SOURCE = "Taylor series or Gauss collocation, whichever costs less where the run is (docs/methods.md)"
 
 
@@ -57,8 +58,9 @@ def step_in_iterations(gauss, taylor):
     """Iterations that take the time of an explicit step: of elements by the order, of any system by what both do."""
     if not gauss.work.general:
         return COST + COST_OF_ORDER * taylor.work.order
-    n = taylor.size
-    return (STEP + STEP_OF_LINE * taylor.lines) / (gauss.stages * (NODE + NODE_OF_SQUARE * n * n))
+    n, vectors = taylor.size, gauss.work.n_lanes > 0
+    iteration = VECTORS + VECTORS_OF_SQUARE * n * n if vectors else gauss.stages * (NODE + NODE_OF_SQUARE * n * n)
+    return (STEP + STEP_OF_LINE * taylor.lines) / iteration
 
 
 SPARES = Spares(BothMethods)

@@ -20,9 +20,10 @@ PATIENCE, MORE = 8, 10  # stiff steps in a row before the other method is tried,
 LONGER = 4.0  # the first implicit step, over the last explicit one
 OWED = 3.0  # iterations that the implicit method may take beyond what explicit steps would, before it is left
 # Of any system: iterations that the explicit steps to the end must be worth for the other method to be tried, and the
-# part of them that a trial may owe; steps until the fastest motion is looked for, each time twice as many, up to one.
-SHORT, SHARE, LEG, MOST_LEG = 80.0, 0.1, 32, 512
-TURNS, SETTLED = 12, 4  # of the power method, and those of them that are not counted
+# part of them that a trial may owe; steps until the fastest motion is looked for, each time four times as many, up to
+# a most.
+SHORT, SHARE, LEG, MOST_LEG = 80.0, 0.1, 16, 512
+TURNS, SETTLED = 7, 3  # of the power method, and those of them that are not counted
 
 
 class Both(Record):
@@ -54,14 +55,15 @@ def steps(both: Both) -> int:
         if explicit:
             before = e.counts.steps
             row, t, h = taylor.advance(e, times, both.tolerance, states, row, t, STIFF * stable / rate, patience, leg)
-            go_over(e, g)
+            look(e, g)
             busy = 1.0 / max(h, 1e-300) if g.general else rate / stable
             left = worth * busy * (times[len(times) - 1] - t)
             if e.counts.steps - before < leg or not g.general:
                 patience *= MORE
             if g.general and h > 0.0 and (left < SHORT or e.counts.steps - before >= leg):
-                leg = min(2 * leg, MOST_LEG)
+                leg = min(4 * leg, MOST_LEG)
                 continue
+            go_over(e, g)
         else:
             g.budget[0] = worth * busy
             g.budget[1] = math.inf if given_up else max(OWED, SHARE * left) if g.general else OWED
@@ -75,9 +77,15 @@ def steps(both: Both) -> int:
 
 
 @rare
-def go_over(e: Taylor, g: Gauss) -> None:
-    """The implicit method on from the other's state; of any system to its laws, which stand alike after the state."""
+def look(e: Taylor, g: Gauss) -> None:
+    """The explicit method's state as z, for the other."""
     call(e.to_z, e.mended, e.given, g.here)
+    copy_into(g.z, g.here)
+
+
+@rare
+def go_over(e: Taylor, g: Gauss) -> None:
+    """The implicit method on from there; of any system to the other's laws, which stand alike after the state."""
     gauss.go_to(g, g.here)
     if g.general:
         g.run[0] = e.target[e.size]
@@ -94,7 +102,7 @@ def fastest(g: Gauss) -> float:
     n, x, y = len(g.z), g.vector[0], g.vector[1]
     for i in range(n):
         x[i] = 1.0 + 0.5 * (i % 2) - 0.1 * (i % 3)
-    grown = 0.0
+    grown = 1.0
     for turn in range(TURNS):
         fill(y, 0.0)
         for j in range(n):
@@ -106,8 +114,8 @@ def fastest(g: Gauss) -> float:
         for i in range(n):
             x[i] = y[i] / largest
         if turn >= SETTLED:
-            grown += math.log(largest)
-    return math.exp(grown / (TURNS - SETTLED))
+            grown *= math.sqrt(math.sqrt(largest))  # the mean of four
+    return grown
 
 
 @rare

@@ -26,7 +26,7 @@ from tcbench.compiler.arrays import variable
 from tcbench.compiler.cut import Cut
 from tcbench.compiler.derivatives import Symbol, lifted
 from tcbench.compiler.kernels import Kernel, constant_part, kernel
-from tcbench.compiler.language import Floats, call, rare
+from tcbench.compiler.language import Floats, call, copy_into, rare
 from tcbench.compiler.once import once
 from tcbench.solver.mending import mended, mending_kernels, round_off
 from tcbench.systems.system import System
@@ -116,6 +116,16 @@ class Part:
         self.means: list[Symbol] = [variable("mean", slope.space) for slope in self.slopes]
         means = iter(self.means)
         self.gradient = cut.joined([next(means) if v else s for s, v in zip(cut.slopes, varies, strict=True)], rows)
+
+
+def begin(w: Work, z: Floats) -> None:
+    """A step from z, whose energy, weights and carried variables `start` has."""
+    m = w.m
+    copy_into(w.x0, w.start[2 * m + 2 :])
+    if w.n_lanes > 0:
+        copy_into(w.vectors, z)
+        copy_into(w.vectors[m:], w.start[m : 2 * m])
+        copy_into(w.vectors[2 * m :], w.x0)
 
 
 @rare

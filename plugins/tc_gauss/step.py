@@ -355,11 +355,7 @@ def try_step(w: Work, h: float, z: Floats, known: bool, coarsest: int, residual:
     levels = LEVELS if careful else ON_VECTORS
     w.c[0] = h
     if w.general:
-        copy_into(w.x0, w.start[2 * e + 2 :])
-        if w.n_lanes > 0:
-            copy_into(w.vectors, z)
-            copy_into(w.vectors[e:], w.start[e : 2 * e])
-            copy_into(w.vectors[2 * e :], w.x0)
+        any_system.begin(w, z)
     else:
         for i in range(2 * n):
             w.state0[i] = z[i]
