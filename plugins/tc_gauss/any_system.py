@@ -32,6 +32,7 @@ from tcbench.solver.mending import mended, mending_kernels, round_off
 from tcbench.systems.system import System
 
 from . import conduction, sparse
+from .formulas import ON_VECTORS
 from .memory import Work
 
 EPSILON = 2.0**-53  # of what the terms of the energy are: its round-off, and what a quadrature may leave
@@ -126,6 +127,15 @@ def begin(w: Work, z: Floats) -> None:
         copy_into(w.vectors, z)
         copy_into(w.vectors[m:], w.start[m : 2 * m])
         copy_into(w.vectors[2 * m :], w.x0)
+
+
+def iterate(w: Work, h: float, z: Floats, points: int, level: int) -> float:
+    """One iteration; the scaled size of the correction, NaN if it is."""
+    if w.n_lanes > 0 and w.stiff[2] > 0.0 and level < ON_VECTORS:
+        call(w.to_iterate if level == 0 else w.to_iterate_finer, w.vectors, w.c, w.found)
+        return h * w.found[len(w.found) - 1]
+    rates(w, h, z, points, level)
+    return corrected(w, h)
 
 
 @rare

@@ -166,12 +166,8 @@ def correct(w: Work, h: float) -> float:
 
 def iterate(w: Work, h: float, z: Floats, level: int) -> float:
     """One iteration with a quadrature; the scaled residual, not finite where U is out of the formulas' range."""
-    if w.general and w.n_lanes > 0 and w.stiff[2] > 0.0 and level < ON_VECTORS:
-        call(w.to_iterate if level == 0 else w.to_iterate_finer, w.vectors, w.c, w.found)
-        return h * w.found[len(w.found) - 1]
     if w.general:
-        any_system.rates(w, h, z, points_of(level), level)
-        return any_system.corrected(w, h)
+        return any_system.iterate(w, h, z, points_of(level), level)
     if w.stiff[2] == 0.0:
         return iterate_simply(w, h, z, level)
     conduction.keep(w)
