@@ -14,13 +14,13 @@ from ..simulation.run import simulate
 from ..studies.theorems import SEED, admissible_states, operators
 from ..systems.element_system import ElementSystem
 from ..systems.plane import segments
-from ..systems.traced import LARGE
 from .check_line import FAIL, NONE, OK, Line, line
 from .units import check_units
 
 if TYPE_CHECKING:
     from ..systems.scenario import Scenario
 
+LARGE = 80  # numbers of a state from which on it is traced once
 MOST_TRIED = 4000  # states of a descent
 METHODS = ("tc_monolithic", "tc_staggered", "tc_strang", "midpoint_entropy", "midpoint_temperature")
 REMEDIES = {  # of elements, by the first words of a finding of theorems.operators

@@ -107,6 +107,10 @@ def _array_flow(flow: Flow, net: Any) -> ArrayFlow:
     sizes = dict(zip(d, scales(net, z0, y0, flow.variables) * len(steps), strict=True))
     began = _start(reduction)
     began |= dict(zip(shared, trace.substitute(list(shared.values()), began), strict=True))
+    # Newton's matrix has rows for shared numbers, which are what the other unknowns make them: as if it had none
+    outputs = trace.substitute([*residual, *(slope for _, _, slope in flat), *d_dh], shared)
+    residual, d_dh = outputs[: len(unknowns)], outputs[-len(d_dh) :]
+    flat = [(i, term, slope) for (i, term, _), slope in zip(flat, outputs[len(unknowns) :], strict=False)]
     scaled = [sizes[s] if s in sizes else _of_size(began[s]) for s in unknowns]
     kinds = [s.space for s in unknowns]
     fixed = [*(began[s] for s in unknowns), *[const(0.0)] * len(unknowns), *scaled]

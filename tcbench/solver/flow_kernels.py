@@ -38,7 +38,6 @@ if TYPE_CHECKING:
     from .pattern import Pattern
 
 UNROLLED = 24  # unknowns up to which the elimination is unrolled; beyond, Newton works on a sparse matrix
-LARGE = 80  # length of a state up to which an explicit formula is unrolled
 
 
 @dataclass(frozen=True)
@@ -144,17 +143,16 @@ def _build(flow: Flow, system: System) -> FlowKernels:
     reads: dict[Symbol, str] = {s: f"a[{len(fixed) + i}]" for i, s in enumerate(hoisted)}
     reads |= {s: f"b[{i}]" for i, s in enumerate(x)}
     stored = {f: f"out[{len(parts.iterate) + i}]" for i, f in enumerate(parts.stored)}
-    make = kernel if n <= LARGE and slopes is None else _rolled()
-    opened = make(prologue_inputs, opening)
-    iterate = make(reads, [*parts.iterate, *parts.stored.values()])
+    opened = kernel(prologue_inputs, opening)
+    iterate = kernel(reads, [*parts.iterate, *parts.stored.values()])
     return FlowKernels(
-        setup=make({h: "b[0]", **constants, **{s: behind[s] for s in first}}, fixed_constants),
-        prologue=opened if slopes else make(prologue_inputs, [*fixed, *hoisted]),
+        setup=kernel({h: "b[0]", **constants, **{s: behind[s] for s in first}}, fixed_constants),
+        prologue=opened if slopes else kernel(prologue_inputs, [*fixed, *hoisted]),
         opening=opened,
         iterate=iterate,
         polish=kernel(reads | stored, parts.polish),
-        finish=make(reads, list(dz)),
-        full=iterate if slopes else make(reads, parts.full),
+        finish=kernel(reads, list(dz)),
+        full=iterate if slopes else kernel(reads, parts.full),
         n_unknowns=len(x),
         n_eliminated=len(parts.moved),
         n_positive=len(positive),
@@ -162,12 +160,6 @@ def _build(flow: Flow, system: System) -> FlowKernels:
         pattern=slopes.pattern if slopes else None,
         way=f"sparse: {len(x)} unknowns" if slopes else f"unrolled: {len(x)} unknowns" if x else "explicit",
     )
-
-
-def _rolled() -> Any:
-    from ..compiler.rolled import rolled  # of large systems only
-
-    return rolled
 
 
 @dataclass

@@ -20,9 +20,10 @@ from ..systems.system import System
 if TYPE_CHECKING:
     from .flow_kernels import FlowKernels
 
-# for each number of a state
-WHOLE = (7e-3, 0.14)  # seconds and MB to trace and compile as a whole
-LOOPS = (3e-5, 5e-3)  # in loops over the elements
+# to trace and compile, seconds and MB for each number of a state: in loops over the elements, and as a whole, where
+# these are the seconds for each square of theirs
+LOOPS = (3e-5, 5e-3)
+WHOLE = (8e-5, 0.14)
 # seconds a step for each entry of a sparse Jacobian: assembly and solution, and incomplete factors, each entry of which
 # meets its row
 ENTRY, MEETING = 4e-8, 1e-9
@@ -51,7 +52,9 @@ def foreseen(system: System, copies: int, by_loops: bool) -> Iterator[None]:
 
     copies: states that a formula works with, its stages.
     """
-    seconds, megabytes = (x * system.size * copies for x in (LOOPS if by_loops else WHOLE))
+    count = system.size * copies
+    seconds, megabytes = (x * count for x in (LOOPS if by_loops else WHOLE))
+    seconds *= 1 if by_loops else count
     room, cure = memory(), "a smaller one is needed"
     if not by_loops:
         cure = "declare its spaces (docs/add-system.md): formulas are then traced on arrays"

@@ -124,6 +124,13 @@ class OverSpaces(Traced):
 
     @cached_property
     def symbolic(self) -> Self:
+        if not self.spaces and self.size > traced.MOST_WHOLE:
+            raise TcbenchError(
+                f"A state of {self.name!r} has {self.size} numbers, too many to be traced entry by entry (at most "
+                f"{traced.MOST_WHOLE}). Declare as spaces what it has many of, variables = {{'q': ('node', 2), ...}}, "
+                "and tables of who belongs to whom: its formulas are then traced on arrays, whatever the size "
+                "(docs/add-system.md, Systems of any size)."
+            )
         found: Self = super().symbolic
         if self.spaces and "mesh" not in found.__dict__:
             if not self.large:
@@ -228,6 +235,11 @@ class OverSpaces(Traced):
             return tuple(net.invariants(z)), self.mesh.offsets(net.blocks(net.temperatures(z)))[-1]
 
     def _kernel(self, body: Callable[..., Any], sizes: tuple[int, ...]) -> tuple[Kernel, tuple[int, ...]]:
+        if self.large and body.__name__ in WHOLE and self.size > traced.MOST_WHOLE:
+            raise TcbenchError(
+                f"{body.__name__}() of {self.name!r}, of {self.size} numbers, is a dense matrix, which is traced entry "
+                f"by entry (at most {traced.MOST_WHOLE}). tcbench.systems.sparse_jacobian has the sparse Jacobian."
+            )
         if not self.large or any(n != self.size for n in sizes) or body.__name__ in WHOLE:
             return super()._kernel(body, sizes)
         key = (self.structure, body, sizes)

@@ -14,8 +14,7 @@ from ..compiler.array_kernels import jacobian_kernel
 from ..compiler.array_mesh import Block, scattered
 from ..compiler.array_states import entries
 from ..compiler.arrays import NUMBER
-from ..compiler.kernels import Kernel
-from ..compiler.rolled import rolled
+from ..compiler.kernels import Kernel, kernel
 from .system import System
 
 
@@ -23,14 +22,14 @@ def sparse_jacobian(system: System) -> Callable[[Any], Any]:
     """J(z) -> scipy.sparse.csr_matrix, shape (n, n), of a state z (n,); exact, traced once a structure."""
     from scipy.sparse import csr_matrix
 
-    kernel, rows, columns = _entries(system.symbolic)
+    entries_of, rows, columns = _entries(system.symbolic)
     n = system.size
     key, places = np.unique(rows * n + columns, return_inverse=True)
     first = np.searchsorted(key, np.arange(n + 1) * n)
     index = key % n
 
     def jacobian(z: Any) -> Any:
-        values = kernel(np.ascontiguousarray(z, dtype=float), system.constant_values)[: len(places)]
+        values = entries_of(np.ascontiguousarray(z, dtype=float), system.constant_values)[: len(places)]
         return csr_matrix((np.bincount(places, values, len(key)), index, first), shape=(n, n))
 
     return jacobian
@@ -46,8 +45,8 @@ def _entries(symbolic: Any) -> tuple[Kernel, Any, Any]:
         found = trace.sparse_jacobian(list(symbolic.vector_field(z)), list(z))
         terms = [(i, j, slope) for i, row in enumerate(found) for j, slope in row.items()]
         inputs = {x: f"a[{i}]" for i, x in enumerate(z)} | symbolic.constant_symbols()
-        kernel = rolled(inputs, [slope for _, _, slope in terms])
-    return kernel, *(np.array([term[k] for term in terms], np.int64) for k in range(2))  # type: ignore[return-value]
+        made = kernel(inputs, [slope for _, _, slope in terms])
+    return made, *(np.array([term[k] for term in terms], np.int64) for k in range(2))  # type: ignore[return-value]
 
 
 def _by_arrays(symbolic: Any) -> tuple[Kernel, Any, Any]:
@@ -63,5 +62,5 @@ def _by_arrays(symbolic: Any) -> tuple[Kernel, Any, Any]:
     rows, columns, lengths = scattered(mesh, blocks, [(i, term) for i, term, _ in flat])
     free = rows >= 0
     places = np.where(free, np.cumsum(free) - 1, count := int(free.sum()))  # what is fixed is no column
-    kernel = made.kernel(mesh.with_entries(count), np.split(places, np.cumsum(lengths)[:-1]), extra=1)
-    return kernel, rows[free], columns[free]
+    where = np.split(places, np.cumsum(lengths)[:-1])
+    return made.kernel(mesh.with_entries(count), where, extra=1), rows[free], columns[free]

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 Array = NDArray[Any]
 OURS = Path(__file__).parents[1]
 FEW = 24  # length of a state over spaces up to which formulas are traced entry by entry
-LARGE = 80  # length of a state beyond which formulas become loops: see compiler.rolled
+MOST_WHOLE = 200  # longest state that is: beyond, compiling straight-line code takes minutes
 _SYMBOLIC: dict[tuple[Any, ...], Any] = {}
 _KERNELS: dict[tuple[Any, ...], tuple[Kernel, tuple[int, ...]]] = {}
 
@@ -169,11 +169,10 @@ class Traced:
         key = (self.structure, body, sizes)
         if key not in _KERNELS:
             from ..compiler.kernels import kernel as straight
-            from ..compiler.rolled import rolled
 
             with LOCK:
                 if key not in _KERNELS:
-                    _KERNELS[key] = self._traced(body, sizes, rolled if self.size > LARGE else straight)
+                    _KERNELS[key] = self._traced(body, sizes, straight)
         return _KERNELS[key]
 
     def _traced(self, body: Callable[..., Any], sizes: tuple[int, ...], made: Callable[..., Any]) -> tuple[Any, Any]:

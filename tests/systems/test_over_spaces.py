@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 import tcbench
-from tcbench import System, TcbenchError
+from tcbench import Scenario, System, TcbenchError
 from tcbench.systems import traced
 from tcbench.systems.sparse_jacobian import sparse_jacobian
 
-from ..helpers.networks import NETWORKS, N, Row, row
+from ..helpers.networks import NETWORKS, N, Row, cells, row
 
 SMALL = {"ends": [[0, 1], [1, 2], [2, 3], [0, 4]], "pairs": [[0, 1], [1, 2], [3, 0]], "mass": np.ones(4),
          "stiffness": np.full(4, 10.0), "q": [[1.0, 0.0], [2.0, 0.1], [3.0, 0.0], [4.0, 0.2]],
@@ -133,3 +133,31 @@ def test_formulas_of_all_sizes_are_traced_once():
     one, other = NETWORKS["row"], row(Row, **SMALL, kappa=3.0)
     assert one.model.by_arrays is other.model.by_arrays
     assert one.model.structure != other.model.structure and one.model.size > traced.FEW
+
+
+class Undeclared(System):
+    name = "undeclared"
+    variables = {"q": (101,), "p": (101,)}
+
+    def energy(self, z):
+        return (z.p @ z.p + z.q @ z.q) / 2
+
+    def entropy(self, z):
+        return z.q.sum()
+
+    def reversible(self, z, dE, dS):
+        return {"q": dE.p, "p": -dE.q}
+
+
+def test_what_is_too_large_to_be_traced_entry_by_entry_is_refused_with_a_cure():
+    sentence = r"A state of 'undeclared' has 202 numbers, .* \(at most 200\)\. Declare as spaces what it has many of"
+    scenario = Scenario(
+        "undeclared", Undeclared, {}, initial={"q": np.ones(101), "p": np.zeros(101)}, t_end=1.0, dt=0.5
+    )
+    for method in ("tc_monolithic", "tc_gauss", "tc_taylor", "solve_ivp_radau"):
+        with pytest.raises(TcbenchError, match=sentence):
+            tcbench.simulate(method, scenario)
+    with pytest.raises(
+        TcbenchError, match=r"jacobian\(\) of 'reactions', of 300 numbers, is a dense matrix.* has the sparse Jacobian"
+    ):
+        cells(100).model.jacobian(cells(100).z0)
