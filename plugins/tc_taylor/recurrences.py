@@ -70,7 +70,8 @@ class Writer(Gathering):
     def terms(
         self, x: Series, n: int, of: Pack = (), weight: Symbol = ONE, through: int = 0, part: int = WHOLE
     ) -> list[Term]:
-        """weight times coefficient n of a series, as terms of packs. of: the pack that is being made.
+        """weight times coefficient n of a series, as terms of packs. of: the pack that is being made, in
+        which a sum may stand beside one of its own parts.
 
         through: with variables as what they come from, which is known earlier, so many times.
         """
@@ -91,7 +92,7 @@ class Writer(Gathering):
         if x.kind == "D":
             return self.terms(x.parts[0], n + 1, (), trace.mul(weight, trace.const(n + 1.0)), through)
         found = [term for y, w in zip(x.parts, x.weights, strict=False)
-                 for term in self.terms(y, n, (), trace.mul(weight, w), through, part)]  # fmt: skip
+                 for term in self.terms(y, n, of, trace.mul(weight, w), through, part)]  # fmt: skip
         constant = trace.mul(weight, x.weights[-1])
         return found if n or trace.is_const(constant, 0.0) else [*found, Term(constant)]
 
