@@ -141,7 +141,7 @@ def remarks(tables: Tables) -> list[str]:
     """Sentences below the table: what failed, and what the paper's statements came to."""
     return [
         sentence
-        for sentence in (_failed(tables), *_missing(tables), *_metrics(tables), _paper(tables.get("claims")))
+        for sentence in (_failed(tables), *_missing(tables), *_metrics(tables), paper(tables.get("claims")))
         if sentence
     ]
 
@@ -185,7 +185,8 @@ def _failed(tables: Tables) -> str:
     return f"{statuses.total()} of {runs} runs of the ladders failed, which is a result: {parts}."
 
 
-def _paper(table: DataFrame | None) -> str:
+def paper(table: DataFrame | None) -> str:
+    """How many statements of Romero (2009) were checked, and what came of it."""
     if table is None or not len(table):
         return ""
     counts = Counter(str(v) for v in table["verdict"] if isinstance(v, str))

@@ -27,8 +27,9 @@ def judged(tables: Tables, declared: Tables) -> DataFrame:
 
     failed, runs : of `ladder_runs`; ladder_failed, ladder_runs : of `conservation` alone, with
     dt_most, its largest step, and done, its runs with a completed step. kept_LAW, of_LAW : the runs that kept a law, of
-    those whose system has it; lawful : those that ended and kept every one. fails : whether one of them failed or there
-    is a largest stable step; fails_from : the least step at which that is so.
+    those whose system has it; worst_LAW, at_LAW : its largest loss, and at which step or tolerance. lawful : those that
+    ended and kept every one. fails : whether one of them failed or there is a largest stable step; fails_from : the
+    least step at which that is so.
     order, fits : the fitted order of the state, of the lowest variable where that was not fitted; how many fits.
     limit, dt_stable, dt_unstable, dt_cap : as in `stability`; dt_coarsest : the scenario's, in `work_precision`.
     NUMBERS : times to an accuracy, s; errors of the temperatures and of the entropy produced at the coarsest step; the
@@ -126,18 +127,30 @@ def _of_ladder(table: DataFrame | None, declared: Tables) -> list[Any]:
     """Laws, failures and the energy error of the study `conservation`."""
     if table is None:
         return []
-    bad, steps = _failed(table), to_numbers(table, "dt")
+    table = table.reset_index(drop=True)
+    bad, steps, worst = _failed(table), to_numbers(table, "dt"), []
     done = to_numbers(table, "steps") > 0 if "steps" in table else bad | True
     rows = table[PAIR].assign(ladder_failed=bad, ladder_runs=1, done=done)
     whole, some = ~bad, bad & False
     for law, column in law_columns(table).items():
         values = to_numbers(table, column).where(done)
         rows[f"kept_{law}"], rows[f"of_{law}"] = is_kept(law, values), values.notna()
+        most = values[values.groupby([table[name] for name in PAIR]).transform("max").eq(values)].index
+        worst.append(
+            _last(table.loc[most[::-1]], **{f"worst_{law}": values[most], f"at_{law}": settings(table.loc[most])})
+        )
         whole, some = whole & (rows[f"kept_{law}"] | values.isna()), some | values.notna()
     sums = rows.assign(lawful=whole & some).groupby(PAIR).sum()
     ends = table[PAIR].assign(least_failed=steps.where(bad), dt_most=steps).groupby(PAIR)
     lost = _one(_at_own_step(table, declared), "energy_error_max", "energy")
-    return [sums, ends["least_failed"].min(), ends["dt_most"].max(), lost]
+    return [sums, *worst, ends["least_failed"].min(), ends["dt_most"].max(), lost]
+
+
+def settings(rows: DataFrame) -> Any:
+    """ "h = 0.1", or the tolerance that was asked for; "" for neither."""
+    steps, tolerances = to_numbers(rows, "dt"), to_numbers(rows, "tolerance")
+    other = tolerances.map("tolerance {:.0e}".format).where(tolerances.notna(), "")
+    return steps.map("h = {:.3g}".format).where(steps.notna(), other)
 
 
 def own_step(declared: Tables, name: str, rows: DataFrame) -> float | None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..engine.declared import FAMILIES as DECLARED
 from ..progress import LOUD
-from .judged import NUMBERS, finite, ladder_runs, laws
+from .judged import NUMBERS, finite, ladder_runs, laws, settings
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -54,12 +54,17 @@ def methods(found: DataFrame, tables: Tables, declared: Tables) -> list[dict[str
 
 
 def _laws(mine: DataFrame, facts: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """In how many of the runs a law was kept, of those whose system has it; none of 0 where it was never measured."""
-    return [
-        {"law": law, "claimed": law in facts["claims"] if "claims" in facts else None,
-         "kept": int(mine[f"kept_{law}"].sum()), "of": int(mine[f"of_{law}"].sum())}
-        for law in laws(mine)
-    ]  # fmt: skip
+    """In how many of the runs a law was kept, of those whose system has it, and the worst of them; none of 0 where it
+    was never measured."""
+    found: list[dict[str, Any]] = []
+    for law in laws(mine):
+        claimed = law in facts["claims"] if "claims" in facts else None
+        found.append({"law": law, "claimed": claimed, "kept": int(mine[f"kept_{law}"].sum()),
+                      "of": int(mine[f"of_{law}"].sum())})  # fmt: skip
+        if len(lost := mine[f"worst_{law}"].dropna()):
+            where = str(lost.idxmax())
+            found[-1] |= {"worst": float(lost.max()), "where": f"{where}, {mine.loc[where, f'at_{law}']}"}
+    return found
 
 
 def _order(mine: DataFrame, declared: Any) -> dict[str, Any] | None:
@@ -148,7 +153,8 @@ def failures(tables: Tables, longest: int = 300) -> dict[str, dict[str, Any]]:
     """{method: {scenario: [failed, runs, sentence of the failed run at the smallest step]}} of the ladders, and of
     what other studies could not measure."""
     found: dict[str, dict[str, list[Any]]] = {}
-    for row in ladder_runs(tables).to_dict("records"):
+    ladders = ladder_runs(tables)
+    for row in ladders.assign(at=settings(ladders)).to_dict("records"):
         cell = found.setdefault(str(row["integrator"]), {}).setdefault(str(row["scenario"]), [0, 0, "", math.inf])
         cell[1] += 1
         if row["status"] == "ok":
@@ -158,15 +164,9 @@ def failures(tables: Tables, longest: int = 300) -> dict[str, dict[str, Any]]:
         if not cell[2] or size < cell[3]:
             text = row["failure"]
             said = text if isinstance(text, str) and text else str(row["status"])
-            cell[2], cell[3] = _at(row) + said[:longest], size
+            cell[2], cell[3] = ": ".join(filter(None, (row["at"], said[:longest]))), size
     for item in unmeasured(tables):
         cell = found.setdefault(item.integrator, {}).setdefault(item.scenario, [0, 0, "", math.inf])
         cell[:3] = [cell[0] + 1, cell[1] + 1, cell[2] or item.sentence[:longest]]
     return {m: {s: c[:3] for s, c in cells.items() if c[0]} for m, cells in found.items() if any(
         c[0] for c in cells.values())}  # fmt: skip
-
-
-def _at(row: Mapping[str, Any]) -> str:
-    if finite(row["dt"]):
-        return f"h = {row['dt']:.3g}: "
-    return f"tolerance {row['tolerance']:.0e}: " if finite(row["tolerance"]) else ""

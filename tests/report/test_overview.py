@@ -337,7 +337,8 @@ def test_laws_count_the_runs_that_could_keep_them():
     tables = {"conservation": table}
     rows = {m["name"]: m for m in matrix.methods(judged(tables, told), tables, told)}
     laws = {law["law"]: law for law in rows["tc_monolithic"]["laws"]}
-    assert laws["energy"] == {"law": "energy", "claimed": True, "kept": 3, "of": 4}
+    worst = {"worst": 1e-3, "where": "short_term, h = 0.15"}  # of the run that lost most
+    assert laws["energy"] == {"law": "energy", "claimed": True, "kept": 3, "of": 4} | worst
     assert laws["linear_momentum"]["of"] == 4 and "angular_momentum" not in laws
     assert laws["entropy"]["claimed"] is False and rows["tc_monolithic"]["family"] == 0
     assert rows["midpoint_entropy"]["laws"][0]["claimed"] is None and rows["midpoint_entropy"]["family"] == 4

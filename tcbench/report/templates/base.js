@@ -62,8 +62,7 @@ const mark = (name) => shape("svg", { class: "mark", width: 13, height: 11, view
 // how a chart is made again from the tables of this folder, or anew
 const again = (...commands) => el("details", { class: "again" }, el("summary", {}, "reproduce this"), el("pre", {}, commands.join("\n")));
 const word = (text) => (/^[\w.,:=+-]+$/.test(text) ? text : `'${String(text).replaceAll("'", "'\\''")}'`);
-const lawful = (m) => m.laws.some((l) => l.of > 0) && m.laws.every((l) => l.kept === l.of);
-const PAPER = page.methods.filter((m) => m.family === 0).map((m) => m.name);
+const lawful = (m) => page.lawful.includes(m.name);  // they ended every run with every law kept
 
 const loaded = {};
 const table = (name) => {

@@ -1,16 +1,9 @@
 // Methods, one at a time: what it is, claims against measurements, order, stable steps, speed and accuracy, failures.
 const inMethod = { scenario: null, variable: null, speed: null };
 
-const measured = async (m) => {
-  const ladder = rows(await table("conservation"), { integrator: m.name });
-  const columns = { energy: "energy_error_max", entropy: "second_law_violations" };
-  const lines = m.laws.filter((l) => l.of).map((law) => {
-    const column = columns[law.law] || `${law.law}_error_max`;
-    const worst = ladder.filter((r) => known(r[column]) && !(r.steps === 0)).sort((a, b) => b[column] - a[column])[0];
-    const verdict = law.kept === law.of ? (law.claimed ? "kept" : "kept, not claimed") : law.claimed ? "BROKEN" : "not claimed, not kept";
-    return [words(law.law), law.claimed === null ? "?" : law.claimed ? "yes" : "no", `${law.kept} of ${law.of}`, worst ? number(worst[column]) : "–",
-      worst ? `${worst.scenario}, ${known(worst.dt) ? `h = ${number(worst.dt)}` : `tolerance ${number(worst.tolerance)}`}` : "–", verdict];
-  });
+const measured = (m) => {
+  const lines = m.laws.filter((l) => l.of).map((law) => [words(law.law), law.claimed === null ? "?" : law.claimed ? "yes" : "no", `${law.kept} of ${law.of}`, number(law.worst), law.where,
+    law.kept === law.of ? (law.claimed ? "kept" : "kept, not claimed") : law.claimed ? "BROKEN" : "not claimed, not kept"]);
   const absent = m.laws.filter((l) => !l.of).map((l) => words(l.law));
   return [simple(["law", "claimed", "kept in runs", "worst", "where", "verdict"], lines),
     empty(`Energy and invariants: the largest error over V₀ and over the initial value, kept up to 1e-9. Entropy: steps on which it fell.${absent.length ? ` Not measured: ${absent.join(", ")}.` : ""}`)];
@@ -105,6 +98,6 @@ const methods = async (place) => {
     el("h2", { class: "own", style: `--own:${colour(m.name)}` }, mark(m.name), short(m.name, 80)),
     el("p", { class: "soft" }, [page.families[m.family], it?.source && short(it.source, 200), it && { flows: await solved(m), step: "a step of its own", adaptive: "chooses its steps" }[it.kind], it?.order && `declared order ${it.order}`].filter(Boolean).join(" · ")),
     el("div", { class: "two" }, el("section", {}, it ? [el("p", { class: "told" }, it.description.replace(/([^\n])\n(?!\n)/g, "$1 ")), it.formula ? el("details", { open: true }, el("summary", {}, "Its formula, as its author wrote it"), el("pre", { tabindex: 0 }, it.formula)) : ""] : empty("This folder does not say what the method is: run its command again with this version of tcbench.")),
-      part("Claimed and measured", m.laws.length ? await measured(m) : empty("This run measured no laws.")) || ""));
+      part("Claimed and measured", m.laws.length ? measured(m) : empty("This run measured no laws.")) || ""));
   for (const content of [part("Order", await orders(m)), part("Speed and accuracy", await speedOf(m)), part("Largest stable steps", await stable(m)), part("Runs that failed", await ended(m))]) if (content) root.append(content);
 };

@@ -76,9 +76,7 @@ const failuresView = async () => {
 const claimsView = async () => {
   const root = $("claim-page"), all = rows(await table("claims"));
   const rank = (r) => (r.verdict === "holds" ? 2 : r.verdict ? 0 : 1);
-  const counts = [...grouped(all, "verdict")].sort(([a], [b]) => (a === "holds") - (b === "holds"))
-    .map(([v, list]) => `${list.length} ${list.length > 1 ? v.replace(/^does /, "do ").replace(/^(hold|contradict)s/, "$1") : v || "not measured"}`).join(", ");
-  root.replaceChildren(el("h2", {}, "The paper's claims"), el("p", {}, `${all.length} statements of Romero (2009) were checked: ${counts}.`),
+  root.replaceChildren(el("h2", {}, "The paper's claims"), el("p", {}, page.paper),
     simple(["claim", "section", "expected", "measured", "verdict", "why"], all.map((r, i) => [r, i]).sort(([a, i], [b, j]) => rank(a) - rank(b) || i - j)
       .map(([r]) => [r.claim || "", r.section || "", r.expected || "", r.measured || "", r.verdict || "not measured", r.why || ""])));
   if (!page.tables.literature) return;
