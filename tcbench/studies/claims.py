@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from ..study import Row, Study
+from .frames import table_of
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -65,16 +66,13 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
 
 def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
     """One row a claim. A group that could not be measured keeps one row, with the reason and no verdict."""
-    import pandas as pd
 
     rows: list[Row] = []
     for record in records:
         origin = {k: v for k, v in record.items() if k not in ("findings", "failure")}
         failed = {"claim": f"{record['group']}: not measured", "verdict": "", "why": record.get("failure", "")}
         rows += [origin | finding for finding in record.get("findings") or [failed]]
-    frame = pd.DataFrame(rows)
-    rest = [c for c in frame.columns if c not in COLUMNS]
-    return {"claims": frame.reindex(columns=[*COLUMNS, *rest])}
+    return {"claims": table_of(rows, COLUMNS, by=())}
 
 
 STUDY = Study(

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import MachineError
 from ..study import Row, Study
+from .frames import table_of
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -118,17 +119,15 @@ def _warm_up(integrator: Integrator, scenario: Scenario, extra: Mapping[str, Any
 
 
 def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
-    import pandas as pd
 
     from ..simulation import series
 
     left_out = (*series.ROW, "numbers", "sweep")
     rows = [{k: v for k, v in row.items() if k not in left_out} | (row.get("numbers") or {}) for row in records]
-    table = pd.DataFrame(rows)
-    first = [c for c in COLUMNS if c in table or not c.endswith("momentum_error_max")]  # which not all systems have
-    table = table.reindex(columns=[*first, *(c for c in table.columns if c not in COLUMNS)])
-    order = [c for c in ("scenario", "integrator", "dt", "tolerance") if c in table]
-    return {"conservation": table.sort_values(order, kind="stable", ignore_index=True)} | series.tables(records)
+    there = set().union(*rows)
+    first = [c for c in COLUMNS if c in there or not c.endswith("momentum_error_max")]  # which not all systems have
+    order = [c for c in ("scenario", "integrator", "dt", "tolerance") if c in (*first, *there)]
+    return {"conservation": table_of(rows, first, order)} | series.tables(records)
 
 
 STUDY = Study(

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from ..study import Row, Study
+from .frames import table_of
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -144,7 +145,6 @@ def _point_rows(
 
 def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
     """`convergence`: one row a variable; `convergence_points`: one row a step size. A failed cell keeps one row."""
-    import pandas as pd
 
     orders: list[Row] = []
     points: list[Row] = []
@@ -155,16 +155,9 @@ def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
         orders += [origin | row for row in record.get("orders") or [failed]]
         points += [name | row for row in record.get("points") or []]
     return {
-        "convergence": _table(pd.DataFrame(orders), COLUMNS),
-        "convergence_points": _table(pd.DataFrame(points), POINT_COLUMNS),
+        "convergence": table_of(orders, COLUMNS),
+        "convergence_points": table_of(points, POINT_COLUMNS),
     }
-
-
-def _table(frame: DataFrame, columns: Sequence[str]) -> DataFrame:
-    """Columns in order, others after them; rows by scenario and integrator, then as measured."""
-    rest = [c for c in frame.columns if c not in columns]
-    frame = frame.reindex(columns=[*columns, *rest])
-    return frame.sort_values(["scenario", "integrator"], kind="stable", ignore_index=True)
 
 
 STUDY = Study(

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from ..study import Row, Study
+from .frames import table_of
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -216,7 +217,6 @@ def _sentence(word: str, run: Trajectory, exact: Any, last: Mapping[str, float],
 
 def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
     """`equilibrium`: one row a recorded time; `equilibrium_summary`: one row a run, failed cells included."""
-    import pandas as pd
 
     rows: list[Row] = []
     summaries: list[Row] = []
@@ -226,18 +226,15 @@ def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
         summaries.append(origin | (record.get("summary") or {"note": record.get("failure", "")}))
         rows += [name | row for row in record.get("rows") or []]
     return {
-        "equilibrium": _table(pd.DataFrame(rows), COLUMNS),
-        "equilibrium_summary": _table(pd.DataFrame(summaries), SUMMARY_COLUMNS),
+        "equilibrium": _table(rows, COLUMNS),
+        "equilibrium_summary": _table(summaries, SUMMARY_COLUMNS),
     }
 
 
-def _table(frame: DataFrame, columns: Sequence[str]) -> DataFrame:
-    """Columns in order, others after them; rows by scenario, integrator and dt, then as measured. Columns that only
-    the pendulum has are left out where it is not there."""
-    columns = [c for c in columns if c in frame.columns or c in OF_ANY]
-    rest = [c for c in frame.columns if c not in columns]
-    frame = frame.reindex(columns=[*columns, *rest])
-    return frame.sort_values(["scenario", "integrator", "dt"], kind="stable", ignore_index=True)
+def _table(rows: Sequence[Row], columns: Sequence[str]) -> DataFrame:
+    """Columns that only the pendulum has are left out where it is not there."""
+    there = set().union(OF_ANY, *rows)
+    return table_of(rows, [c for c in columns if c in there], ("scenario", "integrator", "dt"))
 
 
 STUDY = Study(

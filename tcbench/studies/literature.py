@@ -14,6 +14,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from ..study import Row, Study
+from .frames import table_of
 from .theorems import Finding, shell_name
 
 if TYPE_CHECKING:
@@ -155,7 +156,6 @@ def _command(integrator: Integrator, scenario: Scenario) -> str:
 
 def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
     """`literature`: one row a statement, by whom; `literature_errors`: the errors at every step."""
-    import pandas as pd
 
     claims: list[Row] = []
     points: list[Row] = []
@@ -169,11 +169,7 @@ def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
             )
         points += [origin | point for point in record.get("points") or []]
     found = {"literature": (claims, COLUMNS), "literature_errors": (points, POINT_COLUMNS)}
-    return {name: _table(pd.DataFrame(rows), columns) for name, (rows, columns) in found.items()}
-
-
-def _table(frame: DataFrame, columns: Sequence[str]) -> DataFrame:
-    return frame.reindex(columns=[*columns, *(c for c in frame.columns if c not in columns)])
+    return {name: table_of(rows, columns, by=()) for name, (rows, columns) in found.items()}
 
 
 STUDY = Study(

@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from ..study import Row, Study
+from .frames import table_of
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -186,11 +187,7 @@ def energy_growth(integrator: Integrator, scenario: Scenario, options: Row) -> R
 
 
 def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
-    import pandas as pd
-
-    table = pd.DataFrame(list(records))
-    table = table.reindex(columns=[*COLUMNS, *(c for c in table.columns if c not in COLUMNS)])
-    return {"measures": table.sort_values(["scenario", "integrator"], kind="stable", ignore_index=True)}
+    return {"measures": table_of(records, COLUMNS)}
 
 
 STUDY = Study(

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 from .. import cache
 from ..study import Row, Study
 from .cost import exponent
+from .frames import table_of
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -111,10 +112,8 @@ def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
     a row a method, family and step."""
     import pandas as pd
 
-    table = pd.DataFrame([{"family": r["scenario"].partition("[")[0]} | r for r in records])  # crashes have none
-    table = table.reindex(columns=[*COLUMNS, *(c for c in table.columns if c not in COLUMNS)])
-    order = ["family", "integrator", "dt", "numbers"]
-    table = table.sort_values(order, kind="stable", ignore_index=True)
+    rows = [{"family": r["scenario"].partition("[")[0]} | r for r in records]  # crashes have none
+    table = table_of(rows, COLUMNS, ("family", "integrator", "dt", "numbers"))
     fits = []
     done = sorted((r for r in records if r.get("status") == "ok"), key=_group)
     for (kind, name, dt), group in itertools.groupby(done, _group):

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from ..study import Row, Study
+from .frames import table_of
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -62,17 +63,12 @@ def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
         ]
         return pd.DataFrame(rows, columns=list(columns))
 
-    def one_each(rows: Sequence[Row], columns: Sequence[str]) -> DataFrame:
-        table = pd.DataFrame(list(rows)).drop(columns=["points", "sensitivity"], errors="ignore")
-        table = table.reindex(columns=[*columns, *(c for c in table.columns if c not in columns)])
-        return table.sort_values(["scenario", "integrator"], kind="stable", ignore_index=True)
-
-    adaptive = [r for r in records if "tolerance_stable" in r]
+    flat = [{k: v for k, v in r.items() if k not in ("points", "sensitivity")} for r in records]
     return {
-        "stability": one_each([r for r in records if "tolerance_stable" not in r], COLUMNS),
+        "stability": table_of((r for r in flat if "tolerance_stable" not in r), COLUMNS),
         "stability_points": nested("points", POINTS),
         "blowup_sensitivity": nested("sensitivity", SENSITIVITY),
-        "stable_tolerances": one_each(adaptive, TOLERANCES),
+        "stable_tolerances": table_of((r for r in flat if "tolerance_stable" in r), TOLERANCES),
     }
 
 

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 from ..errors import leave_to_the_machine
 from ..study import Row, Study
 from .cost import TARGETS, cost_rows, reached_error, time_to_accuracy
+from .frames import table_of
 from .yardstick import timed
 
 if TYPE_CHECKING:
@@ -318,11 +319,8 @@ def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
         name = record["integrator"], record["scenario"]
         for point in record.get("points") or [{}]:
             rows.append(common | point | {"yardsticks_again": again.get((*name, point.get("value")), math.nan)})
-    table = pd.DataFrame(rows)
-    absent = [c for c in COLUMNS if "error_" in c and c not in table]  # of variables and invariants that no system has
-    rest = [c for c in table.columns if c not in COLUMNS]
-    table = table.reindex(columns=[*(c for c in COLUMNS if c not in absent), *rest])
-    table = table.sort_values(["scenario", "integrator"], kind="stable", ignore_index=True)
+    there = set().union(*rows)  # some errors are of variables and invariants that no system has
+    table = table_of(rows, [c for c in COLUMNS if "error_" not in c or c in there])
     return {
         "work_precision": table,
         "time_to_accuracy": pd.DataFrame(time_to_accuracy(records)),
