@@ -51,9 +51,7 @@ def start_at(scenario: Scenario, z: Any, t_end: float) -> Scenario:
 
 def run(method: Integrator, scenario: Scenario, dt: float, steps: int) -> Trajectory:
     """steps of dt; an adaptive solver at its default tolerance over the same time."""
-    if method.kind == "adaptive":
-        return simulate(method, scenario, t_end=steps * dt)
-    return simulate(method, scenario, dt=dt, t_end=steps * dt)
+    return simulate(method, scenario, dt=None if method.kind == "adaptive" else dt, t_end=steps * dt)
 
 
 # ---- what is declared

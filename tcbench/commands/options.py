@@ -28,18 +28,15 @@ def completion(kind: str) -> Callable[..., list[str]]:
 
 def many(kind: str, help: str) -> Callable[..., Any]:
     """-i or -s: several names or patterns."""
-    return click.option(
-        f"--{kind}", f"-{kind[0]}", f"{kind}s", multiple=True, metavar="NAME", shell_complete=completion(f"{kind}s"),
-        help=f"{help} Or a pattern ('{'tc_*' if kind == 'integrator' else '*_term'}'); repeat for several.",
-    )  # fmt: skip
+    return one(kind, f"{help} Or a pattern ('{'tc_*' if kind == 'integrator' else '*_term'}'); repeat for several.")
 
 
 def one(kind: str, help: str) -> Callable[..., Any]:
     """-i or -s of a command that takes one of them; `many` without the advice to repeat it."""
+    names = completion(f"{kind}s")
     return click.option(
-        f"--{kind}", f"-{kind[0]}", f"{kind}s", multiple=True, metavar="NAME", shell_complete=completion(f"{kind}s"),
-        help=help,
-    )  # fmt: skip
+        f"--{kind}", f"-{kind[0]}", f"{kind}s", multiple=True, metavar="NAME", shell_complete=names, help=help
+    )
 
 
 def runs(name: str = "folder", required: bool = False, shown: str = "[FOLDER]") -> Callable[..., Any]:

@@ -184,7 +184,7 @@ class System(OverSpaces):
         """Does the system define an optional function, such as "conduction_flow"?"""
         (base, *_) = (c for c in cls.__mro__ if "written" in c.__dict__)
         own = getattr(cls, name, None)
-        return callable(own) and own is not getattr(base, name, None)  # the points of a network are a table
+        return callable(own) and own is not getattr(base, name, None)
 
     # ---- variables -------------------------------------------------------------------------------------
 
