@@ -24,9 +24,9 @@ class Metric:
     compute : function
         compute(trajectory) -> float, from states of shape (m, n).
     unit : str
-        Shown beside the name; "" for what is dimensionless.
+        Shown beside the name, on the page; "" for what is dimensionless.
     description : str
-        A sentence for the page.
+        A sentence, which stands on the page under How it was measured.
     plugin : str
         Filled in by the registry.
 

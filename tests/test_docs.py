@@ -14,7 +14,18 @@ from tcbench import hookspecs, plugins
 from tcbench.cli import main
 
 ROOT = Path(__file__).parent.parent
-PAGES = ("index", "add-integrator", "add-scenario", "add-system", "add-study", "measures", "physics", "chain", "cite")
+PAGES = (
+    "index",
+    "add-integrator",
+    "add-scenario",
+    "add-system",
+    "add-study",
+    "measures",
+    "physics",
+    "chain",
+    "cite",
+    "peers",
+)
 BLOCK = re.compile(r'(<!-- not run: [^\n]*-->\n)?```(sh|python)(?: title="([\w.]+)")?\n(.*?)```', re.DOTALL)
 HOOKS = [name for name in vars(hookspecs) if name.startswith("tcbench_")]
 

@@ -24,10 +24,11 @@ LAWS = {"energy", "entropy"}
 def declared(
     methods: Sequence[Integrator], scenarios: Sequence[Scenario], absent: Mapping[str, str]
 ) -> dict[str, dict[str, Any]]:
-    """The methods and scenarios of a run by name, and those that are not installed with what they lack."""
+    """The methods, scenarios and further columns of a run by name, and methods that lack a package with its name."""
     return {
         "integrators": {method.name: method_facts(method) for method in methods},
         "scenarios": {scenario.name: scenario_facts(scenario) for scenario in scenarios},
+        "metrics": {m.name: {"unit": m.unit, "description": m.description} for m in plugins.metrics().values()},
         "absent": dict(absent),
     }
 
@@ -93,7 +94,7 @@ def scenario_facts(scenario: Scenario) -> dict[str, Any]:
 
 def merged(earlier: Mapping[str, Any], later: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     """What a folder says after another run into it: names of both, the later word on each."""
-    return {key: _both(earlier.get(key), later.get(key)) for key in ("integrators", "scenarios", "absent")}
+    return {key: _both(earlier.get(key), later.get(key)) for key in ("integrators", "scenarios", "metrics", "absent")}
 
 
 def _both(*mappings: Any) -> dict[str, Any]:

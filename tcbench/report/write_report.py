@@ -86,7 +86,7 @@ def _content(store: Store, tables: dict[str, DataFrame]) -> dict[str, Any]:
         "kept": {name: law_shares(one_scenario(found, name)) for name in scenarios},
         "lenses": lenses(found), "failures": failures(tables), "stopped": stopped(tables),
         "charts": list(charts), "tables": {name: len(table) for name, table in tables.items()},
-        "labels": {name: column(name).label for table in tables.values() for name in map(str, table.columns)},
+        "labels": {name: _label(name, declared) for table in tables.values() for name in map(str, table.columns)},
     }  # fmt: skip
     return {
         "title": store.folder.resolve().name,
@@ -100,6 +100,7 @@ def _content(store: Store, tables: dict[str, DataFrame]) -> dict[str, Any]:
         "spent_ms": f"{1e3 * SPENT_S:g}",
         "charts": bool(charts),
         "charts_packed": packed(json.dumps(charts, separators=(",", ":"), allow_nan=False)),
+        "metrics": {n: m["description"] for n, m in declared.get("metrics", {}).items() if m["description"]},
         "absent": sorted(declared.get("absent", {}).items()),
         "manifest": _facts(manifest),
         "provenances": {name: _facts(found) for name, found in store.provenances().items()},
@@ -135,6 +136,12 @@ def _named(declared: Mapping[str, Any], tables: Mapping[str, DataFrame]) -> dict
         key: {name: declared[key][name] for name in names(tables, kind) if name in declared.get(key, {})}
         for key, kind in kinds.items()
     }
+
+
+def _label(name: str, declared: Mapping[str, Any]) -> str:
+    """What a column is called, with the unit that its metric states."""
+    unit = declared.get("metrics", {}).get(name, {}).get("unit", "")
+    return f"{column(name).label}, {unit}" if unit else column(name).label
 
 
 def _machine(manifest: Mapping[str, Any]) -> str:

@@ -140,6 +140,13 @@ def test_hostile_names_and_messages_are_text(hostile):
     assert max(map(len, page.table("conservation")["failure"].dropna())) >= 9_990
 
 
+def test_the_page_says_what_the_columns_of_plugins_are(tmp_path):
+    table = awkward.conservation(awkward.FIVE).assign(hottest=380.0)
+    told = awkward.declared(awkward.FIVE) | {"metrics": {"hottest": {"unit": "K", "description": "the highest one"}}}
+    page = Page(make(tmp_path / "run", {"conservation": table}, (), told)[1])
+    assert page.data["labels"]["hottest"] == "hottest, K" and "the highest one" in page.text
+
+
 def test_absent_peers_are_named_with_what_installs_them(tmp_path):
     told = awkward.declared(awkward.FIVE) | {"absent": {"heyoka": "it needs packages: pip install heyoka"}}
     words = "".join(
