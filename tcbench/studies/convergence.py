@@ -20,6 +20,7 @@ HALVINGS = range(1, 16)  # dt = t_converge / 2^k: exact, and from far outside th
 PYTHON_HALVINGS = range(1, 12)  # a step of a plain Python method may cost a hundred times as much
 # Rounding drifts by up to 5e-16 a step (midpoint_temperature); a 2000th part of an error bends its slope visibly.
 ROUNDOFF = 1e-12
+STILL = 1e-13  # relative: what keeps its value, to round-off
 COLUMNS = (
     "integrator", "scenario", "variable", "order", "order_low", "order_high", "points_used", "dt_min", "dt_max",
     "declared", "verdict", "status", "note",
@@ -68,11 +69,13 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
     fits = {
         name: fit_order(dt, errors[name], reference.floor[0], solver_floor=floors, roundoff=roundoff) for name in exact
     }
+    start = groups(scenario.model, scenario.z0)
+    still = {x for x in exact if _is_still([relative_error(exact[x], start[x]), *errors[x]])}
     return {
         "status": "ok" if "ok" in dict(ends) else ends[-1][0],
         "t": scenario.t_converge,
         "reference": reference.source,
-        "orders": [_order_row(name, fits[name], integrator.order) for name in exact],
+        "orders": [_order_row(name, fits[name], integrator.order, name in still) for name in exact],
         "points": [row for name in exact for row in _point_rows(name, fits[name], dt, ends, errors[name])],
     }
 
@@ -106,9 +109,16 @@ def relative_error(found: Any, exact: Any) -> float:
     return gap(found, exact)
 
 
-def _order_row(name: str, fit: OrderFit, declared: int | None) -> Row:
+def _is_still(misses: Sequence[float]) -> bool:
+    """Has a variable, exactly and in every run that arrived, the value with which it began?"""
+    return not any(miss > STILL for miss in misses) and any(miss <= STILL for miss in misses[1:])
+
+
+def _order_row(name: str, fit: OrderFit, declared: int | None, still: bool) -> Row:
     verdict, note = fit.verdict(declared), fit.note
-    if verdict == "undetermined" and fit.points_used:
+    if still:
+        verdict, note = "stands still", "It keeps the value with which it began, as it should: there is no order."
+    elif verdict == "undetermined" and fit.points_used:
         note = f"The slope lies between {fit.order_low:.2f} and {fit.order_high:.2f}, which says too little: {note}"
     return {
         "variable": name,

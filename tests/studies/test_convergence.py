@@ -157,6 +157,15 @@ def test_plan_leaves_adaptive_solvers_out():
     assert plan([adaptive], list(tcbench.scenarios().values()), {}) == []
 
 
+def test_what_stands_still_has_no_order_and_says_why():
+    """Entropies where nothing is conducted; what moves has its order."""
+    scenario = tcbench.scenarios()["short_term"].replace(name="adiabatic", conductivity=0.0)
+    row = measure(plugins.find_integrator("tc_monolithic"), scenario, {"dt": [0.1, 0.05, 0.025, 0.0125]})
+    found = {fit["variable"]: fit for fit in row["orders"]}
+    assert found["s"]["verdict"] == "stands still" and "as it should" in found["s"]["note"]
+    assert {found[name]["verdict"] for name in ("q", "p", "theta", "all")} == {"as declared"}
+
+
 def test_groups_are_the_blocks_of_the_state():
     scenario = tcbench.scenarios()["short_term"]
     found = groups(scenario.model, scenario.z0)
