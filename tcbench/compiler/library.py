@@ -22,6 +22,7 @@ from .once import LOCK
 from .records import HEAD, address_of
 from .values import BOOL, FLOAT, INT, NOTHING, Array, Several, kind_of
 
+OWN = ("tcbench", "tcbench_plugins")  # whose globals are constants
 DOUBLE, WHOLE = np.dtype(np.float64), np.dtype(np.int64)
 CODES = {INT: ctypes.c_int64, FLOAT: ctypes.c_double, BOOL: ctypes.c_int64}
 
@@ -33,7 +34,7 @@ class Library:
     """Functions of the restricted Python, compiled together when the first of them is asked for: `library.march(...)`.
 
     Arguments: numbers, records, and contiguous arrays of the kinds that the annotations say. Globals that the functions
-    read are constants of the compiled code, as they are when the first of them is asked for.
+    read are constants of the compiled code; where an author's have changed it is compiled anew.
     """
 
     def __init__(self, name: str, *functions: Any) -> None:
@@ -58,8 +59,28 @@ class Library:
 
             with LOCK:  # the second of two threads reads what the first compiled
                 found = addresses(self.entries(), self.code, made_of(*self.functions), loops=True)
-            self.__dict__ |= {f.__name__: _entry(f, address) for f, address in zip(self.functions, found, strict=True)}
+            entries = {f.__name__: _entry(f, address) for f, address in zip(self.functions, found, strict=True)}
+            if any(f.__module__.partition(".")[0] not in OWN for f in self.functions):
+                entries = {x: self._while_globals_stay(x, entry) for x, entry in entries.items()}
+            self.__dict__ |= entries
         return self.__dict__[name]
+
+    def _while_globals_stay(self, name: str, entry: Callable[..., Any]) -> Callable[..., Any]:
+        """The compiled function, which is made anew when a global that it reads has another value."""
+        from .translations import globals_read
+
+        read = globals_read(*self.functions)
+
+        def called(*arguments: Any) -> Any:
+            if all(known.get(x) is value for known, x, value in read):
+                return entry(*arguments)
+            with LOCK:
+                if self.__dict__.get(name) is called:
+                    for f in self.functions:
+                        self.__dict__.pop(f.__name__, None)
+            return getattr(self, name)(*arguments)
+
+        return called
 
     def code(self) -> str:
         """LLVM code of the module."""

@@ -50,7 +50,11 @@ def described(code: types.CodeType) -> tuple[bytes, frozenset[str]]:
 
 
 class Inputs(Hasher):
-    """The hash of what a translation of these objects may read."""
+    """The hash of what a translation of these objects may read; `read`: globals, as (namespace, name, value)."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.read: list[tuple[Mapping[str, Any], str, Any]] = []
 
     def home(self, name: str, file: str | None) -> str | None:
         top = name.partition(".")[0]
@@ -83,8 +87,11 @@ class Inputs(Hasher):
         for name in names:
             if name in known:
                 self.note("global", name)
+                self.read.append((known, name, known[name]))
                 if isinstance(known[name], types.ModuleType):
                     self._module(known[name], attributes)
+                    inside = vars(known[name])
+                    self.read += [(inside, x, inside[x]) for x in sorted(attributes & inside.keys())]
                 else:
                     self.add(known[name])
 
@@ -101,6 +108,13 @@ class Inputs(Hasher):
 def inputs(*objects: Any) -> str | None:
     """Hash of what a translation of these objects may read; None where something in it has none."""
     return hashed(Inputs(), objects)
+
+
+def globals_read(*functions: Any) -> list[tuple[Mapping[str, Any], str, Any]]:
+    """What the functions, and those that they call, read of their modules: (namespace, name, value)."""
+    found = Inputs()
+    hashed(found, functions)
+    return found.read
 
 
 def made_of(*objects: Any) -> str | None:

@@ -1,6 +1,8 @@
 # no `from __future__ import annotations`: these annotations are objects, and to be understood as such
 """What compiled code is made of: the functions as they are loaded, with their closures and annotations."""
 
+import types
+
 import numpy as np
 import pytest
 
@@ -41,6 +43,14 @@ def shift(x: float) -> "float":
     return x + LIMIT
 
 
+elsewhere = types.ModuleType("elsewhere")
+elsewhere.LIMIT = 2.0
+
+
+def seen_elsewhere(x: float) -> float:
+    return x + elsewhere.LIMIT
+
+
 def times(n):
     def f(x: float) -> float:
         return x * n
@@ -70,6 +80,21 @@ def test_an_annotation_without_a_rank_is_refused():
 
     with pytest.raises(TcbenchError, match="an argument is annotated int, float, bool, Floats"):
         Library("unclear", f).f  # noqa: B018
+
+
+def test_a_global_that_changes_later_is_seen(monkeypatch):
+    """Also by who kept the function; the old value would be a wrong number in silence."""
+    library = Library("limits", shift)
+    kept = library.shift
+    assert kept(1.0) == 3.0
+    monkeypatch.setitem(globals(), "LIMIT", 5.0)
+    assert kept(1.0) == library.shift(1.0) == 6.0
+    monkeypatch.setitem(globals(), "LIMIT", 2.0)
+    assert kept(1.0) == library.shift(1.0) == 3.0
+    of_module = Library("of a module", seen_elsewhere)
+    assert of_module.seen_elsewhere(1.0) == 3.0
+    monkeypatch.setattr(elsewhere, "LIMIT", 4.0)
+    assert of_module.seen_elsewhere(1.0) == 5.0
 
 
 def test_a_closure_reads_the_function_around_it_not_a_global_of_the_same_name():
