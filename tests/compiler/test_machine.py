@@ -111,7 +111,9 @@ print(*machine.target()[:1], *(x.hex() for x in tcbench.simulate(**{WAY}).z[-1])
 """
 
 
-@pytest.mark.parametrize("asked", ["x86-64", "x86-64-v3", "x86-64-v3:-fma"])
+@pytest.mark.parametrize(
+    "asked", ["x86-64", *(pytest.param(f"x86-64-v3{f}", marks=pytest.mark.thorough) for f in ("", ":-fma"))]
+)
 def test_another_processor_may_be_compiled_for(asked):
     import platform
 

@@ -87,6 +87,7 @@ def test_a_value_of_the_wrong_type_and_a_file_that_is_not_there(folder):
     assert done.exit_code == 2 and "nowhere.toml" in done.output
 
 
+@pytest.mark.thorough
 def test_a_site_of_two_runs(folder):
     for name in ("first", "second <&>"):
         assert run("run", "--config", "study.toml", "-o", name).exit_code == 0

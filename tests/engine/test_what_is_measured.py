@@ -169,7 +169,7 @@ def test_a_plugin_file_that_is_edited_during_the_session_is_read_again(tmp_path)
 HELPED = "import pack.share\n" + PLUGIN.replace("({a})", "pack.share.old").replace("{b}", "pack.share.new")
 
 
-@pytest.mark.parametrize("python", ["this", "another"])
+@pytest.mark.parametrize("python", ["this", pytest.param("another", marks=pytest.mark.thorough)])
 def test_an_edit_of_one_size_and_second_is_measured(tmp_path, monkeypatch, python):
     """Python would take its byte code of the file before for current: own files, helpers and packages beside them."""
     monkeypatch.delenv("PYTHONDONTWRITEBYTECODE", raising=False)

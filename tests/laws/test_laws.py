@@ -15,7 +15,14 @@ from tcbench import TcbenchError
 SCENARIOS = tcbench.scenarios()
 WRAPPERS = ("controlled", "projected")  # adaptive members are all other methods: tests/plugins has theirs
 ASIDE = [name for name, i in tcbench.integrators().items() if not i.by_default]  # by themselves: tests/plugins has more
-FEW = ("stiff_spring", "cold_spring", "gas_containers", "damped_oscillator", "heavy_top", "reaction")  # for those
+FEW = (
+    "stiff_spring",
+    "cold_spring",
+    "gas_containers",
+    "damped_oscillator",
+    "heavy_top",
+    "reaction",
+)  # for those, and in the first tier for variants
 METHODS = {
     v.name: v
     for i in tcbench.integrators().values()
@@ -60,7 +67,9 @@ def on_every_scenario(*laws, scenarios=tuple(SCENARIOS)):
     methods = [name for name in VARIANTS if all(name in claiming(law) for law in laws)]
     pairs = [(i, s) for i in methods for s in scenarios if suits(i, s) and (i not in ASIDE or s in FEW)]
     assert {i for i, _ in pairs} == set(methods) and {s for _, s in pairs} == set(scenarios)
-    return pytest.mark.parametrize(("integrator", "scenario"), pairs)
+    marks = [[pytest.mark.thorough] if "[" in i and s not in FEW else [] for i, s in pairs]  # of variants
+    found = [pytest.param(*pair, marks=marked) for pair, marked in zip(pairs, marks, strict=True)]
+    return pytest.mark.parametrize(("integrator", "scenario"), found)
 
 
 UNSUITABLE = [(i, s) for i in VARIANTS for s in SCENARIOS if not suits(i, s)]

@@ -73,7 +73,9 @@ def test_the_derived_vector_field_is_the_printed_one():
         assert np.allclose(SCENARIO.model.jacobian(z), jacobian, rtol=1e-10, atol=1e-10)
 
 
-@pytest.mark.parametrize("integrator", ALL)
+@pytest.mark.parametrize(
+    "integrator", [pytest.param(name, marks=[pytest.mark.thorough] if "[" in name else []) for name in ALL]
+)
 def test_every_integrator_runs_unchanged_and_keeps_what_it_claims(integrator):
     run = tcbench.simulate(integrator, SCENARIO)
     claims = find_integrator(integrator).claims
