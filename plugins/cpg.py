@@ -32,6 +32,11 @@ def lagrange(nodes):
     return found
 
 
+def combined(weights, values):
+    """Their sum with weights."""
+    return sum(w * x for w, x in zip(weights, values, strict=True))
+
+
 def projected_gradients(k):
     (c, b), (x, w) = gauss(k), gauss(POINTS)
     ls = lagrange(c)
@@ -39,17 +44,19 @@ def projected_gradients(k):
     path = np.array([[(p := l.integ())(point) - p(0.0) for l in ls] for point in x])
     weight = np.array([w * l(x) / b_j for l, b_j in zip(ls, b, strict=True)])
 
+    into = np.linalg.inv(A)
+
     def residual(z0, z1, h, system, stages):
-        moved = np.array([z - z0 for z in stages])
-        hF = np.linalg.inv(A) @ moved
-        along = [system.state(z0 + row @ hF) for row in path]
-        slopes = [(np.asarray(system.gradient(z)), np.asarray(system.entropy_gradient(z))) for z in along]
+        moved = [z - z0 for z in stages]
+        hF = [combined(row, moved) for row in into]
+        along = [system.state(z0 + combined(row, hF)) for row in path]
+        slopes = [(system.gradient(z), system.entropy_gradient(z)) for z in along]
         rates = []
         for z, W in zip(stages, weight, strict=True):
-            DE, DS = (system.state(sum(a * s[i] for a, s in zip(W, slopes, strict=True))) for i in (0, 1))
-            rates.append(np.asarray(system.reversible(z, DE, DS) + system.irreversible(z, DE, DS)))
-        rates = np.array(rates)
-        return np.concatenate([z1 - z0 - h * (b @ rates), *(moved - h * (A @ rates))])
+            DE, DS = (system.state(combined(W, [s[i] for s in slopes])) for i in (0, 1))
+            rates.append(system.reversible(z, DE, DS) + system.irreversible(z, DE, DS))
+        ends = [change - h * combined(row, rates) for row, change in zip(A, moved, strict=True)]
+        return np.concatenate([z1 - z0 - h * combined(b, rates), *ends])
 
     return residual
 

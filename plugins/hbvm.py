@@ -19,10 +19,13 @@ def boundary_value(k, s):
     basis = np.array([p(c) for p in P])
     path = np.array([p.integ(lbnd=0)(c) for p in P])
 
+    def combined(weights, values):
+        return sum(w * x for w, x in zip(weights, values, strict=True))
+
     def residual(z0, z1, h, system, stages=()):
-        gamma = np.array([z - z0 for z in (z1, *stages)])  # times h; P_0 is 1, so the first is the whole step
-        f = np.array([np.asarray(system.vector_field(system.state(z0 + column @ gamma))) for column in path.T])
-        return (gamma - h * ((basis * w) @ f)).ravel()
+        gamma = [z - z0 for z in (z1, *stages)]  # times h; P_0 is 1, so the first is the whole step
+        f = [system.vector_field(system.state(z0 + combined(column, gamma))) for column in path.T]
+        return np.concatenate([g - h * combined(row, f) for g, row in zip(gamma, basis * w, strict=True)])
 
     return residual
 

@@ -64,6 +64,12 @@ def test_flows_of_any_system_are_those_of_the_whole_trace(method, name, whole):
         assert run.summary.energy_error_max < 1e-13
 
 
+@pytest.mark.parametrize("method", ["cpg", "hbvm"])
+def test_polynomials_over_a_step_run_on_arrays(method, whole):
+    run, expected = tcbench.simulate(method, NETWORKS["reactions"]), whole(method, NETWORKS["reactions"])
+    assert run.ok and LOOPS in run.solver.way and np.abs(run.z - expected.z).max() < 1e-13
+
+
 @pytest.mark.parametrize("name", NETWORKS)
 @pytest.mark.parametrize("method", ["tc_monolithic", "gauss2"])
 def test_jacobians_are_those_of_differences(method, name):
