@@ -21,18 +21,18 @@ import hashlib
 import importlib.metadata
 import importlib.util
 import itertools
-import platform
 import re
 import sys
-import sysconfig
 import types
 import weakref
 from collections.abc import Callable, Iterable, Mapping
-from functools import cache, lru_cache
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from .installed import installed
 
 MOST_OBJECTS = 100_000  # that a formula may see: beyond, hashing would take longer than computing
 HASHLESS = frozenset({"eval", "exec", "globals", "locals", "vars", "compile", "open", "input"})  # code out of sight
@@ -369,42 +369,3 @@ def _wrapped(item: Any) -> Callable[..., Any] | None:
 
 def _sorted(values: Mapping[str, Any]) -> tuple[tuple[str, Any], ...]:
     return tuple(sorted(values.items(), key=lambda pair: str(pair[0])))
-
-
-@cache
-def installed(name: str, file: str | None) -> str | None:
-    """How code that nobody edits is told: package and version; None for a user's own module.
-
-    name : dotted name of the module; file : where it was loaded from (None for what is built in).
-    """
-    top = name.partition(".")[0]
-    if top == "tcbench":
-        return "tcbench"  # its sources are in the fingerprint of every study
-    if top == "tcbench_plugins":
-        return f"tcbench_plugins={_files_hash(Path(sys.modules[top].__path__[0]))}"
-    if top in sys.builtin_module_names or (file is None and top in sys.stdlib_module_names):
-        return f"python={platform.python_version()}"
-    if file is None:
-        return None
-    path = Path(file)
-    if {"site-packages", "dist-packages"} & set(path.parts):
-        return f"{top}={_version(top)}"
-    library = Path(sysconfig.get_paths()["stdlib"])
-    return f"python={platform.python_version()}" if library in path.parents else None
-
-
-def _version(top: str) -> str:
-    try:
-        return importlib.metadata.version(top)
-    except importlib.metadata.PackageNotFoundError:  # a package need not be called as its distribution is
-        return ",".join(
-            importlib.metadata.version(name) for name in importlib.metadata.packages_distributions().get(top, [])
-        )
-
-
-@cache
-def _files_hash(folder: Path) -> str:
-    digest = hashlib.sha256()
-    for path in sorted(folder.rglob("*.py")):
-        digest.update(path.relative_to(folder).as_posix().encode() + b"\0" + path.read_bytes())
-    return digest.hexdigest()[:16]

@@ -22,7 +22,8 @@ from typing import Any
 
 from .. import cache
 from . import language, records, values
-from .code_hash import Hasher, hashed, installed
+from .code_hash import Hasher, hashed
+from .installed import installed
 from .records import Record
 
 PACKAGE = __package__
