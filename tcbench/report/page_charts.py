@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Mapping
 from functools import cache
-from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -139,8 +138,9 @@ class Told:
         rows = values.index.to_numpy() if len(values) and hasattr(values, "name") else np.array([""])
         if rows.dtype.kind != "i" or rows.min() < 0 or rows.max() >= self.rows:
             return []
-        steps = [(int(step), sum(1 for _ in of)) for step, of in groupby(np.diff(rows, prepend=0))]
-        return [part for step, n in steps for part in ([-n] if step == 1 and n > 1 else [step] * n)]
+        steps = np.diff(rows, prepend=0)
+        runs = np.split(steps, np.flatnonzero(np.diff(steps)) + 1)
+        return [n for run in runs for n in ([-len(run)] if run[0] == 1 and len(run) > 1 else run.tolist())]
 
     def numbers(self, values: Any, at: list[int]) -> Any:
         """A column of the table by its name, where these rows of it say the same; else the numbers."""

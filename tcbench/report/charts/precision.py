@@ -44,15 +44,16 @@ def _cloud(table: DataFrame, x: str, column: str) -> Panel:
     done = np.asarray(ok(table))
     xs, ys = to_numbers(table, x), to_numbers(table, column).abs()
     xs = xs.where(xs > 0)
-    usable = done & np.isfinite(xs) & np.isfinite(ys) & ((ys > 0) | column.endswith(CONSERVED))
+    usable = done & np.asarray(np.isfinite(xs) & np.isfinite(ys) & ((ys > 0) | column.endswith(CONSERVED)))
     note = f"The table has no column {absent[0]}." if absent else ""
     if not usable.any() and done.all():
         note = note or "no completed run has a value here"
-    order = to_numbers(table, "value") if "value" in table else xs
+    order = finite(table["value"]) if "value" in table else finite(xs)
     series = []
     for name, mine in _by_name(table):
-        pick = order[mine & usable].sort_values(ascending=False, kind="stable").index
-        series.append(Series(name, xs[pick], ys[pick], crosses=xs[mine & ~done]))
+        pick = np.flatnonzero(mine & usable)
+        pick = pick[np.argsort(-order[pick], kind="stable")]
+        series.append(Series(name, xs.iloc[pick], ys.iloc[pick], crosses=xs[mine & ~done]))
     scale = "zero" if column.endswith(CONSERVED) else "log"
     return Panel(
         series, column_named(x).label, column_named(column).label, y_scale=scale, note=note, errors=True,
