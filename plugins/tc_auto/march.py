@@ -44,7 +44,7 @@ def steps(both: Both) -> int:
     times, states = e.times, e.states
     taylor.begin(e, states[0])
     g.counts.steps, g.counts.rejected, g.counts.iterations = 0, 0, 0
-    if not g.general:
+    if e.of_elements:
         gauss.begin(g, states[0])
     stable = STABLE + STABLE_OF_ORDER * e.order
     row, t, h, patience, explicit, given_up = 1, times[0], 0.0, PATIENCE, True, False
@@ -87,7 +87,9 @@ def look(e: Taylor, g: Gauss) -> None:
 def go_over(e: Taylor, g: Gauss) -> None:
     """The implicit method on from there; of any system to the other's laws, which stand alike after the state."""
     gauss.go_to(g, g.here)
-    if g.general:
+    if g.general and e.of_elements:  # many of them: to the laws of the start, which stand elsewhere
+        g.laws[e.size + 1] = e.target[e.size + 1]
+    elif g.general:
         g.run[0] = e.target[e.size]
         copy_into(g.laws[e.size : len(e.target)], e.target[e.size : len(e.target)])
 
@@ -96,7 +98,7 @@ def go_over(e: Taylor, g: Gauss) -> None:
 def fastest(g: Gauss) -> float:
     """The rate of the fastest decay or motion, never 0; of any system by the power method, which goes round in circles
     where that is a motion: the mean of some turns."""
-    if not g.general:
+    if not g.general or g.sparse.n > 0:
         return gauss.decay_rate(g)
     call(g.to_matrix, g.z, g.c, g.entries)
     n, x, y = len(g.z), g.vector[0], g.vector[1]
@@ -122,12 +124,12 @@ def fastest(g: Gauss) -> float:
 def keep_laws(e: Taylor, g: Gauss) -> None:
     """The explicit method on from the other's state, to the energy and invariants of the start of the run."""
     taylor.start_from(e, g.z)
-    if g.general:
+    if not e.of_elements:
         copy_into(e.target[e.size : len(e.target)], g.laws[e.size : len(e.target)])
         return
     e.target[e.size] = g.run[0]
-    for i in range(e.size + 2, len(e.target)):
-        e.target[i] = g.laws[i]
+    for i in range(len(e.target) - e.size - 2):
+        e.target[e.size + 2 + i] = g.laws[e.size + 4 + 2 * i if g.general else e.size + 2 + i]
 
 
 LOOPS = Library("auto", steps)
