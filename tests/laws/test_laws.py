@@ -111,6 +111,11 @@ def test_lyapunov_functional_never_increases(integrator, scenario):
     assert run(integrator, scenario).summary.lyapunov_increment_max <= EXACT
 
 
+def variants_later(names):
+    """Those that are variants of others in the second tier."""
+    return [pytest.param(name, marks=[pytest.mark.thorough] if "[" in name else []) for name in names]
+
+
 SHORTER = 64  # explicit methods at 0.3: conduction's stability limit
 
 
@@ -124,7 +129,7 @@ def step_from(integrator, y, h):
     return result if result.steps == 1 else None
 
 
-@pytest.mark.parametrize("integrator", STEPPED)
+@pytest.mark.parametrize("integrator", variants_later(STEPPED))
 @settings(max_examples=25)
 @given(admissible_states(), st.floats(0.001, 0.3))
 def test_claimed_laws_hold_on_one_step_from_random_states(integrator, y, h):
@@ -145,7 +150,7 @@ def test_claimed_laws_hold_on_one_step_from_random_states(integrator, y, h):
         assert abs(result.angular_momentum[1] - result.angular_momentum[0]) <= 1e-13 * arms
 
 
-@pytest.mark.parametrize("integrator", STEPPED)
+@pytest.mark.parametrize("integrator", variants_later(STEPPED))
 @settings(max_examples=10)
 @given(admissible_states(), st.floats(0, 2 * np.pi))
 def test_equivariance_a_rotated_start_gives_the_rotated_step(integrator, y, angle):

@@ -19,7 +19,9 @@ MEMBERS = [member.name for name in STEPPED for member in find_integrator(name).v
 STEPS = {2: 256, 3: 256, 4: 64, 6: 16}  # by order, to t = 1, and twice as many: asymptotic, and far from round-off
 
 
-@pytest.mark.parametrize("name", MEMBERS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.thorough] if "[" in name else []) for name in MEMBERS]
+)
 def test_order(name):
     """On elements, and on a general system with friction and conduction; errors are the largest of eight times."""
     method = find_integrator(name)
