@@ -110,7 +110,8 @@ def advance(
             call(w.to_z, w.mended, w.given, states[here])
             here += 1
         if good and here < len(times):
-            mended = since + 1 >= often or (h > most and long + 1 == patience)
+            last = (h > most and long + 1 == patience) or (leg > 0 and w.counts.steps + 1 >= end)
+            mended = last or since + 1 >= often
             if mended:
                 good = mended_state(w, h)
             else:  # whether it is admissible shows when a later one is mended

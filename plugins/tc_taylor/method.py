@@ -21,7 +21,7 @@ from .mending import mending_kernels as of_elements
 from .texts import series_kernels
 
 Floats = NDArray[np.float64]
-SELDOM = (8, 4)  # steps to a mended state, of any system and of elements: mending takes a fifth of a step
+SELDOM = (32, 4)  # steps to a mended state, of any system and of elements: mending takes a fifth of a step
 # Beyond these series are loops: straight-line code is five times as fast, but takes more than ten seconds to compile.
 MOST_ELEMENTS = 32
 MOST_VARIABLES = 100  # of a system that has no elements
