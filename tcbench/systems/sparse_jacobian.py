@@ -55,7 +55,9 @@ def _by_arrays(symbolic: Any) -> tuple[Kernel, Any, Any]:
     with trace.tracing():
         z = net.fresh_state("z")
         x, blocks = entries(z), net.blocks(z)
-        found = jacobian_terms(entries(net.vector_field(z)), x)
+        # less an array, so that each entry has a row also where all have one number for their rate
+        rates = zip(entries(net.vector_field(z)), entries(net.fresh_state("rate")), strict=True)
+        found = jacobian_terms([trace.sub(trace.lifted(f), rate) for f, rate in rates], x)
         flat = [(i, term, slope) for i, row in enumerate(found) for term, slope in row.items()]
         inputs = {"a": blocks, "b": [Block(NUMBER, (None,)), *net.constant_blocks()]}
         made = jacobian_kernel(inputs, [], [(term, slope) for _, term, slope in flat], [])

@@ -144,12 +144,18 @@ class System(OverSpaces):
     @derived
     def reversible(self, z: Any, dE: Any, dS: Any) -> Any:
         """L(z) dE: rates by the name of their variable; those that are not named are 0."""
-        return self.state(projected(type(self).poisson(self, self.state(z)), np.asarray(dE), np.asarray(dS)))
+        return self._by_matrix("poisson", z, dE, dS)
 
     @derived
     def irreversible(self, z: Any, dE: Any, dS: Any) -> Any:
         """M(z) dS, likewise."""
-        return self.state(projected(type(self).friction(self, self.state(z)), np.asarray(dS), np.asarray(dE)))
+        return self._by_matrix("friction", z, dS, dE)
+
+    def _by_matrix(self, name: str, z: Any, slopes: Any, others: Any) -> State:
+        """The author's matrix times the slopes; 0 where there is none."""
+        if getattr(type(self), name) is getattr(System, name):
+            return self.state(0.0 * z)
+        return self.state(projected(getattr(type(self), name)(self, self.state(z)), *map(np.asarray, (slopes, others))))
 
     def poisson(self, z: Any) -> Any:
         """L(z), shape (size, size), with L = -L^T and L grad S = 0, in the place of `reversible`."""
@@ -366,8 +372,7 @@ class System(OverSpaces):
     @derived
     def exergy(self, z: Any) -> Any:
         """V = E - theta_ref S + offset >= 0: the Lyapunov functional (37), the natural scale of energy errors."""
-        reference = self.reference_temperature
-        return self.energy(z) - reference * self.entropy(z) + self.exergy_offset()
+        return self.energy(z) - self.reference_temperature * self.entropy(z) + self.exergy_offset()
 
     @derived
     def observe(self, z: Any) -> Any:

@@ -47,6 +47,30 @@ def test_the_sparse_jacobian_is_that_of_differences(name):
     assert np.abs(sparse_jacobian(model)(z).toarray() - differences).max() < 2e-9 * np.abs(differences).max()
 
 
+class Led(System):
+    """All follow one leader: their rate is one number."""
+
+    name = "led"
+    variables = {"x": ("node",), "v": (), "s": ()}
+    constants = {"k": ("node",)}
+
+    def energy(self, z):
+        return z.v**2 / 2 + (self.k * z.x**2 / 2).sum() + np.exp(z.s)
+
+    def entropy(self, z):
+        return z.s
+
+    def reversible(self, z, dE, dS):
+        return {"x": np.zeros_like(z.x) + dE.v, "v": -dE.x.sum()}
+
+
+def test_a_rate_that_is_one_number_has_a_row_for_each_entry():
+    model = Led(k=np.arange(1.0, 31.0))
+    found = sparse_jacobian(model)(np.ones(32)).toarray()
+    assert np.array_equal(found[:30], np.outer(np.ones(30), np.arange(32) == 30))
+    assert np.array_equal(found[30], [*-model.k, 0.0, 0.0])
+
+
 def test_one_class_is_small_and_large():
     small = row(Row, **SMALL)
     run = tcbench.simulate("tc_monolithic", small)
