@@ -18,7 +18,7 @@ from ..studies.columns import column
 from ..studies.work_precision import SPENT_S
 from .by_method import paper
 from .html import library, packed, packed_table, script_hash, script_text, strict_json, vendored
-from .judged import judged
+from .judged import LOOSE, judged
 from .leaders import leaders
 from .matrix import FAMILIES, failures, lenses, methods, names, stopped
 from .overview import findings, law_shares, lawful_ones, one_scenario, scenario_answers
@@ -82,7 +82,7 @@ def _content(store: Store, tables: dict[str, DataFrame]) -> dict[str, Any]:
         "families": FAMILIES, "methods": rows, "scenarios": scenarios, "declared": _named(declared, tables),
         "looks": {name: [one.colour, one.marker, dashes(one.dash)] for name, one in run_looks(tables).items()},
         "leaders": leaders(tables, declared), "answers": scenario_answers(found, tables, scenarios),
-        "lawful": lawful_ones(found), "paper": paper(tables.get("claims")),
+        "lawful": lawful_ones(found), "loose": LOOSE, "paper": paper(tables.get("claims")),
         "kept": {name: law_shares(one_scenario(found, name)) for name in scenarios},
         "lenses": lenses(found), "failures": failures(tables), "stopped": stopped(tables),
         "charts": list(charts), "tables": {name: len(table) for name, table in tables.items()},

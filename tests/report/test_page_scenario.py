@@ -9,6 +9,7 @@ from matplotlib.colors import to_rgb
 
 from tcbench.report.charts.style import FIXED
 from tcbench.report.plot import run_looks
+from tcbench.report.write_report import write_report
 
 
 def test_methods_are_told_apart_by_the_colour_blind_too():
@@ -66,3 +67,13 @@ def test_a_small_screen_shows_every_scenario(large, visit):
     )
     assert right <= 400 and page.locator(".matrix thead .one").count() == 8
     assert page.locator(".matrix .cell").first.evaluate("c => c.getBoundingClientRect().width") > 15
+
+
+def test_a_pair_counts_the_failures_that_every_sentence_counts(tmp_path, visit):
+    """At a tolerance above 1e-3 a solver is asked for so little that what it does is no failure."""
+    work = awkward.work_precision(["scipy_radau"], ["short_term"])
+    work.loc[:1, "status"], work.loc[0, "value"] = "exception", 0.1
+    page = visit(write_report(awkward.write_run(tmp_path / "run", {"work_precision": work}, (), {})))
+    assert "1 of 6 runs" in page.locator(".finding", has_text="What fails").inner_text()
+    page.locator(".matrix .cell.failed").click()
+    page.locator(".pair", has_text="1 of its 6 runs").wait_for(timeout=5000)

@@ -58,7 +58,8 @@ const losses = async (name, runs, place) => {
 // one method on one scenario: every run on its ladders, its order, its step
 const together = async (name, scenario, lens, every) => {
   const where = { integrator: name, scenario };
-  const [ladder, work, steps, fits] = [rows(await table("conservation"), where), rows(await table("work_precision"), where), rows(await table("stability"), where), rows(await table("convergence"), where)];
+  const counted = (r) => !((r.control && r.control !== "dt" ? r.value : r.tolerance) > page.loose);  // as everywhere that failures are counted
+  const [ladder, work, steps, fits] = [rows(await table("conservation"), where).filter(counted), rows(await table("work_precision"), where).filter(counted), rows(await table("stability"), where), rows(await table("convergence"), where)];
   const bad = [...ladder.map((r) => ({ ...r, at: known(r.dt) ? `h = ${number(r.dt)}` : `tolerance ${number(r.tolerance)}` })), ...work.map((r) => ({ ...r, at: `${r.control === "dt" ? "h" : "rtol"} = ${number(r.value)}` }))].filter((r) => r.status && r.status !== "ok");
   const whole = fits.find((r) => r.variable === "all") || fits[0], step = steps[0];
   const parts = numberOf(lens, name, scenario);
