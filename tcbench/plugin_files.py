@@ -10,12 +10,14 @@ import os
 import sys
 from collections.abc import Iterable, Iterator
 from importlib.machinery import (
+    BYTECODE_SUFFIXES,
     EXTENSION_SUFFIXES,
     SOURCE_SUFFIXES,
     ExtensionFileLoader,
     FileFinder,
     ModuleSpec,
     SourceFileLoader,
+    SourcelessFileLoader,
 )
 from pathlib import Path
 from types import ModuleType
@@ -64,7 +66,8 @@ def _read_as_written(folder: str) -> Any:
     watched = watching.recorder() is not None and not (folder + os.sep).startswith(marks.INSTALLED)
     if not path.is_dir() or (not watched if above is None else _in_environment(path, above)):
         raise ImportError(f"no plugin files in {folder}")
-    return _Finder(folder, (ExtensionFileLoader, EXTENSION_SUFFIXES), (AsWritten, SOURCE_SUFFIXES))
+    loaders = (ExtensionFileLoader, EXTENSION_SUFFIXES), (AsWritten, SOURCE_SUFFIXES)
+    return _Finder(folder, *loaders, (SourcelessFileLoader, BYTECODE_SUFFIXES))
 
 
 class _Finder(FileFinder):

@@ -19,18 +19,19 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import IO, Any
 
 from .. import errors
 from ..errors import TcbenchError
 from ..inputs.undone import environment
+from ..inputs.watching import first_modules
 
 # the path comes first: tcbench itself may be on it, and -P keeps a json.py of the current folder from being run
 START = (
-    "import json, sys; told = json.loads(sys.argv[1]); sys.path[:] = told['path']; "
-    "from tcbench.engine.child import main; main(told)"
+    "import sys; first = list(sys.modules); import json; told = json.loads(sys.argv[1]); sys.path[:] = told['path']; "
+    "from tcbench.engine.child import main; main(told, first)"
 )
 FLAGS = {"dont_write_bytecode": "-B", "optimize": "-O", "no_user_site": "-s", "ignore_environment": "-E"}
 # Cells run side by side, one a core: threads inside them would only get in each other's way and blur timings.
@@ -146,8 +147,12 @@ def signal_name(code: int | None) -> str | None:
 # -- the other half
 
 
-def main(told: Mapping[str, Any]) -> None:
-    """Answer the calls that come on standard input, on what was standard output; return never."""
+def main(told: Mapping[str, Any], first: Iterable[str]) -> None:
+    """Answer the calls that come on standard input, on what was standard output; return never.
+
+    first : the modules that Python had imported when it began.
+    """
+    first_modules(first)
     calls, answers, own = os.fdopen(os.dup(0), "rb"), os.dup(1), os.getpid()
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
     os.dup2(2, 1)

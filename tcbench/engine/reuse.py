@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib.machinery import PathFinder
 from typing import Any
 
-from ..inputs import marks, recorder
+from ..inputs import marks
+from ..inputs.facts import fact_mark
 from ..store.rows import Rows
 from .child import given
 
@@ -26,8 +28,7 @@ class Reuse:
         self._store = store
         self._folders: Mapping[str, str] = context.get("anchors", {})
         self._needs: Mapping[str, Any] = context.get("needs", {})
-        told = given()
-        self._environment = told | {recorder.CURRENT: os.getcwd(), recorder.NAMES: recorder.names_of(told)}
+        self._environment, self._start = given(), os.getcwd()
         self._seen: dict[tuple[str, str], str | None] = {}
         self._verdicts: dict[str, str] = {}
         # a plugin file's folder comes last on the path, as in `plugin_files`
@@ -50,14 +51,13 @@ class Reuse:
         try:
             if noted["unseen"]:
                 return "; ".join(noted["unseen"])
-            looks = {"files": marks.file_hash, "folders": marks.folder_hash, "links": recorder.link_mark}
-            for kind, look in looks.items():
+            for kind, look in marks.LOOKS.items():
                 then: dict[str, str] = noted[kind]
                 for path, mark in then.items():
                     if mark not in self._found(kind, path, look):
                         return path
             for name, mark in noted["environment"].items():
-                if marks.text_hash(self._environment.get(name)) != mark:
+                if self._once("environment", name, self._fact) != mark:
                     return f"the variable {name}"
             for name, mark in noted["packages"].items():
                 if self._once("package", name, marks.package_mark) != mark:
@@ -68,6 +68,9 @@ class Reuse:
         except (KeyError, TypeError, AttributeError):
             return NOT_NOTED
         return ""
+
+    def _fact(self, name: str) -> str | None:
+        return fact_mark(name, self._environment, self._start)
 
     def _found(self, kind: str, path: str, look: Any) -> list[str | None]:
         """The marks of what a path may mean now."""
@@ -85,8 +88,18 @@ class Reuse:
         What only a plugin's own changes of `sys.path` find is known by its content.
         """
         folders = [self._folders[label] for label in labels if label in self._folders]
-        spec = PathFinder.find_spec(name, [*self._path, *folders])
+        spec = _found_by(sys.meta_path, name, [*self._path, *folders])
         if spec is None or not spec.origin:
             return True
         places = marks.placed(path, dict(self._folders)) if path else []
         return any(os.path.realpath(spec.origin) == os.path.realpath(place) for place in places)
+
+
+def _found_by(finders: Sequence[Any], name: str, path: list[str]) -> Any:
+    """What an import with this path would find; editable installs have finders of their own."""
+    for finder in finders:
+        with contextlib.suppress(Exception):
+            spec = finder.find_spec(name, path if finder is PathFinder else None)
+            if spec is not None:
+                return spec
+    return None

@@ -12,102 +12,105 @@ Paths are kept relative to the folder of a plugin that the cell uses, so that a 
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import importlib.util
-import json
 import os
-import re
 import sys
-import threading
 from collections.abc import Callable, Iterable
-from importlib.machinery import EXTENSION_SUFFIXES
 from typing import Any
 from urllib.parse import unquote, urlsplit
 
+from .facts import CURRENT, MACHINE, NAMES, PACKAGES, PLACES, UMASK, VARIABLES
 from .marks import (
     A_FOLDER,
     INSTALLED,
     KNOWN,
-    NOWHERE,
+    OTHER,
     OWN,
     PYTHON,
     SITE,
     SIZES,
-    distributions_of,
     file_hash,
     folder_hash,
+    link_mark,
+    mode_mark,
+    module_mark,
+    nowhere,
     package_mark,
-    text_hash,
     top,
 )
+from .seen import CHANGED, SET_HERE, Seen, stat_of
 
-# variables that say where things are on a machine: what is read there is noted itself
-PLACES = re.compile(
-    r"(PATH|HOME|TMPDIR|TEMP|TMP|PWD|OLDPWD|USER|LOGNAME|SHELL|LANG|LC_.*|XDG_.*|TERM|COLUMNS|LINES|_)\Z"
-)
 PROCESSES = ("subprocess.Popen", "os.system", "os.exec", "os.posix_spawn", "os.spawn", "os.fork", "os.forkpty")
-NETWORK = ("socket.connect", "socket.getaddrinfo", "socket.bind", "urllib.Request")
+NETWORK = ("socket.connect", "socket.getaddrinfo", "socket.gethostbyname", "socket.gethostbyaddr", "socket.bind",
+           "socket.sendto", "urllib.Request")  # fmt: skip
 STARTED, CONNECTED = "a process was started", "the network was used"
-BY_DESCRIPTOR, MACHINE = "a file was named by an open folder", "the state of the machine was read"
-CURRENT, NAMES = "(current folder)", "(names of all)"  # among the variables
-SET_HERE = "set by the cell itself"
+BY_DESCRIPTOR, STATE = "a file was named by an open folder", "the state of the machine was read"
+STREAM, ATTRIBUTES = "a pipe or a device was read", "attributes of a file were read"
+SYSTEM_CALLS, OPENS = "C functions of the system were called", "opens files in C"
+# packages that open files in C, where Python sees nothing; those of the second kind open them in Python for pandas
+READERS = frozenset({"h5py", "netCDF4", "tables", "polars", "lxml", "duckdb", "cv2", "osgeo", "rasterio", "pyreadstat"})
+OWN_READERS = frozenset({f"pyarrow.{n}" for n in ("parquet", "csv", "json", "feather", "orc", "dataset", "fs")})
+LOCALE = ("LC_ALL", "LC_CTYPE", "LC_NUMERIC", "LC_TIME", "LC_COLLATE", "LC_MONETARY", "LC_MESSAGES", "LANG", "LANGUAGE")
+ABOUT = {**dict.fromkeys(("uname", "cpu_count", "process_cpu_count", "sched_getaffinity"), (MACHINE,)),
+         "umask": (UMASK,), "setlocale": LOCALE}  # fmt: skip
+STATES = ("statvfs", "getloadavg")
 LEFT_OUT: list[str] = []  # folders of tcbench's own, whose files are no inputs
 HERE = os.path.dirname(os.path.abspath(__file__)) + os.sep
+FOUND_BY_PYTHON = "<frozen importlib"
 
 
-class Recorder:
+class Recorder(Seen):
     """What one process has read since it began to watch."""
 
     def __init__(self) -> None:
-        self.files: dict[str, str | None] = {}
-        self.folders: dict[str, str | None] = {}
-        self.environment: dict[str, str | None] = {}
-        self.modules: dict[str, None] = {}
-        self.links: dict[str, str | None] = {}
-        self.unseen: dict[str, None] = {}
-        self.plugins: dict[str, str] = {}  # label -> its folder, of the plugins that were imported
+        super().__init__()
         self.loaded_libraries = False
-        self.start = os.getcwd()
-        self._stats: dict[str, Any] = {}
         self._written: set[str] = set()
-        self._looking = threading.local()  # a thread that is noting something: its own reads are no inputs
-        self._size: tuple[int, ...] = ()
-        self._known: tuple[str, str] = "", ""
-        self._before = frozenset(sys.modules)
+        self._path = frozenset(sys.path)
+        unseen = self.unseen.setdefault
         self.handlers: dict[str, Callable[[str, tuple[Any, ...]], object]] = {
-            "open": self._open, "import": self._import,
+            "open": self._open, "import": self._import, "mmap.__new__": self._mapping,
             "ctypes.dlopen": self._library, "sqlite3.connect": self._library,
             "os.listdir": self._list, "os.scandir": self._list, "os.putenv": self._put, "os.unsetenv": self._put,
-            **dict.fromkeys(PROCESSES, lambda event, arguments: self.unseen.setdefault(STARTED)),
-            **dict.fromkeys(NETWORK, lambda event, arguments: self.unseen.setdefault(CONNECTED)),
+            "socket.gethostname": lambda event, arguments: self._about("uname"),
+            **dict.fromkeys(("os.getxattr", "os.listxattr"), lambda event, arguments: unseen(ATTRIBUTES)),
+            **dict.fromkeys(PROCESSES, lambda event, arguments: unseen(STARTED)),
+            **dict.fromkeys(NETWORK, lambda event, arguments: unseen(CONNECTED)),
         }  # fmt: skip
 
     def heard(self, event: str, arguments: tuple[Any, ...]) -> None:
         """An audit event of Python."""
-        handler = self.handlers.get(event)
-        if handler is None or getattr(self._looking, "now", False):
+        if handler := self.handlers.get(event):
+            self._noting(f"{event} could not be noted", handler, event, arguments)
+
+    def _noting(self, failure: str, note: Callable[..., object], *arguments: Any) -> None:
+        """Note something, unless it is done on behalf of another note; never in the way of what is measured."""
+        if getattr(self.looking, "now", False):
             return
-        self._looking.now = True
+        self.looking.now = True
         try:
-            handler(event, arguments)
-        except Exception as error:  # never in the way of what is measured
-            self.unseen.setdefault(f"{event} could not be noted ({type(error).__name__})")
+            note(*arguments)
+        except Exception as error:
+            self.unseen.setdefault(f"{failure} ({type(error).__name__})")
         finally:
-            self._looking.now = False
+            self.looking.now = False
 
     # -- events
 
     def _open(self, event: str, arguments: tuple[Any, ...]) -> None:
         path, mode, flags = arguments
         if path is None or isinstance(path, int):
+            self._mapping(event, (-1 if path is None else path,))
             return
         path = self.named(path)
         if path.startswith(("/proc/", "/sys/")) and foreign(installed=False):
-            self.unseen.setdefault(MACHINE)
+            self.unseen.setdefault(STATE)
         if isinstance(mode, str):
-            writes, reads = any(c in mode for c in "wxa"), "r" in mode or "+" in mode
+            writes, reads = any(c in mode for c in "wxa+"), "r" in mode or "+" in mode
         else:
             writes, reads = bool(flags & (os.O_WRONLY | os.O_RDWR | os.O_TRUNC)), not flags & os.O_WRONLY
+        if writes and self.files.get(path) is not None:
+            self.unseen.setdefault(f"{self.portable(path)} {CHANGED}")
         if writes and not reads and path not in self.files:
             self._written.add(path)
         elif reads:
@@ -120,12 +123,20 @@ class Recorder:
         """The absolute path of a file; one that is named from the folder that the run was started in begins with ./"""
         name = os.fsdecode(path)
         full = os.path.abspath(name)
+        if ".." in name.split(os.sep) and self._links_before_up(os.path.join(os.getcwd(), name)):
+            full = os.path.join(os.path.realpath(os.path.dirname(name)), os.path.basename(name))
         if os.path.isabs(name) or os.getcwd() != self.start:
             return full
         return "./" + os.path.relpath(full, self.start)
 
-    def _full(self, path: str) -> str:
-        return os.path.join(self.start, path[2:]) if path.startswith("./") else path
+    def _links_before_up(self, path: str) -> bool:
+        """Are there links in a path before "..", which is then the folder above that to which the link leads?"""
+        parts = path.split(os.sep)
+        tops = [os.sep.join(parts[:n]) for n in range(2, len(parts)) if ".." in parts[n:]]
+        found = {before: link for before in tops if (link := link_mark(before)) is not None}
+        for before, link in found.items():
+            self.links.setdefault(os.path.abspath(before), link)
+        return bool(found)
 
     def _import(self, event: str, arguments: tuple[Any, ...]) -> None:
         if arguments[1]:  # of an extension module
@@ -135,103 +146,124 @@ class Recorder:
         name = os.fsdecode(arguments[0] or "")
         if name.startswith("file:"):  # a database
             name = unquote(urlsplit(name).path)
-        if os.sep in name:
-            self.note(self.named(name))
-            self.loaded_libraries = self.loaded_libraries or not name.startswith((*SITE, *PYTHON, *OWN))
+        base = event.startswith("sqlite3")
+        if os.sep in name or (base and name not in ("", ":memory:")):
+            self.note(path := self.named(name))
+            if not base and not self.full(path).startswith(INSTALLED):
+                self.loaded_libraries = True
+                self.fact(VARIABLES)
+        elif event == "ctypes.dlopen" and foreign(installed=False):
+            self.unseen.setdefault(SYSTEM_CALLS)
+
+    def _mapping(self, event: str, arguments: tuple[Any, ...]) -> None:
+        """What a descriptor is of (Linux): shared memory, or a file that C code has opened."""
+        with contextlib.suppress(OSError):
+            path = os.readlink(f"/proc/self/fd/{arguments[0]}")
+            if path.startswith("/") and not path.endswith(" (deleted)") and path not in self.files:
+                self.note(self.named(path))
 
     def _list(self, event: str, arguments: tuple[Any, ...]) -> None:
-        caller = sys._getframe(3).f_code.co_filename
+        caller = sys._getframe(4).f_code.co_filename
         if isinstance(arguments[0], int):
             if not caller.startswith(("<frozen", *PYTHON)) and foreign():
                 self.unseen.setdefault(BY_DESCRIPTOR)
             return
         path = self.named(arguments[0] or ".")
-        where, imports = self._full(path) + os.sep, caller.startswith("<frozen importlib")
-        if not imports and not where.startswith((*NOWHERE, *LEFT_OUT, *PYTHON, *SITE, *OWN)) and foreign():
+        where, imports = self.full(path) + os.sep, caller.startswith(FOUND_BY_PYTHON)
+        if not imports and not nowhere(where) and not where.startswith((*LEFT_OUT, *INSTALLED)) and foreign():
             if event == "os.scandir" and not caller.startswith(PYTHON):  # who may ask each entry for its size
                 path += SIZES
-            self.folders.setdefault(path, folder_hash(self._full(path)))
+            self.folders.setdefault(path, folder_hash(self.full(path)))
 
     def _put(self, event: str, arguments: tuple[Any, ...]) -> None:
         self.environment.setdefault(os.fsdecode(arguments[0]), SET_HERE)
 
+    # -- questions that no event tells of (`watching`)
+
     def looked(self, function: str, path: Any, descriptor: Any) -> None:
         """Foreign code asks `os` whether a file is there, where a link leads or what the current folder is."""
-        if getattr(self._looking, "now", False) or isinstance(path, int) or not foreign():
+        if not isinstance(path, int):
+            self._noting(f"os.{function} could not be noted", self._looked, function, path, descriptor)
+
+    def _looked(self, function: str, path: Any, descriptor: Any) -> None:
+        if not foreign():
             return
-        self._looking.now = True
-        try:
-            if descriptor is not None:
-                self.unseen.setdefault(BY_DESCRIPTOR)
-            elif function.startswith("getcwd"):
-                if os.getcwd() == self.start:
-                    self.environment.setdefault(CURRENT, text_hash(self.start))
-            elif function != "open":
-                path = self.named(path)
-                link = link_mark(self._full(path))
-                if link is not None or function == "lstat":
-                    self.links.setdefault(path, link)
-                if function != "readlink":
-                    self.note(path, asked=True)
-        except Exception as error:
-            self.unseen.setdefault(f"os.{function} could not be noted ({type(error).__name__})")
-        finally:
-            self._looking.now = False
+        if descriptor is not None:
+            self.unseen.setdefault(BY_DESCRIPTOR)
+        elif function.startswith("getcwd"):
+            if os.getcwd() == self.start:
+                self.fact(CURRENT)
+        elif function != "open":
+            path = self.named(path)
+            link = link_mark(self.full(path))
+            if link is not None or function == "lstat":
+                self.links.setdefault(path, link)
+            if function != "readlink":
+                self.note(path, asked=True)
+            if function in ("stat", "access") and directly(("stat",)) and os.path.isfile(self.full(path)):
+                self.modes.setdefault(path, mode_mark(self.full(path)))
+
+    def about(self, function: str) -> None:
+        """Foreign code asks what machine this is, or how the process was started."""
+        self._noting(f"{function} could not be noted", self._about, function)
+
+    def _about(self, function: str) -> None:
+        if foreign(installed=False):
+            if function in STATES:
+                self.unseen.setdefault(STATE)
+            for name in ABOUT.get(function, ()):
+                self.fact(name)
+
+    def package(self, name: str | None) -> None:
+        """A package is looked for among those that are installed; None: all of them are."""
+        self._noting("a package could not be noted", self._package, name)
+
+    def _package(self, name: str | None) -> None:
+        if name is None and foreign(installed=False):
+            self.fact(PACKAGES)
+        elif isinstance(name, str) and name not in KNOWN and foreign() and (mark := package_mark(name)) is not OTHER:
+            self.packages.setdefault(name, mark)
 
     def find_spec(self, name: str, path: Any = None, target: Any = None) -> None:
         """A module is looked for: the first of Python's finders, which finds nothing and notes the name."""
+        if name in OWN_READERS and foreign(installed=False):
+            self.unseen.setdefault(f"{name} {OPENS}")
         if "." not in name:
             self.modules.setdefault(name)
-        elif path is not None and not getattr(self._looking, "now", False):
-            self._looking.now = True
-            try:
-                self._submodule(name.rpartition(".")[2], list(path))
-            finally:
-                self._looking.now = False
+            added = [f for f in sys.path if f not in self._path and f not in self.plugins.values()]
+            self._noting("an import could not be noted", self._looked_up, name, added)
+        elif path is not None:
+            self._noting("an import could not be noted", self._looked_up, name.rpartition(".")[2], list(path))
 
-    def _submodule(self, name: str, folders: Iterable[Any]) -> None:
-        """What an import of it finds first in the folders of its package, or would if it were there."""
-        kinds = (os.sep + "__init__.py", *EXTENSION_SUFFIXES, ".py", "")
+    def _looked_up(self, name: str, folders: Iterable[Any]) -> None:
+        """What an import of it finds first in these folders, or would if it were there."""
         for folder in (f for f in folders if isinstance(f, str) and not (f + os.sep).startswith(INSTALLED)):
-            for kind in kinds:
-                path = self.named(os.path.join(folder, name + kind))
-                self.note(path, asked=True)
-                if self.files.get(path) is not None:
-                    return
+            path = self.named(os.path.join(folder, name))
+            mark = self.lookups[path] = self.lookups.get(path, module_mark(self.full(path)))
+            if mark not in (None, A_FOLDER):
+                return
 
-    def asked(self, name: Any) -> None:
-        """An environment variable was read."""
-        if getattr(self._looking, "now", False) or not isinstance(name, str | bytes):
-            return
-        self._looking.now = True
-        try:
-            name = os.fsdecode(name)
-            if name not in self.environment and not PLACES.match(name) and foreign():
-                value = os.environ._data.get(os.fsencode(name))  # type: ignore[attr-defined]
-                self.environment[name] = text_hash(value)
-        finally:
-            self._looking.now = False
+    def asked(self, name: Any, among_all: bool = False) -> None:
+        """An environment variable was read; among_all: with all others."""
+        if isinstance(name, str | bytes) and (name := os.fsdecode(name)) not in self.environment:
+            self._noting("a variable could not be noted", self._asked, name, among_all)
+
+    def _asked(self, name: str, among_all: bool) -> None:
+        if foreign() and (not PLACES.match(name) or (not among_all and directly(()))):
+            self.fact(name)
 
     def names(self) -> None:
         """The environment was read as a whole: a variable that comes is an input, too."""
-        if not getattr(self._looking, "now", False) and foreign():
-            given = (os.fsdecode(name) for name in os.environ._data)  # type: ignore[attr-defined]
-            kept = names_of(name for name in given if self.environment.get(name) != SET_HERE)
-            self.environment.setdefault(NAMES, text_hash(kept))
+        self._noting("the variables could not be noted", lambda: self.fact(NAMES) if foreign() else None)
+
+    # -- files
 
     def note(self, path: str, asked: bool = False) -> None:
         """A file is about to be read: its content now. asked: whether there is one."""
         if path.endswith(".pyc"):
-            with contextlib.suppress(ValueError, NotImplementedError):
-                path = importlib.util.source_from_cache(path)
-                if not os.path.exists(full := self._full(path)):  # a source of another kind has left it
-                    folder, stem = os.path.split(os.path.splitext(full)[0])
-                    with contextlib.suppress(OSError):
-                        for name in os.listdir(folder):
-                            if name.startswith(stem + "."):
-                                self.note(self.named(os.path.join(folder, name)))
-        full = self._full(path)
-        if path in self.files or path in self._written or full.startswith((*NOWHERE, *LEFT_OUT, *OWN)):
+            path = self._source(path)
+        full = self.full(path)
+        if path in self.files or path in self._written or nowhere(full) or full.startswith((*LEFT_OUT, *OWN)):
             return
         if full.startswith(SITE):
             if top(full) in KNOWN or full.endswith("-info/entry_points.txt"):  # of all that is installed
@@ -239,95 +271,39 @@ class Recorder:
         elif full.startswith((*PYTHON, os.path.join(sys.base_prefix, "lib", "python"))):
             return  # Python's own, known by its version
         if os.path.isdir(full):
-            if asked and not any(
-                (folder + os.sep).startswith(full.rstrip(os.sep) + os.sep) for folder in self._homes()
-            ):
+            if asked and not any((home + os.sep).startswith(full.rstrip(os.sep) + os.sep) for home in self._homes()):
                 self.files[path] = A_FOLDER
         elif not os.path.exists(full) or os.path.isfile(full):
-            self._stats[path] = _stat(full)
+            self.stats[path] = stat_of(full)
             self.files[path] = file_hash(full)
+        elif not asked:
+            self.unseen.setdefault(STREAM)
+
+    def _source(self, path: str) -> str:
+        """What byte code was made from, if that is there; a source of another kind is noted beside it."""
+        with contextlib.suppress(ValueError, NotImplementedError):
+            source = importlib.util.source_from_cache(path)
+            if os.path.exists(full := self.full(source)):
+                return source if imported() else path
+            folder, stem = os.path.split(os.path.splitext(full)[0])
+            with contextlib.suppress(OSError):
+                others = [name for name in os.listdir(folder) if name.startswith(stem + ".")]
+                for name in others:
+                    self.note(self.named(os.path.join(folder, name)))
+                return source if others else path
+        return path
 
     def _homes(self) -> Iterable[str]:
         """Folders that are there wherever the plugins are."""
         return (self.start, os.path.expanduser("~"), *self.plugins.values())
 
-    # -- what was seen
-
-    def taken(self) -> dict[str, Any]:
-        """All of it, for another worker of this machine that uses what this one has made."""
-        return {"files": self.files, "folders": self.folders, "links": self.links, "environment": self.environment,
-                "unseen": list(self.unseen), "plugins": self.plugins}  # fmt: skip
-
-    def take(self, other: dict[str, Any]) -> None:
-        """Add what another worker has read."""
-        for path, mark in other["files"].items():
-            if self.files.setdefault(path, mark) != mark:
-                self.unseen.setdefault(f"{path} changed while it was measured")
-        for kind in ("folders", "links", "environment"):
-            for name, mark in other[kind].items():
-                getattr(self, kind).setdefault(name, mark)
-        self.unseen.update(dict.fromkeys(other["unseen"]))
-        self.plugins.update(other["plugins"])
-
     def collected(self) -> tuple[str, str]:
-        """Identity and JSON text of what was seen so far."""
-        self._looking.now = True
-        try:
-            if self.loaded_libraries:
-                self._mapped()
-            for path, then in self._stats.items():
-                if not path.startswith(SITE) and then != _stat(self._full(path)):
-                    self.unseen.setdefault(f"{self.portable(path)} changed while it was measured")
-            for path, mark in self.folders.items():
-                if folder_hash(self._full(path)) != mark:
-                    self.unseen.setdefault(f"{self.portable(path)} changed while it was measured")
-            parts = self.files, self.folders, self.links, self.environment, self.modules, self.unseen, self.plugins
-            size = tuple(len(part) for part in parts)
-            if size != self._size:
-                text = json.dumps(self._as_data(), sort_keys=True)
-                self._size, self._known = size, (hashlib.sha256(text.encode()).hexdigest()[:20], text)
-            return self._known
-        finally:
-            self._looking.now = False
-
-    def _as_data(self) -> dict[str, Any]:
-        tops = {top(path) for path in self.files if path.startswith(SITE)}
-        packages = {name for top in tops if top not in KNOWN for name in distributions_of().get(top, ())}
-        modules: dict[str, str | None] = {}
-        for name in set(self.modules) - self._before:
-            module = sys.modules.get(name)
-            file = getattr(module, "__file__", None)
-            if name in KNOWN:
-                continue
-            if module is None:
-                modules[name] = None
-            elif file and (file.startswith(SITE) or not os.path.abspath(file).startswith((*PYTHON, *OWN))):
-                modules[name] = self.portable(os.path.abspath(file))
-        return {
-            "plugins": sorted(self.plugins),
-            "files": {self.portable(path): mark for path, mark in self.files.items()},
-            "folders": {self.portable(path): mark for path, mark in self.folders.items()},
-            "links": {self.portable(path): mark for path, mark in self.links.items()},
-            "environment": {n: mark for n, mark in self.environment.items() if mark != SET_HERE},
-            "packages": {name: package_mark(name) for name in packages},
-            "modules": modules,
-            "unseen": sorted(self.unseen),
-        }
-
-    def portable(self, path: str) -> str:
-        """A path relative to a plugin's folder, or to the one above; to site-packages; to the user's home."""
-        if path.startswith("./"):
-            return path
-        for above in (False, True):
-            for label, folder in sorted(self.plugins.items()):
-                start = os.path.dirname(folder) if above else folder
-                if path.startswith(start + os.sep) and (not above or os.path.dirname(start) != start):
-                    return f"<{label}>/" + os.path.relpath(path, folder).replace(os.sep, "/")
-        for start in SITE:
-            if path.startswith(start):
-                return "<>/" + path[len(start) :].replace(os.sep, "/")
-        home = os.path.expanduser("~") + os.sep
-        return "~/" + path[len(home) :] if path.startswith(home) else path
+        """As `Seen.collected`, with what C code has mapped."""
+        if self.loaded_libraries or "_cffi_backend" in sys.modules:
+            self._noting("libraries could not be noted", self._mapped)
+        for name in READERS.intersection(self.modules, sys.modules):
+            self.unseen.setdefault(f"{name} {OPENS}")
+        return super().collected()
 
     def _mapped(self) -> None:
         """Libraries that libraries have loaded, and what C code has mapped to read (Linux); what is shared and
@@ -340,35 +316,43 @@ class Recorder:
         for path in paths:
             if path.startswith("/") and not path.startswith(("/usr/lib", "/lib", "/memfd", "/SYSV", sys.base_prefix)):
                 self.note(path)
-
-
-def link_mark(path: str) -> str | None:
-    """Of where a link leads; None of what is none."""
-    try:
-        return text_hash(os.readlink(path))
-    except OSError:
-        return None
-
-
-def names_of(environment: Iterable[str]) -> str:
-    """The names of variables, as far as they may be inputs."""
-    return "\0".join(sorted(name for name in environment if not PLACES.match(name)))
-
-
-def _stat(path: str) -> Any:
-    try:
-        found = os.stat(path)
-    except OSError:
-        return None
-    return found.st_size, found.st_mtime_ns, found.st_ino
+                if not path.startswith(INSTALLED):
+                    self.fact(VARIABLES)
 
 
 def foreign(installed: bool = True) -> bool:
-    """Is the nearest caller that is not of Python itself no code of tcbench's? installed: or of a package."""
+    """Is the nearest caller that is not of Python itself no code of tcbench's? installed: or of a package, also where
+    one that is known by its version calls for it."""
     frame: Any = sys._getframe(2)
     while frame is not None:
         file = frame.f_code.co_filename
-        if not file.startswith(HERE) and not (file.startswith(("<frozen", *PYTHON)) and not file.startswith(SITE)):
-            return not file.startswith(OWN) and not (file.startswith(SITE) and (not installed or top(file) in KNOWN))
+        if not _passes_on(file) and not (installed and file.startswith(SITE) and top(file) in KNOWN):
+            return not file.startswith(OWN) and not (not installed and file.startswith(SITE))
         frame = frame.f_back
     return False
+
+
+def directly(names: tuple[str, ...]) -> bool:
+    """Is the caller no code of Python's own but functions of these names, and of no package?"""
+    frame: Any = sys._getframe(2)
+    while frame is not None:
+        file, name = frame.f_code.co_filename, frame.f_code.co_name
+        if not file.startswith((HERE, "<frozen os", os.__file__, "<frozen _collections_abc")) and not (
+            name in (*names, "get", "getenv") and _passes_on(file)
+        ):
+            return not file.startswith(OWN) and not _passes_on(file) and not file.startswith(SITE)
+        frame = frame.f_back
+    return False
+
+
+def imported() -> bool:
+    """Is what is read now read by Python's own import?"""
+    frame: Any = sys._getframe(2)
+    while frame is not None and frame.f_code.co_filename.startswith(HERE):
+        frame = frame.f_back
+    return frame is not None and frame.f_code.co_filename.startswith(FOUND_BY_PYTHON)
+
+
+def _passes_on(file: str) -> bool:
+    """Is a file of Python's own, or of this package, which act for others?"""
+    return file.startswith(HERE) or (file.startswith(("<frozen", *PYTHON)) and not file.startswith(SITE))

@@ -3,23 +3,29 @@
 from __future__ import annotations
 
 import functools
+import importlib.metadata
+import locale
 import os
+import platform
 import sys
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
+from .facts import AT_START
 from .marks import INSTALLED
-from .recorder import LEFT_OUT, STARTED, Recorder
+from .recorder import ABOUT, FOUND_BY_PYTHON, LEFT_OUT, STARTED, STATES, Recorder
 
 try:
     import _posixsubprocess
 except ImportError:  # Windows
     _posixsubprocess = None  # type: ignore[assignment]
 
-AT_START = ("sitecustomize", "usercustomize")  # modules that Python imports before anything else
+NO_INPUTS = ("__editable__", "_distutils_hack", "_virtualenv")  # at their start, of modules that .pth files import
 ASKING = ("stat", "lstat", "access", "readlink", "getcwd", "getcwdb", "open")
 _RECORDER: Recorder | None = None
 _HOOKED = False
+_FIRST: tuple[str, ...] = AT_START  # modules that were imported before tcbench
 _PLAIN: dict[tuple[Any, str], Any] = {}  # functions that others stand for while this process is watched
 _ENVIRONMENT = type(os.environ)
 
@@ -27,9 +33,13 @@ _ENVIRONMENT = type(os.environ)
 class _Watched(_ENVIRONMENT):  # type: ignore[valid-type,misc]
     """The environment, which says what is asked of it."""
 
+    _walked: tuple[Any, ...] = ()  # names that a walk over all of them gave and whose values it has not taken yet
+
     def __getitem__(self, name: Any) -> Any:
         if _RECORDER is not None:
-            _RECORDER.asked(name)
+            among_all = self._walked[:1] == (name,)
+            self._walked = self._walked[among_all:]
+            _RECORDER.asked(name, among_all)
         return super().__getitem__(name)
 
     def __contains__(self, name: Any) -> bool:
@@ -38,16 +48,25 @@ class _Watched(_ENVIRONMENT):  # type: ignore[valid-type,misc]
         return bool(super().__contains__(name))
 
     def __iter__(self) -> Any:
-        if _RECORDER is not None:
-            for name in list(self._data):
-                _RECORDER.asked(self.decodekey(name))
-            _RECORDER.names()
-        return super().__iter__()
+        self._all()
+        self._walked = ()
+        for name in super().__iter__():
+            self._walked += (name,)
+            yield name
 
     def __len__(self) -> int:
-        if _RECORDER is not None:
-            _RECORDER.names()
+        self._all()
         return int(super().__len__())
+
+    def __repr__(self) -> str:
+        self._all()
+        return str(super().__repr__())
+
+    def _all(self) -> None:
+        if _RECORDER is not None:
+            for name in list(self._data):
+                _RECORDER.asked(self.decodekey(name), among_all=True)
+            _RECORDER.names()
 
 
 def begin() -> Recorder:
@@ -57,14 +76,11 @@ def begin() -> Recorder:
         for folder in [f for f in sys.path_importer_cache if not (f + os.sep).startswith(INSTALLED)]:
             del sys.path_importer_cache[folder]  # its modules are read as they are written now (`plugin_files`)
         _RECORDER = Recorder()
-        if _posixsubprocess is not None:  # multiprocessing starts its processes by it, and no audit event says so
-            _stand_in(_posixsubprocess, "fork_exec", _starting)
-        for name in ASKING:
-            _stand_in(os, name, functools.partial(_asking, name))
+        _stand_in_for_all(_RECORDER)
         sys.meta_path.insert(0, _RECORDER)
         for environment in (os.environ, getattr(os, "environb", os.environ)):
             environment.__class__ = _Watched
-        for name in AT_START:
+        for name in (name for name in _FIRST if not name.startswith(NO_INPUTS)):
             if file := getattr(sys.modules.get(name), "__file__", None):
                 _RECORDER.note(os.path.abspath(file))
         if not _HOOKED:  # a hook stays for the life of a process
@@ -86,13 +102,36 @@ def end() -> None:
         environment.__class__ = _ENVIRONMENT
 
 
-def _stand_in(module: Any, name: str, before: Any) -> None:
+def first_modules(names: Iterable[str]) -> None:
+    """This process had imported these modules before tcbench: .pth files among installed packages may name them."""
+    global _FIRST
+    _FIRST = tuple(names)
+
+
+def _stand_in_for_all(recorder: Recorder) -> None:
+    if _posixsubprocess is not None:  # multiprocessing starts its processes by it, and no audit event says so
+        _stand_in(_posixsubprocess, "fork_exec", _starting)
+    for module in (os, sys.modules[os.name]):
+        for name in ASKING:
+            _stand_in(module, name, functools.partial(_asking, name))
+        for name in (*ABOUT, *STATES):
+            _stand_in(module, name, functools.partial(_about, name))
+    _stand_in(platform, "uname", functools.partial(_about, "uname"))  # which remembers what it was told
+    _stand_in(locale, "setlocale", functools.partial(_about, "setlocale"))
+    _stand_in(importlib.metadata, "distribution", recorder.package)
+    _stand_in(importlib.metadata, "distributions", lambda **context: recorder.package(context.get("name")))
+
+
+def _stand_in(module: Any, name: str, before: Callable[..., object]) -> None:
     """From now on `before` is called with the arguments of a module's function, and then the function."""
+    if not hasattr(module, name):
+        return
     plain = _PLAIN[module, name] = getattr(module, name)
 
     @functools.wraps(plain)
     def called(*arguments: Any, **named: Any) -> Any:
-        before(*arguments, **named)
+        if not sys._getframe(1).f_code.co_filename.startswith(FOUND_BY_PYTHON):
+            before(*arguments, **named)
         return plain(*arguments, **named)
 
     setattr(module, name, called)
@@ -104,6 +143,11 @@ def _stand_in(module: Any, name: str, before: Any) -> None:
 def _starting(*arguments: Any) -> None:
     if _RECORDER is not None:
         _RECORDER.unseen.setdefault(STARTED)
+
+
+def _about(name: str, *arguments: Any, **named: Any) -> None:
+    if _RECORDER is not None:
+        _RECORDER.about(name)
 
 
 def _asking(name: str, path: Any = "", *arguments: Any, dir_fd: Any = None, **named: Any) -> None:
