@@ -10,6 +10,8 @@ from typing import Any
 from ..study import Row
 
 TARGETS = {"error": (1e-3, 1e-6, 1e-9), "energy_error_max": (1e-6, 1e-12)}
+FLOOR = "reference_floor"
+HIDES = 10.0  # times the reference's own uncertainty: errors below are hidden
 LEAST_S = 2e-5  # shorter runs measure the call, not the work
 
 
@@ -23,7 +25,9 @@ def time_to_accuracy(records: Sequence[Row]) -> list[Row]:
         here = sorted((r for r in records if r["scenario"] == scenario), key=lambda r: r["integrator"])
         for measure, targets in TARGETS.items():
             for target in targets:
-                rungs = {r["integrator"]: r.get("points") or [] for r in here}
+                rungs = {
+                    r["integrator"]: [{FLOOR: r.get(FLOOR)} | point for point in r.get("points") or []] for r in here
+                }
                 times = {name: reach(points, measure, target) for name, points in rungs.items()}
                 of_peers = {r["integrator"]: times[r["integrator"]] for r in here if r.get("peer")}
                 of_scipy = {r["integrator"]: times[r["integrator"]] for r in here if r.get("peer") == "scipy"}
@@ -44,7 +48,7 @@ def time_to_accuracy(records: Sequence[Row]) -> list[Row]:
 
 def reach(points: Sequence[Row], measure: str, target: float, cost: str = "wall_time_min_s") -> float:
     """Least time, or other cost, to an error of `target`: of the rungs at or below it, or between two neighbours by a
-    straight line in logarithms. An error hidden by the reference's own counts as reached."""
+    straight line in logarithms. An error hidden by the reference's own counts as what hides it."""
     found = []
     known = [(reached_error(p, measure), _number(p.get(cost))) for p in points if p.get("status") == "ok"]
     known = [(e, t) for e, t in known if _is_number(e) and _is_number(t)]
@@ -59,10 +63,13 @@ def reach(points: Sequence[Row], measure: str, target: float, cost: str = "wall_
 
 
 def reached_error(point: Row, measure: str) -> float:
-    """The error of a rung: 0 where the reference's own hides it, infinite where the rung failed or does not tell."""
+    """The error of a rung: where the reference's own hides it what hides it (0 where nobody says), infinite where the
+    rung failed or does not tell."""
     if point.get("status") != "ok":
         return math.inf
-    error = 0.0 if measure == "error" and point.get("reference_limited") else point.get(measure)
+    error = point.get(measure)
+    if measure == "error" and point.get("reference_limited"):
+        error = HIDES * float(point.get(FLOOR) or 0.0)
     return float(error) if error is not None and math.isfinite(error) else math.inf
 
 

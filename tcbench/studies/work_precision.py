@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import leave_to_the_machine
 from ..study import Row, Study
-from .cost import TARGETS, cost_rows, reached_error, time_to_accuracy
+from .cost import HIDES, TARGETS, cost_rows, reached_error, time_to_accuracy
 from .frames import table_of
 from .yardstick import timed
 
@@ -83,7 +83,7 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
     if "turn" in options:
         return {"status": "ok", "points": _again(integrator, scenario, ladder(integrator, scenario, options.get("dt")))}
     reference = reference_for(scenario, [t_end])
-    exact, floor = reference.states[0], 10.0 * float(reference.floor[0])
+    exact, floor = reference.states[0], HIDES * float(reference.floor[0])
     run_at = _adaptive if integrator.kind == "adaptive" else _fixed
     points: list[Row] = []
     took: list[float] = []

@@ -135,6 +135,13 @@ def test_time_to_an_accuracy_is_interpolated_in_logarithms():
     assert math.isnan(reach([{"status": "blowup", "error": 0.0, "wall_time_min_s": 1.0}], "error", 1.0))
 
 
+def test_an_error_that_the_reference_hides_reaches_no_accuracy_beyond_the_reference():
+    rungs = [point(1e-2, 1.0), point(None, 9.0, reference_limited=True)]
+    rows = time_to_accuracy([{"scenario": "s", "integrator": "a", "points": rungs, "reference_floor": 1e-8}])
+    times = {row["target"]: row["time_s"] for row in rows if row["measure"] == "error"}
+    assert 1.0 < times[1e-3] < times[1e-6] < 9.0 and math.isnan(times[1e-9])
+
+
 def test_ratios_are_to_the_best_peer_and_to_the_best_of_scipy():
     base = {"scenario": "s", "horizons": []}
     rows = time_to_accuracy([
