@@ -65,11 +65,17 @@ KINDS: dict[str, Callable[[Any], bool]] = {  # what an argument may be -> whethe
     "a class": lambda v: isinstance(v, type),
     "a mapping": lambda v: isinstance(v, Mapping) and all(isinstance(k, str) for k in v),
     "a path": lambda v: isinstance(v, str | os.PathLike),
-    "numbers": lambda v: isinstance(v, Iterable) and not isinstance(v, str | bytes | Mapping),
-    "words": lambda v: (
-        isinstance(v, Collection) and not isinstance(v, str | bytes) and all(isinstance(w, str) for w in v)
-    ),
+    "numbers": lambda v: several(v) and not isinstance(v, Mapping),
+    "words": lambda v: several(v) and isinstance(v, Collection) and all(isinstance(w, str) for w in v),
 }
+
+
+def several(value: Any) -> bool:
+    """Can it be walked over, and is no text? (An array of no dimension only says that it can.)"""
+    try:
+        return iter(value) is not None and not isinstance(value, str | bytes)
+    except TypeError:
+        return False
 
 
 def expect(where: str, values: Mapping[str, Any], kinds: Mapping[str, str]) -> None:

@@ -232,7 +232,7 @@ class Integrator:
             )
         if self.outputs is not None and self.adaptive is None:
             raise TcbenchError(f"Integrator {self.name!r} gives outputs= without adaptive=, which outputs= repeats.")
-        if self.variables not in SOLVED_FOR:
+        if self.variables not in list(SOLVED_FOR):
             raise TcbenchError(
                 f"Integrator {self.name!r}: variables must be 'entropy', 'temperature' or 'energy', not "
                 f"{self.variables!r}."
@@ -373,6 +373,8 @@ def _as_flows(flows: Any, variables: str) -> tuple[Flow, ...]:
     """Callables, (callable, fraction) pairs and Flows, as Flows."""
     if callable(flows) or isinstance(flows, Flow):
         flows = [flows]
+    if isinstance(flows, list | tuple) and not flows:
+        raise TcbenchError("An integrator's flows= has no formula; give one function, or several.")
     result = []
     for item in flows if isinstance(flows, list | tuple) else [flows]:
         function, fraction = item if isinstance(item, tuple) and len(item) == 2 else (item, 1.0)

@@ -42,6 +42,13 @@ WRONG = {
     "parameter of 'tc_strang'": lambda: tcbench.run(["tc_strang[a=all]"], ["short_term"]),
     "output folder is empty": lambda: tcbench.run(["tc_gauss"], ["short_term"], ["conservation"], output=""),
     "cannot be the name": lambda: tcbench.run(["tc_gauss"], ["short_term"], ["conservation"], output="\ud800"),
+    "variables must be": lambda: Integrator(name="a", order=1, step=step, variables={"a": "b"}),
+    "requires must be": lambda: Integrator(name="a", order=1, step=step, requires=np.array(0.1)),
+    "has no formula": lambda: Integrator(name="a", order=1, flows=()),
+    "cannot be counted": lambda: tcbench.simulate("tc_gauss", new_scenario(dt=1e-320)),
+    "not 5": lambda: tcbench.draw("laws", [5]),
+    "which is none": lambda: tcbench.simulate(
+        Integrator(name="a", order=1, flows=lambda a, b, h, system: np.array([str(x) for x in b])), "short_term"),
     "cannot be the name of": lambda: tcbench.run(["tc_gauss"], ["short_term"], ["conservation"], output="a\0b"),
 }  # fmt: skip
 
@@ -52,6 +59,13 @@ def test_what_is_wrong_is_named(named, tmp_path, monkeypatch):
     with pytest.raises(TcbenchError, match=named):
         WRONG[named]()
     assert list(tmp_path.iterdir()) == []
+
+
+def test_what_a_solver_counts_is_a_mapping_or_its_run_says_so():
+    run = tcbench.simulate(
+        Integrator(name="a", adaptive=lambda s, z, t, rt, at: (np.tile(z, (len(t), 1)), z)), "short_term"
+    )
+    assert run.status == "exception" and "mapping of counts" in run.failure
 
 
 @pytest.mark.parametrize("jobs", [0, -1, float("nan"), 1.5])

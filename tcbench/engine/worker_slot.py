@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from ..errors import TcbenchError
 from ..store.cells import Cell
 from ..store.encoding import plain, restore_nonfinite
 from .child import READY, Child, how_it_died, signal_name
@@ -45,7 +46,13 @@ class Crew:
 
     def __post_init__(self) -> None:
         self.told = Path(self.settings["logs"]) / "settings.json"
-        self.told.write_text(json.dumps(self.settings, default=plain), encoding="utf-8")
+        try:
+            self.told.write_text(json.dumps(self.settings, default=plain), encoding="utf-8")
+        except OSError as error:
+            raise TcbenchError(
+                f"Temporary files cannot be written to {self.told.parent} ({error.strerror}): free some space there, "
+                "or set TMPDIR to another folder."
+            ) from error
 
     def needs(self, cell: Cell) -> set[str]:
         """Whose code a cell runs beside tcbench's own, as far as was planned or has been seen."""

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from ..chart import OPENING, RUNS, Chart, of_scenario
-from ..errors import TcbenchError, expect, unknown_name
+from ..errors import TcbenchError, expect, shown, unknown_name
 from ..files import replacing
 from .chart_kinds import draw_kind, find_kind, with_fallbacks
 from .charts import layout, theme
@@ -206,6 +206,10 @@ def _tables(kind: Chart, data: Source, dt: float | None) -> tuple[dict[str, Data
         raise TcbenchError(f"The chart {kind.name!r} shows the tables of a run: give its folder, not trajectories.")
     else:
         runs = [data] if isinstance(data, Trajectory) else list(data)
+        if strange := [run for run in runs if not isinstance(run, Trajectory)]:
+            raise TcbenchError(
+                f"What is drawn is a run folder, tables, or what simulate returns, not {shown(strange[0])}."
+            )
         tables = dict.fromkeys((RUNS, OPENING), series.trajectories(runs))
     return (_at_step(tables, dt) if _of_runs(kind) else tables), declared
 

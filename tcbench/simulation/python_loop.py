@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from numbers import Integral
 from typing import Any
 
 import numpy as np
 
 from ..compiler.library import evaluate
-from ..errors import leave_to_the_machine
+from ..errors import leave_to_the_machine, shown
 from ..integrator import Integrator
 from ..solver.implicit_step import OK, Rules
 from ..systems.scenario import Scenario
@@ -159,7 +160,8 @@ def _solve(integrator: Integrator, scenario: Scenario, t: np.ndarray, tolerance:
     """Call the solver; its exceptions are a failure."""
     assert integrator.adaptive is not None
     model, z0 = scenario.model, scenario.z0.copy()
-    states, counts, failure = np.empty((0, model.size)), {}, ""
+    states, failure = np.empty((0, model.size)), ""
+    counts: Any = {}
     begin, work = time.perf_counter(), time.process_time()
     try:
         if integrator.outputs is not None:
@@ -169,11 +171,15 @@ def _solve(integrator: Integrator, scenario: Scenario, t: np.ndarray, tolerance:
             result = integrator.adaptive(model, z0, t, tolerance, tolerance)
             states, counts = result if isinstance(result, tuple) else (result, {})
             states = _as_states(states, (len(t), model.size))
+        if not isinstance(counts, Mapping):
+            raise TypeError(f"beside the states a mapping of counts is returned, not {shown(counts)}")
+        counts = {name: int(value) for name, value in counts.items()}
     except Exception as error:
         leave_to_the_machine(error)
         states, failure = np.empty((0, model.size)), exception_sentence(error, 1, 0.0)
+        counts = {n: v for n, v in counts.items() if isinstance(v, Integral)} if isinstance(counts, Mapping) else {}
     wall, work = time.perf_counter() - begin, time.process_time() - work
-    return Solved(states, {name: int(value) for name, value in counts.items()}, failure, wall, work)
+    return Solved(states, counts, failure, wall, work)
 
 
 def _until_failed(rows: Iterator[Any], scenario: Scenario, t: np.ndarray) -> np.ndarray:

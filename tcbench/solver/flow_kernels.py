@@ -23,7 +23,7 @@ from ..compiler.derivatives import Symbol, const
 from ..compiler.formula_hash import formula_hash
 from ..compiler.kernels import Kernel, constant_part, kernel
 from ..compiler.once import cached_property
-from ..errors import TcbenchError, TraceError, misnamed
+from ..errors import TcbenchError, TraceError, misnamed, shown
 from ..integrator import Flow, Residual
 from ..systems.element_system import ElementSystem
 from ..systems.state import State
@@ -321,7 +321,15 @@ def traced(flow: Flow, system: System, y0: State, d: Any, h: Symbol, further: li
             f"The residual {flow.residual.__name__!r} returned {given}; a state of {system.name!r} "
             f"has {n}{f' and there are {len(stages)} stages' if stages else ''}, so it must return {len(d)}."
         )
-    return finite_rows(flow, [r if isinstance(r, Symbol) else const(float(r)) for r in result.ravel()])
+    rows = []
+    for r in result.ravel():
+        try:
+            rows.append(r if isinstance(r, Symbol) else const(float(r)))
+        except (TypeError, ValueError):
+            raise TraceError(
+                f"The residual {flow.residual.__name__!r} returned {shown(r)} among its numbers, which is none."
+            ) from None
+    return finite_rows(flow, rows)
 
 
 def finite_rows(flow: Flow, rows: list[Symbol]) -> list[Symbol]:

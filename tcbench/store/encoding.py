@@ -78,9 +78,11 @@ def decode_line(piece: bytes | str) -> dict[str, Any]:
     if b"\\u" in text and SURROGATE.search(text.decode("utf-8", "replace")):
         line = writable(line)  # of versions that wrote them
     restore_nonfinite(line, line.pop("nonfinite", {}))
-    key, cell = line["key"], line["cell"]
-    if not (isinstance(key, str) and isinstance(line["row"], dict) and isinstance(cell, dict)):
+    key, cell, row = line["key"], line["cell"], line["row"]
+    if not (isinstance(key, str) and isinstance(row, dict) and isinstance(cell, dict)):
         raise ValueError("not a row")
+    if not (isinstance(line["provenance"], str) and isinstance(row.get("status", ""), str)):
+        raise ValueError("not what wrote a row, or not how it ended")
     named = all(isinstance(cell.get(name), str) for name in ("study", "integrator", "scenario"))
     if cell and not (named and isinstance(cell.get("options", {}), dict)):
         raise ValueError("not a cell")

@@ -127,7 +127,9 @@ def test_a_torn_last_line_is_reported_and_the_next_row_starts_on_its_own(tmp_pat
     assert finished(Store.read(tmp_path)) == {cells[0].key, cells[2].key}
 
 
-@pytest.mark.parametrize("damage", [b"\x00\xff\xfe garbage", b"[1, 2]", b'{"key": "k"}', b"7", b"[" * 100_000])
+@pytest.mark.parametrize("damage", [b"\x00\xff\xfe garbage", b"[1, 2]", b'{"key": "k"}', b"7", b"[" * 100_000,
+                                    b'{"key": "k", "cell": {}, "row": {}}',
+                                    b'{"key": "k", "cell": {}, "row": {"status": [1]}, "provenance": ""}'])  # fmt: skip
 def test_a_damaged_line_costs_its_own_cell_only(tmp_path, damage):
     cells = numbered(3)
     with Store.open(tmp_path) as store:
