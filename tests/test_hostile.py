@@ -12,7 +12,9 @@ from pathlib import Path
 
 import pandas
 import pytest
+from click.testing import CliRunner
 
+from tcbench.cli import main
 from tcbench.errors import TcbenchError, visible
 from tcbench.report.html import script_hash
 from tcbench.report.publish import publish
@@ -170,6 +172,12 @@ def test_output_that_cannot_be_written_is_a_sentence(end):
 def test_a_name_that_no_file_can_have_is_a_sentence(tmp_path):
     done = tcbench("new", "system", "x" * 300, cwd=tmp_path)
     assert done.returncode == 2 and "name too long" in done.stderr and "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("words", [["show", "\0"], ["run", "-i", "tc_gauss", "-o", "a\0b", "--dry-run"]])
+def test_a_null_byte_is_a_sentence(words):
+    done = CliRunner().invoke(main, words)
+    assert (done.exit_code, done.stderr) == (2, "Error: a name has a null byte in it, which no file can have.\n")
 
 
 def test_a_damaged_provenance_is_an_unknown_machine(folder):

@@ -42,6 +42,11 @@ class Group(click.Group):
         except click.UsageError as error:
             click.echo(f"Error: {visible(one_sentence(error))}", err=True)
             ctx.exit(2)
+        except ValueError as error:  # of a configuration; a shell cannot say it
+            if "null byte" not in str(error):
+                raise
+            click.echo("Error: a name has a null byte in it, which no file can have.", err=True)
+            ctx.exit(2)
         except KeyboardInterrupt:
             click.echo("Interrupted.", err=True)
             ctx.exit(130)
