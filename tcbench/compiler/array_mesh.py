@@ -31,7 +31,9 @@ class Mesh:
 
     def __init__(self, sizes: Mapping[str, int], tables: Mapping[str, Ints]) -> None:
         self.sizes = dict(sizes)
-        self.tables = {n: np.asarray(t, np.int64).reshape(len(t), -1) for n, t in tables.items()}
+        self.tables = {
+            n: np.asarray(t, np.int64).reshape(len(t), int(np.prod(np.shape(t)[1:]))) for n, t in tables.items()
+        }
         self.pairs = cache(self._pairs)
 
     def with_entries(self, count: int) -> Mesh:

@@ -113,6 +113,8 @@ def checked_constant(system: System, name: str, shape: tuple[int, ...], value: A
         array = np.array(value, dtype=float)  # not the caller's own, which may change
     except (TypeError, ValueError, OverflowError):
         raise TcbenchError(f"Constant {name!r} must be a number or {shape} numbers, not {value!r}.") from None
+    if array.shape == (0,) and 0 in shape:  # of an empty space a list does not say the rest
+        array = array.reshape(shape)
     if array.shape != shape:
         raise TcbenchError(f"Constant {name!r} must have shape {shape}, not {array.shape}.")
     if not np.all(np.isfinite(array)):

@@ -272,6 +272,8 @@ def _table(name: str, value: Any, shape: tuple[int, ...], target: str, sizes: Ma
         numbers = np.asarray(value, dtype=float)
     except (TypeError, ValueError):
         raise TcbenchError(f"The table {name!r} has whole numbers, not {value!r:.60}.") from None
+    if numbers.shape == (0,) and 0 in shape:  # of an empty space a list does not say the rest
+        numbers = numbers.reshape(shape)
     if numbers.shape != shape:
         raise TcbenchError(f"The table {name!r} must have shape {shape}, not {numbers.shape}.")
     if numbers.size and not (np.all(numbers % 1 == 0) and numbers.min() >= 0 and numbers.max() < sum(counts)):

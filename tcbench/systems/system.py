@@ -230,7 +230,7 @@ class System(OverSpaces):
             if name not in self.variables:
                 raise unknown_name(f"variable of {self.name!r}", name, self.variables)
         for name, shape in self.variables.items():
-            if name not in initial or np.shape(initial[name]) != shape:
+            if name not in initial or (np.shape(initial[name]) != shape and (0 not in shape or np.size(initial[name]))):
                 raise TcbenchError(f"initial must give {name!r}, {whole(shape)}; it has {initial.get(name)!r}.")
         z = np.concatenate([np.ravel(initial[name]) for name in self.variables]).astype(float)
         state = self.state(z)  # in plain numpy: a scenario is made without compiling anything

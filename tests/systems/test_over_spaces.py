@@ -185,3 +185,16 @@ def test_what_is_too_large_to_be_traced_entry_by_entry_is_refused_with_a_cure():
         TcbenchError, match=r"jacobian\(\) of 'reactions', of 300 numbers, is a dense matrix.* has the sparse Jacobian"
     ):
         cells(100).model.jacobian(cells(100).z0)
+
+
+def test_a_space_may_be_empty_and_a_system_may_only_dissipate():
+    """Reactions has no reversible part here, and cells without faces; a list of no pairs does not say that they are."""
+    only = type("Only", (type(cells().model),), {"name": "only", "reversible": System.reversible})
+    for count in (3, 10):
+        scenario = cells(count)
+        given = {"next": np.zeros((0, 2)), "rate": scenario.model.rate, "diffusion": 0.3}
+        z = scenario.model.state(np.array(scenario.z0))
+        start = {"n": z.n, "u": z.u}
+        alone = Scenario("only", only, given, initial=start, t_end=0.5, dt=0.1)
+        run = tcbench.simulate("tc_monolithic", alone)
+        assert run.ok and np.array_equal(run.z[-1][2 * count :], alone.z0[2 * count :])  # nothing moves between cells
