@@ -70,7 +70,10 @@ def finish(flow: Flow) -> int:
 
 @rare
 def foresee(flow: Flow) -> None:
-    """From the root in x that of the next step, if it is near: where a cubic through the last four points to."""
+    """From the root in x that of the next step, if it is near: where a cubic through the last four points to.
+
+    One root says nothing of the next: at a large step Newton would find another root from there.
+    """
     w, x, past, n = flow.w, flow.x, flow.past, flow.nx
     known, off = flow.foreseen[0] != UNKNOWN, 0.0
     for i in range(n):
@@ -81,7 +84,7 @@ def foresee(flow: Flow) -> None:
         past[i, 0], past[i, 1], past[i, 2] = root, first, second
         x[i] = root + ahead
         off = max(off, abs(ahead) * w[2 * n + i])
-    flow.foreseen[0] = FORESEEN if off < NEAR else FAR
+    flow.foreseen[0] = FORESEEN if known and off < NEAR else FAR
 
 
 def quick(flow: Flow) -> tuple[int, int]:

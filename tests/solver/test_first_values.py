@@ -79,3 +79,12 @@ def test_the_last_roots_of_any_system_foretell_the_next(name):
     assert tcbench.simulate("tc_monolithic", scenario, dt=scenario.dt, t_end=20 * scenario.dt).ok
     again = tcbench.simulate("tc_monolithic", scenario, dt=scenario.dt / 3, t_end=50 * scenario.dt)
     assert np.array_equal(first.z, again.z)
+
+
+@pytest.mark.parametrize("method", ["tc_monolithic", "tc_gonzalez"])
+def test_at_a_large_step_one_root_is_not_where_the_next_is_looked_for(method):
+    """From the first root Newton found another than from z1 = z0: dq = 0.8 where a single step has -6.5."""
+    scenario = tcbench.scenarios()["damped_oscillator"]
+    scenario = scenario.replace(**scenario.model.initial_of(scenario.model.state((2.2, 0.07, 0.03))))
+    run, step = tcbench.simulate(method, scenario, dt=5.0, t_end=10.0), tcbench.stepper(method, scenario)
+    assert run.ok and np.abs(step(run.z[1], 5.0) - run.z[2]).max() < 1e-9
