@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
     Source: TypeAlias = str | Path | DataFrame | Mapping[str, DataFrame] | Trajectory | Iterable[Trajectory]
 
+MAPS = ("map", "failure_map")  # tables that a command of their own makes, for it asks for their axes
 SUFFIXES = (".png", ".svg", ".pdf")
 LARGER, SMALLEST = (9.0, 8.0, 7.0, 6.0), 5.0  # points: the first in which a chart fits a size that was asked for
 
@@ -240,9 +241,10 @@ def _absent(kind: Chart, tables: dict[str, DataFrame]) -> str:
         )
     missing = [name for name in kind.needs if name not in tables or not len(tables[name])]
     there = ", ".join(tables) or "none"
+    made = "map INTEGRATOR SCENARIO" if missing[0] in MAPS else f"run --study {kind.study}"
     return (
         f"The chart {kind.name!r} needs the table {missing[0]!r}, which this run has not. Its tables: {there}. "
-        f"tcbench run --study {kind.study} makes it."
+        f"tcbench {made} makes it."
     )
 
 

@@ -25,7 +25,7 @@ from ..errors import TcbenchError
 from .array_elements import ArraySlope, element_slopes, temperature_field
 from .operators import Poisson, SparseRows
 from .refusals import check_degree, check_own
-from .sizes import check_sizes
+from .sizes import check_sizes, how_many
 from .state import LETTERS, Layout, State, laid_out
 from .system import System
 from .thermal_variables import ThermalVariables, marked_positive
@@ -166,7 +166,7 @@ class ElementSystem(ThermalVariables, System):
         return [*super().sizes(z)[: 2 * n], *of_entropies]
 
     def start(self, positions: Any, momenta: Any, temperatures: Any) -> NDArray[np.float64]:  # type: ignore[override]
-        n, m = self.n_positions, self.n_elements
+        n, m = how_many(self, positions, temperatures)
         given = {"positions": (positions, n), "momenta": (momenta, n), "temperatures": (temperatures, m)}
         for name, (values, size) in given.items():
             if len(values) != size:

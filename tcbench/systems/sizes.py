@@ -19,6 +19,15 @@ if TYPE_CHECKING:
 _KNOWN: set[Any] = set()
 
 
+def how_many(system: ElementSystem, positions: Any, temperatures: Any) -> tuple[int, int]:
+    """Its numbers of positions and elements; TcbenchError where a start has some and its class says of none."""
+    n, m = system.n_positions, system.n_elements
+    if (len(positions) and not n) or (len(temperatures) and not m):
+        unsaid = "elements: n_elements" if n else "positions: n_positions"
+        raise TcbenchError(f"{type(system).__name__} does not say how many there are of its {unsaid} = 2, or tables.")
+    return n, m
+
+
 def check_sizes(system: ElementSystem, q: Any, p: Any, theta: Any) -> None:
     """TcbenchError where a function of the author's gives another number of values than is asked of it."""
     if system.structure in _KNOWN:

@@ -208,6 +208,7 @@ def test_plot_says_what_is_wrong(runs, tmp_path):
         "written as .png": lambda: plot.plot("conservation", folder, "a.gif"),
         "does not exist": lambda: plot.plot("conservation", folder, tmp_path / "no" / "a.png"),
         "needs the table 'stability'": lambda: plot.plot("stable-step", folder, out),
+        "tcbench map INTEGRATOR SCENARIO makes it": lambda: plot.plot("map", folder, out),
         "study conservation does": lambda: plot.plot("laws", folder, out),
         "give its folder": lambda: plot.plot("conservation", runs, out),
         "No integrator of this run": lambda: plot.plot("conservation", folder, out, methods=["x"]),

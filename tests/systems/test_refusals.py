@@ -24,6 +24,12 @@ DERIVED = ["vector_field", "gradient", "discrete_gradient", "jacobian", "energy"
            "symbolic", "kernel"]  # fmt: skip
 
 
+@pytest.mark.parametrize("name", ["n_positions", "n_elements"])
+def test_springs_say_how_many_there_are(name):
+    with pytest.raises(TcbenchError, match=f"Own does not say how many there are of its .*: {name} = 2, or tables"):
+        scenario(type("Own", (Pendulum,), {"name": "own", name: 0}))
+
+
 @pytest.mark.parametrize("name", DERIVED)
 def test_what_is_derived_is_not_overridden(name):
     expected = rf"Own sets '{name}', which is derived from the formulas.* An author writes .*inertia, shape"
