@@ -69,7 +69,8 @@ def reached_error(point: Row, measure: str) -> float:
         return math.inf
     error = point.get(measure)
     if measure == "error" and point.get("reference_limited"):
-        error = HIDES * float(point.get(FLOOR) or 0.0)
+        floor = _number(point.get(FLOOR))
+        error = HIDES * floor if math.isfinite(floor) else 0.0
     return float(error) if error is not None and math.isfinite(error) else math.inf
 
 

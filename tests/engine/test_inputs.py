@@ -155,7 +155,6 @@ def test_what_a_plugin_sets_in_its_own_environment_is_no_input(desk, monkeypatch
     rows = measured(desk)
     monkeypatch.delenv("OMP_NUM_THREADS")  # which a worker sets
     assert again(desk, rows) == ""
-    monkeypatch.delenv("MY_G")
 
 
 def test_a_new_module_that_shadows_one_is_seen(desk):

@@ -262,7 +262,9 @@ def test_an_editable_install_that_is_made_elsewhere_is_seen(desk, monkeypatch):
             return None
 
     write(desk, {"p/mine.py": plugin("from edit_x import G", "G"), "lib/one/edit_x.py": G1, "lib/two/edit_x.py": G2})
-    monkeypatch.setattr(sys, "meta_path", [*sys.meta_path[: sys.meta_path.index(PathFinder)], Finder, PathFinder])
+    finders = list(sys.meta_path)
+    finders.insert(finders.index(PathFinder), Finder)
+    monkeypatch.setattr(sys, "meta_path", finders)
     rows = measured(desk)
     assert again(desk, rows) == ""
     Finder.place = desk / "lib" / "two" / "edit_x.py"
