@@ -73,16 +73,20 @@ def limit() -> int:
 
 
 _TRUSTED: set[Path] = set()
+LOOKS = 20  # at a folder that others may remove meanwhile, again and again
 
 
 def folder(part: str) -> Path:
     """The folder of one of `PARTS`, made where there is none; refused where others may write to it."""
     here = root() / part
     if here not in _TRUSTED or not here.is_dir():
-        try:
-            _prepare(here)
-        except MachineError:  # it may have been removed between two looks; what is wrong for good is so again
-            _prepare(here)
+        for left in reversed(range(LOOKS)):
+            try:
+                _prepare(here)
+                break
+            except MachineError:  # it may have been removed between two looks; what is wrong for good is so again
+                if not left:
+                    raise
         _TRUSTED.add(here)
     return here
 
@@ -176,7 +180,7 @@ def write(part: str, name: str, content: bytes) -> None:
     """Write a file; others see it whole or not at all. (After a power cut the checksum tells what was lost.)"""
     global _written
     try:
-        for _ in range(2):  # the folder may be removed meanwhile, again and again: then the file is made another time
+        for _ in range(LOOKS):  # at last the file is made another time
             with contextlib.suppress(FileNotFoundError):
                 _write(folder(part) / name, content)
                 break

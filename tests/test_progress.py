@@ -151,6 +151,7 @@ def tcbench_integrators():
 """
 
 
+@pytest.mark.thorough
 def test_the_command_line_says_in_a_pipe_that_plugins_take_long_to_load(tmp_path):
     (tmp_path / "slow.py").write_text(PLUGIN)
     command = [sys.executable, "-m", "tcbench", "list", "--json", "--plugins-dir", str(tmp_path)]

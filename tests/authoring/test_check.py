@@ -42,7 +42,7 @@ def verdicts(method):
 PRESENT = [i for i in tcbench.integrators().values() if not i.lacks]
 VARIANTS = [v.name for i in PRESENT for v in i.variants() if v.name != i.name and not v.lacks]
 KINDS = (  # of every kind of method; laws and orders of each built-in one: tests/laws, tests/plugins
-    "tc_monolithic", "verlet_heat", "bdf2", "projected", "tc_gauss", "tc_taylor", "controlled", "scipy_odeint",
+    "tc_monolithic", "verlet_heat", "bdf2", "projected", "tc_taylor", "scipy_odeint",
 )  # fmt: skip
 OTHERS = [i.name for i in PRESENT if i.name not in KINDS]
 

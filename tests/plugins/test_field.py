@@ -227,7 +227,9 @@ def test_every_claim_on_every_scenario(name, scenario):
 
 
 @pytest.mark.parametrize(
-    "seeds", [range(10), pytest.param(range(10, 400), marks=pytest.mark.slow)], ids=["few", "many"]
+    "seeds",
+    [pytest.param(range(10), marks=pytest.mark.thorough), pytest.param(range(10, 400), marks=pytest.mark.slow)],
+    ids=["few", "many"],
 )
 @pytest.mark.parametrize("name", [m for m in STEPPED if find_integrator(m).claims])
 def test_every_claim_on_random_starts(name, seeds):

@@ -106,6 +106,7 @@ def test_corrections_solve_the_linear_system_of_all_stages(k):
     assert np.abs(defects - np.linalg.solve(np.eye(e) - h * w.matrix.T, new[:, 0])).max() < 1e-12
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["tc_gauss_adaptive", "tc_auto"])
 def test_stiff_conduction_of_a_net_costs_no_steps(name):
     scenario, tolerance = stiff_net(), 1e-6

@@ -17,6 +17,7 @@ def runs():
     return [tcbench.simulate(m, "stiff_spring", dt=0.15, t_end=6) for m in ("midpoint_entropy", "tc_monolithic")]
 
 
+@pytest.mark.thorough
 def test_a_gif_has_every_frame_and_the_failed_run_stops_where_it_failed(runs, tmp_path):
     path = tcbench.animate(runs, tmp_path / "movie.gif", frames=60)
     assert runs[0].status == "blowup" and runs[1].ok and path.stat().st_size < 2e6

@@ -188,7 +188,7 @@ def test_errors_of_every_variable_get_a_panel_and_those_of_none_do_not():
     assert "error of m" in labels and not [x for x in labels if "momenta" in x or "produced" in x]
 
 
-@pytest.mark.parametrize("suffix", [".png", ".svg", ".pdf"])
+@pytest.mark.parametrize("suffix", [".svg", *(pytest.param(x, marks=pytest.mark.thorough) for x in (".png", ".pdf"))])
 def test_plot_writes_each_format_from_runs_and_from_a_folder(suffix, runs, tmp_path):
     path = plot.plot("four-panel", runs, tmp_path / f"a{suffix}")
     assert path.read_bytes()[:4] in (b"\x89PNG", b"<?xm", b"%PDF")

@@ -199,6 +199,7 @@ def test_a_family_of_another_system_is_run_the_same_way(monkeypatch):
 # -- the engine
 
 
+@pytest.mark.thorough
 def test_killed_and_started_again_it_gives_the_same_tables_to_the_last_digit(tmp_path):
     words = ["run", "--study", "ensemble", "-i", "tc_strang", "-i", "verlet_heat", "--size", "400", "--dt", "0.2",
              "--budget", "0", "-j", "1", "-q", "-o"]  # fmt: skip
