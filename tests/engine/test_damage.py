@@ -59,6 +59,7 @@ def test_a_full_disk_is_no_final_row(tmp_path, monkeypatch):
     assert again.summary.run == 1
 
 
+@pytest.mark.thorough
 @posix
 def test_a_cache_without_room_ends_in_a_sentence_and_the_next_run_measures(tmp_path):
     cache = tmp_path / "cache"

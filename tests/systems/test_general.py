@@ -48,7 +48,10 @@ def test_orders_and_peers(name):
         assert fit["order_high"] - fit["order_low"] < 0.2, (method, fit)
 
 
-@pytest.mark.parametrize("name", SIX)
+LONG = pytest.param("viscous_pendulum", marks=pytest.mark.thorough)  # its formulas are the longest
+
+
+@pytest.mark.parametrize("name", [LONG if name == "viscous_pendulum" else name for name in SIX])
 def test_every_method_runs_or_says_why_not(name):
     scenario = SCENARIOS[name].replace(t_end=0.1)
     for method in tcbench.integrators().values():
