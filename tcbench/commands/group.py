@@ -43,7 +43,7 @@ class Group(click.Group):
             click.echo(f"Error: {visible(one_sentence(error))}", err=True)
             ctx.exit(2)
         except ValueError as error:  # of a configuration; a shell cannot say it
-            if "null byte" not in str(error):
+            if "embedded null" not in str(error):
                 raise
             click.echo("Error: a name has a null byte in it, which no file can have.", err=True)
             ctx.exit(2)
