@@ -7,6 +7,7 @@ they are, the gradient sum_b F_b grad y_b(z) keeps what belongs to a symmetry of
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -21,7 +22,7 @@ class Cut:
 
     def __init__(self, f: Symbol, x: Sequence[Symbol]) -> None:
         self.x = list(x)
-        degree = _degrees(f, self.x)
+        degree = degrees([f], self.x)
         cut = {f.number: f} if degree[f.number] <= 2 else {}
         if not cut:
             for node in trace.topological([f]):
@@ -75,17 +76,17 @@ class Cut:
         return found
 
 
-def _degrees(f: Symbol, x: Sequence[Symbol]) -> dict[int, int]:
-    """Of every node under f as a polynomial in x; 3 of whatever is more than quadratic."""
-    degree = {s.number: 1 for s in x}
-    for node in trace.topological([f]):
-        if node.number in degree:
-            continue
-        parts = [degree[a.number] for a in node.args]
+def degrees(outputs: Sequence[Symbol], x: Sequence[Symbol], known: dict[int, float] | None = None) -> dict[int, float]:
+    """Of each node under the outputs, by number, its degree as a polynomial in x, or a bound of it; infinity of what is
+    none. known: those of nodes seen before, to which these are added."""
+    found = {} if known is None else known
+    found |= {s.number: 1.0 for s in x}
+    for node in trace.topological_beyond(outputs, found):
+        of = [found[a.number] for a in node.args]
         if node.op in ("add", "sub", "neg", "mark", *LINEAR):
-            degree[node.number] = max(parts, default=0)
+            found[node.number] = max(of)
         elif node.op == "mul":
-            degree[node.number] = min(3, sum(parts))
+            found[node.number] = sum(of)
         else:
-            degree[node.number] = 3 if any(parts) else 0
-    return degree
+            found[node.number] = math.inf if any(of) else 0.0
+    return found

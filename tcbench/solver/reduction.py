@@ -10,11 +10,10 @@ from dataclasses import dataclass, field
 
 from ..compiler import derivatives as trace
 from ..compiler.array_jacobian import jacobian_terms
-from ..compiler.arrays import LINEAR
+from ..compiler.cut import degrees
 from ..compiler.derivatives import Symbol, const
 
 SMALL = 64  # unknowns up to which rows are taken one by one, each time through all of them
-FREE, AFFINE, CURVED = range(3)  # how a node depends on the unknowns
 
 
 @dataclass
@@ -43,13 +42,13 @@ def reduce(rows: Sequence[Symbol], unknowns: Sequence[Symbol], unseen: bool = Fa
     if len(unknowns) <= SMALL:
         return _one_by_one(Reduction(list(rows), list(unknowns)), unseen)
     left, eliminated = list(zip(rows, unknowns, strict=True)), dict[Symbol, Symbol]()
-    curvature = _Curvature(unknowns)
+    degree = degrees([], unknowns)
     while True:  # what was eliminated may make another row linear
         kept, before = [], len(eliminated)
         inserted = trace.Substitution(eliminated)
         for row, unknown in left:
             row = inserted(row)
-            formula = _solved(row, unknown, curvature)
+            formula = _solved(row, unknown, degree)
             if formula is None:
                 kept.append((row, unknown))
             else:
@@ -86,7 +85,7 @@ def reduce_arrays(rows: Sequence[Symbol], unknowns: Sequence[Symbol], h: Symbol)
 
 def _of_array(row: Symbol, unknown: Symbol, h: Symbol) -> Symbol | None:
     """The formula that the row gives for an array; None where it is not linear in that, or sees other entries of it."""
-    if _Curvature([unknown])(row) != AFFINE:
+    if degrees([row], [unknown])[row.number] != 1:
         return None
     (found,) = jacobian_terms([row], [unknown])
     if len(found) != 1:
@@ -141,9 +140,9 @@ def _closed(eliminated: dict[Symbol, Symbol]) -> dict[Symbol, Symbol]:
     return {unknown: closed[unknown] for unknown in eliminated}
 
 
-def _solved(row: Symbol, unknown: Symbol, curvature: _Curvature) -> Symbol | None:
-    """The formula that the row gives for its unknown, or None."""
-    if curvature(row) == CURVED:
+def _solved(row: Symbol, unknown: Symbol, degree: dict[int, float]) -> Symbol | None:
+    """The formula that the row gives for its unknown, or None. degree: in all unknowns, of the nodes seen so far."""
+    if degrees([row], [], degree)[row.number] > 1:
         return None
     (slope,) = trace.sparse_jacobian([row], [unknown])
     a = slope.get(0, const(0.0))
@@ -151,22 +150,3 @@ def _solved(row: Symbol, unknown: Symbol, curvature: _Curvature) -> Symbol | Non
         return None
     (g,) = trace.substitute([row], {unknown: const(0.0)})
     return trace.neg(trace.mul(g, trace.reciprocal(a)))
-
-
-class _Curvature:
-    """How nodes depend on the unknowns: not at all, as sums with fixed coefficients, or in another way."""
-
-    def __init__(self, unknowns: Iterable[Symbol]) -> None:
-        self.found = {x.number: AFFINE for x in unknowns}
-
-    def __call__(self, output: Symbol) -> int:
-        for node in trace.topological_beyond([output], self.found):
-            parts = [self.found[a.number] for a in node.args]
-            if node.op in ("add", "sub", "neg", "mark", *LINEAR):
-                kind = max(parts, default=FREE)
-            elif node.op == "mul":
-                kind = min(CURVED, sum(parts))
-            else:
-                kind = CURVED if any(parts) else FREE
-            self.found[node.number] = kind
-        return self.found[output.number]

@@ -10,7 +10,7 @@ from weakref import WeakSet
 import numpy as np
 
 from ..compiler import derivatives as trace
-from ..compiler.arrays import LINEAR
+from ..compiler.cut import degrees
 from ..compiler.sentences import refused, where_in_user_code
 from ..compiler.symbols import Symbol
 from ..errors import TcbenchError
@@ -113,7 +113,7 @@ def _overridden(who: str, name: str, written: Sequence[str]) -> TcbenchError:
 def check_degree(system: ElementSystem, shapes: Sequence[Any], q: Sequence[Symbol]) -> None:
     """TraceError where a strain measure is of a higher degree than two in the positions: then its slope at the midpoint
     is no divided difference, and discrete gradients lose energy."""
-    degree = _degrees(shapes, q)
+    degree = degrees([x for x in shapes if isinstance(x, Symbol)], q)
     for i, x in enumerate(shapes):
         if isinstance(x, Symbol) and degree[x.number] > MOST_DEGREE and not _third_vanishes(x, q):
             raise refused(
@@ -123,22 +123,6 @@ def check_degree(system: ElementSystem, shapes: Sequence[Any], q: Sequence[Symbo
                 "midpoint_entropy) take any shape()",
                 _line(system, "shape"),
             )
-
-
-def _degrees(shapes: Sequence[Any], q: Sequence[Symbol]) -> dict[int, float]:
-    """Bounds of the degrees in q, by number of the node."""
-    degree = {x.number: 1.0 for x in q}
-    for node in trace.topological([x for x in shapes if isinstance(x, Symbol)]):
-        if node.number in degree:
-            continue
-        of = [degree[a.number] for a in node.args]
-        if node.op in ("add", "sub", "neg", "mark", *LINEAR):
-            degree[node.number] = max(of)
-        elif node.op == "mul":
-            degree[node.number] = sum(of)
-        else:
-            degree[node.number] = np.inf if any(of) else 0.0
-    return degree
 
 
 def _third_vanishes(x: Symbol, q: Sequence[Symbol]) -> bool:
