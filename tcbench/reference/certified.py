@@ -20,7 +20,6 @@ from dataclasses import asdict, dataclass
 from functools import lru_cache
 from importlib.resources import files
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -28,8 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import cache
 from ..errors import TcbenchError
-from ..files import replacing
-from .collocation import InDoubles, Jacobian, ReferenceFailed, RightHandSide, integrate, tableau
+from .collocation import InDoubles, Jacobian, RightHandSide, integrate, tableau
 from .precision import DESCRIPTION, ENOUGH, EPS, LONG, long_number
 
 FORMAT = 1
@@ -279,27 +277,3 @@ def cached(key: str, make: Callable[[], Reference]) -> Reference:
     text = json.dumps({"format": FORMAT, **asdict(reference), "states": reference.states.tolist()})
     cache.write("references", name, text.encode())
     return reference
-
-
-def write_atomically(path: Path, text: str) -> None:
-    """Write beside the target and rename over it, so that a reader never sees half a file."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
-
-
-__all__ = [
-    "LONG",
-    "Reference",
-    "ReferenceFailed",
-    "cached",
-    "compute",
-    "gap",
-    "integrate",
-    "long_number",
-    "scenario_hash",
-    "stored",
-    "stored_file",
-    "tableau",
-    "write_atomically",
-]  # fmt: skip

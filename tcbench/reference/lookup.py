@@ -38,10 +38,10 @@ from . import (
     tape,
     taylor,
 )
-from .certified import LONG, Reference, cached, compute, gap, scenario_hash, stored, stored_file
+from .certified import Reference, cached, compute, gap, scenario_hash, stored, stored_file
 from .collocation import ReferenceFailed
 from .extended_precision import _FUNCTIONS
-from .precision import DESCRIPTION
+from .precision import DESCRIPTION, LONG
 
 DEADLINE = 100.0  # seconds for each of the two collocations: a cell has 300 for everything
 SHORT = 10.0  # the same, of one among many

@@ -10,69 +10,25 @@ elsewhere; `double_gap` is that distance, measured by repeating the integration 
 2e-16 to 1e-14, but 2e-13 for bound_equilibrium at t = 1500 and 9e-11 for cold_spring at t = 25. It, not the
 certificate, limits what such a run can show.
 
-    python -m tcbench.reference.pendulum_certificates FOLDER/references.json        # all scenarios, about 3 minutes
+benchmarks/stored_references.py makes the package's file of them.
 """
 
 from __future__ import annotations
 
-import json
-import platform
-import sys
 from collections.abc import Mapping, Sequence
 from decimal import Decimal, localcontext
 from functools import lru_cache
-from importlib.metadata import version
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .certified import FORMAT, checksum, integrate, long_number, scenario_hash, stored_file, tableau, write_atomically
+from .certified import stored_file
+from .collocation import integrate, tableau
+from .precision import long_number
 
 PRECISIONS = (160, 220)
 DIGITS = 30  # stored: certificates are about 1e-44, thirty digits are enough for extended precision
-RECIPE = (
-    "heyoka Taylor series at 160 and 220 bits from exact decimal data (gap between them = certificate); "
-    "cross-checked by 8-stage Gauss collocation in extended precision"
-)
-
-_PRINTED: dict[str, Any] = {
-    "masses": (1.0, 2.0),
-    "stiffness": (0.1, 1.0),
-    "natural_lengths": (2.0, 1.0),
-    "conductivity": 300.0,
-    "reference_temperature": 300.0,
-    "coupling": 0.2,
-    "heat_capacity": 5.0,
-}
-_SHORT = {
-    "positions": (1.0, 0.0, 2.2, 0.0),
-    "momenta": (0.0, 2.0, 1.0, 0.0),
-    "temperatures": (380.0, 310.0),
-}  # (44)
-_LONG = {
-    "positions": (12.0, 0.0, 2.2, 0.0),
-    "momenta": (0.0, 2.0, 1.0, -2.0),
-    "temperatures": (290.0, 442.0),
-}  # (45)
-_BOUND = {"positions": (2.2, 0.0, 3.4, 0.0), "momenta": (0.0, 2.0, 0.0, 4.0), "temperatures": (330.0, 300.0)}
-
-# name -> (constants, initial data, times at which states are certified); Romero (2009), section 6, and
-# variations.
-SCENARIOS: dict[str, tuple[Mapping[str, Any], Mapping[str, Any], tuple[str, ...]]] = {
-    "short_term": (_PRINTED, _SHORT, ("1", "5", "25")),
-    "long_term": (_PRINTED, _LONG, ("1", "25", "500")),
-    "relative_equilibrium": (_PRINTED, _LONG, ("1", "25", "500", "1500")),
-    "bound_equilibrium": (
-        {**_PRINTED, "stiffness": (10.0, 20.0), "conductivity": 10.0},
-        _BOUND,
-        ("1", "10", "50", "1500"),
-    ),
-    "stiff_spring": ({**_PRINTED, "stiffness": (0.1, 300.0)}, _SHORT, ("1", "5", "25")),
-    "cold_spring": (_PRINTED, {**_SHORT, "temperatures": (280.0, 310.0)}, ("1", "5", "25")),
-    "fast_conduction": ({**_PRINTED, "conductivity": 3000.0}, _SHORT, ("1", "5", "25")),
-}
 
 
 class PeerMissing(ImportError):
@@ -118,7 +74,7 @@ def exact_state(constants: Mapping[str, Any], initial: Mapping[str, Any], rounde
         (beta,), (c0,), (reference,) = c["coupling"], c["heat_capacity"], c["reference_temperature"]
         s = [
             beta * (length / natural).ln() + c0 * (T / reference).ln()
-            for length, natural, T in zip(_lengths(q), c["natural_lengths"], theta, strict=True)
+            for length, natural, T in zip(lengths(q), c["natural_lengths"], theta, strict=True)
         ]
         return q + p + (_entropies_in_double(constants, initial) if rounded else s)
 
@@ -131,24 +87,8 @@ def _entropies_in_double(constants: Mapping[str, Any], initial: Mapping[str, Any
     return [Decimal(float(x)) for x in s]
 
 
-def _lengths(q: Sequence[Decimal]) -> list[Decimal]:
+def lengths(q: Sequence[Decimal]) -> list[Decimal]:
     return [(q[0] ** 2 + q[1] ** 2).sqrt(), ((q[2] - q[0]) ** 2 + (q[3] - q[1]) ** 2).sqrt()]
-
-
-def exact_invariants(constants: Mapping[str, Any], z: Sequence[Decimal]) -> dict[str, Decimal]:
-    """E, S, J and the temperatures of a state, in 80 digits, without heyoka or numpy."""
-    with localcontext(prec=80):
-        c = exact_constants(constants)
-        (beta,), (c0,), (reference,) = c["coupling"], c["heat_capacity"], c["reference_temperature"]
-        q, p, s = list(z[:4]), list(z[4:8]), list(z[8:])
-        energy = (p[0] ** 2 + p[1] ** 2) / (2 * c["masses"][0]) + (p[2] ** 2 + p[3] ** 2) / (2 * c["masses"][1])
-        theta = []
-        for i, length in enumerate(_lengths(q)):
-            strain = (length / c["natural_lengths"][i]).ln()
-            theta.append(reference * ((s[i] - beta * strain) / c0).exp())
-            energy += c["stiffness"][i] / 2 * strain**2 + beta * reference * strain + c0 * (theta[i] - reference)
-        J = q[0] * p[1] - q[1] * p[0] + q[2] * p[3] - q[3] * p[2]
-        return {"E": energy, "S": s[0] + s[1], "J": J, "theta_a": theta[0], "theta_b": theta[1]}
 
 
 # ---- two unrelated integrations
@@ -229,74 +169,28 @@ def _gap(a: Sequence[Decimal], b: Sequence[Decimal]) -> str:
         return f"{max(abs(x - y) / max(Decimal(1), abs(y)) for x, y in zip(a, b, strict=True)):.2e}"
 
 
-def _digits(x: Decimal, digits: int = DIGITS) -> str:
-    with localcontext(prec=digits):
+def gaps_of(some: Sequence[Sequence[Decimal]], others: Sequence[Sequence[Decimal]]) -> list[str]:
+    """Of states at several times."""
+    return [_gap(a, b) for a, b in zip(some, others, strict=True)]
+
+
+def digits(x: Decimal) -> str:
+    """A number as it is stored."""
+    with localcontext(prec=DIGITS):
         return str(+x)
 
 
-def certify(
-    constants: Mapping[str, Any],
-    initial: Mapping[str, Any],
-    times: Sequence[str | float],
-    precisions: tuple[int, int] = PRECISIONS,
-) -> dict[str, Any]:
-    """Certified states of one scenario, as plain JSON data.
-
-    constants : masses (2,), stiffness (2,), natural_lengths (2,), conductivity, reference_temperature,
-        coupling, heat_capacity.
-    initial : positions (4,), momenta (4,), temperatures (2,).  times : increasing, > 0.
-
-    Per time: `states` (10 strings of 30 digits, from the higher precision), `precision_gap` (the
-    certificate), `cross_gap` (to Gauss collocation, good to about 1e-17), `double_gap` (what rounding the
-    data to double does), all as max_i |difference_i| / max(1, |z_i|); and `energy_error`, |E - E0| at 80
-    digits, which no run was told to keep. Raises PeerMissing without heyoka.
-    """
-    labels = [str(Decimal(repr(t))) if isinstance(t, float) else str(t) for t in times]
-    labels = [t[:-2] if t.endswith(".0") else t for t in labels]
-    low, high = (taylor_states(constants, initial, labels, bits) for bits in precisions)
-    rounded = taylor_states(constants, initial, labels, precisions[0], rounded=True)
-    cross = [[Decimal(str(x)) for x in z] for z in collocation_states(constants, initial, labels)]
-    z0 = exact_state(constants, initial)
-    start = exact_invariants(constants, z0)
-    drift = [abs(exact_invariants(constants, z)["E"] - start["E"]) for z in high]
-    return {
-        "hash": scenario_hash(constants, initial),
-        "constants": {k: np.asarray(v).tolist() for k, v in constants.items()},
-        "initial": {k: np.asarray(v).tolist() for k, v in initial.items()},
-        "E0": _digits(start["E"]),
-        "S0": _digits(start["S"]),
-        "J0": _digits(start["J"]),
-        "s0": [_digits(x) for x in z0[8:]],
-        "times": labels,
-        "states": [[_digits(x) for x in z] for z in high],
-        "precision_gap": [_gap(a, b) for a, b in zip(low, high, strict=True)],
-        "cross_gap": [_gap(a, b) for a, b in zip(cross, high, strict=True)],
-        "double_gap": [_gap(a, b) for a, b in zip(rounded, high, strict=True)],
-        "energy_error": [f"{x:.2e}" for x in drift],
-        "precisions_bits": list(precisions),
-    }
+def certified_states(
+    constants: Mapping[str, Any], initial: Mapping[str, Any], times: Sequence[str]
+) -> tuple[list[list[Decimal]], list[str], list[str]]:
+    """States at these times (decimal strings, increasing, > 0), by the higher precision; their certificate, which is
+    the gap of the two; and the gap to Gauss collocation, which is good to about 1e-17. PeerMissing without heyoka."""
+    low, high = (taylor_states(constants, initial, times, bits) for bits in PRECISIONS)
+    cross = [[Decimal(str(x)) for x in z] for z in collocation_states(constants, initial, times)]
+    return high, gaps_of(low, high), gaps_of(cross, high)
 
 
 # ---- the stored file
-
-
-def generate(path: Path | str, scenarios: Mapping[str, Any] = SCENARIOS) -> dict[str, Any]:
-    """Certify every scenario (name -> constants, initial, times) and write the package's file."""
-    _heyoka()
-    data = {
-        "format": FORMAT,
-        "recipe": RECIPE,
-        "gap": "max_i |a_i - b_i| / max(1, |b_i|)",
-        "state": "q1x q1y q2x q2y p1x p1y p2x p2y s_a s_b",
-        "versions": {
-            "python": platform.python_version(),
-            **{name: version(name) for name in ("heyoka", "numpy", "scipy")},
-            "machine": platform.machine(),
-        },
-        "scenarios": {name: certify(*spec) for name, spec in scenarios.items()},
-    }
-    write_atomically(Path(path), json.dumps(data | {"sha256": checksum(data)}, indent=1) + "\n")
-    return data
 
 
 def compare(name: str, record: Mapping[str, Any] | None = None) -> dict[str, Any]:
@@ -309,24 +203,14 @@ def compare(name: str, record: Mapping[str, Any] | None = None) -> dict[str, Any
     if record is None and name not in known:
         raise KeyError(f"No reference is stored for '{name}'. Stored: {', '.join(sorted(known))}.")
     old = known[name] if record is None else record
-    new = certify(old["constants"], old["initial"], old["times"])
-    gaps = [
-        _gap([Decimal(x) for x in a], [Decimal(x) for x in b])
-        for a, b in zip(old["states"], new["states"], strict=True)
-    ]
+    states, precision_gap, cross_gap = certified_states(old["constants"], old["initial"], old["times"])
+    stored = [[Decimal(x) for x in z] for z in old["states"]]
+    told = [[Decimal(digits(x)) for x in z] for z in states]
+    gaps = [float(x) for x in gaps_of(stored, told)]
     return {
-        "times": [float(t) for t in new["times"]],
-        "stored_gap": [float(x) for x in gaps],
-        "precision_gap": [float(x) for x in new["precision_gap"]],
-        "cross_gap": [float(x) for x in new["cross_gap"]],
-        "agrees": all(float(x) <= 1e-20 for x in gaps),
+        "times": [float(t) for t in old["times"]],
+        "stored_gap": gaps,
+        "precision_gap": [float(x) for x in precision_gap],
+        "cross_gap": [float(x) for x in cross_gap],
+        "agrees": all(x <= 1e-20 for x in gaps),
     }
-
-
-if __name__ == "__main__":
-    if len(sys.argv) != 2:
-        sys.exit("Usage: python -m tcbench.reference.pendulum_certificates FOLDER/references.json")
-    for label, made in generate(sys.argv[1])["scenarios"].items():
-        for row in zip(made["times"], made["precision_gap"], made["cross_gap"], made["double_gap"], strict=True):
-            gaps = f"precisions {row[1]}   cross-check {row[2]}   double data {row[3]}"
-            print(f"{label:22s} t = {row[0]:>5s}   {gaps}")

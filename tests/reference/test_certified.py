@@ -6,12 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from certified_scenarios import SCENARIOS
 
 from tcbench import TcbenchError, cache
 from tcbench.plugins import find_scenario
 from tcbench.reference import certified as R
 from tcbench.reference import lookup, pairs
-from tcbench.reference.pendulum_certificates import SCENARIOS, collocation_states, taylor_states
+from tcbench.reference.collocation import ReferenceFailed, tableau
+from tcbench.reference.pendulum_certificates import collocation_states, taylor_states
+from tcbench.reference.precision import LONG, long_number
 
 
 def oscillator(t, z):
@@ -28,13 +31,13 @@ def oscillator_exact(t):
 @pytest.mark.parametrize(("kind", "s", "order"), [("gauss", 8, 16), ("radau", 9, 17), ("gauss", 2, 4), ("radau", 2, 3)])
 def test_tableaux_satisfy_the_quadrature_and_stage_conditions(kind, s, order):
     """B(order) and C(s): 1e-18 is a few units of extended precision."""
-    tab = R.tableau(kind, s)
-    unit = 30 * np.finfo(R.LONG).eps
+    tab = tableau(kind, s)
+    unit = 30 * np.finfo(LONG).eps
     for k in range(1, order + 1):
-        assert abs(tab.b @ tab.c ** (k - 1) - R.long_number(1) / k) < unit
+        assert abs(tab.b @ tab.c ** (k - 1) - long_number(1) / k) < unit
     for k in range(1, s + 1):
         assert np.max(np.abs(tab.A @ tab.c ** (k - 1) - tab.c**k / k)) < unit
-    assert abs(tab.b @ tab.c**order - R.long_number(1) / (order + 1)) > 100 * unit or order > 10
+    assert abs(tab.b @ tab.c**order - long_number(1) / (order + 1)) > 100 * unit or order > 10
 
 
 def test_on_the_fly_reference_reaches_1e_15_on_a_stiff_problem():
@@ -58,7 +61,7 @@ def test_on_the_fly_method_agrees_with_certified_digits(name, limit):
     states = collocation_states(constants, initial, times)
     exact = R.stored(name).exact
     for z, digits in zip(states, exact, strict=True):
-        assert R.gap(z, np.array([R.long_number(x) for x in digits])) < limit
+        assert R.gap(z, np.array([long_number(x) for x in digits])) < limit
 
 
 def test_a_right_hand_side_in_double_still_works_and_says_so():
@@ -91,8 +94,8 @@ class Doubles:
 @pytest.mark.parametrize("wrong", [0.0, 1e-3])
 def test_doubles_steer_and_do_not_decide(wrong):
     field = Doubles(wrong)
-    plain = R.integrate(R.tableau("gauss", 12), oscillator, None, [1.0, 0.0, 0.0], [3.0])
-    steered = R.integrate(R.tableau("gauss", 12), oscillator, None, [1.0, 0.0, 0.0], [3.0], in_doubles=field)
+    plain = R.integrate(tableau("gauss", 12), oscillator, None, [1.0, 0.0, 0.0], [3.0])
+    steered = R.integrate(tableau("gauss", 12), oscillator, None, [1.0, 0.0, 0.0], [3.0], in_doubles=field)
     assert field.asked > 10
     assert R.gap(steered[0], plain[0]) < 1e-17
 
@@ -100,7 +103,7 @@ def test_doubles_steer_and_do_not_decide(wrong):
 def test_a_check_that_did_not_arrive_or_is_no_number_agrees_with_nothing(monkeypatch):
     """What odeint leaves in its arrays beyond the place where it stopped is anything, an earlier solution above all."""
     times, z0 = (1.0, 2.0, 3.0), np.array([1.0])
-    states = np.exp(-np.array(times))[:, None].astype(R.LONG)
+    states = np.exp(-np.array(times))[:, None].astype(LONG)
     decay = lambda t, z: -z  # noqa: E731
     assert max(R._gaps(R._by_scipy(decay, None, z0, times), states)) < 1e-9
     late = lambda t, z: -z if t < 1.5 else np.full(1, np.nan)  # noqa: E731
@@ -118,7 +121,7 @@ def test_a_non_smooth_problem_gets_a_poor_certificate_not_a_good_one():
 
 
 def test_a_solution_that_blows_up_is_an_error_that_says_where():
-    with pytest.raises(R.ReferenceFailed, match=r"stopped at t = (0\.99|1)"):
+    with pytest.raises(ReferenceFailed, match=r"stopped at t = (0\.99|1)"):
         R.compute(lambda t, z: z * z, None, [1.0], [2.0], max_seconds=20)
 
 
@@ -163,7 +166,7 @@ def test_floor_covers_what_rounding_the_data_does():
     constants, initial, times = SCENARIOS["cold_spring"]
     known = R.stored("cold_spring")
     rounded = collocation_states(constants, initial, times, rounded=True)
-    exact = np.array([[R.long_number(x) for x in z] for z in known.exact])
+    exact = np.array([[long_number(x) for x in z] for z in known.exact])
     assert known.floor[-1] > 1e-13 > 1e-40 > known.certificate[-1]
     assert R.gap(rounded[-1], exact[-1]) == pytest.approx(known.floor[-1], rel=0.1)
 
@@ -208,7 +211,7 @@ def test_a_certificate_is_never_below_the_true_error(seed, t, monkeypatch):
     scenario, ends, integrate = find_scenario(f"random[seed={seed}]"), [], R.integrate
     initial = {name: getattr(scenario, name) for name in ("positions", "momenta", "temperatures")}
     (digits,) = taylor_states(scenario.constants, initial, [str(t)], 160, rounded=True)
-    exact = np.array([R.long_number(str(x)) for x in digits])
+    exact = np.array([long_number(str(x)) for x in digits])
     (pair,) = pairs.solve([scenario.model], [scenario.z0], [t])
     with localcontext(prec=50):
         found = [Decimal(float(h)) + Decimal(float(l)) for h, l in zip(pair.states[0], pair.low[0], strict=True)]
@@ -216,5 +219,5 @@ def test_a_certificate_is_never_below_the_true_error(seed, t, monkeypatch):
     assert error < pair.certificate[0] < 1e-12
     monkeypatch.setattr(R, "integrate", lambda *a, **k: ends.append(integrate(*a, **k)[0]) or ends[-1][None])
     for made in (lookup._Recipe(scenario, (t,)).compute(), lookup._Recipe(scenario, (t,)).collocations()):
-        assert R.gap(made.states[0].astype(R.LONG), exact) < made.floor[0]
+        assert R.gap(made.states[0].astype(LONG), exact) < made.floor[0]
     assert R.gap(ends[0], exact) < made.certificate[0] < lookup.DISAGREEMENT

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from certified_scenarios import SCENARIOS
 
 import tcbench
 from tcbench import cache
@@ -10,7 +11,6 @@ from tcbench.reference import certified as reference
 from tcbench.reference import lookup as truth
 from tcbench.reference.collocation import ReferenceFailed
 from tcbench.reference.extended_precision import extended
-from tcbench.reference.pendulum_certificates import SCENARIOS
 from tcbench.reference.precision import LONG
 
 PAPER = tcbench.scenarios()["short_term"].plugin
@@ -31,7 +31,7 @@ def test_every_scenario_of_the_paper_plugin_is_certified():
 
 @pytest.mark.parametrize("name", NAMES)
 def test_stored_hash_is_the_hash_of_the_scenario(name):
-    """The certificate's numbers are repeated in `certify`: they must be those of the plugin."""
+    """The stored file repeats the numbers: they must be those of the plugin."""
     digest = truth.content_hash(tcbench.scenarios()[name])
     assert digest == reference.stored_file()["scenarios"][name]["hash"]
     assert digest == reference.scenario_hash(*SCENARIOS[name][:2])

@@ -5,11 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tcbench.reference.certified import stored
-from tcbench.reference.pendulum_certificates import SCENARIOS, exact_invariants, exact_state
+from tcbench.reference.certified import stored, stored_file
 from tcbench.studies.relative_equilibrium import RelativeEquilibrium, gaps, measures, relative_equilibrium
 
-BOUND = SCENARIOS["bound_equilibrium"][0]
+BOUND = stored_file()["scenarios"]["bound_equilibrium"]["constants"]
 E_BOUND, J_BOUND = 173.03573584848614507, 18.0
 
 
@@ -46,9 +45,7 @@ def test_values_agree_with_forty_digit_arithmetic(bound):
     """The four equations once more, in mpmath by its own root finder: 1e-12 covers conditioning in double."""
     mpmath = pytest.importorskip("mpmath")
     with mpmath.workdps(40):
-        E, J = (
-            mpmath.mpf(str(exact_invariants(BOUND, exact_state(*SCENARIOS["bound_equilibrium"][:2]))[k])) for k in "EJ"
-        )
+        E, J = (mpmath.mpf(stored_file()["scenarios"]["bound_equilibrium"][k]) for k in ("E0", "J0"))
         beta = mpmath.mpf(1) / 5
 
         def equations(La, Lb, T, w):
@@ -94,10 +91,9 @@ def test_certified_trajectory_approaches_from_below(bound):
 
 def test_printed_data_have_only_a_distant_equilibrium():
     """The paper sees a relative equilibrium by t = 1500; S = 2.8034 there, and 3.0031 at the exact one."""
-    z0 = exact_state(*SCENARIOS["relative_equilibrium"][:2])
-    invariants = exact_invariants(SCENARIOS["relative_equilibrium"][0], z0)
-    constants = SCENARIOS["relative_equilibrium"][0]
-    eq = relative_equilibrium(constants, float(invariants["E"]), float(invariants["J"]))
+    record = stored_file()["scenarios"]["relative_equilibrium"]
+    constants = record["constants"]
+    eq = relative_equilibrium(constants, float(record["E0"]), float(record["J0"]))
     assert eq.exists and eq.distant and "growth" in eq.note
     assert eq.entropy == pytest.approx(3.0031074442, abs=1e-9)
     state = measures(stored("relative_equilibrium").states, constants)
