@@ -6,8 +6,7 @@ Everything that a plugin's author claims is measured on the registered scenarios
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
+import queue
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -16,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .. import plugins
+from ..engine.child import LOOK_S, READY, Child, how_it_died
 from ..errors import TcbenchError, matching
 from . import integrator_checks, scenario_checks
 from .check_cost import estimate
@@ -174,25 +174,23 @@ def _runs_alone(name: str, method: Integrator, folders: Sequence[str]) -> Line:
     settings: dict[str, float] = {"dt": 0.01, "t_end": 0.1} if name == "runs" else {"dt": 1000.0, "t_end": 10000.0}
     if method.kind == "adaptive":
         settings = {"tolerance": 1e-6, "t_end": 0.1} if name == "runs" else {"tolerance": 0.5, "t_end": 100.0}
-    folders = [*folders, *map(str, plugins.plugin_folders())]
-    job = {
-        "folders": list(dict.fromkeys(folders)), "integrator": method.name, "scenario": scenario, "settings": settings,
-    }  # fmt: skip
+    folders = list(dict.fromkeys([*folders, *map(str, plugins.plugin_folders())]))
     with tempfile.TemporaryDirectory(prefix="tcbench-check-", ignore_cleanup_errors=True) as folder:
-        command = [sys.executable, "-P", "-m", f"{__package__}.alone", folder, json.dumps(job)]
-        ended, deadline = _in_time(command, Path(folder))
-        shown = ", ".join(f"{key} = {value:g}" for key, value in settings.items())
-        if not ended:
-            found = f"no answer after {deadline:.0f} s ({scenario}, {shown})"
-            return Line(name, FAIL, found, "Bound the number of iterations and raise an exception when they run out.")
-        answer = Path(folder) / "row.json"
-        if not answer.exists():
-            last = (Path(folder) / "output").read_text(errors="replace").strip().splitlines() or [ended]
-            return Line(name, FAIL, last[-1], "The process must not die: see the sentence; a segmentation fault shows "
-                        "no more.")  # fmt: skip
-        row = json.loads(answer.read_text())
-    if row["status"] == "refused":
-        return Line(name, FAIL, row["failure"], "Mend what the sentence names.")
+        output = Path(folder, "output")
+        calls = [("warm", folders, scenario), ("run", method.name, scenario, settings)]
+        row, ended, deadline = _in_time(calls, output)
+        said = output.read_text(errors="replace").strip().splitlines()
+    shown = ", ".join(f"{key} = {value:g}" for key, value in settings.items())
+    if not ended:
+        found = f"no answer after {deadline:.0f} s ({scenario}, {shown})"
+        return Line(name, FAIL, found, "Bound the number of iterations and raise an exception when they run out.")
+    if row is None or row.get("kind") == "":
+        found = (row["raised"].strip().splitlines() if row else said or [ended])[-1]
+        return Line(
+            name, FAIL, found, "The process must not die: see the sentence; a segmentation fault shows no more."
+        )
+    if "raised" in row:  # a formula that is refused, for instance: the sentence says all
+        return Line(name, FAIL, row["sentence"], "Mend what the sentence names.")
     if name == "runs":
         found = row["status"] if row["status"] == "ok" else f"{row['status']}: {row['failure']}"
         remedy = "Mend what the sentence names." if row["status"] == "exception" else LOOK_BELOW
@@ -200,26 +198,36 @@ def _runs_alone(name: str, method: Integrator, folders: Sequence[str]) -> Line:
     return Line(name, OK, f"h = 1000: status {row['status']}" if "dt" in settings else f"status {row['status']}")
 
 
-def _in_time(command: Sequence[str], folder: Path) -> tuple[str, float]:
-    """How a process ended (see alone.py), "" if it had to be killed; and the deadline that it had.
+def _in_time(calls: Sequence[tuple[Any, ...]], output: Path) -> tuple[dict[str, Any] | None, str, float]:
+    """The answer of the last of these calls (see alone.py), or of one that raised; how the process ended, "" if it had
+    to be killed; and the deadline that it had.
 
     The clock starts when tcbench is loaded and compiled there: what that took is ours. A system so large that ours
     takes long is given ten times as long.
     """
-    started, ready, deadline = time.monotonic(), None, DEADLINE
-    with open(folder / "output", "wb") as output, subprocess.Popen(command, stdout=output, stderr=output) as child:
-        while child.poll() is None:
-            time.sleep(0.01)
-            now = time.monotonic()
-            if ready is None and (folder / "ready").exists():
-                ready = now
-                warm = ready - started
-                deadline = DEADLINE if warm < SLOW_S else max(DEADLINE, 10 * warm)
-            late = now - started > WARM_LIMIT if ready is None else now - ready > deadline
-            if late:
-                child.kill()
-                return "", deadline
-    return f"exit code {child.returncode}", deadline
+    answers: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
+    began, limit, deadline, heard, answer = time.monotonic(), WARM_LIMIT, DEADLINE, 0, None
+    with output.open("wb") as file:
+        child = Child(lambda _, line: answers.put(line), output=file)
+        for function, *arguments in calls:
+            child.call(f"{__package__}.alone:{function}", *arguments)
+        try:
+            while heard <= len(calls) and answer is None:
+                try:
+                    text = answers.get(timeout=min(LOOK_S, limit))
+                except queue.Empty:
+                    if time.monotonic() - began > limit:
+                        return None, "", deadline
+                    continue
+                if text is None:  # it has died
+                    return None, how_it_died(child.process.wait()), deadline
+                heard, answer = heard + 1, None if text == READY else json.loads(text)
+                if heard == len(calls):  # all but the last are ours
+                    warm, began = time.monotonic() - began, time.monotonic()
+                    limit = deadline = DEADLINE if warm < SLOW_S else max(DEADLINE, 10 * warm)
+        finally:
+            child.kill()
+    return answer, "answered", deadline
 
 
 def _of_scenario(scenario: Scenario, only: Sequence[str]) -> Subject:

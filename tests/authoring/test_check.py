@@ -1,9 +1,8 @@
 """`tcbench check` finds every planted fault, on its own line and with a remedy, and passes what is right."""
 
-import itertools
 import json
 import math
-import sys
+import queue
 import time
 import types
 
@@ -314,24 +313,40 @@ def test_lines_come_as_they_are_known_and_only_some_if_asked(tmp_path, monkeypat
     assert refused.exit_code == 2 and "Did you mean 'restart'?" in refused.output
 
 
-def test_the_deadline_begins_when_tcbench_is_loaded(tmp_path, monkeypatch):
-    """Each look at the clock is a second, but for a method that answers there is none once it is loaded."""
-    ticks, stands = itertools.count(), True
+@pytest.mark.parametrize(
+    ("coming", "expected"),
+    [
+        ([(1.0, b"ready\n"), (29.0, b"null\n"), (33.0, b'{"status": "ok"}\n')], ({"status": "ok"}, "answered", 5.0)),
+        ([(1.0, b"ready\n"), (2.0, b"null\n")], (None, "", 5.0)),
+        ([(1.0, b"ready\n"), (40.0, b"null\n"), (400.0, b"{}\n")], ({}, "answered", 400.0)),
+        ([(1.0, b"ready\n"), (2.0, b'{"raised": "why"}\n')], ({"raised": "why"}, "answered", 5.0)),
+        ([(1.0, b"ready\n")], (None, "", 5.0)),
+        ([(1.0, b"ready\n"), (2.0, None)], (None, "exit code 3", 5.0)),
+    ],
+)
+def test_the_deadline_begins_when_tcbench_is_loaded(coming, expected, tmp_path, monkeypatch):
+    """coming: when each line of the process comes, on a clock that only waiting moves. Of a large system, which takes
+    longer than SLOW_S to load, the run may take ten times as long."""
+    now, waiting = [0.0], list(coming)
 
-    def now():
-        return next(ticks) if not (stands and (tmp_path / "ready").exists()) else last[-1]
+    class Lines:
+        def get(self, timeout):
+            if not waiting or waiting[0][0] > now[0] + timeout:
+                now[0] += timeout
+                raise queue.Empty
+            now[0], line = max(now[0], waiting[0][0]), waiting.pop(0)[1]
+            return line
 
-    last = []
-    clock = types.SimpleNamespace(monotonic=lambda: last.append(now()) or last[-1], sleep=time.sleep)
-    for name, value in (("DEADLINE", 5.0), ("SLOW_S", math.inf), ("WARM_LIMIT", math.inf), ("time", clock)):
+    ended = []
+    child = types.SimpleNamespace(
+        call=lambda *_: None, kill=lambda: ended.append(True), process=types.SimpleNamespace(wait=lambda: 3)
+    )
+    monkeypatch.setattr(check, "Child", lambda heard, output: child)
+    monkeypatch.setattr(check, "queue", types.SimpleNamespace(SimpleQueue=Lines, Empty=queue.Empty))
+    monkeypatch.setattr(check, "time", types.SimpleNamespace(monotonic=lambda: now[0]))
+    for name, value in (("DEADLINE", 5.0), ("SLOW_S", 30.0), ("WARM_LIMIT", 900.0)):
         monkeypatch.setattr(check, name, value)
-    script = "import pathlib, sys, time; folder = pathlib.Path(sys.argv[1]); {}(folder / 'ready').touch(); {}"
-    slow_start, hang = script.format("time.sleep(0.3); ", ""), script.format("", "time.sleep(100)")
-    assert check._in_time([sys.executable, "-c", slow_start, str(tmp_path)], tmp_path) == ("exit code 0", 5.0)
-    assert last[-1] > 5.0  # it had started for longer than the deadline
-    (tmp_path / "ready").unlink()
-    stands = False
-    assert check._in_time([sys.executable, "-c", hang, str(tmp_path)], tmp_path) == ("", 5.0)
+    assert check._in_time([("warm",), ("run",)], tmp_path / "output") == expected and ended == [True]
 
 
 def test_an_exception_inside_a_step_is_shown_where_it_stops_a_line():
