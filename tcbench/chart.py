@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
     from pandas import Series as Column
 
-    Numbers: TypeAlias = Sequence[float] | NDArray[np.float64] | Column[Any]
+    Numbers: TypeAlias = Sequence[float] | NDArray[np.float64] | Column[Any] | "Slice"
 
 Tables = Mapping[str, Any]
 RUNS = "series"  # the table of runs in time, thin, as rows of the conservation study keep them
@@ -23,11 +23,32 @@ MARKS = ("o", ".", "s", "^", "D", ">", "|", "_", "x")  # of rows; ".": a small o
 
 
 @dataclass(frozen=True, eq=False)
+class Slice:
+    """Some rows of a column of numbers: what a pandas Series is, but thousands of them are made in a moment.
+
+    name : of the column. index : the rows of the table, shape (n,). values : their numbers, shape (n,).
+    """
+
+    name: str
+    index: NDArray[Any]
+    values: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    def __getitem__(self, rows: Any) -> Slice:
+        return Slice(self.name, self.index[rows], self.values[rows])
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[np.float64]:
+        return self.values if dtype is None else self.values.astype(dtype)
+
+
+@dataclass(frozen=True, eq=False)
 class Series:
     """One line of a panel.
 
-    Numbers that are a column of the chart's first table, as pandas gives it, reach the page as that column and its
-    rows: they are there once, and a point tells what its row does.
+    Numbers that are a column of the chart's first table, as pandas gives it or as a `Slice`, reach the page as that
+    column and its rows: they are there once, and a point tells what its row does.
 
     Parameters
     ----------

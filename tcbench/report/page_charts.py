@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,9 +25,11 @@ from .charts.style import finite
 from .matrix import families
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
     from pandas import DataFrame
 
 DIGITS = 4
+NOWHERE = np.array([], dtype=int)  # rows of what is no column of the table
 
 
 def page_charts(folder: Path, tables: Mapping[str, Any], declared: Mapping[str, Any], problems: list[str]) -> Any:
@@ -63,10 +66,17 @@ def panels_of(
     """As `page_charts`, of these; what is a picture alone is left out."""
     found = {}
     known = {name: table.reset_index(drop=True) for name, table in with_fallbacks(tables).items()}
+    parts = cache(lambda name: {str(scenario): rows for scenario, rows in known[name].groupby("scenario")})
+
+    def part(name: str, scenario: str | None) -> Any:
+        if scenario is None or "scenario" not in known.get(name, ()):
+            return known.get(name)
+        return parts(name).get(scenario, known[name].iloc[:0])
+
     with theme.using(theme.Theme(families=families(tables, declared))):
         for chart in charts:
             try:
-                of = _sheets(chart, known) if chart.possible(known) and not chart.picture else {}
+                of = _sheets(chart, known, part) if chart.possible(known) and not chart.picture else {}
             except Exception as error:  # a plugin's function may raise anything
                 problems.append(f"The chart {chart.name!r} is not on the page: {type(error).__name__}: {error}")
                 continue
@@ -75,10 +85,11 @@ def panels_of(
     return found
 
 
-def _sheets(chart: Chart, tables: Mapping[str, Any]) -> dict[str, list[dict[str, Any]]]:
+def _sheets(chart: Chart, tables: Mapping[str, Any], part: Callable[..., Any]) -> dict[str, list[dict[str, Any]]]:
+    """Its panels by scenario. part : (name of a table, scenario) -> its rows, as `Chart.select`, of all charts."""
     draw, found, told = getattr(chart.panels, "__wrapped__", chart.panels), {}, Told(tables[chart.needs[0]])
     for scenario in chart.scenarios(tables):
-        panels = draw(*chart.of(chart.select(tables, scenario)))
+        panels = draw(*(part(name, scenario) for name in (*chart.needs, *chart.also)))
         if not hasattr(panels, "savefig"):
             shown = panels.panels if isinstance(panels, Sheet) else panels
             found[scenario or ""] = [_panel(panel, told) for panel in shown]
@@ -114,38 +125,41 @@ def _axis(panel: Panel, which: str, label: str, scale: str) -> dict[str, Any]:
 
 
 def _series(one: Series, told: Told) -> dict[str, Any]:
-    at, failed = told.places(one.x), told.places(one.crosses)
-    numbers = {name: told.numbers(getattr(one, name), at) for name in ("x", "y", "low", "high")}
-    rest = {name: getattr(one, name) for name in ("name", "text", "line", "marks", "plain", "ended")}
-    return _shown(numbers | {"at": at, "failed": failed, "crosses": told.numbers(one.crosses, failed)} | rest)
+    rows, failed = told.rows(one.x), told.rows(one.crosses)
+    parts = {name: told.numbers(getattr(one, name), rows) for name in ("x", "y", "low", "high")}
+    parts |= {"at": steps(rows), "failed": steps(failed), "crosses": told.numbers(one.crosses, failed)}
+    return _shown(parts | {name: getattr(one, name) for name in ("name", "text", "line", "marks", "plain", "ended")})
 
 
 def _row(one: Row, told: Told) -> dict[str, Any]:
-    marks = [[mark, at := told.places(x), told.numbers(x, at)] for mark, x in one.marks.items()]
-    ends = {"bar": told.numbers(one.bar or (), []), "dotted": told.numbers([one.dotted], [])[0] or ""}
+    marks = [[mark, steps(rows := told.rows(x)), told.numbers(x, rows)] for mark, x in one.marks.items()]
+    ends = {"bar": told.numbers(one.bar or (), NOWHERE), "dotted": told.numbers([one.dotted], NOWHERE)[0] or ""}
     return _shown({"name": one.name, "marks": marks, "text": one.text, "hollow": one.hollow} | ends)
+
+
+def steps(rows: NDArray[Any]) -> list[int]:
+    """Rows, each as its distance from the one before; -n is n times 1."""
+    runs = [(step, len(list(run))) for step, run in groupby(np.diff(rows, prepend=0).tolist())]
+    return [n for step, count in runs for n in ([-count] if step == 1 and count > 1 else [step] * count)]
 
 
 class Told:
     """What the page has of a chart's first table already."""
 
     def __init__(self, table: DataFrame) -> None:
-        self.rows = len(table)
+        self.count = len(table)
         self.column = cache(lambda name: finite(table[name]) if name in table and column(name).shown else None)
 
-    def places(self, values: Any) -> list[int]:
-        """The rows that a column is of, each as its distance from the one before; -n is n times 1."""
-        rows = values.index.to_numpy() if len(values) and hasattr(values, "name") else np.array([""])
-        if rows.dtype.kind != "i" or rows.min() < 0 or rows.max() >= self.rows:
-            return []
-        steps = np.diff(rows, prepend=0)
-        runs = np.split(steps, np.flatnonzero(np.diff(steps)) + 1)
-        return [n for run in runs for n in ([-len(run)] if run[0] == 1 and len(run) > 1 else run.tolist())]
+    def rows(self, values: Any) -> NDArray[Any]:
+        """Those of the table that a column is of; NOWHERE if it is none of its columns."""
+        rows = np.asarray(values.index) if len(values) and hasattr(values, "name") else NOWHERE
+        known = len(rows) and rows.dtype.kind == "i" and rows.min() >= 0 and rows.max() < self.count
+        return rows if known else NOWHERE
 
-    def numbers(self, values: Any, at: list[int]) -> Any:
+    def numbers(self, values: Any, rows: NDArray[Any]) -> Any:
         """A column of the table by its name, where these rows of it say the same; else the numbers."""
         found = finite(values)
-        known = self.column(str(values.name)) if at and self.places(values) == at else None
-        if known is not None and np.array_equal(found, known[values.index], equal_nan=True):
+        known = self.column(str(values.name)) if len(rows) and np.array_equal(self.rows(values), rows) else None
+        if known is not None and np.array_equal(found, known[rows], equal_nan=True):
             return str(values.name)
         return [float(f"{value:.{DIGITS}g}") if value == value else None for value in found.tolist()]

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 import tcbench
 from tcbench.errors import TcbenchError
-from tcbench.report import plot
+from tcbench.report import page_charts, plot
 from tcbench.report.chart_kinds import kinds
 from tcbench.report.charts import ladders, precision
 from tcbench.report.charts import runs as time_charts
@@ -244,3 +244,19 @@ def test_a_method_need_not_be_in_every_table_to_be_drawn(tmp_path):
         plot.plot("conservation", baseline, target, scenario="long_term", methods=["mine"])
     with pytest.raises(TcbenchError, match="no numbers to draw"):
         plot.plot("conservation", baseline, target, scenario="long_term", x="status")
+
+
+@pytest.mark.parametrize("name", ["work_precision", "convergence", "conservation", "stable_step"])
+def test_the_page_selects_from_a_table_once_and_not_once_a_line(name, monkeypatch):
+    counts = []
+    selected = (pd.DataFrame, "__getitem__"), (pd.Series, "__getitem__"), (pd.Series, "take"), (pd.DataFrame, "take")
+    for methods in (awkward.FIVE, awkward.FORTY):
+        tables, seen = awkward.everything(methods, ["short_term"]), []
+        with monkeypatch.context() as patch:
+            for owner, method in selected:
+                own = getattr(owner, method)
+                patch.setattr(owner, method, lambda *a, own=own, seen=seen, **k: seen.append(1) or own(*a, **k))
+            assert page_charts.panels_of([kinds()[name.replace("_", "-")]], tables, {}, problems := [])
+        assert not problems
+        counts.append(len(seen))
+    assert counts[1] == counts[0]

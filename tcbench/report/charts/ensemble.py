@@ -14,7 +14,7 @@ from ..leaders import front
 from .layout import line_labels, note, panels, pt, titles
 from .render import chart, chart_of_rows
 from .scales import ROUND_OFF, log_axis, round_off_band
-from .style import GREY, finite, look, names
+from .style import GREY, by_name, finite, look, names
 from .theme import INK, current
 
 if TYPE_CHECKING:
@@ -49,14 +49,15 @@ def failure_share(table: DataFrame) -> Sheet:
 
 def _ranked(part: DataFrame) -> dict[str, float]:
     """The methods with a share above 0, and minus its mean: the largest first."""
-    mean = {n: float(finite(part.loc[part["integrator"] == n, "share"]).mean()) for n in names(part)}
+    share = finite(part["share"])
+    mean = {n: float(share[rows].mean()) for n, rows in by_name(part).items()}
     return {n: -mean[n] for n in sorted(mean, key=lambda n: -mean[n]) if mean[n] > 0}
 
 
 def _shares(part: DataFrame, control: str) -> Panel:
-    failing = _ranked(part)
-    series = [_banded(part, name, control) for name in reversed(failing)]
-    never = [n for n in names(part) if n not in failing]
+    failing, methods = _ranked(part), by_name(part)
+    series = [_banded(part, name, methods[name], control) for name in reversed(failing)]
+    never = [n for n in methods if n not in failing]
     if never:
         rows = part[part["integrator"].isin(never)]
         x = np.unique(finite(rows[control]))
@@ -67,10 +68,11 @@ def _shares(part: DataFrame, control: str) -> Panel:
     return Panel(series, CONTROLS[control], y, y_scale="share", rank=failing, x_values=part[control])
 
 
-def _banded(part: DataFrame, name: str, column: str, marks: str = "filled", ends: bool = True) -> Series:
+def _banded(
+    part: DataFrame, name: str, rows: Any, column: str, marks: str = "filled", ends: bool = True
+) -> Series:  # fmt: skip
     """ends: a band also where the share is 0 or 1, as it is of most lines of a profile: there it is of n alone."""
-    rows = part[part["integrator"] == name]
-    x, share, low, high = (finite(rows[c]) for c in (column, "share", "low", "high"))
+    x, share, low, high = (finite(part[c])[rows] for c in (column, "share", "low", "high"))
     if not ends:
         low, high = (np.where((share > 0) & (share < 1), bound, np.nan) for bound in (low, high))
     return Series(name, x, share, low, high, marks=marks)
@@ -92,10 +94,11 @@ def performance_profiles(table: DataFrame) -> Sheet:
 def _profile(part: DataFrame, measure: str, target: float) -> Panel:
     runs, left_out = (int(part[c].iloc[0]) for c in ("runs", "without_reference"))
     missing = f", {left_out} without reference" if left_out else ""
-    known, leading = np.isfinite(finite(part["share"])).any(), _ranked(part)
+    known, leading, methods = np.isfinite(finite(part["share"])).any(), _ranked(part), by_name(part)
     return Panel(
-        [_banded(part, name, "tau", "", ends=False) for name in reversed(leading)], "time over the fastest method's, τ",
-        "share of scenarios", y_scale="share", rank=leading, stepped=True, x_values=part["tau"],
+        [_banded(part, name, methods[name], "tau", "", ends=False) for name in reversed(leading)],
+        "time over the fastest method's, τ", "share of scenarios", y_scale="share", rank=leading, stepped=True,
+        x_values=part["tau"],
         title=f"{measure} to {target:.0e}: {runs} scenarios{missing}".replace("e-0", "e-"),
         note="" if known else "no scenario has a reference that is good enough",
     )  # fmt: skip

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,13 +14,12 @@ from matplotlib.transforms import ScaledTranslation
 from ...chart import Chart, Panel, Row, Series, Sheet
 from ...studies.columns import column as column_named
 from ...studies.columns import invariant_columns
-from ..judged import to_numbers
 from ..matrix import FAMILIES
 from . import theme
 from .layout import failed_handle, failed_tracks, legend, note, panels, pt
 from .render import chart, chart_of_rows
 from .scales import log_axis
-from .style import GREY, finite, ink, look, names, ok
+from .style import GREY, by_name, finite, ink, look, names, numbers, ok
 from .theme import scale
 
 if TYPE_CHECKING:
@@ -53,16 +53,19 @@ def conservation(table: DataFrame, x: str = "dt", y: Sequence[str] | None = None
     wanted = ("energy_error_max", "entropy_fall_max", *invariant_columns(data.columns))
     measured = [c for c in wanted if c in data and np.isfinite(finite(data[c])).any()] or ["energy_error_max"]
     columns = ["entropy_fall_max" if c == "entropy_increment_min" else c for c in y or measured]
-    return Sheet([_losses(data, x, column) for column in columns])
+    methods = by_name(table)
+    return Sheet([_losses(data, methods, x, column) for column in columns])
 
 
-def _losses(table: DataFrame, x: str, column: str) -> Panel:
-    h, done, error = to_numbers(table, x), np.asarray(ok(table)), to_numbers(table, column).abs()
-    of, there, series = table["integrator"].astype(str).to_numpy(), np.isfinite(h), []
-    for name in names(table):
-        if (mine := (of == name) & there).any():
-            pick = h[mine & done & np.isfinite(error)].sort_values(kind="stable").index
-            series.append(Series(name, h[pick], error[pick], crosses=h[mine & ~done]))
+def _losses(table: DataFrame, methods: Mapping[str, Any], x: str, column: str) -> Panel:
+    h, done, error = numbers(table, x), np.asarray(ok(table)), numbers(table, column)
+    np.abs(error.values, out=error.values)
+    there, usable, series = np.isfinite(h.values), done & np.isfinite(error.values), []
+    for name, rows in methods.items():
+        if len(mine := rows[there[rows]]):
+            pick = mine[usable[mine]]
+            pick = pick[np.argsort(h.values[pick], kind="stable")]
+            series.append(Series(name, h[pick], error[pick], crosses=h[mine[~done[mine]]]))
     return Panel(
         series, column_named(x).label, column_named(column).label, y_scale="zero", errors=True, x_values=h,
         y_values=error[done], note="" if series else "no run has a fixed step",
@@ -141,18 +144,17 @@ def stable_step(table: DataFrame, points: DataFrame | None = None) -> Sheet:
     it is dt_unstable (neighbours on the ladder), the dotted one reaches dt_half; a star marks stable steps above the
     limit (not monotone), a grey line the limit of plain Newton.
     """
-    scenarios, methods = names(table, "scenario") or [""], names(table)
-    tried = np.concatenate(
-        [*(finite(to_numbers(table, c)) for c in STEP_COLUMNS), finite(() if points is None else points["dt"])]
-    )
-    caps = to_numbers(table, "dt_cap")
-    up_to = f" up to h = {caps.min():.3g}" if np.isfinite(caps).any() else ""
-    of = {name: table[table["scenario"].astype(str) == name] if name else table for name in scenarios}
+    ends, methods = _Ends(table), by_name(table)
+    scenarios = by_name(table, "scenario") or {"": np.arange(len(table))}
+    tried = np.concatenate([*ends.steps.values(), finite(() if points is None else points["dt"])])
+    caps = ends.steps["dt_cap"].values
+    up_to = f" up to h = {np.nanmin(caps):.3g}" if np.isfinite(caps).any() else ""
     shown = {
-        name: [_bracket(part[part["integrator"].astype(str) == n], n) for n in methods] for name, part in of.items()
+        scenario: [ends.bracket(name, rows[np.isin(rows, here)]) for name, rows in methods.items()]
+        for scenario, here in scenarios.items()
     }
     if len(scenarios) > 1:
-        shown = {"every scenario, up to the first that fails": _firsts(table)} | shown
+        shown = {"every scenario, up to the first that fails": ends.firsts(methods)} | shown
     panels = []
     for title, rows in shown.items():
         used = {mark for row in rows for mark in (*row.marks, row.text)}
@@ -161,42 +163,57 @@ def stable_step(table: DataFrame, points: DataFrame | None = None) -> Sheet:
     return Sheet(panels, 2 if len(methods) <= 14 else 3, (3.6, 1.5))
 
 
-def _bracket(rows: DataFrame, name: str) -> Row:
-    """Of a method on a scenario."""
-    marks, end = _marks(rows), math.nan
-    for mark in (*LIMITS.values(), "D"):
-        end = float(marks[mark].iloc[-1]) if mark in marks else end
-    if math.isnan(end):
-        return Row(name, marks)
-    marks |= {"|": of} if len(of := to_numbers(rows, "dt_unstable").dropna()) else {}
-    half = float(to_numbers(rows, "dt_half").iloc[-1])
-    again = "non_monotone" in rows and rows["non_monotone"].fillna(False).astype(bool).any()
-    return Row(name, marks, (math.nan, end), half if half > end else math.nan, AGAIN if again else "")
+class _Ends:
+    """Where the steps of a table's rows end: marks by the kind of limit, and by that of plain Newton."""
 
+    def __init__(self, table: DataFrame) -> None:
+        self.steps = {name: numbers(table, name) for name in STEP_COLUMNS}
+        self.limit = table["limit"].astype(str).to_numpy()
+        self.known = table["limit"].notna().to_numpy()
+        again = table["non_monotone"].fillna(False).astype(bool) if "non_monotone" in table else self.known & False
+        self.again = np.asarray(again)
+        plain = self.steps["dt_stable_plain"]
+        of_plain = table["limit_plain"] if "limit_plain" in table else table["integrator"]
+        free = np.isnan(self.steps["dt_stable"].values) & (self.limit == "none")
+        reached = np.where(free, self.steps["dt_cap"].values, self.steps["dt_stable"].values)
+        stable, there = replace(self.steps["dt_stable"], values=reached), np.isfinite(reached)
+        self.marks = {mark: (stable, there & (self.limit == kind)) for kind, mark in LIMITS.items()}
+        self.marks["D"] = stable, there & ~np.isin(self.limit, list(LIMITS))
+        self.marks["x"] = stable, ~there
+        self.marks["_"] = plain, np.isfinite(plain.values) & (of_plain.astype(str) != "none").to_numpy()
 
-def _firsts(table: DataFrame) -> list[Row]:
-    """Over every scenario: marks where they end, a bar to the first of them; by family, then by its length."""
-    rows, kinds, known = {}, [*FAMILIES], theme.current().families
-    for name in names(table):
-        mine = table[(table["integrator"].astype(str) == name) & table["limit"].notna()]
-        ends, cap = mine[mine["limit"].ne("none")], to_numbers(mine, "dt_cap").max()
-        least = to_numbers(ends, "dt_stable").fillna(0.0).min() if len(ends) else math.inf
-        marks = {mark: places for mark, places in _marks(mine).items() if mark != ">" or not len(ends)}
-        family = kinds.index(known[name]) if known.get(name) in kinds else len(kinds)
-        bar = (math.nan, (least or math.nan) if len(ends) else cap)
-        rows[family, -least, name] = Row(name, marks, bar, text="" if len(ends) else f"> {cap:.2g}")
-    return [rows[key] for key in sorted(rows)]
+    def marked(self, rows: Any) -> dict[str, Any]:
+        """Mark -> the places of these rows that it stands at."""
+        found = {mark: places[rows[of[rows]]] for mark, (places, of) in self.marks.items()}
+        return {mark: places for mark, places in found.items() if len(places)}
 
+    def bracket(self, name: str, rows: Any) -> Row:
+        """Of a method on a scenario."""
+        marks, end = self.marked(rows), math.nan
+        for mark in (*LIMITS.values(), "D"):
+            end = float(marks[mark].values[-1]) if mark in marks else end
+        if math.isnan(end):
+            return Row(name, marks)
+        above, half = self.steps["dt_unstable"][rows], float(self.steps["dt_half"].values[rows[-1]])
+        marks |= {"|": above[there]} if (there := np.isfinite(above.values)).any() else {}
+        again = AGAIN if self.again[rows].any() else ""
+        return Row(name, marks, (math.nan, end), half if half > end else math.nan, again)
 
-def _marks(rows: DataFrame) -> dict[str, Any]:
-    """Where the steps of these rows end, by the kind of limit, and where those of plain Newton do."""
-    stable, plain = to_numbers(rows, "dt_stable"), to_numbers(rows, "dt_stable_plain")
-    limit, of_plain = (rows[c].astype(str) if c in rows else rows["integrator"] for c in ("limit", "limit_plain"))
-    stable = stable.where(stable.notna() | limit.ne("none"), to_numbers(rows, "dt_cap"))
-    found = {mark: stable[limit.eq(kind) & stable.notna()] for kind, mark in LIMITS.items()}
-    found["D"], found["x"] = stable[~limit.isin(LIMITS) & stable.notna()], stable[stable.isna()]
-    found["_"] = plain[plain.notna() & of_plain.ne("none")]
-    return {mark: places for mark, places in found.items() if len(places)}
+    def firsts(self, methods: Mapping[str, Any]) -> list[Row]:
+        """Over every scenario: marks where they end, a bar to the first of them; by family, then by its length."""
+        rows, kinds, known = {}, [*FAMILIES], theme.current().families
+        for name, all_rows in methods.items():
+            mine = all_rows[self.known[all_rows]]
+            ends, cap = (
+                mine[self.limit[mine] != "none"],
+                np.fmax.reduce(self.steps["dt_cap"].values[mine], initial=math.nan),
+            )
+            least = np.nan_to_num(self.steps["dt_stable"].values[ends]).min(initial=math.inf)
+            marks = {mark: places for mark, places in self.marked(mine).items() if mark != ">" or not len(ends)}
+            family = kinds.index(known[name]) if known.get(name) in kinds else len(kinds)
+            bar = (math.nan, (least or math.nan) if len(ends) else cap)
+            rows[family, -least, name] = Row(name, marks, bar, text="" if len(ends) else f"> {cap:.2g}")
+        return [rows[key] for key in sorted(rows)]
 
 
 CHARTS = (

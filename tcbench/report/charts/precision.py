@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...chart import Chart, Panel, Series, Sheet
 from ...studies.columns import column as column_named
-from ..judged import to_numbers
 from .render import chart
-from .style import finite, names, ok
+from .style import by_name, finite, names, numbers, ok
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -36,35 +35,31 @@ def work_precision(table: DataFrame, x: str = "wall_time_min_s", y: Sequence[str
     its finest setting. Failed runs are crosses at the upper edge, those without a cost of their own at its right end;
     masked errors (NaN) of completed runs are left out.
     """
-    return Sheet([_cloud(table, x, column) for column in y or _errors(table)])
+    methods = by_name(table)
+    return Sheet([_cloud(table, methods, x, column) for column in y or _errors(table)])
 
 
-def _cloud(table: DataFrame, x: str, column: str) -> Panel:
+def _cloud(table: DataFrame, methods: Mapping[str, Any], x: str, column: str) -> Panel:
     absent = [name for name in (column, x) if name not in table]
     done = np.asarray(ok(table))
-    xs, ys = to_numbers(table, x), to_numbers(table, column).abs()
-    xs = xs.where(xs > 0)
-    usable = done & np.asarray(np.isfinite(xs) & np.isfinite(ys) & ((ys > 0) | column.endswith(CONSERVED)))
+    xs, ys = numbers(table, x), numbers(table, column)
+    xs.values[~(xs.values > 0)] = np.nan
+    np.abs(ys.values, out=ys.values)
+    usable = done & np.isfinite(xs.values) & (ys.values > (-1 if column.endswith(CONSERVED) else 0))
     note = f"The table has no column {absent[0]}." if absent else ""
     if not usable.any() and done.all():
         note = note or "no completed run has a value here"
-    order = finite(table["value"]) if "value" in table else finite(xs)
+    order = finite(table["value"]) if "value" in table else xs.values
     series = []
-    for name, mine in _by_name(table):
-        pick = np.flatnonzero(mine & usable)
+    for name, mine in methods.items():
+        pick = mine[usable[mine]]
         pick = pick[np.argsort(-order[pick], kind="stable")]
-        series.append(Series(name, xs.iloc[pick], ys.iloc[pick], crosses=xs[mine & ~done]))
+        series.append(Series(name, xs[pick], ys[pick], crosses=xs[mine[~done[mine]]]))
     scale = "zero" if column.endswith(CONSERVED) else "log"
     return Panel(
         series, column_named(x).label, column_named(column).label, y_scale=scale, note=note, errors=True,
         x_values=xs, y_values=ys[usable],
     )  # fmt: skip
-
-
-def _by_name(table: DataFrame) -> list[tuple[str, Any]]:
-    """Each method, and which rows are its own."""
-    of = table["integrator"].astype(str).to_numpy()
-    return [(name, of == name) for name in names(table)]
 
 
 def _errors(table: DataFrame) -> list[str]:
@@ -84,14 +79,20 @@ def convergence(points: DataFrame, fits: DataFrame | None = None) -> Sheet:
     """
     there = names(points, "variable")
     variables = [v for v in dict.fromkeys([*VARIABLES, *there]) if v in there] or ["all"]
+    orders = _orders(fits)
     return Sheet(
-        [_slopes(_of(points, v), None if fits is None else _of(fits, v), v) for v in variables],
+        [_slopes(points[points["variable"].astype(str) == v], orders, v) for v in variables],
         size=(3.7, 2.8), right=0.3, hollow="not in the fit",
     )  # fmt: skip
 
 
-def _of(table: DataFrame, variable: str) -> DataFrame:
-    return table[table["variable"].astype(str) == variable]
+def _orders(fits: DataFrame | None) -> dict[tuple[str, str], float]:
+    """The fitted order of each variable and method."""
+    if fits is None:
+        return {}
+    rows = fits.drop_duplicates(["variable", "integrator"])
+    pairs = zip(rows["variable"].astype(str), rows["integrator"].astype(str), strict=True)
+    return dict(zip(pairs, finite(rows["order"]), strict=True))
 
 
 def _failed_points(points: DataFrame) -> Any:
@@ -101,9 +102,9 @@ def _failed_points(points: DataFrame) -> Any:
     return (failed & ~np.asarray(ok(points))) if "status" in points else failed
 
 
-def _slopes(part: DataFrame, fits: DataFrame | None, variable: str) -> Panel:
-    steps, errors = part["dt"], part["error"]
-    h, e = finite(steps), finite(errors)
+def _slopes(part: DataFrame, orders: Mapping[tuple[str, str], float], variable: str) -> Panel:
+    steps, errors = numbers(part, "dt"), numbers(part, "error")
+    h, e = steps.values, errors.values
     used = part["used"].fillna(False).astype(bool).to_numpy() if "used" in part else np.ones(len(part), dtype=bool)
     failed = _failed_points(part)
     good = np.isfinite(h) & np.isfinite(e) & (e > 0)
@@ -111,11 +112,13 @@ def _slopes(part: DataFrame, fits: DataFrame | None, variable: str) -> Panel:
     if not good.any() and not failed.any():
         note = "no error" if np.isfinite(e).any() else "no error was measured"  # 0: a variable that stays
     series: list[Series] = []
-    for name, mine in _by_name(part):
-        fitted, left, lost = mine & good & used, mine & good & ~used, mine & failed & np.isfinite(h)
+    for name, mine in by_name(part).items():
+        fitted, left, lost = (mine[of[mine]] for of in (good & used, good & ~used, failed & np.isfinite(h)))
         series.append(Series(name, steps[fitted], errors[fitted], line=False, crosses=steps[lost]))
         series.append(Series(name, steps[left], errors[left], line=False, marks="hollow"))
-        series += _fitted_line(name, h[fitted], e[fitted], fits)
+        order = orders.get((variable, name), np.nan)
+        if len(fitted) and np.isfinite(order):
+            series.append(_fitted_line(name, h[fitted], e[fitted], order))
     label = column_named("error" if variable == "all" else f"error_{variable}").label
     return Panel(
         series, column_named("dt").label, label, title=VARIABLES.get(variable, variable), note=note, errors=True,
@@ -123,15 +126,11 @@ def _slopes(part: DataFrame, fits: DataFrame | None, variable: str) -> Panel:
     )  # fmt: skip
 
 
-def _fitted_line(name: str, h: Any, e: Any, fits: DataFrame | None) -> list[Series]:
-    """The line of the fitted order through the used points, where there is one; at its upper end the order."""
-    row = None if fits is None else fits[fits["integrator"].astype(str) == name]
-    order = float(finite(row["order"])[0]) if row is not None and len(row) and len(h) else np.nan
-    if not np.isfinite(order):
-        return []
+def _fitted_line(name: str, h: Any, e: Any, order: float) -> Series:
+    """The line of the fitted order through the used points; at its upper end the order."""
     constant = np.exp(np.mean(np.log(e) - order * np.log(h)))
     ends = np.array([h.min(), h.max()])
-    return [Series(name, ends, constant * ends**order, text=f"{order:.2f}", marks="")]
+    return Series(name, ends, constant * ends**order, text=f"{order:.2f}", marks="")
 
 
 CHARTS = (

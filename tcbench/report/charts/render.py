@@ -135,13 +135,10 @@ def _draw(ax: Axes, panel: Panel, named: bool) -> None:
         _axis(ax, which, scale, span(panel, which))
     if panel.errors and panel.y_scale == "log":
         round_off_band(ax)
-    right, places = ax.get_xlim()[1], {}
-    for one in panel.series:
-        if len(one.crosses):
-            at = finite(one.crosses)
-            places[one.name] = np.where(np.isfinite(at), at, right)
-    crosses = finite([x for one in panel.series for x in one.crosses])
-    failed_tracks(ax, places, grow=bool(np.isfinite(crosses).any()))
+    right = ax.get_xlim()[1]
+    crosses = {one.name: finite(one.crosses) for one in panel.series if len(one.crosses)}
+    places = {name: np.where(np.isfinite(at), at, right) for name, at in crosses.items()}
+    failed_tracks(ax, places, grow=any(np.isfinite(at).any() for at in crosses.values()))
     rest, ends, texts = theme.current().rest, [], []
     for place, one in enumerate(sorted(panel.series, key=lambda one: one.name not in rest)):
         x, y = finite(one.x), finite(one.y)

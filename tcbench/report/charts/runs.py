@@ -14,7 +14,7 @@ from ...studies.columns import column as column_named
 from .layout import handle, legend, note, panels, pt, titles
 from .render import chart, chart_of_rows
 from .scales import log_axis, round_off_band, zero_log_axis
-from .style import finite, ink, look, names, short
+from .style import by_name, finite, ink, look, names, numbers, short
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -81,22 +81,33 @@ def _moves(values: Any) -> bool:
 
 def _lines(series: DataFrame, columns: Sequence[str]) -> list[list[Series]]:
     """For each column a line a run."""
-    runs = _runs(series[[c for c in series if c in (*columns, "integrator", "dt", "t", "status")]], names(series))
-    return [[Series(name, run["t"], run[column], ended=_failed(run)) for name, run in runs] for column in columns]
+    runs, t, of = _rows_of_runs(series), numbers(series, "t"), {column: numbers(series, column) for column in columns}
+    ended = [_failed(series, rows[-1]) for _, rows in runs]
+    return [
+        [Series(name, t[rows], values[rows], ended=bad) for (name, rows), bad in zip(runs, ended, strict=True)]
+        for values in of.values()
+    ]
 
 
-def _failed(run: DataFrame) -> bool:
-    return "status" in run and str(run["status"].iloc[-1]) != "ok"
+def _failed(series: DataFrame, last: int) -> bool:
+    """Whether the run of this last row did."""
+    return "status" in series and str(series["status"].iloc[last]) != "ok"
 
 
-def _runs(series: DataFrame, methods: Sequence[str]) -> list[tuple[str, DataFrame]]:
-    """The runs of a table, each in order of time; several steps of one method are several runs."""
+def _rows_of_runs(series: DataFrame) -> list[tuple[str, Any]]:
+    """The rows of each run, in order of time; several steps of one method are several runs."""
+    t, steps = numbers(series, "t").values, numbers(series, "dt").values
     found = []
-    for name in methods:
-        mine = series[series["integrator"].astype(str) == name]
-        parts = [g for _, g in mine.groupby("dt", dropna=False)] if "dt" in mine and len(mine) else [mine]
-        found += [(name, part.sort_values("t", kind="stable")) for part in parts if len(part)]
+    for name, rows in by_name(series).items():
+        of = steps[rows]
+        for step in np.unique(of):
+            mine = rows[(of == step) | (np.isnan(of) & np.isnan(step))]
+            found.append((name, mine[np.argsort(t[mine], kind="stable")]))
     return found
+
+
+def _runs(series: DataFrame) -> list[tuple[str, DataFrame]]:
+    return [(name, series.iloc[rows]) for name, rows in _rows_of_runs(series)]
 
 
 def _every(points: int, rank: int) -> tuple[int, int]:
@@ -108,7 +119,7 @@ def _every(points: int, rank: int) -> tuple[int, int]:
 def _end(ax: Axes, run: DataFrame, values: Any, colour: str) -> None:
     """A cross where a failed run ends."""
     good = np.flatnonzero(np.isfinite(values))
-    if len(good) and _failed(run):
+    if len(good) and _failed(run, -1):
         at = [run["t"].iloc[good[-1]]], [values[good[-1]]]
         ax.plot(*at, color=colour, marker="x", markersize=pt(8), markeredgewidth=pt(2))
 
@@ -122,7 +133,7 @@ def four_panel(series: DataFrame) -> Drawing:
     texts = ["energy E", "entropy S", "temperatures θ", "logarithmic strains"]
     if not groups[3]:
         groups[3], texts[3] = _variables(series)
-    runs = _runs(series, methods)
+    runs = _runs(series)
     for ax, columns, text in zip(axes, groups, texts, strict=True):
         shown = _measured(series, columns)
         if not shown:
@@ -190,8 +201,7 @@ def path(series: DataFrame, columns: int = 3) -> Drawing:
     from matplotlib.collections import LineCollection
     from matplotlib.colors import Normalize
 
-    methods = names(series)
-    runs = _runs(series, methods)
+    runs = _runs(series)
     heat = _numbered(series, "temperature")
     drawn = "at_" if _measured(series, ["at_x_1"]) else ""
     places = [(f"{drawn}x_{i}", f"{drawn}y_{i}") for i in range(1, 10)]
@@ -252,7 +262,7 @@ def equilibrium(table: DataFrame, summary: DataFrame | None = None) -> Drawing:
             value = np.abs(finite(table[columns[0]]))
             (_zero if (value == 0).any() else log_axis)(ax, "y", value)
             round_off_band(ax)
-        for rank, (name, run) in enumerate(_runs(table, methods)):
+        for rank, (name, run) in enumerate(_runs(table)):
             for i, column in enumerate(columns):
                 _gap(ax, run, column, name, rank, "magnitude" if near else ("-", "--")[i % 2])
         if not near:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import matplotlib
 import numpy as np
 
+from ...chart import Slice
 from . import theme
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
     from pandas import DataFrame
 
 
@@ -116,9 +118,25 @@ def ink() -> str:
 def names(table: DataFrame, column: str = "integrator") -> list[str]:
     """The distinct names of a column: those in grey, that others lie upon them, then in the theme's order, or those
     with a fixed look first, then by alphabet."""
+    return _in_order({str(n) for n in table[column].dropna().unique()} if column in table else ())
+
+
+def _in_order(found: Iterable[str]) -> list[str]:
     known, rest = [*theme.current().labels, *KNOWN], theme.current().rest
-    found = {str(n) for n in table[column].dropna().unique()} if column in table else set()
     return sorted(found, key=lambda n: (n not in rest, known.index(n) if n in known else len(known), n))
+
+
+def by_name(table: DataFrame, column: str = "integrator") -> dict[str, NDArray[np.intp]]:
+    """Each of `names`, and the places of its rows."""
+    groups = table.groupby(column, sort=False).indices if column in table else {}
+    found = {str(name): rows for name, rows in groups.items()}
+    return {name: found[name] for name in _in_order(found)}
+
+
+def numbers(table: DataFrame, column: str) -> Slice:
+    """A column as floats, with everything that is not a finite number NaN; so is all of one that the table has not."""
+    values = finite(table[column]) if column in table else np.full(len(table), np.nan)
+    return Slice(column, table.index.to_numpy(), values)
 
 
 def short(name: str, length: int = 32) -> str:
