@@ -40,6 +40,7 @@ class Work(Record):
     to_z: Kernel  # z of such a state
     counts: Counts
     trials: Trials
+    tolerance: float  # of a run: what a step may miss
     reach: float  # of a damped step, over the time of the fastest decay; 0: none
     factors: Floats = sized("LAST")  # of the last coefficients in it: see damping.py
     misses: Floats = sized("LAST")

@@ -36,13 +36,16 @@ class TaylorMethod(Lending):
         self.loops, model, self.lines = prepared(system, order)
         self.size = system.size
         self.counts = model.counts.again()
+        self.tolerance = 0.0  # of the work
         self.reached: Floats | None = None  # where the run has come by marching
         self.lend_to(model.again(counts=self.counts, trials=model.trials.again()), self.size)
 
     def adaptive(self, z0: Floats, times: Floats, tolerance: float) -> tuple[Floats, dict[str, int]]:
         """States at `times`, shape (len(times), n), and their cost; ArithmeticError where steps become too short."""
         self.begin(z0, times)
-        done = self.loops.run(self.work, tolerance)
+        if self.tolerance != tolerance:
+            self.tolerance = self.work.tolerance = tolerance
+        done = self.loops.run(self.work)
         if done < len(times):
             raise ArithmeticError(f"the step became too short before t = {times[done]:g}")
         return self.states.copy(), self.cost()
@@ -108,7 +111,7 @@ def prepared(system: System, order: int) -> tuple[Any, Any, int]:
         series, polynomial, mend, hold, setup, start, to_z = kernels(system.symbolic, order)
         given = np.concatenate([c, setup(c, c)])
     work = Work(
-        size=system.size, order=order, n_given=len(given), given=given, to_start=start.address,
+        size=system.size, order=order, n_given=len(given), given=given, tolerance=0.0, to_start=start.address,
         n_target=start.size, of_elements=elements, seldom=SELDOM[elements], to_series=series.address,
         to_state=polynomial.address, to_mend=mend.address, to_hold=hold.address, to_z=to_z.address, rows=1,
         counts=Counts(), trials=Trials(), **damping.fields(0 if elements else order),

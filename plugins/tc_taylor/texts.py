@@ -18,7 +18,7 @@ from .recurrences import Writer
 from .series import Series
 
 MOST_AHEAD = 16  # variables of systems whose coefficients may go ahead
-WORK = 0.1  # what an operation adds to the time, over one of the longest chain of those that wait for each other
+WORK = 0.17  # time of a line, over that of an operation which waits for the one before: a chain of these goes on beside
 
 
 def series_kernels(system: System, order: int, first: int) -> tuple[Kernel, Kernel, list[Symbol]]:
@@ -53,8 +53,8 @@ def coefficients(
 
 
 def time_of(found: tuple[Writer, list[str]]) -> float:
-    """In operations that wait for each other."""
-    return max(found[0].ready.values()) + WORK * len(found[0].lines)
+    """In operations that wait for each other, or that many at once leave no place for more."""
+    return max(max(found[0].ready.values()), WORK * len(found[0].lines))
 
 
 def squared_size(writer: Writer, system: System, variables: list[Series], k: int) -> str:

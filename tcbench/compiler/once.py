@@ -7,7 +7,7 @@ from collections.abc import Callable
 from functools import cache, wraps
 from functools import cached_property as _cached_property
 from typing import Any, Generic, Self, TypeVar, overload
-from weakref import WeakKeyDictionary
+from weakref import WeakKeyDictionary, ref
 
 LOCK = threading.RLock()  # of traces and of what is made of them: one thread at a time
 Made = TypeVar("Made")
@@ -48,19 +48,19 @@ class Spares(Generic[Made]):
     """What a run has to itself, kept for the next one: make(system, ...), which does not refer to the system."""
 
     def __init__(self, make: Callable[..., Made]) -> None:
-        self.make, self.free = make, once_a_system(_none)
+        self.make = make
+        self.free: dict[Any, dict[tuple[Any, ...], list[Made]]] = {}  # by weak references to systems
 
-    def take(self, *key: object) -> tuple[Made, list[Made]]:
+    def take(self, system: Any, *key: Any) -> tuple[Made, list[Made]]:
         """One that nobody has, and the list to which it is given back."""
-        free = self.free(*key)
+        try:
+            free = self.free[ref(system)][key]
+        except KeyError:
+            free = self.free.setdefault(ref(system, self.free.pop), {}).setdefault(key, [])
         try:
             return free.pop(), free  # at once: of two threads each gets another
         except IndexError:
-            return self.make(*key), free
-
-
-def _none(*key: object) -> list[Any]:
-    return []
+            return self.make(system, *key), free
 
 
 class cached_property(_cached_property[Made]):

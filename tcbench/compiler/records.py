@@ -226,10 +226,11 @@ class Lending:
     work: Any
     times: np.ndarray
     states: np.ndarray
+    first: np.ndarray  # of the states
 
     def lend_to(self, work: Any, size: int) -> None:
         """Of states with so many numbers."""
-        self.work, self.times, self.states = work, np.empty(0), np.empty((0, size))
+        self.work, self.times, self.states, self.first = work, np.empty(0), np.empty((0, size)), np.empty(0)
 
     def begin(self, z0: np.ndarray, times: np.ndarray) -> None:
         """The next run of the record goes from z0 through these times, to `states`."""
@@ -238,8 +239,9 @@ class Lending:
             self.work.rows = len(times)
             self.work.lend("times", self.times)
             self.work.lend("states", self.states)
-        self.times[:] = times
-        self.states[0] = z0
+            self.first = self.states[0]
+        self.times[...] = times  # two thirds of the time of [:]
+        self.first[...] = z0
 
 
 class _Plan:
