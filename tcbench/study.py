@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from .systems.scenario import Scenario
 
 Row = dict[str, Any]
+Cells: TypeAlias = "list[tuple[Integrator, Scenario, Row]]"  # what runs on what, and the options of the cell
 
 
 @dataclass(frozen=True)
@@ -68,9 +69,7 @@ class Study:
     name: str
     description: str
     tables: tuple[str, ...]
-    plan: Callable[
-        [Sequence[Integrator], Sequence[Scenario], Mapping[str, Any]], list[tuple[Integrator, Scenario, Row]]
-    ]
+    plan: Callable[[Sequence[Integrator], Sequence[Scenario], Mapping[str, Any]], Cells]
     measure: Callable[[Integrator, Scenario, Row], Row]
     tabulate: Callable[[Sequence[Row]], dict[str, DataFrame]]
     place: int = 100

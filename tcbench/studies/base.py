@@ -6,9 +6,13 @@ import importlib
 from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..errors import is_pattern, matching, unknown_name
-from ..study import Study
+from ..study import Row, Study
+
+if TYPE_CHECKING:
+    from ..integrator import Integrator
 
 # plugins are imported where they are asked for: `tcbench run --help` names studies, and has nothing to wait for
 
@@ -56,3 +60,9 @@ def find_study(name: str) -> Study:
         raise unknown_name("study", name, [*study_names(), *known], *plugins.cure())
     found: Study = known[name]
     return found
+
+
+def settings(integrator: Integrator, steps: Iterable[float], tolerances: Iterable[float]) -> list[Row]:
+    """Options of a method's cells: a step in each; of an adaptive solver, which has no dt, a tolerance."""
+    adaptive = integrator.kind == "adaptive"
+    return [{"tolerance": value} for value in tolerances] if adaptive else [{"dt": value} for value in steps]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from ..study import Row, Study
+from ..study import Cells, Row, Study
 from .frames import table_of
 
 if TYPE_CHECKING:
@@ -19,9 +19,7 @@ THEOREMS = ("operators", "steps")  # checked on random states of one scenario, t
 PREFERRED = ("short_term", "bound_equilibrium", "long_term")
 
 
-def plan(
-    integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]
-) -> list[tuple[Integrator, Scenario, Row]]:
+def plan(integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]) -> Cells:
     """One cell a group of claims, and only groups about what is selected; nothing selected, no rows.
 
     Theorems: the operators once, the steps for every method that claims something of
@@ -30,7 +28,7 @@ def plan(
     """
     from .paper_claims import LEDGER
 
-    cells: list[tuple[Integrator, Scenario, Row]] = []
+    cells: Cells = []
     shared = theorem_scenario(scenarios)
     if shared is not None:
         consistent = [i for i in integrators if {"energy", "entropy"} <= i.claims]

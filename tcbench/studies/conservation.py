@@ -6,8 +6,13 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from .. import plugins
 from ..errors import MachineError
-from ..study import Row, Study
+from ..simulation import metrics, series, shared_runs
+from ..simulation.recorder import exception_sentence
+from ..simulation.run import simulate
+from ..study import Cells, Row, Study
+from .base import settings
 from .frames import table_of
 
 if TYPE_CHECKING:
@@ -28,25 +33,17 @@ MANY = 40  # scenarios: of more, a sweep, no course is kept, and rows have const
 OWN = 1e-6  # the tolerance that stands for the scenario's own step
 
 
-def plan(
-    integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]
-) -> list[tuple[Integrator, Scenario, Row]]:
-    cells: list[tuple[Integrator, Scenario, Row]] = []
+def plan(integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]) -> Cells:
+    cells: Cells = []
     extra: Row = {"sweep": True} if len(scenarios) > MANY else {}
     for scenario in scenarios:
-        steps = options.get("dt") or [factor * scenario.dt for factor in scenario.ladder]
-        for integrator in integrators:
-            if integrator.kind == "adaptive":
-                cells.extend((integrator, scenario, {"tolerance": tolerance} | extra) for tolerance in TOLERANCES)
-            else:
-                cells.extend((integrator, scenario, {"dt": dt} | extra) for dt in steps if dt <= scenario.t_end)
+        wanted = options.get("dt") or [factor * scenario.dt for factor in scenario.ladder]
+        steps = [dt for dt in wanted if dt <= scenario.t_end]
+        cells += [(i, scenario, run | extra) for i in integrators for run in settings(i, steps, TOLERANCES)]
     return cells
 
 
 def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
-    from ..simulation import metrics, series, shared_runs
-    from ..simulation.run import simulate
-
     adaptive = integrator.kind == "adaptive"
     extra = {"tolerance": options["tolerance"]} if adaptive else {"dt": options["dt"], "residuals": True}
     _warm_up(integrator, scenario, extra)
@@ -66,9 +63,6 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
 
 def _of_plugins(run: Trajectory, row: Row) -> Row:
     """The numbers of plugins' metrics. One that gives none costs its own column; `metric_failure` says why."""
-    from .. import plugins
-    from ..simulation.recorder import exception_sentence
-
     found: Row = {}
     said = []
     for name, metric in plugins.metrics().items():
@@ -108,9 +102,6 @@ def _warm_up(integrator: Integrator, scenario: Scenario, extra: Mapping[str, Any
 
     By tolerance, too, since heyoka compiles anew for each.
     """
-    from ..simulation import shared_runs
-    from ..simulation.run import simulate
-
     name = integrator.name, scenario.model.structure, extra.get("tolerance")
     if integrator.kind != "flows" and name not in _WARM:
         _WARM.add(name)
@@ -119,8 +110,6 @@ def _warm_up(integrator: Integrator, scenario: Scenario, extra: Mapping[str, Any
 
 
 def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
-
-    from ..simulation import series
 
     left_out = (*series.ROW, "numbers", "sweep")
     rows = [{k: v for k, v in row.items() if k not in left_out} | (row.get("numbers") or {}) for row in records]

@@ -5,8 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from ..study import Row, Study
-from .frames import table_of
+import numpy as np
+
+from ..simulation.run import simulate
+from ..study import Cells, Row, Study
+from .frames import rows_in, table_of
+from .order_fit import fit_order
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -30,9 +34,7 @@ POINT_COLUMNS = (
 )  # fmt: skip
 
 
-def plan(
-    integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]
-) -> list[tuple[Integrator, Scenario, Row]]:
+def plan(integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]) -> Cells:
     """One cell a pair. Adaptive solvers have no dt, and a ladder of tolerances shows no order."""
     steps = {"dt": list(options["dt"])} if options.get("dt") else {}
     methods = [integrator for integrator in integrators if integrator.kind != "adaptive"]
@@ -49,7 +51,6 @@ def step_counts(integrator: Integrator, scenario: Scenario, steps: Sequence[floa
 def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
     """Errors at t_converge over the ladder and the fitted order of each group of variables."""
     from ..reference.lookup import reference_for
-    from .order_fit import fit_order
 
     reference = reference_for(scenario, [scenario.t_converge])
     exact = groups(scenario.model, reference.states[0])
@@ -82,8 +83,6 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
 
 def _end_state(integrator: Integrator, scenario: Scenario, n: int) -> tuple[float, tuple[str, str], float, Any]:
     """(dt, status and sentence, error that the solver leaves, state at t_converge or None) of a run of n steps."""
-    from ..simulation.run import simulate
-
     dt, t_end = scenario.t_converge / n, scenario.t_converge
     extra = {"residuals": True} if integrator.kind == "flows" else {}
     run = simulate(integrator, scenario, dt=dt, t_end=t_end, record_every=None, **extra)
@@ -94,8 +93,6 @@ def _end_state(integrator: Integrator, scenario: Scenario, n: int) -> tuple[floa
 
 def groups(model: System, z: Any) -> dict[str, Any]:
     """The state by its variables, and the temperatures; "all" is z, for theta is a function of it."""
-    import numpy as np
-
     state = model.state(np.asarray(z, float))
     found = {name: np.ravel(getattr(state, name)) for name in model.variables}
     theta = {"theta": model.temperatures(z)} if model.n_temperatures else {}
@@ -120,18 +117,9 @@ def _order_row(name: str, fit: OrderFit, declared: int | None, still: bool) -> R
         verdict, note = "stands still", "It keeps the value with which it began, as it should: there is no order."
     elif verdict == "undetermined" and fit.points_used:
         note = f"The slope lies between {fit.order_low:.2f} and {fit.order_high:.2f}, which says too little: {note}"
-    return {
-        "variable": name,
-        "order": float(fit.order),
-        "order_low": float(fit.order_low),
-        "order_high": float(fit.order_high),
-        "points_used": int(fit.points_used),
-        "dt_min": float(fit.dt_min),
-        "dt_max": float(fit.dt_max),
-        "declared": declared,
-        "verdict": verdict,
-        "note": note,
-    }
+    numbers = {name: float(getattr(fit, name)) for name in ("order", "order_low", "order_high", "dt_min", "dt_max")}
+    found = {"points_used": int(fit.points_used), "declared": declared, "verdict": verdict, "note": note}
+    return {"variable": name} | numbers | found
 
 
 def _point_rows(
@@ -140,33 +128,24 @@ def _point_rows(
     columns = zip(dt, ends, errors, fit.local_order, fit.used, fit.reason, strict=True)
     return [
         {
-            "variable": name,
-            "dt": h,
-            "status": status,
-            "error": error,
-            "local_order": float(slope),
-            "used": bool(used),
-            "reason": str(reason),
-            "failure": failure,
+            "variable": name, "dt": h, "status": status, "error": error, "local_order": float(slope),
+            "used": bool(used), "reason": str(reason), "failure": failure,
         }
         for h, (status, failure), error, slope, used, reason in columns
-    ]
+    ]  # fmt: skip
 
 
 def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
     """`convergence`: one row a variable; `convergence_points`: one row a step size. A failed cell keeps one row."""
 
     orders: list[Row] = []
-    points: list[Row] = []
     for record in records:
-        name = {"integrator": record["integrator"], "scenario": record["scenario"]}
         origin = {k: v for k, v in record.items() if k not in ("orders", "points", "dt", "failure")}
         failed = {"variable": "all", "verdict": "undetermined", "note": record.get("failure", "")}
         orders += [origin | row for row in record.get("orders") or [failed]]
-        points += [name | row for row in record.get("points") or []]
     return {
         "convergence": table_of(orders, COLUMNS),
-        "convergence_points": table_of(points, POINT_COLUMNS),
+        "convergence_points": table_of(rows_in(records, "points"), POINT_COLUMNS),
     }
 
 

@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 from .. import plugins
 from ..errors import TcbenchError
-from ..study import Row, Study
+from ..study import Cells, Row, Study
+from .ensemble_seeds import drawn_numbers
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -33,9 +34,7 @@ SHARES, REFERENCES, TIMINGS = "shares", "references", "timings"
 OWNER = "tc_monolithic"  # in whose name the cells of references stand: one that is always there
 
 
-def plan(
-    integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]
-) -> list[tuple[Integrator, Scenario, Row]]:
+def plan(integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]) -> Cells:
     """Cells of the families that the scenarios belong to; options: size, seed, budget (seconds) and dt (steps)."""
     size = whole(options, "size", SIZE, 2, APART)
     first = APART * whole(options, "seed", 0, 0, 10**9)
@@ -43,7 +42,7 @@ def plan(
     methods = [method for method in integrators if not method.lacks]
     families = random_families(scenarios)
     timed = timed_size(size, len(methods) * max(1, len(families)), options)
-    cells: list[tuple[Integrator, Scenario, Row]] = []
+    cells: Cells = []
     for family, values in families:
         cells += _family_cells(methods, family, values, (first, size, timed), steps)
     return cells
@@ -52,7 +51,7 @@ def plan(
 def _family_cells(
     methods: Sequence[Integrator], family: str, values: Mapping[str, str], sizes: tuple[int, int, int],
     steps: list[float],
-) -> list[tuple[Integrator, Scenario, Row]]:  # fmt: skip
+) -> Cells:  # fmt: skip
     first, size, timed = sizes
     owner, cells = None, []
     for part, count, length in ((SHARES, size, BLOCK), (REFERENCES, timed, TIMED_BLOCK), (TIMINGS, timed, TIMED_BLOCK)):
@@ -140,7 +139,6 @@ def _numbers(scenario: str, seeds: tuple[int, ...], sample: Any) -> str:
 
 def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
     from . import ensemble_runs as runs
-    from .ensemble_seeds import drawn_numbers
 
     scenarios = members(scenario, options["seeds"])
     if options["part"] == REFERENCES:

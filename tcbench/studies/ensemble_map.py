@@ -19,7 +19,7 @@ import numpy as np
 
 from .. import plugins
 from ..errors import TcbenchError, unknown_name
-from ..study import Row, Study
+from ..study import Cells, Row, Study
 from .ensemble import APART, whole
 from .map import Axis, needs_axes, parse_axis
 from .statistics import wilson
@@ -51,14 +51,12 @@ def family_axis(text: str, family: ScenarioFamily) -> Axis:
     return axis
 
 
-def plan(
-    integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]
-) -> list[tuple[Integrator, Scenario, Row]]:
+def plan(integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]) -> Cells:
     """One cell a row of the map; options: x, y (axes as written), size (scenarios in a cell), seed."""
     needs_axes(options)
     size = whole(options, "size", SIZE, 2, LARGEST)
     first = APART * whole(options, "seed", 0, 0, 10**9)
-    cells: list[tuple[Integrator, Scenario, Row]] = []
+    cells: Cells = []
     for scenario in scenarios:
         family = plugins.find_family(plugins.split_name(scenario.name)[0])
         x, y = (family_axis(options[axis], family) for axis in ("x", "y"))

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import leave_to_the_machine
 from ..integrator import Integrator
 from ..simulation import metrics
 from ..simulation.run import simulate
@@ -19,6 +18,7 @@ from ..study import Row
 from ..systems.element_system import ElementSystem
 from ..systems.scenario import Scenario
 from .stable_step import outcome_of
+from .yardstick import solved
 
 TOLERANCES = (1e-3, 1e-5, 1e-7, 1e-9, 1e-11, 1e-13)  # of adaptive solvers
 COARSEST = 64  # steps over the horizon at the first rung of a ladder; each next rung has twice as many
@@ -190,21 +190,15 @@ def run_once(integrator: Integrator, scenario: Scenario, value: float) -> Row:
         run = simulate(integrator, scenario, value, record_every=None)
         kind, sentence = outcome(integrator, run)
         return _rung(scenario, kind, sentence, run.wall_time_s, run.z[-1])
-    assert integrator.adaptive is not None
-    model, z0, ends = scenario.model, np.array(scenario.z0), np.array([0.0, scenario.t_end])
-    begin = time.perf_counter()
-    try:
-        found = integrator.adaptive(model, z0, ends, value, value)
-    except Exception as error:  # a solver that gives up is a point of the picture
-        leave_to_the_machine(error)
-        elapsed = time.perf_counter() - begin
-        return _rung(scenario, "exception", f"{type(error).__name__}: {error}"[:200], elapsed, None)
-    elapsed = time.perf_counter() - begin
-    z = np.asarray((found[0] if isinstance(found, tuple) else found)[-1], dtype=float)
+    model, found = scenario.model, solved(integrator, scenario, [0.0, scenario.t_end], value)
+    if found.failure:
+        return _rung(scenario, "exception", found.failure[:200], found.seconds, None)
+    z = np.asarray(found.states[-1], dtype=float)
     left = abs(float(model.energy(z)) - float(model.energy(scenario.z0))) if np.all(np.isfinite(z)) else math.inf
     if not left <= scenario.blowup_factor * scenario.initial_exergy:
-        return _rung(scenario, "physical", "the end state is not finite, or beyond the exergy bound", elapsed, None)
-    return _rung(scenario, "ok", "", elapsed, z)
+        why = "the end state is not finite, or beyond the exergy bound"
+        return _rung(scenario, "physical", why, found.seconds, None)
+    return _rung(scenario, "ok", "", found.seconds, z)
 
 
 def _rung(scenario: Scenario, kind: str, sentence: str, seconds: float, z: Any) -> Row:

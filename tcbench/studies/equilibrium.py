@@ -9,8 +9,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from ..study import Row, Study
-from .frames import table_of
+import numpy as np
+
+from .. import plugins
+from ..simulation.run import simulate
+from ..study import Cells, Row, Study
+from ..systems.pendulum import Pendulum
+from .base import settings
+from .frames import rows_in, table_of
+from .maximum_entropy import MOST, maximum_entropy
+from .relative_equilibrium import gaps, measures, relative_equilibrium
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -40,35 +48,23 @@ OF_ANY = ("integrator", "scenario", "dt", "t", "status", "t_final", "equilibrium
           "entropy", "exact_entropy", "note")  # fmt: skip
 
 
-def plan(
-    integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]
-) -> list[tuple[Integrator, Scenario, Row]]:
+def plan(integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]) -> Cells:
     """One cell a pair: scenarios with a long horizon when every scenario is selected, otherwise those asked for.
 
     Systems of so many variables that second derivatives are not written out are left out.
     """
-    from .. import plugins
-    from .maximum_entropy import MOST
-
     chosen = [scenario for scenario in scenarios if scenario.model.size <= MOST]
     if {scenario.name for scenario in scenarios} >= set(plugins.scenarios()):
         chosen = [scenario for scenario in chosen if scenario.t_end >= LONG_HORIZON]
-    cells: list[tuple[Integrator, Scenario, Row]] = []
+    cells: Cells = []
     for scenario in chosen:
-        for integrator in integrators:
-            if integrator.kind == "adaptive":
-                cells.append((integrator, scenario, {"tolerance": TOLERANCE}))
-            else:
-                steps = options.get("dt") or [scenario.dt]
-                cells.extend((integrator, scenario, {"dt": float(dt)}) for dt in steps if dt <= scenario.t_end)
+        steps = [float(dt) for dt in options.get("dt") or [scenario.dt] if dt <= scenario.t_end]
+        cells += [(i, scenario, run) for i in integrators for run in settings(i, steps, [TOLERANCE])]
     return cells
 
 
 def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
     """Gaps along one run, at log-spaced recorded times, and what they amount to."""
-
-    from ..simulation.run import simulate
-    from ..systems.pendulum import Pendulum
 
     run = simulate(integrator, scenario, **options)
     exact, columns = (_of_pendulum if scenario.system is Pendulum else _of_any)(run, log_spaced(run.t))
@@ -78,10 +74,6 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
 
 def _of_pendulum(run: Trajectory, rows: Sequence[int]) -> tuple[RelativeEquilibrium, Row]:
     """Its relative equilibrium, and columns at the recorded states `rows`."""
-    import numpy as np
-
-    from .relative_equilibrium import gaps, measures
-
     exact, constants = exact_equilibrium(run.scenario), run.scenario.constants
     z, state = run.z[rows], measures(run.z[rows], constants)
     gap = gaps(z, exact, constants)
@@ -101,10 +93,6 @@ def _of_pendulum(run: Trajectory, rows: Sequence[int]) -> tuple[RelativeEquilibr
 
 def _of_any(run: Trajectory, rows: Sequence[int]) -> tuple[Equilibrium, Row]:
     """The state of largest entropy, and columns at the recorded states `rows`."""
-    import numpy as np
-
-    from .maximum_entropy import maximum_entropy
-
     exact = maximum_entropy(run.scenario.model, run.scenario.z0)
     theta, entropy = run.temperatures[rows], run.entropy[rows]
     warm = {"temperature_gap": np.abs(theta - exact.temperatures).max(axis=1)} if theta.shape[1] else {}
@@ -113,16 +101,12 @@ def _of_any(run: Trajectory, rows: Sequence[int]) -> tuple[Equilibrium, Row]:
 
 def exact_equilibrium(scenario: Scenario) -> RelativeEquilibrium:
     """The relative equilibrium of the scenario's own energy and angular momentum."""
-    from .relative_equilibrium import relative_equilibrium
-
     (J,) = scenario.model.momenta(scenario.z0)
     return relative_equilibrium(scenario.constants, float(scenario.model.energy(scenario.z0)), float(J))
 
 
 def log_spaced(t: Any) -> list[int]:
     """Indices of at most TIMES of the times t > 0, about equally spaced in ln t; the last one is among them."""
-    import numpy as np
-
     if len(t) < 2:
         return list(range(len(t)))
     return sorted({int(i) for i in np.rint(np.geomspace(1, len(t) - 1, TIMES))})
@@ -130,8 +114,6 @@ def log_spaced(t: Any) -> list[int]:
 
 def summarise(run: Trajectory, exact: Any, columns: Mapping[str, Any]) -> Row:
     """One row a run: the last gaps, whether the entropy gap still falls, growth of the strains, and a sentence."""
-    import numpy as np
-
     last = {name: float(values[-1]) for name, values in columns.items()}
     late = columns["t"] >= run.t[-1] / 10
     gap = columns["entropy_gap"]
@@ -163,8 +145,6 @@ def summarise(run: Trajectory, exact: Any, columns: Mapping[str, Any]) -> Row:
 
 def _slope(x: Any, y: Any) -> float:
     """Least-squares slope; NaN for fewer than two points."""
-    import numpy as np
-
     return float(np.polyfit(x, y, 1)[0]) if len(x) > 1 else float("nan")
 
 
@@ -218,15 +198,12 @@ def _sentence(word: str, run: Trajectory, exact: Any, last: Mapping[str, float],
 def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
     """`equilibrium`: one row a recorded time; `equilibrium_summary`: one row a run, failed cells included."""
 
-    rows: list[Row] = []
     summaries: list[Row] = []
     for record in records:
-        name = {"integrator": record["integrator"], "scenario": record["scenario"], "dt": record.get("dt")}
         origin = {k: v for k, v in record.items() if k not in ("rows", "summary")}
         summaries.append(origin | (record.get("summary") or {"note": record.get("failure", "")}))
-        rows += [name | row for row in record.get("rows") or []]
     return {
-        "equilibrium": _table(rows, COLUMNS),
+        "equilibrium": _table(rows_in(records, "rows", ("integrator", "scenario", "dt")), COLUMNS),
         "equilibrium_summary": _table(summaries, SUMMARY_COLUMNS),
     }
 

@@ -11,6 +11,13 @@ if TYPE_CHECKING:
 PAIR = ("scenario", "integrator")
 
 
+def rows_in(
+    records: Iterable[Mapping[str, Any]], name: str, keys: Sequence[str] = ("integrator", "scenario")
+) -> list[dict[str, Any]]:
+    """The rows that records keep under a name, each with these values of its record."""
+    return [{key: record.get(key) for key in keys} | row for record in records for row in record.get(name) or ()]
+
+
 def table_of(rows: Iterable[Mapping[str, Any]], columns: Iterable[str], by: Sequence[str] = PAIR) -> DataFrame:
     """These columns, then the others that rows have; in the order of the columns `by`, then as they came."""
     import pandas as pd

@@ -13,7 +13,12 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from ..study import Row, Study
+import numpy as np
+
+from .. import plugins
+from ..plugins import find_integrator
+from ..simulation.run import simulate
+from ..study import Cells, Row, Study
 from .frames import table_of
 from .theorems import Finding, shell_name
 
@@ -40,12 +45,8 @@ COLUMNS = (
 POINT_COLUMNS = ("integrator", "scenario", "dt", "status", *ERRORS)
 
 
-def plan(
-    integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]
-) -> list[tuple[Integrator, Scenario, Row]]:
+def plan(integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]) -> Cells:
     """A cell a pair of those that are selected; where all methods that run by themselves are, theirs as well."""
-    from .. import plugins
-
     known = {i.name: i for i in integrators}
     if known.keys() >= set(plugins.by_default()):
         known |= {name: plugins.find_integrator(name) for name in ORDERS if name in plugins.present()}
@@ -63,10 +64,6 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
 
 def errors_at(integrator: Integrator, scenario: Scenario, dt: float) -> Row:
     """The four errors of a run of steps dt, as many as end before t_end."""
-    import numpy as np
-
-    from ..plugins import find_integrator
-
     run, exact = _run(integrator, scenario, dt, 1), _run(find_integrator(REFERENCE), scenario, dt, FINER)
     row: Row = {"dt": dt, "status": run.status} | dict.fromkeys(ERRORS, math.nan)
     if run.ok:
@@ -81,16 +78,12 @@ def errors_at(integrator: Integrator, scenario: Scenario, dt: float) -> Row:
 
 
 def _run(integrator: Integrator, scenario: Scenario, dt: float, finer: int) -> Trajectory:
-    from ..simulation.run import simulate
-
     steps = math.floor(scenario.t_end / dt)
     return simulate(integrator, scenario, dt=dt / finer, t_end=steps * dt, record_every=finer)
 
 
 def orders(integrator: Integrator, scenario: Scenario, points: Sequence[Row]) -> list[Finding]:
     """The slopes of the errors over the ten steps; and those of the energy beside the unmodified method's."""
-    import numpy as np
-
     declared, found = ORDERS[integrator.name], []
     for column, name in ERRORS.items():
         values = np.array([point[column] for point in points])
@@ -110,8 +103,6 @@ def orders(integrator: Integrator, scenario: Scenario, points: Sequence[Row]) ->
 
 
 def _beside_ybaby(integrator: Integrator, scenario: Scenario, points: Sequence[Row]) -> list[Finding]:
-    from ..plugins import find_integrator
-
     plain = [errors_at(find_integrator("ybaby"), scenario, dt) for dt in STEPS]
     rows = []
     for column, name in (("rmse_energy", "E"), ("rmse_entropy", "S")):
@@ -128,10 +119,6 @@ def _beside_ybaby(integrator: Integrator, scenario: Scenario, points: Sequence[R
 
 def area(integrator: Integrator, scenario: Scenario) -> Finding:
     """The determinant of d(q, p) after a step: the same everywhere, exp(-friction h) up to the method's own factor."""
-    import numpy as np
-
-    from ..simulation.run import simulate
-
     h, found = STEPS[0], []
     for q, p in ((2.0, 0.0), (0.5, 1.5), (-1.0, 0.3)):
 

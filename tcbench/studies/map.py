@@ -18,8 +18,9 @@ import numpy as np
 
 from ..errors import TcbenchError, unknown_name
 from ..integrator import Integrator
-from ..study import Row, Study
+from ..study import Cells, Row, Study
 from ..systems.scenario import Scenario
+from . import stable_step as stability
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -39,10 +40,6 @@ class Axis:
     name: str
     values: tuple[float, ...]
     log: bool
-
-    @property
-    def label(self) -> str:
-        return "time step dt" if self.name == "dt" else f"{self.name} (multiple of the scenario's)"
 
 
 MOST_VALUES = 2000  # on an axis: more than a screen or a page can show
@@ -105,8 +102,6 @@ def measure_cell(
 
     own : the step where no axis is the step; by default the scenario's.
     """
-    from . import stable_step as stability
-
     scenario, dt = varied(scenario, *x)
     scenario, dt_y = varied(scenario, *y)
     dt = next((value for value in (dt, dt_y) if value is not None), own or scenario.dt)
@@ -122,9 +117,7 @@ def measure_cell(
     }  # fmt: skip
 
 
-def plan(
-    integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]
-) -> list[tuple[Integrator, Scenario, Row]]:
+def plan(integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]) -> Cells:
     """One cell a row of the map; options "x" and "y" are the axes as written."""
     needs_axes(options)
     x, y = parse_axis(options["x"]), parse_axis(options["y"])
@@ -136,7 +129,7 @@ def plan(
         if not (math.isfinite(dt) and dt > 0):
             raise TcbenchError(f"The step of a map is a positive number, not {dt:g}.")
     step = {} if dt is None else {"dt": float(dt)}
-    cells: list[tuple[Integrator, Scenario, Row]] = []
+    cells: Cells = []
     for scenario in scenarios:
         for axis in (x, y):
             varied(scenario, axis.name, axis.values[0])  # a name that does not exist is an error before the first cell

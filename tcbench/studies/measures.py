@@ -12,8 +12,15 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from ..study import Row, Study
+import numpy as np
+
+from ..simulation.run import simulate
+from ..study import Cells, Row, Study
+from .base import settings
+from .convergence import groups, relative_error
 from .frames import table_of
+from .work_precision import errors_of
+from .yardstick import solved
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -36,18 +43,12 @@ COLUMNS = (
 )  # fmt: skip
 
 
-def plan(
-    integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]
-) -> list[tuple[Integrator, Scenario, Row]]:
+def plan(integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]) -> Cells:
     """One cell a pair and step: the scenario's own and a coarse one, or those that are asked for."""
-    cells: list[tuple[Integrator, Scenario, Row]] = []
+    cells: Cells = []
     for scenario in scenarios:
-        for integrator in (i for i in integrators if not i.lacks):
-            if integrator.kind == "adaptive":
-                cells.append((integrator, scenario, {"tolerance": TOLERANCE}))
-            else:
-                steps = options.get("dt") or (scenario.dt, COARSE * scenario.dt)
-                cells += [(integrator, scenario, {"dt": dt}) for dt in steps]
+        steps = options.get("dt") or (scenario.dt, COARSE * scenario.dt)
+        cells += [(i, scenario, run) for i in integrators if not i.lacks for run in settings(i, steps, [TOLERANCE])]
     return cells
 
 
@@ -59,11 +60,7 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
 
 def path_errors(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
     """Errors at eight times, and of temperatures and of the entropy produced at the last of them."""
-    import numpy as np
-
     from ..reference.lookup import reference_for
-    from .convergence import groups, relative_error
-    from .work_precision import errors_of
 
     t_end = min(HORIZON, scenario.t_end)
     times = [t_end * (k + 1) / EIGHT for k in range(EIGHT)]
@@ -87,21 +84,9 @@ def path_errors(integrator: Integrator, scenario: Scenario, options: Row) -> Row
 def _states(integrator: Integrator, scenario: Scenario, options: Row, times: Sequence[float]) -> Any:
     """(status, failure, states at the times or None): steps are as long as is asked for, or the next shorter that
     divides the times."""
-    import numpy as np
-
-    from ..errors import leave_to_the_machine
-    from ..simulation.run import simulate
-
     if integrator.kind == "adaptive":
-        tolerance = options["tolerance"]
-        try:
-            found = integrator.adaptive(  # type: ignore[misc]
-                scenario.model, scenario.z0.copy(), np.array([0.0, *times]), tolerance, tolerance
-            )
-        except Exception as error:  # a solver that gives up is a row
-            leave_to_the_machine(error)
-            return "exception", f"{type(error).__name__}: {error}"[:300], None
-        return "ok", "", np.asarray(found[0] if isinstance(found, tuple) else found)[1:]
+        found = solved(integrator, scenario, [0.0, *times], options["tolerance"])
+        return ("exception", found.failure, None) if found.failure else ("ok", "", np.asarray(found.states)[1:])
     every = max(1, math.ceil(scenario.t_end / EIGHT / options["dt"] - 1e-9))
     run = simulate(integrator, scenario, dt=scenario.t_end / (EIGHT * every), record_every=every)
     return run.status, run.failure, run.z[1:] if run.ok else None
@@ -109,8 +94,6 @@ def _states(integrator: Integrator, scenario: Scenario, options: Row, times: Seq
 
 def without_dissipation(scenario: Scenario) -> Scenario | None:
     """The scenario with all constants at 0 that make it dissipate; None where it dissipates all the same."""
-    import numpy as np
-
     still = scenario.replace(name="still", **{name: 0.0 for name in DISSIPATING if name in scenario.constants})
     model, z0 = still.model, still.z0
     lost = np.abs(model.irreversible(z0, model.gradient(z0), model.entropy_gradient(z0))).max()
@@ -120,8 +103,6 @@ def without_dissipation(scenario: Scenario) -> Scenario | None:
 def symplecticity_defect(integrator: Integrator, scenario: Scenario, options: Row) -> float:
     """max |M L(z0) M^T - L(z1)| over max |L|, M the slopes of one step where nothing dissipates; by differences, so
     that 1e-8 is none. NaN where a system dissipates in other ways, and where a step fails."""
-    import numpy as np
-
     still = without_dissipation(scenario)
     if still is None:
         return math.nan
@@ -149,10 +130,6 @@ def symplecticity_defect(integrator: Integrator, scenario: Scenario, options: Ro
 
 
 def _one_step(integrator: Integrator, start: Scenario, h: float, options: Row) -> Any:
-    import numpy as np
-
-    from ..simulation.run import simulate
-
     if integrator.kind == "adaptive":
         status, failure, states = _states(integrator, start, options, [h])
     else:
@@ -167,10 +144,6 @@ def energy_growth(integrator: Integrator, scenario: Scenario, options: Row) -> R
     """a of |E - E0| ~ t^a over the last octaves of a long run where nothing dissipates (if that can be): 0 where it is
     bounded, 1/2 where it is round-off, 1 where it has a bias; and its root mean square over the last half, over V0. NaN
     where the run fails before."""
-    import numpy as np
-
-    from ..simulation.run import simulate
-
     none = {"energy_growth_exponent": math.nan, "energy_growth_end": math.nan}
     if integrator.kind == "adaptive":
         return none  # its long run is as long as its tolerance lets it be

@@ -10,7 +10,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from .theorems import Finding, shell_name
+import numpy as np
+
+from ..simulation.run import simulate
+from . import theorems
+from .theorems import SEED, Finding, energy_defect, shell_name
 
 if TYPE_CHECKING:
     from ..integrator import Integrator
@@ -44,8 +48,6 @@ def _finding(
 
 def _simulate(integrator: Integrator, scenario: Scenario, **options: Any) -> tuple[Trajectory, str]:
     """A run, and the command that repeats it."""
-    from ..simulation.run import simulate
-
     words = f"tcbench simulate {shell_name(integrator)} {scenario.name} --dt {options.get('dt', scenario.dt):g}"
     return simulate(integrator, scenario, **options), words + (
         " --plain" if options.get("continuation") is False else ""
@@ -62,8 +64,6 @@ def _outcome(run: Trajectory) -> str:
 
 def conservation(integrator: Integrator, scenario: Scenario) -> list[Finding]:
     """E exact, S only grows, J exact, over the whole horizon at the scenario's own step: for what the method claims."""
-    from . import theorems
-
     run, command = _simulate(integrator, scenario)
     laws = {
         "energy": ("energy is exact", "|E - E0|/max(V0, |E0|) = 0", theorems.energy_defect),
@@ -182,10 +182,6 @@ def entropy_rule_oscillates(integrator: Integrator, scenario: Scenario) -> list[
 
 def least_production(scenario: Scenario) -> float:
     """Least entropy rate of the printed conduction law over 10,000 random pairs of positive temperatures."""
-    import numpy as np
-
-    from .theorems import SEED
-
     theta = 300 * np.exp(2 * np.random.default_rng(SEED).standard_normal((2, 10_000)))
     return float(scenario.model.conduction(theta).sum(axis=0).min())
 
@@ -280,8 +276,6 @@ def stiff(integrator: Integrator, scenario: Scenario) -> list[Finding]:
     """The qualitative claims of section 6, with the one number changed that brings them out: C_b = 300."""
     run, command = _simulate(integrator, scenario, dt=0.3)
     if "energy" in integrator.claims:
-        from .theorems import energy_defect
-
         worst = energy_defect(run)
         return [
             _finding(

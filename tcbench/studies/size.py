@@ -18,8 +18,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .. import cache
-from ..study import Row, Study
+from .. import cache, plugins
+from ..simulation import metrics
+from ..simulation.run import simulate
+from ..solver.foresight import seconds_a_step
+from ..solver.implicit_step import compiled_flows
+from ..study import Cells, Row, Study
 from .cost import exponent
 from .frames import table_of
 
@@ -44,21 +48,13 @@ COLUMNS = (
 GROWING = {"first_step_s": "exponent_first", "us_per_step": "exponent_step", "memory_mb": "exponent_memory"}
 
 
-def plan(
-    integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]
-) -> list[tuple[Integrator, Scenario, Row]]:
+def plan(integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]) -> Cells:
     """One cell a method with a step, scenario and step; the scenario's own step unless others are asked for."""
     stepping = [i for i in integrators if i.kind != "adaptive" and not i.lacks]
     return [(i, s, {"dt": dt}) for s in scenarios for i in stepping for dt in options.get("dt") or [s.dt]]
 
 
 def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
-    from .. import plugins
-    from ..simulation import metrics
-    from ..simulation.run import simulate
-    from ..solver.foresight import seconds_a_step
-    from ..solver.implicit_step import compiled_flows
-
     dt, numbers = options["dt"], scenario.model.size
     pendulum = plugins.find_scenario(PENDULUM)
     if not integrator.suits(pendulum.model):

@@ -6,8 +6,9 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from ..study import Row, Study
-from .frames import table_of
+from ..study import Cells, Row, Study
+from . import stable_step as stability
+from .frames import rows_in, table_of
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -33,15 +34,11 @@ SENSITIVITY = (
 )  # fmt: skip
 
 
-def plan(
-    integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]
-) -> list[tuple[Integrator, Scenario, Row]]:
+def plan(integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]) -> Cells:
     return [(i, s, {}) for s in scenarios for i in integrators]
 
 
 def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
-    from . import stable_step as stability
-
     if integrator.kind == "adaptive":
         return {"status": "ok", **stability.loosest_tolerance(integrator, scenario)}
     search = stability.maximum_step if integrator.kind == "flows" else stability.maximum_own_step
@@ -55,19 +52,11 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
 def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
     import pandas as pd
 
-    def nested(name: str, columns: Sequence[str]) -> DataFrame:
-        rows = [
-            {"integrator": r["integrator"], "scenario": r["scenario"], **item}
-            for r in records
-            for item in r.get(name) or []
-        ]
-        return pd.DataFrame(rows, columns=list(columns))
-
     flat = [{k: v for k, v in r.items() if k not in ("points", "sensitivity")} for r in records]
     return {
         "stability": table_of((r for r in flat if "tolerance_stable" not in r), COLUMNS),
-        "stability_points": nested("points", POINTS),
-        "blowup_sensitivity": nested("sensitivity", SENSITIVITY),
+        "stability_points": pd.DataFrame(rows_in(records, "points"), columns=list(POINTS)),
+        "blowup_sensitivity": pd.DataFrame(rows_in(records, "sensitivity"), columns=list(SENSITIVITY)),
         "stable_tolerances": table_of((r for r in flat if "tolerance_stable" in r), TOLERANCES),
     }
 

@@ -18,6 +18,8 @@ from typing import Any
 import numpy as np
 
 from ..integrator import Integrator
+from ..simulation import shared_runs
+from ..simulation.run import run_flows, simulate
 from ..simulation.trajectory import Trajectory
 from ..solver.implicit_step import PRINCIPAL, STOP_AT_FOLD, Rules
 from ..systems.scenario import Scenario
@@ -75,8 +77,6 @@ def outcome_of(run: Trajectory) -> Outcome:
 
 def outcome(integrator: Integrator, scenario: Scenario, dt: float, continuation: bool = True) -> Outcome:
     """The outcome of `simulate`, with the shared solver or with plain Newton from z0."""
-    from ..simulation.run import simulate
-
     return outcome_of(simulate(integrator, scenario, dt, continuation=continuation, record_every=None))
 
 
@@ -85,8 +85,6 @@ def principal_outcome(integrator: Integrator, scenario: Scenario, dt: float, unt
 
     until_fold : end the run at the first fold (then kind is ok and folds > 0).
     """
-    from ..simulation.run import run_flows
-
     steps = scenario.steps(dt)
     rules = Rules(audit=STOP_AT_FOLD if until_fold else PRINCIPAL)
     return outcome_of(run_flows(integrator, scenario, dt, steps, max(1, steps), rules))
@@ -273,9 +271,6 @@ SLOW_FAILURES = 2  # so many failed runs as slow as that end the search
 def loosest_tolerance(integrator: Integrator, scenario: Scenario) -> dict[str, Any]:
     """One row of `stable_tolerances`: the loosest tolerance of an adaptive solver at which, and at the next two tighter
     ones, a run does not fail (NaN if there is none down to 1e-8), and why the next looser one does."""
-    from ..simulation import shared_runs
-    from ..simulation.run import simulate
-
     held: list[float] = []
     failed, last, slow = math.nan, None, 0
     for tolerance in TOLERANCES:

@@ -1,4 +1,4 @@
-"""What a sample says of all scenarios: intervals of shares, quantiles, performance profiles, agreement of rankings."""
+"""What a sample says of all scenarios: intervals of shares, quantiles, performance profiles."""
 
 from __future__ import annotations
 
@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Z95 = 1.959963984540054  # two-sided 95 % point of the normal distribution
-RESAMPLES = 1000
-LIMITS = (0.025, 0.975)
 
 
 def wilson(hits: int, runs: int, z: float = Z95) -> tuple[float, float]:
@@ -37,18 +35,6 @@ def quantile(values: Sequence[float] | Floats, q: float) -> float:
     place = q * (len(known) - 1)
     low, high = known[math.floor(place)], known[math.ceil(place)]
     return float(low if low == high else low + (place - math.floor(place)) * (high - low))
-
-
-def resamples(count: int, times: int = RESAMPLES, seed: int = 0) -> Floats:
-    """How often each of `count` things is in each of `times` samples drawn with replacement, shape (times, count).
-
-    From the bits of PCG64: the same bands for ever.
-    """
-    bits = np.random.PCG64(np.random.SeedSequence([seed, count]))
-    drawn = (bits.random_raw(times * count) % np.uint64(max(count, 1))).astype(np.int64).reshape(times, count)
-    weights = np.zeros((times, count))
-    np.add.at(weights, (np.arange(times)[:, None], drawn), 1.0)
-    return weights
 
 
 def ratios(times: Floats) -> Floats:

@@ -13,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..reference.precision import LONG
+from ..simulation.run import simulate
 from ..systems.element_system import ElementSystem
+from ..systems.pendulum import Pendulum
 from ..systems.state import State
 from ..systems.system import System
 from . import structure
@@ -112,8 +114,6 @@ def turned(z: Any, angle: float) -> Floats:
 
 
 def _is_pendulum(scenario: Scenario) -> bool:
-    from ..systems.pendulum import Pendulum
-
     return issubclass(scenario.system, Pendulum)
 
 
@@ -288,8 +288,6 @@ def steps(integrator: Integrator, scenario: Scenario) -> list[Finding]:
 
 def random_steps(integrator: Integrator, scenario: Scenario) -> list[Trajectory]:
     """RANDOM_STEPS single steps from random admissible states, dt log-uniform in DT_RANGE."""
-    from ..simulation.run import simulate
-
     rng = np.random.default_rng(SEED)
     states = admissible_states(scenario, rng)
     runs = []
@@ -335,8 +333,6 @@ momentum_defect = _momentum("angular_momentum")
 
 def _equivariance(run: Trajectory) -> float:
     """Gap between the turned step and the step from the turned state; inf if that one is not solved."""
-    from ..simulation.run import simulate
-
     angle = 2 * np.pi * float(np.random.default_rng(int(abs(run.energy[0]) * 1e6)).random())
     start = _from_state(run.scenario, run.scenario.model.state(turned(run.z[0], angle)))
     other = simulate(run.integrator, start, dt=run.dt, t_end=run.steps * run.dt)

@@ -17,11 +17,16 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from ..errors import leave_to_the_machine
-from ..study import Row, Study
+import numpy as np
+
+from ..simulation import shared_runs
+from ..simulation.metrics import energy_error_max, evaluations, invariant_errors, newton_iterations
+from ..simulation.run import simulate
+from ..study import Cells, Row, Study
+from .convergence import groups, relative_error
 from .cost import HIDES, TARGETS, cost_rows, reached_error, time_to_accuracy
 from .frames import table_of
-from .yardstick import timed
+from .yardstick import solved, timed
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -59,9 +64,7 @@ COLUMNS = (
 )  # fmt: skip
 
 
-def plan(
-    integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]
-) -> list[tuple[Integrator, Scenario, Row]]:
+def plan(integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]) -> Cells:
     """Two timed cells a pair, in two processes, and one before them of an adaptive solver.
 
     A `dt` list replaces the ladder. Solvers that lack a package are left out.
@@ -157,9 +160,6 @@ def ladder(integrator: Integrator, scenario: Scenario, steps: Sequence[float] | 
 
 
 def _fixed(integrator: Integrator, scenario: Scenario, dt: float) -> Callable[[bool], tuple[Row, float]]:
-    from ..simulation.metrics import energy_error_max, evaluations, invariant_errors, newton_iterations
-    from ..simulation.run import simulate
-
     def run(first: bool) -> tuple[Row, float]:
         result = simulate(integrator, scenario, dt=dt, record_every=None)
         row = {
@@ -179,12 +179,6 @@ def _adaptive(
     integrator: Integrator, scenario: Scenario, tolerance: float, invariants: bool = True
 ) -> Callable[[bool], tuple[Row, float]]:
     """The first run, which takes no time, gives the invariants at 200 times; the others go straight to the end."""
-    import numpy as np
-
-    from ..simulation import shared_runs
-    from ..simulation.metrics import energy_error_max, invariant_errors
-    from ..simulation.run import simulate
-
     ends, z0, model = np.array([0.0, scenario.t_end]), scenario.z0, scenario.model
     start = WARM * ends
     seen: Row = {"status": "ok", "failure": "", "energy_error_max": 0.0}
@@ -202,27 +196,20 @@ def _adaptive(
                 first_s=work, **invariant_errors(result),
             )  # fmt: skip
             return seen, 0.0
-        begin = time.perf_counter()
-        try:
-            found = integrator.adaptive(model, z0.copy(), ends, tolerance, tolerance)  # type: ignore[misc]
-        except Exception as error:  # a solver that gives up is a point of the chart
-            leave_to_the_machine(error)
-            return seen | {"status": "exception", "failure": f"{type(error).__name__}: {error}"[:300]}, 0.0
-        elapsed = time.perf_counter() - begin
-        states, counts = found if isinstance(found, tuple) else (found, {})
-        end = np.asarray(states[-1], dtype=float)
+        found = solved(integrator, scenario, ends, tolerance)
+        if found.failure:
+            return seen | {"status": "exception", "failure": found.failure}, 0.0
+        end, counts = np.asarray(found.states[-1], dtype=float), found.counts
         left = abs(model.energy(end) - model.energy(z0)) / scenario.initial_exergy
         told = {"evaluations": counts["rhs_evaluations"]} if "rhs_evaluations" in counts else {}
-        return seen | counts | told | {"state": end, "energy_error_max": max(seen["energy_error_max"], left)}, elapsed
+        ended = {"state": end, "energy_error_max": max(seen["energy_error_max"], left)}
+        return seen | counts | told | ended, found.seconds
 
     return run
 
 
 def _make_laws(integrator: Integrator, scenario: Scenario) -> int:
     """Make the runs that tell the errors in the invariants, and leave them for the timed cell; how many."""
-    from ..simulation import shared_runs
-    from ..simulation.run import simulate
-
     if not shared_runs.are_shared():
         return 0
     with shared_runs.made_anew():  # and whatever that loads
@@ -256,8 +243,6 @@ def _again(integrator: Integrator, scenario: Scenario, rungs: Sequence[float]) -
 
 def errors_of(scenario: Scenario, state: Any, exact: Any, floor: float) -> Row:
     """Errors by group of variables; one within 10 times the reference's own uncertainty is NaN, and the row says so."""
-    from .convergence import groups, relative_error
-
     right = groups(scenario.model, exact)
     names = {"error": "all", **{f"error_{name}": name for name in right if name != "all"}}
     if state is None:

@@ -11,9 +11,18 @@ import math
 import time
 from collections.abc import Callable
 from statistics import median
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
+
+from ..errors import leave_to_the_machine
 from ..study import Row
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from ..integrator import Integrator
+    from ..systems.scenario import Scenario
 
 LOOPS = 3000  # of the yardstick: about 0.1 ms
 TRIALS = 5
@@ -82,3 +91,26 @@ def _once(run: Run, first: bool) -> tuple[Row, float, float]:
     begin = time.process_time()
     row, elapsed = run(first)
     return row, elapsed, min(elapsed, time.process_time() - begin)
+
+
+class Solved(NamedTuple):
+    """What an adaptive solver gave: states at the times, its counts, seconds, and a sentence where it gave up."""
+
+    states: Any
+    counts: Row
+    seconds: float
+    failure: str = ""
+
+
+def solved(integrator: Integrator, scenario: Scenario, times: ArrayLike, tolerance: float) -> Solved:
+    """One call of an adaptive solver; that it gives up is a result."""
+    model, z0, t = scenario.model, scenario.z0.copy(), np.asarray(times, dtype=float)
+    begin = time.perf_counter()
+    try:
+        found = integrator.adaptive(model, z0, t, tolerance, tolerance)  # type: ignore[misc]
+    except Exception as error:
+        leave_to_the_machine(error)
+        return Solved(None, {}, time.perf_counter() - begin, f"{type(error).__name__}: {error}"[:300])
+    elapsed = time.perf_counter() - begin
+    states, counts = found if isinstance(found, tuple) else (found, {})
+    return Solved(states, counts, elapsed)

@@ -1,4 +1,4 @@
-"""Intervals, profiles and rankings against values worked out elsewhere."""
+"""Intervals and profiles against values worked out elsewhere."""
 
 import math
 
@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tcbench.studies.statistics import profile, quantile, ratios, resamples, wilson
+from tcbench.studies.statistics import profile, quantile, ratios, wilson
 
 
 @pytest.mark.parametrize(
@@ -72,13 +72,3 @@ def test_a_share_has_one_interval_wherever_it_stands():
 
 def test_a_profile_of_no_scenarios_is_not_a_number():
     assert np.isnan(profile(np.empty((0, 2)), np.array([1.0]))[0]).all()
-
-
-def test_resamples_draw_as_many_as_there_are_and_are_the_same_for_ever():
-    weights = resamples(7, 500)
-    assert np.all(weights.sum(axis=1) == 7)
-    assert weights.mean(axis=0) == pytest.approx(np.ones(7), abs=0.15)
-    assert weights[0].tolist() == resamples(7, 1)[0].tolist() == FIRST
-
-
-FIRST = [0.0, 0.0, 0.0, 3.0, 0.0, 3.0, 1.0]
