@@ -1,0 +1,97 @@
+"""Copies and pickles of scenarios, systems, steppers, methods and runs have memory of their own."""
+
+import copy
+import pickle
+
+import numpy as np
+import pytest
+
+import tcbench
+from tcbench.compiler.kernels import Kernel
+from tcbench.plugins import find_integrator, find_scenario
+
+from ..helpers.every_kind import CASES, KINDS, ids, method_of, settings, simulate, told
+
+COPIES = {"copy": copy.copy, "deepcopy": copy.deepcopy, "pickle": lambda item: pickle.loads(pickle.dumps(item))}
+
+
+@pytest.mark.parametrize("case", [*CASES[: len(KINDS)], ("tc_monolithic", "net[nx=3,ny=3]")], ids=ids)
+def test_copies_of_a_scenario_that_has_run_run_as_it_did(case):
+    name, system = case
+    scenario = find_scenario(system).replace(t_end=0.2)
+    alone = simulate(name, scenario)
+    if method_of(name).kind != "adaptive" and not method_of(name).memory:
+        tcbench.stepper(method_of(name), scenario)(scenario.z0, 0.02)
+    for copied in COPIES.values():
+        again = copied(scenario)
+        assert again == scenario and simulate(name, again) == alone
+        with pytest.raises(ValueError, match="read-only"):
+            again.z0[0] = 1.0
+    assert simulate(name, scenario) == alone
+
+
+@pytest.mark.parametrize("system", ["bound_equilibrium", "chain[n=4]", "net[nx=3,ny=3]"])
+def test_a_copied_system_has_its_numbers_and_nothing_that_was_made_of_them(system):
+    scenario = find_scenario(system).replace(t_end=0.2)
+    simulate("tc_monolithic", scenario)
+    fresh = set(vars(type(scenario.model)(**scenario.constants)))
+    for name in ("deepcopy", "pickle"):
+        again = COPIES[name](scenario.model)
+        assert set(vars(again)) == fresh
+        assert np.array_equal(again.vector_field(scenario.z0), scenario.model.vector_field(scenario.z0))
+        with pytest.raises(ValueError, match="read-only"):
+            again.masses[0] = 2.0
+
+
+def test_a_stepper_that_is_copied_has_memory_of_its_own():
+    scenario = find_scenario("bound_equilibrium")
+    for name in ("tc_monolithic", "tc_gauss"):
+        step = tcbench.stepper(name, scenario)
+        expected = step(scenario.z0, 0.1).tobytes()
+        for copied in COPIES.values():
+            again = copied(step)
+            assert again.iterations == 0 and again(scenario.z0, 0.1).tobytes() == expected
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "tc_monolithic",
+        "tc_gauss",
+        "tc_gauss[k=5]",
+        "tc_taylor",
+        "tc_taylor[order=8]",
+        "gauss2",
+        "scipy_dopri5",  # not dop853: SciPy's counts one evaluation more or less in two equal runs
+        "tc_gonzalez",
+        "controlled[method=tc_strang]",
+    ],
+)
+def test_integrators_and_runs_can_be_pickled_and_copied(name):
+    scenario = find_scenario("bound_equilibrium").replace(t_end=0.2)
+    method, alone = find_integrator(name), simulate(name, scenario)
+    run = tcbench.simulate(method, scenario, **settings(method))
+    for copied in COPIES.values():
+        assert told(tcbench.simulate(copied(method), scenario, **settings(method))) == alone
+        assert told(copied(run)) == alone
+
+
+def test_what_holds_addresses_is_no_data():
+    work = find_integrator("tc_gauss").workspace(find_scenario("bound_equilibrium").model).work
+    for copied in COPIES.values():
+        with pytest.raises(TypeError, match="addresses"):
+            copied(work)
+    kernel = Kernel("def kernel(a, b, out):\n    out[0] = a[0]\n", 1)
+    assert kernel.address and "address" not in vars(copy.deepcopy(kernel))
+
+
+def test_constants_are_the_systems_own():
+    """Not the caller's array, which may change after a kernel has read it."""
+    scenario = find_scenario("bound_equilibrium")
+    masses = np.array(scenario.constants["masses"])
+    system = type(scenario.model)(**{**scenario.constants, "masses": masses})
+    masses[:] = 7.0
+    assert list(system.masses) == scenario.constants["masses"]
+    for array in (system.masses, system.constant_values):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 7.0
