@@ -14,12 +14,11 @@ What formulas see of them is in `array_symbols`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from ..errors import TraceError
 from . import symbols
-from .derivatives import partials, topological
 from .symbols import Symbol, const, intern, is_const
 
 NUMBER = ""  # the space of a number
@@ -127,26 +126,3 @@ def transposed(node: Symbol, y: Symbol) -> tuple[Symbol, ...]:
             k, space = node.value
             return (join([y if i == k else const(0.0) for i in range(len(space.split("+")))], space),)
     raise TraceError(NO_SLOPE)
-
-
-def along(outputs: Sequence[Symbol], directions: Mapping[Symbol, Symbol]) -> list[Symbol]:
-    """Derivatives of the outputs along the directions that some variables move in."""
-    zero = const(0.0)
-    tangent = {x.number: t for x, t in directions.items()}
-    for node in topological(outputs):
-        parts = [tangent.get(a.number, zero) for a in node.args]
-        if node.number in tangent or all(is_const(t, 0.0) for t in parts):
-            continue
-        if node.op == "mark":
-            tangent[node.number] = parts[0]
-        elif node.op in LINEAR:
-            if node.op == "total" and node.value[0] != "add":
-                raise TraceError(NO_SLOPE)
-            tangent[node.number] = rebuilt(node.op, parts, node.value)
-        else:
-            found = zero
-            for part, partial in zip(parts, partials(node), strict=True):
-                if not is_const(part, 0.0):
-                    found = symbols.add(found, symbols.mul(partial, part))
-            tangent[node.number] = found
-    return [tangent.get(x.number, zero) for x in outputs]

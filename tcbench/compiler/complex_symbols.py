@@ -7,13 +7,27 @@ graphs, so that compiled steps need no complex arithmetic of their own. Function
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from .sentences import refused
-from .symbols import Symbol, array, const
+from .symbols import Symbol, array, const, operators
+
+
+def _lifted(_: Complex, other: Any) -> Complex:
+    if isinstance(other, Complex):
+        return other
+    if isinstance(other, Symbol | int | float | np.floating | np.integer):
+        return Complex(other)
+    if isinstance(other, complex):
+        return Complex(other.real, other.imag)
+    theirs: Complex = NotImplemented
+    return theirs
+
+
+def _quotient(a: Complex, b: Complex) -> Complex:
+    return a * b.reciprocal()
 
 
 class Complex:
@@ -27,34 +41,17 @@ class Complex:
     def __repr__(self) -> str:
         return f"Complex({self.re!r}, {self.im!r})"
 
-    def __add__(self, other: Any) -> Complex:
-        return _with(other, lambda o: Complex(self.re + o.re, self.im + o.im))
-
-    __radd__ = __add__
+    __add__, __radd__ = operators(_lifted, lambda a, b: Complex(a.re + b.re, a.im + b.im))
+    __sub__, __rsub__ = operators(_lifted, lambda a, b: Complex(a.re - b.re, a.im - b.im))
+    __mul__, __rmul__ = operators(_lifted, lambda a, b: Complex(a.re * b.re - a.im * b.im, a.re * b.im + a.im * b.re))
+    __truediv__, __rtruediv__ = operators(_lifted, _quotient)
 
     def __neg__(self) -> Complex:
         return Complex(-self.re, -self.im)
 
-    def __sub__(self, other: Any) -> Complex:
-        return _with(other, lambda o: Complex(self.re - o.re, self.im - o.im))
-
-    def __rsub__(self, other: Any) -> Complex:
-        return _with(other, lambda o: Complex(o.re - self.re, o.im - self.im))
-
-    def __mul__(self, other: Any) -> Complex:
-        return _with(other, lambda o: Complex(self.re * o.re - self.im * o.im, self.re * o.im + self.im * o.re))
-
-    __rmul__ = __mul__
-
     def reciprocal(self) -> Complex:
         inverse = 1.0 / (self.re * self.re + self.im * self.im)
         return Complex(self.re * inverse, -self.im * inverse)
-
-    def __truediv__(self, other: Any) -> Complex:
-        return _with(other, lambda o: self * o.reciprocal())
-
-    def __rtruediv__(self, other: Any) -> Complex:
-        return _with(other, lambda o: o * self.reciprocal())
 
     def __pow__(self, exponent: Any) -> Complex:
         if isinstance(exponent, int) and exponent >= 0:
@@ -107,17 +104,6 @@ class Complex:
     def _angle(self) -> Symbol:
         """arg z for Re z > 0: atan(im/re)."""
         return (self.im / self.re).arctan()
-
-
-def _with(other: Any, operation: Callable[[Complex], Complex]) -> Complex:
-    if isinstance(other, Complex):
-        return operation(other)
-    if isinstance(other, Symbol | int | float | np.floating | np.integer):
-        return operation(Complex(other))
-    if isinstance(other, complex):
-        return operation(Complex(other.real, other.imag))
-    theirs: Complex = NotImplemented
-    return theirs
 
 
 def real(values: Any) -> Any:

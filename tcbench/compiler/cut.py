@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from . import derivatives as trace
-from .arrays import LINEAR, along, total, variable
+from .arrays import LINEAR, total, variable
 from .chain_rule import discrete_gradient, gradient
 from .derivatives import Symbol
 
@@ -51,7 +51,7 @@ class Cut:
         if not self.of_arrays:
             return [sum((g * dz[i] for i, g in row.items()), trace.const(0.0)) for row in rows]
         steps = [variable("step", x.space) for x in self.x]
-        found = along(self.inner, dict(zip(self.x, steps, strict=True)))
+        found = trace.along(self.inner, dict(zip(self.x, steps, strict=True)))
         return trace.substitute(found, dict(zip([*self.x, *steps], [*rows, *dz], strict=True)))
 
     def outer_slopes(self, y: Sequence[Symbol]) -> list[Symbol]:

@@ -12,7 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .functions import guarded, lam, mark, maximum, minimum, phi, power, sinc
+from ..errors import TraceError
+from . import arrays
+from .functions import guarded, lam, mark, maximum, minimum, phi, sinc
 from .language import NUMPY_NAMES
 from .sentences import refused
 from .symbols import (
@@ -27,6 +29,7 @@ from .symbols import (
     mul,
     neg,
     positive,
+    power,
     reciprocal,
     sub,
     tracing,
@@ -39,6 +42,7 @@ __all__ = [
     "Symbol",
     "accumulate",
     "add",
+    "along",
     "array",
     "const",
     "depends_on",
@@ -201,6 +205,29 @@ def sparse_jacobian(outputs: Sequence[Symbol], inputs: Sequence[Symbol]) -> list
     return rows
 
 
+def along(outputs: Sequence[Symbol], directions: Mapping[Symbol, Symbol]) -> list[Symbol]:
+    """Derivatives of the outputs along the directions that some variables move in."""
+    zero = const(0.0)
+    tangent = {x.number: t for x, t in directions.items()}
+    for node in topological(outputs):
+        parts = [tangent.get(a.number, zero) for a in node.args]
+        if node.number in tangent or all(is_const(t, 0.0) for t in parts):
+            continue
+        if node.op == "mark":
+            tangent[node.number] = parts[0]
+        elif node.op in arrays.LINEAR:
+            if node.op == "total" and node.value[0] != "add":
+                raise TraceError(arrays.NO_SLOPE)
+            tangent[node.number] = arrays.rebuilt(node.op, parts, node.value)
+        else:
+            found = zero
+            for part, partial in zip(parts, partials(node), strict=True):
+                if not is_const(part, 0.0):
+                    found = add(found, mul(partial, part))
+            tangent[node.number] = found
+    return [tangent.get(x.number, zero) for x in outputs]
+
+
 def accumulate(tangent: dict[int, Symbol], factor: Symbol, inner: Mapping[int, Symbol]) -> None:
     """tangent += factor * inner."""
     for number, t in inner.items():
@@ -239,8 +266,6 @@ def substitute(outputs: Sequence[Symbol], replacement: Mapping[Symbol, Symbol]) 
 def rebuild(op: str, args: tuple[Any, ...], value: Any = None) -> Any:
     """The node `op(*args)` through the simplifying constructors; value: what it carries beside its arguments."""
     if value is not None:
-        from . import arrays
-
         return arrays.rebuilt(op, args, value)
     constructors: dict[str, Any] = {
         "add": add, "sub": sub, "mul": mul, "neg": neg, "recip": reciprocal, "phi": phi, "lam": lam,

@@ -15,7 +15,8 @@ import threading
 import weakref
 from collections.abc import Callable, Iterable, Iterator, Mapping, MutableMapping
 from contextlib import contextmanager
-from typing import Any, TypeAlias
+from functools import reduce
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,9 @@ from .language import FUNCTIONS
 from .once import LOCK
 from .sentences import refused, where_in_user_code
 
+T = TypeVar("T")
+Other = TypeVar("Other")
+Number: TypeAlias = "Symbol | float | np.floating[Any] | np.integer[Any]"
 Key = tuple[str, tuple[int, ...], Any]  # of an expression: operation, numbers of its arguments, value
 
 
@@ -37,6 +41,7 @@ class _Expressions(threading.local):
 
 
 _KNOWN = _Expressions()
+MOST_FACTORS = 64  # of a power that is written as products
 TAKE = "Take it along a table first: x[self.table], self.table.sums(x)"
 _COUNTER = iter(range(sys.maxsize))
 
@@ -78,7 +83,29 @@ def _function(op: str) -> Callable[[Symbol], Symbol]:
     return lambda self: make(op, self)
 
 
-Number: TypeAlias = "Symbol | float | np.floating[Any] | np.integer[Any]"
+def operators(
+    lifted: Callable[[T, Other], T], operation: Callable[[T, T], T]
+) -> tuple[Callable[[T, Other], T], Callable[[T, Other], T]]:
+    """x + y and y + x, say, of a class. lifted(x, y): y as one of it; NotImplemented where y takes over, as arrays."""
+
+    def forward(self: T, other: Other) -> T:
+        y = lifted(self, other)
+        return y if y is NotImplemented else operation(self, y)
+
+    def backward(self: T, other: Other) -> T:
+        y = lifted(self, other)
+        return y if y is NotImplemented else operation(y, self)
+
+    return forward, backward
+
+
+def _lifted(_: Symbol, other: Number) -> Symbol:
+    found: Symbol = NotImplemented
+    if isinstance(other, Symbol):
+        found = other
+    elif isinstance(other, int | float | np.floating | np.integer):
+        found = const(float(other))
+    return found
 
 
 class Symbol:
@@ -97,29 +124,12 @@ class Symbol:
     def __repr__(self) -> str:
         return f"{self.op}#{self.number}" if self.value is None else f"{self.op}:{self.value}"
 
-    def __add__(self, other: Number) -> Symbol:
-        return _lift(other, lambda o: add(self, o))
-
-    def __radd__(self, other: Number) -> Symbol:
-        return _lift(other, lambda o: add(o, self))
-
-    def __sub__(self, other: Number) -> Symbol:
-        return _lift(other, lambda o: sub(self, o))
-
-    def __rsub__(self, other: Number) -> Symbol:
-        return _lift(other, lambda o: sub(o, self))
-
-    def __mul__(self, other: Number) -> Symbol:
-        return _lift(other, lambda o: mul(self, o))
-
-    def __rmul__(self, other: Number) -> Symbol:
-        return _lift(other, lambda o: mul(o, self))
-
-    def __truediv__(self, other: Number) -> Symbol:
-        return _lift(other, lambda o: mul(self, reciprocal(o)))
-
-    def __rtruediv__(self, other: Number) -> Symbol:
-        return _lift(other, lambda o: mul(o, reciprocal(self)))
+    # the arithmetic itself is below
+    __add__, __radd__ = operators(_lifted, lambda a, b: add(a, b))
+    __sub__, __rsub__ = operators(_lifted, lambda a, b: sub(a, b))
+    __mul__, __rmul__ = operators(_lifted, lambda a, b: mul(a, b))
+    __truediv__, __rtruediv__ = operators(_lifted, lambda a, b: mul(a, reciprocal(b)))
+    __pow__, __rpow__ = operators(_lifted, lambda a, b: power(a, b))
 
     def __neg__(self) -> Symbol:
         return neg(self)
@@ -129,16 +139,6 @@ class Symbol:
 
     def __abs__(self) -> Symbol:
         return make("abs", self)
-
-    def __pow__(self, exponent: Number) -> Symbol:
-        from .functions import power
-
-        return _lift(exponent, lambda o: power(self, o))
-
-    def __rpow__(self, base: Number) -> Symbol:
-        from .functions import power
-
-        return _lift(base, lambda o: power(o, self))
 
     def __bool__(self) -> bool:
         raise refused("a branch on the value of a symbol (if, while, and, max, min, ==)")
@@ -163,29 +163,15 @@ class Symbol:
 
     __int__ = __index__ = __float__
 
-    def hypot(self, other: Number) -> Symbol:
-        return _lift(other, lambda o: make("hypot", self, o))
-
-    def arctan2(self, other: Number) -> Symbol:
-        return _lift(other, lambda o: make("atan2", self, o))
-
     # numpy's functions call methods of their own names
     sqrt, exp, log, expm1, log1p = map(_function, ("sqrt", "exp", "log", "expm1", "log1p"))
     sin, cos, tan, sinh, cosh, tanh = map(_function, ("sin", "cos", "tan", "sinh", "cosh", "tanh"))
     arcsin, arccos, arctan = map(_function, ("asin", "acos", "atan"))
+    hypot, _ = operators(_lifted, lambda a, b: make("hypot", a, b))
+    arctan2, _ = operators(_lifted, lambda a, b: make("atan2", a, b))
 
     def conjugate(self) -> Symbol:  # numpy's vdot and norms ask for it
         return self
-
-
-def _lift(other: Any, operation: Callable[[Symbol], Symbol]) -> Symbol:
-    """Apply `operation` when `other` is a number or symbol; let arrays and other classes take over."""
-    if isinstance(other, Symbol):
-        return operation(other)
-    if isinstance(other, int | float | np.floating | np.integer):
-        return operation(const(float(other)))
-    theirs: Symbol = NotImplemented
-    return theirs
 
 
 def intern(op: str, args: tuple[Symbol, ...], value: Any = None, space: str | None = None) -> Symbol:
@@ -364,3 +350,40 @@ def reciprocal(a: Symbol) -> Symbol:
     if a.op == "recip":
         return a.args[0]
     return intern("recip", (a,))
+
+
+def power(base: Symbol, exponent: Any) -> Symbol:
+    """base ** exponent: whole numbers up to 64 by products, which take any base, and their halves by a root; another
+    power of a product with an exponential in it as one exponential: (exp(s) / v)^c is exp(c (s - log v))."""
+    exponent = lifted(exponent)
+    wanted = exponent.value if is_const(exponent) else math.inf
+    if wanted > 0 and 2 * wanted <= MOST_FACTORS and wanted % 1 == 0.5:
+        return mul(make("sqrt", base), power(base, wanted - 0.5))
+    if not abs(wanted) <= MOST_FACTORS or wanted != int(wanted):
+        logarithm = _logarithm(base) if math.isfinite(wanted) and wanted % 1 else None  # of a root the base is positive
+        return make("pow", base, exponent) if logarithm is None else mul(exponent, logarithm).exp()
+    result, square, n = const(1.0), base, abs(int(wanted))
+    while n:
+        if n & 1:
+            result = mul(result, square)
+        square, n = mul(square, square), n >> 1
+    return result if wanted >= 0 else reciprocal(result)
+
+
+def _logarithm(product: Symbol) -> Symbol | None:
+    """Of a product with exponentials in it, which is positive where the rest is; None of another."""
+    factors, exponents, rest = [product], list[Symbol](), list[Symbol]()
+    while factors:
+        x = factors.pop()
+        if x.op == "mul":
+            factors += x.args
+        else:
+            (exponents if x.op == "exp" else rest).append(x)
+    if not exponents:
+        return None
+    found: Symbol = reduce(add, (x.args[0] for x in exponents))
+    if not rest:
+        return found
+    whole: Symbol = reduce(mul, rest)
+    logarithm: Symbol = -whole.args[0].log() if whole.op == "recip" else whole.log()
+    return add(found, logarithm)

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..compiler.symbols import operators
 from ..systems.right_hand_side import as_python
 
 LANES, PAIR = 8, 16  # scenarios side by side; doubles of one coefficient: eight high parts, eight low ones
@@ -25,6 +26,14 @@ FIELDS = 5  # of an operation: what it does, where its result stands, two operan
 SERIES_ROOM, NUMBER_ROOM = ("log", "cos_sin", "atan"), ("div", "sqrt", "log", "atan")  # what they keep beside
 
 
+def _lifted(node: Node, other: Any) -> Node:
+    return node.tape.lifted(other)
+
+
+def _quotient(a: Node, b: Node) -> Node:
+    return a.tape.mul(a, a.tape.make("recip", b))
+
+
 class Node:
     """A series, or (static) a constant; behaves as a number in the text of a formula."""
 
@@ -32,29 +41,10 @@ class Node:
         self.tape, self.op, self.args, self.value = tape, op, args, value
         self.static: bool = op == "input" or (op != "variable" and all(a.static for a in args))
 
-    def __add__(self, other: Any) -> Node:
-        return self.tape.add(self, self.tape.lifted(other))
-
-    def __radd__(self, other: Any) -> Node:
-        return self.tape.add(self.tape.lifted(other), self)
-
-    def __sub__(self, other: Any) -> Node:
-        return self.tape.sub(self, self.tape.lifted(other))
-
-    def __rsub__(self, other: Any) -> Node:
-        return self.tape.sub(self.tape.lifted(other), self)
-
-    def __mul__(self, other: Any) -> Node:
-        return self.tape.mul(self, self.tape.lifted(other))
-
-    def __rmul__(self, other: Any) -> Node:
-        return self.tape.mul(self.tape.lifted(other), self)
-
-    def __truediv__(self, other: Any) -> Node:
-        return self.tape.mul(self, self.tape.make("recip", self.tape.lifted(other)))
-
-    def __rtruediv__(self, other: Any) -> Node:
-        return self.tape.mul(self.tape.lifted(other), self.tape.make("recip", self))
+    __add__, __radd__ = operators(_lifted, lambda a, b: a.tape.add(a, b))
+    __sub__, __rsub__ = operators(_lifted, lambda a, b: a.tape.sub(a, b))
+    __mul__, __rmul__ = operators(_lifted, lambda a, b: a.tape.mul(a, b))
+    __truediv__, __rtruediv__ = operators(_lifted, _quotient)
 
     def __neg__(self) -> Node:
         return self.args[0] if self.op == "neg" else self.tape.make("neg", self)
@@ -121,14 +111,15 @@ class _Recorder:
 
         def tanh(x: Node) -> Node:
             square = exp(x + x)
-            return (square - one) / (square + one)
+            found: Node = (square - one) / (square + one)
+            return found
 
         def asin(x: Node) -> Node:
             return atan(x / sqrt(one - x * x))
 
         def atan2(y: Node, x: Node) -> Node:
             """By half the angle: no number on the cut itself, y = 0 > x."""
-            return 2.0 * atan(y / (sqrt(x * x + y * y) + x))
+            return self.mul(self.lifted(2.0), atan(y / (sqrt(x * x + y * y) + x)))
 
         def sine(x: Node) -> Node:
             return self.cos_sin(x)[1]

@@ -18,7 +18,7 @@ from ..compiler.array_kernels import ArrayKernel, array_kernel, jacobian_kernel
 from ..compiler.array_mesh import Block, Mesh
 from ..compiler.array_states import Blocks, entries, fitted, refilled
 from ..compiler.array_symbols import ArraySymbol
-from ..compiler.arrays import NUMBER, along
+from ..compiler.arrays import NUMBER
 from ..compiler.derivatives import Symbol, const
 from ..compiler.kernels import kernel
 from ..compiler.once import once
@@ -97,7 +97,7 @@ def _array_flow(flow: Flow, net: Any) -> ArrayFlow:
     residual, unknowns, shared = shared_as_unknowns(reduction.rows, x)
     terms = jacobian_terms(residual, unknowns)
     flat = [(i, term, slope) for i, row in enumerate(terms) for term, slope in row.items()]
-    d_dh = along(residual, {h: const(1.0)})
+    d_dh = trace.along(residual, {h: const(1.0)})
     dy = refilled(y0, reduction.increments(d)[: len(entries(y0))])
     y1 = net.state(y0 + dy)
     dz = dy

@@ -9,7 +9,7 @@ from ..compiler import chain_rule
 from ..compiler import derivatives as trace
 from ..compiler.array_states import entries, refilled
 from ..compiler.array_symbols import ArraySymbol
-from ..compiler.arrays import LINEAR, along, variable
+from ..compiler.arrays import LINEAR, variable
 from .refusals import refuse_coupled
 
 
@@ -31,7 +31,7 @@ def temperature_field(system: Any, y: Any) -> Any:
     """d(q, p, theta)/dt, by the chain rule from the vector field."""
     z, here = system.fresh_state("z"), system.entropy_variables(y)
     outputs = system.temperature_variables(z)
-    moved = along(entries(outputs), dict(zip(entries(z), entries(system.vector_field(here)), strict=True)))
+    moved = trace.along(entries(outputs), dict(zip(entries(z), entries(system.vector_field(here)), strict=True)))
     return refilled(outputs, trace.substitute(moved, dict(zip(entries(z), entries(here), strict=True))))
 
 
@@ -46,7 +46,7 @@ class ArraySlope:
     def __matmul__(self, x: Any) -> Any:
         """Rates of the shapes from rates of the positions."""
         moved = ArraySymbol(self.q_.space, variable("rate", self.q_.space))
-        found = along(entries(self.shape), dict(zip(entries(self.q_), entries(moved), strict=True)))
+        found = trace.along(entries(self.shape), dict(zip(entries(self.q_), entries(moved), strict=True)))
         at = trace.substitute(found, dict(zip(entries(self.q_, moved), entries(self.q, x), strict=True)))
         return refilled(self.shape, at)
 
