@@ -145,29 +145,22 @@ def _at_zero(
 
 
 def _matched(slopes: Slopes) -> list[int] | None:
-    """For each unknown its row: its own where that has it, else by augmenting paths; None if there are too few."""
-    row_of: dict[int, int] = {i: i for i, row in enumerate(slopes) if _present(row, i)}
-    free = [i for i in range(len(slopes)) if i not in row_of]
-    for start in free:
-        came: dict[int, int] = {}  # unknown -> the row that it was reached from
-        waiting, end = [start], None
-        while waiting and end is None:
-            i = waiting.pop(0)
-            for j in slopes[i]:
-                if j not in came and _present(slopes[i], j):
-                    came[j] = i
-                    if j not in row_of:
-                        end = j
-                        break
-                    waiting.append(row_of[j])
-        while end is not None:
-            i = came[end]
-            before = next((j for j, row in row_of.items() if row == i), None)
-            row_of[end] = i
-            end = before
-        if start not in row_of.values():
-            return None
-    return [row_of[j] for j in range(len(slopes))]
+    """For each unknown its row, as many as can be their own; None if there are too few."""
+    count = len(slopes)
+    if all(_present(row, i) for i, row in enumerate(slopes)):
+        return list(range(count))
+    from scipy.optimize import linear_sum_assignment
+
+    costs = np.full((count, count), np.inf)  # of an unknown and a row
+    for i, row in enumerate(slopes):
+        for j in row:
+            if _present(row, j):
+                costs[j, i] = float(i != j)
+    try:
+        _, rows = linear_sum_assignment(costs)
+    except ValueError:  # no complete matching
+        return None
+    return [int(i) for i in rows]
 
 
 def _present(row: Mapping[int, Symbol], j: int) -> bool:

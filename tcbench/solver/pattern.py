@@ -78,12 +78,11 @@ class Pattern:
 
 
 def _parity(permutation: NDArray[Any]) -> int:
-    """1 for an even permutation, -1 for an odd one: each cycle of even length changes the sign."""
-    to, sign = permutation.tolist(), 1
-    for first in range(len(to)):
-        place = first
-        while to[place] != first:  # shorten the cycle to a fixed point, an exchange each
-            following = to[place]
-            to[place], place, sign = place, following, -sign
-        to[place] = place
-    return sign
+    """1 for an even permutation, -1 for an odd one: as many exchanges as it has numbers more than cycles make it."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    n = len(permutation)
+    graph = coo_matrix((np.ones(n, np.int8), (np.arange(n), permutation)), shape=(n, n))
+    cycles, _ = connected_components(graph, directed=False)
+    return -1 if (n - cycles) % 2 else 1
