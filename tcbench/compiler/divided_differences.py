@@ -111,7 +111,7 @@ class Corners:
         return self._apply(1.0 / self.value, lambda a, b, slope, _: -slope / (a * b))
 
     def __pow__(self, exponent: Any) -> Corners:
-        if isinstance(exponent, Corners | Symbol) or not _is_whole(exponent):
+        if isinstance(exponent, Corners | Symbol) or not float(exponent).is_integer():
             logarithm: Corners = self.log() * exponent
             return logarithm.exp()
         result = one = self.lifted(1.0)
@@ -205,10 +205,6 @@ class Corners:
         if name.startswith("__"):
             raise AttributeError(name)
         raise refused(f"{name!r} has no divided-difference rule, which discrete gradients need of an energy", RULES)
-
-
-def _is_whole(exponent: Any) -> bool:
-    return float(exponent).is_integer()
 
 
 def _sinhc(x: Symbol) -> Symbol:

@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 from .. import cache
 from ..errors import TcbenchError
 from .collocation import InDoubles, Jacobian, RightHandSide, integrate, tableau
-from .precision import DESCRIPTION, ENOUGH, EPS, LONG, long_number
+from .precision import DESCRIPTION, ENOUGH, EPS, LONG
 
 FORMAT = 1
 SAFETY = 4.0  # times the gap
@@ -163,7 +163,6 @@ def compute(
     times: Sequence[float],
     *,
     tolerance: float = 1e-12,
-    vectorized: bool = False,
     in_doubles: InDoubles | None = None,
     max_seconds: float = 300.0,
 ) -> Reference:
@@ -176,7 +175,7 @@ def compute(
     becomes the certificate: then the equations are too hard for one of the
     three, and nobody knows for which.
 
-    in_doubles : see `integrate`; SciPy's check takes it, too.
+    rhs, in_doubles : see `integrate`; SciPy's check takes the latter, too.
     rhs should be written in numpy and keep the dtype of z. If it returns doubles, the result still holds but
     the certificate ends near 1e-14 instead of below 1e-16. It says so in `source`.
     """
@@ -185,7 +184,7 @@ def compute(
         raise ValueError(f"Reference times must be positive and increasing; got {times}.")
     z = np.asarray(z0, LONG)
     stages = 12 if len(z) <= MANY else 8
-    probe = np.asarray(rhs(long_number(0), z) if not vectorized else rhs(np.zeros(1, LONG), z[:, None]))
+    probe = np.asarray(rhs(np.zeros(1, LONG), z[:, None]))
     extended = probe.dtype == LONG and EPS < ENOUGH
     gauss, radau = (
         integrate(
@@ -195,7 +194,6 @@ def compute(
             z,
             times,
             tolerance=tol,
-            vectorized=vectorized,
             in_doubles=in_doubles,
             max_seconds=max_seconds,
         )
@@ -205,7 +203,7 @@ def compute(
     def rate(t: Any, z: Any) -> Any:
         if in_doubles is not None:
             return in_doubles.rate(t, z)
-        return np.asarray(rhs(np.array([t]), z[:, None])[:, 0] if vectorized else rhs(t, z), float)
+        return np.asarray(rhs(np.array([t]), z[:, None])[:, 0], float)
 
     start, eps = z.astype(float), float(np.finfo(float).eps)
     found = _by_scipy(rate, jac, start, times)

@@ -21,7 +21,7 @@ RightHandSide = Callable[[Any, Any], Any]
 Jacobian = Callable[[float, NDArray[np.float64]], ArrayLike]
 Change = Callable[[NDArray[Any]], NDArray[Any]]
 
-MOST_ITERATIONS = 40
+MOST_STEPS, MOST_ITERATIONS = 200_000, 40
 SOLVED, SOLVED_IN_DOUBLES = 1e-19, 1e-14  # what an iteration may leave
 NOISE, NOISE_IN_DOUBLES = 50.0, 1e-10  # slow progress is round-off below: so many of the rate's; where it only steers
 
@@ -117,28 +117,26 @@ def integrate(
     times: Sequence[float],
     *,
     tolerance: float = 1e-12,
-    vectorized: bool = False,
     in_doubles: InDoubles | None = None,
-    max_steps: int = 200_000,
     max_seconds: float = 300.0,
 ) -> NDArray[Any]:
     """States at `times` (increasing, from t = 0) by adaptive collocation in extended precision, shape
     (len(times), m).
 
-    rhs(t, z) is called with extended arrays of shape (m,), or, if `vectorized`, with t (s,) and z (m,
-    s). in_doubles: the same in doubles; Newton's iterations begin with it, and it decides nothing. `tolerance` bounds
+    rhs(t, z) is called with extended arrays of shape (s,) and (m, s), all stages at once. in_doubles: the same in
+    doubles; Newton's iterations begin with it, and it decides nothing. `tolerance` bounds
     h |last Legendre coefficient of dz/dt| / max(1, |z|) on each step. The end point is far more accurate than that
     (superconvergence), except in a stiff component, where it is about that.
     """
     z = np.asarray(z0, LONG)
-    solve = _Stages(method, _stages(rhs, vectorized), jac, in_doubles)
+    solve = _Stages(method, lambda t, Z: np.asarray(rhs(t, Z.T)).T, jac, in_doubles)
     t, h, s = long_number(0), long_number(1e-3), len(method.c)
     last: tuple[NDArray[Any], Any] | None = None  # stage derivatives of the last step and its length
     states, steps, deadline = [], 0, time.monotonic() + max_seconds
     for end in times:
         while t < end:
             steps += 1
-            if steps > max_steps or time.monotonic() > deadline or h < 1e-14 * max(1, end):
+            if steps > MOST_STEPS or time.monotonic() > deadline or h < 1e-14 * max(1, end):
                 raise ReferenceFailed(
                     f"{method.name} collocation stopped at t = {float(t):.6g} of {end:g} after "
                     f"{steps - 1} tries with h = {float(h):.2g}. Give the scenario a smaller t_converge: "
@@ -169,15 +167,8 @@ def integrate(
     return np.array(states)
 
 
-def _stages(rhs: RightHandSide, vectorized: bool) -> RightHandSide:
-    """rhs on all stages at once: t (s,), Z (s, m) -> (s, m)."""
-    if vectorized:
-        return lambda t, Z: np.asarray(rhs(t, Z.T)).T
-    return lambda t, Z: np.array([rhs(ti, zi) for ti, zi in zip(t, Z, strict=True)])
-
-
 class _Stages:
-    """Stage derivatives K = f(z + h A K) by simplified Newton, shape (s, m).
+    """Stage derivatives K = f(t, z + h A K) by simplified Newton, shape (s, m).
 
     The linear algebra is done in doubles, and so are the first iterations if they can be: they only steer, the
     residual in extended precision decides.

@@ -160,7 +160,7 @@ def collocation_states(
         return np.concatenate([z[4:6] / c["masses"][0], z[6:8] / c["masses"][1], pull[1] - pull[0], -pull[1], flux])
 
     z0 = np.array([long_number(str(x)) for x in exact_state(constants, initial, rounded)])
-    return integrate(tableau("gauss", 8), rhs, None, z0, [float(t) for t in times], vectorized=True)
+    return integrate(tableau("gauss", 8), rhs, None, z0, [float(t) for t in times])
 
 
 def _gap(a: Sequence[Decimal], b: Sequence[Decimal]) -> str:

@@ -10,12 +10,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..compiler import derivatives as trace
 from ..compiler.array_jacobian import Term, jacobian_terms, shared_as_unknowns
 from ..compiler.array_kernels import ArrayKernel, array_kernel, jacobian_kernel
-from ..compiler.array_mesh import Block, Mesh
+from ..compiler.array_mesh import Block, Ints, Mesh, scattered
 from ..compiler.array_states import Blocks, entries, fitted, refilled
 from ..compiler.array_symbols import ArraySymbol
 from ..compiler.arrays import NUMBER
@@ -38,15 +37,14 @@ class ArrayFlow:
     opening: ArrayKernel
     iterate: ArrayKernel
     finish: ArrayKernel
-    unknowns: tuple[str, ...]  # their spaces
-    terms: tuple[tuple[int, int, Term], ...]  # which row, which unknown, and which entries
+    unknowns: tuple[Block, ...]
+    terms: tuple[tuple[int, Term], ...]  # which row, and which entries of it
     positive: tuple[str, ...]  # spaces of temperatures that have to be positive
 
     def kernels(self, mesh: Mesh) -> FlowKernels:
         """For a system of this mesh."""
-        offsets = mesh.offsets([Block(space, (None,)) for space in self.unknowns])
-        n, positive, empty = offsets[-1], sum(map(mesh.size, self.positive)), kernel({}, [])
-        pattern, places = self._pattern(mesh, offsets, positive) if n else (None, [])
+        n, positive, empty = mesh.offsets(self.unknowns)[-1], sum(map(mesh.size, self.positive)), kernel({}, [])
+        pattern, places = self._pattern(mesh, n, positive) if n else (None, [])
         opening = self.opening.kernel(mesh)
         iterate = self.iterate.kernel(mesh.with_entries(pattern.nnz if pattern else 0), places, extra=1)
         return FlowKernels(
@@ -55,23 +53,17 @@ class ArrayFlow:
             pattern=pattern, way=(f"sparse: {n} unknowns" if n else "explicit") + ", in loops over the elements",
         )  # fmt: skip
 
-    def _pattern(self, mesh: Mesh, offsets: Sequence[int], positive: int) -> tuple[Pattern, list[NDArray[np.int64]]]:
+    def _pattern(self, mesh: Mesh, n: int, positive: int) -> tuple[Pattern, list[Ints]]:
         if not self.terms:
             raise TraceError(ZERO_PIVOT)
-        rows, columns = [], []
-        for i, j, term in self.terms:
-            r, c = mesh.along(term.rows, term.over), mesh.along(term.columns, term.over)
-            fixed = (r < 0) | (c < 0)
-            rows.append(np.where(fixed, -1, offsets[i] + r))
-            columns.append(np.where(fixed, -1, offsets[j] + c))
-        row, column = np.concatenate(rows), np.concatenate(columns)
-        free = row >= 0
-        pattern = Pattern(offsets[-1], row[free], column[free])
+        rows, columns, lengths = scattered(mesh, self.unknowns, self.terms)
+        free = rows >= 0
+        pattern = Pattern(n, rows[free], columns[free])
         if len(np.setdiff1d(pattern.diagonal, pattern.places)):
             raise TraceError(ZERO_PIVOT)
-        where = np.full(len(row), pattern.nnz + offsets[-1] + positive)  # what is fixed writes behind everything
+        where = np.full(len(rows), pattern.nnz + n + positive)  # what is fixed writes behind everything
         where[free] = pattern.places
-        return pattern, np.split(where, np.cumsum([len(r) for r in rows])[:-1])
+        return pattern, np.split(where, np.cumsum(lengths)[:-1])
 
 
 def array_flow(flow: Flow, system: Any) -> ArrayFlow:
@@ -127,13 +119,12 @@ def _array_flow(flow: Flow, net: Any) -> ArrayFlow:
     }
     before = [Block(k, (row,)) for k, row in zip(kinds, residual, strict=True)]
     behind = [Block(k, (v,)) for k, v in zip(kinds, d_dh, strict=True)] + [Block(v.space, (v,)) for v in positive]
-    columns = {s.number: i for i, s in enumerate(unknowns)}
     return ArrayFlow(
         opening=array_kernel(inputs, [*opening, *kept, *net.blocks(net.observe(z0))]),
         iterate=jacobian_kernel(reads, before, [(term, slope) for _, term, slope in flat], behind),
         finish=array_kernel(reads, net.blocks(dz)),
-        unknowns=tuple(kinds),
-        terms=tuple((i, columns[term.unknown.number], term) for i, term, _ in flat),
+        unknowns=tuple(Block(s.space, (s,)) for s in unknowns),
+        terms=tuple((i, term) for i, term, _ in flat),
         positive=tuple(v.space for v in positive),
     )
 

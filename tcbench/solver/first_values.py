@@ -18,10 +18,6 @@ from .reduction import Reduction
 TINY = 1e-100  # beside a kinetic energy that may be zero
 
 
-def _ones(size: int) -> Any:
-    return array([const(1.0)] * size)
-
-
 def plain_start(reduction: Reduction) -> list[Symbol]:
     """Unknowns for which the eliminated increments vanish: Newton from z1 = z0.
 
@@ -68,7 +64,7 @@ def near_start(index: Sequence[int], system: System, z0: Any, h: Symbol, variabl
         s0 = list(z0[first:])
         theta = system.temperatures(z0)
         rate = np.array(system.conduction(theta), dtype=object)
-        other, slope = variables != "entropy", _ones(m)
+        other, slope = variables != "entropy", array([const(1.0)] * m)
         if other:
             slope = np.diagonal(trace.jacobian(list(system.in_variables(variables, z0)[first:]), s0))
             rate = rate * slope

@@ -93,16 +93,12 @@ def _cancelled(row: Symbol) -> Symbol:
     return _total(left)
 
 
-def _negated(row: Symbol) -> Symbol:
-    return _total([(-sign, term) for sign, term in _terms(row)])
-
-
 def _scaled(row: Symbol, slope: Symbol) -> Symbol:
     """The row by its slope; by its sign alone where it is a formula that has one."""
     sign = _sign(slope)
     if slope.op != "const" and not sign:
         return trace.mul(row, trace.reciprocal(slope))
-    row = _negated(row) if sign < 0 else row
+    row = _total(_terms(row, -1)) if sign < 0 else row
     size = abs(slope.value) if slope.op == "const" else 1.0
     return row if size == 1.0 else trace.mul(const(1.0 / size), row)
 

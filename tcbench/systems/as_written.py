@@ -4,6 +4,7 @@ what the formula owes; else the sentence names the author's line."""
 from __future__ import annotations
 
 import inspect
+import traceback
 from collections.abc import Callable, Mapping
 from functools import wraps
 from pathlib import Path
@@ -60,15 +61,10 @@ def _read_only(self: System, values: Any) -> Any:
 def place(formula: Callable[..., Any], error: Exception | None = None) -> str:
     """File and line of what an author wrote, as deep in its file as the error goes."""
     code: Any = getattr(inspect.unwrap(formula), "__code__", None)
-    name, line, step = (
-        getattr(code, "co_filename", "?"),
-        getattr(code, "co_firstlineno", 0),
-        getattr(error, "__traceback__", None),
-    )
-    while step is not None:
-        if step.tb_frame.f_code.co_filename == name:
-            line = step.tb_lineno
-        step = step.tb_next
+    name, line = getattr(code, "co_filename", "?"), getattr(code, "co_firstlineno", 0)
+    for frame in traceback.extract_tb(error.__traceback__) if error else ():
+        if frame.filename == name:
+            line = frame.lineno
     return f"{Path(name).name}, line {line}"
 
 

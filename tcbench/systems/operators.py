@@ -105,12 +105,8 @@ class SparseRows(Operator):
 def projected(matrix: Any, x: Any, kernel: Any) -> Any:
     """Q A Q^T x with Q^T kernel = 0: skew or positive as A is, and exactly orthogonal to the kernel."""
     matrix = np.asarray(matrix, dtype=object)
-    if not any(map(_moves, matrix.ravel())):
+    if not any(isinstance(entry, Symbol) or entry != 0 for entry in matrix.ravel()):
         return array([const(0.0)] * len(kernel))
     size = kernel @ kernel
     y = matrix @ (x - kernel * ((kernel @ x) / size))
     return y - kernel * ((kernel @ y) / size)
-
-
-def _moves(entry: Any) -> bool:
-    return isinstance(entry, Symbol) or entry != 0

@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiler import derivatives as trace
-from ..compiler.array_kernels import array_kernel
+from ..compiler.array_kernels import ArrayKernel, array_kernel
 from ..compiler.array_mesh import Block, Mesh
 from ..compiler.array_states import Blocks, entries, fitted, refilled
 from ..compiler.array_symbols import ArraySymbol, Table, TableSymbol
 from ..compiler.arrays import NUMBER, count, total, variable
 from ..compiler.kernels import Kernel
-from ..compiler.once import LOCK, cached_property
+from ..compiler.once import LOCK, cached_property, once
 from ..compiler.symbols import Symbol, const
 from ..errors import TcbenchError
 from . import traced
@@ -31,17 +31,11 @@ Ints = NDArray[np.int64]
 Declared = Mapping[str, tuple[Any, ...]]
 WHOLE = ("jacobian", "friction", "poisson")  # matrices, which are traced entry by entry
 _KINDS: dict[tuple[Any, ...], Any] = {}
-_BODIES: dict[tuple[Any, ...], tuple[Any, bool]] = {}
 
 
 def space_of(declared: tuple[Any, ...]) -> str:
     """The space of a declared shape; "" where it has none."""
     return declared[0] if declared and isinstance(declared[0], str) else NUMBER
-
-
-def components(declared: tuple[Any, ...]) -> tuple[int, ...]:
-    """The shape of one entry."""
-    return tuple(declared[1:] if space_of(declared) else declared)
 
 
 class OverSpaces(Traced):
@@ -244,25 +238,23 @@ class OverSpaces(Traced):
             return super()._kernel(body, sizes)
         key = (self.structure, body, sizes)
         if key not in traced._KERNELS:
-            made, single = self._body_kernel(body, len(sizes))
+            made, single = _body_kernel(self.by_arrays, body, len(sizes))
             kernel = made.kernel(self.mesh)
             traced._KERNELS[key] = kernel, () if single else (kernel.size,)
         return traced._KERNELS[key]
 
-    def _body_kernel(self, body: Callable[..., Any], states: int) -> tuple[Any, bool]:
-        net = self.by_arrays
-        key = (net, body, states)
-        with LOCK:
-            if key not in _BODIES:
-                with trace.tracing():
-                    given = [net.fresh_state(f"z{k}") for k in range(states)]
-                    result = body(net, *given)
-                    inputs = {"a": [b for z in given for b in net.blocks(z)],
-                              "b": [Block(NUMBER, (None,)), *net.constant_blocks()]}  # fmt: skip
-                    outputs = net.blocks(result)
-                    single = not isinstance(result, Blocks | ArraySymbol) and not np.ndim(result)
-                    _BODIES[key] = array_kernel(inputs, outputs), single
-            return _BODIES[key]
+
+@once
+def _body_kernel(net: Any, body: Callable[..., Any], states: int) -> tuple[ArrayKernel, bool]:
+    """The kernel of a formula of so many states, for all sizes, and whether it gives one number."""
+    with trace.tracing():
+        given = [net.fresh_state(f"z{k}") for k in range(states)]
+        result = body(net, *given)
+        constants = [Block(NUMBER, (None,)), *net.constant_blocks()]
+        single = not isinstance(result, Blocks | ArraySymbol) and not np.ndim(result)
+        return array_kernel(
+            {"a": [b for z in given for b in net.blocks(z)], "b": constants}, net.blocks(result)
+        ), single
 
 
 def _table(name: str, value: Any, shape: tuple[int, ...], target: str, sizes: Mapping[str, int]) -> Table:
@@ -289,7 +281,8 @@ def _table(name: str, value: Any, shape: tuple[int, ...], target: str, sizes: Ma
 
 def fresh(name: str, declared: tuple[Any, ...]) -> Any:
     """New symbols for a variable or constant that is declared so."""
-    space, shape = space_of(declared), components(declared)
+    space = space_of(declared)
+    shape = declared[1:] if space else declared  # of one entry
     parts = trace.array(variable(name, space) for _ in range(int(np.prod(shape, dtype=int)))).reshape(shape)
     return ArraySymbol(space, parts) if space else parts[()]
 

@@ -12,7 +12,7 @@ laws follow. Or the matrices `poisson(z)` and `friction(z)`, with identities at 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import reduce
 from typing import Any, ClassVar, cast
 
@@ -220,6 +220,10 @@ class System(OverSpaces):
             return cast(State, of_arrays)
         return State(values, self.layout)
 
+    def unknowns(self, name: str) -> State:
+        """New variables, a state of symbols."""
+        return self.state(self.fresh_state(name) if self.by_array else trace.variables(name, self.size))
+
     def in_variables(self, variables: str, z: Any) -> State:
         """z in the variables that a formula is written in; of elements there are several sets."""
         return self.state(z)
@@ -252,7 +256,8 @@ class System(OverSpaces):
         if self.by_array:
             return self.array_sizes(z)
         blocks = [np.asarray(z)[slice(*self.layout[name][:2])] for name in self.variables]
-        return [size for block in blocks for size in [_largest(list(block))] * len(block)]
+        largest = (reduce(lambda most, x: trace.maximum(most, abs(x)), block, trace.const(1.0)) for block in blocks)
+        return [size for block, size in zip(blocks, largest, strict=True) for _ in block]
 
     def told_in_time(self, z: Any) -> dict[str, Any]:
         """What charts tell of states (m, size) beside energy, entropy, invariants and temperatures: name -> (m,)."""
@@ -282,7 +287,7 @@ class System(OverSpaces):
 
     def momenta_gradients(self, z: Any) -> list[State]:
         """Gradients of the invariants, on symbols."""
-        x = self.fresh_state("x") if self.by_array else self.state(trace.variables("x", self.size))
+        x = self.unknowns("x")
         found = [chain_rule.gradient(f, entries(x)) for f in self.momenta(x)]
         here = dict(zip(entries(x), map(trace.lifted, entries(z)), strict=True))
         return [self.state(refilled(x, trace.substitute(slopes, here))) for slopes in found]
@@ -304,8 +309,8 @@ class System(OverSpaces):
         """Names of the invariants, number of temperatures: asked of the one that stands for all of its structure."""
         if self.large:
             return self.observed_counts()
-        z = trace.variables("x", self.size)
-        return tuple(self.invariants(self.state(z))), len(self.temperatures(z))
+        z = self.unknowns("x")
+        return tuple(self.invariants(z)), len(self.temperatures(z))
 
     @derived
     def gradient(self, z: Any) -> Any:
@@ -329,7 +334,7 @@ class System(OverSpaces):
 
     def cut(self, name: str) -> Cut:
         """ "energy" or "entropy" as a function of what is at most quadratic in z."""
-        x = self.fresh_state("x") if self.by_array else trace.variables("x", self.size)
+        x = self.unknowns("x")
         return Cut(trace.lifted(getattr(self, name)(x)), entries(x))
 
     def discrete_gradients(self, z0: Any, z1: Any) -> tuple[State, State]:
@@ -338,15 +343,14 @@ class System(OverSpaces):
 
     def _slopes(self, name: str, z0: Any, z1: Any = None) -> State:
         """Gradient of a formula at z0, or its discrete gradient from there to z1."""
-        x = entries(self.fresh_state("x") if self.by_array else trace.variables("x", self.size))
-        at = refilled(z0, x) if self.by_array else trace.array(x)
-        f, start = trace.lifted(getattr(self, name)(at)), [*map(trace.lifted, entries(z0))]
+        at = self.unknowns("x")
+        f, x, start = trace.lifted(getattr(self, name)(at)), entries(at), [*map(trace.lifted, entries(z0))]
         if z1 is None:
-            slopes = trace.substitute(chain_rule.gradient(f, list(x)), dict(zip(x, start, strict=True)))
+            slopes = trace.substitute(chain_rule.gradient(f, x), dict(zip(x, start, strict=True)))
         else:
             step = [b - a for a, b in zip(start, map(trace.lifted, entries(z1)), strict=True)]
-            slopes = chain_rule.discrete_gradient(f, list(x), start, step)
-        return refilled(z0, slopes) if self.by_array else self.state(trace.array(slopes))
+            slopes = chain_rule.discrete_gradient(f, x, start, step)
+        return self.state(refilled(at, slopes))
 
     @derived
     def vector_field(self, z: Any) -> Any:
@@ -385,11 +389,6 @@ class System(OverSpaces):
         """Kernel of `observe` and the number of its outputs, for the compiled loop."""
         entry, shape = self.kernel("observe")
         return entry, shape[0]
-
-
-def _largest(values: Sequence[Any]) -> Any:
-    """max(1, |v_1|, |v_2|, ...)."""
-    return reduce(lambda most, value: trace.maximum(most, abs(value)), values, trace.const(1.0))
 
 
 def _row(values: Any) -> Any:
