@@ -19,7 +19,7 @@ from tcbench.compiler.arrays import LINEAR, NUMBER, rebuilt
 from tcbench.compiler.derivatives import Symbol, const
 from tcbench.compiler.kernels import Kernel
 
-from .rates import rates_of_arrays
+from .rates import shorter
 from .recurrences import PARTNERS
 from .series import Series
 
@@ -139,7 +139,7 @@ def products(a: Of, b: Of, places: range, n: int) -> Symbol:
 def series_kernel(net: Any, order: int) -> ArrayKernel:
     """As `texts.series_kernels`, of systems of any size, by their `by_arrays`; given: `constant_values` alone."""
     y = net.fresh_state("y")
-    variables, rate = rates_of_arrays(net, y)
+    variables, rate = shorter(net, y)
     found = Coefficients(entries(y), rate)
     rows = [[found.of(x, n) for x in variables] for n in range(order + 1)]
     outputs = [refilled(y, row) for row in rows] + [squared_size(net, y, refilled(y, row)) for row in rows[-2:]]
