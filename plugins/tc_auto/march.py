@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from tcbench.compiler.language import call, copy_into, fill, rare
+from tcbench.compiler.language import call, copy_into, rare
 from tcbench.compiler.library import Library
 from tcbench.compiler.records import Record
 
@@ -49,9 +49,10 @@ def steps(both: Both) -> int:
     stable = STABLE + STABLE_OF_ORDER * e.order
     row, t, h, patience, explicit, given_up = 1, times[0], 0.0, PATIENCE, True, False
     leg, left, busy = LEG if g.general else 0, 0.0, 0.0
+    turns, settled = TURNS if g.general else gauss.TURNS, SETTLED if g.general else gauss.TURNS - 1
     while row < len(times):
         first = g.general and e.counts.steps == 0  # a short run is left to explicit steps
-        rate = 1e-300 if first else fastest(g)
+        rate = 1e-300 if first else gauss.decay_rate(g, turns, settled)
         if explicit:
             before = e.counts.steps
             row, t, h = taylor.advance(e, times, both.tolerance, states, row, t, STIFF * stable / rate, patience, leg)
@@ -92,32 +93,6 @@ def go_over(e: Taylor, g: Gauss) -> None:
     elif g.general:
         g.run[0] = e.target[e.size]
         copy_into(g.laws[e.size : len(e.target)], e.target[e.size : len(e.target)])
-
-
-@rare
-def fastest(g: Gauss) -> float:
-    """The rate of the fastest decay or motion, never 0; of any system by the power method, which goes round in circles
-    where that is a motion: the mean of some turns."""
-    if not g.general or g.sparse.n > 0:
-        return gauss.decay_rate(g)
-    call(g.to_matrix, g.z, g.c, g.entries)
-    n, x, y = len(g.z), g.vector[0], g.vector[1]
-    for i in range(n):
-        x[i] = 1.0 + 0.5 * (i % 2) - 0.1 * (i % 3)
-    grown = 1.0
-    for turn in range(TURNS):
-        fill(y, 0.0)
-        for j in range(n):
-            for i in range(n):
-                y[i] += g.matrix[j, i] * x[j]
-        largest = 1e-300
-        for i in range(n):
-            largest = max(largest, abs(y[i]))
-        for i in range(n):
-            x[i] = y[i] / largest
-        if turn >= SETTLED:
-            grown *= math.sqrt(math.sqrt(largest))  # the mean of four
-    return grown
 
 
 @rare

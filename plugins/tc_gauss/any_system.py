@@ -18,42 +18,30 @@ with all variables in the place of the entropies.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 from tcbench.compiler import derivatives as trace
 from tcbench.compiler.array_states import entries, refilled
 from tcbench.compiler.arrays import variable
 from tcbench.compiler.cut import Cut
 from tcbench.compiler.derivatives import Symbol, lifted
-from tcbench.compiler.kernels import Kernel, constant_part, kernel
+from tcbench.compiler.kernels import Kernel
 from tcbench.compiler.language import Floats, call, copy_into, rare
 from tcbench.compiler.once import once
 from tcbench.solver.mending import mended, mending_kernels, round_off
 from tcbench.systems.system import System
 
 from . import conduction, sparse
-from .formulas import ON_VECTORS
+from .formulas import ON_VECTORS, Formulas
 from .memory import Work
 
 EPSILON = 2.0**-53  # of what the terms of the energy are: its round-off, and what a quadrature may leave
 
 
-class AnyFormulas(NamedTuple):
-    """Kernels start, motion, slopes, forces, matrix; of the mending; and what depends on the constants only."""
-
-    kernels: list[Kernel]
-    mending: tuple[Kernel, Kernel, Kernel]  # start, mend, hold
-    setup: Kernel
-    carried: int
-    projected: int
-    bodies: list[tuple[list[Any], list[Any]]]  # inputs and values of the kernels
-    places: dict[Any, int]  # of what is constant in them
-    table: Any  # of the trace, for those that go on from it
-
-
 @once
-def any_formulas(symbolic: System) -> AnyFormulas:
-    """Those of all systems of one structure, by their `System.symbolic`."""
+def any_formulas(symbolic: System) -> tuple[Formulas, list[Kernel]]:
+    """Those of all systems of one structure, by their `System.symbolic`: start, motion, slopes, forces, the Jacobian by
+    columns; and of the mending start, mend, hold."""
     with trace.tracing() as table:
         *mending, fixed = mending_kernels(symbolic)
         z, K = (symbolic.state(trace.variables(name, symbolic.size)) for name in "zK")
@@ -61,27 +49,15 @@ def any_formulas(symbolic: System) -> AnyFormulas:
         y, start, motion, slopes, means = (
             [x for part in parts for x in getattr(part, name)] for name in ("y", "start", "motion", "slopes", "means")
         )
-        forces, rate = rates_of(symbolic, z, parts), symbolic.vector_field(z)
+        forces, rate = rates_of(symbolic, z, parts), list(map(lifted, symbolic.vector_field(z)))
         bodies: list[tuple[list[Any], list[Any]]] = [
             ([*z], [*entries(*started(symbolic, z)), *start]),
             ([*K, *z], motion),
             (y, slopes),
             ([*K, *z, *means], list(forces)),
-            ([*z], list(trace.jacobian(list(map(lifted, rate)), list(z)).T.ravel())),
+            ([*z], list(trace.jacobian(rate, list(z)).T.ravel())),
         ]
-        bodies = [(inputs, list(map(lifted, body))) for inputs, body in bodies]
-        values = [body for _, body in bodies]
-        first = symbolic.n_constant_values + len(fixed)
-        hoisted = constant_part([x for row in values for x in row], [x for inputs, _ in bodies for x in inputs])
-        known = symbolic.constant_symbols() | {x: f"b[{first + i}]" for i, x in enumerate(hoisted)}
-        made = [
-            kernel({x: f"a[{i}]" for i, x in enumerate(inputs)} | known, row)
-            for (inputs, _), row in zip(bodies, values, strict=True)
-        ]
-        setup = kernel(symbolic.constant_symbols(), [*fixed, *hoisted])
-    mended_by = mending[0], mending[1], mending[2]
-    places = {x: int(text[2:-1]) for x, text in known.items()}  # of 'b[3]'
-    return AnyFormulas(made, mended_by, setup, len(y), len(slopes), bodies, places, table)
+        return Formulas.of(symbolic, bodies, table, fixed), mending
 
 
 def parts_of(system: Any, z: Any, K: Any) -> list[Part]:

@@ -17,7 +17,7 @@ from tcbench.compiler.language import PLAIN
 from tcbench.compiler.once import once
 from tcbench.systems.system import System
 
-from .formulas import ON_VECTORS, POINTS, coefficients
+from .formulas import ON_VECTORS, coefficients, integrated, projected
 
 MOST = 16  # variables: the code of more takes seconds to compile
 KERNELS = ("to_factor", "to_damp", "to_iterate", "to_iterate_finer")
@@ -31,7 +31,7 @@ def vector_kernels(symbolic: System, k: int) -> dict[str, int]:
 
     from .any_system import any_formulas
 
-    made = any_formulas(symbolic)
+    made, _ = any_formulas(symbolic)
     values = [x for _, row in made.bodies[1:4] for x in row]
     if PLAIN or symbolic.size > MOST or not can_express(values):
         return dict.fromkeys(KERNELS, 0)
@@ -155,22 +155,12 @@ def iteration(made: Any, size: int, k: int, level: int, zeros: list[bool]) -> st
     z, weights, y0 = numbers(lanes.a, 0, size), numbers(lanes.a, size, size), numbers(lanes.a, carried, len(y))
     h, shared = lanes.number(lanes.b, 0), {x: lanes.number(lanes.b, i) for x, i in made.places.items()}
 
-    def integrated(start: Any, rows: Any, slope: list[Any]) -> Any:
-        return lanes.add(start, lanes.mul(h, lanes.combine(rows.T, slope)))
-
     old = [lanes.row(lanes.out, WIDTH * i) for i in range(size)]
-    at_nodes = [integrated(z[i], known.A, numbers(lanes.out, WIDTH * i, k)) for i in range(size)]
+    at_nodes = [integrated(lanes, h, z[i], known.A, numbers(lanes.out, WIDTH * i, k)) for i in range(size)]
     at = shared | dict(zip(inputs, [*old, *at_nodes], strict=True))
     drift = [[lanes.lane(x, l) for l in range(k)] for x in lanes.graph(at, motion)]
-    columns: list[Any] = []
-    values: list[list[Any]] = [[] for _ in slopes]
-    for first in range(0, POINTS[level] if slopes else 0, WIDTH):
-        rows = known.Ahats[level, first : first + WIDTH]
-        point = shared | {x: integrated(x0, rows, d) for x, x0, d in zip(y, y0, drift, strict=True)}
-        for found, value in zip(values, lanes.graph(point, slopes), strict=True):
-            found += [lanes.lane(value, g) for g in range(WIDTH)]
-        columns += list(known.Ws[level, :, first : first + WIDTH].T)
-    at |= dict(zip(all_inputs[2 * size :], [lanes.combine(columns, x) for x in values], strict=True))
+    means, _ = projected(lanes, k, level, shared, list(zip(y, y0, drift, strict=True)), slopes)
+    at |= dict(zip(all_inputs[2 * size :], means, strict=True))
     new = lanes.graph(at, rates)
     change = [[lanes.lane(lanes.sub(x, y), l) for l in range(k)] for x, y in zip(new, old, strict=True)]
     parts = [tuple(lanes.combine(into.T, x) for into in (known.into_re, known.into_im)) for x in change]

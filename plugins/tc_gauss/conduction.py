@@ -17,7 +17,6 @@ from . import sparse
 from .memory import Work
 
 STIFF = 0.1  # decay times in a step from which on the conduction is solved for
-TURNS = 12  # of the power method
 
 
 @rare
@@ -37,28 +36,29 @@ def set_matrix(w: Work, z: Floats) -> float:
 
 
 @rare
-def rate_of(w: Work, z: Floats) -> float:
-    """The fastest of the conduction at z, by the power method."""
+def rate_of(w: Work, z: Floats, turns: int, settled: int) -> float:
+    """The fastest at z, by the power method, which goes round in circles where that is a motion: the mean growth of
+    its turns from the settled one on."""
     rate, e = set_matrix(w, z), w.e
     if w.sparse.n > 0:
         return rate
     x, y = w.vector[0], w.vector[1]
     for i in range(e):
         x[i] = 1.0 + 0.5 * (i % 2) - 0.1 * (i % 3)
-    for _ in range(TURNS):
+    grown = 1.0
+    for turn in range(turns):
         fill(y, 0.0)
         for j in range(e):
             for i in range(e):
                 y[i] += w.matrix[j, i] * x[j]
-        largest = 0.0
+        largest = 1e-300
         for i in range(e):
             largest = max(largest, abs(y[i]))
-        if not largest > 0.0:
-            return rate
         for i in range(e):
             x[i] = y[i] / largest
-        rate = largest
-    return rate
+        if turn >= settled:
+            grown *= largest ** (1.0 / (turns - settled))
+    return grown
 
 
 @rare

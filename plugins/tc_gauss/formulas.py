@@ -5,6 +5,7 @@ See `step` for the equations. The kernels on vectors treat all nodes, or eight q
 
 from __future__ import annotations
 
+import itertools
 from functools import cache, reduce
 from typing import Any, NamedTuple
 
@@ -21,37 +22,16 @@ from tcbench.reference.precision import LONG
 from tcbench.systems.momenta import lengthening, restored_momenta
 from tcbench.systems.system import System
 
-# points of the quadratures, whole numbers of vectors: the coarsest that keeps the energy is taken
-POINTS = (8, 16, 32, 64)
+from .memory import POINTS, Numbers
+
 MOST_ELEMENTS = 32  # of a network traced as a whole: then on vectors and mended, ten times as fast after a few seconds
 ON_VECTORS = 2  # of them: steps that need more are too long for the iteration
 Floats = NDArray[np.float64]
 
 
-class Coefficients(NamedTuple):
-    """The numbers of k-stage Gauss collocation with projection; see `step`."""
-
-    nodes: Floats  # (k,)
-    barycentric: Floats  # (k,) weights of the nodes in Lagrange's second form
-    at_start: Floats  # (k,) Lagrange polynomials at 0
-    at_end: Floats  # (k,) and at 1
-    A: Floats  # (k, k)
-    A_squared: Floats  # (k, k)
-    b: Floats  # (k,)
-    pairs: int  # of eigenvalues of A; one that is real counts as a pair
-    eigen_re: Floats  # (pairs,) one of each
-    eigen_im: Floats
-    into_re: Floats  # (pairs, k) a vector's parts along their eigenvectors
-    into_im: Floats
-    back_re: Floats  # (k, pairs) the real vector of such parts
-    back_im: Floats
-    Ahats: Floats  # (levels, M, k): integrals of the Lagrange polynomials from 0 to the quadrature points
-    Ws: Floats  # (levels, k, M)
-
-
 @cache
-def coefficients(k: int) -> Coefficients:
-    """Computed in extended precision, rounded once."""
+def coefficients(k: int) -> Numbers:
+    """The numbers of k-stage Gauss collocation with projection; computed in extended precision, rounded once."""
     method = tableau("gauss", k)
     nodes, b = method.c, method.b
     # integrals of polynomials of degree k - 1 over [0, x], exactly
@@ -73,10 +53,13 @@ def coefficients(k: int) -> Coefficients:
     barycentric = np.array([1 / np.prod([nodes[j] - nodes[l] for l in range(k) if l != j]) for j in range(k)])
     zero, one = lagrange(np.array([0, 1], LONG)).astype(float)
     eigen, into, back = eigenvectors(method.A.astype(float))
-    return Coefficients(
-        nodes.astype(float), barycentric.astype(float), zero, one, method.A.astype(float),
-        (method.A @ method.A).astype(float), b.astype(float), len(eigen),
-        *(np.ascontiguousarray(x) for parts in (eigen, into, back) for x in (parts.real, parts.imag)), Ahats, Ws,
+    complexes = {"eigen": eigen, "into": into, "back": back}
+    parts = {f"{name}_re": np.ascontiguousarray(x.real) for name, x in complexes.items()}
+    parts |= {f"{name}_im": np.ascontiguousarray(x.imag) for name, x in complexes.items()}
+    return Numbers(
+        k=k, pairs=len(eigen), nodes=nodes.astype(float), barycentric=barycentric.astype(float), at_start=zero,
+        at_end=one, A=method.A.astype(float), A_squared=(method.A @ method.A).astype(float), b=b.astype(float),
+        Ahats=Ahats, Ws=Ws, **parts,
     )  # fmt: skip
 
 
@@ -91,46 +74,38 @@ def eigenvectors(A: Floats) -> tuple[Any, Any, Any]:
 class Formulas(NamedTuple):
     """What a step computes with a system's functions; see `step`."""
 
-    kernels: list[Kernel]  # start, motion, slopes, forces, mending
-    matrix: Kernel | None  # of the conduction: see conduction.py
-    setup: Kernel  # for what depends on the constants only; its results stand behind them
-    places: dict[Any, int]  # where each of both stands; empty where the formulas have no form on vectors
+    kernels: list[Kernel]
+    setup: Kernel  # for what depends on the constants only
+    places: dict[Any, int]  # where the constants stand, and behind them its results
+    bodies: list[tuple[list[Any], list[Any]]]  # inputs and values of the kernels
     table: Any  # of the trace, for those that go on from it
+
+    @classmethod
+    def of(cls, system: Any, bodies: list[tuple[list[Any], list[Any]]], table: Any, fixed: Any = ()) -> Formulas:
+        """Of a structure, from inputs and values. fixed: results of `setup` that stand before those of these."""
+        bodies = [(inputs, list(map(trace.lifted, values))) for inputs, values in bodies]
+        hoisted = constant_part([x for _, row in bodies for x in row], [x for inputs, _ in bodies for x in inputs])
+        constants, first = system.constant_symbols(), system.n_constant_values + len(fixed)
+        known = constants | {x: f"b[{first + i}]" for i, x in enumerate(hoisted)}
+        made = [kernel({x: f"a[{i}]" for i, x in enumerate(inputs)} | known, row) for inputs, row in bodies]
+        places = {x: int(text[2:-1]) for x, text in known.items()}  # of 'b[3]'
+        return cls(made, kernel(constants, [*fixed, *hoisted]), places, bodies, table)
 
 
 @cache
 def formulas(symbolic: System) -> Formulas:
-    """The formulas of a system of elements, traced from its functions.
+    """The formulas of a system of elements, traced from its functions: start, motion, slopes, forces, mending and, of
+    more than two elements that are not many, the matrix of the conduction (see conduction.py).
 
     symbolic: one object for all systems of one structure, as `System.symbolic` gives it; so below.
     """
     with trace.tracing() as table:
-        return whole_formulas(symbolic, symbolic.constant_symbols())._replace(table=table)
-
-
-def whole_formulas(system: Any, constant_symbols: dict[Any, str]) -> Formulas:
-    from tcbench.compiler.vector_kernels import can_express
-
-    h = trace.variable("h")
-    constants = {h: "b[0]"} | constant_symbols
-    z = trace.variables("z", system.size)
-    bodies = [*((entries(*x), entries(*y)) for x, y in iterated(system)), _mending(system, z)]
-    bodies.insert(0, (list(z), _start(system, z)))
-    some = 2 < system.n_elements <= MOST_ELEMENTS
-    if some:
-        bodies.append((list(z), _conduction_matrix(system, z)))
-    values = [[x if isinstance(x, trace.Symbol) else trace.const(float(x)) for x in body[1]] for body in bodies]
-    fixed = constant_part([x for row in values for x in row], [h, *(x for body in bodies for x in body[0])])
-    places = {x: int(text[2:-1]) for x, text in constants.items()}  # of 'b[3]'; constants that are 0 have no symbol
-    places |= {x: system.n_constant_values + i for i, x in enumerate(fixed)}
-    known = {x: f"b[{i}]" for x, i in places.items()}
-    made = [
-        kernel({x: f"a[{i}]" for i, x in enumerate(unknown)} | known, row)
-        for (unknown, _), row in zip(bodies, values, strict=True)
-    ]
-    on_vectors = all(map(can_express, values[1:4]))
-    matrix = made.pop() if some else None
-    return Formulas(made, matrix, kernel(constants, fixed), places if on_vectors else {}, None)
+        z = trace.variables("z", symbolic.size)
+        bodies = [*((entries(*x), entries(*y)) for x, y in iterated(symbolic)), _mending(symbolic, z)]
+        bodies.insert(0, ([*z], _start(symbolic, z)))
+        if 2 < symbolic.n_elements <= MOST_ELEMENTS:
+            bodies.append(([*z], _conduction_matrix(symbolic, z)))
+        return Formulas.of(symbolic, bodies, table)
 
 
 def iterated(system: Any) -> list[tuple[list[Any], list[Any]]]:
@@ -145,94 +120,72 @@ def iterated(system: Any) -> list[tuple[list[Any], list[Any]]]:
     ]
 
 
-class Given(NamedTuple):
-    """Where `iteration` finds what it reads; n positions, e elements.
+def projected(lanes: Any, k: int, level: int, shared: Any, carried: Any, slopes: list[Any]) -> tuple[Any, list[Any]]:
+    """The projections of the slopes at the nodes, on vectors; and what is carried at the points of the quadrature.
 
-    The conduction is stiff: a matrix of rank one in N'(U), u v^T x hA. Its block (I - lambda hA)^-1 hA, lambda = v . u,
-    stands by columns.
+    shared: what stands for constants; carried: the variables of the slopes with their starts and their rates at nodes.
     """
+    known, h, columns, points = coefficients(k), lanes.number(lanes.b, 0), [], []
+    values: list[list[Any]] = [[] for _ in slopes]
+    for first in range(0, POINTS[level] if slopes else 0, WIDTH):
+        rows = known.Ahats[level, first : first + WIDTH]
+        here = {x: integrated(lanes, h, start, rows, rates) for x, start, rates in carried}
+        points.append(list(here.values()))
+        for found, value in zip(values, lanes.graph(shared | here, slopes), strict=True):
+            found += [lanes.lane(value, g) for g in range(WIDTH)]
+        columns += list(known.Ws[level, :, first : first + WIDTH].T)
+    return [lanes.combine(columns, x) for x in values], points
 
-    q: slice
-    p: slice
-    pi: slice
-    s: slice
-    block: slice
-    u: slice
-    v: slice
-    scale: slice  # of forces and of entropies in a residual
 
-
-def given(n: int, e: int, k: int) -> Given:
-    ends = np.cumsum([0, n, n, e, e, k * WIDTH, e, e, 2]).tolist()
-    return Given(*map(slice, ends[:-1], ends[1:]))
+def integrated(lanes: Any, h: Any, start: Any, weights: Any, rates: Any) -> Any:
+    return lanes.add(start, lanes.mul(h, lanes.combine(weights.T, rates)))
 
 
 @cache
 def iteration(symbolic: System, k: int, level: int) -> str:
     """`step.rates` and `correct` with one of the quadratures, on vectors: LLVM code of kernel(a, b, out).
 
-    a: as `Given` has it.  b: h, constants.  out: U, which is corrected in place, N and V, a row of WIDTH nodes for each
-    variable; then the square of the scaled residual / h, NaN if a shape or temperature is not positive.
+    a: as `memory.Work.given` has it.  b: h, constants.  out: U, which is corrected in place, N and V, a row of WIDTH
+    nodes for each variable; then the square of the scaled residual / h, NaN if a shape or temperature is not positive.
     """
     known = formulas(symbolic)
     with trace.tracing(known.table):
-        return _iteration(symbolic, known.places, k, level)
+        return _iteration(symbolic, known, k, level)
 
 
-def _iteration(system: Any, places: dict[Any, int], k: int, level: int) -> str:
+def _iteration(system: Any, made: Formulas, k: int, level: int) -> str:
     from tcbench.compiler.vector_kernels import Lanes
 
     n, e, coefficient = system.n_positions, system.n_elements, coefficients(k)
-    m, lanes, place = n + e, Lanes(), given(n, e, k)
-
-    def numbers(x: slice) -> list[Any]:
-        return [lanes.number(lanes.a, i) for i in range(x.start, x.stop)]
-
-    q0, p0, pi0, s0, u, v, scale = map(numbers, (*place[:4], place.u, place.v, place.scale))
+    m, lanes = n + e, Lanes()
+    motion, slopes, forces = made.bodies[1:4]
+    ends = np.cumsum([0, n, n, 2 * e, k * WIDTH, e, e, 2]).tolist()
+    *state, block, left, right, sizes = (range(*x) for x in itertools.pairwise(ends))
+    q0, p0, x0, u, v, scale = ([lanes.number(lanes.a, i) for i in x] for x in (*state, left, right, sizes))
     h = lanes.number(lanes.b, 0)
     U = [[lanes.number(lanes.out, WIDTH * i + l) for l in range(k)] for i in range(m)]
     old = [lanes.row(lanes.out, WIDTH * i) for i in range(m)]
-    shared = {x: lanes.number(lanes.b, i) for x, i in places.items()}
-
-    def integrated(start: Any, weights: Any, slopes: Any) -> Any:
-        return lanes.add(start, lanes.mul(h, lanes.combine(weights.T, slopes)))
-
+    shared = {x: lanes.number(lanes.b, i) for x, i in made.places.items()}
     # nodes: velocities, positions, the rates of the shapes
-    at = dict(shared)
-    q, w = trace.variables("q", n), trace.variables("v", n)
-    per_mass = lanes.graph(at, [1.0 / x for x in system.inertia() * np.ones(n)])
+    per_mass = lanes.graph(shared, [1.0 / x for x in system.inertia() * np.ones(n)])
+    moving, q = [], []
     for i in range(n):
-        at[w[i]] = lanes.mul(per_mass[i], integrated(p0[i], coefficient.A, U[i]))
+        moving.append(lanes.mul(per_mass[i], integrated(lanes, h, p0[i], coefficient.A, U[i])))
         twice = lanes.mul(h, lanes.combine(coefficient.A_squared.T, U[i]))
         start = lanes.add(lanes.mul(p0[i], lanes.constant(coefficient.nodes)), twice)
-        at[q[i]] = lanes.add(q0[i], lanes.mul(h, lanes.mul(per_mass[i], start)))
-    pull = system.shape_gradient(q)
-    drift = [[lanes.lane(x, l) for l in range(k)] for x in lanes.graph(at, list(pull @ w))]
+        q.append(lanes.add(q0[i], lanes.mul(h, lanes.mul(per_mass[i], start))))
+    at = shared | dict(zip(motion[0], [*moving, *q], strict=True))
+    drift = [[lanes.lane(x, l) for l in range(k)] for x in lanes.graph(at, motion[1])]
     # quadrature points: stress and temperature, and their means at the nodes
-    pi, s = trace.variables("pi", e), trace.variables("s", e)
-    slopes = [x for part in system.element_slopes(pi, s) for x in part]
-    Ahat, W, points = coefficient.Ahats[level], coefficient.Ws[level], POINTS[level]
-    positive, columns = [], []
-    values: list[list[Any]] = [[] for _ in slopes]
+    carried = list(zip(slopes[0], x0, [*drift, *U[n:]], strict=True))
+    means, points = projected(lanes, k, level, shared, carried, slopes[1])
     zero, nan = lanes.constant(0.0), lanes.constant(np.nan)
-    for first in range(0, points, WIDTH):
-        point, rows = dict(shared), Ahat[first : first + WIDTH]
-        for i in range(e):
-            point[pi[i]] = integrated(pi0[i], rows, drift[i])
-            point[s[i]] = integrated(s0[i], rows, U[n + i])
-            positive.append(lanes.select(">", point[pi[i]], zero, zero, nan))
-        for found, value in zip(values, lanes.graph(point, slopes), strict=True):
-            found += [lanes.lane(value, g) for g in range(WIDTH)]
-        columns += list(W[:, first : first + WIDTH].T)
-    means = [lanes.combine(columns, x) for x in values]
-    sigma, theta = trace.variables("sigma", e), trace.variables("theta", e)
-    at |= dict(zip([*sigma, *theta], means, strict=True))
-    positive += [lanes.select(">", x, zero, zero, nan) for x in means[e:]]
-    new = lanes.graph(at, [*(-(sigma @ pull)), *system.conduction(theta)])
+    positive = [lanes.select(">", x, zero, zero, nan) for x in (*(x for here in points for x in here[:e]), *means[e:])]
+    new = lanes.graph(at | dict(zip(forces[0][2 * n :], means, strict=True)), forces[1])
     # the correction, with the conduction solved for
     change = [lanes.sub(x, y) for x, y in zip(new, old, strict=True)]
     rho = reduce(lanes.add, [lanes.mul(x, y) for x, y in zip(v, change[n:], strict=True)])
-    columns = [lanes.row(lanes.a, place.block.start + WIDTH * l) for l in range(k)]
+    columns = [lanes.row(lanes.a, first) for first in block[::WIDTH]]
     stiff = lanes.combine(columns, [lanes.lane(rho, l) for l in range(k)])
     step = [*change[:n], *(lanes.add(x, lanes.mul(y, stiff)) for x, y in zip(change[n:], u, strict=True))]
     scaled = [lanes.mul(x, scale[i >= n]) for i, x in enumerate(change)]
@@ -242,7 +195,7 @@ def _iteration(system: Any, places: dict[Any, int], k: int, level: int) -> str:
         lanes.store(lanes.add(old[i], step[i]), WIDTH * i)
         lanes.store(new[i], WIDTH * (m + i))
     for i in range(n):
-        lanes.store(at[w[i]], WIDTH * (2 * m + i))
+        lanes.store(moving[i], WIDTH * (2 * m + i))
     lanes.store(lanes.largest([*sizes, *positive]), WIDTH * (2 * m + n))
     return lanes.text()
 
@@ -361,14 +314,16 @@ def closing(k: int, n: int, e: int) -> str:
 
 @cache
 def on_vectors(symbolic: System, k: int) -> list[int]:
-    """Addresses of the kernels on vectors; zeros where the system's formulas have no such form."""
-    if PLAIN or not formulas(symbolic).places:
+    """Addresses of the kernels on vectors; zeros where the system's iterations have no such form."""
+    from tcbench.compiler.vector_kernels import can_express
+
+    if PLAIN:
         return [0] * (ON_VECTORS + 3)
     from tcbench.compiler.machine import load
 
-    n, e = symbolic.n_positions, symbolic.n_elements
-    iterations = [iteration(symbolic, k, level) for level in range(ON_VECTORS)]
-    return [*(load(t, str) for t in (*iterations, stiff_block(k))), *sums_on_vectors(k, n, e)]
+    some = can_express([x for _, row in formulas(symbolic).bodies[1:4] for x in row])
+    iterations = [load(iteration(symbolic, k, level), str) if some else 0 for level in range(ON_VECTORS)]
+    return [*iterations, load(stiff_block(k), str), *sums_on_vectors(k, symbolic.n_positions, symbolic.n_elements)]
 
 
 @cache

@@ -17,6 +17,7 @@ SAFETY, GROW, SHRINK, ACCEPT = 0.85, 2.0, 0.2, 4.0
 BEST = 0.135  # contraction for which a unit of time costs least: it grows as h^2, and h log(1/h^2) is largest at e^-2
 RETREAT, ADVANCE = 0.7, 1.1  # of a step that is too long for the quadrature, and of the bound after steps that failed
 FIRST = 4.0  # times the decay time of the conduction: see first_step
+TURNS = 12  # of the power method that finds it
 LEVELLED = 100.0  # times what the energy misses, by which part mending may move a state: it waits where that rests
 MISSED = 4.0  # times a step's round-off: what mending any system leaves (solver.mending.ROUND_OFF)
 COARSEST = 0  # level of quadrature
@@ -133,7 +134,7 @@ def first_step(w: Work, tolerance: float) -> float:
     """A length for the first step: a part of the decay of the conduction, where that is far from its equilibrium."""
     n, e = w.n, w.e
     h = 0.5 * tolerance ** (1.0 / (w.k + 1))
-    fastest = decay_rate(w)
+    fastest = decay_rate(w, TURNS, TURNS - 1)
     heat = 0.0
     for i in range(n, n + e):
         heat = max(heat, abs(w.start[i]))
@@ -236,10 +237,11 @@ def advance(
     return row, t, h
 
 
-def decay_rate(w: Work) -> float:
-    """The fastest of the conduction at the start of the step; never 0."""
-    fastest = conduction.rate_of(w, w.z) if w.to_matrix != 0 else -w.start[w.n + 2 * w.e + 2]
-    return max(fastest, 1e-300)
+def decay_rate(w: Work, turns: int, settled: int) -> float:
+    """Of the conduction at the start of the step, of any system of all: see `conduction.rate_of`. Never 0."""
+    if w.to_matrix == 0:
+        return max(-w.start[w.n + 2 * w.e + 2], 1e-300)
+    return max(conduction.rate_of(w, w.z, turns, settled), 1e-300)
 
 
 def fixed_steps(w: Work, h: float, z0: Floats, increments: Matrix) -> int:

@@ -6,9 +6,10 @@ from tcbench.compiler.kernels import WIDTH  # noqa: F401  (of the shapes)
 from tcbench.compiler.language import Cube, Floats, Kernel, Matrix
 from tcbench.compiler.records import Record, sized
 
-from .formulas import POINTS
 from .sparse import Sparse
 
+# points of the quadratures, whole numbers of vectors: the coarsest that keeps the energy is taken
+POINTS = (8, 16, 32, 64)
 LEVELS, MOST_POINTS = len(POINTS), POINTS[-1]
 
 
@@ -24,24 +25,24 @@ class Counts(Record, mutable=True):
 
 
 class Numbers(Record):
-    """The numbers of the method: see `formulas.Coefficients`."""
+    """The numbers of k-stage Gauss collocation with projection; see `step`."""
 
     k: int
     nodes: Floats = sized("k")
-    barycentric: Floats = sized("k")
-    at_start: Floats = sized("k")
-    at_end: Floats = sized("k")
+    barycentric: Floats = sized("k")  # weights of the nodes in Lagrange's second form
+    at_start: Floats = sized("k")  # Lagrange polynomials at 0
+    at_end: Floats = sized("k")  # and at 1
     A: Matrix = sized("k", "k")
     A_squared: Matrix = sized("k", "k")
     b: Floats = sized("k")
-    pairs: int
-    eigen_re: Floats = sized("pairs")
+    pairs: int  # of eigenvalues of A; one that is real counts as a pair
+    eigen_re: Floats = sized("pairs")  # one of each
     eigen_im: Floats = sized("pairs")
-    into_re: Matrix = sized("pairs", "k")
+    into_re: Matrix = sized("pairs", "k")  # a vector's parts along their eigenvectors
     into_im: Matrix = sized("pairs", "k")
-    back_re: Matrix = sized("k", "pairs")
+    back_re: Matrix = sized("k", "pairs")  # the real vector of such parts
     back_im: Matrix = sized("k", "pairs")
-    Ahats: Cube = sized("LEVELS", "MOST_POINTS", "k")
+    Ahats: Cube = sized("LEVELS", "MOST_POINTS", "k")  # integrals of Lagrange polynomials from 0 to quadrature points
     Ws: Cube = sized("LEVELS", "k", "MOST_POINTS")
 
 
@@ -49,7 +50,8 @@ class Work(Record):
     """The arrays of one step; k stages, n positions, e elements, m = n + e rates.
 
     Row i of `found` holds variable i at WIDTH nodes, of which k are used: U, N, V and rates are parts of it. What
-    `formulas.iteration` reads, `given`, has parts as well: see `formulas.Given`.
+    `formulas.iteration` reads, `given`, has parts as well. The conduction is stiff: a matrix of rank one in N'(U),
+    u v^T x hA; its block (I - lambda hA)^-1 hA, lambda = v . u, stands by columns.
     """
 
     n: int
@@ -132,7 +134,6 @@ class Work(Record):
     slopes: Matrix = sized("MOST_POINTS", "n_slopes")  # stresses and temperatures
     FG: Floats = sized("m")
     rho: Floats = sized("k")
-    left: Matrix = sized("k", "k")
     J: Matrix = sized("n_newton", "n_newton")
     rhs: Floats = sized("n_newton")
     base: Floats = sized("n_newton")

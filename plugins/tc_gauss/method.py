@@ -77,10 +77,10 @@ def held(k: int, tolerance: float) -> tuple[float, float]:
 def prepared(system: System, k: int) -> tuple[Any, Any]:
     """What the methods of all runs share: compiled functions, and a record that each makes `again`."""
     from .march import LOOPS  # LLVM is loaded when something runs, not when plugins are listed
-    from .memory import Counts, Numbers, Work
+    from .memory import Counts, Work
     from .sparse import no_matrix
 
-    numbers = Numbers(k=k, **formulas.coefficients(k)._asdict())
+    numbers = formulas.coefficients(k)
     by_elements = system.defines("element_energy")
     if system.large and not (by_elements and system.n_elements <= formulas.MOST_ELEMENTS):
         found = of_large_system(system, numbers.pairs + 1)
@@ -93,8 +93,9 @@ def prepared(system: System, k: int) -> tuple[Any, Any]:
 def of_elements(system: System, k: int) -> dict[str, Any]:
     """The fields of a record for springs and their like."""
     symbolic, c0 = system.symbolic, system.constant_values
-    scalar, matrix, setup, *_ = formulas.formulas(symbolic)
-    c = np.concatenate([c0, setup(c0, c0)])
+    made = formulas.formulas(symbolic)
+    scalar, matrix = made.kernels[:5], made.kernels[5:]
+    c = np.concatenate([c0, made.setup(c0, c0)])
     names = ("to_start", "to_motion", "to_slopes", "to_forces", "to_mend", *VECTOR_KERNELS)
     addresses = [*(x.address for x in scalar), *formulas.on_vectors(symbolic, k)]
     n, e = symbolic.n_positions, symbolic.n_elements
@@ -102,7 +103,7 @@ def of_elements(system: System, k: int) -> dict[str, Any]:
         "n": n, "e": e, "m": n + e, "n_constants": len(c), "c": c,
         "inverse_mass": 1.0 / (np.asarray(system.inertia(), dtype=float) * np.ones(n)),
         "n_newton": k * (n + e) if k * (n + e) <= MOST_NEWTON else 0, "n_ends": scalar[0].size,
-        "n_matrix": e if matrix else 0, "n_dense": e if matrix else 0, "to_matrix": matrix.address if matrix else 0,
+        "n_matrix": e if matrix else 0, "n_dense": e if matrix else 0, "to_matrix": matrix[0].address if matrix else 0,
         "n_nodes": 2 * (n + e), "n_carried": 2 * e, "n_slopes": 2 * e, "n_mended": scalar[-1].size,
         "n_laws": n + e + 1 + scalar[-1].size, **dict(zip(names, addresses, strict=True)),
     }  # fmt: skip
@@ -119,18 +120,18 @@ def of_any_system(system: System, k: int) -> dict[str, Any]:
             f"tc_gauss solves for all variables at once, with dense matrices: {size} are too many for it (at most "
             f"{MOST_VARIABLES}). Declare its spaces (docs/add-system.md), or take tc_monolithic."
         )
-    made, c0 = any_formulas(system.symbolic), system.constant_values
+    (made, (laws, mend, hold)), c0 = any_formulas(system.symbolic), system.constant_values
     c = np.concatenate([c0, made.setup(c0, c0)])
-    start, mend, hold = made.mending
+    carried, projected = map(len, made.bodies[2])
     names = ("to_start", "to_motion", "to_slopes", "to_forces", "to_matrix", "to_laws", "to_mend", "to_hold")
-    addresses = [x.address for x in (*made.kernels, start, mend, hold)]
+    addresses = [x.address for x in (*made.kernels, laws, mend, hold)]
     on_vectors = vector_kernels(system.symbolic, k)
     return {
         "general": True, "n": 0, "n_newton": 0, "n_constants": len(c), "c": c,
         **dict.fromkeys(("e", "m", "n_matrix", "n_dense"), size),
         "n_lanes": size if on_vectors["to_factor"] else 0, **on_vectors,
-        "n_ends": made.kernels[0].size, "n_nodes": 2 * size + made.projected, "n_carried": made.carried,
-        "n_slopes": made.projected, "n_laws": start.size, "n_mended": mend.size,
+        "n_ends": made.kernels[0].size, "n_nodes": 2 * size + projected, "n_carried": carried,
+        "n_slopes": projected, "n_laws": laws.size, "n_mended": mend.size,
         **dict(zip(names, addresses, strict=True)),
         **dict(zip(VECTOR_KERNELS[3:], formulas.sums_on_vectors(k, 0, size), strict=True)),
     }  # fmt: skip

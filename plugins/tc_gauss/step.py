@@ -32,8 +32,8 @@ from tcbench.compiler.language import Floats, call, copy_into, fill, rare
 from tcbench.solver.linear_algebra import dot, solve_pivoted
 
 from . import any_system, conduction
-from .formulas import ON_VECTORS, POINTS
-from .memory import LEVELS, Work
+from .formulas import ON_VECTORS
+from .memory import LEVELS, POINTS, Work
 
 # how a step ended
 SOLVED, FAILED, COARSE = 0, 1, 2  # COARSE: the quadrature does not keep the energy
@@ -103,7 +103,7 @@ def rates(w: Work, h: float, z: Floats, level: int) -> int:
 
 
 def stiff_block(w: Work, h: float) -> None:
-    """(I - lambda hA)^-1 hA, by elimination (safe without pivoting: lambda <= 0)."""
+    """(I - lambda hA)^-1 hA."""
     a, k, n, e = w.numbers, w.k, w.n, w.e
     first = n + 2 * e + 2  # behind (F, G, pi, E, round-off of E): lambda, u, v
     w.stiff[0], w.stiff[1] = h, w.start[first]
@@ -112,26 +112,16 @@ def stiff_block(w: Work, h: float) -> None:
     if w.to_block != 0:
         call(w.to_block, w.stiff, w.c, w.block)
         return
-    T = w.columns
-    for i in range(k):
+    for i in range(k):  # a function of A, by its eigenvalues
         for j in range(k):
-            T[j, i] = h * a.A[i, j]
-            w.left[i, j] = (1.0 if i == j else 0.0) - w.stiff[1] * T[j, i]
-    for m in range(k):
-        inverse = 1.0 / w.left[m, m]
-        for i in range(m + 1, k):
-            factor = w.left[i, m] * inverse
-            for j in range(m + 1, k):
-                w.left[i, j] -= factor * w.left[m, j]
-            for j in range(k):
-                T[j, i] -= factor * T[j, m]
-    for m in range(k - 1, -1, -1):
-        inverse = 1.0 / w.left[m, m]
-        for j in range(k):
-            total = T[j, m]
-            for i in range(m + 1, k):
-                total -= w.left[m, i] * T[j, i]
-            T[j, m] = total * inverse
+            w.columns[j, i] = 0.0
+            for l in range(a.pairs):
+                x, y = h * a.eigen_re[l], h * a.eigen_im[l]
+                re, im = 1.0 - w.stiff[1] * x, w.stiff[1] * y
+                size = re * re + im * im
+                x, y = (x * re - y * im) / size, (y * re + x * im) / size
+                u, v = a.into_re[l, j] * x - a.into_im[l, j] * y, a.into_re[l, j] * y + a.into_im[l, j] * x
+                w.columns[j, i] += a.back_re[i, l] * u - a.back_im[i, l] * v
 
 
 def square(w: Work, change: Floats) -> float:
