@@ -16,7 +16,6 @@ from typing import Any
 from tcbench import System
 from tcbench.compiler import derivatives as trace
 from tcbench.compiler.array_states import entries, refilled
-from tcbench.compiler.arrays import along
 from tcbench.compiler.derivatives import Symbol
 
 from .factored import Factored
@@ -54,7 +53,7 @@ def of_elements(sym: Any, y: Any, normal: Normal) -> tuple[list[Series], list[Se
     pi, s, rise = (sym.fresh(name, "element") for name in ("pi", "s", "rise"))
     shape, (stress, warmth) = sym.shape(y.q), sym.element_slopes(pi, s)
     moves = (pi, rise), (s, sym.conduction(y.theta))
-    warms = [along(entries(warmth), dict(zip(entries(x), entries(dx), strict=True))) for x, dx in moves]
+    warms = [trace.along(entries(warmth), dict(zip(entries(x), entries(dx), strict=True))) for x, dx in moves]
     here = dict(zip(entries(pi, s), entries(shape, sym.entropies(y.q, y.theta)), strict=True))
     stress, *warms = (trace.substitute(x, here) for x in (entries(stress), *warms))
     force = -(refilled(pi, stress) @ sym.shape_gradient(y.q))
