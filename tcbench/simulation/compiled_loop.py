@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..compiler.language import Floats, Ints, Kernel, Matrix, call, copy_into, rare
+from ..compiler.language import Floats, Ints, Kernel, Matrix, call, copy_into, fill, rare
 from ..compiler.library import Library
 from ..compiler.records import Record, Rows, address_of, sized
 from ..solver.flow import Flow, Tally
 from ..solver.implicit_step import BLOWUP, COLD, COLLAPSED, NO_AUDIT, NONFINITE, OK, PRINCIPAL, solve_flow
 from ..solver.linear_algebra import add_increments, move
-from ..solver.newton import ACCEPTED, FORESEEN, REJECTED, UNKNOWN, finish, foresee, quick, quick_sparse
+from ..solver.newton import ACCEPTED, FORESEEN, REJECTED, UNKNOWN, finish, foresee, quick
+from ..solver.quick_sparse import quick_sparse
 
 E, S, FIRST_INVARIANT = 0, 1, 2  # in a row of observables
 FIRST, BEFORE, NOW = range(3)  # rows of `observables`
@@ -249,6 +250,7 @@ def march(run: Run, start: int, stop: int) -> int:
     if start == 0:  # what is known of earlier steps is of another run
         for k in range(run.n_flows):
             run.flows[k].foreseen[0] = UNKNOWN
+            fill(run.flows[k].kept, 0.0)
     open_step(run, z)
     for step in range(start + 1, stop + 1):
         reason, iterations = one_step(run, z, carry, after, trial)

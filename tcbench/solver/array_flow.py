@@ -36,6 +36,7 @@ class ArrayFlow:
 
     opening: ArrayKernel
     iterate: ArrayKernel
+    polish: ArrayKernel
     finish: ArrayKernel
     unknowns: tuple[Block, ...]
     terms: tuple[tuple[int, Term], ...]  # which row, and which entries of it
@@ -48,7 +49,8 @@ class ArrayFlow:
         opening = self.opening.kernel(mesh)
         iterate = self.iterate.kernel(mesh.with_entries(pattern.nnz if pattern else 0), places, extra=1)
         return FlowKernels(
-            setup=empty, prologue=opening, opening=opening, iterate=iterate, polish=empty,
+            setup=empty, prologue=opening, opening=opening, iterate=iterate,
+            polish=self.polish.kernel(mesh),
             finish=self.finish.kernel(mesh), full=iterate, n_unknowns=n, n_eliminated=0, n_positive=positive,
             pattern=pattern, way=(f"sparse: {n} unknowns" if n else "explicit") + ", in loops over the elements",
         )  # fmt: skip
@@ -118,10 +120,12 @@ def _array_flow(flow: Flow, net: Any) -> ArrayFlow:
         "b": [Block(k, (s,)) for k, s in zip(kinds, unknowns, strict=True)],
     }
     before = [Block(k, (row,)) for k, row in zip(kinds, residual, strict=True)]
-    behind = [Block(k, (v,)) for k, v in zip(kinds, d_dh, strict=True)] + [Block(v.space, (v,)) for v in positive]
+    warm = [Block(v.space, (v,)) for v in positive]
+    behind = [Block(k, (v,)) for k, v in zip(kinds, d_dh, strict=True)] + warm
     return ArrayFlow(
         opening=array_kernel(inputs, [*opening, *kept, *net.blocks(net.observe(z0))]),
         iterate=jacobian_kernel(reads, before, [(term, slope) for _, term, slope in flat], behind),
+        polish=array_kernel(reads, before + warm),
         finish=array_kernel(reads, net.blocks(dz)),
         unknowns=tuple(Block(s.space, (s,)) for s in unknowns),
         terms=tuple((i, term) for i, term, _ in flat),

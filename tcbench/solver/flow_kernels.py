@@ -55,7 +55,7 @@ class FlowKernels:
     full(w, x) -> (residual[nx], Jacobian[nx * nx], d residual/dh[nx])
 
     Where the Jacobian is sparse, iterate and full are one: (residual[nx], entries[nnz], d residual/dh[nx],
-    thetas[npos]); prologue and opening are one, and there is no polish.
+    thetas[npos]); prologue and opening are one, and polish gives (residual[nx], thetas[npos]).
     """
 
     setup: Kernel
@@ -199,7 +199,7 @@ def _sparse_parts(
 ) -> _Parts:
     d_dh = [row.get(0, const(0.0)) for row in trace.sparse_jacobian(reduction.rows, [h])]
     full = [*reduction.rows, *slopes.entries, *d_dh, *positive]
-    return _Parts(full, full, scales)
+    return _Parts(full, full, scales, [*reduction.rows, *positive])
 
 
 @dataclass

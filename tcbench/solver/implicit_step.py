@@ -21,6 +21,7 @@ from .continuation import COLD_ROOT, FOUND, LOST, UNDETERMINED, arc, detour
 from .flow import Flow, Tally
 from .flow_kernels import FlowKernels, build
 from .newton import ACCEPTED, NEGLIGIBLE, REJECTED, newton, plain_newton, set_step, track
+from .quick_sparse import MADE_IN
 
 # why there is no step (Trajectory turns these, and those of the loop, into statuses and sentences)
 OK, NONCONVERGED, NO_ROOT, NONFINITE, COLLAPSED, COLD, BLOWUP, NO_WARM_ROOT, FOLDED = range(9)
@@ -39,6 +40,7 @@ def solve_flow(flow: Flow, here: Floats, solved: bool) -> tuple[int, int]:
     """
     n, tally = flow.nx, flow.tally
     copy_into(flow.start, here)
+    flow.kept[MADE_IN] = 0.0  # what follows leaves the factors of other steps
     set_step(flow, 1.0)
     for i in range(n + flow.ne):
         flow.scale[i] = flow.w[2 * n + i]

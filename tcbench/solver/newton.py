@@ -13,7 +13,7 @@ import numpy as np
 from ..compiler.language import call, copy_into, fill, rare
 from .flow import Flow
 from .linear_algebra import solve_pivoted
-from .sparse import sparse_correction, sparse_iterate
+from .sparse import sparse_iterate
 
 ACCEPTED, REJECTED = 0, 1
 MAX_ITERATIONS = 8
@@ -27,9 +27,6 @@ UNKNOWN, FAR, FORESEEN = 0.0, 1.0, 2.0  # the root of the next step
 NEAR = 0.1  # of the size of an unknown: how far from the last root the next one may be looked for
 SQUARED = 1e-11  # Newton's error after a correction below this is its square times curvature: below round-off to 1e6
 CHORD_FLOOR = 1e-14  # a correction with old factors that no longer shrinks is round-off below this
-SPARSE_FIRST = 1e-4  # relative residual of the linear system of a first correction
-SPARSE_SHARE = 1e-2  # ... of a later one over the correction before, so that it is no larger than what Newton leaves
-SPARSE_FLOOR = 1e-8  # relative residual of the linear system of a small correction: the next one mends it
 SMALL_PIVOT = 1e-7  # below this the elimination without pivoting is repeated with pivoting
 
 PLAIN_ITERATIONS = 20
@@ -214,36 +211,6 @@ def newton(flow: Flow, enough: float, slope: float) -> tuple[int, int]:
             if max(contraction * contraction, previous / delta) * previous < enough:
                 return finish(flow), iteration
     return (finish(flow) if near else REJECTED), MAX_ITERATIONS
-
-
-@rare
-def quick_sparse(flow: Flow) -> tuple[int, int]:
-    """`quick` where the Jacobian is sparse: each linear system as exactly as the correction deserves, with incomplete
-    factors of the first."""
-    x, d, scale, n = flow.x, flow.d, flow.scale, flow.nx
-    for i in range(n):
-        scale[i] = flow.w[2 * n + i]
-    previous, tolerance = np.inf, SPARSE_FIRST
-    for iteration in range(1, MAX_ITERATIONS + 1):
-        call(flow.iterate, flow.w, x, flow.derivatives)
-        for i in range(2 * n + flow.nnz, 2 * n + flow.nnz + flow.npos):
-            if not flow.derivatives[i] > 0.0:
-                return REJECTED, iteration
-        if sparse_correction(flow, tolerance, iteration == 1) <= 0.0:
-            return REJECTED, iteration
-        total, delta = 0.0, 0.0
-        for i in range(n):
-            size = abs(d[i]) * scale[i]
-            delta = size if size > delta else delta
-            total += d[i]
-            x[i] += d[i]
-        if not (abs(total) < np.inf and delta <= 0.5 * previous):
-            return REJECTED, iteration
-        curvature = delta / (previous * previous)
-        if delta * max(max(1.0, curvature) * delta, tolerance) < NEGLIGIBLE:
-            return finish(flow), iteration
-        previous, tolerance = delta, max(SPARSE_FLOOR, min(SPARSE_FIRST, SPARSE_SHARE * delta))
-    return REJECTED, MAX_ITERATIONS
 
 
 @rare

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from tcbench_plugins.net.net import net
 
 import tcbench
 from tcbench.solver import flow_kernels, implicit_step, sparse
@@ -111,3 +112,18 @@ def test_half_made_factors_are_not_used():
     finally:
         sparse.factorised = before
     assert np.allclose(good @ flow.d, right) and flow.factors[flow.diagonal[0]] > 0.0 and not calls
+
+
+def test_factors_of_earlier_steps_lead_to_the_roots_of_new_ones():
+    """In one run most steps use factors that an earlier step has made; each step as a run of its own makes new ones."""
+    scenario = net(4, 4)
+    steps, n = 12, scenario.model.n_positions
+    whole = tcbench.simulate("tc_monolithic", scenario, dt=0.1, t_end=0.1 * steps)
+    z, corrections = scenario.z0, 0
+    for _ in range(steps):
+        theta = scenario.model.temperatures(z)
+        start = scenario.replace(positions=z[:n], momenta=z[n : 2 * n], temperatures=theta)
+        one = tcbench.simulate("tc_monolithic", start, dt=0.1, t_end=0.1)
+        z, corrections = one.z[-1], corrections + one.solver.newton_iterations
+    assert np.abs(whole.z[-1] - z).max() < 1e-13
+    assert whole.solver.newton_iterations != corrections

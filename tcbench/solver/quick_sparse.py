@@ -1,0 +1,121 @@
+"""Nearly every step where the Jacobian is sparse: with old incomplete factors as long as these pay, else by Newton.
+
+At usual steps incomplete factors are nearly the whole ones, and the Jacobian hardly changes from step to step. A
+correction with them costs a residual and one pass through the factors, a fifth of a Jacobian with new factors, and a
+large system's time is that of the memory that it goes through. In the restricted Python.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..compiler.language import call, copy_into, rare
+from .flow import Flow
+from .newton import ACCEPTED, MAX_ITERATIONS, NEGLIGIBLE, REJECTED, finish
+from .sparse import FOUND, RIGHT, incomplete_factors, precondition, sparse_correction
+
+FIRST = 1e-4  # relative residual of the linear system of a first correction
+SHARE = 1e-2  # ... of a later one over the correction before, so that it is no larger than what Newton leaves
+FLOOR = 1e-8  # relative residual of the linear system of a small correction: the next one mends it
+POOR = 0.15  # contraction by incomplete factors, above which Newton with whole corrections costs less
+ROUND_OFF = 1e-13  # a correction with them that no longer shrinks is round-off below this
+LEFT = 1e-15  # predicted error beside what rounding leaves of a correction
+MOST = 20  # corrections with incomplete factors
+RENEWAL = 5.0  # of them cost as much as a Jacobian and its factors
+PAUSED = 20.0  # steps in which they are not tried, once they have failed
+MADE_IN, COST, PAUSE = range(3)  # in `kept`: corrections of the step that made the factors, 0: none; more since then
+
+
+@rare
+def quick_sparse(flow: Flow) -> tuple[int, int]:
+    """`newton.quick` where the Jacobian is sparse."""
+    n, kept = flow.nx, flow.kept
+    for i in range(n):
+        flow.scale[i] = flow.w[2 * n + i]
+    if kept[PAUSE] > 0.0:
+        kept[PAUSE] -= 1.0
+        return newton_krylov(flow)
+    code, count = by_old_factors(flow)
+    if code == ACCEPTED:
+        return code, count
+    kept[MADE_IN], kept[PAUSE] = 0.0, PAUSED
+    copy_into(flow.x, flow.w[n : 2 * n])
+    code, more = newton_krylov(flow)
+    return code, count + more
+
+
+@rare
+def by_old_factors(flow: Flow) -> tuple[int, int]:
+    """Corrections with incomplete factors alone, of this or of an earlier step; returns (ACCEPTED or REJECTED, how
+    many). New ones are made where the old ones contract poorly, or have cost as much in further corrections."""
+    x, d, kept, found, n, order = flow.x, flow.derivatives, flow.kept, flow.krylov[FOUND], flow.nx, flow.order
+    right, scale = flow.krylov[RIGHT], flow.scale
+    new, made = kept[MADE_IN] == 0.0, False
+    previous, slowest = np.inf, 0.0
+    for iteration in range(1, MOST + 1):
+        behind = n
+        if new:
+            call(flow.iterate, flow.w, x, d)
+            behind += n + flow.nnz
+            if not incomplete_factors(flow, n):
+                return REJECTED, iteration
+            new, made, previous = False, True, np.inf
+        else:
+            call(flow.polish, flow.w, x, d)
+        for i in range(behind, behind + flow.npos):
+            if not d[i] > 0.0:
+                return REJECTED, iteration
+        for i in range(n):
+            right[i] = -d[order[i]]
+        precondition(flow, right, found)
+        total, delta = 0.0, 0.0
+        for i in range(n):
+            at, step = order[i], found[i]
+            size = abs(step) * scale[at]
+            delta = size if size > delta else delta
+            total += step
+            x[at] += step
+        if not (abs(total) < np.inf and delta <= max(previous, ROUND_OFF)):
+            return REJECTED, iteration
+        slowest = max(slowest, delta / previous)
+        stalled = delta > POOR * previous
+        if stalled and delta > ROUND_OFF:
+            if made:
+                return REJECTED, iteration
+            new, slowest = True, 0.0
+        elif stalled or (previous < np.inf and slowest * delta < LEFT):
+            if made:
+                kept[MADE_IN], kept[COST] = iteration, 0.0
+            else:
+                kept[COST] += max(0.0, iteration - kept[MADE_IN])
+                kept[MADE_IN] = kept[MADE_IN] if kept[COST] < RENEWAL else 0.0
+            return finish(flow), iteration
+        previous = delta
+    return REJECTED, MOST
+
+
+@rare
+def newton_krylov(flow: Flow) -> tuple[int, int]:
+    """Newton, each linear system as exactly as the correction deserves, with incomplete factors of the first."""
+    x, d, scale, n = flow.x, flow.d, flow.scale, flow.nx
+    previous, tolerance = np.inf, FIRST
+    for iteration in range(1, MAX_ITERATIONS + 1):
+        call(flow.iterate, flow.w, x, flow.derivatives)
+        for i in range(2 * n + flow.nnz, 2 * n + flow.nnz + flow.npos):
+            if not flow.derivatives[i] > 0.0:
+                return REJECTED, iteration
+        if sparse_correction(flow, tolerance, iteration == 1) <= 0.0:
+            return REJECTED, iteration
+        total, delta = 0.0, 0.0
+        for i in range(n):
+            size = abs(d[i]) * scale[i]
+            delta = size if size > delta else delta
+            total += d[i]
+            x[i] += d[i]
+        if not (abs(total) < np.inf and delta <= 0.5 * previous):
+            return REJECTED, iteration
+        curvature = delta / (previous * previous)
+        if delta * max(max(1.0, curvature) * delta, tolerance) < NEGLIGIBLE:
+            return finish(flow), iteration
+        previous, tolerance = delta, max(FLOOR, min(FIRST, SHARE * delta))
+    return REJECTED, MAX_ITERATIONS
