@@ -58,21 +58,13 @@ def main(ctx: click.Context) -> None:
 @INTEGRATORS
 @SCENARIOS
 @click.option(
-    "--study",
-    "studies",
-    multiple=True,
-    metavar="NAME",
-    shell_complete=lambda c, p, i: list(study_names()),
+    "--study", "studies", multiple=True, metavar="NAME", shell_complete=lambda c, p, i: list(study_names()),
     help=f"Study to run (default: all): {', '.join(study_names())}. Patterns, too; repeat for several.",
-)
+)  # fmt: skip
 @click.option(
-    "--dt",
-    "steps",
-    multiple=True,
-    type=float,
-    metavar="STEP",
+    "--dt", "steps", multiple=True, type=float, metavar="STEP",
     help="Step size instead of the scenario's ladder, for methods of a fixed step; repeat for several.",
-)
+)  # fmt: skip
 @click.option("--size", type=int, help="Random scenarios of the study ensemble.")
 @click.option("--seed", type=int, help="Which ones: ensembles of different seeds have none in common.")
 @click.option("--budget", type=float, help="Seconds of timed runs of the study ensemble, divided equally.")
@@ -80,11 +72,9 @@ def main(ctx: click.Context) -> None:
 @JOBS
 @click.option("--timeout", type=float, default=300.0, show_default=True, help="Seconds a cell may take.")
 @click.option(
-    "--memory-limit",
-    type=click.IntRange(1),
-    metavar="MIB",
+    "--memory-limit", type=click.IntRange(1), metavar="MIB",
     help="Address space of a worker, in MiB (on Linux; elsewhere it is not enforced).",
-)
+)  # fmt: skip
 @click.option("--fresh", is_flag=True, help="Forget the rows that the output folder already has.")
 @click.option("--retry-failed", is_flag=True, help="Run again every cell whose status is not ok.")
 @click.option("--report/--no-report", default=None, help="Write report.html (default: with --all and no --study).")
@@ -254,13 +244,9 @@ def plot(kind: str | None, folder: Path, folders: tuple[str, ...], as_json: bool
 @many("integrator", "Instead of the words before the last.")
 @many("scenario", "Instead of the last word.")
 @click.option(
-    "--output",
-    "-o",
-    type=click.Path(path_type=Path),
-    default=Path("movie.gif"),
-    show_default=True,
+    "--output", "-o", type=click.Path(path_type=Path), default=Path("movie.gif"), show_default=True,
     help="GIF, MP4 (needs ffmpeg) or HTML by suffix.",
-)
+)  # fmt: skip
 @click.option("--dt", type=float, help="Step; the scenario's own by default.")
 @click.option("--t-end", type=float, help="Horizon; the scenario's own by default.")
 @click.option("--tolerance", type=float, help="Of adaptive solvers.")

@@ -377,15 +377,11 @@ def _as_flows(flows: Any, variables: str) -> tuple[Flow, ...]:
         raise TcbenchError("An integrator's flows= has no formula; give one function, or several.")
     result = []
     for item in flows if isinstance(flows, list | tuple) else [flows]:
-        function, fraction = item if isinstance(item, tuple) and len(item) == 2 else (item, 1.0)
-        if not isinstance(item, Flow):
-            kinds = {"flows": "a function", "fraction": "a number"}
-            expect("An integrator's formulas", {"flows": function, "fraction": fraction}, kinds)
         if isinstance(item, Flow):
             result.append(item)
-        elif isinstance(item, tuple):
-            residual, fraction = item
-            result.append(Flow(residual, float(fraction), variables))
-        else:
-            result.append(Flow(item, 1.0, variables))
+            continue
+        function, fraction = item if isinstance(item, tuple) and len(item) == 2 else (item, 1.0)
+        kinds = {"flows": "a function", "fraction": "a number"}
+        expect("An integrator's formulas", {"flows": function, "fraction": fraction}, kinds)
+        result.append(Flow(function, float(fraction), variables))
     return tuple(result)

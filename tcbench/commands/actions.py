@@ -22,8 +22,8 @@ from ..store.store import Store
 from ..store.tables import only, read_tables
 from ..studies.base import studies
 from ..studies.columns import shown
+from ..studies.order_fit import MIN_POINTS
 from . import terminal
-from .left_out import short_ladder
 from .simulate import one_of
 
 if TYPE_CHECKING:
@@ -69,14 +69,7 @@ def run_command(options: dict[str, Any], display: terminal.Display) -> int:
         display.results(results, by_method(results.tables, told(store)), remarks(results.tables))
         if page:
             terminal.say(f"Report: {page}")
-    terminal.warn(
-        [
-            *results.problems,
-            *results.left_out,
-            *short_ladder(dt, results.tables),
-            *results.notes,
-        ]
-    )
+    terminal.warn([*results.problems, *results.left_out, *short_ladder(dt, results.tables), *results.notes])
     if results.summary.interrupted:
         return 130
     return 1 if strict and any(results.statuses.get(status) for status in LOUD) else 0
@@ -85,6 +78,17 @@ def run_command(options: dict[str, Any], display: terminal.Display) -> int:
 def records(tables: Mapping[str, DataFrame]) -> dict[str, Any]:
     """Tables by name as lists of rows, for JSON."""
     return {name: json.loads(t.to_json(orient="records", double_precision=15)) for name, t in tables.items()}
+
+
+def short_ladder(dt: Sequence[float] | None, tables: Mapping[str, DataFrame]) -> list[str]:
+    """A sentence where --dt leaves the study of orders too few steps to see one."""
+    steps = len(set(dt or ()))
+    if not steps or steps >= MIN_POINTS or "convergence" not in tables:
+        return []
+    return [
+        f"--dt gives the study convergence {steps} step{'s' * (steps > 1)}, and an order takes at least {MIN_POINTS}: "
+        "leave --dt out for the study's own ladder, or give more steps."
+    ]
 
 
 def list_command(integrators: Sequence[str], scenarios: Sequence[str], as_json: bool) -> None:

@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from ..errors import visible
+from ..report.html import strict
 from ..studies.columns import column, shown
 from ..studies.conservation import COLUMNS as CONSERVATION
 
@@ -50,17 +51,7 @@ def warn(sentences: Sequence[str]) -> None:
 
 def print_json(data: Any) -> None:
     """Strict JSON: NaN and infinities become null."""
-    sys.stdout.write(json.dumps(_strict(data), indent=1) + "\n")
-
-
-def _strict(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {str(k): _strict(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [_strict(v) for v in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value.item() if hasattr(value, "item") else value
+    sys.stdout.write(json.dumps(strict(data), indent=1) + "\n")
 
 
 def number(value: Any) -> str:

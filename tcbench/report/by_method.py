@@ -9,7 +9,7 @@ from statistics import median
 from typing import TYPE_CHECKING, Any
 
 from ..progress import LOUD
-from .judged import finite, judged, ladder_runs, of_whole_state
+from .judged import finite, judged, ladder_runs, of_whole_state, times_over_best
 from .matrix import methods, unmeasured
 
 if TYPE_CHECKING:
@@ -49,15 +49,6 @@ def by_method(tables: Tables, declared: Tables) -> list[list[str]]:
         shown.append(_folded(group, ratios, random))
     used = [i for i in range(len(HEADINGS)) if i == 0 or any(row[i] != "-" for row in shown)]
     return [[HEADINGS[i] for i in used], *([row[i] for i in used] for row in shown)]
-
-
-def times_over_best(found: DataFrame, key: str = "time 1e-06") -> dict[str, list[float]]:
-    """Method -> its time over the fastest method's, one a scenario; infinite where it did not get there."""
-    if key not in found:
-        return {}
-    times = found[key].dropna()
-    ratios = times / times.groupby(level="scenario").transform("min")
-    return {name: of.fillna(math.inf).tolist() for name, of in ratios.groupby(level="integrator")}
 
 
 def random_failures(table: DataFrame | None) -> dict[str, tuple[int, int]]:

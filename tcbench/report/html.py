@@ -27,7 +27,11 @@ def packed_table(table: DataFrame, digits: Callable[[str], int]) -> str:
     """
     shown = [c for c in table.columns if known(str(c)).shown or c in SENTENCES]
     columns = {str(c): _column(table[c], digits(str(c))) for c in shown if table[c].notna().any()}
-    return packed(json.dumps(columns, separators=(",", ":"), ensure_ascii=True, allow_nan=False))
+    return packed_json(columns)
+
+
+def packed_json(data: Any) -> str:
+    return packed(json.dumps(data, separators=(",", ":"), ensure_ascii=True, allow_nan=False))
 
 
 def packed(text: str) -> str:
@@ -36,9 +40,7 @@ def packed(text: str) -> str:
 
 def _column(values: Series, digits: int) -> Any:
     kind = values.dtype.kind
-    if kind == "b":
-        return values.tolist()
-    if kind in "iu":
+    if kind in "biu":
         return values.tolist()
     if kind == "f":
         return [float(f"{v:.{digits}g}") if math.isfinite(v) else None for v in values.tolist()]
@@ -74,18 +76,14 @@ def script_text(name: str) -> str:
     return (files(__package__) / "templates" / name).read_text("utf-8").replace("</script", "<\\/script")
 
 
-def strict_json(data: Any) -> str:
-    """JSON of it, numbers to six digits; null for what is no number."""
-    return json.dumps(_strict(data), separators=(",", ":"), ensure_ascii=True, allow_nan=False)
-
-
-def _strict(value: Any) -> Any:
+def strict(value: Any, digits: int = 17) -> Any:
+    """It as JSON can say it, numbers to so many digits; None for what is no number."""
     if isinstance(value, Mapping):
-        return {str(k): _strict(v) for k, v in value.items()}
+        return {str(k): strict(v, digits) for k, v in value.items()}
     if isinstance(value, list | tuple):
-        return [_strict(v) for v in value]
+        return [strict(v, digits) for v in value]
     if hasattr(value, "item"):
         value = value.item()
     if isinstance(value, float):
-        return float(f"{value:.6g}") if math.isfinite(value) else None
+        return float(f"{value:.{digits}g}") if math.isfinite(value) else None
     return value if value is None or isinstance(value, bool | int | str) else str(value)

@@ -75,6 +75,15 @@ def to_numbers(table: DataFrame, column: str) -> Any:
     return pd.to_numeric(table[column] if column in table else pd.Series(math.nan, table.index), errors="coerce")
 
 
+def times_over_best(found: DataFrame, key: str = "time 1e-06") -> dict[str, list[float]]:
+    """Method -> its time over the fastest method's, one a scenario; infinite where it did not get there."""
+    if key not in found:
+        return {}
+    times = found[key].dropna()
+    ratios = times / times.groupby(level="scenario").transform("min")
+    return {name: of.fillna(math.inf).tolist() for name, of in ratios.groupby(level="integrator")}
+
+
 def finite(value: Any) -> bool:
     try:
         return math.isfinite(float(value))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
-from .judged import TIMES, finite, ladder_runs, laws
+from .judged import TIMES, finite, ladder_runs, laws, times_over_best
 from .matrix import Unmeasured, unmeasured
 from .summary import seconds
 
@@ -77,9 +77,9 @@ def accurate(found: DataFrame, tables: Tables) -> Finding | None:
     times = found.loc[found[key].notna(), key]
     count = times.index.get_level_values("scenario").nunique()
     done = times[reached(found, key)[times.index]]
-    over = done / done.groupby(level="scenario").transform("min")
-    ratios = {name: of.tolist() for name, of in over.groupby(level="integrator")}
-    ran = times.groupby(level="integrator").size().to_dict()
+    every = times_over_best(found, key)
+    ratios = {name: there for name, of in every.items() if (there := [r for r in of if r < math.inf])}
+    ran = {name: len(of) for name, of in every.items()}
     names = _surest(ratios)
     special = _where_it_runs(ratios, ran, names[0])
     name = special or names[0]

@@ -99,14 +99,7 @@ def verdicts(method: Any, row: Mapping[str, Any]) -> dict[str, str]:
     }
     found = {}
     for column, law in laws.items():
-        if math.isfinite(number(row.get(column))) and number(row.get("steps", 1)) > 0:
-            holds = is_kept(law, number(row[column]))
+        if finite(row.get(column)) and row.get("steps", 1) > 0:
+            holds = is_kept(law, float(row[column]))
             found[column] = f"{'claimed' if law in method.claims else 'not claimed'}, {'kept' if holds else 'not kept'}"
     return found
-
-
-def number(value: Any) -> float:
-    try:
-        return float(value)
-    except (TypeError, ValueError):
-        return math.nan

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -17,7 +16,7 @@ from ..store.tables import read_tables
 from ..studies.columns import column
 from ..studies.work_precision import SPENT_S
 from .by_method import paper
-from .html import library, packed, packed_table, script_hash, script_text, strict_json, vendored
+from .html import library, packed_json, packed_table, script_hash, script_text, strict, vendored
 from .judged import LOOSE, judged
 from .leaders import leaders
 from .matrix import FAMILIES, failures, lenses, methods, names, stopped
@@ -99,14 +98,14 @@ def _content(store: Store, tables: dict[str, DataFrame]) -> dict[str, Any]:
         "claims": "claims" in tables,
         "spent_ms": f"{1e3 * SPENT_S:g}",
         "charts": bool(charts),
-        "charts_packed": packed(json.dumps(charts, separators=(",", ":"), allow_nan=False)),
+        "charts_packed": packed_json(charts),
         "metrics": {n: m["description"] for n, m in declared.get("metrics", {}).items() if m["description"]},
         "absent": sorted(declared.get("absent", {}).items()),
         "manifest": _facts(manifest),
         "provenances": {name: _facts(found) for name, found in store.provenances().items()},
         "references": _references(tables),
         "problems": store.problems,
-        "page": packed(strict_json(data)),
+        "page": packed_json(strict(data, 6)),
         "packed": {name: packed_table(table, partial(_digits, name)) for name, table in tables.items()},
         "library": library(),
         "script": script,

@@ -113,11 +113,17 @@ def blocks(count: int, length: int) -> Iterator[tuple[int, int]]:
     return ((start, min(start + length, count)) for start in range(0, count, length))
 
 
-def members(scenario: Scenario, seeds: Sequence[int]) -> list[Scenario]:
-    """The scenarios of these seeds (first, one past the last), with the ranges of the one given."""
+def members(scenario: Scenario, seeds: Sequence[int], **ranges: str) -> list[Scenario]:
+    """The scenarios of these seeds (first, one past the last), with the ranges of the one given and these over them."""
     name, values = plugins.split_name(scenario.name)
     family = plugins.find_family(name)
-    return [family.member(**(values | {"seed": str(seed)})) for seed in range(*seeds)]
+    return [family.member(**(values | ranges | {"seed": str(seed)})) for seed in range(*seeds)]
+
+
+def numbers_hash(*blocks: Sequence[Scenario]) -> str:
+    """Of all numbers of these scenarios."""
+    data = [member.data() for block in blocks for member in block]
+    return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()
 
 
 def drawn(scenario: Scenario, options: Row) -> list[Any]:
@@ -133,8 +139,7 @@ def drawn(scenario: Scenario, options: Row) -> list[Any]:
 
 @lru_cache(maxsize=64)  # one block after the other, each for all methods
 def _numbers(scenario: str, seeds: tuple[int, ...], sample: Any) -> str:
-    drawn = members(plugins.find_scenario(scenario), seeds)
-    return hashlib.sha256(json.dumps([member.data() for member in drawn], sort_keys=True).encode()).hexdigest()
+    return numbers_hash(members(plugins.find_scenario(scenario), seeds))
 
 
 def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:

@@ -7,9 +7,7 @@ and everything else as always, from the same seeds, so that neighbouring cells d
 
 from __future__ import annotations
 
-import hashlib
 import itertools
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
@@ -20,7 +18,7 @@ import numpy as np
 from .. import plugins
 from ..errors import TcbenchError, unknown_name
 from ..study import Cells, Row, Study
-from .ensemble import APART, whole
+from .ensemble import APART, members, numbers_hash, whole
 from .map import Axis, needs_axes, parse_axis
 from .statistics import wilson
 
@@ -28,7 +26,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
     from ..integrator import Integrator
-    from ..systems.scenario import Scenario, ScenarioFamily
+    from ..systems.scenario import Scenario
 
 SIZE = 30  # scenarios in a cell
 LARGEST = 10_000
@@ -44,11 +42,16 @@ def bins(axis: Axis) -> list[tuple[float, float]]:
     return list(itertools.pairwise(spelled))
 
 
-def family_axis(text: str, family: ScenarioFamily) -> Axis:
-    axis = parse_axis(text)
-    if axis.name != "dt" and axis.name not in family.ranges:
-        raise unknown_name(f"axis of a map of {family.name!r}", axis.name, ["dt", *family.ranges])
-    return axis
+def family_axes(scenario: Scenario, options: Mapping[str, Any]) -> tuple[Axis, Axis]:
+    """The axes as written, of numbers that the scenario's family has a range for, or the step."""
+    family = plugins.find_family(plugins.split_name(scenario.name)[0])
+    x, y = parse_axis(options["x"]), parse_axis(options["y"])
+    for axis in (x, y):
+        if axis.name != "dt" and axis.name not in family.ranges:
+            raise unknown_name(f"axis of a map of {family.name!r}", axis.name, ["dt", *family.ranges])
+    if x.name == y.name:
+        raise TcbenchError(f"Both axes of the map are {x.name!r}; they must differ.")
+    return x, y
 
 
 def plan(integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]) -> Cells:
@@ -58,10 +61,7 @@ def plan(integrators: Sequence[Integrator], scenarios: Sequence[Scenario], optio
     first = APART * whole(options, "seed", 0, 0, 10**9)
     cells: Cells = []
     for scenario in scenarios:
-        family = plugins.find_family(plugins.split_name(scenario.name)[0])
-        x, y = (family_axis(options[axis], family) for axis in ("x", "y"))
-        if x.name == y.name:
-            raise TcbenchError(f"Both axes of the map are {x.name!r}; they must differ.")
+        _, y = family_axes(scenario, options)
         for method in integrators:
             if method.kind == "adaptive":
                 raise TcbenchError(f"{method.name!r} chooses its steps; a map needs a method with a step.")
@@ -70,15 +70,16 @@ def plan(integrators: Sequence[Integrator], scenarios: Sequence[Scenario], optio
     return cells
 
 
-def _members(
-    scenario: Scenario, seeds: Sequence[int], spans: dict[str, tuple[float, float]]
-) -> tuple[float, list[Scenario]]:
-    """The step and the scenarios of one place of the map."""
-    name, given = plugins.split_name(scenario.name)
-    dt = spans.pop("dt", (scenario.dt, scenario.dt))[0]
-    ranges = {axis: f"{low!r}:{high!r}" for axis, (low, high) in spans.items()}
-    family = plugins.find_family(name)
-    return dt, [family.member(**(given | ranges | {"seed": str(seed)})) for seed in range(*seeds)]
+def _places(scenario: Scenario, options: Mapping[str, Any]) -> list[tuple[tuple[float, float], float, list[Scenario]]]:
+    """Each place of a row of the map: (low, high) along x, the step, and the scenarios."""
+    x, y = family_axes(scenario, options)
+    found = []
+    for along in bins(x):
+        spans = {x.name: along, y.name: bins(y)[options["row"]]}
+        dt = spans.pop("dt", (scenario.dt, scenario.dt))[0]
+        ranges = {axis: f"{low!r}:{high!r}" for axis, (low, high) in spans.items()}
+        found.append((along, dt, members(scenario, options["seeds"], **ranges)))
+    return found
 
 
 def drawn(scenario: Scenario, options: Row) -> str:
@@ -89,30 +90,23 @@ def drawn(scenario: Scenario, options: Row) -> str:
 
 @lru_cache(maxsize=256)  # one row after the other, each for all methods
 def _numbers(scenario: str, seeds: tuple[int, ...], x: str, y: str, row: int, sample: Any) -> str:
-    found = plugins.find_scenario(scenario)
-    family = plugins.find_family(plugins.split_name(scenario)[0])
-    along, across = family_axis(x, family), family_axis(y, family)
-    spans = [{along.name: place, across.name: bins(across)[row]} for place in bins(along)]
-    data = [[member.data() for member in _members(found, seeds, span)[1]] for span in spans]
-    return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()
+    places = _places(plugins.find_scenario(scenario), {"seeds": seeds, "x": x, "y": y, "row": row})
+    return numbers_hash(*(block for _, _, block in places))
 
 
 def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
     """One row of the map: at each place of x how many runs there were, and how many failed in which way."""
     from . import ensemble_runs as runs
 
-    name = plugins.split_name(scenario.name)[0]
-    family = plugins.find_family(name)
-    x, y = family_axis(options["x"], family), family_axis(options["y"], family)
-    across = bins(y)[options["row"]]
+    x, y = family_axes(scenario, options)
     cells = []
-    for along in bins(x):
-        dt, members = _members(scenario, options["seeds"], {x.name: along, y.name: across})
-        fitting = [member if dt <= member.t_end else replace(member, t_end=dt) for member in members]
+    for along, dt, block in _places(scenario, options):
+        fitting = [member if dt <= member.t_end else replace(member, t_end=dt) for member in block]
         kinds = [runs.KINDS[k] for k in runs.shares(integrator, fitting, [dt])[0]["kinds"]]
         failed = {kind: kinds.count(kind) for kind in runs.KINDS[1:6]}
         cells.append({"x_low": along[0], "x_high": along[1], "runs": len(kinds), "kinds": failed})
-    return {"status": "ok", "cells": cells, "names": [x.name, y.name], "across": list(across), "family": name}
+    family, across = plugins.split_name(scenario.name)[0], list(bins(y)[options["row"]])
+    return {"status": "ok", "cells": cells, "names": [x.name, y.name], "across": across, "family": family}
 
 
 def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import groupby
+from operator import itemgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -208,7 +210,9 @@ def accuracy_rows(ladders: Mapping[str, Mapping[int, list[Row]]], known: Mapping
     for name, by_seed in ladders.items():
         good = set(usable(known, "state", MIDDLE, by_seed))
         runs = [rung | {"seed": seed} for seed, rungs in by_seed.items() for rung in rungs]
-        for (value,), group in grouped(runs, "value"):
+        runs.sort(key=itemgetter("value"))
+        for value, rungs in groupby(runs, itemgetter("value")):
+            group = list(rungs)
             made = [rung for rung in group if rung["status"] != "too slow"]
             done = [rung for rung in made if rung["status"] == "ok" and rung["seed"] in good]
             row: Row = {"integrator": name, "control": group[0]["control"], "value": value, "runs": len(done)}
@@ -273,11 +277,3 @@ def profile_rows(
                 | {"share": middle[j, 0], "low": bounds[0], "high": bounds[1]}
             )  # fmt: skip
     return profiles, firsts
-
-
-def grouped(rows: Iterable[Row], *columns: str) -> list[tuple[tuple[Any, ...], list[Row]]]:
-    """Rows by the values of columns, in the order of the values."""
-    found: dict[tuple[Any, ...], list[Row]] = {}
-    for row in rows:
-        found.setdefault(tuple(row[column] for column in columns), []).append(row)
-    return sorted(found.items())

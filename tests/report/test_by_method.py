@@ -10,8 +10,8 @@ from click.testing import CliRunner
 
 from tcbench.cli import main
 from tcbench.commands import terminal
-from tcbench.report.by_method import by_method, claims, remarks, times_over_best
-from tcbench.report.judged import judged
+from tcbench.report.by_method import by_method, claims, remarks
+from tcbench.report.judged import judged, times_over_best
 from tcbench.report.matrix import names as names_of
 
 
