@@ -4,7 +4,7 @@ tc_auto goes over from tc_taylor to tc_gauss_adaptive and back during a run, by 
 over the decay time of the conduction. See march.py and docs/methods.md.
 """
 
-from functools import lru_cache
+from functools import cache
 
 from tcbench import Integrator, hookimpl
 from tcbench.compiler.once import Spares
@@ -31,10 +31,12 @@ class BothMethods:
         self.gauss, self.taylor = GaussMethod(system, stages), None if refusal(system) else TaylorMethod(system, order)
         self.tolerance = None  # that `work` is set to
         if self.taylor:
-            from .march import LOOPS, Both  # LLVM is loaded when something runs, not when plugins are listed
+            from .march import LOOPS, SHORT, Both, Counts  # LLVM is loaded when something runs, not with plugins
 
             worth = step_in_iterations(self.gauss, self.taylor)
-            self.loops, self.work = LOOPS, Both(explicit=self.taylor.work, implicit=self.gauss.work, worth=worth)
+            self.loops, self.counts, self.taylor.work.few = LOOPS, Counts(), SHORT / worth
+            both = {"explicit": self.taylor.work, "implicit": self.gauss.work}
+            self.work = Both(counts=self.counts, worth=worth, **both)
 
     def adaptive(self, z0, times, tolerance):
         """States at `times`, and what they cost; ArithmeticError where the steps of both become too short."""
@@ -43,15 +45,13 @@ class BothMethods:
             self.tolerance, work.tolerance = tolerance, SAFETY * tolerance
             work.defect, work.residual = held(gauss.stages, FINER * tolerance)
         taylor.begin(z0, times)
-        done = self.loops.steps(work)
-        steps, rejected, iterations, *_ = gauss.counts.table.tolist()
-        more, failed, _ = taylor.counts.table.tolist()
-        if steps or rejected:
+        done = self.loops.run(work)
+        steps, rejected, iterations, implicit = self.counts.table.tolist()
+        if implicit:
             gauss.work.clear()  # as it was before
         if done < len(times):
             raise ArithmeticError(f"the step became too short before t = {times[done]:g}")
-        counts = {"steps": steps + more, "rejected": rejected + failed, "newton_iterations": iterations}
-        return taylor.states.copy(), counts
+        return taylor.states.copy(), {"steps": steps, "rejected": rejected, "newton_iterations": iterations}
 
 
 def step_in_iterations(gauss, taylor):
@@ -66,7 +66,7 @@ def step_in_iterations(gauss, taylor):
 SPARES = Spares(BothMethods)
 
 
-@lru_cache
+@cache
 def chosen(tolerance):
     """(order, stages) for a tolerance."""
     return order_of(tolerance), stages_of(tolerance)

@@ -26,10 +26,20 @@ SHORT, SHARE, LEG, MOST_LEG = 80.0, 0.1, 16, 512
 TURNS, SETTLED = 7, 3  # of the power method, and those of them that are not counted
 
 
+class Counts(Record, mutable=True):
+    """What a run took."""
+
+    steps: int
+    rejected: int
+    iterations: int
+    implicit: bool  # has the implicit method taken part?
+
+
 class Both(Record):
     """Both methods, what explicit steps may miss, defect and residual of implicit ones, and the iterations that take
     the time of an explicit step."""
 
+    counts: Counts
     explicit: Taylor
     implicit: Gauss
     tolerance: float
@@ -38,8 +48,16 @@ class Both(Record):
     worth: float
 
 
+def run(both: Both) -> int:
+    """The states and times that the explicit method has been lent, and what they took; how many rows were reached."""
+    rows, counts, e, g = steps(both), both.counts, both.explicit.counts, both.implicit.counts
+    counts.steps, counts.rejected, counts.iterations = e.steps + g.steps, e.rejected + g.rejected, g.iterations
+    counts.implicit = g.steps + g.rejected > 0
+    return rows
+
+
 def steps(both: Both) -> int:
-    """The states and times that the explicit method has been lent; how many rows were reached."""
+    """The states; how many rows were reached."""
     e, g, worth = both.explicit, both.implicit, both.worth
     times, states = e.times, e.states
     taylor.begin(e, states[0])
@@ -51,10 +69,10 @@ def steps(both: Both) -> int:
     leg, left, busy = LEG if g.general else 0, 0.0, 0.0
     turns, settled = TURNS if g.general else gauss.TURNS, SETTLED if g.general else gauss.TURNS - 1
     while row < len(times):
-        first = g.general and e.counts.steps == 0  # a short run is left to explicit steps
-        rate = 1e-300 if first else gauss.decay_rate(g, turns, settled)
         if explicit:
             before = e.counts.steps
+            short = g.general and left < SHORT  # which is left to explicit steps
+            rate = 1e-300 if short else gauss.decay_rate(g, turns, settled)
             row, t, h = taylor.advance(e, times, both.tolerance, states, row, t, STIFF * stable / rate, patience, leg)
             look(e, g)
             busy = 1.0 / max(h, 1e-300) if g.general else rate / stable
@@ -107,4 +125,4 @@ def keep_laws(e: Taylor, g: Gauss) -> None:
         e.target[e.size + 2 + i] = g.laws[e.size + 4 + 2 * i if g.general else e.size + 2 + i]
 
 
-LOOPS = Library("auto", steps)
+LOOPS = Library("auto", run)

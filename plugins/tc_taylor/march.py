@@ -14,6 +14,7 @@ from .memory import Work
 # The bits of a positive double, as a whole number, are its logarithm of base 2, up to 0.086 too small, times 2^52. So a
 # root of high order is a division; those of the root's 1 are taken so that it is right on average.
 ONE = (1023.0 - 0.043) * 2.0**52
+NEVER = 2**62  # steps
 SHRINK, SHORTEST = 0.5, 1e-12  # of a step that ends in no admissible state; of a step, over the time
 
 
@@ -83,15 +84,16 @@ def advance(
 
     A step ends where its series does, not at output times: states on the way come from the series. It ends early where
     steps become too short (then the last is 0), and after `patience` of them in a row that were longer than `most`: so
-    they are where stiffness bounds them; and in the first mended state after the steps of a `leg`, if that is not 0.
+    they are where stiffness bounds them; and in the first mended state after the steps of a `leg`, if that is not 0 and
+    more than a few such steps are left.
     Between outputs only some steps end in a mended state; from one that ends in none the run goes back to the
     last, and mends each step.
     """
-    h, fresh, long, end = 0.0, True, 0, w.counts.steps + leg
+    h, fresh, long, end = 0.0, True, 0, w.counts.steps + leg if leg > 0 else NEVER
     since, often, begun = 0, 1, t  # steps since the last mended state, how many there may be, and when it was
     while row < len(times):
         if fresh:
-            if long == patience or (leg > 0 and since == 0 and w.counts.steps >= end):
+            if long == patience or (since == 0 and w.counts.steps >= end and w.few * h < times[len(times) - 1] - t):
                 return row, t, h
             if since == 0:
                 copy_into(w.kept, w.mended)
@@ -110,8 +112,8 @@ def advance(
             call(w.to_z, w.mended, w.given, states[here])
             here += 1
         if good and here < len(times):
-            last = (h > most and long + 1 == patience) or (leg > 0 and w.counts.steps + 1 >= end)
-            mended = last or since + 1 >= often
+            last = w.counts.steps + 1 >= end and w.few * h < times[len(times) - 1] - (t + h)
+            mended = last or (h > most and long + 1 == patience) or since + 1 >= often
             if mended:
                 good = mended_state(w, h)
             else:  # whether it is admissible shows when a later one is mended

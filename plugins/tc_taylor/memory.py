@@ -41,6 +41,7 @@ class Work(Record):
     counts: Counts
     trials: Trials
     tolerance: float  # of a run: what a step may miss
+    few: float  # steps that the rest of a run has at least when it is left after a leg: see `march.advance`
     reach: float  # of a damped step, over the time of the fastest decay; 0: none
     factors: Floats = sized("LAST")  # of the last coefficients in it: see damping.py
     misses: Floats = sized("LAST")

@@ -111,7 +111,7 @@ def prepared(system: System, order: int) -> tuple[Any, Any, int]:
         series, polynomial, mend, hold, setup, start, to_z = kernels(system.symbolic, order)
         given = np.concatenate([c, setup(c, c)])
     work = Work(
-        size=system.size, order=order, n_given=len(given), given=given, tolerance=0.0, to_start=start.address,
+        size=system.size, order=order, n_given=len(given), given=given, tolerance=0.0, few=0.0, to_start=start.address,
         n_target=start.size, of_elements=elements, seldom=SELDOM[elements], to_series=series.address,
         to_state=polynomial.address, to_mend=mend.address, to_hold=hold.address, to_z=to_z.address, rows=1,
         counts=Counts(), trials=Trials(), **damping.fields(0 if elements else order),
