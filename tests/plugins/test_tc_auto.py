@@ -116,6 +116,15 @@ def test_a_general_system_as_it_ships_is_left_to_the_series(name):
     assert implicit == 0 and explicit > 3
 
 
+@pytest.mark.parametrize("name", ["damped_oscillator", "heavy_top", "rigid_body"])
+def test_a_run_too_short_for_a_trial_is_never_interrupted(name):
+    scenario = tcbench.scenarios()[name]
+    end = np.array([0.0, scenario.t_end])
+    found, alone = (tcbench.integrators()[x].adaptive(scenario.model, scenario.z0, end, 1e-6, 1e-6)[0]
+                    for x in ("tc_auto", "tc_taylor"))  # fmt: skip
+    assert np.array_equal(found, alone)
+
+
 @pytest.mark.parametrize("name", ["stiff_spring", "cold_spring", "rubbing_piston"])
 def test_a_run_does_not_see_what_another_left_in_its_memory(name):
     scenario = random_start(name, 0, 1000) if name in GENERAL else tcbench.scenarios()[name]
