@@ -141,6 +141,8 @@ def misnamed(error: BaseException) -> str:
     """What an exception says, in a line, and of an attribute that an object does not have the nearest that it has."""
     text = f"{type(error).__name__}: {str(error).splitlines()[0][:300]}" if str(error) else type(error).__name__
     if isinstance(error, AttributeError) and isinstance(error.name, str):
+        if error.name in ("hypot", "arctan2"):  # numpy asks the first argument
+            return f"np.{error.name} of a number and a formula: write the number a as a + 0 * x, x the formula"
         known = [name for name in dir(error.obj) if not name.startswith("_")]
         if close := difflib.get_close_matches(error.name, known, n=1):
             who = getattr(error.obj, "__name__", type(error.obj).__name__)

@@ -54,6 +54,12 @@ def formulas(scenario: Scenario) -> list[Line]:
         getattr(model, name)(z0)
     if model.defines("points"):
         segments(model, np.asarray(z0)[None])
+    rates = model.state(np.asarray(model.vector_field(z0)))
+    if names := [name for name in model.variables if not np.isfinite(getattr(rates, name)).all()]:
+        found = f"at the start the rate of {', '.join(names)} is not finite"
+        return [
+            Line("formulas", FAIL, found, "Look for 0/0: a root of 0 has no slope, nor has a power with one in it.")
+        ]
     if model.size > LARGE:  # whose traces are long, and made once
         return [Line("formulas", OK, "traced")]
     changing = [name for name in DERIVED if model.formula(name) != model.formula(name)]

@@ -29,7 +29,8 @@ Powers = Mapping[str, float]  # base unit -> exponent, none of them 0
 NONE: Powers = {}
 DERIVED = {
     "J": "kg*m**2/s**2", "N": "kg*m/s**2", "W": "kg*m**2/s**3", "Pa": "kg/m/s**2", "Hz": "1/s", "C": "A*s",
-    "V": "kg*m**2/s**3/A", "F": "A**2*s**4/kg/m**2", "ohm": "kg*m**2/s**3/A**2", "rad": "1",
+    "V": "kg*m**2/s**3/A", "F": "A**2*s**4/kg/m**2", "ohm": "kg*m**2/s**3/A**2", "H": "kg*m**2/s**2/A**2",
+    "Wb": "kg*m**2/s**2/A", "T": "kg/s**2/A", "S": "A**2*s**3/kg/m**2", "rad": "1",
 }  # fmt: skip
 DEFAULTS = {"energy": "J", "entropy": "J/K", "time": "s"}
 OF_NUMBERS = (

@@ -103,6 +103,8 @@ def simulate(
         raise TcbenchError(f"{integrator.name!r} cannot run on {scenario.name!r}: {reason}.")
     check_invariants(scenario.model, scenario.z0)
     if integrator.kind == "adaptive":
+        if dt is not None:
+            raise TcbenchError(f"{integrator.name!r} chooses its steps: give tolerance=, not dt=.")
         chosen = None if times is None else _checked_times(times, t_end)
         if chosen is not None:
             end = float(chosen[-1])

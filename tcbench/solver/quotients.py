@@ -16,6 +16,7 @@ from .flow_kernels import FlowKernels
 REMEDY = (
     "Write the quotient with tcbench.building_blocks (divided_difference, phi, log1p_ratio), which has its value there"
 )
+SHORTER = 2.0**-20  # of the step
 
 
 def finite_at_rest(kernels: FlowKernels, memory: int, system: System, z: Any, h: float) -> bool:
@@ -33,8 +34,14 @@ def finite_at_rest(kernels: FlowKernels, memory: int, system: System, z: Any, h:
 def zero_over_zero(flow: Flow, system: System, z: Any, h: float) -> str:
     """Where the formula divides 0 by 0 at z1 = z0 = z: "file, line N", or "" if it does not.
 
-    The formula is run on plain numbers; one that cannot be, or that overflows, is not judged here.
+    The formula is run on plain numbers, at h and at a much shorter step: a quotient of differences is 0/0 at both, what
+    has overflowed is not. One that cannot be run on them is not judged here.
     """
+    return _invalid(flow, system, z, h) and _invalid(flow, system, z, h * SHORTER)
+
+
+def _invalid(flow: Flow, system: System, z: Any, h: float) -> str:
+    """Where a division on plain numbers has no value: "file, line N", or ""."""
     states = [system.in_variables(flow.variables, np.array(z)) for _ in range(2 + flow.stages + flow.memory + 2)]
     arguments: list[Any] = [*states[:2], h, system]
     arguments += [states[2 : 2 + flow.stages]] if flow.stages else []
@@ -43,7 +50,7 @@ def zero_over_zero(flow: Flow, system: System, z: Any, h: float) -> str:
         with np.errstate(all="ignore", invalid="raise", over="raise"):
             flow.residual(*arguments)
     except (FloatingPointError, ZeroDivisionError) as error:
-        if "overflow" in str(error):  # infinity less infinity is no number either
+        if "divi" not in str(error):  # overflow; infinity less infinity, the logarithm of a negative number
             return ""
         frames = traceback.extract_tb(error.__traceback__)
         own = [f for f in frames if f.filename == flow.residual.__code__.co_filename]

@@ -16,7 +16,7 @@ from ..compiler import derivatives as trace
 from ..compiler.array_states import Blocks, fitted, is_array
 from ..compiler.array_symbols import ArraySymbol
 from ..compiler.sentences import ELEMENTARY
-from ..errors import TcbenchError, unknown_name
+from ..errors import TcbenchError, misnamed, unknown_name
 from .declaration import whole
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ def as_written(formula: Callable[..., Any], name: str) -> Callable[..., Any]:
             raise
         except Exception as error:  # numpy and Python refuse symbols with errors of their own
             symbolic = is_array(*states) or any(np.asarray(state).dtype == object for state in states)
-            why = f"{type(error).__name__}: {str(error).rstrip('.')}"
+            why = misnamed(error).rstrip(".")
             if "read-only" in why:
                 why += ": a formula does not write to its arguments. Write a = a + b, not a += b"
             elif symbolic:

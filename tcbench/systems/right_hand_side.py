@@ -41,6 +41,10 @@ class Field:
         self.evaluations += 1
         out = np.empty(self.size)
         self._evaluate(self.rate_address, z, self.c, out)
+        if (
+            self.evaluations == 1 and not np.isfinite(out).all()
+        ):  # SciPy's explicit solvers would look for a step for ever
+            raise ArithmeticError("the rates of the system are not finite at the start")
         return out
 
     def into(self, t: float, z: Any, out: Any) -> None:

@@ -7,6 +7,7 @@ import pytest
 
 from tcbench import Scenario, System, TcbenchError
 from tcbench.authoring import check
+from tcbench.systems.right_hand_side import Field
 
 CALLS = [0]
 
@@ -75,6 +76,10 @@ def by_math(self, z, dE, dS):
     return {"p": -math.sin(z.q[0]) * dE.p}
 
 
+def number_first(self, z, dE, dS):
+    return {"p": -np.hypot(1.0, dE.p[0]) * dE.p}
+
+
 FAULTS = {  # formula -> (what is wrong with it, lines below its first, words of the sentence)
     "counter": ("irreversible", counted, None, "not the same"),
     "in place": ("irreversible", in_place, 2, "does not write to its arguments"),
@@ -82,6 +87,7 @@ FAULTS = {  # formula -> (what is wrong with it, lines below its first, words of
     "an array of floats": ("irreversible", of_floats, 2, "dtype=object"),
     "a variable that is none": ("irreversible", misnamed, 0, "No variable of 'right' is called 'P'"),
     "math": ("irreversible", by_math, 1, "np.|numpy"),
+    "a number before a formula": ("irreversible", number_first, 1, "write the number a as a + 0 * x"),
     "invariants in a list": ("invariants", lambda self, z: [z.p @ z.p], 0, "by name"),
     "an invariant of two numbers": ("invariants", lambda self, z: {"p": z.p}, 0, "one number, not 'p'"),
     "measures by name": ("measures", lambda self, z: {"r": z.q @ z.q}, 0, "not dict"),
@@ -112,6 +118,20 @@ def test_one_sentence_names_the_line(fault):
     assert any(word in sentence for word in words.split("|"))
     if below is not None:
         assert f"test_check_systems.py, line {wrong.__code__.co_firstlineno + below}:" in sentence
+
+
+class Root(Right):
+    """The slope of its last term is 0/0 at q1 = 0, where the lines below let it start."""
+
+    def energy(self, z):
+        return super().energy(z) + np.hypot(1.0 + 0 * z.p[0], z.p[0]) + (z.q[1] ** 2) ** 1.5
+
+
+def test_a_rate_that_is_no_number_at_the_start_is_told():
+    assert "the rate of p is not finite" in failed(Root)["formulas"]
+    system = Root(eta=0.1, theta=1)
+    with pytest.raises(ArithmeticError, match="not finite at the start"):  # SciPy's RK45 would never come back
+        Field(system).rate(0.0, np.array([1.0, 0, 0, 1, 0]))
 
 
 def matrix(name, change):

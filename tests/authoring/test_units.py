@@ -208,3 +208,9 @@ def test_springs_and_networks_agree_in_si_units(name, monkeypatch):
 def test_units_are_written_as_people_write_them():
     assert unit("J/(kg K)").like(unit("m^2 s^-2 K^-1")) and unit("m^(1/2)").powers == {"m": 0.5}
     assert str(unit("kg m^2/s^2")) == "J" and str(unit("")) == "a pure number" and str(Unit({"mol": 1})) == "mol"
+
+
+def test_units_of_circuits_are_those_of_mechanics():
+    """Energy, force and power by each of them."""
+    for text in ("C^2/F", "Wb^2/H", "A^2 H", "V^2 S s", "A Wb", "T A m^2", "ohm A^2 s"):
+        assert unit(text).powers == unit("J").powers, text

@@ -51,6 +51,21 @@ def test_what_overflows_is_not_accused():
     assert zero_over_zero(method.flows[0], SCENARIO.model, SCENARIO.model.state(SCENARIO.z0 + 1.0), 0.1) == ""
 
 
+def test_what_has_overflowed_at_this_step_is_not_accused():
+    """Neither in compiled code, which raises no flag, nor where a logarithm has no value."""
+
+    def far(z0, z1, h, system):
+        size = system.energy(system.state(z0 * (1 + 1e180 * (10 * h) ** 60)))
+        return z1 - z0 - h * system.vector_field((z0 + z1) / 2) * (size / size)
+
+    def negative(z0, z1, h, system):
+        return z1 - z0 - h * np.log(-1 - z0.p @ z0.p) * system.vector_field((z0 + z1) / 2)
+
+    for wrong in (far, negative):
+        run = tcbench.simulate(Integrator(name=wrong.__name__, order=1, source="x", flows=wrong), SCENARIO, dt=0.1)
+        assert not run.ok and "0 by 0" not in run.failure
+
+
 def test_a_run_that_ends_for_another_reason_says_nothing_of_it():
     run = tcbench.simulate("midpoint_entropy", SCENARIO, dt=2.0, continuation=False, t_end=200.0)
     assert not run.ok and "0 by 0" not in run.failure
