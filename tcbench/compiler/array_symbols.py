@@ -14,7 +14,7 @@ from numpy.lib.mixins import NDArrayOperatorsMixin
 from .arrays import Map, Path, collect, count, part, take, total
 from .functions import maximum, minimum
 from .sentences import refused
-from .symbols import TAKE, array, const, lifted
+from .symbols import TAKE, Symbol, array, const, lifted
 
 SAME = "A formula does the same with all of them: what differs from one to the next is a constant over them"
 
@@ -285,12 +285,8 @@ class Table(np.ndarray):
         """As of a `TableSymbol`."""
         index = np.asarray(self)
         values = np.broadcast_to(x, index.shape) if np.ndim(x) < index.ndim else np.asarray(x)
-        if values.dtype == object:
-            zero = const(0.0) if any(hasattr(v, "op") for v in values.flat) else 0.0  # units are no symbols
-            flat = [zero] * int(np.prod((sum(self.counts), *values.shape[index.ndim :])))
-            found = array(flat).reshape(sum(self.counts), *values.shape[index.ndim :])
-        else:
-            found = np.zeros((sum(self.counts), *values.shape[index.ndim :]), values.dtype)
+        zero: Any = const(0.0) if any(isinstance(v, Symbol) for v in values.flat) else 0.0
+        found = np.full((sum(self.counts), *values.shape[index.ndim :]), zero, values.dtype)
         np.add.at(found, index, values)
         return found[: self.counts[0]]
 

@@ -10,6 +10,7 @@ The author's formula r(z0, z1, h, system) is run once on symbols. Then, exactly 
 
 from __future__ import annotations
 
+import functools
 import inspect
 import traceback
 from collections.abc import Sequence
@@ -17,6 +18,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..compiler import derivatives as trace
 from ..compiler.derivatives import Symbol, const
@@ -87,6 +89,15 @@ class FlowKernels:
             found |= {"nj": 0, "ns": p.n, "nnz": p.nnz, "nd": 2 * p.n + self.n_positive, "factorise": p.factorise}
             found |= {"first": p.first, "columns": p.columns, "diagonal": p.diagonal, "order": p.order}
         return found
+
+    def prepared(self, z: Any, c: NDArray[np.float64]) -> NDArray[np.float64]:
+        """w of a step from z. c: (h, constants, what the flow reads beside them)."""
+        from ..compiler.library import evaluate
+
+        w = np.zeros(self.opening.size + self.setup.size)
+        w[self.opening.size :] = self.setup(c, c)
+        evaluate(self.prologue.address, np.ascontiguousarray(z, dtype=float), c, w)
+        return w
 
 
 def build(flow: Flow, system: System) -> FlowKernels:
@@ -188,7 +199,8 @@ def _dense_parts(
     d_dh: Any = trace.jacobian(reduction.rows, [h])[:, 0] if x else []
     corrections = [*correction, *image[0]]
     sizes = [trace.mul(abs(step), scale) for step, scale in zip(corrections, scales, strict=True)]
-    iterate = [*corrections, *pivots, *positive, _size(sizes, correction), _lowest([*pivots, *positive])]
+    lowest = functools.reduce(trace.minimum, [*pivots, *positive], const(np.inf))
+    iterate = [*corrections, *pivots, *positive, _size(sizes, correction), lowest]
     chords = [trace.mul(abs(step), scale) for step, scale in zip([*chord, *image[1]], scales, strict=True)]
     polish = [*chord, *image[1], _size(chords, chord)]
     return _Parts(iterate, [*reduction.rows, *jacobian.ravel(), *d_dh], scales, polish, moved, names)
@@ -266,29 +278,13 @@ def apply_explicit(formula: Residual, system: System, start: Any, end: Any, firs
 
 def _applied(kernels: FlowKernels, system: System, h: float, end: Any, start: Any, first: Any) -> Any:
     """What the explicit formula of these kernels adds to `end`."""
-    from ..compiler.library import evaluate
-
-    c = np.concatenate([[h], system.constant_values[1:], start, first])
-    w = np.zeros(kernels.opening.size + kernels.setup.size)
-    w[kernels.opening.size :] = kernels.setup(c, c)
-    evaluate(kernels.prologue.address, np.ascontiguousarray(end, dtype=float), c, w)
+    w = kernels.prepared(end, np.concatenate([[h], system.constant_values[1:], start, first]))
     return kernels.finish(w, w)
 
 
 def _size(sizes: Sequence[Symbol], terms: Sequence[Symbol]) -> Symbol:
     """max of the sizes, NaN if any term is not finite."""
-    result = const(0.0)
-    for size in sizes:
-        result = trace.maximum(result, size)
-    return trace.guarded(result, terms)
-
-
-def _lowest(values: Sequence[Symbol]) -> Symbol:
-    """Least of the pivots and temperatures."""
-    result = const(np.inf)
-    for value in values:
-        result = trace.minimum(result, value)
-    return result
+    return trace.guarded(functools.reduce(trace.maximum, sizes, const(0.0)), terms)
 
 
 def further(flow: Flow, system: System, z0: Any, h: Symbol, start: Any) -> list[Any]:

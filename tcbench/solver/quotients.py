@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from ..compiler.library import evaluate
 from ..integrator import Flow
 from ..systems.system import System
 from .flow_kernels import FlowKernels
@@ -23,10 +22,7 @@ def finite_at_rest(kernels: FlowKernels, memory: int, system: System, z: Any, h:
     """Has the compiled formula its value and its derivatives at z1 = z0 = z? Then it divides nothing by 0 there, and a
     run on plain numbers, which takes a thousand times as long, has nothing to find."""
     further = [np.zeros(memory * len(z))] if memory else [z, z]
-    c = np.concatenate([[h], system.constant_values[1:], *further])
-    w = np.zeros(kernels.opening.size + kernels.setup.size)
-    w[kernels.opening.size :] = kernels.setup(c, c)
-    evaluate(kernels.prologue.address, np.array(z, dtype=float), c, w)
+    w = kernels.prepared(z, np.concatenate([[h], system.constant_values[1:], *further]))
     still = np.zeros(max(1, kernels.n_unknowns))
     return bool(np.all(np.isfinite(kernels.full(w, still))) and np.all(np.isfinite(kernels.finish(w, still))))
 

@@ -373,12 +373,9 @@ class ElementSystem(ThermalVariables, System):
             return ArraySlope(self.shape, self.fresh("q", "position"), q)
         q_ = self.fresh("q", "position")
         rows = trace.sparse_jacobian(list(self.shape(q_)), list(q_))
-        entries = [(i, j, x) for i, row in enumerate(rows) for j, x in row.items()]
-        values = trace.substitute([x for _, _, x in entries], dict(zip(q_, q, strict=True)))
-        found: list[dict[int, trace.Symbol]] = [{} for _ in rows]
-        for (i, j, _), value in zip(entries, values, strict=True):
-            found[i][j] = value
-        return SparseRows(found, self.n_positions)
+        slopes = [slope for row in rows for slope in row.values()]
+        found = iter(trace.substitute(slopes, dict(zip(q_, q, strict=True))))
+        return SparseRows([{j: next(found) for j in row} for row in rows], self.n_positions)
 
     def check_shape(self, q: Any) -> None:
         """TraceError where the strain measures are not at most quadratic in q."""

@@ -68,27 +68,27 @@ def _is_computed(cls: type, name: str) -> bool:
 def check_attribute(system: System, name: str, value: Any) -> None:
     """TcbenchError where an attribute of an instance would hide what its class computes, be another constant, or hand a
     value from one formula to another, which may be called with other states in between."""
-    if "energy" in _base(type(system)).written and name not in system.constants and _has_symbols(value):
+    kind, written = type(system), _base(type(system)).written
+    if name in system.constants:
+        if name in system.__dict__:
+            raise TcbenchError(
+                f"The constant {name!r} of a system does not change: take another one, such as "
+                f"scenario.replace({name}=...).model."
+            )
+        return
+    symbolic = any(isinstance(x, Symbol) for x in np.ravel(np.asarray(value, dtype=object)))
+    if "energy" in written and symbolic:
         raise TcbenchError(
-            f"{where_in_user_code()}: a formula of {type(system).__name__} sets self.{name}. Formulas only read self: "
+            f"{where_in_user_code()}: a formula of {kind.__name__} sets self.{name}. Formulas only read self: "
             "another one may be called with other states. Use a local name, or call a function of your own in each."
         )
-    if name not in system.constants and _is_computed(type(system), name):
-        raise _overridden(type(system).__name__, name, _base(type(system)).written)
-    if name not in system.constants and name in _base(type(system)).written:
+    if _is_computed(kind, name):
+        raise _overridden(kind.__name__, name, written)
+    if name in written:
         raise TcbenchError(
-            f"{type(system).__name__} sets {name!r} on an instance: it belongs to the class, whose formulas all of its "
+            f"{kind.__name__} sets {name!r} on an instance: it belongs to the class, whose formulas all of its "
             "scenarios share. Write it in the body of the class."
         )
-    if name in system.constants and name in system.__dict__:
-        raise TcbenchError(
-            f"The constant {name!r} of a system does not change: take another one, such as "
-            f"scenario.replace({name}=...).model."
-        )
-
-
-def _has_symbols(value: Any) -> bool:
-    return any(isinstance(x, Symbol) for x in np.ravel(np.asarray(value, dtype=object)))
 
 
 class Fixed(dict[str, Any]):
