@@ -16,8 +16,7 @@ from ..solver.flow_kernels import called
 from ..solver.quotients import REMEDY, zero_over_zero
 from ..studies.theorems import SEED, admissible_states, energy_defect, entropy_fall
 from .check_line import FAIL, NONE, OK, Line, line
-from .jacobian_checks import given_gap, traced_gap
-from .second_ways import march_gap, outputs_gap, workspace_gap
+from .gaps import given_gap, march_gap, outputs_gap, traced_gap, workspace_gap
 
 if TYPE_CHECKING:
     from ..integrator import Flow, Integrator
