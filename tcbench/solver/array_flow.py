@@ -24,10 +24,11 @@ from ..compiler.once import once
 from ..errors import TraceError
 from ..integrator import Flow
 from .elimination import ZERO_PIVOT
+from .first_values import plain_start, sizes_of
 from .flow_kernels import FlowKernels, called, finite_rows, hoisted_values
 from .normal_rows import normalised
 from .pattern import Pattern
-from .reduction import Reduction, reduce_arrays
+from .reduction import reduce_arrays
 
 
 @dataclass(frozen=True)
@@ -98,8 +99,9 @@ def _array_flow(flow: Flow, net: Any) -> ArrayFlow:
     if flow.variables != "entropy":
         dz = net.state(np.concatenate([dy.q, dy.p, net.entropy_increments(flow.variables, y0, y1)]))
     positive = entries(y1.s) if flow.variables == "temperature" else []
-    sizes = dict(zip(d, scales(net, z0, y0, flow.variables) * len(steps), strict=True))
-    began = _start(reduction)
+    scales = map(trace.reciprocal, sizes_of(net, y0, z0, flow.variables) * len(steps))
+    sizes = dict(zip(d, scales, strict=True))
+    began = plain_start(reduction, _slopes)
     began |= dict(zip(shared, trace.substitute(list(shared.values()), began), strict=True))
     # Newton's matrix has rows for shared numbers, which are what the other unknowns make them: as if it had none
     outputs = trace.substitute([*residual, *(slope for _, _, slope in flat), *d_dh], shared)
@@ -168,33 +170,14 @@ def own_slopes(rows: Sequence[Symbol], unknowns: Sequence[Symbol]) -> list[dict[
     return [{place[t.unknown.number]: slope for t, slope in row.items() if not (t.rows or t.columns)} for row in terms]
 
 
-def scales(net: Any, z0: Any, y0: Any, variables: str) -> list[Symbol]:
-    """1/size of each array of a state: as `first_values.scales_of`."""
-    sizes = net.sizes(z0)
-    if variables == "temperature":
-        sizes[-1] = y0.theta
-    if variables == "energy":
-        sizes[-1] = net.temperatures(z0) * sizes[-1]
-    return [trace.reciprocal(trace.lifted(x)) for x in entries(*sizes)]
-
-
 def _of_size(value: Symbol) -> Symbol:
     return trace.reciprocal(trace.maximum(const(1.0), abs(value)))
 
 
-def _start(reduction: Reduction) -> dict[Symbol, Symbol]:
-    """Unknowns for which the eliminated increments vanish: Newton from z1 = z0. As `first_values.plain_start`."""
-    x, zero = reduction.unknowns, const(0.0)
-    start = dict.fromkeys(x, zero)
-    for formula in reduction.eliminated.values():
-        (found,) = jacobian_terms([formula], x)
-        if len(found) == 1 and all(not term.rows and not term.columns for term in found):
-            ((term, slope),) = found.items()
-            if slope.number in trace.depends_on([slope], x):
-                continue
-            (offset,) = trace.substitute([formula], dict.fromkeys(x, zero))
-            start[term.unknown] = trace.neg(trace.mul(offset, trace.reciprocal(slope)))
-    return start
+def _slopes(formula: Symbol, x: Sequence[Symbol]) -> list[tuple[Symbol | None, Symbol]]:
+    """For `plain_start`: of arrays."""
+    (found,) = jacobian_terms([formula], x)
+    return [(None if term.rows or term.columns else term.unknown, slope) for term, slope in found.items()]
 
 
 def flow_of(formula: Flow, hashed: str | None, kind: Any) -> ArrayFlow:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
 from ..compiler import derivatives as trace
+from ..compiler.array_states import entries
 from ..compiler.derivatives import Symbol, array, const
 from ..systems.element_system import ElementSystem
-from ..systems.state import State
 from ..systems.system import System
 from .elimination import factorise
 from .reduction import Reduction
@@ -18,21 +18,29 @@ from .reduction import Reduction
 TINY = 1e-100  # beside a kinetic energy that may be zero
 
 
-def plain_start(reduction: Reduction) -> list[Symbol]:
+def plain_start(
+    reduction: Reduction, slopes_of: Callable[[Symbol, Sequence[Symbol]], Sequence[tuple[Symbol | None, Symbol]]]
+) -> dict[Symbol, Symbol]:
     """Unknowns for which the eliminated increments vanish: Newton from z1 = z0.
 
     Newton does not see the initial value of an unknown that enters linearly (momenta, once positions are eliminated),
     so this reproduces Newton on the full set of unknowns started at z0. Unknowns equal to zero are instead
-    the explicit drift q0 + h p0/m, which is nearer.
+    the explicit drift q0 + h p0/m, which is nearer. slopes_of: (unknown, slope) of each that a formula is made of,
+    without the unknown where it is of other entries of an array.
     """
     x, zero = reduction.unknowns, const(0.0)
     start = dict.fromkeys(x, zero)
     for formula in reduction.eliminated.values():
-        moving = [(x[j], a) for j, a in sorted(trace.sparse_jacobian([formula], x)[0].items())]
-        if len(moving) == 1 and moving[0][1].number not in trace.depends_on([moving[0][1]], x):
-            (symbol, slope), (offset,) = moving[0], trace.substitute([formula], dict.fromkeys(x, zero))
+        ((symbol, slope), *others) = slopes_of(formula, x) or [(None, zero)]
+        if symbol is not None and not others and slope.number not in trace.depends_on([slope], x):
+            (offset,) = trace.substitute([formula], dict.fromkeys(x, zero))
             start[symbol] = trace.neg(trace.mul(offset, trace.reciprocal(slope)))
-    return [start[s] for s in x]
+    return start
+
+
+def by_entries(formula: Symbol, x: Sequence[Symbol]) -> list[tuple[Symbol | None, Symbol]]:
+    """For `plain_start`: of numbers."""
+    return [(x[j], slope) for j, slope in sorted(trace.sparse_jacobian([formula], x)[0].items())]
 
 
 def near_start(index: Sequence[int], system: System, z0: Any, h: Symbol, variables: str) -> list[Symbol]:
@@ -91,14 +99,14 @@ def _derivatives(values: Sequence[Symbol], t: Symbol, order: int) -> list[Any]:
     return [array(trace.substitute(list(x), {t: const(0.0)})) for x in found]
 
 
-def scales_of(
-    where: Sequence[int], moved: Sequence[Symbol], place: Any, system: System, y0: State, z0: Any, variables: str
-) -> list[Symbol]:
-    """1/size of each unknown, as the system says; of temperatures theta, of energies theta times that of an entropy."""
-    sizes = system.sizes(z0)
+def sizes_of(system: Any, y0: Any, z0: Any, variables: str) -> list[Symbol]:
+    """By what each increment is measured, as the system says; of temperatures theta, of energies theta times that of an
+    entropy."""
+    sizes = [trace.lifted(x) for x in entries(*system.sizes(z0))]
     if variables == "temperature":
-        sizes[-len(y0.theta) :] = y0.theta
+        theta = entries(y0.theta)
+        sizes[-len(theta) :] = theta
     if variables == "energy":
-        m = len(y0.u)
-        sizes[-m:] = [theta * size for theta, size in zip(system.temperatures(z0), sizes[-m:], strict=True)]
-    return [trace.reciprocal(sizes[i % system.size]) for i in [*where, *(place[e] for e in moved)]]
+        theta = entries(system.temperatures(z0))
+        sizes[-len(theta) :] = [a * b for a, b in zip(theta, sizes[-len(theta) :], strict=True)]
+    return sizes

@@ -31,7 +31,7 @@ from ..systems.element_system import ElementSystem
 from ..systems.state import State
 from ..systems.system import System
 from .elimination import ZERO_PIVOT, factorise
-from .first_values import near_start, plain_start, scales_of
+from .first_values import by_entries, near_start, plain_start, sizes_of
 from .foresight import foreseen
 from .normal_rows import normalised
 from .reduction import Reduction, reduce
@@ -132,15 +132,16 @@ def _build(flow: Flow, system: System) -> FlowKernels:
     place = {s: i for i, s in enumerate(d)}
     where = [place[s] for s in x]
     positive = list(y1.s) if flow.variables == "temperature" else []
+    sizes = sizes_of(sym, y0, z0, flow.variables)
     if slopes is None:
         moved = reduction.moved()
-        scales = scales_of(where, moved, place, sym, y0, z0, flow.variables)
+        scales = [trace.reciprocal(sizes[i % n]) for i in [*where, *(place[e] for e in moved)]]
         parts = _dense_parts(reduction, moved, positive, h, scales)
         guess = near_start(where, sym, z0, h, flow.variables)
     else:
-        parts = _sparse_parts(reduction, slopes, positive, h, scales_of(where, [], place, sym, y0, z0, flow.variables))
+        parts = _sparse_parts(reduction, slopes, positive, h, [trace.reciprocal(sizes[i % n]) for i in where])
         guess = [const(0.0)] * len(x)
-    fixed = [*plain_start(reduction), *guess, *parts.scales]
+    fixed = [*plain_start(reduction, by_entries).values(), *guess, *parts.scales]
     hoisted = hoisted_values([*parts.iterate, *parts.polish, *parts.full, *dz], [*x, *parts.stored])
     opening = [*fixed, *hoisted, *sym.observe(z0)]
     # of an explicit flow the step size is constant as well; where Newton works, continuation varies it
@@ -199,8 +200,8 @@ def _dense_parts(
     d_dh: Any = trace.jacobian(reduction.rows, [h])[:, 0] if x else []
     corrections = [*correction, *image[0]]
     sizes = [trace.mul(abs(step), scale) for step, scale in zip(corrections, scales, strict=True)]
-    lowest = functools.reduce(trace.minimum, [*pivots, *positive], const(np.inf))
-    iterate = [*corrections, *pivots, *positive, _size(sizes, correction), lowest]
+    iterate = [*corrections, *pivots, *positive, _size(sizes, correction)]
+    iterate.append(functools.reduce(trace.minimum, [*pivots, *positive], const(np.inf)))
     chords = [trace.mul(abs(step), scale) for step, scale in zip([*chord, *image[1]], scales, strict=True)]
     polish = [*chord, *image[1], _size(chords, chord)]
     return _Parts(iterate, [*reduction.rows, *jacobian.ravel(), *d_dh], scales, polish, moved, names)
