@@ -35,13 +35,14 @@ from . import conduction, sparse
 from .formulas import ON_VECTORS, Formulas
 from .memory import Work
 
+SOLVED, FAILED = 0, 1  # how a step ended
 EPSILON = 2.0**-53  # of what the terms of the energy are: its round-off, and what a quadrature may leave
 
 
 @once
 def any_formulas(symbolic: System) -> tuple[Formulas, list[Kernel]]:
-    """Those of all systems of one structure, by their `System.symbolic`: start, motion, slopes, forces, the Jacobian by
-    columns; and of the mending start, mend, hold."""
+    """Those of all systems of one structure, by their `System.symbolic`: start, motion, slopes, forces, the Jacobian;
+    and of the mending start, mend, hold."""
     with trace.tracing() as table:
         *mending, fixed = mending_kernels(symbolic)
         z, K = (symbolic.state(trace.variables(name, symbolic.size)) for name in "zK")
@@ -55,9 +56,8 @@ def any_formulas(symbolic: System) -> tuple[Formulas, list[Kernel]]:
             ([*K, *z], motion),
             (y, slopes),
             ([*K, *z, *means], list(forces)),
-            ([*z], list(trace.jacobian(rate, list(z)).T.ravel())),
         ]
-        return Formulas.of(symbolic, bodies, table, fixed), mending
+        return Formulas.of(symbolic, bodies, table, trace.jacobian(rate, list(z)), fixed), mending
 
 
 def parts_of(system: Any, z: Any, K: Any) -> list[Part]:
@@ -127,23 +127,37 @@ def rates(w: Work, h: float, z: Floats, points: int, level: int) -> None:
             w.at_nodes[j, m + i] = z[i] + h * total
     for j in range(k):
         call(w.to_motion, w.at_nodes[j], w.c, w.drift[j])
-    if w.n_slopes > 0:
-        for g in range(points):
-            for i in range(w.n_carried):
-                total = 0.0
-                for l in range(k):
-                    total += a.Ahats[level, g, l] * w.drift[l, i]
-                w.at_points[g, i] = w.x0[i] + h * total
-            call(w.to_slopes, w.at_points[g], w.c, w.slopes[g])
+    projected(w, h, points, level)
+
+
+@rare
+def projected(w: Work, h: float, points: int, level: int) -> int:
+    """N from what is known at the nodes: with the slopes at the points of a quadrature, projected. FAILED if what has
+    to be positive there is not."""
+    a, k = w.numbers, w.k
+    first, some = w.n_nodes - w.n_slopes, w.n_slopes - w.n_positive
+    for g in range(points if w.n_slopes > 0 else 0):
+        for i in range(w.n_carried):
+            total = 0.0
+            for l in range(k):
+                total += a.Ahats[level, g, l] * w.drift[l, i]
+            w.at_points[g, i] = w.x0[i] + h * total
+        for i in range(w.n_positive):
+            if not w.at_points[g, i] > 0.0:
+                return FAILED
+        call(w.to_slopes, w.at_points[g], w.c, w.slopes[g])
     for j in range(k):
         for i in range(w.n_slopes):
             total = 0.0
             for g in range(points):
                 total += a.Ws[level, j, g] * w.slopes[g, i]
-            w.at_nodes[j, 2 * m + i] = total
+            w.at_nodes[j, first + i] = total
+            if i >= some and not total > 0.0:
+                return FAILED
         call(w.to_forces, w.at_nodes[j], w.c, w.FG)
-        for i in range(m):
+        for i in range(w.m):
             w.N[i, j] = w.FG[i]
+    return SOLVED
 
 
 @rare
@@ -174,7 +188,7 @@ def renew(w: Work, h: float, z: Floats) -> None:
             for l in range(w.k):
                 total += w.numbers.A[j, l] * w.U[i, l]
         w.z1[i] = z[i] + h * total / w.k
-    if w.sparse.n == 0:
+    if not w.large:
         conduction.prepare(w, h, w.z1)
         return
     call(w.to_matrix, w.z1, w.c, w.sparse.values)  # of a large system whether or not it seemed stiff

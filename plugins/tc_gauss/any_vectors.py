@@ -18,6 +18,7 @@ from tcbench.compiler.once import once
 from tcbench.systems.system import System
 
 from .formulas import ON_VECTORS, coefficients, integrated, projected
+from .sparse import with_fill
 
 MOST = 16  # variables: the code of more takes seconds to compile
 KERNELS = ("to_factor", "to_damp", "to_iterate", "to_iterate_finer")
@@ -37,21 +38,17 @@ def vector_kernels(symbolic: System, k: int) -> dict[str, int]:
         return dict.fromkeys(KERNELS, 0)
     from tcbench.compiler.machine import load
 
-    zeros = [trace.is_const(x, 0.0) for x in made.bodies[-1][1]]
     with trace.tracing(made.table):
-        texts = [factors(symbolic.size, k, zeros), damping(symbolic.size, k, zeros)]
-        texts += [iteration(made, symbolic.size, k, level, zeros) for level in range(ON_VECTORS)]
+        texts = [factors(made.pattern, k), damping(made.pattern, k)]
+        texts += [iteration(made, symbolic.size, k, level) for level in range(ON_VECTORS)]
     return {name: load(text, str) for name, text in zip(KERNELS, texts, strict=True)}
 
 
 class Factors:
-    """Where the factors of a matrix stand that has these zeros; by columns, real and imaginary parts as vectors."""
+    """Where the factors of a matrix with such entries stand; by columns, real and imaginary parts as vectors."""
 
-    def __init__(self, size: int, zeros: list[bool]) -> None:
-        self.size = size
-        self.there = np.array([not x for x in zeros]).reshape(size, size).T | np.eye(size, dtype=bool)  # row, column
-        for m in range(size):  # what elimination fills
-            self.there[m + 1 :, m + 1 :] |= np.outer(self.there[m + 1 :, m], self.there[m, m + 1 :])
+    def __init__(self, pattern: Any) -> None:
+        self.size, self.there = len(pattern), with_fill(pattern)
 
     def place(self, i: int, j: int) -> int:
         return 2 * WIDTH * (j * self.size + i)
@@ -72,20 +69,21 @@ def less(lanes: Any, x: Complex, y: Complex) -> Complex:
     return lanes.sub(x[0], y[0]), lanes.sub(x[1], y[1])
 
 
-def factors(size: int, k: int, zeros: list[bool]) -> str:
-    """a: J by columns; b: h; out: the factors, with the reciprocals of the pivots."""
+def factors(pattern: Any, k: int) -> str:
+    """a: -J as `Formulas` has it; b: h; out: the factors, with the reciprocals of the pivots."""
     from tcbench.compiler.vector_kernels import Lanes
 
-    lanes, known, at = Lanes(), coefficients(k), Factors(size, zeros)
+    lanes, known, at = Lanes(), coefficients(k), Factors(pattern)
+    size, values = at.size, pattern.cumsum().reshape(pattern.shape) - 1
     h = lanes.number(lanes.b, 0)
     parts = [lanes.mul(h, lanes.constant([*x, last])) for x, last in ((known.eigen_re, 1.0), (known.eigen_im, 0.0))]
     one, none = lanes.constant(1.0), lanes.constant(0.0)
     entry: dict[tuple[int, int], Complex] = {}
     for i, j in np.argwhere(at.there).tolist():
         real, imag = (one if i == j else none), none
-        if not zeros[j * size + i]:
-            slope = lanes.number(lanes.a, j * size + i)
-            real, imag = (lanes.sub(x, lanes.mul(part, slope)) for x, part in zip((real, imag), parts, strict=True))
+        if pattern[i, j]:
+            slope = lanes.number(lanes.a, values[i, j])
+            real, imag = (lanes.add(x, lanes.mul(part, slope)) for x, part in zip((real, imag), parts, strict=True))
         entry[i, j] = real, imag
     for m in range(size):
         p, q = entry[m, m]
@@ -102,11 +100,12 @@ def factors(size: int, k: int, zeros: list[bool]) -> str:
     return lanes.text()
 
 
-def damping(size: int, k: int, zeros: list[bool]) -> str:
+def damping(pattern: Any, k: int) -> str:
     """(I - hJ)^-1 of the rows of `out`, in place. a: the factors."""
     from tcbench.compiler.vector_kernels import Lanes
 
-    lanes, at, lane = Lanes(), Factors(size, zeros), coefficients(k).pairs
+    lanes, at, lane = Lanes(), Factors(pattern), coefficients(k).pairs
+    size = at.size
     x = [lanes.row(lanes.out, WIDTH * i) for i in range(size)]
     for j in range(size):
         for i in at.below(j):
@@ -137,7 +136,7 @@ def solved(lanes: Any, at: Factors, first: int, x: list[Complex]) -> list[Comple
     return x
 
 
-def iteration(made: Any, size: int, k: int, level: int, zeros: list[bool]) -> str:
+def iteration(made: Any, size: int, k: int, level: int) -> str:
     """`any_system.rates` and `corrected` with one of the quadratures.
 
     a: z, weights of a residual, what is carried of z, the factors; b: h, constants; out: U, which is corrected in
@@ -164,7 +163,7 @@ def iteration(made: Any, size: int, k: int, level: int, zeros: list[bool]) -> st
     new = lanes.graph(at, rates)
     change = [[lanes.lane(lanes.sub(x, y), l) for l in range(k)] for x, y in zip(new, old, strict=True)]
     parts = [tuple(lanes.combine(into.T, x) for into in (known.into_re, known.into_im)) for x in change]
-    parts = solved(lanes, Factors(size, zeros), carried + len(y), parts)
+    parts = solved(lanes, Factors(made.pattern), carried + len(y), parts)
     back, sizes = [*known.back_re.T, *(-known.back_im.T)], []
     for i, part in enumerate(parts):
         step = lanes.combine(back, [lanes.lane(x, j) for x in part for j in range(known.pairs)])

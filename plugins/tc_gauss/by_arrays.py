@@ -77,7 +77,9 @@ def fields(system: System, n_factors: int) -> dict[str, Any]:
     matrix, to_matrix = _sparse(made, mesh, size, n_factors)
     carried, projected = (mesh.offsets(blocks)[-1] for blocks in (made.carried, made.projected))
     return {
-        "n_matrix": size, "n_dense": 0, "sparse": matrix, "to_matrix": to_matrix, "n_ends": kernels["to_start"].size,
+        "general": True, "large": True, **dict.fromkeys(("n", "n_newton", "n_lanes", "n_positive"), 0),
+        **dict.fromkeys(("e", "m", "n_matrix"), size), "sparse": matrix,
+        "n_constants": len(system.constant_values), "to_matrix": to_matrix, "n_ends": kernels["to_start"].size,
         "n_nodes": 2 * size + projected, "n_carried": carried, "n_slopes": projected,
         "n_laws": kernels["to_laws"].size, "n_mended": kernels["to_mend"].size, "c": system.constant_values,
         **{name: x.address for name, x in kernels.items()},

@@ -78,18 +78,24 @@ class Formulas(NamedTuple):
     setup: Kernel  # for what depends on the constants only
     places: dict[Any, int]  # where the constants stand, and behind them its results
     bodies: list[tuple[list[Any], list[Any]]]  # inputs and values of the kernels
+    pattern: Any  # which entries its matrix has, (n, n)
     table: Any  # of the trace, for those that go on from it
 
     @classmethod
-    def of(cls, system: Any, bodies: list[tuple[list[Any], list[Any]]], table: Any, fixed: Any = ()) -> Formulas:
-        """Of a structure, from inputs and values. fixed: results of `setup` that stand before those of these."""
+    def of(cls, system: Any, bodies: list[Any], table: Any, matrix: Any = None, fixed: Any = ()) -> Formulas:
+        """Of a structure, from inputs and values; last of the kernels is that of the matrix, whose entries, with other
+        signs, it gives row by row. fixed: results of `setup` that stand before those of these."""
+        pattern = np.empty((0, 0), bool)
+        if matrix is not None:
+            pattern = np.array([[not trace.is_const(trace.lifted(x), 0.0) for x in row] for row in matrix])
+            bodies = [*bodies, (bodies[0][0], [-x for x in matrix[pattern]])]
         bodies = [(inputs, list(map(trace.lifted, values))) for inputs, values in bodies]
         hoisted = constant_part([x for _, row in bodies for x in row], [x for inputs, _ in bodies for x in inputs])
         constants, first = system.constant_symbols(), system.n_constant_values + len(fixed)
         known = constants | {x: f"b[{first + i}]" for i, x in enumerate(hoisted)}
         made = [kernel({x: f"a[{i}]" for i, x in enumerate(inputs)} | known, row) for inputs, row in bodies]
         places = {x: int(text[2:-1]) for x, text in known.items()}  # of 'b[3]'
-        return cls(made, kernel(constants, [*fixed, *hoisted]), places, bodies, table)
+        return cls(made, kernel(constants, [*fixed, *hoisted]), places, bodies, pattern, table)
 
 
 @cache
@@ -103,9 +109,8 @@ def formulas(symbolic: System) -> Formulas:
         z = trace.variables("z", symbolic.size)
         bodies = [*((entries(*x), entries(*y)) for x, y in iterated(symbolic)), _mending(symbolic, z)]
         bodies.insert(0, ([*z], _start(symbolic, z)))
-        if 2 < symbolic.n_elements <= MOST_ELEMENTS:
-            bodies.append(([*z], _conduction_matrix(symbolic, z)))
-        return Formulas.of(symbolic, bodies, table)
+        some = 2 < symbolic.n_elements <= MOST_ELEMENTS
+        return Formulas.of(symbolic, bodies, table, _conduction_matrix(symbolic, z) if some else None)
 
 
 def iterated(system: Any) -> list[tuple[list[Any], list[Any]]]:
@@ -218,10 +223,10 @@ def _start(system: Any, z: Any) -> list[Any]:
     return [*rate, *system.shape(state.q), energy, noise, decay, *u, *v]
 
 
-def _conduction_matrix(system: Any, z: Any) -> list[Any]:
-    """d conduction/ds at a state, by columns."""
+def _conduction_matrix(system: Any, z: Any) -> Any:
+    """d conduction/ds at a state."""
     rate = system.vector_field(z)[2 * system.n_positions :]
-    return list(trace.jacobian(list(rate), list(system.state(z).s)).T.ravel())
+    return trace.jacobian(list(rate), list(system.state(z).s))
 
 
 def noise_of(system: Any, z: Any, energy: Any) -> Any:

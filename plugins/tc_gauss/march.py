@@ -8,7 +8,7 @@ from tcbench.compiler.language import Floats, Matrix, call, copy_into, fill
 from tcbench.compiler.library import Library
 from tcbench.solver.linear_algebra import add_compensated, dot
 
-from . import conduction
+from . import conduction, sparse
 from .memory import Work
 from .step import COARSE, CONVERGED, FAILED, SOLVED, extrapolate, mend, try_step
 
@@ -75,7 +75,7 @@ def error_estimate(w: Work, h: float) -> float:
     if w.n_lanes > 0:
         return h * largest_defect(w)
     if w.stiff[2] > 0.0:
-        conduction.factor(w, w.numbers.pairs, h, 0.0)
+        sparse.factor(w.sparse, w.numbers.pairs, h, 0.0)
     before, after = defect(w, h, w.start, w.n + w.m), defect(w, h, w.end, w.n + 2 * w.m)
     return h * (after if not after <= before else before)
 

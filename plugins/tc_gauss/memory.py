@@ -62,12 +62,14 @@ class Work(Record):
     n_newton: int  # unknowns of Newton's method, which is for small systems; 0: none
     n_ends: int
     n_matrix: int  # elements whose conduction is solved for as a whole (see conduction.py), or 0
-    n_dense: int  # the same, where its matrix is dense
     n_factors: int
     n_lanes: int  # variables of any system whose iteration is on vectors, or 0
     n_nodes: int  # what stands in a row of these
     n_carried: int
     n_slopes: int
+    n_positive: (
+        int  # of the carried the first ones, and of the slopes the last ones: shapes and temperatures of springs
+    )
     n_laws: int
     n_mended: int
     general: bool  # of any system: see any_system.py; then n = 0, and all variables are in the place of entropies
@@ -87,7 +89,8 @@ class Work(Record):
     to_extrapolate: Kernel
     to_close: Kernel
     numbers: Numbers
-    sparse: Sparse  # the matrix of a large system
+    sparse: Sparse  # the matrix of the conduction: see conduction.py
+    large: bool  # by formulas on arrays
     counts: Counts
     c: Floats = sized("n_constants")  # the time step, the system's constants, and what depends on them only
     inverse_mass: Floats = sized("n")
@@ -105,14 +108,10 @@ class Work(Record):
     rates: Floats = sized("WIDTH * (m + n)", of="found", at="WIDTH * m")  # N, then V
     # h, lambda, 1 where conduction.py solves for the conduction, 1 if its own factors are made beside those on vectors
     stiff: Floats = sized("4")
-    matrix: Matrix = sized("n_dense", "n_dense")  # of the conduction: see conduction.py
-    entries: Floats = sized("n_dense * n_dense", of="matrix")  # the same
     # What `any_vectors.iteration` reads: z, weights, what is carried of z; then factors.
     vectors: Floats = sized("2 * n_lanes + n_carried + 2 * WIDTH * n_lanes * n_lanes")
     factors: Floats = sized("2 * WIDTH * n_lanes * n_lanes", of="vectors", at="2 * n_lanes + n_carried")
     sides: Matrix = sized("n_lanes", "WIDTH")  # defects at both ends
-    factors_re: Cube = sized("n_factors", "n_dense", "n_dense")
-    factors_im: Cube = sized("n_factors", "n_dense", "n_dense")
     before: Matrix = sized("n_matrix", "k")
     vector: Matrix = sized("2 * n_factors", "n_matrix")
     defects: Floats = sized("n_matrix")

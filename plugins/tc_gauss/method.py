@@ -31,8 +31,8 @@ class GaussMethod(Lending):
         self.loops, model = prepared(system, stages)
         self.stages, self.size, self.marches = stages, system.size, False
         self.counts = model.counts.again()
-        own = {"sparse": model.sparse.again()} if model.sparse.n else {}
-        self.lend_to(model.again(counts=self.counts, c=model.c.copy(), **own), self.size)  # the first of c is the step
+        own = {"sparse": model.sparse.again(), "c": model.c.copy()}  # the first of c is the step
+        self.lend_to(model.again(counts=self.counts, **own), self.size)
 
     def march(self, z: Floats, h: float, count: int) -> Floats:
         """Increments of up to `count` steps, as many as have a solution; ArithmeticError where the first has none.
@@ -78,38 +78,39 @@ def prepared(system: System, k: int) -> tuple[Any, Any]:
     """What the methods of all runs share: compiled functions, and a record that each makes `again`."""
     from .march import LOOPS  # LLVM is loaded when something runs, not when plugins are listed
     from .memory import Counts, Work
-    from .sparse import no_matrix
+    from .sparse import of_pattern
 
     numbers = formulas.coefficients(k)
+    n_factors = numbers.pairs + 1
     by_elements = system.defines("element_energy")
     if system.large and not (by_elements and system.n_elements <= formulas.MOST_ELEMENTS):
-        found = of_large_system(system, numbers.pairs + 1)
+        from .by_arrays import fields
+
+        found = fields(system, n_factors)
     else:
-        found = (of_elements if by_elements else of_any_system)(system, k)
-    shared = {"numbers": numbers, "counts": Counts(), "rows": 1, "n_factors": numbers.pairs + 1}
-    return LOOPS, Work(k=k, **({"sparse": no_matrix(), "n_lanes": 0} | shared | found))
+        pattern, found = (of_elements if by_elements else of_any_system)(system, k)
+        found["sparse"] = of_pattern(pattern, n_factors)
+    return LOOPS, Work(k=k, numbers=numbers, counts=Counts(), rows=1, n_factors=n_factors, **found)
 
 
-def of_elements(system: System, k: int) -> dict[str, Any]:
-    """The fields of a record for springs and their like."""
-    symbolic, c0 = system.symbolic, system.constant_values
+def of_elements(system: System, k: int) -> tuple[Any, dict[str, Any]]:
+    """The pattern of the matrix, and the fields of a record, for springs and their like."""
+    symbolic = system.symbolic
     made = formulas.formulas(symbolic)
     scalar, matrix = made.kernels[:5], made.kernels[5:]
-    c = np.concatenate([c0, made.setup(c0, c0)])
-    names = ("to_start", "to_motion", "to_slopes", "to_forces", "to_mend", *VECTOR_KERNELS)
-    addresses = [*(x.address for x in scalar), *formulas.on_vectors(symbolic, k)]
+    names = ("to_start", "to_motion", "to_slopes", "to_forces", "to_mend", "to_matrix", *VECTOR_KERNELS)
+    addresses = [*(x.address for x in scalar), matrix[0].address if matrix else 0, *formulas.on_vectors(symbolic, k)]
     n, e = symbolic.n_positions, symbolic.n_elements
-    return {
-        "n": n, "e": e, "m": n + e, "n_constants": len(c), "c": c,
+    return made.pattern, {
+        "n": n, "e": e, "m": n + e, "n_matrix": e if matrix else 0, **constants(system, made),
         "inverse_mass": 1.0 / (np.asarray(system.inertia(), dtype=float) * np.ones(n)),
-        "n_newton": k * (n + e) if k * (n + e) <= MOST_NEWTON else 0, "n_ends": scalar[0].size,
-        "n_matrix": e if matrix else 0, "n_dense": e if matrix else 0, "to_matrix": matrix[0].address if matrix else 0,
-        "n_nodes": 2 * (n + e), "n_carried": 2 * e, "n_slopes": 2 * e, "n_mended": scalar[-1].size,
+        "n_lanes": 0, "n_newton": k * (n + e) if k * (n + e) <= MOST_NEWTON else 0, "n_ends": scalar[0].size,
+        "n_nodes": 2 * (n + e), "n_carried": 2 * e, "n_slopes": 2 * e, "n_positive": e, "n_mended": scalar[-1].size,
         "n_laws": n + e + 1 + scalar[-1].size, **dict(zip(names, addresses, strict=True)),
     }  # fmt: skip
 
 
-def of_any_system(system: System, k: int) -> dict[str, Any]:
+def of_any_system(system: System, k: int) -> tuple[Any, dict[str, Any]]:
     """The same for any system, all of whose variables stand in the place of entropies."""
     from .any_system import any_formulas
     from .any_vectors import vector_kernels
@@ -117,19 +118,18 @@ def of_any_system(system: System, k: int) -> dict[str, Any]:
     size = system.size
     if size > MOST_VARIABLES:
         raise TcbenchError(
-            f"tc_gauss solves for all variables at once, with dense matrices: {size} are too many for it (at most "
-            f"{MOST_VARIABLES}). Declare its spaces (docs/add-system.md), or take tc_monolithic."
+            f"tc_gauss solves for all variables at once, by formulas that are written out: {size} are too many for it "
+            f"(at most {MOST_VARIABLES}). Declare its spaces (docs/add-system.md), or take tc_monolithic."
         )
-    (made, (laws, mend, hold)), c0 = any_formulas(system.symbolic), system.constant_values
-    c = np.concatenate([c0, made.setup(c0, c0)])
+    made, (laws, mend, hold) = any_formulas(system.symbolic)
     carried, projected = map(len, made.bodies[2])
     names = ("to_start", "to_motion", "to_slopes", "to_forces", "to_matrix", "to_laws", "to_mend", "to_hold")
     addresses = [x.address for x in (*made.kernels, laws, mend, hold)]
     on_vectors = vector_kernels(system.symbolic, k)
-    return {
-        "general": True, "n": 0, "n_newton": 0, "n_constants": len(c), "c": c,
-        **dict.fromkeys(("e", "m", "n_matrix", "n_dense"), size),
-        "n_lanes": size if on_vectors["to_factor"] else 0, **on_vectors,
+    return made.pattern, {
+        "general": True, **dict.fromkeys(("n", "n_newton", "n_positive"), 0), **on_vectors,
+        "n_lanes": size if on_vectors["to_factor"] else 0,
+        **dict.fromkeys(("e", "m", "n_matrix"), size), **constants(system, made),
         "n_ends": made.kernels[0].size, "n_nodes": 2 * size + projected, "n_carried": carried,
         "n_slopes": projected, "n_laws": laws.size, "n_mended": mend.size,
         **dict(zip(names, addresses, strict=True)),
@@ -137,10 +137,7 @@ def of_any_system(system: System, k: int) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def of_large_system(system: System, n_factors: int) -> dict[str, Any]:
-    """The same for one whose formulas are traced on arrays."""
-    from .by_arrays import fields
-
-    size = system.size
-    found = fields(system, n_factors)
-    return {"general": True, "n": 0, "e": size, "m": size, "n_newton": 0, "n_constants": len(found["c"]), **found}
+def constants(system: System, made: Any) -> dict[str, Any]:
+    """The system's, and what its formulas make of them."""
+    c = np.concatenate([system.constant_values, made.setup(system.constant_values, system.constant_values)])
+    return {"c": c, "n_constants": len(c)}

@@ -1,8 +1,8 @@
-"""Sparse factors for `conduction`: those of a large system, whose entries and whose fill are known beforehand.
+"""Sparse factors for `conduction`, whose entries and whose fill are known beforehand.
 
-A row of I - (re + i im) M for each variable; behind them a row for each number that all of an array read, such as a
-mean: an unknown of its own, which keeps the matrix sparse. What belongs to one entry alone comes first in the order, so
-that it is condensed before the rest. No pivoting, as there.
+A row of I - (re + i im) M for each variable; behind them, of a large system, a row for each number that all of an array
+read, such as a mean: an unknown of its own, which keeps the matrix sparse. What belongs to one entry alone comes first
+in its order, so that it is condensed before the rest. No pivoting, as there.
 """
 
 from __future__ import annotations
@@ -18,12 +18,9 @@ from tcbench.compiler.records import Record, sized
 EPSILON = 2.0**-53
 # iterations that factors cost, and each entry of these that meets its row; contraction above which there is no choice
 WORTH, MEETING, MOST_CONTRACTED, DIGITS = 12.0, 0.03, 0.5, 35.0
-FILLED, NARROW = (
-    10_000,
-    50.0,
-)  # unknowns, and their mean distance from those that they see, above both of which no fill is kept
+# unknowns, and their mean distance from those that they see, above both of which no fill is kept
+FILLED, NARROW = 10_000, 50.0
 SHARED = 10  # times the root of their number: unknowns that see more are of what all share
-TURNS, EARLY = 8, 4  # of the power method, and those that are not counted
 
 
 class Sparse(Record):
@@ -51,15 +48,16 @@ class Sparse(Record):
 
 
 @rare
-def fastest(s: Sparse) -> float:
-    """The size of the largest eigenvalue of M, nearly, by the power method: mean growth, as pairs of them turn."""
+def fastest(s: Sparse, turns: int, early: int) -> float:
+    """The size of the largest eigenvalue of M, nearly, by the power method: mean growth, as pairs of them turn, of all
+    but the early turns."""
     x, y = s.x[0], s.x[1]
     for i in range(s.size):
         x[i] = 1.0 + 0.5 * (i % 2) - 0.1 * (i % 3)
     for i in range(s.size, s.n):
         x[i] = 0.0
     grown = 1.0
-    for turn in range(TURNS):
+    for turn in range(turns):
         for i in range(s.size, s.n):  # shared numbers, whose rows are 0 and end with their own
             x[i] -= along(s, i, x) / s.values[s.rows[i + 1] - 1]
         largest = 0.0
@@ -70,8 +68,8 @@ def fastest(s: Sparse) -> float:
             return 0.0
         for i in range(s.size):
             x[i] = y[i] / largest
-        if turn >= EARLY:
-            grown *= largest ** (1.0 / (TURNS - EARLY))
+        if turn >= early:
+            grown *= largest ** (1.0 / (turns - early))
     return grown
 
 
@@ -159,25 +157,41 @@ def solve(s: Sparse, which: int, x: Floats, y: Floats) -> None:
 def sparse(size: int, rows: Any, columns: Any, n: int, n_factors: int) -> tuple[Sparse, Any]:
     """The record of a matrix of n rows with these entries, and where in its values each of them is."""
     keys, places = np.unique(rows * n + columns, return_inverse=True)
+    order, filled = elimination(n, keys // n, keys % n)
+    fill = filled.nnz / n
+    bound = min(MOST_CONTRACTED, math.exp(-DIGITS / (WORTH + MEETING * fill * fill)))
+    return _recorded(size, n, keys, order, filled.indptr, filled.indices, n_factors, bound), places
+
+
+def of_pattern(pattern: Any, n_factors: int) -> Sparse:
+    """The record of a small matrix with these entries, eliminated in their own order; of no rows: there is none."""
+    n, there = len(pattern), with_fill(pattern)
+    keys, first = np.flatnonzero(pattern), np.r_[0, np.cumsum(there.sum(axis=1))]
+    return _recorded(n, n, keys, np.arange(n), first, np.nonzero(there)[1], n_factors, 0.0)
+
+
+def with_fill(pattern: Any) -> Any:
+    """Where factors of I and a matrix of these entries have theirs."""
+    there = pattern | np.eye(len(pattern), dtype=bool)
+    for m in range(len(there)):
+        there[m + 1 :, m + 1 :] |= np.outer(there[m + 1 :, m], there[m, m + 1 :])
+    return there
+
+
+def _recorded(
+    size: int, n: int, keys: Any, order: Any, first: Any, columns: Any, n_factors: int, bound: float
+) -> Sparse:
+    """keys: of the entries, row times n + column; first, columns: the factors, in compressed rows."""
     row, sees = keys // n, keys % n
-    order, filled = elimination(n, row, sees)
     back = np.empty(n, np.int64)
     back[order] = np.arange(n)
-    all_keys = np.repeat(np.arange(n), np.diff(filled.indptr)) * n + filled.indices
-    fill = len(all_keys) / n
-    found = Sparse(
-        bound=min(MOST_CONTRACTED, math.exp(-DIGITS / (WORTH + MEETING * fill * fill))), n=n, nnz=len(all_keys),
-        n_factors=n_factors, n_values=len(keys), size=size, rows=np.searchsorted(row, np.arange(n + 1)), sees=sees,
-        at=np.searchsorted(all_keys, back[row] * n + back[sees]), first=filled.indptr.astype(np.int64),
-        columns=filled.indices.astype(np.int64), diagonal=np.searchsorted(all_keys, np.arange(n) * (n + 1)),
-        order=order,
+    all_keys = np.repeat(np.arange(n), np.diff(first)) * n + columns
+    return Sparse(
+        bound=bound, n=n, nnz=len(all_keys), n_factors=n_factors, n_values=len(keys), size=size, sees=sees,
+        rows=np.searchsorted(row, np.arange(n + 1)), at=np.searchsorted(all_keys, back[row] * n + back[sees]),
+        first=first.astype(np.int64), columns=columns.astype(np.int64), order=order,
+        diagonal=np.searchsorted(all_keys, np.arange(n) * (n + 1)),
     )  # fmt: skip
-    return found, places
-
-
-def no_matrix() -> Sparse:
-    """Of a system that has none."""
-    return Sparse(bound=0.0, n=0, nnz=0, n_factors=0, n_values=0, size=0)
 
 
 def elimination(n: int, rows: Any, columns: Any) -> tuple[Any, Any]:

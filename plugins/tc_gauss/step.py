@@ -32,11 +32,11 @@ from tcbench.compiler.language import Floats, call, copy_into, fill, rare
 from tcbench.solver.linear_algebra import dot, solve_pivoted
 
 from . import any_system, conduction
+from .any_system import FAILED, SOLVED
 from .formulas import ON_VECTORS
 from .memory import LEVELS, POINTS, Work
 
-# how a step ended
-SOLVED, FAILED, COARSE = 0, 1, 2  # COARSE: the quadrature does not keep the energy
+COARSE = 2  # how a step ended, beside SOLVED and FAILED: the quadrature does not keep the energy
 POINTS_0, POINTS_1, POINTS_2, POINTS_3 = POINTS
 MAX_ITERATIONS = 60
 CONVERGED = 1e-15  # scaled residual, beside which rounding is larger
@@ -61,7 +61,7 @@ def points_of(level: int) -> int:
 @rare
 def rates(w: Work, h: float, z: Floats, level: int) -> int:
     """N = (F, G) that the equations give for U = (F, G); FAILED if a shape or temperature is not positive."""
-    a, k, n, e, points = w.numbers, w.k, w.n, w.e, points_of(level)
+    a, k, n, e = w.numbers, w.k, w.n, w.e
     for j in range(k):
         for i in range(n):
             total = 0.0
@@ -77,29 +77,7 @@ def rates(w: Work, h: float, z: Floats, level: int) -> int:
         call(w.to_motion, w.at_nodes[j], w.c, w.drift[j])
         for i in range(e):
             w.drift[j, e + i] = w.U[n + i, j]
-    for g in range(points):
-        for i in range(2 * e):
-            total = 0.0
-            for l in range(k):
-                total += a.Ahats[level, g, l] * w.drift[l, i]
-            w.at_points[g, i] = w.x0[i] + h * total
-        for i in range(e):
-            if not w.at_points[g, i] > 0.0:
-                return FAILED
-        call(w.to_slopes, w.at_points[g], w.c, w.slopes[g])
-    for j in range(k):
-        for i in range(2 * e):
-            total = 0.0
-            for g in range(points):
-                total += a.Ws[level, j, g] * w.slopes[g, i]
-            w.at_nodes[j, 2 * n + i] = total
-        for i in range(e):
-            if not w.at_nodes[j, 2 * n + e + i] > 0.0:
-                return FAILED
-        call(w.to_forces, w.at_nodes[j], w.c, w.FG)
-        for i in range(n + e):
-            w.N[i, j] = w.FG[i]
-    return SOLVED
+    return any_system.projected(w, h, points_of(level), level)
 
 
 def stiff_block(w: Work, h: float) -> None:
@@ -199,7 +177,7 @@ def fixed_point(w: Work, h: float, z: Floats, level: int, residual: float) -> in
         elif size > STAGNATED:
             shrunk, taken = size, since - 1
         # with factors what is left at the end may weigh more in stiff parts than its size tells
-        stiffly = w.sparse.n > 0 and w.stiff[2] > 0.0
+        stiffly = w.large and w.stiff[2] > 0.0
         done = size <= residual and not (stiffly and residual <= CONVERGED and size < 0.25 * previous)
         if done or (size <= still and size > 0.5 * previous):
             if taken > 0:  # the contraction, for the choice of the next step

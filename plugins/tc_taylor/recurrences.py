@@ -50,7 +50,9 @@ class Writer(Gathering):
 
         def make() -> str | None:
             if self.packs.home.get(id(pack[0]), ((), 0))[0] == pack:
-                return getattr(self, f"_{pack[0].kind}")(pack, n, part)
+                if (kind := pack[0].kind) in PARTNERS:
+                    return self._turned(*self.packs.parts(pack), n, kind, part)
+                return getattr(self, f"_{kind}")(pack, n, part)
             if len({self.packs.steps(x) for x in pack}) == 1:  # else some lanes may be wanted before others are known
                 for lane, x in enumerate(pack):
                     self.operands.setdefault(id(x), (pack, lane))
@@ -262,18 +264,6 @@ class Writer(Gathering):
                                [(last, self._turned(u, 0, other))], sign / n, f"older {what}")  # fmt: skip
 
         return self._once(u, n, f"{what} {part}", make)
-
-    def _sin(self, pack: Pack, n: int, part: int) -> str | None:
-        return self._turned(*self.packs.parts(pack), n, "sin", part)
-
-    def _cos(self, pack: Pack, n: int, part: int) -> str | None:
-        return self._turned(*self.packs.parts(pack), n, "cos", part)
-
-    def _sinh(self, pack: Pack, n: int, part: int) -> str | None:
-        return self._turned(*self.packs.parts(pack), n, "sinh", part)
-
-    def _cosh(self, pack: Pack, n: int, part: int) -> str | None:
-        return self._turned(*self.packs.parts(pack), n, "cosh", part)
 
     def _bell(self, pack: Pack, sign: str) -> Of:
         """Coefficients of 1 - x^2 or 1 + x^2."""

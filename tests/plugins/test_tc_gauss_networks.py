@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from collocation import matrix_of
 from tcbench_plugins.chain.chain import chain
 from tcbench_plugins.net.net import net
-from tcbench_plugins.tc_gauss import conduction, formulas
+from tcbench_plugins.tc_gauss import conduction, formulas, sparse
 from tcbench_plugins.tc_gauss.method import GaussMethod, prepared
 
 import tcbench
@@ -34,7 +35,7 @@ def test_states_are_those_of_the_whole_trace(method, scenario, monkeypatch):
     scenario = scenario.replace(t_end=0.5)
     traced_as_a_whole_up_to(1, monkeypatch, scenario)
     run = tcbench.simulate(method, scenario, **settings)
-    assert GaussMethod(scenario.model, 2).work.sparse.n  # on arrays
+    assert GaussMethod(scenario.model, 2).work.large  # on arrays
     traced_as_a_whole_up_to(32, monkeypatch, scenario)
     assert GaussMethod(scenario.model, 2).work.to_iterate  # on vectors
     expected = tcbench.simulate(method, scenario, **settings)
@@ -75,12 +76,13 @@ def test_the_matrix_of_the_conduction_is_its_derivative():
     model, method = scenario.model, GaussMethod(scenario.model, 3)
     n, e = model.n_positions, model.n_elements
     conduction.set_matrix(method.work, scenario.z0)
+    matrix = matrix_of(method.work)
     for j in range(e):
         step = np.zeros(model.size)
         step[2 * n + j] = 1e-5
         slope = (model.vector_field(scenario.z0 + step) - model.vector_field(scenario.z0 - step))[2 * n :] / 2e-5
-        assert np.abs(method.work.matrix[j] - slope).max() < 1e-6 * np.abs(slope).max()
-    exact = np.abs(np.linalg.eigvals(method.work.matrix)).max()
+        assert np.abs(matrix[:, j] - slope).max() < 1e-6 * np.abs(slope).max()
+    exact = np.abs(np.linalg.eigvals(matrix)).max()
     assert 0.8 * exact < conduction.rate_of(method.work, scenario.z0, 12, 11) < 1.01 * exact
 
 
@@ -97,13 +99,13 @@ def test_corrections_solve_the_linear_system_of_all_stages(k):
     w.U[n:, :k] = 7.0  # what an iteration leaves there does not count
     w.N[n:, :k] = new
     conduction.correct(w)
-    whole = np.eye(e * k) - h * np.kron(w.matrix.T, w.numbers.A)
+    whole = np.eye(e * k) - h * np.kron(matrix_of(w), w.numbers.A)
     expected = before + np.linalg.solve(whole, (new - before).ravel()).reshape(e, k)
     assert np.abs(w.U[n:, :k] - expected).max() < 1e-10  # the eigenvectors of A, k = 7, have a condition of 2e3
     defects = new[:, 0].copy()
-    conduction.factor(w, w.numbers.pairs, h, 0.0)
+    sparse.factor(w.sparse, w.numbers.pairs, h, 0.0)
     conduction.damp(w, defects)
-    assert np.abs(defects - np.linalg.solve(np.eye(e) - h * w.matrix.T, new[:, 0])).max() < 1e-12
+    assert np.abs(defects - np.linalg.solve(np.eye(e) - h * matrix_of(w), new[:, 0])).max() < 1e-12
 
 
 @pytest.mark.thorough

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from collocation import matrix_of
 from hypothesis import given
 from hypothesis import strategies as st
 from random_laws import random_start
@@ -119,8 +120,8 @@ def test_an_iteration_of_any_system_on_vectors_is_that_of_the_loops(name, times,
     fast, slow = GaussMethod(scenario.model, k), GaussMethod(scenario.model, k)
     assert fast.work.n_lanes == scenario.model.size
     slow.work.n_lanes = 0
-    evaluate(slow.work.to_matrix, scenario.z0, slow.work.c, slow.work.entries)
-    h = 0.2 / abs(np.linalg.eigvals(slow.work.matrix)).max()
+    evaluate(slow.work.to_matrix, scenario.z0, slow.work.c, slow.work.sparse.values)
+    h = 0.2 / abs(np.linalg.eigvals(matrix_of(slow.work))).max()
     dz, same = fast.increments(scenario.z0, h), slow.increments(scenario.z0, h)
     assert fast.work.stiff[2] == 1.0 and fast.counts.halved == slow.counts.halved == 0
     np.testing.assert_allclose(dz, same, rtol=0, atol=1e-12 * max(1.0, np.abs(same).max()))
@@ -133,13 +134,13 @@ def test_an_iteration_of_any_system_on_vectors_is_that_of_the_loops(name, times,
 def test_defects_are_damped_by_the_matrix_of_an_implicit_step():
     scenario = random_start("heavy_top", 0, 1000)
     work = GaussMethod(scenario.model, 4).work
-    evaluate(work.to_matrix, scenario.z0, work.c, work.entries)
+    evaluate(work.to_matrix, scenario.z0, work.c, work.sparse.values)
     work.stiff[0] = h = 0.3
-    evaluate(work.to_factor, work.entries, work.stiff, work.factors)
+    evaluate(work.to_factor, work.sparse.values, work.stiff, work.factors)
     sides = np.arange(7.0 * WIDTH).reshape(7, WIDTH)
     damped = sides.copy()
     evaluate(work.to_damp, work.factors, work.c, damped)
-    np.testing.assert_allclose((np.eye(7) - h * work.matrix.T) @ damped, sides, atol=1e-10)
+    np.testing.assert_allclose((np.eye(7) - h * matrix_of(work)) @ damped, sides, atol=1e-10)
 
 
 def test_a_failed_step_leaves_nothing_behind():
