@@ -29,6 +29,7 @@ KINDS_OF_FIELDS = {
     "ladder": "numbers",
 }  # fmt: skip
 SAID = ("name", "shows", "source", "plugin", "_cache")  # of a scenario: no part of what is computed
+LENGTHS = ("t_end", "dt", "t_converge", "blowup_factor")
 ELEMENTS = ("positions", "momenta", "temperatures")  # the initial data of an ElementSystem
 
 
@@ -104,13 +105,16 @@ class Scenario:
         for name in (*ELEMENTS, "ladder"):
             put(self, name, _numbers(name, getattr(self, name)))
         put(self, "initial", Fixed({name: _checked(name, value) for name, value in self.initial.items()}))
-        for name in ("t_end", "dt", "t_converge", "blowup_factor"):
-            put(self, name, _positive(name, getattr(self, name)))
-        if self.dt > self.t_end:
-            raise TcbenchError(f"Scenario {self.name!r}: dt = {self.dt:g} is longer than t_end = {self.t_end:g}.")
+        self._check_lengths()
         put(self, "_cache", {"model": self.system(**self.constants)})
         put(self, "constants", Fixed({k: _plain(v) for k, v in self.constants.items()}))
         self._cache["z0"] = self._start()
+
+    def _check_lengths(self) -> None:
+        for name in LENGTHS:
+            object.__setattr__(self, name, _positive(name, getattr(self, name)))
+        if self.dt > self.t_end:
+            raise TcbenchError(f"Scenario {self.name!r}: dt = {self.dt:g} is longer than t_end = {self.t_end:g}.")
 
     def __repr__(self) -> str:
         said = f": {self.shows}" if self.shows else ""
@@ -186,11 +190,14 @@ class Scenario:
             else:
                 known = [n for n in SETTINGS if n in self.model.initial_data or n not in (*ELEMENTS, "initial")]
                 raise unknown_name("setting of a scenario", name, [*known, *constants, *self.initial])
-        if "name" not in changes:
-            settings["name"] = self.name
         if "dt" not in changes and "t_end" in changes:
             settings["dt"] = min(self.dt, _positive("t_end", changes["t_end"]))
-        return dataclass_replace(self, constants=constants, **settings)
+        if not set(changes) <= set(LENGTHS):
+            return dataclass_replace(self, constants=constants, **{"name": self.name, **settings})
+        found = copy.copy(known := self.current())  # of the same system and start: what is kept of these serves both
+        vars(found).update(settings, _cache=known._cache)
+        found._check_lengths()
+        return found
 
     def as_dict(self) -> dict[str, Any]:
         """The data that determine a run, JSON-able."""

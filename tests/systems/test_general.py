@@ -229,3 +229,15 @@ def test_random_variants_of_a_scenario(name):
     still = family.member(seed="3", **{fixed: "1", "initial": "0"})
     assert still.constants[fixed] == pytest.approx(base.constants[fixed], rel=1e-5)
     assert still.z0 == pytest.approx(base.z0, rel=1e-5, abs=1e-6)
+
+
+def test_another_horizon_or_step_is_of_the_same_system_and_checked_as_the_first():
+    """What is kept of a system, as tables and an order of elimination of a large one, is made once for all horizons."""
+    scenario = tcbench.scenarios()["reaction"]
+    other = scenario.replace(t_end=0.5)
+    assert other.model is scenario.model and (other.t_end, scenario.replace(t_end=1e-3).dt) == (0.5, 1e-3)
+    assert other.replace(t_end=scenario.t_end, dt=scenario.dt) == scenario
+    with pytest.raises(TcbenchError, match="longer than t_end"):
+        scenario.replace(dt=2.0 * scenario.t_end)
+    with pytest.raises(TcbenchError, match="t_end must be positive"):
+        scenario.replace(t_end=-1.0)
