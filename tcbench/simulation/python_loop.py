@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from numbers import Integral
 from typing import Any
@@ -14,6 +15,8 @@ import numpy as np
 from ..compiler.library import evaluate
 from ..errors import leave_to_the_machine, shown
 from ..integrator import Integrator
+from ..progress import part
+from ..solver import foresight
 from ..solver.implicit_step import OK, Rules
 from ..systems.scenario import Scenario
 from . import shared_runs
@@ -25,7 +28,7 @@ from .starting import first_steps
 from .trajectory import SolverCounts, Trajectory
 
 POINTS = 200  # output times of an adaptive run
-TOGETHER = 256  # steps that a method with a loop of its own is asked for at a time
+TOGETHER, OF_LONG_RUNS = 256, 8  # steps that a method with a loop of its own is asked for at a time
 OWN_COUNTS = SolverCounts(unknown=("newton_iterations",))  # of a step in Python
 
 
@@ -40,19 +43,23 @@ def run_step(integrator: Integrator, scenario: Scenario, dt: float, steps: int, 
     past, z, failure = list(first.z[-2::-1]) if integrator.memory else [], first.z[-1], first.failure
     alone, loaded, count = done + 1, begin, 1  # the first step by itself: it may load and compile what the others use
     held: tuple[Any, ...] | None = None
-    while done < steps and reason == OK and not failure:
-        try:
-            held = integrator.held_by_a_run(model) if held is None else held
-            states = _next_states(integrator, model, z, carry, dt, min(count, steps - done), past, held)
-        except Exception as error:  # a plugin may raise anything: that is a row, not a crash
-            leave_to_the_machine(error)
-            failure = exception_sentence(error, done + 1, (done + 1) * dt)
-            break
-        reason, done = monitor.add(done + 1, states)
-        past = [z, *past][: integrator.memory]
-        z = states[-1]
-        if count == 1 and done == alone:
-            loaded, count = time.perf_counter(), TOGETHER
+    told = foresight.of_steps(model, foresight.NUMBER * len(z), steps) if integrator.march and model.large else ""
+    with part(told) if told else nullcontext() as meter:
+        while done < steps and reason == OK and not failure:
+            try:
+                held = integrator.held_by_a_run(model) if held is None else held
+                states = _next_states(integrator, model, z, carry, dt, min(count, steps - done), past, held)
+            except Exception as error:  # a plugin may raise anything: that is a row, not a crash
+                leave_to_the_machine(error)
+                failure = exception_sentence(error, done + 1, (done + 1) * dt)
+                break
+            reason, done = monitor.add(done + 1, states)
+            past = [z, *past][: integrator.memory]
+            z = states[-1]
+            if count == 1 and done == alone:
+                loaded, count = time.perf_counter(), OF_LONG_RUNS if told else TOGETHER
+            if meter:
+                meter.done, meter.total = done, steps
     end = time.perf_counter()
     wall = (end - loaded) * done / (done - alone) if done > alone else end - begin
     status, sentence = explain(reason, done, dt, scenario, integrator)

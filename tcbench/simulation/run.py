@@ -185,7 +185,7 @@ def run_flows(
     """`simulate` for an integrator of the kind "flows", its input checked."""
     model = scenario.model
     kernels = compiled_flows(integrator.flows, model.symbolic)
-    told = foresight.of_steps(model, kernels, steps)  # before anything is compiled
+    told = foresight.of_steps(model, foresight.seconds_a_step(kernels), steps)  # before anything is compiled
     ready = take(integrator, model, kernels)
     run = ready.start(scenario, dt, steps, every, rules)
     LOOPS.begin(run)

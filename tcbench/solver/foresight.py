@@ -26,7 +26,8 @@ LOOPS = (3e-5, 5e-3)
 WHOLE = (8e-5, 0.14)
 # seconds a step for each entry of a sparse Jacobian: assembly and solution, and incomplete factors, each entry of which
 # meets its row
-ENTRY, MEETING = 4e-8, 1e-9
+ENTRY, MEETING = 2.5e-8, 1e-9
+NUMBER = 2.5e-6  # and for each number of a large state, where a method has a solver of its own, as tc_gauss
 SHORT = 2.0  # seconds that need no word
 SPARE = 0.8  # of the memory there is
 CERTAIN = 2.0  # a prediction as many times what is left of a time limit is no mistake
@@ -71,9 +72,9 @@ def foreseen(system: System, copies: int, by_loops: bool) -> Iterator[None]:
         yield
 
 
-def of_steps(system: System, kernels: Sequence[FlowKernels], steps: int) -> str:
-    """What to say of a run of so many steps while it lasts, "" of a short one; MachineError as above."""
-    each = seconds_a_step(kernels)
+def of_steps(system: System, each: float, steps: int) -> str:
+    """What to say of a run of so many steps, each so many seconds, while it lasts, "" of a short one; MachineError as
+    above."""
     if steps * each < SHORT:
         return ""
     what = f"{steps} steps of about {1e3 * each:.2g} ms"

@@ -194,8 +194,8 @@ class Scenario:
             settings["dt"] = min(self.dt, _positive("t_end", changes["t_end"]))
         if not set(changes) <= set(LENGTHS):
             return dataclass_replace(self, constants=constants, **{"name": self.name, **settings})
-        found = copy.copy(known := self.current())  # of the same system and start: what is kept of these serves both
-        vars(found).update(settings, _cache=known._cache)
+        found = copy.copy(now := self.current())  # of the same system and start: what is kept of these serves both
+        vars(found).update(settings, _cache=now._cache)
         found._check_lengths()
         return found
 

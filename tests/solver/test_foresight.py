@@ -95,5 +95,10 @@ def test_a_long_run_says_what_a_step_takes():
     model = net(20, 20).model
     flows = implicit_step.compiled_flows(tcbench.integrators()["tc_monolithic"].flows, model.symbolic)
     each = foresight.seconds_a_step(flows)
-    assert foresight.of_steps(model, flows, 10) == ""
-    assert foresight.of_steps(model, flows, 9000) == f"9000 steps of about {1e3 * each:.2g} ms, {9000 * each:.0f} s"
+    assert foresight.of_steps(model, each, 10) == ""
+    assert foresight.of_steps(model, each, 9000) == f"9000 steps of about {1e3 * each:.2g} ms, {9000 * each:.0f} s"
+
+
+def test_a_long_run_of_a_method_with_a_solver_of_its_own_is_refused_before_it_starts():
+    with foresight.within(1.0), pytest.raises(MachineError, match=r"9000 steps of about 5.9 ms of a net .* 53 s"):
+        tcbench.simulate("tc_gauss", net(20, 20), dt=0.1, t_end=900.0)
