@@ -29,10 +29,10 @@ SOLVED = {"flows": 1e-12, "step": 1e-10, "adaptive": 1e-6}  # what may be left o
 ROUNDOFF = 1e-11  # an error that no order can be read from
 RUN_STEPS = 200  # of a run in plain Python
 RANDOM_STEPS = 40
-LARGE = 30.0  # times the scenario's own step, for laws that are claimed of every step
+LONGEST = 30.0  # times the scenario's own step, for laws that are claimed of every step
 GENTLE = 0.1  # part of the scenario's own step at which every method runs, explicit ones too
 REPEATED = 5  # steps or output times at which two ways of a method are compared
-SMALL = (1e-4, 1e-5)  # steps of the limit h -> 0, as parts of the scenario's own
+SHORTEST = (1e-4, 1e-5)  # steps of the limit h -> 0, as parts of the scenario's own
 
 
 def scenarios(method: Integrator) -> list[Scenario]:
@@ -194,7 +194,7 @@ def consistent(method: Integrator) -> Line:
         states = admissible_states(scenario, np.random.default_rng(SEED))
         for z in [scenario.model.state(scenario.z0), *(next(states) for _ in range(3))]:
             try:
-                gaps = [_slope_gap(method, scenario, z, part * scenario.dt) for part in SMALL]
+                gaps = [_slope_gap(method, scenario, z, part * scenario.dt) for part in SHORTEST]
             except _NoStep as failed:
                 return Line(name, FAIL, f"on {scenario.name}, no step: {failed}", _MUST_STEP)
             if not (math.isfinite(gaps[1]) and gaps[1] <= max(0.3 * gaps[0], 1e-7)):  # first order: a tenth
@@ -317,7 +317,7 @@ def _claim_remedy(method: Integrator, law: str) -> str:
 
 
 def _claim_runs(method: Integrator) -> Iterator[tuple[Trajectory, str]]:
-    reach = LARGE if method.kind == "flows" else 1.0
+    reach = LONGEST if method.kind == "flows" else 1.0
     for scenario, steps in claim_lengths(method):
         yield run(method, scenario, scenario.dt, steps), f"{scenario.name}, {steps} steps of {scenario.dt:g}"
     for scenario in scenarios(method):
