@@ -89,7 +89,6 @@ def main(ctx: click.Context) -> None:
 @AS_JSON
 def run(everything: bool, folders: tuple[str, ...], quiet: bool, as_json: bool, **options: Any) -> None:
     """Run studies and write tables. Finished cells of the output folder are not run again."""
-    from .commands import terminal
     from .commands.actions import run_command
 
     prepare(folders, quiet)
@@ -97,7 +96,7 @@ def run(everything: bool, folders: tuple[str, ...], quiet: bool, as_json: bool, 
         raise TcbenchError("Say what to run: --all, or a selection with -i, -s and --study. See tcbench list.")
     if options["report"] is None:
         options["report"] = everything and not options["studies"]
-    sys.exit(run_command(options, terminal.Display(quiet=quiet, as_json=as_json)))
+    sys.exit(run_command(options, quiet, as_json))
 
 
 @main.command("list")
@@ -163,12 +162,11 @@ def map_(
 
     Of random scenarios (`random`) the share of failures over the step and a constant, such as stiffness=0.03:300:6:log.
     """
-    from .commands import terminal
     from .commands.actions import map_command
 
     prepare(folders, quiet)
     methods, chosen = words(names, integrators, scenarios)
-    sys.exit(map_command(methods, chosen, options, terminal.Display(quiet=quiet, as_json=as_json)))
+    sys.exit(map_command(methods, chosen, options, quiet, as_json))
 
 
 @main.command()

@@ -6,9 +6,11 @@ import difflib
 import fnmatch
 import os
 import re
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from functools import cache
 from numbers import Integral, Real
+from pathlib import Path
 from typing import Any, TypeVar
 
 Value = TypeVar("Value")
@@ -54,6 +56,21 @@ def leave_to_the_machine(error: Exception) -> None:
 
 class ChangedError(TcbenchError):
     """Code that a session changed after it was imported, so that another process would compute something else."""
+
+
+@contextmanager
+def writing(what: object) -> Iterator[None]:
+    """What the block writes, such as a path; where it cannot, the sentence says so."""
+    try:
+        yield
+    except OSError as error:
+        raise TcbenchError(f"{what} cannot be written: {error.strerror or error}.") from None
+
+
+def needs_folder(path: Path) -> None:
+    """Refuses a file to write whose folder is not there."""
+    if not path.resolve().parent.is_dir():
+        raise TcbenchError(f"The folder of {str(path)!r} does not exist; create it first.")
 
 
 KINDS: dict[str, Callable[[Any], bool]] = {  # what an argument may be -> whether it is that

@@ -78,7 +78,7 @@ class Meter:
         with self._lock:
             face.open(self)
             self._face = face
-        while not end.wait(face.every()):
+        while not end.wait(face.every):
             with self._lock:
                 face.draw(self)
         with self._lock:
@@ -171,8 +171,7 @@ def _in_jupyter() -> bool:
 class _Terminal:
     """A live bar, gone when the wait is over."""
 
-    def every(self) -> float:
-        return 0.1
+    every = 0.1
 
     def open(self, meter: Meter) -> None:
         from rich.console import Console
@@ -204,8 +203,7 @@ class _Terminal:
 class _Jupyter:
     """A bar in the cell's output, which needs no widgets; the line stays."""
 
-    def every(self) -> float:
-        return 0.5
+    every = 0.5
 
     def open(self, meter: Meter) -> None:
         from IPython.display import display
@@ -227,8 +225,7 @@ class _Jupyter:
 class _Pipe:
     """A line when it becomes long, and one a minute."""
 
-    def every(self) -> float:
-        return EVERY_S
+    every = EVERY_S
 
     def open(self, meter: Meter) -> None:
         self.draw(meter)

@@ -22,7 +22,7 @@ from tcbench.store.cells import Cell
 @pytest.fixture(autouse=True)
 def impatient(monkeypatch):
     monkeypatch.setattr(progress, "AFTER_S", 0.05)
-    monkeypatch.setattr(progress, "EVERY_S", 0.05)
+    monkeypatch.setattr(progress._Pipe, "every", 0.05)
     monkeypatch.setattr(progress, "default", None)
     DRAWN.clear()
     for face in (progress._Pipe, progress._Jupyter):
@@ -82,7 +82,7 @@ def test_jupyter_gets_a_bar_that_is_updated(monkeypatch):
     shell = types.SimpleNamespace(kernel=object())
     monkeypatch.setitem(sys.modules, "IPython", types.SimpleNamespace(get_ipython=lambda: shell, display=display))
     monkeypatch.setitem(sys.modules, "IPython.display", display)
-    monkeypatch.setattr(progress._Jupyter, "every", lambda self: 0.05)
+    monkeypatch.setattr(progress._Jupyter, "every", 0.05)
     wait(None, 3, done=1, total=4)
     assert len(shown) >= 3 and '<progress value="1" max="4">' in shown[-1]["text/html"]
     assert shown[0]["text/plain"].startswith("digging")

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 SHOWN_ROWS = 200  # of all tables of a run that `show` prints in full
 
 
-def run_command(options: dict[str, Any], display: terminal.Display) -> int:
+def run_command(options: dict[str, Any], quiet: bool, as_json: bool) -> int:
     """Plan, run with progress, print the summary; 130 after Ctrl-C."""
     chosen: dict[str, Any] = {name: list(options.pop(name)) or None for name in ("integrators", "scenarios", "studies")}
     dt = list(options.pop("steps")) or None
@@ -41,7 +41,7 @@ def run_command(options: dict[str, Any], display: terminal.Display) -> int:
     limit, report, strict = (options.pop(name) for name in ("memory_limit", "report", "strict"))
     if options.pop("dry_run"):
         job = plan_job(**chosen, dt=dt, options=drawn)
-        display.plan(preview(job, options["output"], options["retry_failed"], options["jobs"]), len(job.cells))
+        terminal.print_plan(preview(job, options["output"], options["retry_failed"], options["jobs"]), len(job.cells))
         return 0
     if limit and not sys.platform.startswith("linux"):
         terminal.warn([f"--memory-limit is not enforced on {sys.platform}."])
@@ -59,14 +59,14 @@ def run_command(options: dict[str, Any], display: terminal.Display) -> int:
 
         with waiting("writing report.html"):
             page = write_report(results.output, (store, tables))
-    if display.as_json:
+    if as_json:
         terminal.print_json({
             "output": str(results.output), "ran": results.summary.run, "statuses": dict(results.summary.statuses),
             "elapsed_s": results.summary.elapsed_s, "interrupted": results.summary.interrupted,
             "report": page and str(page), "tables": records(results.tables),
         })  # fmt: skip
-    elif not display.quiet:
-        display.results(results, by_method(results.tables, told(store)), remarks(results.tables))
+    elif not quiet:
+        terminal.print_results(results, by_method(results.tables, told(store)), remarks(results.tables))
         if page:
             terminal.say(f"Report: {page}")
     terminal.warn([*results.problems, *results.left_out, *short_ladder(dt, results.tables), *results.notes])
@@ -134,7 +134,7 @@ def list_command(integrators: Sequence[str], scenarios: Sequence[str], as_json: 
 
 
 def map_command(
-    methods: Sequence[str], scenarios: Sequence[str], options: dict[str, Any], display: terminal.Display
+    methods: Sequence[str], scenarios: Sequence[str], options: dict[str, Any], quiet: bool, as_json: bool
 ) -> int:
     """Run the map, one cell a row of it; tables and one picture in the output folder."""
     from ..engine.run import execute
@@ -162,9 +162,9 @@ def map_command(
         with waiting("drawing the map"):
             figure = draw_kind(find_kind(name.replace("_", "-")), results.tables)
             figure.savefig(picture, dpi=150, bbox_inches="tight")
-    if display.as_json:
+    if as_json:
         terminal.print_json({"output": str(output), "picture": str(picture), "tables": records(results.tables)})
-    elif table is not None and not display.quiet:
+    elif table is not None and not quiet:
         grouped = table.groupby("integrator" if drawn else ["integrator", "outcome"], sort=True)
         outcomes = grouped[["runs", "failed"]].sum() if drawn else grouped.size().rename("cells")
         terminal.print_frame(outcomes.reset_index(), "outcomes")

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from .. import plugins
-from ..errors import TcbenchError
+from ..errors import TcbenchError, needs_folder, writing
 from ..progress import waiting
 from ..report.summary import verdicts
 from ..simulation import metrics
@@ -38,8 +38,8 @@ def simulate_command(
     many = "tcbench simulate INTEGRATOR SCENARIO; tcbench run takes many."
     integrator = one_of("integrator", plugins.expand_integrators(integrators), many)
     scenario = one_of("scenario", plugins.expand_scenarios(scenarios), many)
-    if csv is not None and not csv.resolve().parent.is_dir():
-        raise TcbenchError(f"The folder of {str(csv)!r} does not exist; create it first.")
+    if csv is not None:
+        needs_folder(csv)
     if dt is not None and integrator.kind == "adaptive":
         raise TcbenchError(f"{integrator.name!r} chooses its steps: give --tolerance instead of --dt.")
     go = partial(
@@ -69,7 +69,5 @@ def _write_csv(run_: Any, path: Path) -> None:
     names = ["t", *run_.scenario.model.component_names]
     names += ["energy", "entropy", *run_.invariants, *(f"theta{i}" for i in range(m))]
     columns = [run_.t, *run_.z.T, run_.energy, run_.entropy, *run_.invariants.values(), *run_.temperatures.T]
-    try:
+    with writing(repr(str(path))):
         np.savetxt(path, np.column_stack(columns), delimiter=",", header=",".join(names), comments="", fmt="%.17g")
-    except OSError as error:
-        raise TcbenchError(f"{str(path)!r} cannot be written: {error.strerror}.") from None

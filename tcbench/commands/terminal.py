@@ -252,36 +252,31 @@ def print_methods(methods: Sequence[Sequence[str]], remarks: Sequence[str]) -> N
         say(sentence)
 
 
-class Display:
-    """Results of a run."""
+def print_plan(plan: Plan, total: int) -> None:
+    seconds = plan.estimate_s
+    time = "unknown: no earlier rows to judge by" if seconds is None else f"about {seconds:.1f} s"
+    say(f"{total} cells: {plan.finished} finished, {len(plan.to_run)} to run. Time: {time}.")
 
-    def __init__(self, quiet: bool = False, as_json: bool = False) -> None:
-        self.quiet, self.as_json = quiet, as_json
 
-    def plan(self, plan: Plan, total: int) -> None:
-        seconds = plan.estimate_s
-        time = "unknown: no earlier rows to judge by" if seconds is None else f"about {seconds:.1f} s"
-        say(f"{total} cells: {plan.finished} finished, {len(plan.to_run)} to run. Time: {time}.")
-
-    def results(self, results: Results, methods: Sequence[Sequence[str]], remarks: Sequence[str]) -> None:
-        """What a run ends with, in 30 lines: the rows of a small one, of a large one a line a method."""
-        summary = results.summary
-        small = results.tables.get("conservation")
-        if small is not None and len(small) <= WHOLE and set(results.tables).difference(LONG) == {"conservation"}:
-            for scenario, part in small.groupby("scenario", sort=False):
-                _print_block(f"\n{scenario}", "conservation", part)
-        elif len(methods) > 1 and len(methods[0]) > 1:
-            print_methods(methods, remarks)
-        else:  # studies that say nothing of single methods
-            print_tables(results.tables)
-            for sentence in remarks:
-                say(f"\n{sentence}")
-        counts = ", ".join(f"{n} {status}" for status, n in sorted(summary.statuses.items()))
-        say(
-            f"\n{summary.run} cells in {summary.elapsed_s:.1f} s ({counts or 'nothing new'}), "
-            f"{summary.already_finished} were finished before."
-        )
-        if summary.interrupted:
-            say(f"Interrupted with {summary.left} cells left; the same command resumes.")
-        if results.every:
-            say(f"Tables: {results.output}/tables/ (CSV and Parquet). To see them: tcbench show {results.output}")
+def print_results(results: Results, methods: Sequence[Sequence[str]], remarks: Sequence[str]) -> None:
+    """What a run ends with, in 30 lines: the rows of a small one, of a large one a line a method."""
+    summary = results.summary
+    small = results.tables.get("conservation")
+    if small is not None and len(small) <= WHOLE and set(results.tables).difference(LONG) == {"conservation"}:
+        for scenario, part in small.groupby("scenario", sort=False):
+            _print_block(f"\n{scenario}", "conservation", part)
+    elif len(methods) > 1 and len(methods[0]) > 1:
+        print_methods(methods, remarks)
+    else:  # studies that say nothing of single methods
+        print_tables(results.tables)
+        for sentence in remarks:
+            say(f"\n{sentence}")
+    counts = ", ".join(f"{n} {status}" for status, n in sorted(summary.statuses.items()))
+    say(
+        f"\n{summary.run} cells in {summary.elapsed_s:.1f} s ({counts or 'nothing new'}), "
+        f"{summary.already_finished} were finished before."
+    )
+    if summary.interrupted:
+        say(f"Interrupted with {summary.left} cells left; the same command resumes.")
+    if results.every:
+        say(f"Tables: {results.output}/tables/ (CSV and Parquet). To see them: tcbench show {results.output}")

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import matplotlib
 import numpy as np
 
-from ..errors import TcbenchError
+from ..errors import TcbenchError, needs_folder, writing
 from ..systems.plane import segments
 from .charts.scales import ROUND_OFF
 from .charts.style import look
@@ -110,14 +110,11 @@ def save(runs: Sequence[Trajectory], path: str | Path, frames: int = FRAMES, fps
         raise TcbenchError(f"{str(path)!r}: an animation is written as {', '.join(SUFFIXES)}.")
     if path.suffix == ".mp4" and not shutil.which("ffmpeg"):
         raise TcbenchError("An .mp4 needs the program ffmpeg, which is not installed. Write a .gif or .html instead.")
-    if not path.resolve().parent.is_dir():
-        raise TcbenchError(f"The folder of {str(path)!r} does not exist; create it first.")
+    needs_folder(path)
     _checked(runs)
     pictures = _pictures(runs, frames)
-    try:
+    with writing(repr(str(path))):
         {".gif": _as_gif, ".mp4": _as_mp4, ".html": _as_html}[path.suffix](pictures, path, fps)
-    except OSError as error:
-        raise TcbenchError(f"{str(path)!r} cannot be written: {error.strerror or error}.") from None
     return path
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..errors import TcbenchError
+from ..errors import TcbenchError, writing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -94,10 +94,8 @@ def paper_figures(output: str | Path, suffix: str = ".png") -> list[Path]:
         captions.append(f"**{figure.name}{suffix}.** {text}")
         paths.append(save(draw(figure, runs), folder / f"{figure.name}{suffix}"))
     paths.append(folder / "captions.md")
-    try:
+    with writing(repr(str(paths[-1]))):
         paths[-1].write_text("# Figures 2 to 9\n\n" + f"{NUMBERING}\n\n" + "\n\n".join(captions) + "\n", "utf-8")
-    except OSError as error:
-        raise TcbenchError(f"{str(paths[-1])!r} cannot be written: {error.strerror or error}.") from None
     return paths
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from ..chart import OPENING, RUNS, Chart, of_scenario
-from ..errors import TcbenchError, expect, shown, unknown_name
+from ..errors import TcbenchError, expect, needs_folder, shown, unknown_name, writing
 from ..files import replacing
 from .chart_kinds import draw_kind, find_kind, with_fallbacks
 from .charts import layout, theme
@@ -158,8 +158,7 @@ def checked_output(output: str | Path) -> Path:
     path = Path(output)
     if path.suffix.lower() not in SUFFIXES:
         raise TcbenchError(f"Charts are written as {', '.join(SUFFIXES)}, not {path.suffix or 'without a suffix'!r}.")
-    if not path.resolve().parent.is_dir():
-        raise TcbenchError(f"The folder of {str(output)!r} does not exist; create it first.")
+    needs_folder(path)
     return path
 
 
@@ -171,11 +170,8 @@ def save(figure: Figure, path: Path) -> Path:
         "pdf.fonttype": 42
     }
     metadata: dict[str, Any] = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(path.suffix.lower(), {})
-    try:
-        with replacing(path) as temporary, matplotlib.rc_context(fonts):
-            figure.savefig(temporary, dpi=160, metadata=metadata)
-    except OSError as error:
-        raise TcbenchError(f"{str(path)!r} cannot be written: {error.strerror or error}.") from None
+    with writing(repr(str(path))), replacing(path) as temporary, matplotlib.rc_context(fonts):
+        figure.savefig(temporary, dpi=160, metadata=metadata)
     return path
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
-from ..errors import TcbenchError
+from ..errors import TcbenchError, writing
 from ..files import replacing
 from ..store.store import Store
 from .write_report import write_report
@@ -18,24 +18,6 @@ COPIED = ("summary.csv", "declared.json")  # beside report, tables, sources and 
 # Trees of a run, and the files of them that are copied: data and sources, nothing that a browser would run.
 TREES = {"tables": (".csv", ".parquet"), "sources": (".py", ".toml", ".txt", ".csv", ".json", ".npy", ".npz")}
 INDEX = "index.html"
-
-
-@dataclass(frozen=True)
-class Entry:
-    """One run on the site: its folder there, and what the index says of it."""
-
-    name: str
-    folder: str
-    machine: str
-    ended: str
-    version: str
-    python: str
-    commit: str
-    integrators: int
-    scenarios: int
-    tables: tuple[str, ...]
-    sources: bool
-    unfinished: bool
 
 
 def publish(folders: Sequence[str | Path], output: str | Path) -> Path:
@@ -53,18 +35,16 @@ def publish(folders: Sequence[str | Path], output: str | Path) -> Path:
         raise TcbenchError("tcbench publish takes at least one run folder.")
     names: dict[str, int] = {}
     entries = []
-    try:
+    with writing(f"The site in {str(output)!r}"):
         for run in runs:
             name = run.resolve().name
             names[name] = names.get(name, 0) + 1
             entries.append(_published(run, name if names[name] == 1 else f"{name}-{names[name]}", output))
-        entries.sort(key=lambda e: (e.machine, e.ended, e.name))
+        entries.sort(key=itemgetter("machine", "ended", "name"))
         templates = Environment(loader=PackageLoader("tcbench.report"), autoescape=True, trim_blocks=True)
         page = templates.get_template("site.html").render(entries=entries)
         with replacing(output / INDEX) as temporary:
             temporary.write_text(page, encoding="utf-8")
-    except OSError as error:
-        raise TcbenchError(f"The site in {str(output)!r} cannot be written: {error.strerror or error}.") from None
     return output / INDEX
 
 
@@ -76,8 +56,8 @@ def _checked(folder: Path, output: Path) -> Path:
     return folder
 
 
-def _published(run: Path, name: str, output: Path) -> Entry:
-    """Copy what is shown of one run."""
+def _published(run: Path, name: str, output: Path) -> dict[str, Any]:
+    """Copy what is shown of one run; what the index says of it, its folder by name."""
     store = Store.read(run)
     manifest, declared = store.manifest(), store.declared()
     place = output / name
@@ -93,14 +73,13 @@ def _published(run: Path, name: str, output: Path) -> Entry:
             shutil.copyfile(run / file, place / file)
     (place / "manifest.json").write_text(json.dumps(manifest, indent=2, sort_keys=True), encoding="utf-8")
     git: dict[str, Any] = manifest.get("git") or {}
-    return Entry(
-        name=name, folder=name, ended=str(manifest.get("ended", "")), version=str(manifest.get("tcbench", "")),
-        machine=_machine(manifest.get("machine") or {}),
-        python=str(manifest.get("python", "")), commit=str(git.get("commit") or "")[:10],
-        integrators=len(declared.get("integrators", {})), scenarios=len(declared.get("scenarios", {})),
-        tables=tuple(sorted(p.stem for p in (place / "tables").glob("*.csv"))), sources=(place / "sources").is_dir(),
-        unfinished=bool(manifest.get("interrupted")),
-    )  # fmt: skip
+    return {
+        "name": name, "ended": str(manifest.get("ended", "")), "version": manifest.get("tcbench", ""),
+        "machine": _machine(manifest.get("machine") or {}), "python": manifest.get("python", ""),
+        "commit": str(git.get("commit") or "")[:10], "unfinished": manifest.get("interrupted"),
+        "integrators": len(declared.get("integrators", {})), "scenarios": len(declared.get("scenarios", {})),
+        "tables": sorted(p.stem for p in (place / "tables").glob("*.csv")), "sources": (place / "sources").is_dir(),
+    }  # fmt: skip
 
 
 def _not_among(suffixes: Sequence[str]) -> Callable[[str, list[str]], list[str]]:

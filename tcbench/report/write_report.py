@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..errors import TcbenchError
+from ..errors import TcbenchError, writing
 from ..files import replacing
 from ..store.store import Store
 from ..store.tables import read_tables
@@ -48,11 +48,8 @@ def write_report(
         raise TcbenchError(f"{str(folder)!r} holds no finished cell yet; there is nothing to report.")
     text = _environment().get_template("report.html").render(**_content(store, dict(tables)))
     path = page or Path(folder) / "report.html"
-    try:
-        with replacing(path) as temporary:
-            temporary.write_text(text, encoding="utf-8", errors="replace")
-    except OSError as error:
-        raise TcbenchError(f"{str(path)!r} cannot be written: {error.strerror or error}.") from None
+    with writing(repr(str(path))), replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8", errors="replace")
     return path
 
 

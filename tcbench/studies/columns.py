@@ -149,21 +149,12 @@ COLUMNS = (  # the first that fits counts: names before patterns
     *(_origin(n, compared=True) for n in ("scenario_hash", "study", "exception_type")),
     *(_origin(n) for n in ("plugin", "tcbench_version", "yardsticks", "yardsticks_again")),
     *(_origin(n) for n in ("inputs", "measured_by", "scenario_fields")),
+    *(_origin(n) for n in ("source_hash", "cell_time_s", "shared_runs", "timed", "key", "failure", "metric_failure")),
+    *(_origin(n) for n in ("fingerprint", "output_tail", "traceback", "traceback_tail", "exception_message")),
     *(
         _origin(n)
-        for n in (
-            "source_hash",
-            "cell_time_s",
-            "shared_runs",
-            "timed",
-            "key",
-            "failure",
-            "metric_failure",
-            "fingerprint",
-        )
+        for n in ("worker_host_cpu", "machine", "shuffle_order", "shuffle_seed", "of_the_machine", "series", "opening")
     ),
-    *(_origin(n) for n in ("output_tail", "traceback", "traceback_tail", "exception_message", "worker_host_cpu")),
-    *(_origin(n) for n in ("machine", "shuffle_order", "shuffle_seed", "of_the_machine", "series", "opening")),
     _timing("wall_time_s")._replace(shown=False, compared=False),
     # of plugins, and inside rows
     _step("dt_stable*"),
