@@ -26,7 +26,7 @@ from .taylor import LIBRARY, Work, march
 ORDER, WIDE = 40, 22  # of the series; orders with all digits
 FINE, COARSE = 1e-26, 1e-24
 SAFETY = 4.0
-SHIFT = 1e-14  # of the start, relative: growth up to 1e10 is seen
+SHIFT = 1e-20  # of the start, relative, in its low parts: growth up to 1e16 is seen
 DEFECT = 1e-7  # of the series in the compiled equations, relative
 MOST, MOST_OPERATIONS = 50_000, 20_000_000  # steps; operations of the tape in all: seconds, then others know more
 LARGEST = 2**24  # doubles in memory: some thousand numbers in a state
@@ -82,8 +82,8 @@ def _solve(
     states = np.full((runs, (ends + 1) * 2 * n), math.nan)
     signs = np.where(np.random.Generator(np.random.PCG64(n)).integers(0, 2, n), 1.0, -1.0)
     for i, z in enumerate(starts):
-        states[RUNS * i : RUNS * (i + 1), :n] = z
-        states[RUNS * i + 2, :n] += SHIFT * signs * np.maximum(1.0, np.abs(z))
+        states[RUNS * i : RUNS * (i + 1), : 2 * n] = np.append(z, np.zeros(n))
+        states[RUNS * i + 2, : 2 * n] = np.append(*_sum(np.asarray(z), SHIFT * signs * np.maximum(1.0, np.abs(z))))
     constants = np.repeat([x.constant_values for x in systems], RUNS, axis=0)
     values = np.repeat([plan.values(x.constant_values) for x in systems], RUNS, axis=0)
     work = Work(
@@ -97,10 +97,9 @@ def _solve(
     )  # fmt: skip
     LIBRARY.march(work)
     found = work.states.reshape(len(systems), RUNS, ends + 1, 2, n)
-    moved = np.abs(found[:, 2, 0, 0] - found[:, 0, 0, 0]) / np.maximum(1.0, np.abs(found[:, 0, 0, 0]))
     taken, defects = work.taken.reshape(-1, RUNS), work.defects.reshape(-1, RUNS)
     return [
-        _pair(found[i, :, 1:], float(np.max(moved[i])), int(taken[i].sum()))
+        _pair(found[i, :, 1:], int(taken[i].sum()))
         if (taken[i] > 0).all() and (defects[i] <= DEFECT).all() else None
         for i in range(len(systems))
     ]  # fmt: skip
@@ -109,7 +108,7 @@ def _solve(
 def makers() -> tuple[Any, ...]:
     """Whatever decides what `solve` gives for a scenario, for keys."""
     numbers = (ORDER, WIDE, FINE, COARSE, SAFETY, SHIFT, DEFECT, MOST, MOST_OPERATIONS, LARGEST, CHANCE, LINEAR, PLAIN)
-    return described(_solve.__code__)[0], tape.__wrapped__, memory, march, _pair, numbers
+    return described(_solve.__code__)[0], tape.__wrapped__, memory, march, _sum, _pair, numbers
 
 
 def memory(size: int) -> NDArray[np.float64]:
@@ -124,13 +123,20 @@ def memory(size: int) -> NDArray[np.float64]:
     return found
 
 
-def _pair(found: NDArray[np.float64], moved: float, steps: int) -> Pair:
+def _sum(a: NDArray[np.float64], b: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """a + b, and what rounding took from it."""
+    high = a + b
+    back = high - a
+    return high, (a - (high - back)) + (b - back)
+
+
+def _pair(found: NDArray[np.float64], steps: int) -> Pair:
     """found: (run, time, high or low part, number)."""
     fine, coarse, shifted = found
     size = np.maximum(1.0, np.abs(fine[:, 0]))
     gap = np.max(np.abs(difference(fine, coarse)) / size, axis=1)
     apart = np.max(np.abs(difference(shifted, coarse)) / size, axis=1)
-    growth = apart / moved
+    growth = apart / SHIFT
     certificate = np.where(gap < LINEAR, SAFETY * gap + CHANCE * (1.0 + growth), math.inf)
     return Pair(fine[:, 0], fine[:, 1], certificate, growth, steps)
 

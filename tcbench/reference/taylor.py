@@ -43,9 +43,7 @@ class Work(Record):
     given: Matrix = sized("runs", "constants")  # and of the compiled equations;
     tolerances: Floats = sized("runs")
     times: Matrix = sized("runs", "ends")
-    states: Matrix = sized(
-        "runs", "(ends + 1) * 2 * variables"
-    )  # where it starts and, at each time, high and low parts
+    states: Matrix = sized("runs", "(ends + 1) * 2 * variables")  # where it starts and at each time, high and low parts
     taken: Ints = sized("runs")  # steps, negative where it did not arrive
     defects: Floats = sized("runs")  # largest departure from the compiled equations
     lanes: Floats = sized("8 * LANES")  # t, its low part, step, its low part
@@ -113,7 +111,7 @@ def load(j: Work, lane: int, run: int) -> None:
     for i in range(j.inputs):
         w[j.places[i] + lane], w[j.places[i] + LANES + lane] = j.values[run, i], 0.0
     for i in range(j.variables):
-        w[stride * i + lane], w[stride * i + LANES + lane] = j.states[run, i], 0.0
+        w[stride * i + lane], w[stride * i + LANES + lane] = j.states[run, i], j.states[run, j.variables + i]
     for i in range(4):
         j.lanes[LANES * i + lane] = 0.0
 

@@ -9,7 +9,7 @@ from tcbench.compiler import language
 from tcbench.plugins import find_scenario
 from tcbench.reference import pairs
 from tcbench.reference.certified import LONG, gap
-from tcbench.reference.lookup import _Recipe
+from tcbench.reference.lookup import _Recipe, from_pair
 
 pytestmark = pytest.mark.skipif(language.PLAIN, reason="collocations take their place where everything is plain")
 
@@ -28,6 +28,15 @@ def more_precise(scenarios, times, monkeypatch):
         for name, value in (("ORDER", 46), ("WIDE", 46), ("FINE", 1e-29), ("COARSE", 1e-28)):
             patch.setattr(pairs, name, value)
         return solved(scenarios, times)
+
+
+def test_where_no_double_knows_the_end_the_floor_says_so(monkeypatch):
+    """A start moved in its twentieth digit ends elsewhere; one moved in its last has long stopped telling how far."""
+    scenarios = [find_scenario(f"random[seed={k}]") for k in (52, 54)]
+    found, truth = solved(scenarios, [25.0]), more_precise(scenarios, [25.0], monkeypatch)
+    for scenario, pair, exact in zip(scenarios, found, truth, strict=True):
+        assert 10 * distance(pair, exact) < pair.certificate[0] < 1e-5
+        assert from_pair(pair, [25.0]).floor[0] > 1.0, scenario.name
 
 
 @pytest.mark.parametrize("seeds", [range(24), pytest.param(range(500), marks=pytest.mark.slow)], ids=["few", "many"])
