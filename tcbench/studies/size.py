@@ -68,9 +68,9 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
         if run.ok:
             steps = max(FEWEST, min(MOST, WORK // numbers))
             one = min(_seconds(integrator, scenario, dt, dt)[0] for _ in range(REPEATS))
-            many = [_seconds(integrator, scenario, dt, dt * (1 + steps)) for _ in range(REPEATS)]
+            many = [_seconds(integrator, scenario, dt, dt * steps) for _ in range(REPEATS)]
             run = many[-1][1]
-            found["us_per_step"] = 1e6 * (min(seconds for seconds, _ in many) - one) / steps
+            found["us_per_step"] = 1e6 * (min(seconds for seconds, _ in many) - one) / (steps - 1)
     if integrator.kind == "flows":
         flows = compiled_flows(integrator.flows, scenario.model.symbolic)
         found["us_foreseen"] = 1e6 * seconds_a_step(flows)
