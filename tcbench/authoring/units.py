@@ -259,6 +259,10 @@ class _Checked:
         q, p, s = (
             np.array([*part, None], dtype=object)[:-1] for part in (self.z[:n], self.z[n : 2 * n], self.z[2 * n :])
         )
+        if "p" not in self.system.units:  # both follow
+            p = self.E * self.t / q
+        if "s" not in self.system.units:
+            s[:] = self.S
         theta = self.E / s
         for found, x, y in zip(np.ravel(self.asked("inertia") * np.ones(n)), q, p, strict=True):
             self.owes("inertia", found, y * self.t / x, "the inertia of a momentum over a velocity")
