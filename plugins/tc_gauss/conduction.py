@@ -9,8 +9,6 @@ vectors solve for (`step`).
 
 from __future__ import annotations
 
-import math
-
 from tcbench.compiler.language import Floats, call, fill, rare
 
 from . import sparse
@@ -50,7 +48,7 @@ def prepare(w: Work, h: float, z: Floats) -> None:
     w.stiff[1] = -fastest
     if w.large:
         sparse.set_noise(w.sparse, z, w.start[w.m :])
-        w.stiff[2] = 1.0 if h * fastest * largest_eigenvalue(w) > w.sparse.bound else 0.0
+        w.stiff[2] = 1.0 if h * fastest * w.numbers.largest > w.sparse.bound else 0.0
     else:
         w.stiff[2] = 1.0 if h * fastest > STIFF else 0.0
     if w.stiff[2] > 0.0 and w.n_lanes > 0:
@@ -65,15 +63,6 @@ def factor_pairs(w: Work, h: float) -> None:
     """LU factors for each pair of eigenvalues of A."""
     for j in range(w.numbers.pairs):
         sparse.factor(w.sparse, j, h * w.numbers.eigen_re[j], h * w.numbers.eigen_im[j])
-
-
-@rare
-def largest_eigenvalue(w: Work) -> float:
-    """The size of the largest of A's."""
-    largest = 0.0
-    for j in range(w.numbers.pairs):
-        largest = max(largest, math.hypot(w.numbers.eigen_re[j], w.numbers.eigen_im[j]))
-    return largest
 
 
 @rare

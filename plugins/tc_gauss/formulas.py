@@ -57,9 +57,9 @@ def coefficients(k: int) -> Numbers:
     parts = {f"{name}_re": np.ascontiguousarray(x.real) for name, x in complexes.items()}
     parts |= {f"{name}_im": np.ascontiguousarray(x.imag) for name, x in complexes.items()}
     return Numbers(
-        k=k, pairs=len(eigen), nodes=nodes.astype(float), barycentric=barycentric.astype(float), at_start=zero,
-        at_end=one, A=method.A.astype(float), A_squared=(method.A @ method.A).astype(float), b=b.astype(float),
-        Ahats=Ahats, Ws=Ws, **parts,
+        k=k, pairs=len(eigen), largest=abs(eigen).max(), nodes=nodes.astype(float), at_start=zero, at_end=one,
+        barycentric=barycentric.astype(float), A=method.A.astype(float), A_squared=(method.A @ method.A).astype(float),
+        b=b.astype(float), Ahats=Ahats, Ws=Ws, **parts,
     )  # fmt: skip
 
 

@@ -38,6 +38,7 @@ class Numbers(Record):
     pairs: int  # of eigenvalues of A; one that is real counts as a pair
     eigen_re: Floats = sized("pairs")  # one of each
     eigen_im: Floats = sized("pairs")
+    largest: float  # of their sizes
     into_re: Matrix = sized("pairs", "k")  # a vector's parts along their eigenvectors
     into_im: Matrix = sized("pairs", "k")
     back_re: Matrix = sized("k", "pairs")  # the real vector of such parts

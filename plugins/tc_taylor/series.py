@@ -66,10 +66,6 @@ class Normal:
         """What is equal of equal series."""
         return kind, tuple(id(p) for p in parts), tuple(w.number for w in weights), index
 
-    def weights(self) -> list[Symbol]:
-        """Every constant that a sum multiplies by."""
-        return [w for x in self.interned.values() for w in x.weights]
-
     def of(self, outputs: list[Symbol]) -> list[Linear]:
         """Each output as a sum of monomials."""
         for node in trace.topological(outputs):

@@ -254,7 +254,7 @@ def test_from_a_state_that_is_not_admissible_the_run_goes_back_to_the_last_mende
     """Steps 1, 3 and 7 end in mended states. What fails at the third, or where step 6 begins, is begun again at 3."""
     scenario, times = tcbench.scenarios()["bound_equilibrium"], np.array([0.0, 1.0])
     exact, cost = TaylorMethod(scenario.model, 10).adaptive(scenario.z0, times, 1e-9)
-    method, states, seen, right = TaylorMethod(scenario.model, 10), np.empty((2, 10)), [], getattr(march, what)
+    method, seen, right = TaylorMethod(scenario.model, 10), [], getattr(march, what)
 
     def failing(work, *arguments):
         seen.append(work.mended[:10].copy())
@@ -262,8 +262,10 @@ def test_from_a_state_that_is_not_admissible_the_run_goes_back_to_the_last_mende
         return bad if len(seen) == call else result
 
     monkeypatch.setattr(march, what, failing)
-    assert march.adaptive_steps(method.work, scenario.z0, times, 1e-9, states) == 2  # in plain Python
-    again = method.cost()
+    method.begin(scenario.z0, times)
+    method.work.tolerance = 1e-9
+    assert march.run(method.work) == 2  # in plain Python
+    again, states = method.cost(), method.states
     assert again["rejected"] == 1 and again["steps"] >= cost["steps"] + 2
     assert np.abs(states - exact).max() < 1e-8
     assert abs(scenario.model.energy(states[1]) - scenario.model.energy(scenario.z0)) <= 1e-13 * scenario.initial_exergy
