@@ -13,8 +13,8 @@ projected, and y on which none depends are not carried.
 Springs are the special case y = (pi, s). They have formulas of their own in `step`, which eliminate the positions, for
 speed alone: those here give the same steps to round-off, and evaluating them costs 1.25 times as much, but Newton's
 matrix of all variables, which motion needs without the elimination, doubles the time. A run of a pendulum to 1e-6 takes
-1.2 to 2.8 times as long, a fixed step of a small network 15 to 18 times. Where steps are too long for the fixed point of
-springs Newton's is the faster one: forty times on stiff_spring.
+1.2 to 2.8 times as long, a fixed step of a small network 15 to 18 times. Where steps are too long for the fixed point
+of springs Newton's is the faster one: forty times on stiff_spring.
 
 Solved by simplified Newton in all K with the Jacobian of the vector field, through the eigenvectors of A: `conduction`
 with all variables in the place of the entropies.
