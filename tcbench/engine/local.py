@@ -1,7 +1,7 @@
 """Cells to rows: run what is not finished yet, each cell in a worker process, under a deadline, one row each.
 
 Ordinary cells run side by side on `jobs` workers. Timed cells run afterwards, one at a time, in one warm
-worker (those of a second `turn` in another, after all of the first) and in an order shuffled by a seeded
+worker (those of a further `turn` in another, after all of the one before) and in an order shuffled by a seeded
 generator, while no other worker exists; their rows say so (`timed`, `shuffle_order`, `shuffle_seed`). The
 parent is the only writer: it appends each row as it comes, so nothing finished is lost with a process.
 
@@ -187,7 +187,7 @@ def run_cells(
         run = _Run(Ledger(store, summary, on_event, len(todo.to_run), marks), Crew(settings, timeout))
         try:
             run.all(together, jobs)
-            for turn in (1, 2):  # the second in another process than the first
+            for turn in sorted({cell.options.get("turn", 1) for cell in alone}):  # each in a process of its own
                 run.all([work for work in one_by_one if work[0].options.get("turn", 1) == turn], 1, exclusive=True)
         except KeyboardInterrupt:
             summary.interrupted = True

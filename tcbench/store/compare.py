@@ -142,7 +142,10 @@ def _only(method: str, rows: Mapping[str, Sequence[str]]) -> str:
 
 def _one_sided(pairs: Pairs) -> Iterator[dict[str, Any]]:
     for kind, cells in zip(ONE_SIDED, (pairs.before, pairs.after), strict=True):
-        counts = Counter(tuple(named(cell).values()) for cell in cells)
+        whole = [
+            cell for cell in cells if "turn" not in cell.get("options", {})
+        ]  # how many turns there are says nothing
+        counts = Counter(tuple(named(cell).values()) for cell in whole)
         for names, count in counts.items():
             cell = dict(zip(("study", "integrator", "scenario"), names, strict=True))
             before, after = (count, None) if kind == "missing" else (None, count)

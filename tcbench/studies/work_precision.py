@@ -6,8 +6,8 @@ are done. A fixed-step run is timed inside `simulate`, its diagnostics of every 
 call to return, asked for the end time only. Its errors in the invariants are those of a run that reports 200 times;
 where that takes long, another cell, before and not alone, has left it for the timed one (`simulation.shared_runs`).
 Finer rungs that cost much and tell nothing new are left out (see `enough`); the column left_out of the last rung that
-was run says which and why. When all cells are timed, another process times every other quick rung of each again: how
-far apart the two are is what chance does, and `tcbench compare` has to know.
+was run says which and why. When all cells are timed, other processes time every other quick rung of each again: how
+far apart they are is what chance does, and `tcbench compare` has to know.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ PEERS = {"scipy": "scipy", "peer": "other"}  # tag -> what the tables call it; t
 HORIZONS = (0.125, 0.25, 0.5, 1.0)  # of the run whose cost is measured against its length
 OWN = TOLERANCES[5]  # at which that is done
 LAWS = "laws"  # the part that is not timed
-AGAIN = {"turn": 2}  # cells that time the quick rungs once more, in another process: for the comparison of runs
+TURNS, ENOUGH = 5, 10  # processes that time a pair, at most, and a method on all scenarios: for the comparison of runs
 LEAST_AGAIN = 3  # rungs of those, if none is slow; of twice as many every other one is enough
 WARM = 1e-3  # part of the horizon of a run that only loads and compiles
 COLUMNS = (
@@ -65,14 +65,21 @@ COLUMNS = (
 
 
 def plan(integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]) -> Cells:
-    """Two timed cells a pair, in two processes, and one before them of an adaptive solver.
+    """Timed cells of a pair in two processes or more, the fewer its scenarios are, and one before them of an adaptive
+    solver.
 
     A `dt` list replaces the ladder. Solvers that lack a package are left out.
     """
     steps = {"dt": list(options["dt"])} if options.get("dt") else {}
     pairs = [(i, s) for s in scenarios for i in integrators if not i.lacks]
     laws = [(i, s, {"part": LAWS}) for i, s in pairs if i.kind == "adaptive"]
-    return [*laws, *((i, s, dict(steps)) for i, s in pairs), *((i, s, AGAIN | steps) for i, s in pairs)]
+    again: list[Row] = [{"turn": turn} | steps for turn in range(2, 1 + processes(len(scenarios)))]
+    return [*laws, *((i, s, dict(steps)) for i, s in pairs), *((i, s, dict(turn)) for turn in again for i, s in pairs)]
+
+
+def processes(scenarios: int) -> int:
+    """How many time each pair: two, and more where a method is on few scenarios."""
+    return max(2, min(TURNS, math.ceil(ENOUGH / max(1, scenarios))))
 
 
 def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
@@ -226,13 +233,15 @@ def _make_laws(integrator: Integrator, scenario: Scenario) -> int:
 
 
 def _again(integrator: Integrator, scenario: Scenario, rungs: Sequence[float]) -> list[Row]:
-    """The work of the quick rungs, in another process than the first time: how far apart the two are is chance."""
+    """The work of the quick rungs, in another process than the first time: how far apart they are is chance."""
     points: list[Row] = []
     adaptive = integrator.kind == "adaptive"
     for count, value in enumerate(rungs[:: 2 if len(rungs) >= 2 * LEAST_AGAIN else 1], start=1):
         run = _adaptive(integrator, scenario, value, False) if adaptive else _fixed(integrator, scenario, value)
+        if count == 1:
+            run(True)  # loads, which is no reason to go no further
         begin = time.process_time()
-        timing = timed(run, SPENT_S / 2, warm=bool(points))
+        timing = timed(run, SPENT_S / 2, warm=True)
         spent = time.process_time() - begin
         if timing.seconds:
             points.append({"value": value, "yardsticks": timing.yardsticks})
@@ -293,7 +302,7 @@ def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
 
     again = {
         (record["integrator"], record["scenario"], point["value"]): point["yardsticks"]
-        for record in records if "turn" in record for point in record.get("points") or ()
+        for record in records if record.get("turn") == 2 for point in record.get("points") or ()
     }  # fmt: skip
     records = [record for record in records if not {"part", "turn"} & record.keys()]
     if not records:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from ..systems.scenario import Scenario
 
 LOOPS = 3000  # of the yardstick: about 0.1 ms
-TRIALS = 5
+TRIALS = 5  # before the first run; one more before each of its repeats
 MOST_REPEATS = 30  # their least work and median wander by 1 % from time to time; those of 100 by as much
 PATIENCE = 20  # times the processor seconds of the repeats: of a run that waits, and where others take most of the core
 Run = Callable[[bool], tuple[Row, float]]  # run(first) -> row, seconds
@@ -47,14 +47,11 @@ class Timing(NamedTuple):
 
 
 def yardstick() -> float:
-    """The processor seconds that a fixed piece of work takes now: the least of a few trials."""
-    trials = []
-    for _ in range(TRIALS):
-        begin, x = time.process_time(), 0.0
-        for k in range(LOOPS):
-            x = 0.5 * x + k
-        trials.append(time.process_time() - begin)
-    return max(min(trials), 1e-9)  # a clock of coarse ticks may show nothing
+    """The processor seconds that a fixed piece of work takes now."""
+    begin, x = time.process_time(), 0.0
+    for k in range(LOOPS):
+        x = 0.5 * x + k
+    return max(time.process_time() - begin, 1e-9)  # a clock of coarse ticks may show nothing
 
 
 def timed(run: Run, spent: float, warm: bool = False) -> Timing:
@@ -63,7 +60,7 @@ def timed(run: Run, spent: float, warm: bool = False) -> Timing:
     spent: processor seconds for all repeats, what surrounds them included (of runs of 20 us that is most of it).
     warm: the method has run before. A long first run is then one of the repeats: it has nothing left to load.
     """
-    unit = yardstick()
+    units = [yardstick() for _ in range(TRIALS)]
     row, elapsed, work = _once(run, first=True)
     if row["status"] != "ok":
         return Timing(row, [], math.nan)
@@ -75,12 +72,13 @@ def timed(run: Run, spent: float, warm: bool = False) -> Timing:
         and time.process_time() < end
         and sum(seconds) < PATIENCE * spent
     ):
+        units.append(yardstick())  # as often as the run, or the one finds a quiet moment and the other none
         row, elapsed, work = _once(run, first=False)
         if row["status"] != "ok":
             return Timing(row, [], math.nan)
         seconds.append(elapsed)
         works.append(work)
-    return Timing(row, seconds, float(f"{min(works) / unit:.4g}"), min(works))
+    return Timing(row, seconds, float(f"{min(works) / min(units):.4g}"), min(works))
 
 
 def _once(run: Run, first: bool) -> tuple[Row, float, float]:
