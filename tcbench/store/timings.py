@@ -27,7 +27,7 @@ CHANCE = 0.03  # standard deviation of the logarithm of a time in yardsticks, fr
 CHANCE_SECONDS = 0.08  # of one in seconds, which a busy machine makes longer
 WEIGHT = 4  # differences of processes that this knowledge is worth
 ENOUGH = 4  # methods whose changes show what chance does
-LAPSES, LAPSE = 0.03, 0.2  # share of processes that something else disturbs, and the standard deviation of that
+LAPSES, LAPSE = 0.03, 0.3  # share of processes that something else disturbs, and the standard deviation of that
 HALF = 1.4  # variance of the mean of the faster half of normal numbers, over that of the mean of all
 NORMAL = 1.4826  # standard deviation over the median of magnitudes, of a normal distribution
 
@@ -129,10 +129,10 @@ def _half(side: Sequence[float]) -> int:
 
 
 def _lapse(levels: _Levels, tests: int) -> float:
-    """The change that so many processes disturbed at once would make as seldom as a false alarm is to be."""
+    """The change that processes disturbed all at once would make as seldom as a false alarm is to be."""
     at_once = min(len(side) - _half(side) + 1 for side in levels.sides)
     share = (FALSE_ALARMS / (2 * tests)) ** (1 / at_once) / LAPSES
-    return LAPSE * NormalDist().inv_cdf(1 - share / 2) if share < 1 else 0.0
+    return LAPSE * NormalDist().inv_cdf(1 - share / 2) if at_once > 1 and share < 1 else 0.0
 
 
 def _usual(apart: Sequence[float], known: float) -> float:
