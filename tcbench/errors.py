@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import fnmatch
+import math
 import os
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
@@ -104,6 +105,17 @@ def expect(where: str, values: Mapping[str, Any], kinds: Mapping[str, str]) -> N
         value = values[name]
         if not any(value is None if way == "nothing" else KINDS[way](value) for way in ways_of(told)):
             raise TcbenchError(f"{where}: {name} must be {told}, not {shown(value)}.")
+
+
+def positive(name: str, value: Any) -> float:
+    """The value of an argument as a finite number above 0, or the error that says what is wrong with it."""
+    try:
+        number = math.nan if isinstance(value, bytes | bool) else float(value)
+    except (TypeError, ValueError, OverflowError):
+        raise TcbenchError(f"{name} must be a number, not {shown(value)}.") from None
+    if not (math.isfinite(number) and number > 0):
+        raise TcbenchError(f"{name} must be positive and finite, not {shown(value)}.")
+    return number
 
 
 @cache

@@ -11,7 +11,7 @@ from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
-from .errors import TcbenchError, expect, unknown_name
+from .errors import TcbenchError, expect, shown, unknown_name
 
 if TYPE_CHECKING:
     from .systems.system import System
@@ -365,8 +365,13 @@ def family(make: Callable[..., Integrator], **parameters: Any) -> Integrator:
     ----------
     docs/add-integrator.md.
     """
+    expect("family", {"make": make}, {"make": "a function"})
+    expect("family", parameters, dict.fromkeys(parameters, "words or numbers or a function"))
     allowed = {n: v if callable(v) else tuple(str(x) for x in v) for n, v in parameters.items()}
-    return replace(make(), parameters=allowed, family=make)
+    made = make()
+    if not isinstance(made, Integrator):
+        raise TcbenchError(f"family: make returns {shown(made)}; it has to return an Integrator.")
+    return replace(made, parameters=allowed, family=make)
 
 
 def _as_flows(flows: Any, variables: str) -> tuple[Flow, ...]:

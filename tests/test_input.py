@@ -5,6 +5,7 @@ import pytest
 
 import tcbench
 from tcbench import Integrator, Scenario, TcbenchError
+from tcbench.store.compare import compare
 
 HUGE = 10**400
 
@@ -47,6 +48,15 @@ WRONG = {
     "has no formula": lambda: Integrator(name="a", order=1, flows=()),
     "cannot be counted": lambda: tcbench.simulate("tc_gauss", new_scenario(dt=1e-320)),
     "not 5": lambda: tcbench.draw("laws", [5]),
+    "no Observable": lambda: tcbench.simulate("tc_gauss", "short_term", t_end=0.5).plot([5]),
+    "times must be numbers": lambda: tcbench.simulate("solve_ivp_rk45", "short_term", times=10**400),
+    "t_end must be positive": lambda: tcbench.simulate("tc_gauss", "short_term", t_end=True),
+    "No study is called 'None'": lambda: tcbench.run(["tc_gauss"], ["short_term"], [None]),
+    "compare: run_a must be": lambda: compare(b"x", "y"),
+    "family: a must be": lambda: tcbench.family(lambda a: 5, a=5),
+    "of what simulate returns": lambda: tcbench.animate([5]),
+    "make returns": lambda: tcbench.family(lambda: 5),
+    "scenario family: ranges": lambda: tcbench.ScenarioFamily("a", sample=step, ranges=[1.0]),
     "which is none": lambda: tcbench.simulate(
         Integrator(name="a", order=1, flows=lambda a, b, h, system: np.array([str(x) for x in b])), "short_term"),
     "cannot be the name of": lambda: tcbench.run(["tc_gauss"], ["short_term"], ["conservation"], output="a\0b"),
@@ -95,6 +105,9 @@ CALLS = {  # what is called with one wrong argument, and which
                  ("continuation", "residuals", "audit_roots", "dt", "tolerance")),
     "step": (lambda **changes: tcbench.stepper("tc_gauss", "short_term")(**{"z": np.zeros(10), "h": 0.1} | changes),
              ("z", "h")),
+    "family": (lambda **changes: tcbench.family(**{"make": lambda **k: Integrator(**MADE)} | changes), ("make",)),
+    "animate": (lambda **changes: tcbench.simulate("tc_gauss", "short_term", t_end=0.5).animate(**changes),
+                ("path", "frames", "fps")),
     "draw": (lambda **changes: tcbench.draw(**{"kind": "laws", "data": "nowhere"} | changes), ("kind", "methods", "x",
              "y", "dt", "size", "font_size", "scenario")),
 }  # fmt: skip

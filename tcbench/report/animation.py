@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import matplotlib
 import numpy as np
 
-from ..errors import TcbenchError, needs_folder, writing
+from ..errors import TcbenchError, expect, needs_folder, positive, several, shown, writing
 from ..systems.plane import segments
 from .charts.scales import ROUND_OFF
 from .charts.style import look
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 FRAMES, FPS = 120, 20
 TRAIL = 12  # frames of a mass's way that are shown
-MOST_METHODS = 4
+MOST_METHODS, MOST_FRAMES = 4, 10_000
 SUFFIXES = (".gif", ".mp4", ".html")
 ROOM = 0.06  # of a view around what the runs that ended well need: a run that flies apart leaves it
 WIDEST = 0.6  # the same where no run ended well, around the start
@@ -79,7 +79,15 @@ def animate(
     ----------
     docs/gallery.md shows some.
     """
-    chosen: list[Any] = [runs] if hasattr(runs, "scenario") else list(runs)
+    from ..simulation.trajectory import Trajectory
+
+    chosen: list[Any] = [*runs] if several(runs) else [runs]  # type: ignore[misc]
+    if wrong := [run for run in chosen if not isinstance(run, Trajectory)]:
+        raise TcbenchError(f"An animation is of what simulate returns, not of {shown(wrong[0])}.")
+    expect("animate", locals(), {"path": "a path or nothing", "frames": "a whole number", "fps": "a number"})
+    positive("fps", fps)
+    if not 1 <= frames <= MOST_FRAMES:
+        raise TcbenchError(f"frames must be 1 to {MOST_FRAMES}, not {frames}.")
     if path is not None:
         return save(chosen, path, frames, fps)
     _checked(chosen)

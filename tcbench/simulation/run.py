@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 import time
 from typing import Any
 
 import numpy as np
 
-from ..errors import TcbenchError, expect
+from ..errors import TcbenchError, expect, positive, shown
 from ..integrator import Integrator
 from ..progress import part
 from ..solver import foresight
@@ -96,7 +95,7 @@ def simulate(
         expect("simulate", flags, dict.fromkeys(flags, "True or False"))
     integrator = plugins.find_integrator(integrator)
     scenario = plugins.find_scenario(scenario).current()
-    if t_end is not None and t_end != scenario.t_end:
+    if t_end is not None and (t_end := positive("t_end", t_end)) != scenario.t_end:
         # the step asked for is checked against the horizon asked for
         scenario = scenario.replace(t_end=t_end)
     if reason := integrator.lacks or integrator.suits(scenario.model):
@@ -109,7 +108,8 @@ def simulate(
         if chosen is not None:
             end = float(chosen[-1])
             scenario = scenario.replace(t_end=end, dt=min(scenario.dt, end))
-        return run_adaptive(integrator, scenario, _checked_tolerance(tolerance), chosen)
+        tolerance = positive("tolerance", 1e-6 if tolerance is None else tolerance)
+        return run_adaptive(integrator, scenario, tolerance, chosen)
     if times is not None:
         raise TcbenchError(f"{integrator.name!r} has states at the ends of its steps: give dt=, not times=.")
     if tolerance is not None:
@@ -142,12 +142,7 @@ def check_memory(scenario: Scenario, dt: float, steps: int, every: int = 1) -> N
 
 def checked_dt(dt: Any, scenario: Scenario) -> float:
     """dt as a float, or the error that says what is wrong with it."""
-    try:
-        value = float(dt)
-    except (TypeError, ValueError, OverflowError):
-        raise TcbenchError(f"dt must be a number, not {dt!r}.") from None
-    if not (math.isfinite(value) and value > 0):
-        raise TcbenchError(f"dt must be positive and finite, not {value:g}.")
+    value = positive("dt", dt)
     if value > scenario.t_end * (1 + 1e-12):
         raise TcbenchError(
             f"dt = {value:g} is longer than the horizon t_end = {scenario.t_end:g} of {scenario.name!r}."
@@ -159,24 +154,14 @@ def _checked_times(times: Any, t_end: float | None) -> np.ndarray:
     """The times after 0, ascending; the last one is the horizon."""
     try:
         found = np.asarray(times, dtype=float).ravel()
-    except (TypeError, ValueError):
-        raise TcbenchError(f"times must be numbers, not {times!r}.") from None
+    except (TypeError, ValueError, OverflowError):
+        raise TcbenchError(f"times must be numbers, not {shown(times)}.") from None
     found = found[1:] if len(found) and found[0] == 0 else found
     if not len(found) or not np.isfinite(found).all() or found[0] <= 0 or (np.diff(found) <= 0).any():
         raise TcbenchError("times must be finite numbers that grow, the first at 0 or later, the last after 0.")
     if t_end is not None and t_end != found[-1]:
         raise TcbenchError(f"The run ends at the last of its times, {found[-1]:g}: leave out t_end = {t_end:g}.")
     return found
-
-
-def _checked_tolerance(tolerance: float | None) -> float:
-    try:
-        value = 1e-6 if tolerance is None else float(tolerance)
-    except (TypeError, ValueError, OverflowError):
-        raise TcbenchError(f"tolerance must be a number, not {tolerance!r}.") from None
-    if not (math.isfinite(value) and value > 0):
-        raise TcbenchError(f"tolerance must be positive and finite, not {value:g}.")
-    return value
 
 
 def run_flows(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import TcbenchError
+from ..errors import TcbenchError, several, shown
 from ..metric import Observable
 
 if TYPE_CHECKING:
@@ -23,13 +23,21 @@ def columns(run: Trajectory, observables: Sequence[Observable] = ()) -> dict[str
     names, m = run.scenario.model.component_names, run.temperatures.shape[1]
     found = {"t": run.t, **dict(zip(names, run.z.T, strict=True)), "energy": run.energy, "entropy": run.entropy}
     found |= dict(run.invariants) | {f"theta{i}": run.temperatures[:, i] for i in range(m)}
-    for observable in observables:
+    for observable in _checked(observables):
         found[observable.name] = observed(run, observable)
     return found
 
 
+def _checked(observables: Any) -> Sequence[Observable]:
+    for one in observables if several(observables) else [observables]:
+        if not isinstance(one, Observable):
+            raise TcbenchError(f"{shown(one)} is no Observable; give Observable(name, compute), or a list of several.")
+    return [observables] if isinstance(observables, Observable) else list(observables)
+
+
 def observed(run: Trajectory, observable: Observable) -> np.ndarray:
     """The observable at each recorded state, shape (m,)."""
+    _checked([observable])
     values = np.asarray(observable.compute(run), dtype=float)
     if values.shape != run.t.shape:
         raise TcbenchError(
@@ -57,7 +65,7 @@ def picture(run: Trajectory, observables: Sequence[Observable] = ()) -> Figure:
     if run.temperatures.shape[1]:
         panels.append(("temperatures θ", {f"{i}": theta for i, theta in enumerate(run.temperatures.T)}))
     panels += [(f"{name} − initial value", {"": x - x[0]}) for name, x in run.invariants.items()]
-    panels += [(f"{o.name}{f' ({o.unit})' if o.unit else ''}", {"": observed(run, o)}) for o in observables]
+    panels += [(f"{o.name}{f' ({o.unit})' if o.unit else ''}", {"": observed(run, o)}) for o in _checked(observables)]
     rows = -(-len(panels) // 2)
 
     class Picture(Figure):

@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from fnmatch import fnmatch
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from ..errors import expect
 from ..studies.columns import column as column_named
 from .encoding import canonical_json
 from .pairing import Pairs, named, pairs_of
@@ -71,6 +72,8 @@ def compare(
     """
     import pandas
 
+    kinds = {"run_a": "a path", "run_b": "a path", "noise": "a number or a mapping or nothing", "floor": "a number"}
+    expect("compare", locals(), kinds)
     a, b = Store.read(run_a), Store.read(run_b)
     timings = not other_machine(a, b)
     pairs = pairs_of(a, b)

@@ -44,7 +44,9 @@ def study_names() -> tuple[str, ...]:
 def expand_studies(names: Iterable[str]) -> list[str]:
     """The studies of these names, each once; a pattern such as `con*` is every one run by default whose name fits."""
     known = default_studies()
-    found = [one for name in names for one in (matching("study", name, known) if is_pattern(name) else [name])]
+    found = [
+        one for name in map(str, names) for one in (matching("study", name, known) if is_pattern(name) else [name])
+    ]
     return list(dict.fromkeys(found))
 
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import TcbenchError, expect, shown, unknown_name
+from ..errors import TcbenchError, expect, positive, shown, unknown_name
 from .declaration import SETTINGS
 from .refusals import Fixed
 from .sampling import Draw, Range, rounded, seed_of
@@ -27,6 +27,10 @@ KINDS_OF_FIELDS = {
     "system": "a class", "constants": "a mapping", "initial": "a mapping", "shows": "a word", "source": "a word",
     "plugin": "a word",
     "ladder": "numbers",
+}  # fmt: skip
+KINDS_OF_A_FAMILY = {
+    "name": "a word", "make": "a function or nothing", "sample": "a function or nothing", "defaults": "a mapping",
+    "ranges": "a mapping",
 }  # fmt: skip
 SAID = ("name", "shows", "source", "plugin", "_cache")  # of a scenario: no part of what is computed
 LENGTHS = ("t_end", "dt", "t_converge", "blowup_factor")
@@ -112,7 +116,7 @@ class Scenario:
 
     def _check_lengths(self) -> None:
         for name in LENGTHS:
-            object.__setattr__(self, name, _positive(name, getattr(self, name)))
+            object.__setattr__(self, name, positive(name, getattr(self, name)))
         if self.dt > self.t_end:
             raise TcbenchError(f"Scenario {self.name!r}: dt = {self.dt:g} is longer than t_end = {self.t_end:g}.")
 
@@ -191,7 +195,7 @@ class Scenario:
                 known = [n for n in SETTINGS if n in self.model.initial_data or n not in (*ELEMENTS, "initial")]
                 raise unknown_name("setting of a scenario", name, [*known, *constants, *self.initial])
         if "dt" not in changes and "t_end" in changes:
-            settings["dt"] = min(self.dt, _positive("t_end", changes["t_end"]))
+            settings["dt"] = min(self.dt, positive("t_end", changes["t_end"]))
         if not set(changes) <= set(LENGTHS):
             return dataclass_replace(self, constants=constants, **{"name": self.name, **settings})
         found = copy.copy(now := self.current())  # of the same system and start: what is kept of these serves both
@@ -283,6 +287,7 @@ class ScenarioFamily:
     by_default: bool = True
 
     def __post_init__(self) -> None:
+        expect("A scenario family", vars(self), KINDS_OF_A_FAMILY)
         if (self.make is None) == (self.sample is None):
             raise TcbenchError(f"The scenario family {self.name!r} must give one of make= and sample=.")
         if self.sample is not None:
@@ -381,16 +386,6 @@ def _numbers(name: str, value: Any) -> tuple[float, ...]:
     if not all(math.isfinite(v) for v in numbers):
         raise TcbenchError(f"{name} must be finite, not {value!r}.")
     return numbers
-
-
-def _positive(name: str, value: Any) -> float:
-    try:
-        number = float(value)
-    except (TypeError, ValueError, OverflowError):
-        raise TcbenchError(f"{name} must be a number, not {value!r}.") from None
-    if not (math.isfinite(number) and number > 0):
-        raise TcbenchError(f"{name} must be positive and finite, not {value!r}.")
-    return number
 
 
 def _plain(value: Any) -> Any:
