@@ -49,11 +49,14 @@ STREAM, ATTRIBUTES = "a pipe or a device was read", "attributes of a file were r
 SYSTEM_CALLS, OPENS = "C functions of the system were called", "opens files in C"
 # packages that open files in C, where Python sees nothing; those of the second kind open them in Python for pandas
 READERS = frozenset({"h5py", "netCDF4", "tables", "polars", "lxml", "duckdb", "cv2", "osgeo", "rasterio", "pyreadstat"})
-OWN_READERS = frozenset({f"pyarrow.{n}" for n in ("parquet", "csv", "json", "feather", "orc", "dataset", "fs")})
+OWN_READERS = frozenset(
+    {f"pyarrow.{n}" for n in ("parquet", "csv", "json", "feather", "orc", "dataset", "fs")} | {"cffi"}
+)
 LOCALE = ("LC_ALL", "LC_CTYPE", "LC_NUMERIC", "LC_TIME", "LC_COLLATE", "LC_MONETARY", "LC_MESSAGES", "LANG", "LANGUAGE")
 ABOUT = {**dict.fromkeys(("uname", "cpu_count", "process_cpu_count", "sched_getaffinity"), (MACHINE,)),
          "umask": (UMASK,), "setlocale": LOCALE}  # fmt: skip
 STATES = ("statvfs", "getloadavg")
+TELLING = ("which", "getuser", "get_terminal_size")  # functions of Python that say what a variable says
 LEFT_OUT: list[str] = []  # folders of tcbench's own, whose files are no inputs
 HERE = os.path.dirname(os.path.abspath(__file__)) + os.sep
 FOUND_BY_PYTHON = "<frozen importlib"
@@ -238,6 +241,8 @@ class Recorder(Seen):
     def _looked_up(self, name: str, folders: Iterable[Any]) -> None:
         """What an import of it finds first in these folders, or would if it were there."""
         for folder in (f for f in folders if isinstance(f, str) and not (f + os.sep).startswith(INSTALLED)):
+            if not os.path.isdir(self.full(place := self.named(folder))):
+                self.note(place, asked=True)  # an archive of modules, or where one may come
             path = self.named(os.path.join(folder, name))
             mark = self.lookups[path] = self.lookups.get(path, module_mark(self.full(path)))
             if mark not in (None, A_FOLDER):
@@ -249,7 +254,7 @@ class Recorder(Seen):
             self._noting("a variable could not be noted", self._asked, name, among_all)
 
     def _asked(self, name: str, among_all: bool) -> None:
-        if foreign() and (not PLACES.match(name) or (not among_all and directly(()))):
+        if foreign() and (not PLACES.match(name) or (not among_all and directly(TELLING))):
             self.fact(name)
 
     def names(self) -> None:

@@ -117,7 +117,8 @@ def _stand_in_for_all(recorder: Recorder) -> None:
         for name in (*ABOUT, *STATES):
             _stand_in(module, name, functools.partial(_about, name))
     _stand_in(platform, "uname", functools.partial(_about, "uname"))  # which remembers what it was told
-    _stand_in(locale, "setlocale", functools.partial(_about, "setlocale"))
+    for name in ("setlocale", "getlocale"):
+        _stand_in(locale, name, functools.partial(_about, "setlocale"))
     _stand_in(importlib.metadata, "distribution", recorder.package)
     _stand_in(importlib.metadata, "distributions", lambda **context: recorder.package(context.get("name")))
 
@@ -152,7 +153,7 @@ def _about(name: str, *arguments: Any, **named: Any) -> None:
 
 def _asking(name: str, path: Any = "", *arguments: Any, dir_fd: Any = None, **named: Any) -> None:
     if _RECORDER is not None and (name != "open" or dir_fd is not None):
-        _RECORDER.looked(name, path, dir_fd)
+        _RECORDER.looked("lstat" if named.get("follow_symlinks") is False else name, path, dir_fd)
 
 
 def recorder() -> Recorder | None:

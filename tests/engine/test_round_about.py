@@ -134,13 +134,16 @@ VARIABLES = {  # variable: what the plugin does, values
     "TZ": ("import time\nG = 1.0 + time.timezone", "UTC", "UTC+3"),
     "LC_ALL": ("import locale\nG = len(locale.setlocale(locale.LC_ALL, ''))", "C", "POSIX"),
     "PYTHONWARNINGS": ("", "ignore", "error"),
+    "PATH": ("import shutil\nG = 1.0 + (shutil.which('which_x') is None)", "/a", "/b"),
+    "USER": ("import getpass\nG = 1.0 + len(getpass.getuser())", "a", "bb"),
+    "LANG": ("import locale\nG = 1.0 + len(str(locale.getlocale()))", "C", "POSIX"),
 }
 
 
 @pytest.mark.parametrize("name", VARIABLES)
 def test_a_variable_that_python_or_c_reads_for_a_plugin_is_an_input(desk, monkeypatch, name):
     read, before, after = VARIABLES[name]
-    monkeypatch.setattr("locale._setlocale", lambda category, value: "C")  # this process keeps its own
+    monkeypatch.setattr("locale._setlocale", lambda category, value=None: "C")  # this process keeps its own
     monkeypatch.setenv(name, before)
     write(desk, {"p/mine.py": plugin(read, "G" if read else "1.0")})
     rows = measured(desk)
@@ -185,11 +188,12 @@ def test_the_mask_of_new_files_is_an_input_where_it_is_asked(desk):
         ("import socket\nsocket.gethostbyname('127.0.0.1')", "the network was used"),
         ("n = float(open(HERE / 'n').read())\nopen(HERE / 'n', 'r+').write('2')", "<mine>/n changed while it was meas"),
         ("import h5py", "h5py opens files in C"),
+        ("sys.modules.pop('cffi', None)\nimport cffi", "cffi opens files in C"),
     ],
 )
 def test_what_cannot_be_compared_is_measured_each_time(desk, does, reason):
     os.mkfifo(desk / "p" / "ff")
-    write(desk, {"p/mine.py": plugin(does), "p/n": "1", "p/h5py/__init__.py": ""})
+    write(desk, {"p/mine.py": plugin(does), "p/n": "1", "p/h5py/__init__.py": "", "p/cffi/__init__.py": ""})
     assert again(desk, measured(desk)).startswith(reason)
 
 

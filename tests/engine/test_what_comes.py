@@ -1,10 +1,12 @@
 """What was not there when a row was measured and comes later, or goes: variables, folders, links, submodules."""
 
+import io
 import mmap
 import os
 import shutil
 import sqlite3
 import sys
+import zipfile
 from types import ModuleType
 
 import pytest
@@ -20,6 +22,14 @@ loader = machinery.SourceFileLoader("loaded_x", str(HERE / "_g.txt"))
 module = util.module_from_spec(util.spec_from_file_location("loaded_x", HERE / "_g.txt", loader=loader))
 loader.exec_module(module)
 """
+
+
+def archive(text):
+    with zipfile.ZipFile(content := io.BytesIO(), "w") as file:
+        file.writestr("zip_x.py", text)
+    return content.getvalue()
+
+
 FILES = {  # what the plugin does, files before, files after
     "a submodule": (plugin("try:\n    from pk_z.sub import G\nexcept ImportError:\n    G = 1.0", "G"),
                     {"p/pk_z/__init__.py": ""}, {"p/pk_z/sub.py": G2}),
@@ -31,6 +41,8 @@ FILES = {  # what the plugin does, files before, files after
     "a folder": (plugin("G = os.path.exists(HERE / 'dd') + 1.0", "G"), {}, {"p/dd/x": ""}),
     "sizes": (plugin("G = sum(e.stat().st_size for e in os.scandir(HERE / '_d'))", "G"), {"p/_d/a": "1"},
               {"p/_d/a": "12"}),
+    "an archive of modules": (plugin("sys.path[:0] = [str(HERE.parent / 'lib' / n) for n in ('z.zip', '.')]\n"
+                                     "from zip_x import G", "G"), {"lib/zip_x.py": G1}, {"lib/z.zip": archive(G2)}),
     "a source of another kind": (plugin(SPEC, "module.G"), {"p/_g.txt": G1}, {"p/_g.txt": G2}),
 }  # fmt: skip
 
@@ -74,6 +86,15 @@ def test_a_folder_that_goes_is_seen(desk, asked):
 def test_a_link_to_the_same_content_is_seen(desk, asked):
     write(desk, {"p/mine.py": plugin(f"G = 1.0 + {asked}", "G"), "p/a": "1", "p/c": "1"})
     (desk / "p" / "b").symlink_to("c")
+    rows = measured(desk)
+    assert again(desk, rows) == ""
+    (desk / "p" / "b").unlink()
+    (desk / "p" / "b").symlink_to("a")
+    assert again(desk, rows) == "<mine>/b"
+
+
+def test_a_file_that_becomes_a_link_to_its_content_is_seen(desk):
+    write(desk, {"p/mine.py": plugin("G = 1.0 + (HERE / 'b').is_symlink()", "G"), "p/a": "1", "p/b": "1"})
     rows = measured(desk)
     assert again(desk, rows) == ""
     (desk / "p" / "b").unlink()
