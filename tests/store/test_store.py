@@ -85,7 +85,7 @@ values = st.recursive(
 )
 
 
-@given(st.dictionaries(st.text(), values, max_size=5))
+@given(st.dictionaries(st.text().filter(lambda name: name != "status"), values, max_size=5))  # which is a word
 def test_any_row_survives_as_strict_json_nan_and_infinity_included(row):
     line = encode_line("k", row, {}, "")
     json.loads(line, parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
