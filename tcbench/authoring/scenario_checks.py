@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from ..systems.scenario import Scenario
 
 LARGE = 80  # numbers of a state from which on it is traced once
+TINY_SCALE = 1e-6  # of energy errors, over how far energies are apart
 MOST_TRIED = 4000  # states of a descent
 METHODS = ("tc_monolithic", "tc_staggered", "tc_strang", "midpoint_entropy", "midpoint_temperature")
 REMEDIES = {  # of elements, by the first words of a finding of theorems.operators
@@ -118,9 +119,17 @@ def positive(scenario: Scenario) -> Line:
 
 def exergy(scenario: Scenario) -> Line:
     """E - theta_ref S + offset is the scale of energy errors: it must be positive."""
-    if not scenario.model.reference_temperature:
-        return Line("exergy", NONE, "no reference_temperature: the energy at the start is its own scale")
     states = admissible_states(scenario, np.random.default_rng(SEED))
+    if not scenario.model.reference_temperature:
+        E0 = float(scenario.model.exergy(scenario.z0))
+        apart = max(abs(float(scenario.model.exergy(next(states))) - E0) for _ in range(50))
+        if scenario.initial_exergy < TINY_SCALE * apart:
+            found = (
+                f"errors are measured by |E| at the start, {scenario.initial_exergy:.3g}; others have {apart:.3g} more"
+            )
+            remedy = "Declare a reference_temperature, or let exergy_offset() move E away from 0."
+            return Line("exergy", FAIL, found, remedy)
+        return Line("exergy", NONE, "no reference_temperature: the energy at the start is its own scale")
     least = min(float(scenario.model.exergy(next(states))) for _ in range(50))
     good = scenario.initial_exergy > 0 and least >= -1e-12 * scenario.initial_exergy
     remedy = "Let exergy_offset() return minus the least value of E - reference_temperature * S."

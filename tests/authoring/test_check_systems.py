@@ -134,6 +134,19 @@ def test_a_rate_that_is_no_number_at_the_start_is_told():
         Field(system).rate(0.0, np.array([1.0, 0, 0, 1, 0]))
 
 
+def test_an_energy_that_is_0_at_the_start_is_no_scale_of_errors():
+    def energy(self, z):
+        return Right.energy(self, z) - 2
+
+    def exergy_offset(self):
+        return 5
+
+    kind = type("Zero", (Right,), {"reference_temperature": 0.0, "energy": energy})
+    assert "move E away from 0" in failed(kind)["exergy"]
+    assert "exergy" not in failed(type("Moved", (kind,), {"exergy_offset": exergy_offset}))
+    assert "exergy" not in failed(type("Itself", (kind,), {"energy": Right.energy}))
+
+
 def matrix(name, change):
     right = getattr(ByMatrices, name)
 
