@@ -46,6 +46,7 @@ WRONG = {
     "variables must be": lambda: Integrator(name="a", order=1, step=step, variables={"a": "b"}),
     "requires must be": lambda: Integrator(name="a", order=1, step=step, requires=np.array(0.1)),
     "has no formula": lambda: Integrator(name="a", order=1, flows=()),
+    "e.18 cannot be counted": lambda: tcbench.simulate("tc_gauss", "short_term", t_end=2**63, record_every=2**63),
     "cannot be counted": lambda: tcbench.simulate("tc_gauss", new_scenario(dt=1e-320)),
     "not 5": lambda: tcbench.draw("laws", [5]),
     "no Observable": lambda: tcbench.simulate("tc_gauss", "short_term", t_end=0.5).plot([5]),
