@@ -206,9 +206,13 @@ class Record:
         return part
 
     def as_numbers(self) -> dict[str, Any]:
-        """All fields that are numbers, read at once."""
-        whole, real, plan = self.table.tolist(), self.reals.tolist(), self._plan
-        return {name: (real if is_real else whole)[i] for name, i, is_real in plan.numbers}
+        """The fields of a record that has numbers only, read at once."""
+        plan = self._plan
+        found = dict(zip(plan.names, self.table.tolist(), strict=True))
+        reals = self.reals.tolist()
+        for name, i in plan.reals:
+            found[name] = reals[i]
+        return found
 
     @classmethod
     def _over(cls, row: np.ndarray, source: Any) -> Any:
@@ -266,7 +270,8 @@ class _Plan:
                 self.memory += 0 if part else math.prod(shape)
         self.own = np.array([f.index for f in own], dtype=np.intp)
         self.offsets = np.array([8 * self.shapes[f.name][0] for f in own], dtype=np.int64)
-        self.numbers = [(f.name, f.index, f.is_real) for f in cls.fields.values() if f.is_real or f.is_whole]
+        self.names = list(cls.fields)
+        self.reals = [(f.name, f.index) for f in cls.fields.values() if f.is_real]
         fields = [cls.fields[name] for name in values]
         self.given = [f for f in fields if f.kind not in NUMBERS]
         whole = [f for f in fields if f.kind in NUMBERS and f.kind != "float"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import traceback
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from ..systems.system import System
 from .compiled_loop import FIRST_INVARIANT, E, Run, S
 from .trajectory import SolverCounts, Summary, Trajectory
 
+Made = TypeVar("Made")
 OURS = Path(__file__).parents[1]
 INSTALLED = {"site-packages", "dist-packages"}
 
@@ -65,16 +66,19 @@ def assemble(
     tally, dt, every, model = run.tally.as_numbers(), float(run.h), run.every, scenario.model
     done = tally["steps"]
     rows = -(-done // every) + 1
-    t = (np.arange(rows) if every == 1 else np.minimum(np.arange(rows) * every, done)) * dt
+    numbers = np.arange(rows, dtype=float)
+    t = (numbers if every == 1 else np.minimum(numbers * every, done)) * dt
     names, observed = model.invariant_names, run.records[:rows]
     first = FIRST_INVARIANT + len(names)
     if solver is None:
-        solver = SolverCounts(
+        solver = at_once(
+            SolverCounts,
             newton_iterations=tally["iterations"], retried=tally["retried"], tracked=tally["tracked"],
             continuation_tries=tally["tries"], arcs=tally["arcs"], folds=tally["folds"], audited=tally["audited"],
             wrong_roots=tally["wrong_roots"], way=way,
         )  # fmt: skip
-    return Trajectory(
+    return at_once(
+        Trajectory,
         integrator=integrator, scenario=scenario, dt=dt, t=t, z=run.states[:rows],
         energy=observed[:, E], entropy=observed[:, S],
         invariants={name: observed[:, FIRST_INVARIANT + i] for i, name in enumerate(names)},
@@ -84,6 +88,14 @@ def assemble(
     )  # fmt: skip
 
 
+def at_once(kind: type[Made], **values: Any) -> Made:
+    """A frozen record of these fields, and the defaults of others: set one by one, as its `__init__` does, they take a
+    tenth of a short run."""
+    made = object.__new__(kind)
+    vars(made).update(values)
+    return made
+
+
 def summarise(run: Run, tally: dict[str, Any], dt: float, names: tuple[str, ...], exergy: float) -> Summary:
     steps, departures = tally["steps"], dict(zip(names, run.departures.tolist(), strict=True))
     if not steps:
@@ -91,7 +103,8 @@ def summarise(run: Run, tally: dict[str, Any], dt: float, names: tuple[str, ...]
         return Summary(nan, nan, nan, 0, nan, nan, dict.fromkeys(departures, nan), nan)
     spread = steps * tally["sum_tt"] - tally["sum_t"] ** 2
     slope = steps * tally["sum_te"] - tally["sum_t"] * tally["sum_e"]
-    return Summary(
+    return at_once(
+        Summary,
         energy_error_max=tally["energy_error"] / exergy,
         energy_drift=slope / spread / exergy if steps > 1 and spread > 0 else math.nan,
         entropy_increment_min=tally["entropy_min"],
