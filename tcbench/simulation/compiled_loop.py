@@ -10,7 +10,7 @@ from ..compiler.records import Record, Rows, address_of, sized
 from ..solver.flow import Flow, Tally
 from ..solver.implicit_step import BLOWUP, COLD, COLLAPSED, NO_AUDIT, NONFINITE, OK, PRINCIPAL, solve_flow
 from ..solver.linear_algebra import add_increments, move
-from ..solver.newton import ACCEPTED, FORESEEN, REJECTED, UNKNOWN, finish, foresee, quick
+from ..solver.newton import ACCEPTED, FORESEEN, NEXT, REJECTED, finish, foresee, quick
 from ..solver.quick_sparse import quick_sparse
 
 E, S, FIRST_INVARIANT = 0, 1, 2  # in a row of observables
@@ -83,23 +83,35 @@ def accumulate(run: Run, step: int, now: Floats) -> None:
     for i in range(run.n_invariants):
         departure = abs(now[FIRST_INVARIANT + i] - first[FIRST_INVARIANT + i])
         run.departures[i] = max(run.departures[i], departure)
+    before[E], before[S] = now[E], now[S]
 
 
 def verdict(run: Run, z: Floats, now: Floats) -> int:
-    """Why the run cannot go on from this state, or OK."""
-    temperatures = FIRST_INVARIANT + run.n_invariants
-    zero, least = 0.0, np.inf  # 0 times anything that is not finite is NaN
+    """Why the run cannot go on from this state with these observables, or OK."""
+    zero = 0.0  # 0 times anything that is not finite is NaN
     for i in range(run.n):
         zero += 0.0 * z[i]
-    for i in range(run.n_observables):
+    return admitted(run, now) if zero == 0.0 else NONFINITE
+
+
+def admitted(run: Run, now: Floats) -> int:
+    """`verdict` of a finite state."""
+    temperatures = FIRST_INVARIANT + run.n_invariants
+    zero, least = 0.0, np.inf
+    for i in range(temperatures):
         zero += 0.0 * now[i]
     for i in range(temperatures, run.n_observables):
+        zero += 0.0 * now[i]
         least = now[i] if now[i] < least else least
     if zero == 0.0 and least > 0.0:
         return BLOWUP if abs(now[E] - run.observables[FIRST, E]) > run.bound else OK
-    for i in range(run.n):
-        if not abs(z[i]) < np.inf:
-            return NONFINITE
+    return refused(run, now)
+
+
+@rare
+def refused(run: Run, now: Floats) -> int:
+    """Why a finite state with these observables is none of the system's."""
+    temperatures = FIRST_INVARIANT + run.n_invariants
     for i in range(run.n_elements):
         if not now[temperatures + i] > 0.0:
             return COLD
@@ -109,21 +121,17 @@ def verdict(run: Run, z: Floats, now: Floats) -> int:
     return NONFINITE
 
 
-def judge(run: Run, step: int, z: Floats, now: Floats) -> tuple[int, int]:
-    """Judge the state after a step, of which the observables are `now`; returns (why the run ends or OK, steps).
-
-    A state that is not admissible (its energy need not exist) does not count as completed.
-    """
-    reason = verdict(run, z, now)
+def completed(run: Run, step: int, reason: int, now: Floats) -> int:
+    """Steps that are completed, this one counted and added to the tally if its state is admissible: if not, its energy
+    need not exist."""
     if reason != OK and reason != BLOWUP:
-        return reason, step - 1
+        return step - 1
     accumulate(run, step, now)
-    copy_into(run.observables[BEFORE], now)
-    return reason, step
+    return step
 
 
 def monitor(run: Run, first: int, rows: Matrix) -> int:
-    """`judge` for states that come from Python, of step `first` and the next, up to one that ends the run.
+    """Judge states that come from Python, of step `first` and the next, up to one that ends the run.
 
     Returns why the run ends, or OK; completed steps in the tally. States beyond those that the run has room for are
     left out: whatever is given, nothing is written behind the records.
@@ -132,7 +140,8 @@ def monitor(run: Run, first: int, rows: Matrix) -> int:
     run.tally.steps = first - 1
     for i in range(min(len(rows), (run.n_rows - 1) * run.every - (first - 1))):
         call(run.observe, rows[i], run.c, now)
-        reason, done = judge(run, first + i, rows[i], now)
+        reason = verdict(run, rows[i], now)
+        done = completed(run, first + i, reason, now)
         run.tally.steps = done
         if done == first + i:
             row = (done - 1) // run.every + 1  # of the last record kept up to date: it may be the last state
@@ -219,13 +228,13 @@ def one_step(run: Run, z: Floats, carry: Floats, after: Floats, trial: Floats) -
             continue
         code = REJECTED
         if flow.continuation and flow.audit < PRINCIPAL:
-            if flow.foreseen[0] != FORESEEN:
-                for i in range(n):
-                    flow.x[i] = flow.w[n + i]
+            guess = flow.w[n : 2 * n]
+            if flow.foreseen[NEXT] == FORESEEN:
+                guess = flow.x
             if flow.ns > 0:
                 code, count = quick_sparse(flow)
             else:
-                code, count = quick(flow)
+                code, count = quick(flow, guess)
             iterations += count
         if code != ACCEPTED or flow.audit != NO_AUDIT:
             reason, more = solve_flow(flow, here, code == ACCEPTED)
@@ -249,7 +258,8 @@ def march(run: Run, start: int, stop: int) -> int:
     z, carry, after, trial = run.z, run.carry, run.after, run.dropped
     if start == 0:  # what is known of earlier steps is of another run
         for k in range(run.n_flows):
-            run.flows[k].foreseen[0] = UNKNOWN
+            run.flows[k].degree[0] = 0
+            fill(run.flows[k].foreseen, 0.0)
             fill(run.flows[k].kept, 0.0)
     open_step(run, z)
     for step in range(start + 1, stop + 1):
@@ -260,7 +270,8 @@ def march(run: Run, start: int, stop: int) -> int:
         if run.memory > 0:
             remember(run, z, after)
         open_step(run, after)
-        reason, done = judge(run, step, after, now)
+        reason = admitted(run, now)  # increments are finite: see newton.finish
+        done = completed(run, step, reason, now)
         if done == step:
             run.counts[row] += iterations
             z, after, carry, trial = after, z, trial, carry
@@ -272,8 +283,9 @@ def march(run: Run, start: int, stop: int) -> int:
         if reason != OK:
             break
     if left < every and done > start:  # the last completed state is a record, too
+        open_step(run, z)
         copy_into(run.states[row + 1], z)
-        copy_into(run.records[row + 1], run.observables[BEFORE])
+        copy_into(run.records[row + 1], now)
     copy_into(run.z, z)
     copy_into(run.carry, carry)
     run.tally.steps = done

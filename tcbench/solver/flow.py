@@ -67,8 +67,9 @@ class Flow(Record):
     w: Floats = sized("nw")  # what stays fixed during Newton
     x: Floats = sized("nx")
     d: Floats = sized("nd")
-    past: Matrix = sized("nx", "3")  # the last root of each unknown, and its backward differences
-    foreseen: Floats = sized("1")  # is the next one in x? See newton.foresee
+    past: Matrix = sized("nx", "9")  # the last root of each unknown, and its backward differences
+    degree: Ints = sized("1")  # of the polynomial through them
+    foreseen: Floats = sized("2")  # what is known of the next one: see newton.foresee
     dz: Floats = sized("n")
     scale: Floats = sized("nx + ne")  # 1/size of the unknowns
     derivatives: Floats = sized("nfull")

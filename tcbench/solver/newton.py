@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..compiler.language import call, copy_into, fill, rare
+from ..compiler.language import Floats, call, copy_into, fill, rare
 from .flow import Flow
 from .linear_algebra import solve_pivoted
 from .sparse import sparse_iterate
@@ -23,8 +23,15 @@ QUADRATIC = 1e-8  # the same, after a correction a thousand times as large
 CHORD = 1e-2  # below this one more correction with the same factors shows, and mends, what Newton's left
 QUICK = 0.3  # corrections with old factors are tried below this
 NEGLIGIBLE = 1e-16  # predicted error that no further correction would change
-UNKNOWN, FAR, FORESEEN = 0.0, 1.0, 2.0  # the root of the next step
+NEXT, CURVATURE = range(2)  # in `foreseen`, 0 where nothing is known
+FORESEEN = 1.0  # in x is the root of the next step, nearly
+MOST = 8  # degree of the polynomial through the last roots, ...
+ENOUGH = 1e-8  # which grows while its highest difference is beyond this
 NEAR = 0.1  # of the size of an unknown: how far from the last root the next one may be looked for
+LEAST = 1e-3  # curvature that is believed: where it shows less it may be that of one direction
+LEARNED = 1e-6  # the same where a correction of an earlier step has shown the curvature, ...
+SHOWN = 1e-17  # ... or no more than this, which is round-off
+DOUBT = 1.25  # what is not looked at grows by this from step to step
 SQUARED = 1e-11  # Newton's error after a correction below this is its square times curvature: below round-off to 1e6
 CHORD_FLOOR = 1e-14  # a correction with old factors that no longer shrinks is round-off below this
 SMALL_PIVOT = 1e-7  # below this the elimination without pivoting is repeated with pivoting
@@ -59,33 +66,43 @@ def pivoted_correction(flow: Flow) -> float:
 def finish(flow: Flow) -> int:
     """Increments of the state from the unknowns; REJECTED if it is not finite (a non-positive temperature, say)."""
     call(flow.finish, flow.w, flow.x, flow.dz)
-    total = 0.0
+    zero = 0.0  # 0 times anything that is not finite is NaN
     for i in range(flow.n):
-        total += abs(flow.dz[i])
-    return ACCEPTED if total < np.inf else REJECTED
+        zero += 0.0 * flow.dz[i]
+    return ACCEPTED if zero == 0.0 else REJECTED
 
 
-@rare
 def foresee(flow: Flow) -> None:
-    """From the root in x that of the next step, if it is near: where a cubic through the last four points to.
+    """From the root in x that of the next step, if it is near: where a polynomial through the last roots points to.
 
-    One root says nothing of the next: at a large step Newton would find another root from there.
+    One root says nothing of the next: at a large step Newton would find another root from there. The degree grows while
+    the differences of the highest one shrink.
     """
     w, x, past, n = flow.w, flow.x, flow.past, flow.nx
-    known, off = flow.foreseen[0] != UNKNOWN, 0.0
+    degree = flow.degree[0]
+    off, highest, last = 0.0, 0.0, 0.0
     for i in range(n):
-        root = x[i]
-        first = root - past[i, 0] if known else 0.0
-        second = first - past[i, 1] if known else 0.0
-        ahead = first + second + (second - past[i, 2] if known else 0.0)
-        past[i, 0], past[i, 1], past[i, 2] = root, first, second
-        x[i] = root + ahead
-        off = max(off, abs(ahead) * w[2 * n + i])
-    flow.foreseen[0] = FORESEEN if known and off < NEAR else FAR
+        difference, before, ahead = x[i], 0.0, 0.0
+        for k in range(degree):
+            before = difference
+            difference -= past[i, k]
+            past[i, k] = before
+            ahead += difference
+        past[i, degree] = difference
+        x[i] += ahead
+        size = w[2 * n + i]
+        off = max(off, abs(ahead) * size)
+        highest = max(highest, abs(difference) * size)
+        last = max(last, abs(before) * size)
+    flow.foreseen[NEXT] = FORESEEN if degree > 0 and off < NEAR else 0.0
+    if highest < last or degree < 2:
+        flow.degree[0] = min(degree + 1, MOST) if highest > ENOUGH else degree
+    elif degree > 2:
+        flow.degree[0] = degree - 1
 
 
-def quick(flow: Flow) -> tuple[int, int]:
-    """Shamanskii's form of Newton from a near guess, in place: after each iteration, corrections with its factors
+def quick(flow: Flow, guess: Floats) -> tuple[int, int]:
+    """Shamanskii's form of Newton from a near guess, into x: after each iteration, corrections with its factors
     as long as they pay; returns (ACCEPTED or REJECTED, iterations).
 
     A correction with old factors costs half an iteration and shrinks the error by `contraction`, estimated from
@@ -95,22 +112,30 @@ def quick(flow: Flow) -> tuple[int, int]:
     n = flow.nx
     size = n + flow.ne
     after = size + n + flow.npos
-    previous, curvature = np.inf, 0.0
+    previous, curvature = np.inf, flow.foreseen[CURVATURE]
+    small = LEARNED if curvature > 0.0 else SQUARED
+    here = guess
     for iteration in range(1, MAX_ITERATIONS + 1):
-        call(flow.iterate, w, x, d)
+        call(flow.iterate, w, here, d)
         delta = d[after]
         # NaN fails every comparison; a small or negative pivot needs pivoting or is on the wrong side of a fold
         if not (delta <= 0.5 * previous and d[after + 1] > SMALL_PIVOT):
             return REJECTED, iteration
         for i in range(n):
-            x[i] += d[i]
-        if delta < SQUARED and curvature * delta * delta < NEGLIGIBLE:
+            x[i] = here[i] + d[i]
+        if delta < small and curvature * delta * delta < NEGLIGIBLE:
+            if flow.foresees:
+                flow.foreseen[CURVATURE] *= DOUBT
             return finish(flow), iteration
+        here = x
         last, bent, seen = delta, 0.0, False
         while last < QUICK:
             call(flow.polish, w, x, d)
             correction = d[size]
             bent = max(bent, correction)
+            if flow.foresees and not seen:
+                shown = 2.0 * max(correction, SHOWN) / max(delta, SQUARED) ** 2
+                flow.foreseen[CURVATURE] = max(LEAST, max(shown, 0.25 * flow.foreseen[CURVATURE]))
             if not correction < 0.1 * last:
                 if correction < CHORD_FLOOR:
                     return finish(flow), iteration
@@ -125,7 +150,7 @@ def quick(flow: Flow) -> tuple[int, int]:
                 return finish(flow), iteration
             if likely * likely * correction > NEGLIGIBLE:
                 break
-        previous, curvature = last, bent / (delta * delta)
+        previous, curvature = last, max(1.0, bent / (delta * delta))
     return REJECTED, MAX_ITERATIONS
 
 

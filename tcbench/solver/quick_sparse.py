@@ -31,7 +31,7 @@ def quick_sparse(flow: Flow) -> tuple[int, int]:
     """`newton.quick` where the Jacobian is sparse."""
     n, kept = flow.nx, flow.kept
     for i in range(n):
-        flow.scale[i] = flow.w[2 * n + i]
+        flow.x[i], flow.scale[i] = flow.w[n + i], flow.w[2 * n + i]
     if kept[PAUSE] > 0.0:
         kept[PAUSE] -= 1.0
         return newton_krylov(flow)
