@@ -145,6 +145,7 @@ class _Writer:
             elif node.op == "total":
                 self.names[node.number] = name = self._fresh("r")
                 first.append(f"{name} = {START[node.value[0]]}")
+                first += [f"{name}c = 0.0"] if node.value[0] == "add" else []
         if self.terms_at >= 0:
             first += self._zero(ENTRIES, Place("out", self.terms_at))
         stages = {stage for stage in self.stage.values() if stage[1] != NUMBER}
@@ -334,7 +335,12 @@ class _Body:
                         self.lines.append(f"{place} += {value}")
             elif node.op == "total" and w._stage(node.args[0], node.value[1]) == stage:
                 name, item, op = w.names[node.number], self.value(node.args[0]), node.value[0]
-                self.lines.append(f"{name} = " + (f"{name} + {item}" if op == "add" else f"{op}({name}, {item})"))
+                if op == "add":  # compensated (Kahan 1965): of terms that are alike round-off has one sign
+                    y, t = w._fresh("y"), w._fresh("t")
+                    self.lines += [f"{y} = {item} - {name}c", f"{t} = {name} + {y}", f"{name}c = ({t} - {name}) - {y}"]
+                    self.lines.append(f"{name} = {t}")
+                else:
+                    self.lines.append(f"{name} = {op}({name}, {item})")
         here = [k for k, (term, x) in enumerate(w.terms) if w._stage(x, term.over) == stage]
         for m, k in enumerate(here):
             value = self.value(w.terms[k][1])
