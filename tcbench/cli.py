@@ -336,7 +336,7 @@ def check(
     if not (targets or integrators or scenarios):
         raise TcbenchError("Say what to check: tcbench check FILE, or the name of an integrator or scenario.")
     chosen = [line.strip() for line in only.split(",") if line.strip()]
-    sys.exit(check_command([*targets, *integrators, *scenarios], chosen, as_json))
+    sys.exit(check_command(targets, integrators, scenarios, chosen, as_json))
 
 
 main.add_command(cache_command)

@@ -72,9 +72,7 @@ def subjects(target: str, only: Sequence[str] = ()) -> list[Subject]:
 
     Nothing is run before the lines are asked for; raises TcbenchError for targets and lines that do not exist.
     """
-    known = dict.fromkeys((*OF_INTEGRATORS, *OF_SCENARIOS))
-    chosen = [one for name in only for one in matching("line of tcbench check", name, known)]
-    path = Path(target)
+    chosen, path = _lines(only), Path(target)
     if path.suffix == ".py" or path.is_file():
         return _of_file(path, chosen)
     registry = plugins.registry()
@@ -83,9 +81,21 @@ def subjects(target: str, only: Sequence[str] = ()) -> list[Subject]:
     broken = [o for o in registry.broken if o.name == target]
     if broken:
         return [Subject(target, "plugin", iter([_loads(broken[0])]))]
-    if target in registry.scenarios:
-        return [_of_scenario(registry.scenarios[target], chosen)]
-    return [_of_integrator(method, [], chosen) for method in plugins.expand_integrators([target])]
+    if target in registry.scenarios or plugins.split_name(target)[0] in registry.scenario_families:
+        return named([], [target], only)
+    return named([target], [], only)
+
+
+def named(integrators: Sequence[str], scenarios: Sequence[str], only: Sequence[str] = ()) -> list[Subject]:
+    """Integrators and scenarios of these names or patterns."""
+    chosen, methods = _lines(only), plugins.expand_integrators(integrators)
+    found = [_of_integrator(method, [], chosen) for method in methods]
+    return found + [_of_scenario(scenario, chosen) for scenario in plugins.expand_scenarios(scenarios)]
+
+
+def _lines(only: Sequence[str]) -> list[str]:
+    known = dict.fromkeys((*OF_INTEGRATORS, *OF_SCENARIOS))
+    return [one for name in only for one in matching("line of tcbench check", name, known)]
 
 
 def _of_file(path: Path, only: Sequence[str]) -> list[Subject]:

@@ -340,12 +340,14 @@ def new_command(kind: str, name: str, package: bool, folder: Path, as_json: bool
     )
 
 
-def check_command(targets: Sequence[str], only: Sequence[str], as_json: bool) -> int:
+def check_command(
+    targets: Sequence[str], integrators: Sequence[str], scenarios: Sequence[str], only: Sequence[str], as_json: bool
+) -> int:
     """0 if every line passes, 1 if not. Each line is printed when it is known."""
     from ..authoring import check
 
-    reports = []
-    for subject in [subject for target in targets for subject in check.subjects(target, only)]:
+    reports, files = [], [subject for target in targets for subject in check.subjects(target, only)]
+    for subject in [*files, *check.named(integrators, scenarios, only)]:
         if not as_json:
             terminal.say(f"{subject.kind} {subject.name}")
         found: list[Any] = []
@@ -362,6 +364,10 @@ def check_command(targets: Sequence[str], only: Sequence[str], as_json: bool) ->
             terminal.say(check.verdict(reports[-1]))
     good = all(report.ok for report in reports)
     if as_json:
-        data = {"target": " ".join(targets), "ok": good, "reports": [report.as_dict() for report in reports]}
+        data = {
+            "target": " ".join([*targets, *integrators, *scenarios]),
+            "ok": good,
+            "reports": [report.as_dict() for report in reports],
+        }
         terminal.print_json(data)
     return 0 if good else 1

@@ -113,3 +113,13 @@ def test_an_exergy_that_is_mostly_offset_is_told():
         scenario = tcbench.Scenario("offset", kind, {}, initial={"q": 0.5, "p": 0.5, "s": 0.1}, t_end=1, dt=0.1)
         found = scenario_checks.exergy(scenario)
         assert found.verdict == check.OK and remedy in found.remedy and bool(remedy) == bool(found.remedy)
+
+
+def test_what_is_named_as_a_scenario_is_one():
+    """A pattern and a member of a family as well, and nothing that is an integrator."""
+    names = [subject.name for subject in check.named([], ["*_term", "chain[n=2]"])]
+    assert names == ["long_term", "short_term", "chain[n=2]"]
+    assert [subject.kind for subject in check.subjects("chain[n=2]")] == ["scenario"]
+    for wrong in (([], ["tc_strang"]), (["short_term"], [])):
+        with pytest.raises(tcbench.TcbenchError, match="is called"):
+            check.named(*wrong)
