@@ -77,7 +77,7 @@ def by_old_factors(flow: Flow) -> tuple[int, int]:
             x[at] += step
         if not (abs(total) < np.inf and delta <= max(previous, ROUND_OFF)):
             return REJECTED, iteration
-        slowest = max(slowest, delta / previous)
+        slowest = max(slowest, delta / previous if previous > 0.0 else 0.0)  # 0/0 at rest
         stalled = delta > POOR * previous
         if stalled and delta > ROUND_OFF:
             if made:

@@ -5,7 +5,8 @@ import pytest
 from tcbench_plugins.net.net import net
 
 import tcbench
-from tcbench.solver import flow_kernels, implicit_step, sparse
+from tcbench.compiler.language import made_up_address
+from tcbench.solver import flow_kernels, implicit_step, newton, quick_sparse, sparse
 from tcbench.solver.pattern import Pattern, _parity
 
 CASES = [
@@ -132,3 +133,12 @@ def test_factors_of_earlier_steps_lead_to_the_roots_of_new_ones():
 def test_what_old_factors_leave_of_a_root_does_not_add_up_in_the_energy():
     """2e-14 with whole corrections; 2e-12 where each root was left 1e-15 of its size away."""
     assert tcbench.simulate("tc_strang", net(5, 5), dt=0.1, t_end=20.0).summary.energy_error_max < 2e-13
+
+
+def test_what_rests_is_found_by_two_corrections_of_nothing():
+    flow = Linear(np.eye(2)).at(np.eye(2), np.zeros(2))
+    flow.n, flow.npos, flow.w, flow.x, flow.dz = 2, 0, np.zeros(6), np.zeros(2), np.zeros(2)
+    flow.scale, flow.kept, written = np.ones(2), np.zeros(3), flow.derivatives.copy()
+    flow.iterate = flow.polish = made_up_address(lambda w, x, out: np.copyto(out, written))
+    flow.finish = made_up_address(lambda w, x, out: np.copyto(out, x))
+    assert quick_sparse.by_old_factors(flow) == (newton.ACCEPTED, 2)
