@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..compiler.formula_hash import formula_hash
-from ..compiler.language import Floats, copy_into, rare
+from ..compiler.language import Floats, copy_into, rare, release, scratch
 from ..compiler.library import evaluate
 from ..compiler.once import once
 from ..integrator import Flow as Formula
@@ -38,9 +38,10 @@ def solve_flow(flow: Flow, here: Floats, solved: bool) -> tuple[int, int]:
 
     solved: `quick` has done it, and its root, in x, is only to be audited.
     """
-    n, tally = flow.nx, flow.tally
+    n, tally, factors = flow.nx, flow.tally, scratch(flow.nnz)
     copy_into(flow.start, here)
-    flow.kept[MADE_IN] = 0.0  # what follows leaves the factors of other steps
+    for k in range(flow.nnz):
+        factors[k] = flow.factors[k]
     set_step(flow, 1.0)
     for i in range(n + flow.ne):
         flow.scale[i] = flow.w[2 * n + i]
@@ -64,6 +65,11 @@ def solve_flow(flow: Flow, here: Floats, solved: bool) -> tuple[int, int]:
     if (code != ACCEPTED and flow.continuation) or flow.audit != NO_AUDIT:
         reason, count = by_arc(flow, reason)
         total += count
+    for k in range(flow.nnz if solved else 0):  # what is only audited goes on as without
+        flow.factors[k] = factors[k]
+    if not solved:
+        flow.kept[MADE_IN] = 0.0  # the factors that are there now are of another step
+    release(factors)
     return reason, total
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from tcbench_plugins.chain.chain import chain
 from tcbench_plugins.net.net import net
 
 import tcbench
@@ -142,3 +143,10 @@ def test_what_rests_is_found_by_two_corrections_of_nothing():
     flow.iterate = flow.polish = made_up_address(lambda w, x, out: np.copyto(out, written))
     flow.finish = made_up_address(lambda w, x, out: np.copyto(out, x))
     assert quick_sparse.by_old_factors(flow) == (newton.ACCEPTED, 2)
+
+
+@pytest.mark.parametrize("method", ["tc_monolithic", "tc_strang"])
+def test_an_audit_leaves_the_factors_that_the_next_steps_go_on_with(method):
+    settings = {"dt": 0.1, "t_end": 2.0}
+    run, same = (tcbench.simulate(method, chain(8), audit_roots=audit, **settings) for audit in (True, False))
+    assert np.array_equal(run.z, same.z) and run.solver.audited and "sparse" in run.solver.way
