@@ -11,8 +11,8 @@ from tcbench.compiler.once import Spares
 
 from ..tc_gauss import stages_of
 from ..tc_gauss.method import GaussMethod, held
-from ..tc_taylor import SAFETY, order_of
-from ..tc_taylor.method import TaylorMethod, refusal
+from ..tc_taylor import SAFETY, order_of, refuses
+from ..tc_taylor.method import TaylorMethod
 
 EXACT = {"energy", "entropy", "angular_momentum"}
 FINER = 0.03  # of the tolerance, for tc_gauss: at equal ones it misses ten times what tc_taylor does (docs/methods.md)
@@ -28,7 +28,7 @@ class BothMethods:
     """Both methods, set up for a system; the explicit one is None where it is not for the system."""
 
     def __init__(self, system, order, stages):
-        self.gauss, self.taylor = GaussMethod(system, stages), None if refusal(system) else TaylorMethod(system, order)
+        self.gauss, self.taylor = GaussMethod(system, stages), None if refuses(system) else TaylorMethod(system, order)
         self.tolerance = None  # that `work` is set to
         if self.taylor:
             from .march import LOOPS, SHORT, Both, Counts  # LLVM is loaded when something runs, not with plugins

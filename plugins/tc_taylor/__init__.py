@@ -19,6 +19,28 @@ SOURCE = "Taylor series (Jorba and Zou 2005), mended into heat (docs/methods.md)
 SAFETY = 0.05  # what a step may miss, over the tolerance: a run then misses a tenth of what tc_gauss_adaptive does
 LEAST, EFFORT = 5.6, 0.46  # the best order is about LEAST - EFFORT ln(tolerance): measured, see docs/methods.md
 
+# Beyond these series are loops: straight-line code is five times as fast, but takes more than ten seconds to compile.
+MOST_ELEMENTS = 32
+MOST_VARIABLES = 100  # of a system that has no elements
+
+
+def is_long(system):
+    """Would the series be too long, written out?"""
+    if system.defines("element_energy"):
+        return system.n_elements > MOST_ELEMENTS
+    return system.size > MOST_VARIABLES
+
+
+def refuses(system):
+    """Why there are no series of a system: those of a large one are loops over its spaces."""
+    if system.large or not is_long(system):
+        return ""
+    return (
+        f"it writes the series of {system.size} variables out, which are too many for it (at most {MOST_ELEMENTS} "
+        f"elements, or {MOST_VARIABLES} variables of a system without). Declare spaces (docs/add-system.md), or take "
+        "tc_gauss or tc_monolithic"
+    )
+
 
 def method_of(system, order):
     """The series of this order, set up for a run."""
@@ -53,7 +75,8 @@ def several_steps(z, h, count, system, method):
 
 
 def tc_taylor(order="adaptive"):
-    common = {"claims": EXACT, "source": SOURCE, "tags": {"explicit", "taylor"}, "name": "tc_taylor"}
+    tags = {"explicit", "taylor"}
+    common = {"claims": EXACT, "source": SOURCE, "tags": tags, "name": "tc_taylor", "refuses": refuses}
     if order == "adaptive":
         return Integrator(adaptive=adaptive, **common)
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tcbench import System, TcbenchError
+from tcbench import System
 from tcbench.compiler import derivatives as trace
 from tcbench.compiler.kernels import Kernel, kernel
 from tcbench.compiler.once import once, once_a_system
@@ -15,24 +15,19 @@ from tcbench.compiler.records import Lending
 from tcbench.solver.mending import array_mending_kernels as of_any_large
 from tcbench.solver.mending import mending_kernels as of_any
 
-from . import on_arrays
+from . import is_long, on_arrays
 from .mending import array_mending_kernels as of_large_elements
 from .mending import mending_kernels as of_elements
 from .texts import series_kernels
 
 Floats = NDArray[np.float64]
 SELDOM = (32, 4)  # steps to a mended state, of any system and of elements: mending takes a fifth of a step
-# Beyond these series are loops: straight-line code is five times as fast, but takes more than ten seconds to compile.
-MOST_ELEMENTS = 32
-MOST_VARIABLES = 100  # of a system that has no elements
 
 
 class TaylorMethod(Lending):
     """Taylor steps of one order on one system: fixed ones and adaptive runs. One run at a time has it."""
 
     def __init__(self, system: System, order: int) -> None:
-        if why := refusal(system):
-            raise TcbenchError(why)
         self.loops, model, self.lines = prepared(system, order)
         self.size = system.size
         self.counts = model.counts.again()
@@ -75,24 +70,6 @@ class TaylorMethod(Lending):
         if done == 0:
             raise ArithmeticError("the series gives no admissible state after this step")
         return states[:done]
-
-
-def refusal(system: System) -> str:
-    """Why a system has no series here; "" for one that has."""
-    if system.large or not is_long(system):
-        return ""
-    return (
-        f"tc_taylor writes the series of {system.size} variables out, which are too many for it (at most "
-        f"{MOST_ELEMENTS} elements, or {MOST_VARIABLES} variables of a system without). Declare spaces "
-        "(docs/add-system.md), or take tc_gauss or tc_monolithic."
-    )
-
-
-def is_long(system: System) -> bool:
-    """Would the series be too long, written out?"""
-    if system.defines("element_energy"):
-        return system.n_elements > MOST_ELEMENTS
-    return system.size > MOST_VARIABLES
 
 
 @once_a_system
