@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import nullcontext
+from contextlib import ExitStack
 from dataclasses import replace
 from numbers import Integral
 from typing import Any
@@ -28,7 +28,7 @@ from .starting import first_steps
 from .trajectory import SolverCounts, Trajectory
 
 POINTS = 200  # output times of an adaptive run
-TOGETHER, OF_LONG_RUNS = 256, 8  # steps that a method with a loop of its own is asked for at a time
+TOGETHER, NUMBERS = 256, 2**16  # steps that a method with a loop of its own is asked for at a time, numbers in them
 OWN_COUNTS = SolverCounts(unknown=("newton_iterations",))  # of a step in Python
 
 
@@ -43,8 +43,9 @@ def run_step(integrator: Integrator, scenario: Scenario, dt: float, steps: int, 
     past, z, failure = list(first.z[-2::-1]) if integrator.memory else [], first.z[-1], first.failure
     alone, loaded, count = done + 1, begin, 1  # the first step by itself: it may load and compile what the others use
     held: tuple[Any, ...] | None = None
-    told = foresight.of_steps(model, foresight.NUMBER * len(z), steps) if integrator.march and model.large else ""
-    with part(told) if told else nullcontext() as meter:
+    together, meter = max(1, min(TOGETHER, NUMBERS // len(z))), None
+    foresees, worked = integrator.march is not None and model.large, 0.0
+    with ExitStack() as saying:
         while done < steps and reason == OK and not failure:
             try:
                 held = integrator.held_by_a_run(model) if held is None else held
@@ -57,7 +58,11 @@ def run_step(integrator: Integrator, scenario: Scenario, dt: float, steps: int, 
             past = [z, *past][: integrator.memory]
             z = states[-1]
             if count == 1 and done == alone:
-                loaded, count = time.perf_counter(), OF_LONG_RUNS if told else TOGETHER
+                loaded, worked, count = time.perf_counter(), time.thread_time(), together
+            elif foresees and done == alone + len(states):  # the next ones: what a step takes differs with the method
+                each = (time.thread_time() - worked) / len(states)
+                if told := foresight.of_steps(model, each, steps):
+                    meter = saying.enter_context(part(told))
             if meter:
                 meter.done, meter.total = done, steps
     end = time.perf_counter()

@@ -27,7 +27,6 @@ WHOLE = (8e-5, 0.14)
 # seconds a step for each entry of a sparse Jacobian: assembly and solution, and incomplete factors, each entry of which
 # meets its row
 ENTRY, MEETING = 2.5e-8, 1e-9
-NUMBER = 2.5e-6  # and for each number of a large state, where a method has a solver of its own, as tc_gauss
 SHORT = 2.0  # seconds that need no word
 SPARE = 0.8  # of the memory there is
 CERTAIN = 2.0  # a prediction as many times what is left of a time limit is no mistake

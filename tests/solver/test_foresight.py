@@ -2,6 +2,7 @@
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from tcbench_plugins.net.net import net
 
@@ -10,6 +11,7 @@ from tcbench import progress
 from tcbench.engine import planning
 from tcbench.engine.measure import measure_cell
 from tcbench.errors import MachineError
+from tcbench.simulation import python_loop
 from tcbench.simulation import run as run_module
 from tcbench.solver import foresight, implicit_step
 
@@ -99,6 +101,25 @@ def test_a_long_run_says_what_a_step_takes():
     assert foresight.of_steps(model, each, 9000) == f"9000 steps of about {1e3 * each:.2g} ms, {9000 * each:.0f} s"
 
 
-def test_a_long_run_of_a_method_with_a_solver_of_its_own_is_refused_before_it_starts():
-    with foresight.within(1.0), pytest.raises(MachineError, match=r"9000 steps of about 5.9 ms of a net .* 53 s"):
-        tcbench.simulate("tc_gauss", net(20, 20), dt=0.1, t_end=900.0)
+@pytest.mark.parametrize(("each", "status"), [(0.5, None), (1e-6, "ok")])
+def test_a_run_of_a_method_with_a_loop_of_its_own_is_foreseen_from_its_first_steps(each, status, monkeypatch):
+    """Whatever the method: series take a thirtieth of the time of collocation."""
+    worked = []
+
+    def march(z, h, count, system):
+        worked.extend([each] * count)
+        return np.zeros((count, len(z)))
+
+    method = tcbench.Integrator(
+        name="still", order=1, step=lambda z, h, system: march(z, h, 1, system)[0], march=march, increments=True
+    )
+    clocks = SimpleNamespace(thread_time=lambda: sum(worked), perf_counter=lambda: sum(worked), monotonic=lambda: 0.0)
+    for module in (python_loop, foresight):
+        monkeypatch.setattr(module, "time", clocks)
+    with foresight.within(1.0):
+        if status:
+            assert tcbench.simulate(method, net(20, 20), dt=0.1, t_end=100.0).status == status
+            return
+        with pytest.raises(MachineError, match=r"1000 steps of about 5e\+02 ms of a net .* 500 s"):
+            tcbench.simulate(method, net(20, 20), dt=0.1, t_end=100.0)
+    assert len(worked) < 50
