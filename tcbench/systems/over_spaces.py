@@ -116,8 +116,7 @@ class OverSpaces(Traced):
     def kept(self) -> tuple[str, ...]:
         return (*super().kept, "spaces", "constants", "variables", "n_positions", "n_elements", *self.tables)
 
-    @cached_property
-    def symbolic(self) -> Self:
+    def with_symbols(self) -> Self:
         if not self.spaces and self.size > traced.MOST_WHOLE:
             raise TcbenchError(
                 f"A state of {self.name!r} has {self.size} numbers, too many to be traced entry by entry (at most "
@@ -125,7 +124,7 @@ class OverSpaces(Traced):
                 "and tables of who belongs to whom: its formulas are then traced on arrays, whatever the size "
                 "(docs/add-system.md, Systems of any size)."
             )
-        found: Self = super().symbolic
+        found: Self = super().with_symbols()
         if self.spaces and "mesh" not in found.__dict__:
             if not self.large:
                 self.by_arrays.check()

@@ -115,6 +115,10 @@ class Traced:
     @cached_property
     def symbolic(self) -> Self:
         """The same system with symbols for constants, one object for every set of values."""
+        return self.with_symbols()
+
+    def with_symbols(self) -> Self:
+        """`symbolic`, which another thread sees when all of it is there: what a subclass adds it adds here."""
         key = self.structure
         if key not in _SYMBOLIC:
             clone = object.__new__(type(self))

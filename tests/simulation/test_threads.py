@@ -88,10 +88,11 @@ def test_what_stands_for_a_net_is_whole_before_another_thread_can_take_it(monkey
 
     def watched(system, *given):
         found.append(["mesh" in vars(known) for known in traced._SYMBOLIC.values() if type(known) is Fresh])
+        found.append(["symbolic" in vars(system)])
         return make(system, *given)
 
     monkeypatch.setattr(OverSpaces, "_by_arrays", watched)
-    assert networks.row(Fresh).model.n_temperatures == networks.N and found == [[False]]
+    assert networks.row(Fresh).model.n_temperatures == networks.N and found == [[False], [False]]
 
 
 def test_threads_on_one_scenario_with_different_tolerances_do_not_meet(often):
