@@ -285,7 +285,8 @@ class Table(np.ndarray):
         """As of a `TableSymbol`."""
         index = np.asarray(self)
         values = np.broadcast_to(x, index.shape) if np.ndim(x) < index.ndim else np.asarray(x)
-        zero: Any = const(0.0) if any(isinstance(v, Symbol) for v in values.flat) else 0.0
+        symbolic = values.dtype == object and any(isinstance(v, Symbol) for v in values.flat)  # units are no symbols
+        zero: Any = const(0.0) if symbolic else 0.0
         found = np.full((sum(self.counts), *values.shape[index.ndim :]), zero, values.dtype)
         np.add.at(found, index, values)
         return found[: self.counts[0]]

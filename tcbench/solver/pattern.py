@@ -1,4 +1,4 @@
-"""A sparse Jacobian's pattern: an order in which it is a narrow band, its compressed rows, and SuperLU behind it."""
+"""A sparse Jacobian's pattern: an order in which it is a narrow band, its compressed rows, and its whole factors."""
 
 from __future__ import annotations
 
