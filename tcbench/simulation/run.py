@@ -52,7 +52,7 @@ def simulate(
         A name of `scenarios()`, a member of a family such as "chain[n=10]", or a Scenario of your own.
     dt : float, optional
         Step, in the scenario's (dimensionless) time; its own by default. The last step ends at or just past `t_end`. An
-        adaptive solver has none.
+        adaptive solver chooses its own, whatever is given, so that one call serves all methods.
     t_end : float, optional
         Horizon, in the same time; the scenario's own by default.
     tolerance : float, optional
@@ -102,8 +102,6 @@ def simulate(
         raise TcbenchError(f"{integrator.name!r} cannot run on {scenario.name!r}: {reason}.")
     check_invariants(scenario.model, scenario.z0)
     if integrator.kind == "adaptive":
-        if dt is not None:
-            raise TcbenchError(f"{integrator.name!r} chooses its steps: give tolerance=, not dt=.")
         chosen = None if times is None else _checked_times(times, t_end)
         if chosen is not None:
             end = float(chosen[-1])

@@ -175,7 +175,6 @@ BAD_CALLS = [
     (("tc_monolithic", "short_term"), {"dt": 30}, "longer than the horizon"),
     (("tc_monolithic", "short_term"), {"dt": "big"}, "dt must be a number"),
     (("tc_monolithic", "short_term"), {"tolerance": 1e-6}, "takes a step dt, not a tolerance"),
-    (("tc_auto", "short_term"), {"dt": 0.1}, "'tc_auto' chooses its steps: give tolerance=, not dt="),
     (("tc_monolithic", "short_term"), {"record_every": 0}, "record_every must be a whole number"),
     (("midpoint_temperature[reading=best]", "short_term"), {}, "Known: a5_literal, balance, rate"),
     (("midpoint_temperature[readin=rate]", "short_term"), {}, "Did you mean 'reading'?"),
