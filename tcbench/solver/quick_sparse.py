@@ -11,7 +11,7 @@ import numpy as np
 
 from ..compiler.language import call, copy_into, rare
 from .flow import Flow
-from .newton import ACCEPTED, MAX_ITERATIONS, NEGLIGIBLE, REJECTED, finish
+from .newton import ACCEPTED, CONVERGED, MAX_ITERATIONS, NEGLIGIBLE, REJECTED, finish
 from .sparse import FOUND, RIGHT, incomplete_factors, precondition, sparse_correction
 
 FIRST = 1e-4  # relative residual of the linear system of a first correction
@@ -112,8 +112,10 @@ def newton_krylov(flow: Flow) -> tuple[int, int]:
             delta = size if size > delta else delta
             total += d[i]
             x[i] += d[i]
-        if not (abs(total) < np.inf and delta <= 0.5 * previous):
+        if not (abs(total) < np.inf and delta <= max(0.5 * previous, CONVERGED)):
             return REJECTED, iteration
+        if delta > 0.5 * previous:
+            return finish(flow), iteration
         curvature = delta / (previous * previous)
         if delta * max(max(1.0, curvature) * delta, tolerance) < NEGLIGIBLE:
             return finish(flow), iteration

@@ -137,6 +137,13 @@ def test_what_old_factors_leave_of_a_root_does_not_add_up_in_the_energy():
     assert tcbench.simulate("tc_strang", net(5, 5), dt=0.1, t_end=20.0).summary.energy_error_max < 2e-13
 
 
+@pytest.mark.thorough
+def test_far_from_the_origin_corrections_that_stop_at_round_off_have_found_the_root():
+    """Positions of 4e4 are rounded by 1e-11: six of ten steps were solved again."""
+    run = tcbench.simulate("tc_monolithic", chain(40_000), dt=0.1, t_end=1.0, record_every=None)
+    assert run.ok and run.solver.retried == 0 and run.summary.energy_error_max < 1e-13
+
+
 def test_what_rests_is_found_by_two_corrections_of_nothing():
     flow = Linear(np.eye(2)).at(np.eye(2), np.zeros(2))
     flow.n, flow.npos, flow.w, flow.x, flow.dz = 2, 0, np.zeros(6), np.zeros(2), np.zeros(2)
