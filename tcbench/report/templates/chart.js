@@ -71,16 +71,17 @@ const placeNames = (f, names, beside) => {
     const width = 6.4 * text.length + 8, over = x + width > f.width, left = beside ? f.right + 8 : x + 6;
     return { ...rest, text, x: over && !beside ? Math.max(2, f.width - width - 2) : left, y: over && !beside ? y - 8 : y + 4, x0: x, y0: y, width };
   }).sort((a, b) => a.y - b.y);
-  for (let round = 0; round < 40; round += 1) {
-    let moved = false;
-    boxes.forEach((a, i) => boxes.slice(i + 1).forEach((b) => {
-      const beside = a.x + a.width < b.x || b.x + b.width < a.x, gap = 12.5 - (b.y - a.y);
-      if (beside || gap <= 0.1) return;
-      a.y -= gap / 2; b.y += gap / 2; moved = true;
-    }));
-    for (const box of boxes) box.y = Math.min(Math.max(box.y, f.top + 8), f.bottom - 2);
-    if (!moved) break;
+  const top = f.top + 8, bottom = f.bottom - 2;
+  const spread = (share) => boxes.forEach((a, i) => boxes.slice(i + 1).forEach((b) => {
+    const gap = 12.5 - (b.y - a.y);
+    if (a.x + a.width < b.x || b.x + b.width < a.x || gap <= 0) return;
+    a.y -= gap * share; b.y += gap * (1 - share);
+  }));
+  for (let round = 0; round < 200; round += 1) {
+    spread(0.5);
+    for (const box of boxes) box.y = Math.min(Math.max(box.y, top), bottom);
   }
+  spread(0); // halves come close where names are held by an edge: those below make room
   for (const box of boxes) {
     if (beside || Math.hypot(box.x - box.x0, box.y - 4 - box.y0) > 16) {
       f.svg.append(shape("line", { class: "lead", x1: box.x0, y1: box.y0, x2: box.x, y2: box.y - 4 }));
