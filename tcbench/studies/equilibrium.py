@@ -1,11 +1,13 @@
 """Equilibrium: how far a trajectory is from the state of largest entropy that its energy and invariants allow.
 
-Of the double pendulum that is the relative equilibrium, in closed form (`relative_equilibrium`); of any other system
-`maximum_entropy` climbs to it.
+`maximum_entropy` climbs to it. Of the double pendulum that is the relative equilibrium, a rigid rotation with one
+temperature, whose masses lie on a line through the origin (Romero (2009), section 4): there strains and the rate of
+rotation are compared as well.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -17,8 +19,7 @@ from ..study import Cells, Row, Study
 from ..systems.pendulum import Pendulum
 from .base import settings
 from .frames import rows_in, table_of
-from .maximum_entropy import MOST, maximum_entropy
-from .relative_equilibrium import gaps, measures, relative_equilibrium
+from .maximum_entropy import FAR, MOST, maximum_entropy
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -27,13 +28,13 @@ if TYPE_CHECKING:
     from ..simulation.trajectory import Trajectory
     from ..systems.scenario import Scenario
     from .maximum_entropy import Equilibrium
-    from .relative_equilibrium import RelativeEquilibrium
 
 LONG_HORIZON = 1000.0  # a run of everything studies only scenarios at least this long: shorter ones show no approach
 TIMES = 60  # rows a run, equally spaced in ln t
 TOLERANCE = 1e-9  # of adaptive solvers, which have no dt
 APPROACHED = 0.01  # part of the initial entropy gap that may be left, and must still be falling
 SLOW = 0.01  # part of the gap that would be closed in the time of the run, at the rate of its end
+DISTANT = math.log(100.0)  # strain of a spring of so many natural lengths: no horizon shows such an equilibrium
 ABOVE = 1e-9  # entropy cannot exceed that of the equilibrium by more than round-off, unless energy is not conserved
 COLUMNS = (
     "integrator", "scenario", "dt", "t", "entropy_gap", "strain_gap", "temperature_gap", "rotation_gap", "entropy",
@@ -67,42 +68,48 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
     """Gaps along one run, at log-spaced recorded times, and what they amount to."""
 
     run = simulate(integrator, scenario, **options)
-    exact, columns = (_of_pendulum if scenario.system is Pendulum else _of_any)(run, log_spaced(run.t))
-    table = [dict(zip(columns, map(float, line), strict=True)) for line in zip(*columns.values(), strict=True)]
-    return {"status": run.status, "failure": run.failure, "rows": table, "summary": summarise(run, exact, columns)}
-
-
-def _of_pendulum(run: Trajectory, rows: Sequence[int]) -> tuple[RelativeEquilibrium, Row]:
-    """Its relative equilibrium, and columns at the recorded states `rows`."""
-    exact, constants = exact_equilibrium(run.scenario), run.scenario.constants
-    z, state = run.z[rows], measures(run.z[rows], constants)
-    gap = gaps(z, exact, constants)
-    if exact.distant:  # a distance to springs of more than a hundred natural lengths means nothing on this horizon
-        gap = {name: np.full(len(z), np.nan) for name in gap}
-    return exact, {
-        "t": run.t[rows],
-        **gap,
-        "entropy": state["entropy"],
-        "strain_a": state["strains"][:, 0],
-        "strain_b": state["strains"][:, 1],
-        "temperature_a": state["temperatures"][:, 0],
-        "temperature_b": state["temperatures"][:, 1],
-        "rate": state["rate"],
-    }
-
-
-def _of_any(run: Trajectory, rows: Sequence[int]) -> tuple[Equilibrium, Row]:
-    """The state of largest entropy, and columns at the recorded states `rows`."""
-    exact = maximum_entropy(run.scenario.model, run.scenario.z0)
+    rows, exact = log_spaced(run.t), exact_equilibrium(scenario)
     theta, entropy = run.temperatures[rows], run.entropy[rows]
-    warm = {"temperature_gap": np.abs(theta - exact.temperatures).max(axis=1)} if theta.shape[1] else {}
-    return exact, {"t": run.t[rows], "entropy_gap": exact.entropy - entropy, **warm, "entropy": entropy}
+    columns: Row = {"t": run.t[rows], "entropy_gap": exact.entropy - entropy, "entropy": entropy}
+    there: Row = {"exact_entropy": exact.entropy}
+    if theta.shape[1]:
+        columns["temperature_gap"] = np.abs(theta - exact.temperatures).max(axis=1)
+        there["exact_temperature"] = float(np.mean(exact.temperatures))
+    if scenario.system is Pendulum:
+        columns, more = _of_springs(run, rows, exact, columns)
+        there |= more
+    table = [dict(zip(columns, map(float, line), strict=True)) for line in zip(*columns.values(), strict=True)]
+    told = summarise(run, exact, columns, there)
+    return {"status": run.status, "failure": run.failure, "rows": table, "summary": told}
 
 
-def exact_equilibrium(scenario: Scenario) -> RelativeEquilibrium:
-    """The relative equilibrium of the scenario's own energy and angular momentum."""
-    (J,) = scenario.model.momenta(scenario.z0)
-    return relative_equilibrium(scenario.constants, float(scenario.model.energy(scenario.z0)), float(J))
+def _of_springs(run: Trajectory, rows: Sequence[int], exact: Equilibrium, columns: Row) -> tuple[Row, Row]:
+    """The columns with those of a pendulum's strains and rotation, and their values at the equilibrium."""
+    model, z, theta = run.scenario.model, run.z[rows], run.temperatures[rows]
+    strains, (there,) = _strains(model, z), _strains(model, exact.z[None])
+    rate = run.invariants["angular_momentum"][rows] / (z[:, :4] ** 2 @ model.inertia())
+    radii = np.cumsum(np.exp(there) * model.natural_lengths)  # all on one line: turned a little S would be the same
+    exact_rate = float(run.invariants["angular_momentum"][0] / (model.masses @ radii**2))
+    gaps = columns | {"strain_gap": np.abs(strains - there).max(axis=1), "rotation_gap": np.abs(rate - exact_rate)}
+    if there.max() > DISTANT:  # a distance to springs of more than a hundred natural lengths means nothing here
+        gaps |= {name: np.full(len(z), np.nan) for name in gaps if name.endswith("_gap")}
+    each = {"strain": strains.T, "temperature": theta.T}
+    return (
+        gaps | {f"{name}_{x}": of[i] for name, of in each.items() for i, x in enumerate("ab")} | {"rate": rate},
+        {"exact_strain_a": float(there[0]), "exact_strain_b": float(there[1]), "exact_rate": exact_rate},
+    )
+
+
+def _strains(model: Any, z: Any) -> Any:
+    """Of the springs of a pendulum in states z (n, 10): shape (n, 2)."""
+    return model.log_strain(np.array([model.shape(one[:4]) for one in z]))
+
+
+def exact_equilibrium(scenario: Scenario) -> Equilibrium:
+    """That of the scenario's own energy and invariants. A pendulum's springs always pull back in the end: however far
+    away it is, it exists."""
+    within = math.inf if scenario.system is Pendulum else FAR
+    return maximum_entropy(scenario.model, scenario.z0, within)
 
 
 def log_spaced(t: Any) -> list[int]:
@@ -112,7 +119,7 @@ def log_spaced(t: Any) -> list[int]:
     return sorted({int(i) for i in np.rint(np.geomspace(1, len(t) - 1, TIMES))})
 
 
-def summarise(run: Trajectory, exact: Any, columns: Mapping[str, Any]) -> Row:
+def summarise(run: Trajectory, exact: Equilibrium, columns: Mapping[str, Any], there: Row) -> Row:
     """One row a run: the last gaps, whether the entropy gap still falls, growth of the strains, and a sentence."""
     last = {name: float(values[-1]) for name, values in columns.items()}
     late = columns["t"] >= run.t[-1] / 10
@@ -120,27 +127,15 @@ def summarise(run: Trajectory, exact: Any, columns: Mapping[str, Any]) -> Row:
     falls = bool(np.all(np.diff(gap[late]) <= 1e-12)) and len(gap[late]) > 1  # a fall below round-off of S is none
     start = exact.entropy - float(run.entropy[0])
     near = last["entropy_gap"] <= max(APPROACHED * start, ABOVE)
-    word = _classify(run, exact, last["entropy_gap"], near and (falls or last["entropy_gap"] <= ABOVE))
-    found: Row = {name: last[name] for name in columns if name.endswith("_gap")}
-    found |= {
-        "t_final": float(run.t[-1]),
-        "equilibrium": word,
-        "entropy_gap_falls": falls,
-        "exact_entropy": exact.entropy,
+    distant = max(there.get("exact_strain_a", 0.0), there.get("exact_strain_b", 0.0)) > DISTANT
+    word = _classify(run, exact, distant, last["entropy_gap"], near and (falls or last["entropy_gap"] <= ABOVE))
+    growth = {
+        f"growth_{spring}": _slope(np.log(columns["t"][late]), columns[f"strain_{spring}"][late])
+        for spring in ("ab" if "rate" in columns else "")
     }
-    if "rate" not in columns:
-        warm = {"exact_temperature": float(np.mean(exact.temperatures))} if "temperature_gap" in columns else {}
-        return found | warm | {"note": _sentence(word, run, exact, last, ())}
-    growth = [_slope(np.log(columns["t"][late]), columns[f"strain_{spring}"][late]) for spring in "ab"]
-    return found | {
-        "growth_a": growth[0],
-        "growth_b": growth[1],
-        "exact_strain_a": float(exact.strains[0]),
-        "exact_strain_b": float(exact.strains[1]),
-        "exact_temperature": exact.temperature,
-        "exact_rate": exact.rate,
-        "note": _sentence(word, run, exact, last, growth),
-    }
+    found = {name: last[name] for name in columns if name.endswith("_gap")} | there | growth
+    note = _sentence(word, run, exact, last | there, list(growth.values()))
+    return found | {"t_final": float(run.t[-1]), "equilibrium": word, "entropy_gap_falls": falls, "note": note}
 
 
 def _slope(x: Any, y: Any) -> float:
@@ -148,26 +143,28 @@ def _slope(x: Any, y: Any) -> float:
     return float(np.polyfit(x, y, 1)[0]) if len(x) > 1 else float("nan")
 
 
-def _classify(run: Trajectory, exact: Any, gap: float, near: bool) -> str:
+def _classify(run: Trajectory, exact: Equilibrium, distant: bool, gap: float, near: bool) -> str:
     """none, run failed, distant, passed, approached or not reached."""
     if not exact.exists:
         return "none"
     if not run.ok:
         return "run failed"
-    if getattr(exact, "distant", False):
+    if distant:
         return "distant"
     if gap < -ABOVE:
         return "passed"
     return "approached" if near else "not reached"
 
 
-def _sentence(word: str, run: Trajectory, exact: Any, last: Mapping[str, float], growth: Sequence[float]) -> str:
+def _sentence(
+    word: str, run: Trajectory, exact: Equilibrium, last: Mapping[str, float], growth: Sequence[float]
+) -> str:  # fmt: skip
     t = run.t[-1]
     growing = f"strains grow by {growth[0]:.3f} and {growth[1]:.3f} per unit of ln t" if growth else ""
     if word == "none":
         return f"{exact.note} By t = {t:g} {growing}." if growing else exact.note
     if word == "distant":
-        a, b = exact.strains
+        a, b = last["exact_strain_a"], last["exact_strain_b"]
         return (
             f"No equilibrium is reached: it lies at strains {a:.3g}, {b:.3g}, S = {exact.entropy:.4f}; at t = {t:g} "
             f"strains are {last['strain_a']:.3f}, {last['strain_b']:.3f}, S = {last['entropy']:.4f}, and {growing}."

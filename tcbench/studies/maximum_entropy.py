@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 MOST = 80  # numbers of a state: the matrices of second derivatives are written out
 STEPS = 300
-CLIMBED = 1e-9  # slope of S along the surface, relative to all of it, that counts as none
+ROUND_OFF = 1e-14  # of S, relative: a step that promises less leads to the top
 FLAT = 1e-9  # curvature, relative to the largest, along which S neither rises nor falls
 FAR = 100.0  # times the size of the start: an equilibrium beyond is not within reach
 HELD = 1e-13  # of the constraints, relative
@@ -41,26 +41,33 @@ class Equilibrium:
     note: str = ""
 
 
-def maximum_entropy(system: System, z0: Any) -> Equilibrium:
-    """The equilibrium that is reached uphill from z0 at its energy and invariants."""
+def maximum_entropy(system: System, z0: Any, within: float = FAR) -> Equilibrium:
+    """The equilibrium that is reached uphill from z0 at its energy and invariants.
+
+    within : how many times as large as the start a state on the way may be.
+    """
     if system.size > MOST:
         return _none(system, f"a state of {system.size} numbers is too long for matrices of second derivatives")
     surface = _Surface(system, np.asarray(z0, float))
-    z, far = surface.start, FAR * (1.0 + float(np.linalg.norm(surface.start)))
+    z, far = surface.start, within * (1.0 + float(np.linalg.norm(surface.start)))
     rng = np.random.default_rng(0)
     for _ in range(STEPS):
-        step, slope, saddle = surface.uphill(z)
-        if slope <= CLIMBED and saddle is None:
-            theta = np.asarray(system.temperatures(z))
-            return Equilibrium(True, z, float(system.entropy(z)), theta)
-        if slope <= CLIMBED and saddle is not None:
+        step, gain, saddle = surface.uphill(z)
+        S = float(system.entropy(z))
+        if leave := gain <= ROUND_OFF * (1.0 + abs(S)):
+            if saddle is None:
+                top = surface.climbed(z, step)  # that one step sets the digits to which S says nothing
+                z = z if top is None else top
+                return Equilibrium(True, z, float(system.entropy(z)), np.asarray(system.temperatures(z)))
             step = 1e-3 * (1.0 + np.linalg.norm(z)) * saddle * rng.choice((-1.0, 1.0))
-        higher = surface.climbed(z, step, slope <= CLIMBED)
+        higher = surface.climbed(z, step, -np.inf if leave else S)
         if higher is None:
             return _none(system, "the entropy rises to where a temperature or a measure is no longer positive")
         z = higher
         if np.linalg.norm(z) > far:
-            return _none(system, f"the entropy still rises where the state is {FAR:g} times as large as at the start")
+            return _none(
+                system, f"the entropy still rises where the state is {within:g} times as large as at the start"
+            )
     return _none(system, f"{STEPS} steps uphill did not lead to a largest entropy")
 
 
@@ -86,7 +93,7 @@ class _Surface:
         return values, slopes.reshape(m, n), curves.reshape(m, n, n)
 
     def uphill(self, z: Floats) -> tuple[Floats, float, Floats | None]:
-        """A step along the tangents, the relative slope of S there, and a direction in which S curves up, if any."""
+        """A step along the tangents, by how much S rises along it, and a direction in which S curves up, if any."""
         _, slopes, curves = self.at(z)
         size = np.maximum(1.0, np.abs(z))
         rise, held = slopes[0] * size, slopes[1:] * size
@@ -94,7 +101,6 @@ class _Surface:
         _, singular, rows = np.linalg.svd(held)
         tangent = rows[int((singular > 1e-12 * singular.max(initial=0.0)).sum()) :].T
         along = tangent.T @ rise
-        terms = np.abs(rise) + np.abs(weights) @ np.abs(held)  # of which the slope is what is left
         curve = (curves[0] - np.tensordot(weights, curves[1:], 1)) * np.outer(size, size)
         if not len(along):
             return np.zeros_like(z), 0.0, None
@@ -104,14 +110,13 @@ class _Surface:
         length = float(np.linalg.norm(step))
         step *= min(1.0, 0.5 / (length + 1e-300)) if length > 0.5 else 1.0
         upward = size * (tangent @ axes[:, -1]) if bend[-1] > 1e3 * flat else None
-        return size * step, float(np.linalg.norm(along) / (np.linalg.norm(terms) + 1e-300)), upward
+        return size * step, float(rise @ step), upward
 
-    def climbed(self, z: Floats, step: Floats, leave: bool) -> Floats | None:
-        """The state after the longest of ever shorter steps that is admissible and not lower."""
-        before = float(self.system.entropy(z))
+    def climbed(self, z: Floats, step: Floats, least: float = -np.inf) -> Floats | None:
+        """The state after the longest of ever shorter steps that is admissible and where S is not below `least`."""
         for halvings in range(50):
             found = self.back(z + 0.5**halvings * step)
-            if found is not None and (leave or self.system.entropy(found) >= before - 1e-15 * (1.0 + abs(before))):
+            if found is not None and self.system.entropy(found) >= least - 1e-15 * (1.0 + abs(least)):
                 return found
         return None
 

@@ -7,7 +7,7 @@ import tcbench
 from tcbench import System
 from tcbench.plugins import find_integrator
 from tcbench.studies import equilibrium
-from tcbench.studies.equilibrium import exact_equilibrium, measure, tabulate
+from tcbench.studies.equilibrium import measure, tabulate
 from tcbench.studies.maximum_entropy import maximum_entropy
 
 SCENARIOS = tcbench.scenarios()
@@ -26,13 +26,6 @@ def test_exact_runs_end_there_from_below(name):
     assert here[[0, *range(2, 2 + len(scenario.model.invariant_names))]] == pytest.approx(
         [run.energy[0], *(values[0] for values in run.invariants.values())], rel=1e-10, abs=1e-10
     )
-
-
-def test_of_the_pendulum_it_is_the_relative_equilibrium():
-    scenario = SCENARIOS["bound_equilibrium"]
-    found, closed = maximum_entropy(scenario.model, scenario.z0), exact_equilibrium(scenario)
-    assert found.entropy == pytest.approx(closed.entropy, abs=1e-12)
-    assert found.temperatures == pytest.approx([closed.temperature] * 2, rel=1e-7)
 
 
 def test_springs_that_expand_for_ever_have_none():
