@@ -38,7 +38,7 @@ from . import (
     tape,
     taylor,
 )
-from .certified import Reference, cached, compute, gap, scenario_hash, stored, stored_file
+from .certified import Reference, cached, compute, gap, scenario_hash, stored
 from .collocation import ReferenceFailed
 from .extended_precision import _FUNCTIONS
 from .precision import DESCRIPTION, LONG
@@ -191,37 +191,17 @@ def recompute(scenario: Scenario) -> dict[str, Any]:
     """Compute the reference of a scenario anew and compare it with the one in use.
 
     Returns scenario, method, agrees (bool), and rows: one dict a time with t, gap (new against the one in use),
-    certificate (gap of the two new computations) and check (gap to a third, unrelated method; NaN if there is none).
-    Stored references need heyoka (PeerMissing says how to install it); others are checked by the collocations.
+    certificate (of the new one) and check (gap of the collocations to the new one; NaN where that is theirs).
     """
-    known = stored_for(scenario)
-    return _recompute_on_the_fly(scenario) if known is None else _recompute_stored(scenario)
-
-
-def _recompute_stored(scenario: Scenario) -> dict[str, Any]:
-    from .pendulum_certificates import PeerMissing, compare
-
-    digest, records = content_hash(scenario), stored_file()["scenarios"]
-    names = [name for name, record in records.items() if record["hash"] == digest]
-    name = scenario.name if scenario.name in names else names[0]
-    try:
-        found = compare(name)
-    except PeerMissing as missing:
-        raise TcbenchError(str(missing)) from None
-    columns = zip(found["times"], found["stored_gap"], found["precision_gap"], found["cross_gap"], strict=True)
-    rows = [{"t": t, "gap": new, "certificate": certificate, "check": check} for t, new, certificate, check in columns]
-    method = f"{stored_file()['recipe']}; stored as {name!r}"
-    return {"scenario": scenario.name, "method": method, "agrees": bool(found["agrees"]), "rows": rows}
-
-
-def _recompute_on_the_fly(scenario: Scenario) -> dict[str, Any]:
-    times = tuple(sorted({scenario.t_converge, max(scenario.t_converge, min(scenario.t_end, HORIZON))}))
+    kept = stored_for(scenario)
+    last = max(scenario.t_converge, min(scenario.t_end, HORIZON))
+    times = kept.times if kept else tuple(sorted({scenario.t_converge, last}))
     recipe = _Recipe(scenario, times)
     fresh, check = recipe.compute(), [float("nan")] * len(times)
     if fresh.source == pairs.SOURCE:
         with contextlib.suppress(ReferenceFailed):
             check = [gap(a, b) for a, b in zip(recipe.collocations().states, fresh.states, strict=True)]
-    known = _kept(recipe, lambda: fresh)
+    known = kept or _kept(recipe, lambda: fresh)
     gaps = [gap(a, b) for a, b in zip(fresh.states, known.states, strict=True)]
     allowed = [a + b for a, b in zip(fresh.floor, known.floor, strict=True)]
     rows = [

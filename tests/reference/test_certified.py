@@ -13,8 +13,12 @@ from tcbench.plugins import find_scenario
 from tcbench.reference import certified as R
 from tcbench.reference import lookup, pairs
 from tcbench.reference.collocation import ReferenceFailed, tableau
-from tcbench.reference.pendulum_certificates import collocation_states, taylor_states
 from tcbench.reference.precision import LONG, long_number
+
+
+def tool():
+    """A script that an installed package is without."""
+    return pytest.importorskip("benchmarks.stored_references")
 
 
 def oscillator(t, z):
@@ -58,7 +62,7 @@ def test_on_the_fly_method_agrees_with_certified_digits(name, limit):
     in double) are rounded otherwise. At its bound, every step against every radian, it would be 1e-14.
     """
     constants, initial, times = SCENARIOS[name]
-    states = collocation_states(constants, initial, times)
+    states = tool().collocation_states(constants, initial, times)
     exact = R.stored(name).exact
     for z, digits in zip(states, exact, strict=True):
         assert R.gap(z, np.array([long_number(x) for x in digits])) < limit
@@ -165,7 +169,7 @@ def test_floor_covers_what_rounding_the_data_does():
     """A run in extended precision from the data as doubles ends at the floor, not at the certificate."""
     constants, initial, times = SCENARIOS["cold_spring"]
     known = R.stored("cold_spring")
-    rounded = collocation_states(constants, initial, times, rounded=True)
+    rounded = tool().collocation_states(constants, initial, times, rounded=True)
     exact = np.array([[long_number(x) for x in z] for z in known.exact])
     assert known.floor[-1] > 1e-13 > 1e-40 > known.certificate[-1]
     assert R.gap(rounded[-1], exact[-1]) == pytest.approx(known.floor[-1], rel=0.1)
@@ -210,7 +214,7 @@ def test_a_certificate_is_never_below_the_true_error(seed, t, monkeypatch):
     pytest.importorskip("heyoka")
     scenario, ends, integrate = find_scenario(f"random[seed={seed}]"), [], R.integrate
     initial = {name: getattr(scenario, name) for name in ("positions", "momenta", "temperatures")}
-    (digits,) = taylor_states(scenario.constants, initial, [str(t)], 160, rounded=True)
+    (digits,) = tool().taylor_states(scenario.constants, initial, [str(t)], 160, rounded=True)
     exact = np.array([long_number(str(x)) for x in digits])
     (pair,) = pairs.solve([scenario.model], [scenario.z0], [t])
     with localcontext(prec=50):

@@ -1,5 +1,7 @@
 """Every scenario is measured against its own reference: by its numbers, never by its name alone."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from certified_scenarios import SCENARIOS
@@ -147,11 +149,15 @@ def len_code():
     return (lambda a, b: len(a)).__code__
 
 
-def test_recomputing_a_stored_reference_reproduces_it():
-    pytest.importorskip("heyoka")
-    report = truth.recompute(tcbench.scenarios()["short_term"])
+def test_recomputing_a_stored_reference_confirms_it_and_notices_another_digit(monkeypatch):
+    scenario = tcbench.scenarios()["short_term"]
+    report = truth.recompute(scenario)
     assert report["agrees"] and [row["t"] for row in report["rows"]] == [1.0, 5.0, 25.0]
-    assert max(row["gap"] for row in report["rows"]) < 1e-20
+    assert max(max(row["gap"], row["check"]) for row in report["rows"]) < 1e-15
+    kept = truth.stored_for(scenario)
+    wrong = replace(kept, states=kept.states * (1 + 1e-14))
+    monkeypatch.setattr(truth, "stored_for", lambda _: wrong)
+    assert not truth.recompute(scenario)["agrees"]
 
 
 def test_what_the_series_cannot_do_the_collocations_do(monkeypatch):
