@@ -32,12 +32,14 @@ class ArrayKernel:
     inputs: Mapping[str, Sequence[Block]]
     outputs: Sequence[Block]
     arrays: list[str]  # spaces of the intermediate arrays
+    behind: bool  # do they stand behind the outputs? Else memory is asked for at each call
 
     def kernel(self, mesh: Mesh, places: Sequence[Ints] = (), extra: int = 0) -> Kernel:
         """places: of the terms of a Jacobian, where in its entries they are; extra: room behind the outputs."""
         offsets = {letter: mesh.offsets(blocks) for letter, blocks in self.inputs.items()}
         out = offsets["out"] = mesh.offsets(self.outputs)
-        offsets["s"] = [0, *np.cumsum([mesh.size(space) for space in self.arrays]).tolist()]
+        size = out[-1] + extra
+        offsets["s"] = np.cumsum([size * self.behind, *map(mesh.size, self.arrays)]).tolist()
         rows: list[Ints] = []
         start, numbers = len(self.head), []
         for what, *which in self.head:
@@ -54,20 +56,24 @@ class ArrayKernel:
                 rows.append(row)
                 start += len(row)
         table = np.concatenate([np.array(numbers, np.int64), *rows, np.zeros(1, np.int64)])
-        return Kernel(self.text, out[-1] + extra, table)
+        return Kernel(self.text, size, table, offsets["s"][-1] - size if self.behind else 0)
 
 
-def array_kernel(inputs: Mapping[str, Sequence[Block]], outputs: Sequence[Block]) -> ArrayKernel:
-    """The kernel that reads the inputs' blocks and fills out with the outputs, one after the other."""
-    return _Writer(inputs, outputs, (), -1).written()
+def array_kernel(inputs: Mapping[str, Sequence[Block]], outputs: Sequence[Block], behind: bool = False) -> ArrayKernel:
+    """The kernel that reads the inputs' blocks and fills out with the outputs, one after the other.
+
+    behind: out has room there for intermediate arrays. A large one that is asked for is new to the machine at each
+    call: of a chain of 100,000 masses a third of the time went into its pages.
+    """
+    return _Writer(inputs, outputs, (), -1, behind).written()
 
 
 def jacobian_kernel(
     inputs: Mapping[str, Sequence[Block]], before: Sequence[Block], terms: Sequence[tuple[Term, Symbol]],
-    behind: Sequence[Block],
+    last: Sequence[Block], behind: bool = False,
 ) -> ArrayKernel:  # fmt: skip
     """The same with the entries of a Jacobian, to which the terms are added up, between other outputs."""
-    return _Writer(inputs, [*before, Block(ENTRIES, (None,)), *behind], terms, len(before)).written()
+    return _Writer(inputs, [*before, Block(ENTRIES, (None,)), *last], terms, len(before), behind).written()
 
 
 class Place(NamedTuple):
@@ -83,8 +89,9 @@ class Place(NamedTuple):
 class _Writer:
     def __init__(
         self, inputs: Mapping[str, Sequence[Block]], outputs: Sequence[Block],
-        terms: Sequence[tuple[Term, Symbol]], terms_at: int,
+        terms: Sequence[tuple[Term, Symbol]], terms_at: int, behind: bool,
     ) -> None:  # fmt: skip
+        self.behind = behind
         self.inputs, self.outputs, self.terms, self.terms_at = inputs, outputs, terms, terms_at
         self.stored: dict[int, Place] = {
             x.number: Place(letter, k, c, len(block.symbols)) for letter, blocks in inputs.items()
@@ -123,9 +130,10 @@ class _Writer:
     def item(self, place: Place, i: str) -> str:
         start = self.slot("at", place.letter, place.block)
         i = " + ".join([i, *(self.slot("size", x) for x in place.behind)])
+        array = "out" if place.letter == "s" and self.behind else place.letter
         if place.of == 1:
-            return f"{place.letter}[{start} + {i}]"
-        return f"{place.letter}[{start} + {place.of} * ({i}) + {place.component}]"
+            return f"{array}[{start} + {i}]"
+        return f"{array}[{start} + {place.of} * ({i}) + {place.component}]"
 
     def _fresh(self, letter: str) -> str:
         self.count += 1
@@ -161,11 +169,12 @@ class _Writer:
             for space in sorted(s for d, s in stages if d == depth):
                 body += self._loop(depth, space)
         body += self._last()
-        room = self.slot("at", "s", len(self.arrays))
-        named = [f"n{k} = table[{k}]" for k in range(len(self.head))]
-        lines = [*named, f"s = scratch({room} + 1)", *first, *body, "release(s)"]
+        if self.arrays and not self.behind:
+            first = [f"s = scratch({self.slot('at', 's', len(self.arrays))})", *first]
+            body.append("release(s)")
+        lines = [*(f"n{k} = table[{k}]" for k in range(len(self.head))), *first, *body]
         text = "def kernel(a, b, out):\n" + "".join(f"    {line}\n" for line in lines)
-        return ArrayKernel(text, list(self.head), self.inputs, self.outputs, self.arrays)
+        return ArrayKernel(text, list(self.head), self.inputs, self.outputs, self.arrays, self.behind)
 
     def _stage(self, x: Symbol, space: str) -> tuple[int, str]:
         return self.level[x.number], space

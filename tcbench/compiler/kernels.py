@@ -102,6 +102,7 @@ class Kernel:
     text: str
     size: int
     table: NDArray[np.int64] | None = field(default=None, compare=False)  # whole numbers that the text reads
+    room: int = field(default=0, compare=False)  # numbers behind the results that it writes on
 
     def __getstate__(self) -> dict[str, Any]:
         """Without the address, which is one in this process only."""
@@ -116,9 +117,9 @@ class Kernel:
         """Evaluate once; returns a new array, shape (size,). `a` and `b` must be contiguous."""
         from .library import evaluate
 
-        out = np.empty(self.size)
+        out = np.empty(self.size + self.room)
         evaluate(self.address, a, b, out)
-        return out
+        return out[: self.size]
 
 
 def kernel(inputs: Mapping[Symbol, str], outputs: Sequence[Symbol], in_rows: int = 0) -> Kernel:

@@ -123,11 +123,11 @@ def _array_flow(flow: Flow, net: Any) -> ArrayFlow:
     }
     before = [Block(k, (row,)) for k, row in zip(kinds, residual, strict=True)]
     warm = [Block(v.space, (v,)) for v in positive]
-    behind = [Block(k, (v,)) for k, v in zip(kinds, d_dh, strict=True)] + warm
+    last = [Block(k, (v,)) for k, v in zip(kinds, d_dh, strict=True)] + warm
     return ArrayFlow(
-        opening=array_kernel(inputs, [*opening, *kept, *net.blocks(net.observe(z0))]),
-        iterate=jacobian_kernel(reads, before, [(term, slope) for _, term, slope in flat], behind),
-        polish=array_kernel(reads, before + warm),
+        opening=array_kernel(inputs, [*opening, *kept, *net.blocks(net.observe(z0))], behind=True),
+        iterate=jacobian_kernel(reads, before, [(term, slope) for _, term, slope in flat], last, behind=True),
+        polish=array_kernel(reads, before + warm, behind=True),
         finish=array_kernel(reads, net.blocks(dz)),
         unknowns=tuple(Block(s.space, (s,)) for s in unknowns),
         terms=tuple((i, term) for i, term, _ in flat),

@@ -89,6 +89,6 @@ class Flow(Record):
     order: Ints = sized("ns")
     place: Ints = sized("ns")  # what is written on
     factors: Floats = sized("nnz")
-    kept: Floats = sized("3")  # of them from step to step: see quick_sparse
+    kept: Floats = sized("5")  # of them from step to step: see quick_sparse
     krylov: Matrix = sized("8", "ns")
     solved: Floats = sized("2 * ns + 1")

@@ -79,9 +79,10 @@ class FlowKernels:
         """Sizes and addresses, as `Flow` names them; everything is compiled when they are first asked for."""
         found: dict[str, Any] = {
             "nx": self.n_unknowns, "ne": self.n_eliminated, "npos": self.n_positive, "nd": self.iterate.size,
-            "nw": self.opening.size + self.setup.size, "prologue": self.prologue.address,
+            "nw": self.opening.size + max(self.setup.size, self.opening.room), "prologue": self.prologue.address,
             "iterate": self.iterate.address, "polish": self.polish.address, "finish": self.finish.address,
-            "full": self.full.address, "nfull": max(self.full.size, self.iterate.size), "nj": self.n_unknowns,
+            "full": self.full.address, "nj": self.n_unknowns,
+            "nfull": max(k.size + k.room for k in (self.full, self.iterate, self.polish)),
             "ns": 0, "nnz": 0, "foresees": self.foresees,
         }  # fmt: skip
         p = self.pattern
@@ -94,8 +95,8 @@ class FlowKernels:
         """w of a step from z. c: (h, constants, what the flow reads beside them)."""
         from ..compiler.library import evaluate
 
-        w = np.zeros(self.opening.size + self.setup.size)
-        w[self.opening.size :] = self.setup(c, c)
+        w = np.zeros(self.fields["nw"])
+        w[self.opening.size :][: self.setup.size] = self.setup(c, c)
         evaluate(self.prologue.address, np.ascontiguousarray(z, dtype=float), c, w)
         return w
 

@@ -18,12 +18,15 @@ FIRST = 1e-4  # relative residual of the linear system of a first correction
 SHARE = 1e-2  # ... of a later one over the correction before, so that it is no larger than what Newton leaves
 FLOOR = 1e-8  # relative residual of the linear system of a small correction: the next one mends it
 POOR = 0.15  # contraction by incomplete factors, above which Newton with whole corrections costs less
-ROUND_OFF = 1e-13  # a correction with them that no longer shrinks is round-off below this
+ROUND_OFF = 1e-13  # a correction with them that no longer shrinks is round-off below this, ...
+NOISY = 4.0  # ... or below so many times what whole corrections made of a root where such ones had stopped
 LEFT = 1e-17  # predicted error: what many steps leave with one sign is still below the round-off of their energies
 MOST = 20  # corrections with incomplete factors
 RENEWAL = 5.0  # of them cost as much as a Jacobian and its factors
 PAUSED = 20.0  # steps in which they are not tried, once they have failed
-MADE_IN, COST, PAUSE = range(3)  # in `kept`: corrections of the step that made the factors, 0: none; more since then
+# in `kept`: corrections of the step that made the factors, 0: none; more since then; steps without; of a correction
+# that no longer shrank, its size; what is known to be round-off
+MADE_IN, COST, PAUSE, STOPPED, NOISE = range(5)
 
 
 @rare
@@ -39,8 +42,15 @@ def quick_sparse(flow: Flow) -> tuple[int, int]:
     if code == ACCEPTED:
         return code, count
     kept[MADE_IN], kept[PAUSE] = 0.0, PAUSED
+    copy_into(flow.known, flow.x)
     copy_into(flow.x, flow.w[n : 2 * n])
     code, more = newton_krylov(flow)
+    if code == ACCEPTED and kept[STOPPED] < CONVERGED:
+        off = 0.0
+        for i in range(n):
+            off = max(off, abs(flow.x[i] - flow.known[i]) * flow.scale[i])
+        if off < kept[STOPPED]:  # they had found the root: what they stopped at is round-off
+            kept[NOISE], kept[PAUSE] = max(kept[NOISE], kept[STOPPED]), 0.0
     return code, count + more
 
 
@@ -50,8 +60,8 @@ def by_old_factors(flow: Flow) -> tuple[int, int]:
     many). New ones are made where the old ones contract poorly, or have cost as much in further corrections."""
     x, d, kept, found, n, order = flow.x, flow.derivatives, flow.kept, flow.krylov[FOUND], flow.nx, flow.order
     right, scale = flow.krylov[RIGHT], flow.scale
-    new, made = kept[MADE_IN] == 0.0, False
-    previous, slowest = np.inf, 0.0
+    new, made, floor = kept[MADE_IN] == 0.0, False, max(ROUND_OFF, NOISY * kept[NOISE])
+    previous, slowest, kept[STOPPED] = np.inf, 0.0, 0.0
     for iteration in range(1, MOST + 1):
         behind = n
         if new:
@@ -75,11 +85,12 @@ def by_old_factors(flow: Flow) -> tuple[int, int]:
             delta = size if size > delta else delta
             total += step
             x[at] += step
-        if not (abs(total) < np.inf and delta <= max(previous, ROUND_OFF)):
+        kept[STOPPED] = delta if delta > 0.5 * previous else 0.0
+        if not (abs(total) < np.inf and delta <= max(previous, floor)):
             return REJECTED, iteration
         slowest = max(slowest, delta / previous if previous > 0.0 else 0.0)  # 0/0 at rest
         stalled = delta > POOR * previous
-        if stalled and delta > ROUND_OFF:
+        if stalled and delta > floor:
             if made:
                 return REJECTED, iteration
             new, slowest = True, 0.0

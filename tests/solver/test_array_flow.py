@@ -78,7 +78,7 @@ def test_jacobians_are_those_of_differences(method, name):
     kernels = build(tcbench.integrators()[method].flows[0], model)
     n, pattern = kernels.n_unknowns, kernels.pattern
     c = np.concatenate([[0.1], model.constant_values[1:], scenario.z0, scenario.z0])
-    w, out = np.zeros(kernels.opening.size), np.zeros(kernels.iterate.size)
+    w, out = (np.zeros(k.size + k.room) for k in (kernels.opening, kernels.iterate))
     evaluate(kernels.opening.address, np.array(scenario.z0), c, w)
     x = w[:n] + 1e-3 * np.cos(np.arange(n))
 

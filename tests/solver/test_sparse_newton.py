@@ -147,10 +147,30 @@ def test_far_from_the_origin_corrections_that_stop_at_round_off_have_found_the_r
 def test_what_rests_is_found_by_two_corrections_of_nothing():
     flow = Linear(np.eye(2)).at(np.eye(2), np.zeros(2))
     flow.n, flow.npos, flow.w, flow.x, flow.dz = 2, 0, np.zeros(6), np.zeros(2), np.zeros(2)
-    flow.scale, flow.kept, written = np.ones(2), np.zeros(3), flow.derivatives.copy()
+    flow.scale, flow.kept, written = np.ones(2), np.zeros(5), flow.derivatives.copy()
     flow.iterate = flow.polish = made_up_address(lambda w, x, out: np.copyto(out, written))
     flow.finish = made_up_address(lambda w, x, out: np.copyto(out, x))
     assert quick_sparse.by_old_factors(flow) == (newton.ACCEPTED, 2)
+
+
+def test_round_off_that_whole_corrections_have_shown_stops_those_with_old_factors():
+    """Of a residual that is known to 1e-12 only: the first root is found by Newton, the next ones without it."""
+    n, calls = 4, []
+    flow = Linear(np.eye(n)).at(1.01 * np.eye(n), np.zeros(n))
+    flow.n, flow.npos, flow.scale, flow.kept = n, 0, np.ones(n), np.zeros(5)
+    flow.w, flow.x, flow.known, flow.dz = np.r_[np.zeros(2 * n), np.ones(n)], *np.zeros((3, n))
+    matrix = flow.derivatives[n:].copy()
+
+    def residual(w, x, out):
+        calls.append(1)
+        out[:n] = x - 1.0 + 1e-12 * (-1.0) ** len(calls)
+
+    flow.polish = made_up_address(residual)
+    flow.iterate = made_up_address(lambda w, x, out: (residual(w, x, out), np.copyto(out[n:], matrix)))
+    flow.finish = made_up_address(lambda w, x, out: np.copyto(out, x))
+    assert quick_sparse.quick_sparse(flow)[0] == newton.ACCEPTED
+    assert flow.kept[quick_sparse.PAUSE] == 0.0 and 1e-12 < flow.kept[quick_sparse.NOISE] < 1e-11
+    assert quick_sparse.by_old_factors(flow)[0] == newton.ACCEPTED and np.abs(flow.x - 1.0).max() < 5e-12
 
 
 @pytest.mark.parametrize("method", ["tc_monolithic", "tc_strang"])
