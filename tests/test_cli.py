@@ -114,7 +114,7 @@ def test_run_writes_tables_and_a_manifest_and_resumes(tmp_path):
     again = tcbench(*args)
     assert again.returncode == 0 and "4 were finished before" in again.stdout
     dry = tcbench(*args, "--dt", 0.2, "--dry-run")
-    assert "6 cells: 4 finished, 2 to run" in dry.stdout
+    assert "6 cells: 4 finished, 2 to run. Time: about " in dry.stdout
     shown = tcbench("show", out)
     assert shown.returncode == 0 and "tc_monolithic" in shown.stdout
     same = tcbench("compare", out, out, "--fail-on-regression")

@@ -41,7 +41,8 @@ def run_command(options: dict[str, Any], quiet: bool, as_json: bool) -> int:
     limit, report, strict = (options.pop(name) for name in ("memory_limit", "report", "strict"))
     if options.pop("dry_run"):
         job = plan_job(**chosen, dt=dt, options=drawn)
-        terminal.print_plan(preview(job, options["output"], options["retry_failed"], options["jobs"]), len(job.cells))
+        found = preview(job, options["output"], options["retry_failed"], options["jobs"])
+        terminal.print_plan(*found, len(job.cells))
         return 0
     if limit and not sys.platform.startswith("linux"):
         terminal.warn([f"--memory-limit is not enforced on {sys.platform}."])

@@ -252,9 +252,8 @@ def print_methods(methods: Sequence[Sequence[str]], remarks: Sequence[str]) -> N
         say(sentence)
 
 
-def print_plan(plan: Plan, total: int) -> None:
-    seconds = plan.estimate_s
-    time = "unknown: no earlier rows to judge by" if seconds is None else f"about {seconds:.1f} s"
+def print_plan(plan: Plan, seconds: float | None, total: int) -> None:
+    time = "unknown: too few earlier rows to judge by" if seconds is None else f"about {seconds:.1f} s"
     say(f"{total} cells: {plan.finished} finished, {len(plan.to_run)} to run. Time: {time}.")
 
 

@@ -88,24 +88,21 @@ class Summary:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """What a run would do. `estimate_s` is None when no earlier row tells how long anything takes."""
+    """What a run would do."""
 
     to_run: list[Cell]
     finished: int
-    estimate_s: float | None
 
 
 def plan(
-    cells: Iterable[Cell], store: Rows, retry_failed: bool = False, jobs: int | None = None,
+    cells: Iterable[Cell], store: Rows, retry_failed: bool = False,
     context: Mapping[str, Any] | None = None, here: Collection[str] = (), machines: Collection[str] = (),
 ) -> Plan:  # fmt: skip
-    """Which cells would run, and for about how long (seconds of wall time on `jobs` workers).
+    """Which cells would run.
 
     A final row is used again where what it read is as it was (`reuse`; context: of the job), and where a timing is of
-    the cell's machine, or of one of `machines`. Cells whose keys are in `here` are measured each time.
-
-    A cell counts as long as the mean of the earlier rows most like it: same study, integrator and scenario;
-    then same study and integrator; then same study; then any. Duplicate cells count once.
+    the cell's machine, or of one of `machines`. Cells whose keys are in `here` are measured each time. Duplicate cells
+    count once.
     """
     unique = list({cell.key: cell for cell in cells}.values())
     rows = store.rows()
@@ -118,18 +115,7 @@ def plan(
 
     finished = {cell.key for cell in unique if cell.key in rows and is_kept(cell, rows[cell.key])}
     to_run = [cell for cell in unique if cell.key not in finished]
-    if not to_run:
-        return Plan([], len(unique), 0.0)
-    known = _mean_times(store)
-    times = [_estimate(cell, known) for cell in to_run]
-    seconds = [t for t in times if t is not None]
-    estimate = None
-    if seconds:
-        mean = sum(seconds) / len(seconds)
-        alone = sum(mean if t is None else t for t, cell in zip(times, to_run, strict=True) if cell.timed)
-        shared = sum(mean if t is None else t for t, cell in zip(times, to_run, strict=True) if not cell.timed)
-        estimate = alone + shared / (jobs or usable_cores())
-    return Plan(to_run, len(unique) - len(to_run), estimate)
+    return Plan(to_run, len(unique) - len(to_run))
 
 
 def run_cells(
@@ -168,7 +154,7 @@ def run_cells(
     jobs = usable_cores() if jobs is None else jobs
     _check_limits(jobs, timeout, memory_limit, measure)
     began = time.monotonic()
-    todo = plan(cells, store, retry_failed, jobs, context)
+    todo = plan(cells, store, retry_failed, context)
     summary = Summary(planned=len(todo.to_run) + todo.finished, already_finished=todo.finished, seed=seed)
     if not todo.to_run:
         return summary
@@ -338,20 +324,3 @@ def _check_limits(jobs: Any, timeout: float, memory_limit: int | None, measure: 
     module, colon, function = measure.partition(":")
     if not (module and colon and function):
         raise TcbenchError(f"measure is {measure!r}; write it as 'package.module:function'.")
-
-
-def _mean_times(store: Rows) -> dict[tuple[Any, ...], float]:
-    """Mean `cell_time_s` of earlier rows by (study, integrator, scenario) and each prefix of it."""
-    totals: dict[tuple[Any, ...], list[float]] = {}
-    for line in store.lines():
-        seconds = line["row"].get("cell_time_s", line["row"].get("wall_time_s"))
-        if isinstance(seconds, (int, float)):
-            names = tuple(line["cell"].get(name) for name in ("study", "integrator", "scenario"))
-            for length in range(4):
-                totals.setdefault(names[:length], []).append(float(seconds))
-    return {names: sum(times) / len(times) for names, times in totals.items()}
-
-
-def _estimate(cell: Cell, known: Mapping[tuple[Any, ...], float]) -> float | None:
-    names = (cell.study, cell.integrator, cell.scenario)
-    return next((known[names[:length]] for length in (3, 2, 1, 0) if names[:length] in known), None)

@@ -12,6 +12,7 @@ from .. import plugins
 from ..errors import TcbenchError
 from ..integrator import Integrator
 from ..store.cells import Cell
+from ..store.cores import usable_cores
 from ..store.encoding import plain
 from ..store.rows import Rows
 from ..store.store import Store
@@ -22,6 +23,7 @@ from .child import ask
 from .declared import declared
 from .fingerprint import cell_fingerprint, code_mark, forget, own_sources, scenario_mark, source_mark
 from .measure import module_folder, scenario_data
+from .remaining import Remaining
 
 if TYPE_CHECKING:
     from .local import Plan
@@ -265,9 +267,10 @@ def _cell(study: Study, method: Integrator, scenario: Scenario, options: dict[st
     return Cell(study.name, method.name, scenario.name, options, study.is_timed(options), mark, machine)
 
 
-def preview(job: Job, output: str | Path, retry_failed: bool, jobs: int | None) -> Plan:
-    """What a run would do and for how long, from the rows that are there; nothing is written."""
+def preview(job: Job, output: str | Path, retry_failed: bool, jobs: int | None) -> tuple[Plan, float | None]:
+    """What a run would do, and its seconds, None where the rows that are there do not tell; nothing is written."""
     from .local import plan
 
     store = Store.read(output) if Path(output).exists() else Rows()
-    return plan(job.cells, store, retry_failed, jobs, job.context, job.here)
+    found = plan(job.cells, store, retry_failed, job.context, job.here)
+    return found, Remaining(found.to_run, jobs or usable_cores(), store.lines()).seconds() if found.to_run else 0.0

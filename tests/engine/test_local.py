@@ -176,11 +176,9 @@ def test_events_count_up_and_resuming_runs_only_what_is_left():
     last = events[-1]
     assert (last.done, last.failed, last.total, last.running) == (8, 2, 8, 0)
     assert run_cells(cells, MEASURE, {}, store).already_finished == 6
-    todo = plan([*cells, *bad, *good_cells(9)[6:]], store, jobs=2)
+    todo = plan([*cells, *bad, *good_cells(9)[6:]], store)
     assert {cell.integrator for cell in todo.to_run} == {"good", "os_exit"} and len(todo.to_run) == 4
-    assert todo.estimate_s is not None and 0 < todo.estimate_s < 5
     assert len(plan([*cells, *bad], store, retry_failed=True).to_run) == 2
-    assert plan(cells, Rows()).estimate_s is None
 
 
 def test_disk_full_stops_the_run_with_a_sentence_and_no_worker_left():
