@@ -9,6 +9,7 @@ from __future__ import annotations
 import ast
 import math
 from collections.abc import Callable, Mapping
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,8 @@ from . import short_vectors
 from .language import FUNCTIONS
 from .values import BOOL, FLOAT, INT, NOTHING, Several, TranslationError, Value, constant, say
 
-ARITHMETIC = {ast.Add: ("add", "fadd"), ast.Sub: ("sub", "fsub"), ast.Mult: ("mul", "fmul")}
+WHOLE = {ast.Add: "add", ast.Sub: "sub", ast.Mult: "mul"}
+REAL: dict[type, str] = {ast.Add: "fadd", ast.Sub: "fsub", ast.Mult: "fmul", ast.Div: "fdiv"}
 COMPARISONS: dict[type, tuple[str, str]] = {
     ast.Lt: ("slt", "olt"), ast.LtE: ("sle", "ole"), ast.Gt: ("sgt", "ogt"), ast.GtE: ("sge", "oge"),
     ast.Eq: ("eq", "oeq"), ast.NotEq: ("ne", "une"),
@@ -33,6 +35,12 @@ LIBRARY: dict[Any, str] = {  # of C, with one argument or two
     if name not in ("sqrt", "exp", "log", "sin", "cos", "abs")
     for f in (getattr(math, name), FUNCTIONS[name])
 }
+
+
+@cache
+def handler(kind: str) -> str:
+    """Name of the method for nodes of this kind."""
+    return f"_{kind.lower()}"
 
 
 class Arithmetic:
@@ -67,7 +75,7 @@ class Arithmetic:
         return f".{what}{self.count}"
 
     def value(self, node: ast.expr) -> Value:
-        method: Callable[[ast.expr], Value] | None = getattr(self, f"_{type(node).__name__.lower()}", None)
+        method: Callable[[ast.expr], Value] | None = getattr(self, handler(type(node).__name__), None)
         if method is None:
             raise self.refusal(node, "this kind of expression is not translated")
         return method(node)
@@ -143,18 +151,23 @@ class Arithmetic:
         return self.binary(node, node.op, self.value(node.left), self.value(node.right))
 
     def binary(self, node: ast.AST, operation: ast.operator, left: Value, right: Value) -> Value:
-        if short_vectors.width_of(left.kind) or short_vectors.width_of(right.kind):
-            return short_vectors.binary(self, node, operation, left, right)
-        kind, (x, y) = self.common(node, [left, right])
+        width = 0
+        if left.kind == FLOAT and right.kind == FLOAT:  # nearly all of them
+            kind, x, y = FLOAT, self.part(left), self.part(right)
+        elif width := short_vectors.width_of(left.kind) or short_vectors.width_of(right.kind):
+            kind, (x, y) = short_vectors.common(self, node, width, [left, right])
+        else:
+            kind, (x, y) = self.common(node, [left, right])
         if kind == BOOL or (kind == INT and isinstance(operation, ast.Div)):
             kind = FLOAT if isinstance(operation, ast.Div) else INT
             x, y = self.convert(node, left, kind), self.convert(node, right, kind)
-        if isinstance(operation, ast.Div):
-            return Value(FLOAT, (self.emit(f"fdiv {self.function.fused} double {x}, {y}"),))
-        if type(operation) in ARITHMETIC:
-            whole, real = ARITHMETIC[type(operation)]
-            code = f"{whole} nsw i64 {x}, {y}" if kind == INT else f"{real} {self.function.fused} double {x}, {y}"
-            return Value(kind, (self.emit(code),))
+        how = type(operation)
+        if kind != INT and how in REAL:  # of doubles and of vectors alike
+            return Value(kind, (self.emit(f"{REAL[how]} {self.function.fused} {kind} {x}, {y}"),))
+        if kind == INT and how in WHOLE:
+            return Value(kind, (self.emit(f"{WHOLE[how]} nsw i64 {x}, {y}"),))
+        if width:
+            raise self.refusal(node, "of vectors, +, -, * and / are translated")
         if isinstance(operation, ast.Mod | ast.FloorDiv):
             if kind == INT:
                 return Value(INT, (self._floor(x, y)[isinstance(operation, ast.Mod)],))

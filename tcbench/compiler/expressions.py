@@ -13,7 +13,7 @@ from types import FunctionType
 from typing import Any
 
 from . import language, short_vectors
-from .arithmetic import ARITHMETIC, INTRINSICS, LIBRARY, Arithmetic
+from .arithmetic import INTRINSICS, LIBRARY, WHOLE, Arithmetic
 from .records import Field
 from .values import (
     BOOL,
@@ -110,7 +110,7 @@ class Expressions(Arithmetic):
         """A length of an array field, from the fields that its declaration names."""
         if isinstance(tree, ast.BinOp):
             left, right = self.length(owner, tree.left), self.length(owner, tree.right)
-            return self.emit(f"{ARITHMETIC[type(tree.op)][0]} nsw i64 {left}, {right}")
+            return self.emit(f"{WHOLE[type(tree.op)]} nsw i64 {left}, {right}")
         if isinstance(tree, ast.Constant):
             return str(tree.value)
         assert isinstance(tree, ast.Name)

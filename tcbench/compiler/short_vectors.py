@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from . import language
@@ -19,13 +20,12 @@ if TYPE_CHECKING:
     from .arithmetic import Arithmetic
     from .expressions import Expressions
 
-OPERATIONS = {ast.Add: "fadd", ast.Sub: "fsub", ast.Mult: "fmul", ast.Div: "fdiv"}
-
 
 def kind_of_width(width: int) -> str:
     return f"<{width} x {FLOAT}>"
 
 
+@cache
 def width_of(kind: Any) -> int:
     """How many numbers a vector of this kind has; 0 of what is none."""
     found = re.match(r"<(\d+) x", kind) if isinstance(kind, str) else None
@@ -41,21 +41,15 @@ def _everywhere(body: Arithmetic, width: int, number: str) -> str:
     return body.emit(f"shufflevector {kind} {first}, {kind} poison, <{width} x i32> zeroinitializer")
 
 
-def binary(body: Arithmetic, node: ast.AST, operation: ast.operator, left: Value, right: Value) -> Value:
-    """Lane by lane; a number counts for every lane."""
-    width = width_of(left.kind) or width_of(right.kind)
+def common(body: Arithmetic, node: ast.AST, width: int, values: Sequence[Value]) -> tuple[str, list[str]]:
+    """Vectors, and numbers that count for every lane, as vectors of this width."""
     codes = []
-    for value in (left, right):
+    for value in values:
         if width_of(value.kind) not in (0, width):
-            raise body.refusal(node, f"{say(left.kind)} and {say(right.kind)} have no common kind")
+            raise body.refusal(node, f"{' and '.join(say(v.kind) for v in values)} have no common kind")
         wide = width_of(value.kind) == width
         codes.append(body.part(value) if wide else _everywhere(body, width, body.convert(node, value, FLOAT)))
-    if type(operation) not in OPERATIONS:
-        raise body.refusal(node, "of vectors, +, -, * and / are translated")
-    kind = kind_of_width(width)
-    return Value(
-        kind, (body.emit(f"{OPERATIONS[type(operation)]} {body.function.fused} {kind} {codes[0]}, {codes[1]}"),)
-    )
+    return kind_of_width(width), codes
 
 
 def lane(body: Expressions, node: ast.Subscript, owner: Value) -> Value:

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from .arithmetic import handler
 from .expressions import Expressions
 from .values import FLOAT, INT, NOTHING, Array, RowsOf, Several, TranslationError, Value, machine_kinds, say
 
@@ -23,8 +24,9 @@ def _all_statements(body: Iterable[ast.stmt]) -> Iterable[ast.stmt]:
     """Those of a body and of the bodies in it; what their expressions are made of is not looked at."""
     for node in body:
         yield node
-        for inner in ("body", "orelse"):
-            yield from _all_statements(getattr(node, inner, ()))
+        if not isinstance(node, ast.Assign):
+            for inner in ("body", "orelse"):
+                yield from _all_statements(getattr(node, inner, ()))
 
 
 def _assignments(tree: ast.FunctionDef) -> dict[str, int]:
@@ -85,7 +87,7 @@ class Body(Expressions):
         for node in body:
             if not self.is_open:
                 raise self.refusal(node, "this is never reached")
-            method = getattr(self, f"_{type(node).__name__.lower()}_statement", None)
+            method = getattr(self, f"{handler(type(node).__name__)}_statement", None)
             if method is None:
                 raise self.refusal(node, "this kind of statement is not translated")
             method(node)

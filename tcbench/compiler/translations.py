@@ -27,7 +27,7 @@ from .installed import installed
 from .records import Record
 
 PACKAGE = __package__
-TRANSLATOR = ("arithmetic", "expressions", "short_vectors", "special", "statements", "straight", "translator")
+TRANSLATOR = ("arithmetic", "expressions", "short_vectors", "special", "statements", "translator")
 ALWAYS = (language, records, values)  # what it reads that is loaded before
 FIXED = ("numpy", "scipy", "llvmlite")  # told by their versions, as Python itself is
 _WORD = re.compile(r"[A-Za-z_]\w*")

@@ -18,9 +18,7 @@ from functools import lru_cache
 from types import CodeType, FunctionType
 from typing import Any
 
-from . import straight
 from .statements import Body
-from .straight import Straight
 from .translations import described
 from .values import BOOL, FUSED, INT, NOTHING, Array, Several, TranslationError, kind_of, machine_kinds
 
@@ -122,12 +120,8 @@ class Module:
     def kernel(self, text: str, names: Mapping[str, Any]) -> None:
         """The kernel(a, b, out) of a text, which other code reaches under this name."""
         self.numbers = names.get("table")
-        lines = straight.lines_of(text)
-        if lines is None:
-            (tree,) = (node for node in ast.parse(text).body if isinstance(node, ast.FunctionDef))
-        else:
-            tree = straight.head()
-        self._translate(text, "@kernel", tree, names, "<kernel>", "{}", None, lines)
+        (tree,) = (node for node in ast.parse(text).body if isinstance(node, ast.FunctionDef))
+        self._translate(text, "@kernel", tree, names, "<kernel>", "{}", None)
 
     def _translate(
         self,
@@ -138,7 +132,6 @@ class Module:
         file: str,
         form: str,
         kinds: Mapping[str, Any] | None,
-        lines: list[str] | None = None,
     ) -> Function:
         title = f"{tree.name}()"
         if key in self.open:
@@ -148,7 +141,7 @@ class Module:
         result = NOTHING if kinds is None else kind_of(kinds["return"], names) if "return" in kinds else None
         made = Function(name, title, arguments, result, "" if getattr(key, "exact", False) else FUSED)
         self.open.append(key)
-        body = Body(self, made, tree, names, file) if lines is None else Straight(self, made, tree, names, lines)
+        body = Body(self, made, tree, names, file)
         self.open.remove(key)
         self.functions[key] = made
         parts = [f"{m} %{a}{i}" for a, kind in arguments.items() for i, m in enumerate(machine_kinds(kind))]
