@@ -20,6 +20,7 @@ from .compiler.derivatives import Symbol, array, const, lifted, refused, variabl
 from .compiler.derivatives import lam as _lam
 from .compiler.derivatives import phi as _phi
 from .compiler.divided_differences import RULES, Corners, rectangle, symmetrised_slopes
+from .compiler.symbols import TINY
 from .errors import TraceError
 
 __all__ = ["directional", "divided_difference", "divided_differences", "log1p_ratio", "phi"]
@@ -38,8 +39,8 @@ def log1p_ratio(x: Any) -> Any:
 def divided_difference(function: Callable[[Any], Any], a: Any, b: Any) -> Any:
     """(function(b) - function(a))/(b - a), and the derivative where b = a; of the shape of a and b.
 
-    function : of one variable, by +, -, *, /, **, sqrt, exp, log, expm1, log1p, sin, cos, tan, arcsin, arccos, arctan,
-        sinh, cosh, tanh and hypot (TraceError names what else it uses).
+    function : of one variable, by +, -, *, /, **, abs, sqrt, exp, log, expm1, log1p, sin, cos, tan, arcsin, arccos,
+        arctan, sinh, cosh, tanh and hypot (TraceError names what else it uses).
     """
 
     def slope(a: Symbol, b: Symbol) -> Symbol:
@@ -66,9 +67,6 @@ def divided_differences(function: Callable[[Any, Any], Any], a: Any, b: Any) -> 
         _each(lambda *corners: slopes(*corners)[0], x0, x1, y0, y1),
         _each(lambda *corners: slopes(*corners)[1], x0, x1, y0, y1),
     )
-
-
-TINY = 1e-60  # beside squares of increments: 0/0 becomes 0 where nothing moves, and no derivative underflows
 
 
 def directional(gradient: Any, step: Any, exact: Any, weights: Any = 1.0, axis: int = 0) -> Any:

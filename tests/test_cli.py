@@ -1,6 +1,7 @@
 """The command line as a user meets it: exit codes, sentences, files, pipes."""
 
 import csv
+import errno
 import json
 import os
 import shlex
@@ -8,8 +9,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+from click.testing import CliRunner
 from command import tcbench
+
+from tcbench.cli import main
 
 
 def process(*args, cwd=None):
@@ -78,6 +83,27 @@ def test_simulate_prints_a_row_and_writes_a_trajectory(tmp_path):
     failed = tcbench("simulate", "midpoint_entropy", "stiff_spring", "--json")
     assert failed.returncode == 0  # a failed run is a result
     assert json.loads(failed.stdout)["status"] == "blowup"
+
+
+def test_a_trajectory_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
+    """A full disk left a CSV without a line, in place of the one before."""
+    path, link = tmp_path / "run.csv", tmp_path / "link.csv"
+    path.write_text("of before")
+    link.symlink_to(path)
+
+    def full(file, *_, **__):
+        Path(file).write_text("a part")
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    command = ["simulate", "tc_monolithic", "short_term", "--t-end", "1", "--csv"]
+    with monkeypatch.context() as patch:
+        patch.setattr(np, "savetxt", full)
+        done = CliRunner().invoke(main, [*command, str(path)])
+    assert done.exit_code == 2 and "cannot be written: No space left on device" in done.output
+    assert path.read_text() == "of before" and sorted(tmp_path.iterdir()) == [link, path]
+    assert CliRunner().invoke(main, [*command, str(link)]).exit_code == 0
+    assert link.is_symlink() and path.read_text().startswith("t,")
+    assert CliRunner().invoke(main, [*command, os.devnull]).exit_code == 0 and not os.path.isfile(os.devnull)
 
 
 def test_simulate_loads_nothing_that_it_does_not_need():

@@ -9,13 +9,15 @@ import sys
 import time
 import types
 
+import numpy as np
 import pytest
 
 import tcbench
-from tcbench import progress
+from tcbench import Integrator, progress
 from tcbench.engine import remaining
 from tcbench.engine.local import Event
 from tcbench.engine.remaining import Remaining
+from tcbench.simulation import run
 from tcbench.store.cells import Cell
 
 
@@ -64,6 +66,49 @@ def test_a_short_wait_says_nothing_and_one_within_another_is_part_of_it(capsys, 
     monkeypatch.setattr(progress, "AFTER_S", 1e5)
     wait(True)  # and its thread ends with it, not after these seconds
     assert capsys.readouterr().err == ""
+
+
+def own_rows(system, z0, t, rtol, atol):
+    for _ in t:
+        LINES.append(progress._open.line())
+        yield z0
+
+
+def own_states(system, z0, t, rtol, atol):
+    return np.array(list(own_rows(system, z0, t, rtol, atol)))
+
+
+def own_step(z0, h, system):
+    LINES.append(progress._open.line() if progress._open else "")
+    return z0
+
+
+def compiled(*rest):
+    LINES.append(progress._open.line() if progress._open else "")
+    return OWN.march(*rest)
+
+
+LINES, OWN = [], run.LOOPS
+LOOPS = types.SimpleNamespace(begin=OWN.begin, monitor=OWN.monitor, march=compiled)
+CHOSEN = "at tolerance 1e-06, in steps that it chooses"
+
+
+@pytest.mark.parametrize(
+    ("method", "told"),
+    [(Integrator("mine", order=1, step=own_step), "3000 steps of 0.001, 2999 of 3000"),
+     ("tc_monolithic", "3000 steps of 0.001, 2900 of 3000"),
+     (Integrator("mine", order=1, adaptive=own_states), f"{CHOSEN}, "),
+     (Integrator("mine", order=1, adaptive=own_states, outputs=lambda *a: (own_rows(*a), {})),
+      f"{CHOSEN}, 199 of 200")],
+)  # fmt: skip
+def test_a_run_of_any_method_says_how_far_it_is(method, told, monkeypatch):
+    """A spring that collapses takes one that chooses its steps to millions of them, which nothing told from Python."""
+    monkeypatch.setattr(progress, "default", True)
+    monkeypatch.setattr(run, "LOOPS", LOOPS)
+    monkeypatch.setattr(run, "CHUNK", 100)
+    LINES.clear()
+    tcbench.simulate(method, "short_term", 1e-3, 3.0)
+    assert LINES[-1].startswith(told)
 
 
 def test_the_wait_ends_with_its_block_by_an_error_too(capsys):

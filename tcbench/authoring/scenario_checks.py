@@ -58,9 +58,7 @@ def formulas(scenario: Scenario) -> list[Line]:
     rates = model.state(np.asarray(model.vector_field(z0)))
     if names := [name for name in model.variables if not np.isfinite(getattr(rates, name)).all()]:
         found = f"at the start the rate of {', '.join(names)} is not finite"
-        return [
-            Line("formulas", FAIL, found, "Look for 0/0: a root of 0 has no slope, nor has a power with one in it.")
-        ]
+        return [Line("formulas", FAIL, found, "Look for 0/0: a root of 0 has no slope, nor has a power below 1.")]
     if model.size > LARGE:  # whose traces are long, and made once
         return [Line("formulas", OK, "traced")]
     changing = [name for name in DERIVED if model.formula(name) != model.formula(name)]

@@ -12,6 +12,7 @@ import numpy as np
 
 from .. import plugins
 from ..errors import TcbenchError, needs_folder, writing
+from ..files import replacing
 from ..progress import waiting
 from ..report.summary import verdicts
 from ..simulation import metrics
@@ -69,5 +70,5 @@ def _write_csv(run_: Any, path: Path) -> None:
     names = ["t", *run_.scenario.model.component_names]
     names += ["energy", "entropy", *run_.invariants, *(f"theta{i}" for i in range(m))]
     columns = [run_.t, *run_.z.T, run_.energy, run_.entropy, *run_.invariants.values(), *run_.temperatures.T]
-    with writing(repr(str(path))):
-        np.savetxt(path, np.column_stack(columns), delimiter=",", header=",".join(names), comments="", fmt="%.17g")
+    with writing(repr(str(path))), replacing(path) as temporary:
+        np.savetxt(temporary, np.column_stack(columns), delimiter=",", header=",".join(names), comments="", fmt="%.17g")

@@ -348,6 +348,7 @@ class _Body:
                     y, t = w._fresh("y"), w._fresh("t")
                     self.lines += [f"{y} = {item} - {name}c", f"{t} = {name} + {y}", f"{name}c = ({t} - {name}) - {y}"]
                     self.lines.append(f"{name} = {t}")
+                    self.lines.append(f"{name}c = {name}c if abs({t}) < inf else 0.0")  # of infinity nothing is dropped
                 else:
                     self.lines.append(f"{name} = {op}({name}, {item})")
         here = [k for k, (term, x) in enumerate(w.terms) if w._stage(x, term.over) == stage]

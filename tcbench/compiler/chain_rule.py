@@ -7,6 +7,7 @@ divided difference: no quotient ever divides a difference of nearby numbers.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -19,6 +20,7 @@ from .derivatives import (
     add,
     const,
     depends_on,
+    is_const,
     mul,
     partials,
     phi,
@@ -100,8 +102,11 @@ def divided_differences(node: Symbol, edges: Sequence[Edge], value: Symbol) -> t
     if op == "hypot":
         scale = reciprocal(value + x.end.hypot(edges[1].end))
         return 2.0 * x.middle * scale, 2.0 * edges[1].middle * scale
-    if op == "pow":  # exp(exponent log(base))
-        y, of_log = edges[1], _of_function("log", x)
+    if op == "pow":  # exp(exponent log(base)), or of what may be 0 a root and a whole power
+        y = edges[1]
+        if is_const(y.value) and 1.0 < y.value.value < math.inf and y.value.value % 1 and not x.value.positive:
+            return (rectangle(x.value, x.step, ZERO, ZERO)[0] ** y.value.value).pi_at_s0, ZERO
+        of_log = _of_function("log", x)
         log = Edge(x.value.log(), of_log * x.step)
         by_base, by_exponent = y.middle * of_log, log.middle
         outer = value * phi(by_base * x.step + by_exponent * y.step)

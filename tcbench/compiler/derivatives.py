@@ -18,6 +18,7 @@ from .functions import guarded, lam, mark, maximum, minimum, phi, sinc
 from .language import NUMPY_NAMES
 from .sentences import refused
 from .symbols import (
+    TINY,
     Symbol,
     add,
     array,
@@ -133,7 +134,7 @@ SLOPES: dict[str, Callable[[Symbol, Symbol], Symbol]] = {  # of a function of x 
     "asin": lambda y, x: reciprocal(make("sqrt", mul(sub(one(), x), add(one(), x)))),
     "acos": lambda y, x: neg(reciprocal(make("sqrt", mul(sub(one(), x), add(one(), x))))),
     "atan": lambda y, x: reciprocal(add(one(), mul(x, x))),
-    "abs": lambda y, x: mul(x, reciprocal(y)),
+    "abs": lambda y, x: mul(x, reciprocal(add(y, const(TINY)))),  # at 0 the mean of those beside it
     "phi": lambda y, x: intern("dphi", (x,)),
     "lam": lambda y, x: intern("dlam", (x,)),
     "sinc": lambda y, x: intern("dsinc", (x,)),

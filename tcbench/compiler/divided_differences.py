@@ -10,14 +10,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import reduce
 from typing import Any
 
 from .derivatives import Symbol, const, lam, lifted, phi, refused, sinc
-from .symbols import make
+from .symbols import TINY, make
 
 ZERO = const(0.0)
+HIGH = 6  # square roots one after the other, of which the least number has one above a tenth: see `TINY`
 RULES = (
-    "There are rules for +, -, *, /, **, sqrt, exp, log, expm1, log1p, sin, cos, tan, arcsin, arccos, arctan, "
+    "There are rules for +, -, *, /, **, abs, sqrt, exp, log, expm1, log1p, sin, cos, tan, arcsin, arccos, arctan, "
     "sinh, cosh, tanh and hypot; methods without discrete gradients (tc_gauss, midpoint_entropy) take every formula"
 )
 # one rule: (value at A, value at B, slope of the argument, increment along the edge) -> slope of the result
@@ -78,6 +80,9 @@ class Corners:
 
     __radd__ = __add__
 
+    def __pos__(self) -> Corners:
+        return self
+
     def __neg__(self) -> Corners:
         return self._with(-self.value, [-slope for _, _, slope, _ in self.edges])
 
@@ -111,9 +116,18 @@ class Corners:
         return self._apply(1.0 / self.value, lambda a, b, slope, _: -slope / (a * b))
 
     def __pow__(self, exponent: Any) -> Corners:
-        if isinstance(exponent, Corners | Symbol) or not float(exponent).is_integer():
-            logarithm: Corners = self.log() * exponent
-            return logarithm.exp()
+        if isinstance(exponent, Corners | Symbol):
+            return self._by_logarithm(exponent)
+        if rest := float(exponent) % 1.0:
+            if self.value.positive or (exponent < 1.0 and exponent != 0.5):
+                return self._by_logarithm(exponent)
+            # of what may be 0, where the power above 1 has a slope and its root has none
+            whole, root = exponent - rest, self + TINY if exponent > 1.0 else self
+            if rest != 0.5:  # of a root so high that the two ends are of one size, whose logarithms keep their digits
+                root = reduce(lambda x, _: x.sqrt(), range(HIGH), root)._by_logarithm(2**HIGH * rest)
+            else:
+                root = root.sqrt()
+            return self**whole * root if whole else root
         result = one = self.lifted(1.0)
         # of 1/x, not 1 over the power, whose end is what is left of its start: nothing, if that is many times larger
         square, n = self if exponent >= 0 else self._reciprocal(), abs(int(exponent))
@@ -122,6 +136,10 @@ class Corners:
                 result = square if result is one else result * square
             square, n = square * square if n > 1 else square, n >> 1
         return result
+
+    def _by_logarithm(self, exponent: Any) -> Corners:
+        logarithm: Corners = self.log() * exponent
+        return logarithm.exp()
 
     def __rpow__(self, base: Any) -> Corners:
         return (self * lifted(base).log()).exp()
@@ -190,8 +208,18 @@ class Corners:
         return (-self.arcsin())._valued(self.value.arccos())
 
     def fabs(self) -> Corners:
-        """Symmetric, and of both signs where x passes 0; at 0 itself there is no slope."""
-        return self._apply(abs(self.value), lambda a, b, slope, _: slope * (a + b) / (abs(a) + abs(b)))
+        """Symmetric, and of both signs where x passes 0; at 0 itself 0, the mean of those beside it."""
+        return self._apply(abs(self.value), lambda a, b, slope, _: slope * (a + b) / (abs(a) + abs(b) + TINY))
+
+    __abs__ = fabs
+
+    def _no_rule(self, *_: object) -> Any:
+        raise refused("a comparison, a whole number or a float is made of what a divided difference is taken of", RULES)
+
+    __bool__ = __float__ = __int__ = __index__ = __round__ = __trunc__ = _no_rule
+    __lt__ = __le__ = __gt__ = __ge__ = __eq__ = __ne__ = _no_rule
+    __floordiv__ = __rfloordiv__ = __mod__ = __rmod__ = __divmod__ = __rdivmod__ = _no_rule
+    __hash__ = object.__hash__
 
     def hypot(self, other: Any) -> Corners:
         y = self.lifted(other)

@@ -42,6 +42,7 @@ class _Expressions(threading.local):
 
 _KNOWN = _Expressions()
 MOST_FACTORS = 64  # of a power that is written as products
+TINY = 1e-60  # beside what may be 0 below a root or a line: 0 x infinity is 0 then, and no derivative underflows
 TAKE = "Take it along a table first: x[self.table], self.table.sums(x)"
 _COUNTER = iter(range(sys.maxsize))
 
@@ -358,7 +359,8 @@ def power(base: Symbol, exponent: Any) -> Symbol:
     exponent = lifted(exponent)
     wanted = exponent.value if is_const(exponent) else math.inf
     if wanted > 0 and 2 * wanted <= MOST_FACTORS and wanted % 1 == 0.5:
-        return mul(make("sqrt", base), power(base, wanted - 0.5))
+        shifted = add(base, const(TINY)) if wanted > 1 and not base.positive else base  # x^1.5 has a slope at 0
+        return mul(make("sqrt", shifted), power(base, wanted - 0.5))
     if not abs(wanted) <= MOST_FACTORS or wanted != int(wanted):
         logarithm = _logarithm(base) if math.isfinite(wanted) and wanted % 1 else None  # of a root the base is positive
         return make("pow", base, exponent) if logarithm is None else mul(exponent, logarithm).exp()

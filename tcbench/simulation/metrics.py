@@ -87,7 +87,8 @@ def residual_max(run: Trajectory) -> float:
 
 
 def newton_iterations(run: Trajectory) -> float:
-    """Newton iterations of the whole run; NaN where the integrator solves by itself and does not report them."""
+    """Newton's corrections in the whole run, also those of tries that were given up; NaN where the integrator solves by
+    itself and does not report them."""
     return np.nan if "newton_iterations" in run.solver.unknown else float(run.solver.newton_iterations)
 
 

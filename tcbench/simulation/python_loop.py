@@ -15,7 +15,7 @@ import numpy as np
 from ..compiler.library import evaluate
 from ..errors import leave_to_the_machine, shown
 from ..integrator import Integrator
-from ..progress import part
+from ..progress import Meter, part
 from ..solver import foresight
 from ..solver.implicit_step import OK, Rules
 from ..systems.scenario import Scenario
@@ -63,6 +63,8 @@ def run_step(integrator: Integrator, scenario: Scenario, dt: float, steps: int, 
                 each = (time.thread_time() - worked) / len(states)
                 if told := foresight.of_steps(model, each, steps):
                     meter = saying.enter_context(part(told))
+            if meter is None and done > foresight.UNTOLD:
+                meter = saying.enter_context(part(f"{steps} steps of {dt:g}"))
             if meter:
                 meter.done, meter.total = done, steps
     end = time.perf_counter()
@@ -147,7 +149,8 @@ def run_adaptive(
     t = np.linspace(0.0, scenario.t_end, POINTS + 1) if times is None else np.append(0.0, times)
     found = shared_runs.known(integrator.name, scenario, tolerance) if times is None else None
     if found is None:
-        found = _solve(integrator, scenario, t, tolerance)
+        with part(f"at tolerance {tolerance:g}, in steps that it chooses") as meter:
+            found = _solve(integrator, scenario, t, tolerance, meter)
         if times is None:
             shared_runs.keep(integrator.name, scenario, tolerance, found)
     shared_runs.used(found)
@@ -168,7 +171,7 @@ def run_adaptive(
     return replace(run, t=t[: len(run.t)], dt=math.nan, steps=found.counts.get("steps", done))
 
 
-def _solve(integrator: Integrator, scenario: Scenario, t: np.ndarray, tolerance: float) -> Solved:
+def _solve(integrator: Integrator, scenario: Scenario, t: np.ndarray, tolerance: float, meter: Meter) -> Solved:
     """Call the solver; its exceptions are a failure."""
     assert integrator.adaptive is not None
     model, z0 = scenario.model, scenario.z0.copy()
@@ -178,7 +181,7 @@ def _solve(integrator: Integrator, scenario: Scenario, t: np.ndarray, tolerance:
     try:
         if integrator.outputs is not None:
             rows, counts = integrator.outputs(model, z0, t, tolerance, tolerance)
-            states = _until_failed(rows, scenario, t)
+            states = _until_failed(rows, scenario, t, meter)
         else:
             result = integrator.adaptive(model, z0, t, tolerance, tolerance)
             states, counts = result if isinstance(result, tuple) else (result, {})
@@ -194,7 +197,7 @@ def _solve(integrator: Integrator, scenario: Scenario, t: np.ndarray, tolerance:
     return Solved(states, counts, failure, wall, work)
 
 
-def _until_failed(rows: Iterator[Any], scenario: Scenario, t: np.ndarray) -> np.ndarray:
+def _until_failed(rows: Iterator[Any], scenario: Scenario, t: np.ndarray, meter: Meter) -> np.ndarray:
     """The states that an iterator gives, up to the first that has failed."""
     monitor, states, reason = Monitor(scenario, t[1], len(t) - 1, 1), np.empty((len(t), scenario.model.size)), OK
     for i in range(len(t)):
@@ -202,6 +205,7 @@ def _until_failed(rows: Iterator[Any], scenario: Scenario, t: np.ndarray) -> np.
         if row is None:
             raise ValueError(f"outputs ended after {i} states, {len(t)} were asked for")
         states[i] = _as_states(row, states[i].shape)
+        meter.done, meter.total = i, len(t) - 1
         if i:
             reason, _ = monitor.add(i, states[i : i + 1])
         if reason != OK:

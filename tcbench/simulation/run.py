@@ -26,7 +26,6 @@ from .trajectory import Trajectory
 MOST_GIB = 16.0  # of recorded states, more of which would hardly be meant
 SMALL = 100  # length of a state; of longer ones fewer steps
 CHUNK = 100_000  # steps between looks at the clock and the keyboard
-UNTOLD = 2000  # steps of a small system that are over before anyone could be told of them
 
 
 def simulate(
@@ -204,12 +203,12 @@ def march(run: Run, done: int, steps: int, told: str) -> int:
     """The steps from `done` on; returns why they ended. told: of a run that is foreseen to be long."""
     small = run.n <= SMALL
     if small and not told:
-        reason: int = LOOPS.march(run, done, min(steps, done + UNTOLD, done + CHUNK))
+        reason: int = LOOPS.march(run, done, min(steps, done + foresight.UNTOLD, done + CHUNK))
         done = run.tally.steps
         if done == steps or reason != m.OK:
             return reason
     chunk, reason = CHUNK if small else max(1, CHUNK * SMALL // (5 * run.n)), m.OK
-    with part(told) as meter:
+    with part(told or f"{steps} steps of {run.h:g}") as meter:
         while done < steps and reason == m.OK:
             reason = LOOPS.march(run, done, min(steps, done + chunk))
             done = run.tally.steps

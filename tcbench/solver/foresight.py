@@ -28,6 +28,7 @@ WHOLE = (8e-5, 0.14)
 # meets its row
 ENTRY, MEETING = 2.5e-8, 1e-9
 SHORT = 2.0  # seconds that need no word
+UNTOLD = 2000  # steps of a small system that are over before anyone could be told of them
 SPARE = 0.8  # of the memory there is
 CERTAIN = 2.0  # a prediction as many times what is left of a time limit is no mistake
 CGROUP = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes")

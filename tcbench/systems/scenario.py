@@ -22,6 +22,7 @@ from .state import fixed, formulas_hash
 from .system import System
 
 TRIES, NEAR = 100, 0.3  # of a random start; what a variable that is 0 is taken to be
+NO_SCALE = 1e-6  # an energy at the start as small says nothing of how large energies are
 REST = 1e-10  # least exergy of a scenario, relative to its energy: see Scenario.initial_exergy
 KINDS_OF_FIELDS = {
     "system": "a class", "constants": "a mapping", "initial": "a mapping", "shows": "a word", "source": "a word",
@@ -163,14 +164,19 @@ class Scenario:
 
     @property
     def initial_exergy(self) -> float:
-        """V0 = V(z0), the scale of energy errors; |E0 + offset| of a system without reference temperature.
+        """V0 = V(z0), the scale of energy errors; |E0 + offset| of a system without reference temperature, and where
+        that is 0 or next to it, as an energy that is counted from anywhere may be, at least the sum of |z dE/dz|/2.
 
         At or next to rest it is at least 1e-10 max(1, |E0|): round-off of the energy is no blow-up.
         """
         if "V0" not in self._cache:
             floor = REST * max(1.0, abs(float(self.model.energy(self.z0))))
             found = float(self.model.exergy(self.z0))
-            self._cache["V0"] = max(found if self.model.reference_temperature else abs(found), floor)
+            if not self.model.reference_temperature:
+                found = abs(found)
+                if found < NO_SCALE:
+                    found = max(found, float(np.abs(self.z0 * self.model.gradient(self.z0)).sum()) / 2)
+            self._cache["V0"] = max(found, floor)
         return float(self._cache["V0"])
 
     @property

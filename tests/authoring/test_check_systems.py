@@ -124,7 +124,7 @@ class Root(Right):
     """The slope of its last term is 0/0 at q1 = 0, where the lines below let it start."""
 
     def energy(self, z):
-        return super().energy(z) + np.hypot(1.0 + 0 * z.p[0], z.p[0]) + (z.q[1] ** 2) ** 1.5
+        return super().energy(z) + np.hypot(1.0 + 0 * z.p[0], z.p[0]) + np.sqrt(z.q[1] ** 2)
 
 
 def test_a_rate_that_is_no_number_at_the_start_is_told():
@@ -134,17 +134,22 @@ def test_a_rate_that_is_no_number_at_the_start_is_told():
         Field(system).rate(0.0, np.array([1.0, 0, 0, 1, 0]))
 
 
+def counted_from_there(more, large=1.0):
+    """Energies counted from what they are at the start, and a little less."""
+    energy = {"energy": lambda self, z: large * Right.energy(self, z) - 2 * large + more}
+    return type("FromThere", (Right,), {"reference_temperature": 0.0, **energy})
+
+
 def test_an_energy_that_is_0_at_the_start_is_no_scale_of_errors():
-    def energy(self, z):
-        return Right.energy(self, z) - 2
-
-    def exergy_offset(self):
-        return 5
-
-    kind = type("Zero", (Right,), {"reference_temperature": 0.0, "energy": energy})
+    """At 0 its parts are the scale, (|q dE/dq| + |p dE/dp| + |s dE/ds|)/2; what is small beside energies is told."""
+    settings = {"initial": {"q": [1, 0], "p": [0, 1], "s": 0}, "t_end": 1, "dt": 0.1}
+    scenario = Scenario("zero", counted_from_there(0.0), {"eta": 0.1, "theta": 1}, **settings)
+    assert scenario.model.exergy(scenario.z0) == 0.0 and scenario.initial_exergy == 1.0
+    assert "exergy" not in failed(counted_from_there(0.0))
+    assert "exergy" not in failed(counted_from_there(2.0))
+    kind = counted_from_there(1e-4, 1e3)
     assert "move E away from 0" in failed(kind)["exergy"]
-    assert "exergy" not in failed(type("Moved", (kind,), {"exergy_offset": exergy_offset}))
-    assert "exergy" not in failed(type("Itself", (kind,), {"energy": Right.energy}))
+    assert "exergy" not in failed(type("Moved", (kind,), {"exergy_offset": lambda self: 5}))
 
 
 def matrix(name, change):

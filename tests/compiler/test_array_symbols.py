@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from networks import NETWORKS
 
 from tcbench.compiler.array_symbols import ArraySymbol
 from tcbench.compiler.arrays import variable
@@ -19,3 +20,11 @@ def test_options_that_change_a_sum_are_refused(formula, sentence):
     x = ArraySymbol("node", array([variable("x", "node"), variable("y", "node")]))
     with pytest.raises(TcbenchError, match=sentence):
         formula(x)
+
+
+def test_a_sum_with_an_infinite_term_is_infinite():
+    """The compensated one had NaN there: infinity less infinity."""
+    model = NETWORKS["row"].model
+    z = model.state(NETWORKS["row"].z0.copy())
+    z.s[1] = 1e4
+    assert model.energy(np.array(z)) == np.inf

@@ -10,7 +10,7 @@ from tcbench.compiler import derivatives as trace
 from tcbench.compiler.derivatives import jacobian
 from tcbench.compiler.functions import lam, phi, sinc
 from tcbench.compiler.kernels import kernel
-from tcbench.compiler.symbols import make
+from tcbench.compiler.symbols import TINY, make
 from tcbench.errors import TraceError
 
 ULP = 2.3e-16
@@ -103,6 +103,8 @@ def test_powers_are_those_of_numpy_for_every_base(exponent):
             if at == -np.inf and exponent in (0.5, 1.5, 2.5):
                 continue  # numpy has NaN for an array of them and infinity for one
             found, expected = compiled(np.array([at]), np.zeros(1))[0], np.float64(at) ** exponent
+            if -TINY < at < 0 and exponent in (1.5, 2.5):
+                expected = 0.0  # as of 0, where such a power has a slope, too
             np.testing.assert_allclose(found, expected, rtol=2e-14, atol=1e-300, err_msg=f"{at} ** {exponent}")
 
 

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 import tcbench
-from tcbench.simulation import prepared, run
+from tcbench.simulation import prepared
+from tcbench.solver import foresight
 
 SCENARIO = tcbench.scenarios()["short_term"]
 METHODS = ["tc_monolithic", "tc_strang", "projected", "gauss2", "verlet_heat", "tc_gauss"]
@@ -97,5 +98,5 @@ Prepared = prepared.Prepared
 def test_what_is_done_before_anyone_is_told_is_the_same_run(monkeypatch):
     whole = content(tcbench.simulate("tc_monolithic", SCENARIO, dt=0.01))
     for untold in (0, 1, 7, 10**6):
-        monkeypatch.setattr(run, "UNTOLD", untold)
+        monkeypatch.setattr(foresight, "UNTOLD", untold)
         assert content(tcbench.simulate("tc_monolithic", SCENARIO, dt=0.01)) == whole
