@@ -7,6 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+from .errors import TcbenchError, expect_words, several, shown
+
 if TYPE_CHECKING:
     import numpy as np
     from matplotlib.figure import Figure
@@ -19,6 +21,7 @@ if TYPE_CHECKING:
 Tables = Mapping[str, Any]
 RUNS = "series"  # the table of runs in time, thin, as rows of the conservation study keep them
 OPENING = "opening"  # their first steps, every one of them
+SCALES = ("log", "linear", "share", "zero")
 MARKS = ("o", ".", "s", "^", "D", ">", "|", "_", "x")  # of rows; ".": a small o; "_": a | in grey
 
 
@@ -183,6 +186,11 @@ class Panel:
     rows: Sequence[Row] = ()
     keys: Mapping[str, str] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        for name, scale in (("x_scale", self.x_scale), ("y_scale", self.y_scale)):
+            if scale not in SCALES:
+                raise TcbenchError(f"Panel: {name} is one of {', '.join(SCALES)}, not {shown(scale)}.")
+
 
 @dataclass(frozen=True, eq=False)
 class Sheet:
@@ -198,6 +206,16 @@ class Sheet:
     right: float = 0.2
     named: bool = False
     hollow: str = ""
+
+
+def sheet_of(drawn: Any) -> Sheet:
+    """What the panels of a chart returned, no figure, as a Sheet."""
+    if isinstance(drawn, Sheet):
+        return drawn
+    panels = [*drawn] if several(drawn) else [drawn]
+    if not several(drawn) or not all(isinstance(panel, Panel) for panel in panels):
+        raise TcbenchError(f"The panels of a chart must return a list of Panel, or a Figure, not {shown(drawn)}.")
+    return Sheet(panels)
 
 
 @dataclass(frozen=True)
@@ -231,7 +249,7 @@ class Chart:
     Raises
     ------
     TcbenchError
-        Not here: tables that are not there are named when it is drawn.
+        For names of tables that are none; tables that are not there are named when it is drawn.
 
     References
     ----------
@@ -249,6 +267,11 @@ class Chart:
     study: str = ""
     picture: bool = False
     plugin: str = ""
+
+    def __post_init__(self) -> None:
+        expect_words(f"The chart {self.name!r}", vars(self), "needs", "also", "options")
+        if not self.needs:
+            raise TcbenchError(f"The chart {self.name!r} needs a table: write needs=('NAME',), the first is shown.")
 
     def of(self, tables: Tables) -> list[Any]:
         """The tables as `panels` takes them."""

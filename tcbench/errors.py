@@ -7,6 +7,7 @@ import fnmatch
 import math
 import os
 import re
+import traceback
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache
@@ -15,6 +16,10 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 Value = TypeVar("Value")
+# what formulas of methods ask for, and systems of elements alone have
+OF_ELEMENTS = ("L", "DS", "dissipation", "conduction", "inertia", "shape", "shape_gradient", "element_energy")
+OURS = Path(__file__).parent
+INSTALLED = {"site-packages", "dist-packages"}
 
 
 class TcbenchError(Exception):
@@ -107,6 +112,13 @@ def expect(where: str, values: Mapping[str, Any], kinds: Mapping[str, str]) -> N
             raise TcbenchError(f"{where}: {name} must be {told}, not {shown(value)}.")
 
 
+def expect_words(where: str, values: Mapping[str, Any], *names: str) -> None:
+    """Raise TcbenchError for the first of these values that is no tuple of words: of a word alone letters are taken."""
+    for name in names:
+        if not KINDS["words"](value := values[name]):
+            raise TcbenchError(f"{where}: {name} is a tuple of words, {name}=('one', 'two'), not {shown(value)}.")
+
+
 def positive(name: str, value: Any) -> float:
     """The value of an argument as a finite number above 0, or the error that says what is wrong with it."""
     try:
@@ -172,11 +184,35 @@ def misnamed(error: BaseException) -> str:
     if isinstance(error, AttributeError) and isinstance(error.name, str):
         if error.name in ("hypot", "arctan2"):  # numpy asks the first argument
             return f"np.{error.name} of a number and a formula: write the number a as a + 0 * x, x the formula"
+        who = getattr(error.obj, "__name__", type(error.obj).__name__)
+        if error.name in OF_ELEMENTS and hasattr(error.obj, "discrete_gradients"):
+            return (
+                f"{who!r} has no {error.name!r}: it is of springs and other elements. Every system has "
+                "reversible(z, DE, DS) and irreversible(z, DE, DS); what is for elements alone says elements=True"
+            )
         known = [name for name in dir(error.obj) if not name.startswith("_")]
         if close := difflib.get_close_matches(error.name, known, n=1):
-            who = getattr(error.obj, "__name__", type(error.obj).__name__)
             return f"{who!r} has no {error.name!r} (did you mean {close[0]!r}?)"
     return text
+
+
+def blamed(error: BaseException) -> str:
+    """One line for an exception in a plugin: type, message, and the innermost line of its own code, if there is one."""
+    frames = [f for f in traceback.extract_tb(error.__traceback__) if not Path(f.filename).is_relative_to(OURS)]
+    frames = [f for f in frames if not INSTALLED.intersection(Path(f.filename).parts)] or frames
+    where = f" at {Path(frames[-1].filename).name}:{frames[-1].lineno}" if frames else ""
+    return f"{misnamed(error)}{where}"
+
+
+@contextmanager
+def calling(what: str) -> Iterator[None]:
+    """The block calls a plugin's function: what that raises is a sentence that begins with `what`."""
+    try:
+        yield
+    except (TcbenchError, MemoryError):
+        raise
+    except Exception as error:
+        raise TcbenchError(f"{what}: {blamed(error)}.") from error
 
 
 def matching(kind: str, name: str, known: Iterable[str], remedy: str = "", cause: str = "") -> list[str]:

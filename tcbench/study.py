@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+from .errors import TcbenchError, calling, expect_words, shown
+
 if TYPE_CHECKING:
     from pandas import DataFrame
 
@@ -59,7 +61,8 @@ class Study:
     Raises
     ------
     TcbenchError
-        Not here: a cell that raises is a row that says so.
+        For names of tables that are none. A cell that raises is a row that says so; what `plan` and `tabulate` raise is
+        a sentence.
 
     References
     ----------
@@ -82,6 +85,40 @@ class Study:
     of_random: str = ""
     drawn: Callable[[Scenario, Row], Any] | None = None
     plugin: str = ""
+
+    def __post_init__(self) -> None:
+        expect_words(f"The study {self.name!r}", vars(self), "tables", "scenarios")
+
+    def planned(self, methods: Sequence[Integrator], scenarios: Sequence[Scenario], options: Row) -> Cells:
+        """What `plan` returns, if it is a list of cells."""
+        with calling(f"plan of the study {self.name!r} failed"):
+            found: Any = self.plan(methods, scenarios, options)
+            cells: list[Any] = [found] if found is None else list(found)
+        for cell in cells:
+            three = isinstance(cell, tuple) and len(cell) == 3
+            if not (three and hasattr(cell[0], "suits") and hasattr(cell[1], "model") and isinstance(cell[2], Mapping)):
+                raise TcbenchError(
+                    f"plan of the study {self.name!r} must return a list of (integrator, scenario, options), a dict in "
+                    f"the third place, not {shown(cell)}."
+                )
+        return cells
+
+    def tabulated(self, records: Sequence[Row]) -> dict[str, DataFrame]:
+        """What `tabulate` returns, if it is tables of the declared names."""
+        with calling(f"The rows of the study {self.name!r} cannot be tabulated"):
+            found: Any = self.tabulate(records)
+        named = found if isinstance(found, Mapping) else {}
+        if found is not named or any(not hasattr(table, "groupby") for table in named.values()):
+            raise TcbenchError(
+                f"tabulate of the study {self.name!r} must return a dict of DataFrames by the name of the table, not "
+                f"{shown(found)}."
+            )
+        if others := [name for name in named if name not in self.tables]:
+            raise TcbenchError(
+                f"tabulate of the study {self.name!r} returns the table {others[0]!r}; write tables={(*named,)!r}, "
+                f"where it says {(*self.tables,)!r}."
+            )
+        return {**found}
 
     def is_timed(self, options: Row) -> bool:
         """Does the cell of these options run alone?"""

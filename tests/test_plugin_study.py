@@ -4,15 +4,19 @@ import base64
 import gzip
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
 import pytest
 from click.testing import CliRunner
 
-from tcbench import plugins
+from tcbench import Chart, Panel, Study, TcbenchError, plugins
 from tcbench.cli import main
 from tcbench.report import page_charts
+from tcbench.report.chart_kinds import draw_kind
+from tcbench.store.store import Store
+from tcbench.store.tables import make_tables
 
 PAGE = (Path(__file__).parents[1] / "docs" / "add-study.md").read_text("utf-8")
 SOURCE = PAGE.split('title="halving.py"\n')[1].split("```")[0]
@@ -82,12 +86,75 @@ def test_without_the_plugin_its_tables_are_there_and_a_name_is_answered(folder):
 
 
 def test_a_chart_that_raises_leaves_the_page_and_says_so():
-    from tcbench import Chart
-
     def panels(table):
         raise ZeroDivisionError("nothing to divide by")
 
     problems = []
     chart = Chart("mine", "Mine.", ("t",), panels)
     assert page_charts.panels_of([chart], {"t": pd.DataFrame({"integrator": ["a"]})}, {}, problems) == {}
-    assert problems == ["The chart 'mine' is not on the page: ZeroDivisionError: nothing to divide by"]
+    (told,) = problems
+    assert told.startswith(
+        "The chart 'mine' is not on the page: ZeroDivisionError: nothing to divide by at test_plugin"
+    )
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ("fixed = [method ", "fixed = [method.nope ", "plan of the study 'halving' failed: AttributeError"),
+        ("    return [(method, scenario, {", "    [(method, scenario, {", "not None."),
+        ("(method, scenario, {", "(method.name, scenario, {", "must return a list of (integrator, scenario, options)"),
+        ('tables=("halving",)', 'tables="halving"', "The study 'halving': tables is a tuple of words"),
+    ],
+)
+def test_a_study_that_cannot_be_planned_says_so_in_a_sentence(tmp_path, old, new, told):
+    """They were tracebacks; one of a word in the place of words was that of its letters."""
+    assert old in SOURCE
+    (tmp_path / "halving.py").write_text(SOURCE.replace(old, new))
+    done = command(
+        "run", "-i", "tc_strang", "-s", "short_term", "--study", "halving", "--plugins-dir", tmp_path,
+        "-o", tmp_path / "run", "--dry-run",
+    )  # fmt: skip
+    assert done.exit_code == 2 and told in done.output and "Traceback" not in done.output
+
+
+@pytest.mark.parametrize(
+    ("tabulate", "told"),
+    [
+        (lambda rows: rows, "must return a dict of DataFrames by the name of the table"),
+        (lambda rows: pd.DataFrame(rows), "must return a dict of DataFrames"),
+        (lambda rows: {"t": rows}, "must return a dict of DataFrames"),
+        (lambda rows: {"other": pd.DataFrame(rows)}, "returns the table 'other'; write tables=('other',)"),
+        (lambda rows: {"t": pd.DataFrame(rows)[["absent"]]}, "cannot be tabulated: KeyError"),
+    ],
+)
+def test_tables_that_are_none_cost_their_study_alone(tmp_path, tabulate, told):
+    with Store.open(tmp_path) as store:
+        for study in ("bad", "good"):
+            store.append(study, {"status": "ok"}, {"study": study, "integrator": "i", "scenario": "s", "options": {}})
+        bad = Study("bad", "", ("t",), plan=lambda *_: [], measure=lambda *_: {}, tabulate=tabulate)
+        good = replace(bad, name="good", tables=("u",), tabulate=lambda rows: {"u": pd.DataFrame(rows)})
+        tables, failed = make_tables([bad, good], store)
+    assert list(tables) == ["u"] and failed == [bad]
+    assert len(store.problems) == 1 and told in store.problems[0]
+
+
+@pytest.mark.parametrize(
+    "panels",
+    [lambda table: None, lambda table: Panel((), "x", "y"), lambda table: [1], lambda table: Panel((), "", "", "ln")],
+)
+def test_a_chart_that_cannot_be_drawn_is_a_sentence(panels):
+    with pytest.raises(TcbenchError, match=r"(?s)list of Panel|x_scale is one of log, linear, share, zero, not 'ln'"):
+        draw_kind(Chart("mine", "", ("t",), panels), {"t": pd.DataFrame({"a": [1]})})
+
+
+def test_a_word_in_the_place_of_words_is_not_taken_letter_by_letter():
+    with pytest.raises(TcbenchError, match=r"The chart 'mine': needs is a tuple of words, .* not 'table'"):
+        Chart("mine", "", "table", lambda table: [])
+
+
+def test_a_chart_whose_function_raises_names_its_line():
+    with pytest.raises(
+        TcbenchError, match=r"'mine' cannot be drawn: ZeroDivisionError: .* at test_plugin_study.py:\d+"
+    ):
+        draw_kind(Chart("mine", "", ("t",), lambda table: 1 / 0), {"t": pd.DataFrame({"a": [1]})})

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from .. import plugins
 from ..engine.child import LOOK_S, READY, Child, how_it_died
-from ..errors import TcbenchError, matching
+from ..errors import TcbenchError, blamed, matching
 from . import integrator_checks, scenario_checks
 from .check_cost import estimate
 from .check_line import FAIL, NONE, OK, Line, line
@@ -34,6 +34,7 @@ OF_INTEGRATORS = ("metadata", *(name for name, _ in integrator_checks.TESTS), *A
 OF_SCENARIOS = tuple(name for name, _ in scenario_checks.TESTS)
 DOES_NOT_RUN = Line("the rest", NONE, "not checked: the method does not run")
 LOOK_BELOW = "A step of 0.01 must succeed: see whether the formula is consistent with dz/dt."
+HOOKED = ("integrators", "scenarios", "metrics", "studies", "charts")
 WIDTH = max(map(len, OF_INTEGRATORS))  # of the names of lines; those of the operators may be longer
 
 
@@ -116,11 +117,14 @@ def _of_file(path: Path, only: Sequence[str]) -> list[Subject]:
     labels = {origin.name, origin.path}
     methods = [i for i in registry.integrators.values() if i.plugin in labels]
     result = [_of_integrator(v, [str(path.resolve())], only) for i in methods for v in i.variants() or [i]]
-    result += [_of_scenario(s, only) for s in registry.scenarios.values() if s.plugin in labels]
-    if not result and not any(m.plugin in labels for m in registry.metrics.values()):
-        remedy = "Decorate a function with @hookimpl: tcbench_integrators, tcbench_scenarios or tcbench_metrics."
+    offered: list[Any] = [*registry.scenarios.values(), *registry.scenario_families.values()]
+    result += [_of_scenario(s, only) for s in plugins.expand_scenarios(s.name for s in offered if s.plugin in labels)]
+    others: dict[str, Any] = {"column": registry.metrics, "study": registry.studies, "chart": registry.charts}
+    brought = [f"{kind} {one.name}" for kind, them in others.items() for one in them.values() if one.plugin in labels]
+    if not result and not brought:
+        remedy = f"Return it from a @hookimpl: {' or '.join(f'tcbench_{kind}' for kind in HOOKED)}."
         return found(Line("registers something", FAIL, "no hook is implemented", remedy))
-    return result or found(Line("loads", OK, "brings metrics only"))
+    return result or found(Line("loads", OK, f"brings {', '.join(brought)}; a run of them says the rest"))
 
 
 def _loads(origin: Origin) -> Line:
@@ -171,10 +175,7 @@ def _guarded(name: str, test: Callable[[Any], Any], subject: Any) -> Any:
     except TcbenchError as error:
         return Line(name, FAIL, str(error), "Mend what the sentence names.")
     except Exception as error:
-        from ..simulation.recorder import exception_sentence
-
-        sentence = exception_sentence(error, 0, 0.0).partition("): ")[2]
-        return Line(name, FAIL, sentence, "Mend what the sentence names: a plugin raises on no admissible state.")
+        return Line(name, FAIL, blamed(error), "Mend what the sentence names: a plugin raises on no admissible state.")
 
 
 def _runs_alone(name: str, method: Integrator, folders: Sequence[str]) -> Line:

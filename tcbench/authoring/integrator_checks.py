@@ -92,9 +92,10 @@ def deterministic(method: Integrator) -> Line:
 
 def keeps_its_input(method: Integrator) -> Line:
     """Neither z0 nor z1 (nor the times of output) are written to."""
-    name, scenario = "input unchanged", plugins.scenarios_for(method)[0]
+    name, (scenario, *others) = "input unchanged", scenarios(method)
     if method.kind == "flows":
-        changing = [flow.residual.__name__ for flow in method.flows if _overwrites(flow, scenario.model)]
+        models = [one.model for one in (scenario, *others)]
+        changing = [f.residual.__name__ for f in method.flows if any(_overwrites(f, model) for model in models)]
         return line(name, not changing, f"{', '.join(changing)} changes its arguments" if changing else "", _COPY)
     z0, times = scenario.model.state(scenario.z0.copy()), np.linspace(0, scenario.dt, 3)
     before = z0.copy(), times.copy()

@@ -207,7 +207,8 @@ def show_command(
         tables = read_tables(store)
     terminal.warn(store.problems)
     if not tables:
-        raise TcbenchError(f"{str(folder)!r} holds no finished cell yet.")
+        there = "finished cells, of which no table can be made" if store.rows() else "no finished cell yet"
+        raise TcbenchError(f"{str(folder)!r} holds {there}.")
     if table is not None and table not in tables:
         raise unknown_name("table of this run", table, tables)
     for column, names in (("scenario", scenarios), ("integrator", integrators)):

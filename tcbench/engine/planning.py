@@ -110,7 +110,7 @@ def _plan(
     used: dict[str, Scenario] = {s.name: s for s in selected}
     measured: dict[str, Integrator] = {m.name: m for m in methods}
     for study in chosen:
-        for method, scenario, cell_options in study.plan(methods, _of_study(study, selected, scenarios), settings):
+        for method, scenario, cell_options in study.planned(methods, _of_study(study, selected, scenarios), settings):
             if method.suits(scenario.model):
                 continue
             seen.add((method.name, study.name))

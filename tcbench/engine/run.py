@@ -200,9 +200,9 @@ def execute(
         with waiting("writing tables", progress):
             keys = {cell.key for cell in job.cells}
             store.renew([cell.key for cell in job.cells], latest_rows(store)[0])
-            tables = make_tables(job.studies, store, keys)
+            tables, failed = make_tables(job.studies, store, keys)
             latest, older = latest_rows(store)
-            if keys == latest:
+            if keys == latest and not failed:
                 names = [name for study in in_order(job.studies).values() for name in study.tables]
                 every = {name: tables[name] for name in names if name in tables}
                 store.problems += older

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from .. import plugins
 from ..chart import Chart, Tables
-from ..errors import unknown_name
+from ..errors import calling, unknown_name
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -43,7 +43,8 @@ def draw_kind(kind: Chart, tables: Tables, **options: Any) -> Figure:
     from .charts.render import chart
 
     draw: Callable[..., Any] = kind.panels if kind.name in own_kinds() else chart(kind.panels)
-    figure: Figure = draw(*kind.of(tables), **options)
+    with calling(f"The chart {kind.name!r} cannot be drawn"):
+        figure: Figure = draw(*kind.of(tables), **options)
     return figure
 
 

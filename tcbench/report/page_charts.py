@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import plugin_loading, plugins
-from ..chart import Chart, Panel, Row, Series, Sheet
+from ..chart import Chart, Panel, Row, Series, sheet_of
 from ..engine.child import ask
-from ..errors import TcbenchError
+from ..errors import TcbenchError, calling
 from ..store.store import Store
 from ..store.tables import read_tables
 from ..studies.columns import column
@@ -76,9 +76,10 @@ def panels_of(
     with theme.using(theme.Theme(families=families(tables, declared))):
         for chart in charts:
             try:
-                of = _sheets(chart, known, part) if chart.possible(known) and not chart.picture else {}
-            except Exception as error:  # a plugin's function may raise anything
-                problems.append(f"The chart {chart.name!r} is not on the page: {type(error).__name__}: {error}")
+                with calling(f"The chart {chart.name!r} is not on the page"):
+                    of = _sheets(chart, known, part) if chart.possible(known) and not chart.picture else {}
+            except TcbenchError as error:
+                problems.append(str(error))
                 continue
             if of:
                 found[chart.name] = {"text": chart.text, "table": chart.needs[0], "of": of}
@@ -91,8 +92,7 @@ def _sheets(chart: Chart, tables: Mapping[str, Any], part: Callable[..., Any]) -
     for scenario in chart.scenarios(tables):
         panels = draw(*(part(name, scenario) for name in (*chart.needs, *chart.also)))
         if not hasattr(panels, "savefig"):
-            shown = panels.panels if isinstance(panels, Sheet) else panels
-            found[scenario or ""] = [_panel(panel, told) for panel in shown]
+            found[scenario or ""] = [_panel(panel, told) for panel in sheet_of(panels).panels]
     return found
 
 

@@ -238,9 +238,8 @@ def _absent(kind: Chart, tables: dict[str, DataFrame]) -> str:
     missing = [name for name in kind.needs if name not in tables or not len(tables[name])]
     there = ", ".join(tables) or "none"
     made = "map INTEGRATOR SCENARIO" if missing[0] in MAPS else f"run --study {kind.study}"
-    return (
-        f"The chart {kind.name!r} needs the table {missing[0]!r}, which this run has not. Its tables: {there}. "
-        f"tcbench {made} makes it."
+    return f"The chart {kind.name!r} needs the table {missing[0]!r}, which this run has not. Its tables: {there}." + (
+        f" tcbench {made} makes it." if kind.study else ""
     )
 
 

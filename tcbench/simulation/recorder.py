@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import math
-import traceback
-from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 
-from ..errors import misnamed
+from ..errors import blamed
 from ..integrator import Integrator
 from ..solver import implicit_step as m
 from ..systems.scenario import Scenario
@@ -18,8 +16,6 @@ from .compiled_loop import FIRST_INVARIANT, E, Run, S
 from .trajectory import SolverCounts, Summary, Trajectory
 
 Made = TypeVar("Made")
-OURS = Path(__file__).parents[1]
-INSTALLED = {"site-packages", "dist-packages"}
 
 _STATUS = {
     m.OK: ("ok", ""),
@@ -117,8 +113,5 @@ def summarise(run: Run, tally: dict[str, Any], dt: float, names: tuple[str, ...]
 
 
 def exception_sentence(error: BaseException, step: int, t: float) -> str:
-    """One line for an exception in a plugin: type, message, and the innermost line of its own code, if there is one."""
-    frames = [f for f in traceback.extract_tb(error.__traceback__) if not Path(f.filename).is_relative_to(OURS)]
-    frames = [f for f in frames if not INSTALLED.intersection(Path(f.filename).parts)] or frames
-    where = f" at {Path(frames[-1].filename).name}:{frames[-1].lineno}" if frames else ""
-    return f"step {step} (t = {t:.6g}): {misnamed(error)}{where}"
+    """One line for an exception of a method: where it stopped, and what was raised."""
+    return f"step {step} (t = {t:.6g}): {blamed(error)}"

@@ -28,17 +28,12 @@ def read_tables(source: str | Path | Store) -> dict[str, DataFrame]:
     store = source if isinstance(source, Store) else Store.read(source)
     latest, older = latest_rows(store)
     store.problems += older
-    tables: dict[str, DataFrame] = {}
     chosen, others = _studies(store)
     known = [name for study in chosen for name in study.tables]
     kept = [name for name in store.tables() if not latest or (others and name not in known)]
     store.problems += [f"No study is called {name!r} here: its tables are those that were written." for name in others]
-    for study in chosen:
-        try:
-            tables |= make_tables([study], store, latest)
-        except (KeyError, ValueError, TypeError) as error:  # rows of another version of the study
-            store.problems.append(f"The rows of study {study.name!r} cannot be tabulated: {error!r}.")
-            kept += [name for name in store.tables() if name in study.tables]
+    tables, failed = make_tables(chosen, store, latest)
+    kept += [name for study in failed for name in store.tables() if name in study.tables]
     for name in kept:
         if name not in tables:
             try:
@@ -136,14 +131,23 @@ def _machines(store: Rows, lines: Sequence[Mapping[str, Any]]) -> list[str]:
     return [f"These rows were measured on {len(found)} machines, whose times are not to be compared ({counted})."]
 
 
-def make_tables(chosen: Iterable[Study], store: Rows, keys: set[str] | None = None) -> dict[str, DataFrame]:
-    """Tables of the rows in the store; of these keys only, when given."""
-    tables: dict[str, DataFrame] = {}
+def make_tables(
+    chosen: Iterable[Study], store: Store, keys: set[str] | None = None
+) -> tuple[dict[str, DataFrame], list[Study]]:
+    """Tables of the rows in the store, of these keys only, when given; and the studies that cannot make theirs.
+
+    Rows of another version of a study, or a plugin's mistake, cost the tables of that study: `store.problems` says why.
+    """
+    tables, failed = dict[str, "DataFrame"](), []
     for study in chosen:
         records = [r for r in store.records(study.name) if keys is None or r["key"] in keys]
         if records:
-            tables |= study.tabulate([{k: v for k, v in r.items() if k not in ("study", "key")} for r in records])
-    return tables
+            try:
+                tables |= study.tabulated([{k: v for k, v in r.items() if k not in ("study", "key")} for r in records])
+            except TcbenchError as error:
+                store.problems.append(str(error))
+                failed.append(study)
+    return tables, failed
 
 
 def only(tables: Mapping[str, DataFrame], column: str, names: Sequence[str]) -> dict[str, DataFrame]:

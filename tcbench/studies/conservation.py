@@ -7,9 +7,8 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from .. import plugins
-from ..errors import MachineError
+from ..errors import MachineError, blamed
 from ..simulation import metrics, series, shared_runs
-from ..simulation.recorder import exception_sentence
 from ..simulation.run import simulate
 from ..study import Cells, Row, Study
 from .base import settings
@@ -75,8 +74,7 @@ def _of_plugins(run: Trajectory, row: Row) -> Row:
             raise
         except Exception as error:
             found[name] = math.nan
-            why = exception_sentence(error, 0, 0.0).partition("): ")[2]
-            said.append(f"Metric {name!r} of {metric.plugin}: {why}")
+            said.append(f"Metric {name!r} of {metric.plugin}: {blamed(error)}")
     return found | ({"metric_failure": "; ".join(said)} if said else {})
 
 

@@ -282,6 +282,39 @@ def test_files_that_do_not_load_or_bring_nothing_fail_with_a_remedy(tmp_path):
         assert done.exit_code == 1 and words in done.stdout and "->" in done.stdout
 
 
+def test_what_brings_no_method_and_no_scenario_brings_something(tmp_path):
+    """Files with studies, charts or families of scenarios alone were said to implement no hook."""
+    family = """
+import tcbench
+@tcbench.hookimpl
+def tcbench_scenarios():
+    make = lambda k: tcbench.scenarios()["short_term"].replace(name=f"softer[k={k}]", coupling=float(k))
+    return [tcbench.ScenarioFamily("softer", make, {"k": "0.1"}, shows="one", source="a test")]
+"""
+    chart = """
+import tcbench
+@tcbench.hookimpl
+def tcbench_charts():
+    return [tcbench.Chart("mine", "Mine.", ("conservation",), lambda table: [])]
+"""
+    for name, text, told in (("fam", family, "scenario softer[k=0.1]"), ("pic", chart, "brings chart mine")):
+        plugins.forget()
+        (path := tmp_path / f"{name}.py").write_text(text)
+        done = command(str(path), "--only", "metadata")
+        assert done.exit_code == 0 and told in done.stdout, done.output
+
+
+def test_a_formula_for_elements_alone_is_told_on_one_line_what_every_system_has():
+    """It traced on the first scenario; each of six lines then failed on the first system without elements."""
+
+    def of_springs(z0, z1, h, system):
+        return z1 - z0 - h * (system.L @ system.gradient((z0 + z1) / 2))
+
+    *_, found, rest = check.integrator_lines(made(flows=of_springs))
+    assert found.check == "runs" and rest == check.DOES_NOT_RUN
+    assert "has no 'L': it is of springs" in found.found and "elements=True" in found.found
+
+
 def test_unknown_targets_are_refused_with_a_sentence(tmp_path):
     assert command("tc_stran").exit_code == 2
     assert "tcbench new integrator" in command(str(tmp_path / "none.py")).output

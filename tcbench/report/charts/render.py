@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter
 
-from ...chart import Sheet
+from ...chart import Sheet, sheet_of
 from ..leaders import front
 from . import theme
 from .layout import end_labels, failed_handle, failed_tracks, handle, legend, line_labels, note, panels, pt, titles
@@ -64,7 +64,7 @@ def _styled(draw: Callable[Asked, Any], crowded: bool) -> Callable[Asked, Figure
         ):
             figure = draw(*arguments, **options)
             if not isinstance(figure, Figure) and not hasattr(figure, "figure"):  # panels, as data
-                figure = render(figure if isinstance(figure, Sheet) else Sheet(list(figure)))
+                figure = render(sheet_of(figure))
             for ax in getattr(figure, "grid", ()):
                 thin_out(ax)
         return figure if isinstance(figure, Figure) else cast(Figure, figure.figure)  # of an Axes that was given
