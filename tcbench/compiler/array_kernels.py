@@ -173,7 +173,7 @@ class _Writer:
             first = [f"s = scratch({self.slot('at', 's', len(self.arrays))})", *first]
             body.append("release(s)")
         lines = [*(f"n{k} = table[{k}]" for k in range(len(self.head))), *first, *body]
-        text = "def kernel(a, b, out):\n" + "".join(f"    {line}\n" for line in lines)
+        text = "def kernel(a, b, out):\n" + "".join(f"    {line}\n" for line in lines or ["pass"])
         return ArrayKernel(text, list(self.head), self.inputs, self.outputs, self.arrays, self.behind)
 
     def _stage(self, x: Symbol, space: str) -> tuple[int, str]:
