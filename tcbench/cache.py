@@ -31,12 +31,9 @@ SEAL = b"tcbench file 3\n"  # then the SHA-256 of the name and of what follows
 USED_S = 3600.0  # how fine the time of the last use is told
 WRITES = 256  # between two looks at the limit; the first file that a process writes is followed by one
 KEPT_SHARE = 0.8  # of the limit that pruning leaves
-ABANDONED_S = 30 * 86400.0  # a folder of an earlier version, without use for so long, goes whole
 UNFINISHED_S = 3600.0  # what a killed process left half written
 FILES = re.compile(r"[0-9a-f]{32,64}\.(o|text|json|failed)\Z")
 HALF_WRITTEN = re.compile(r"\.[\w-]+\.[0-9a-f]{12}\.(o|text|json|failed)\Z")
-EARLIER = re.compile(r"kernels-[0-9a-f]{16}\Z")  # of versions up to 0.2
-EARLIER_FILES = re.compile(r"(loops|kernel)_[0-9a-f]{24}\.o\Z")
 CURE = f"or set {FOLDER} to a folder of your own."
 
 
@@ -221,7 +218,7 @@ def usage() -> Usage:
 
 
 def clear() -> Usage:
-    """Remove every file of the cache, those of earlier versions, too; returns what was there."""
+    """Remove every file of the cache; returns what was there."""
     before = usage()
     for path, _ in _files():
         _remove(path)
@@ -244,19 +241,12 @@ def prune() -> None:
 
 
 def _remove_leftovers() -> None:
-    """What killed processes left half written, and the folders of earlier versions that nobody uses any more."""
+    """What killed processes left half written."""
     now = time.time()
     for part in PARTS:
         for path, state in _listed(root() / part, HALF_WRITTEN):
             if now - state.st_mtime > UNFINISHED_S:
                 _remove(path)
-    for folder in _earlier():
-        files = list(_listed(folder))
-        if all(now - state.st_mtime > ABANDONED_S for _, state in files):
-            for path, _ in files:
-                _remove(path)
-            with contextlib.suppress(OSError):
-                folder.rmdir()
 
 
 def _remove(path: Path) -> None:
@@ -264,19 +254,13 @@ def _remove(path: Path) -> None:
         path.unlink()
 
 
-def _earlier() -> list[Path]:
-    return [path for path, _ in _listed(root(), EARLIER)]
-
-
 def _files() -> Iterator[tuple[Path, os.stat_result]]:
-    """All files of the cache, and nothing that is not its own; those of earlier versions, too."""
+    """All files of the cache, and nothing that is not its own."""
     for part in PARTS:
         yield from _listed(root() / part, FILES)
-    for path in _earlier():
-        yield from _listed(path)
 
 
-def _listed(place: Path, names: re.Pattern[str] = EARLIER_FILES) -> Iterator[tuple[Path, os.stat_result]]:
+def _listed(place: Path, names: re.Pattern[str]) -> Iterator[tuple[Path, os.stat_result]]:
     with contextlib.suppress(OSError), os.scandir(place) as entries:
         for entry in entries:
             if names.match(entry.name):

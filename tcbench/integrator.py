@@ -199,10 +199,6 @@ class Integrator:
         for words in ("claims", "tags", "systems", "needs", "requires"):
             if isinstance(getattr(self, words), str):
                 raise TcbenchError(f"Integrator {self.name!r}: {words} are several words, such as {{'energy'}}.")
-        for tag in self.tags:
-            if tag.startswith("only for "):
-                kind = tag.removeprefix("only for ")
-                raise TcbenchError(f"Integrator {self.name!r}: write systems={{{kind!r}}}, not the tag {tag!r}.")
         order: Any = self.order  # whatever an author wrote
         if order is not None and not (isinstance(order, int | float) and order > 0):
             raise TcbenchError(f"Integrator {self.name!r}: order must be a positive number, not {order!r}.")

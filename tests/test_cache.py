@@ -110,23 +110,19 @@ def test_a_limit_that_is_no_number_is_one_sentence(monkeypatch, asked):
 
 
 def test_only_its_own_files_are_counted_and_removed(place):
-    old, kept = place / f"kernels-{'0' * 16}", [place / "thesis.o", place / "code" / "notes.txt"]
+    kept = [place / "thesis.o", place / "code" / "notes.txt"]
     cache.write("code", NAMES[0], b"content")
     cache.write("references", "0" * 32 + ".json", b"content")
-    for folder in (old, place / f"kernels-{'1' * 16}"):
-        folder.mkdir()
-        (folder / f"kernel_{'a' * 24}.o").write_bytes(b"object")
-    when = time.time() - 2 * cache.ABANDONED_S
-    os.utime(old / f"kernel_{'a' * 24}.o", (when, when))
+    when = time.time() - 2 * cache.UNFINISHED_S
     half_written = place / "code" / f".{'0' * 64}.{'b' * 12}.o"
     half_written.write_bytes(b"half")
     os.utime(half_written, (when, when))
     for path in kept:
         path.write_text("mine")
-    cache.prune()  # an earlier version's code that nobody uses, and what a killed process left
-    assert not old.exists() and not half_written.exists() and cache.usage().files == 3
+    cache.prune()  # what a killed process left
+    assert not half_written.exists() and cache.usage().files == 2
     before = cache.clear()
-    assert before.files == 3 and cache.usage().files == 0 and cache.usage().bytes == 0
+    assert before.files == 2 and cache.usage().files == 0 and cache.usage().bytes == 0
     assert sorted(path for path in place.rglob("*") if path.is_file()) == sorted(kept)
     cache.write("code", NAMES[0], b"content")
 
