@@ -9,7 +9,7 @@ import tempfile
 
 import tcbench
 from tcbench.reference import certified
-from tcbench.simulation.metrics import energy_error_max, newton_iterations_mean
+from tcbench.simulation.metrics import newton_iterations_mean
 
 from .every_commit import command, cpu_seconds, error_of
 
@@ -47,7 +47,7 @@ class Speed(EachPair):
 class Conservation(EachPair):
     def track_energy_error(self, integrator, scenario):
         found = run(integrator, self.scenario)
-        return energy_error_max(found) if found else math.nan
+        return found.summary.energy_error_max if found else math.nan
 
     track_energy_error.unit = "|E - E0| / V0"
 

@@ -17,6 +17,7 @@ from ..progress import waiting
 from ..report.summary import verdicts
 from ..simulation import metrics
 from ..simulation.run import simulate
+from ..simulation.views import columns
 from . import terminal
 
 AGAIN_S = 10.0  # a run of a solver of its own that took less is repeated for its time
@@ -66,9 +67,7 @@ def simulate_command(
 
 def _write_csv(run_: Any, path: Path) -> None:
     """t, z, energy, entropy, invariants and temperatures, all digits."""
-    m = run_.temperatures.shape[1]
-    names = ["t", *run_.scenario.model.component_names]
-    names += ["energy", "entropy", *run_.invariants, *(f"theta{i}" for i in range(m))]
-    columns = [run_.t, *run_.z.T, run_.energy, run_.entropy, *run_.invariants.values(), *run_.temperatures.T]
+    found = columns(run_)
     with writing(repr(str(path))), replacing(path) as temporary:
-        np.savetxt(temporary, np.column_stack(columns), delimiter=",", header=",".join(names), comments="", fmt="%.17g")
+        table = np.column_stack([*found.values()])
+        np.savetxt(temporary, table, delimiter=",", header=",".join(found), comments="", fmt="%.17g")

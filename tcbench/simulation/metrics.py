@@ -9,43 +9,8 @@ import numpy as np
 from ..solver.implicit_step import compiled_flows
 from .trajectory import Trajectory
 
-
-def energy_error_max(run: Trajectory) -> float:
-    """Largest departure from the initial energy over the initial exergy, max_k |E_k - E_0| / V_0.
-
-    At the level of round-off for a method that conserves energy (Theorem 1). V_0, unlike E_0, does not depend on the
-    arbitrary constant of the energy.
-    """
-    return run.summary.energy_error_max
-
-
-def energy_error_final(run: Trajectory) -> float:
-    """|E_n - E_0| / V_0 after the last completed step."""
-    return float(abs(run.energy[-1] - run.energy[0])) / run.scenario.initial_exergy
-
-
-def energy_drift(run: Trajectory) -> float:
-    """Least-squares slope of (E_k - E_0) / V_0 in time; per unit of time."""
-    return run.summary.energy_drift
-
-
-def entropy_increment_min(run: Trajectory) -> float:
-    """Least S_{k+1} - S_k; not below round-off for a method that obeys the second law (Theorem 2)."""
-    return run.summary.entropy_increment_min
-
-
-def second_law_violations(run: Trajectory) -> int:
-    """Number of steps on which the entropy fell by more than 1e-13 max(1, |S|)."""
-    return run.summary.second_law_violations
-
-
 MOST_TRIED = 2000  # numbers of a state up to which the terms of an invariant are found by trying
 CANCELLED = 1e-12  # a sum that is smaller than this part of its terms is their round-off
-
-
-def angular_momentum_error_max(run: Trajectory) -> float:
-    """Largest |J_k - J_0| / |J_0|; NaN for a system without angular momentum. As of any invariant: see below."""
-    return invariant_errors(run).get("angular_momentum_error_max", np.nan)
 
 
 def invariant_errors(run: Trajectory) -> dict[str, float]:
@@ -74,16 +39,6 @@ def invariant_scale(run: Trajectory, name: str) -> float:
         terms = np.abs(up - down) / 2e-4  # |dI/dz_i z_i|
         size = float(terms.sum()) if len(terms) else 0.0
     return initial if initial > CANCELLED * size else size or 1.0
-
-
-def lyapunov_increment_max(run: Trajectory) -> float:
-    """Largest increase of E - theta_ref S in a step, over V_0; not positive for TC methods (Theorem 6)."""
-    return run.summary.lyapunov_increment_max
-
-
-def residual_max(run: Trajectory) -> float:
-    """Largest scaled residual of an accepted step, over the steps and unknowns; NaN for explicit methods."""
-    return run.summary.residual_max
 
 
 def newton_iterations(run: Trajectory) -> float:
@@ -117,26 +72,23 @@ def us_per_step(run: Trajectory) -> float:
     return 1e6 * run.wall_time_s / run.steps if run.steps and "steps" not in run.solver.unknown else np.nan
 
 
-def blowup_time(run: Trajectory) -> float:
-    """Time at which the run could not go on; NaN if it completed."""
-    return float("nan") if run.ok else float(run.t[-1])
-
-
 def conservation(run: Trajectory) -> dict[str, Any]:
-    """One row of the conservation table."""
+    """One row of the conservation table; most are the run's `Summary`, departures in units of V_0, which unlike E_0
+    does not depend on the arbitrary constant of the energy."""
+    told = run.summary
     return {
         "status": run.status,
-        "blowup_time": blowup_time(run),
+        "blowup_time": np.nan if run.ok else float(run.t[-1]),
         "t_final": float(run.t[-1]),
         "steps": run.steps,
-        "energy_error_max": energy_error_max(run),
-        "energy_error_final": energy_error_final(run),
-        "energy_drift": energy_drift(run),
-        "entropy_increment_min": entropy_increment_min(run),
-        "second_law_violations": second_law_violations(run),
+        "energy_error_max": told.energy_error_max,
+        "energy_error_final": float(abs(run.energy[-1] - run.energy[0])) / run.scenario.initial_exergy,
+        "energy_drift": told.energy_drift,
+        "entropy_increment_min": told.entropy_increment_min,
+        "second_law_violations": told.second_law_violations,
         **invariant_errors(run),
-        "lyapunov_increment_max": lyapunov_increment_max(run),
-        "residual_max": residual_max(run),
+        "lyapunov_increment_max": told.lyapunov_increment_max,
+        "residual_max": told.residual_max,
         "newton_iterations_mean": newton_iterations_mean(run),
         "us_per_step": us_per_step(run),
         "failure": run.failure,

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from ..integrator import Integrator
-from ..simulation import metrics
 from ..simulation.run import simulate
 from ..simulation.trajectory import Trajectory
 from ..study import Row
@@ -65,7 +64,7 @@ def laws(run: Trajectory) -> dict[str, float]:
     energy: |E - E0|/V0; entropy: the largest fall in a step; invariants: their departure over the size of their terms,
     |q0| |p0| (random momenta may cancel), at least 1e-12 of it; of a system without elements over its value, or 1.
     """
-    found = {"energy": metrics.energy_error_max(run), "entropy": max(0.0, -run.summary.entropy_increment_min)}
+    found = {"energy": run.summary.energy_error_max, "entropy": max(0.0, -run.summary.entropy_increment_min)}
     model = run.scenario.model
     if not isinstance(model, ElementSystem):
         sizes = {name: max(1.0, abs(float(values[0]))) for name, values in run.invariants.items()}

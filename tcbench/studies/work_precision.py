@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..simulation import shared_runs
-from ..simulation.metrics import energy_error_max, evaluations, invariant_errors, newton_iterations
+from ..simulation.metrics import evaluations, invariant_errors, newton_iterations
 from ..simulation.run import simulate
 from ..study import Cells, Row, Study
 from .convergence import groups, relative_error
@@ -173,7 +173,7 @@ def _fixed(integrator: Integrator, scenario: Scenario, dt: float) -> Callable[[b
             "status": result.status, "failure": result.failure, "steps": result.steps,
             "newton_iterations": newton_iterations(result), "evaluations": evaluations(result),
             "state": result.z[-1] if result.ok else None,
-            "energy_error_max": energy_error_max(result),
+            "energy_error_max": result.summary.energy_error_max,
             **invariant_errors(result),
             "entropy_fall_max": max(0.0, -result.summary.entropy_increment_min),
         }  # fmt: skip
@@ -198,7 +198,7 @@ def _adaptive(
             if shared_runs.found() > known and result.ok:  # nothing has been loaded or compiled
                 integrator.adaptive(model, z0.copy(), start, tolerance, tolerance)  # type: ignore[misc]
             seen.update(
-                status=result.status, failure=result.failure, energy_error_max=energy_error_max(result),
+                status=result.status, failure=result.failure, energy_error_max=result.summary.energy_error_max,
                 entropy_fall_max=max(0.0, -result.summary.entropy_increment_min),
                 first_s=work, **invariant_errors(result),
             )  # fmt: skip
