@@ -263,9 +263,11 @@ class Hasher:
         """A module as code that reads these attributes sees it; "*": any."""
         home = self.home(module.__name__, getattr(module, "__file__", None))
         self.note("module", module.__name__, home or "")
-        if home is not None:
-            return
         content = vars(module)
+        if home is not None:
+            for name in sorted(set(attributes) & set(content)):
+                self._put_there(name, content[name])
+            return
         every = "*" in attributes or not attributes
         for name in sorted(content if every else set(attributes) & set(content)):
             if every and name.startswith("__"):
@@ -277,6 +279,15 @@ class Hasher:
             elif (key := (id(value), frozenset(attributes))) not in self.modules:
                 self.modules.add(key)
                 self._module(value, attributes)
+
+    def _put_there(self, name: str, value: Any) -> None:
+        """What somebody has put in the place of a function of an installed module; nothing of what was there."""
+        if isinstance(value, types.FunctionType):
+            known = value.__globals__
+            if self.home(str(known.get("__name__", "")), known.get("__file__")) is None:
+                self._parts(name, value)
+        elif isinstance(value, np.ufunc) and value.__name__ != name:  # np.abs is absolute, too
+            self.note(name, value.__name__)
 
     def _class(self, item: type) -> None:
         home = self.home_of_class(item)

@@ -155,9 +155,9 @@ class _Pure(Hasher):
         super()._cell(cell)
 
     def _module(self, module: types.ModuleType, attributes: Iterable[str]) -> None:
-        if self.home(module.__name__, getattr(module, "__file__", None)) is None:
-            names = tuple(attributes)
-            if "*" in names or not names:
-                self.seen = None
-            self.look(_of_names, (vars(module), names))
+        own = self.home(module.__name__, getattr(module, "__file__", None)) is None
+        names = tuple(name for name in attributes if own or name in vars(module))
+        if own and ("*" in names or not names):
+            self.seen = None
+        self.look(_of_names, (vars(module), names))
         super()._module(module, attributes)

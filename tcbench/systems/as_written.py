@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import inspect
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +18,7 @@ from ..compiler.array_symbols import ArraySymbol
 from ..compiler.sentences import ELEMENTARY
 from ..errors import TcbenchError, misnamed, unknown_name
 from .declaration import whole
+from .traced import derived
 
 if TYPE_CHECKING:
     from .system import System
@@ -148,6 +149,14 @@ def _shape(found: Any) -> tuple[int, ...] | None:
         return tuple(np.shape(found))
     except ValueError:  # rows of several lengths
         return None
+
+
+def derive(cls: type, base: type, names: Sequence[str]) -> None:
+    """The author's formulas become functions that are traced and checked, in the class where each of them stands."""
+    for name in names:
+        if not hasattr(formula := getattr(cls, name), "is_derived"):
+            own = next(kind for kind in cls.__mro__ if name in kind.__dict__)
+            setattr(own if issubclass(own, base) else cls, name, derived(as_written(formula, name)))
 
 
 RETURNED: Mapping[str, Returned] = {  # what each formula owes

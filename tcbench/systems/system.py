@@ -25,7 +25,7 @@ from ..compiler.array_states import Blocks, entries, is_array, refilled
 from ..compiler.cut import Cut
 from ..compiler.once import cached_property
 from ..errors import TcbenchError, unknown_name
-from .as_written import RETURNED, as_written
+from .as_written import RETURNED, as_written, derive
 from .declaration import check_declared, checked_constant, finite, named_constant, whole
 from .operators import projected
 from .over_spaces import OverSpaces
@@ -97,10 +97,7 @@ class System(OverSpaces):
         if isinstance(cls.reference_temperature, str):
             cls.reference_temperature = named_constant(cls, "reference_temperature", cls.reference_temperature)
         check_class(cls)
-        for name in FORMULAS:
-            formula = getattr(cls, name)
-            if not hasattr(formula, "is_derived"):
-                setattr(cls, name, derived(as_written(formula, name)))
+        derive(cls, System, FORMULAS)
         for name in RETURNED:
             if name in cls.__dict__ and name not in FORMULAS and "energy" in cls.written:  # no system of elements
                 setattr(cls, name, as_written(cls.__dict__[name], name))
@@ -110,7 +107,8 @@ class System(OverSpaces):
         object.__setattr__(self, name, value)
 
     def __init__(self, **values: Any) -> None:
-        check_class(type(self))  # which may have been changed since
+        check_class(type(self))  # which may have been changed since, as the formulas may
+        derive(type(self), System, FORMULAS)
         if not self.variables:
             raise TcbenchError(
                 f"{type(self).__name__} declares no variables; write variables = {{'q': (), 'p': (2,)}}."

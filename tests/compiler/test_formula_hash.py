@@ -24,6 +24,10 @@ def formula(z):
     return helper(z) + LIST[0] + DICT["a"] + ARRAY[1] + MATRIX[0, 0] + HOME.rate
 
 
+def wave(z):
+    return np.cosh(z)
+
+
 class Law:
     rate = 1.0
 
@@ -97,6 +101,7 @@ CHANGES = [
     (CLOSED, put(CLOSED.__kwdefaults__, "factor", 2.0)), (COUNTED, lambda m: m.setitem(UNDO, 0, SET_COUNT(1) or None)),
     (PARTIAL, put(PARTIAL.keywords, "x", 1.0)), (Law, attribute(Law, "rate", 2.0)), (Law, swap("NUMBER", 3.0)),
     (Law, attribute(Law, "energy", other)), (Law, attribute(Law, "more", 1.0)),
+    (wave, attribute(np, "cosh", other)), (wave, attribute(np, "cosh", np.sinh)),  # in the place of numpy's own
 ]  # fmt: skip
 
 

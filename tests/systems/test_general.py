@@ -241,3 +241,28 @@ def test_another_horizon_or_step_is_of_the_same_system_and_checked_as_the_first(
         scenario.replace(dt=2.0 * scenario.t_end)
     with pytest.raises(TcbenchError, match="t_end must be positive"):
         scenario.replace(t_end=-1.0)
+
+
+def test_a_formula_that_is_replaced_in_its_class_is_the_one_that_runs(monkeypatch):
+    """It was an AttributeError; in the class that a subclass has it from, too."""
+
+    class Base(System):
+        name, variables = "replaced", {"q": (), "p": ()}
+
+        def energy(self, z):
+            return (z.p**2 + z.q**2) / 2
+
+        def entropy(self, z):
+            return 0 * z.q
+
+        def reversible(self, z, dE, dS):
+            return {"q": dE.p, "p": -dE.q}
+
+    class Derived(Base):
+        name = "derived"
+
+    made = [Scenario(k.name, k, {}, initial={"q": 1.0, "p": 0.0}, t_end=1.0, dt=0.1) for k in (Base, Derived)]
+    assert [tcbench.simulate("tc_monolithic", one).energy[0] for one in made] == [0.5, 0.5]
+    for factor in (2.0, 3.0):
+        monkeypatch.setattr(Base, "energy", lambda self, z, k=factor: z.p**2 / 2 + k * z.q**2)
+        assert [tcbench.simulate("tc_monolithic", one).energy[-1] for one in made] == pytest.approx([factor, factor])
