@@ -1,9 +1,10 @@
 """Cells to rows: run what is not finished yet, each cell in a worker process, under a deadline, one row each.
 
-Ordinary cells run side by side on `jobs` workers. Timed cells run afterwards, one at a time, in one warm
-worker (those of a further `turn` in another, after all of the one before) and in an order shuffled by a seeded
-generator, while no other worker exists; their rows say so (`timed`, `shuffle_order`, `shuffle_seed`). The
-parent is the only writer: it appends each row as it comes, so nothing finished is lost with a process.
+Ordinary cells run side by side on `jobs` workers. Timed cells run afterwards, one at a time, in one of these, which
+has traced and loaded most of what they need (those of a further `turn` in another, after all of the one before), and
+in an order shuffled by a seeded generator, while no other worker has anything to do; their rows say so (`timed`,
+`shuffle_order`, `shuffle_seed`). The parent is the only writer: it appends each row as it comes, so nothing finished
+is lost with a process.
 
 What becomes of a misbehaving cell (all others are unaffected):
 
@@ -170,13 +171,19 @@ def run_cells(
     with _log_folder() as logs:
         known = {**context, "timeout": timeout, "shared_runs": logs}  # which a cell may want to know of itself
         settings = {"measure": measure, "context": known, "memory_limit": memory_limit, "logs": logs}
-        run = _Run(Ledger(store, summary, on_event, len(todo.to_run), marks), Crew(settings, timeout))
+        turns = sorted({cell.options.get("turn", 1) for cell in alone})
+        ledger = Ledger(store, summary, on_event, len(todo.to_run), marks)
+        run = _Run(ledger, Crew(settings, timeout), max(jobs, len(turns)))
         try:
-            run.all(together, jobs)
-            for turn in sorted({cell.options.get("turn", 1) for cell in alone}):  # each in a process of its own
-                run.all([work for work in one_by_one if work[0].options.get("turn", 1) == turn], 1, exclusive=True)
+            run.all(together, run.slots[:jobs])
+            run.keep_for_timing(len(turns))
+            for turn, slot in zip(turns, run.slots, strict=False):  # each in a process of its own
+                run.all([work for work in one_by_one if work[0].options.get("turn", 1) == turn], [slot])
+                slot.discard()
         except KeyboardInterrupt:
             summary.interrupted = True
+        finally:
+            run.end()
     summary.elapsed_s = time.monotonic() - began
     return summary
 
@@ -261,37 +268,45 @@ class Ledger:
 
 
 class _Run:
-    """The state of one `run_cells`: keeps slots busy."""
+    """The state of one `run_cells`: so many slots, kept busy."""
 
-    def __init__(self, ledger: Ledger, crew: Crew) -> None:
+    def __init__(self, ledger: Ledger, crew: Crew, slots: int) -> None:
         self.ledger, self.crew = ledger, crew
         self.running = 0
+        self.said: queue.SimpleQueue[tuple[Slot, Child, bytes | None]] = queue.SimpleQueue()
+        self.slots = [Slot(number, crew, lambda *words: self.said.put(words)) for number in range(slots)]
 
-    def all(self, work: Sequence[tuple[Cell, dict[str, Any]]], jobs: int, exclusive: bool = False) -> None:
-        """Run the cells on at most `jobs` slots; on return, also by an exception, no worker is left."""
+    def all(self, work: Sequence[tuple[Cell, dict[str, Any]]], slots: Sequence[Slot]) -> None:
+        """Run the cells on these slots, whose workers stay."""
         waiting = deque(work)
-        said: queue.SimpleQueue[tuple[Slot, Child, bytes | None]] = queue.SimpleQueue()
-        numbers = range(min(jobs, len(waiting)))
-        slots = [Slot(number, self.crew, lambda *words: said.put(words), exclusive) for number in numbers]
-        try:
-            for slot in slots:
-                self._feed(slot, waiting)
-            last_look = time.monotonic()
-            while self.running:
-                with contextlib.suppress(queue.Empty):
-                    slot, child, line = said.get(timeout=TICK_S)
-                    self._done(slot, slot.cell, slot.hear(child, line), waiting)
-                if (since := time.monotonic() - last_look) > TICK_S:
-                    last_look = time.monotonic()
-                    for slot in slots:
-                        if since > STOPPED_S:
-                            slot.was_stopped(since)
-                        self._done(slot, slot.cell, slot.check(), waiting)
-        finally:
-            self.running = 0
-            for slot in slots:
+        for slot in slots:
+            self._feed(slot, waiting)
+        last_look = time.monotonic()
+        while self.running:
+            with contextlib.suppress(queue.Empty):
+                slot, child, line = self.said.get(timeout=TICK_S)
+                self._done(slot, slot.cell, slot.hear(child, line), waiting)
+            if (since := time.monotonic() - last_look) > TICK_S:
+                last_look = time.monotonic()
+                for slot in slots:
+                    if since > STOPPED_S:
+                        slot.was_stopped(since)
+                    self._done(slot, slot.cell, slot.check(), waiting)
+
+    def keep_for_timing(self, count: int) -> None:
+        """So many workers stay, idle, if nobody else's code is in them; all others are gone on return."""
+        for i, slot in enumerate(self.slots):
+            slot.exclusive = True
+            if i >= count or slot.code:
                 slot.discard()
-            self.crew.wait_for_the_dead()
+        self.crew.wait_for_the_dead()
+
+    def end(self) -> None:
+        """No worker is left."""
+        for slot in self.slots:
+            slot.exclusive = False
+            slot.discard()
+        self.crew.wait_for_the_dead()
 
     def _done(
         self, slot: Slot, cell: Cell | None, row: dict[str, Any] | None, waiting: deque[tuple[Cell, dict[str, Any]]]

@@ -70,14 +70,13 @@ class Slot:
     """Runs cells one by one in a reused worker: `submit` one, then give `hear` what the worker says, and `check` the
     clock, until one of them returns the row."""
 
-    def __init__(
-        self, number: int, crew: Crew, wake: Callable[[Slot, Child, bytes | None], None], exclusive: bool = False
-    ) -> None:
+    def __init__(self, number: int, crew: Crew, wake: Callable[[Slot, Child, bytes | None], None]) -> None:
         self.cell: Cell | None = None
+        self.exclusive = False  # wait for a discarded worker's death before starting the next one
+        self.code: set[str] = set()  # plugins that the present worker has imported, beside tcbench's own
         self._crew = crew
         self._number = number
         self._wake = wake  # called from another thread when a worker says something, or ends
-        self._exclusive = exclusive  # wait for a discarded worker's death before starting the next one
         self._logs = Path(crew.settings["logs"])
         self._child: Child | None = None
         self._ready = False
@@ -86,7 +85,6 @@ class Slot:
         self._attempts = 0
         self._served = 0  # cells that the present worker has ended
         self._kept_output = ""
-        self._code: set[str] = set()  # plugins that the present worker has imported, beside tcbench's own
 
     def submit(self, cell: Cell, extra: dict[str, Any]) -> dict[str, Any] | None:
         """Hand a cell to the worker. Returns its row at once when workers cannot be started, else None.
@@ -96,7 +94,7 @@ class Slot:
         """
         code = self._crew.needs(cell)
         fresh = cell.study in self._crew.settings["context"].get("fresh", ())
-        if self._served > 0 and (fresh or bool(self._code) != bool(code) or not self._code <= code):
+        if self._served > 0 and (fresh or bool(self.code) != bool(code) or not self.code <= code):
             self.discard()
         self.cell, self._extra, self._attempts, self._kept_output = cell, extra, 0, ""
         if self._crew.failed_starts >= START_ATTEMPTS:
@@ -138,10 +136,10 @@ class Slot:
         child, self._child = self._child, None
         if child is None:
             return
-        self._served, self._code = 0, set()
+        self._served, self.code = 0, set()
         child.kill()
         self._crew.discarded.append(child)
-        if self._exclusive:
+        if self.exclusive:
             self._crew.wait_for_the_dead()
 
     # -- the ways a cell can go
@@ -178,8 +176,8 @@ class Slot:
                 raise RuntimeError(data["sentence"] or data["raised"])
             restore_nonfinite(data, data["nonfinite"])
             row = data["row"]
-            self._code = set(row.pop("_plugins", ()))
-            self._crew.seen[self.cell.integrator, self.cell.scenario] = self._code
+            self.code = set(row.pop("_plugins", ()))
+            self._crew.seen[self.cell.integrator, self.cell.scenario] = self.code
         except Exception as error:
             row = exception_row(error) | {"output_tail": self._output()}
         if row.get("exception_type") == "MemoryError":

@@ -4,7 +4,8 @@ One cell is one method on one scenario, measured alone on the machine; it goes d
 Each rung is warm (one run is not timed where it might load something), and repeated until 10 ms have passed or 30 runs
 are done. A fixed-step run is timed inside `simulate`, its diagnostics of every step included; an adaptive solver from
 call to return, asked for the end time only. Its errors in the invariants are those of a run that reports 200 times;
-where that takes long, another cell, before and not alone, has left it for the timed one (`simulation.shared_runs`).
+where that takes long, another cell, before and not alone, has left it for the timed one (`simulation.shared_runs`),
+and where it does not, has compiled what each tolerance needs.
 Finer rungs that cost much and tell nothing new are left out (see `enough`); the column left_out of the last rung that
 was run says which and why. When all cells are timed, other processes time every other quick rung of each again: how
 far apart they are is what chance does, and `tcbench compare` has to know.
@@ -226,6 +227,8 @@ def _make_laws(integrator: Integrator, scenario: Scenario) -> int:
         run = simulate(integrator, scenario, tolerance=TOLERANCES[made])
         seconds = shared_runs.work_s()  # however busy the machine is
         if made == 0 and run.ok and seconds < QUICK_S:
+            for tolerance in TOLERANCES:  # all that there is to leave is what was compiled
+                solved(integrator, scenario, [0.0, WARM * scenario.t_end], tolerance)
             break
         slow += [run.ok] if seconds > SLOW_S else []
         made += 1

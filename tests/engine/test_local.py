@@ -158,7 +158,8 @@ def test_timed_cells_run_alone_after_the_rest_in_one_worker_in_shuffled_order():
     spans = sorted((rows[cell.key]["began"], rows[cell.key]["seen"]) for cell in timed)
     assert all(end <= begin for (_, end), (begin, _) in itertools.pairwise(spans))
     assert max(rows[cell.key]["seen"] for cell in together) < spans[0][0]
-    assert len({rows[cell.key]["pid"] for cell in timed}) == 1
+    (pid,) = {rows[cell.key]["pid"] for cell in timed}
+    assert pid in {rows[cell.key]["pid"] for cell in together}  # which has loaded what they need
     fresh = Rows()
     run_cells(timed[:3], "faults:pid", {"fresh": ["t"]}, fresh, jobs=2)
     assert len({row["pid"] for row in fresh.rows().values()}) == 3  # of a study that asks for it, in one each
@@ -166,6 +167,18 @@ def test_timed_cells_run_alone_after_the_rest_in_one_worker_in_shuffled_order():
     assert sorted(order) == list(range(6)) and order != sorted(order)
     assert all(rows[cell.key]["timed"] and rows[cell.key]["shuffle_seed"] == 3 for cell in timed)
     assert not any(rows[cell.key]["timed"] for cell in together) and summary.seed == 3
+
+
+def test_a_further_turn_of_timed_cells_has_another_of_the_workers():
+    together = [Cell("s", "i", "x", {"n": n}) for n in range(2)]
+    turns = [Cell("t", "i", "x", {"n": n, "turn": turn}, timed=True) for turn in (2, 3) for n in range(3)]
+    store = Rows()
+    run_cells([*turns, *together], "faults:pid", {}, store, jobs=2)
+    rows = store.rows()
+    second, third = ({rows[cell.key]["pid"] for cell in turns if cell.options["turn"] == turn} for turn in (2, 3))
+    assert len(second) == len(third) == 1
+    assert second | third == {rows[cell.key]["pid"] for cell in together}
+    assert max(rows[cell.key]["seen"] for cell in turns[:3]) < min(rows[cell.key]["began"] for cell in turns[3:])
 
 
 def test_events_count_up_and_resuming_runs_only_what_is_left():
