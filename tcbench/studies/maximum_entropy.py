@@ -23,11 +23,17 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 MOST = 80  # numbers of a state: the matrices of second derivatives are written out
 STEPS = 300
-ROUND_OFF = 1e-14  # of S, relative: a step that promises less leads to the top
-FLAT = 1e-9  # curvature, relative to the largest, along which S neither rises nor falls
+NEAR, THERE = 1e-9, 1e-14  # what a step promises of S, relative: near a top, along a valley maybe; at it
+LONGEST = 0.5  # step, over the size of a state
+STARTS = 8  # from which S is climbed, for it may have several tops
+FLAT, FLATTEST = 1e-9, 1e-15  # curvature, relative to the largest, that counts as no less: at first, and after steps
 FAR = 100.0  # times the size of the start: an equilibrium beyond is not within reach
 HELD = 1e-13  # of the constraints, relative
 ADMISSIBLE = 0.0  # temperatures and measures are above
+
+
+MOST_FOUND = 100
+_FOUND: dict[Any, Equilibrium] = {}  # in this process, by all that they follow from: methods share their scenarios
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,33 +48,61 @@ class Equilibrium:
 
 
 def maximum_entropy(system: System, z0: Any, within: float = FAR) -> Equilibrium:
-    """The equilibrium that is reached uphill from z0 at its energy and invariants.
+    """The equilibrium at the energy and the invariants of z0: the highest of those that are reached uphill, from there
+    and from random states.
 
-    within : how many times as large as the start a state on the way may be.
+    within : how many times as large as z0 a state on the way may be.
     """
     if system.size > MOST:
         return _none(system, f"a state of {system.size} numbers is too long for matrices of second derivatives")
-    surface = _Surface(system, np.asarray(z0, float))
-    z, far = surface.start, within * (1.0 + float(np.linalg.norm(surface.start)))
+    z0 = np.array(z0, float)
+    key = system.structure, system.constant_values.tobytes(), z0.tobytes(), within
+    if key not in _FOUND:
+        if len(_FOUND) >= MOST_FOUND:
+            _FOUND.clear()
+        _FOUND[key] = _highest(_Surface(system, z0), within)
+    return _FOUND[key]
+
+
+def _highest(surface: _Surface, within: float) -> Equilibrium:
+    """Of the tops that are reached from the start of a surface and from random states on it."""
     rng = np.random.default_rng(0)
+    best = _top(surface, surface.start, within, rng)
+    for _ in range(STARTS - 1 if best.exists else 0):
+        with np.errstate(all="ignore"):
+            other = surface.back(np.asarray(surface.system.nearby(surface.start, rng)))
+        found = best if other is None else _top(surface, other, within, rng)
+        best = found if found.entropy > best.entropy + NEAR * (1.0 + abs(best.entropy)) else best
+    return best
+
+
+def _top(surface: _Surface, z: Floats, within: float, rng: np.random.Generator) -> Equilibrium:
+    """That which is reached from z."""
+    system, before, flat = surface.system, np.inf, FLAT
+    far = within * (1.0 + float(np.linalg.norm(surface.start)))
     for _ in range(STEPS):
-        step, gain, saddle = surface.uphill(z)
+        step, gain, saddle = surface.uphill(z, flat)
         S = float(system.entropy(z))
-        if leave := gain <= ROUND_OFF * (1.0 + abs(S)):
-            if saddle is None:
-                top = surface.climbed(z, step)  # that one step sets the digits to which S says nothing
-                z = z if top is None else top
-                return Equilibrium(True, z, float(system.entropy(z)), np.asarray(system.temperatures(z)))
-            step = 1e-3 * (1.0 + np.linalg.norm(z)) * saddle * rng.choice((-1.0, 1.0))
-        higher = surface.climbed(z, step, -np.inf if leave else S)
+        near, least = gain <= NEAR * (1.0 + abs(S)), S
+        if near and saddle is not None:
+            step, least = 1e-3 * (1.0 + np.linalg.norm(z)) * saddle * rng.choice((-1.0, 1.0)), -np.inf
+        higher, share = surface.climbed(z, step, least)
+        if gain <= THERE * (1.0 + abs(S)) and saddle is None:
+            return _at(system, z if higher is None else higher)
         if higher is None:
             return _none(system, "the entropy rises to where a temperature or a measure is no longer positive")
-        z = higher
+        whole = share == 1.0 and np.linalg.norm(step / np.maximum(1.0, np.abs(z))) < LONGEST
+        flat = FLAT if gain < 0.1 * before else max(FLATTEST, 0.1 * flat) if whole else min(FLAT, 10.0 * flat)
+        z, before = higher, gain
         if np.linalg.norm(z) > far:
             return _none(
                 system, f"the entropy still rises where the state is {within:g} times as large as at the start"
             )
-    return _none(system, f"{STEPS} steps uphill did not lead to a largest entropy")
+    return _at(system, z) if near else _none(system, f"{STEPS} steps uphill did not lead to a largest entropy")
+
+
+def _at(system: System, z: Floats) -> Equilibrium:
+    return Equilibrium(True, z, float(system.entropy(z)), np.asarray(system.temperatures(z)))
 
 
 def _none(system: System, why: str) -> Equilibrium:
@@ -92,7 +126,7 @@ class _Surface:
         values, slopes, curves = np.split(found, [m, m + m * n])
         return values, slopes.reshape(m, n), curves.reshape(m, n, n)
 
-    def uphill(self, z: Floats) -> tuple[Floats, float, Floats | None]:
+    def uphill(self, z: Floats, flat: float) -> tuple[Floats, float, Floats | None]:
         """A step along the tangents, by how much S rises along it, and a direction in which S curves up, if any."""
         _, slopes, curves = self.at(z)
         size = np.maximum(1.0, np.abs(z))
@@ -105,20 +139,21 @@ class _Surface:
         if not len(along):
             return np.zeros_like(z), 0.0, None
         bend, axes = np.linalg.eigh(tangent.T @ curve @ tangent)
-        flat = FLAT * max(1e-300, float(np.abs(bend).max()))
-        step = tangent @ (axes @ ((axes.T @ along) / np.maximum(np.abs(bend), max(flat, 1e-12))))
+        largest = max(1e-300, float(np.abs(bend).max()))
+        step = tangent @ (axes @ ((axes.T @ along) / np.maximum(np.abs(bend), max(flat * largest, 1e-21))))
         length = float(np.linalg.norm(step))
-        step *= min(1.0, 0.5 / (length + 1e-300)) if length > 0.5 else 1.0
-        upward = size * (tangent @ axes[:, -1]) if bend[-1] > 1e3 * flat else None
+        step *= LONGEST / length if length > LONGEST else 1.0
+        upward = size * (tangent @ axes[:, -1]) if bend[-1] > 1e3 * FLAT * largest else None
         return size * step, float(rise @ step), upward
 
-    def climbed(self, z: Floats, step: Floats, least: float = -np.inf) -> Floats | None:
-        """The state after the longest of ever shorter steps that is admissible and where S is not below `least`."""
+    def climbed(self, z: Floats, step: Floats, least: float) -> tuple[Floats | None, float]:
+        """The state after the longest of ever shorter parts of a step that is admissible and where S is not below
+        `least`, and which part."""
         for halvings in range(50):
             found = self.back(z + 0.5**halvings * step)
             if found is not None and self.system.entropy(found) >= least - 1e-15 * (1.0 + abs(least)):
-                return found
-        return None
+                return found, 0.5**halvings
+        return None, 0.0
 
     def back(self, z: Floats) -> Floats | None:
         """The nearest state of the surface, by Gauss and Newton; None where it is not admissible."""
