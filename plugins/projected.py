@@ -15,26 +15,20 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
-from functools import reduce
 from typing import Any
 
 import numpy as np
 
 from tcbench import Flow, Integrator, System, TcbenchError, family, hookimpl
-from tcbench.compiler import derivatives as trace
-from tcbench.compiler.array_states import each
 from tcbench.plugins import find_integrator
 from tcbench.solver.flow_kernels import apply_explicit
-from tcbench.solver.mending import by_variable, laws, nearer
+from tcbench.solver.mending import ENTROPY, LAWFUL, NEAR, SHRUNK, by_variable, gradients, laws, missed, shortest_move
 
 from .exact_conduction import VERLET_HEAT4
 
-MOVES = 10  # onto the laws at most: two where little is missed, more of a stiff spring at a long step
+MOVES = 10  # onto the laws at most: one where little is missed, more of a stiff spring at a long step
 STILL = 1e-12  # of the square of a variable, as that of its share in a step where nothing moves
-ROUNDED = 1e-15  # over the same: of an entropy that is as low nothing is made up for
-ROUND_OFF = 2.0**-50  # of what the terms of a law are: what a projected state may miss
-HUGE = 1e300  # times what is positive: more than 1
-NEAR = 1e-12  # over 1 and the size of a law: what a projected state may miss
+ROUNDED = 1e-15  # over 1 and the size of an entropy: one that is as low is not made up for
 
 
 def projected(method: Integrator, name: str = "projected") -> Integrator:
@@ -54,7 +48,7 @@ def projected(method: Integrator, name: str = "projected") -> Integrator:
         outputs = method.outputs and _projected_outputs(method.outputs)
         return replace(method, **common, adaptive=_projected_solver(method.adaptive), outputs=outputs)
     if method.kind == "flows":
-        return replace(method, **common, flows=[*method.flows, *PROJECTION])
+        return replace(method, **common, flows=[*method.flows, PROJECTION])
     assert method.step is not None
     # each step is projected before the next begins, so the loop of a method that marches by itself is left unused
     step = _projected_step(method.step, method.increments)
@@ -62,46 +56,28 @@ def projected(method: Integrator, name: str = "projected") -> Integrator:
 
 
 def projection(z0: Any, z1: Any, h: Any, system: System, start: Any, first: Any) -> Any:
-    """z1 = z0 moved once towards the laws, for a step that began at `start` in a run that began at `first`; explicit.
-
-    Where no law is missed by more than round-off nothing moves.
-    """
-    values, slopes = laws(system, z0)
-    wanted = _wanted(system, start, first)
-    misses = [target - f for target, f in zip(wanted, values, strict=True)]
-    moved = z0 - start
+    """z1 = z0 moved once towards the laws; explicit. The step began at `start`, the run at `first`."""
+    moved, entropy = z0 - start, system.entropy(start)
+    wanted = [*laws(system, first)[:-1], entropy - ROUNDED * (1.0 + abs(entropy))]
+    misses = [target - f for target, f in zip(wanted, laws(system, z0), strict=True)]
     weights = by_variable(system, moved, moved) + STILL * (1.0 + by_variable(system, z0, z0))
-    z = nearer(system, z0, misses, slopes, weights, at_least=True)
-    sizes = [1.0 + abs(f) for f in values]
-    noises = [ROUND_OFF * (size + abs(slope * z0).sum()) for size, slope in zip(sizes, slopes, strict=True)]
-    least = [trace.minimum(noise, NEAR / 3 * size) for noise, size in zip(noises, sizes, strict=True)]
-    beyond = [abs(miss) - size for miss, size in zip(misses[:-1], least, strict=False)] + [misses[-1] - least[-1]]
-    most = reduce(trace.maximum, map(trace.lifted, beyond))
-    return z1 - z0 - (z - z0) * trace.minimum(trace.maximum(HUGE * most, trace.const(0.0)), trace.const(1.0))
+    return z1 - z0 - shortest_move(system, misses, gradients(system, z0), weights, at_least=True)
 
 
-def kept(z0: Any, z1: Any, h: Any, system: System, start: Any, first: Any) -> Any:
-    """z1 = z0 if that has the laws, to what they may miss, and else NaN; explicit."""
-    misses = [target - f for target, f in zip(_wanted(system, start, first), laws(system, z0)[0], strict=True)]
-    sizes = [NEAR * (1.0 + abs(f)) for f in _wanted(system, start, first)]
-    within = [size - abs(miss) for size, miss in zip(sizes, misses[:-1], strict=False)]
-    inside = [trace.lifted(np.sqrt(x)) for x in (*within, sizes[-1] - misses[-1])]  # NaN where a law is missed
-    return z1 - each(lambda x: trace.guarded(trace.lifted(x), inside), z0)
-
-
-def _wanted(system: System, start: Any, first: Any) -> list[Any]:
-    """Energy and invariants are taken from `first`: from `start` their round-off would add up."""
-    entropy = system.entropy(start)
-    return [*laws(system, first)[0][:-1], entropy - ROUNDED * (1.0 + abs(entropy))]
-
-
-PROJECTION = Flow(projection, of_step=True, most=MOVES), Flow(kept, of_step=True)
+PROJECTION = Flow(projection, of_step=True, most=MOVES)
 
 
 def onto_laws(system: System, start: Any, end: Any, first: Any = None) -> Any:
     """The end of a step, projected; NaN where no state near it has the laws."""
-    end = end + apply_explicit(projection, system, start, end, first, MOVES)
-    return end + apply_explicit(kept, system, start, end, first)
+    first = start if first is None else first
+    wanted, entropy, left = system.observe(first), system.observe(start)[ENTROPY], np.inf
+    allowed = LAWFUL * (1.0 + np.abs(wanted[: 2 + len(system.invariant_names)]))
+    for _ in range(MOVES):
+        end = end + apply_explicit(projection, system, start, end, first)
+        before, left = left, missed(system.observe(end), wanted, entropy, allowed)
+        if left <= 1.0 or not left < SHRUNK * before:
+            break
+    return end if left <= NEAR / LAWFUL else np.nan * end
 
 
 def _projected_step(step: Callable[..., Any], increments: bool) -> Callable[..., Any]:

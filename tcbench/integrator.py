@@ -47,7 +47,9 @@ class Flow:
     memory : int
         Earlier states that the formula sees; set by the Integrator.
     most : int
-        Times that an explicit formula is applied, each to what the last one gave, until it changes nothing.
+        Times that an explicit formula is applied, each to what the last one gave, until the state has the energy and
+        the invariants of the run's first and no less entropy than that before the step; where it never has, the step
+        fails.
 
     Raises
     ------

@@ -9,12 +9,14 @@ from ..compiler.library import Library
 from ..compiler.records import Record, Rows, address_of, sized
 from ..solver.flow import Flow, Tally
 from ..solver.implicit_step import BLOWUP, COLD, COLLAPSED, NO_AUDIT, NONFINITE, OK, PRINCIPAL, solve_flow
-from ..solver.linear_algebra import add_increments, move
+from ..solver.linear_algebra import add_increments, dot, move
+from ..solver.mending import LAWFUL, NEAR, SHRUNK, missed
 from ..solver.newton import ACCEPTED, FORESEEN, NEXT, REJECTED, finish, foresee, quick
 from ..solver.quick_sparse import quick_sparse
 
 E, S, FIRST_INVARIANT = 0, 1, 2  # in a row of observables
 FIRST, BEFORE, NOW = range(3)  # rows of `observables`
+LITTLE = 1e-16  # as squares, of a state: what is left after such a change is its square
 
 
 class Run(Record):
@@ -32,6 +34,7 @@ class Run(Record):
     now: int  # where in its w the observables begin
     every: int  # steps from one record to the next
     of_step: bool  # formulas see the start of the whole step
+    mends: bool  # the last flow is applied until the state has the laws
     memory: int  # earlier states that the formula of a multistep method sees
     residuals: bool  # were they asked for?
     h: float
@@ -50,6 +53,7 @@ class Run(Record):
     departures: Floats = sized("n_invariants")  # largest of each invariant
     states: Matrix = sized("n_rows", "n")
     records: Matrix = sized("n_rows", "n_observables")
+    allowed: Floats = sized("n_invariants + 2")  # what a state with the laws may miss of each observable
     counts: Ints = sized("n_rows")  # Newton iterations since the last record
 
     def make_room(self, rows: int) -> None:
@@ -181,6 +185,8 @@ def begin(run: Run) -> None:
     copy_into(run.observables[BEFORE], now)
     copy_into(run.states[0], run.z)
     copy_into(run.records[0], now)
+    for i in range(len(run.allowed)):
+        run.allowed[i] = LAWFUL * (1.0 + abs(now[i]))
 
 
 @rare
@@ -193,18 +199,38 @@ def measure_residual(flow: Flow) -> None:
 
 
 @rare
-def settled(flow: Flow, after: Floats, trial: Floats) -> bool:
-    """An explicit flow is applied again, until it changes nothing; False where what it gives is not finite."""
-    for _ in range(flow.most - 1):
-        changed = 0.0
-        for i in range(flow.n):
-            changed = max(changed, abs(flow.dz[i]))
-        if changed == 0.0:
-            return True
+def mended(run: Run, z: Floats, after: Floats, trial: Floats, now: Floats) -> bool:
+    """Open the state at which a step from z ends, the last flow applied until it has the laws; False: it never has."""
+    flow, first, entropy = run.flows[run.n_flows - 1], run.observables[FIRST], run.observables[BEFORE, S]
+    left, before = np.inf, np.inf
+    for k in range(1, flow.most + 1):
+        if k == flow.most or dot(flow.dz, flow.dz) <= LITTLE * dot(after, after):
+            open_step(run, after)
+            before, left = left, missed(now, first, entropy, run.allowed)
+            if left <= 1.0:
+                return True
+            if k == flow.most or not left < SHRUNK * before:
+                break
+            copy_into(run.c[run.n_constants - 2 * run.n : run.n_constants - run.n], z)
+        flow.c[0] = flow.h
         call(flow.prologue, after, flow.c, flow.w)
         if finish(flow) != ACCEPTED:
             return False
         move(after, trial, flow.dz, after, trial)
+    return rounded(run, now, entropy)
+
+
+@rare
+def rounded(run: Run, now: Floats, entropy: float) -> bool:
+    """Is next to nothing missed? What no move helps against is round-off: no less is asked of later steps."""
+    for i in range(len(run.allowed)):
+        value = run.observables[FIRST, i]
+        miss, most = abs(now[i] - value), NEAR * (1.0 + abs(value))
+        if i == S:
+            miss = entropy - now[S]
+        if not miss <= most:
+            return False
+        run.allowed[i] = max(run.allowed[i], min(2.0 * miss, most))
     return True
 
 
@@ -223,8 +249,6 @@ def one_step(run: Run, z: Floats, carry: Floats, after: Floats, trial: Floats) -
             if finish(flow) != ACCEPTED:
                 return NONFINITE, iterations
             move(here, dropped, flow.dz, after, trial)
-            if flow.most > 1 and not settled(flow, after, trial):
-                return NONFINITE, iterations
             continue
         code = REJECTED
         if flow.continuation and flow.audit < PRINCIPAL:
@@ -269,7 +293,11 @@ def march(run: Run, start: int, stop: int) -> int:
             break
         if run.memory > 0:
             remember(run, z, after)
-        open_step(run, after)
+        if not run.mends:
+            open_step(run, after)
+        elif not mended(run, z, after, trial, now):
+            reason = NONFINITE
+            break
         reason = admitted(run, now)  # increments are finite: see newton.finish
         done = completed(run, step, reason, now)
         if done == step:

@@ -52,6 +52,7 @@ class Prepared:
             fields = {
                 "opening": opening.address, "now": opening.size - n_observables, "n_flows": len(kernels),
                 "of_step": any(flow.of_step for flow in method.flows), "memory": method.memory, "flows": rows,
+                "mends": method.flows[-1].most > 1 and not kernels[-1].n_unknowns,
             }  # fmt: skip
             self.flows = [(*pair, f.fraction) for *pair, f in zip(rows.records, kernels, method.flows, strict=True)]
         self.run = Run(
@@ -115,6 +116,7 @@ class Prepared:
         run.z[:], run.carry[:], run.c[-2 * len(z) :] = z, 0.0, np.tile(z, 2)
         if run.of_step:
             self.set_length(run.h)  # with what depends on the start of the run
+            LOOPS.begin(run)
         return int(LOOPS.march(run, 0, 1))
 
 

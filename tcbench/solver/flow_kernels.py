@@ -245,11 +245,10 @@ def _ordered(reduction: Reduction) -> _Slopes:
 _EXPLICIT: dict[tuple[Residual, tuple[Any, ...], str | None], FlowKernels] = {}
 
 
-def apply_explicit(formula: Residual, system: System, start: Any, end: Any, first: Any = None, most: int = 1) -> Any:
+def apply_explicit(formula: Residual, system: System, start: Any, end: Any, first: Any = None) -> Any:
     """What an explicit flow of the whole step (of_step=True) adds to `end`, by its compiled formula; shape (n,).
 
     start, first : the states at which the step and the run began; without the latter they are one.
-    most : times that it is applied, until it changes nothing.
     TraceError for a formula that is implicit, or reads the step's length, which is not given here.
     """
     key = (formula, system.structure, formula_hash(formula))
@@ -269,13 +268,7 @@ def apply_explicit(formula: Residual, system: System, start: Any, end: Any, firs
                 "formula, or give a method flows=."
             )
         _EXPLICIT[key] = kernels
-    total = np.zeros(system.size)
-    for _ in range(most):
-        change = _applied(_EXPLICIT[key], system, 0.0, states[0] + total, *states[1:])
-        total = total + change
-        if not np.any(change):
-            break
-    return total
+    return _applied(_EXPLICIT[key], system, 0.0, *states)
 
 
 def _applied(kernels: FlowKernels, system: System, h: float, end: Any, start: Any, first: Any) -> Any:

@@ -2,7 +2,7 @@
 
 Along the gradients, weighed by the sizes of the variables: energy and invariants by Gauss and Newton; entropy, where
 it would fall, along what is left of its gradient, which changes none of them. For any system and after any method: as
-formulas (`nearer`), and as kernels that a compiled march calls until what is missed is round-off (`mended`).
+formulas (`shortest_move`), and as kernels that a compiled march calls until what is missed is round-off (`mended`).
 """
 
 from __future__ import annotations
@@ -29,38 +29,52 @@ from ..systems.system import System
 ROUND_OFF = 2.0**-51  # of what the terms of a law are: what a mended state may miss
 TINY = 1e-140  # beside a square: nothing is moved along a gradient that is 0
 DEPENDENT = 1e-26  # of the square of a gradient, free of the others: what round-off leaves where they say the same
+ENTROPY = 1  # its place among what is observed
+LAWFUL, NEAR = 2.0**-48, 1e-12  # over 1 and the size of a law: what a state that has it may miss, at least and at most
+SHRUNK = 0.75  # of what was missed, after a move that helped
 MOST = 24  # moves: near an equilibrium, where little is left of the entropy's gradient, each leaves half of the way
 
 
-def laws(system: System, z: Any) -> tuple[list[Any], list[Any]]:
-    """Values and gradients of the energy, of each invariant, of the entropy."""
-    values = [system.energy(z), *system.momenta(z), system.entropy(z)]
-    return values, [system.gradient(z), *system.momenta_gradients(z), system.entropy_gradient(z)]
+def laws(system: System, z: Any) -> list[Any]:
+    """Energy, each invariant, entropy."""
+    return [system.energy(z), *system.momenta(z), system.entropy(z)]
 
 
-def nearer(
-    system: System, z: Any, misses: Sequence[Any], slopes: Sequence[Any], weights: Any, at_least: bool = False
+def gradients(system: System, z: Any) -> list[Any]:
+    """Of the same."""
+    return [system.gradient(z), *system.momenta_gradients(z), system.entropy_gradient(z)]
+
+
+def shortest_move(
+    system: System, misses: Sequence[Any], slopes: Sequence[Any], weights: Any, at_least: bool = False
 ) -> Any:
-    """z after the shortest move that makes up for the misses of laws with these slopes, to first order.
+    """The shortest move that makes up for the misses of laws with these slopes, to first order.
 
     Each along the part of its slope that leaves the earlier ones alone (Gram and Schmidt). weights: squares of the
     sizes by which a move is measured. at_least: of the last law, the entropy, only what is too little is made up for.
     """
-    moved = 0.0 * z
-    free: list[tuple[Any, Any]] = []
-    for miss, slope in zip(misses, slopes, strict=True):
-        direction = weights * slope
-        least = DEPENDENT * _dot(system, slope, direction) + TINY
-        for other, inverse in free:
-            direction = direction - other * (_dot(system, slope, other) * inverse)
+    weighed = [weights * slope for slope in slopes]
+    free: list[tuple[Any, Any]] = []  # the part of each that leaves the earlier ones alone, and 1 over its square
+    shares: list[list[Any]] = []  # of the earlier ones in each
+    along: list[Any] = []  # how far to move along each part
+    for miss, slope, direction in zip(misses, slopes, weighed, strict=True):
+        products = [_dot(system, slope, other) for other, _ in free]
+        shares.append([product * inverse for product, (_, inverse) in zip(products, free, strict=True)])
+        for share, (other, _) in zip(shares[-1], free, strict=True):
+            direction = direction - other * share
         square = _dot(system, slope, direction)
+        whole = sum((p * share for p, share in zip(products, shares[-1], strict=True)), square)
+        least = DEPENDENT * whole + TINY
         inverse = square / (square * square + least * least)
-        lack = miss - _dot(system, slope, moved)
+        lack = miss - sum((p * a for p, a in zip(products, along, strict=True)), const(0.0))
         if at_least and len(free) == len(misses) - 1:
             lack = trace.maximum(trace.lifted(lack), const(0.0))
-        moved = moved + direction * (lack * inverse)
+        along.append(lack * inverse)
         free.append((direction, inverse))
-    return z + moved
+    for k in reversed(range(len(along))):  # and along each slope itself
+        for i in range(k):
+            along[i] = along[i] - along[k] * shares[k][i]
+    return sum(direction * a for direction, a in zip(weighed, along, strict=True))
 
 
 def by_variable(system: System, x: Any, y: Any) -> Any:
@@ -80,6 +94,16 @@ def _dot(system: System, x: Any, y: Any) -> Any:
         return x @ y
     blocks = [slice(*system.layout[name][:2]) for name in system.variables]
     return sum((np.asarray(x)[block] @ np.asarray(y)[block] for block in blocks), const(0.0))
+
+
+def missed(now: Floats, first: Floats, entropy: float, allowed: Floats) -> float:
+    """What is missed most, in units of what is allowed, of the energy and the invariants of `first` and no less entropy
+    than that. now, first: (E, S, invariants...)."""
+    most: float = (entropy - now[ENTROPY]) / allowed[ENTROPY]
+    for i in range(len(allowed)):
+        if i != ENTROPY:
+            most = max(most, abs(now[i] - first[i]) / allowed[i])
+    return most
 
 
 def mending_kernels(system: System) -> tuple[kernels.Kernel, kernels.Kernel, kernels.Kernel, list[Symbol]]:
@@ -112,8 +136,7 @@ def array_mending_kernels(net: Any) -> list[ArrayKernel]:
 
 def _moves(system: Any, z: Any, told: Sequence[Symbol]) -> list[list[Symbol]]:
     """What the three give, number by number or array by array."""
-    values, slopes = laws(system, z)
-    values = [trace.lifted(v) for v in values]
+    values, slopes = [trace.lifted(v) for v in laws(system, z)], gradients(system, z)
     noises = [ROUND_OFF * round_off(f, entries(z)) for f in values]
     start = [*entries(z), values[0], values[-1], noises[-1], noises[0]]
     for pair in zip(values[1:-1], noises[1:-1], strict=True):
@@ -126,9 +149,9 @@ def _moves(system: Any, z: Any, told: Sequence[Symbol]) -> list[list[Symbol]]:
     good = reduce(trace.minimum, (total("min", x, x.space) for x in positive))
     good = trace.guarded(good, values)  # of what is not a number the least is lost
     weights = 1.0 + by_variable(system, z, z)
-    mend = [*entries(nearer(system, z, misses[:-1], slopes[:-1], weights)), values[-1], good]
+    mend = [*entries(z + shortest_move(system, misses[:-1], slopes[:-1], weights)), values[-1], good]
     held = trace.minimum(good, allowed[-1] + own[-1] - misses[-1])
-    hold = [*entries(nearer(system, z, misses, slopes, weights)), values[-1], held]
+    hold = [*entries(z + shortest_move(system, misses, slopes, weights)), values[-1], held]
     return [[trace.lifted(v) for v in f] for f in (start, mend, hold)]
 
 

@@ -17,7 +17,6 @@ from tcbench.errors import TcbenchError
 from tcbench.integrator import Flow, Integrator
 from tcbench.plugins import find_integrator
 from tcbench.reference.lookup import reference_for
-from tcbench.solver.flow_kernels import apply_explicit
 
 # conduction slow enough that these steps resolve it
 SLOW = tcbench.scenarios()["short_term"].replace(name="slow_heat", conductivity=1.0, t_end=1.0)
@@ -148,17 +147,24 @@ def test_the_entropy_is_held_where_it_would_fall(grown):
     assert np.linalg.norm(fixed - end) <= 2 * np.linalg.norm(end - z0)
 
 
-def test_an_explicit_formula_is_applied_until_it_changes_nothing():
-    """By halves so often as it may be; and not again from where it rests."""
-    halved = Flow(lambda z0, z1, h, system: z1 - z0 / 2, most=3)
-    run = tcbench.simulate(Integrator(name="halved", order=1, flows=[halved]), "rigid_body", dt=0.1, t_end=0.1)
-    assert run.z[-1] == pytest.approx(run.z[0] / 8, rel=1e-15)
-    model, z0 = tcbench.scenarios()["rigid_body"].model, run.z[0]
+def to_sphere(part):
+    """Of a rigid body: that part of the way onto the sphere of its angular momentum, and no thought for the energy."""
 
-    def at_least(z0, z1, h, system, start, first):
-        return z1 - trace.array(trace.maximum(trace.lifted(x) - 0.125, trace.const(0.25)) for x in z0)
+    def formula(z0, z1, h, system, start, first):
+        x, there = np.asarray(z0), np.asarray(first)
+        return z1 - z0 - part * (np.sqrt((there @ there) / (x @ x)) - 1.0) * x
 
-    assert z0 + apply_explicit(at_least, model, z0, z0, most=99) == pytest.approx([0.25] * 3, rel=1e-15)
+    return Flow(formula, of_step=True, most=10)
+
+
+@pytest.mark.parametrize(("part", "status"), [(1.0, "ok"), (0.9, "ok"), (0.5, "nonfinite"), (0.0, "nonfinite")])
+def test_an_explicit_formula_is_applied_until_the_state_has_the_laws(part, status):
+    """At every step; of one that moves nothing, or too little, the first step fails."""
+    grown = Flow(lambda z0, z1, h, system: z1 - 1.001 * z0)  # along the state: of its energy and its invariant
+    method = Integrator(name="grown", order=1, flows=[grown, to_sphere(part)])
+    run = tcbench.simulate(method, "rigid_body", dt=0.1, t_end=1.0)
+    assert run.status == status and run.steps == (10 if status == "ok" else 0)
+    assert status != "ok" or np.abs(run.z - run.z[0]).max() <= 1e-12
 
 
 def test_where_no_state_is_near_the_step_fails():
