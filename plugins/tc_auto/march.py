@@ -17,7 +17,7 @@ from ..tc_taylor.march import Work as Taylor
 STABLE, STABLE_OF_ORDER = 2.0, 0.3  # those of order p that stability bounds: about so many, and so many p
 STIFF = 0.7  # of these: from here on stability bounds a step
 PATIENCE, MORE = 8, 10  # stiff steps in a row before the other method is tried, and so many times as many each time
-LONGER = 4.0  # the first implicit step, over the last explicit one
+LONGER, LONGER_OF_ANY = 4.0, 10.0  # the first implicit step, over the last explicit one; of any system
 OWED = 3.0  # iterations that the implicit method may take beyond what explicit steps would, before it is left
 # Of any system: iterations that the explicit steps to the end must be worth for the other method to be tried, and the
 # part of them that a trial may owe; steps until the fastest motion is looked for, each time four times as many, up to
@@ -66,27 +66,31 @@ def steps(both: Both) -> int:
         gauss.begin(g, states[0])
     stable = STABLE + STABLE_OF_ORDER * e.order
     row, t, h, patience, explicit, given_up = 1, times[0], 0.0, PATIENCE, True, False
-    leg, left, busy = LEG if g.general else 0, 0.0, 0.0
+    leg, left, busy, latest = LEG if g.general else 0, 0.0, 0.0, 0.0
+    longer = LONGER_OF_ANY if g.general else LONGER
     turns, settled = TURNS if g.general else gauss.TURNS, SETTLED if g.general else gauss.TURNS - 1
     while row < len(times):
         if explicit:
             before = e.counts.steps
             short = g.general and left < SHORT  # which is left to explicit steps
             rate = 1e-300 if short else gauss.decay_rate(g, turns, settled)
-            row, t, h = taylor.advance(e, times, both.tolerance, states, row, t, STIFF * stable / rate, patience, leg)
+            most = STIFF * stable / rate
+            few = 1 if latest > most else patience  # those of the leg before were stiff
+            row, t, h = taylor.advance(e, times, both.tolerance, states, row, t, most, few, leg)
+            latest = 0.0
             look(e, g)
             busy = 1.0 / max(h, 1e-300) if g.general else rate / stable
             left = worth * busy * (times[len(times) - 1] - t)
             if e.counts.steps - before < leg or not g.general:
                 patience *= MORE
             if g.general and h > 0.0 and (left < SHORT or e.counts.steps - before >= leg):
-                leg = min(4 * leg, MOST_LEG)
+                leg, latest = min(4 * leg, MOST_LEG), h
                 continue
             go_over(e, g)
         else:
             g.budget[0] = worth * busy
             g.budget[1] = math.inf if given_up else max(OWED, SHARE * left) if g.general else OWED
-            row, t, h = gauss.advance(g, times, both.defect, both.residual, states, row, t, LONGER * h)
+            row, t, h = gauss.advance(g, times, both.defect, both.residual, states, row, t, longer * h)
             keep_laws(e, g)
         if h == 0.0 and given_up:
             return row

@@ -109,6 +109,12 @@ def test_a_general_system_that_dissipates_fast_is_left_to_collocation_once_it_is
     assert np.max(abs(found[-1] - explicit_alone[0][-1])) <= 1e-4 * (1 + abs(found[-1]).max())
 
 
+def test_of_a_general_system_stiff_steps_before_the_look_at_it_count():
+    reaction = find_scenario("reaction").replace(speed=70.0)
+    implicit, explicit = shares(reaction, 1e-6)
+    assert implicit > 0 and explicit <= 20  # the leg of 16 and one more; 24 when eight had to follow
+
+
 @pytest.mark.parametrize("name", GENERAL)
 def test_a_general_system_as_it_ships_is_left_to_the_series(name):
     scenario = tcbench.scenarios()[name]
