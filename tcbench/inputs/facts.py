@@ -29,15 +29,14 @@ MACHINE, UMASK, TEXT, STARTED_WITH, PACKAGES = "(machine)", "(umask)", "(encodin
 Variables = Mapping[str, str]
 
 
-def names_of(variables: Iterable[str]) -> str:
+def names_of(variables: Iterable[str]) -> list[str]:
     """The names of variables, as far as they may be inputs."""
-    return "\0".join(sorted(name for name in variables if not PLACES.match(name)))
+    return sorted(name for name in variables if not PLACES.match(name))
 
 
 def _all(variables: Variables) -> str:
     """What C code may be told by the environment."""
-    kept = {n: value for n, value in variables.items() if not PLACES.match(n) and not SESSION.match(n)}
-    return "\0".join(f"{name}={kept[name]}" for name in sorted(kept))
+    return "\0".join(f"{name}={variables[name]}" for name in names_of(variables) if not SESSION.match(name))
 
 
 def _umask() -> str:
@@ -76,7 +75,7 @@ def _names(folder: str) -> list[str]:
 
 FACTS: dict[str, Callable[[Variables, str], str]] = {
     CURRENT: lambda variables, folder: folder,
-    NAMES: lambda variables, folder: names_of(variables),
+    NAMES: lambda variables, folder: "\0".join(names_of(variables)),
     VARIABLES: lambda variables, folder: _all(variables),
     MACHINE: lambda variables, folder: _machine(),
     UMASK: lambda variables, folder: _umask(),

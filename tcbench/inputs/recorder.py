@@ -12,14 +12,15 @@ Paths are kept relative to the folder of a plugin that the cell uses, so that a 
 from __future__ import annotations
 
 import contextlib
+import functools
 import importlib.util
 import os
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 from urllib.parse import unquote, urlsplit
 
-from .facts import CURRENT, MACHINE, NAMES, PACKAGES, PLACES, UMASK, VARIABLES
+from .facts import CURRENT, MACHINE, PACKAGES, PLACES, UMASK, VARIABLES
 from .marks import (
     A_FOLDER,
     INSTALLED,
@@ -62,6 +63,29 @@ HERE = os.path.dirname(os.path.abspath(__file__)) + os.sep
 FOUND_BY_PYTHON = "<frozen importlib"
 
 
+def noting(what: str) -> Callable[[Callable[..., object]], Callable[..., None]]:
+    """A method that notes something, unless it is done on behalf of another note; never in the way of what is
+    measured. what : that may not be noted then, with the method's first argument in it."""
+
+    def decorated(note: Callable[..., object]) -> Callable[..., None]:
+        @functools.wraps(note)
+        def noted(self: Recorder, *arguments: Any, **named: Any) -> None:
+            if getattr(self.looking, "now", False):
+                return
+            self.looking.now = True
+            try:
+                note(self, *arguments, **named)
+            except Exception as error:
+                failure = f"{what.format(*arguments)} could not be noted ({type(error).__name__})"
+                self.unseen.setdefault(failure)
+            finally:
+                self.looking.now = False
+
+        return noted
+
+    return decorated
+
+
 class Recorder(Seen):
     """What one process has read since it began to watch."""
 
@@ -75,28 +99,16 @@ class Recorder(Seen):
             "open": self._open, "import": self._import, "mmap.__new__": self._mapping,
             "ctypes.dlopen": self._library, "sqlite3.connect": self._library,
             "os.listdir": self._list, "os.scandir": self._list, "os.putenv": self._put, "os.unsetenv": self._put,
-            "socket.gethostname": lambda event, arguments: self._about("uname"),
+            "socket.gethostname": self._name_of_host,
             **dict.fromkeys(("os.getxattr", "os.listxattr"), lambda event, arguments: unseen(ATTRIBUTES)),
             **dict.fromkeys(PROCESSES, lambda event, arguments: unseen(STARTED)),
             **dict.fromkeys(NETWORK, lambda event, arguments: unseen(CONNECTED)),
         }  # fmt: skip
 
+    @noting("{}")
     def heard(self, event: str, arguments: tuple[Any, ...]) -> None:
         """An audit event of Python."""
-        if handler := self.handlers.get(event):
-            self._noting(f"{event} could not be noted", handler, event, arguments)
-
-    def _noting(self, failure: str, note: Callable[..., object], *arguments: Any) -> None:
-        """Note something, unless it is done on behalf of another note; never in the way of what is measured."""
-        if getattr(self.looking, "now", False):
-            return
-        self.looking.now = True
-        try:
-            note(*arguments)
-        except Exception as error:
-            self.unseen.setdefault(f"{failure} ({type(error).__name__})")
-        finally:
-            self.looking.now = False
+        self.handlers[event](event, arguments)
 
     # -- events
 
@@ -178,50 +190,49 @@ class Recorder(Seen):
                 path += SIZES
             self.folders.setdefault(path, folder_hash(self.full(path)))
 
+    def _name_of_host(self, event: str, arguments: tuple[Any, ...]) -> None:
+        if foreign(installed=False):
+            self.fact(MACHINE)
+
     def _put(self, event: str, arguments: tuple[Any, ...]) -> None:
         self.environment.setdefault(os.fsdecode(arguments[0]), SET_HERE)
 
     # -- questions that no event tells of (`watching`)
 
-    def looked(self, function: str, path: Any, descriptor: Any) -> None:
+    @noting("os.{}")
+    def looked(
+        self, function: str, path: Any = "", *_: Any, dir_fd: Any = None, follow_symlinks: Any = True, **__: Any
+    ) -> None:
         """Foreign code asks `os` whether a file is there, where a link leads or what the current folder is."""
-        if not isinstance(path, int):
-            self._noting(f"os.{function} could not be noted", self._looked, function, path, descriptor)
-
-    def _looked(self, function: str, path: Any, descriptor: Any) -> None:
-        if not foreign():
+        if isinstance(path, int) or (function == "open" and dir_fd is None) or not foreign():
             return
-        if descriptor is not None:
+        if dir_fd is not None:
             self.unseen.setdefault(BY_DESCRIPTOR)
         elif function.startswith("getcwd"):
             if os.getcwd() == self.start:
                 self.fact(CURRENT)
-        elif function != "open":
+        else:
             path = self.named(path)
             link = link_mark(self.full(path))
-            if link is not None or function == "lstat":
+            if link is not None or function == "lstat" or follow_symlinks is False:
                 self.links.setdefault(path, link)
             if function != "readlink":
                 self.note(path, asked=True)
             if function in ("stat", "access") and directly(("stat",)) and os.path.isfile(self.full(path)):
                 self.modes.setdefault(path, mode_mark(self.full(path)))
 
-    def about(self, function: str) -> None:
+    @noting("{}")
+    def about(self, function: str, *_: Any, **__: Any) -> None:
         """Foreign code asks what machine this is, or how the process was started."""
-        self._noting(f"{function} could not be noted", self._about, function)
-
-    def _about(self, function: str) -> None:
         if foreign(installed=False):
             if function in STATES:
                 self.unseen.setdefault(STATE)
             for name in ABOUT.get(function, ()):
                 self.fact(name)
 
+    @noting("a package")
     def package(self, name: str | None) -> None:
         """A package is looked for among those that are installed; None: all of them are."""
-        self._noting("a package could not be noted", self._package, name)
-
-    def _package(self, name: str | None) -> None:
         if name is None and foreign(installed=False):
             self.fact(PACKAGES)
         elif isinstance(name, str) and name not in KNOWN and foreign() and (mark := package_mark(name)) is not OTHER:
@@ -233,11 +244,11 @@ class Recorder(Seen):
             self.unseen.setdefault(f"{name} {OPENS}")
         if "." not in name:
             self.modules.setdefault(name)
-            added = [f for f in sys.path if f not in self._path and f not in self.plugins.values()]
-            self._noting("an import could not be noted", self._looked_up, name, added)
-        elif path is not None:
-            self._noting("an import could not be noted", self._looked_up, name.rpartition(".")[2], list(path))
+            path = [f for f in sys.path if f not in self._path and f not in self.plugins.values()]
+        if path is not None:
+            self._looked_up(name.rpartition(".")[2], list(path))
 
+    @noting("an import")
     def _looked_up(self, name: str, folders: Iterable[Any]) -> None:
         """What an import of it finds first in these folders, or would if it were there."""
         for folder in (f for f in folders if isinstance(f, str) and not (f + os.sep).startswith(INSTALLED)):
@@ -248,18 +259,13 @@ class Recorder(Seen):
             if mark not in (None, A_FOLDER):
                 return
 
-    def asked(self, name: Any, among_all: bool = False) -> None:
-        """An environment variable was read; among_all: with all others."""
-        if isinstance(name, str | bytes) and (name := os.fsdecode(name)) not in self.environment:
-            self._noting("a variable could not be noted", self._asked, name, among_all)
-
-    def _asked(self, name: str, among_all: bool) -> None:
-        if foreign() and (not PLACES.match(name) or (not among_all and directly(TELLING))):
-            self.fact(name)
-
-    def names(self) -> None:
-        """The environment was read as a whole: a variable that comes is an input, too."""
-        self._noting("the variables could not be noted", lambda: self.fact(NAMES) if foreign() else None)
+    @noting("a variable")
+    def asked(self, name: Any) -> None:
+        """An environment variable was read, or (`facts.NAMES`) the names of all."""
+        if not isinstance(name, str | bytes) or (known := os.fsdecode(name)) in self.environment:
+            return
+        if foreign() and (not PLACES.match(known) or directly(TELLING)):
+            self.fact(known)
 
     # -- files
 
@@ -305,11 +311,12 @@ class Recorder(Seen):
     def collected(self) -> tuple[str, str]:
         """As `Seen.collected`, with what C code has mapped."""
         if self.loaded_libraries or "_cffi_backend" in sys.modules:
-            self._noting("libraries could not be noted", self._mapped)
+            self._mapped()
         for name in READERS.intersection(self.modules, sys.modules):
             self.unseen.setdefault(f"{name} {OPENS}")
         return super().collected()
 
+    @noting("what libraries load")
     def _mapped(self) -> None:
         """Libraries that libraries have loaded, and what C code has mapped to read (Linux); what is shared and
         written to is a memory of several processes, as a database of theirs has one."""
@@ -325,37 +332,36 @@ class Recorder(Seen):
                     self.fact(VARIABLES)
 
 
+def _callers() -> Iterator[tuple[str, str]]:
+    """File and function of who is running, from the innermost out."""
+    frame: Any = sys._getframe(1)
+    while frame is not None:
+        yield frame.f_code.co_filename, frame.f_code.co_name
+        frame = frame.f_back
+
+
 def foreign(installed: bool = True) -> bool:
     """Is the nearest caller that is not of Python itself no code of tcbench's? installed: or of a package, also where
     one that is known by its version calls for it."""
-    frame: Any = sys._getframe(2)
-    while frame is not None:
-        file = frame.f_code.co_filename
+    for file, _ in _callers():
         if not _passes_on(file) and not (installed and file.startswith(SITE) and top(file) in KNOWN):
             return not file.startswith(OWN) and not (not installed and file.startswith(SITE))
-        frame = frame.f_back
     return False
 
 
 def directly(names: tuple[str, ...]) -> bool:
     """Is the caller no code of Python's own but functions of these names, and of no package?"""
-    frame: Any = sys._getframe(2)
-    while frame is not None:
-        file, name = frame.f_code.co_filename, frame.f_code.co_name
+    for file, name in _callers():
         if not file.startswith((HERE, "<frozen os", os.__file__, "<frozen _collections_abc")) and not (
             name in (*names, "get", "getenv") and _passes_on(file)
         ):
             return not file.startswith(OWN) and not _passes_on(file) and not file.startswith(SITE)
-        frame = frame.f_back
     return False
 
 
 def imported() -> bool:
     """Is what is read now read by Python's own import?"""
-    frame: Any = sys._getframe(2)
-    while frame is not None and frame.f_code.co_filename.startswith(HERE):
-        frame = frame.f_back
-    return frame is not None and frame.f_code.co_filename.startswith(FOUND_BY_PYTHON)
+    return next((file for file, _ in _callers() if not file.startswith(HERE)), "").startswith(FOUND_BY_PYTHON)
 
 
 def _passes_on(file: str) -> bool:

@@ -7,12 +7,13 @@ import json
 import os
 import sys
 import threading
-from collections.abc import Iterable
+from collections.abc import Sized
 from typing import Any
 
 from .facts import STARTED_WITH, TEXT, fact_mark
 from .marks import KNOWN, LOOKS, OWN, PYTHON, SITE, distributions_of, package_mark, top
 
+KINDS = (*LOOKS, "environment", "packages")
 SET_HERE = "set by the cell itself"
 CHANGED = "changed while it was measured"
 
@@ -26,13 +27,9 @@ class Seen:
     def __init__(self) -> None:
         self.start = os.getcwd()
         self.variables = dict(os.environ)
-        self.files: dict[str, str | None] = {}
-        self.folders: dict[str, str | None] = {}
-        self.links: dict[str, str | None] = {}
-        self.modes: dict[str, str | None] = {}
-        self.lookups: dict[str, str | None] = {}  # of modules in folders that are not installed
-        self.environment: dict[str, str | None] = {}
-        self.packages: dict[str, str | None] = {}
+        self.noted: dict[str, dict[str, str | None]] = {kind: {} for kind in KINDS}
+        self.files, self.folders, self.links, self.modes = (self.noted[kind] for kind in KINDS[:4])
+        self.lookups, self.environment, self.packages = (self.noted[kind] for kind in KINDS[4:])
         self.modules: dict[str, None] = {}
         self.unseen: dict[str, None] = {}
         self.plugins: dict[str, str] = {}  # label -> its folder, of the plugins that were imported
@@ -55,17 +52,15 @@ class Seen:
 
     def taken(self) -> dict[str, Any]:
         """All of it, for another worker of this machine that uses what this one has made."""
-        kinds = {kind: getattr(self, kind) for kind in (*LOOKS, "environment", "packages", "plugins")}
-        return kinds | {"unseen": list(self.unseen)}
+        return {**self.noted, "plugins": self.plugins, "unseen": list(self.unseen)}
 
     def take(self, other: dict[str, Any]) -> None:
         """Add what another worker has read."""
         for path, mark in other["files"].items():
             if self.files.setdefault(path, mark) != mark:
                 self.unseen.setdefault(f"{path} {CHANGED}")
-        for kind in (*LOOKS, "environment", "packages"):
-            for name, mark in other[kind].items():
-                getattr(self, kind).setdefault(name, mark)
+        for kind, noted in self.noted.items():
+            noted.update(other[kind] | noted)
         self.unseen.update(dict.fromkeys(other["unseen"]))
         self.plugins.update(other["plugins"])
 
@@ -79,8 +74,8 @@ class Seen:
             for path, mark in list(self.folders.items()):
                 if LOOKS["folders"](self.full(path)) != mark:
                     self.unseen.setdefault(f"{self.portable(path)} {CHANGED}")
-            parts: Iterable[Any] = (getattr(self, kind) for kind in (*LOOKS, "environment", "packages", "modules"))
-            size = tuple(len(part) for part in (*parts, self.unseen, self.plugins))
+            parts: tuple[Sized, ...] = (*self.noted.values(), self.modules, self.unseen, self.plugins)
+            size = tuple(map(len, parts))
             if size != self._size:
                 text = json.dumps(self._as_data(), sort_keys=True)
                 self._size, self._known = size, (hashlib.sha256(text.encode()).hexdigest()[:20], text)
@@ -89,7 +84,7 @@ class Seen:
             self.looking.now = False
 
     def _as_data(self) -> dict[str, Any]:
-        noted = {kind: dict(getattr(self, kind)) for kind in (*LOOKS, "environment", "packages")}  # threads may add
+        noted = {kind: dict(found) for kind, found in self.noted.items()}  # threads may add
         tops = {top(path) for path in noted["files"] if path.startswith(SITE)}
         brought = {name for one in tops if one not in KNOWN for name in distributions_of().get(one, ())}
         return {

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
-from .facts import AT_START
+from .facts import AT_START, NAMES, names_of
 from .marks import INSTALLED
 from .recorder import ABOUT, FOUND_BY_PYTHON, LEFT_OUT, STARTED, STATES, Recorder
 
@@ -36,10 +36,10 @@ class _Watched(_ENVIRONMENT):  # type: ignore[valid-type,misc]
     _walked: tuple[Any, ...] = ()  # names that a walk over all of them gave and whose values it has not taken yet
 
     def __getitem__(self, name: Any) -> Any:
-        if _RECORDER is not None:
-            among_all = self._walked[:1] == (name,)
-            self._walked = self._walked[among_all:]
-            _RECORDER.asked(name, among_all)
+        if _RECORDER is not None and self._walked[:1] != (name,):
+            self._walked = ()
+            _RECORDER.asked(name)
+        self._walked = self._walked[1:]
         return super().__getitem__(name)
 
     def __contains__(self, name: Any) -> bool:
@@ -64,9 +64,8 @@ class _Watched(_ENVIRONMENT):  # type: ignore[valid-type,misc]
 
     def _all(self) -> None:
         if _RECORDER is not None:
-            for name in list(self._data):
-                _RECORDER.asked(self.decodekey(name), among_all=True)
-            _RECORDER.names()
+            for name in (NAMES, *names_of(map(os.fsdecode, list(self._data)))):
+                _RECORDER.asked(name)
 
 
 def begin() -> Recorder:
@@ -110,15 +109,15 @@ def first_modules(names: Iterable[str]) -> None:
 
 def _stand_in_for_all(recorder: Recorder) -> None:
     if _posixsubprocess is not None:  # multiprocessing starts its processes by it, and no audit event says so
-        _stand_in(_posixsubprocess, "fork_exec", _starting)
+        _stand_in(_posixsubprocess, "fork_exec", lambda *_: recorder.unseen.setdefault(STARTED))
     for module in (os, sys.modules[os.name]):
         for name in ASKING:
-            _stand_in(module, name, functools.partial(_asking, name))
+            _stand_in(module, name, functools.partial(recorder.looked, name))
         for name in (*ABOUT, *STATES):
-            _stand_in(module, name, functools.partial(_about, name))
-    _stand_in(platform, "uname", functools.partial(_about, "uname"))  # which remembers what it was told
+            _stand_in(module, name, functools.partial(recorder.about, name))
+    _stand_in(platform, "uname", functools.partial(recorder.about, "uname"))  # which remembers what it was told
     for name in ("setlocale", "getlocale"):
-        _stand_in(locale, name, functools.partial(_about, "setlocale"))
+        _stand_in(locale, name, functools.partial(recorder.about, "setlocale"))
     _stand_in(importlib.metadata, "distribution", recorder.package)
     _stand_in(importlib.metadata, "distributions", lambda **context: recorder.package(context.get("name")))
 
@@ -131,7 +130,7 @@ def _stand_in(module: Any, name: str, before: Callable[..., object]) -> None:
 
     @functools.wraps(plain)
     def called(*arguments: Any, **named: Any) -> Any:
-        if not sys._getframe(1).f_code.co_filename.startswith(FOUND_BY_PYTHON):
+        if _RECORDER is not None and not sys._getframe(1).f_code.co_filename.startswith(FOUND_BY_PYTHON):
             before(*arguments, **named)
         return plain(*arguments, **named)
 
@@ -139,21 +138,6 @@ def _stand_in(module: Any, name: str, before: Callable[..., object]) -> None:
     for can in (os.supports_dir_fd, os.supports_fd, os.supports_follow_symlinks, os.supports_effective_ids):
         if plain in can:
             can.add(called)
-
-
-def _starting(*arguments: Any) -> None:
-    if _RECORDER is not None:
-        _RECORDER.unseen.setdefault(STARTED)
-
-
-def _about(name: str, *arguments: Any, **named: Any) -> None:
-    if _RECORDER is not None:
-        _RECORDER.about(name)
-
-
-def _asking(name: str, path: Any = "", *arguments: Any, dir_fd: Any = None, **named: Any) -> None:
-    if _RECORDER is not None and (name != "open" or dir_fd is not None):
-        _RECORDER.looked("lstat" if named.get("follow_symlinks") is False else name, path, dir_fd)
 
 
 def recorder() -> Recorder | None:
