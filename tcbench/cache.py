@@ -22,7 +22,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from .errors import MachineError, TcbenchError
-from .files import replacing
+from .files import HALF_WRITTEN, replacing
 
 FOLDER, LIMIT = "TCBENCH_CACHE_DIR", "TCBENCH_CACHE_LIMIT"
 MEBIBYTES = 512  # by default
@@ -33,7 +33,6 @@ WRITES = 256  # between two looks at the limit; the first file that a process wr
 KEPT_SHARE = 0.8  # of the limit that pruning leaves
 UNFINISHED_S = 3600.0  # what a killed process left half written
 FILES = re.compile(r"[0-9a-f]{32,64}\.(o|text|json|failed)\Z")
-HALF_WRITTEN = re.compile(r"\.[\w-]+\.[0-9a-f]{12}\.(o|text|json|failed)\Z")
 CURE = f"or set {FOLDER} to a folder of your own."
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from .. import plugins
 from ..errors import TcbenchError, needs_folder, writing
-from ..files import replacing
+from ..files import written
 from ..progress import waiting
 from ..report.summary import verdicts
 from ..simulation import metrics
@@ -68,6 +68,6 @@ def simulate_command(
 def _write_csv(run_: Any, path: Path) -> None:
     """t, z, energy, entropy, invariants and temperatures, all digits."""
     found = columns(run_)
-    with writing(repr(str(path))), replacing(path) as temporary:
+    with writing(repr(str(path))), written(path) as temporary:
         table = np.column_stack([*found.values()])
         np.savetxt(temporary, table, delimiter=",", header=",".join(found), comments="", fmt="%.17g")

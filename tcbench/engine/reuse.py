@@ -6,6 +6,7 @@ import contextlib
 import os
 import sys
 from collections.abc import Mapping, Sequence
+from functools import cache
 from importlib.machinery import PathFinder
 from typing import Any
 
@@ -15,6 +16,7 @@ from ..store.rows import Rows
 from .child import given
 
 NOT_NOTED = "what it read was not noted"
+CALLED = {"environment": "the variable ", "packages": "the package "}
 
 
 class Reuse:
@@ -28,8 +30,9 @@ class Reuse:
         self._store = store
         self._folders: Mapping[str, str] = context.get("anchors", {})
         self._needs: Mapping[str, Any] = context.get("needs", {})
-        self._environment, self._start = given(), os.getcwd()
-        self._seen: dict[tuple[str, str], str | None] = {}
+        variables, start = given(), os.getcwd()
+        looks = marks.LOOKS | {"environment": lambda n: fact_mark(n, variables, start), "packages": marks.package_mark}
+        self._looks = {kind: cache(look) for kind, look in looks.items()}
         self._verdicts: dict[str, str] = {}
         # a plugin file's folder comes last on the path, as in `plugin_files`
         self._path = [p for p in sys.path if p not in self._folders.values()]
@@ -51,36 +54,17 @@ class Reuse:
         try:
             if noted["unseen"]:
                 return "; ".join(noted["unseen"])
-            for kind, look in marks.LOOKS.items():
-                then: dict[str, str] = noted[kind]
-                for path, mark in then.items():
-                    if mark not in self._found(kind, path, look):
-                        return path
-            for name, mark in noted["environment"].items():
-                if self._once("environment", name, self._fact) != mark:
-                    return f"the variable {name}"
-            for name, mark in noted["packages"].items():
-                if self._once("package", name, marks.package_mark) != mark:
-                    return f"the package {name}"
+            for kind, look in self._looks.items():
+                for name, mark in noted[kind].items():
+                    place = marks.placed(name, self._folders) if kind in marks.LOOKS else name
+                    if not place or look(place) != mark:
+                        return CALLED.get(kind, "") + str(name)
             for name, path in noted["modules"].items():
                 if not self._same_module(name, path, noted["plugins"]):
                     return f"the module {name}"
         except (KeyError, TypeError, AttributeError):
             return NOT_NOTED
         return ""
-
-    def _fact(self, name: str) -> str | None:
-        return fact_mark(name, self._environment, self._start)
-
-    def _found(self, kind: str, path: str, look: Any) -> list[str | None]:
-        """The marks of what a path may mean now."""
-        places = marks.placed(path, dict(self._folders))
-        return [self._once(kind, place, look) for place in places] or ["no such plugin"]
-
-    def _once(self, kind: str, name: str, look: Any) -> str | None:
-        if (kind, name) not in self._seen:
-            self._seen[kind, name] = look(name)
-        return self._seen[kind, name]
 
     def _same_module(self, name: str, path: str | None, labels: Any) -> bool:
         """Does an import find the file that it found then, and nothing where it found nothing?
@@ -91,8 +75,8 @@ class Reuse:
         spec = _found_by(sys.meta_path, name, [*self._path, *folders])
         if spec is None or not spec.origin:
             return True
-        places = marks.placed(path, dict(self._folders)) if path else []
-        return any(os.path.realpath(spec.origin) == os.path.realpath(place) for place in places)
+        place = marks.placed(path, self._folders) if path else ""
+        return bool(place) and os.path.realpath(spec.origin) == os.path.realpath(place)
 
 
 def _found_by(finders: Sequence[Any], name: str, path: list[str]) -> Any:

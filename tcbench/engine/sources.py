@@ -31,12 +31,12 @@ def measured_files(job: Job, store: Store) -> dict[str, bytes]:
         relative = path.partition(">/")[2]
         if not path.endswith(".py") or not relative or ".." in PurePosixPath(relative).parts or path.startswith("<>"):
             continue
-        for place in marks.placed(path, anchors):
-            text = Path(place).read_bytes() if Path(place).is_file() else b""
-            if marks.text_hash(text) == mark:
-                text = text.replace(b"\r\n", b"\n")
-                name = Path(relative)
-                found[relative if found.get(relative, text) == text else _marked(name, text).as_posix()] = text
+        place = Path(marks.placed(path, anchors))
+        text = place.read_bytes() if place.is_file() else b""
+        if marks.text_hash(text) == mark:
+            text = text.replace(b"\r\n", b"\n")
+            name = Path(relative)
+            found[relative if found.get(relative, text) == text else _marked(name, text).as_posix()] = text
     return found
 
 

@@ -9,7 +9,7 @@ import os
 import site
 import sys
 import sysconfig
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cache
 from importlib.machinery import EXTENSION_SUFFIXES
 
@@ -137,15 +137,15 @@ def package_mark(name: str) -> str | None:
     return f"{found.version} {text_hash(chr(10).join(kept))}"
 
 
-def placed(path: str, folders: dict[str, str]) -> list[str]:
-    """Where a portable path may be now, given the folders of the plugins by label; none if its plugin is absent."""
+def placed(path: str, folders: Mapping[str, str]) -> str:
+    """Where a portable path may be now, given the folders of the plugins by label; "" if its plugin is absent."""
     if path.startswith("<>/"):
         places = [start + path[3:] for start in SITE]
-        return [next(filter(os.path.exists, places), places[0])]
+        return next(filter(os.path.exists, places), places[0])
     if path.startswith("<"):
         label, _, relative = path[1:].partition(">/")
-        return [os.path.normpath(os.path.join(folders[label], relative))] if label in folders else []
-    return [os.path.expanduser(path)]
+        return os.path.normpath(os.path.join(folders[label], relative)) if label in folders else ""
+    return os.path.expanduser(path)
 
 
 def top(path: str) -> str:

@@ -15,6 +15,7 @@ import matplotlib
 import numpy as np
 
 from ..errors import TcbenchError, expect, needs_folder, positive, several, shown, writing
+from ..files import written
 from ..systems.plane import segments
 from .charts.scales import ROUND_OFF
 from .charts.style import look
@@ -121,8 +122,8 @@ def save(runs: Sequence[Trajectory], path: str | Path, frames: int = FRAMES, fps
     needs_folder(path)
     _checked(runs)
     pictures = _pictures(runs, frames)
-    with writing(repr(str(path))):
-        {".gif": _as_gif, ".mp4": _as_mp4, ".html": _as_html}[path.suffix](pictures, path, fps)
+    with writing(repr(str(path))), written(path) as temporary:
+        {".gif": _as_gif, ".mp4": _as_mp4, ".html": _as_html}[path.suffix](pictures, temporary, fps)
     return path
 
 

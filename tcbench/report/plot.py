@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from ..chart import OPENING, RUNS, Chart, of_scenario
 from ..errors import TcbenchError, expect, needs_folder, shown, unknown_name, writing
-from ..files import replacing
+from ..files import written
 from .chart_kinds import draw_kind, find_kind, with_fallbacks
 from .charts import layout, theme
 from .leaders import leaders
@@ -170,7 +170,7 @@ def save(figure: Figure, path: Path) -> Path:
         "pdf.fonttype": 42
     }
     metadata: dict[str, Any] = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(path.suffix.lower(), {})
-    with writing(repr(str(path))), replacing(path) as temporary, matplotlib.rc_context(fonts):
+    with writing(repr(str(path))), written(path) as temporary, matplotlib.rc_context(fonts):
         figure.savefig(temporary, dpi=160, metadata=metadata)
     return path
 

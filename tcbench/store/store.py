@@ -30,6 +30,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import TcbenchError
+from ..files import HALF_WRITTEN
 from .disk import cure, replace_file
 from .encoding import active, canonical_json, csv_bytes, decode_line, encode_line, parquet_bytes, pretty
 from .lock import hold_lock
@@ -293,7 +294,7 @@ class Store(Rows):
 
     def _probe(self) -> None:
         """Find out before hours of computing, not after, whether the folder takes new files."""
-        probe = self.folder / f".probe-{os.getpid()}"
+        probe = self.folder / f".probe.{os.getpid():012x}"
         probe.touch()
         probe.unlink()
 
@@ -318,8 +319,9 @@ class Store(Rows):
     def _sweep(self) -> None:
         """Remove what writers that were killed have left: the lock is held, so nobody is writing."""
         for folder in (self.folder / name for name in ("", "tables", "provenance", "inputs")):
-            for path in (*folder.glob(".*.tmp"), *folder.glob(".probe-*")):
-                path.unlink(missing_ok=True)
+            for path in folder.glob(".*"):
+                if HALF_WRITTEN.match(path.name):
+                    path.unlink(missing_ok=True)
 
     def _set_aside(self) -> None:
         path = self.folder / ROWS

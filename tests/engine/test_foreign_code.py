@@ -231,8 +231,8 @@ def test_what_a_killed_run_leaves_behind_is_removed_by_the_next(tmp_path, monkey
             assert Path(held).is_dir()  # locked by one that lives
         assert not old.exists() and young.exists()
     assert not Path(held).exists()
-    for name in ("provenance/.a.json.123.tmp", "tables/.t.csv.7.tmp", ".manifest.json.9.tmp", ".probe-5"):
-        path = tmp_path / "run" / name
+    for name in ("provenance/.a.1f{0}.json", "tables/.t.2e{0}.csv", ".manifest.3d{0}.json", ".probe.4c{0}"):
+        path = tmp_path / "run" / name.format("0" * 10)
         path.parent.mkdir(parents=True, exist_ok=True)
         path.touch()
     with Store.open(tmp_path / "run"):
