@@ -6,6 +6,7 @@ from tcbench import Integrator, hookimpl
 from tcbench.systems.right_hand_side import expressions
 
 FUNCTIONS = ("exp", "log", "sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "atan2")
+MOST = 200  # numbers of a state: heyoka takes seconds to compile the formulas of so many, minutes for more
 _FREE = {}  # integrators that no run has, by kind of system and tolerance: heyoka takes a second to make one
 
 
@@ -23,6 +24,11 @@ def compiled(system, tolerance):
         (x, r if isinstance(r, hy.expression) else hy.expression(r)) for x, r in zip(unknown, rates, strict=True)
     ]
     return hy.taylor_adaptive(equations, np.ones(system.size), tol=tolerance)
+
+
+def refuses(system):
+    n = system.size
+    return f"heyoka compiles a formula for each of the {n} numbers of {system.name}, at most {MOST}" if n > MOST else ""
 
 
 def heyoka(system, z0, t_eval, rtol, atol):
@@ -54,5 +60,5 @@ def outputs(solver, system, z0, t_eval):
 
 @hookimpl
 def tcbench_integrators():
-    source = "heyoka, adaptive Taylor series"
-    return [Integrator(name="heyoka", adaptive=heyoka, source=source, requires=["heyoka"], tags={"peer"})]
+    source, needs = "heyoka, adaptive Taylor series", ["heyoka"]
+    return [Integrator(name="heyoka", adaptive=heyoka, refuses=refuses, source=source, requires=needs, tags={"peer"})]

@@ -11,6 +11,7 @@ import numpy as np
 
 from tcbench import Integrator, family, hookimpl
 from tcbench.compiler import derivatives as trace
+from tcbench.compiler.array_states import each
 
 TABLEAUX = {  # Hairer, Norsett & Wanner, Solving ODEs I, II.1: Runge's, Kutta's of order three, the classical one
     2: ([[], [1 / 2]], [0, 1]),
@@ -31,7 +32,7 @@ def relaxed(order):
         rates = []
         for row in A:
             inner = [a * f for a, f in zip(row, rates, strict=True) if a]
-            rates.append(np.asarray(system.vector_field(z0 + tau * sum(inner[1:], inner[0]) if inner else z0)))
+            rates.append(system.vector_field(system.state(z0 + tau * sum(inner[1:], inner[0])) if inner else z0))
         parts = [w * f for w, f in zip(b, rates, strict=True) if w]
         return sum(parts[1:], parts[0]), sum(abs(part) for part in parts)
 
@@ -40,11 +41,11 @@ def relaxed(order):
             """The direction at tau; what the energy gains, as DE . dz, which keeps its digits; the size of what that is
             the sum of."""
             d, size = direction(z0, tau, system)
-            DE = np.asarray(system.discrete_gradient(z0, system.state(z0 + h * d)))
+            DE = system.discrete_gradient(z0, system.state(z0 + h * d))
             return d, DE @ (h * d), abs(DE) @ (h * size)
 
         d, g, size = tried(h)
-        slope = -(np.asarray(system.gradient(system.state(z0 + h * d))) @ d)  # to leading order
+        slope = -(system.gradient(system.state(z0 + h * d)) @ d)  # to leading order
         tau, step = h, -g * slope / (slope * slope + TINY)
         for _ in range(SECANTS):
             tau, before = tau + step, g
@@ -52,7 +53,7 @@ def relaxed(order):
             change, noise = g - before, EPS * size
             step = -g * step * change / (change * change + noise * noise + TINY)
         room = trace.maximum(LEFT * size + EPS * abs(system.energy(z0)) + TINY - abs(g), trace.const(0.0))
-        return z1 - z0 - np.array([trace.guarded(h * x, [1.0 / room]) for x in d])
+        return z1 - z0 - each(lambda x: trace.guarded(h * x, [1.0 / room]), d)
 
     return residual
 

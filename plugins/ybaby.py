@@ -43,6 +43,9 @@ def _under(formulas, variables):
 
 
 def refuses(system):
+    if system.large:
+        numbers = f"the {system.size} of {system.name} are traced on arrays"
+        return f"its formulas take the numbers of a state one by one, and {numbers}"
     if hamiltonian(system):
         return ""
     return f"it needs positions q and momenta p with H = K(p) + U(q, the rest), which {system.name} has not"

@@ -40,7 +40,7 @@ def traced_gap(method: Integrator, scenario: Scenario) -> float:
         if n > 0:
             w = kernels.prepared(scenario.z0, constants)
             x = 1e-2 * np.cos(np.arange(n))  # any point near the start: the formula is checked, not the root
-            found = _matrix(kernels, kernels.full(w, x)[n:])
+            found = _matrix(kernels, kernels.linear(w, x)[n:])
             worst = max(worst, _gap(found, partial(_rows, kernels, w), x))
     return worst
 
@@ -57,7 +57,7 @@ def _matrix(kernels: FlowKernels, entries: Any) -> Any:
 
 def _rows(kernels: FlowKernels, w: Any, x: Any) -> Any:
     """The residual at x."""
-    return kernels.full(w, x)[: kernels.n_unknowns]
+    return kernels.linear(w, x)[: kernels.n_unknowns]
 
 
 def _gap(found: Any, f: Callable[[Any], Any], x: Any) -> float:

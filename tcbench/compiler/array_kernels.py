@@ -6,6 +6,7 @@ piece of machine code serves a system of any size, and what works on a small one
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -14,8 +15,8 @@ import numpy as np
 
 from .array_jacobian import Term
 from .array_mesh import ENTRIES, Block, Ints, Mesh
-from .arrays import NUMBER, Path
-from .derivatives import topological
+from .arrays import LINEAR, NUMBER, Path, collect
+from .derivatives import Substitution, topological
 from .kernels import PAIRS, Kernel, literal, operation
 from .symbols import Symbol
 
@@ -76,6 +77,32 @@ def jacobian_kernel(
     return _Writer(inputs, [*before, Block(ENTRIES, (None,)), *last], terms, len(before), behind).written()
 
 
+def _wanted(outputs: Sequence[Block], terms: Sequence[tuple[Term, Symbol]]) -> list[Symbol]:
+    return [x for b in outputs for x in b.symbols if x is not None] + [x for _, x in terms]
+
+
+def _gathered(
+    inputs: Mapping[str, Sequence[Block]], outputs: Sequence[Block], terms: Sequence[tuple[Term, Symbol]]
+) -> tuple[list[Block], list[tuple[Term, Symbol]]]:
+    """Outputs and terms with each sum of collects that nothing else reads as one: the force on a node is added up in
+    one array and not in one for each end of a spring, all of which would be read again."""
+    wanted, known = _wanted(outputs, terms), Substitution({})
+    known.new |= {x.number: x for blocks in inputs.values() for b in blocks for x in b.symbols if x is not None}
+    nodes = topological(wanted, set(known.new))
+    readers = Counter(x.number for x in [*wanted, *(a for node in nodes for a in node.args)])
+    summed: dict[int, list[tuple[Symbol, Path]]] = {}
+    for node in nodes:
+        if node.number not in known.new and node.op == "collect":
+            summed[node.number] = list(zip(node.args, node.value, strict=True))
+        elif node.op == "add" and all(a.number in summed and readers[a.number] == 1 for a in node.args):
+            summed[node.number] = [term for a in node.args for term in summed[a.number]]
+            known.new[node.number] = collect([(known(x), path) for x, path in summed[node.number]])
+    return (
+        [Block(b.space, tuple(x if x is None else known(x) for x in b.symbols)) for b in outputs],
+        [(term, known(x)) for term, x in terms],
+    )
+
+
 class Place(NamedTuple):
     """Where an array stands: a letter, a block of it, its component and of how many."""
 
@@ -85,6 +112,10 @@ class Place(NamedTuple):
     of: int = 1
     behind: tuple[str, ...] = ()  # of joined arrays: so many entries stand before it
 
+    def part(self, space: str, k: int) -> Place:
+        """Of joined arrays, space "a+b", those of number k."""
+        return self._replace(behind=(*self.behind, *space.split("+")[:k]))
+
 
 class _Writer:
     def __init__(
@@ -92,7 +123,8 @@ class _Writer:
         terms: Sequence[tuple[Term, Symbol]], terms_at: int, behind: bool,
     ) -> None:  # fmt: skip
         self.behind = behind
-        self.inputs, self.outputs, self.terms, self.terms_at = inputs, outputs, terms, terms_at
+        self.inputs, self.terms_at = inputs, terms_at
+        self.outputs, self.terms = _gathered(inputs, outputs, terms)
         self.stored: dict[int, Place] = {
             x.number: Place(letter, k, c, len(block.symbols)) for letter, blocks in inputs.items()
             for k, block in enumerate(blocks) for c, x in enumerate(block.symbols) if x is not None
@@ -102,8 +134,7 @@ class _Writer:
         self.arrays: list[str] = []
         self.names: dict[int, str] = {}
         self.count = 0
-        wanted = [x for b in outputs for x in b.symbols if x is not None] + [x for _, x in terms]
-        self.nodes = topological(wanted, self.given)
+        self.nodes = topological(_wanted(self.outputs, self.terms), self.given)
         self.level = self._levels()
         self.stage = {x.number: (self.level[x.number], x.space) for x in self.nodes}
 
@@ -121,6 +152,14 @@ class _Writer:
                     and any(a.number not in self.given and a.args and a.op not in whole for a in node.args)
                 )
                 level[node.number] = last + waits
+        readers: dict[int, list[Symbol]] = {}
+        for node in reversed(self.nodes):  # what only later loops over its space read is made there, and not kept
+            here = readers.get(node.number, [])
+            made = node.space and node.op not in LINEAR and here and node.number not in self.given
+            if made and all(x.space == node.space and x.op not in LINEAR for x in here):
+                level[node.number] = min(level[x.number] for x in here)
+            for a in node.args:
+                readers.setdefault(a.number, []).append(node)
         return level
 
     def slot(self, *what: Any) -> str:
@@ -186,13 +225,17 @@ class _Writer:
                 if x is not None and x.space and x.op not in ("part", "join"):
                     self.stored.setdefault(x.number, Place("out", k, c, len(block.symbols)))
         kept = self._read_elsewhere()
+        for node in (x for x in self.nodes if x.op == "join" and x.number not in self.given):
+            whole = self.stored[node.number] = self._array(node)
+            for k, x in enumerate(node.args):  # made where it is read
+                if x.space and x.op not in ("join", "part"):
+                    self.stored.setdefault(x.number, whole.part(node.value, k))
         for node in self.nodes:
             if node.number in kept and node.number not in self.stored:
                 self.stored[node.number] = self._array(node)
             if node.op == "part" and node.number not in self.given:
                 k, space = node.value
-                whole = self.stored[node.args[0].number]
-                self.stored[node.number] = whole._replace(behind=(*whole.behind, *space.split("+")[:k]))
+                self.stored[node.number] = self.stored[node.args[0].number].part(space, k)
 
     def _read_elsewhere(self) -> set[int]:
         """Values of a loop that another one reads; not those that it makes again, by one operation of such values."""
@@ -246,18 +289,18 @@ class _Writer:
         return [f"{name} = {operation(node, [names[a.number] for a in node.args])}"]
 
     def _joined(self, node: Symbol) -> list[str]:
-        lines, before = list[str](), ""
-        for x, space in zip(node.args, node.value.split("+"), strict=True):
-            lines += self._copy(self.stored[node.number], x, space, before)
-            before += f" + {self.slot('size', space)}"
-        return lines
+        places = [self.stored[node.number].part(node.value, k) for k in range(len(node.args))]
+        each = zip(places, node.args, node.value.split("+"), strict=True)
+        return [line for place, x, space in each for line in self._copy(place, x, space)]
 
-    def _copy(self, place: Place, x: Symbol, space: str, before: str = "") -> list[str]:
-        """An array, or a number for each of its entries, into its place; before: so many entries stand there."""
+    def _copy(self, place: Place, x: Symbol, space: str) -> list[str]:
+        """An array, or a number for each of its entries, into its place, unless it was made there."""
+        if self.stored.get(x.number) == place and x.number not in self.given:
+            return []
         value = "" if x.space else self._number(x)
 
         def line(i: str) -> list[str]:
-            return [f"{self.item(place, i + before)} = {value or self.item(self.stored[x.number], i)}"]
+            return [f"{self.item(place, i)} = {value or self.item(self.stored[x.number], i)}"]
 
         return self._loop_over(space, line)
 
@@ -276,7 +319,7 @@ class _Writer:
         for k, block in enumerate(self.outputs):
             for c, x in enumerate(block.symbols):
                 place = Place("out", k, c, len(block.symbols))
-                if x is None or (self.stored.get(x.number) == place and x.number not in self.given):
+                if x is None:
                     continue
                 if block.space == NUMBER:
                     lines.append(f"{self.item(place, '0')} = {self._number(x)}")

@@ -192,7 +192,7 @@ def begin(run: Run) -> None:
 @rare
 def measure_residual(flow: Flow) -> None:
     """Keep the largest scaled residual of an accepted step."""
-    call(flow.full, flow.w, flow.x, flow.derivatives)
+    call(flow.iterate if flow.ns > 0 else flow.full, flow.w, flow.x, flow.derivatives)
     for i in range(flow.nx):
         size = abs(flow.derivatives[i]) * flow.w[2 * flow.nx + i]
         flow.tally.residual_max = max(flow.tally.residual_max, size)

@@ -39,6 +39,7 @@ class ArrayFlow:
     iterate: ArrayKernel
     polish: ArrayKernel
     finish: ArrayKernel
+    full: ArrayKernel
     unknowns: tuple[Block, ...]
     terms: tuple[tuple[int, Term], ...]  # which row, and which entries of it
     positive: tuple[str, ...]  # spaces of temperatures that have to be positive
@@ -51,9 +52,9 @@ class ArrayFlow:
         iterate = self.iterate.kernel(mesh.with_entries(pattern.nnz if pattern else 0), places, extra=1)
         return FlowKernels(
             setup=empty, prologue=opening, opening=opening, iterate=iterate,
-            polish=self.polish.kernel(mesh),
-            finish=self.finish.kernel(mesh), full=iterate, n_unknowns=n, n_eliminated=0, n_positive=positive,
-            pattern=pattern, way=(f"sparse: {n} unknowns" if n else "explicit") + ", in loops over the elements",
+            polish=self.polish.kernel(mesh), finish=self.finish.kernel(mesh), full=self.full.kernel(mesh),
+            n_unknowns=n, n_eliminated=0, n_positive=positive, pattern=pattern,
+            way=(f"sparse: {n} unknowns" if n else "explicit") + ", in loops over the elements",
         )  # fmt: skip
 
     def _pattern(self, mesh: Mesh, n: int, positive: int) -> tuple[Pattern, list[Ints]]:
@@ -64,7 +65,7 @@ class ArrayFlow:
         pattern = Pattern(n, rows[free], columns[free])
         if len(np.setdiff1d(pattern.diagonal, pattern.places)):
             raise TraceError(ZERO_PIVOT)
-        where = np.full(len(rows), pattern.nnz + n + positive)  # what is fixed writes behind everything
+        where = np.full(len(rows), pattern.nnz + positive)  # what is fixed writes behind everything
         where[free] = pattern.places
         return pattern, np.split(where, np.cumsum(lengths)[:-1])
 
@@ -123,12 +124,12 @@ def _array_flow(flow: Flow, net: Any) -> ArrayFlow:
     }
     before = [Block(k, (row,)) for k, row in zip(kinds, residual, strict=True)]
     warm = [Block(v.space, (v,)) for v in positive]
-    last = [Block(k, (v,)) for k, v in zip(kinds, d_dh, strict=True)] + warm
     return ArrayFlow(
         opening=array_kernel(inputs, [*opening, *kept, *net.blocks(net.observe(z0))], behind=True),
-        iterate=jacobian_kernel(reads, before, [(term, slope) for _, term, slope in flat], last, behind=True),
+        iterate=jacobian_kernel(reads, before, [(term, slope) for _, term, slope in flat], warm, behind=True),
         polish=array_kernel(reads, before + warm, behind=True),
         finish=array_kernel(reads, net.blocks(dz)),
+        full=array_kernel(reads, [Block(k, (v,)) for k, v in zip(kinds, d_dh, strict=True)]),
         unknowns=tuple(Block(s.space, (s,)) for s in unknowns),
         terms=tuple((i, term) for i, term, _ in flat),
         positive=tuple(v.space for v in positive),

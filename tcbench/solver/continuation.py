@@ -63,9 +63,9 @@ def linearise(flow: Flow, v: Floats, t: Floats) -> float:
     for i in range(n):
         flow.x[i] = v[i] / scale[i]
     set_step(flow, v[n])
-    call(flow.full, flow.w, flow.x, found)
     if flow.ns > 0:
         return sparse_bordered(flow, t, v[n])
+    call(flow.full, flow.w, flow.x, found)
     for i in range(n):
         for j in range(n):
             A[i, j] = found[n + i * n + j] / scale[j]

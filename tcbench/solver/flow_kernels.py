@@ -24,6 +24,8 @@ from ..compiler import derivatives as trace
 from ..compiler.derivatives import Symbol, const
 from ..compiler.formula_hash import formula_hash
 from ..compiler.kernels import Kernel, constant_part, kernel
+from ..compiler.language import call
+from ..compiler.library import callback, evaluate
 from ..compiler.once import cached_property
 from ..errors import TcbenchError, TraceError, misnamed, shown
 from ..integrator import Flow, Residual
@@ -56,8 +58,9 @@ class FlowKernels:
     finish(w, x) -> z1 - z0
     full(w, x) -> (residual[nx], Jacobian[nx * nx], d residual/dh[nx])
 
-    Where the Jacobian is sparse, iterate and full are one: (residual[nx], entries[nnz], d residual/dh[nx],
-    thetas[npos]); prologue and opening are one, and polish gives (residual[nx], thetas[npos]).
+    Where the Jacobian is sparse, iterate gives (residual[nx], entries[nnz], thetas[npos]), polish (residual[nx],
+    thetas[npos]), and full, which few runs need and which is compiled when it is first called, (d residual/dh[nx]);
+    prologue and opening are one.
     """
 
     setup: Kernel
@@ -81,20 +84,24 @@ class FlowKernels:
             "nx": self.n_unknowns, "ne": self.n_eliminated, "npos": self.n_positive, "nd": self.iterate.size,
             "nw": self.opening.size + max(self.setup.size, self.opening.room), "prologue": self.prologue.address,
             "iterate": self.iterate.address, "polish": self.polish.address, "finish": self.finish.address,
-            "full": self.full.address, "nj": self.n_unknowns,
-            "nfull": max(k.size + k.room for k in (self.full, self.iterate, self.polish)),
+            "nfull": max(k.size + k.room for k in (self.full, self.iterate, self.polish)), "nj": self.n_unknowns,
             "ns": 0, "nnz": 0, "foresees": self.foresees,
         }  # fmt: skip
         p = self.pattern
-        if p is not None:
-            found |= {"nj": 0, "ns": p.n, "nnz": p.nnz, "nd": 2 * p.n + self.n_positive, "factorise": p.factorise}
-            found |= {"first": p.first, "columns": p.columns, "diagonal": p.diagonal, "order": p.order}
-        return found
+        if p is None:
+            return found | {"full": self.full.address}
+        found |= {"nj": 0, "ns": p.n, "nnz": p.nnz, "nd": 2 * p.n + self.n_positive, "factorise": p.factorise}
+        found |= {"first": p.first, "columns": p.columns, "diagonal": p.diagonal, "order": p.order}
+        sizes = found["nw"], p.n, self.full.size
+        return found | {"full": callback(lambda *arrays: call(self.full.address, *arrays), sizes)}
+
+    @property
+    def linear(self) -> Kernel:
+        """(w, x) -> residual, Jacobian (entries of a sparse one), and more."""
+        return self.iterate if self.pattern else self.full
 
     def prepared(self, z: Any, c: NDArray[np.float64]) -> NDArray[np.float64]:
         """w of a step from z. c: (h, constants, what the flow reads beside them)."""
-        from ..compiler.library import evaluate
-
         w = np.zeros(self.fields["nw"])
         w[self.opening.size :][: self.setup.size] = self.setup(c, c)
         evaluate(self.prologue.address, np.ascontiguousarray(z, dtype=float), c, w)
@@ -157,15 +164,14 @@ def _build(flow: Flow, system: System) -> FlowKernels:
     reads |= {s: f"b[{i}]" for i, s in enumerate(x)}
     stored = {f: f"out[{len(parts.iterate) + i}]" for i, f in enumerate(parts.stored)}
     opened = kernel(prologue_inputs, opening)
-    iterate = kernel(reads, [*parts.iterate, *parts.stored.values()])
     return FlowKernels(
         setup=kernel({h: "b[0]", **constants, **{s: behind[s] for s in first}}, fixed_constants),
         prologue=opened if slopes else kernel(prologue_inputs, [*fixed, *hoisted]),
         opening=opened,
-        iterate=iterate,
+        iterate=kernel(reads, [*parts.iterate, *parts.stored.values()]),
         polish=kernel(reads | stored, parts.polish),
         finish=kernel(reads, list(dz)),
-        full=iterate if slopes else kernel(reads, parts.full),
+        full=kernel(reads, parts.full),
         n_unknowns=len(x),
         n_eliminated=len(parts.moved),
         n_positive=len(positive),
@@ -212,8 +218,7 @@ def _sparse_parts(
     reduction: Reduction, slopes: _Slopes, positive: list[Symbol], h: Symbol, scales: list[Symbol]
 ) -> _Parts:
     d_dh = [row.get(0, const(0.0)) for row in trace.sparse_jacobian(reduction.rows, [h])]
-    full = [*reduction.rows, *slopes.entries, *d_dh, *positive]
-    return _Parts(full, full, scales, [*reduction.rows, *positive])
+    return _Parts([*reduction.rows, *slopes.entries, *positive], d_dh, scales, [*reduction.rows, *positive])
 
 
 @dataclass

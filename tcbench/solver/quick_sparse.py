@@ -66,7 +66,7 @@ def by_old_factors(flow: Flow) -> tuple[int, int]:
         behind = n
         if new:
             call(flow.iterate, flow.w, x, d)
-            behind += n + flow.nnz
+            behind += flow.nnz
             if not incomplete_factors(flow, n):
                 return REJECTED, iteration
             new, made, previous = False, True, np.inf
@@ -112,7 +112,7 @@ def newton_krylov(flow: Flow) -> tuple[int, int]:
     previous, tolerance = np.inf, FIRST
     for iteration in range(1, MAX_ITERATIONS + 1):
         call(flow.iterate, flow.w, x, flow.derivatives)
-        for i in range(2 * n + flow.nnz, 2 * n + flow.nnz + flow.npos):
+        for i in range(n + flow.nnz, n + flow.nnz + flow.npos):
             if not flow.derivatives[i] > 0.0:
                 return REJECTED, iteration
         if sparse_correction(flow, tolerance, iteration == 1) <= 0.0:

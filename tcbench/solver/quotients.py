@@ -24,7 +24,7 @@ def finite_at_rest(kernels: FlowKernels, memory: int, system: System, z: Any, h:
     further = [np.zeros(memory * len(z))] if memory else [z, z]
     w = kernels.prepared(z, np.concatenate([[h], system.constant_values[1:], *further]))
     still = np.zeros(max(1, kernels.n_unknowns))
-    return bool(np.all(np.isfinite(kernels.full(w, still))) and np.all(np.isfinite(kernels.finish(w, still))))
+    return bool(np.all(np.isfinite(kernels.linear(w, still))) and np.all(np.isfinite(kernels.finish(w, still))))
 
 
 def zero_over_zero(flow: Flow, system: System, z: Any, h: float) -> str:

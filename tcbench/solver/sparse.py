@@ -156,7 +156,7 @@ def sparse_correction(flow: Flow, tolerance: float, fresh: bool) -> float:
 @rare
 def sparse_iterate(flow: Flow) -> float:
     """Residual and Jacobian at x, the correction into d[:nx], temperatures behind as `newton` reads them; the sign."""
-    n, behind = flow.nx, 2 * flow.nx + flow.nnz
+    n, behind = flow.nx, flow.nx + flow.nnz
     call(flow.iterate, flow.w, flow.x, flow.derivatives)
     for i in range(flow.npos):
         flow.d[2 * n + i] = flow.derivatives[behind + i]
@@ -167,10 +167,12 @@ def sparse_iterate(flow: Flow) -> float:
 def sparse_bordered(flow: Flow, t: Floats, eta: float) -> float:
     """As `linearise`, where the Jacobian is sparse: the border is eliminated. At x; returns the sign of det B."""
     n, order, found, scale = flow.nx, flow.order, flow.derivatives, flow.scale
+    call(flow.iterate, flow.w, flow.x, found)
+    call(flow.full, flow.w, flow.x, flow.direction)
     for i in range(n):
         at = order[i]
         flow.krylov[0, i] = -(found[at] + (1.0 - eta) * flow.shift[at])
-        flow.krylov[1, i] = found[n + flow.nnz + at] * flow.h - flow.shift[at]
+        flow.krylov[1, i] = flow.direction[at] * flow.h - flow.shift[at]
     sign = factorised(flow)
     along, across = 0.0, t[n]
     for i in range(n):

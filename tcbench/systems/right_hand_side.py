@@ -58,10 +58,18 @@ class Field:
         return self.system.vector_field(z)
 
     def jacobian(self, t: float, z: Any) -> Any:
-        """d rate/dz, shape (n, n), in one array that every call fills anew."""
+        """d rate/dz, shape (n, n), in one array that every call fills anew; of a large system in a new one."""
+        if self.system.large:
+            return self._sparse(z).toarray()
         address, found, flat = self._jacobian
         self._evaluate(address, z, self.c, flat)
         return found
+
+    @cached_property
+    def _sparse(self) -> Callable[[Any], Any]:
+        from .sparse_jacobian import sparse_jacobian
+
+        return sparse_jacobian(self.system)
 
     @cached_property
     def _jacobian(self) -> tuple[int, Any, Any]:

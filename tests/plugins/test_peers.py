@@ -5,6 +5,7 @@ import sys
 
 import numpy as np
 import pytest
+from tcbench_plugins.chain.chain import chain
 
 import tcbench
 from tcbench import TcbenchError
@@ -41,6 +42,22 @@ def test_a_peer_reports_the_times_asked_for(peer):
     assert run.status == "ok" and run.z.shape == (201, 10)
     best = tcbench.simulate("tc_gauss_adaptive", scenario, tolerance=1e-12)
     assert np.abs(run.z - best.z).max() < 1e-5
+
+
+@pytest.mark.filterwarnings("ignore:invalid value:RuntimeWarning")  # trial steps of an explicit solver
+@pytest.mark.parametrize("peer", [p for p in PEERS if p not in ("heyoka", "diffrax", "pydiffsol")])
+def test_peers_run_on_large_stiff_systems(peer):
+    """Where a dense Jacobian is none that one could have: conduction a hundred times as fast."""
+    scenario = chain(41, conductivity=1e3)
+    best = tcbench.simulate("solve_ivp_radau", scenario, t_end=0.02, tolerance=1e-9, record_every=None)
+    run = tcbench.simulate(peer, scenario, t_end=0.02, tolerance=1e-7, record_every=None)
+    assert run.ok, run.failure
+    assert np.abs(run.z[-1] - best.z[-1]).max() < 1e-4
+
+
+def test_heyoka_says_that_it_compiles_number_by_number():
+    with pytest.raises(TcbenchError, match="a formula for each of the 205 numbers"):
+        tcbench.simulate("heyoka", chain(41))
 
 
 def test_a_failed_solver_is_a_row():

@@ -64,10 +64,23 @@ def test_flows_of_any_system_are_those_of_the_whole_trace(method, name, whole):
         assert run.summary.energy_error_max < 1e-13
 
 
-@pytest.mark.parametrize("method", ["cpg", "hbvm"])
-def test_polynomials_over_a_step_run_on_arrays(method, whole):
-    run, expected = tcbench.simulate(method, NETWORKS["reactions"]), whole(method, NETWORKS["reactions"])
+@pytest.mark.parametrize(
+    ("method", "name"),
+    [
+        ("cpg", "reactions"),
+        ("hbvm", "reactions"),
+        pytest.param("relaxation[order=2]", "row", marks=pytest.mark.thorough),
+    ],
+)
+def test_methods_of_other_forms_run_on_arrays(method, name, whole):
+    run, expected = (f(method, NETWORKS[name], dt=0.02, t_end=0.1) for f in (tcbench.simulate, whole))
     assert run.ok and LOOPS in run.solver.way and np.abs(run.z - expected.z).max() < 1e-13
+
+
+@pytest.mark.parametrize("method", ["ybaby", "mybaby"])
+def test_a_method_that_takes_numbers_one_by_one_says_that_arrays_are_not_for_it(method):
+    with pytest.raises(tcbench.TcbenchError, match="take the numbers of a state one by one"):
+        tcbench.simulate(method, NETWORKS["drag"])
 
 
 @pytest.mark.parametrize("name", NETWORKS)
