@@ -3,8 +3,8 @@
 A step of the underlying method from z0 over tau ends in z0 + tau d(tau). The relaxed one ends in z0 + gamma tau d(tau),
 with the gamma that keeps the energy, and stands for the time gamma tau (Ketcheson 2019), so the order stays. Here
 gamma tau is the step h that is asked for, and tau is found instead: E(z0 + h d(tau)) = E(z0), one scalar equation, by a
-fixed number of secant steps from tau = h. At rest, where every tau will do, it stays h. Where there is no such tau, as
-beyond the stability of the underlying method, the step is not a number and the run ends.
+fixed number of secant steps from tau = h. Where every tau will do, at rest or where all energy is heat, it stays h.
+Where there is no such tau, as beyond the stability of the underlying method, the step is not a number and the run ends.
 """
 
 import numpy as np
@@ -20,6 +20,7 @@ TABLEAUX = {  # Hairer, Norsett & Wanner, Solving ODEs I, II.1: Runge's, Kutta's
 }
 SECANTS = 6
 EPS = np.finfo(float).eps  # of the sizes of the energy's terms: differences as small say nothing of a slope
+UNSEEN = 1e3  # times them: where tau changes the energy by less, as where nothing works, every tau will do
 LEFT = 1e-12  # of the energy, over the size of the terms of its sum: beyond it there was no such tau
 TINY = 1e-300
 
@@ -46,7 +47,8 @@ def relaxed(order):
 
         d, g, size = tried(h)
         slope = -(system.gradient(system.state(z0 + h * d)) @ d)  # to leading order
-        tau, step = h, -g * slope / (slope * slope + TINY)
+        unseen = UNSEEN * EPS * size / h
+        tau, step = h, -g * slope / (slope * slope + unseen * unseen + TINY)
         for _ in range(SECANTS):
             tau, before = tau + step, g
             d, g, size = tried(tau)
