@@ -32,7 +32,7 @@ DAMPED = {
 }  # fmt: skip
 BOUND = 0.25  # ratio of the last terms of a series from which on a decay may be what bounds a step
 ALIKE = 0.8  # the square of the cosine between the last two coefficients of a decay
-LONGER = 0.8  # times the step that the series allows as it is: so much may be given for the decay
+LONGER = 1.5  # times the step that the series allows as it is: the trial takes half the time of a small system's step
 TRIES = 3  # lengths of one step
 SAFETY, SHORTER = 0.9, 0.3  # of the length that the estimate suggests; of the last one, the least that is tried next
 PAUSE, MOST_PAUSE = 4, 256  # steps until the next trial after the first that fails, and twice as many each time up to
