@@ -22,7 +22,7 @@ from . import cache, hookspecs
 from .chart import Chart
 from .errors import ChangedError, TcbenchError
 from .inputs import marks, watching
-from .inputs.undone import Computing, undone
+from .inputs.undone import Restored, undone
 from .integrator import Integrator
 from .metric import Metric
 from .plugin_files import RefusedError, at_home, forget_helpers, import_file, plugin_files
@@ -92,7 +92,7 @@ def load(folders: Iterable[Path] = (), apart: bool = False) -> Registry:
     """
     forget_helpers()
     manager, result = _manager(), Registry()
-    known = Computing() if apart else None
+    known = Restored() if apart else None
     with undone():
         for origin, importer in _present(folders):
             _register(manager, result, origin, importer, _unique(origin, result))

@@ -23,6 +23,7 @@ from ..store.encoding import canonical_json, decode_line, encode_line
 from ..store.rows import Rows
 from ..store.store import Store
 from .local import Event, Ledger, Summary, plan, run_cells
+from .worker_slot import crash_row
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -194,14 +195,7 @@ class _ClusterRun:
             else:
                 times = self.losses[cell.key]
                 failure = f"The Dask worker was lost {times} times while it ran this cell ({how[:300]})."
-                row = {
-                    "status": "crash",
-                    "failure": failure,
-                    "exit_code": None,
-                    "signal": None,
-                    "timed": cell.timed,
-                }
-                self._write(cell, row, "")
+                self._write(cell, crash_row(None) | {"failure": failure, "timed": cell.timed}, "")
         if again and again[0].timed:
             yield again  # timed cells stay in one share: they must not run side by side
         elif again:

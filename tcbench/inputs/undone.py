@@ -19,7 +19,7 @@ _CHANGED: dict[str, tuple[str | None, str | None]] = {}  # variables that plugin
 def undone() -> Iterator[None]:
     """What imports do to this process that the engine or other methods would feel is undone: builtins and clocks that
     they replace, numpy's error state, the current folder, output that would stand among results."""
-    modules = [(module, dict(vars(module))) for module in (builtins, time)]
+    replaced = Restored(builtins, time)
     environment, folder = dict(os.environ), ""
     with contextlib.suppress(OSError):  # one that was removed
         folder = os.getcwd()
@@ -27,10 +27,7 @@ def undone() -> Iterator[None]:
         with np.errstate(), contextlib.redirect_stdout(sys.stderr):
             yield
     finally:
-        for module, before in modules:
-            for name, value in before.items():
-                if vars(module).get(name) is not value:
-                    setattr(module, name, value)
+        replaced.restore()
         with contextlib.suppress(OSError):
             if folder and os.getcwd() != folder:
                 os.chdir(folder)
@@ -51,23 +48,19 @@ def environment() -> dict[str, str]:
     return found
 
 
-class Computing:
-    """What the modules of numpy and scipy have, and their classes."""
+class Restored:
+    """What modules and classes have, to be had again."""
 
-    def __init__(self) -> None:
-        self.kept: dict[int, tuple[Any, dict[str, Any]]] = {}
+    def __init__(self, *owners: Any) -> None:
+        self.kept: dict[int, tuple[Any, dict[str, Any]]] = {id(owner): (owner, dict(vars(owner))) for owner in owners}
 
     def keep(self) -> None:
-        """Remember what was not known yet."""
+        """Remember what the modules of numpy and scipy have, and their classes, that was not known yet."""
         for name, module in list(sys.modules.items()):
             if name.partition(".")[0] in ("numpy", "scipy", "math", "cmath") and id(module) not in self.kept:
-                self._keep(module)
-                for item in list(vars(module).values()):
-                    if isinstance(item, type) and id(item) not in self.kept:
-                        self._keep(item)
-
-    def _keep(self, owner: Any) -> None:
-        self.kept[id(owner)] = owner, dict(vars(owner))
+                for item in (module, *vars(module).values()):
+                    if (item is module or isinstance(item, type)) and id(item) not in self.kept:
+                        self.kept[id(item)] = item, dict(vars(item))
 
     def restore(self) -> None:
         """Undo what was replaced since."""

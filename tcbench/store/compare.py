@@ -236,9 +236,9 @@ def _row_changes(
         return []
     found = []
     alone = bool(cell.get("timed") or before.get("timed"))
-    old_values, new_values = dict(_flat(_cut(before, after) if alone else before)), dict(_flat(after))
     if alone:
-        new_values = dict(_flat(_cut(after, before)))
+        before, after = _cut(before, after), _cut(after, before)
+    old_values, new_values = dict(_flat(before)), dict(_flat(after))
     for name in [*old_values, *(n for n in new_values if n not in old_values)]:
         path = [part.split("[")[0] for part in name.split(".")]  # of points[3].errors.q: points, errors, q
         known = column_named(path[-1])
