@@ -56,6 +56,7 @@ ALLOWED = {
     "dataclasses",
     "contextlib",
     "functools",
+    "warnings",
     "itertools",
     "threading",
     "typing",
