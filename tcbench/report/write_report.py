@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import asdict
 from functools import partial
@@ -31,6 +32,7 @@ SCRIPTS = ("base", "chart", "panels", "overview", "player", "scenarios", "method
 ROUNDED = ("series", "opening", "ensemble_seeds")  # many numbers, of which a chart shows three digits
 EXACTER = ("t", "dt", "tolerance", "entropy", "seed")  # and temperatures: they change by little beside what they are
 HISTORY = "history"
+TOGETHER = re.compile(r"(?<=\d) (?=(?:%|µs|ms|s)(?!\w))|(?<=\b[ht]) (?==)|(?<=\b[ht] =) ")
 
 
 def write_report(
@@ -63,6 +65,11 @@ def _environment() -> Any:
     return environment
 
 
+def _unbroken(text: str) -> str:
+    """No line ends between a number and its unit, nor within h = 0.3."""
+    return TOGETHER.sub("\u00a0", text)
+
+
 def _content(store: Store, tables: dict[str, DataFrame]) -> dict[str, Any]:
     texts = "\n".join(script_text(f"{name}.js") for name in SCRIPTS)
     script = f'"use strict";\n(async () => {{\n{texts}\n}})();'
@@ -77,7 +84,8 @@ def _content(store: Store, tables: dict[str, DataFrame]) -> dict[str, Any]:
     data = {
         "families": FAMILIES, "methods": rows, "scenarios": scenarios, "declared": _named(declared, tables),
         "looks": {name: [one.colour, one.marker, dashes(one.dash)] for name, one in run_looks(tables).items()},
-        "leaders": leaders(tables, declared), "answers": scenario_answers(found, tables, scenarios),
+        "leaders": leaders(tables, declared), "answers": {name: [(*told, _unbroken(text)) for *told, text in said]
+                    for name, said in scenario_answers(found, tables, scenarios).items()},
         "lawful": lawful_ones(found), "loose": LOOSE, "paper": paper(tables.get("claims")),
         "kept": {name: law_shares(one_scenario(found, name)) for name in scenarios},
         "lenses": lenses(found), "failures": failures(tables), "stopped": stopped(tables),
@@ -89,7 +97,7 @@ def _content(store: Store, tables: dict[str, DataFrame]) -> dict[str, Any]:
         "machine": _machine(manifest),
         "when": str(manifest.get("ended", "")),
         "counts": (len(rows), len(scenarios)),
-        "findings": [asdict(finding) for finding in findings(found, tables)],
+        "findings": [asdict(finding) | {"text": _unbroken(finding.text)} for finding in findings(found, tables)],
         "methods": rows,
         "families": FAMILIES,
         "claims": "claims" in tables,

@@ -32,7 +32,7 @@ LIMITS = {"physical": "s", "branch": "^", "solver": "o", "none": ">"}
 AGAIN = "★"
 MEANING = {
     "s": "physical limit", "^": "the branch ends", "o": "Newton's limit, a root exists",
-    ">": "no limit found", "_": "plain Newton's", AGAIN: "stable again above",
+    ">": "no limit found", "_": "plain Newton's limit", AGAIN: "stable again above",
     "x": "no stable step, or no answer",
 }  # fmt: skip
 STEP_COLUMNS = ("dt_stable", "dt_unstable", "dt_half", "dt_stable_plain", "dt_cap")

@@ -40,6 +40,7 @@ const seconds = (value) => {
 const words = (name) => String(name).replaceAll("_", " ");
 const label = (column) => page.labels[column] || words(column);
 const short = (text, length = 40) => (String(text).length > length ? `${String(text).slice(0, length - 1)}…` : String(text));
+const prose = (text) => text.split(/`([^`]+)`/).map((part, i) => (i % 2 ? el("code", {}, part) : part));  // code between backticks
 const broken = (name) => String(name).split(/(?<=_)/).flatMap((part) => [part, el("wbr")]);  // may break after "_"
 const extent = (values) => values.reduce(([lo, hi], v) => [Math.min(lo, v), Math.max(hi, v)], [Infinity, -Infinity]);
 const unique = (values) => [...new Set(values)];

@@ -30,7 +30,7 @@ const stepTip = (m) => (!m.step || !m.step.of ? without(m, "no fixed step", m.st
 
 const cellText = (kind, value, best, stopped, digits = 2) => {
   if (value === null) return stopped ? "…" : "–";
-  if (kind === "time") return value === best ? (digits < 2 ? "1" : "best") : number(value / best, value / best < 10 ? 2 : digits + 1);
+  if (kind === "time") return value === best ? (digits < 2 ? "1" : "best") : value / best >= 9999.5 ? `${Math.round(value / best / 1000)}k` : number(value / best, value / best < 10 ? 2 : digits + 1);
   if (kind === "step" && Array.isArray(value)) return `> ${number(value[1], digits)}`;
   return number(value, digits);
 };
@@ -64,7 +64,8 @@ const matrix = () => {
     : (a, b) => a.family - b.family || mean(a) - mean(b) || (a.name < b.name ? -1 : 1);
   const ordered = [...page.methods].sort(by);
   const head = el("tr", {}, el("th", { scope: "col" }, "method"), el("th", { scope: "col", title: (page.methods[0]?.laws || []).map((l) => words(l.law)).join(", ") }, "laws"),
-    el("th", { scope: "col", title: "lowest fitted order" }, "order"), el("th", { scope: "col", title: "least of the largest stable steps" }, "h stable"),
+    ordered.some((m) => m.order) ? el("th", { scope: "col", title: "lowest fitted order" }, "order") : null,
+    ordered.some((m) => m.step) ? el("th", { scope: "col", title: "least of the largest stable steps" }, "h stable") : null,
     page.scenarios.map((s) => el("th", { scope: "col", class: "one", "aria-sort": view.sorted === s ? "ascending" : "none" },
       el("a", { href: link({ scenario: s }), title: `${s}: its answers` }, ...broken(short(s, 34))), " ",
       el("button", { type: "button", title: `${s}: sort by it`, "aria-label": `sort by ${s}`, onclick: () => { view.sorted = view.sorted === s ? null : s; drawMatrix(); } },
@@ -74,11 +75,11 @@ const matrix = () => {
   for (const m of ordered) {
     if (!view.sorted && m.family !== family) {
       family = m.family;
-      body.push(el("tr", { class: "family" }, el("th", { colspan: 4 + page.scenarios.length, scope: "colgroup" }, page.families[family])));
+      body.push(el("tr", { class: "family" }, el("th", { colspan: head.children.length, scope: "colgroup" }, page.families[family])));
     }
     body.push(el("tr", {},
       el("th", { scope: "row" }, mark(m.name), el("a", { href: link({ method: m.name }), title: m.name }, short(m.name, 26))),
-      el("td", {}, dots(m)), el("td", { title: orderTip(m) }, orderText(m)), el("td", { title: stepTip(m) }, stepText(m)),
+      el("td", {}, dots(m)), ordered.some((x) => x.order) ? el("td", { title: orderTip(m) }, orderText(m)) : null, ordered.some((x) => x.step) ? el("td", { title: stepTip(m) }, stepText(m)) : null,
       page.scenarios.map((s) => {
         const v = value(m.name, s), failed = page.failures[m.name]?.[s], tint = v === undefined ? 0 : strength(kind, v, best[s]);
         if (v === undefined && !failed) return el("td", { class: "one" });

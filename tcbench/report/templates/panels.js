@@ -70,7 +70,7 @@ const keysOf = (panel) => Object.entries(panel.keys || {}).map(([m, text]) => `$
 const rowChart = (panel, width, title) => {
   if (!panel.x.domain) return empty("Nothing was measured here.");
   const all = panel.rows, left = Math.min(150, 14 + 6.6 * Math.max(...all.map((r) => short(r.name, 20).length)));
-  const row = all.length > 30 ? 11 : Math.max(8, Math.min(18, 214 / all.length)), height = row * all.length + 34, small = Math.min(11, row);
+  const row = all.length > 19 ? 11 : Math.max(8, Math.min(18, 214 / all.length)), height = row * all.length + 34, small = Math.min(11, row);
   const f = frame(width, height, { x: axisOf(panel.x, { less: "←", more: "→" }), y: { kind: "none" }, title, margin: { left, right: 74, top: 4, bottom: 30 } }), X = (v) => (known(v) ? f.X(v) : left);
   all.forEach((r, i) => {
     const y = 4 + row * (i + 0.5), end = X(r.bar?.[1]), group = shape("g", { class: "bar", style: `--own:${colour(r.name)}` });
@@ -97,11 +97,11 @@ const chartsView = async (place) => {
     there.length > 1 ? select("scenario", there.map((s) => [s, s]), scenario, (s) => { location.hash = link({ charts: name, of: s }); }) : "",
     again(`tcbench plot ${word(name)} FOLDER${scenario ? ` -s ${word(scenario)}` : ""} -o chart.svg`)),
   el("h2", {}, short(name, 80)), el("p", { class: "soft" }, short(it.text, 300), keys ? ` ${keys}.` : ""));
-  root.append(drawnPanels(panels, { scenario }));
+  root.append(drawnPanels(panels, { scenario, named: true }));
 };
 // panels side by side, each under its title
 const drawnPanels = (panels, options) => el("div", { class: "panels" }, panels.map((panel) => {
   const inside = el("div", { class: "chart" });
   setTimeout(() => drawn(inside, (width) => inside.replaceChildren(panelChart(panel, width, 250, { ...options, named: options.named && width > 340 }))));
-  return el("figure", {}, el("figcaption", {}, panel.title || panel.y.label), inside);
+  return el("figure", {}, el("figcaption", {}, panel.title), inside);
 }));
