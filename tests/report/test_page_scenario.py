@@ -34,7 +34,7 @@ def test_a_scenario_answers_first_and_then_shows(large, visit):
     tops = page.evaluate(f"({place})().map(e => e.getBoundingClientRect().y)")
     assert tops[0] < tops[1] < tops[-1] and tops[2] < tops[-1]  # sentence, ranking and chart, player
     rows = page.locator(".rank tbody tr")
-    heads = [text.rstrip(" ▾") for text in page.locator(".rank thead th").all_inner_texts()]
+    heads = [text.replace("\u00ad", "").rstrip(" ▾") for text in page.locator(".rank thead th").all_inner_texts()]
     table = awkward.work_precision(["tc_monolithic"], ["fast_conduction"])
     wrong = table.loc[
         table["value"].idxmax(), "error_theta"

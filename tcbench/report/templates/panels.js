@@ -70,7 +70,7 @@ const keysOf = (panel) => Object.entries(panel.keys || {}).map(([m, text]) => `$
 const rowChart = (panel, width, title) => {
   if (!panel.x.domain) return empty("Nothing was measured here.");
   const all = panel.rows, left = Math.min(150, 14 + 6.6 * Math.max(...all.map((r) => short(r.name, 20).length)));
-  const row = all.length > 19 ? 11 : Math.max(8, Math.min(18, 214 / all.length)), height = row * all.length + 34, small = Math.min(11, row);
+  const row = all.length > 30 ? 11 : Math.max(8, Math.min(18, 214 / all.length)), height = row * all.length + 34, small = Math.min(11, row);
   const f = frame(width, height, { x: axisOf(panel.x, { less: "←", more: "→" }), y: { kind: "none" }, title, margin: { left, right: 74, top: 4, bottom: 30 } }), X = (v) => (known(v) ? f.X(v) : left);
   all.forEach((r, i) => {
     const y = 4 + row * (i + 0.5), end = X(r.bar?.[1]), group = shape("g", { class: "bar", style: `--own:${colour(r.name)}` });
