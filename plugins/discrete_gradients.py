@@ -88,7 +88,7 @@ def mean_value(system: ElementSystem, z0: Any, z1: Any, points: int = 5) -> Stat
 
 
 def cut_itoh_abe(F: Cut, start: list[Symbol], step: list[Symbol]) -> list[Symbol]:
-    """One coordinate after the other, in the order in which the energy is written."""
+    """One coordinate after the other, in the order in which the energy is written; on arrays an array is one."""
     slopes, still = [], [const(0.0)] * len(step)
     for k in range(len(step)):
         here = [y + d for y, d in zip(start[:k], step[:k], strict=True)] + start[k:]
