@@ -44,7 +44,7 @@ def measured():
     found = {}
     for name in SCENARIOS:
         scenario = tcbench.scenarios()[name]
-        for method in METHODS:
+        for method in [*METHODS, "projected"]:
             for count in (FEW, MANY):
                 found[f"{method} {name} {count}"] = lambda m=method, s=scenario, n=count: steps(m, s, n)
     one = tcbench.scenarios()["short_term"].replace(t_end=0.3)

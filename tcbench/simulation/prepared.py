@@ -43,6 +43,8 @@ class Prepared:
         observe, n_observables = model.observer
         further = 0 if method is None else model.size * (method.memory or 2)
         c, self.tally = np.concatenate([model.constant_values, np.zeros(further)]), Tally()
+        known = len(model.constant_values)
+        self.constants, self.others = c[:known], c[known:].reshape(-1, model.size)  # parts of c; a row is of a state
         self.rules, self.bound = Rules(), math.inf
         self.flows: list[tuple[Flow, FlowKernels, float]] = []
         fields: dict[str, Any] = {}
@@ -66,7 +68,7 @@ class Prepared:
 
     def clear(self) -> None:
         """As if nothing had run yet."""
-        self.tally.table[:] = _NO_STEP.table
+        self.tally.table[...] = _NO_STEP.table  # half of the time of [:]
         self.run.clear()
         for flow, _, _ in self.flows:
             flow.clear()
@@ -89,17 +91,13 @@ class Prepared:
 
     def start(self, scenario: Scenario, dt: float, steps: int, every: int, rules: Rules) -> Run:
         """Everything at the start of a scenario, with room for a row each `every` steps."""
-        run, c, z0, constants = self.run, self.run.c, scenario.z0, scenario.model.constant_values
+        run, z0 = self.run, scenario.z0
         self.clear()
         self.set_rules(rules, scenario.bound)
         run.every = every
         run.make_room(steps // every + 2)
-        known, n = len(constants), len(z0)
-        c[:known], run.z[:] = constants, z0
-        if run.memory:
-            c[known:] = 0.0
-        elif self.flows:
-            c[known : known + n] = c[known + n :] = z0
+        self.constants[...], run.z[...] = scenario.model.constant_values, z0
+        self.others[...] = 0.0 if run.memory else z0
         self.set_length(dt)
         return run
 
@@ -113,7 +111,7 @@ class Prepared:
     def step(self, z: Any) -> int:
         """One step from z, as if a run began there, to run.z; returns why there is none, or OK."""
         run = self.run
-        run.z[:], run.carry[:], run.c[-2 * len(z) :] = z, 0.0, np.tile(z, 2)
+        run.z[...], run.carry[...], self.others[...] = z, 0.0, z
         if run.of_step:
             self.set_length(run.h)  # with what depends on the start of the run
             LOOPS.begin(run)

@@ -39,9 +39,10 @@ def cause_of(reason: int, model: System, method: Integrator) -> str:
 
 def explain(reason: int, done: int, dt: float, scenario: Scenario, method: Integrator) -> tuple[str, str]:
     """Status and sentence for the way a run ended."""
-    status, cause = _STATUS[reason][0], cause_of(reason, scenario.model, method)
+    status, cause = _STATUS[reason]
     if not cause:
         return status, ""
+    cause = cause_of(reason, scenario.model, method)
     step = done if reason == m.BLOWUP else done + 1  # the state of a blow-up exists; otherwise the next step failed
     factor = "" if scenario.blowup_factor == 1 else f"{scenario.blowup_factor:g} times "
     cause = cause.format(factor=factor, V0=scenario.initial_exergy)
@@ -60,18 +61,18 @@ def assemble(
 ) -> Trajectory:
     """The Trajectory of the completed steps; solver: what is known of the counts where the tally has none."""
     tally, dt, every, model = run.tally.as_numbers(), float(run.h), run.every, scenario.model
-    done = tally["steps"]
+    done = tally.steps
     rows = -(-done // every) + 1
-    numbers = np.arange(rows, dtype=float)
+    numbers = np.arange(rows)
     t = (numbers if every == 1 else np.minimum(numbers * every, done)) * dt
     names, observed = model.invariant_names, run.records[:rows]
     first = FIRST_INVARIANT + len(names)
     if solver is None:
         solver = at_once(
             SolverCounts,
-            newton_iterations=tally["iterations"], retried=tally["retried"], tracked=tally["tracked"],
-            continuation_tries=tally["tries"], arcs=tally["arcs"], folds=tally["folds"], audited=tally["audited"],
-            wrong_roots=tally["wrong_roots"], way=way,
+            newton_iterations=tally.iterations, retried=tally.retried, tracked=tally.tracked,
+            continuation_tries=tally.tries, arcs=tally.arcs, folds=tally.folds, audited=tally.audited,
+            wrong_roots=tally.wrong_roots, way=way,
         )  # fmt: skip
     return at_once(
         Trajectory,
@@ -88,27 +89,27 @@ def at_once(kind: type[Made], **values: Any) -> Made:
     """A frozen record of these fields, and the defaults of others: set one by one, as its `__init__` does, they take a
     tenth of a short run."""
     made = object.__new__(kind)
-    vars(made).update(values)
+    object.__setattr__(made, "__dict__", values)
     return made
 
 
-def summarise(run: Run, tally: dict[str, Any], dt: float, names: tuple[str, ...], exergy: float) -> Summary:
-    steps, departures = tally["steps"], dict(zip(names, run.departures.tolist(), strict=True))
+def summarise(run: Run, tally: Any, dt: float, names: tuple[str, ...], exergy: float) -> Summary:
+    steps, departures = tally.steps, dict(zip(names, run.departures.tolist(), strict=True))
     if not steps:
         nan = math.nan
         return Summary(nan, nan, nan, 0, nan, nan, dict.fromkeys(departures, nan), nan)
-    spread = steps * tally["sum_tt"] - tally["sum_t"] ** 2
-    slope = steps * tally["sum_te"] - tally["sum_t"] * tally["sum_e"]
+    spread = steps * tally.sum_tt - tally.sum_t**2
+    slope = steps * tally.sum_te - tally.sum_t * tally.sum_e
     return at_once(
         Summary,
-        energy_error_max=tally["energy_error"] / exergy,
+        energy_error_max=tally.energy_error / exergy,
         energy_drift=slope / spread / exergy if steps > 1 and spread > 0 else math.nan,
-        entropy_increment_min=tally["entropy_min"],
-        second_law_violations=tally["violations"],
-        first_entropy_fall=tally["first_fall"] * dt if tally["first_fall"] else math.nan,
-        lyapunov_increment_max=tally["lyapunov_max"] / exergy,
+        entropy_increment_min=tally.entropy_min,
+        second_law_violations=tally.violations,
+        first_entropy_fall=tally.first_fall * dt if tally.first_fall else math.nan,
+        lyapunov_increment_max=tally.lyapunov_max / exergy,
         invariant_error_max=departures,
-        residual_max=tally["residual_max"] if run.residuals else math.nan,
+        residual_max=tally.residual_max if run.residuals else math.nan,
     )
 
 
