@@ -237,6 +237,11 @@ class Integrator:
             )
         if self.flows is not None:
             flows = _as_flows(self.flows, self.variables)
+            if any(flow.most > 1 for flow in flows[:-1]) or (flows[-1].most > 1 and not flows[-1].of_step):
+                raise TcbenchError(
+                    f"Integrator {self.name!r}: most= is of the last formula alone, of the whole step (of_step=True): "
+                    "it is applied until the state at which the step ends has the laws."
+                )
             object.__setattr__(self, "flows", tuple(replace(flow, memory=self.memory) for flow in flows))
         self._check_memory()
         if self.order is None and self.adaptive is None:

@@ -34,6 +34,7 @@ SHOWN = 1e-17  # ... or no more than this, which is round-off
 DOUBT = 1.25  # what is not looked at grows by this from step to step
 SQUARED = 1e-11  # Newton's error after a correction below this is its square times curvature: below round-off to 1e6
 CHORD_FLOOR = 1e-14  # a correction with old factors that no longer shrinks is round-off below this
+STEEP, SOLVED = 1e12, 1e-12  # equations, scaled, of which a correction of round-off leaves as much over are not solved
 SMALL_PIVOT = 1e-7  # below this the elimination without pivoting is repeated with pivoting
 
 PLAIN_ITERATIONS = 20
@@ -121,6 +122,8 @@ def quick(flow: Flow, guess: Floats) -> tuple[int, int]:
         # NaN fails every comparison; a small or negative pivot needs pivoting or is on the wrong side of a fold
         if not (delta <= 0.5 * previous and d[after + 1] > SMALL_PIVOT):
             return REJECTED, iteration
+        if delta < ROUND_OFF and iteration == 1 and flow.foreseen[NEXT] != FORESEEN and not solved(flow, here, delta):
+            return REJECTED, iteration
         for i in range(n):
             x[i] = here[i] + d[i]
         if delta < small and curvature * delta * delta < NEGLIGIBLE:
@@ -191,6 +194,16 @@ def newton_correction(flow: Flow) -> tuple[float, float]:
 
 
 @rare
+def solved(flow: Flow, x: Floats, delta: float) -> bool:
+    """Are the equations at x? Where one has an infinite slope, as sqrt(q) at 0, a correction moves nothing."""
+    call(flow.full, flow.w, x, flow.derivatives)
+    most = 0.0
+    for i in range(flow.nx):
+        most = max(most, abs(flow.derivatives[i]) * flow.w[2 * flow.nx + i])
+    return most <= SOLVED + STEEP * delta
+
+
+@rare
 def newton(flow: Flow, enough: float, slope: float) -> tuple[int, int]:
     """Newton at fixed h from `x`, in place; returns (ACCEPTED or REJECTED, iterations), increments of the state in dz.
 
@@ -219,6 +232,8 @@ def newton(flow: Flow, enough: float, slope: float) -> tuple[int, int]:
         for i in range(2 * n + ne, 2 * n + ne + npos):
             if not d[i] > 0.0:
                 return REJECTED, iteration
+        if delta < ROUND_OFF and iteration == 1 and not solved(flow, x, delta):
+            return REJECTED, iteration
         if delta <= ROUND_OFF or (near and delta > 0.25 * previous):
             return finish(flow), iteration
         if delta > 0.5 * previous:

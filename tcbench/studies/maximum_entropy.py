@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ..compiler import derivatives as trace
 from ..compiler.kernels import Kernel, kernel
 from ..compiler.once import once
+from ..systems.state import fixed
 
 if TYPE_CHECKING:
     from ..systems.system import System
@@ -57,11 +58,13 @@ def maximum_entropy(system: System, z0: Any, within: float = FAR) -> Equilibrium
         return _none(system, f"a state of {system.size} numbers is too long for matrices of second derivatives")
     z0 = np.array(z0, float)
     key = system.structure, system.constant_values.tobytes(), z0.tobytes(), within
-    if key not in _FOUND:
+    found = _FOUND.get(key)
+    if found is None:
+        found = _highest(_Surface(system, z0), within)
         if len(_FOUND) >= MOST_FOUND:
-            _FOUND.clear()
-        _FOUND[key] = _highest(_Surface(system, z0), within)
-    return _FOUND[key]
+            _FOUND.clear()  # another thread may be about to read
+        _FOUND[key] = found
+    return found
 
 
 def _highest(surface: _Surface, within: float) -> Equilibrium:
@@ -98,11 +101,16 @@ def _top(surface: _Surface, z: Floats, within: float, rng: np.random.Generator) 
             return _none(
                 system, f"the entropy still rises where the state is {within:g} times as large as at the start"
             )
-    return _at(system, z) if near else _none(system, f"{STEPS} steps uphill did not lead to a largest entropy")
+    return (
+        _at(system, z)
+        if near and saddle is None
+        else _none(system, f"{STEPS} steps uphill did not lead to a largest entropy")
+    )
 
 
 def _at(system: System, z: Floats) -> Equilibrium:
-    return Equilibrium(True, z, float(system.entropy(z)), np.asarray(system.temperatures(z)))
+    z = fixed(np.array(z))
+    return Equilibrium(True, z, float(system.entropy(z)), fixed(np.array(system.temperatures(z))))
 
 
 def _none(system: System, why: str) -> Equilibrium:

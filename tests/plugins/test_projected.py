@@ -167,6 +167,14 @@ def test_an_explicit_formula_is_applied_until_the_state_has_the_laws(part, statu
     assert status != "ok" or np.abs(run.z - run.z[0]).max() <= 1e-12
 
 
+@pytest.mark.parametrize("of_step", [True, False])
+def test_formulas_that_would_be_applied_once_are_refused(of_step):
+    """Only what ends a step is applied until the state has the laws."""
+    flows = [Flow(to_sphere(1.0).residual, of_step=of_step, most=10), lambda z0, z1, h, system: z1 - z0]
+    with pytest.raises(TcbenchError, match="most= is of the last formula alone, of the whole step"):
+        Integrator(name="twice", order=1, flows=flows if of_step else flows[:1])
+
+
 def test_where_no_state_is_near_the_step_fails():
     """What came before has the laws, even where the method alone blows up."""
     run = tcbench.simulate("projected", "stiff_spring", dt=0.2)

@@ -33,6 +33,15 @@ def test_springs_that_expand_for_ever_have_none():
     assert not found.exists and np.isnan(found.entropy) and "100 times as large" in found.note
 
 
+def test_what_is_found_is_held_for_all_and_cannot_be_written_to():
+    scenario = SCENARIOS["gas_containers"]
+    found = maximum_entropy(scenario.model, scenario.z0)
+    assert found is maximum_entropy(scenario.model, scenario.z0)
+    for values in (found.z, found.temperatures):
+        with pytest.raises(ValueError, match="read-only"):
+            values[...] = 0.0
+
+
 class Two(System):
     """Two masses on springs with baths of their own; the second feels no friction."""
 
