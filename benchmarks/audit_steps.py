@@ -92,7 +92,7 @@ def audit(name: str, seed: int, batches: range) -> tuple[Counter, list[dict[str,
             if reason != OK:
                 case = {n: cases[n][i].tolist() for n in names}
                 lost.append({"case": (batch, i), "reason": cause_of(reason), "h": float(h), "y": y.tolist(), **case})
-    numbers = step.tally.as_numbers()
+    numbers = step.tally.as_numbers()._asdict()
     counts.update({key: numbers[key] for key in ("iterations", *SHARE)})
     counts["steps"] = len(batches) * BATCH
     return counts, lost

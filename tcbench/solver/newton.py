@@ -195,12 +195,18 @@ def newton_correction(flow: Flow) -> tuple[float, float]:
 
 @rare
 def solved(flow: Flow, x: Floats, delta: float) -> bool:
-    """Are the equations at x? Where one has an infinite slope, as sqrt(q) at 0, a correction moves nothing."""
+    """Are the equations at x, where a correction of size delta is next to nothing?"""
     call(flow.full, flow.w, x, flow.derivatives)
+    return not stuck(flow, delta)
+
+
+@rare
+def stuck(flow: Flow, delta: float) -> bool:
+    """Is much left of the equations in `derivatives`? One has an infinite slope there, as sqrt(q) at 0."""
     most = 0.0
     for i in range(flow.nx):
         most = max(most, abs(flow.derivatives[i]) * flow.w[2 * flow.nx + i])
-    return most <= SOLVED + STEEP * delta
+    return most > SOLVED + STEEP * delta
 
 
 @rare

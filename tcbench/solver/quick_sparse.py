@@ -11,7 +11,7 @@ import numpy as np
 
 from ..compiler.language import call, copy_into, rare
 from .flow import Flow
-from .newton import ACCEPTED, CONVERGED, MAX_ITERATIONS, NEGLIGIBLE, REJECTED, finish
+from .newton import ACCEPTED, CONVERGED, MAX_ITERATIONS, NEGLIGIBLE, REJECTED, finish, stuck
 from .sparse import FOUND, RIGHT, incomplete_factors, precondition, sparse_correction
 
 FIRST = 1e-4  # relative residual of the linear system of a first correction
@@ -85,6 +85,8 @@ def by_old_factors(flow: Flow) -> tuple[int, int]:
             delta = size if size > delta else delta
             total += step
             x[at] += step
+        if iteration == 1 and delta < CONVERGED and stuck(flow, delta):
+            return REJECTED, iteration
         kept[STOPPED] = delta if delta > 0.5 * previous else 0.0
         if not (abs(total) < np.inf and delta <= max(previous, floor)):
             return REJECTED, iteration
@@ -123,6 +125,8 @@ def newton_krylov(flow: Flow) -> tuple[int, int]:
             delta = size if size > delta else delta
             total += d[i]
             x[i] += d[i]
+        if iteration == 1 and delta < CONVERGED and stuck(flow, delta):
+            return REJECTED, iteration
         if not (abs(total) < np.inf and delta <= max(0.5 * previous, CONVERGED)):
             return REJECTED, iteration
         if delta > 0.5 * previous:

@@ -34,15 +34,33 @@ class Rooted(Weight):
         return q**1.5
 
 
+class Weights(Weight):
+    """Many of them, whose equations are sparse."""
+
+    name = "weights"
+    variables = {"q": ("weight",), "p": ("weight",), "s": ("weight",)}
+    constants = {"share": ("weight",)}
+
+    def energy(self, z):
+        return z.p @ z.p / 2 + self.share @ self.height(z.q) - 2 * z.q.sum() + np.exp(z.s).sum()
+
+    def entropy(self, z):
+        return z.s.sum()
+
+
+class ManyRooted(Weights):
+    height = Rooted.height
+
+
 @pytest.mark.parametrize("name", ["midpoint_entropy", "gauss2", "cpg"])
-@pytest.mark.parametrize(("system", "end"), [(Weight, 0.5), (Rooted, 0.765625)])
+@pytest.mark.parametrize(("system", "end"), [(Weight, 0.5), (Rooted, 0.765625), (Weights, 0.5), (ManyRooted, 0.765625)])
 def test_a_start_with_an_infinite_slope_is_left(system, end, name):
     """There every correction of Newton is 0, and where it began is no root: first steps stood still, the energy kept.
 
     q = t^2/2, and t^2 (1 - t/8)^2 by p^2/2 = 2 q - q^1.5.
     """
-    scenario = tcbench.Scenario(
-        name="weight", system=system, constants={}, initial={"q": 0.0, "p": 0.0, "s": 0.0}, dt=0.01, t_end=1.0
-    )
+    constants = {name: np.ones(40) for name in system.constants}
+    start = {name: np.zeros(40 if constants else ()) for name in "qps"}
+    scenario = tcbench.Scenario("weight", system, constants=constants, initial=start, dt=0.01, t_end=1.0)
     run = tcbench.simulate(name, scenario)
     assert run.ok and run.z[-1, 0] == pytest.approx(end, abs=1e-4)
