@@ -91,7 +91,15 @@ def audit(name: str, seed: int, batches: range) -> tuple[Counter, list[dict[str,
             reason = step(values, y, float(h))
             if reason != OK:
                 case = {n: cases[n][i].tolist() for n in names}
-                lost.append({"case": (batch, i), "reason": cause_of(reason), "h": float(h), "y": y.tolist(), **case})
+                lost.append(
+                    {
+                        "case": (batch, i),
+                        "reason": cause_of(reason, step.model, step.method),
+                        "h": float(h),
+                        "y": y.tolist(),
+                        **case,
+                    }
+                )
     numbers = step.tally.as_numbers()._asdict()
     counts.update({key: numbers[key] for key in ("iterations", *SHARE)})
     counts["steps"] = len(batches) * BATCH
