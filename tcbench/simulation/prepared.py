@@ -9,6 +9,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from ..compiler.records import Rows
+from ..errors import TcbenchError
 from ..integrator import Integrator
 from ..solver.flow import Flow, Tally
 from ..solver.flow_kernels import FlowKernels
@@ -49,12 +50,17 @@ class Prepared:
         self.flows: list[tuple[Flow, FlowKernels, float]] = []
         fields: dict[str, Any] = {}
         if method is not None:
+            mends = method.flows[-1].most > 1
+            if mends and kernels[-1].n_unknowns:
+                raise TcbenchError(
+                    f"{method.name!r}: most= is of an explicit formula, which is applied again; this is solved."
+                )
             opening = kernels[0].opening
             rows = Rows(make_flows(method, model, math.inf, 1.0, c, self.tally, self.rules, kernels))
             fields = {
                 "opening": opening.address, "now": opening.size - n_observables, "n_flows": len(kernels),
                 "of_step": any(flow.of_step for flow in method.flows), "memory": method.memory, "flows": rows,
-                "mends": method.flows[-1].most > 1 and not kernels[-1].n_unknowns,
+                "mends": mends,
             }  # fmt: skip
             self.flows = [(*pair, f.fraction) for *pair, f in zip(rows.records, kernels, method.flows, strict=True)]
         self.run = Run(
