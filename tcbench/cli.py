@@ -1,21 +1,22 @@
-"""The command line: parse, look up, call, write. Heavy imports stay inside the commands."""
+"""The command line: the options of each command, and what does it. Nothing heavy is imported before it is asked for."""
 
 from __future__ import annotations
 
+import functools
+import importlib
 import os
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import click
-from click.core import ParameterSource
 
 from . import progress
 from .commands.cache import cache_command
 from .commands.examples import Sectioned
 from .commands.group import Group
-from .commands.options import CONFIG, LATEST, ChartKind, completion, many, one, output, runs, words
-from .errors import TcbenchError
+from .commands.options import CONFIG, LATEST, PLUGINS, QUIET, ChartKind, completion, many, one, output, runs
 from .studies.base import study_names
 
 ENVIRONMENT = """\b
@@ -26,19 +27,32 @@ Environment:
 """
 
 
-PLUGINS = click.option(
-    "--plugins-dir", "folders", multiple=True, type=click.Path(), metavar="FOLDER", envvar="TCBENCH_PLUGINS_DIR",
-    show_envvar=True, help="Also load the plugin files in FOLDER (they are Python code: name only what you trust).",
-)  # fmt: skip
-
-
-QUIET = click.option("--quiet", "-q", is_flag=True, help="No progress and no tables, errors only.")
 AS_JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
 JOBS = click.option("--jobs", "-j", type=click.IntRange(1), help="Worker processes (default: the cores).")
 INTEGRATORS = many("integrator", "Integrator to run (default: all).")
 SCENARIOS = many("scenario", "Scenario to run (default: all).")
 ROWS_OF_INTEGRATORS = many("integrator", "Rows of this integrator.")
 ROWS_OF_SCENARIOS = many("scenario", "Rows of this scenario.")
+
+
+def done_by(place: str) -> Callable[[Callable[[], None]], Callable[..., None]]:
+    """What does a command with its options, "MODULE:FUNCTION" of `commands`; a number that it returns is the exit code.
+
+    The function below says what is done, for --help.
+    """
+
+    def decorated(told: Callable[[], None]) -> Callable[..., None]:
+        @functools.wraps(told)
+        def does(**options: Any) -> None:
+            module, _, function = place.partition(":")
+            if module == "simulate" and "numpy" not in sys.modules:  # threads would take longer to start than its run
+                os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+            if code := getattr(importlib.import_module(f".commands.{module}", __package__), function)(**options):
+                sys.exit(code)
+
+        return does
+
+    return decorated
 
 
 @click.group(
@@ -87,16 +101,9 @@ def main(ctx: click.Context) -> None:
 @PLUGINS
 @QUIET
 @AS_JSON
-def run(everything: bool, folders: tuple[str, ...], quiet: bool, as_json: bool, **options: Any) -> None:
+@done_by("actions:run_command")
+def run() -> None:
     """Run studies and write tables. Finished cells of the output folder are not run again."""
-    from .commands.actions import run_command
-
-    prepare(folders, quiet)
-    if not everything and not (options["integrators"] or options["scenarios"] or options["studies"]):
-        raise TcbenchError("Say what to run: --all, or a selection with -i, -s and --study. See tcbench list.")
-    if options["report"] is None:
-        options["report"] = everything and not options["studies"]
-    sys.exit(run_command(options, quiet, as_json))
 
 
 @main.command("list")
@@ -104,12 +111,9 @@ def run(everything: bool, folders: tuple[str, ...], quiet: bool, as_json: bool, 
 @many("scenario", "List this scenario.")
 @PLUGINS
 @AS_JSON
-def list_(folders: tuple[str, ...], **options: Any) -> None:
+@done_by("actions:list_command")
+def list_() -> None:
     """Integrators, scenarios and studies, with claims and sources; and plugins that failed to load."""
-    from .commands.actions import list_command
-
-    prepare(folders)
-    list_command(**options)
 
 
 @main.command()
@@ -125,18 +129,9 @@ def list_(folders: tuple[str, ...], **options: Any) -> None:
 @click.option("--csv", type=click.Path(path_type=Path, dir_okay=False), help="Write the trajectory to this file.")
 @PLUGINS
 @AS_JSON
-def simulate(
-    names: tuple[str, ...], integrators: tuple[str, ...], scenarios: tuple[str, ...], folders: tuple[str, ...],
-    as_json: bool, **options: Any,
-) -> None:  # fmt: skip
+@done_by("simulate:simulate_command")
+def simulate() -> None:
     """Run one integrator on one scenario."""
-    if "numpy" not in sys.modules:  # threads for matrices of ten rows would take longer to start than the run
-        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from .commands.simulate import simulate_command
-
-    prepare(folders)
-    methods, chosen = words(names, integrators, scenarios)
-    simulate_command(methods, chosen, as_json=as_json, **options)
 
 
 @main.command("map")
@@ -154,19 +149,12 @@ def simulate(
 @PLUGINS
 @QUIET
 @AS_JSON
-def map_(
-    names: tuple[str, ...], integrators: tuple[str, ...], scenarios: tuple[str, ...], folders: tuple[str, ...],
-    quiet: bool, as_json: bool, **options: Any,
-) -> None:  # fmt: skip
+@done_by("actions:map_command")
+def map_() -> None:
     """A stability map over two parameters; several integrators are drawn side by side.
 
     Of random scenarios (`random`) the share of failures over the step and a constant, such as stiffness=0.03:300:6:log.
     """
-    from .commands.actions import map_command
-
-    prepare(folders, quiet)
-    methods, chosen = words(names, integrators, scenarios)
-    sys.exit(map_command(methods, chosen, options, quiet, as_json))
 
 
 @main.command()
@@ -174,14 +162,9 @@ def map_(
 @many("scenario", "The same as a word.")
 @PLUGINS
 @AS_JSON
-def reference(names: tuple[str, ...], scenarios: tuple[str, ...], folders: tuple[str, ...], as_json: bool) -> None:
+@done_by("actions:reference_command")
+def reference() -> None:
     """Compute the reference solution of scenarios anew and compare it with the one in use."""
-    from .commands.actions import reference_command
-
-    prepare(folders)
-    if not (names or scenarios):
-        raise TcbenchError("Say of which scenario: tcbench reference SCENARIO. See tcbench list.")
-    sys.exit(reference_command([*names, *scenarios], as_json))
 
 
 @main.command()
@@ -192,24 +175,18 @@ def reference(names: tuple[str, ...], scenarios: tuple[str, ...], folders: tuple
 @ROWS_OF_INTEGRATORS
 @PLUGINS
 @AS_JSON
-def show(folder: Path, folders: tuple[str, ...], as_json: bool, **options: Any) -> None:
+@done_by("actions:show_command")
+def show() -> None:
     """The tables of a run so far, also while it is running; of a large run a summary. FOLDER: results/latest."""
-    from .commands.actions import show_command
-
-    prepare(folders)
-    show_command(folder, as_json=as_json, **options)
 
 
 @main.command()
 @runs()
 @PLUGINS
 @AS_JSON
-def report(folder: Path, folders: tuple[str, ...], as_json: bool) -> None:
+@done_by("actions:report_command")
+def report() -> None:
     """Write report.html of a run: one self-contained page. FOLDER: results/latest."""
-    from .commands.actions import report_command
-
-    prepare(folders)
-    report_command(folder, as_json)
 
 
 @main.command()
@@ -229,12 +206,9 @@ def report(folder: Path, folders: tuple[str, ...], as_json: bool) -> None:
 @click.option("--style", metavar="FILE", help="A matplotlib style, a file or a name; your matplotlibrc counts.")
 @PLUGINS
 @AS_JSON
-def plot(kind: str | None, folder: Path, folders: tuple[str, ...], as_json: bool, **options: Any) -> None:
+@done_by("pictures:plot_command")
+def plot() -> None:
     """Draw one chart of a run; without a KIND, list the kinds. FOLDER: results/latest."""
-    from .commands.pictures import plot_command
-
-    prepare(folders)
-    plot_command(kind, folder, as_json=as_json, **options)
 
 
 @main.command()
@@ -252,38 +226,27 @@ def plot(kind: str | None, folder: Path, folders: tuple[str, ...], as_json: bool
 @click.option("--fps", type=click.IntRange(1, 60), default=20, show_default=True, help="Pictures a second.")
 @PLUGINS
 @AS_JSON
-def animate(
-    names: tuple[str, ...], integrators: tuple[str, ...], scenarios: tuple[str, ...], folders: tuple[str, ...],
-    as_json: bool, **options: Any,
-) -> None:  # fmt: skip
+@done_by("pictures:animate_command")
+def animate() -> None:
     """Methods in motion, side by side: elements coloured by temperature, the laws running below."""
-    from .commands.pictures import animate_command
-
-    prepare(folders)
-    methods, chosen = words(names, integrators, scenarios)
-    animate_command(methods, chosen, as_json=as_json, **options)
 
 
 @main.command()
 @output(Path("results/paper"))
 @click.option("--format", "suffix", type=click.Choice(["png", "svg", "pdf"]), default="png", show_default=True)
 @AS_JSON
-def paper(output: Path, suffix: str, as_json: bool) -> None:
+@done_by("pictures:paper_command")
+def paper() -> None:
     """Figures 2 to 9 of Romero (2009), with captions that say what differs from the paper's account."""
-    from .commands.pictures import paper_command
-
-    paper_command(output, suffix, as_json)
 
 
 @main.command()
 @click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="FOLDER...")
 @output(Path("site"), "Folder of the site.")
 @AS_JSON
-def publish(folders: tuple[Path, ...], output: Path, as_json: bool) -> None:
+@done_by("pictures:publish_command")
+def publish() -> None:
     """A static site of several runs: an index by machine, each run's report and its tables."""
-    from .commands.pictures import publish_command
-
-    publish_command(folders, output, as_json)
 
 
 @main.command()
@@ -293,13 +256,9 @@ def publish(folders: tuple[Path, ...], output: Path, as_json: bool) -> None:
 @ROWS_OF_INTEGRATORS
 @click.option("--fail-on-regression", is_flag=True, help="Exit with code 1 if RUN_B is worse.")
 @AS_JSON
-def compare(run_a: Path, run_b: Path, **options: Any) -> None:
+@done_by("actions:compare_command")
+def compare() -> None:
     """What changed from RUN_A to RUN_B beyond noise, cell by cell. RUN_B: results/latest."""
-    from .commands.actions import compare_command
-
-    if click.get_current_context().get_parameter_source("run_b") == ParameterSource.DEFAULT:
-        click.echo(f"RUN_B is {run_b}: none is named.", err=True)
-    sys.exit(compare_command(run_a, run_b, **options))
 
 
 @main.command()
@@ -308,11 +267,9 @@ def compare(run_a: Path, run_b: Path, **options: Any) -> None:
 @click.option("--package", is_flag=True, help="A complete distribution: pyproject, source, a test.")
 @click.option("--folder", type=click.Path(path_type=Path, file_okay=False), default=Path(), help="Where to write it.")
 @AS_JSON
-def new(kind: str, name: str, package: bool, folder: Path, as_json: bool) -> None:
+@done_by("actions:new_command")
+def new() -> None:
     """Write a commented plugin that runs as it is: an integrator, a scenario, a system, or a system of elements."""
-    from .commands.actions import new_command
-
-    new_command(kind, name, package, folder, as_json)
 
 
 @main.command()
@@ -322,31 +279,12 @@ def new(kind: str, name: str, package: bool, folder: Path, as_json: bool) -> Non
 @click.option("--only", metavar="LINE[,LINE]", default="", help="These lines alone, as in --only order,claims.")
 @PLUGINS
 @AS_JSON
-def check(
-    targets: tuple[str, ...], integrators: tuple[str, ...], scenarios: tuple[str, ...], only: str,
-    folders: tuple[str, ...], as_json: bool,
-) -> None:  # fmt: skip
+@done_by("actions:check_command")
+def check() -> None:
     """Check plugins line by line: do they keep the contract, and what they claim?
 
     Exit code 0: no line fails; 1: some do; 2: there is no such plugin.
     """
-    from .commands.actions import check_command
-
-    prepare(folders)
-    if not (targets or integrators or scenarios):
-        raise TcbenchError("Say what to check: tcbench check FILE, or the name of an integrator or scenario.")
-    chosen = [line.strip() for line in only.split(",") if line.strip()]
-    sys.exit(check_command(targets, integrators, scenarios, chosen, as_json))
 
 
 main.add_command(cache_command)
-
-
-def prepare(folders: tuple[str, ...], quiet: bool = False) -> None:
-    """Make the plugin folders of the command line known, and say nothing on the way if that is wanted."""
-    if quiet:
-        progress.default = False
-    if folders:
-        from . import plugins
-
-        plugins.use_folders(folders)

@@ -8,6 +8,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import click
+from click.core import ParameterSource
+
 from .. import plugins
 from ..engine.planning import plan_job, preview
 from ..engine.run import run
@@ -24,6 +27,7 @@ from ..studies.base import studies
 from ..studies.columns import shown
 from ..studies.order_fit import MIN_POINTS
 from . import terminal
+from .options import words
 from .simulate import one_of
 
 if TYPE_CHECKING:
@@ -32,8 +36,12 @@ if TYPE_CHECKING:
 SHOWN_ROWS = 200  # of all tables of a run that `show` prints in full
 
 
-def run_command(options: dict[str, Any], quiet: bool, as_json: bool) -> int:
+def run_command(everything: bool, quiet: bool, as_json: bool, **options: Any) -> int:
     """Plan, run with progress, print the summary; 130 after Ctrl-C."""
+    if not everything and not (options["integrators"] or options["scenarios"] or options["studies"]):
+        raise TcbenchError("Say what to run: --all, or a selection with -i, -s and --study. See tcbench list.")
+    if options["report"] is None:
+        options["report"] = everything and not options["studies"]
     chosen: dict[str, Any] = {name: list(options.pop(name)) or None for name in ("integrators", "scenarios", "studies")}
     dt = list(options.pop("steps")) or None
     drawn = {name: options.pop(name) for name in ("size", "seed", "budget")}
@@ -135,19 +143,21 @@ def list_command(integrators: Sequence[str], scenarios: Sequence[str], as_json: 
 
 
 def map_command(
-    methods: Sequence[str], scenarios: Sequence[str], options: dict[str, Any], quiet: bool, as_json: bool
-) -> int:
+    names: tuple[str, ...], integrators: tuple[str, ...], scenarios: tuple[str, ...], quiet: bool, as_json: bool,
+    **options: Any,
+) -> int:  # fmt: skip
     """Run the map, one cell a row of it; tables and one picture in the output folder."""
     from ..engine.run import execute
     from ..report.chart_kinds import draw_kind, find_kind
 
-    if not (methods and scenarios):
+    methods, chosen = words(names, integrators, scenarios)
+    if not (methods and chosen):
         raise TcbenchError("tcbench map takes at least one integrator, and then the scenario.")
     settings = {name: options.pop(name) for name in ("x", "y", "size", "seed")}
     dt = options.pop("dt")
     settings |= {} if dt is None else {"dt": dt}
     with waiting("planning"):
-        job = plan_job(methods, scenarios, ["map"], options=settings)
+        job = plan_job(methods, chosen, ["map"], options=settings)
     one_of("scenario", sorted({cell.scenario for cell in job.cells}), "A map is of one.")
     drawn = job.studies[0].name != "map"
     if drawn and dt is not None:
@@ -173,12 +183,14 @@ def map_command(
     return 130 if results.summary.interrupted else 0
 
 
-def reference_command(names: Sequence[str], as_json: bool) -> int:
+def reference_command(names: Sequence[str], scenarios: Sequence[str], as_json: bool) -> int:
     """0 if the references in use are confirmed, 1 if not."""
+    if not (names or scenarios):
+        raise TcbenchError("Say of which scenario: tcbench reference SCENARIO. See tcbench list.")
     from ..reference.lookup import recompute
 
     found = []
-    for scenario in plugins.expand_scenarios(names):
+    for scenario in plugins.expand_scenarios([*names, *scenarios]):
         with waiting(f"computing the reference of {scenario.name}"):
             found.append(recompute(scenario))
     if as_json:
@@ -295,6 +307,8 @@ def compare_command(
 ) -> int:  # fmt: skip
     from ..store.compare import compare, in_both, one_sided, other_machine, regressions
 
+    if click.get_current_context().get_parameter_source("run_b") == ParameterSource.DEFAULT:
+        click.echo(f"RUN_B is {run_b}: none is named.", err=True)
     for folder in (run_a, run_b):
         if not folder.is_dir():
             raise TcbenchError(f"There is no run in {str(folder)!r}.")
@@ -343,13 +357,16 @@ def new_command(kind: str, name: str, package: bool, folder: Path, as_json: bool
 
 
 def check_command(
-    targets: Sequence[str], integrators: Sequence[str], scenarios: Sequence[str], only: Sequence[str], as_json: bool
+    targets: Sequence[str], integrators: Sequence[str], scenarios: Sequence[str], only: str, as_json: bool
 ) -> int:
     """0 if every line passes, 1 if not. Each line is printed when it is known."""
     from ..authoring import check
 
-    reports, files = [], [subject for target in targets for subject in check.subjects(target, only)]
-    for subject in [*files, *check.named(integrators, scenarios, only)]:
+    if not (targets or integrators or scenarios):
+        raise TcbenchError("Say what to check: tcbench check FILE, or the name of an integrator or scenario.")
+    lines = [line.strip() for line in only.split(",") if line.strip()]
+    reports, files = [], [subject for target in targets for subject in check.subjects(target, lines)]
+    for subject in [*files, *check.named(integrators, scenarios, lines)]:
         if not as_json:
             terminal.say(f"{subject.kind} {subject.name}")
         found: list[Any] = []

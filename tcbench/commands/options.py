@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
+from .. import progress
 from ..errors import TcbenchError, unknown_name
 
 CONFIG_FILE = "tcbench.config"  # key of a context's notes: the file that options are from
@@ -37,6 +38,33 @@ def one(kind: str, help: str) -> Callable[..., Any]:
     return click.option(
         f"--{kind}", f"-{kind[0]}", f"{kind}s", multiple=True, metavar="NAME", shell_complete=names, help=help
     )
+
+
+def use_plugins(ctx: click.Context, parameter: click.Parameter, folders: tuple[str, ...]) -> None:
+    """Make the plugin folders of the command line known."""
+    if folders and not ctx.resilient_parsing:
+        from .. import plugins
+
+        plugins.use_folders(folders)
+
+
+PLUGINS = click.option(
+    "--plugins-dir", multiple=True, type=click.Path(), metavar="FOLDER", envvar="TCBENCH_PLUGINS_DIR",
+    show_envvar=True, callback=use_plugins, expose_value=False,
+    help="Also load the plugin files in FOLDER (they are Python code: name only what you trust).",
+)  # fmt: skip
+
+
+def be_quiet(ctx: click.Context, parameter: click.Parameter, quiet: bool) -> bool:
+    """Say nothing on the way if that is wanted."""
+    if quiet:
+        progress.default = False
+    return quiet
+
+
+QUIET = click.option(
+    "--quiet", "-q", is_flag=True, callback=be_quiet, help="No progress and no tables, errors only."
+)  # fmt: skip
 
 
 def runs(name: str = "folder", required: bool = False, shown: str = "[FOLDER]") -> Callable[..., Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +10,7 @@ from ..errors import TcbenchError
 from ..progress import waiting
 from . import terminal
 from .actions import wrote
+from .options import words
 from .simulate import one_of
 
 
@@ -57,15 +57,16 @@ def paper_command(output: Path, suffix: str, as_json: bool) -> None:
 
 
 def animate_command(
-    integrators: Sequence[str], scenarios: Sequence[str], output: Path, dt: float | None, t_end: float | None,
-    tolerance: float | None, frames: int, fps: int, as_json: bool,
+    names: tuple[str, ...], integrators: tuple[str, ...], scenarios: tuple[str, ...], *, output: Path,
+    dt: float | None, t_end: float | None, tolerance: float | None, frames: int, fps: int, as_json: bool,
 ) -> None:  # fmt: skip
     """Run the methods on the scenario and write them in motion, side by side."""
     from ..report.animation import animate
     from ..simulation.run import simulate
 
-    scenario = one_of("scenario", plugins.expand_scenarios(scenarios), "tcbench animate INTEGRATOR... SCENARIO.")
-    methods = plugins.expand_integrators(integrators)
+    first, last = words(names, integrators, scenarios)
+    scenario = one_of("scenario", plugins.expand_scenarios(last), "tcbench animate INTEGRATOR... SCENARIO.")
+    methods = plugins.expand_integrators(first)
     if not methods:
         raise TcbenchError("tcbench animate takes at least one integrator, and then the scenario.")
     runs = []

@@ -19,6 +19,7 @@ from ..simulation import metrics
 from ..simulation.run import simulate
 from ..simulation.views import columns
 from . import terminal
+from .options import words
 
 AGAIN_S = 10.0  # a run of a solver of its own that took less is repeated for its time
 
@@ -34,12 +35,14 @@ def one_of(kind: str, found: Sequence[Any], many: str) -> Any:
 
 
 def simulate_command(
-    integrators: Sequence[str], scenarios: Sequence[str], *, dt: float | None, t_end: float | None,
-    tolerance: float | None, plain: bool, record_every: int, audit_roots: bool, csv: Path | None, as_json: bool,
+    names: tuple[str, ...], integrators: tuple[str, ...], scenarios: tuple[str, ...], *,
+    dt: float | None, t_end: float | None, tolerance: float | None, plain: bool, record_every: int, audit_roots: bool,
+    csv: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
     many = "tcbench simulate INTEGRATOR SCENARIO; tcbench run takes many."
-    integrator = one_of("integrator", plugins.expand_integrators(integrators), many)
-    scenario = one_of("scenario", plugins.expand_scenarios(scenarios), many)
+    methods, chosen = words(names, integrators, scenarios)
+    integrator = one_of("integrator", plugins.expand_integrators(methods), many)
+    scenario = one_of("scenario", plugins.expand_scenarios(chosen), many)
     if csv is not None:
         needs_folder(csv)
     if dt is not None and integrator.kind == "adaptive":
