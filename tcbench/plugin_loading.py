@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import contextlib
 import traceback
+from collections import UserDict
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import FunctionType, UnionType
-from typing import Any
+from typing import Any, cast
 
 import pluggy
 
@@ -202,17 +203,18 @@ class _Waiting:
         _collect(manager, new)
         self.result.origins.update(new.origins)
         for kind in KINDS:
-            dict.update(getattr(self.result, kind), getattr(new, kind))
+            getattr(self.result, kind).data.update(getattr(new, kind))
         self.open_parameters()
         if reason := new.origins[label].reason:
             raise ChangedError(f"The plugin {label} could be loaded when the run was planned, and cannot now: {reason}")
 
     def open_parameters(self) -> None:
         """Values that are found by asking all integrators are those that the run was planned with."""
+        imported = cast(_Lazy, self.result.integrators).data
         for name, values in self.known["parameters"].items():
-            if (method := dict.get(self.result.integrators, name)) is not None:
+            if (method := imported.get(name)) is not None:
                 parameters = {key: tuple(each) for key, each in values.items()}
-                dict.update(self.result.integrators, {name: replace(method, parameters=parameters)})
+                imported[name] = replace(method, parameters=parameters)
 
 
 def watched(label: str, folder: str) -> None:
@@ -221,7 +223,7 @@ def watched(label: str, folder: str) -> None:
     watching.begin().plugins[label] = folder
 
 
-class _Lazy(dict[str, Any]):
+class _Lazy(UserDict[str, Any]):
     """What is registered by name; whoever walks over all of it has every plugin imported."""
 
     def __init__(self, own: Mapping[str, Any], brings: Mapping[str, str], waiting: _Waiting) -> None:
@@ -229,37 +231,20 @@ class _Lazy(dict[str, Any]):
         self._brings, self._waiting = brings, waiting
 
     def __contains__(self, name: object) -> bool:
-        if not super().__contains__(name) and name in self._brings:
+        if name not in self.data and name in self._brings:
             self._waiting.need(self._brings[str(name)])
-        return super().__contains__(name)
+        return name in self.data
 
-    def __missing__(self, name: str) -> Any:
-        if name in self:
-            return self[name]
-        raise KeyError(name)
-
-    def get(self, name: str, default: Any = None) -> Any:
-        return dict.get(self, name) if name in self else default
-
-    def _whole(self) -> _Lazy:
-        for label in sorted(set(self._brings.values())):
-            self._waiting.need(label)
-        return self
+    def __getitem__(self, name: str) -> Any:
+        return self.data[name] if name in self else super().__getitem__(name)
 
     def __iter__(self) -> Iterator[str]:
-        return dict.__iter__(self._whole())
+        for label in sorted(set(self._brings.values())):
+            self._waiting.need(label)
+        return iter(self.data)
 
     def __len__(self) -> int:
-        return dict.__len__(self._whole())
-
-    def keys(self) -> Any:
-        return dict.keys(self._whole())
-
-    def values(self) -> Any:
-        return dict.values(self._whole())
-
-    def items(self) -> Any:
-        return dict.items(self._whole())
+        return len([*self])
 
 
 # -- one plugin after the other
