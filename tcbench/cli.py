@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import functools
-import importlib
 import os
+import pkgutil
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -44,10 +44,11 @@ def done_by(place: str) -> Callable[[Callable[[], None]], Callable[..., None]]:
     def decorated(told: Callable[[], None]) -> Callable[..., None]:
         @functools.wraps(told)
         def does(**options: Any) -> None:
-            module, _, function = place.partition(":")
-            if module == "simulate" and "numpy" not in sys.modules:  # threads would take longer to start than its run
+            if (
+                place.startswith("simulate") and "numpy" not in sys.modules
+            ):  # threads would take longer to start than its run
                 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-            if code := getattr(importlib.import_module(f".commands.{module}", __package__), function)(**options):
+            if code := pkgutil.resolve_name(f"{__package__}.commands.{place}")(**options):
                 sys.exit(code)
 
         return does

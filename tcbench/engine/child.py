@@ -11,9 +11,9 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
-import importlib
 import json
 import os
+import pkgutil
 import queue
 import signal
 import subprocess
@@ -169,23 +169,18 @@ def main(told: Mapping[str, Any], first: Iterable[str]) -> None:
 
     if told["begin"]:
         settings = told["settings"]
-        resolve(told["begin"])(json.loads(Path(settings).read_bytes()) if isinstance(settings, str) else settings)
+        pkgutil.resolve_name(told["begin"])(
+            json.loads(Path(settings).read_bytes()) if isinstance(settings, str) else settings
+        )
     say(READY)
     while True:
         function, arguments = json.loads(waiting.get())
         try:
-            text = resolve(function)(*arguments)
+            text = pkgutil.resolve_name(function)(*arguments)
         except BaseException as error:
             kind = type(error).__name__ if isinstance(error, TcbenchError) else ""
             text = json.dumps({"raised": _traceback(error), "kind": kind, "sentence": str(error) if kind else ""})
         say(text.encode() + b"\n")
-
-
-def resolve(name: str) -> Callable[..., Any]:
-    """The function called `package.module:function`."""
-    module, _, function = name.partition(":")
-    found: Callable[..., Any] = getattr(importlib.import_module(module), function)
-    return found
 
 
 def _traceback(error: BaseException) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import pkgutil
 import platform
 import re
 import sys
@@ -104,12 +105,12 @@ def source_mark(method: Integrator) -> str:
 
 def worker_finds(system: type[System]) -> bool:
     """Can another process import this class by its name?"""
-    found: Any = sys.modules.get(system.__module__)
-    if found is None or system.__module__ == MAIN:
+    if system.__module__ == MAIN or system.__module__ not in sys.modules:
         return False
-    for part in system.__qualname__.split("."):
-        found = getattr(found, part, None)
-    return found is system
+    try:
+        return pkgutil.resolve_name(f"{system.__module__}:{system.__qualname__}") is system
+    except (AttributeError, ValueError):  # it is local to a function
+        return False
 
 
 def fingerprint(**parts: Any) -> str:

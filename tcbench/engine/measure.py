@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-import importlib
+import pkgutil
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -146,10 +146,9 @@ def _made(data: Mapping[str, Any]) -> Scenario:
         watching.begin()  # before it is imported
     elif data["label"]:
         plugins.registry().need(data["label"])
-    imported = importlib.import_module(module)
+    system: Any = pkgutil.resolve_name(data["system"])
     if data["label"].startswith("module "):
         watched(data["label"], module_folder(data["system"]))
-    system: Any = functools.reduce(getattr, name.split("."), imported)
     if content_hash(system) != data["code"]:
         raise ChangedError(
             f"The system {name} of {module} is not what its file says: it was changed in the session that started the "

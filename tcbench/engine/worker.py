@@ -14,6 +14,7 @@ import faulthandler
 import io
 import json
 import os
+import pkgutil
 import sys
 import time
 import traceback
@@ -24,7 +25,6 @@ from typing import Any
 from ..errors import ChangedError, MachineError
 from ..inputs import watching
 from ..store.encoding import encode_values
-from .child import resolve
 
 DIED = "Fatal Python error"  # what faulthandler writes first
 MESSAGE_LIMIT = 2000  # characters kept of an exception's message, and of the ends of its traceback and of the output
@@ -51,7 +51,7 @@ def start(settings: dict[str, Any]) -> None:
     if settings.get("memory_limit"):
         _limit_memory(int(settings["memory_limit"]))
     with contextlib.suppress(BaseException):
-        resolve(settings["measure"])
+        pkgutil.resolve_name(settings["measure"])
 
 
 def run_cell(key: str, cell: dict[str, Any], extra: dict[str, Any]) -> str:
@@ -62,7 +62,7 @@ def run_cell(key: str, cell: dict[str, Any], extra: dict[str, Any]) -> str:
     log = Path(_settings["logs"]) / f"{key}.log"
     _undo_leftovers(log)
     row = complete_row(
-        lambda: resolve(_settings["measure"])(cell, _settings["context"]), extra,
+        lambda: pkgutil.resolve_name(_settings["measure"])(cell, _settings["context"]), extra,
         caught=(BaseException,),  # SystemExit and KeyboardInterrupt of a plugin are that plugin's failures too
         also=lambda: {"output_tail": _own_tail(log)},
     )  # fmt: skip

@@ -11,6 +11,8 @@ from collections.abc import Callable, Mapping
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from ..studies.columns import column as known
 
 if TYPE_CHECKING:
@@ -39,6 +41,8 @@ def packed(text: str) -> str:
 
 
 def _column(values: Series, digits: int) -> Any:
+    from pandas import factorize
+
     kind = values.dtype.kind
     if kind in "biu":
         return values.tolist()
@@ -47,10 +51,8 @@ def _column(values: Series, digits: int) -> Any:
     plain = [None if _missing(v) else v for v in values.tolist()]
     if all(v is None or isinstance(v, bool) for v in plain):
         return plain
-    words = ["" if v is None else str(v)[:LONGEST] for v in plain]
-    distinct = list(dict.fromkeys(word for word, v in zip(words, plain, strict=True) if v is not None))
-    place = {word: i for i, word in enumerate(distinct)}
-    return {"words": distinct, "at": [-1 if v is None else place[w] for w, v in zip(words, plain, strict=True)]}
+    places, distinct = factorize(np.array([v if v is None else str(v)[:LONGEST] for v in plain], dtype=object))
+    return {"words": distinct.tolist(), "at": places.tolist()}
 
 
 def _missing(value: Any) -> bool:

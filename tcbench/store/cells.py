@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -52,15 +52,7 @@ class Cell:
 
     def as_dict(self) -> dict[str, Any]:
         """The fields as plain JSON values."""
-        return {
-            "study": self.study,
-            "integrator": self.integrator,
-            "scenario": self.scenario,
-            "options": dict(self.options),
-            "timed": self.timed,
-            "fingerprint": self.fingerprint,
-            "machine": self.machine,
-        }
+        return asdict(self)
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Cell:

@@ -245,26 +245,15 @@ def _pixels(ax: Axes, size: float) -> float:
 
 
 def spread(positions: Sequence[float], gap: float, low: float, high: float) -> list[float]:
-    """Ascending positions moved as little as needed to be `gap` apart between low and high."""
-    if not positions:
+    """Ascending positions moved as little as needed (least squares) to be `gap` apart between low and high."""
+    from scipy.optimize import isotonic_regression
+
+    if not len(positions):
         return []
-    gap = min(gap, (high - low) / max(1, len(positions) - 1))
-    placed = [min(max(p, low), high) for p in positions]
-    for _ in range(50):
-        moved = False
-        for i in range(len(placed) - 1):
-            overlap = gap - (placed[i + 1] - placed[i])
-            if overlap > 1e-9:
-                placed[i] -= overlap / 2
-                placed[i + 1] += overlap / 2
-                moved = True
-        shift = max(0.0, low - placed[0])
-        placed = [p + shift for p in placed]
-        shift = max(0.0, placed[-1] - high)
-        placed = [p - shift for p in placed]
-        if not moved:
-            break
-    return placed
+    places = np.arange(len(positions)) * min(gap, (high - low) / max(1, len(positions) - 1))
+    moved = isotonic_regression(np.asarray(positions) - places).x  # what is left of them need only ascend
+    found: list[float] = (np.clip(moved, low, high - places[-1]) + places).tolist()
+    return found
 
 
 def note(ax: Axes, text: str) -> None:

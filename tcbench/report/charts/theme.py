@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -175,7 +176,7 @@ def parse_size(size: str | Sequence[float]) -> tuple[float, float]:
 def parse_methods(text: str) -> dict[str, str]:
     """ "tc_monolithic=TC,midpoint_entropy": names in order, with what to write for them."""
     found = {}
-    for item in _split(text):
+    for item in re.split(r",(?![^\[]*\])", text):  # at commas outside brackets
         end = item.rfind("]") + 1  # a name may hold an equals sign in its brackets
         equals = item.find("=", end)
         name, label = (item, item) if equals < 0 else (item[:equals], item[equals + 1 :])
@@ -183,18 +184,6 @@ def parse_methods(text: str) -> dict[str, str]:
     if not all(found) or not found:
         raise TcbenchError(f"{text!r}: write the methods as NAME,NAME=LABEL,...")
     return found
-
-
-def _split(text: str) -> list[str]:
-    """At commas outside brackets."""
-    parts, depth = [""], 0
-    for letter in text:
-        depth += {"[": 1, "]": -1}.get(letter, 0)
-        if letter == "," and not depth:
-            parts.append("")
-        else:
-            parts[-1] += letter
-    return parts
 
 
 def checked_font_size(value: float) -> float:
