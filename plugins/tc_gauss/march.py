@@ -14,8 +14,12 @@ from .step import COARSE, CONVERGED, FAILED, SOLVED, extrapolate, mend, try_step
 
 SHORTEST = 2.0**-24  # of a step, before it is given up
 SAFETY, GROW, SHRINK, ACCEPT = 0.85, 2.0, 0.2, 4.0
+HALF = 0.5  # of a step without a solution in reach
 BEST = 0.135  # contraction for which a unit of time costs least: it grows as h^2, and h log(1/h^2) is largest at e^-2
-RETREAT, ADVANCE = 0.7, 1.1  # of a step that is too long for the quadrature, and of the bound after steps that failed
+RETREAT, ADVANCE = 0.7, 1.1  # of a step that is too long for the quadrature, and of the bound that one leaves behind
+FREE = (
+    0.33  # of the ideal length, up to which that bound comes at once: where the solution has smoothed it is soon gone
+)
 FIRST = 4.0  # times the decay time of the conduction: see first_step
 TURNS = 12  # of the power method that finds it
 LEVELLED = 100.0  # times what the energy misses, by which part mending may move a state: it waits where that rests
@@ -190,7 +194,8 @@ def advance(
     z, carry = w.z, w.carry
     worth, most, owed, spent = w.budget[0], w.budget[1], 0.0, w.counts.iterations
     last = 0.0
-    # for which the iteration converges, and the coarsest quadrature keeps the energy, as far as is known
+    # what steps that began from the polynomials of others have shown to be too long, and too long for the coarsest
+    # quadrature to keep the energy
     longest, roughest = math.inf, math.inf
     while row < len(times) and owed <= most:
         while t < times[row] and owed <= most:
@@ -215,20 +220,21 @@ def advance(
             if code != SOLVED or not error <= ACCEPT * tolerance:
                 w.counts.rejected += 1
                 w.laws[w.m + 1] = lowest  # of any system the entropy that the next step may not fall below
-                h = step * (0.4 if code == FAILED else RETREAT if code == COARSE else max(SHRINK, factor))
-                longest = h if code != SOLVED else longest
-                last = 0.0
+                h = step * (HALF if code == FAILED else RETREAT if code == COARSE else max(SHRINK, factor))
+                longest = h if known else longest
+                copy_into(w.rates, w.kept)  # shorter, the next one is nearer to them
                 if not h > 1e-12 * max(1.0, abs(t)):
                     return row, t, 0.0
                 continue
             w.counts.steps += 1
             add_compensated(z, w.dz, carry)
             copy_into(w.start, w.end)
+            copy_into(w.kept, w.rates)
             t = times[row] if step == left else t + step
             last = step
             h = max(h, step * factor) if step < h and factor >= 1.0 else step * min(GROW, factor)
             roughest = step * RETREAT if step <= roughest and w.seen[1] > 0.0 else roughest * ADVANCE
-            longest *= ADVANCE
+            longest *= max(ADVANCE, FREE * factor)
             h = min(h, longest)
             owed = max(-SAVED, owed - worth * step)
         if t == times[row]:

@@ -107,6 +107,7 @@ class Work(Record):
     N: Matrix = sized("m", "WIDTH", of="found", at="WIDTH * m")  # the rates that it gives
     V: Matrix = sized("n", "WIDTH", of="found", at="WIDTH * 2 * m")  # velocities
     rates: Floats = sized("WIDTH * (m + n)", of="found", at="WIDTH * m")  # N, then V
+    kept: Floats = sized("WIDTH * (m + n)")  # those of the last step that was taken
     # h, lambda, 1 where conduction.py solves for the conduction, 1 if its own factors are made beside those on vectors
     stiff: Floats = sized("4")
     # What `any_vectors.iteration` reads: z, weights, what is carried of z; then factors.

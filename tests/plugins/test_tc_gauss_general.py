@@ -61,6 +61,17 @@ def test_the_entropy_of_a_step_that_is_rejected_binds_none_that_follows():
     assert run == pytest.approx(exact, abs=1e-4)
 
 
+@pytest.mark.parametrize(("name", "stiffer", "tolerance", "most"), [
+    ("reaction", {"speed": 70}, 1e-6, 25), ("reaction", {"speed": 700}, 1e-3, 25),
+    ("fast_conduction", {"conductivity": 3e6}, 1e-3, 55),
+])  # fmt: skip
+def test_what_was_too_long_once_is_not_for_long(name, stiffer, tolerance, most):
+    """58, 80 and 66 steps on average when that bound grew by a tenth a step; now 14, 17 and 36."""
+    scenario, solve = SCENARIOS[name].replace(**stiffer), tcbench.integrators()["tc_gauss_adaptive"].adaptive
+    tolerances, span = tolerance * 10.0 ** np.linspace(-0.4, 0.4, 5), np.array([0.0, scenario.t_end])
+    assert np.mean([solve(scenario.model, scenario.z0, span, x, x)[1]["steps"] for x in tolerances]) < most
+
+
 def test_what_a_step_was_is_no_part_of_the_next():
     """Increments are those of a fresh workspace, whatever was stepped before."""
     scenario = SCENARIOS["heavy_top"]
