@@ -25,7 +25,7 @@ from ..errors import TraceError
 from ..integrator import Flow
 from .elimination import ZERO_PIVOT
 from .first_values import plain_start, sizes_of
-from .flow_kernels import FlowKernels, called, finite_rows, hoisted_values
+from .flow_kernels import FlowKernels, called, finite_rows, has_roots, hoisted_values
 from .normal_rows import normalised
 from .pattern import Pattern
 from .reduction import reduce_arrays
@@ -43,6 +43,7 @@ class ArrayFlow:
     unknowns: tuple[Block, ...]
     terms: tuple[tuple[int, Term], ...]  # which row, and which entries of it
     positive: tuple[str, ...]  # spaces of temperatures that have to be positive
+    steep: bool
 
     def kernels(self, mesh: Mesh) -> FlowKernels:
         """For a system of this mesh."""
@@ -53,7 +54,7 @@ class ArrayFlow:
         return FlowKernels(
             setup=empty, prologue=opening, opening=opening, iterate=iterate,
             polish=self.polish.kernel(mesh), finish=self.finish.kernel(mesh), full=self.full.kernel(mesh),
-            n_unknowns=n, n_eliminated=0, n_positive=positive, pattern=pattern,
+            n_unknowns=n, n_eliminated=0, n_positive=positive, pattern=pattern, steep=self.steep,
             way=(f"sparse: {n} unknowns" if n else "explicit") + ", in loops over the elements",
         )  # fmt: skip
 
@@ -133,6 +134,7 @@ def _array_flow(flow: Flow, net: Any) -> ArrayFlow:
         unknowns=tuple(Block(s.space, (s,)) for s in unknowns),
         terms=tuple((i, term) for i, term, _ in flat),
         positive=tuple(v.space for v in positive),
+        steep=has_roots(residual),
     )
 
 

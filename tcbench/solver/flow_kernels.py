@@ -35,12 +35,14 @@ from ..systems.system import System
 from .elimination import ZERO_PIVOT, factorise
 from .first_values import by_entries, near_start, plain_start, sizes_of
 from .foresight import foreseen
+from .linear_algebra import STEEPEST
 from .normal_rows import normalised
 from .reduction import Reduction, reduce
 
 if TYPE_CHECKING:
     from .pattern import Pattern
 
+ROOTS = {"abs", "sqrt", "pow", "hypot", "asin", "acos", "atan2"}  # finite where their slopes are not
 UNROLLED = 24  # unknowns up to which the elimination is unrolled; beyond, Newton works on a sparse matrix
 
 
@@ -53,7 +55,7 @@ class FlowKernels:
     prologue(z0, (h, constants)) -> w = (start[nx], guess[nx], 1/size of the unknowns[nx + ne], hoisted...)
     opening: the same, then the observables of z0; of the first flow of a step
     iterate(w, x) -> (Newton correction[nx], its image in the eliminated unknowns[ne], pivots[nx], thetas[npos],
-        size of the correction, least of pivots and thetas, factors)
+        size of the correction, NaN where slopes are too steep for one, least of pivots and thetas, factors)
     polish(w, x) -> (correction with the factors that the last iterate left[nx], its image[ne], its size)
     finish(w, x) -> z1 - z0
     full(w, x) -> (residual[nx], Jacobian[nx * nx], d residual/dh[nx])
@@ -74,6 +76,7 @@ class FlowKernels:
     n_eliminated: int
     n_positive: int
     foresees: bool = False  # see newton.foresee
+    steep: bool = False  # may have slopes that are not finite: see linear_algebra.too_steep
     pattern: Pattern | None = None  # of a sparse Jacobian
     way: str = ""  # how its steps are solved, in words
 
@@ -85,7 +88,7 @@ class FlowKernels:
             "nw": self.opening.size + max(self.setup.size, self.opening.room), "prologue": self.prologue.address,
             "iterate": self.iterate.address, "polish": self.polish.address, "finish": self.finish.address,
             "nfull": max(k.size + k.room for k in (self.full, self.iterate, self.polish)), "nj": self.n_unknowns,
-            "ns": 0, "nnz": 0, "foresees": self.foresees,
+            "ns": 0, "nnz": 0, "foresees": self.foresees, "steep": self.steep,
         }  # fmt: skip
         p = self.pattern
         if p is None:
@@ -176,6 +179,7 @@ def _build(flow: Flow, system: System) -> FlowKernels:
         n_eliminated=len(parts.moved),
         n_positive=len(positive),
         foresees=slopes is None and not isinstance(sym, ElementSystem),  # of theirs the last digits stay what they were
+        steep=has_roots(reduction.rows),
         pattern=slopes.pattern if slopes else None,
         way=f"sparse: {len(x)} unknowns" if slopes else f"unrolled: {len(x)} unknowns" if x else "explicit",
     )
@@ -207,7 +211,8 @@ def _dense_parts(
     d_dh: Any = trace.jacobian(reduction.rows, [h])[:, 0] if x else []
     corrections = [*correction, *image[0]]
     sizes = [trace.mul(abs(step), scale) for step, scale in zip(corrections, scales, strict=True)]
-    iterate = [*corrections, *pivots, *positive, _size(sizes, correction)]
+    finite = [*correction, _steepness(jacobian)] if has_roots(reduction.rows) else correction
+    iterate = [*corrections, *pivots, *positive, _size(sizes, finite)]
     iterate.append(functools.reduce(trace.minimum, [*pivots, *positive], const(np.inf)))
     chords = [trace.mul(abs(step), scale) for step, scale in zip([*chord, *image[1]], scales, strict=True)]
     polish = [*chord, *image[1], _size(chords, chord)]
@@ -285,6 +290,17 @@ def _applied(kernels: FlowKernels, system: System, h: float, end: Any, start: An
 def _size(sizes: Sequence[Symbol], terms: Sequence[Symbol]) -> Symbol:
     """max of the sizes, NaN if any term is not finite."""
     return trace.guarded(functools.reduce(trace.maximum, sizes, const(0.0)), terms)
+
+
+def has_roots(rows: Sequence[Symbol]) -> bool:
+    """May these be finite where a slope of theirs is not?"""
+    return any(x.op in ROOTS for x in trace.topological(rows))
+
+
+def _steepness(jacobian: NDArray[np.object_]) -> Symbol:
+    """A number that is infinite where a slope is too steep: see `too_steep`."""
+    squares = (trace.mul(slope, slope) for slope in jacobian.ravel())
+    return trace.mul(const(np.finfo(float).max / STEEPEST**2), functools.reduce(trace.add, squares, const(0.0)))
 
 
 def further(flow: Flow, system: System, z0: Any, h: Symbol, start: Any) -> list[Any]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..compiler.language import Floats, call, copy_into, fill, rare
 from .flow import Flow
-from .linear_algebra import solve_pivoted
+from .linear_algebra import solve_pivoted, too_steep
 from .sparse import sparse_iterate
 
 ACCEPTED, REJECTED = 0, 1
@@ -34,7 +34,6 @@ SHOWN = 1e-17  # ... or no more than this, which is round-off
 DOUBT = 1.25  # what is not looked at grows by this from step to step
 SQUARED = 1e-11  # Newton's error after a correction below this is its square times curvature: below round-off to 1e6
 CHORD_FLOOR = 1e-14  # a correction with old factors that no longer shrinks is round-off below this
-STEEP, SOLVED = 1e12, 1e-12  # equations, scaled, of which a correction of round-off leaves as much over are not solved
 SMALL_PIVOT = 1e-7  # below this the elimination without pivoting is repeated with pivoting
 
 PLAIN_ITERATIONS = 20
@@ -54,9 +53,11 @@ def set_step(flow: Flow, fraction: float) -> None:
 
 @rare
 def pivoted_correction(flow: Flow) -> float:
-    """Newton correction into d[:nx] through the dense Jacobian; returns the sign of its determinant."""
+    """Newton correction into d[:nx] through the dense Jacobian; returns the sign of its determinant, 0: none."""
     n = flow.nx
     call(flow.full, flow.w, flow.x, flow.derivatives)
+    if flow.steep and too_steep(flow.derivatives[n : n + n * n]):
+        return 0.0
     for i in range(n):
         flow.d[i] = -flow.derivatives[i]
         for j in range(n):
@@ -122,10 +123,11 @@ def quick(flow: Flow, guess: Floats) -> tuple[int, int]:
         # NaN fails every comparison; a small or negative pivot needs pivoting or is on the wrong side of a fold
         if not (delta <= 0.5 * previous and d[after + 1] > SMALL_PIVOT):
             return REJECTED, iteration
-        if delta < ROUND_OFF and iteration == 1 and flow.foreseen[NEXT] != FORESEEN and not solved(flow, here, delta):
-            return REJECTED, iteration
         for i in range(n):
             x[i] = here[i] + d[i]
+        if flow.steep and delta < ROUND_OFF and iteration == 1 and flow.foreseen[NEXT] != FORESEEN:
+            here, previous = x, 2.0 * ROUND_OFF  # where a slope is steep the next one will be larger
+            continue
         if delta < small and curvature * delta * delta < NEGLIGIBLE:
             if flow.foresees:
                 flow.foreseen[CURVATURE] *= DOUBT
@@ -190,23 +192,9 @@ def newton_correction(flow: Flow) -> tuple[float, float]:
         smallest = size if size < smallest else smallest
     if smallest < SMALL_PIVOT:
         sign = pivoted_correction(flow)
+    elif not d[2 * n + ne + flow.npos] < np.inf:
+        sign = 0.0
     return sign, smallest
-
-
-@rare
-def solved(flow: Flow, x: Floats, delta: float) -> bool:
-    """Are the equations at x, where a correction of size delta is next to nothing?"""
-    call(flow.full, flow.w, x, flow.derivatives)
-    return not stuck(flow, delta)
-
-
-@rare
-def stuck(flow: Flow, delta: float) -> bool:
-    """Is much left of the equations in `derivatives`? One has an infinite slope there, as sqrt(q) at 0."""
-    most = 0.0
-    for i in range(flow.nx):
-        most = max(most, abs(flow.derivatives[i]) * flow.w[2 * flow.nx + i])
-    return most > SOLVED + STEEP * delta
 
 
 @rare
@@ -238,8 +226,9 @@ def newton(flow: Flow, enough: float, slope: float) -> tuple[int, int]:
         for i in range(2 * n + ne, 2 * n + ne + npos):
             if not d[i] > 0.0:
                 return REJECTED, iteration
-        if delta < ROUND_OFF and iteration == 1 and not solved(flow, x, delta):
-            return REJECTED, iteration
+        if flow.steep and delta < ROUND_OFF and iteration == 1:
+            previous = 2.0 * ROUND_OFF  # as in `quick`
+            continue
         if delta <= ROUND_OFF or (near and delta > 0.25 * previous):
             return finish(flow), iteration
         if delta > 0.5 * previous:

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..compiler.language import call, copy_into, rare
 from .flow import Flow
-from .newton import ACCEPTED, CONVERGED, MAX_ITERATIONS, NEGLIGIBLE, REJECTED, finish, stuck
+from .newton import ACCEPTED, CONVERGED, MAX_ITERATIONS, NEGLIGIBLE, REJECTED, finish
 from .sparse import FOUND, RIGHT, incomplete_factors, precondition, sparse_correction
 
 FIRST = 1e-4  # relative residual of the linear system of a first correction
@@ -85,8 +85,9 @@ def by_old_factors(flow: Flow) -> tuple[int, int]:
             delta = size if size > delta else delta
             total += step
             x[at] += step
-        if iteration == 1 and delta < CONVERGED and stuck(flow, delta):
-            return REJECTED, iteration
+        if flow.steep and iteration == 1 and delta < CONVERGED:
+            new = True  # as in `newton.quick`
+            continue
         kept[STOPPED] = delta if delta > 0.5 * previous else 0.0
         if not (abs(total) < np.inf and delta <= max(previous, floor)):
             return REJECTED, iteration
@@ -125,8 +126,9 @@ def newton_krylov(flow: Flow) -> tuple[int, int]:
             delta = size if size > delta else delta
             total += d[i]
             x[i] += d[i]
-        if iteration == 1 and delta < CONVERGED and stuck(flow, delta):
-            return REJECTED, iteration
+        if flow.steep and iteration == 1 and delta < CONVERGED:
+            previous = 2.0 * CONVERGED
+            continue
         if not (abs(total) < np.inf and delta <= max(0.5 * previous, CONVERGED)):
             return REJECTED, iteration
         if delta > 0.5 * previous:

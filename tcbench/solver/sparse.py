@@ -10,7 +10,7 @@ import numpy as np
 
 from ..compiler.language import Floats, Matrix, call, copy_into, fill, rare
 from .flow import Flow
-from .linear_algebra import dot
+from .linear_algebra import dot, too_steep
 
 KRYLOV_STEPS = 30  # of BiCGStab, after which the matrix is factorised
 LEAST_PIVOT = 1e-2  # of the incomplete factors, over the row's largest entry: below it they are not trusted
@@ -21,10 +21,13 @@ RIGHT, SHADOW, SEARCH, IMAGE, MOVED, SMOOTHED, OTHER, FOUND = range(8)  # rows o
 @rare
 def incomplete_factors(flow: Flow, entries: int) -> bool:
     """ILU(0) of the Jacobian, which begins at derivatives[entries], into `factors`; False where a pivot is too small or
-    negative."""
+    negative, or a slope too steep."""
     first, columns, diagonal, factors, place = flow.first, flow.columns, flow.diagonal, flow.factors, flow.place
     for k in range(flow.nnz):
         factors[k] = flow.derivatives[entries + k]
+    if flow.steep and too_steep(factors):
+        factors[diagonal[0]] = 0.0
+        return False
     for i in range(flow.ns):
         start, stop = first[i], first[i + 1]
         largest = 0.0
@@ -144,6 +147,8 @@ def sparse_correction(flow: Flow, tolerance: float, fresh: bool) -> float:
         for i in range(n):
             flow.d[order[i]] = found[i]
         return 1.0
+    if flow.steep and too_steep(flow.derivatives[n : n + flow.nnz]):
+        return 0.0
     for i in range(n):
         right[i] = -flow.derivatives[order[i]]
     fill(flow.krylov[SHADOW], 0.0)

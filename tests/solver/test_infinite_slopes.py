@@ -8,25 +8,25 @@ from tcbench import System
 
 
 class Weight(System):
-    """A mass that is pulled away from a point, by 2, and back by what `height` gives."""
+    """A mass that is pulled away from a point, by 2, and back by what `height` gives; beside it an oscillator."""
 
     name = "weight"
-    variables = {"q": (), "p": (), "s": ()}
+    variables = {"q": (), "p": (), "x": (), "y": (), "s": ()}
 
     def height(self, q):
         return abs(q)
 
     def energy(self, z):
-        return z.p**2 / 2 + self.height(z.q) - 2 * z.q + np.exp(z.s)
+        return z.p**2 / 2 + self.height(z.q) - 2 * z.q + z.y**2 / 2 + z.x**2 / 2 + z.x**4 / 4 + np.exp(z.s)
 
     def entropy(self, z):
         return z.s
 
     def reversible(self, z, DE, DS):
-        return {"q": DE.p, "p": -DE.q, "s": 0 * z.s}
+        return {"q": DE.p, "p": -DE.q, "x": DE.y, "y": -DE.x}
 
     def irreversible(self, z, DE, DS):
-        return {"q": 0 * z.q, "p": 0 * z.p, "s": 0 * z.s}
+        return {}
 
 
 class Rooted(Weight):
@@ -38,11 +38,12 @@ class Weights(Weight):
     """Many of them, whose equations are sparse."""
 
     name = "weights"
-    variables = {"q": ("weight",), "p": ("weight",), "s": ("weight",)}
+    variables = dict.fromkeys("qpxys", ("weight",))
     constants = {"share": ("weight",)}
 
     def energy(self, z):
-        return z.p @ z.p / 2 + self.share @ self.height(z.q) - 2 * z.q.sum() + np.exp(z.s).sum()
+        beside = (z.y**2 / 2 + z.x**2 / 2 + z.x**4 / 4).sum()
+        return z.p @ z.p / 2 + self.share @ self.height(z.q) - 2 * z.q.sum() + beside + np.exp(z.s).sum()
 
     def entropy(self, z):
         return z.s.sum()
@@ -52,15 +53,18 @@ class ManyRooted(Weights):
     height = Rooted.height
 
 
-@pytest.mark.parametrize("name", ["midpoint_entropy", "gauss2", "cpg"])
+@pytest.mark.parametrize("name", ["midpoint_entropy", "tc_monolithic", "gauss2", "cpg"])
+@pytest.mark.parametrize("beside", [0.0, 1.0])
 @pytest.mark.parametrize(("system", "end"), [(Weight, 0.5), (Rooted, 0.765625), (Weights, 0.5), (ManyRooted, 0.765625)])
-def test_a_start_with_an_infinite_slope_is_left(system, end, name):
-    """There every correction of Newton is 0, and where it began is no root: first steps stood still, the energy kept.
+def test_a_start_with_an_infinite_slope_is_left(system, end, beside, name):
+    """There every correction of Newton is 0, and where it began is no root: steps stood still, the energy kept, the
+    whole run where an oscillator beside it converged.
 
     q = t^2/2, and t^2 (1 - t/8)^2 by p^2/2 = 2 q - q^1.5.
     """
     constants = {name: np.ones(40) for name in system.constants}
-    start = {name: np.zeros(40 if constants else ()) for name in "qps"}
+    start = {name: np.zeros(40 if constants else ()) for name in system.variables}
+    start["x"] += beside
     scenario = tcbench.Scenario("weight", system, constants=constants, initial=start, dt=0.01, t_end=1.0)
     run = tcbench.simulate(name, scenario)
     assert run.ok and run.z[-1, 0] == pytest.approx(end, abs=1e-4)
