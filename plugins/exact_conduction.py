@@ -17,7 +17,7 @@ from .tc_staggered import reversible
 def conduct(z0, z1, h, system):
     """Positions and momenta frozen, exactly."""
     increments, _ = system.conduction_flow(system.temperatures(z0), h)
-    return z1 - z0 - np.concatenate([np.zeros(2 * len(z0.q)), increments])
+    return z1 - z0 - np.concatenate([0 * z0.q, 0 * z0.p, increments])
 
 
 def kick(q, s, h, system):
@@ -25,29 +25,29 @@ def kick(q, s, h, system):
     the force at the mean temperatures."""
     theta = system.temperatures(np.concatenate([q, 0 * q, s]))
     increments, mean = system.conduction_flow(theta, h)
-    force = -np.asarray(system.gradient(np.concatenate([q, 0 * q, system.entropies(q, mean)])))[: len(q)]
-    return h * force, increments
+    return h * system.temperature_forces(np.concatenate([q, 0 * q, mean])), increments
 
 
-def verlet(z, h, system):
-    """Increments of one explicit step."""
-    dp0, ds0 = kick(z.q, z.s, h / 2, system)
-    drift = h * (z.p + dp0) / system.inertia()
-    dp1, ds1 = kick(z.q + drift, z.s + ds0, h / 2, system)
-    return np.concatenate([drift, dp0 + dp1, ds0 + ds1])
+def verlet(z, parts, h, system):
+    """Increments of explicit steps, one for each part of h. Two kicks at the same positions are one kick: the last of a
+    step and the first of the next."""
+    dq, (dp, ds) = 0.0, kick(z.q, z.s, parts[0] / 2 * h, system)
+    for part, following in zip(parts, [*parts[1:], 0.0], strict=True):
+        dq = dq + part * h * (z.p + dp) / system.inertia()
+        further = kick(z.q + dq, z.s + ds, (part + following) / 2 * h, system)
+        dp, ds = dp + further[0], ds + further[1]
+    return np.concatenate([dq, dp, ds])
 
 
 def verlet_heat(z0, z1, h, system):
-    return z1 - z0 - verlet(z0, h, system)
+    return z1 - z0 - verlet(z0, [1.0], h, system)
 
 
 GAMMA, CONJUGATE = Complex(1 / 2, np.sqrt(3) / 6), Complex(1 / 2, -np.sqrt(3) / 6)
 
 
 def verlet_heat4(z0, z1, h, system):
-    first = verlet(z0, CONJUGATE * h, system)
-    second = verlet(system.state(z0 + first), GAMMA * h, system)
-    return z1 - z0 - real(first + second)
+    return z1 - z0 - real(verlet(z0, [CONJUGATE, GAMMA], h, system))
 
 
 VERLET_HEAT4 = Integrator(

@@ -48,6 +48,15 @@ class ThermalVariables(Base):
         _, s = self.by_thermal_variable("energy", self.shape(y.q), y.u)
         return self.state(np.concatenate([y.q, y.p, s]))
 
+    @derived
+    def temperature_forces(self, y: Any) -> Any:
+        """-dE/dq at (q, p, theta), shape (n_positions,): an exponential of the entropies is undone by its logarithm."""
+        y, q, theta = self.state(y), self.fresh("q", "position"), self.fresh("theta", "element")
+        z = self.entropy_variables(np.concatenate([q, 0.0 * q, theta]))
+        here = dict(zip(entries(q, theta), entries(y.q, y.theta), strict=True))
+        forces = [*map(trace.lifted, entries(-self.gradient(z).q))]
+        return refilled(q, trace.substitute(forces, here))
+
     def in_variables(self, variables: str, z: Any) -> State:
         """z as (q, p, s), or (q, p, theta), or (q, p, u): "entropy", "temperature", "energy"."""
         made = {"entropy": self.state, "temperature": self.temperature_variables, "energy": self.energy_variables}

@@ -53,6 +53,28 @@ def test_flows_of_elements_are_those_of_the_whole_trace(method, whole):
     assert np.abs(run.z - expected.z).max() < 1e-13
 
 
+class Insulated(type(NET.model)):
+    """Springs that conduct no heat, which is known in closed form."""
+
+    name = "insulated"
+
+    def conduction(self, theta):
+        return 0.0 * theta
+
+    def conduction_flow(self, theta, t):
+        return 0.0 * t * theta, theta
+
+
+@pytest.mark.parametrize("method", ["verlet_heat", "tc_strang_exact", "projected[method=verlet_heat]"])
+def test_splittings_by_exact_conduction_are_those_of_the_whole_trace(method, whole):
+    model = NET.model
+    constants = {name: getattr(model, name) for name in [*model.constants, *model.tables]}
+    net = tcbench.Scenario("insulated", Insulated, constants, **model.initial_of(NET.z0), dt=NET.dt, t_end=0.3)
+    run, expected = tcbench.simulate(method, net), whole(method, net)
+    assert run.ok and LOOPS in run.solver.way
+    assert np.abs(run.z - expected.z).max() < 1e-13
+
+
 @pytest.mark.parametrize(("method", "name"), PAIRS)
 def test_flows_of_any_system_are_those_of_the_whole_trace(method, name, whole):
     scenario = NETWORKS[name]

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from states import admissible_states
 
 import tcbench
+from tcbench.compiler import derivatives as trace
 
 mp.mp.dps = 50
 MODEL = tcbench.scenarios()["short_term"].model
@@ -84,6 +85,18 @@ def test_change_to_temperature_variables_and_back_is_the_identity(y):
     change = MODEL.temperature_variables(z + step * field) - MODEL.temperature_variables(z - step * field)
     scale = np.abs(field).max()  # central differences: error of order (step * scale)^2
     assert np.allclose(MODEL.temperature_field(y), change / (2 * step), rtol=1e-6, atol=1e-5 * max(1.0, scale))
+
+
+@given(admissible_states())
+def test_forces_at_temperatures_are_those_at_their_entropies(y):
+    expected = -MODEL.gradient(MODEL.entropy_variables(y))[:4]
+    terms = np.abs(MODEL.stiffness).max() + MODEL.coupling * np.abs(y[8:]).max()
+    assert np.allclose(MODEL.temperature_forces(y), expected, rtol=1e-12, atol=1e-13 * terms)
+
+
+def test_forces_at_temperatures_need_no_exponential():
+    forces = MODEL.symbolic.temperature_forces(trace.variables("y", MODEL.size))
+    assert "exp" not in {node.op for node in trace.topological(list(forces))}
 
 
 @given(admissible_states(), admissible_states())
