@@ -169,13 +169,13 @@ def picture(kept: dict) -> None:
         ax.axhline(1, color=colours["s"], linewidth=1)
         ax.set_yscale("log", base=2)
         ax.set_xticks(at, names, rotation=60, ha="right", fontsize=7)
-        ax.set_ylabel(f"{label}, over that in entropies", fontsize=8)
+        ax.set_ylabel(f"{label},\nover that in entropies", fontsize=8)
     steps, at = list(kept["random"]), np.arange(len(kept["random"]))
     for i, v in enumerate(METHODS):
         share = [100 * kept["random"][h][v][0] / SEEDS for h in steps]
         axes[2].bar(at + (i - 1) * 0.25, share, 0.25, color=colours[v], label=words[v])
     axes[2].set_xticks(at, [f"h = {h}" for h in steps])
-    axes[2].set_ylabel(f"plain Newton's failures, % of {SEEDS} random starts", fontsize=8)
+    axes[2].set_ylabel(f"plain Newton's failures,\n% of {SEEDS} random starts", fontsize=8)
     axes[2].legend(frameon=False, fontsize=8)
     figure.savefig(PICTURE, dpi=150)
 
