@@ -25,7 +25,8 @@ AT_START = ("sitecustomize", "usercustomize")  # modules that Python imports bef
 ENCODING = locale.getpreferredencoding(False).lower()  # before any plugin could change it
 
 CURRENT, NAMES, VARIABLES = "(current folder)", "(names of all)", "(all variables)"
-MACHINE, UMASK, TEXT, STARTED_WITH, PACKAGES = "(machine)", "(umask)", "(encoding)", "(code at start)", "(packages)"
+MACHINE, CORES, UMASK, TEXT = "(machine)", "(cores)", "(umask)", "(encoding)"
+STARTED_WITH, PACKAGES = "(code at start)", "(packages)"
 Variables = Mapping[str, str]
 
 
@@ -47,6 +48,11 @@ def _umask() -> str:
 
 def _machine() -> str:
     return repr((*platform.uname(), os.cpu_count()))
+
+
+def _cores() -> str:
+    """Those that this process may use."""
+    return str(sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count())
 
 
 def _at_start() -> str:
@@ -78,6 +84,7 @@ FACTS: dict[str, Callable[[Variables, str], str]] = {
     NAMES: lambda variables, folder: "\0".join(names_of(variables)),
     VARIABLES: lambda variables, folder: _all(variables),
     MACHINE: lambda variables, folder: _machine(),
+    CORES: lambda variables, folder: _cores(),
     UMASK: lambda variables, folder: _umask(),
     TEXT: lambda variables, folder: ENCODING,
     STARTED_WITH: lambda variables, folder: _at_start(),

@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 from urllib.parse import unquote, urlsplit
 
-from .facts import CURRENT, MACHINE, PACKAGES, PLACES, UMASK, VARIABLES
+from .facts import CORES, CURRENT, MACHINE, PACKAGES, PLACES, UMASK, VARIABLES
 from .marks import (
     A_FOLDER,
     INSTALLED,
@@ -54,9 +54,10 @@ OWN_READERS = frozenset(
     {f"pyarrow.{n}" for n in ("parquet", "csv", "json", "feather", "orc", "dataset", "fs")} | {"cffi"}
 )
 LOCALE = ("LC_ALL", "LC_CTYPE", "LC_NUMERIC", "LC_TIME", "LC_COLLATE", "LC_MONETARY", "LC_MESSAGES", "LANG", "LANGUAGE")
-ABOUT = {**dict.fromkeys(("uname", "cpu_count", "process_cpu_count", "sched_getaffinity"), (MACHINE,)),
-         "umask": (UMASK,), "setlocale": LOCALE}  # fmt: skip
+ABOUT = {"uname": (MACHINE,), "cpu_count": (MACHINE,), "process_cpu_count": (MACHINE, CORES),
+         "sched_getaffinity": (CORES,), "umask": (UMASK,), "setlocale": LOCALE}  # fmt: skip
 STATES = ("statvfs", "getloadavg")
+LIMITS = ("getrlimit", "prlimit")  # of `resource`
 TELLING = ("which", "getuser", "get_terminal_size")  # functions of Python that say what a variable says
 LEFT_OUT: list[str] = []  # folders of tcbench's own, whose files are no inputs
 HERE = os.path.dirname(os.path.abspath(__file__)) + os.sep
@@ -180,7 +181,7 @@ class Recorder(Seen):
     def _list(self, event: str, arguments: tuple[Any, ...]) -> None:
         caller = sys._getframe(4).f_code.co_filename
         if isinstance(arguments[0], int):
-            if not caller.startswith(("<frozen", *PYTHON)) and foreign():
+            if (not caller.startswith(("<frozen", *PYTHON)) or caller in ("<frozen os>", os.__file__)) and foreign():
                 self.unseen.setdefault(BY_DESCRIPTOR)
             return
         path = self.named(arguments[0] or ".")
@@ -225,7 +226,7 @@ class Recorder(Seen):
     def about(self, function: str, *_: Any, **__: Any) -> None:
         """Foreign code asks what machine this is, or how the process was started."""
         if foreign(installed=False):
-            if function in STATES:
+            if function in (*STATES, *LIMITS):
                 self.unseen.setdefault(STATE)
             for name in ABOUT.get(function, ()):
                 self.fact(name)

@@ -14,12 +14,13 @@ from typing import Any
 
 from .facts import AT_START, NAMES, names_of
 from .marks import INSTALLED
-from .recorder import ABOUT, FOUND_BY_PYTHON, LEFT_OUT, STARTED, STATES, Recorder
+from .recorder import ABOUT, FOUND_BY_PYTHON, LEFT_OUT, LIMITS, STARTED, STATES, Recorder
 
 try:
     import _posixsubprocess
+    import resource
 except ImportError:  # Windows
-    _posixsubprocess = None  # type: ignore[assignment]
+    _posixsubprocess = resource = None  # type: ignore[assignment]
 
 NO_INPUTS = ("__editable__", "_distutils_hack", "_virtualenv")  # at their start, of modules that .pth files import
 ASKING = ("stat", "lstat", "access", "readlink", "getcwd", "getcwdb", "open")
@@ -115,6 +116,8 @@ def _stand_in_for_all(recorder: Recorder) -> None:
             _stand_in(module, name, functools.partial(recorder.looked, name))
         for name in (*ABOUT, *STATES):
             _stand_in(module, name, functools.partial(recorder.about, name))
+    for name in LIMITS:
+        _stand_in(resource, name, functools.partial(recorder.about, name))
     _stand_in(platform, "uname", functools.partial(recorder.about, "uname"))  # which remembers what it was told
     for name in ("setlocale", "getlocale"):
         _stand_in(locale, name, functools.partial(recorder.about, "setlocale"))

@@ -152,16 +152,18 @@ def test_a_variable_that_python_or_c_reads_for_a_plugin_is_an_input(desk, monkey
     assert again(desk, rows) == ("another key" if name.startswith("PYTHON") else f"the variable {name}")
 
 
-@pytest.mark.parametrize("asked", ["len(platform.node())", "os.cpu_count()", "len(os.uname().nodename)",
-                                   "len(__import__('socket').gethostname())"])  # fmt: skip
-def test_what_machine_it_is_is_an_input_where_it_is_asked(desk, monkeypatch, asked):
-    if "uname" in asked and not hasattr(os, "uname"):
+@pytest.mark.parametrize(("asked", "fact"), [
+    ("len(platform.node())", "machine"), ("os.cpu_count()", "machine"), ("len(os.uname().nodename)", "machine"),
+    ("len(__import__('socket').gethostname())", "machine"), ("len(os.sched_getaffinity(0))", "cores"),
+])  # fmt: skip
+def test_what_machine_it_is_is_an_input_where_it_is_asked(desk, monkeypatch, asked, fact):
+    if any(name in asked and not hasattr(os, name) for name in ("uname", "sched_getaffinity")):
         pytest.skip("no such function")
     write(desk, {"p/mine.py": plugin(f"import platform\nG = 1.0 + {asked}", "G")})
     rows = measured(desk)
     assert again(desk, rows) == ""
-    monkeypatch.setattr(facts, "_machine", lambda: "another")
-    assert again(desk, rows) == "the variable (machine)"
+    monkeypatch.setattr(facts, f"_{fact}", lambda: "another")
+    assert again(desk, rows) == f"the variable ({fact})"
 
 
 def test_the_mask_of_new_files_is_an_input_where_it_is_asked(desk):
@@ -185,6 +187,8 @@ def test_the_mask_of_new_files_is_an_input_where_it_is_asked(desk):
         ("fd = os.open(HERE / 'ff', os.O_RDWR)\nos.write(fd, b'1')\nos.read(fd, 1)", "a pipe or a device was read"),
         ("with contextlib.suppress(OSError):\n    os.getxattr(HERE, 'user.g')", "attributes of a file were read"),
         ("os.statvfs(HERE)", "the state of the machine was read"),
+        ("import resource\nresource.getrlimit(resource.RLIMIT_NOFILE)", "the state of the machine was read"),
+        ("list(os.fwalk(HERE / 'flat'))", "a file was named by an open folder"),
         ("import socket\nsocket.gethostbyname('127.0.0.1')", "the network was used"),
         ("n = float(open(HERE / 'n').read())\nopen(HERE / 'n', 'r+').write('2')", "<mine>/n changed while it was meas"),
         ("import h5py", "h5py opens files in C"),
@@ -193,7 +197,10 @@ def test_the_mask_of_new_files_is_an_input_where_it_is_asked(desk):
 )
 def test_what_cannot_be_compared_is_measured_each_time(desk, does, reason):
     os.mkfifo(desk / "p" / "ff")
-    write(desk, {"p/mine.py": plugin(does), "p/n": "1", "p/h5py/__init__.py": "", "p/cffi/__init__.py": ""})
+    write(
+        desk,
+        {"p/mine.py": plugin(does), "p/n": "1", "p/h5py/__init__.py": "", "p/cffi/__init__.py": "", "p/flat/a": ""},
+    )
     assert again(desk, measured(desk)).startswith(reason)
 
 
