@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from tcbench.compiler.language import Floats, Ints, Matrix, rare
+from tcbench.compiler.language import Floats, Matrix, ShortInts, rare
 from tcbench.compiler.records import Record, sized
 
 EPSILON = 2.0**-53
@@ -32,15 +32,15 @@ class Sparse(Record):
     bound: float  # contraction of the iteration without it, above which its factors cost less
     size: int  # of the state: rows in the order from there on are those of shared numbers
     n_values: int
-    rows: Ints = sized("n + 1")  # its entries, in the order of the state: their first, by rows,
-    sees: Ints = sized("n_values")  # their columns,
-    at: Ints = sized("n_values")  # and where they stand in the factors
+    rows: ShortInts = sized("n + 1")  # its entries, in the order of the state: their first, by rows,
+    sees: ShortInts = sized("n_values")  # their columns,
+    at: ShortInts = sized("n_values")  # and where they stand in the factors
     values: Floats = sized("n_values + 1")  # -M; of a shared number its row; behind them what is fixed writes
-    first: Ints = sized("n + 1")  # the factors, in the order of elimination
-    columns: Ints = sized("nnz")
-    diagonal: Ints = sized("n")
-    order: Ints = sized("n")  # their row and column i belong to this unknown
-    place: Ints = sized("n")  # what is written on
+    first: ShortInts = sized("n + 1")  # the factors, in the order of elimination
+    columns: ShortInts = sized("nnz")
+    diagonal: ShortInts = sized("n")
+    order: ShortInts = sized("n")  # their row and column i belong to this unknown
+    place: ShortInts = sized("n")  # what is written on
     factors_re: Matrix = sized("n_factors", "nnz")
     factors_im: Matrix = sized("n_factors", "nnz")
     x: Matrix = sized("2", "n")
@@ -186,12 +186,13 @@ def _recorded(
     back = np.empty(n, np.int64)
     back[order] = np.arange(n)
     all_keys = np.repeat(np.arange(n), np.diff(first)) * n + columns
-    return Sparse(
-        bound=bound, n=n, nnz=len(all_keys), n_factors=n_factors, n_values=len(keys), size=size, sees=sees,
-        rows=np.searchsorted(row, np.arange(n + 1)), at=np.searchsorted(all_keys, back[row] * n + back[sees]),
-        first=first.astype(np.int64), columns=columns.astype(np.int64), order=order,
-        diagonal=np.searchsorted(all_keys, np.arange(n) * (n + 1)),
-    )  # fmt: skip
+    tables = {
+        "rows": np.searchsorted(row, np.arange(n + 1)), "at": np.searchsorted(all_keys, back[row] * n + back[sees]),
+        "sees": sees, "first": first, "columns": columns, "order": order,
+        "diagonal": np.searchsorted(all_keys, np.arange(n) * (n + 1)),
+    }  # fmt: skip
+    sizes = {"size": size, "n": n, "nnz": len(all_keys), "n_factors": n_factors, "n_values": len(keys)}
+    return Sparse(bound=bound, **sizes, **{name: table.astype(np.int32) for name, table in tables.items()})
 
 
 def elimination(n: int, rows: Any, columns: Any) -> tuple[Any, Any]:
@@ -221,7 +222,7 @@ def elimination(n: int, rows: Any, columns: Any) -> tuple[Any, Any]:
     place, factors = filled(rest)
     whole = bmat([[identity(len(early)), of_early[:, place]], [of_late[place], factors]]).tocsr()
     whole.sort_indices()
-    return np.r_[early, late[place]].astype(np.int64), whole
+    return np.r_[early, late[place]], whole
 
 
 def filled(matrix: Any) -> tuple[Any, Any]:

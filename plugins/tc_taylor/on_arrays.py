@@ -172,4 +172,4 @@ def polynomial_kernel(order: int, size: int) -> Kernel:
     lines = ["n = table[0]", "h = b[0]", "for i in range(n):", f"    t{order} = a[{order} * n + i]"]
     lines += [f"    t{k} = a[{k} * n + i] + h * t{k + 1}" for k in reversed(range(order))]
     text = "".join(f"    {line}\n" for line in [*lines, "    out[i] = t0"])
-    return Kernel(f"def kernel(a, b, out):\n{text}", size, np.array([size], np.int64))
+    return Kernel(f"def kernel(a, b, out):\n{text}", size, np.array([size], np.int32))

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..errors import MachineError
 from .array_jacobian import Term
 from .array_mesh import ENTRIES, Block, Ints, Mesh
 from .arrays import LINEAR, NUMBER, Path, collect
@@ -56,7 +57,9 @@ class ArrayKernel:
                 numbers.append(start)
                 rows.append(row)
                 start += len(row)
-        table = np.concatenate([np.array(numbers, np.int64), *rows, np.zeros(1, np.int64)])
+        if max(start, size, *(each[-1] for each in offsets.values())) >= 2**31:
+            raise MachineError("A system has more entries than whole numbers of 32 bits can tell: make it smaller.")
+        table = np.concatenate([numbers, *rows, [0]], dtype=np.int32, casting="unsafe")
         return Kernel(self.text, size, table, offsets["s"][-1] - size if self.behind else 0)
 
 
@@ -155,7 +158,8 @@ class _Writer:
         readers: dict[int, list[Symbol]] = {}
         for node in reversed(self.nodes):  # what only later loops over its space read is made there, and not kept
             here = readers.get(node.number, [])
-            made = node.space and node.op not in LINEAR and here and node.number not in self.given
+            local = node.op == "take" or node.op not in LINEAR
+            made = node.space and local and here and node.number not in self.given
             if made and all(x.space == node.space and x.op not in LINEAR for x in here):
                 level[node.number] = min(level[x.number] for x in here)
             for a in node.args:

@@ -18,8 +18,10 @@ from .records import Field
 from .values import (
     BOOL,
     FLOAT,
+    IN_MEMORY,
     INT,
     NOTHING,
+    SHORT_INT,
     Array,
     RowsOf,
     Several,
@@ -47,7 +49,7 @@ class Expressions(Arithmetic):
             found = self.outside(node)
             if found is self.module.numbers and found is not None:
                 at = self.emit(f"load ptr, ptr {self.module.table()}, !invariant.load !0")
-                return Value(Array(1, INT, sized=False, fixed=True), (at,))
+                return Value(Array(1, SHORT_INT, sized=False, fixed=True), (at,))
             return self.literal(node, found)
         if name not in self.known:
             raise self.refusal(node, f"{name!r} is not set on every way that leads here")
@@ -128,10 +130,14 @@ class Expressions(Arithmetic):
         if isinstance(node.value, ast.Name) and short_vectors.width_of((owner := self.value(node.value)).kind):
             return short_vectors.lane(self, node, owner)
         place = self.place(node)
-        if isinstance(place.kind, str):
-            fixed = ", !invariant.load !0" if place.fixed else ""
-            return Value(place.kind, (self.emit(f"load {place.kind}, ptr {self.part(place)}, align 8{fixed}"),))
-        return place
+        return self.loaded(place) if isinstance(place.kind, str) else place
+
+    def loaded(self, place: Value) -> Value:
+        """The number that stands there."""
+        fixed = ", !invariant.load !0" if place.fixed else ""
+        kind, widens, _ = IN_MEMORY.get(place.kind, (place.kind, "", ""))
+        code = self.emit(f"load {place.kind}, ptr {self.part(place)}, align {4 if widens else 8}{fixed}")
+        return Value(kind, (self.emit(f"{widens} {place.kind} {code} to {kind}") if widens else code,))
 
     def place(self, node: ast.Subscript) -> Value:
         """Kind and address of an item; of fewer indices than axes, the part of the array; of rows, the record."""

@@ -101,7 +101,7 @@ class Kernel:
 
     text: str
     size: int
-    table: NDArray[np.int64] | None = field(default=None, compare=False)  # whole numbers that the text reads
+    table: NDArray[np.int32] | None = field(default=None, compare=False)  # whole numbers that the text reads
     room: int = field(default=0, compare=False)  # numbers behind the results that it writes on
 
     def __getstate__(self) -> dict[str, Any]:
@@ -137,7 +137,7 @@ def namespace() -> dict[str, Any]:
     return {"inf": math.inf, **FUNCTIONS, **functions, **{name: getattr(special, name) for name in names}}
 
 
-def _load(text: str, table: NDArray[np.int64] | None) -> int:
+def _load(text: str, table: NDArray[np.int32] | None) -> int:
     """Address of the compiled text: of machine code, or made up where nothing is compiled."""
     if not PLAIN:
         from .machine import load  # LLVM is imported when something is compiled, not before
@@ -150,7 +150,7 @@ def _load(text: str, table: NDArray[np.int64] | None) -> int:
     return made_up_address(scope["kernel"])
 
 
-def _code(text: str, table: NDArray[np.int64] | None = None) -> str:
+def _code(text: str, table: NDArray[np.int32] | None = None) -> str:
     """LLVM code of a kernel's text; functions of `special` become part of it."""
     from .translator import Module
 

@@ -23,6 +23,9 @@ Floats = Annotated[NDArray[np.float64], "Floats"]
 Matrix = Annotated[NDArray[np.float64], "Matrix"]
 Cube = Annotated[NDArray[np.float64], "Cube"]
 Ints = Annotated[NDArray[np.int64], "Ints"]
+# numbers of 32 bits in memory, of which large systems have less to go through; what is read is an int or a float
+ShortInts = Annotated[NDArray[np.int32], "ShortInts"]
+ShortFloats = Annotated[NDArray[np.float32], "ShortFloats"]
 Eight = Annotated[NDArray[np.float64], "Eight"]  # a short vector of eight numbers
 Kernel = int
 

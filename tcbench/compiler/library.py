@@ -20,10 +20,9 @@ from .language import Floats, Kernel, Matrix, call
 from .machine import addresses
 from .once import LOCK
 from .records import HEAD, address_of
-from .values import BOOL, FLOAT, INT, NOTHING, Array, Several, kind_of
+from .values import BOOL, FLOAT, INT, NOTHING, NUMPY, Array, Several, kind_of
 
 OWN = ("tcbench", "tcbench_plugins")  # whose globals are constants
-DOUBLE, WHOLE = np.dtype(np.float64), np.dtype(np.int64)
 CODES = {INT: ctypes.c_int64, FLOAT: ctypes.c_double, BOOL: ctypes.c_int64}
 
 
@@ -137,7 +136,7 @@ def _entry(function: Callable[..., Any], address: int) -> Callable[..., Any]:
         kind = kind_of(annotation, function.__globals__)
         if isinstance(kind, Array):
             types += [ctypes.c_int64] * (1 + kind.rank)
-            passed.append(f"*__place({name}, {kind.rank}, {kind.item != FLOAT})")
+            passed.append(f"*__place({name}, {kind.rank}, __numpy[{kind.item!r}])")
         elif isinstance(kind, str):
             types.append(CODES[kind])
             passed.append(name)
@@ -150,7 +149,7 @@ def _entry(function: Callable[..., Any], address: int) -> Callable[..., Any]:
         types.append(ctypes.c_int64)
         passed.append("__results.ctypes.data")
     machine = ctypes.CFUNCTYPE(ctypes.c_int64 if result == INT else None, *types)(address)
-    scope = {"__machine": machine, "__place": _place, "__np": np, "__read": _read, "__parts": parts}
+    scope = {"__machine": machine, "__place": _place, "__numpy": NUMPY, "__np": np, "__read": _read, "__parts": parts}
     text = f"__machine({', '.join(passed)})"
     if not direct:
         text = f"(__results := __np.zeros({len(parts)}, __np.int64), {text}, __read(__results, __parts))[2]"
@@ -160,9 +159,8 @@ def _entry(function: Callable[..., Any], address: int) -> Callable[..., Any]:
     return entry
 
 
-def _place(array: np.ndarray, rank: int, whole: bool) -> tuple[int, ...]:
+def _place(array: np.ndarray, rank: int, kind: np.dtype[Any]) -> tuple[int, ...]:
     """Address and lengths."""
-    kind = WHOLE if whole else DOUBLE
     known = array.dtype is kind or array.dtype == kind  # most are one object, which is seen in a tenth of the time
     if not known or array.ndim != rank or not array.flags.c_contiguous:
         raise TypeError(f"a contiguous array of {kind} with {rank} axes is needed, not {array!r}")

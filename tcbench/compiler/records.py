@@ -23,7 +23,11 @@ WHOLE = ("int", "bool", "Kernel")
 NUMBERS = ("float", *WHOLE)
 MOST_PLANS = 5000
 R = TypeVar("R", bound="Record")
-RANKS = {"Floats": 1, "Matrix": 2, "Cube": 3, "Ints": 1}
+RANKS = {"Floats": 1, "Matrix": 2, "Cube": 3, "Ints": 1, "ShortInts": 1, "ShortFloats": 1}
+DOUBLE: np.dtype[Any] = np.dtype(np.float64)
+TYPES: dict[str, np.dtype[Any]] = {  # of arrays of another kind than doubles
+    "Ints": np.dtype(np.int64), "ShortInts": np.dtype(np.int32), "ShortFloats": np.dtype(np.float32),
+}  # fmt: skip
 
 
 def annotation_text(annotation: Any) -> str:
@@ -85,6 +89,7 @@ class Field:
     def __init__(self, name: str, kind: str, index: int, sized: Sized) -> None:
         self.name, self.kind, self.index, self.sized, self.lengths = name, kind, index, sized, sized.lengths
         self.is_real, self.is_whole = kind == "float", kind in WHOLE
+        self.type = TYPES.get(kind, DOUBLE)
 
     @property
     def is_array(self) -> bool:
@@ -111,7 +116,8 @@ class Field:
 
 class Record:
     """Base class; a subclass annotates its fields, of kinds int, float, bool, Kernel, Floats, Matrix, Cube, Ints,
-    another Record or Rows[another]. `class Tally(Record, mutable=True)` may be written by compiled code, numbers only.
+    ShortInts, ShortFloats, another Record or Rows[another]. `class Tally(Record, mutable=True)` may be written by
+    compiled code, numbers only.
 
     Made by keyword. An array that is not given is allocated, zero, in the shape that its declaration says.
     """
@@ -202,8 +208,8 @@ class Record:
     def _array(self, field: Field) -> Any:
         """An array that the record allocated; it becomes an array when it is first asked for."""
         start, shape = self._plan.shapes[field.name]
-        part = self._kept[""][start : start + math.prod(shape)]
-        part = part.view(np.int64) if field.kind == "Ints" else part if len(shape) == 1 else part.reshape(shape)
+        memory = self._kept[""][start:]
+        part = (memory if field.type is DOUBLE else memory.view(field.type))[: math.prod(shape)].reshape(shape)
         self._kept[field.name] = part
         return part
 
@@ -264,7 +270,7 @@ class _Plan:
             self.shapes[f.name] = (start, shape)
             if f.name not in values:
                 own.append(f)
-                self.memory += 0 if part else math.prod(shape)
+                self.memory += 0 if part else -(-math.prod(shape) * f.type.itemsize // 8)
         self.own = np.array([f.index for f in own], dtype=np.intp)
         self.offsets = np.array([8 * self.shapes[f.name][0] for f in own], dtype=np.int64)
         self.layout = struct.Struct("".join("d" if f.is_real else "q" for f in cls.fields.values()))
@@ -282,6 +288,6 @@ def _checked(field: Field, array: np.ndarray, shapes: dict[str, tuple[int, tuple
     shape = shapes[field.name][1]
     if array.shape != shape:
         raise TypeError(f"{field.name} has shape {array.shape}, declared is {shape}")
-    if array.dtype != (np.int64 if field.kind == "Ints" else np.float64) or not array.flags.c_contiguous:
+    if array.dtype != field.type or not array.flags.c_contiguous:
         raise TypeError(f"{field.name} needs a contiguous array of {field.kind}")
     return array

@@ -9,7 +9,7 @@ from typing import Any
 
 from .arithmetic import handler
 from .expressions import Expressions
-from .values import FLOAT, INT, NOTHING, Array, RowsOf, Several, TranslationError, Value, machine_kinds, say
+from .values import FLOAT, IN_MEMORY, INT, NOTHING, Array, RowsOf, Several, TranslationError, Value, machine_kinds, say
 
 
 def _targets(node: ast.AST) -> Iterable[str]:
@@ -130,13 +130,19 @@ class Body(Expressions):
             place = self.place(target)
             if not isinstance(place.kind, str):
                 raise self.refusal(target, "a whole array is filled by copy_into or fill")
-            self.lines.append(
-                f"  store {place.kind} {self.convert(target, value, place.kind)}, ptr {self.part(place)}, align 8"
-            )
+            self._put(target, place, value)
         elif isinstance(target, ast.Attribute) and self.is_local(target):
             self._store_field(target, value)
         else:
             raise self.refusal(target, "this cannot be assigned to")
+
+    def _put(self, node: ast.AST, place: Value, value: Value) -> None:
+        """A number into its place in an array."""
+        kind, _, narrows = IN_MEMORY.get(place.kind, (place.kind, "", ""))
+        code = self.convert(node, value, kind)
+        if narrows:
+            code = self.emit(f"{narrows} {kind} {code} to {place.kind}")
+        self.lines.append(f"  store {place.kind} {code}, ptr {self.part(place)}, align {4 if narrows else 8}")
 
     def _store_field(self, target: ast.Attribute, value: Value) -> None:
         owner = self.value(target.value)
@@ -180,10 +186,8 @@ class Body(Expressions):
             place = self.place(node.target)
             if not isinstance(place.kind, str):
                 raise self.refusal(node, "arithmetic of whole arrays is not translated: write the loop")
-            at = self.part(place)
-            old = Value(place.kind, (self.emit(f"load {place.kind}, ptr {at}, align 8"),))
-            new = self.convert(node, self.binary(node, node.op, old, self.value(node.value)), place.kind)
-            self.lines.append(f"  store {place.kind} {new}, ptr {at}, align 8")
+            place = place._replace(parts=(self.part(place),))
+            self._put(node, place, self.binary(node, node.op, self.loaded(place), self.value(node.value)))
             return
         old = self.value(node.target)
         if isinstance(node.target, ast.Name) and not isinstance(old.kind, str):

@@ -9,9 +9,13 @@ from functools import lru_cache
 from typing import Any, NamedTuple, get_args, get_origin
 
 from ..errors import TcbenchError
-from .records import RANKS, Record, Rows, annotation_text
+from .records import DOUBLE, RANKS, TYPES, Record, Rows, annotation_text
 
 INT, FLOAT, BOOL, NOTHING = "i64", "double", "i1", "void"
+SHORT_INT, SHORT_FLOAT = "i32", "float"  # in memory only: what they become, and how they are read and stored
+IN_MEMORY = {SHORT_INT: (INT, "sext", "trunc"), SHORT_FLOAT: (FLOAT, "fpext", "fptrunc")}
+NUMPY = {FLOAT: DOUBLE, **dict(zip((INT, SHORT_INT, SHORT_FLOAT), TYPES.values(), strict=True))}  # of an array's items
+ITEMS = {numpy: item for item, numpy in NUMPY.items()}
 EIGHT = f"<8 x {FLOAT}>"
 KINDS = {"int": INT, "Kernel": INT, "float": FLOAT, "bool": BOOL, "None": NOTHING, "Eight": EIGHT}
 WORDS = {INT: "an int", FLOAT: "a float", BOOL: "a bool", NOTHING: "nothing"}
@@ -83,7 +87,7 @@ def kind_of(annotation: Any, names: Mapping[str, Any]) -> Any:
     if text in KINDS:
         return KINDS[text]
     if text in RANKS:
-        return Array(RANKS[text], INT if text == "Ints" else FLOAT)
+        return Array(RANKS[text], ITEMS[TYPES.get(text, DOUBLE)])
     if text.startswith("tuple["):
         parts = [kind_of(x.strip(), names) for x in text[6:-1].split(",")]
         return Several(tuple(parts)) if all(x in (INT, FLOAT, BOOL, EIGHT) for x in parts) else None

@@ -112,7 +112,11 @@ def _array_flow(flow: Flow, net: Any) -> ArrayFlow:
     scaled = [sizes[s] if s in sizes else _of_size(began[s]) for s in unknowns]
     kinds = [s.space for s in unknowns]
     fixed = [*(began[s] for s in unknowns), *[const(0.0)] * len(unknowns), *scaled]
-    hoisted = hoisted_values([*residual, *(slope for _, _, slope in flat), *d_dh, *positive, *entries(dz)], unknowns)
+    fixed_values = hoisted_values(
+        [*residual, *(slope for _, _, slope in flat), *d_dh, *positive, *entries(dz)], unknowns
+    )
+    # what is only read elsewhere is read there by whoever needs it: kept it would be written and read once more
+    hoisted = dict.fromkeys(v.args[0] if v.op == "take" else v for v in fixed_values)
     kept = [Block(v.space, (v,)) for v in hoisted]
     inputs = {
         "a": net.blocks(z0),

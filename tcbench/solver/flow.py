@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..compiler.language import Floats, Ints, Kernel, Matrix
+from ..compiler.language import Floats, Ints, Kernel, Matrix, ShortFloats, ShortInts
 from ..compiler.records import Record, sized
 
 
@@ -84,12 +84,12 @@ class Flow(Record):
     correction: Floats = sized("nx + 1")  # of the arc's corrector
     direction: Floats = sized("nx + 1")  # of its tangent, not normalised
     shift: Floats = sized("nx")  # of a detour; else 0
-    first: Ints = sized("ns + 1")  # a sparse Jacobian: see `Pattern`
-    columns: Ints = sized("nnz")
-    diagonal: Ints = sized("ns")
-    order: Ints = sized("ns")
-    place: Ints = sized("ns")  # what is written on
-    factors: Floats = sized("nnz")
+    first: ShortInts = sized("ns + 1")  # a sparse Jacobian: see `Pattern`
+    columns: ShortInts = sized("nnz")
+    diagonal: ShortInts = sized("ns")
+    order: ShortInts = sized("ns")
+    place: ShortInts = sized("ns")  # what is written on
+    factors: ShortFloats = sized("nnz")
     kept: Floats = sized("5")  # of them from step to step: see quick_sparse
     krylov: Matrix = sized("8", "ns")
     solved: Floats = sized("2 * ns + 1")

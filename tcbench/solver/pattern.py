@@ -36,16 +36,16 @@ class Pattern:
         if len(shared):  # they see most of the others: behind these, whose factors stay narrow
             own = np.setdiff1d(np.arange(n), shared)
             order = own[reverse_cuthill_mckee(graph[own][:, own].tocsr(), symmetric_mode=True)]
-            self.order = np.concatenate([order, shared]).astype(np.int64)
+            self.order = np.concatenate([order, shared]).astype(np.int32)
         else:
-            self.order = np.ascontiguousarray(reverse_cuthill_mckee(graph, symmetric_mode=True), dtype=np.int64)
+            self.order = np.ascontiguousarray(reverse_cuthill_mckee(graph, symmetric_mode=True), dtype=np.int32)
         inverse = np.empty(n, np.int64)
         inverse[self.order] = np.arange(n)
         key, found = np.unique(inverse[i] * n + inverse[j], return_inverse=True)
-        self.places = found[: len(rows)].astype(np.int64)
-        self.columns = np.ascontiguousarray(key % n)
-        self.first = np.searchsorted(key, np.arange(n + 1) * n).astype(np.int64)
-        self.diagonal = found[len(rows) :][self.order].astype(np.int64)
+        self.places = found[: len(rows)]
+        self.columns = (key % n).astype(np.int32)
+        self.first = np.searchsorted(key, np.arange(n + 1) * n).astype(np.int32)
+        self.diagonal = found[len(rows) :][self.order].astype(np.int32)
 
     @property
     def nnz(self) -> int:

@@ -12,7 +12,7 @@ import numpy as np
 from ..compiler.language import call, copy_into, rare
 from .flow import Flow
 from .newton import ACCEPTED, CONVERGED, MAX_ITERATIONS, NEGLIGIBLE, REJECTED, finish
-from .sparse import FOUND, RIGHT, incomplete_factors, precondition, sparse_correction
+from .sparse import FOUND, backward, forward, incomplete_factors, sparse_correction
 
 FIRST = 1e-4  # relative residual of the linear system of a first correction
 SHARE = 1e-2  # ... of a later one over the correction before, so that it is no larger than what Newton leaves
@@ -33,8 +33,7 @@ MADE_IN, COST, PAUSE, STOPPED, NOISE = range(5)
 def quick_sparse(flow: Flow) -> tuple[int, int]:
     """`newton.quick` where the Jacobian is sparse."""
     n, kept = flow.nx, flow.kept
-    for i in range(n):
-        flow.x[i], flow.scale[i] = flow.w[n + i], flow.w[2 * n + i]
+    copy_into(flow.x, flow.w[n : 2 * n])
     if kept[PAUSE] > 0.0:
         kept[PAUSE] -= 1.0
         return newton_krylov(flow)
@@ -48,7 +47,7 @@ def quick_sparse(flow: Flow) -> tuple[int, int]:
     if code == ACCEPTED and kept[STOPPED] < CONVERGED:
         off = 0.0
         for i in range(n):
-            off = max(off, abs(flow.x[i] - flow.known[i]) * flow.scale[i])
+            off = max(off, abs(flow.x[i] - flow.known[i]) * flow.w[2 * n + i])
         if off < kept[STOPPED]:  # they had found the root: what they stopped at is round-off
             kept[NOISE], kept[PAUSE] = max(kept[NOISE], kept[STOPPED]), 0.0
     return code, count + more
@@ -59,7 +58,7 @@ def by_old_factors(flow: Flow) -> tuple[int, int]:
     """Corrections with incomplete factors alone, of this or of an earlier step; returns (ACCEPTED or REJECTED, how
     many). New ones are made where the old ones contract poorly, or have cost as much in further corrections."""
     x, d, kept, found, n, order = flow.x, flow.derivatives, flow.kept, flow.krylov[FOUND], flow.nx, flow.order
-    right, scale = flow.krylov[RIGHT], flow.scale
+    scale = flow.w[2 * n : 3 * n]
     new, made, floor = kept[MADE_IN] == 0.0, False, max(ROUND_OFF, NOISY * kept[NOISE])
     previous, slowest, kept[STOPPED] = np.inf, 0.0, 0.0
     for iteration in range(1, MOST + 1):
@@ -76,11 +75,11 @@ def by_old_factors(flow: Flow) -> tuple[int, int]:
             if not d[i] > 0.0:
                 return REJECTED, iteration
         for i in range(n):
-            right[i] = -d[order[i]]
-        precondition(flow, right, found)
+            found[i] = forward(flow, i, -d[order[i]], found)
         total, delta = 0.0, 0.0
-        for i in range(n):
-            at, step = order[i], found[i]
+        for i in range(n - 1, -1, -1):
+            at, step = order[i], backward(flow, i, found)
+            found[i] = step
             size = abs(step) * scale[at]
             delta = size if size > delta else delta
             total += step
@@ -111,7 +110,7 @@ def by_old_factors(flow: Flow) -> tuple[int, int]:
 @rare
 def newton_krylov(flow: Flow) -> tuple[int, int]:
     """Newton, each linear system as exactly as the correction deserves, with incomplete factors of the first."""
-    x, d, scale, n = flow.x, flow.d, flow.scale, flow.nx
+    x, d, scale, n = flow.x, flow.d, flow.w[2 * flow.nx : 3 * flow.nx], flow.nx
     previous, tolerance = np.inf, FIRST
     for iteration in range(1, MAX_ITERATIONS + 1):
         call(flow.iterate, flow.w, x, flow.derivatives)

@@ -55,19 +55,25 @@ def incomplete_factors(flow: Flow, entries: int) -> bool:
 @rare
 def precondition(flow: Flow, right: Floats, found: Floats) -> None:
     """found = (L U)^-1 right, by the incomplete factors."""
-    first, columns, diagonal, factors = flow.first, flow.columns, flow.diagonal, flow.factors
-    n = flow.ns
-    for i in range(n):
-        total = right[i]
-        for k in range(first[i], diagonal[i]):
-            total -= factors[k] * found[columns[k]]
-        found[i] = total
-    for step in range(n):
-        i = n - 1 - step
-        total = found[i]
-        for k in range(diagonal[i] + 1, first[i + 1]):
-            total -= factors[k] * found[columns[k]]
-        found[i] = total * factors[diagonal[i]]
+    for i in range(flow.ns):
+        found[i] = forward(flow, i, right[i], found)
+    for i in range(flow.ns - 1, -1, -1):
+        found[i] = backward(flow, i, found)
+
+
+def forward(flow: Flow, i: int, right: float, found: Floats) -> float:
+    """Entry i of L^-1 right, from those before it in `found`."""
+    for k in range(flow.first[i], flow.diagonal[i]):
+        right -= flow.factors[k] * found[flow.columns[k]]
+    return right
+
+
+def backward(flow: Flow, i: int, found: Floats) -> float:
+    """Entry i of U^-1 found, from those behind it."""
+    total: float = found[i]
+    for k in range(flow.diagonal[i] + 1, flow.first[i + 1]):
+        total -= flow.factors[k] * found[flow.columns[k]]
+    return total * float(flow.factors[flow.diagonal[i]])
 
 
 @rare

@@ -12,7 +12,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tcbench.compiler import language
-from tcbench.compiler.language import Cube, Floats, Ints, Matrix, bits, copy_into, fill, from_bits
+from tcbench.compiler.language import (
+    Cube,
+    Floats,
+    Ints,
+    Matrix,
+    ShortFloats,
+    ShortInts,
+    bits,
+    copy_into,
+    fill,
+    from_bits,
+)
 from tcbench.compiler.library import Library
 from tcbench.compiler.records import Record, Rows, sized
 from tcbench.compiler.translator import Module
@@ -112,12 +123,37 @@ def records(whole: Whole, by: float) -> float:
     return last
 
 
+class Short(Record):
+    n: int
+    where: ShortInts = sized("n")
+    factors: ShortFloats = sized("n")
+    behind: Floats = sized("n")
+
+
+def short_numbers(short: Short, where: ShortInts, factors: ShortFloats) -> tuple[int, float]:
+    total, last = 0.0, 0
+    for i in range(len(where)):
+        last = int(where[len(where) - 1 - i]) * DOUBLED // DOUBLED
+        short.factors[last] += factors[i] / 3.0
+        short.where[i] -= last + short.n
+        short.behind[i], total = short.factors[i], total + short.factors[last] * short.where[i]
+    return last, total
+
+
 def parts_of_numbers(x: float, exponent: int) -> tuple[int, float, float]:
     return bits(x), from_bits(bits(x)), from_bits((exponent + 1023) * DOUBLED)
 
 
 LIBRARY = Library(
-    "tests of the translator", parts_of_numbers, whole_numbers, float_arithmetic, logic, ways_out, arrays, records
+    "tests of the translator",
+    parts_of_numbers,
+    whole_numbers,
+    float_arithmetic,
+    logic,
+    ways_out,
+    arrays,
+    records,
+    short_numbers,
 )
 NUMBERS = st.integers(-50, 50)
 FLOATS = st.one_of(st.floats(-1e3, 1e3), st.sampled_from([0.0, -0.0, math.inf, -math.inf, math.nan, 1.0]))
@@ -180,6 +216,20 @@ def test_records_are_read_and_written_as_in_python():
         both[-1] += [x for part in parts for x in (*part.x, *part.grid.ravel())]
     agree(*both)
     assert both[0][1] == 2 and both[0][4:7] == [1, 0, 2]
+
+
+def test_numbers_of_32_bits_are_widened_where_they_are_read():
+    both = []
+    for function in (LIBRARY.short_numbers, short_numbers):
+        short, given_ = Short(n=3), (np.array([2, 0, 1], np.int32), np.array([1.5, -7.0, 1e30], np.float32))
+        both.append([*function(short, *given_), *short.where, *short.factors, *short.behind])
+    np.testing.assert_allclose(*both, rtol=1e-6)
+    short.behind[:] = 7.0
+    assert (short.where.dtype, short.factors.dtype) == (np.int32, np.float32) and short.where.tolist() == [-4, -3, -5]
+    with pytest.raises(TypeError, match="contiguous array of int32 with 1 axes"):
+        LIBRARY.short_numbers(short, np.arange(3), np.zeros(3, np.float32))
+    with pytest.raises(TypeError, match="contiguous array of ShortInts"):
+        Short(n=3, where=np.arange(3))
 
 
 def test_the_memory_of_a_record_is_used_again():
