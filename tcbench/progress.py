@@ -63,6 +63,13 @@ class Meter:
             seconds = None
         return "" if seconds is None else f"about {_duration(seconds)} left"
 
+    def tell(self, text: str) -> None:
+        """Another text, which shows at once where the wait does."""
+        with self._lock:
+            self.text = text
+            if self._face is not None:
+                self._face.draw(self)
+
     def say(self, sentence: str) -> None:
         """A line that stays, above the bar where there is one."""
         with self._lock:

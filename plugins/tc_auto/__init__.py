@@ -4,10 +4,11 @@ tc_auto goes over from tc_taylor to tc_gauss_adaptive and back during a run, by 
 over the decay time of the conduction. See march.py and docs/methods.md.
 """
 
-from functools import cache
+from functools import cache, partial
 
 from tcbench import Integrator, hookimpl
 from tcbench.compiler.once import Spares
+from tcbench.solver.foresight import watched
 
 from ..tc_gauss import stages_of
 from ..tc_gauss.method import GaussMethod, held
@@ -35,6 +36,7 @@ class BothMethods:
 
             worth = step_in_iterations(self.gauss, self.taylor)
             self.loops, self.counts, self.taylor.work.few = LOOPS, Counts(), SHORT / worth
+            self.gauss.work.lend("watch", self.taylor.work.watch)
             both = {"explicit": self.taylor.work, "implicit": self.gauss.work}
             self.work = Both(counts=self.counts, worth=worth, **both)
 
@@ -45,10 +47,12 @@ class BothMethods:
             self.tolerance, work.tolerance = tolerance, SAFETY * tolerance
             work.defect, work.residual = held(gauss.stages, FINER * tolerance)
         taylor.begin(z0, times)
-        done = self.loops.run(work)
-        steps, rejected, iterations, implicit = self.counts.table.tolist()
-        if implicit:
-            gauss.work.clear()  # as it was before
+        try:
+            done = watched(taylor, partial(self.loops.run, work))
+        finally:
+            steps, rejected, iterations, implicit = self.counts.table.tolist()
+            if implicit:
+                gauss.work.clear()  # as it was before
         if done < len(times):
             raise ArithmeticError(f"the step became too short before t = {times[done]:g}")
         return taylor.states.copy(), {"steps": steps, "rejected": rejected, "newton_iterations": iterations}

@@ -199,6 +199,9 @@ def advance(
     longest, roughest = math.inf, math.inf
     while row < len(times) and owed <= most:
         while t < times[row] and owed <= most:
+            w.watch[0] = t
+            if w.watch[1] != 0.0:
+                return row, t, 0.0
             set_scale(w, z)
             if h == 0.0:
                 h = min(times[row] - t, first_step(w, tolerance))

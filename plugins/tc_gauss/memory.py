@@ -145,6 +145,7 @@ class Work(Record):
     carry: Floats = sized("n + m")  # and what rounding dropped on the way
     here: Floats = sized("n + m")  # of a march: where it is
     dropped: Floats = sized("n + m")  # and what rounding dropped on the way
-    rows: int  # what follows is lent for a run: see `records.Lending`
+    watch: Floats = sized("2")  # how far an adaptive run is, and whether it is to end: see `records.Lending`
+    rows: int  # what follows is lent for a run
     times: Floats = sized("rows")
     states: Matrix = sized("rows", "n + m")  # at these times, the first given

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from tcbench.compiler.once import once_a_system
 from tcbench.compiler.records import Lending
 from tcbench.errors import TcbenchError
+from tcbench.solver.foresight import watched
 from tcbench.systems.system import System
 
 from . import formulas
@@ -29,10 +30,10 @@ class GaussMethod(Lending):
 
     def __init__(self, system: System, stages: int) -> None:
         self.loops, model = prepared(system, stages)
-        self.stages, self.size, self.marches = stages, system.size, False
+        self.stages, self.marches = stages, False
         self.counts = model.counts.again()
         own = {"sparse": model.sparse.again(), "c": model.c.copy()}  # the first of c is the step
-        self.lend_to(model.again(counts=self.counts, **own), self.size)
+        self.lend_to(model.again(counts=self.counts, **own), system)
 
     def march(self, z: Floats, h: float, count: int) -> Floats:
         """Increments of up to `count` steps, as many as have a solution; ArithmeticError where the first has none.
@@ -56,7 +57,7 @@ class GaussMethod(Lending):
         """States at `times`, and what they cost."""
         self.begin(z0, times)
         self.work.clear()
-        if self.loops.run(self.work, *held(self.stages, tolerance)) != SOLVED:
+        if watched(self, partial(self.loops.run, self.work, *held(self.stages, tolerance))) != SOLVED:
             raise ArithmeticError("the step became too short")
         return self.states.copy(), self.cost()
 

@@ -85,6 +85,9 @@ def advance(
     h, fresh, long, end = 0.0, True, 0, w.counts.steps + leg if leg > 0 else NEVER
     since, often, begun = 0, 1, t  # steps since the last mended state, how many there may be, and when it was
     while row < len(times):
+        w.watch[0] = t
+        if w.watch[1] != 0.0:
+            return row, t, 0.0
         if fresh:
             if long == patience or (since == 0 and w.counts.steps >= end and w.few * h < times[len(times) - 1] - t):
                 return row, t, h

@@ -52,6 +52,7 @@ class Work(Record):
     # The state that has them, its entropy, the least of what must be positive. When a step begins, the run is there.
     mended: Floats = sized("size + 2")
     kept: Floats = sized("size + 2")  # the last of these that a step began from
-    rows: int  # what follows is lent for a run: see `records.Lending`
+    watch: Floats = sized("2")  # how far an adaptive run is, and whether it is to end: see `records.Lending`
+    rows: int  # what follows is lent for a run
     times: Floats = sized("rows")
     states: Matrix = sized("rows", "size")  # z at these times, the first given

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from tcbench.compiler import derivatives as trace
 from tcbench.compiler.kernels import Kernel, kernel
 from tcbench.compiler.once import once, once_a_system
 from tcbench.compiler.records import Lending
+from tcbench.solver.foresight import watched
 from tcbench.solver.mending import array_mending_kernels as of_any_large
 from tcbench.solver.mending import mending_kernels as of_any
 
@@ -29,18 +31,17 @@ class TaylorMethod(Lending):
 
     def __init__(self, system: System, order: int) -> None:
         self.loops, model, self.lines = prepared(system, order)
-        self.size = system.size
         self.counts = model.counts.again()
         self.tolerance = 0.0  # of the work
         self.reached: Floats | None = None  # where the run has come by marching
-        self.lend_to(model.again(counts=self.counts, trials=model.trials.again()), self.size)
+        self.lend_to(model.again(counts=self.counts, trials=model.trials.again()), system)
 
     def adaptive(self, z0: Floats, times: Floats, tolerance: float) -> tuple[Floats, dict[str, int]]:
         """States at `times`, shape (len(times), n), and their cost; ArithmeticError where steps become too short."""
         self.begin(z0, times)
         if self.tolerance != tolerance:
             self.tolerance = self.work.tolerance = tolerance
-        done = self.loops.run(self.work)
+        done = watched(self, partial(self.loops.run, self.work))
         if done < len(times):
             raise ArithmeticError(f"the step became too short before t = {times[done]:g}")
         return self.states.copy(), self.cost()

@@ -228,16 +228,20 @@ class Record:
 
 class Lending:
     """A method whose record, `work`, has `rows`, `times` and `states`; these are lent to it, for a call that passes
-    arrays takes two microseconds more."""
+    arrays takes two microseconds more. Its loop writes the time that it has reached to `watch`, and ends where the
+    other number there is not 0: see `solver.foresight.watched`."""
 
     work: Any
+    large: bool
+    size: int
     times: np.ndarray
     states: np.ndarray
     first: np.ndarray  # of the states
 
-    def lend_to(self, work: Any, size: int) -> None:
-        """Of states with so many numbers."""
-        self.work, self.times, self.states, self.first = work, np.empty(0), np.empty((0, size)), np.empty(0)
+    def lend_to(self, work: Any, system: Any) -> None:
+        """Of states of this system."""
+        self.work, self.large, self.size = work, system.large, system.size
+        self.times, self.states, self.first = np.empty(0), np.empty((0, self.size)), np.empty(0)
 
     def begin(self, z0: np.ndarray, times: np.ndarray) -> None:
         """The next run of the record goes from z0 through these times, to `states`."""

@@ -71,7 +71,8 @@ def constant(x: float) -> str:
 def say(kind: Any) -> str:
     """The kind in words."""
     if isinstance(kind, Array):
-        return f"an array with {kind.rank} ax{'i' if kind.rank == 1 else 'e'}s"
+        of = "" if kind.item == FLOAT else f" of {NUMPY[kind.item]}"
+        return f"an array{of} with {kind.rank} ax{'i' if kind.rank == 1 else 'e'}s"
     if isinstance(kind, str):
         return WORDS.get(kind, "a vector")
     return f"a {kind.__name__}" if isinstance(kind, type) else "a tuple or rows"

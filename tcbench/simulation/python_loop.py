@@ -63,6 +63,7 @@ def run_step(integrator: Integrator, scenario: Scenario, dt: float, steps: int, 
                 each = (time.thread_time() - worked) / len(states)
                 if told := foresight.of_steps(model, each, steps):
                     meter = saying.enter_context(part(told))
+                    meter.tell(meter.text)
             if meter is None and done > foresight.UNTOLD:
                 meter = saying.enter_context(part(f"{steps} steps of {dt:g}"))
             if meter:

@@ -1,4 +1,5 @@
-"""What a large system will cost, said before it is paid: measured coefficients times the length of what is to be done.
+"""What a large system will cost, said before it is paid: measured coefficients times the length of what is to be done,
+or, where a method chooses its steps, what it took so far.
 
 The coefficients are those of chains, nets and bars on one machine (docs/chain.md); a prediction is right within a
 factor of two or three, so that only what is far beyond a limit is refused.
@@ -8,18 +9,24 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import MachineError
 from ..progress import part
 from ..systems.system import System
 
 if TYPE_CHECKING:
+    from ..compiler.records import Lending
     from .flow_kernels import FlowKernels
 
+T = TypeVar("T")
 # to trace and compile, seconds and MB for each number of a state: in loops over the elements, and as a whole, where
 # these are the seconds for each square of theirs
 LOOPS = (3e-5, 5e-3)
@@ -31,6 +38,8 @@ SHORT = 2.0  # seconds that need no word
 UNTOLD = 2000  # steps of a small system that are over before anyone could be told of them
 SPARE = 0.8  # of the memory there is
 CERTAIN = 2.0  # a prediction as many times what is left of a time limit is no mistake
+LOOK = 0.1  # seconds from one look at a run that chooses its steps to the next
+SHARE, SEEN = 0.005, 0.2  # of its time, and seconds, that such a run has covered when its rest is told
 CGROUP = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes")
 
 _limit: tuple[float, float] | None = None  # what the work under way may take, seconds, and when that is over
@@ -81,6 +90,48 @@ def of_steps(system: System, each: float, steps: int) -> str:
     cure = "take fewer steps (a longer dt, a shorter t_end) or a smaller system"
     _affordable(f"{what} of a {system.name} of {system.size} numbers", steps * each, cure)
     return f"{what}, {steps * each:.0f} s"
+
+
+def watched(run: Lending, march: Callable[[], T]) -> T:
+    """What `march()` gives: a compiled loop over the times that `run` has been lent, in steps that it chooses.
+
+    On a large system it works in a thread of its own: how far it is shows, its rest is told when a small part is done,
+    and an interrupt, or a time limit that is far too short, ends it at its next step.
+    """
+    if not run.large:
+        return march()
+    watch, times, first, told = run.work.watch, run.times, None, ""
+    watch[:] = times[0], 0.0
+    pool = ThreadPoolExecutor(1, "tcbench-run")
+    with part("") as meter:
+        meter.total = len(times) - 1
+        try:
+            running = pool.submit(march)
+            while not wait([running], LOOK).done:
+                here = float(watch[0]), time.monotonic()
+                first = first or (here if here[0] > times[0] else None)
+                meter.done = int(np.searchsorted(times, here[0], "right")) - 1
+                if not told and first and (told := of_rest(run.size, times, first, here)):
+                    meter.tell(meter.text + told)
+            return running.result()
+        finally:
+            watch[1] = 1.0
+            pool.shutdown()
+            watch[1] = 0.0
+
+
+def of_rest(size: int, times: NDArray[np.float64], first: tuple[float, float], here: tuple[float, float]) -> str:
+    """What to say of the rest of a run from what it took from `first` to `here`, each a time and what the clock showed
+    there; "" where that is little, or it has just begun; MachineError as above."""
+    (before, t), end, passed = (first[0], here[0]), times[-1], here[1] - first[1]
+    if passed < SEEN or t <= before or t - times[0] < SHARE * (end - times[0]):
+        return ""
+    seconds = passed / (t - before) * (end - t)
+    if seconds < SHORT:
+        return ""
+    cure = "take a larger tolerance, a shorter t_end or a smaller system"
+    _affordable(f"From t = {t:.3g} to {end:.6g} a run of {size} numbers", seconds, cure)
+    return f", from t = {t:.3g} to {end:.6g} about {seconds:.0f} s"
 
 
 def seconds_a_step(kernels: Sequence[FlowKernels]) -> float:

@@ -25,7 +25,7 @@ def incomplete_factors(flow: Flow, entries: int) -> bool:
     first, columns, diagonal, factors, place = flow.first, flow.columns, flow.diagonal, flow.factors, flow.place
     for k in range(flow.nnz):
         factors[k] = flow.derivatives[entries + k]
-    if flow.steep and too_steep(factors):
+    if flow.steep and too_steep(flow.derivatives[entries : entries + flow.nnz]):
         factors[diagonal[0]] = 0.0
         return False
     for i in range(flow.ns):

@@ -1,5 +1,7 @@
 """What a large system costs is said before it is paid."""
 
+import importlib
+import time
 from types import SimpleNamespace
 
 import numpy as np
@@ -123,3 +125,55 @@ def test_a_run_of_a_method_with_a_loop_of_its_own_is_foreseen_from_its_first_ste
         with pytest.raises(MachineError, match=r"1000 steps of about 5e\+02 ms of a net .* 500 s"):
             tcbench.simulate(method, net(20, 20), dt=0.1, t_end=100.0)
     assert len(worked) < 50
+
+
+def interrupted(*_):
+    raise KeyboardInterrupt
+
+
+def test_an_interrupt_ends_a_compiled_loop_that_chooses_its_steps(monkeypatch):
+    watch, ended = np.array([7.0, 1.0]), []
+    run = SimpleNamespace(large=True, size=6, times=np.array([0.5, 1.0]), work=SimpleNamespace(watch=watch))
+
+    def march():
+        while watch[1] == 0.0:
+            time.sleep(0.001)
+        ended.append(watch[0])
+
+    monkeypatch.setattr(foresight, "wait", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        foresight.watched(run, march)
+    assert ended == [0.5]
+
+
+@pytest.mark.parametrize("method", ["tc_gauss_adaptive", "tc_taylor", "tc_auto"])
+def test_methods_that_choose_their_steps_can_be_watched_on_large_systems(method, monkeypatch):
+    """They say how far they are, end when they are told to, and go through the same steps watched or not."""
+    seen, scenario = [], net(9, 8)
+    whole = tcbench.simulate(method, scenario, tolerance=1e-6, t_end=2.0)
+
+    def looked(run, march):
+        found = march()
+        seen.append(float(run.work.watch[0]))
+        run.work.watch[1] = 1.0
+        with pytest.raises(AssertionError):
+            assert march() == found
+        run.work.watch[1] = 0.0
+        return march()
+
+    for module in ("tc_gauss.method", "tc_taylor.method", "tc_auto"):
+        monkeypatch.setattr(importlib.import_module(f"tcbench_plugins.{module}"), "watched", looked)
+    again = tcbench.simulate(method, scenario, tolerance=1e-6, t_end=2.0)
+    assert np.array_equal(whole.z, again.z) and 0.5 < seen[0] < 2.0
+
+
+def test_the_rest_of_a_run_that_chooses_its_steps_is_told():
+    times = np.array([0.0, 1.0, 100.0])
+    assert foresight.of_rest(60, times, (0.1, 5.0), (1.1, 6.0)) == ", from t = 1.1 to 100 about 99 s"
+    assert foresight.of_rest(60, times, (0.1, 5.0), (0.4, 6.0)) == ""  # it has just begun
+    assert foresight.of_rest(60, times, (0.1, 5.0), (1.1, 5.1)) == ""
+    assert foresight.of_rest(60, times, (1.1, 5.0), (1.1, 6.0)) == ""
+    assert foresight.of_rest(60, times, (0.1, 5.0), (99.0, 6.0)) == ""
+    sentence = "From t = 1.1 to 100 a run of 60 numbers takes about 99 s, .* give a longer --timeout, or take a larger"
+    with foresight.within(40.0), pytest.raises(MachineError, match=sentence):
+        foresight.of_rest(60, times, (0.1, 5.0), (1.1, 6.0))
