@@ -35,12 +35,12 @@ def cvode(system, z0, t_eval, rtol, atol):
 
     field = Field(system)
     span = float(abs(t_eval[-1]))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of a pattern beside a Jacobian: that this is taken, and no differences
-        solver = CVODE(
-            field.into, **jacobian(field, system, z0), rtol=rtol, atol=atol, max_num_steps=10_000_000,
-            min_step=np.spacing(span), max_step=span,  # a lost run would try millions of steps below round-off in t
-        )  # fmt: skip
+    # of a pattern beside a Jacobian: that this is taken, and no differences; in a block it would be of all threads
+    warnings.filterwarnings("ignore", "Custom sparse Jacobian", module="sksundae")
+    solver = CVODE(
+        field.into, **jacobian(field, system, z0), rtol=rtol, atol=atol, max_num_steps=10_000_000,
+        min_step=np.spacing(span), max_step=span,  # a lost run would try millions of steps below round-off in t
+    )  # fmt: skip
     solution = solver.solve(np.asarray(t_eval), z0)
     if not solution.success:
         raise RuntimeError(f"CVODE: {solution.message}")

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import os
 import re
+import sys
 import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 HALF_WRITTEN = re.compile(r"\..+\.[0-9a-f]{12}(\.\w+)?\Z")  # names of files that a killed process was writing
 
@@ -28,10 +30,28 @@ def replacing(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def written(path: Path) -> Iterator[Path]:
-    """`replacing`, of a file that the user has named: of a link it is the file that it leads to, and a pipe or a device
-    is written as it is."""
-    if path.exists() and not path.is_file():
+    """`replacing`, of a file that the user has named: of a link it is the file that it leads to; a pipe or a device is
+    written as it is, and what is this process's own output is added to it."""
+    stream = next((s for s in (sys.stdout, sys.stderr) if _is(path, s)), None)
+    if stream is not None:
+        from tempfile import TemporaryDirectory
+
+        with TemporaryDirectory() as folder:
+            yield (temporary := Path(folder) / f"written{path.suffix}")
+            stream.flush()
+            with open(stream.fileno(), "wb", closefd=False) as there:
+                there.write(temporary.read_bytes())
+    elif path.exists() and not path.is_file():
         yield path
     else:
         with replacing(path.resolve()) as temporary:
             yield temporary
+
+
+def _is(path: Path, stream: Any) -> bool:
+    """Does the path lead to what the stream writes to?"""
+    try:
+        found = path.stat()
+        return found.st_ino != 0 and os.path.samestat(found, os.fstat(stream.fileno()))  # 0: Windows, of any device
+    except (OSError, ValueError, AttributeError):  # no such file; a stream that is closed, or none of the system's
+        return False

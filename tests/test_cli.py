@@ -15,6 +15,7 @@ from click.testing import CliRunner
 from command import tcbench
 
 from tcbench.cli import main
+from tcbench.files import written
 
 
 def process(*args, cwd=None):
@@ -104,6 +105,20 @@ def test_a_trajectory_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
     assert CliRunner().invoke(main, [*command, str(link)]).exit_code == 0
     assert link.is_symlink() and path.read_text().startswith("t,")
     assert CliRunner().invoke(main, [*command, os.devnull]).exit_code == 0 and not os.path.isfile(os.devnull)
+
+
+@pytest.mark.parametrize("stream", ["stdout", "stderr"])
+def test_a_table_into_the_own_output_leaves_what_is_there(tmp_path, monkeypatch, stream):
+    """--csv /dev/stdout > file took the place of the file, and the summary went with the old one."""
+    path, link = tmp_path / "all.txt", tmp_path / "link.csv"
+    link.symlink_to(path)
+    with path.open("w") as output:
+        monkeypatch.setattr(sys, stream, output)
+        output.write("before, ")
+        with written(link) as temporary:
+            temporary.write_text("the table, ")
+        output.write("after")
+    assert path.read_text() == "before, the table, after"
 
 
 def test_simulate_loads_nothing_that_it_does_not_need():

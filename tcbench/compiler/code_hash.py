@@ -331,6 +331,10 @@ class Hasher:
             self._parts("wrapped", kind, wrapped)
         elif is_of_python(item):
             raise HashlessError("a ufunc made by np.frompyfunc")
+        elif isinstance(item, itertools.count):
+            self.note("count", repr(item))
+        elif kind.__module__ == "itertools":  # from Python 3.14 on they do not say where they are
+            raise HashlessError(f"itertools.{kind.__name__}")
         elif isinstance(item, re.Pattern):
             self.note("pattern", item.pattern, item.flags)
         elif isinstance(item, np.ufunc | np.dtype) or kind.__module__ in ("typing", "types"):

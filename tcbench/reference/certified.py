@@ -246,10 +246,10 @@ def _by_scipy(
     """States by LSODA at a tight tolerance; NaN where it did not arrive."""
     from scipy.integrate import ODEintWarning, odeint
 
-    with warnings.catch_warnings(action="ignore", category=ODEintWarning):
-        found, report = odeint(
-            rate, z0, (0.0, *times), Dfun=jac, tfirst=True, rtol=1e-12, atol=1e-13, mxstep=MOST_STEPS, full_output=True
-        )
+    warnings.filterwarnings("ignore", category=ODEintWarning, module=__name__)  # those of a block are of all threads
+    found, report = odeint(
+        rate, z0, (0.0, *times), Dfun=jac, tfirst=True, rtol=1e-12, atol=1e-13, mxstep=MOST_STEPS, full_output=True
+    )
     arrived = np.logical_and.accumulate(report["tcur"] >= times)  # beyond the first that is not nothing is filled in
     return np.where(arrived[:, None], found[1:], np.nan)
 

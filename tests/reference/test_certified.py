@@ -1,6 +1,7 @@
 """References that are read, and references that are computed on the fly, are as accurate as they say."""
 
 import json
+import warnings
 from decimal import Decimal, localcontext
 from pathlib import Path
 
@@ -115,6 +116,15 @@ def test_a_check_that_did_not_arrive_or_is_no_number_agrees_with_nothing(monkeyp
     assert gaps[0] < 1e-9 and gaps[1:] == [np.inf] * 2
     monkeypatch.setattr(R, "MOST_STEPS", 5)
     assert R._gaps(R._by_scipy(decay, None, z0, times), states) == [np.inf] * 3
+
+
+@pytest.mark.filterwarnings("error")
+def test_what_odeint_says_is_not_heard_and_the_filters_of_other_threads_stay(monkeypatch):
+    """A block without warnings puts those filters back that another thread's block had set: before Python 3.14."""
+    monkeypatch.setattr(R, "MOST_STEPS", 1)
+    seen = []
+    R._by_scipy(lambda t, z: seen.append(warnings.filters) or -z, None, np.ones(1), (1.0,))
+    assert all(filters is warnings.filters for filters in seen)
 
 
 def test_a_non_smooth_problem_gets_a_poor_certificate_not_a_good_one():
