@@ -24,8 +24,8 @@ LEFT = 1e-17  # predicted error: what many steps leave with one sign is still be
 MOST = 20  # corrections with incomplete factors
 RENEWAL = 5.0  # of them cost as much as a Jacobian and its factors
 PAUSED = 20.0  # steps in which they are not tried, once they have failed
-# in `kept`: corrections of the step that made the factors, 0: none; more since then; steps without; of a correction
-# that no longer shrank, its size; what is known to be round-off
+# in `kept`: corrections with the factors in the step that made them, 0: none; more since then; steps without; of a
+# correction that no longer shrank, its size; what is known to be round-off
 MADE_IN, COST, PAUSE, STOPPED, NOISE = range(5)
 
 
@@ -59,7 +59,7 @@ def by_old_factors(flow: Flow) -> tuple[int, int]:
     many). New ones are made where the old ones contract poorly, or have cost as much in further corrections."""
     x, d, kept, found, n, order = flow.x, flow.derivatives, flow.kept, flow.krylov[FOUND], flow.nx, flow.order
     scale = flow.w[2 * n : 3 * n]
-    new, made, floor = kept[MADE_IN] == 0.0, False, max(ROUND_OFF, NOISY * kept[NOISE])
+    new, made, floor = kept[MADE_IN] == 0.0, 0, max(ROUND_OFF, NOISY * kept[NOISE])
     previous, slowest, kept[STOPPED] = np.inf, 0.0, 0.0
     for iteration in range(1, MOST + 1):
         behind = n
@@ -68,7 +68,7 @@ def by_old_factors(flow: Flow) -> tuple[int, int]:
             behind += flow.nnz
             if not incomplete_factors(flow, n):
                 return REJECTED, iteration
-            new, made, previous = False, True, np.inf
+            new, made, previous = False, iteration, np.inf
         else:
             call(flow.polish, flow.w, x, d)
         for i in range(behind, behind + flow.npos):
@@ -93,12 +93,12 @@ def by_old_factors(flow: Flow) -> tuple[int, int]:
         slowest = max(slowest, delta / previous if previous > 0.0 else 0.0)  # 0/0 at rest
         stalled = delta > POOR * previous
         if stalled and delta > floor:
-            if made:
+            if made > 0:
                 return REJECTED, iteration
             new, slowest = True, 0.0
         elif stalled or (previous < np.inf and slowest * delta < LEFT):
-            if made:
-                kept[MADE_IN], kept[COST] = iteration, 0.0
+            if made > 0:
+                kept[MADE_IN], kept[COST] = iteration - made + 1, 0.0
             else:
                 kept[COST] += max(0.0, iteration - kept[MADE_IN])
                 kept[MADE_IN] = kept[MADE_IN] if kept[COST] < RENEWAL else 0.0

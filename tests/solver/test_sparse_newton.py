@@ -153,6 +153,21 @@ def test_what_rests_is_found_by_two_corrections_of_nothing():
     assert quick_sparse.by_old_factors(flow) == (newton.ACCEPTED, 2)
 
 
+def test_corrections_before_new_factors_are_none_of_those_that_these_need():
+    """Two with factors that contract poorly, two with those that are made then: beyond two a step costs more."""
+    n = 2
+    flow = Linear(np.eye(n)).at(3.0 * np.eye(n), np.zeros(n))
+    flow.n, flow.npos, flow.kept = n, 0, np.zeros(5)
+    flow.w, flow.x, flow.dz = np.r_[np.zeros(2 * n), np.ones(n)], *np.zeros((2, n))
+    assert sparse.incomplete_factors(flow, n)
+    flow.kept[quick_sparse.MADE_IN], matrix = 1.0, flow.derivatives[n:] / 3.0
+    flow.polish = made_up_address(lambda w, x, out: np.copyto(out[:n], x - 1.0))
+    flow.iterate = made_up_address(lambda w, x, out: np.copyto(out, np.r_[x - 1.0, matrix]))
+    flow.finish = made_up_address(lambda w, x, out: np.copyto(out, x))
+    assert quick_sparse.by_old_factors(flow) == (newton.ACCEPTED, 4)
+    assert flow.kept[quick_sparse.MADE_IN] == 2.0 and np.array_equal(flow.x, [1.0, 1.0])
+
+
 def test_round_off_that_whole_corrections_have_shown_stops_those_with_old_factors():
     """Of a residual that is known to 1e-12 only: the first root is found by Newton, the next ones without it."""
     n, calls = 4, []
