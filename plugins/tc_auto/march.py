@@ -18,7 +18,12 @@ STABLE, STABLE_OF_ORDER = 2.0, 0.3  # those of order p that stability bounds: ab
 STIFF = 0.7  # of these: from here on stability bounds a step
 PATIENCE, MORE = 8, 10  # stiff steps in a row before the other method is tried, and so many times as many each time
 LONGER, LONGER_OF_ANY = 4.0, 10.0  # the first implicit step, over the last explicit one; of any system
-OWED = 3.0  # iterations that the implicit method may take beyond what explicit steps would, before it is left
+# Of elements: iterations that the implicit method may take beyond what explicit steps would, before it is left, and
+# those that all else of one of its steps takes the time of.
+OWED, BESIDE = 12.0, 4.0
+# And iterations that a trial takes the time of beside its steps, as its code is in no cache; the part of the time of
+# explicit steps from start to end that all trials may take.
+START, PART = 25.0, 0.12
 # Of any system: iterations that the explicit steps to the end must be worth for the other method to be tried, and the
 # part of them that a trial may owe; steps until the fastest motion is looked for, each time four times as many, up to
 # a most.
@@ -68,35 +73,48 @@ def steps(both: Both) -> int:
     row, t, h, patience, explicit, given_up = 1, times[0], 0.0, PATIENCE, True, False
     leg, left, busy, latest = LEG if g.general else 0, 0.0, 0.0, 0.0
     longer = LONGER_OF_ANY if g.general else LONGER
+    paid, g.budget[3] = 0.0, 0.0 if g.general else BESIDE
     turns, settled = TURNS if g.general else gauss.TURNS, SETTLED if g.general else gauss.TURNS - 1
     while row < len(times):
         if explicit:
-            before = e.counts.steps
+            steps_before = e.counts.steps
             short = g.general and left < SHORT  # which is left to explicit steps
             rate = 1e-300 if short else gauss.decay_rate(g, turns, settled)
             most = STIFF * stable / rate
             few = 1 if latest > most else patience  # those of the leg before were stiff
             row, t, h = taylor.advance(e, times, both.tolerance, states, row, t, most, few, leg)
+            if row == len(times):
+                break
             latest = 0.0
             look(e, g)
             busy = 1.0 / max(h, 1e-300) if g.general else rate / stable
             left = worth * busy * (times[len(times) - 1] - t)
-            if e.counts.steps - before < leg or not g.general:
+            if e.counts.steps - steps_before < leg or not g.general:
                 patience *= MORE
-            if g.general and h > 0.0 and (left < SHORT or e.counts.steps - before >= leg):
+            if g.general and h > 0.0 and (left < SHORT or e.counts.steps - steps_before >= leg):
                 leg, latest = min(4 * leg, MOST_LEG), h
+                continue
+            if not g.general and h > 0.0 and paid + START > PART * worth * busy * (times[len(times) - 1] - times[0]):
+                given_up = False
                 continue
             go_over(e, g)
         else:
             g.budget[0] = worth * busy
-            g.budget[1] = math.inf if given_up else max(OWED, SHARE * left) if g.general else OWED
+            g.budget[1] = math.inf if given_up else SHARE * left if g.general else OWED
+            since, before = t, taken(g)
             row, t, h = gauss.advance(g, times, both.defect, both.residual, states, row, t, longer * h)
+            paid += START + taken(g) - before - worth * busy * (t - since)
             keep_laws(e, g)
         if h == 0.0 and given_up:
             return row
         given_up = h == 0.0
         explicit = not explicit
     return row
+
+
+def taken(g: Gauss) -> float:
+    """What the implicit method has taken so far, in iterations."""
+    return g.counts.iterations + g.budget[3] * (g.counts.steps + g.counts.rejected)
 
 
 @rare

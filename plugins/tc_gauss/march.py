@@ -213,7 +213,7 @@ def advance(
             w.budget[2] = spent + most - owed + worth * step
             lowest = w.laws[w.m + 1]
             code = try_step(w, step, z, known, COARSEST + (step > roughest), residual, False)
-            owed += w.counts.iterations - spent
+            owed += w.counts.iterations - spent + w.budget[3]
             spent = w.counts.iterations
             error, factor = 0.0, 0.0
             if code == SOLVED:

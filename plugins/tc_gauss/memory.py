@@ -125,9 +125,9 @@ class Work(Record):
     now: Floats = sized("n_laws")  # of any system: the same of the start of a step
     run: Floats = sized("1")  # the energy at the start of the run
     mended: Floats = sized("n_mended")  # what the fifth kernel makes of them
-    # Iterations that a unit of time is worth, that may be owed, and the count at which an attempt is given up: see
-    # march.advance.
-    budget: Floats = sized("3")
+    # Iterations that a unit of time is worth, that may be owed, the count at which an attempt is given up, and what a
+    # step takes beside its own: see march.advance.
+    budget: Floats = sized("4")
     seen: Floats = sized("2")  # the contraction of the last solve, and the quadrature that it took
     at_nodes: Matrix = sized("k", "n_nodes")  # velocities, positions, stresses, temperatures
     drift: Matrix = sized("k", "n_carried")  # rates of shapes and entropies

@@ -47,7 +47,8 @@ def test_where_it_is_stiff_few_explicit_steps_are_taken_and_most_work_is_saved(n
 
 @pytest.mark.parametrize("name", ["cold_spring", "short_term"])
 def test_a_run_that_goes_over_keeps_its_laws_and_its_tolerance(name):
-    scenario = tcbench.scenarios()[name].replace(t_end=1.0)
+    scenario = tcbench.scenarios()[name]
+    scenario = scenario.replace(t_end=1.0, conductivity=10.0 * scenario.constants["conductivity"])
     reference = reference_for(scenario, [1.0]).states[-1].astype(float)
     for tolerance in (1e-4, 1e-8):
         run = tcbench.simulate("tc_auto", scenario, tolerance=tolerance)
@@ -62,10 +63,21 @@ def test_a_run_that_goes_over_keeps_its_laws_and_its_tolerance(name):
 def test_it_goes_to_and_fro_as_stiffness_comes_and_goes():
     """Close encounters ask for steps so short that conduction does not bound them; between them it does."""
     scenario = tcbench.scenarios()["cold_spring"]
+    scenario = scenario.replace(conductivity=4.0 * scenario.constants["conductivity"])
     _, alone = tcbench.integrators()["tc_gauss_adaptive"].adaptive(scenario.model, scenario.z0, END, 1e-4, 1e-4)
     _, cost = adaptive(scenario.model, scenario.z0, END, 1e-4, 1e-4)
     implicit, explicit = shares(scenario, 1e-4)
-    assert explicit > 3 and implicit > 3 and cost["newton_iterations"] < alone["newton_iterations"]
+    assert explicit > 100 and implicit > 30 and cost["newton_iterations"] < alone["newton_iterations"]
+
+
+@pytest.mark.parametrize("conductivity", [15.0, 50.0])
+def test_a_run_too_short_for_what_a_trial_takes_makes_none(conductivity):
+    """Conduction bounds its steps; a trial of collocation, in vain, took a fifth of its time."""
+    scenario = tcbench.scenarios()["gas_containers"].replace(conductivity=conductivity)
+    for tolerance in (1e-3, 1e-6, 1e-9):
+        methods = BothMethods(scenario.model, *chosen(tolerance))
+        methods.adaptive(scenario.z0, np.array([0.0, 25.0]), tolerance)
+        assert methods.gauss.counts.iterations == 0
 
 
 @given(admissible_states(), st.floats(-10, -2), st.floats(-1, 3))
