@@ -10,7 +10,6 @@ loses the angular momentum; tc_gauss, which projects stress and temperature only
 """
 
 import numpy as np
-from numpy.polynomial import Polynomial
 
 from tcbench import Flow, Integrator, family, hookimpl
 
@@ -28,7 +27,11 @@ def lagrange(nodes):
     found = []
     for j, c in enumerate(nodes):
         rest = np.delete(nodes, j)
-        found.append(Polynomial.fromroots(rest) / np.prod(c - rest) if len(rest) else Polynomial([1.0]))
+        found.append(
+            np.polynomial.Polynomial.fromroots(rest) / np.prod(c - rest)
+            if len(rest)
+            else np.polynomial.Polynomial([1.0])
+        )
     return found
 
 
@@ -38,15 +41,13 @@ def combined(weights, values):
 
 
 def projected_gradients(k):
-    (c, b), (x, w) = gauss(k), gauss(POINTS)
-    ls = lagrange(c)
-    A = np.array([[(p := l.integ())(node) - p(0.0) for l in ls] for node in c])
-    path = np.array([[(p := l.integ())(point) - p(0.0) for l in ls] for point in x])
-    weight = np.array([w * l(x) / b_j for l, b_j in zip(ls, b, strict=True)])
-
-    into = np.linalg.inv(A)
-
     def residual(z0, z1, h, system, stages):
+        (c, b), (x, w) = gauss(k), gauss(POINTS)
+        ls = lagrange(c)
+        A = np.array([[(p := l.integ())(node) - p(0.0) for l in ls] for node in c])
+        path = np.array([[(p := l.integ())(point) - p(0.0) for l in ls] for point in x])
+        weight = np.array([w * l(x) / b_j for l, b_j in zip(ls, b, strict=True)])
+        into = np.linalg.inv(A)
         moved = [z - z0 for z in stages]
         hF = [combined(row, moved) for row in into]
         along = [system.state(z0 + combined(row, hF)) for row in path]

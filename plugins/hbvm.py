@@ -7,22 +7,20 @@ exact. With k > s quadratic invariants are lost; of heat and entropy it knows no
 """
 
 import numpy as np
-from numpy.polynomial import Legendre
 
 from tcbench import Flow, Integrator, family, hookimpl
 
 
 def boundary_value(k, s):
-    x, w = np.polynomial.legendre.leggauss(k)
-    c, w = (x + 1) / 2, w / 2
-    P = [np.sqrt(2 * i + 1) * Legendre.basis(i, domain=[0, 1]) for i in range(s)]
-    basis = np.array([p(c) for p in P])
-    path = np.array([p.integ(lbnd=0)(c) for p in P])
-
     def combined(weights, values):
         return sum(w * x for w, x in zip(weights, values, strict=True))
 
     def residual(z0, z1, h, system, stages=()):
+        x, w = np.polynomial.legendre.leggauss(k)
+        c, w = (x + 1) / 2, w / 2
+        P = [np.sqrt(2 * i + 1) * np.polynomial.Legendre.basis(i, domain=[0, 1]) for i in range(s)]
+        basis = np.array([p(c) for p in P])
+        path = np.array([p.integ(lbnd=0)(c) for p in P])
         gamma = [z - z0 for z in (z1, *stages)]  # times h; P_0 is 1, so the first is the whole step
         f = [system.vector_field(system.state(z0 + combined(column, gamma))) for column in path.T]
         return np.concatenate([g - h * combined(row, f) for g, row in zip(gamma, basis * w, strict=True)])

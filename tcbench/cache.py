@@ -32,7 +32,7 @@ USED_S = 3600.0  # how fine the time of the last use is told
 WRITES = 256  # between two looks at the limit; the first file that a process writes is followed by one
 KEPT_SHARE = 0.8  # of the limit that pruning leaves
 UNFINISHED_S = 3600.0  # what a killed process left half written
-FILES = re.compile(r"[0-9a-f]{32,64}\.(o|text|json|failed)\Z")
+FILES = re.compile(r"[0-9a-f]{32,64}\.(o|text|json|failed)\Z")  # text: of earlier versions
 CURE = f"or set {FOLDER} to a folder of your own."
 
 

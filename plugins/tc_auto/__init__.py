@@ -11,9 +11,7 @@ from tcbench.compiler.once import Spares
 from tcbench.solver.foresight import watched
 
 from ..tc_gauss import stages_of
-from ..tc_gauss.method import GaussMethod, held
 from ..tc_taylor import SAFETY, order_of, refuses
-from ..tc_taylor.method import TaylorMethod
 
 EXACT = {"energy", "entropy", "angular_momentum"}
 FINER = 0.03  # of the tolerance, for tc_gauss: at equal ones it misses ten times what tc_taylor does (docs/methods.md)
@@ -29,6 +27,9 @@ class BothMethods:
     """Both methods, set up for a system; the explicit one is None where it is not for the system."""
 
     def __init__(self, system, order, stages):
+        from ..tc_gauss.method import GaussMethod  # imported when something runs, not when plugins are listed
+        from ..tc_taylor.method import TaylorMethod
+
         self.gauss, self.taylor = GaussMethod(system, stages), None if refuses(system) else TaylorMethod(system, order)
         self.tolerance = None  # that `work` is set to
         if self.taylor:
@@ -42,6 +43,8 @@ class BothMethods:
 
     def adaptive(self, z0, times, tolerance):
         """States at `times`, and what they cost; ArithmeticError where the steps of both become too short."""
+        from ..tc_gauss.method import held
+
         gauss, taylor, work = self.gauss, self.taylor, self.work
         if self.tolerance != tolerance:
             self.tolerance, work.tolerance = tolerance, SAFETY * tolerance

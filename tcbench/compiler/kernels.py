@@ -141,10 +141,9 @@ def _load(text: str, table: NDArray[np.int32] | None) -> int:
     """Address of the compiled text: of machine code, or made up where nothing is compiled."""
     if not PLAIN:
         from .machine import load  # LLVM is imported when something is compiled, not before
-        from .translations import made_of
 
         with LOCK:  # of threads that ask for the same one compiles it
-            return load(text, lambda _: _code(text, table), table, made_of(text, table is None))
+            return load(text, lambda _: _code(text, table), table, _translator_hash())
     scope = namespace() | {"table": table}
     exec(compile(text, "<kernel>", "exec"), scope)
     return made_up_address(scope["kernel"])
@@ -159,3 +158,12 @@ def _code(text: str, table: NDArray[np.int32] | None = None) -> str:
         module.table()
     module.kernel(text, namespace() if table is None else namespace() | {"table": table})
     return module.text()
+
+
+def _translator_hash() -> str:
+    """Of the translator, and all that a kernel's text may name: what makes LLVM code of the text."""
+    from . import arithmetic, expressions, language, records, short_vectors, special, statements, translator, values
+    from .loaded import digest, loaded_hash
+
+    modules = arithmetic, expressions, language, records, short_vectors, special, statements, translator, values
+    return f"{loaded_hash(*modules)} {digest(_code.__code__)}"

@@ -7,10 +7,10 @@ lock while they run. With TCBENCH_PLAIN=1 its functions are the Python functions
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,6 +21,9 @@ from .machine import addresses
 from .once import LOCK
 from .records import HEAD, address_of
 from .values import BOOL, FLOAT, INT, NOTHING, NUMPY, Array, Several, kind_of
+
+if TYPE_CHECKING:
+    from .translator import Module, Read
 
 OWN = ("tcbench", "tcbench_plugins")  # whose globals are constants
 CODES = {INT: ctypes.c_int64, FLOAT: ctypes.c_double, BOOL: ctypes.c_int64}
@@ -54,21 +57,17 @@ class Library:
         if language.PLAIN:
             self.__dict__ |= {f.__name__: _quiet(f) for f in self.functions}
         else:
-            from .translations import made_of
-
             with LOCK:  # the second of two threads reads what the first compiled
-                found = addresses(self.entries(), self.code, made_of(*self.functions), loops=True)
+                module = self._translated()
+                found = addresses(self.entries(), module.text, loops=True)
             entries = {f.__name__: _entry(f, address) for f, address in zip(self.functions, found, strict=True)}
             if any(f.__module__.partition(".")[0] not in OWN for f in self.functions):
-                entries = {x: self._while_globals_stay(x, entry) for x, entry in entries.items()}
+                entries = {x: self._while_globals_stay(x, entry, module.read) for x, entry in entries.items()}
             self.__dict__ |= entries
         return self.__dict__[name]
 
-    def _while_globals_stay(self, name: str, entry: Callable[..., Any]) -> Callable[..., Any]:
+    def _while_globals_stay(self, name: str, entry: Callable[..., Any], read: Sequence[Read]) -> Callable[..., Any]:
         """The compiled function, which is made anew when a global that it reads has another value."""
-        from .translations import globals_read
-
-        read = globals_read(*self.functions)
 
         def called(*arguments: Any) -> Any:
             if all(known.get(x) is value for known, x, value in read):
@@ -83,12 +82,15 @@ class Library:
 
     def code(self) -> str:
         """LLVM code of the module."""
+        return self._translated().text()
+
+    def _translated(self) -> Module:
         from .translator import Module
 
         module = Module(_SOURCES)
         for name, function in self.entries().items():
             module.entry(function, name)
-        return module.text()
+        return module
 
     def entries(self) -> dict[str, Any]:
         """The functions by their names in compiled code, which do not depend on what they are called."""

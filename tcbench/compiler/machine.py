@@ -1,8 +1,8 @@
 """LLVM code to machine code, kept as object files in the user's cache.
 
 An object file is named after a hash of the LLVM code it was made of, and of what compiled it for which processor: other
-code never finds it, whatever its functions and files are called. Which text a translation gives, and so which file it
-needs, is kept as well: under a hash of all that the translation may read (`translations`).
+code never finds it, whatever its functions and files are called. Of a kernel, whose text names nothing but what the
+translator knows, that text and a hash of the translator stand for its LLVM code.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import numpy as np
 from .. import cache as files
 from ..errors import MachineError, TcbenchError
 from .collector import paused
-from .translations import inputs
+from .loaded import digest
 
 TARGET = "TCBENCH_TARGET"  # processor and features to compile for, as in x86-64-v3 or x86-64-v3:-fma
 LONG = 4000  # lines of straight-line LLVM code, from which on they are written quickly
@@ -101,27 +101,19 @@ def _compiler() -> str:
     import llvmlite.binding as llvm
 
     versions = (llvmlite.__version__, llvm.llvm_version_info, llvm.get_default_triple(), *target())
-    return f"{versions} {inputs(compile_object)}"
+    return f"{versions} {digest(compile_object.__code__)} {(LONG, MIDDLING, IN_ORDER)}"
 
 
-def _named(*parts: Any) -> str:
-    return hashlib.sha256("\0".join(map(str, parts)).encode("utf-8", "surrogatepass")).hexdigest()
+def _object(translate: Callable[[], str], key: str | None, loops: bool) -> bytes:
+    """Machine code of what `translate` gives, kept under that; or under a key that stands for it."""
 
+    def code() -> str:
+        with paused():
+            return translate()
 
-def _object(translate: Callable[[], str], made_of: str | None, loops: bool) -> bytes:
-    """Machine code of what `translate` gives; made_of: hash of what that reads, None if it is not known."""
-    note = made_of and f"{_named(made_of, _compiler(), loops)}.text"
-    name = note and files.read("code", note)
-    content = name and files.read("code", name.decode())
-    if content:
-        return content
-    with paused():
-        text = translate()
-    found = f"{_named(text, _compiler(), loops)}.o"
-    content = files.kept("code", found, lambda: compile_object(text, loops))
-    if note:
-        files.write("code", note, found.encode())
-    return content
+    text = code() if key is None else ""
+    name = hashlib.sha256(f"{key or text}\0{_compiler()}\0{loops}".encode("utf-8", "surrogatepass")).hexdigest()
+    return files.kept("code", f"{name}.o", lambda: compile_object(text or code(), loops))
 
 
 _ENGINES: list[Any] = []  # of all that is loaded, for as long as the process lives
@@ -130,15 +122,15 @@ _TABLES: list[np.ndarray] = []  # that loaded code reads
 
 
 def addresses(
-    symbols: Iterable[str], translate: Callable[[], str], made_of: str | None = None, *, loops: bool
+    symbols: Iterable[str], translate: Callable[[], str], key: str | None = None, *, loops: bool
 ) -> list[int]:
     """Where the symbols of a module stand in memory, from the cache of object files or compiled now.
 
-    translate: gives the LLVM code; made_of: hash of all that this reads, under which its outcome is found again.
+    translate: gives the LLVM code; key: what stands for that, so that nothing need be translated to find it.
     """
     import llvmlite.binding as llvm
 
-    content = _object(translate, made_of, loops)
+    content = _object(translate, key, loops)
     engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _machine())
     engine.add_object_file(llvm.ObjectFileRef.from_data(content))
     engine.finalize_object()
@@ -153,16 +145,16 @@ def addresses(
     return list(found.values())
 
 
-def load(text: str, code: Callable[[str], str], table: np.ndarray | None = None, made_of: str | None = None) -> int:
+def load(text: str, code: Callable[[str], str], table: np.ndarray | None = None, by: str = "") -> int:
     """Address of a kernel, given by its text (or what tells it apart) and what makes LLVM code of that.
 
     table: whole numbers that it reads. One piece of machine code serves any table; each has a copy in memory.
-    made_of: as for `addresses`.
+    by: hash of what makes LLVM code of a text.
     """
     key = (text, None if table is None else table.tobytes())
     if key not in _LOADED:
         symbols = ["kernel", *(["table_at"] if table is not None else [])]
-        found = addresses(symbols, lambda: code(text), made_of, loops=table is not None)
+        found = addresses(symbols, lambda: code(text), f"{by} {text}" if by else None, loops=table is not None)
         if table is not None:
             place = ctypes.CFUNCTYPE(ctypes.c_int64)(found[1])()
             ctypes.c_int64.from_address(place).value = table.ctypes.data

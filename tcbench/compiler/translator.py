@@ -11,18 +11,23 @@ from __future__ import annotations
 
 import ast
 import linecache
-from collections.abc import Mapping
+import re
+from collections import ChainMap
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import lru_cache
 from types import CodeType, FunctionType
 from typing import Any
 
+from .loaded import digest
+from .records import annotation_text
 from .statements import Body
-from .translations import described
 from .values import BOOL, FUSED, INT, NOTHING, Array, Several, TranslationError, kind_of, machine_kinds
 
 KERNEL = Array(sized=False)
+Read = tuple[Mapping[str, Any], str, Any]  # a global: namespace, name, value
+WORD = re.compile(r"[A-Za-z_]\w*")
 TABLE = """@table = global ptr null
 define i64 @table_at() {
   %at = ptrtoint ptr @table to i64
@@ -46,19 +51,24 @@ class Function:
         return f"{{{', '.join(kinds)}}}" if isinstance(self.result, Several) else kinds[0]
 
 
+def _all_functions(body: Iterable[ast.stmt]) -> Iterable[ast.FunctionDef]:
+    for node in body:
+        if isinstance(node, ast.FunctionDef):
+            yield node
+        for inner in ("body", "orelse", "handlers", "finalbody"):
+            yield from _all_functions(getattr(node, inner, ()))
+
+
 @lru_cache(maxsize=64)
-def _functions(text: str) -> dict[tuple[str, bytes], ast.FunctionDef]:
+def _functions(text: str) -> dict[tuple[str, str], ast.FunctionDef]:
     """The functions of a source by name and what they are compiled to."""
     tree = ast.parse(text)
-    nodes = {}
-    for node in ast.walk(tree):
-        if isinstance(node, ast.FunctionDef):
-            nodes[node.name, min([node.lineno, *(d.lineno for d in node.decorator_list)])] = node
+    nodes = {(f.name, min([f.lineno, *(d.lineno for d in f.decorator_list)])): f for f in _all_functions(tree.body)}
     found, inner = {}, [compile(tree, "<text>", "exec", dont_inherit=True)]
     while inner:
         code = inner.pop()
         if (code.co_name, code.co_firstlineno) in nodes:
-            found[code.co_name, described(code)[0]] = nodes[code.co_name, code.co_firstlineno]
+            found[code.co_name, digest(code)] = nodes[code.co_name, code.co_firstlineno]
         inner += [x for x in code.co_consts if isinstance(x, CodeType)]
     return found
 
@@ -70,7 +80,7 @@ def source_tree(code: CodeType, *texts: str) -> ast.FunctionDef:
     """
     for text in texts:
         with suppress(KeyError, SyntaxError, ValueError):
-            return _functions(text)[code.co_name, described(code)[0]]
+            return _functions(text)[code.co_name, digest(code)]
     raise TranslationError(
         f"{code.co_filename}: {code.co_name}(), as it was imported, is not in this file (any more) and "
         "cannot be translated. Save it there and start Python anew."
@@ -88,6 +98,7 @@ class Module:
     open: list[Any] = field(default_factory=list)  # functions that are being translated
     external: set[str] = field(default_factory=set)  # declarations of C functions that take other than doubles
     numbers: Any = None  # what a kernel's text calls its table
+    read: list[Read] = field(default_factory=list)
 
     def declare(self, name: str, count: int) -> None:
         self.declared[name] = count
@@ -102,6 +113,18 @@ class Module:
             self.code.append(TABLE)
         return "@table"
 
+    def named(self, names: Mapping[str, Any], name: str) -> Any:
+        """What a global stands for."""
+        self.read.append((names, name, names[name]))
+        return names[name]
+
+    def kind(self, annotation: Any, names: Mapping[str, Any]) -> Any:
+        """The kind that an annotation stands for."""
+        for word in WORD.findall(annotation_text(annotation)):
+            if word in names:
+                self.named(names, word)
+        return kind_of(annotation, names)
+
     def function(self, function: FunctionType) -> Function:
         """A Python function, translated when it is first asked for."""
         if function in self.functions:
@@ -112,7 +135,7 @@ class Module:
         now = "".join(linecache.getlines(file, dict(names)))
         tree = source_tree(function.__code__, self.sources.get(file, ""), now)
         if function.__closure__:
-            names = {**names, **_closure(function)}
+            names = ChainMap(_closure(function), names)  # type: ignore[arg-type]
         hint = "noinline" if getattr(function, "rare", False) else "alwaysinline" if _is_small(tree) else ""
         name = f'@"{len(self.functions) + len(self.open)}.{function.__name__}"'
         return self._translate(function, name, tree, names, file, f"internal {{}} {hint}", function.__annotations__)
@@ -136,9 +159,9 @@ class Module:
         title = f"{tree.name}()"
         if key in self.open:
             raise TranslationError(f"{file}, line {tree.lineno}: {title} calls itself; recursion is not translated.")
-        arguments = {a.arg: KERNEL if kinds is None else kind_of(kinds[a.arg], names) if a.arg in kinds else None
+        arguments = {a.arg: KERNEL if kinds is None else self.kind(kinds[a.arg], names) if a.arg in kinds else None
                      for a in tree.args.args}  # fmt: skip
-        result = NOTHING if kinds is None else kind_of(kinds["return"], names) if "return" in kinds else None
+        result = NOTHING if kinds is None else self.kind(kinds["return"], names) if "return" in kinds else None
         made = Function(name, title, arguments, result, "" if getattr(key, "exact", False) else FUSED)
         self.open.append(key)
         body = Body(self, made, tree, names, file)

@@ -15,17 +15,15 @@ import importlib.metadata
 import math
 import sys
 import time
-from collections.abc import Callable, Sequence
-from operator import is_
-from types import FunctionType
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from .. import cache
-from ..compiler.translations import inputs
+from ..compiler.loaded import loaded_hash
 from ..errors import TcbenchError
-from ..systems.right_hand_side import Field, as_python
+from ..systems.right_hand_side import Field
 from ..systems.scenario import Scenario
 from . import (
     certified,
@@ -40,8 +38,7 @@ from . import (
 )
 from .certified import Reference, cached, compute, gap, scenario_hash, stored
 from .collocation import ReferenceFailed
-from .extended_precision import _FUNCTIONS
-from .precision import DESCRIPTION, LONG
+from .precision import LONG
 
 DEADLINE = 100.0  # seconds for each of the two collocations: a cell has 300 for everything
 SHORT = 10.0  # the same, of one among many
@@ -49,11 +46,6 @@ REMEMBERED_S = 24 * 3600.0  # of a failure: another day the machine may have mor
 HORIZON = 25.0  # `recompute` goes no further where nothing is stored: chaotic scenarios lose their digits
 HALF_ULP = float(np.finfo(float).eps) / 2
 DISAGREEMENT = 1e-10  # two computations further apart than this certify nothing
-
-
-MODULES = (certified, collocation, double_double, extended_precision, pairs, precision, recurrences, tape, taylor,
-           sys.modules[__name__])  # fmt: skip
-_SEEN: list[Any] = []  # what they held, and the hash
 
 
 def reference_for(scenario: Scenario, times: Sequence[float]) -> Reference:
@@ -67,7 +59,7 @@ def reference_for(scenario: Scenario, times: Sequence[float]) -> Reference:
         with contextlib.suppress(KeyError):
             return _at(known, times)
     recipe = _Recipe(scenario, tuple(float(t) for t in times))
-    return _kept(recipe, lambda: _once(recipe))
+    return cached(recipe.key, lambda: _once(recipe))
 
 
 def ends_of(scenarios: Sequence[Scenario]) -> list[tuple[Reference | None, float]]:
@@ -86,10 +78,6 @@ def ends_of(scenarios: Sequence[Scenario]) -> list[tuple[Reference | None, float
     return found
 
 
-def _kept(recipe: _Recipe, make: Callable[[], Reference]) -> Reference:
-    return make() if recipe.key is None else cached(recipe.key, make)
-
-
 def _once(recipe: _Recipe) -> Reference:
     """What the recipe gives; a failure is remembered for a while, for each method would wait for it again."""
     note = f"{recipe.key}.failed"
@@ -100,24 +88,27 @@ def _once(recipe: _Recipe) -> Reference:
     try:
         return recipe.compute()
     except ReferenceFailed as error:
-        if recipe.key is not None:
-            with contextlib.suppress(TcbenchError):
-                cache.write("references", note, f"{time.time()}\n{error}".encode())
+        with contextlib.suppress(TcbenchError):
+            cache.write("references", note, f"{time.time()}\n{error}".encode())
         raise
 
 
-def algorithm() -> str | None:
-    """Hash of what makes references of equations, as it is loaded: code, its constants, the packages behind it.
-
-    Found again as long as nothing in the modules of it was exchanged, a hundred times as fast.
-    """
-    held = [x for module in MODULES for x in list(vars(module).values())]
-    held += [x.__code__ for x in held if isinstance(x, FunctionType)]
-    if not _SEEN or len(held) != len(_SEEN[0]) or not all(map(is_, held, _SEEN[0])):
-        made = inputs(compute, _FUNCTIONS, as_python, DEADLINE, DESCRIPTION, HALF_ULP, *pairs.makers())
-        _SEEN[:] = [held, made and f"{made} {_packages()}"]
-    found: str | None = _SEEN[1]
-    return found
+def algorithm() -> str:
+    """Hash of what makes references of equations, as it is loaded, and the packages behind it."""
+    own = sys.modules[__name__]
+    modules = (
+        certified,
+        collocation,
+        double_double,
+        extended_precision,
+        pairs,
+        precision,
+        recurrences,
+        tape,
+        taylor,
+        own,
+    )
+    return f"{loaded_hash(*modules)} {_packages()}"
 
 
 @functools.cache
@@ -163,9 +154,8 @@ class _Recipe:
         self.model, self.start, self.times = scenario.model, scenario.z0, times
         self.field = extended(scenario, "vector_field")
         self.z0 = scenario.z0.astype(LONG)
-        made = algorithm()
-        text = f"{made} {self.field.fingerprint(self.z0)} {times}"
-        self.key = made and hashlib.sha256(text.encode()).hexdigest()[:32]
+        text = f"{algorithm()} {self.field.fingerprint(self.z0)} {times}"
+        self.key = hashlib.sha256(text.encode()).hexdigest()[:32]
 
     def compute(self) -> Reference:
         """By the series; where they lead nowhere by the collocations."""
@@ -201,7 +191,7 @@ def recompute(scenario: Scenario) -> dict[str, Any]:
     if fresh.source == pairs.SOURCE:
         with contextlib.suppress(ReferenceFailed):
             check = [gap(a, b) for a, b in zip(recipe.collocations().states, fresh.states, strict=True)]
-    known = kept or _kept(recipe, lambda: fresh)
+    known = kept or cached(recipe.key, lambda: fresh)
     gaps = [gap(a, b) for a, b in zip(fresh.states, known.states, strict=True)]
     allowed = [a + b for a, b in zip(fresh.floor, known.floor, strict=True)]
     rows = [

@@ -17,11 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiler.language import PLAIN
-from ..compiler.translations import described
 from ..errors import TcbenchError
 from ..systems.system import System
 from .tape import FIELDS, LANES, PAIR, tape
-from .taylor import LIBRARY, Work, march
+from .taylor import LIBRARY, Work
 
 ORDER, WIDE = 40, 22  # of the series; orders with all digits
 FINE, COARSE = 1e-26, 1e-24
@@ -103,12 +102,6 @@ def _solve(
         if (taken[i] > 0).all() and (defects[i] <= DEFECT).all() else None
         for i in range(len(systems))
     ]  # fmt: skip
-
-
-def makers() -> tuple[Any, ...]:
-    """Whatever decides what `solve` gives for a scenario, for keys."""
-    numbers = (ORDER, WIDE, FINE, COARSE, SAFETY, SHIFT, DEFECT, MOST, MOST_OPERATIONS, LARGEST, CHANCE, LINEAR, PLAIN)
-    return described(_solve.__code__)[0], tape.__wrapped__, memory, march, _sum, _pair, numbers
 
 
 def memory(size: int) -> NDArray[np.float64]:

@@ -95,14 +95,14 @@ def test_code_that_lacks_a_function_is_refused_never_called(cache):
         machine.addresses(["kernel", "other"], lambda: _code(TEXT), loops=False)
 
 
-def test_a_remembered_object_that_is_gone_is_made_again(cache):
+def test_what_is_kept_under_its_key_is_not_translated_again(cache):
     folder, made = cache
-    for _ in range(2):
-        evaluate(machine.load(TEXT, _code, made_of="what it is made of"), np.ones(1), np.ones(1), np.zeros(3))
+    texts = []
+    for by in ("one", "one", "another", "one"):
+        address = machine.load(TEXT, lambda text: texts.append(text) or _code(text), by=by)
+        evaluate(address, np.ones(1), np.ones(1), np.zeros(3))
         machine._LOADED.clear()
-        (path,) = folder.glob("*.o")
-        path.unlink()
-    assert len(made) == 2 and len(list(folder.glob("*.text"))) == 1
+    assert len(made) == len(texts) == len(list(folder.iterdir())) == 2
 
 
 WAY = {"integrator": "tc_strang", "scenario": "short_term", "t_end": 6.0}

@@ -8,7 +8,7 @@ from certified_scenarios import SCENARIOS
 
 import tcbench
 from tcbench import cache
-from tcbench.reference import certified, collocation, double_double, pairs, tape, taylor
+from tcbench.reference import certified, collocation, double_double, extended_precision, pairs, tape, taylor
 from tcbench.reference import certified as reference
 from tcbench.reference import lookup as truth
 from tcbench.reference.collocation import ReferenceFailed
@@ -137,6 +137,8 @@ def test_what_makes_references_is_in_their_key(monkeypatch):
         (collocation, "_newton", lambda *_: None), (truth, "DEADLINE", 1.0), (certified.gap, "__code__", len_code()),
         (pairs, "FINE", 1e-25), (pairs, "DEFECT", 1.0), (taylor, "INSIDE", 0.5), (taylor, "advance", lambda *_: None),
         (double_double, "LN2", 0.7), (tape, "PAIR", 32),
+        (extended_precision, "_FUNCTIONS", extended_precision._FUNCTIONS | {"dphi": lambda x: x}),
+        (tape._Recorder, "add", lambda *_: None),
     ]  # fmt: skip
     for where, name, value in changes:
         with monkeypatch.context() as patch:
