@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -19,8 +20,6 @@ if TYPE_CHECKING:
 SOLVED_FOR = {"entropy": "", "temperature": "temperatures", "energy": "energies"}  # in the place of entropies
 WAYS = ("flows", "step", "adaptive")  # to step; an integrator gives one
 _NAME = re.compile(r"[a-z][a-z0-9_]*\Z")
-
-
 Residual = Callable[..., Any]
 
 
@@ -54,8 +53,7 @@ class Flow:
     Raises
     ------
     TcbenchError
-        Not here: when a method that has it is registered or run, for a formula that is not branch-free numpy, names the
-        line.
+        For numbers that are none; when a method that has it runs, for a formula that is not branch-free numpy.
 
     References
     ----------
@@ -70,7 +68,15 @@ class Flow:
     memory: int = 0
     most: int = 1
 
+    def __post_init__(self) -> None:
+        expect("A Flow", vars(self), KINDS_OF_FLOWS)
+        _check_variables("A Flow", self.variables)
+        if not (math.isfinite(self.fraction) and self.stages >= 0 and self.most >= 1):
+            raise TcbenchError("A Flow has a finite fraction, stages from 0 and most from 1.")
 
+
+KINDS_OF_FLOWS = {"residual": "a function", "fraction": "a number", "of_step": "True or False",
+                  **dict.fromkeys(("stages", "memory", "most"), "a whole number")}  # fmt: skip
 KINDS_OF_FIELDS = {  # of what tcbench reads before it can say more
     "claims": "words or a word", "tags": "words or a word", "systems": "words or a word", "needs": "words or a word",
     "requires": "words or a word", "uses": "words or a word", "increments": "True or False",
@@ -204,11 +210,10 @@ class Integrator:
         order: Any = self.order  # whatever an author wrote
         if order is not None and not (isinstance(order, int | float) and order > 0):
             raise TcbenchError(f"Integrator {self.name!r}: order must be a positive number, not {order!r}.")
-        for name in ("claims", "tags", "systems"):
-            object.__setattr__(self, name, frozenset(getattr(self, name)))
         object.__setattr__(self, "uses", (self.uses,) if isinstance(self.uses, str) else self.uses)
-        for name in ("needs", "requires", "uses"):
-            object.__setattr__(self, name, tuple(getattr(self, name)))
+        for kind, names in ((frozenset, ("claims", "tags", "systems")), (tuple, ("needs", "requires", "uses"))):
+            for name in names:
+                object.__setattr__(self, name, kind(getattr(self, name)))
         if not isinstance(self.name, str):
             raise TcbenchError(f"The name of an integrator is a word, not {self.name!r}.")
         for way in ("step", "march", "adaptive", "outputs", "workspace", "refuses"):
@@ -221,20 +226,15 @@ class Integrator:
         if len(ways) != 1:
             given = " and ".join(ways) or "none of them"
             raise TcbenchError(f"Integrator {self.name!r} must give one of flows=, step=, adaptive=; it gives {given}.")
-        if self.march is not None and self.step is None:
-            raise TcbenchError(f"Integrator {self.name!r} gives march= without step=, which march= repeats.")
-        if self.workspace is not None and self.step is None:
-            raise TcbenchError(
-                f"Integrator {self.name!r} gives workspace= without step=: formulas need none, and a call of adaptive= "
-                "is a run, which makes what it needs."
-            )
-        if self.outputs is not None and self.adaptive is None:
-            raise TcbenchError(f"Integrator {self.name!r} gives outputs= without adaptive=, which outputs= repeats.")
-        if self.variables not in list(SOLVED_FOR):
-            raise TcbenchError(
-                f"Integrator {self.name!r}: variables must be 'entropy', 'temperature' or 'energy', not "
-                f"{self.variables!r}."
-            )
+        no_workspace = ": formulas need none, and a call of adaptive= is a run, which makes what it needs"
+        for given, to, why in (
+            ("march", "step", ", which march= repeats"),
+            ("workspace", "step", no_workspace),
+            ("outputs", "adaptive", ", which outputs= repeats"),
+        ):
+            if getattr(self, given) is not None and getattr(self, to) is None:
+                raise TcbenchError(f"Integrator {self.name!r} gives {given}= without {to}={why}.")
+        _check_variables(f"Integrator {self.name!r}", self.variables)
         if self.flows is not None:
             flows = _as_flows(self.flows, self.variables)
             if any(flow.most > 1 for flow in flows[:-1]) or (flows[-1].most > 1 and not flows[-1].of_step):
@@ -375,6 +375,11 @@ def family(make: Callable[..., Integrator], **parameters: Any) -> Integrator:
     if not isinstance(made, Integrator):
         raise TcbenchError(f"family: make returns {shown(made)}; it has to return an Integrator.")
     return replace(made, parameters=allowed, family=make)
+
+
+def _check_variables(where: str, variables: Any) -> None:
+    if variables not in list(SOLVED_FOR):
+        raise TcbenchError(f"{where}: variables must be 'entropy', 'temperature' or 'energy', not {variables!r}.")
 
 
 def _as_flows(flows: Any, variables: str) -> tuple[Flow, ...]:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import tcbench
-from tcbench import Integrator, Scenario, TcbenchError
+from tcbench import Flow, Integrator, Scenario, TcbenchError
 from tcbench.store.compare import compare
 
 HUGE = 10**400
@@ -43,6 +43,12 @@ WRONG = {
     "parameter of 'tc_strang'": lambda: tcbench.run(["tc_strang[a=all]"], ["short_term"]),
     "output folder is empty": lambda: tcbench.run(["tc_gauss"], ["short_term"], ["conservation"], output=""),
     "cannot be the name": lambda: tcbench.run(["tc_gauss"], ["short_term"], ["conservation"], output="\ud800"),
+    "A Flow: variables must be": lambda: Flow(step, variables="nope"),
+    "stages from 0": lambda: Flow(step, stages=-1),
+    "most from 1": lambda: Flow(step, most=0),
+    "a finite fraction": lambda: Integrator(name="a", order=1, flows=[(step, np.nan)]),
+    "A Flow: most must be a whole number": lambda: Flow(step, most="2"),
+    "A Flow: residual must be a function": lambda: Flow(None),
     "variables must be": lambda: Integrator(name="a", order=1, step=step, variables={"a": "b"}),
     "requires must be": lambda: Integrator(name="a", order=1, step=step, requires=np.array(0.1)),
     "has no formula": lambda: Integrator(name="a", order=1, flows=()),
