@@ -33,6 +33,11 @@ def reachable(starts: Iterable[Series]) -> list[Series]:
     return list(seen.values())
 
 
+def kinks(rate: Iterable[Series]) -> list[Series]:
+    """What rates have the size of: they have a kink where it changes its sign."""
+    return list(dict.fromkeys(x.parts[0] for x in reachable(rate) if x.kind == "abs"))
+
+
 def is_square(x: Series) -> bool:
     return x.kind == "product" and x.parts[0] is x.parts[1]
 

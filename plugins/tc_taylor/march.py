@@ -8,7 +8,7 @@ from tcbench.compiler.language import Floats, Matrix, bits, call, copy_into, fro
 from tcbench.compiler.library import Library
 from tcbench.solver.mending import mended
 
-from . import damping
+from . import damping, kinks
 from .memory import Work
 
 # The bits of a positive double, as a whole number, are its logarithm of base 2, up to 0.086 too small, times 2^52. So a
@@ -84,6 +84,7 @@ def advance(
     """
     h, fresh, long, end = 0.0, True, 0, w.counts.steps + leg if leg > 0 else NEVER
     since, often, begun = 0, 1, t  # steps since the last mended state, how many there may be, and when it was
+    held = 0  # short steps in a row from kink to kink
     while row < len(times):
         w.watch[0] = t
         if w.watch[1] != 0.0:
@@ -98,6 +99,10 @@ def advance(
             h = step_length(w, tolerance)
             if w.reach > 0.0:
                 h = damping.lengthened(w, h, tolerance)
+            if w.n_kinks > 0:
+                whole, h = h, kinks.first(w, h, tolerance)
+                held = held + 1 if h < kinks.SHORT * whole else 0
+                h = h if held < kinks.MOST else 0.0
         good = h > SHORTEST * max(1.0, abs(t))
         if not good and since == 0:
             copy_into(w.mended, w.kept)
@@ -138,9 +143,14 @@ def advance(
 def fixed_steps(w: Work, h: float, states: Matrix) -> int:
     """States z after each of the steps of length h, up to the first that ends in none; how many."""
     for row in range(len(states)):
-        call(w.to_series, w.mended, w.given, w.coefficients)
-        if not mended_state(w, h):
-            return row
+        left, parts = h, 0
+        while left != 0.0:
+            call(w.to_series, w.mended, w.given, w.coefficients)
+            part = kinks.first(w, left, 0.0) if w.n_kinks > 0 else left
+            parts += 1
+            if parts > kinks.PARTS or not mended_state(w, part):
+                return row
+            left -= part
         call(w.to_z, w.mended, w.given, states[row])
     return len(states)
 

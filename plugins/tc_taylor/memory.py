@@ -28,6 +28,7 @@ class Work(Record):
 
     size: int
     order: int
+    n_kinks: int  # numbers of which the formulas have the size
     n_given: int
     n_target: int
     seldom: int  # steps from one mended state to the next, where none is asked for
@@ -46,7 +47,7 @@ class Work(Record):
     factors: Floats = sized("LAST")  # of the last coefficients in it: see damping.py
     misses: Floats = sized("LAST")
     given: Floats = sized("n_given")  # the system's constants, and what depends on them only
-    coefficients: Floats = sized("(order + 1) * size + 2")
+    coefficients: Floats = sized("(order + 1) * (size + n_kinks) + 2")
     length: Floats = sized("1")
     target: Floats = sized("n_target")  # a state, the energy and lowest entropy and invariants that it should have
     # The state that has them, its entropy, the least of what must be positive. When a step begins, the run is there.

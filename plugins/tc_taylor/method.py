@@ -88,11 +88,13 @@ def prepared(system: System, order: int) -> tuple[Any, Any, int]:
     else:
         series, polynomial, mend, hold, setup, start, to_z = kernels(system.symbolic, order)
         given = np.concatenate([c, setup(c, c)])
+    n_kinks = (series.size - 2) // (order + 1) - system.size
     work = Work(
-        size=system.size, order=order, n_given=len(given), given=given, tolerance=0.0, few=0.0, to_start=start.address,
-        n_target=start.size, of_elements=elements, seldom=SELDOM[elements], to_series=series.address,
-        to_state=polynomial.address, to_mend=mend.address, to_hold=hold.address, to_z=to_z.address, rows=1,
-        counts=Counts(), trials=Trials(), **damping.fields(0 if elements else order),
+        size=system.size, order=order, n_kinks=n_kinks, n_given=len(given), given=given, tolerance=0.0, few=0.0,
+        to_start=start.address, n_target=start.size, of_elements=elements, seldom=SELDOM[elements],
+        to_series=series.address, to_state=polynomial.address, to_mend=mend.address, to_hold=hold.address,
+        to_z=to_z.address, rows=1,
+        counts=Counts(), trials=Trials(), **damping.fields(0 if elements or n_kinks else order),
     )  # fmt: skip
     return LOOPS, work, series.text.count("\n")
 

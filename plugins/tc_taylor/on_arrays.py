@@ -19,9 +19,10 @@ from tcbench.compiler.arrays import LINEAR, NUMBER, rebuilt
 from tcbench.compiler.derivatives import Symbol, const
 from tcbench.compiler.kernels import Kernel
 
+from .lanes import kinks
 from .rates import shorter
 from .recurrences import PARTNERS
-from .series import Series
+from .series import STANDING, TURNING, Series
 
 ZERO = const(0.0)
 Of = Callable[[int], Symbol]
@@ -125,6 +126,13 @@ class Coefficients:
         bell = self._bell(u, 1.0)
         return (self.of(u, n) - products(self._slopes(x), bell, range(1, n), n) * (1.0 / n)) / bell(0)
 
+    def _abs(self, x: Series, n: int) -> Symbol:
+        (u,) = x.parts
+        if n == 0:
+            return abs(self.of(u, 0))
+        near = self.of(u, 0) + TURNING * self.of(u, 1) + STANDING
+        return self.of(u, n) * (near / abs(near))
+
     def _atan2(self, x: Series, n: int) -> Symbol:
         """From how fast the angle turns."""
         turn, above, below = x.parts
@@ -143,7 +151,8 @@ def series_kernel(net: Any, order: int) -> ArrayKernel:
     found = Coefficients(entries(y), rate)
     rows = [[found.of(x, n) for x in variables] for n in range(order + 1)]
     outputs = [refilled(y, row) for row in rows] + [squared_size(net, y, refilled(y, row)) for row in rows[-2:]]
-    return array_kernel(inputs_of(net, y), net.blocks(outputs))
+    turns = [found.of(u, n) for n in range(order + 1) for u in kinks(rate)]
+    return array_kernel(inputs_of(net, y), [*net.blocks(outputs), *(Block(u.space, (u,)) for u in turns)])
 
 
 def squared_size(net: Any, y: Any, found: Any) -> Symbol:

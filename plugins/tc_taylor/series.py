@@ -15,7 +15,7 @@ from tcbench.compiler import derivatives as trace
 from tcbench.compiler.arrays import LINEAR, rebuilt
 from tcbench.compiler.derivatives import Symbol
 
-UNARY = ("log", "exp", "sqrt", "sin", "cos", "sinh", "cosh", "tanh", "atan")
+UNARY = ("log", "exp", "sqrt", "sin", "cos", "sinh", "cosh", "tanh", "atan", "abs")
 
 
 @dataclass(eq=False)
@@ -40,6 +40,7 @@ class Series:
 Monomial = tuple[tuple[Series, int], ...]  # factors and exponents, in the order of their first appearance
 Linear = dict[Monomial, Symbol]  # a sum of constants times monomials; () is the constant term
 ONE, ZERO = trace.const(1.0), trace.const(0.0)
+TURNING, STANDING = 1e-100, 1e-300  # of a number that is 0: its sign is that of its rate, or + where that is 0
 
 
 class Normal:
@@ -121,8 +122,6 @@ class Normal:
             return self.function(node.op, args[0])
         if node.op in LINEAR and not (node.op == "total" and node.value[0] != "add"):
             return {((self.series(node.op, tuple(map(self.single, args)), index=node.value), 1),): ONE}
-        if node.op == "abs":
-            raise TcbenchError("tc_taylor has no series of |x|: there is none where x changes its sign. Take tc_gauss.")
         name = node.value[0] if node.op == "total" else node.op
         raise TcbenchError(f"tc_taylor knows no series of the operation {name!r} in this system's formulas.")
 
@@ -205,7 +204,7 @@ class Normal:
             if x.kind in LINEAR:
                 return rebuilt(x.kind, parts, x.index)
             inside = abs(parts[0]) if x.of_size else parts[0]
-            return getattr(inside, {"atan": "arctan"}.get(x.kind, x.kind))()
+            return getattr(inside, {"atan": "arctan", "abs": "__abs__"}.get(x.kind, x.kind))()
 
         def term(key: Monomial, weight: Symbol) -> Symbol:
             factors = [of(x) if k > 0 else trace.reciprocal(of(x)) for x, k in key for _ in range(abs(k))]

@@ -12,7 +12,7 @@ from tcbench.compiler import derivatives as trace
 from tcbench.compiler.derivatives import Symbol
 from tcbench.compiler.kernels import Kernel
 
-from .lanes import WIDTH, Pack, reachable
+from .lanes import WIDTH, Pack, kinks, reachable
 from .rates import rates
 from .recurrences import Writer
 from .series import Series
@@ -24,8 +24,9 @@ WORK = 0.17  # time of a line, over that of an operation which waits for the one
 def series_kernels(system: System, order: int, first: int) -> tuple[Kernel, Kernel, list[Symbol]]:
     """(series, polynomial, constants) of one structure of system; nothing is compiled yet.
 
-    series(y, given) -> coefficients 0 .. order of y, each of the size of y, then the squared sizes of the last two: see
-        `squared_size`. The constants of the list stand in `given` from `first` on.
+    series(y, given) -> coefficients 0 .. order of y, each of the size of y; the squared sizes of the last two: see
+        `squared_size`; coefficients 0 .. order of what has kinks. The constants of the list stand in `given` from
+        `first` on.
     polynomial(coefficients, (h,)) -> y after h
     """
     variables, rate = rates(system)
@@ -34,7 +35,9 @@ def series_kernels(system: System, order: int, first: int) -> tuple[Kernel, Kern
     writer, stored = min((coefficients(variables, rate, order, first, way) for way in ways), key=time_of)
     for at, k in enumerate((order - 1, order)):
         stored.append(f"out[{(order + 1) * size + at}] = {squared_size(writer, system, variables, k)}")
-    series = written([*writer.lines, *stored], (order + 1) * size + 2)
+    turns = [writer.value((u,), k) or "0.0" for k in range(order + 1) for u in kinks(rate)]
+    stored += [f"out[{(order + 1) * size + 2 + i}] = {turn}" for i, turn in enumerate(turns)]
+    series = written([*writer.lines, *stored], (order + 1) * size + 2 + len(turns))
     return series, polynomial_kernel(order, size), writer.given
 
 

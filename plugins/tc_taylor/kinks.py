@@ -1,0 +1,61 @@
+"""Steps end at kinks: where a number changes its sign of which the formulas have the size.
+
+On either side |u| is u or -u, and has its series. So the sign is that of the start of a step, and the step ends where
+the series of u has left it.
+"""
+
+from __future__ import annotations
+
+from tcbench.compiler.language import rare
+
+from .memory import Work
+from .series import STANDING, TURNING
+
+SAMPLES = 8  # of a step in which u may change its sign
+SHORT, MOST = 1e-4, 20  # part of a step; so many in a row that kinks make shorter lead nowhere: formulas have jumps
+PARTS = 100  # of a fixed step at most
+CLOSE = 1e-10  # part of a step by which it ends behind a kink at least; else the tolerance
+
+
+@rare
+def first(w: Work, h: float, tolerance: float) -> float:
+    """The length of a step of h from its series, or up to just behind the first kink."""
+    near = abs(h) * max(CLOSE, tolerance)
+    for j in range(w.n_kinks):
+        begin = (w.order + 1) * w.size + 2 + j
+        u, rate = w.coefficients[begin], w.coefficients[begin + w.n_kinks]
+        sign = 1.0 if u + TURNING * rate + STANDING > 0.0 else -1.0
+        if abs(u) > moved(w, j, abs(h)):
+            continue
+        low, high = 0.0, 0.0
+        for i in range(SAMPLES):
+            x = h * (i + 1) / SAMPLES
+            if high == 0.0 and sign * at(w, j, x) < 0.0:
+                high = x
+            elif high == 0.0:
+                low = x
+        while abs(high - low) > near:
+            x = 0.5 * (low + high)
+            if sign * at(w, j, x) < 0.0:
+                high = x
+            else:
+                low = x
+        h = high if high != 0.0 else h
+    return h
+
+
+def moved(w: Work, j: int, h: float) -> float:
+    """By how much u can change in a step."""
+    total, power = 0.0, 1.0
+    for k in range(w.order):
+        power *= h
+        total += abs(w.coefficients[(w.order + 1) * w.size + 2 + (k + 1) * w.n_kinks + j]) * power
+    return total
+
+
+def at(w: Work, j: int, t: float) -> float:
+    """u after t."""
+    total = 0.0
+    for k in range(w.order + 1):
+        total = total * t + w.coefficients[(w.order + 1) * w.size + 2 + (w.order - k) * w.n_kinks + j]
+    return total
