@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import keyword
+import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +18,10 @@ if TYPE_CHECKING:
 SETTINGS = (
     "name", "t_end", "dt", "initial", "positions", "momenta", "temperatures", "t_converge", "blowup_factor",
 )  # fmt: skip
-COLUMNS = ("t", "energy", "entropy", "theta", "all")  # of tables
+COLUMNS = re.compile(  # of tables: what is called so would stand in their place
+    r"(t|tolerance|integrator|scenario|status|all|energy(_error)?|entropy(_fall)?|lyapunov_rise|theta\d*|"
+    r"(temperature|strain)_[a-z]|at_[xy]_\d+)\Z"
+)
 MATRICES = {"reversible": "poisson", "irreversible": "friction"}  # what may stand in the place of a rate
 ELEMENTS = ("n_positions", "n_elements", "inertia", "shape", "element_energy", "conduction", "entropies")
 
@@ -34,7 +38,7 @@ def check_declared(cls: type[System], general: type[System]) -> None:
         )
     for name in (*cls.constants, *cls.tables):
         if name in SETTINGS:
-            raise _taken(cls, "constant", name)
+            raise taken(cls, "constant", name)
     _check_spaces(cls)
     if base is general and cls is not general:
         _check_variables(cls)
@@ -52,12 +56,15 @@ def check_declared(cls: type[System], general: type[System]) -> None:
 def _check_variables(cls: type[System]) -> None:
     if not isinstance(cls.variables, Mapping):
         raise TcbenchError(f"{cls.__name__}: variables are names and shapes, {{'q': (), 'p': (2,)}}.")
-    shape: Any  # whatever an author wrote
+    name: Any  # whatever an author wrote
+    shape: Any
     for name, shape in cls.variables.items():
-        if not (name.isidentifier() and not keyword.iskeyword(name) and not name.startswith("_")):
+        if not (
+            isinstance(name, str) and name.isidentifier() and not keyword.iskeyword(name) and not name.startswith("_")
+        ):
             raise TcbenchError(f"{cls.__name__}: a variable has a name that Python takes, as in z.q, not {name!r}.")
-        if hasattr(State, name) or name in (*SETTINGS, *COLUMNS, *cls.constants):
-            raise _taken(cls, "variable", name)
+        if hasattr(State, name) or name in (*SETTINGS, *cls.constants) or is_column(name, cls.variables):
+            raise taken(cls, "variable", name)
         _check_shape(cls, f"the variable {name!r}", shape)
 
 
@@ -88,10 +95,16 @@ def _check_spaces(cls: type[System]) -> None:
                 f"('spring', 2, 'node') or ('spring', 2, 'node+anchor'); not {shape!r}."
             )
         if name in cls.constants:
-            raise _taken(cls, "table", name)
+            raise taken(cls, "table", name)
 
 
-def _taken(cls: type[System], kind: str, name: str) -> TcbenchError:
+def is_column(name: str, variables: Mapping[str, Any]) -> bool:
+    """Have tables a column of this name, as q0 of a variable q of several numbers?"""
+    letters = name.rstrip("0123456789")
+    return COLUMNS.match(name) is not None or (letters != name and variables.get(letters, ()) != ())
+
+
+def taken(cls: type[System], kind: str, name: str) -> TcbenchError:
     return TcbenchError(
         f"{cls.__name__}: no {kind} can be called {name!r}, the name of something else; call it otherwise."
     )

@@ -14,6 +14,7 @@ from ..compiler.cut import degrees
 from ..compiler.sentences import refused, where_in_user_code
 from ..compiler.symbols import Symbol
 from ..errors import TcbenchError
+from .declaration import is_column, taken
 
 if TYPE_CHECKING:
     from .element_system import ElementSystem
@@ -43,10 +44,8 @@ def check_class(cls: type[System]) -> None:
     for name in constants:
         if not isinstance(name, str) or not name.isidentifier():
             raise TcbenchError(f"{cls.__name__}: a constant is named by a word, self.word in formulas, not {name!r}.")
-        if (hasattr(base, name) or _is_computed(cls, name)) and name not in _free(cls, base):
-            raise TcbenchError(
-                f"{cls.__name__}: no constant can be called {name!r}, the name of something else; call it otherwise."
-            )
+        if name == "self" or ((hasattr(base, name) or _is_computed(cls, name)) and name not in _free(cls, base)):
+            raise taken(cls, "constant", name)
 
 
 def _base(cls: type[System]) -> type[System]:
@@ -187,6 +186,9 @@ def check_invariants(system: System, z0: Any) -> None:
     if system.defines("element_energy") or not system.invariant_names:
         _CONSERVED.add(system)
         return
+    for name in system.invariant_names:
+        if name in system.variables or is_column(name, system.variables):
+            raise taken(type(system), "invariant", name)
     rng = np.random.default_rng(0)
     for z in (np.asarray(x, float) for x in (z0, *(system.nearby(z0, rng) for _ in range(POINTS)))):
         step = NEAR * np.asarray(system.vector_field(z))

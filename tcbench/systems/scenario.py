@@ -396,6 +396,7 @@ def _numbers(name: str, value: Any) -> tuple[float, ...]:
 
 def _plain(value: Any) -> Any:
     """Numbers and lists of numbers, for JSON and comparison."""
-    array = np.asarray(value)
+    if np.iscomplexobj(array := np.asarray(value)):
+        raise TypeError
     array = array if array.dtype.kind == "i" and array.ndim else array.astype(float)  # whole numbers of tables
     return float(array) if array.shape == () else array.tolist()
