@@ -110,7 +110,7 @@ def _warm_up(integrator: Integrator, scenario: Scenario, extra: Mapping[str, Any
 def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
 
     left_out = (*series.ROW, "numbers", "sweep")
-    rows = [{k: v for k, v in row.items() if k not in left_out} | (row.get("numbers") or {}) for row in records]
+    rows = [(row.get("numbers") or {}) | {k: v for k, v in row.items() if k not in left_out} for row in records]
     there = set().union(*rows)
     first = [c for c in COLUMNS if c in there or not c.endswith("momentum_error_max")]  # which not all systems have
     order = [c for c in ("scenario", "integrator", "dt", "tolerance") if c in (*first, *there)]

@@ -34,3 +34,9 @@ def test_a_run_of_few_has_its_series_and_the_same_cells_as_in_a_sweep(tmp_path):
     cell = {"study": "conservation", "integrator": "a", "scenario": "b", "options": {"dt": 0.3}}
     assert identity_of(cell) == identity_of({**cell, "options": {"dt": 0.3, "sweep": True}})
     assert identity_of(cell) != identity_of({**cell, "options": {"dt": 0.2}})
+
+
+def test_a_constant_that_is_called_like_a_measure_does_not_stand_in_its_place():
+    row = {"integrator": "a", "scenario": "s", "dt": 0.1, "status": "blowup", "numbers": {"status": 3.0, "k": 2.0}}
+    (table,) = conservation.tabulate([row]).values()
+    assert list(table["status"]) == ["blowup"] and list(table["k"]) == [2.0]
