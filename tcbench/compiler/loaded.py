@@ -9,6 +9,8 @@ from operator import is_
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
 
+import numpy as np
+
 MADE = ("_plans",)  # of a record when it is first made, by what it is made of
 _SEEN: dict[str, tuple[list[Any], str]] = {}  # by the first module's name: what the modules held, and the hash
 
@@ -50,8 +52,8 @@ def _content(item: Any, own: set[str], seen: dict[int, int]) -> Any:
         item = item.fget
     elif not isinstance(item, type):
         item = getattr(item, "__wrapped__", item)  # of what is cached
-    if isinstance(item, ModuleType):
-        return item.__name__
+    if isinstance(item, ModuleType | np.ndarray):
+        return item.__name__ if isinstance(item, ModuleType) else (item.shape, item.tobytes())
     if not isinstance(item, FunctionType | type | dict | list | tuple):
         return item
     if id(item) in seen:

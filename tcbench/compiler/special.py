@@ -31,9 +31,7 @@ def _psi(x: float) -> float:
 
 def phi(x: float) -> float:
     """expm1(x)/x."""
-    if abs(x) < PHI_SERIES:
-        return 1.0 + x * _psi(x)
-    return expm1(x) / x
+    return phi_pair(x)[0]
 
 
 def phi_pair(x: float) -> tuple[float, float]:
@@ -65,19 +63,12 @@ def _log_tail(x: float) -> float:
 
 
 def lam(x: float) -> float:
-    """log1p(x)/x, through log1p(x) = 2 artanh(x/(2 + x)) unless x is small."""
-    if abs(x) < LAM_TAYLOR:
-        return 1.0 + x * _log_tail(x)
-    r = 1.0 / (2.0 + x)
-    y = x * r
-    if abs(y) < LAM_SERIES:
-        u = y * y
-        return 2.0 * r * (1.0 + u * _artanh_tail(u))
-    return log1p(x) / x
+    """log1p(x)/x."""
+    return lam_pair(x)[0]
 
 
 def lam_pair(x: float) -> tuple[float, float]:
-    """lam and its derivative, which is (1 - lam)/x - 1/(1 + x)."""
+    """lam, through log1p(x) = 2 artanh(x/(2 + x)) unless x is small, and its derivative, (1 - lam)/x - 1/(1 + x)."""
     if abs(x) < LAM_TAYLOR:
         tail = _log_tail(x)
         return 1.0 + x * tail, -tail - 1.0 / (1.0 + x)
