@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import TcbenchError, several, shown
+from ..errors import TcbenchError, calling, several, shown
 from ..metric import Observable
 
 if TYPE_CHECKING:
@@ -24,6 +24,8 @@ def columns(run: Trajectory, observables: Sequence[Observable] = ()) -> dict[str
     found = {"t": run.t, **dict(zip(names, run.z.T, strict=True)), "energy": run.energy, "entropy": run.entropy}
     found |= dict(run.invariants) | {f"theta{i}": run.temperatures[:, i] for i in range(m)}
     for observable in _checked(observables):
+        if observable.name in found:
+            raise TcbenchError(f"The table of a run has a column {observable.name!r}; rename the observable.")
         found[observable.name] = observed(run, observable)
     return found
 
@@ -38,7 +40,11 @@ def _checked(observables: Any) -> Sequence[Observable]:
 def observed(run: Trajectory, observable: Observable) -> np.ndarray:
     """The observable at each recorded state, shape (m,)."""
     _checked([observable])
-    values = np.asarray(observable.compute(run), dtype=float)
+    with calling(f"The observable {observable.name!r}"):
+        given = np.asarray(observable.compute(run))
+        if given.dtype.kind == "c":
+            raise TcbenchError(f"The observable {observable.name!r} gave complex numbers.")
+        values = given.astype(float)
     if values.shape != run.t.shape:
         raise TcbenchError(
             f"The observable {observable.name!r} gave shape {values.shape}; one number for each of the "

@@ -28,6 +28,7 @@ COLUMNS = (
 )  # fmt: skip
 SHORT_S = 0.1  # a run as short as this is timed twice
 TOLERANCES = (1e-3, 1e-6, 1e-9)  # of adaptive solvers, which have no dt
+KEPT = (*series.ROW, "numbers", "sweep")  # what rows keep beside columns
 MANY = 40  # scenarios: of more, a sweep, no course is kept, and rows have constants and initial values as columns
 OWN = 1e-6  # the tolerance that stands for the scenario's own step
 
@@ -65,7 +66,7 @@ def _of_plugins(run: Trajectory, row: Row) -> Row:
     found: Row = {}
     said = []
     for name, metric in plugins.metrics().items():
-        if name in row or name in COLUMNS:
+        if name in row or name in (*COLUMNS, *KEPT):
             said.append(f"Metric {name!r} of {metric.plugin}: the table has a column of this name; rename the metric")
             continue
         try:
@@ -109,8 +110,7 @@ def _warm_up(integrator: Integrator, scenario: Scenario, extra: Mapping[str, Any
 
 def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
 
-    left_out = (*series.ROW, "numbers", "sweep")
-    rows = [(row.get("numbers") or {}) | {k: v for k, v in row.items() if k not in left_out} for row in records]
+    rows = [(row.get("numbers") or {}) | {k: v for k, v in row.items() if k not in KEPT} for row in records]
     there = set().union(*rows)
     first = [c for c in COLUMNS if c in there or not c.endswith("momentum_error_max")]  # which not all systems have
     order = [c for c in ("scenario", "integrator", "dt", "tolerance") if c in (*first, *there)]

@@ -29,6 +29,19 @@ def test_an_observable_of_the_wrong_shape_is_refused_with_a_sentence(run):
         run.observe(Observable("all", lambda r: r.z))
 
 
+@pytest.mark.parametrize(
+    ("name", "compute", "sentence"),
+    [
+        ("q0", lambda r: r.t, "has a column 'q0'"),  # the positions were the times then
+        ("mine", lambda r: r.t * 1j, "'mine' gave complex numbers"),
+        ("mine", lambda r: ["a"] * len(r.t), "'mine': ValueError"),
+    ],
+)
+def test_an_observable_that_is_no_column_of_numbers_is_refused(run, name, compute, sentence):
+    with pytest.raises(TcbenchError, match=sentence):
+        run.to_frame([Observable(name, compute)])
+
+
 def test_the_picture_has_a_panel_for_each_quantity(run):
     figure = run.plot([KINETIC])
     labels = [ax.get_ylabel() for ax in figure.axes if ax.get_visible()]
