@@ -43,10 +43,10 @@ class BothMethods:
 
     def adaptive(self, z0, times, tolerance):
         """States at `times`, and what they cost; ArithmeticError where the steps of both become too short."""
-        from ..tc_gauss.method import held
-
         gauss, taylor, work = self.gauss, self.taylor, self.work
         if self.tolerance != tolerance:
+            from ..tc_gauss.method import held  # a microsecond, of runs that take three
+
             self.tolerance, work.tolerance = tolerance, SAFETY * tolerance
             work.defect, work.residual = held(gauss.stages, FINER * tolerance)
         taylor.begin(z0, times)
