@@ -21,6 +21,7 @@ from .derivatives import Substitution, topological
 from .kernels import PAIRS, Kernel, literal, operation
 from .symbols import Symbol
 
+WHOLE = ("collect", "join", "part")  # those are there before the loops of their round
 CHEAP = ("add", "sub", "mul", "neg")
 START = {"add": "0.0", "max": "-inf", "min": "inf"}  # of a sum, a maximum, a minimum
 
@@ -49,14 +50,11 @@ class ArrayKernel:
                 numbers.append(offsets[which[0]][which[1]])
             elif what == "size":
                 numbers.append(mesh.size(which[0]))
-            else:  # the places of a loop's terms side by side, as it reads them
-                of_path = what == "path"
-                row = (
-                    np.maximum(mesh.along(which[0]), 0) if of_path else np.stack([places[k] for k in which], 1).ravel()
-                )
+            else:  # a path, or the places of a loop's terms side by side, as it reads them
                 numbers.append(start)
-                rows.append(row)
-                start += len(row)
+                path = what == "path"
+                rows.append(mesh.along(which[0]).clip(0) if path else np.stack([places[k] for k in which], 1).ravel())
+                start += len(rows[-1])
         if max(start, size, *(each[-1] for each in offsets.values())) >= 2**31:
             raise MachineError("A system has more entries than whole numbers of 32 bits can tell: make it smaller.")
         table = np.concatenate([numbers, *rows, [0]], dtype=np.int32, casting="unsafe")
@@ -149,17 +147,15 @@ class _Writer:
                 level[node.number] = 0
             else:
                 last = max(level[a.number] for a in node.args)
-                whole = ("collect", "join", "part")  # those are there before the loops of their round
                 waits = node.op in ("collect", "total") or (
                     node.op in ("take", "join", "part")
-                    and any(a.number not in self.given and a.args and a.op not in whole for a in node.args)
+                    and any(a.number not in self.given and a.args and a.op not in WHOLE for a in node.args)
                 )
                 level[node.number] = last + waits
         readers: dict[int, list[Symbol]] = {}
         for node in reversed(self.nodes):  # what only later loops over its space read is made there, and not kept
             here = readers.get(node.number, [])
-            local = node.op == "take" or node.op not in LINEAR
-            made = node.space and local and here and node.number not in self.given
+            made = node.space and here and node.number not in self.given and node.op not in ("total", *WHOLE)
             if made and all(x.space == node.space and x.op not in LINEAR for x in here):
                 level[node.number] = min(level[x.number] for x in here)
             for a in node.args:

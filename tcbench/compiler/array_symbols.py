@@ -213,22 +213,27 @@ def call_function(function: Any, args: Any, kwargs: Any) -> Any:
 
 
 class TableSymbol:
-    """A table as formulas see it: which of `target` each entry of `source` has, one or several."""
+    """A table as formulas see it: which of `target` each entry of `source` has, one or several. summed: of a target
+    "a+b" those that have sums."""
 
     __array_ufunc__ = None
 
-    def __init__(self, name: str, source: str, target: str, columns: Any) -> None:
+    def __init__(self, name: str, source: str, target: str, columns: Any, summed: tuple[int, ...] = (0,)) -> None:
         self.name, self.source, self.target, self.columns = name, source, target, np.asarray(columns)
+        self.summed = summed
+
+    def _of(self, columns: Any) -> TableSymbol:
+        return TableSymbol(self.name, self.source, self.target, columns, self.summed)
 
     def __getitem__(self, key: Any) -> TableSymbol:
         if isinstance(key, tuple) and key and isinstance(key[0], slice) and key[0] == slice(None):
-            return TableSymbol(self.name, self.source, self.target, self.columns[key[1:]])
+            return self._of(self.columns[key[1:]])
         raise refused(f"a row of the table {self.name!r} is asked for", f"self.{self.name}[:, k] is a column. {SAME}")
 
     @property
     def T(self) -> list[TableSymbol]:
         """first, second = self.ends.T: its columns."""
-        return [TableSymbol(self.name, self.source, self.target, c) for c in self.columns.T]
+        return list(map(self._of, self.columns.T))
 
     def __len__(self) -> int:
         raise refused(f"the length of the table {self.name!r} is asked for", SAME)
@@ -251,7 +256,7 @@ class TableSymbol:
     def sums(self, x: Any) -> Any:
         """For each of the target the sum of what x has where the table names it: the transpose of x[table].
 
-        Of a target "a+b" its array over a: at fixed places nothing is summed.
+        Of a target "a+b" an array over each that has variables: at fixed places nothing is summed.
         """
         if isinstance(x, ArraySymbol) and x.space != self.source:
             raise refused(f"sums() of the table {self.name!r} are of an array over {self.source}s, not {x.space}s")
@@ -267,19 +272,28 @@ class TableSymbol:
         for k in np.ndindex(*inner):
             terms = [(lifted(parts[(*i, *k)] if isinstance(x, ArraySymbol) else x), path) for i, path in self._paths()]
             found[k] = collect(terms)
-        return first_of(ArraySymbol(self.target, found))
+        if "+" not in self.target:
+            return ArraySymbol(self.target, found)
+        spaces = self.target.split("+")
+        return alone_or_all(
+            [
+                ArraySymbol(spaces[k], np.frompyfunc(lambda y, k=k: part(y, k, self.target), 1, 1)(found))
+                for k in self.summed
+            ]
+        )
 
 
 class Table(np.ndarray):
     """The same as numbers. counts: of the spaces of the target."""
 
     counts: tuple[int, ...]
+    summed: tuple[int, ...]
 
     def __array_finalize__(self, source: Any) -> None:
-        self.counts = getattr(source, "counts", ())
+        self.counts, self.summed = getattr(source, "counts", ()), getattr(source, "summed", (0,))
 
     def __reduce__(self) -> Any:
-        return _numbered, (np.array(self), self.counts)
+        return numbered, (np.array(self), self.counts, self.summed)
 
     def sums(self, x: Any) -> Any:
         """As of a `TableSymbol`."""
@@ -289,18 +303,17 @@ class Table(np.ndarray):
         zero: Any = const(0.0) if symbolic else 0.0
         found = np.full((sum(self.counts), *values.shape[index.ndim :]), zero, values.dtype)
         np.add.at(found, index, values)
-        return found[: self.counts[0]]
+        of_each = np.split(found, np.cumsum(self.counts)[:-1])
+        return alone_or_all([of_each[k] for k in self.summed])
 
 
-def _numbered(values: Any, counts: tuple[int, ...]) -> Table:
+def numbered(values: Any, counts: tuple[int, ...], summed: tuple[int, ...]) -> Table:
+    """A table of these numbers."""
     found: Table = values.view(Table)
-    found.counts = counts
+    found.counts, found.summed = counts, summed
     return found
 
 
-def first_of(x: ArraySymbol) -> ArraySymbol:
-    """Of joined arrays the first."""
-    if "+" not in x.space:
-        return x
-    found = np.frompyfunc(lambda y: part(y, 0, x.space), 1, 1)(x.parts)
-    return ArraySymbol(x.space.split("+")[0], found)
+def alone_or_all(found: list[Any]) -> Any:
+    """What is alone by itself."""
+    return found[0] if len(found) == 1 else tuple(found)

@@ -18,7 +18,7 @@ from ..compiler import derivatives as trace
 from ..compiler.array_kernels import ArrayKernel, array_kernel
 from ..compiler.array_mesh import Block, Mesh
 from ..compiler.array_states import Blocks, entries, fitted, refilled
-from ..compiler.array_symbols import ArraySymbol, Table, TableSymbol
+from ..compiler.array_symbols import ArraySymbol, TableSymbol, numbered
 from ..compiler.arrays import NUMBER, count, total, variable
 from ..compiler.kernels import Kernel
 from ..compiler.once import LOCK, cached_property, once
@@ -86,7 +86,15 @@ class OverSpaces(Traced):
         self.__dict__["constants"] = {n: (sizes[d[0]], *d[1:]) if space_of(d) else d for n, d in cls.constants.items()}
         self._set_variables(sizes)
         for name, (source, *columns, target) in cls.tables.items():
-            self.__dict__[name] = _table(name, values[name], (sizes[source], *columns), target, sizes)
+            found = _whole(name, values[name], (sizes[source], *columns), target, sizes)
+            counts = tuple(sizes[part] for part in target.split("+"))
+            self.__dict__[name] = numbered(found, counts, cls._summed(target))
+
+    @classmethod
+    def _summed(cls, target: str) -> tuple[int, ...]:
+        """Of the spaces of a target those that have variables; the first where none has."""
+        moving = set(map(space_of, cls.declared_variables().values()))
+        return tuple(k for k, space in enumerate(target.split("+")) if space in moving) or (0,)
 
     def _set_variables(self, sizes: Mapping[str, int]) -> None:
         declared = self.declared_variables()
@@ -156,7 +164,8 @@ class OverSpaces(Traced):
         own.update(by_array=True, formulas=self.formulas, variables=self.declared_variables(), symbolic=kind)
         own.update(n_positions=count("position"), n_elements=count("element"))
         for name, (source, *columns, target) in cls.tables.items():
-            own[name] = TableSymbol(name, source, target, np.arange(np.prod(columns, dtype=int)).reshape(columns))
+            places = np.arange(np.prod(columns, dtype=int)).reshape(columns)
+            own[name] = TableSymbol(name, source, target, places, cls._summed(target))
         for name, declared in cls.constants.items():
             if not space_of(declared):
                 symbols = self.symbols_of(name)
@@ -256,9 +265,9 @@ def _body_kernel(net: Any, body: Callable[..., Any], states: int) -> tuple[Array
         ), single
 
 
-def _table(name: str, value: Any, shape: tuple[int, ...], target: str, sizes: Mapping[str, int]) -> Table:
-    """A table of whole numbers, each of which names one of the target."""
-    counts = tuple(sizes[part] for part in target.split("+"))
+def _whole(name: str, value: Any, shape: tuple[int, ...], target: str, sizes: Mapping[str, int]) -> Ints:
+    """Whole numbers, each of which names one of the target."""
+    count = sum(sizes[part] for part in target.split("+"))
     try:
         numbers = np.asarray(value, dtype=float)
     except (TypeError, ValueError):
@@ -267,13 +276,11 @@ def _table(name: str, value: Any, shape: tuple[int, ...], target: str, sizes: Ma
         numbers = numbers.reshape(shape)
     if numbers.shape != shape:
         raise TcbenchError(f"The table {name!r} must have shape {shape}, not {numbers.shape}.")
-    if numbers.size and not (np.all(numbers % 1 == 0) and numbers.min() >= 0 and numbers.max() < sum(counts)):
+    if numbers.size and not (np.all(numbers % 1 == 0) and numbers.min() >= 0 and numbers.max() < count):
         raise TcbenchError(
-            f"The table {name!r} names {target}s from 0 to {sum(counts) - 1}; it has {numbers.min():g} to "
-            f"{numbers.max():g}."
+            f"The table {name!r} names {target}s from 0 to {count - 1}; it has {numbers.min():g} to {numbers.max():g}."
         )
-    found = numbers.astype(np.int64).view(Table)
-    found.counts = counts
+    found = numbers.astype(np.int64)
     found.setflags(write=False)
     return found
 

@@ -80,6 +80,39 @@ def test_one_class_is_small_and_large():
         assert tcbench.simulate(name, small, **({"tolerance": 1e-6} if "scipy" in name else {})).ok
 
 
+class Kinds(System):
+    """Wires of two kinds, each an entropy; wherever two of them meet they conduct."""
+
+    name = "kinds"
+    variables = {"steel": ("steel",), "brass": ("brass",)}
+    tables = {"met": ("joint", 2, "wall+steel+brass")}
+    constants = {"c": ("steel",), "wide": ("brass",), "wall": ("wall",)}
+
+    def energy(self, z):
+        return (self.c * np.exp(z.steel / self.c)).sum() + (self.wide * np.exp(z.brass)).sum()
+
+    def entropy(self, z):
+        return z.steel.sum() + z.brass.sum()
+
+    def irreversible(self, z, dE, dS):
+        a, b = np.concatenate([self.wall, dE.steel, dE.brass])[self.met].T
+        steel, brass = self.met.sums(np.stack([(b - a) / a, (a - b) / b], axis=1))
+        return {"steel": steel, "brass": brass}
+
+
+def test_sums_of_joined_spaces_are_those_of_each_that_has_variables():
+    for n in (3, 20):
+        met = [[1 + i, 1 + j] for i in range(n) for j in (i + 1, i + n) if j < 2 * n]
+        constants = {"met": met, "c": np.linspace(1.0, 2.0, n), "wide": np.ones(n), "wall": [1.0]}
+        model = copy.deepcopy(Kinds(**constants))
+        z = np.cos(np.arange(2.0 * n))
+        theta = np.asarray(model.gradient(z))
+        expected = np.zeros(2 * n)
+        for i, j in np.array(met) - 1:
+            expected[[i, j]] += (theta[j] - theta[i]) / theta[[i, j]] * [1, -1]
+        assert np.allclose(model.vector_field(z), expected, rtol=1e-14, atol=1e-14) and model.large == (n > 3)
+
+
 class Counting(Row):
     name = "counting"
 
