@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from .errors import TcbenchError, expect, shown, unknown_name
 
@@ -204,66 +204,67 @@ class Integrator:
 
     def __post_init__(self) -> None:
         expect(f"Integrator {self.name!r}", vars(self), KINDS_OF_FIELDS)
-        for words in ("claims", "tags", "systems", "needs", "requires"):
-            if isinstance(getattr(self, words), str):
-                raise TcbenchError(f"Integrator {self.name!r}: {words} are several words, such as {{'energy'}}.")
-        order: Any = self.order  # whatever an author wrote
-        if order is not None and not (isinstance(order, int | float) and order > 0):
-            raise TcbenchError(f"Integrator {self.name!r}: order must be a positive number, not {order!r}.")
-        object.__setattr__(self, "uses", (self.uses,) if isinstance(self.uses, str) else self.uses)
-        for kind, names in ((frozenset, ("claims", "tags", "systems")), (tuple, ("needs", "requires", "uses"))):
-            for name in names:
-                object.__setattr__(self, name, kind(getattr(self, name)))
         if not isinstance(self.name, str):
             raise TcbenchError(f"The name of an integrator is a word, not {self.name!r}.")
+        if not _NAME.match(self.name.partition("[")[0]):
+            raise TcbenchError(f"Integrator name {self.name!r} must be lower-case letters, digits and underscores.")
+        order: Any = self.order  # whatever an author wrote
+        if order is not None and not (isinstance(order, int | float) and order > 0):
+            self._refuse(f": order must be a positive number, not {order!r}.")
+        for words in ("claims", "tags", "systems", "needs", "requires"):
+            if isinstance(getattr(self, words), str):
+                self._refuse(f": {words} are several words, such as {{'energy'}}.")
+        object.__setattr__(self, "uses", (self.uses,) if isinstance(self.uses, str) else self.uses)
+        for name in ("claims", "tags", "systems", "needs", "requires", "uses"):
+            kind = tuple if name in ("needs", "requires", "uses") else frozenset
+            object.__setattr__(self, name, kind(getattr(self, name)))
         for way in ("step", "march", "adaptive", "outputs", "workspace", "refuses"):
             if getattr(self, way) is not None and not callable(getattr(self, way)):
-                raise TcbenchError(f"Integrator {self.name!r}: {way}= is a function, not {getattr(self, way)!r}.")
-        base = self.name.partition("[")[0]
-        if not _NAME.match(base):
-            raise TcbenchError(f"Integrator name {self.name!r} must be lower-case letters, digits and underscores.")
+                self._refuse(f": {way}= is a function, not {getattr(self, way)!r}.")
         ways = [way for way in WAYS if getattr(self, way) is not None]
         if len(ways) != 1:
-            given = " and ".join(ways) or "none of them"
-            raise TcbenchError(f"Integrator {self.name!r} must give one of flows=, step=, adaptive=; it gives {given}.")
-        no_workspace = ": formulas need none, and a call of adaptive= is a run, which makes what it needs"
-        for given, to, why in (
-            ("march", "step", ", which march= repeats"),
-            ("workspace", "step", no_workspace),
-            ("outputs", "adaptive", ", which outputs= repeats"),
-        ):
-            if getattr(self, given) is not None and getattr(self, to) is None:
-                raise TcbenchError(f"Integrator {self.name!r} gives {given}= without {to}={why}.")
+            self._refuse(
+                f" must give one of flows=, step=, adaptive=; it gives {' and '.join(ways) or 'none of them'}."
+            )
+        if self.march is not None and self.step is None:
+            self._refuse(" gives march= without step=, which march= repeats.")
+        if self.workspace is not None and self.step is None:
+            self._refuse(
+                " gives workspace= without step=: formulas need none, and a call of adaptive= is a run, which makes "
+                "what it needs."
+            )
+        if self.outputs is not None and self.adaptive is None:
+            self._refuse(" gives outputs= without adaptive=, which outputs= repeats.")
         _check_variables(f"Integrator {self.name!r}", self.variables)
         if self.flows is not None:
             flows = _as_flows(self.flows, self.variables)
             if any(flow.most > 1 for flow in flows[:-1]) or (flows[-1].most > 1 and not flows[-1].of_step):
-                raise TcbenchError(
-                    f"Integrator {self.name!r}: most= is of the last formula alone, of the whole step (of_step=True): "
-                    "it is applied until the state at which the step ends has the laws."
+                self._refuse(
+                    ": most= is of the last formula alone, of the whole step (of_step=True): it is applied until the "
+                    "state at which the step ends has the laws."
                 )
             object.__setattr__(self, "flows", tuple(replace(flow, memory=self.memory) for flow in flows))
         self._check_memory()
         if self.order is None and self.adaptive is None:
-            raise TcbenchError(f"Integrator {self.name!r} must declare its order.")
+            self._refuse(" must declare its order.")
+
+    def _refuse(self, why: str) -> NoReturn:
+        raise TcbenchError(f"Integrator {self.name!r}{why}")
 
     def _check_memory(self) -> None:
         memory: Any = self.memory
         if not isinstance(memory, int) or memory < 0:
-            raise TcbenchError(f"Integrator {self.name!r}: memory is a number of earlier states, not {memory!r}.")
+            self._refuse(f": memory is a number of earlier states, not {memory!r}.")
         if bool(self.memory) != bool(self.starter):
-            raise TcbenchError(
-                f"Integrator {self.name!r}: a multistep method gives both memory=, the number of earlier states that "
-                'its formula sees, and starter=, the method of its first steps, such as "tc_monolithic".'
+            self._refuse(
+                ": a multistep method gives both memory=, the number of earlier states that its formula sees, and "
+                'starter=, the method of its first steps, such as "tc_monolithic".'
             )
-        if not self.memory:
-            return
-        if self.adaptive is not None or self.march is not None:
-            raise TcbenchError(
-                f"Integrator {self.name!r}: memory= goes with flows= or step= alone; steps must be equal."
-            )
-        if self.flows is not None and (len(self.flows) > 1 or self.flows[0].of_step or self.flows[0].fraction != 1.0):
-            raise TcbenchError(f"Integrator {self.name!r}: with memory= there is one formula, of the whole step.")
+        if self.memory and (self.adaptive is not None or self.march is not None):
+            self._refuse(": memory= goes with flows= or step= alone; steps must be equal.")
+        flows = self.flows if self.memory and self.flows is not None else ()
+        if len(flows) > 1 or any(flow.of_step or flow.fraction != 1.0 for flow in flows):
+            self._refuse(": with memory= there is one formula, of the whole step.")
 
     def __getstate__(self) -> dict[str, Any]:
         """What is copied and pickled."""

@@ -44,14 +44,9 @@ class Meter:
 
     def line(self) -> str:
         """What is being waited for, how far it is, since when, and for how long still, as plain text."""
-        passed = time.monotonic() - self.began
-        parts = [self.text]
-        if self.total:
-            parts.append(f"{self.done} of {self.total}")
-        parts.append(f"{_duration(passed)} so far")
-        if left := self.remaining():
-            parts.append(left)
-        return ", ".join(parts)
+        count = f"{self.done} of {self.total}" if self.total else ""
+        passed = f"{_duration(time.monotonic() - self.began)} so far"
+        return ", ".join(filter(None, (self.text, count, passed, self.remaining())))
 
     def remaining(self) -> str:
         """For how long still, in words; "" while there is no ground for a number."""
@@ -182,26 +177,17 @@ class _Terminal:
 
     def open(self, meter: Meter) -> None:
         from rich.console import Console
-        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+        from rich.progress import BarColumn, Progress, TextColumn
 
-        columns = (
-            TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[count]}"), TimeElapsedColumn(),
-            TextColumn("{task.fields[left]}"),
-        )  # fmt: skip
         console = Console(stderr=True, highlight=False, emoji=False, markup=False)
+        columns = BarColumn(10), TextColumn("{task.description}", markup=False)
         self.bar = Progress(*columns, console=console, auto_refresh=False, transient=True, redirect_stdout=False)
-        self.task = self.bar.add_task(meter.text, total=None, count="", left="")
-        self.bar.tasks[0].start_time = self.bar.get_time() - (time.monotonic() - meter.began)
+        self.task = self.bar.add_task("", total=None)
         self.bar.start()
         self.draw(meter)
 
     def draw(self, meter: Meter) -> None:
-        count = f"{meter.done}/{meter.total}" if meter.total else ""
-        self.bar.update(
-            self.task, description=meter.text, completed=meter.done, total=meter.total, count=count,
-            left=meter.remaining(),
-        )  # fmt: skip
-        self.bar.refresh()
+        self.bar.update(self.task, description=meter.line(), completed=meter.done, total=meter.total, refresh=True)
 
     def close(self, meter: Meter) -> None:
         self.bar.stop()

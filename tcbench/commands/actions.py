@@ -100,46 +100,41 @@ def short_ladder(dt: Sequence[float] | None, tables: Mapping[str, DataFrame]) ->
     ]
 
 
+LISTED = {  # what is told of each thing that there is
+    "integrators": ("name", "order", "kind", "claims", "source", "systems", "needs", "lacks", "by_default",
+                    "parameters", "plugin"),
+    "scenarios": ("name", "system", "t_end", "dt", "shows", "source", "plugin"),
+    "scenario_families": ("name", "parameters", "shows", "source", "plugin"),
+    "studies": ("name", "description", "by_default"),
+}  # fmt: skip
+
+
 def list_command(integrators: Sequence[str], scenarios: Sequence[str], as_json: bool) -> None:
-    registry = plugins.registry()
-    methods = plugins.expand_integrators(integrators) if integrators else registry.integrators.values()
-    chosen = plugins.expand_scenarios(scenarios) if scenarios else registry.scenarios.values()
-    whole = not (integrators or scenarios)
-    data = {
-        "integrators": [
-            {
-                "name": i.name, "order": i.order, "kind": i.kind, "claims": sorted(i.claims), "source": i.source,
-                "systems": sorted(i.systems), "needs": list(i.needs), "lacks": i.lacks,
-                "by_default": i.by_default,
-                "parameters": {k: list(v) for k, v in i.parameters.items()}, "plugin": i.plugin,
-            }
-            for i in methods if integrators or whole
-        ],
-        "scenarios": [
-            {
-                "name": s.name, "system": s.system.name, "t_end": s.t_end, "dt": s.dt, "shows": s.shows,
-                "source": s.source, "plugin": s.plugin,
-            }
-            for s in chosen if scenarios or whole
-        ],
-        "scenario_families": [
-            {
-                "name": f.name, "parameters": dict(f.defaults), "shows": f.shows, "source": f.source,
-                "plugin": f.plugin,
-            }
-            for f in registry.scenario_families.values() if whole
-        ],
-        "studies": [
-            {"name": s.name, "description": s.description, "by_default": s.by_default}
-            for s in studies().values() if whole
-        ],
-        "broken": [{"name": o.name, "path": o.path or o.distribution, "error": o.error} for o in registry.broken],
-    }  # fmt: skip
+    registry, whole = plugins.registry(), not (integrators or scenarios)
+    there: dict[str, Any] = dict.fromkeys(LISTED, ())
+    if whole:
+        there |= {kind: getattr(registry, kind).values() for kind in LISTED} | {"studies": studies().values()}
+    if integrators:
+        there["integrators"] = plugins.expand_integrators(integrators)
+    if scenarios:
+        there["scenarios"] = plugins.expand_scenarios(scenarios)
+    data = {kind: [_facts(one, names) for one in there[kind]] for kind, names in LISTED.items()}
+    data["broken"] = [{"name": o.name, "path": o.path or o.distribution, "error": o.error} for o in registry.broken]
     if as_json:
         terminal.print_json(data)
     else:
         terminal.print_listing(data)
         terminal.warn(plugins.not_loaded())
+
+
+def _facts(one: Any, names: Sequence[str]) -> dict[str, Any]:
+    """These attributes of something that is registered: sets in their order, a system by its name; the parameters of a
+    family of scenarios are its defaults."""
+    found: dict[str, Any] = {name: getattr(one, name) if hasattr(one, name) else one.defaults for name in names}
+    told: dict[str, Any] = {
+        name: sorted(value) if isinstance(value, frozenset) else value for name, value in found.items()
+    }
+    return {name: value.name if name == "system" else value for name, value in told.items()}
 
 
 def map_command(

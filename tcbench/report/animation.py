@@ -8,6 +8,7 @@ import io
 import shutil
 import subprocess
 from collections.abc import Sequence
+from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -34,19 +35,6 @@ SUFFIXES = (".gif", ".mp4", ".html")
 ROOM = 0.06  # of a view around what the runs that ended well need: a run that flies apart leaves it
 WIDEST = 0.6  # the same where no run ended well, around the start
 LOST = 3.0  # errors of the energy over V0 that are shown
-PAGE = """<!doctype html><meta charset="utf-8"><title>tcbench</title><img id="f" alt="the runs, frame by frame"><br>
-<button id="b">pause</button> <input id="s" type="range" min="0" value="0" style="width:30em" aria-label="frame">
-<script>
-const d = FRAMES, f = document.getElementById("f"), s = document.getElementById("s"), b = document.getElementById("b");
-let k = 0, on = true;
-s.max = d.length - 1;
-const show = () => { f.src = "data:image/png;base64," + d[k]; s.value = k; };
-setInterval(() => { if (on) { k = (k + 1) % d.length; show(); } }, WAIT);
-s.oninput = () => { on = false; b.textContent = "play"; k = +s.value; show(); };
-b.onclick = () => { on = !on; b.textContent = on ? "pause" : "play"; };
-show();
-</script>
-"""
 
 
 def animate(
@@ -178,7 +166,8 @@ def _page(pictures: Sequence[Image], fps: int) -> str:
         buffer = io.BytesIO()
         picture.quantize(64).save(buffer, "PNG", optimize=True)
         encoded.append(base64.b64encode(buffer.getvalue()).decode())
-    return PAGE.replace("FRAMES", str(encoded)).replace("WAIT", str(1000 / fps))
+    page = (files(__package__) / "templates" / "movie.html").read_text("utf-8")
+    return page.replace("FRAMES", str(encoded)).replace("WAIT", str(1000 / fps))
 
 
 def _checked(runs: Sequence[Trajectory]) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
@@ -65,8 +65,11 @@ def _published(run: Path, name: str, output: Path) -> dict[str, Any]:
     write_report(run, page=place / INDEX)  # anew: whose scripts the page in the folder has nobody knows
     for tree, suffixes in TREES.items():
         shutil.rmtree(place / tree, ignore_errors=True)
-        if (run / tree).is_dir() and not (run / tree).is_symlink():
-            shutil.copytree(run / tree, place / tree, ignore=_not_among(suffixes))
+        for found in (run / tree).rglob("*") if not (run / tree).is_symlink() else ():
+            inside = found.relative_to(run)  # hidden files stay, and links: one may lead out of the run
+            if _is_own(found) and found.suffix.lower() in suffixes and not any(p.startswith(".") for p in inside.parts):
+                (place / inside).parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(found, place / inside)
     for file in COPIED:
         (place / file).unlink(missing_ok=True)
         if _is_own(run / file):
@@ -80,20 +83,6 @@ def _published(run: Path, name: str, output: Path) -> dict[str, Any]:
         "integrators": len(declared.get("integrators", {})), "scenarios": len(declared.get("scenarios", {})),
         "tables": sorted(p.stem for p in (place / "tables").glob("*.csv")), "sources": (place / "sources").is_dir(),
     }  # fmt: skip
-
-
-def _not_among(suffixes: Sequence[str]) -> Callable[[str, list[str]], list[str]]:
-    """For copytree: what is hidden, a link (it may lead out of the run), no file, or of another kind."""
-
-    def ignored(folder: str, names: list[str]) -> list[str]:
-        paths = {name: Path(folder) / name for name in names}
-        return [
-            name for name, path in paths.items()
-            if name.startswith(".") or path.is_symlink()
-            or not (path.is_dir() or (_is_own(path) and path.suffix.lower() in suffixes))
-        ]  # fmt: skip
-
-    return ignored
 
 
 def _is_own(path: Path) -> bool:

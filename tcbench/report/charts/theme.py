@@ -19,40 +19,12 @@ if TYPE_CHECKING:
 
 FONT_SIZE = 9.0  # of the charts as they are; the other sizes follow it, and margins are measured for it
 SMALLEST, LARGEST = 3.0, 40.0  # points, inches
-INK = "#222222"
-
-STYLE: Any = {
-    "font.size": FONT_SIZE,
-    "axes.titlesize": 9,
-    "axes.titley": 1.0,  # a place of its own: matplotlib would measure every label to find one
-    "axes.labelsize": 9,
-    "axes.edgecolor": INK,
-    "axes.labelcolor": INK,
-    "text.color": INK,
-    "xtick.color": INK,
-    "ytick.color": INK,
-    "xtick.labelsize": 8,
-    "ytick.labelsize": 8,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "grid.color": "#c8c8c8",
-    "grid.linewidth": 0.5,
-    "grid.alpha": 0.6,
-    "axes.axisbelow": True,
-    "lines.linewidth": 1.4,
-    "lines.markersize": 5,
-    "legend.frameon": False,
-    "legend.fontsize": 8,
-    "figure.facecolor": "white",
-    "figure.dpi": 100,
-    "text.parse_math": False,  # names come from plugins: a dollar sign is a dollar sign
-    "svg.fonttype": "none",
-    "svg.hashsalt": "tcbench",
-    "path.simplify": True,
-    "agg.path.chunksize": 20000,
-    "hatch.linewidth": 0.5,
-}
+STYLE: Any = dict(
+    matplotlib.rc_params_from_file(
+        Path(__file__).parents[1] / "templates" / "charts.mplstyle", use_default_template=False
+    )
+)
+INK = STYLE["text.color"]
 LINES = ("lines.linewidth", "lines.markersize")
 SIZES = ("font.size", "axes.titlesize", "axes.labelsize", "xtick.labelsize", "ytick.labelsize", "legend.fontsize")
 CYCLE = "axes.prop_cycle"
