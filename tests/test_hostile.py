@@ -20,8 +20,8 @@ from tcbench.report.html import script_hash
 from tcbench.report.publish import publish
 from tcbench.report.write_report import write_report
 from tcbench.store.compare import compare, other_machine
+from tcbench.store.disk import hold_lock
 from tcbench.store.encoding import active, csv_bytes
-from tcbench.store.lock import hold_lock
 from tcbench.store.store import Store
 
 BASELINE = Path(__file__).resolve().parents[1] / "results" / "baseline"

@@ -40,7 +40,7 @@ from typing import Any
 from ..errors import TcbenchError
 from ..store.cells import Cell
 from ..store.cores import usable_cores
-from ..store.lock import hold_lock
+from ..store.disk import hold_lock
 from ..store.rows import Rows, is_finished
 from .child import Child
 from .reuse import Reuse

@@ -42,6 +42,7 @@ def start(settings: dict[str, Any]) -> None:
     """
     _settings.update(settings)
     _keep_offspring()
+    _settings["output"] = os.dup(2)  # the file that the parent reads; C code prints into it, too
     _own_streams()
     _settings["folder"] = os.getcwd()
     watching.leave_out(settings["logs"])
@@ -54,22 +55,18 @@ def start(settings: dict[str, Any]) -> None:
         pkgutil.resolve_name(settings["measure"])
 
 
-def run_cell(key: str, cell: dict[str, Any], extra: dict[str, Any]) -> str:
+def run_cell(cell: dict[str, Any], extra: dict[str, Any]) -> str:
     """Measure one cell and return its row as JSON text (with "nonfinite", see `tcbench.encoding`).
 
     extra : entries to add to the row (timed, order, ...).
     """
-    log = Path(_settings["logs"]) / f"{key}.log"
-    _undo_leftovers(log)
+    _undo_leftovers()
     row = complete_row(
         lambda: pkgutil.resolve_name(_settings["measure"])(cell, _settings["context"]), extra,
         caught=(BaseException,),  # SystemExit and KeyboardInterrupt of a plugin are that plugin's failures too
-        also=lambda: {"output_tail": _own_tail(log)},
     )  # fmt: skip
     text = _encode(row | _what_was_read())
-    _redirect(None)
-    with contextlib.suppress(OSError):
-        log.unlink()
+    _flush()
     return text
 
 
@@ -86,11 +83,11 @@ def _what_was_read() -> dict[str, Any]:
 
 def complete_row(
     measure: Callable[[], Mapping[str, Any]], extra: Mapping[str, Any],
-    caught: tuple[type[BaseException], ...] = (Exception, SystemExit), also: Callable[[], dict[str, Any]] = dict,
+    caught: tuple[type[BaseException], ...] = (Exception, SystemExit),
 ) -> dict[str, Any]:  # fmt: skip
     """What `measure` returns, with status, failure and times; or the row of the exception that it ends with.
 
-    extra : entries of every row. also : entries of the row of an exception.
+    extra : entries of every row.
     """
     began = time.perf_counter()
     try:
@@ -103,7 +100,7 @@ def complete_row(
         row.setdefault("wall_time_s", time.perf_counter() - began)
         _encode(row)
     except caught as error:
-        row = exception_row(error) | also()
+        row = exception_row(error)
     return row | {"cell_time_s": time.perf_counter() - began} | dict(extra)
 
 
@@ -161,9 +158,12 @@ def _encode(row: Mapping[str, Any]) -> str:
     return text
 
 
-def _undo_leftovers(log: Path) -> None:
-    """Output to the cell's own file; streams and working directory as before any cell ran."""
-    _redirect(log)
+def _undo_leftovers() -> None:
+    """Streams and working directory as before any cell ran."""
+    _flush()
+    with contextlib.suppress(OSError):
+        for target in (1, 2):
+            os.dup2(_settings["output"], target)
     ours = (_settings["stdout"], _settings["stderr"])
     if (sys.stdout, sys.stderr) != ours or any(stream.closed for stream in ours):
         _own_streams()
@@ -176,28 +176,10 @@ def _own_streams() -> None:
     sys.stderr = _settings["stderr"] = _utf8_text(2)
 
 
-def _redirect(path: Path | None) -> None:
-    """Send the process's own stdout and stderr (file descriptors, so C code too) to a file, or nowhere."""
+def _flush() -> None:
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(Exception):  # a plugin may have closed or replaced them
             stream.flush()
-    # O_APPEND: the parent truncates the file when it grows too long, and writing goes on at the new end
-    flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND
-    try:
-        descriptor = os.open(os.devnull, os.O_WRONLY) if path is None else os.open(path, flags, 0o600)
-    except OSError:  # no room for output is no reason not to compute
-        descriptor = os.open(os.devnull, os.O_WRONLY)
-    for target in (1, 2):
-        os.dup2(descriptor, target)
-    if descriptor > 2:
-        os.close(descriptor)
-
-
-def _own_tail(log: Path) -> str:
-    for stream in (sys.stdout, sys.stderr):
-        with contextlib.suppress(Exception):
-            stream.flush()
-    return read_tail(log)
 
 
 def _utf8_text(descriptor: int) -> io.TextIOWrapper:

@@ -75,9 +75,8 @@ class Slot:
         self.exclusive = False  # wait for a discarded worker's death before starting the next one
         self.code: set[str] = set()  # plugins that the present worker has imported, beside tcbench's own
         self._crew = crew
-        self._number = number
         self._wake = wake  # called from another thread when a worker says something, or ends
-        self._logs = Path(crew.settings["logs"])
+        self._log = Path(crew.settings["logs"]) / f"output-{number}"  # of the present worker, and of one cell at a time
         self._child: Child | None = None
         self._ready = False
         self._opened = 0.0
@@ -115,7 +114,10 @@ class Slot:
 
     def check(self) -> dict[str, Any] | None:
         """The row of a cell that has had its time, or whose worker has had its time to start; else None."""
-        if self._child is None or self.cell is None:
+        if self._child is None:
+            return None
+        self._cap_output()
+        if self.cell is None:
             return None
         if not self._child.is_alive():
             self._child.kill()  # something that it has started holds its pipe open
@@ -123,7 +125,6 @@ class Slot:
         if not self._ready:
             slow = now - self._opened > START_LIMIT_S
             return self._start_failed(f"took more than {START_LIMIT_S:g} s", slow) if slow else None
-        self._cap_output()
         return self._overdue(now)
 
     def was_stopped(self, seconds: float) -> None:
@@ -154,15 +155,19 @@ class Slot:
                 row = self._start_failed(f"{type(error).__name__}: {cut(str(error), 300)}", False, again=False)
                 if row is not None:
                     return row
+        if self._ready:  # what the cell before has printed
+            with contextlib.suppress(OSError):
+                os.truncate(self._log, 0)
         self._began = time.monotonic() if self._ready else None
-        job = self.cell.key, self.cell.as_dict(), self._extra
         assert self._child is not None
-        self._child.call("tcbench.engine.worker:run_cell", *job)
+        self._child.call("tcbench.engine.worker:run_cell", self.cell.as_dict(), self._extra)
         return None
 
     def _start(self) -> None:
         self._opened, self._ready = time.monotonic(), False
-        with open(self._start_log(), "wb") as output:
+        with contextlib.suppress(OSError):  # one that is being killed may still write
+            self._log.unlink()
+        with open(self._log, "ab") as output:  # appending: after it was emptied writing goes on at its beginning
             self._child = Child(
                 lambda child, line: self._wake(self, child, line), "tcbench.engine.worker:start", str(self._crew.told),
                 output,
@@ -179,7 +184,9 @@ class Slot:
             self.code = set(row.pop("_plugins", ()))
             self._crew.seen[self.cell.integrator, self.cell.scenario] = self.code
         except Exception as error:
-            row = exception_row(error) | {"output_tail": self._output()}
+            row = exception_row(error)
+        if "exception_type" in row:
+            row["output_tail"] = self._output()
         if row.get("exception_type") == "MemoryError":
             if self._second_chance():
                 return self._launch()
@@ -219,7 +226,7 @@ class Slot:
             return False
         self._attempts += 1
         self.discard()
-        self._output()  # of the first attempt: dropped
+        self._kept_output = ""
         return True
 
     def _start_failed(self, how: str, slow: bool, again: bool = True) -> dict[str, Any] | None:
@@ -230,7 +237,7 @@ class Slot:
         self._crew.start_failure = {
             "status": "timeout" if slow else "crash",
             "failure": f"No worker could be started: importing {self._crew.settings['measure']!r} {how}.",
-            "output_tail": read_tail(self._start_log()),
+            "output_tail": read_tail(self._log),
         }
         return self._end(self._crew.start_failure)
 
@@ -240,27 +247,15 @@ class Slot:
 
     # -- the cell's output
 
-    def _start_log(self) -> Path:
-        return self._logs / f"start-{self._number}.log"
-
-    def _log(self) -> Path:
-        assert self.cell is not None
-        return self._logs / f"{self.cell.key}.log"
-
     def _cap_output(self) -> None:
-        path = self._log()
         with contextlib.suppress(OSError):
-            if path.stat().st_size > LOG_LIMIT:
-                self._kept_output = read_tail(path)
-                os.truncate(path, 0)
+            if self._log.stat().st_size > LOG_LIMIT:
+                self._kept_output = read_tail(self._log)
+                os.truncate(self._log, 0)
 
     def _output(self) -> str:
-        """The end of what the cell printed; the file is removed."""
-        path = self._log()
-        text = tail(self._kept_output + read_tail(path))
-        with contextlib.suppress(OSError):
-            path.unlink()
-        return text
+        """The end of what the cell printed."""
+        return tail(self._kept_output + read_tail(self._log))
 
 
 def crash_row(code: int | None) -> dict[str, Any]:

@@ -1,14 +1,22 @@
-"""Files of a run folder: written completely or not at all, and errors of the system as sentences."""
+"""Files of a run folder: written completely or not at all, errors of the system as sentences, one writer a folder.
+
+The lock is one that the operating system drops when its holder dies, however it dies. On network file systems flock is
+as good as the server's lock manager; on Lustre it needs the mount option `flock`.
+"""
 
 from __future__ import annotations
 
 import errno
 import os
+import socket
+import stat
+import time
+from collections.abc import Iterator
+from io import FileIO
 from pathlib import Path
 
 from ..errors import TcbenchError
 from ..files import replacing
-from .lock import sync_folder
 
 
 def replace_file(path: Path, content: bytes, folder: Path) -> None:
@@ -39,3 +47,66 @@ def cure(error: OSError, folder: Path) -> TcbenchError:
         f"Cannot write to the run folder {folder}: {error.strerror or error}. Choose another folder or "
         "change its permissions."
     )
+
+
+def hold_lock(path: Path) -> FileIO:
+    """Hold the lock file; `TcbenchError` naming the holder when another process has it.
+
+    The file is emptied, so a link is not followed: in a folder that others write to it may lead anywhere.
+    """
+    flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+    file = open(os.open(path, flags | getattr(os, "O_BINARY", 0), 0o666), "a+b", buffering=0)  # noqa: SIM115 -- held
+    try:
+        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+            raise OSError(errno.EINVAL, "not a regular file", str(path))
+        _lock_file(file)
+    except (BlockingIOError, PermissionError) as error:
+        holder = next(_holder(path), "another process")
+        file.close()
+        raise TcbenchError(
+            f"Another run is writing to {path.parent} ({holder}). Wait until it ends, or give this run another folder."
+        ) from error
+    except OSError:
+        file.close()
+        raise
+    file.seek(0)
+    file.truncate()
+    since = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
+    file.write(f"process {os.getpid()} on {socket.gethostname()}, since {since}".encode())
+    file.flush()
+    return file
+
+
+def _holder(path: Path) -> Iterator[str]:
+    try:
+        if text := path.read_text(errors="replace").strip()[:200]:
+            yield text
+    except OSError:  # Windows locks the bytes against reading too
+        return
+
+
+if os.name == "nt":  # pragma: no cover -- Windows
+
+    def _lock_file(file: FileIO) -> None:
+        import msvcrt
+
+        file.seek(1 << 20)  # far beyond the text, which stays readable
+        msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined]
+
+    def sync_folder(folder: Path) -> None:
+        """Folders cannot be synced on Windows; the rename is still atomic."""
+
+else:
+
+    def _lock_file(file: FileIO) -> None:
+        import fcntl
+
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+    def sync_folder(folder: Path) -> None:
+        """Make a rename in the folder survive a power cut."""
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)

@@ -31,9 +31,8 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import TcbenchError
 from ..files import HALF_WRITTEN
-from .disk import cure, replace_file
+from .disk import cure, hold_lock, replace_file
 from .encoding import active, canonical_json, csv_bytes, decode_line, encode_line, parquet_bytes, pretty
-from .lock import hold_lock
 from .rows import Rows
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ OVERDUE = worker_slot.Slot._overdue
 
 def hangs(slot, hanging, printing):
     """Whether the cell of a slot has said so, or has printed so much that its log was cut."""
-    name, log = slot.cell.integrator, slot._log()
+    name, log = slot.cell.integrator, slot._log
     return (name in hanging and log.exists() and log.stat().st_size > 0) or (name in printing and slot._kept_output)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import wraps
+from functools import partial, wraps
 from typing import TYPE_CHECKING, Any, ParamSpec, cast
 
 import matplotlib
@@ -38,20 +38,12 @@ FREE = 60  # points, each of which has its mark
 Asked = ParamSpec("Asked")
 
 
-def chart(draw: Callable[Asked, Any]) -> Callable[Asked, Figure]:
+def chart(draw: Callable[Asked, Any], crowded: bool = True) -> Callable[Asked, Figure]:
     """Draw panels, or a figure, with tcbench's style and the theme's over the caller's matplotlib settings.
 
-    Of many methods those that lead are in colour, the rest is grey: `report.leaders`.
+    Of many methods those that lead are in colour, the rest is grey: `report.leaders`; where not crowded, all of them.
     """
-    return _styled(draw, crowded=True)
 
-
-def chart_of_rows(draw: Callable[Asked, Any]) -> Callable[Asked, Figure]:
-    """As `chart`, of one in which every method has a row or a panel of its own: all of them are in colour."""
-    return _styled(draw, crowded=False)
-
-
-def _styled(draw: Callable[Asked, Any], crowded: bool) -> Callable[Asked, Figure]:
     @wraps(draw)
     def styled(*arguments: Asked.args, **options: Asked.kwargs) -> Figure:
         chosen = theme.current()
@@ -70,6 +62,9 @@ def _styled(draw: Callable[Asked, Any], crowded: bool) -> Callable[Asked, Figure
         return figure if isinstance(figure, Figure) else cast(Figure, figure.figure)  # of an Axes that was given
 
     return styled
+
+
+chart_of_rows = partial(chart, crowded=False)  # of one in which every method has a row or a panel of its own
 
 
 def _rest(tables: Sequence[DataFrame], methods: Sequence[str]) -> frozenset[str]:
