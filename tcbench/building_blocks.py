@@ -16,12 +16,14 @@ from typing import Any
 import numpy as np
 
 from .compiler.array_states import each, is_array
-from .compiler.derivatives import Symbol, array, const, lifted, refused, variables
+from .compiler.derivatives import Symbol, array, lifted, refused, variables
 from .compiler.derivatives import lam as _lam
 from .compiler.derivatives import phi as _phi
-from .compiler.divided_differences import RULES, Corners, rectangle, symmetrised_slopes
+from .compiler.divided_differences import RULES, ZERO, Corners, rectangle, symmetrised_slopes
 from .compiler.symbols import TINY
 from .errors import TraceError
+
+SHAPES = "It has the arrays themselves, and gives one value for each entry"
 
 __all__ = ["directional", "divided_difference", "divided_differences", "log1p_ratio", "phi"]
 
@@ -43,11 +45,11 @@ def divided_difference(function: Callable[[Any], Any], a: Any, b: Any) -> Any:
         arctan, sinh, cosh, tanh and hypot (TraceError names what else it uses).
     """
 
-    def slope(a: Symbol, b: Symbol) -> Symbol:
-        x, _ = rectangle(a, b - a, const(0.0), const(0.0))
-        return _by_rules(function, x).pi_at_s0
+    def slope(a: Any, b: Any) -> Any:
+        x = _mapped(lambda a, step: rectangle(a, step, ZERO, ZERO)[0], a, b - a)
+        return _mapped(lambda corner: corner.pi_at_s0, _by_rules(function, x))
 
-    return _each(slope, a, b)
+    return _of_symbols(slope, a, b)
 
 
 def divided_differences(function: Callable[[Any, Any], Any], a: Any, b: Any) -> tuple[Any, Any]:
@@ -56,17 +58,19 @@ def divided_differences(function: Callable[[Any, Any], Any], a: Any, b: Any) -> 
         D1 (x1 - x0) + D2 (y1 - y0) = function(x1, y1) - function(x0, y0):
 
     each is the mean of the divided differences along the two opposite edges of the rectangle, Romero (2009), (31)-(32).
-    x and y may be arrays, entry by entry. Operations as in `divided_difference`.
+    x and y may be arrays, and function has them as they are: entry i of what it gives is of entry i of x and y alone,
+    as in `system.element_energy`. Operations as in `divided_difference`.
     """
 
-    def slopes(x0: Symbol, x1: Symbol, y0: Symbol, y1: Symbol) -> tuple[Symbol, Symbol]:
-        return symmetrised_slopes(_by_rules(function, *rectangle(x0, x1 - x0, y0, y1 - y0)))
+    def slopes(x0: Any, x1: Any, y0: Any, y1: Any) -> tuple[Any, ...]:
+        edges = x0, x1 - x0, y0, y1 - y0
+        x, y = (_mapped(lambda *edge, i=i: rectangle(*edge)[i], *edges) for i in range(2))
+        found = _by_rules(function, x, y)
+        return tuple(_mapped(lambda corner, i=i: symmetrised_slopes(corner)[i], found) for i in range(2))
 
     (x0, y0), (x1, y1) = a, b
-    return (
-        _each(lambda *corners: slopes(*corners)[0], x0, x1, y0, y1),
-        _each(lambda *corners: slopes(*corners)[1], x0, x1, y0, y1),
-    )
+    first, second = (_of_symbols(lambda *x, i=i: slopes(*x)[i], x0, x1, y0, y1) for i in range(2))
+    return first, second
 
 
 def directional(gradient: Any, step: Any, exact: Any, weights: Any = 1.0, axis: int = 0) -> Any:
@@ -89,33 +93,50 @@ def directional(gradient: Any, step: Any, exact: Any, weights: Any = 1.0, axis: 
     return gradient + share * (weights * step)
 
 
-def _by_rules(function: Callable[..., Corners], *corners: Corners) -> Corners:
+def _by_rules(function: Callable[..., Any], *corners: Any) -> Any:
     try:
-        return corners[0].lifted(function(*corners))  # a constant has slopes, too
+        found = function(*corners)
+        if not is_array(*corners):
+            given, shape = (() if isinstance(x, Corners) else np.shape(x) for x in (corners[0], found))
+            if shape not in (given, ()):
+                told = f"a divided difference is taken of a function that gives shape {shape} of shape {given}"
+                raise refused(told, SHAPES)
+        return _mapped(lambda corner, value: corner.lifted(value), corners[0], found)  # a constant has slopes, too
     except TypeError as error:  # numpy hides the sentence that says which operation has no rule
         if isinstance(error.__cause__, TraceError):
             raise error.__cause__ from None
-        raise
+        raise refused(f"a divided difference is taken of a function that cannot take it: {error}", SHAPES) from None
 
 
-def _each(rule: Callable[..., Symbol], *arguments: Any) -> Any:
-    """The rule on every entry; numbers where all entries are numbers."""
+def _mapped(rule: Callable[..., Any], *arguments: Any) -> Any:
+    """The rule on every entry of arrays of symbols, or on symbols."""
+    return each(rule, *arguments) if is_array(*arguments) else np.frompyfunc(rule, len(arguments), 1)(*arguments)
+
+
+def _each(rule: Callable[..., Symbol], x: Any) -> Any:
+    """The rule on every entry; a number where it is one."""
+    return _of_symbols(lambda x: _mapped(rule, x), x, alike=True)
+
+
+def _of_symbols(rule: Callable[..., Any], *arguments: Any, alike: bool = False) -> Any:
+    """The rule on symbols; numbers where all entries are numbers. alike: it does the same to each entry."""
     if is_array(*arguments):
-        return each(lambda *entry: rule(*map(lifted, entry)), *arguments)
+        return rule(*arguments)
     arrays = np.broadcast_arrays(*(np.asarray(a, dtype=object) for a in arguments))
-    if any(isinstance(x, Corners) for a in arrays for x in a.flat):
+    shape, entries = arrays[0].shape, [x for a in arrays for x in a.flat]
+    if any(isinstance(x, Corners) for x in entries):
         raise refused("a building block stands in what a divided difference is taken of, and has no rule there", RULES)
-    if any(isinstance(x, Symbol) for a in arrays for x in a.flat):
-        found = [rule(*map(lifted, entries)) for entries in zip(*(a.flat for a in arrays), strict=True)]
-        return found[0] if arrays[0].ndim == 0 else array(found).reshape(arrays[0].shape)
-    values = _numbers(rule, [np.asarray(a, dtype=float).ravel() for a in arrays])
-    return float(values[0]) if arrays[0].ndim == 0 else values.reshape(arrays[0].shape)
+    if any(isinstance(x, Symbol) for x in entries):
+        return rule(*(array(map(lifted, a.flat)).reshape(shape)[()] for a in arrays))
+    numbers = np.array(entries, dtype=float)
+    values = _numbers(rule, numbers[:, None], ()) if alike else _numbers(rule, numbers[None], (len(arrays), *shape))
+    return values.reshape(shape)[()]
 
 
-def _numbers(rule: Callable[..., Symbol], columns: list[np.ndarray]) -> np.ndarray:
+def _numbers(rule: Callable[..., Any], rows: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     """The rule traced once, and run on numbers row by row."""
     from .compiler.kernels import kernel
 
-    x = variables("x", len(columns))
-    found = kernel({s: f"a[{i}]" for i, s in enumerate(x)}, [rule(*x)])
-    return np.array([found(row, row)[0] for row in np.ascontiguousarray(np.stack(columns, axis=1))])
+    x = variables("x", rows.shape[1])
+    found = kernel({s: f"a[{i}]" for i, s in enumerate(x)}, list(np.ravel(rule(*(x.reshape(shape) if shape else x)))))
+    return np.array([found(row, row) for row in rows])

@@ -62,7 +62,7 @@ def _start(sym: Any, z: Any) -> list[trace.Symbol]:
 
 def _moves(sym: Any, y: Any, told: Sequence[trace.Symbol]) -> tuple[list[trace.Symbol], list[trace.Symbol]]:
     """What mend and hold give, number by number or array by array."""
-    q, theta, (energy, floor, *invariants) = y.q, y.theta, told
+    q, theta, (energy, floor, *invariants) = y.q, sym.named(y, "theta").theta, told
     names = list(sym.invariants(q, y.p))
     p, free = restored_momenta(y, sym, dict(zip(names, invariants, strict=True)))
     pi, inertia, s = sym.shape(q), sym.inertia(), sym.entropies(q, theta)

@@ -159,7 +159,7 @@ def squared_size(net: Any, y: Any, found: Any) -> Symbol:
     """As `texts.squared_size`."""
     if not net.defines("element_energy"):
         return trace.lifted((found * found / (1.0 + y * y)).sum())
-    moved, warmed = found.p / net.inertia(), found.theta * net.entropy_scale() / y.theta
+    moved, warmed = found.p / net.inertia(), found.s * net.entropy_scale() / y.s  # of temperatures
     return trace.lifted((moved * moved).sum() + (warmed * warmed).sum())
 
 

@@ -50,6 +50,7 @@ def of_any(sym: Any, z: Any, normal: Normal) -> tuple[list[Series], list[Series]
 
 def of_elements(sym: Any, y: Any, normal: Normal) -> tuple[list[Series], list[Series]]:
     """y = (q, p, theta) and its rates; the rates of the shapes are derivatives of series, not formulas."""
+    y = sym.named(y, "theta")
     pi, s, rise = (sym.fresh(name, "element") for name in ("pi", "s", "rise"))
     shape, (stress, warmth) = sym.shape(y.q), sym.element_slopes(pi, s)
     moves = (pi, rise), (s, sym.conduction(y.theta))

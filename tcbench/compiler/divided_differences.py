@@ -22,6 +22,7 @@ RULES = (
     "There are rules for +, -, *, /, **, abs, sqrt, exp, log, expm1, log1p, sin, cos, tan, arcsin, arccos, arctan, "
     "sinh, cosh, tanh and hypot; methods without discrete gradients (tc_gauss, midpoint_entropy) take every formula"
 )
+ALONE = "Entry i of what it gives is of entry i of its arguments alone"
 # one rule: (value at A, value at B, slope of the argument, increment along the edge) -> slope of the result
 Rule = Callable[[Symbol, Symbol, Symbol, Symbol], Symbol]
 
@@ -70,6 +71,8 @@ class Corners:
 
     def lifted(self, other: Any) -> Corners:
         if isinstance(other, Corners):
+            if other.dpi is not self.dpi or other.ds is not self.ds:
+                raise refused("a divided difference is taken of a function that mixes entries", ALONE)
             return other
         value = other if isinstance(other, Symbol) else const(float(other))
         return self._with(value, [ZERO] * 4)
@@ -96,7 +99,7 @@ class Corners:
         if not isinstance(other, Corners):  # a constant factor: no need for the product rule
             factor = other if isinstance(other, Symbol) else const(float(other))
             return self._with(factor * self.value, [factor * slope for _, _, slope, _ in self.edges])
-        pairs = zip(self.edges, other.edges, strict=True)
+        pairs = zip(self.edges, self.lifted(other).edges, strict=True)
         slopes = [
             0.5 * (a0 + a1) * slope_b + 0.5 * (b0 + b1) * slope_a  # exact for products
             for (a0, a1, slope_a, _), (b0, b1, slope_b, _) in pairs

@@ -146,7 +146,7 @@ def _rows(
     flow: Flow, net: Any, y0: Any, z0: Any, h: Symbol, steps: Sequence[Any], start: Sequence[Any]
 ) -> list[Symbol]:
     """Run the author's formula on arrays; its rows, those of stages behind."""
-    y1, *stages = (net.state(y0 + d) for d in steps)
+    y1, *stages = (y0 + d for d in steps)  # with the names that y0 has
     if flow.of_step:
         more = list(start)
     else:  # of an earlier state its slope is known: see flow_kernels.further

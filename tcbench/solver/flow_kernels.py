@@ -319,8 +319,7 @@ def further(flow: Flow, system: System, z0: Any, h: Symbol, start: Any) -> list[
 def traced(flow: Flow, system: System, y0: State, d: Any, h: Symbol, further: list[Any]) -> list[Symbol]:
     """Run the author's formula on symbols; a flat list of residual rows."""
     n = system.size
-    y1 = system.state(np.asarray(y0) + d[:n])
-    stages = [system.state(np.asarray(y0) + d[k : k + n]) for k in range(n, len(d), n)]
+    y1, *stages = (y0 + d[k : k + n] for k in range(0, len(d), n))  # with the names that y0 has
     arguments = [y0, y1, h, system, *([stages] if stages else []), *further]
     result = np.asarray(called(flow, arguments), dtype=object)
     if result.size != len(d):

@@ -26,7 +26,7 @@ from .array_elements import ArraySlope, element_slopes, temperature_field
 from .operators import Poisson, SparseRows
 from .refusals import check_degree, check_own
 from .sizes import check_sizes, how_many
-from .state import LETTERS, Layout, State, laid_out
+from .state import LETTERS, State
 from .system import System
 from .thermal_variables import ThermalVariables, marked_positive
 from .traced import derived
@@ -142,17 +142,9 @@ class ElementSystem(ThermalVariables, System):
     def _set_variables(self, sizes: Mapping[str, int]) -> None:
         self.__dict__.update(n_positions=sizes["position"], n_elements=sizes["element"])
 
-    def block_numbers(self) -> dict[str, int]:
-        return {**super().block_numbers(), "theta": 2, "u": 2}
-
     @property
     def variables(self) -> dict[str, tuple[int, ...]]:  # type: ignore[override]
         return {"q": (self.n_positions,), "p": (self.n_positions,), "s": (self.n_elements,)}
-
-    @cached_property
-    def layout(self) -> Layout:
-        """As of any system; `theta` names the last block in (q, p, theta), and `u` in (q, p, u)."""
-        return (found := dict(laid_out(self.variables))) | {"theta": found["s"], "u": found["s"]}
 
     @property
     def size(self) -> int:
@@ -236,7 +228,7 @@ class ElementSystem(ThermalVariables, System):
         return self.dissipation(self.state(dE).s)
 
     def dissipation(self, theta: Any) -> State:
-        """M(theta) DS as a vector of the size of z; never M times DS, which cancels (PHYSICS 4)."""
+        """M(theta) DS as a vector of the size of z; never M times DS, which cancels."""
         still = ArraySymbol("position", trace.const(0.0)) if self.by_array else np.zeros(self.n_positions)
         return self.state(np.concatenate([still, still, self.conduction(theta)]))
 

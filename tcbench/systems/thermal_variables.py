@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from ..compiler import derivatives as trace
-from ..compiler.array_states import each, entries, refilled
+from ..compiler.array_states import Blocks, each, entries, refilled
 from ..compiler.divided_differences import rectangle, symmetrised_slopes
 from ..compiler.inverse import solved
 from ..errors import TraceError
@@ -23,37 +23,48 @@ else:
 class ThermalVariables(Base):
     """What an `ElementSystem` has of them; everything is derived."""
 
+    def named(self, y: Any, last: str) -> State:
+        """y with this name for its last block: "theta" in (q, p, theta), "u" in (q, p, u)."""
+        y = self.state(y)
+        if self.by_array:
+            return cast(State, Blocks(y.blocks, {"q": 0, "p": 1, last: 2}))
+        return State(y, {last if name == "s" else name: place for name, place in self.layout.items()})
+
     @derived
     def temperature_variables(self, z: Any) -> Any:
         """(q, p, theta) from (q, p, s)."""
         z = self.state(z)
-        return self.state(np.concatenate([z.q, z.p, self.temperatures(z)]))
+        return self.named(np.concatenate([z.q, z.p, self.temperatures(z)]), "theta")
 
     @derived
     def entropy_variables(self, y: Any) -> Any:
         """(q, p, s) from (q, p, theta)."""
-        y = self.state(y)
-        return self.state(np.concatenate([y.q, y.p, self.entropies(y.q, y.theta)]))
+        y = self.state(y)  # whatever its last block is called
+        return self.state(np.concatenate([y.q, y.p, self.entropies(y.q, y.s)]))
 
     @derived
     def energy_variables(self, z: Any) -> Any:
         """(q, p, u) from (q, p, s), with the energies u of the elements."""
         z = self.state(z)
-        return self.state(np.concatenate([z.q, z.p, self.element_energy(self.shape(z.q), z.s)]))
+        return self.named(np.concatenate([z.q, z.p, self.element_energy(self.shape(z.q), z.s)]), "u")
 
     @derived
     def variables_of_energies(self, y: Any) -> Any:
         """(q, p, s) from (q, p, u)."""
         y = self.state(y)
-        _, s = self.by_thermal_variable("energy", self.shape(y.q), y.u)
+        _, s = self.by_thermal_variable("energy", self.shape(y.q), y.s)
         return self.state(np.concatenate([y.q, y.p, s]))
 
     @derived
     def temperature_forces(self, y: Any) -> Any:
         """-dE/dq at (q, p, theta), shape (n_positions,): an exponential of the entropies is undone by its logarithm."""
-        y, q, theta = self.state(y), self.fresh("q", "position"), self.fresh("theta", "element")
+        y, q, theta = (
+            self.state(y),
+            self.fresh("q", "position"),
+            self.fresh("theta", "element"),
+        )  # whatever its last block is called
         z = self.entropy_variables(np.concatenate([q, 0.0 * q, theta]))
-        here = dict(zip(entries(q, theta), entries(y.q, y.theta), strict=True))
+        here = dict(zip(entries(q, theta), entries(y.q, y.s), strict=True))  # whatever its last block is called
         forces = [*map(trace.lifted, entries(-self.gradient(z).q))]
         return refilled(q, trace.substitute(forces, here))
 
@@ -72,6 +83,7 @@ class ThermalVariables(Base):
 
         By divided differences: the difference of two logarithms would lose digits at every step.
         """
+        y0, y1 = self.state(y0), self.state(y1)
         pi0, dpi, dy = self.shape(y0.q), self.shape(y1.q) - self.shape(y0.q), y1.s - y0.s
         try:
             _, s = self.by_thermal_variable(variables, *each(rectangle, pi0, dpi, y0.s, dy, count=2))

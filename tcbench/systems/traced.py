@@ -24,6 +24,8 @@ Array = NDArray[Any]
 OURS = Path(__file__).parents[1]
 FEW = 24  # length of a state over spaces up to which formulas are traced entry by entry
 MOST_WHOLE = 200  # longest state that is: beyond, compiling straight-line code takes minutes
+# what takes a state in any thermal variable
+OF_ANY = "entropy_variables variables_of_energies temperature_field temperature_forces shapes".split()
 _SYMBOLIC: dict[tuple[Any, ...], Any] = {}
 _KERNELS: dict[tuple[Any, ...], tuple[Kernel, tuple[int, ...]]] = {}
 
@@ -40,14 +42,29 @@ def derived(body: Callable[..., Any]) -> Callable[..., Any]:
     @wraps(body)
     def function(self: Traced, *states: Any) -> Any:
         if is_array(*states):
+            _check_names(self, body.__name__, states)
             return body(self, *states)
         arrays = [np.asarray(state) for state in states]
         if any(a.dtype == object for a in arrays):
+            _check_names(self, body.__name__, states)
             return body(self, *arrays)
         return self._evaluate(body, [a.astype(np.float64, copy=False) for a in arrays])
 
     function.is_derived = True  # type: ignore[attr-defined]
     return function
+
+
+def _check_names(system: Traced, name: str, states: tuple[Any, ...]) -> None:
+    """TraceError where (q, p, theta) or (q, p, u) is taken for (q, p, s)."""
+    if name in OF_ANY:
+        return
+    for state in states:
+        known = getattr(state, "layout", None) or getattr(state, "names", None) or {}
+        if other := [x for x in known if x not in system.variables]:
+            raise trace.refused(
+                f"system.{name} is of ({', '.join(system.variables)}), and gets a state that has {other[0]!r}",
+                "system.entropy_variables(z) makes it of temperatures, system.variables_of_energies(z) of energies",
+            )
 
 
 def _run(body: Callable[..., Any], system: Any, *states: Any) -> Any:

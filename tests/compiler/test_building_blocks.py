@@ -57,22 +57,13 @@ def test_what_has_no_rule_is_named():
 def own_gradient(z0, z1, h, system):
     """A discrete gradient made of the building blocks: logarithmic springs, as the pendulum has them."""
     pi0, pi1 = system.shapes(z0), system.shapes(z1)
-    stress, theta = zip(*(
-        divided_differences(lambda pi, s, i=i: _energy(system, i, pi, s), (pi0[i], z0.s[i]), (pi1[i], z1.s[i]))
-        for i in range(2)
-    ), strict=True)  # fmt: skip
+    stress, theta = divided_differences(system.element_energy, (pi0, z0.s), (pi1, z1.s))
     q = (z0.q + z1.q) / 2
-    slopes = np.zeros((2, 4), dtype=object)
-    slopes[0, :2], slopes[1, :2], slopes[1, 2:] = 2 * q[:2], -2 * (q[2:] - q[:2]), 2 * (q[2:] - q[:2])
+    by_q = stress @ system.shape_gradient(q)
     p = (z0.p + z1.p) / 2
-    D = np.concatenate([np.array(stress, dtype=object) @ slopes, p / system.inertia(), np.array(theta, dtype=object)])
-    return z1 - z0 - h * (system.L @ D + system.dissipation(D[8:]))
-
-
-def _energy(system, i, pi, s):
-    """The i-th element's: the whole law at this pair, the other pair held at something of no account."""
-    pairs = [np.array([pi] * 2, dtype=object), np.array([s] * 2, dtype=object)]
-    return system.element_energy(*pairs)[i]
+    return np.concatenate(
+        [z1.q - z0.q - h * p / system.inertia(), z1.p - z0.p + h * by_q, z1.s - z0.s - h * system.conduction(theta)]
+    )
 
 
 def test_a_method_made_of_them_is_the_papers():
@@ -82,6 +73,23 @@ def test_a_method_made_of_them_is_the_papers():
     theirs = tcbench.simulate("tc_monolithic", "short_term", dt=0.3)
     assert own.ok and np.abs(own.z - theirs.z).max() < 1e-9
     assert own.summary.energy_error_max < 1e-12 * max(1, abs(own.energy[0]))
+    large = tcbench.simulate(method, "net[nx=4,ny=4]", dt=0.1, t_end=0.5)  # on arrays
+    assert large.ok and large.summary.energy_error_max < 1e-12
+
+
+def test_a_function_of_arrays_is_of_each_entry_alone():
+    system = tcbench.scenarios()["short_term"].model  # its constants are one of each element
+    (x0, y0), (x1, y1) = (np.array([1.0, 2.0]), np.array([0.1, 0.2])), (np.array([1.5, 2.0]), np.array([0.1, 0.4]))
+    first, second = divided_differences(system.element_energy, (x0, y0), (x1, y1))
+    gone = system.element_energy(x1, y1) - system.element_energy(x0, y0)
+    assert np.allclose(first * (x1 - x0) + second * (y1 - y0), gone, rtol=1e-14)
+    for function, told in (
+        (lambda x, y: y * x.sum(), "mixes entries"),
+        (lambda x, y: x[:1] * y[:1], r"shape \(1,\) of shape \(2,\)"),
+        (lambda x, y: x[0] * np.ones(2), "cannot take it"),
+    ):
+        with pytest.raises(TraceError, match=told):
+            divided_differences(function, (x0, y0), (x1, y1))
 
 
 def test_gonzalez_of_the_whole_state_keeps_the_energy_and_stands_still_where_nothing_moves():

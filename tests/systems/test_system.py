@@ -99,6 +99,29 @@ def test_forces_at_temperatures_need_no_exponential():
     assert "exp" not in {node.op for node in trace.topological(list(forces))}
 
 
+@pytest.mark.parametrize("scenario", ["short_term", "net[nx=4,ny=4]"])
+def test_a_temperature_is_not_taken_for_an_entropy(scenario):
+    """In a formula each state has the name of its own thermal variable, and the system takes entropies."""
+
+    def method(rates, variables="temperature"):
+        def formula(z0, z1, h, system):
+            return z1 - z0 - h * rates((z0 + z1) / 2, system)
+
+        return tcbench.Integrator(name="taken", order=2, flows=tcbench.Flow(formula, variables=variables))
+
+    for wrong, told in (
+        (method(lambda z, _: z.s), "no variable 's'; its variables: q, p, theta"),
+        (method(lambda z, _: z.theta, "entropy"), "no variable 'theta'; its variables: q, p, s"),
+        (method(lambda z, system: system.vector_field(z)), "gets a state that has 'theta'"),
+        (method(lambda z, system: system.vector_field(z), "energy"), "gets a state that has 'u'"),
+    ):
+        with pytest.raises(tcbench.TcbenchError, match=told):
+            tcbench.simulate(wrong, scenario, dt=0.1, t_end=0.1)
+    right = method(lambda z, system: system.temperature_field(z))
+    rate = tcbench.simulate("midpoint_temperature[reading=rate]", scenario, dt=0.1, t_end=0.1)
+    assert np.array_equal(tcbench.simulate(right, scenario, dt=0.1, t_end=0.1).z, rate.z)
+
+
 @given(admissible_states(), admissible_states())
 def test_directionality_discrete_gradient_reproduces_energy_differences(y0, y1):
     z0, z1 = np.asarray(MODEL.entropy_variables(y0)), np.asarray(MODEL.entropy_variables(y1))
