@@ -25,7 +25,7 @@ OURS = Path(__file__).parents[1]
 FEW = 24  # length of a state over spaces up to which formulas are traced entry by entry
 MOST_WHOLE = 200  # longest state that is: beyond, compiling straight-line code takes minutes
 # what takes a state in any thermal variable
-OF_ANY = "entropy_variables variables_of_energies temperature_field temperature_forces shapes".split()
+OF_ANY = ["entropy_variables", "variables_of_energies", "temperature_field", "temperature_forces", "shapes"]
 _SYMBOLIC: dict[tuple[Any, ...], Any] = {}
 _KERNELS: dict[tuple[Any, ...], tuple[Kernel, tuple[int, ...]]] = {}
 
