@@ -173,7 +173,14 @@ class Expressions(Arithmetic):
         if isinstance(node, ast.Slice):
             raise self.refusal(node, "a slice of one axis among several is not translated")
         _, code = self.number(node, INT)
-        return self.emit(f"add nsw i64 {self.part(owner, 1 + axis)}, {code}") if code.startswith("-") else code
+        if code.startswith("-"):
+            return self.emit(f"add nsw i64 {self.part(owner, 1 + axis)}, {code}")
+        first = node
+        while isinstance(first, ast.BinOp):
+            first = first.left
+        if isinstance(first, ast.UnaryOp) and isinstance(first.op, ast.USub):  # others are not looked at, as in C
+            raise self.refusal(node, "an index that counts from the end is a number: write len(x) - 1 - i, not -1 - i")
+        return code
 
     def offset(self, owner: Value, offset: str) -> str:
         if offset == "0":
@@ -183,8 +190,8 @@ class Expressions(Arithmetic):
     def _slice(self, node: ast.Subscript, owner: Value, cut: ast.Slice) -> Value:
         if owner.kind.rank != 1 or cut.step is not None:
             raise self.refusal(node, "only slices [start:stop] of an array with one axis are translated")
-        start = self.number(cut.lower, INT)[1] if cut.lower else "0"
-        stop = self.number(cut.upper, INT)[1] if cut.upper else self.part(owner, 1)
+        start = self._index(cut.lower, owner, 0) if cut.lower else "0"
+        stop = self._index(cut.upper, owner, 0) if cut.upper else self.part(owner, 1)
         return Value(owner.kind, (self.offset(owner, start), self.emit(f"sub nsw i64 {stop}, {start}")))
 
     # calls ----------------------------------------------------------------------------------------------------------

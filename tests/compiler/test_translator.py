@@ -95,6 +95,7 @@ def ways_out(n: int, stop: int) -> tuple[int, int, int]:
 def arrays(x: Floats, m: Matrix, c: Cube, marks: Ints) -> float:
     fill(x[1:3], SCALE)
     copy_into(m[0], x)
+    fill(x[-2:-1], LIMIT * 1.5)
     for i in range(len(m)):
         for j in range(len(m[i])):
             m[i, j] += c[i, 0, j] * i
@@ -285,6 +286,9 @@ REFUSED = {
     "with": (INT + "    try:\n        return 1\n    finally:\n        n = 2\n", "this kind of statement"),
     "arrays": ("def f(x: Floats) -> int:\n    x += 1.0\n    return 1\n", "arithmetic of whole arrays"),
     "indices": ("def f(x: Floats) -> float:\n    return x[0, 1]\n", "has no 2 indices"),
+    "index from the end": ("def f(x: Floats, i: int) -> float:\n    return x[-1 - i]\n", "counts from the end"),
+    "negated index": ("def f(x: Floats, i: int) -> float:\n    return x[-i]\n", "counts from the end"),
+    "slice from the end": ("def f(x: Floats, i: int) -> int:\n    return len(x[: -i + 2])\n", "from the end"),
     "step": (INT + "    for i in range(0, 9, n):\n        n += i\n    return n\n", "must be a constant"),
     "shifts": (INT + "    return n << 2\n", "this operation is not translated"),
     "float floor": ("def f(x: float) -> float:\n    return x // 2.0\n", "this operation is not translated"),
