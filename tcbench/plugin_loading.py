@@ -244,7 +244,7 @@ class _Lazy(UserDict[str, Any]):
         return iter(self.data)
 
     def __len__(self) -> int:
-        return len([*self])
+        return sum(1 for _ in self)  # a list of it would ask for its length first
 
 
 # -- one plugin after the other

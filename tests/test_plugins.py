@@ -302,6 +302,18 @@ def test_members_of_families_are_those_of_the_files_as_they_are_now(tmp_path):
         np.testing.assert_allclose(wrapped[:4], expected[:4], atol=1e-7)  # a projection moves by what is missed
 
 
+def test_names_of_a_worker_are_counted_and_listed_as_those_of_the_run(tmp_path):
+    """Also by whoever makes a list of values, which asks for their number first."""
+    (tmp_path / "mine.py").write_text(GOOD)
+    plugins.use_folders([tmp_path])
+    whole = plugins.registry()
+    plugins.use_index(plugins.index())
+    worker = plugins.registry()
+    assert len(worker.integrators) == len(whole.integrators) and "mine" in worker.integrators
+    for kind in ("integrators", "scenarios", "studies"):
+        assert {one.name for one in [*getattr(worker, kind).values()]} == set(getattr(whole, kind))
+
+
 def test_an_unknown_name_in_the_table_of_scenarios_is_a_sentence():
     with pytest.raises(TcbenchError, match="Did you mean 'short_term'"):
         tcbench.scenarios()["shrt_term"]
