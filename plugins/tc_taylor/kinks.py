@@ -12,8 +12,8 @@ from .memory import Work
 from .series import STANDING, TURNING
 
 SAMPLES = 8  # of a step in which u may change its sign
-SHORT, MOST = 1e-4, 20  # part of a step; so many in a row that kinks make shorter lead nowhere: formulas have jumps
-PARTS = 100  # of a fixed step at most
+SHORT, MOST = 1e-4, 20  # part of a step; so many in a row, and one a kink, that these make shorter: formulas have jumps
+PARTS = 100  # of a fixed step at most, and one a kink
 CLOSE = 1e-10  # part of a step by which it ends behind a kink at least; else the tolerance
 
 

@@ -102,7 +102,7 @@ def advance(
             if w.n_kinks > 0:
                 whole, h = h, kinks.first(w, h, tolerance)
                 held = held + 1 if h < kinks.SHORT * whole else 0
-                h = h if held < kinks.MOST else 0.0
+                h = h if held < kinks.MOST + w.n_kinks else 0.0
         good = h > SHORTEST * max(1.0, abs(t))
         if not good and since == 0:
             copy_into(w.mended, w.kept)
@@ -148,7 +148,7 @@ def fixed_steps(w: Work, h: float, states: Matrix) -> int:
             call(w.to_series, w.mended, w.given, w.coefficients)
             part = kinks.first(w, left, 0.0) if w.n_kinks > 0 else left
             parts += 1
-            if parts > kinks.PARTS or not mended_state(w, part):
+            if parts > kinks.PARTS + w.n_kinks or not mended_state(w, part):
                 return row
             left -= part
         call(w.to_z, w.mended, w.given, states[row])

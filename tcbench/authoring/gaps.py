@@ -12,8 +12,11 @@ import numpy as np
 
 if TYPE_CHECKING:
     from ..integrator import Integrator
+    from ..simulation.trajectory import Trajectory
     from ..solver.flow_kernels import FlowKernels
     from ..systems.scenario import Scenario
+
+STILL = 1e-9  # part of a state's size, by which every method that takes a step has moved it
 
 
 def given_gap(function: Any, given: Callable[..., Any], scenario: Scenario) -> float:
@@ -110,3 +113,13 @@ def outputs_gap(method: Integrator, scenario: Scenario, span: float, count: int)
 
 def _largest(found: np.ndarray, expected: np.ndarray) -> float:
     return float(np.abs(found - expected).max()) if found.shape == expected.shape else math.inf
+
+
+def stands_still(one: Trajectory) -> bool:
+    """Is a state of the run its next one to the last bit, though it would move by far more than round-off meanwhile?"""
+    model = one.scenario.model
+    for k in np.flatnonzero((one.z[1:] == one.z[:-1]).all(axis=1)):
+        move = (one.t[k + 1] - one.t[k]) * np.abs(model.vector_field(one.z[k])).max()
+        if move > STILL * max(1.0, np.abs(one.z[k]).max()):
+            return True
+    return False

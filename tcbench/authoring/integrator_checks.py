@@ -16,7 +16,7 @@ from ..solver.flow_kernels import called
 from ..solver.quotients import REMEDY, zero_over_zero
 from ..studies.theorems import SEED, admissible_states, energy_defect, entropy_fall
 from .check_line import FAIL, NONE, OK, Line, line
-from .gaps import given_gap, march_gap, outputs_gap, traced_gap, workspace_gap
+from .gaps import given_gap, march_gap, outputs_gap, stands_still, traced_gap, workspace_gap
 
 if TYPE_CHECKING:
     from ..integrator import Flow, Integrator
@@ -32,6 +32,7 @@ RANDOM_STEPS = 40
 LONGEST = 30.0  # times the scenario's own step, for laws that are claimed of every step
 GENTLE = 0.1  # part of the scenario's own step at which every method runs, explicit ones too
 REPEATED = 5  # steps or output times at which two ways of a method are compared
+RAISE = "Who stands still keeps every law: raise an error where a step is not found, so that its row says so."
 SHORTEST = (1e-4, 1e-5)  # steps of the limit h -> 0, as parts of the scenario's own
 
 
@@ -299,6 +300,10 @@ def claims(method: Integrator) -> Line:
             stuck = stuck or f"{where}: {one.failure}"
             continue
         done += 1
+        if stands_still(one):
+            return Line(
+                name, FAIL, f"a step gives the very state that it began with, which is at no rest ({where})", RAISE
+            )
         for law, value in _violations(method, one).items():
             worst[law] = max(worst.get(law, 0.0), value)
             if not value <= limit:

@@ -211,7 +211,7 @@ def _dense_parts(
     d_dh: Any = trace.jacobian(reduction.rows, [h])[:, 0] if x else []
     corrections = [*correction, *image[0]]
     sizes = [trace.mul(abs(step), scale) for step, scale in zip(corrections, scales, strict=True)]
-    finite = [*correction, _steepness(jacobian)] if has_roots(reduction.rows) else correction
+    finite = [*correction, _steepness(jacobian, scales)] if has_roots(reduction.rows) else correction
     iterate = [*corrections, *pivots, *positive, _size(sizes, finite)]
     iterate.append(functools.reduce(trace.minimum, [*pivots, *positive], const(np.inf)))
     chords = [trace.mul(abs(step), scale) for step, scale in zip([*chord, *image[1]], scales, strict=True)]
@@ -297,9 +297,10 @@ def has_roots(rows: Sequence[Symbol]) -> bool:
     return any(x.op in ROOTS for x in trace.topological(rows))
 
 
-def _steepness(jacobian: NDArray[np.object_]) -> Symbol:
-    """A number that is infinite where a slope is too steep: see `too_steep`."""
-    squares = (trace.mul(slope, slope) for slope in jacobian.ravel())
+def _steepness(jacobian: NDArray[np.object_], scales: Sequence[Symbol]) -> Symbol:
+    """A number that is infinite where a slope, in units of the unknowns, is too steep: see `too_steep`."""
+    s = np.array(scales[: len(jacobian)], dtype=object)
+    squares = (trace.mul(slope, slope) for slope in (jacobian * (s[:, None] / s)).ravel())
     return trace.mul(const(np.finfo(float).max / STEEPEST**2), functools.reduce(trace.add, squares, const(0.0)))
 
 

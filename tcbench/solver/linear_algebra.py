@@ -5,6 +5,7 @@ from __future__ import annotations
 from ..compiler.language import Floats, Matrix, copy_into
 
 STEEPEST = 1e16  # a slope that makes round-off of an unknown an error of 1 in its equation: as good as infinite
+SOLVED = 1e-12  # what may be left of such an equation, scaled
 
 
 def too_steep(slopes: Floats) -> bool:

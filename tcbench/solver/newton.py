@@ -12,7 +12,7 @@ import numpy as np
 
 from ..compiler.language import Floats, call, copy_into, fill, rare
 from .flow import Flow
-from .linear_algebra import solve_pivoted, too_steep
+from .linear_algebra import SOLVED, STEEPEST, solve_pivoted
 from .sparse import sparse_iterate
 
 ACCEPTED, REJECTED = 0, 1
@@ -52,11 +52,36 @@ def set_step(flow: Flow, fraction: float) -> None:
 
 
 @rare
+def stuck(flow: Flow) -> bool:
+    """Is an equation with too steep a slope, in units of the unknowns, not solved? Newton's correction is 0 there."""
+    n, scale = flow.nx, flow.w[2 * flow.nx : 3 * flow.nx]
+    for i in range(n):
+        steepest = 0.0
+        for j in range(n):
+            steepest = max(steepest, abs(flow.derivatives[n + i * n + j]) * (scale[i] / scale[j]))
+        if steepest > STEEPEST and abs(flow.derivatives[i]) * scale[i] > SOLVED:
+            return True
+    return False
+
+
+@rare
+def solved(flow: Flow, x: Floats) -> bool:
+    """Are the equations at x, by what is left of them? Those of sparse systems are not asked."""
+    if flow.ns > 0:
+        return False
+    call(flow.full, flow.w, x, flow.derivatives)
+    most = 0.0
+    for i in range(flow.nx):
+        most = max(most, abs(flow.derivatives[i]) * flow.w[2 * flow.nx + i])
+    return most <= SOLVED
+
+
+@rare
 def pivoted_correction(flow: Flow) -> float:
     """Newton correction into d[:nx] through the dense Jacobian; returns the sign of its determinant, 0: none."""
     n = flow.nx
     call(flow.full, flow.w, flow.x, flow.derivatives)
-    if flow.steep and too_steep(flow.derivatives[n : n + n * n]):
+    if flow.steep and stuck(flow):
         return 0.0
     for i in range(n):
         flow.d[i] = -flow.derivatives[i]
@@ -125,7 +150,13 @@ def quick(flow: Flow, guess: Floats) -> tuple[int, int]:
             return REJECTED, iteration
         for i in range(n):
             x[i] = here[i] + d[i]
-        if flow.steep and delta < ROUND_OFF and iteration == 1 and flow.foreseen[NEXT] != FORESEEN:
+        if (
+            flow.steep
+            and delta < ROUND_OFF
+            and iteration == 1
+            and flow.foreseen[NEXT] != FORESEEN
+            and not solved(flow, x)
+        ):
             here, previous = x, 2.0 * ROUND_OFF  # where a slope is steep the next one will be larger
             continue
         if delta < small and curvature * delta * delta < NEGLIGIBLE:
@@ -193,7 +224,8 @@ def newton_correction(flow: Flow) -> tuple[float, float]:
     if smallest < SMALL_PIVOT:
         sign = pivoted_correction(flow)
     elif not d[2 * n + ne + flow.npos] < np.inf:
-        sign = 0.0
+        call(flow.full, flow.w, flow.x, flow.derivatives)
+        sign = 0.0 if stuck(flow) else sign
     return sign, smallest
 
 
@@ -226,7 +258,7 @@ def newton(flow: Flow, enough: float, slope: float) -> tuple[int, int]:
         for i in range(2 * n + ne, 2 * n + ne + npos):
             if not d[i] > 0.0:
                 return REJECTED, iteration
-        if flow.steep and delta < ROUND_OFF and iteration == 1:
+        if flow.steep and delta < ROUND_OFF and iteration == 1 and not solved(flow, x):
             previous = 2.0 * ROUND_OFF  # as in `quick`
             continue
         if delta <= ROUND_OFF or (near and delta > 0.25 * previous):

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..compiler.language import Floats, Matrix, call, copy_into, fill, rare
 from .flow import Flow
-from .linear_algebra import dot, too_steep
+from .linear_algebra import SOLVED, dot, too_steep
 
 KRYLOV_STEPS = 30  # of BiCGStab, after which the matrix is factorised
 LEAST_PIVOT = 1e-2  # of the incomplete factors, over the row's largest entry: below it they are not trusted
@@ -139,6 +139,17 @@ def factorised(flow: Flow) -> float:
 
 
 @rare
+def sparse_stuck(flow: Flow) -> bool:
+    """Is an equation with too steep a slope not solved? Of the residual and Jacobian in `derivatives`."""
+    n = flow.ns
+    for i in range(n):
+        row = flow.derivatives[n + flow.first[i] : n + flow.first[i + 1]]
+        if too_steep(row) and abs(flow.derivatives[flow.order[i]]) * flow.w[2 * n + flow.order[i]] > SOLVED:
+            return True
+    return False
+
+
+@rare
 def sparse_correction(flow: Flow, tolerance: float, fresh: bool) -> float:
     """Newton's correction into d[:nx]; returns the sign of the determinant, 1 where the incomplete factors do.
 
@@ -153,7 +164,7 @@ def sparse_correction(flow: Flow, tolerance: float, fresh: bool) -> float:
         for i in range(n):
             flow.d[order[i]] = found[i]
         return 1.0
-    if flow.steep and too_steep(flow.derivatives[n : n + flow.nnz]):
+    if flow.steep and sparse_stuck(flow):
         return 0.0
     for i in range(n):
         right[i] = -flow.derivatives[order[i]]

@@ -11,9 +11,10 @@ import pytest
 from click.testing import CliRunner
 
 import tcbench
-from tcbench import Integrator, plugins
+from tcbench import Integrator, plugins, simulate
 from tcbench.authoring import check
 from tcbench.authoring import integrator_checks as contract
+from tcbench.authoring.gaps import stands_still
 from tcbench.cli import main
 
 TESTS = dict(contract.TESTS)
@@ -409,6 +410,19 @@ def test_claims_are_judged_on_completed_steps_as_in_the_report():
     assert contract.claims(broken).verdict == check.FAIL
     never = contract.claims(made(step=lambda z, h, system: 1 / 0, claims={"energy"}))
     assert never.verdict == check.FAIL and "ZeroDivisionError" in never.found
+
+
+def test_a_method_that_stands_still_where_it_finds_no_step_is_told_though_it_keeps_every_law():
+    def gives_up(z, h, system, above=0.05):
+        return np.array(z) if h > above else explicit_midpoint(z, h, system)
+
+    found = contract.claims(made(step=gives_up, claims={"angular_momentum", "energy"}))
+    assert found.verdict == check.FAIL and "very state" in found.found and "raise" in found.remedy
+    at_rest = made(step=lambda z, h, system: np.array(z), claims={"energy"})
+    assert "very state" in contract.claims(at_rest).found
+    lost = simulate(at_rest, tcbench.scenarios()["short_term"], dt=0.1, t_end=1.0)
+    lying = simulate(at_rest, tcbench.scenarios()["short_term"], dt=1e-12, t_end=1e-11)
+    assert stands_still(lost) and not stands_still(lying)
 
 
 def test_a_slow_method_is_told_how_long_its_lines_take():

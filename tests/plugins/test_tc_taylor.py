@@ -142,6 +142,14 @@ def test_steps_end_at_kinks(most, monkeypatch):
     assert all(run.summary.energy_error_max < 1e-13 and run.summary.entropy_increment_min >= 0.0 for run in runs)
 
 
+def test_many_kinks_close_together_are_no_jump():
+    start, drag = {"q": 1 + 1e-6 * np.arange(60.0), "p": np.zeros(60), "s": np.zeros(60)}, {"drag": np.full(60, 0.2)}
+    scenario = tcbench.Scenario("rough", Rough, drag, initial=start, t_end=2.0, dt=0.1)
+    find_integrator("tc_taylor").adaptive(scenario.model, scenario.z0, np.array([0.0, 2.0]), 1e-6, 1e-6)
+    start = {**start, "q": 1 + 1e-6 * np.arange(150.0)} | {name: np.zeros(150) for name in "ps"}
+    assert tcbench.simulate("tc_taylor[order=4]", scenario.replace(drag=np.full(150, 0.2), **start)).ok
+
+
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_the_normal_form_is_the_same_formula(name):
     f, y = FUNCTIONS[name], trace.variable("y")

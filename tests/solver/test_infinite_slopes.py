@@ -68,3 +68,63 @@ def test_a_start_with_an_infinite_slope_is_left(system, end, beside, name):
     scenario = tcbench.Scenario("weight", system, constants=constants, initial=start, dt=0.01, t_end=1.0)
     run = tcbench.simulate(name, scenario)
     assert run.ok and run.z[-1, 0] == pytest.approx(end, abs=1e-4)
+
+
+class Contact(System):
+    """Two masses in free flight until they touch a wall and each other, as Hertz's spheres do."""
+
+    name = "contact"
+    variables = {"q": (2,), "p": (2,), "s": ()}
+
+    def energy(self, z):
+        pressed = (np.array([z.q[0], z.q[1] - z.q[0]]) + abs(np.array([z.q[0], z.q[1] - z.q[0]]))) / 2
+        return z.p @ z.p / 2 + (pressed**2.5).sum() + np.exp(z.s)
+
+    def entropy(self, z):
+        return z.s
+
+    def reversible(self, z, DE, DS):
+        return {"q": DE.p, "p": -DE.q}
+
+    def irreversible(self, z, DE, DS):
+        return {"p": -0.1 * DE.p, "s": 0.1 * DE.p @ DE.p / DE.s}
+
+
+class Relativistic(System):
+    name = "relativistic"
+    variables = {"q": (), "p": (), "s": ()}
+    constants = {"m": (), "C": ()}
+
+    def energy(self, z):
+        kinetic = 2.0 * np.sqrt(z.p**2 + 4.0 * self.m**2)
+        return kinetic + self.m * (z.q**2 / 2 + z.q**4 / 4) + 300.0 * self.C * np.exp(z.s / self.C)
+
+    def entropy(self, z):
+        return z.s
+
+    def reversible(self, z, DE, DS):
+        return {"q": DE.p, "p": -DE.q}
+
+    def irreversible(self, z, DE, DS):
+        return {"p": -0.01 * self.m * DE.p, "s": 0.01 * self.m * DE.p * DE.p / DE.s}
+
+
+@pytest.mark.parametrize("name", ["gauss2", "midpoint_entropy", "cpg", "tc_monolithic"])
+def test_a_slope_that_units_make_steep_is_none(name):
+    """That of positions by momenta is 1e26 times as large where a mass is 1e-26."""
+    end = []
+    for m, heat in ((1.0, 1.0), (1e-26, 1.38e-23)):
+        start = {"q": 1.2, "p": 0.0, "s": 0.0}
+        scenario = tcbench.Scenario("spring", Relativistic, {"m": m, "C": heat}, initial=start, dt=0.01, t_end=0.5)
+        run = tcbench.simulate(name, scenario)
+        assert run.ok
+        end.append(run.z[-1, 0])
+    assert end[1] == pytest.approx(end[0], abs=1e-3)  # friction differs by what heat does to the temperature
+
+
+@pytest.mark.parametrize("dt", [0.01, 0.005])
+def test_steps_whose_start_solves_their_equations_are_taken(dt):
+    """Also where round-off is all that Newton corrects, and a formula has roots."""
+    start = {"q": [-0.1, 0.1], "p": [0.0, 0.3], "s": 0.0}
+    run = tcbench.simulate("tc_monolithic", tcbench.Scenario("contact", Contact, {}, initial=start, dt=dt, t_end=1.0))
+    assert run.ok
