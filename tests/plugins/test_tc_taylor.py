@@ -22,6 +22,7 @@ from tcbench_plugins.tc_taylor.texts import may_go_ahead, series_kernels, writte
 import tcbench
 from tcbench import System, TcbenchError
 from tcbench.compiler import derivatives as trace
+from tcbench.compiler import language
 from tcbench.compiler.arrays import total, variable
 from tcbench.compiler.kernels import kernel, namespace
 from tcbench.plugins import find_integrator, find_scenario
@@ -83,6 +84,11 @@ def test_the_coefficients_of_each_operation_are_those_of_fifty_digits(name, form
     largest = max(abs(float(c)) for c in exact)
     for each in (found, others):
         assert each == pytest.approx([float(c) for c in exact], rel=1e-13, abs=1e-15 * largest)
+
+
+def test_every_function_of_formulas_is_among_them():
+    y = trace.variable("y")
+    assert {x.op for x in trace.topological(f(np, y) for f in FUNCTIONS.values())} >= set(language.FUNCTIONS)
 
 
 @pytest.mark.parametrize("name", [*NETWORKS, "net[nx=3,ny=3]"])
