@@ -36,10 +36,11 @@ class BothMethods:
             from .march import LOOPS, SHORT, Both, Counts  # LLVM is loaded when something runs, not with plugins
 
             worth = step_in_iterations(self.gauss, self.taylor)
-            self.loops, self.counts, self.taylor.work.few = LOOPS, Counts(), SHORT / worth
+            self.counts, self.taylor.work.few = Counts(), SHORT / worth
             self.gauss.work.lend("watch", self.taylor.work.watch)
             both = {"explicit": self.taylor.work, "implicit": self.gauss.work}
             self.work = Both(counts=self.counts, worth=worth, **both)
+            self.run = partial(LOOPS.run, self.work)
 
     def adaptive(self, z0, times, tolerance):
         """States at `times`, and what they cost; ArithmeticError where the steps of both become too short."""
@@ -51,7 +52,7 @@ class BothMethods:
             work.defect, work.residual = held(gauss.stages, FINER * tolerance)
         taylor.begin(z0, times)
         try:
-            done = watched(taylor, partial(self.loops.run, work))
+            done = watched(taylor, self.run)
         finally:
             steps, rejected, iterations, implicit = self.counts.table.tolist()
             if implicit:
