@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from tcbench.compiler.language import Floats, Matrix, bits, call, copy_into, from_bits
+from tcbench.compiler.language import Floats, Matrix, bits, call, copy_into, from_bits, rare
 from tcbench.compiler.library import Library
 from tcbench.solver.mending import mended
 
@@ -16,6 +16,7 @@ from .memory import Work
 ONE = (1023.0 - 0.043) * 2.0**52
 NEVER = 2**62  # steps
 SHRINK, SHORTEST = 0.5, 1e-12  # of a step that ends in no admissible state; of a step, over the time
+LEAST = 1e-290  # a squared size that has all its digits: it goes with the unit of time to the power of twice the order
 
 
 def begin(w: Work, z: Floats) -> None:
@@ -58,9 +59,28 @@ def mended_elements(w: Work) -> bool:
 def step_length(w: Work, tolerance: float) -> float:
     """So long that neither of the last two terms of the series is above the tolerance; to 3 %."""
     first, goal = (w.order + 1) * w.size, bits(tolerance * tolerance)
-    last = (goal - bits(w.coefficients[first + 1])) * (0.5 / w.order)
-    before = (goal - bits(w.coefficients[first])) * (0.5 / (w.order - 1))
+    square, squared = w.coefficients[first], w.coefficients[first + 1]
+    if not (square > LEAST and square < math.inf and squared > LEAST and squared < math.inf):
+        return rough_length(w, goal)
+    last = (goal - bits(squared)) * (0.5 / w.order)
+    before = (goal - bits(square)) * (0.5 / (w.order - 1))
     return from_bits(int(ONE + min(last, before)))
+
+
+@rare
+def rough_length(w: Work, goal: int) -> float:
+    """The same where squares are none; 0 where coefficients are none."""
+    least = math.inf
+    for k in range(w.order - 1, w.order + 1):
+        largest = 0.0
+        for i in range(w.size):
+            size = abs(w.coefficients[k * w.size + i]) / max(1.0, abs(w.coefficients[i]))
+            if not size < math.inf:
+                return 0.0
+            largest = max(largest, size)
+        square = 2.0 * bits(largest) - ONE if largest > 0.0 else 0.0
+        least = min(least, (goal - square) * (0.5 / k))
+    return from_bits(int(ONE + least))
 
 
 def run(w: Work) -> int:
@@ -85,6 +105,8 @@ def advance(
     h, fresh, long, end = 0.0, True, 0, w.counts.steps + leg if leg > 0 else NEVER
     since, often, begun = 0, 1, t  # steps since the last mended state, how many there may be, and when it was
     held = 0  # short steps in a row from kink to kink
+    lowest = w.target[w.size + 1]  # entropy, when `begun`
+    unit = min(1.0, times[len(times) - 1] - times[0])
     while row < len(times):
         w.watch[0] = t
         if w.watch[1] != 0.0:
@@ -94,7 +116,7 @@ def advance(
                 return row, t, h
             if since == 0:
                 copy_into(w.kept, w.mended)
-                begun = t
+                begun, lowest = t, w.target[w.size + 1]
             call(w.to_series, w.mended, w.given, w.coefficients)
             h = step_length(w, tolerance)
             if w.reach > 0.0:
@@ -103,11 +125,11 @@ def advance(
                 whole, h = h, kinks.first(w, h, tolerance)
                 held = held + 1 if h < kinks.SHORT * whole else 0
                 h = h if held < kinks.MOST + w.n_kinks else 0.0
-        good = h > SHORTEST * max(1.0, abs(t))
+        good = h > SHORTEST * max(unit, abs(t))
         if not good and since == 0:
             copy_into(w.mended, w.kept)
             return row, t, 0.0
-        lowest, here, mended = w.target[w.size + 1], row, True
+        here, mended = row, True
         while good and here < len(times) and times[here] <= t + h:
             good = mended_state(w, times[here] - t)
             call(w.to_z, w.mended, w.given, states[here])

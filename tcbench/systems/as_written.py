@@ -18,6 +18,7 @@ from ..compiler.array_symbols import ArraySymbol
 from ..compiler.sentences import ELEMENTARY
 from ..errors import TcbenchError, misnamed, unknown_name
 from .declaration import whole
+from .state import State
 from .traced import derived
 
 if TYPE_CHECKING:
@@ -82,6 +83,8 @@ def _number(self: System, found: Any, where: str) -> Any:
 
 
 def _rates(self: System, found: Any, where: str) -> Any:
+    if isinstance(found, (State, Blocks)):  # made of what super() gives
+        found = {name: getattr(found, name) for name in self.variables}
     example = next(iter(self.variables), "q")
     found = _named(found, where, f"rates by the name of their variable, {{{example!r}: ...}}")
     for name in found:

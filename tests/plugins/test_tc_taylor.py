@@ -128,6 +128,17 @@ class Rough(tcbench.System):
         return {"p": -force, "s": force * dE.p / dE.s}
 
 
+class Quick(Rough):
+    name = "quick"
+    constants = Rough.constants | {"speed": ()}
+
+    def reversible(self, z, dE, dS):
+        return {"q": self.speed * dE.p, "p": -self.speed * dE.q}
+
+    def irreversible(self, z, dE, dS):
+        return self.speed * super().irreversible(z, dE, dS)
+
+
 @pytest.mark.parametrize("most", [0, 1000])
 def test_steps_end_at_kinks(most, monkeypatch):
     """Errors follow the tolerance, and fixed steps have their order, across fifty turns, nine of them at the start."""
@@ -146,6 +157,52 @@ def test_steps_end_at_kinks(most, monkeypatch):
     coarse, fine = (np.abs(run.z[-1] - exact).max() for run in runs)
     assert coarse > 13.0 * fine
     assert all(run.summary.energy_error_max < 1e-13 and run.summary.entropy_increment_min >= 0.0 for run in runs)
+
+
+class Bent(Rough):
+    """Its force has the root of a size in it: series have a short reach on either side of a kink."""
+
+    name = "bent"
+
+    def energy(self, z):
+        return (abs(z.q**2 - 0.25) ** 1.5 + z.q**2 + z.p**2 / 2 + np.exp(z.s)).sum()
+
+    def irreversible(self, z, dE, dS):
+        return {"p": -self.drag * dE.p, "s": self.drag * dE.p**2 / dE.s}
+
+
+def test_where_steps_are_taken_again_entropies_of_outputs_on_the_way_do_not_hold():
+    """Before a kink some steps end in no mended state; the outputs that they had reached let entropies start higher."""
+    start = {"q": [0.7], "p": [0.2], "s": [0.1]}
+    scenario = tcbench.Scenario("bent", Bent, {"drag": [0.3]}, initial=start, t_end=1.0, dt=0.1)
+    model, times = scenario.model, np.linspace(0.0, 0.6, 61)
+    states, cost = find_integrator("tc_taylor").adaptive(model, scenario.z0, times, 1e-9, 1e-9)
+    exact = solve_ivp(lambda t, z: model.vector_field(z), times[[0, -1]], states[0], "DOP853", rtol=1e-12, atol=1e-12)
+    assert cost["rejected"] > 0 and np.abs(states[-1] - exact.y[:, -1]).max() < 1e-8
+
+
+@pytest.mark.parametrize("unit", [1e-12, 1e10, 1e14])
+@pytest.mark.parametrize("name", ["bound_equilibrium", "chain[n=9]", "rough"])
+def test_the_unit_of_time_does_not_matter(name, unit):
+    """Squares of coefficients go with its power of twice the order: what is no number was taken for a long step."""
+    if name == "rough":
+        start = {"q": [1.0, 0.8], "p": [0.0, 0.3], "s": [0.0, 0.1]}
+        found = tcbench.Scenario("rough", Rough, {"drag": [0.2, 0.1]}, initial=start, t_end=3.0, dt=0.1)
+        constants = {"drag": [0.2, 0.1], "speed": unit}
+        other = tcbench.Scenario("quick", Quick, constants, initial=start, t_end=3 / unit, dt=0.1 / unit)
+    else:
+        found = find_scenario(name).replace(t_end=0.5)
+        constants = {"masses": np.divide(found.constants["masses"], unit**2),
+                     "conductivity": found.constants["conductivity"] * unit}  # fmt: skip
+        other = found.replace(
+            name="quick", t_end=0.5 / unit, dt=found.dt / unit, momenta=np.divide(found.momenta, unit), **constants
+        )
+    ends = []
+    for each in (found, other):
+        span = np.array([0.0, each.t_end])
+        states, _ = find_integrator("tc_taylor").adaptive(each.model, each.z0, span, 1e-12, 1e-12)
+        ends.append(each.model.state(states[-1]).q)
+    assert np.abs(ends[0] - ends[1]).max() < 1e-10
 
 
 def test_many_kinks_close_together_are_no_jump():
