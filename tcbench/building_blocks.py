@@ -10,13 +10,15 @@ They keep their digits at any increment, zero included; so do the derivatives th
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
-from .compiler.array_states import each, is_array
-from .compiler.derivatives import Symbol, array, lifted, refused, variables
+from .compiler.array_states import each, entries, is_array
+from .compiler.array_symbols import ArraySymbol
+from .compiler.arrays import variable
+from .compiler.derivatives import Symbol, array, lifted, refused, topological, variables
 from .compiler.derivatives import lam as _lam
 from .compiler.derivatives import phi as _phi
 from .compiler.divided_differences import RULES, ZERO, Corners, rectangle, symmetrised_slopes
@@ -45,11 +47,12 @@ def divided_difference(function: Callable[[Any], Any], a: Any, b: Any) -> Any:
         arctan, sinh, cosh, tanh and hypot (TraceError names what else it uses).
     """
 
-    def slope(a: Any, b: Any) -> Any:
+    def slope(a: Any, b: Any) -> tuple[Any]:
         x = _mapped(lambda a, step: rectangle(a, step, ZERO, ZERO)[0], a, b - a)
-        return _mapped(lambda corner: corner.pi_at_s0, _by_rules(function, x))
+        return (_mapped(lambda corner: corner.pi_at_s0, _by_rules(function, x)),)
 
-    return _of_symbols(slope, a, b)
+    (found,) = _of_symbols(slope, a, b)
+    return found
 
 
 def divided_differences(function: Callable[[Any, Any], Any], a: Any, b: Any) -> tuple[Any, Any]:
@@ -69,7 +72,7 @@ def divided_differences(function: Callable[[Any, Any], Any], a: Any, b: Any) -> 
         return tuple(_mapped(lambda corner, i=i: symmetrised_slopes(corner)[i], found) for i in range(2))
 
     (x0, y0), (x1, y1) = a, b
-    first, second = (_of_symbols(lambda *x, i=i: slopes(*x)[i], x0, x1, y0, y1) for i in range(2))
+    first, second = _of_symbols(slopes, x0, x1, y0, y1)
     return first, second
 
 
@@ -101,6 +104,8 @@ def _by_rules(function: Callable[..., Any], *corners: Any) -> Any:
             if shape not in (given, ()):
                 told = f"a divided difference is taken of a function that gives shape {shape} of shape {given}"
                 raise refused(told, SHAPES)
+        elif np.ndim(found) and not is_array(found):
+            raise refused("a divided difference is taken of a function that gives numbers of an array", SHAPES)
         return _mapped(lambda corner, value: corner.lifted(value), corners[0], found)  # a constant has slopes, too
     except TypeError as error:  # numpy hides the sentence that says which operation has no rule
         if isinstance(error.__cause__, TraceError):
@@ -115,28 +120,70 @@ def _mapped(rule: Callable[..., Any], *arguments: Any) -> Any:
 
 def _each(rule: Callable[..., Symbol], x: Any) -> Any:
     """The rule on every entry; a number where it is one."""
-    return _of_symbols(lambda x: _mapped(rule, x), x, alike=True)
+    (found,) = _of_symbols(lambda x: (_mapped(rule, x),), x, alike=True)
+    return found
 
 
-def _of_symbols(rule: Callable[..., Any], *arguments: Any, alike: bool = False) -> Any:
+def _of_symbols(rule: Callable[..., tuple[Any, ...]], *arguments: Any, alike: bool = False) -> tuple[Any, ...]:
     """The rule on symbols; numbers where all entries are numbers. alike: it does the same to each entry."""
     if is_array(*arguments):
         return rule(*arguments)
     arrays = np.broadcast_arrays(*(np.asarray(a, dtype=object) for a in arguments))
-    shape, entries = arrays[0].shape, [x for a in arrays for x in a.flat]
-    if any(isinstance(x, Corners) for x in entries):
+    shape, given = arrays[0].shape, [x for a in arrays for x in a.flat]
+    if any(isinstance(x, Corners) for x in given):
         raise refused("a building block stands in what a divided difference is taken of, and has no rule there", RULES)
-    if any(isinstance(x, Symbol) for x in entries):
+    if any(isinstance(x, Symbol) for x in given):
         return rule(*(array(map(lifted, a.flat)).reshape(shape)[()] for a in arrays))
-    numbers = np.array(entries, dtype=float)
-    values = _numbers(rule, numbers[:, None], ()) if alike else _numbers(rule, numbers[None], (len(arrays), *shape))
-    return values.reshape(shape)[()]
+    numbers = np.array(given, dtype=float).reshape(len(arrays), *shape)
+    # what does the same to each entry does it to an array without a length; its axes it has not
+    found = _by_one_formula(rule, numbers) if alike or len(shape) < 2 else None
+    found = _by_entries(rule, numbers) if found is None else found
+    return tuple(of_each.reshape(shape)[()] for of_each in found.T)
 
 
-def _numbers(rule: Callable[..., Any], rows: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """The rule traced once, and run on numbers row by row."""
+def _by_one_formula(rule: Callable[..., tuple[Any, ...]], numbers: np.ndarray) -> np.ndarray | None:
+    """The rule traced once for all entries: shape (entries, results). None where it tells entries apart."""
+    x = [variable("x", "entry") for _ in numbers]
+    try:
+        outputs = entries(*rule(*(ArraySymbol("entry", y) for y in x)))
+    except Exception:  # of any kind: the formula of each entry is asked for, or the sentence that refuses it
+        return None
+    return _evaluated(x, outputs, numbers.reshape(len(x), -1).T)
+
+
+def _by_entries(rule: Callable[..., tuple[Any, ...]], numbers: np.ndarray) -> np.ndarray:
+    """The same traced on all of them: entries whose formulas differ in constants only have one kernel."""
+    x = variables("x", numbers.size).reshape(numbers.shape)
+    outputs = np.array([np.ravel(side) for side in rule(*x)]).T
+    rows, found, forms = numbers.reshape(len(x), -1).T, np.empty(outputs.shape), dict[Any, list[Any]]()
+    for i, own in enumerate(x.reshape(len(x), -1).T):
+        form, constants = _form(list(own), list(outputs[i]))
+        forms.setdefault(form, []).append((i, own, constants))
+    for alike in forms.values():
+        i, own, constants = alike[0]
+        values = [[*rows[i], *(x.value for x in constants)] for i, _, constants in alike]
+        found[[i for i, *_ in alike]] = _evaluated([*own, *constants], outputs[i], np.array(values))
+    return found
+
+
+def _form(x: Sequence[Symbol], outputs: Sequence[Symbol]) -> tuple[Any, list[Symbol]]:
+    """What formulas in x are but for their constants, and these."""
+    place, constants, form = {y.number: k for k, y in enumerate(x)}, dict[Symbol, int](), list[Any]()
+
+    def code(node: Symbol) -> int:
+        return ~constants.setdefault(node, len(constants)) if node.op == "const" else place[node.number]
+
+    for node in topological(outputs, frozenset(place)):
+        if node.number not in place and node.op != "const":
+            form.append((node.op, node.value, *map(code, node.args)))
+            place[node.number] = len(place)
+    return (*form, *map(code, outputs)), list(constants)
+
+
+def _evaluated(x: Sequence[Symbol], outputs: Sequence[Symbol], rows: np.ndarray) -> np.ndarray:
+    """The outputs, of each row with numbers for x."""
     from .compiler.kernels import kernel
 
-    x = variables("x", rows.shape[1])
-    found = kernel({s: f"a[{i}]" for i, s in enumerate(x)}, list(np.ravel(rule(*(x.reshape(shape) if shape else x)))))
-    return np.array([found(row, row) for row in rows])
+    made = kernel({y: f"a[{k}]" for k, y in enumerate(x)}, list(outputs))
+    rows = np.ascontiguousarray(rows)
+    return np.array([made(row, row) for row in rows]).reshape(len(rows), len(outputs))

@@ -39,7 +39,7 @@ def straight_line(inputs: Mapping[Symbol, str], outputs: Sequence[Symbol], in_ro
     for node in nodes:
         if node.number in names:
             continue
-        if node.op == "const":
+        if node.op == "const" and node not in inputs:
             names[node.number] = literal(node)
             continue
         if node.op == "mark" and node not in inputs:
