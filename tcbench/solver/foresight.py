@@ -7,6 +7,7 @@ factor of two or three, so that only what is far beyond a limit is refused.
 
 from __future__ import annotations
 
+import math
 import os
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -40,6 +41,8 @@ SPARE = 0.8  # of the memory there is
 CERTAIN = 2.0  # a prediction as many times what is left of a time limit is no mistake
 LOOK = 0.1  # seconds from one look at a run that chooses its steps to the next
 SHARE, SEEN = 0.005, 0.2  # of its time, and seconds, that such a run has covered when its rest is told
+WORTH = 0.1  # of its limit that such a run is given from one look to the next: a fifth, before it may be refused
+GAIN = 1.1  # a rate that is so many times the one before goes on growing
 CGROUP = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes")
 
 _limit: tuple[float, float] | None = None  # what the work under way may take, seconds, and when that is over
@@ -100,38 +103,66 @@ def watched(run: Lending, march: Callable[[], T]) -> T:
     """
     if not run.large:
         return march()
-    watch, times, first, told = run.work.watch, run.times, None, ""
+    watch, times, rest = run.work.watch, run.times, Rest(run.size, run.times)
     watch[:] = times[0], 0.0
     pool = ThreadPoolExecutor(1, "tcbench-run")
     with part("") as meter:
-        meter.total = len(times) - 1
+        meter.total, text = len(times) - 1, meter.text
         try:
             running = pool.submit(march)
             while not wait([running], LOOK).done:
-                here = float(watch[0]), time.monotonic()
-                first = first or (here if here[0] > times[0] else None)
-                meter.done = int(np.searchsorted(times, here[0], "right")) - 1
-                if not told and first and (told := of_rest(run.size, times, first, here)):
-                    meter.tell(meter.text + told)
+                t = float(watch[0])
+                meter.done = int(np.searchsorted(times, t, "right")) - 1
+                if told := rest.looked(t, time.monotonic()):
+                    meter.tell(text + told)
             return running.result()
         finally:
+            _end(watch, pool)
+
+
+def _end(watch: NDArray[np.float64], pool: ThreadPoolExecutor) -> None:
+    """When this returns the loop has ended, however often it is interrupted: it writes to memory that others read."""
+    while True:
+        with suppress(KeyboardInterrupt):
             watch[1] = 1.0
             pool.shutdown()
             watch[1] = 0.0
+            return
 
 
-def of_rest(size: int, times: NDArray[np.float64], first: tuple[float, float], here: tuple[float, float]) -> str:
-    """What to say of the rest of a run from what it took from `first` to `here`, each a time and what the clock showed
-    there; "" where that is little, or it has just begun; MachineError as above."""
-    (before, t), end, passed = (first[0], here[0]), times[-1], here[1] - first[1]
-    if passed < SEEN or t <= before or t - times[0] < SHARE * (end - times[0]):
-        return ""
-    seconds = passed / (t - before) * (end - t)
-    if seconds < SHORT:
-        return ""
-    cure = "take a larger tolerance, a shorter t_end or a smaller system"
-    _affordable(f"From t = {t:.3g} to {end:.6g} a run of {size} numbers", seconds, cure)
-    return f", from t = {t:.3g} to {end:.6g} about {seconds:.0f} s"
+class Rest:
+    """What is left of a run that chooses its steps, from looks at how far it is, each after as long as all before.
+
+    Its rate between two looks tells. Steps may be small first and grow (an initial layer), so that far beyond a limit
+    is what was so at two looks, without more rate at the second.
+    """
+
+    def __init__(self, size: int, times: NDArray[np.float64]) -> None:
+        self.size, self.begin, self.end, self.seen = size, times[0], times[-1], times[0]
+        self.first = self.last = math.nan, math.nan  # looks: a time and what the clock showed there
+        self.rate, self.doubted = 0.0, False
+
+    def looked(self, t: float, now: float) -> str:
+        """What to say of it, "" where nothing is new or little is left; MachineError as above."""
+        if t == self.seen:  # a step counts when it is done
+            return ""
+        self.seen, (before, then) = t, self.last
+        if not before > self.begin:
+            self.first = self.last = t, now
+            return ""
+        passed, allowed = now - then, _limit[0] if _limit else 0.0
+        if passed < max(SEEN, then - self.first[1], WORTH * allowed):
+            return ""
+        rate, slower = (t - before) / passed, self.rate
+        self.last, self.rate = (t, now), rate
+        seconds = (self.end - t) / rate
+        if t - self.begin < SHARE * (self.end - self.begin) or seconds < SHORT:
+            return ""
+        doubted, self.doubted = self.doubted, _beyond(seconds)
+        if doubted and rate < GAIN * slower:
+            cure = "take a larger tolerance, a shorter t_end or a smaller system"
+            _affordable(f"From t = {t:.3g} to {self.end:.6g} a run of {self.size} numbers", seconds, cure)
+        return f", from t = {t:.3g} to {self.end:.6g} about {seconds:.0f} s"
 
 
 def seconds_a_step(kernels: Sequence[FlowKernels]) -> float:
@@ -142,15 +173,16 @@ def seconds_a_step(kernels: Sequence[FlowKernels]) -> float:
 
 def _affordable(what: str, seconds: float, cure: str) -> None:
     """MachineError where this is far beyond what is left of the time limit."""
-    if _limit is None:
-        return
-    allowed, end = _limit
-    left = max(0.0, end - time.monotonic())
-    if seconds > CERTAIN * left:
+    if _limit is not None and _beyond(seconds):
+        allowed, end = _limit
         raise MachineError(
-            f"{what} takes about {seconds:.0f} s, and {left:.0f} s are left of the {allowed:g} s that a cell has: "
-            f"give a longer --timeout, or {cure}."
+            f"{what} takes about {seconds:.0f} s, and {max(0.0, end - time.monotonic()):.0f} s are left of the "
+            f"{allowed:g} s that a cell has: give a longer --timeout, or {cure}."
         )
+
+
+def _beyond(seconds: float) -> bool:
+    return _limit is not None and seconds > CERTAIN * max(0.0, _limit[1] - time.monotonic())
 
 
 def memory() -> float | None:

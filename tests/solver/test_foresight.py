@@ -2,6 +2,7 @@
 
 import importlib
 import time
+from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
 
 import numpy as np
@@ -140,10 +141,19 @@ def test_an_interrupt_ends_a_compiled_loop_that_chooses_its_steps(monkeypatch):
             time.sleep(0.001)
         ended.append(watch[0])
 
+    class Pool(ThreadPoolExecutor):
+        def shutdown(self, *_, **__):
+            if len(again) < 2:  # the user's hand is still on the keys
+                again.append(list(ended))
+                raise KeyboardInterrupt
+            super().shutdown()
+
+    again = []
     monkeypatch.setattr(foresight, "wait", interrupted)
+    monkeypatch.setattr(foresight, "ThreadPoolExecutor", Pool)
     with pytest.raises(KeyboardInterrupt):
         foresight.watched(run, march)
-    assert ended == [0.5]
+    assert ended == [0.5] and len(again) == 2 and watch[1] == 0.0
 
 
 @pytest.mark.parametrize("method", ["tc_gauss_adaptive", "tc_taylor", "tc_auto"])
@@ -167,13 +177,37 @@ def test_methods_that_choose_their_steps_can_be_watched_on_large_systems(method,
     assert np.array_equal(whole.z, again.z) and 0.5 < seen[0] < 2.0
 
 
-def test_the_rest_of_a_run_that_chooses_its_steps_is_told():
-    times = np.array([0.0, 1.0, 100.0])
-    assert foresight.of_rest(60, times, (0.1, 5.0), (1.1, 6.0)) == ", from t = 1.1 to 100 about 99 s"
-    assert foresight.of_rest(60, times, (0.1, 5.0), (0.4, 6.0)) == ""  # it has just begun
-    assert foresight.of_rest(60, times, (0.1, 5.0), (1.1, 5.1)) == ""
-    assert foresight.of_rest(60, times, (1.1, 5.0), (1.1, 6.0)) == ""
-    assert foresight.of_rest(60, times, (0.1, 5.0), (99.0, 6.0)) == ""
-    sentence = "From t = 1.1 to 100 a run of 60 numbers takes about 99 s, .* give a longer --timeout, or take a larger"
-    with foresight.within(40.0), pytest.raises(MachineError, match=sentence):
-        foresight.of_rest(60, times, (0.1, 5.0), (1.1, 6.0))
+def told(looks, end, limit, monkeypatch):
+    """What is said at each of these looks of a run, pairs of a time and what the clock shows, that may take so long."""
+    monkeypatch.setattr(foresight, "time", SimpleNamespace(monotonic=lambda: clock))
+    clock, rest = 0.0, foresight.Rest(60, np.array([0.0, end]))
+    with foresight.within(limit):
+        for t, clock in looks:
+            yield rest.looked(t, clock)
+
+
+def test_the_rest_of_a_run_that_chooses_its_steps_is_told(monkeypatch):
+    times, clocks = (0.0, 0.1, 0.1, 0.2, 0.4, 1.4, 1.5, 3.4, 99.0), (0.1, 5.0, 5.5, 5.1, 5.6, 6.6, 7.0, 8.6, 20.0)
+    looks = list(zip(times, clocks, strict=True))
+    found = list(told(looks, 100.0, None, monkeypatch))
+    assert found == ["", "", "", "", "", ", from t = 1.4 to 100 about 99 s", "", ", from t = 3.4 to 100 about 97 s", ""]
+
+
+def test_a_run_far_beyond_its_limit_is_refused_at_the_second_look(monkeypatch):
+    looks = [(0.125 * k, 0.25 * k) for k in range(160)]
+    sentence = (
+        r"From t = 4.12 to 100 a run of 60 numbers takes about 192 s, and 32 s .* give a longer --timeout, or take"
+    )
+    with pytest.raises(MachineError, match=sentence):
+        list(told(looks, 100.0, 40.0, monkeypatch))
+    list(told(looks, 100.0, 150.0, monkeypatch))  # not far beyond
+
+
+def test_a_run_that_begins_with_small_steps_is_not_refused(monkeypatch):
+    """From its first fifth of a second it was foretold to take 200 s, and it would have ended after 20."""
+    steps = 1e-3 * 1.05 ** np.arange(400)
+    times = np.cumsum(steps)
+    looks = list(zip(times, 0.05 * np.arange(len(times)), strict=True))
+    assert any(told(looks, times[-1], 40.0, monkeypatch))
+    layer = [(0.06 * k, 0.1 * k) for k in range(70)] + [(4.2 + 3.0 * k, 7.0 + 0.1 * k) for k in range(1, 100)]
+    assert any(told(layer, layer[-1][0], 40.0, monkeypatch))
