@@ -97,7 +97,9 @@ def _of_power(node: Symbol, base: Symbol, exponent: Symbol) -> tuple[Symbol, Sym
     if is_const(exponent) and exponent.value > 1.0:  # the slope is finite at 0
         by_base = mul(exponent, power(base, sub(exponent, one())))
     else:
-        by_base = mul(mul(exponent, node), reciprocal(base))
+        falls = is_const(exponent) and exponent.value < 0.0
+        top, below = (node, base) if base.positive or falls else (add(node, const(TINY)), add(base, const(TINIER)))
+        by_base = mul(mul(exponent, top), reciprocal(below))
     return by_base, const(0.0) if is_const(exponent) else mul(node, make("log", base))
 
 
@@ -113,14 +115,22 @@ def _of_atan_slope(node: Symbol, a: Symbol, d: Symbol) -> tuple[Symbol, Symbol]:
     return neg(mul(add(a, b), reciprocal(below))), make("atan_bend", a, d)
 
 
+def _of_tanh_slope(node: Symbol, a: Symbol, d: Symbol) -> tuple[Symbol, Symbol]:
+    top = make("tanh", add(a, d))
+    return neg(mul(node, add(make("tanh", a), top))), mul(node, sub(make("langevin", d), top))
+
+
 def _of_slope(node: Symbol, order: Symbol, x: Symbol) -> tuple[Symbol, Symbol]:
     return const(0.0), make(node.op, add(order, one()), x)
 
 
+# An infinite slope is one of 1e40 or more, so that 0 times it, as in v sqrt(|v|) at rest, is 0; it still is too steep for
+# Newton (solver.linear_algebra.STEEPEST).
+TINIER = 1e-100
 LINEAR = {"add": (1.0, 1.0), "sub": (1.0, -1.0), "neg": (-1.0,)}
 SLOPES: dict[str, Callable[[Symbol, Symbol], Symbol]] = {  # of a function of x whose value is the node y
     "recip": lambda y, x: neg(mul(y, y)),
-    "sqrt": lambda y, x: mul(const(0.5), reciprocal(y)),
+    "sqrt": lambda y, x: mul(const(0.5), reciprocal(y if x.positive else add(y, const(TINY)))),
     "exp": lambda y, x: y,
     "log": lambda y, x: reciprocal(x),
     "expm1": lambda y, x: add(y, one()),
@@ -143,10 +153,11 @@ SLOPES: dict[str, Callable[[Symbol, Symbol], Symbol]] = {  # of a function of x 
     "dsinc": lambda y, x: make("sinc_slope", const(2.0), x),
 }
 SLOPES_OF_TWO: dict[str, Callable[[Symbol, Symbol, Symbol], tuple[Symbol, Symbol]]] = {
-    "hypot": lambda y, a, b: (mul(a, reciprocal(y)), mul(b, reciprocal(y))),
+    "hypot": lambda y, a, b: (mul(a, r := reciprocal(add(y, const(TINY)))), mul(b, r)),  # at 0 as that of abs
     "pow": _of_power,
     "atan2": _of_angle,
     "atan_slope": _of_atan_slope,
+    "tanh_slope": _of_tanh_slope,
     "phi_slope": _of_slope,
     "lam_slope": _of_slope,
     "sinc_slope": _of_slope,

@@ -193,13 +193,7 @@ class Corners:
         return self._apply(self.value.tan(), lambda a, b, slope, step: slope * sinc(step * slope) / (a.cos() * b.cos()))
 
     def tanh(self) -> Corners:
-        """tanh b - tanh a = tanh(b - a) (1 - tanh a tanh b)."""
-
-        def rule(a: Symbol, b: Symbol, slope: Symbol, step: Symbol) -> Symbol:
-            d = step * slope
-            return slope * (_sinhc(d) / d.cosh()) * (1.0 - a.tanh() * b.tanh())
-
-        return self._apply(self.value.tanh(), rule)
+        return self._apply(self.value.tanh(), lambda a, _, slope, step: slope * make("tanh_slope", a, step * slope))
 
     def arctan(self) -> Corners:
         return self._apply(self.value.arctan(), lambda a, _, slope, step: slope * make("atan_slope", a, step * slope))

@@ -132,7 +132,7 @@ def namespace() -> dict[str, Any]:
     from . import special
 
     names = ("phi", "phi_pair", "dphi", "phi_slope", "lam", "lam_pair", "dlam", "lam_slope", "sinc", "sinc_pair",
-             "dsinc", "sinc_slope", "atan_slope", "atan_bend")  # fmt: skip
+             "dsinc", "sinc_slope", "atan_slope", "atan_bend", "tanh_slope", "langevin")  # fmt: skip
     functions = {f.__name__: f for f in (scratch, release, vector, row, pick, put)}
     return {"inf": math.inf, **FUNCTIONS, **functions, **{name: getattr(special, name) for name in names}}
 
@@ -166,4 +166,4 @@ def _translator_hash() -> str:
     from .loaded import digest, loaded_hash
 
     modules = arithmetic, expressions, language, records, short_vectors, special, statements, translator, values
-    return f"{loaded_hash(*modules)} {digest(_code.__code__)}"
+    return f"{loaded_hash(*modules)} {digest(_code.__code__)} {digest(namespace.__wrapped__.__code__)}"

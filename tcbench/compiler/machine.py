@@ -101,7 +101,8 @@ def _compiler() -> str:
     import llvmlite.binding as llvm
 
     versions = (llvmlite.__version__, llvm.llvm_version_info, llvm.get_default_triple(), *target())
-    return f"{versions} {digest(compile_object.__code__)} {(LONG, MIDDLING, IN_ORDER)}"
+    by = [digest(f.__code__) for f in (compile_object, _machine.__wrapped__)], _machine.__wrapped__.__defaults__
+    return f"{versions} {by} {(LONG, MIDDLING, IN_ORDER)}"
 
 
 def _object(translate: Callable[[], str], key: str | None, loops: bool) -> bytes:

@@ -1,7 +1,7 @@
 """The divided differences that discrete gradients are made of, and their derivatives.
 
     phi(x) = expm1(x)/x       lam(x) = log1p(x)/x       sinc(x) = sin(x)/x       all 1 at x = 0
-    atan_slope(a, d) = (atan(a + d) - atan(a))/d
+    atan_slope(a, d) = (atan(a + d) - atan(a))/d       tanh_slope(a, d) likewise
 
 Near 0 a series is both exact to the last digit and faster than the library call; each switch is below round-off.
 All arguments and results are dimensionless.
@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from .language import FUNCTIONS, expm1, log1p
 
-exp, sin, cos, atan2 = (FUNCTIONS[name] for name in ("exp", "sin", "cos", "atan2"))
+exp, sin, cos, tanh, atan2 = (FUNCTIONS[name] for name in ("exp", "sin", "cos", "tanh", "atan2"))
 SINC_SERIES = 0.2  # x^2 below this: the first omitted term of sinc is 0.2^7/15! = 1e-17, of its slope 4e-15
 NEGLIGIBLE = 1e-18  # a term of a sum of positive ones, over the sum
 PHI_SERIES = 0.3  # |x| below this: the first omitted term of phi is 0.3^12/13! = 9e-17
@@ -217,3 +217,23 @@ def atan_bend(a: float, d: float) -> float:
         k += 2.0
         value += power / k
     return (bend * (1.0 + a * a) / w - value * a) / (w * w)
+
+
+def tanh_slope(a: float, d: float) -> float:
+    """(tanh(a + d) - tanh(a))/d = sinh(d)/(d cosh(a) cosh(b)), b = a + d; by exponentials of negative numbers, none of
+    which overflows."""
+    b = a + d
+    x, y = abs(a), abs(b)
+    least = exp(-2.0 * min(x, y)) if a * b > 0.0 else 1.0
+    return 4.0 * least * phi(-2.0 * abs(d)) / ((1.0 + exp(-2.0 * x)) * (1.0 + exp(-2.0 * y)))
+
+
+def langevin(x: float) -> float:
+    """coth(x) - 1/x, by Lambert's continued fraction near 0: the derivative of log tanh_slope by d, plus tanh(b)."""
+    if abs(x) > 2.0:
+        return 1.0 / tanh(x) - 1.0 / x
+    below, k = 23.0, 21.0
+    while k > 1.0:
+        below = k + x * x / below
+        k -= 2.0
+    return x / below

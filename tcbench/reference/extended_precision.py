@@ -97,11 +97,28 @@ def _lam_slope(order: float, x: Longs) -> Longs:
     return np.where(np.abs(x) < 0.5, series, _by_parts(np.log1p(away) / away, order, away, rates))
 
 
+def _tanh_slope(a: Longs, d: Longs) -> Longs:
+    """As in compiler.special."""
+    b = a + d
+    below = (1 + np.exp(-2 * np.abs(a))) * (1 + np.exp(-2 * np.abs(b)))
+    return 4 * np.exp(np.abs(d) - np.abs(a) - np.abs(b)) * _ratio(np.expm1)(-2 * np.abs(d)) / below
+
+
+def _langevin(x: Longs) -> Longs:
+    """coth(x) - 1/x, as in compiler.special."""
+    near, below = np.abs(x) < 8, 101 + 0 * x
+    for k in range(99, 1, -2):
+        below = k + x * x / below
+    away = np.where(near, 8 + 0 * x, x)
+    return np.where(near, x / below, 1 / np.tanh(away) - 1 / away)
+
+
 _NAMES = ("sqrt", "exp", "log", "expm1", "log1p", "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh",
           "atan2", "hypot", "pow", "abs")  # fmt: skip
 _FUNCTIONS: dict[str, Any] = {name: getattr(np, NUMPY_NAMES.get(name, name)) for name in _NAMES} | {
     "phi": _ratio(np.expm1), "dphi": lambda x: _phi_slope(1, x), "phi_slope": _phi_slope,
     "lam": _ratio(np.log1p), "dlam": lambda x: _lam_slope(1, x), "lam_slope": _lam_slope,
+    "tanh_slope": _tanh_slope, "langevin": _langevin,
     "phi_pair": lambda x: (_ratio(np.expm1)(x), _phi_slope(1, x)),
     "lam_pair": lambda x: (_ratio(np.log1p)(x), _lam_slope(1, x)),
 }  # fmt: skip

@@ -1,12 +1,16 @@
 """The compile cache: kernels are reused across processes, and an edit of a helper changes the answer."""
 
+import math
 import os
 import shutil
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
+
+from tcbench.compiler import kernels, machine
 
 PACKAGE = Path(__file__).parents[2]
 PRINT = (
@@ -127,3 +131,12 @@ def test_a_translator_that_was_changed_in_a_session_leaves_no_trace(tmp_path, mo
     run(plain, tmp_path, tmp_path / "plain")
     kept = {where: {p.name for p in (tmp_path / where).rglob("*.o")} for where in ("patched", "plain", "both")}
     assert kept["patched"] | kept["plain"] == kept["both"] and kept["patched"].isdisjoint(kept["plain"])
+
+
+def test_what_compiles_and_what_a_text_may_name_are_in_the_key(monkeypatch):
+    """Level 2 in the place of 3, and sin in the place of cos, found the objects of before."""
+    before = machine._compiler.__wrapped__(), kernels._translator_hash()
+    monkeypatch.setattr(machine, "_machine", cache(lambda level=2: None))
+    monkeypatch.setattr(kernels, "namespace", cache(lambda: {"cos": math.sin}))
+    after = machine._compiler.__wrapped__(), kernels._translator_hash()
+    assert all(a != b for a, b in zip(before, after, strict=True))

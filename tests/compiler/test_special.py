@@ -5,6 +5,8 @@ import numpy as np
 import pytest
 
 from tcbench.compiler import special
+from tcbench.reference.extended_precision import _FUNCTIONS
+from tcbench.reference.precision import LONG
 
 mp.mp.dps = 60
 EXACT = {
@@ -38,3 +40,18 @@ def test_the_switches_between_series_and_library_are_below_round_off(name):
     for x in edges:
         left, right = f(np.nextafter(x, -9.0)), f(np.nextafter(x, 9.0))
         assert abs(left - right) <= 1e-15 * abs(left)
+
+
+@pytest.mark.parametrize("a", [0.0, 1e-9, 0.3, -4.9, 19.0, -40.0, 300.0, 800.0])
+@pytest.mark.parametrize("d", [0.0, 1e-12, -1e-3, 0.7, -4.9, 40.0, -900.0])
+def test_the_divided_difference_of_tanh_keeps_its_digits(a, d):
+    """1 - tanh(a) tanh(b) had lost four of them at 4.9, and all at 19; and 0 times infinity is no number."""
+    with mp.workdps(800):
+        x, step = mp.mpf(a), mp.mpf(d)
+        exact = (mp.tanh(x + step) - mp.tanh(x)) / step if d else mp.sech(x) ** 2
+        bend = mp.coth(step) - 1 / step if d else mp.mpf(0)
+        assert abs(special.tanh_slope(a, d) - exact) <= 2.3e-16 * (5 + abs(a)) * exact + 1e-300  # of a + d
+        assert abs(special.langevin(d) - bend) <= 1e-15 * abs(bend)
+        for found, wanted in ((_FUNCTIONS["tanh_slope"](LONG.type(a), LONG.type(d)), exact),
+                              (_FUNCTIONS["langevin"](np.array([d], LONG))[0], bend)):  # fmt: skip
+            assert abs(float(found) - wanted) <= 1e-15 * (1 + abs(a)) * abs(wanted) + 1e-300

@@ -128,3 +128,60 @@ def test_steps_whose_start_solves_their_equations_are_taken(dt):
     start = {"q": [-0.1, 0.1], "p": [0.0, 0.3], "s": 0.0}
     run = tcbench.simulate("tc_monolithic", tcbench.Scenario("contact", Contact, {}, initial=start, dt=dt, t_end=1.0))
     assert run.ok
+
+
+class Dragged(System):
+    """A mass on a spring, and friction whose slope at rest is 0 though a factor of it has an infinite one."""
+
+    name = "dragged"
+    variables = {"q": (), "p": (), "s": ()}
+    constants = {"power": ()}
+
+    def energy(self, z):
+        return np.sum(z.p**2 + z.q**2) / 2 + np.sum(np.exp(z.s))
+
+    def entropy(self, z):
+        return np.sum(z.s)
+
+    def reversible(self, z, DE, DS):
+        return {"q": DE.p, "p": -DE.q}
+
+    def irreversible(self, z, DE, DS):
+        force = DE.p * self.drag(DE.p)
+        return {"p": -force, "s": force * DE.p / DE.s}
+
+    def drag(self, v):
+        return abs(v) ** 0.3
+
+
+class DraggedByRoot(Dragged):
+    def drag(self, v):
+        return np.sqrt(abs(v))
+
+
+class DraggedByPower(Dragged):
+    def drag(self, v):
+        return abs(v) ** self.power
+
+
+class DraggedInThePlane(Dragged):
+    def drag(self, v):
+        return np.hypot(v, 2.0 * v)
+
+
+class ManyDragged(Dragged):
+    variables = dict.fromkeys("qps", ("body",))
+    constants = {"power": ("body",)}
+
+
+@pytest.mark.parametrize("system", [Dragged, DraggedByRoot, DraggedByPower, DraggedInThePlane, ManyDragged])
+@pytest.mark.parametrize("at", [0.0, 1.0])
+def test_friction_begins_at_rest(system, at):
+    """0 times an infinite slope was no number, and the solver found no root: v |v|^0.3."""
+    still = np.zeros(60 if system is ManyDragged else ())
+    start = {"q": still + at, "p": still, "s": still}
+    scenario = tcbench.Scenario("dragged", system, {"power": still + 0.3}, initial=start, dt=0.1, t_end=1.0)
+    for name in ("tc_monolithic", "tc_strang", "midpoint_entropy"):
+        run = tcbench.simulate(name, scenario)
+        assert run.ok and abs(run.energy[-1] - run.energy[0]) < 1e-5 * len(run.z[0])
+        assert (run.z[-1, 0] == 0.0) if at == 0.0 else (0.5 < run.z[-1, 0] < 0.8)
