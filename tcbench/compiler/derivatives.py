@@ -124,8 +124,8 @@ def _of_slope(node: Symbol, order: Symbol, x: Symbol) -> tuple[Symbol, Symbol]:
     return const(0.0), make(node.op, add(order, one()), x)
 
 
-# An infinite slope is one of 1e40 or more, so that 0 times it, as in v sqrt(|v|) at rest, is 0; it still is too steep for
-# Newton (solver.linear_algebra.STEEPEST).
+# An infinite slope is one of 1e40 or more, so that 0 times it, as in v sqrt(|v|) at rest, is 0; for Newton it still is
+# too steep (solver.linear_algebra.STEEPEST).
 TINIER = 1e-100
 LINEAR = {"add": (1.0, 1.0), "sub": (1.0, -1.0), "neg": (-1.0,)}
 SLOPES: dict[str, Callable[[Symbol, Symbol], Symbol]] = {  # of a function of x whose value is the node y

@@ -101,7 +101,8 @@ def _tanh_slope(a: Longs, d: Longs) -> Longs:
     """As in compiler.special."""
     b = a + d
     below = (1 + np.exp(-2 * np.abs(a))) * (1 + np.exp(-2 * np.abs(b)))
-    return 4 * np.exp(np.abs(d) - np.abs(a) - np.abs(b)) * _ratio(np.expm1)(-2 * np.abs(d)) / below
+    found: Longs = 4 * np.exp(np.abs(d) - np.abs(a) - np.abs(b)) * _ratio(np.expm1)(-2 * np.abs(d)) / below
+    return found
 
 
 def _langevin(x: Longs) -> Longs:

@@ -6,6 +6,8 @@ Sources: Moore (1966); Jorba and Zou (2005), section 3.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from ..compiler.language import Eight, Floats, Ints, exact, put, row, two_product
 from .double_double import add, atan, cos_sin, div, eight, exp, log, mul, sqrt, two_sum
 from .tape import CODE, LANES, PAIR
@@ -14,6 +16,7 @@ from .tape import CODE, LANES, PAIR
     CODE[name] for name in ("add", "add_static", "sub", "neg", "mul", "square", "scale", "div", "recip", "sqrt", "exp",
                             "log", "slope", "cos_sin", "atan")
 )  # fmt: skip
+Operation = Callable[..., tuple[Eight, Eight]]
 
 
 @exact
@@ -47,8 +50,8 @@ def products(w: Floats, a: int, b: int, count: int) -> tuple[Eight, Eight]:
 
 
 @exact
-def high_products(w: Floats, a: int, b: int, count: int) -> Eight:
-    """The same of high parts."""
+def high_products(w: Floats, a: int, b: int, count: int) -> tuple[Eight, Eight]:
+    """The same of high parts; the low part is 0."""
     s, t = eight(0.0), eight(0.0)
     fours = count // 4
     for i in range(fours):
@@ -58,42 +61,17 @@ def high_products(w: Floats, a: int, b: int, count: int) -> Eight:
         t = t + (row(w, x, 8) * row(w, y, 8) + row(w, x + PAIR, 8) * row(w, y - PAIR, 8))
     for i in range(4 * fours, count):
         s = s + row(w, a + PAIR * i, 8) * row(w, b - PAIR * i, 8)
-    return s + t
+    return s + t, eight(0.0)
 
 
 @exact
-def times(w: Floats, at: int, h: Eight, l: Eight) -> tuple[Eight, Eight]:
-    """The product with the coefficient at a place."""
-    return mul(h, l, row(w, at, 8), row(w, at + LANES, 8))
+def high_add(x: Eight, xl: Eight, y: Eight, yl: Eight) -> tuple[Eight, Eight]:
+    return x + y, eight(0.0)
 
 
 @exact
-def plus(w: Floats, at: int, h: Eight, l: Eight) -> tuple[Eight, Eight]:
-    return add(h, l, row(w, at, 8), row(w, at + LANES, 8))
-
-
-@exact
-def squares(w: Floats, y: int, k: int, first: int) -> tuple[Eight, Eight]:
-    """The coefficient k of the square of y; first 1: without the two products that have coefficient k itself."""
-    half = (k + 1) // 2
-    h, l = products(w, y + PAIR * first, y + PAIR * (k - first), half - first)
-    h, l = h + h, l + l
-    if k % 2 == 0:
-        yh, yl = row(w, y + PAIR * half, 8), row(w, y + PAIR * half + LANES, 8)
-        yh, yl = mul(yh, yl, yh, yl)
-        h, l = add(h, l, yh, yl)
-    return h, l
-
-
-@exact
-def high_squares(w: Floats, y: int, k: int, first: int) -> Eight:
-    half = (k + 1) // 2
-    h = high_products(w, y + PAIR * first, y + PAIR * (k - first), half - first)
-    h = h + h
-    if k % 2 == 0:
-        middle = row(w, y + PAIR * half, 8)
-        h = h + middle * middle
-    return h
+def high_mul(x: Eight, xl: Eight, y: Eight, yl: Eight) -> tuple[Eight, Eight]:
+    return x * y, eight(0.0)
 
 
 @exact
@@ -137,98 +115,86 @@ def begin(ops: Ints, count: int, w: Floats) -> None:
             keep(w, own, rh, rl)
 
 
-@exact
-def wide_order(ops: Ints, count: int, w: Floats, k: int, inverse: int) -> None:
-    """Coefficient k > 0 of every result, with all digits. inverse: where 1/k stands."""
-    to, before = PAIR * k, PAIR * (k - 1)
-    for i in range(count):
-        op, at, a, b, own = ops[5 * i], ops[5 * i + 1], ops[5 * i + 2], ops[5 * i + 3], ops[5 * i + 4]
-        xh, xl = row(w, a + to, 8), row(w, a + to + LANES, 8)
-        h, l = xh, xl
-        if op == ADD:
-            h, l = plus(w, b + to, xh, xl)
-        elif op == SUB:
-            h, l = plus(w, b + to, -xh, -xl)
-            h, l = -h, -l
-        elif op == NEG:
-            h, l = -xh, -xl
-        elif op == SCALE:
-            h, l = times(w, b, xh, xl)
-        elif op == SLOPE:
-            h, l = mul(xh, xl, eight(float(k)), eight(0.0))
-        elif op == MUL:
-            h, l = products(w, a, b + to, k + 1)
-        elif op == SQUARE:
-            h, l = squares(w, a, k, 0)
-        elif op == SQRT:
-            h, l = squares(w, at, k, 1)
-            h, l = add(xh, xl, -h, -l)
-            h, l = times(w, own, h, l)
-        elif op == DIV:
-            h, l = products(w, b + PAIR, at + before, k)
-            h, l = add(xh, xl, -h, -l)
-            h, l = times(w, own, h, l)
-        elif op == RECIP:
-            h, l = products(w, a + PAIR, at + before, k)
-            h, l = times(w, at, -h, -l)
-        elif op == EXP:
-            h, l = products(w, b + PAIR, at + before, k)
-            h, l = times(w, inverse, h, l)
-        elif op in (LOG, ATAN):  # d z' = x', with d = x of a logarithm
-            slope, d = at + (own - at) // 2, a if op == LOG else b
-            h, l = products(w, slope + PAIR, d + before, k - 1)
-            sh, sl = mul(xh, xl, eight(float(k)), eight(0.0))
-            h, l = add(sh, sl, -h, -l)
-            h, l = times(w, own, h, l)
-            keep(w, slope + to, h, l)
-            h, l = times(w, inverse, h, l)
-        elif op == COS_SIN:
-            sine = at + (own - at) // 2
-            h, l = products(w, b + PAIR, at + before, k)
-            h, l = times(w, inverse, h, l)
-            keep(w, sine + to, h, l)
-            h, l = products(w, b + PAIR, sine + before, k)
-            h, l = times(w, inverse, -h, -l)
-        keep(w, at + to, h, l)
+def order_by(products: Operation, add: Operation, mul: Operation) -> Callable[..., None]:
+    """The recurrences for one order, in this arithmetic."""
+
+    @exact
+    def times(w: Floats, at: int, h: Eight, l: Eight) -> tuple[Eight, Eight]:
+        """The product with the coefficient at a place."""
+        return mul(h, l, row(w, at, 8), row(w, at + LANES, 8))
+
+    @exact
+    def plus(w: Floats, at: int, h: Eight, l: Eight) -> tuple[Eight, Eight]:
+        return add(h, l, row(w, at, 8), row(w, at + LANES, 8))
+
+    @exact
+    def squares(w: Floats, y: int, k: int, first: int) -> tuple[Eight, Eight]:
+        """The coefficient k of the square of y; first 1: without the two products that have coefficient k itself."""
+        half = (k + 1) // 2
+        h, l = products(w, y + PAIR * first, y + PAIR * (k - first), half - first)
+        h, l = h + h, l + l
+        if k % 2 == 0:
+            yh, yl = row(w, y + PAIR * half, 8), row(w, y + PAIR * half + LANES, 8)
+            yh, yl = mul(yh, yl, yh, yl)
+            h, l = add(h, l, yh, yl)
+        return h, l
+
+    @exact
+    def order(ops: Ints, count: int, w: Floats, k: int, inverse: int) -> None:
+        """Coefficient k > 0 of every result. inverse: where 1/k stands."""
+        to, before = PAIR * k, PAIR * (k - 1)
+        for i in range(count):
+            op, at, a, b, own = ops[5 * i], ops[5 * i + 1], ops[5 * i + 2], ops[5 * i + 3], ops[5 * i + 4]
+            xh, xl = row(w, a + to, 8), row(w, a + to + LANES, 8)
+            h, l = xh, xl
+            if op == ADD:
+                h, l = plus(w, b + to, xh, xl)
+            elif op == SUB:
+                h, l = plus(w, b + to, -xh, -xl)
+                h, l = -h, -l
+            elif op == NEG:
+                h, l = -xh, -xl
+            elif op == SCALE:
+                h, l = times(w, b, xh, xl)
+            elif op == SLOPE:
+                h, l = mul(xh, xl, eight(float(k)), eight(0.0))
+            elif op == MUL:
+                h, l = products(w, a, b + to, k + 1)
+            elif op == SQUARE:
+                h, l = squares(w, a, k, 0)
+            elif op == SQRT:
+                h, l = squares(w, at, k, 1)
+                h, l = add(xh, xl, -h, -l)
+                h, l = times(w, own, h, l)
+            elif op == DIV:
+                h, l = products(w, b + PAIR, at + before, k)
+                h, l = add(xh, xl, -h, -l)
+                h, l = times(w, own, h, l)
+            elif op == RECIP:
+                h, l = products(w, a + PAIR, at + before, k)
+                h, l = times(w, at, -h, -l)
+            elif op == EXP:
+                h, l = products(w, b + PAIR, at + before, k)
+                h, l = times(w, inverse, h, l)
+            elif op in (LOG, ATAN):  # d z' = x', with d = x of a logarithm
+                slope, d = at + (own - at) // 2, a if op == LOG else b
+                h, l = products(w, slope + PAIR, d + before, k - 1)
+                sh, sl = mul(xh, xl, eight(float(k)), eight(0.0))
+                h, l = add(sh, sl, -h, -l)
+                h, l = times(w, own, h, l)
+                keep(w, slope + to, h, l)
+                h, l = times(w, inverse, h, l)
+            elif op == COS_SIN:
+                sine = at + (own - at) // 2
+                h, l = products(w, b + PAIR, at + before, k)
+                h, l = times(w, inverse, h, l)
+                keep(w, sine + to, h, l)
+                h, l = products(w, b + PAIR, sine + before, k)
+                h, l = times(w, inverse, -h, -l)
+            keep(w, at + to, h, l)
+
+    return order
 
 
-@exact
-def high_order(ops: Ints, count: int, w: Floats, k: int, inverse: int) -> None:
-    """Coefficient k of every result, high parts alone."""
-    to, ih, zero = PAIR * k, row(w, inverse, 8), eight(0.0)
-    for i in range(count):
-        op, at, a, b, own = ops[5 * i], ops[5 * i + 1], ops[5 * i + 2], ops[5 * i + 3], ops[5 * i + 4]
-        x = row(w, a + to, 8)
-        h = x
-        if op == ADD:
-            h = x + row(w, b + to, 8)
-        elif op == SUB:
-            h = x - row(w, b + to, 8)
-        elif op == NEG:
-            h = -x
-        elif op == SCALE:
-            h = x * row(w, b, 8)
-        elif op == MUL:
-            h = high_products(w, a, b + to, k + 1)
-        elif op == SQUARE:
-            h = high_squares(w, a, k, 0)
-        elif op == SQRT:
-            h = (x - high_squares(w, at, k, 1)) * row(w, own, 8)
-        elif op == DIV:
-            h = (x - high_products(w, b + PAIR, at + to - PAIR, k)) * row(w, own, 8)
-        elif op == RECIP:
-            h = -high_products(w, a + PAIR, at + to - PAIR, k) * row(w, at, 8)
-        elif op == EXP:
-            h = high_products(w, b + PAIR, at + to - PAIR, k) * ih
-        elif op in (LOG, ATAN):
-            slope, d = at + (own - at) // 2, a if op == LOG else b
-            h = (x * float(k) - high_products(w, slope + PAIR, d + to - PAIR, k - 1)) * row(w, own, 8)
-            keep(w, slope + to, h, zero)
-            h = h * ih
-        elif op == SLOPE:
-            h = x * float(k)
-        elif op == COS_SIN:
-            sine = at + (own - at) // 2
-            keep(w, sine + to, high_products(w, b + PAIR, at + to - PAIR, k) * ih, zero)
-            h = -high_products(w, b + PAIR, sine + to - PAIR, k) * ih
-        keep(w, at + to, h, zero)
+wide_order = order_by(products, add, mul)  # with all digits
+high_order = order_by(high_products, high_add, high_mul)  # high parts alone
