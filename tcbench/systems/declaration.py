@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import TcbenchError
-from .state import State, fixed
+from ..errors import TcbenchError, shown
+from .state import State, fixed, real
 
 if TYPE_CHECKING:
     from .system import System
@@ -123,19 +123,19 @@ def named_constant(cls: type[System], what: str, name: str) -> property:
 def checked_constant(system: System, name: str, shape: tuple[int, ...], value: Any) -> Any:
     """The value of a constant, a number or an array."""
     try:
-        array = np.array(value, dtype=float)  # not the caller's own, which may change
+        array = real(value)  # not the caller's own, which may change
     except (TypeError, ValueError, OverflowError):
-        raise TcbenchError(f"Constant {name!r} must be a number or {shape} numbers, not {value!r}.") from None
+        raise TcbenchError(f"Constant {name!r} must be a number or {shape} numbers, not {shown(value)}.") from None
     if array.shape == (0,) and 0 in shape:  # of an empty space a list does not say the rest
         array = array.reshape(shape)
     if array.shape != shape:
         raise TcbenchError(f"Constant {name!r} must have shape {shape}, not {array.shape}.")
     if not np.all(np.isfinite(array)):
-        raise TcbenchError(f"Constant {name!r} must be finite, not {value!r}.")
+        raise TcbenchError(f"Constant {name!r} must be finite, not {shown(value)}.")
     if name in system.positive and not np.all(array > 0):
-        raise TcbenchError(f"Constant {name!r} must be positive, not {value!r}.")
+        raise TcbenchError(f"Constant {name!r} must be positive, not {shown(value)}.")
     if name in system.non_negative and not np.all(array >= 0):
-        raise TcbenchError(f"Constant {name!r} must not be negative, not {value!r}.")
+        raise TcbenchError(f"Constant {name!r} must not be negative, not {shown(value)}.")
     return float(array) if shape == () else fixed(array)
 
 

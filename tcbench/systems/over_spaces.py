@@ -25,6 +25,7 @@ from ..compiler.once import LOCK, cached_property, once
 from ..compiler.symbols import Symbol, const
 from ..errors import TcbenchError
 from . import traced
+from .state import real
 from .traced import Traced
 
 Ints = NDArray[np.int64]
@@ -269,7 +270,7 @@ def _whole(name: str, value: Any, shape: tuple[int, ...], target: str, sizes: Ma
     """Whole numbers, each of which names one of the target."""
     count = sum(sizes[part] for part in target.split("+"))
     try:
-        numbers = np.asarray(value, dtype=float)
+        numbers = real(value)
     except (TypeError, ValueError):
         raise TcbenchError(f"The table {name!r} has whole numbers, not {value!r:.60}.") from None
     if numbers.shape == (0,) and 0 in shape:  # of an empty space a list does not say the rest

@@ -18,7 +18,7 @@ from ..errors import TcbenchError, expect, positive, shown, unknown_name
 from .declaration import SETTINGS
 from .refusals import Fixed
 from .sampling import Draw, Range, rounded, seed_of
-from .state import fixed, formulas_hash
+from .state import fixed, formulas_hash, real
 from .system import System
 
 TRIES, NEAR = 100, 0.3  # of a random start; what a variable that is 0 is taken to be
@@ -118,6 +118,8 @@ class Scenario:
     def _check_lengths(self) -> None:
         for name in LENGTHS:
             object.__setattr__(self, name, positive(name, getattr(self, name)))
+        if min(self.ladder, default=0.0) <= 0.0:
+            raise TcbenchError(f"Scenario {self.name!r}: ladder has multiples of dt, each above 0, not {self.ladder}.")
         if self.dt > self.t_end:
             raise TcbenchError(f"Scenario {self.name!r}: dt = {self.dt:g} is longer than t_end = {self.t_end:g}.")
 
@@ -192,6 +194,7 @@ class Scenario:
             if name in self.system.constants or name in self.system.tables:
                 constants[name] = value
             elif name == "initial":
+                expect(f"Scenario {self.name!r}", changes, {name: KINDS_OF_FIELDS[name]})
                 settings["initial"] = {**settings.get("initial", self.initial), **value}
             elif name in SETTINGS:
                 settings[name] = value
@@ -379,24 +382,21 @@ def _checked(name: str, value: Any) -> Any:
     try:
         return _plain(value)
     except (TypeError, ValueError, OverflowError):
-        raise TcbenchError(f"The initial value of {name!r} must be numbers, not {value!r}.") from None
+        raise TcbenchError(f"The initial value of {name!r} must be numbers, not {shown(value)}.") from None
 
 
 def _numbers(name: str, value: Any) -> tuple[float, ...]:
     try:
-        if np.iscomplexobj(value):
-            raise TypeError
-        numbers = tuple(float(v) for v in np.ravel(value))
+        numbers = tuple(real(value).ravel().tolist())
     except (TypeError, ValueError, OverflowError):
         raise TcbenchError(f"{name} must be numbers, not {shown(value)}.") from None
     if not all(math.isfinite(v) for v in numbers):
-        raise TcbenchError(f"{name} must be finite, not {value!r}.")
+        raise TcbenchError(f"{name} must be finite, not {shown(value)}.")
     return numbers
 
 
 def _plain(value: Any) -> Any:
     """Numbers and lists of numbers, for JSON and comparison."""
-    if np.iscomplexobj(array := np.asarray(value)):
-        raise TypeError
-    array = array if array.dtype.kind == "i" and array.ndim else array.astype(float)  # whole numbers of tables
+    array = np.asarray(value)
+    array = array if array.dtype.kind == "i" and array.ndim else real(value)  # whole numbers of tables
     return float(array) if array.shape == () else array.tolist()

@@ -25,6 +25,13 @@ def fixed(array: Array) -> Array:
     return array
 
 
+def real(value: Any) -> Array:
+    """What an author gives, as new floats; TypeError where they would lose what it says: complex, masked, a date."""
+    if np.ma.is_masked(value) or np.asarray(value).dtype.kind in "cmMV":
+        raise TypeError
+    return np.array(value, dtype=float)
+
+
 class State(np.ndarray):
     """Array, last axis all variables of a system, each also by its name: z.q, z.p, z.s of springs, z.m of a body."""
 

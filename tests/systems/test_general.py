@@ -160,6 +160,17 @@ REFUSED = {
     ),
     "a constant called self": (lambda: made(constants={"self": ()}), "no constant can be called 'self'"),
     "a start that is complex": (lambda: start(made(), initial={"q": 1 + 2j, "p": 0, "s": 0}), "'q' must be numbers"),
+    "a start that is masked": (
+        lambda: start(made(), initial={"q": np.ma.masked, "p": 0, "s": 0}),
+        "'q' must be numbers",
+    ),
+    "a start that is a date": (
+        lambda: start(made(), initial={"q": np.datetime64(3, "D"), "p": 0, "s": 0}),
+        "'q' must be",
+    ),
+    "a start that is a list": (lambda: start(made()).replace(initial=[1, 2, 3]), "initial must be a mapping"),
+    "a constant that is complex": (lambda: made(constants={"k": ()})(k=np.complex128(1 + 2j)), "'k' must be a number"),
+    "a ladder with no steps": (lambda: start(made(), ladder=(1, 0)), "each above 0"),
     "a shape that is none": (lambda: made(variables={"q": 3}), r"\(3,\) for three"),
     "a constant with a taken name": (lambda: made(constants={"gradient": ()}), "no constant can be called 'gradient'"),
     "a constant like a setting": (lambda: made(constants={"t_end": ()}), "no constant can be called 't_end'"),
