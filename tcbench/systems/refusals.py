@@ -13,7 +13,7 @@ from ..compiler import derivatives as trace
 from ..compiler.cut import degrees
 from ..compiler.sentences import refused, where_in_user_code
 from ..compiler.symbols import Symbol
-from ..errors import TcbenchError
+from ..errors import TcbenchError, expect_words, unknown_name
 from .declaration import is_column, taken
 
 if TYPE_CHECKING:
@@ -33,13 +33,17 @@ def check_class(cls: type[System]) -> None:
     """TcbenchError where a class overrides what is derived, or names a constant as something else is."""
     base = _base(cls)
     for name in dict.fromkeys(n for c in cls.__mro__[: cls.__mro__.index(base)] for n in c.__dict__):
-        if not name.startswith("__") and name not in base.written and _is_computed(base, name):
+        if not name.startswith("__") and name not in base.written and hasattr(base, name):
             raise _overridden(cls.__name__, name, base.written)
     if cls.__getattribute__ is not object.__getattribute__:
         raise TcbenchError(
             f"{cls.__name__} writes __getattribute__: what a formula reads of self would not be what it names. Call a "
             "function of your own in the formulas."
         )
+    expect_words(cls.__name__, {"positive": cls.positive, "non_negative": cls.non_negative}, "positive", "non_negative")
+    for name in (*cls.__dict__.get("positive", ()), *cls.__dict__.get("non_negative", ())):
+        if cls.constants and name not in cls.constants:
+            raise unknown_name(f"constant of {cls.__name__}", name, cls.constants)
     constants: Mapping[Any, Any] = {**cls.constants, **cls.tables}  # whatever an author wrote
     for name in constants:
         if not isinstance(name, str) or not name.isidentifier():
@@ -50,7 +54,7 @@ def check_class(cls: type[System]) -> None:
 
 def _base(cls: type[System]) -> type[System]:
     """The class of tcbench's own that says what its subclasses may write."""
-    return next(c for c in cls.__mro__ if "written" in c.__dict__)
+    return next(c for c in cls.__mro__ if "written" in c.__dict__ and c.__module__.startswith("tcbench."))
 
 
 def _free(cls: type[System], base: type[System]) -> tuple[str, ...]:
@@ -83,7 +87,7 @@ def check_attribute(system: System, name: str, value: Any) -> None:
         )
     if _is_computed(kind, name):
         raise _overridden(kind.__name__, name, written)
-    if name in written:
+    if name in written or any(name in c.__dict__ for c in kind.__mro__ if not c.__module__.startswith("tcbench.")):
         raise TcbenchError(
             f"{kind.__name__} sets {name!r} on an instance: it belongs to the class, whose formulas all of its "
             "scenarios share. Write it in the body of the class."

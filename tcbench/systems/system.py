@@ -93,10 +93,10 @@ class System(OverSpaces):
 
     def __init_subclass__(cls, **arguments: Any) -> None:
         super().__init_subclass__(**arguments)
+        check_class(cls)
         check_declared(cls, System)
         if isinstance(cls.reference_temperature, str):
             cls.reference_temperature = named_constant(cls, "reference_temperature", cls.reference_temperature)
-        check_class(cls)
         derive(cls, System, FORMULAS)
         for name in RETURNED:
             if name in cls.__dict__ and name not in FORMULAS and "energy" in cls.written:  # no system of elements

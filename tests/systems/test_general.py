@@ -176,6 +176,16 @@ REFUSED = {
     "a constant like a setting": (lambda: made(constants={"t_end": ()}), "no constant can be called 't_end'"),
     "an overridden field": (lambda: made(vector_field=lambda self, z: z), "sets 'vector_field'"),
     "an overridden gradient": (lambda: made(discrete_gradients=lambda self, a, b: a), "sets 'discrete_gradients'"),
+    "an overridden setting": (lambda: made(spaces=(), initial_data=2.0), "sets '(spaces|initial_data)'"),
+    "a name that is no tuple": (lambda: made(constants={"k": ()}, positive="k"), "positive is a tuple of words"),
+    "a positive constant that is none": (
+        lambda: made(constants={"k": ()}, positive=("K",)),
+        "No constant of Mine is called .K.",
+    ),
+    "a value on an instance": (
+        lambda: setattr(start(made(strength=1.0)).model, "strength", 2.0),
+        "'strength' on an instance",
+    ),
     "a variable without a start": (lambda: start(made(), initial={"q": 1, "p": 0}), "must give 's', a number"),
     "a start of a wrong shape": (lambda: start(made(), initial={"q": [1, 2], "p": 0, "s": 0}), "'q', a number"),
     "a start of nothing": (lambda: start(made(), initial={"x": 1, "q": 1, "p": 0, "s": 0}), "'x'"),
