@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from command import tcbench as command
 
 import tcbench
 from tcbench import Flow, Integrator, Scenario, TcbenchError
@@ -151,6 +152,31 @@ def test_a_value_of_a_configuration_is_taken_or_refused_in_a_sentence(name, tmp_
         assert done.exit_code in (0, 2) and isinstance(done.exception, SystemExit | None), (value, done.exception)
         if (name, value) == ("dt", '"x"'):
             assert "'c.toml': Invalid value for '--dt': 'x' is not a valid float." in done.output
+
+
+ONE = ("run", "-i", "tc_monolithic", "-s", "short_term", "--study", "conservation", "--dt", 0.3)
+
+
+@pytest.mark.parametrize(
+    "words", [("--timeout", 0, "-o", "kept"), ("-o", "kept/cells.jsonl"), ("-o", "kept/cells.jsonl/x")]
+)
+def test_a_dry_run_refuses_what_the_run_does_and_no_row_is_set_aside_for_it(words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "kept").mkdir()
+    (tmp_path / "kept" / "cells.jsonl").write_text("{}\n")
+    for more in ("--dry-run", "--fresh"):
+        done = command(*ONE, *words, more)
+        assert done.returncode == 2 and done.stderr.count("\n") == 1, done.stderr
+        assert [p.name for p in tmp_path.rglob("*")] == ["kept", "cells.jsonl"]
+    assert (tmp_path / "kept" / "cells.jsonl").read_text() == "{}\n"
+
+
+def test_a_dry_run_into_a_folder_without_a_run_and_a_fresh_one_say_that_all_is_to_be_run(tmp_path):
+    assert "1 cell: 0 finished, 1 to run" in command(*ONE, "--dry-run", "-o", tmp_path).stdout
+    assert not list(tmp_path.iterdir())
+    command(*ONE, "-q", "-o", tmp_path)
+    assert "1 finished, 0 to run" in command(*ONE, "--dry-run", "-o", tmp_path).stdout
+    assert "0 finished, 1 to run" in command(*ONE, "--dry-run", "--fresh", "-o", tmp_path).stdout
 
 
 def test_a_huge_record_every_keeps_the_first_state_and_the_last():

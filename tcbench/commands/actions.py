@@ -47,17 +47,14 @@ def run_command(everything: bool, quiet: bool, as_json: bool, **options: Any) ->
     drawn = {name: options.pop(name) for name in ("size", "seed", "budget")}
     security = {key[4:]: value for key in ("tls_ca", "tls_cert", "tls_key") if (value := options.pop(key))}
     limit, report, strict = (options.pop(name) for name in ("memory_limit", "report", "strict"))
+    options["memory_limit"] = limit * 2**20 if limit else None
     if options.pop("dry_run"):
         job = plan_job(**chosen, dt=dt, options=drawn)
-        found = preview(job, options["output"], options["retry_failed"], options["jobs"])
-        terminal.print_plan(*found, len(job.cells))
+        terminal.print_plan(*preview(job, options["output"], options, options["fresh"]), len(job.cells))
         return 0
     if limit and not sys.platform.startswith("linux"):
         terminal.warn([f"--memory-limit is not enforced on {sys.platform}."])
-    results = run(
-        **chosen, dt=dt, options=drawn, memory_limit=limit * 2**20 if limit else None, security=security or None,
-        **options,
-    )  # fmt: skip
+    results = run(**chosen, dt=dt, options=drawn, security=security or None, **options)
     with waiting("summing up"):
         store, tables = Store.read(results.output), results.every
         store.problems[:] = results.problems

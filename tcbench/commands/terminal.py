@@ -254,7 +254,7 @@ def print_methods(methods: Sequence[Sequence[str]], remarks: Sequence[str]) -> N
 
 def print_plan(plan: Plan, seconds: float | None, total: int) -> None:
     time = "unknown: too few earlier rows to judge by" if seconds is None else f"about {seconds:.1f} s"
-    say(f"{total} cells: {plan.finished} finished, {len(plan.to_run)} to run. Time: {time}.")
+    say(f"{total} cell{'s' * (total != 1)}: {plan.finished} finished, {len(plan.to_run)} to run. Time: {time}.")
 
 
 def print_results(results: Results, methods: Sequence[Sequence[str]], remarks: Sequence[str]) -> None:

@@ -153,7 +153,10 @@ def run_cells(
     are dead by then and the rows before it are safe.
     """
     jobs = usable_cores() if jobs is None else jobs
-    _check_limits(jobs, timeout, memory_limit, measure)
+    check_limits(jobs, timeout, memory_limit)
+    module, colon, function = measure.partition(":")
+    if not (module and colon and function):
+        raise TcbenchError(f"measure is {measure!r}; write it as 'package.module:function'.")
     began = time.monotonic()
     todo = plan(cells, store, retry_failed, context)
     summary = Summary(planned=len(todo.to_run) + todo.finished, already_finished=todo.finished, seed=seed)
@@ -329,13 +332,11 @@ class _Run:
             self.ledger.write(cell, row, self.running)
 
 
-def _check_limits(jobs: Any, timeout: float, memory_limit: int | None, measure: str) -> None:
-    if not (isinstance(jobs, int) and jobs >= 1):
+def check_limits(jobs: Any, timeout: float, memory_limit: int | None) -> None:
+    """TcbenchError where one of them is no limit: known before anything is written, or earlier rows are set aside."""
+    if jobs is not None and not (isinstance(jobs, int) and jobs >= 1):
         raise TcbenchError(f"jobs is {jobs!r}; it is a whole number, and at least one worker is needed.")
     if not timeout > 0:
         raise TcbenchError(f"timeout is {timeout}; give the seconds that a cell may take, for example 60.")
     if memory_limit is not None and memory_limit < 64 * 2**20:
         raise TcbenchError(f"memory_limit is {memory_limit} bytes; a worker needs at least 64 MiB to start.")
-    module, colon, function = measure.partition(":")
-    if not (module and colon and function):
-        raise TcbenchError(f"measure is {measure!r}; write it as 'package.module:function'.")

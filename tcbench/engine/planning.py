@@ -13,9 +13,10 @@ from ..errors import TcbenchError
 from ..integrator import Integrator
 from ..store.cells import Cell
 from ..store.cores import usable_cores
+from ..store.disk import could_write
 from ..store.encoding import plain
 from ..store.rows import Rows
-from ..store.store import Store
+from ..store.store import ROWS, Store
 from ..studies.base import default_studies, expand_studies, find_study
 from ..study import Study
 from ..systems.scenario import Scenario
@@ -267,10 +268,16 @@ def _cell(study: Study, method: Integrator, scenario: Scenario, options: dict[st
     return Cell(study.name, method.name, scenario.name, options, study.is_timed(options), mark, machine)
 
 
-def preview(job: Job, output: str | Path, retry_failed: bool, jobs: int | None) -> tuple[Plan, float | None]:
-    """What a run would do, and its seconds, None where the rows that are there do not tell; nothing is written."""
-    from .local import plan
+def preview(job: Job, output: Path, limits: Mapping[str, Any], fresh: bool = False) -> tuple[Plan, float | None]:
+    """What a run would do, and its seconds, None where the rows that are there do not tell; nothing is written.
 
-    store = Store.read(output) if Path(output).exists() else Rows()
-    found = plan(job.cells, store, retry_failed, job.context, job.here)
-    return found, Remaining(found.to_run, jobs or usable_cores(), store.lines()).seconds() if found.to_run else 0.0
+    Raises TcbenchError for what the run would refuse: limits that are none, a folder that cannot be written.
+    """
+    from .local import check_limits, plan
+
+    check_limits(*(limits[name] for name in ("jobs", "timeout", "memory_limit")))
+    could_write(output)
+    store = Store.read(output) if (output / ROWS).exists() else Rows()
+    found = plan(job.cells, Rows() if fresh else store, limits["retry_failed"], job.context, job.here)
+    cores = limits["jobs"] or usable_cores()
+    return found, Remaining(found.to_run, cores, store.lines()).seconds() if found.to_run else 0.0

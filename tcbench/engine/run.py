@@ -172,8 +172,9 @@ def execute(
 
     limits : jobs, timeout, memory_limit and retry_failed, of the engine.
     """
-    from .local import plan
+    from .local import check_limits, plan
 
+    check_limits(*(limits.get(name) for name in ("jobs", "timeout", "memory_limit")))
     started = utc_now()
     if dask is not None:
         from .cluster import knock

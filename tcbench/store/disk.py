@@ -12,8 +12,10 @@ import socket
 import stat
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from io import FileIO
 from pathlib import Path
+from tempfile import TemporaryFile
 
 from ..errors import TcbenchError
 from ..files import replacing
@@ -24,15 +26,32 @@ def replace_file(path: Path, content: bytes, folder: Path) -> None:
 
     Raises `TcbenchError` when that is not possible.
     """
-    try:
+    with cured(folder):
         path.parent.mkdir(parents=True, exist_ok=True)
         with replacing(path) as temporary, open(temporary, "wb") as file:
             file.write(content)
             file.flush()
             os.fsync(file.fileno())
         sync_folder(path.parent)
+
+
+def could_write(folder: Path) -> None:
+    """`TcbenchError` where a run folder can be neither made nor written to; nothing is left of the trial."""
+    with cured(folder):
+        path = Path(os.path.realpath(folder))
+        with TemporaryFile(dir=next(place for place in (path, *path.parents) if place.exists())):
+            pass
+
+
+@contextmanager
+def cured(folder: Path) -> Iterator[None]:
+    """What hinders writing to a run folder, as a sentence."""
+    try:
+        yield
     except OSError as error:
         raise cure(error, folder) from error
+    except ValueError as error:  # a null byte, half of a surrogate pair
+        raise TcbenchError(f"{str(folder)!r} cannot be the name of a folder: {error}.") from error
 
 
 def cure(error: OSError, folder: Path) -> TcbenchError:

@@ -31,7 +31,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import TcbenchError
 from ..files import HALF_WRITTEN
-from .disk import cure, hold_lock, replace_file
+from .disk import cure, cured, hold_lock, replace_file
 from .encoding import active, canonical_json, csv_bytes, decode_line, encode_line, parquet_bytes, pretty
 from .rows import Rows
 
@@ -67,23 +67,18 @@ class Store(Rows):
             raise TcbenchError("The name of the output folder is empty; the current folder is '.'.")
         store = cls(Path(folder))
         try:
-            store.folder.mkdir(parents=True, exist_ok=True)
-            store._lock = hold_lock(store.folder / ".lock")
-            if fresh:
-                store._set_aside()
-            if (store.folder / ROWS).exists() and not (store.folder / ROWS).is_file():
-                raise TcbenchError(f"{store.folder / ROWS} is no file (a pipe, a device or a folder): move it away.")
-            flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | getattr(os, "O_BINARY", 0)
-            store._file = os.open(store.folder / ROWS, flags, 0o666)
-            store._sweep()
-            store._probe()
-            store._load()
-        except OSError as error:
-            store.close()
-            raise cure(error, store.folder) from error
-        except ValueError as error:  # a null byte, half of a surrogate pair
-            store.close()
-            raise TcbenchError(f"{str(folder)!r} cannot be the name of a folder: {error}.") from error
+            with cured(store.folder):
+                store.folder.mkdir(parents=True, exist_ok=True)
+                store._lock = hold_lock(store.folder / ".lock")
+                if fresh:
+                    store._set_aside()
+                rows = store.folder / ROWS
+                if rows.exists() and not rows.is_file():
+                    raise TcbenchError(f"{rows} is no file (a pipe, a device or a folder): move it away.")
+                store._file = os.open(rows, os.O_RDWR | os.O_APPEND | os.O_CREAT | getattr(os, "O_BINARY", 0), 0o666)
+                store._sweep()
+                store._probe()
+                store._load()
         except BaseException:
             store.close()
             raise
