@@ -27,6 +27,12 @@ def odeint(system, z0, t_eval, rtol, atol):
     return states, {"steps": int(info["nst"][-1]), "rhs_evaluations": field.evaluations}
 
 
+REASONS = {  # of Dormand and Prince's programs, by what they return
+    -1: "its input is not consistent", -2: "it needs more steps", -3: "its step became too small",
+    -4: "the problem is probably stiff",
+}  # fmt: skip
+
+
 def door_of_ode(name, stages):
     """Dormand and Prince's programs, called by `scipy.integrate.ode`; `stages` right-hand sides a step."""
 
@@ -40,7 +46,8 @@ def door_of_ode(name, stages):
     def state_at(solver, t):
         state = solver.integrate(t).copy()
         if not solver.successful():
-            raise RuntimeError(f"{name} stopped before t = {t:g} (code {solver.get_return_code()})")
+            code = solver.get_return_code()
+            raise RuntimeError(f"{name} stopped before t = {t:g}: {REASONS.get(code, f'code {code}')}")
         return state
 
     def adaptive(system, z0, t_eval, rtol, atol):

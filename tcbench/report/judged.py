@@ -158,8 +158,13 @@ def _of_ladder(table: DataFrame | None, declared: Tables) -> list[Any]:
 def settings(rows: DataFrame) -> Any:
     """ "h = 0.1", or the tolerance that was asked for; "" for neither."""
     steps, tolerances = to_numbers(rows, "dt"), to_numbers(rows, "tolerance")
-    other = tolerances.map("tolerance {:.0e}".format).where(tolerances.notna(), "")
+    other = tolerances.map(lambda value: f"tolerance {power(value)}").where(tolerances.notna(), "")
     return steps.map("h = {:.3g}".format).where(steps.notna(), other)
+
+
+def power(value: float) -> str:
+    """1e-6 without the zero that Python writes."""
+    return f"{value:.0e}".replace("e-0", "e-").replace("e+0", "e+")
 
 
 def own_step(declared: Tables, name: str, rows: DataFrame) -> float | None:

@@ -150,8 +150,8 @@ def unmeasured(tables: Tables) -> list[Unmeasured]:
 
 
 def failures(tables: Tables, longest: int = 300) -> dict[str, dict[str, Any]]:
-    """{method: {scenario: [failed, runs, sentence of the failed run at the smallest step]}} of the ladders, and of
-    what other studies could not measure."""
+    """{method: {scenario: [failed, runs, sentence of the failed run at the smallest step or tolerance]}} of the
+    ladders, and of what other studies could not measure."""
     found: dict[str, dict[str, list[Any]]] = {}
     ladders = ladder_runs(tables)
     for row in ladders.assign(at=settings(ladders)).to_dict("records"):
@@ -160,7 +160,7 @@ def failures(tables: Tables, longest: int = 300) -> dict[str, dict[str, Any]]:
         if row["status"] == "ok":
             continue
         cell[0] += 1
-        size = float(row["dt"]) if finite(row["dt"]) else math.inf
+        size = next((float(row[name]) for name in ("dt", "tolerance") if finite(row[name])), math.inf)
         if not cell[2] or size < cell[3]:
             text = row["failure"]
             said = text if isinstance(text, str) and text else str(row["status"])

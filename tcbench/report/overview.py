@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
-from .judged import TIMES, finite, ladder_runs, laws, times_over_best
+from .judged import TIMES, finite, ladder_runs, laws, power, times_over_best
 from .matrix import Unmeasured, unmeasured
 from .summary import seconds
 
@@ -39,7 +39,7 @@ class Finding:
 
 def findings(found: DataFrame, tables: Tables) -> list[Finding]:
     """The sentences that the judged table allows, in the order in which a reader asks."""
-    said = (accurate(found, tables), coarse(found), lawful(found), cheapest(found), failing(tables),
+    said = (accurate(found, tables), coarse(found), lawful(found), cheapest(found), failing(found, tables),
             random_starts(tables))  # fmt: skip
     return [finding for finding in said if finding is not None]
 
@@ -52,7 +52,7 @@ def scenario_answers(
     for name in scenarios:
         mine = one_scenario(found, name)
         ladders = {key: t[t["scenario"].astype(str) == name] for key, t in tables.items() if key in LADDERS}
-        said = (accurate(mine, tables), coarse(mine), cheapest(mine), failing(ladders))
+        said = (accurate(mine, tables), coarse(mine), cheapest(mine), failing(mine, ladders))
         answers[name] = [(one.title, one.lead, one.text) for one in said if one is not None]
     return answers
 
@@ -128,11 +128,6 @@ def called(name: str) -> str:
     """A name as part of a sentence: short, and without characters that turn the direction of what follows."""
     plain = "".join(c for c in name if c not in TURNING)
     return plain if len(plain) <= LONGEST else f"{plain[: LONGEST - 1]}…"
-
-
-def power(value: float) -> str:
-    """1e-6 without the zero that Python writes."""
-    return f"1e{round(math.log10(value))}"
 
 
 def _against_peers(table: DataFrame, key: str, name: str, scenarios: Iterable[str]) -> str:
@@ -230,7 +225,7 @@ def coarse(found: DataFrame) -> Finding | None:
     if general not in (name, cheap):
         text += f"; {called(general)} {_on(len(errors[general]), count)}: {within(general)}"
     steps = found.groupby(level="scenario")["dt_coarsest"].max().dropna()
-    title = f"At h = {steps.iloc[0]:.2g}" if len(steps) == 1 else "At the coarsest step"
+    title = f"At h = {steps.iloc[0]:.3g}" if len(steps) == 1 else "At the coarsest step"
     return Finding(title, lead, text, "#lens=coarse")
 
 
@@ -274,14 +269,16 @@ def _where_it_fails(mine: DataFrame) -> str:
     return f"fails{where}{start}"
 
 
-def failing(tables: Tables) -> Finding | None:
-    """How many runs of the ladders of steps and tolerances failed, and the smallest step at which one did."""
+def failing(found: DataFrame, tables: Tables) -> Finding | None:
+    """How many runs of the ladders of steps and tolerances failed, and the smallest step at which one did, there or in
+    the search for the largest stable step."""
     ladders = ladder_runs(tables)
     bad = ladders[ladders["status"].ne("ok")]
     runs, failed = len(ladders), len(bad)
-    steps = [
-        (h, str(m), str(s)) for h, m, s in zip(bad["dt"], bad["integrator"], bad["scenario"], strict=True) if finite(h)
-    ]
+    known = [(bad["dt"], bad["integrator"], bad["scenario"])]
+    if "fails_from" in found:
+        known.append((found["fails_from"], *(found.index.get_level_values(of) for of in ("integrator", "scenario"))))
+    steps = [(h, str(m), str(s)) for of in known for h, m, s in zip(*of, strict=True) if finite(h)]
     without = unmeasured(tables)
     if not runs and without:
         return Finding("What fails", _without(without), without[0].sentence, "#failures")
@@ -295,7 +292,8 @@ def failing(tables: Tables) -> Finding | None:
     least = min(steps, default=None)
     text = "no run with a fixed step among them"
     if least is not None:
-        text = f"at the smallest step: {called(least[1])} on {called(least[2])}, h = {least[0]:.2g}"
+        where = f" on {called(least[2])}" if ladders["scenario"].nunique() > 1 else ""
+        text = f"at the smallest step: {called(least[1])}{where}, from h = {least[0]:.2g}"
     text += f"; {_without(without)} besides" if without else ""
     return Finding("What fails", f"{failed} of {runs} runs", text, "#failures")
 
@@ -326,7 +324,7 @@ def random_starts(tables: Tables) -> Finding | None:
         worst = max(
             shares or rows.to_dict("records"), key=lambda r: (r["share"] if finite(r["share"]) else -1.0, r["runs"])
         )
-        at = f"h = {worst['dt']:.3g}" if finite(worst["dt"]) else f"tolerance {worst['tolerance']:.0e}"
+        at = f"h = {worst['dt']:.3g}" if finite(worst["dt"]) else f"tolerance {power(worst['tolerance'])}"
         text += f"; most often {called(str(worst['integrator']))}, in {worst['failed']} of {worst['runs']} at {at}"
     return Finding("From random starts", lead, text, "#overview=ensemble")
 

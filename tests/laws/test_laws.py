@@ -136,7 +136,7 @@ def test_claimed_laws_hold_on_one_step_from_random_states(integrator, y, h):
     result = step_from(integrator, y, h)
     claims = tcbench.plugins.find_integrator(integrator).claims
     if "energy" in claims and not explicit(integrator):
-        # an implicit TC step has a root at every h (PHYSICS 8): a lost one is a fault of the solver
+        # an implicit TC step has a root at every h (docs/stability.md): a lost one is a fault of the solver
         assert result is not None and result.status == "ok"
     assume(result is not None)
     V0 = max(result.scenario.initial_exergy, 1.0)

@@ -16,7 +16,7 @@ from tcbench.report import page_charts, plot
 from tcbench.report.chart_kinds import kinds
 from tcbench.report.charts import ladders, precision
 from tcbench.report.charts import runs as time_charts
-from tcbench.report.charts.layout import panels, spread
+from tcbench.report.charts.layout import line_labels, panels, spread
 from tcbench.report.charts.scales import ROUND_OFF, power_text, zero_log_axis
 from tcbench.report.charts.style import COLOURS, KNOWN, look
 from tcbench.simulation import series
@@ -260,3 +260,11 @@ def test_the_page_selects_from_a_table_once_and_not_once_a_line(name, monkeypatc
         assert not problems
         counts.append(len(seen))
     assert counts[1] == counts[0]
+
+
+def test_a_name_at_the_end_of_a_line_below_the_axes_stands_inside_of_them():
+    figure, (ax,) = panels(1)
+    ax.set_ylim(0, 1)
+    line_labels(ax, [(0.5, -1.0, "below", "k"), (0.5, -0.9, "both", "k")])
+    heights = sorted(ax.transData.transform(text.xy)[1] for text in ax.texts)
+    assert heights[0] > ax.get_window_extent().y0 and heights[1] - heights[0] > 5

@@ -62,8 +62,15 @@ def test_failures_are_counted_by_one_rule(seed):
     found, cells = judged(tables, {}), failures(tables)
     assert (found["failed"].sum(), found["runs"].sum()) == (failed, len(runs))
     assert sum(cell[0] for of in cells.values() for cell in of.values()) == failed + len(unmeasured(tables))
-    assert failing(tables).lead == f"{failed} of {len(runs)} runs"
+    assert failing(found, tables).lead == f"{failed} of {len(runs)} runs"
     assert remarks(tables)[0].startswith(f"{failed} of {len(runs)} runs of the ladders failed")
+
+
+def test_of_a_solver_that_chooses_its_steps_the_tightest_tolerance_that_failed_is_told():
+    """The page told of 1e-3 where the same solver failed at 1e-11, too."""
+    row = {"integrator": "a", "scenario": "s", "control": "tolerance", "status": "exception", "failure": "why"}
+    table = pd.DataFrame([row | {"value": value} for value in (1e-3, 1e-11, 1e-7)])
+    assert failures({"work_precision": table})["a"]["s"] == [3, 3, "tolerance 1e-11: why"]
 
 
 def test_a_run_of_other_studies_alone_has_rows_that_say_nothing():

@@ -246,8 +246,13 @@ def check_failing(tables, lead, text):
     failed = [(r, h) for r, h in runs if r["status"] != "ok"]
     assert lead == (f"{len(failed)} of {len(runs)} runs" if failed else "nothing")
     fixed = [(h, r["integrator"], r["scenario"]) for r, h in failed if is_number(h)]
+    searched = [
+        (r["dt_unstable"], r["integrator"], r["scenario"]) for r in records(tables, "stability") if r["limit"] != "none"
+    ]
+    fixed += [one for one in searched if failed and is_number(one[0])]
     if fixed:
-        assert text == "at the smallest step: {1} on {2}, h = {0:.2g}".format(*min(fixed))
+        where = " on {2}" if len({r["scenario"] for r, _ in runs}) > 1 else ""
+        assert text == f"at the smallest step: {{1}}{where}, from h = {{0:.2g}}".format(*min(fixed))
 
 
 def check_random_starts(tables, lead, text):

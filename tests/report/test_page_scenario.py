@@ -34,12 +34,12 @@ def test_a_scenario_answers_first_and_then_shows(large, visit):
     tops = page.evaluate(f"({place})().map(e => e.getBoundingClientRect().y)")
     assert tops[0] < tops[1] < tops[-1] and tops[2] < tops[-1]  # sentence, ranking and chart, player
     rows = page.locator(".rank tbody tr")
-    heads = [text.replace("\u00ad", "").rstrip(" ▾") for text in page.locator(".rank thead th").all_inner_texts()]
+    heads = [text.rstrip(" ▾") for text in page.locator(".rank thead th").all_inner_texts()]
     table = awkward.work_precision(["tc_monolithic"], ["fast_conduction"])
     wrong = table.loc[
         table["value"].idxmax(), "error_theta"
     ]  # how far is it from the truth, what is lost with another?
-    cell = rows.filter(has_text="tc_monolithic").locator("td").nth(heads.index("temperatures") - 1)
+    cell = rows.filter(has_text="tc_monolithic").locator("td").nth(heads.index("θ error") - 1)
     assert float(cell.inner_text().rstrip(" %")) == pytest.approx(100 * wrong, rel=0.05)
     assert page.locator(".rank thead th[title*='wall time']").count() >= 2  # columns are defined
     assert page.locator("#scenario-page .again").count() >= 4

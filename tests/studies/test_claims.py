@@ -19,7 +19,7 @@ from tcbench.studies.claims import STUDY, measure, plan, tabulate
 from tcbench.studies.theorems import CONTRADICTS, HOLDS, NOT_WITH_DATA, Finding, admissible_states, turned
 
 VERDICTS = {HOLDS, NOT_WITH_DATA, CONTRADICTS}
-# PHYSICS section 7, statement by statement: what is known not to hold, and why it is of its kind
+# the table of docs/truth.md, statement by statement: what is known not to hold, and why it is of its kind
 KNOWN = {
     "midpoint_temperature blows up at t = 12 in example 1, h = 0.3": NOT_WITH_DATA,
     "midpoint_entropy: S oscillates in example 1": CONTRADICTS,
@@ -51,7 +51,7 @@ def table():
 
 
 def test_verdicts_are_those_of_the_ledger(table):
-    """PHYSICS section 7 for seven statements, `holds` for all others."""
+    """The table of docs/truth.md for seven statements, `holds` for all others."""
     found = dict(zip(table.claim, table.verdict, strict=True))
     assert len(found) == len(table) >= 60
     assert {claim: verdict for claim, verdict in found.items() if verdict != HOLDS} == KNOWN

@@ -54,7 +54,7 @@ def test_a_method_that_loses_energy_passes_the_equilibrium_and_is_told(integrato
 
 
 def test_printed_data_show_growth_instead_of_a_gap():
-    """PHYSICS section 7: strains 8.54 and 9.33 at t = 1500, growing like ln t (0.9 per unit over the last decade)."""
+    """docs/truth.md: strains 8.54 and 9.33 at t = 1500, growing like ln t (0.9 per unit over the last decade)."""
     row = run("tc_monolithic", "relative_equilibrium")
     summary = row["summary"]
     assert summary["equilibrium"] == "distant" and "No equilibrium is reached" in summary["note"]

@@ -28,7 +28,7 @@ def bound():
 
 
 def test_bound_equilibrium_has_the_published_values(bound):
-    """PHYSICS section 5 prints seven to ten digits: agreement to half a unit of the last one."""
+    """docs/truth.md prints seven to ten digits: agreement to half a unit of the last one."""
     assert {name: bound[name] for name in KNOWN} == pytest.approx(KNOWN, rel=0, abs=5e-7)
     assert bound["exact_rate"] == pytest.approx(KNOWN["exact_rate"], abs=1e-9)
     assert bound["exact_entropy"] == pytest.approx(KNOWN["exact_entropy"], abs=1e-10)

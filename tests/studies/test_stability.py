@@ -89,7 +89,7 @@ def test_every_rung_below_the_limit_succeeds(midpoint_cells):
 
 
 def test_the_limit_does_not_depend_on_the_factor_of_the_bound():
-    """PHYSICS 8: factors 0.5 to 4 leave the limit of stiff_spring within one coarse rung."""
+    """docs/stability.md: factors 0.5 to 4 leave the limit of stiff_spring within one coarse rung."""
     limits = []
     for factor in stability.FACTORS:
         scenario = SCENARIOS["stiff_spring"].replace(blowup_factor=factor)

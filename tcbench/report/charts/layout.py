@@ -224,19 +224,25 @@ def end_labels(ax: Axes, ends: Sequence[tuple[float, float, str, str]]) -> None:
 
 
 def line_labels(ax: Axes, ends: Sequence[tuple[float, float, str, str]]) -> None:
-    """Texts at the very ends of their lines, (x, y, text, colour), moved up where they would overlap."""
+    """Texts at the very ends of their lines, (x, y, text, colour), moved up where they overlap or leave the axes."""
+    foot = ax.get_window_extent().y0
     tall, wide = 1.15 * _pixels(ax, 7.5), 0.65 * _pixels(ax, 7.5) * max([len(end[2]) for end in ends], default=0)
     placed: list[Any] = []
     found = [(ax.transData.transform((x, y)), text, colour) for x, y, text, colour in ends]
     for at, text, colour in sorted((p for p in found if np.all(np.isfinite(p[0]))), key=lambda p: p[0][1]):
+        at = np.array([at[0], max(at[1], foot + tall / 2)])
         while any(abs(other[0] - at[0]) < wide and abs(other[1] - at[1]) < 0.99 * tall for other in placed):
             at = at + (0.0, tall / 4)
         placed.append(at)
         ax.annotate(
             short(text), tuple(ax.transData.inverted().transform(at)), xytext=(4, 0), textcoords="offset points",
-            va="center", ha="left", color=colour, fontsize=pt(7.5), annotation_clip=False, zorder=6,
-            path_effects=[withStroke(linewidth=pt(2), foreground=ax.get_facecolor())],
+            va="center", ha="left", color=colour, fontsize=pt(7.5), annotation_clip=False, **halo(ax),
         )  # fmt: skip
+
+
+def halo(ax: Axes) -> dict[str, Any]:
+    """Text that stands on lines can be read."""
+    return {"zorder": 6, "path_effects": [withStroke(linewidth=pt(2), foreground=ax.get_facecolor())]}
 
 
 def _pixels(ax: Axes, size: float) -> float:

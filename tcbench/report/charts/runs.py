@@ -11,7 +11,7 @@ from ...chart import OPENING, RUNS, Chart, Panel, Series, Sheet
 from ...errors import TcbenchError
 from ...simulation.series import variables
 from ...studies.columns import column as column_named
-from .layout import handle, legend, note, panels, pt, titles
+from .layout import halo, handle, legend, note, panels, pt, titles
 from .render import chart, chart_of_rows
 from .scales import log_axis, round_off_band, zero_log_axis
 from .style import by_name, finite, ink, look, names, numbers, short
@@ -228,15 +228,17 @@ def path(series: DataFrame, columns: int = 3) -> Drawing:
             ax.add_collection(mappable)
             ax.plot(*points[0], marker="o", markerfacecolor="none", color=ink(), markersize=pt(6))
             ax.plot(*points[-1], marker="o", color=ink(), markersize=pt(4))
-            ax.annotate(str(i + 1), points[0], xytext=(5, 5), textcoords="offset points", fontsize=pt(7))
+            ax.annotate(str(i + 1), points[0], (5, 5), textcoords="offset points", fontsize=pt(7), **halo(ax))
         ax.plot(0, 0, marker="+", color=ink(), markersize=pt(8))
         ax.set_aspect("equal", adjustable="datalim")
         ax.autoscale_view()
         ax.set_title(short(name), loc="left")
+        ax.set_xlabel("x")
+        ax.set_ylabel("y")
     if mappable is not None:
         figure.bar(mappable, "temperature θ of its spring")
     if more > 0:
-        axes[-1].set_xlabel(f"and {more} more runs that are not drawn")
+        axes[-1].set_xlabel(f"x; and {more} more runs that are not drawn")
     return figure
 
 
