@@ -332,7 +332,7 @@ class _Run:
             self.ledger.write(cell, row, self.running)
 
 
-def check_limits(jobs: Any, timeout: float, memory_limit: int | None) -> None:
+def check_limits(jobs: Any, timeout: Any, memory_limit: Any) -> None:
     """TcbenchError where one of them is no limit: known before anything is written, or earlier rows are set aside."""
     if jobs is not None and not (isinstance(jobs, int) and jobs >= 1):
         raise TcbenchError(f"jobs is {jobs!r}; it is a whole number, and at least one worker is needed.")

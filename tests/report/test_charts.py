@@ -263,7 +263,7 @@ def test_the_page_selects_from_a_table_once_and_not_once_a_line(name, monkeypatc
 
 
 def test_a_name_at_the_end_of_a_line_below_the_axes_stands_inside_of_them():
-    figure, (ax,) = panels(1)
+    _, (ax,) = panels(1)
     ax.set_ylim(0, 1)
     line_labels(ax, [(0.5, -1.0, "below", "k"), (0.5, -0.9, "both", "k")])
     heights = sorted(ax.transData.transform(text.xy)[1] for text in ax.texts)
