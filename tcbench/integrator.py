@@ -71,8 +71,15 @@ class Flow:
     def __post_init__(self) -> None:
         expect("A Flow", vars(self), KINDS_OF_FLOWS)
         _check_variables("A Flow", self.variables)
-        if not (math.isfinite(self.fraction) and self.stages >= 0 and self.most >= 1):
+        kinds = {"fraction": float, "stages": int, "memory": int, "most": int}
+        try:
+            values = {name: kind(getattr(self, name)) for name, kind in kinds.items()}
+        except OverflowError:
+            values = {"fraction": math.inf}
+        if not math.isfinite(values["fraction"]) or min(self.stages, self.memory, self.most - 1) < 0:
             raise TcbenchError("A Flow has a finite fraction, stages from 0 and most from 1.")
+        for name, value in values.items():  # a step times one of float32 had its digits
+            object.__setattr__(self, name, value)
 
 
 KINDS_OF_FLOWS = {"residual": "a function", "fraction": "a number", "of_step": "True or False",
@@ -379,7 +386,7 @@ def family(make: Callable[..., Integrator], **parameters: Any) -> Integrator:
 
 
 def _check_variables(where: str, variables: Any) -> None:
-    if variables not in list(SOLVED_FOR):
+    if not (isinstance(variables, str) and variables in SOLVED_FOR):
         raise TcbenchError(f"{where}: variables must be 'entropy', 'temperature' or 'energy', not {variables!r}.")
 
 
@@ -395,7 +402,5 @@ def _as_flows(flows: Any, variables: str) -> tuple[Flow, ...]:
             result.append(item)
             continue
         function, fraction = item if isinstance(item, tuple) and len(item) == 2 else (item, 1.0)
-        kinds = {"flows": "a function", "fraction": "a number"}
-        expect("An integrator's formulas", {"flows": function, "fraction": fraction}, kinds)
-        result.append(Flow(function, float(fraction), variables))
+        result.append(Flow(function, fraction, variables))
     return tuple(result)

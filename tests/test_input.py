@@ -45,6 +45,8 @@ WRONG = {
     "output folder is empty": lambda: tcbench.run(["tc_gauss"], ["short_term"], ["conservation"], output=""),
     "cannot be the name": lambda: tcbench.run(["tc_gauss"], ["short_term"], ["conservation"], output="\ud800"),
     "A Flow: variables must be": lambda: Flow(step, variables="nope"),
+    "A Flow: variables must be 'e": lambda: Flow(step, variables=np.array(["entropy", "energy"])),
+    "A Flow has a finite fraction": lambda: Integrator(name="a", order=1, flows=[(step, HUGE)]),
     "stages from 0": lambda: Flow(step, stages=-1),
     "most from 1": lambda: Flow(step, most=0),
     "a finite fraction": lambda: Integrator(name="a", order=1, flows=[(step, np.nan)]),

@@ -2,10 +2,11 @@
 
 import re
 
+import numpy as np
 import pytest
 
 import tcbench
-from tcbench import Integrator, TcbenchError
+from tcbench import Flow, Integrator, TcbenchError
 from tcbench.engine.planning import plan_job
 from tcbench.plugins import find_scenario
 
@@ -72,3 +73,17 @@ def test_one_word_in_the_place_of_several_is_refused():
 def test_what_a_notebook_shows_of_an_object_is_one_short_line(made, said):
     text = repr(made())
     assert said in text and len(text) < 200 and "\n" not in text and text[0] + text[-1] == "<>"
+
+
+def test_numbers_of_other_kinds_are_those_of_python():
+    """float32's 1 times a step of 0.1 had the digits of float32, int8's 3 stages of 100 numbers no room."""
+
+    def midpoint(z0, z1, h, system):
+        return z1 - z0 - h * system.vector_field(0.5 * (z0 + z1))
+
+    flow = Flow(midpoint, np.float32(1.0), stages=np.int8(0), most=np.int16(1))
+    assert [type(x) for x in (flow.fraction, flow.stages, flow.memory, flow.most)] == [float, int, int, int]
+    one, other = (tcbench.simulate(Integrator(name="a", order=2, flows=[f]), "short_term") for f in (flow, midpoint))
+    assert np.array_equal(one.z, other.z)
+    with pytest.raises(TcbenchError, match="stages from 0"):
+        Flow(midpoint, memory=-1)
