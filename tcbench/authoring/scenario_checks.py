@@ -14,6 +14,7 @@ from ..simulation.run import simulate
 from ..studies.theorems import SEED, admissible_states, operators
 from ..systems.element_system import ElementSystem
 from ..systems.plane import segments
+from ..systems.scenario import REST
 from .check_line import FAIL, NONE, OK, Line, line
 from .units import check_units
 
@@ -117,10 +118,14 @@ def positive(scenario: Scenario) -> Line:
 
 def exergy(scenario: Scenario) -> Line:
     """E - theta_ref S + offset is the scale of energy errors: it must be positive."""
-    states = admissible_states(scenario, np.random.default_rng(SEED))
-    if not scenario.model.reference_temperature:
-        E0 = float(scenario.model.exergy(scenario.z0))
-        apart = max(abs(float(scenario.model.exergy(next(states))) - E0) for _ in range(50))
+    model, z0 = scenario.model, scenario.z0
+    states, V = admissible_states(scenario, np.random.default_rng(SEED)), float(model.exergy(z0))
+    if scenario.initial_exergy == REST and REST * abs(float(model.energy(z0))) < abs(V) < REST:
+        found = f"errors of the energy are measured by {REST:g}, the exergy at the start is {V:.3g}"
+        remedy = "Choose units in which what moves is near 1: below it what an iteration may miss is absolute."
+        return Line("exergy", FAIL, found, remedy)
+    if not model.reference_temperature:
+        apart = max(abs(float(model.exergy(next(states))) - V) for _ in range(50))
         if scenario.initial_exergy < TINY_SCALE * apart:
             found = (
                 f"errors are measured by |E| at the start, {scenario.initial_exergy:.3g}; others have {apart:.3g} more"
@@ -128,7 +133,7 @@ def exergy(scenario: Scenario) -> Line:
             remedy = "Declare a reference_temperature, or let exergy_offset() move E away from 0."
             return Line("exergy", FAIL, found, remedy)
         return Line("exergy", NONE, "no reference_temperature: the energy at the start is its own scale")
-    least = min(float(scenario.model.exergy(next(states))) for _ in range(50))
+    least = min(float(model.exergy(next(states))) for _ in range(50))
     good = scenario.initial_exergy > 0 and least >= -1e-12 * scenario.initial_exergy
     remedy = "Let exergy_offset() return minus the least value of E - reference_temperature * S."
     found = f"V0 = {scenario.initial_exergy:.6g}, least of 50 random states {least:.3g}"
