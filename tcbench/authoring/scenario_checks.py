@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import plugins
+from ..compiler.derivatives import INFINITE
 from ..simulation.run import simulate
 from ..studies.theorems import SEED, admissible_states, operators
 from ..systems.element_system import ElementSystem
@@ -57,7 +58,7 @@ def formulas(scenario: Scenario) -> list[Line]:
     if model.defines("points"):
         segments(model, np.asarray(z0)[None])
     rates = model.state(np.asarray(model.vector_field(z0)))
-    if names := [name for name in model.variables if not np.isfinite(getattr(rates, name)).all()]:
+    if names := [name for name in model.variables if not (np.abs(getattr(rates, name)) < INFINITE).all()]:
         found = f"at the start the rate of {', '.join(names)} is not finite"
         return [Line("formulas", FAIL, found, "Look for 0/0: a root of 0 has no slope, nor has a power below 1.")]
     if model.size > LARGE:  # whose traces are long, and made once

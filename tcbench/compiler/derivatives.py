@@ -96,10 +96,12 @@ def one() -> Symbol:
 def _of_power(node: Symbol, base: Symbol, exponent: Symbol) -> tuple[Symbol, Symbol]:
     if is_const(exponent) and exponent.value > 1.0:  # the slope is finite at 0
         by_base = mul(exponent, power(base, sub(exponent, one())))
-    else:
-        falls = is_const(exponent) and exponent.value < 0.0
-        top, below = (node, base) if base.positive or falls else (add(node, const(TINY)), add(base, const(TINIER)))
-        by_base = mul(mul(exponent, top), reciprocal(below))
+    elif base.positive or (is_const(exponent) and exponent.value < 0.0):
+        by_base = mul(mul(exponent, node), reciprocal(base))
+    elif is_const(exponent):
+        by_base = mul(mul(exponent, add(node, const(TINY))), reciprocal(add(base, const(TINIER))))
+    else:  # of 0, 1, 2, ... or none: at 0 the slope may be any
+        by_base = mul(exponent, make("pow", add(base, const(TINIER)), sub(exponent, one())))
     return by_base, const(0.0) if is_const(exponent) else mul(node, make("log", base))
 
 
@@ -126,7 +128,7 @@ def _of_slope(node: Symbol, order: Symbol, x: Symbol) -> tuple[Symbol, Symbol]:
 
 # An infinite slope is one of 1e40 or more, so that 0 times it, as in v sqrt(|v|) at rest, is 0; for Newton it still is
 # too steep (solver.linear_algebra.STEEPEST).
-TINIER = 1e-100
+TINIER, INFINITE = 1e-100, 1e38  # 1e40 times an exponent
 LINEAR = {"add": (1.0, 1.0), "sub": (1.0, -1.0), "neg": (-1.0,)}
 SLOPES: dict[str, Callable[[Symbol, Symbol], Symbol]] = {  # of a function of x whose value is the node y
     "recip": lambda y, x: neg(mul(y, y)),

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ..compiler.derivatives import INFINITE
 from ..compiler.once import cached_property
 from ..errors import TcbenchError
 from .system import System
@@ -41,9 +42,8 @@ class Field:
         self.evaluations += 1
         out = np.empty(self.size)
         self._evaluate(self.rate_address, z, self.c, out)
-        if (
-            self.evaluations == 1 and not np.isfinite(out).all()
-        ):  # SciPy's explicit solvers would look for a step for ever
+        # SciPy's explicit solvers would look for a step for ever
+        if self.evaluations == 1 and not (np.abs(out) < INFINITE).all():
             raise ArithmeticError("the rates of the system are not finite at the start")
         return out
 

@@ -121,15 +121,28 @@ def test_one_sentence_names_the_line(fault):
 
 
 class Root(Right):
-    """The slope of its last term is 0/0 at q1 = 0, where the lines below let it start."""
+    """The slope of its last term is infinite at q1 = 0, where the lines below let it start."""
 
     def energy(self, z):
-        return super().energy(z) + np.hypot(1.0 + 0 * z.p[0], z.p[0]) + np.sqrt(z.q[1] ** 2)
+        return super().energy(z) + np.hypot(1.0 + 0 * z.p[0], z.p[0]) + np.sqrt(z.q[1])
 
 
-def test_a_rate_that_is_no_number_at_the_start_is_told():
-    assert "the rate of p is not finite" in failed(Root)["formulas"]
-    system = Root(eta=0.1, theta=1)
+class Power(Right):
+    def energy(self, z):
+        return super().energy(z) + z.q[1] ** 0.3
+
+
+class Angle(Right):
+    """Of 0/0."""
+
+    def energy(self, z):
+        return super().energy(z) + np.arctan2(z.q[1], 2 * z.q[1])
+
+
+@pytest.mark.parametrize("kind", [Root, Power, Angle])
+def test_a_rate_that_is_no_number_at_the_start_is_told(kind):
+    assert "the rate of p is not finite" in failed(kind)["formulas"]
+    system = kind(eta=0.1, theta=1)
     with pytest.raises(ArithmeticError, match="not finite at the start"):  # SciPy's RK45 would never come back
         Field(system).rate(0.0, np.array([1.0, 0, 0, 1, 0]))
 

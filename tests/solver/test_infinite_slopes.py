@@ -185,3 +185,21 @@ def test_friction_begins_at_rest(system, at):
         run = tcbench.simulate(name, scenario)
         assert run.ok and abs(run.energy[-1] - run.energy[0]) < 1e-5 * len(run.z[0])
         assert (run.z[-1, 0] == 0.0) if at == 0.0 else (0.5 < run.z[-1, 0] < 0.8)
+
+
+class Raised(Dragged):
+    name = "raised"
+
+    def energy(self, z):
+        return z.p**2 / 2 + z.q**self.power + np.exp(z.s)
+
+
+@pytest.mark.parametrize("power", [1.0, 1.5, 2.0, 5.0])
+@pytest.mark.parametrize("q", [0.0, 1e-30, 1e-8, 0.7])
+def test_a_power_that_is_a_constant_has_the_slope_of_one_that_is_written(power, q):
+    """At 0 it was 2e40 where the exponent is 2, and of 1e-8 to the 8th twice what it is."""
+    model = Raised(power=power)
+    for n in (power, power + 3.0):
+        rate = Raised(power=n).vector_field([q, 0.0, 0.0])
+        assert rate[:2] == pytest.approx([0.0, -n * q ** (n - 1)], rel=1e-14, abs=1e-49)
+    assert np.isfinite(model.jacobian([max(q, 1e-30), 0.0, 0.0])).all()
