@@ -56,7 +56,7 @@ OWN_READERS = frozenset(
 LOCALE = ("LC_ALL", "LC_CTYPE", "LC_NUMERIC", "LC_TIME", "LC_COLLATE", "LC_MONETARY", "LC_MESSAGES", "LANG", "LANGUAGE")
 ABOUT = {"uname": (MACHINE,), "cpu_count": (MACHINE,), "process_cpu_count": (MACHINE, CORES),
          "sched_getaffinity": (CORES,), "umask": (UMASK,), "setlocale": LOCALE}  # fmt: skip
-STATES = ("statvfs", "getloadavg")
+STATES = ("statvfs", "getloadavg", "sysconf")
 LIMITS = ("getrlimit", "prlimit")  # of `resource`
 TELLING = ("which", "getuser", "get_terminal_size")  # functions of Python that say what a variable says
 LEFT_OUT: list[str] = []  # folders of tcbench's own, whose files are no inputs
@@ -226,7 +226,7 @@ class Recorder(Seen):
     def about(self, function: str, *_: Any, **__: Any) -> None:
         """Foreign code asks what machine this is, or how the process was started."""
         if foreign(installed=False):
-            if function in (*STATES, *LIMITS):
+            if function in (*STATES, *LIMITS) and (function != "sysconf" or directly(())):  # asyncio asks, too
                 self.unseen.setdefault(STATE)
             for name in ABOUT.get(function, ()):
                 self.fact(name)

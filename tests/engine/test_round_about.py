@@ -187,6 +187,7 @@ def test_the_mask_of_new_files_is_an_input_where_it_is_asked(desk):
         ("fd = os.open(HERE / 'ff', os.O_RDWR)\nos.write(fd, b'1')\nos.read(fd, 1)", "a pipe or a device was read"),
         ("with contextlib.suppress(OSError):\n    os.getxattr(HERE, 'user.g')", "attributes of a file were read"),
         ("os.statvfs(HERE)", "the state of the machine was read"),
+        ("os.sysconf('SC_PHYS_PAGES')", "the state of the machine was read"),
         ("import resource\nresource.getrlimit(resource.RLIMIT_NOFILE)", "the state of the machine was read"),
         ("list(os.fwalk(HERE / 'flat'))", "a file was named by an open folder"),
         ("import socket\nsocket.gethostbyname('127.0.0.1')", "the network was used"),
