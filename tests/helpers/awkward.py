@@ -272,7 +272,7 @@ def declared(methods, scenarios=SCENARIOS):
     claims = ["angular_momentum", "energy", "entropy"]
     told = {
         m: {"family": "Romero (2009)" if m in FIVE else "other structure", "kind": "flows", "order": 2,
-            "source": "(A1)",
+            "source": "Romero (2009), (A1)",
             "claims": claims if m.startswith("tc") else claims[:1], "description": f"What {m} is.", "tags": [],
             "formula": "def step(z0, z1, h, system):\n    return z1 - z0", "plugin": m}
         for m in methods

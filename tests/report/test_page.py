@@ -122,6 +122,7 @@ def test_no_column_of_a_ranking_is_cut_off_and_a_unit_stays_with_its_number(full
 def test_a_deep_link_opens_its_place_and_tabs_lead_on(full, visit):
     page = visit(full, "#method=tc_strang")
     assert page.locator("h2:visible").first.text_content() == "tc_strang"
+    assert page.locator("#method-page .soft").first.text_content().startswith("Romero (2009), (A1)")
     assert "def step(z0, z1, h, system)" in page.locator("#method-page details:not(.again) pre").text_content()
     page.locator("#tabs a", has_text="Scenarios").click()
     page.locator("#scenario-page h2").wait_for()

@@ -96,7 +96,7 @@ const methods = async (place) => {
   root.replaceChildren(
     el("div", { class: "choose" }, select("Method", page.methods.map((x) => [x.name, x.name]), m.name, (name) => { location.hash = link({ method: name }); })),
     el("h2", { class: "own", style: `--own:${colour(m.name)}` }, mark(m.name), short(m.name, 80)),
-    el("p", { class: "soft" }, [it?.source?.startsWith(page.families[m.family]) || page.families[m.family], it?.source && short(it.source, 200), it && { flows: await solved(m), step: "a step of its own", adaptive: "chooses its steps" }[it.kind], it?.order && `declared order ${it.order}`].filter(Boolean).join(" · ")),
+    el("p", { class: "soft" }, [!it?.source?.startsWith(page.families[m.family]) && page.families[m.family], it?.source && short(it.source, 200), it && { flows: await solved(m), step: "a step of its own", adaptive: "chooses its steps" }[it.kind], it?.order && `declared order ${it.order}`].filter(Boolean).join(" · ")),
     el("div", { class: "two" }, el("section", {}, it ? [el("p", { class: "told" }, prose(it.description.replace(/([^\n])\n(?!\n)/g, "$1 "))), it.formula ? el("details", { open: true }, el("summary", {}, "Its formula, as its author wrote it"), el("pre", { tabindex: 0 }, it.formula)) : ""] : empty("This folder does not say what the method is: run its command again with this version of tcbench.")),
       part("Claimed and measured", m.laws.length ? measured(m) : empty("This run measured no laws.")) || ""));
   for (const content of [part("Order", await orders(m)), part("Speed and accuracy", await speedOf(m)), part("Largest stable steps", await stable(m)), part("Runs that failed", await ended(m))]) if (content) root.append(content);
