@@ -18,7 +18,7 @@ from .. import plugins
 from ..engine.child import LOOK_S, READY, Child, how_it_died
 from ..errors import TcbenchError, blamed, matching
 from . import integrator_checks, scenario_checks
-from .check_cost import estimate
+from .check_cost import estimate, time_per_step
 from .check_line import FAIL, NONE, OK, Line, line
 
 if TYPE_CHECKING:
@@ -165,7 +165,7 @@ def integrator_lines(method: Integrator, folders: Sequence[str] = (), only: Sequ
     if "step too large" in wanted:
         yield _runs_alone("step too large", method, folders)
     if "time per step" in wanted:
-        yield _guarded("time per step", integrator_checks.time_per_step, method)
+        yield _guarded("time per step", time_per_step, method)
 
 
 def _guarded(name: str, test: Callable[[Any], Any], subject: Any) -> Any:

@@ -1,12 +1,14 @@
-"""How long the lines of `tcbench check` will take, said before a slow method takes it."""
+"""How long the lines of `tcbench check` will take, said before a slow method takes it; and how long a step takes."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from .. import plugins
+from ..simulation.run import simulate
 from . import integrator_checks as contract
-from .check_line import NONE, Line
+from .check_line import NONE, OK, Line
 
 if TYPE_CHECKING:
     from ..integrator import Integrator
@@ -58,3 +60,17 @@ def _amounts(method: Integrator) -> dict[str, float]:
 
 def _rounded(seconds: float) -> str:
     return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
+
+
+def time_per_step(method: Integrator) -> Line:
+    """Microseconds a step beside the built-in monolithic method; for information, no limit."""
+    scenario = next((s for s in plugins.scenarios_for(method) if s.name == "short_term"), contract.scenarios(method)[0])
+    if method.kind == "adaptive":
+        one = simulate(method, scenario, t_end=5.0)
+        return Line("time per step", OK, f"{1e6 * one.wall_time_s / max(1, one.steps):.3g} us an internal step")
+    times = []
+    for each in (method, plugins.find_integrator("tc_monolithic")):
+        count = 2000 if each.kind == "flows" else 50
+        runs = [simulate(each, scenario, dt=0.01, t_end=count * 0.01, record_every=None) for _ in range(3)]
+        times.append(min(1e6 * one.wall_time_s / max(1, one.steps) for one in runs))
+    return Line("time per step", OK, f"{times[0]:.3g} us (tc_monolithic: {times[1]:.3g} us)")

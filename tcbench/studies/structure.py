@@ -7,13 +7,13 @@ quadratic in z and slopes F_b that differ from the true ones. So do the discrete
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..compiler import derivatives as trace
 from ..compiler.kernels import Kernel, kernel
+from ..systems.as_written import place
 from ..systems.declaration import MATRICES
 
 if TYPE_CHECKING:
@@ -144,7 +144,4 @@ def _random_covectors(model: System) -> tuple[Kernel, int]:
 
 def _line(model: System, name: str) -> str:
     """Where the author wrote a formula."""
-    formula: Any = getattr(type(model), name)
-    while hasattr(formula, "__wrapped__"):
-        formula = formula.__wrapped__
-    return f"{Path(formula.__code__.co_filename).name}, line {formula.__code__.co_firstlineno}, {name}()"
+    return f"{place(getattr(type(model), name))}, {name}()"

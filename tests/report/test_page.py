@@ -135,18 +135,6 @@ def test_a_deep_link_opens_its_place_and_tabs_lead_on(full, visit):
     assert page.locator("#method-page h2").is_visible()
 
 
-def test_the_fastest_lawful_method_on_a_scenario_is_one_click_away(full, visit):
-    page = visit(full)
-    page.locator(".matrix thead button[title^='stiff_spring']").click()
-    first = page.locator(".matrix tbody tr").filter(has_text="★").first
-    times = awkward.time_to_accuracy([*awkward.FIVE, *awkward.PEERS])
-    rows = times[(times["scenario"] == "stiff_spring") & (times["target"] == 1e-6) & times["time_s"].notna()]
-    lawful = rows[rows["integrator"].str.startswith("tc")]
-    assert first.locator("th").text_content() == lawful.sort_values("time_s")["integrator"].iloc[0]
-    shown = page.locator(".matrix tbody th[scope=row]").all_text_contents()
-    assert shown[: len(rows)] == rows.sort_values("time_s")["integrator"].tolist()
-
-
 def test_why_a_run_ends_is_one_click_away(full, visit):
     page = visit(full)
     page.locator(".matrix .cell.failed[href^='#scenario=cold_spring&method=midpoint_temperature&']").click()

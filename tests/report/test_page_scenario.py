@@ -77,3 +77,15 @@ def test_a_pair_counts_the_failures_that_every_sentence_counts(tmp_path, visit):
     assert "1 of 6 runs" in page.locator(".finding", has_text="What fails").inner_text()
     page.locator(".matrix .cell.failed").click()
     page.locator(".pair", has_text="1 of its 6 runs").wait_for(timeout=5000)
+
+
+def test_the_fastest_lawful_method_on_a_scenario_is_one_click_away(full, visit):
+    page = visit(full)
+    page.locator(".matrix thead button[title^='stiff_spring']").click()
+    first = page.locator(".matrix tbody tr").filter(has_text="★").first
+    times = awkward.time_to_accuracy([*awkward.FIVE, *awkward.PEERS])
+    rows = times[(times["scenario"] == "stiff_spring") & (times["target"] == 1e-6) & times["time_s"].notna()]
+    lawful = rows[rows["integrator"].str.startswith("tc")]
+    assert first.locator("th").text_content() == lawful.sort_values("time_s")["integrator"].iloc[0]
+    shown = page.locator(".matrix tbody th[scope=row]").all_text_contents()
+    assert shown[: len(rows)] == rows.sort_values("time_s")["integrator"].tolist()
