@@ -208,8 +208,11 @@ def print_contents(tables: Mapping[str, DataFrame], folder: Any) -> None:
 
 def print_row(row: Mapping[str, Any], verdicts: Mapping[str, str]) -> None:
     """One run: each number with what it is, and whether a claim that it measures was kept."""
-    rows = [[k, number(v), meaning(k), verdicts.get(k, "")] for k, v in row.items() if v != ""]
-    put(make_table("", ["", "", "", ""], rows))
+    told = {k: number(v) for k, v in row.items() if v != ""}
+    failure = told.pop("failure", "")  # a sentence, as wide as the rest together
+    put(make_table("", ["", "", "", ""], [[k, text, meaning(k), verdicts.get(k, "")] for k, text in told.items()]))
+    if failure:
+        say(f"\nfailure: {failure}")
 
 
 def meaning(name: str) -> str:
