@@ -65,8 +65,8 @@ def long(kept):
         short(kept),
         "Error of the final temperatures / of the entropy produced at the coarsest step, per cent (x: failed, -: not "
         "measured, 0: below 0.001); the worse of both on the worst scenario; microseconds a step, in the median and on "
-        "the dearest scenario, where Newton's method has to be helped. At a late t everything has relaxed, and temperatures are "
-        "right whatever the way there was.",
+        "the dearest scenario, where Newton's method has to be helped. At a late t everything has relaxed, and "
+        "temperatures are right whatever the way there was.",
         "",
     ]
     lines += [f"| | {' | '.join(scenarios)} | worst | µs a step |", "|---" * (len(scenarios) + 3) + "|"]

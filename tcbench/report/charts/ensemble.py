@@ -166,11 +166,12 @@ def law_quantiles(table: DataFrame) -> Sheet:
     """
     table = first(table)
     values, shown = np.maximum(finite(table["worst"]), ROUND_OFF), []
+    keys = {"o": "median; hollow: not claimed", ".": "99 % and worst"}
     for law in dict.fromkeys(table["law"].astype(str)):
         of = table[table["law"].eq(law)].drop_duplicates("integrator").set_index("integrator")
         rows = [_quantiles(of.loc[name], name) if name in of.index else Row(name, {}) for name in names(table)]
-        shown.append(Panel((), "loss: median, 99 %, worst", "", title=law.replace("_", " "), errors=True, rows=rows,
-                           x_values=values, keys={"o": "median; hollow: not claimed", ".": "99 % and worst"}))  # fmt: skip
+        shown.append(Panel((), "loss: median, 99 %, worst", "", title=law.replace("_", " "), errors=True,
+                           x_values=values, rows=rows, keys=keys))  # fmt: skip
     return Sheet(shown, 3, (3.6, 1.5))
 
 
