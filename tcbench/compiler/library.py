@@ -9,6 +9,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from operator import is_
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -68,9 +69,13 @@ class Library:
 
     def _while_globals_stay(self, name: str, entry: Callable[..., Any], read: Sequence[Read]) -> Callable[..., Any]:
         """The compiled function, which is made anew when a global that it reads has another value."""
+        held: dict[int, tuple[Any, dict[tuple[str, int], Any]]] = {}  # each once: many are read often
+        for known, x, value in read:
+            held.setdefault(id(known), (known.get, {}))[1][x, id(value)] = value
+        looks = [(get, [x for x, _ in values], list(values.values())) for get, values in held.values()]
 
         def called(*arguments: Any) -> Any:
-            if all(known.get(x) is value for known, x, value in read):
+            if all(all(map(is_, map(get, names), values)) for get, names, values in looks):
                 return entry(*arguments)
             with LOCK:
                 if self.__dict__.get(name) is called:
