@@ -233,15 +233,14 @@ class Integrator:
             self._refuse(
                 f" must give one of flows=, step=, adaptive=; it gives {' and '.join(ways) or 'none of them'}."
             )
-        if self.march is not None and self.step is None:
-            self._refuse(" gives march= without step=, which march= repeats.")
+        for further, way in (("march", "step"), ("outputs", "adaptive")):
+            if getattr(self, further) is not None and getattr(self, way) is None:
+                self._refuse(f" gives {further}= without {way}=, which {further}= repeats.")
         if self.workspace is not None and self.step is None:
             self._refuse(
                 " gives workspace= without step=: formulas need none, and a call of adaptive= is a run, which makes "
                 "what it needs."
             )
-        if self.outputs is not None and self.adaptive is None:
-            self._refuse(" gives outputs= without adaptive=, which outputs= repeats.")
         _check_variables(f"Integrator {self.name!r}", self.variables)
         if self.flows is not None:
             flows = _as_flows(self.flows, self.variables)

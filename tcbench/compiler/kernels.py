@@ -85,14 +85,16 @@ def operation(node: Symbol, args: list[str]) -> str:
     return f"{node.op}({', '.join(args)})"
 
 
+def fixed_values(outputs: Sequence[Symbol], varying: Sequence[Symbol], also: Sequence[Symbol] = ()) -> list[Symbol]:
+    """What does not depend on `varying` and is read by what does, or is one of `also`; constants left out."""
+    moving = depends_on(outputs, varying)
+    read = [a for node in topological(outputs) if node.number in moving for a in node.args]
+    return list(dict.fromkeys(x for x in [*read, *also] if x.number not in moving and x.op != "const"))
+
+
 def constant_part(outputs: Sequence[Symbol], varying: Sequence[Symbol]) -> list[Symbol]:
     """Operations that do not depend on `varying`, used by some that do: computed once a run, not once a step."""
-    moving = depends_on(outputs, varying)
-    found: dict[int, Symbol] = {}
-    for node in topological(outputs):
-        users = node.args if node.number in moving else ()
-        found |= {a.number: a for a in users if a.number not in moving and a.op not in ("const", "var")}
-    return list(found.values())
+    return [x for x in fixed_values(outputs, varying) if x.op != "var"]
 
 
 @dataclass(frozen=True)

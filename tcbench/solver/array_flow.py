@@ -19,13 +19,13 @@ from ..compiler.array_states import Blocks, entries, fitted, refilled
 from ..compiler.array_symbols import ArraySymbol
 from ..compiler.arrays import NUMBER
 from ..compiler.derivatives import Symbol, const
-from ..compiler.kernels import kernel
+from ..compiler.kernels import fixed_values, kernel
 from ..compiler.once import once
 from ..errors import TraceError
 from ..integrator import Flow
 from .elimination import ZERO_PIVOT
 from .first_values import plain_start, sizes_of
-from .flow_kernels import FlowKernels, called, finite_rows, has_roots, hoisted_values
+from .flow_kernels import FlowKernels, called, finite_rows, further, has_roots
 from .normal_rows import normalised
 from .pattern import Pattern
 from .reduction import reduce_arrays
@@ -83,7 +83,8 @@ def _array_flow(flow: Flow, net: Any) -> ArrayFlow:
     steps = [net.fresh_state(f"d{k}") for k in range(1 + flow.stages)]
     start = [net.fresh_state(f"start{k}") for k in range(flow.memory or 2)]
     d = entries(*steps)
-    rows = normalised(finite_rows(flow, _rows(flow, net, y0, z0, h, steps, start)), d, h, own_slopes)
+    found = _rows(flow, net, y0, h, steps, further(flow, net, z0, h, start))
+    rows = normalised(finite_rows(flow, found), d, h, own_slopes)
     if any(row.space not in (NUMBER, s.space) for row, s in zip(rows, d, strict=True)):
         raise trace.refused(
             f"the rows of the residual {flow.residual.__name__!r} are in another order than {', '.join(net.variables)}",
@@ -112,11 +113,9 @@ def _array_flow(flow: Flow, net: Any) -> ArrayFlow:
     scaled = [sizes[s] if s in sizes else _of_size(began[s]) for s in unknowns]
     kinds = [s.space for s in unknowns]
     fixed = [*(began[s] for s in unknowns), *[const(0.0)] * len(unknowns), *scaled]
-    fixed_values = hoisted_values(
-        [*residual, *(slope for _, _, slope in flat), *d_dh, *positive, *entries(dz)], unknowns
-    )
+    moving = [*residual, *(slope for _, _, slope in flat), *d_dh, *positive, *entries(dz)]
     # what is only read elsewhere is read there by whoever needs it: kept it would be written and read once more
-    hoisted = dict.fromkeys(v.args[0] if v.op == "take" else v for v in fixed_values)
+    hoisted = dict.fromkeys(v.args[0] if v.op == "take" else v for v in fixed_values(moving, unknowns, moving))
     kept = [Block(v.space, (v,)) for v in hoisted]
     inputs = {
         "a": net.blocks(z0),
@@ -142,15 +141,9 @@ def _array_flow(flow: Flow, net: Any) -> ArrayFlow:
     )
 
 
-def _rows(
-    flow: Flow, net: Any, y0: Any, z0: Any, h: Symbol, steps: Sequence[Any], start: Sequence[Any]
-) -> list[Symbol]:
+def _rows(flow: Flow, net: Any, y0: Any, h: Symbol, steps: Sequence[Any], more: Sequence[Any]) -> list[Symbol]:
     """Run the author's formula on arrays; its rows, those of stages behind."""
     y1, *stages = (y0 + d for d in steps)  # with the names that y0 has
-    if flow.of_step:
-        more = list(start)
-    else:  # of an earlier state its slope is known: see flow_kernels.further
-        more = [tuple(net.in_variables(flow.variables, net.state(z0 + h * v)) for v in start)] if flow.memory else []
     found = called(flow, [y0, y1, h, net, *([stages] if stages else []), *more])
     blocks = found.blocks if isinstance(found, Blocks) else [found]
     wanted = [block for d in steps for block in d.blocks]

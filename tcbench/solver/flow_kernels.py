@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from ..compiler import derivatives as trace
 from ..compiler.derivatives import Symbol, const
 from ..compiler.formula_hash import formula_hash
-from ..compiler.kernels import Kernel, constant_part, kernel
+from ..compiler.kernels import Kernel, constant_part, fixed_values, kernel
 from ..compiler.language import call
 from ..compiler.library import callback, evaluate
 from ..compiler.once import cached_property
@@ -129,7 +129,7 @@ def _build(flow: Flow, system: System) -> FlowKernels:
     d = trace.variables("d", n * (1 + flow.stages))
     y0 = sym.in_variables(flow.variables, z0)
     start = trace.variables("start", n * (flow.memory or 2))
-    given = traced(flow, sym, y0, d, h, further(flow, sym, z0, h, start))
+    given = traced(flow, sym, y0, d, h, further(flow, sym, z0, h, start.reshape(-1, n)))
     unseen = not (flow.stages or isinstance(sym, ElementSystem))  # of theirs the last digits stay what they were
     reduction = reduce(normalised(given, d, h), list(d), unseen=unseen)
     slopes = _ordered(reduction) if len(reduction.unknowns) > UNROLLED else None
@@ -153,7 +153,8 @@ def _build(flow: Flow, system: System) -> FlowKernels:
         parts = _sparse_parts(reduction, slopes, positive, h, [trace.reciprocal(sizes[i % n]) for i in where])
         guess = [const(0.0)] * len(x)
     fixed = [*plain_start(reduction, by_entries).values(), *guess, *parts.scales]
-    hoisted = hoisted_values([*parts.iterate, *parts.polish, *parts.full, *dz], [*x, *parts.stored])
+    moving = [*parts.iterate, *parts.polish, *parts.full, *dz]
+    hoisted = fixed_values(moving, [*x, *parts.stored], moving)
     opening = [*fixed, *hoisted, *sym.observe(z0)]
     # of an explicit flow the step size is constant as well; where Newton works, continuation varies it
     behind = {s: f"b[{system.n_constant_values + i}]" for i, s in enumerate(start)}
@@ -310,11 +311,10 @@ def further(flow: Flow, system: System, z0: Any, h: Symbol, start: Any) -> list[
     Of an earlier state what is known is its slope, v = (state - z0)/h of the whole step: as z0 + h v it comes to z0
     when a solver follows the root from h = 0.
     """
-    n = system.size
     if flow.of_step:
-        return [system.state(start[:n]), system.state(start[n:])]
-    states = [system.state(z0 + h * start[k * n : (k + 1) * n]) for k in range(flow.memory)]
-    return [tuple(system.in_variables(flow.variables, z) for z in states)] if states else []
+        return [system.state(z) for z in start]
+    states = (system.state(z0 + h * v) for v in start)
+    return [tuple(system.in_variables(flow.variables, z) for z in states)] if flow.memory else []
 
 
 def traced(flow: Flow, system: System, y0: State, d: Any, h: Symbol, further: list[Any]) -> list[Symbol]:
@@ -391,18 +391,3 @@ def _other_arguments(flow: Flow, arguments: Sequence[Any]) -> str:
 
 def _file(function: Residual) -> str:
     return getattr(getattr(function, "__code__", None), "co_filename", "")
-
-
-def hoisted_values(outputs: Sequence[Symbol], x: Sequence[Symbol]) -> list[Symbol]:
-    """Values that stay fixed during Newton and are read by what does not."""
-    moving = trace.depends_on(outputs, x)
-    found: dict[int, Symbol] = {}
-    for node in trace.topological(outputs):
-        if node.number in moving and node.args:
-            for a in node.args:
-                if a.number not in moving and a.op != "const":
-                    found[a.number] = a
-    for node in outputs:
-        if node.number not in moving and node.op != "const":
-            found[node.number] = node
-    return list(found.values())

@@ -26,8 +26,7 @@ NO_SCALE = 1e-6  # an energy at the start as small says nothing of how large ene
 REST = 1e-10  # least exergy of a scenario, relative to its energy: see Scenario.initial_exergy
 KINDS_OF_FIELDS = {
     "system": "a class", "constants": "a mapping", "initial": "a mapping", "shows": "a word", "source": "a word",
-    "plugin": "a word",
-    "ladder": "numbers",
+    "plugin": "a word", "ladder": "numbers",
 }  # fmt: skip
 KINDS_OF_A_FAMILY = {
     "name": "a word", "make": "a function or nothing", "sample": "a function or nothing", "defaults": "a mapping",
@@ -217,7 +216,10 @@ class Scenario:
         return {
             "system": self.system.name,
             "constants": {k: _plain(v) for k, v in sorted(self.constants.items())},
-            **{name: _data(getattr(self, name)) for name in self.model.initial_data},
+            **{
+                name: dict(sorted(self.initial.items())) if name == "initial" else list(getattr(self, name))
+                for name in self.model.initial_data
+            },
             "t_end": self.t_end,
             "blowup_factor": self.blowup_factor,
         }
@@ -371,10 +373,6 @@ def around(scenario: Scenario, ranges: Mapping[str, Range] | None = None) -> Sce
         f"random_{scenario.name}", sample=sample, ranges=limits, shows=f"random variants of {scenario.name}",
         source="docs/ensembles.md", by_default=False,
     )  # fmt: skip
-
-
-def _data(value: Any) -> Any:
-    return dict(sorted(value.items())) if isinstance(value, Mapping) else list(value)
 
 
 def _checked(name: str, value: Any) -> Any:
