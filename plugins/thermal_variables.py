@@ -18,7 +18,7 @@ from tcbench.compiler.divided_differences import rectangle, symmetrised_slopes
 
 def monolithic(variables):
     def residual(y0, y1, h, system):
-        y0, y1 = system.state(y0), system.state(y1)  # y by the name of entropies, whatever it is
+        y0, y1 = system.named(y0, "s"), system.named(y1, "s")  # y by the name of entropies, whatever it is
         mid, dy = (y0 + y1) / 2, y1 - y0
         system.check_shape(mid.q)
         slope = system.shape_gradient(mid.q)

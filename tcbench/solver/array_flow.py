@@ -97,11 +97,11 @@ def _array_flow(flow: Flow, net: Any) -> ArrayFlow:
     flat = [(i, term, slope) for i, row in enumerate(terms) for term, slope in row.items()]
     d_dh = trace.along(residual, {h: const(1.0)})
     dy = refilled(y0, reduction.increments(d)[: len(entries(y0))])
-    y1 = net.state(y0 + dy)
+    y1 = y0 + dy
     dz = dy
     if flow.variables != "entropy":
         dz = net.state(np.concatenate([dy.q, dy.p, net.entropy_increments(flow.variables, y0, y1)]))
-    positive = entries(y1.s) if flow.variables == "temperature" else []
+    positive = entries(y1.theta) if flow.variables == "temperature" else []
     scales = map(trace.reciprocal, sizes_of(net, y0, z0, flow.variables) * len(steps))
     sizes = dict(zip(d, scales, strict=True))
     began = plain_start(reduction, _slopes)

@@ -135,14 +135,14 @@ def _build(flow: Flow, system: System) -> FlowKernels:
     slopes = _ordered(reduction) if len(reduction.unknowns) > UNROLLED else None
     x = reduction.unknowns
     increments = np.array(reduction.increments(d), dtype=object)
-    y1 = sym.state(np.asarray(y0) + increments[:n])
+    y1 = y0 + increments[:n]
     dz = increments[:n]
     if flow.variables != "entropy":
         ds = sym.entropy_increments(flow.variables, y0, y1)
         dz = np.concatenate([dz[: -len(ds)], ds])
     place = {s: i for i, s in enumerate(d)}
     where = [place[s] for s in x]
-    positive = list(y1.s) if flow.variables == "temperature" else []
+    positive = list(y1.theta) if flow.variables == "temperature" else []
     sizes = sizes_of(sym, y0, z0, flow.variables)
     if slopes is None:
         moved = reduction.moved()

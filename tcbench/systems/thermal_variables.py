@@ -19,13 +19,21 @@ if TYPE_CHECKING:
 else:
     Base = object
 
+THERMAL = {"temperature": "theta", "energy": "u"}  # names of the last block in the place of entropies
+
 
 class ThermalVariables(Base):
     """What an `ElementSystem` has of them; everything is derived."""
 
+    def state(self, values: Any) -> State:
+        """As of any system; (q, p, theta) and (q, p, u) keep their names."""
+        known = getattr(values, "layout", None) or getattr(values, "names", None) or ()
+        other = next((name for name in THERMAL.values() if name in known), "")
+        return self.named(values, other) if other else super().state(values)
+
     def named(self, y: Any, last: str) -> State:
-        """y with this name for its last block: "theta" in (q, p, theta), "u" in (q, p, u)."""
-        y = self.state(y)
+        """y with this name for its last block: "theta" in (q, p, theta), "u" in (q, p, u), "s" whatever it is."""
+        y = super().state(y)
         if self.by_array:
             return cast(State, Blocks(y.blocks, {"q": 0, "p": 1, last: 2}))
         return State(y, {last if name == "s" else name: place for name, place in self.layout.items()})
@@ -39,7 +47,7 @@ class ThermalVariables(Base):
     @derived
     def entropy_variables(self, y: Any) -> Any:
         """(q, p, s) from (q, p, theta)."""
-        y = self.state(y)  # whatever its last block is called
+        y = self.named(y, "s")  # whatever its last block is called
         return self.state(np.concatenate([y.q, y.p, self.entropies(y.q, y.s)]))
 
     @derived
@@ -51,27 +59,23 @@ class ThermalVariables(Base):
     @derived
     def variables_of_energies(self, y: Any) -> Any:
         """(q, p, s) from (q, p, u)."""
-        y = self.state(y)
+        y = self.named(y, "s")
         _, s = self.by_thermal_variable("energy", self.shape(y.q), y.s)
         return self.state(np.concatenate([y.q, y.p, s]))
 
     @derived
     def temperature_forces(self, y: Any) -> Any:
         """-dE/dq at (q, p, theta), shape (n_positions,): an exponential of the entropies is undone by its logarithm."""
-        y, q, theta = (
-            self.state(y),
-            self.fresh("q", "position"),
-            self.fresh("theta", "element"),
-        )  # whatever its last block is called
+        y, q, theta = self.named(y, "s"), self.fresh("q", "position"), self.fresh("theta", "element")
         z = self.entropy_variables(np.concatenate([q, 0.0 * q, theta]))
-        here = dict(zip(entries(q, theta), entries(y.q, y.s), strict=True))  # whatever its last block is called
+        here = dict(zip(entries(q, theta), entries(y.q, y.s), strict=True))
         forces = [*map(trace.lifted, entries(-self.gradient(z).q))]
         return refilled(q, trace.substitute(forces, here))
 
     def in_variables(self, variables: str, z: Any) -> State:
         """z as (q, p, s), or (q, p, theta), or (q, p, u): "entropy", "temperature", "energy"."""
         made = {"entropy": self.state, "temperature": self.temperature_variables, "energy": self.energy_variables}
-        return made[variables](z)
+        return self.named(made[variables](z), THERMAL.get(variables, "s"))  # a kernel's numbers have lost the name
 
     def from_variables(self, variables: str, y: Any) -> State:
         """(q, p, s) from what `in_variables` gives."""
@@ -83,7 +87,7 @@ class ThermalVariables(Base):
 
         By divided differences: the difference of two logarithms would lose digits at every step.
         """
-        y0, y1 = self.state(y0), self.state(y1)
+        y0, y1 = self.named(y0, "s"), self.named(y1, "s")
         pi0, dpi, dy = self.shape(y0.q), self.shape(y1.q) - self.shape(y0.q), y1.s - y0.s
         try:
             _, s = self.by_thermal_variable(variables, *each(rectangle, pi0, dpi, y0.s, dy, count=2))

@@ -111,6 +111,8 @@ def test_a_temperature_is_not_taken_for_an_entropy(scenario):
 
     for wrong, told in (
         (method(lambda z, _: z.s), "no variable 's'; its variables: q, p, theta"),
+        (method(lambda z, system: system.state(z).s), "no variable 's'; its variables: q, p, theta"),
+        (method(lambda z, system: system.state(z).s, "energy"), "no variable 's'; its variables: q, p, u"),
         (method(lambda z, _: z.theta, "entropy"), "no variable 'theta'; its variables: q, p, s"),
         (method(lambda z, system: system.vector_field(z)), "gets a state that has 'theta'"),
         (method(lambda z, system: system.vector_field(z), "energy"), "gets a state that has 'u'"),
