@@ -9,6 +9,7 @@ Dekker (1971), Numer. Math. 18, 224; Joldes, Muller and Popescu (2017), ACM TOMS
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 from ..compiler.language import Eight, bits, exact, from_bits, rare, two_product, vector
 
@@ -76,19 +77,6 @@ def div(xh: Eight, xl: Eight, yh: Eight, yl: Eight) -> tuple[Eight, Eight]:
     return add(h, l, rh / yh, eight(0.0))
 
 
-@rare
-@exact
-def sqrt(xh: Eight, xl: Eight) -> tuple[Eight, Eight]:
-    """One step of Newton's from the root in doubles; 0 of 0, NaN of a negative number."""
-    y = vector(
-        math.sqrt(xh[0]), math.sqrt(xh[1]), math.sqrt(xh[2]), math.sqrt(xh[3]),
-        math.sqrt(xh[4]), math.sqrt(xh[5]), math.sqrt(xh[6]), math.sqrt(xh[7]),
-    )  # fmt: skip
-    ph, pl = two_product(y, y)
-    rh, rl = add(xh, xl, -ph, -pl)
-    return fast_two_sum(y, (rh + rl) / (y + y))
-
-
 @exact
 def power_of_two(k: float) -> float:
     """2^k of a whole number; NaN beyond the exponents that are used."""
@@ -96,11 +84,55 @@ def power_of_two(k: float) -> float:
 
 
 @exact
-def powers_of_two(k: Eight) -> Eight:
-    return vector(
-        power_of_two(k[0]), power_of_two(k[1]), power_of_two(k[2]), power_of_two(k[3]),
-        power_of_two(k[4]), power_of_two(k[5]), power_of_two(k[6]), power_of_two(k[7]),
-    )  # fmt: skip
+def rough_log(x: float) -> float:
+    """log x in doubles, to an ulp or two, of a positive number; NaN of others."""
+    if not x > 0.0:
+        return NAN
+    whole = bits(x)
+    exponent, m = whole // EXPONENT - 1023, from_bits(whole % EXPONENT + ONE)
+    if m > 1.4142135623730951:
+        m, exponent = 0.5 * m, exponent + 1
+    s = (m - 1.0) / (m + 1.0)
+    z, total = s * s, 0.0
+    for i in range(25, 0, -2):
+        total = total * z + 1.0 / i
+    return exponent * LN2 + 2.0 * s * total
+
+
+@exact
+def cosine_of_quarters(n: float) -> float:
+    """The cosine of n quarter turns; NaN of too many."""
+    if not abs(n) < LARGEST_TURN:
+        return NAN
+    k = int(n) % 4
+    return 1.0 if k == 0 else -1.0 if k == 2 else 0.0
+
+
+def lanewise(function: Callable[[float], float]) -> Callable[[Eight], Eight]:
+    """The function of eight numbers, one by one."""
+
+    @exact
+    def each(x: Eight) -> Eight:
+        return vector(
+            function(x[0]), function(x[1]), function(x[2]), function(x[3]),
+            function(x[4]), function(x[5]), function(x[6]), function(x[7]),
+        )  # fmt: skip
+
+    return each
+
+
+roots, powers_of_two = lanewise(math.sqrt), lanewise(power_of_two)
+rough_logs, cosines_of_quarters = lanewise(rough_log), lanewise(cosine_of_quarters)
+
+
+@rare
+@exact
+def sqrt(xh: Eight, xl: Eight) -> tuple[Eight, Eight]:
+    """One step of Newton's from the root in doubles; 0 of 0, NaN of a negative number."""
+    y = roots(xh)
+    ph, pl = two_product(y, y)
+    rh, rl = add(xh, xl, -ph, -pl)
+    return fast_two_sum(y, (rh + rl) / (y + y))
 
 
 @rare
@@ -125,30 +157,6 @@ def exp(xh: Eight, xl: Eight) -> tuple[Eight, Eight]:
     return sh * scale, sl * scale
 
 
-@exact
-def rough_log(x: float) -> float:
-    """log x in doubles, to an ulp or two, of a positive number; NaN of others."""
-    if not x > 0.0:
-        return NAN
-    whole = bits(x)
-    exponent, m = whole // EXPONENT - 1023, from_bits(whole % EXPONENT + ONE)
-    if m > 1.4142135623730951:
-        m, exponent = 0.5 * m, exponent + 1
-    s = (m - 1.0) / (m + 1.0)
-    z, total = s * s, 0.0
-    for i in range(25, 0, -2):
-        total = total * z + 1.0 / i
-    return exponent * LN2 + 2.0 * s * total
-
-
-@exact
-def rough_logs(x: Eight) -> Eight:
-    return vector(
-        rough_log(x[0]), rough_log(x[1]), rough_log(x[2]), rough_log(x[3]),
-        rough_log(x[4]), rough_log(x[5]), rough_log(x[6]), rough_log(x[7]),
-    )  # fmt: skip
-
-
 @rare
 @exact
 def log(xh: Eight, xl: Eight) -> tuple[Eight, Eight]:
@@ -160,23 +168,6 @@ def log(xh: Eight, xl: Eight) -> tuple[Eight, Eight]:
         ph, pl = add(ph, pl, eight(-1.0), eight(0.0))
         yh, yl = add(yh, yl, ph, pl)
     return yh, yl
-
-
-@exact
-def cosine_of_quarters(n: float) -> float:
-    """The cosine of n quarter turns; NaN of too many."""
-    if not abs(n) < LARGEST_TURN:
-        return NAN
-    k = int(n) % 4
-    return 1.0 if k == 0 else -1.0 if k == 2 else 0.0
-
-
-@exact
-def cosines_of_quarters(n: Eight) -> Eight:
-    return vector(
-        cosine_of_quarters(n[0]), cosine_of_quarters(n[1]), cosine_of_quarters(n[2]), cosine_of_quarters(n[3]),
-        cosine_of_quarters(n[4]), cosine_of_quarters(n[5]), cosine_of_quarters(n[6]), cosine_of_quarters(n[7]),
-    )  # fmt: skip
 
 
 @rare
