@@ -126,13 +126,13 @@ def _of_slope(node: Symbol, order: Symbol, x: Symbol) -> tuple[Symbol, Symbol]:
     return const(0.0), make(node.op, add(order, one()), x)
 
 
-# An infinite slope is one of 1e40 or more, so that 0 times it, as in v sqrt(|v|) at rest, is 0; for Newton it still is
-# too steep (solver.linear_algebra.STEEPEST).
-TINIER, INFINITE = 1e-100, 1e38  # 1e40 times an exponent
+# An infinite slope is one of 1e180 or more, so that 0 times it, as in v sqrt(|v|) at rest, is 0; whoever squares it, or
+# asks whether it is as large (INFINITE), has an infinite one.
+TINIER, INFINITE = 1e-240, 1e150
 LINEAR = {"add": (1.0, 1.0), "sub": (1.0, -1.0), "neg": (-1.0,)}
 SLOPES: dict[str, Callable[[Symbol, Symbol], Symbol]] = {  # of a function of x whose value is the node y
     "recip": lambda y, x: neg(mul(y, y)),
-    "sqrt": lambda y, x: mul(const(0.5), reciprocal(y if x.positive else add(y, const(TINY)))),
+    "sqrt": lambda y, x: mul(const(0.5), reciprocal(y if x.positive else add(y, const(TINIER)))),
     "exp": lambda y, x: y,
     "log": lambda y, x: reciprocal(x),
     "expm1": lambda y, x: add(y, one()),
@@ -155,7 +155,7 @@ SLOPES: dict[str, Callable[[Symbol, Symbol], Symbol]] = {  # of a function of x 
     "dsinc": lambda y, x: make("sinc_slope", const(2.0), x),
 }
 SLOPES_OF_TWO: dict[str, Callable[[Symbol, Symbol, Symbol], tuple[Symbol, Symbol]]] = {
-    "hypot": lambda y, a, b: (mul(a, r := reciprocal(add(y, const(TINY)))), mul(b, r)),  # at 0 as that of abs
+    "hypot": lambda y, a, b: (mul(a, r := reciprocal(add(y, const(TINIER)))), mul(b, r)),  # at 0 as of abs
     "pow": _of_power,
     "atan2": _of_angle,
     "atan_slope": _of_atan_slope,

@@ -203,3 +203,15 @@ def test_a_power_that_is_a_constant_has_the_slope_of_one_that_is_written(power, 
         rate = Raised(power=n).vector_field([q, 0.0, 0.0])
         assert rate[:2] == pytest.approx([0.0, -n * q ** (n - 1)], rel=1e-14, abs=1e-49)
     assert np.isfinite(model.jacobian([max(q, 1e-30), 0.0, 0.0])).all()
+
+
+class Edge(Weight):
+    def height(self, q):
+        return 2 * q + np.sqrt(q)
+
+
+@pytest.mark.parametrize("name", ["solve_ivp_rk45", "scipy_dopri5", "tc_gauss", "tc_taylor"])
+def test_an_infinite_rate_stays_one(name):
+    """A slope of 1e60 in its place kept an explicit solver looking for its first step, and lost a law's energy."""
+    start = {"q": 0.0, "p": 1.0, "x": 0.0, "y": 0.0, "s": 0.0}
+    assert not tcbench.simulate(name, tcbench.Scenario("edge", Edge, {}, initial=start, dt=0.05, t_end=1.0)).ok
