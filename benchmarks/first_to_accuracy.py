@@ -33,6 +33,7 @@ PEERS = ("heyoka", "scipy_odeint", "scipy_dop853", "cvode")
 SLOWER = ("pydiffsol", "diffrax", "diffrax[solver=dopri8]")
 TARGETS = (1e-3, 1e-6, 1e-9)
 TOLERANCES = [10.0 ** (-k / 2) for k in range(2, 29)]  # by decades, where errors happen to lie counts for 15 %
+FIRST = 3  # runs that a rung is judged by: one alone, of a solver just compiled, may take five times as long
 REPEATS, LONG_S = 20, 0.05  # runs of a rung, but one of those that take long; after a far longer one no finer rung
 FAR_LONGER_S = 0.25
 LOST_S, LOSSES = 1.0, 2  # a method that has given up so often after so long is asked for no finer rung
@@ -115,7 +116,7 @@ def times_to(
                 if lost == LOSSES:
                     break
                 continue
-            took = seconds_of(name, tolerance)
+            took = seconds_of(name, tolerance, FIRST)
             took = min(took, seconds_of(name, tolerance, REPEATS)) if took < longest else took
             times[name, tolerance] = [took]
             rungs.append((gap(states[-1], exact), took, tolerance))
