@@ -273,7 +273,8 @@ def test_what_a_lane_waits_for_is_what_its_vector_waits_for():
     assert gathering.lines[-1] == f"{name} = {early} * {early} + {late}[1] * {early}" and gathering.ready[name] == 6
 
 
-def test_equal_springs_and_both_directions_are_lanes_of_one_vector():
+def test_equal_springs_and_both_directions_are_lanes_of_one_vector(monkeypatch):
+    monkeypatch.setattr(lanes, "WIDTH", 4)  # of processors that have such vectors
     variables, rate = rates(tcbench.scenarios()["bound_equilibrium"].model)
     packs = lanes.Packs(dict(enumerate(rate)), variables)
     widths = {}
