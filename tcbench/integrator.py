@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from .systems.system import System
 
 SOLVED_FOR = {"entropy": "", "temperature": "temperatures", "energy": "energies"}  # in the place of entropies
+TAKE_ANY = "take a method for every system, such as tc_monolithic"
+ELEMENTS = f"write its class as an ElementSystem (docs/add-system.md), or {TAKE_ANY}"
 WAYS = ("flows", "step", "adaptive")  # to step; an integrator gives one
 _NAME = re.compile(r"[a-z][a-z0-9_]*\Z")
 Residual = Callable[..., Any]
@@ -290,13 +292,17 @@ class Integrator:
         if self.systems and system.name not in self.systems:
             return f"it is written for {', '.join(sorted(self.systems))} only, not for {system.name}"
         if self.variables != "entropy" and not system.defines("entropies"):
-            solved = SOLVED_FOR[self.variables]
-            return f"it solves for {solved} in the place of entropies, and {system.name} has no elements with both"
+            solved = f"it solves for {SOLVED_FOR[self.variables]} in the place of entropies"
+            return f"{solved}, and {system.name} has no elements with both: {ELEMENTS}"
         if self.elements and not system.defines("element_energy"):
-            return f"its formulas are written in elements with a strain and an entropy each, and {system.name} has none"
-        missing = [name for name in self.needs if not system.defines(name)]
+            own = "its formulas are written in elements with a strain and an entropy each"
+            return f"{own}, and {system.name} has none: {ELEMENTS}"
+        missing = ", ".join(name for name in self.needs if not system.defines(name))
         if missing:
-            return f"it needs {', '.join(missing)}, which the system {system.name} does not define"
+            return (
+                f"it needs {missing}, which the system {system.name} does not define: write {missing}() in its class, "
+                f"or {TAKE_ANY}"
+            )
         return self.refuses(system) if self.refuses else ""
 
     @property

@@ -10,7 +10,7 @@ from tcbench import Flow, Integrator, TcbenchError
 from tcbench.engine.planning import plan_job
 from tcbench.plugins import find_scenario
 
-PENDULUM, GAS = (tcbench.scenarios()[name].model for name in ("short_term", "gas_containers"))
+PENDULUM, GAS, BODY = (find_scenario(name).model for name in ("short_term", "gas_containers", "rigid_body"))
 
 
 def method(**declared):
@@ -25,7 +25,13 @@ def method(**declared):
         ({"systems": {"chain"}}, find_scenario("chain[n=1000]").model, ""),
         ({"systems": ["chain"]}, PENDULUM, "written for chain only, not for pendulum"),
         ({"needs": ["conduction_flow"]}, PENDULUM, ""),
-        ({"needs": ["conduction_flow"]}, GAS, "needs conduction_flow, which the system gas_containers does not define"),
+        ({"needs": ["conduction_flow"]}, GAS, r"gas_containers does not define: write conduction_flow\(\) in"),
+        (
+            {"variables": "energy"},
+            BODY,
+            "no elements with both: write its class as an ElementSystem .* or take a method",
+        ),
+        ({"elements": True}, BODY, "and rigid_body has none: write its class as an ElementSystem .* or take a method"),
         ({"needs": ["heat_pump"]}, PENDULUM, "needs heat_pump, which the system pendulum does not define"),
     ],
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import takewhile
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -70,8 +71,9 @@ def variables(names: Iterable[str]) -> list[str]:
     there = [str(name) for name in names]
     known = {"integrator", "scenario", "status", "dt", "tolerance", "t", "energy", "entropy"}
     laws = {name.removesuffix("_error") for name in there if name.endswith("_error")}
-    told = ("temperature_", "strain_", "at_x_", "at_y_")
-    return [n for n in there if n not in known | laws and not n.endswith(LOST) and not n.startswith(told)]
+    for stem in ("temperature", "strain"):  # of the elements one after the other: a variable may be called so, too
+        known |= set(takewhile(there.__contains__, (f"{stem}_{letter}" for letter in LETTERS)))
+    return [n for n in there if n not in known | laws and not n.endswith(LOST) and not n.startswith(("at_x_", "at_y_"))]
 
 
 def _rounded(found: Mapping[str, np.ndarray]) -> dict[str, list[float]]:

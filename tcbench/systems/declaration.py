@@ -19,9 +19,9 @@ SETTINGS = (
     "name", "t_end", "dt", "initial", "positions", "momenta", "temperatures", "t_converge", "blowup_factor",
 )  # fmt: skip
 COLUMNS = re.compile(  # of tables: what is called so would stand in their place
-    r"(t|tolerance|integrator|scenario|status|all|energy(_error)?|entropy(_fall)?|lyapunov_rise|theta\d*|"
-    r"(temperature|strain)_[a-z]|at_[xy]_\d+)\Z"
+    r"(t|tolerance|integrator|scenario|status|all|energy(_error)?|entropy(_fall)?|lyapunov_rise|at_[xy]_\d+)\Z"
 )
+WARM = re.compile(r"(theta\d+|temperature_[a-z])\Z")  # the same of systems with temperatures
 MATRICES = {"reversible": "poisson", "irreversible": "friction"}  # what may stand in the place of a rate
 ELEMENTS = ("n_positions", "n_elements", "inertia", "shape", "element_energy", "conduction", "entropies")
 
@@ -63,7 +63,7 @@ def _check_variables(cls: type[System]) -> None:
             isinstance(name, str) and name.isidentifier() and not keyword.iskeyword(name) and not name.startswith("_")
         ):
             raise TcbenchError(f"{cls.__name__}: a variable has a name that Python takes, as in z.q, not {name!r}.")
-        if hasattr(State, name) or name in (*SETTINGS, *cls.constants) or is_column(name, cls.variables):
+        if hasattr(State, name) or name in (*SETTINGS, *cls.constants) or is_column(name, cls):
             raise taken(cls, "variable", name)
         _check_shape(cls, f"the variable {name!r}", shape)
 
@@ -98,10 +98,12 @@ def _check_spaces(cls: type[System]) -> None:
             raise taken(cls, "table", name)
 
 
-def is_column(name: str, variables: Mapping[str, Any]) -> bool:
+def is_column(name: str, system: type[System] | System) -> bool:
     """Have tables a column of this name, as q0 of a variable q of several numbers?"""
-    letters = name.rstrip("0123456789")
-    return COLUMNS.match(name) is not None or (letters != name and variables.get(letters, ()) != ())
+    letters, shape = name.rstrip("0123456789"), system.variables.get(name, ())
+    if system.defines("temperature") and WARM.match(f"{name}0" if shape else name):
+        return True
+    return COLUMNS.match(name) is not None or (letters != name and system.variables.get(letters, ()) != ())
 
 
 def taken(cls: type[System], kind: str, name: str) -> TcbenchError:

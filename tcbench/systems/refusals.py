@@ -191,7 +191,7 @@ def check_invariants(system: System, z0: Any) -> None:
         _CONSERVED.add(system)
         return
     for name in system.invariant_names:
-        if name in system.variables or is_column(name, system.variables):
+        if name in system.variables or is_column(name, system):
             raise taken(type(system), "invariant", name)
     rng = np.random.default_rng(0)
     for z in (np.asarray(x, float) for x in (z0, *(system.nearby(z0, rng) for _ in range(POINTS)))):

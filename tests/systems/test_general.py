@@ -6,6 +6,7 @@ import pytest
 import tcbench
 from tcbench import ElementSystem, Integrator, Scenario, System, TcbenchError
 from tcbench.plugins import find_integrator
+from tcbench.simulation import series, views
 from tcbench.studies import convergence
 
 SIX = ("damped_oscillator", "viscous_pendulum", "rubbing_piston", "rigid_body", "heavy_top", "reaction")
@@ -153,6 +154,14 @@ REFUSED = {
         "no variable can be called 'energy_error'",
     ),
     "a variable like a part": (lambda: made(variables={"q": (2,), "q0": ()}), "no variable can be called 'q0'"),
+    "a variable like a temperature": (
+        lambda: made(variables={"q": (), "theta1": ()}, temperature=lambda self, z, dE, dS: dE.s),
+        "no variable can be called 'theta1'",
+    ),
+    "numbers like temperatures": (
+        lambda: made(variables={"theta": (2,)}, temperature=lambda self, z, dE, dS: dE.s),
+        "no variable can be called 'theta'",
+    ),
     "a variable that is no word": (lambda: made(variables={5: ()}), "a name that Python takes"),
     "an invariant like a column": (
         lambda: tcbench.simulate("tc_monolithic", start(made(invariants=lambda self, z: {"status": z.p}))),
@@ -194,6 +203,19 @@ REFUSED = {
     "the old kind": (lambda: type("Mine", (System,), {"n_positions": 1, "inertia": lambda self: 1}), "ElementSystem"),
     "elements with a field": (lambda: type("M", (ElementSystem,), {"jacobian": lambda self, z: z}), "sets 'jaco"),
 }
+
+
+def test_names_of_columns_that_elements_alone_have_are_free():
+    """And charts show what is called so."""
+    names = ["theta", "theta1", "temperature_c", "strain_x"]
+    system = made(
+        variables=dict.fromkeys(names, ()), entropy=lambda self, z: z.strain_x,
+        energy=lambda self, z: z.theta**2 / 2 + z.theta1**2 / 2 + np.exp(z.strain_x),
+        reversible=lambda self, z, dE, dS: {"theta": dE.theta1, "theta1": -dE.theta},
+    )  # fmt: skip
+    run = tcbench.simulate("tc_monolithic", start(system, initial=dict.fromkeys(names, 0.1)), dt=0.1, t_end=0.2)
+    assert run.ok and series.variables(series.columns(run)) == names
+    assert list(views.columns(run))[1:5] == names
 
 
 @pytest.mark.parametrize("what", REFUSED)
