@@ -94,17 +94,20 @@ def test_every_function_of_formulas_is_among_them():
 @pytest.mark.parametrize("name", [*NETWORKS, "net[nx=3,ny=3]"])
 def test_on_arrays_it_is_what_it_is_entry_by_entry_and_keeps_every_law(name, monkeypatch):
     scenario = NETWORKS.get(name) or find_scenario(name)
-    times, found = np.linspace(0.0, 0.06, 4), []
+    times, found, lines = np.linspace(0.0, 0.06, 4), [], set()
     for most in (0, 1000):
         monkeypatch.setattr(tc_taylor, "MOST_ELEMENTS", most)
         monkeypatch.setattr(tc_taylor, "MOST_VARIABLES", most)
         fresh = scenario.replace(name=f"{name} {most}")
-        found.append(TaylorMethod(fresh.model, 4).adaptive(scenario.z0, times, 1e-6))
+        method = TaylorMethod(fresh.model, 4)
+        found.append(method.adaptive(scenario.z0, times, 1e-6))
+        lines.add(method.lines)
         if most == 0:
             run = tcbench.simulate("tc_taylor[order=4]", fresh, dt=0.02, t_end=0.2)
             assert run.ok and run.summary.energy_error_max < 1e-13 and run.summary.entropy_increment_min > 0.0
             assert all(error < 1e-12 for error in run.summary.invariant_error_max.values())
     assert np.abs(found[0][0] - found[1][0]).max() < 1e-13 and found[0][1] == found[1][1]
+    assert len(lines) == 2  # they are two
 
 
 class Rough(tcbench.System):
