@@ -55,7 +55,7 @@ class Flow(Record):
     observe: Kernel
     factorise: Kernel  # of a sparse Jacobian: see `Pattern`
     h: float  # its part of the step
-    steep: bool  # slopes may be infinite where the equations are not: see linear_algebra.too_steep
+    steep: bool  # slopes may be infinite where the equations are not: see linear_algebra.STEEPEST
     foresees: bool  # Newton begins where the last roots point to: see newton.foresee
     continuation: bool  # the whole cascade; otherwise plain Newton
     audit: int  # see implicit_step

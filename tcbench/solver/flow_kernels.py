@@ -76,7 +76,7 @@ class FlowKernels:
     n_eliminated: int
     n_positive: int
     foresees: bool = False  # see newton.foresee
-    steep: bool = False  # may have slopes that are not finite: see linear_algebra.too_steep
+    steep: bool = False  # may have slopes that are not finite: see linear_algebra.STEEPEST
     pattern: Pattern | None = None  # of a sparse Jacobian
     way: str = ""  # how its steps are solved, in words
 
@@ -299,7 +299,7 @@ def has_roots(rows: Sequence[Symbol]) -> bool:
 
 
 def _steepness(jacobian: NDArray[np.object_], scales: Sequence[Symbol]) -> Symbol:
-    """A number that is infinite where a slope, in units of the unknowns, is too steep: see `too_steep`."""
+    """A number that is infinite where a slope, in units of the unknowns, is too steep: see `STEEPEST`."""
     s = np.array(scales[: len(jacobian)], dtype=object)
     squares = (trace.mul(slope, slope) for slope in (jacobian * (s[:, None] / s)).ravel())
     return trace.mul(const(np.finfo(float).max / STEEPEST**2), functools.reduce(trace.add, squares, const(0.0)))

@@ -8,15 +8,6 @@ STEEPEST = 1e16  # a slope that makes round-off of an unknown an error of 1 in i
 SOLVED = 1e-12  # what may be left of such an equation, scaled
 
 
-def too_steep(slopes: Floats) -> bool:
-    """Is one next to infinite, as that of sqrt(q) at 0? Newton's correction is 0 there, however much is left of the
-    equation, and others may converge beside it."""
-    steepest = 0.0
-    for k in range(len(slopes)):
-        steepest = max(steepest, abs(slopes[k]))
-    return steepest > STEEPEST
-
-
 def dot(x: Floats, y: Floats) -> float:
     total = 0.0
     for i in range(len(x)):

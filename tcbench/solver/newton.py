@@ -66,11 +66,12 @@ def stuck(flow: Flow) -> bool:
 
 @rare
 def solved(flow: Flow, x: Floats) -> bool:
-    """Are the equations at x, by what is left of them? Those of sparse systems are not asked."""
-    if flow.ns > 0:
-        return False
-    call(flow.full, flow.w, x, flow.derivatives)
+    """Are the equations at x, by what is left of them?"""
     most = 0.0
+    if flow.ns > 0:
+        call(flow.polish, flow.w, x, flow.derivatives)
+    else:
+        call(flow.full, flow.w, x, flow.derivatives)
     for i in range(flow.nx):
         most = max(most, abs(flow.derivatives[i]) * flow.w[2 * flow.nx + i])
     return most <= SOLVED

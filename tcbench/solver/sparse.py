@@ -10,7 +10,7 @@ import numpy as np
 
 from ..compiler.language import Floats, Matrix, call, copy_into, fill, rare
 from .flow import Flow
-from .linear_algebra import SOLVED, dot, too_steep
+from .linear_algebra import SOLVED, STEEPEST, dot
 
 KRYLOV_STEPS = 30  # of BiCGStab, after which the matrix is factorised
 LEAST_PIVOT = 1e-2  # of the incomplete factors, over the row's largest entry: below it they are not trusted
@@ -25,10 +25,10 @@ def incomplete_factors(flow: Flow, entries: int) -> bool:
     first, columns, diagonal, factors, place = flow.first, flow.columns, flow.diagonal, flow.factors, flow.place
     for k in range(flow.nnz):
         factors[k] = flow.derivatives[entries + k]
-    if flow.steep and too_steep(flow.derivatives[entries : entries + flow.nnz]):
-        factors[diagonal[0]] = 0.0
-        return False
     for i in range(flow.ns):
+        if flow.steep and too_steep(flow, entries, i):
+            factors[diagonal[0]] = 0.0
+            return False
         start, stop = first[i], first[i + 1]
         largest = 0.0
         for k in range(start, stop):
@@ -50,6 +50,17 @@ def incomplete_factors(flow: Flow, entries: int) -> bool:
             return False
         factors[diagonal[i]] = 1.0 / pivot  # the inverse is kept
     return True
+
+
+@rare
+def too_steep(flow: Flow, entries: int, i: int) -> bool:
+    """Has equation i a slope, in units of the unknowns, that is next to infinite, as that of sqrt(q) at 0? Newton's
+    correction is 0 there, however much is left of the equation, and others may converge beside it."""
+    n, steepest = flow.ns, 0.0
+    scale = flow.w[2 * n : 3 * n]
+    for k in range(flow.first[i], flow.first[i + 1]):
+        steepest = max(steepest, abs(flow.derivatives[entries + k]) / scale[flow.order[flow.columns[k]]])
+    return steepest * float(scale[flow.order[i]]) > STEEPEST
 
 
 @rare
@@ -143,8 +154,8 @@ def sparse_stuck(flow: Flow) -> bool:
     """Is an equation with too steep a slope not solved? Of the residual and Jacobian in `derivatives`."""
     n = flow.ns
     for i in range(n):
-        row = flow.derivatives[n + flow.first[i] : n + flow.first[i + 1]]
-        if too_steep(row) and abs(flow.derivatives[flow.order[i]]) * flow.w[2 * n + flow.order[i]] > SOLVED:
+        at = flow.order[i]
+        if abs(flow.derivatives[at]) * flow.w[2 * n + at] > SOLVED and too_steep(flow, n, i):
             return True
     return False
 

@@ -122,6 +122,36 @@ def test_a_slope_that_units_make_steep_is_none(name):
     assert end[1] == pytest.approx(end[0], abs=1e-3)  # friction differs by what heat does to the temperature
 
 
+class Ring(Relativistic):
+    """Many of them, next to each other, whose equations are sparse."""
+
+    name = "ring"
+    variables = dict.fromkeys("qps", ("body",))
+    tables = {"next": ("body", 2, "body")}
+
+    def energy(self, z):
+        a, b = z.q[self.next].T
+        kinetic = 2.0 * np.sqrt(z.p**2 + 4.0 * self.m**2)
+        springs = self.m * (z.q**2 / 2 + z.q**4 / 4 + (a - b) ** 2 / 10)
+        return (kinetic + springs + 300.0 * self.C * np.exp(z.s / self.C)).sum()
+
+    def entropy(self, z):
+        return z.s.sum()
+
+
+def test_a_slope_that_units_make_steep_is_none_of_many():
+    """That of momenta by positions, in the method whose equations keep both; a factor for all is an unknown there."""
+    k, end = np.arange(40), []
+    for m in (1.0, 1e20):
+        start = {"q": 1.2 + 0.1 * np.sin(k), "p": np.full(40, 0.1 * m), "s": np.full(40, 0.1 * m)}
+        constants = {"m": m, "C": m, "next": np.stack([k, (k + 1) % 40], axis=1)}
+        scenario = tcbench.Scenario("ring", Ring, constants, initial=start, dt=0.01, t_end=0.05)
+        run = tcbench.simulate("tc_gonzalez", scenario)
+        assert run.ok
+        end.append(run.z[-1, :40])
+    assert np.allclose(*end, rtol=1e-12)
+
+
 @pytest.mark.parametrize("dt", [0.01, 0.005])
 def test_steps_whose_start_solves_their_equations_are_taken(dt):
     """Also where round-off is all that Newton corrects, and a formula has roots."""
