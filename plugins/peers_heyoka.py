@@ -28,7 +28,8 @@ def compiled(system, tolerance):
 
 def refuses(system):
     n = system.size
-    return f"heyoka compiles a formula for each of the {n} numbers of {system.name}, at most {MOST}" if n > MOST else ""
+    told = f"heyoka compiles a formula for each of the {n} numbers of {system.name}, at most {MOST}: take tc_taylor"
+    return told if n > MOST else ""
 
 
 def heyoka(system, z0, t_eval, rtol, atol):

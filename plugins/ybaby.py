@@ -15,6 +15,8 @@ from tcbench.compiler import derivatives as trace
 from tcbench.compiler.chain_rule import discrete_gradient, gradient
 from tcbench.compiler.once import once_a_system
 
+ANOTHER = "take a method for every system, such as tc_monolithic"
+
 
 @once_a_system
 def hamiltonian(system):
@@ -45,10 +47,10 @@ def _under(formulas, variables):
 def refuses(system):
     if system.large:
         numbers = f"the {system.size} of {system.name} are traced on arrays"
-        return f"its formulas take the numbers of a state one by one, and {numbers}"
+        return f"its formulas take the numbers of a state one by one, and {numbers}: {ANOTHER}"
     if hamiltonian(system):
         return ""
-    return f"it needs positions q and momenta p with H = K(p) + U(q, the rest), which {system.name} has not"
+    return f"it needs positions q and momenta p with H = K(p) + U(q, the rest), which {system.name} has not: {ANOTHER}"
 
 
 def verlet(z0, z1, h, system):

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from tcbench import Scenario, TcbenchError
-from tcbench.systems.spring_network import SpringNetwork, tables_of, whole_number
+from tcbench.systems.spring_network import SpringNetwork, springs_of, whole_numbers
 from tcbench.systems.viscous_springs import with_dashpots
 
 MOST_MASSES = 100_000  # the arrays of one state of more would hardly be meant
@@ -35,16 +35,7 @@ def chain(n: int, **changes: Any) -> Scenario:
     scenario = Scenario(
         name=f"chain_{n}",
         system=Chain,
-        constants={
-            **tables_of(joined, np.zeros((1, 2))),
-            "masses": np.ones(n),
-            "stiffness": np.full(n, 10.0),
-            "natural_lengths": np.ones(n),
-            "conductivity": 10.0,
-            "reference_temperature": 300.0,
-            "coupling": 0.2,
-            "heat_capacity": 5.0,
-        },
+        constants=springs_of(joined, np.zeros((1, 2))),
         positions=tuple(np.stack([1.1 * (i + 1), 0 * i], axis=1).ravel()),
         momenta=tuple(np.stack([0 * i, 0.5 * np.sin(0.7 * (i + 1))], axis=1).ravel()),
         temperatures=tuple(300 + 20 * np.cos(i)),
@@ -58,9 +49,5 @@ def chain(n: int, **changes: Any) -> Scenario:
 
 def chain_of(n: str, viscosity: str = "") -> Scenario:
     """`chain` for the command line: n in words."""
-    masses = whole_number(n, 2, MOST_MASSES)
-    if masses is None:
-        raise TcbenchError(
-            f"A chain has a whole number of masses, at least 2 and at most {MOST_MASSES}, not {n[:30]!r}: chain[n=8]."
-        )
-    return with_dashpots(chain(masses), viscosity)
+    least = f"A chain has a whole number of masses, at least 2 and at most {MOST_MASSES}: chain[n=8]"
+    return with_dashpots(chain(*whole_numbers(least, 2, MOST_MASSES, n)), viscosity)

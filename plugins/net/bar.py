@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from tcbench import Scenario, System, TcbenchError
-from tcbench.systems.spring_network import whole_number
+from tcbench import Scenario, System
+from tcbench.systems.spring_network import whole_numbers
 
 MOST = 100_000  # elements
 
@@ -91,7 +91,4 @@ def bar(n: int, **changes: Any) -> Scenario:
 
 def bar_of(n: str) -> Scenario:
     """`bar` for the command line: n in words."""
-    elements = whole_number(n, 2, MOST)
-    if elements is None:
-        raise TcbenchError(f"A bar has a whole number of elements, 2 to {MOST}, not {n[:30]!r}: bar[n=20].")
-    return bar(elements)
+    return bar(*whole_numbers(f"A bar has a whole number of elements, 2 to {MOST}: bar[n=20]", 2, MOST, n))

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from tcbench import Scenario, TcbenchError
-from tcbench.systems.spring_network import SpringNetwork, tables_of, whole_number
+from tcbench import Scenario
+from tcbench.systems.spring_network import SpringNetwork, springs_of, whole_numbers
 from tcbench.systems.viscous_springs import with_dashpots
 
 MOST = 1000  # masses along a side
@@ -32,7 +32,6 @@ def joined(nx: int, ny: int) -> Any:
 def net(nx: int, ny: int, **changes: Any) -> Scenario:
     """A stretched net with a hot patch that is let go: heat spreads while it swings; changes as for replace()."""
     ends, fixed = joined(nx, ny), SPACING * np.array([[-1.0, 0.0], [nx, 0.0]])
-    m = len(ends)
     i, j = (x.ravel() for x in np.meshgrid(np.arange(nx), np.arange(ny), indexing="ij"))
     places = SPACING * np.stack([i, j], axis=1)
     middle = np.concatenate([places, fixed])[ends].mean(axis=1)
@@ -41,11 +40,7 @@ def net(nx: int, ny: int, **changes: Any) -> Scenario:
     scenario = Scenario(
         name=f"net_{nx}x{ny}",
         system=Net,
-        constants={
-            **tables_of(ends, fixed), "masses": np.ones(nx * ny),
-            "stiffness": np.full(m, 10.0), "natural_lengths": np.ones(m),
-            "conductivity": 10.0, "reference_temperature": 300.0, "coupling": 0.2, "heat_capacity": 5.0,
-        },
+        constants=springs_of(ends, fixed),
         positions=tuple(places.ravel()),
         momenta=tuple(speed.ravel()),
         temperatures=tuple(300 + 60 * np.exp(-distance / (0.1 * max(nx, ny) ** 2 + 1.0))),
@@ -53,13 +48,11 @@ def net(nx: int, ny: int, **changes: Any) -> Scenario:
         dt=0.1,
         shows="cost against size, in the plane",
         source="Romero (2009), section 4, with the masses and springs of a net",
-    )  # fmt: skip
+    )
     return scenario.replace(**changes) if changes else scenario
 
 
 def net_of(nx: str, ny: str, viscosity: str = "") -> Scenario:
     """`net` for the command line: sizes in words."""
-    for size in (nx, ny):
-        if whole_number(size, 2, MOST) is None:
-            raise TcbenchError(f"A net has 2 to {MOST} masses along each side, not {size[:30]!r}: net[nx=10,ny=10].")
-    return with_dashpots(net(int(nx), int(ny)), viscosity)
+    sizes = whole_numbers(f"A net has 2 to {MOST} masses along each side: net[nx=10,ny=10]", 2, MOST, nx, ny)
+    return with_dashpots(net(*sizes), viscosity)

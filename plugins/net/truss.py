@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from tcbench import Scenario, TcbenchError
-from tcbench.systems.spring_network import SpringNetwork, tables_of, whole_number
+from tcbench.systems.spring_network import SpringNetwork, springs_of, whole_numbers
 from tcbench.systems.viscous_springs import with_dashpots
 
 MOST = 200  # masses along an edge
@@ -39,18 +39,14 @@ def truss(nx: int, ny: int, nz: int, **changes: Any) -> Scenario:
     """A clamped bar that is bent and heated at its free end, and let go; changes as for replace()."""
     free = nx * ny * nz
     points, pairs = joined(nx, ny, nz)
-    m, places, ends = len(pairs), points[:free].astype(float), points[pairs]
+    places, ends = points[:free].astype(float), points[pairs]
     lengths, height = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1), ends[:, :, 2].mean(axis=1)
     momenta = np.zeros_like(places)
     momenta[:, 0] = 0.5 * (places[:, 2] + 1) / nz
     scenario = Scenario(
         name=f"truss3d_{nx}x{ny}x{nz}",
         system=Truss,
-        constants={
-            **tables_of(pairs, points[free:]), "masses": np.ones(free),
-            "stiffness": np.full(m, 10.0), "natural_lengths": lengths,
-            "conductivity": 2.0, "reference_temperature": 300.0, "coupling": 0.2, "heat_capacity": 5.0,
-        },
+        constants=springs_of(pairs, points[free:], natural_lengths=lengths, conductivity=2.0),
         positions=tuple(places.ravel()),
         momenta=tuple(momenta.ravel()),
         temperatures=tuple(300 + 40 * (height + 1) / nz),
@@ -58,17 +54,14 @@ def truss(nx: int, ny: int, nz: int, **changes: Any) -> Scenario:
         dt=0.1,
         shows="cost against size, in space",
         source="Romero (2009), section 4, with the masses and springs of a bar",
-    )  # fmt: skip
+    )
     return scenario.replace(**changes) if changes else scenario
 
 
 def truss_of(nx: str, ny: str, nz: str, viscosity: str = "") -> Scenario:
     """`truss` for the command line: sizes in words."""
-    for size in (nx, ny, nz):
-        if whole_number(size, 1, MOST) is None:
-            raise TcbenchError(
-                f"A bar has 1 to {MOST} masses along each edge, not {size[:30]!r}: truss3d[nx=2,ny=2,nz=8]."
-            )
-    if min(int(nx), int(ny)) < 2:
+    edges = f"A bar has 1 to {MOST} masses along each edge: truss3d[nx=2,ny=2,nz=8]"
+    sizes = whole_numbers(edges, 1, MOST, nx, ny, nz)
+    if min(sizes[:2]) < 2:
         raise TcbenchError("A bar has at least 2 by 2 masses across: truss3d[nx=2,ny=2,nz=8].")
-    return with_dashpots(truss(int(nx), int(ny), int(nz)), viscosity)
+    return with_dashpots(truss(*sizes), viscosity)

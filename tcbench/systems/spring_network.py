@@ -8,11 +8,12 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..errors import TcbenchError
 from .pendulum import Springs
 
 
 class SpringNetwork(Springs):
-    """Springs as in the pendulum; each two that share a mass conduct heat. `tables_of` makes the tables of a net."""
+    """Springs as in the pendulum; each two that share a mass conduct heat. `springs_of` are a net's constants."""
 
     dimension: ClassVar[int] = 2
     constants = {
@@ -44,18 +45,20 @@ class SpringNetwork(Springs):
         return np.concatenate([q, self.anchors])[self.ends].reshape(-1, 2, d)[:, :, [0, d - 1]]
 
 
-def tables_of(pairs: ArrayLike, anchors: ArrayLike) -> dict[str, Any]:
-    """The tables, and the anchors, of the net with these springs.
+def springs_of(pairs: ArrayLike, anchors: ArrayLike, **changes: Any) -> dict[str, Any]:
+    """The tables and constants of the net with these springs, all alike but for the changes.
 
     pairs : numbers (m, 2) of the points that each joins: masses first, then the fixed `anchors` (k, d).
     """
     joined, fixed = np.asarray(pairs), np.asarray(anchors, dtype=float)
-    d = fixed.shape[1]
+    d, m = fixed.shape[1], len(joined)
     n = int(joined.max()) + 1 - len(fixed)
     return {
         "ends": (d * joined[:, :, None] + np.arange(d)).reshape(-1, 2 * d), "pairs": _meeting(joined, n),
         "owner": np.repeat(np.arange(n), d), "places": np.arange(d * n).reshape(n, d), "anchors": fixed.ravel(),
-    }  # fmt: skip
+        "masses": np.ones(n), "stiffness": np.full(m, 10.0), "natural_lengths": np.ones(m), "conductivity": 10.0,
+        "reference_temperature": 300.0, "coupling": 0.2, "heat_capacity": 5.0,
+    } | changes  # fmt: skip
 
 
 def _meeting(pairs: Any, n_masses: int) -> Any:
@@ -70,7 +73,11 @@ def _meeting(pairs: Any, n_masses: int) -> Any:
     return np.array(links, dtype=np.int64).reshape(-1, 2)
 
 
-def whole_number(text: str, least: int, most: int) -> int | None:
-    """The number that a word of the command line is; None if it is none from `least` to `most`."""
-    known = text.isascii() and text.isdecimal() and len(text) <= len(str(most))
-    return int(text) if known and least <= int(text) <= most else None
+def whole_numbers(what: str, least: int, most: int, *words: str) -> list[int]:
+    """The numbers, from `least` to `most`, that words of the command line are; what: a sentence that says so, and how
+    it is written behind ": "."""
+    for text in words:
+        if not (text.isascii() and text.isdecimal() and len(text) <= len(str(most)) and least <= int(text) <= most):
+            has, _, example = what.partition(": ")
+            raise TcbenchError(f"{has}, not {text[:30]!r}: {example}.")
+    return list(map(int, words))
