@@ -24,7 +24,7 @@ from ..compiler.once import once
 from ..errors import TraceError
 from ..integrator import Flow
 from .elimination import ZERO_PIVOT
-from .first_values import plain_start, sizes_of
+from .first_values import measured_by, plain_start, sizes_of
 from .flow_kernels import FlowKernels, called, finite_rows, further, has_roots
 from .normal_rows import normalised
 from .pattern import Pattern
@@ -103,7 +103,7 @@ def _array_flow(flow: Flow, net: Any) -> ArrayFlow:
         dz = net.state(np.concatenate([dy.q, dy.p, net.entropy_increments(flow.variables, y0, y1)]))
     positive = entries(y1.theta) if flow.variables == "temperature" else []
     scales = map(trace.reciprocal, sizes_of(net, y0, z0, flow.variables) * len(steps))
-    sizes = dict(zip(d, scales, strict=True))
+    sizes = measured_by(reduction, dict(zip(d, scales, strict=True)), _slopes)
     began = plain_start(reduction, _slopes)
     began |= dict(zip(shared, trace.substitute(list(shared.values()), began), strict=True))
     # Newton's matrix has rows for shared numbers, which are what the other unknowns make them: as if it had none

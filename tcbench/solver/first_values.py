@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,9 +18,10 @@ from .reduction import Reduction
 TINY = 1e-100  # beside a kinetic energy that may be zero
 
 
-def plain_start(
-    reduction: Reduction, slopes_of: Callable[[Symbol, Sequence[Symbol]], Sequence[tuple[Symbol | None, Symbol]]]
-) -> dict[Symbol, Symbol]:
+SlopesOf = Callable[[Symbol, Sequence[Symbol]], Sequence[tuple[Symbol | None, Symbol]]]
+
+
+def plain_start(reduction: Reduction, slopes_of: SlopesOf) -> dict[Symbol, Symbol]:
     """Unknowns for which the eliminated increments vanish: Newton from z1 = z0.
 
     Newton does not see the initial value of an unknown that enters linearly (momenta, once positions are eliminated),
@@ -36,6 +37,20 @@ def plain_start(
             (offset,) = trace.substitute([formula], dict.fromkeys(x, zero))
             start[symbol] = trace.neg(trace.mul(offset, trace.reciprocal(slope)))
     return start
+
+
+def measured_by(reduction: Reduction, inverse: Mapping[Symbol, Symbol], slopes_of: SlopesOf) -> dict[Symbol, Symbol]:
+    """1/size of every increment: of an unknown with which an eliminated one moves, by whichever is the stricter.
+
+    Momenta of 1e-10 are nothing beside 1, and move masses of 1e-20 as far as others. Where Newton's matrix is small
+    both are corrected (`flow_kernels.FlowKernels`).
+    """
+    found, x = dict(inverse), reduction.unknowns
+    for moved, formula in reduction.eliminated.items():
+        for unknown, slope in slopes_of(formula, x):
+            if unknown is not None and slope.number not in trace.depends_on([slope], x):
+                found[unknown] = trace.maximum(found[unknown], trace.mul(abs(slope), inverse[moved]))
+    return found
 
 
 def by_entries(formula: Symbol, x: Sequence[Symbol]) -> list[tuple[Symbol | None, Symbol]]:

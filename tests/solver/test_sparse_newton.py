@@ -193,3 +193,46 @@ def test_an_audit_leaves_the_factors_that_the_next_steps_go_on_with(method):
     settings = {"dt": 0.1, "t_end": 2.0}
     run, same = (tcbench.simulate(method, chain(8), audit_roots=audit, **settings) for audit in (True, False))
     assert np.array_equal(run.z, same.z) and run.solver.audited and "sparse" in run.solver.way
+
+
+class Row(tcbench.System):
+    """Masses in a row, whose bonds are not linear; friction."""
+
+    name = "row"
+    variables = {"q": (26,), "p": (26,), "s": ()}
+    constants = {"mass": (), "rate": ()}
+
+    def energy(self, z):
+        d = z.q[1:] - z.q[:-1] - 1
+        return z.p @ z.p / (2 * self.mass) + (d**2 / 2 + d**4 / 4).sum() + 300 * np.exp(z.s)
+
+    def entropy(self, z):
+        return z.s
+
+    def reversible(self, z, DE, DS):
+        return {"q": DE.p, "p": -DE.q}
+
+    def irreversible(self, z, DE, DS):
+        force = 0.1 * self.rate * self.mass * DE.p
+        return {"p": -force, "s": force @ DE.p / DE.s}
+
+
+def row(unit):
+    start = {"q": np.arange(26.0), "p": np.sin(2 * np.arange(26)) / unit, "s": 0}
+    return tcbench.Scenario("row", Row, {"mass": unit**-2, "rate": unit}, initial=start, dt=0.5 / unit, t_end=5 / unit)
+
+
+def quicker(unit):
+    one = chain(9)
+    changed = {"masses": np.divide(one.constants["masses"], unit**2), "momenta": np.divide(one.momenta, unit)}
+    rate = one.constants["conductivity"] * unit
+    return one.replace(dt=one.dt / unit, t_end=5 * one.dt / unit, conductivity=rate, **changed)
+
+
+@pytest.mark.parametrize("made", [row, quicker])
+@pytest.mark.parametrize("name", ["tc_staggered", "tc_strang"])
+def test_small_momenta_are_solved_for_as_positions_that_they_move(made, name):
+    """In a unit of time that makes them 1e-15 beside positions of 1, a ten-thousandth of the energy went."""
+    for unit in (1.0, 2.0**50):
+        run = tcbench.simulate(name, made(unit))
+        assert run.ok and "sparse" in run.solver.way and run.summary.energy_error_max < 1e-13
