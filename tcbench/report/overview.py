@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from statistics import median
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from .judged import TIMES, finite, ladder_runs, laws, power, times_over_best
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 
 Tables = Mapping[str, Any]
 TARGETS = ("time 1e-06", "time 0.001")  # to an accurate trajectory; the second where no method reaches the first
+ROUND_OFF = 1e-12  # errors below it rank nobody
 LONGEST = 40  # characters of a name in a sentence
 TURNING = "\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"  # bidirectional controls
 WRONG = {"coarse": "final temperatures", "produced": "entropy produced"}  # errors at the coarsest step
@@ -102,10 +104,10 @@ def reached(found: DataFrame, key: str) -> Any:
     return found[key].notna() & found[key].ne(math.inf)
 
 
-def _surest(found: Mapping[str, Sequence[float]]) -> list[str]:
+def _surest(found: Mapping[str, Sequence[float]], price: Any = MappingProxyType({})) -> list[str]:
     """Of numbers by method, one a scenario and small ones better: the method that has most of them and, of those, the
-    least of the largest; then the methods with as many whose largest is within 5 % of it."""
-    first = min(found, key=lambda name: (-len(found[name]), max(found[name]), name))
+    least of the largest, of equals the least price; then those with as many whose largest is within 5 % of it."""
+    first = min(found, key=lambda name: (-len(found[name]), max(found[name]), price.get(name, math.inf), name))
     most, limit = len(found[first]), TIE * max(found[first])
     others = [name for name in sorted(found) if len(found[name]) == most and max(found[name]) <= limit]
     return [first, *(name for name in others if name != first)]
@@ -145,7 +147,8 @@ def _against_peers(table: DataFrame, key: str, name: str, scenarios: Iterable[st
 
 
 def percent(value: float) -> str:
-    return f"{rounded(100 * value)} %"
+    """Two digits; what an error is within needs no more than 0.001 %."""
+    return f"{rounded(100 * max(value, 1e-5))} %"
 
 
 def rounded(value: float) -> str:
@@ -203,7 +206,7 @@ def coarse(found: DataFrame) -> Finding | None:
     wrong = [column for column in WRONG if column in found]
     ran = found[wrong].max(axis=1)[found["coarse"].notna()]
     known = ran[ran.ne(math.inf) & ran.index.isin(lawful_ones(found), level="integrator")]
-    errors = {name: of.tolist() for name, of in known.groupby(level="integrator")}
+    errors = {name: of.clip(lower=ROUND_OFF).tolist() for name, of in known.groupby(level="integrator")}
     if not errors:
         return None
     worst = found.loc[known.index, wrong].groupby(level="integrator").max()
@@ -212,11 +215,11 @@ def coarse(found: DataFrame) -> Finding | None:
         return ", ".join(f"{WRONG[c]} within {percent(v)}" for c, v in worst.loc[name].items() if finite(v))
 
     count = ran.index.get_level_values("scenario").nunique()
-    general, *_ = _surest(errors)
+    price = typical_cost(found)
+    general, *_ = _surest(errors, price)
     name = _where_it_runs(errors, ran.groupby(level="integrator").size().to_dict(), general) or general
     where = f" {_on(len(errors[name]), count)}" if count > 1 else ""
     text = f"{within(name)}{where}, each law kept"
-    price = typical_cost(found)
     costs = {m: price[m] for m in errors if m in price and len(errors[m]) == len(errors[name])}
     cheap = min(costs, key=lambda m: (costs[m], m), default=name)
     if cheap != name:

@@ -17,6 +17,7 @@ from ..store.tables import read_tables
 from ..studies.columns import column
 from ..studies.work_precision import SPENT_S
 from .by_method import paper
+from .charts.scales import power_text
 from .html import library, packed_json, packed_table, script_hash, script_text, strict, vendored
 from .judged import LOOSE, judged
 from .leaders import leaders
@@ -32,6 +33,7 @@ SCRIPTS = ("base", "chart", "panels", "overview", "player", "scenarios", "method
 ROUNDED = ("series", "opening", "ensemble_seeds")  # many numbers, of which a chart shows three digits
 EXACTER = ("t", "dt", "tolerance", "seed")  # and temperatures: they change by little beside what they are
 HISTORY = "history"
+POWER = re.compile(r"(?<![\d.])1e-\d+")
 TOGETHER = re.compile(r"(?<=\d) (?=(?:%|µs|ms|s)(?!\w))|(?<=\b[ht]) (?==)|(?<=\b[ht] =) ")
 
 
@@ -66,8 +68,8 @@ def _environment() -> Any:
 
 
 def _unbroken(text: str) -> str:
-    """No line ends between a number and its unit, nor within h = 0.3."""
-    return TOGETHER.sub("\u00a0", text)
+    """No line ends between a number and its unit, nor within h = 0.3 or 1e-6, which is 10⁻⁶ as in the page's lists."""
+    return TOGETHER.sub("\u00a0", POWER.sub(lambda found: power_text(float(found[0])), text))
 
 
 def _content(store: Store, tables: dict[str, DataFrame]) -> dict[str, Any]:

@@ -29,7 +29,7 @@ def test_a_scenario_answers_first_and_then_shows(large, visit):
     page = visit(large)
     page.locator(".matrix thead .one a", has_text="fast_").click()  # which method for a long run at a large step?
     told = page.locator("#scenario-page .answers").inner_text()
-    assert re.match(r"An accurate trajectory: \w+, an error of 1e-6 in \d", told) and "At h = 0.3: " in told
+    assert re.match(r"An accurate trajectory: \w+, an error of 10⁻⁶ in \d", told) and "At h = 0.3: " in told
     place = "() => [...document.querySelectorAll('#scenario-page .answers, .rank, #scenario-page .chart svg, .player')]"
     tops = page.evaluate(f"({place})().map(e => e.getBoundingClientRect().y)")
     assert tops[0] < tops[1] < tops[-1] and tops[2] < tops[-1]  # sentence, ranking and chart, player

@@ -94,7 +94,7 @@ const ranking = (name, wanted, work) => {
     const columns = [
       ["laws", "laws kept", DEFINED.laws, (m) => (share(m) ? 1 - share(m)[0] / share(m)[1] : undefined), (v, m) => `${share(m)[0]} of ${share(m)[1]}`],
       ...["0.001", "1e-06", "1e-09"].map((t) => [`time ${t}`, `to ${power(Math.round(Math.log10(+t)))}`, DEFINED.time, timed(`time ${t}`), seconds]),
-      ["theta", "θ error", `at ${h}: ${DEFINED.theta}`, wrong("error_theta"), percent], ["produced", "entropy error", `at ${h}: ${DEFINED.produced}`, wrong("error_entropy_produced"), percent],
+      ["theta", "θ error", `at ${h}: ${DEFINED.theta}`, wrong("error_theta"), percent], ["produced", "S error", `at ${h}: ${DEFINED.produced}`, wrong("error_entropy_produced"), percent],
       ["state", "state error", `at ${h}: ${DEFINED.state}`, wrong("error"), percent],
       ["stable", "stable up to h", DEFINED.stable, (m) => { const v = cells("step")[m]?.[name]; return Array.isArray(v) ? -1e9 : known(v) ? -v : v; }, (v) => (v === -1e9 ? `> ${number(cells("step")[Object.keys(cells("step")).find((m) => Array.isArray(cells("step")[m][name]))][name][1], 2)}` : number(-v, 2))],
       ["failed", "failed", DEFINED.failed, (m) => page.failures[m]?.[name]?.[0] || 0, plain],
