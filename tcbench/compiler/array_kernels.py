@@ -298,11 +298,9 @@ class _Writer:
         if self.stored.get(x.number) == place and x.number not in self.given:
             return []
         value = "" if x.space else self._number(x)
-
-        def line(i: str) -> list[str]:
-            return [f"{self.item(place, i)} = {value or self.item(self.stored[x.number], i)}"]
-
-        return self._loop_over(space, line)
+        return self._loop_over(
+            space, lambda i: [f"{self.item(place, i)} = {value or self.item(self.stored[x.number], i)}"]
+        )
 
     def _zero(self, space: str, place: Place) -> list[str]:
         return self._loop_over(space, lambda i: [f"{self.item(place, i)} = 0.0"])
@@ -337,7 +335,7 @@ class _Body:
         here = [x for x in writer.nodes if writer.stage[x.number] == (depth, space) and x.number not in writer.given]
         slopes = {(x.op, x.args[0].number): x for x in here if x.op in PAIRS.values()}
         for node in here:
-            if node.number in self.names or node.op in ("collect", "join", "part"):
+            if node.number in self.names or node.op in WHOLE:
                 continue
             if node.op == "take":
                 self.names[node.number] = name = writer._fresh("v")
@@ -350,7 +348,7 @@ class _Body:
             self.lines += writer._operation(node, self.names, partner)
         for node in here:
             place = writer.stored.get(node.number)
-            if place and node.op not in ("collect", "join", "part"):
+            if place and node.op not in WHOLE:
                 self.lines.append(f"{writer.item(place, i)} = {self.names[node.number]}")
         self._sums((depth, space))
 

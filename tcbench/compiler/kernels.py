@@ -133,10 +133,9 @@ def namespace() -> dict[str, Any]:
     """What the text of a kernel names."""
     from . import special
 
-    names = ("phi", "phi_pair", "dphi", "phi_slope", "lam", "lam_pair", "dlam", "lam_slope", "sinc", "sinc_pair",
-             "dsinc", "sinc_slope", "atan_slope", "atan_bend", "tanh_slope", "langevin")  # fmt: skip
     functions = {f.__name__: f for f in (scratch, release, vector, row, pick, put)}
-    return {"inf": math.inf, **FUNCTIONS, **functions, **{name: getattr(special, name) for name in names}}
+    own = {name: f for name, f in vars(special).items() if getattr(f, "__module__", "") == special.__name__}
+    return {"inf": math.inf, **FUNCTIONS, **functions, **own}
 
 
 def _load(text: str, table: NDArray[np.int32] | None) -> int:
