@@ -12,7 +12,7 @@ from typing import Any
 from ..errors import TcbenchError, writing
 from ..files import replacing
 from ..store.store import Store
-from .write_report import write_report
+from .write_report import machine, write_report
 
 COPIED = ("summary.csv", "declared.json")  # beside report, tables, sources and the manifest
 # Trees of a run, and the files of them that are copied: data and sources, nothing that a browser would run.
@@ -78,7 +78,7 @@ def _published(run: Path, name: str, output: Path) -> dict[str, Any]:
     git: dict[str, Any] = manifest.get("git") or {}
     return {
         "name": name, "ended": str(manifest.get("ended", "")), "version": manifest.get("tcbench", ""),
-        "machine": _machine(manifest.get("machine") or {}), "python": manifest.get("python", ""),
+        "machine": machine(manifest, "system") or "machine not known", "python": manifest.get("python", ""),
         "commit": str(git.get("commit") or "")[:10], "unfinished": manifest.get("interrupted"),
         "integrators": len(declared.get("integrators", {})), "scenarios": len(declared.get("scenarios", {})),
         "tables": sorted(p.stem for p in (place / "tables").glob("*.csv")), "sources": (place / "sources").is_dir(),
@@ -88,12 +88,3 @@ def _published(run: Path, name: str, output: Path) -> dict[str, Any]:
 def _is_own(path: Path) -> bool:
     """Whether it is a file of the run, not a link."""
     return path.is_file() and not path.is_symlink()
-
-
-def _machine(facts: dict[str, Any]) -> str:
-    words = [
-        str(facts.get("cpu") or ""),
-        f"{facts['cores']} cores" if "cores" in facts else "",
-        str(facts.get("system") or ""),
-    ]
-    return ", ".join(filter(None, words)) or "machine not known"

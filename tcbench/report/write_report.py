@@ -96,7 +96,7 @@ def _content(store: Store, tables: dict[str, DataFrame]) -> dict[str, Any]:
     }  # fmt: skip
     return {
         "title": store.folder.resolve().name,
-        "machine": _machine(manifest),
+        "machine": machine(manifest),
         "when": str(manifest.get("ended", "")),
         "counts": (len(rows), len(scenarios)),
         "findings": [asdict(finding) | {"text": _unbroken(finding.text)} for finding in findings(found, tables)],
@@ -153,13 +153,14 @@ def _label(name: str, declared: Mapping[str, Any]) -> str:
     return f"{column(name).label}, {unit}" if unit else column(name).label
 
 
-def _machine(manifest: Mapping[str, Any]) -> str:
-    """The processor and the cores that a run had, for the head of the page."""
-    machine = manifest.get("machine")
-    if not isinstance(machine, Mapping):
+def machine(manifest: Mapping[str, Any], *more: str) -> str:
+    """The processor and the cores that a run had, and more of what its manifest says of them."""
+    facts = manifest.get("machine")
+    if not isinstance(facts, Mapping):
         return ""
-    cores = machine.get("usable_cores") or machine.get("cores")
-    return ", ".join(filter(None, [str(machine.get("cpu") or ""), f"{cores} cores" if cores else ""]))
+    cores = facts.get("usable_cores") or facts.get("cores")
+    others = [str(facts.get(name) or "") for name in ("cpu", *more)]
+    return ", ".join(filter(None, [others[0], f"{cores} cores" if cores else "", *others[1:]]))
 
 
 def _references(tables: Mapping[str, DataFrame]) -> list[tuple[str, str]]:

@@ -10,6 +10,7 @@ import matplotlib
 import numpy as np
 
 from ...chart import Chart, Panel, Row, Series, Sheet
+from ..judged import power
 from ..leaders import front
 from .layout import line_labels, note, panels, pt, titles
 from .render import chart, chart_of_rows
@@ -99,7 +100,7 @@ def _profile(part: DataFrame, measure: str, target: float) -> Panel:
         [_banded(part, name, methods[name], "tau", "", ends=False) for name in reversed(leading)],
         "time over the fastest method's, τ", "share of scenarios", y_scale="share", rank=leading, stepped=True,
         x_values=part["tau"],
-        title=f"{measure} to {target:.0e}: {runs} scenarios{missing}".replace("e-0", "e-"),
+        title=f"{measure} to {power(target)}: {runs} scenarios{missing}",
         note="" if known else "no scenario has a reference that is good enough",
     )  # fmt: skip
 

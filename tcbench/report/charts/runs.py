@@ -262,7 +262,10 @@ def equilibrium(table: DataFrame, summary: DataFrame | None = None) -> Drawing:
         log_axis(ax, "x", table["t"])
         if near:
             value = np.abs(finite(table[columns[0]]))
-            (_zero if (value == 0).any() else log_axis)(ax, "y", value)
+            if (value == 0).any():
+                zero_log_axis(ax, value)
+            else:
+                log_axis(ax, "y", value)
             round_off_band(ax)
         for rank, (name, run) in enumerate(_runs(table)):
             for i, column in enumerate(columns):
@@ -296,10 +299,6 @@ def _exact(ax: Axes, columns: Sequence[str], summary: DataFrame | None) -> None:
             for value in {v for v in finite(summary[exact]) if np.isfinite(v)}:
                 if low - 0.25 * (high - low) <= value <= high + 0.25 * (high - low):
                     ax.axhline(value, color=ink(), linestyle=":", linewidth=pt(1))
-
-
-def _zero(ax: Axes, _which: str, values: Any) -> None:
-    zero_log_axis(ax, values)
 
 
 CHARTS = (
