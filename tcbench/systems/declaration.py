@@ -22,6 +22,7 @@ COLUMNS = re.compile(  # of tables: what is called so would stand in their place
     r"(t|tolerance|integrator|scenario|status|all|energy(_error)?|entropy(_fall)?|lyapunov_rise|at_[xy]_\d+)\Z"
 )
 WARM = re.compile(r"(theta\d+|temperature_[a-z])\Z")  # the same of systems with temperatures
+OF_ELEMENTS = re.compile(r"(theta\d+|(temperature|strain)_[a-z]|[xyq]_\d+)\Z")
 MATRICES = {"reversible": "poisson", "irreversible": "friction"}  # what may stand in the place of a rate
 ELEMENTS = ("n_positions", "n_elements", "inertia", "shape", "element_energy", "conduction", "entropies")
 
@@ -102,6 +103,8 @@ def is_column(name: str, system: type[System] | System) -> bool:
     """Have tables a column of this name, as q0 of a variable q of several numbers?"""
     letters, shape = name.rstrip("0123456789"), system.variables.get(name, ())
     if system.defines("temperature") and WARM.match(f"{name}0" if shape else name):
+        return True
+    if system.defines("element_energy") and OF_ELEMENTS.match(name):
         return True
     return COLUMNS.match(name) is not None or (letters != name and system.variables.get(letters, ()) != ())
 
