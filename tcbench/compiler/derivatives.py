@@ -122,6 +122,15 @@ def _of_tanh_slope(node: Symbol, a: Symbol, d: Symbol) -> tuple[Symbol, Symbol]:
     return neg(mul(node, add(make("tanh", a), top))), mul(node, sub(make("langevin", d), top))
 
 
+def _of_abs_slope(node: Symbol, a: Symbol, d: Symbol) -> tuple[Symbol, Symbol]:
+    """Of (a + b)/(|a| + |b|), b = a + d."""
+    b = add(a, d)
+    size = add(make("abs", a), make("abs", b))
+    below = reciprocal(add(mul(size, size), const(TINY)))
+    by_a, by_b = (mul(sub(size, mul(add(a, b), make("abs_slope", x, const(0.0)))), below) for x in (a, b))
+    return add(by_a, by_b), by_b
+
+
 def _of_slope(node: Symbol, order: Symbol, x: Symbol) -> tuple[Symbol, Symbol]:
     return const(0.0), make(node.op, add(order, one()), x)
 
@@ -160,6 +169,7 @@ SLOPES_OF_TWO: dict[str, Callable[[Symbol, Symbol, Symbol], tuple[Symbol, Symbol
     "atan2": _of_angle,
     "atan_slope": _of_atan_slope,
     "tanh_slope": _of_tanh_slope,
+    "abs_slope": _of_abs_slope,
     "phi_slope": _of_slope,
     "lam_slope": _of_slope,
     "sinc_slope": _of_slope,

@@ -206,7 +206,7 @@ class Corners:
 
     def fabs(self) -> Corners:
         """Symmetric, and of both signs where x passes 0; at 0 itself 0, the mean of those beside it."""
-        return self._apply(abs(self.value), lambda a, b, slope, _: slope * (a + b) / (abs(a) + abs(b) + TINY))
+        return self._apply(abs(self.value), lambda a, _, slope, step: slope * make("abs_slope", a, step * slope))
 
     __abs__ = fabs
 

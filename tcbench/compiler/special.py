@@ -1,7 +1,7 @@
 """The divided differences that discrete gradients are made of, and their derivatives.
 
     phi(x) = expm1(x)/x       lam(x) = log1p(x)/x       sinc(x) = sin(x)/x       all 1 at x = 0
-    atan_slope(a, d) = (atan(a + d) - atan(a))/d       tanh_slope(a, d) likewise
+    atan_slope(a, d) = (atan(a + d) - atan(a))/d       tanh_slope(a, d), abs_slope(a, d) likewise
 
 Near 0 a series is both exact to the last digit and faster than the library call; each switch is below round-off.
 All arguments and results are dimensionless.
@@ -217,6 +217,15 @@ def atan_bend(a: float, d: float) -> float:
         k += 2.0
         value += power / k
     return (bend * (1.0 + a * a) / w - value * a) / (w * w)
+
+
+def abs_slope(a: float, d: float) -> float:
+    """(|a + d| - |a|)/d: of one side its sign, exactly, so that |x| - x stays 0, and no less; at 0 their mean."""
+    b = a + d
+    if min(a, b) < 0.0 and max(a, b) > 0.0:
+        return (a + b) / (abs(a) + abs(b))
+    size = max(abs(a), abs(b))
+    return 0.0 if size == 0.0 else 1.0 if a == size or b == size else -1.0
 
 
 def tanh_slope(a: float, d: float) -> float:

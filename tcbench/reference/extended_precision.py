@@ -105,6 +105,13 @@ def _tanh_slope(a: Longs, d: Longs) -> Longs:
     return found
 
 
+def _abs_slope(a: Longs, d: Longs) -> Longs:
+    """As in compiler.special."""
+    b = a + d
+    size = np.abs(a) + np.abs(b)
+    return np.where(np.minimum(a, b) * np.maximum(a, b) < 0, (a + b) / np.where(size == 0, 1, size), np.sign(a + b))
+
+
 def _langevin(x: Longs) -> Longs:
     """coth(x) - 1/x, as in compiler.special."""
     near, below = np.abs(x) < 8, 101 + 0 * x
@@ -119,7 +126,7 @@ _NAMES = ("sqrt", "exp", "log", "expm1", "log1p", "sin", "cos", "tan", "asin", "
 _FUNCTIONS: dict[str, Any] = {name: getattr(np, NUMPY_NAMES.get(name, name)) for name in _NAMES} | {
     "phi": _ratio(np.expm1), "dphi": lambda x: _phi_slope(1, x), "phi_slope": _phi_slope,
     "lam": _ratio(np.log1p), "dlam": lambda x: _lam_slope(1, x), "lam_slope": _lam_slope,
-    "tanh_slope": _tanh_slope, "langevin": _langevin,
+    "tanh_slope": _tanh_slope, "langevin": _langevin, "abs_slope": _abs_slope,
     "phi_pair": lambda x: (_ratio(np.expm1)(x), _phi_slope(1, x)),
     "lam_pair": lambda x: (_ratio(np.log1p)(x), _lam_slope(1, x)),
 }  # fmt: skip

@@ -5,6 +5,9 @@ import numpy as np
 import pytest
 
 from tcbench.compiler import special
+from tcbench.compiler.derivatives import jacobian, variables
+from tcbench.compiler.kernels import kernel
+from tcbench.compiler.symbols import make
 from tcbench.reference.extended_precision import _FUNCTIONS
 from tcbench.reference.precision import LONG
 
@@ -55,3 +58,18 @@ def test_the_divided_difference_of_tanh_keeps_its_digits(a, d):
         for found, wanted in ((_FUNCTIONS["tanh_slope"](LONG.type(a), LONG.type(d)), exact),
                               (_FUNCTIONS["langevin"](np.array([d], LONG))[0], bend)):  # fmt: skip
             assert abs(float(found) - wanted) <= 1e-15 * (1 + abs(a)) * abs(wanted) + 1e-300
+
+
+@pytest.mark.parametrize(
+    ("a", "d"), [(0.1, 0.7), (-0.3, -0.1), (-0.3, 0.1), (0.3, -0.9), (0.0, 0.0), (-1e-200, 2e-200)]
+)
+def test_the_divided_difference_of_a_size_is_a_sign_to_the_last_bit(a, d):
+    b = a + d
+    exact = (mp.mpf(abs(b)) - mp.mpf(abs(a))) / (mp.mpf(b) - mp.mpf(a)) if d else 0.0
+    signs = [special.abs_slope(a, d), float(_FUNCTIONS["abs_slope"](LONG.type(a), LONG.type(d)))]
+    assert signs == [exact, exact] if abs(exact) == 1 else np.allclose(signs, float(exact), rtol=1e-15)
+    x = variables("x", 2)
+    slope = make("abs_slope", *x)
+    found = kernel({x[0]: "a[0]", x[1]: "a[1]"}, jacobian([slope], x).ravel())(np.array([a, d]), np.zeros(1))
+    crossed = 2 / abs(d) * np.array([1, -a / d]) if a * b < 0 else np.zeros(2)
+    assert np.allclose(found, crossed, atol=1e-12)

@@ -245,3 +245,32 @@ def test_an_infinite_rate_stays_one(name):
     """A slope of 1e60 in its place kept an explicit solver looking for its first step, and lost a law's energy."""
     start = {"q": 0.0, "p": 1.0, "x": 0.0, "y": 0.0, "s": 0.0}
     assert not tcbench.simulate(name, tcbench.Scenario("edge", Edge, {}, initial=start, dt=0.05, t_end=1.0)).ok
+
+
+class Bouncing(System):
+    """A weight over a floor: the depth to which it is pressed, (|q| - q)/2, is 0 above it, and never less."""
+
+    name = "bouncing"
+    variables = {"q": (), "p": (), "s": ()}
+    constants = {"drag": ()}
+
+    def energy(self, z):
+        depth = (abs(z.q) - z.q) / 2
+        return z.p**2 / 2 + z.q + 50 * depth**2.5 + np.exp(z.s)
+
+    def entropy(self, z):
+        return z.s
+
+    def reversible(self, z, DE, DS):
+        return {"q": DE.p, "p": -DE.q}
+
+    def irreversible(self, z, DE, DS):
+        return {"p": -self.drag * DE.p, "s": self.drag * DE.p**2 / DE.s}
+
+
+@pytest.mark.parametrize("name", ["tc_monolithic", "tc_gonzalez", "tc_staggered", "tc_strang", "relaxation"])
+def test_what_is_nothing_above_a_floor_has_a_root(name):
+    """Divided differences made it less than 0 by a last digit, of which there is no root."""
+    start = {"q": 1.0, "p": 0.0, "s": 0.0}
+    run = tcbench.simulate(name, tcbench.Scenario("b", Bouncing, {"drag": 0.1}, initial=start, t_end=1.2, dt=0.02))
+    assert run.ok and run.summary.energy_error_max < 1e-14
