@@ -9,7 +9,6 @@ from __future__ import annotations
 from tcbench.compiler.language import rare
 
 from .memory import Work
-from .series import STANDING, TURNING
 
 SAMPLES = 8  # of a step in which u may change its sign
 SHORT, MOST = 1e-4, 20  # part of a step; so many in a row, and one a kink, that these make shorter: formulas have jumps
@@ -23,10 +22,12 @@ def first(w: Work, h: float, tolerance: float) -> float:
     near = abs(h) * max(CLOSE, tolerance)
     for j in range(w.n_kinks):
         begin = (w.order + 1) * w.size + 2 + j
-        u, rate = w.coefficients[begin], w.coefficients[begin + w.n_kinks]
-        sign = 1.0 if u + TURNING * rate + STANDING > 0.0 else -1.0
-        if abs(u) > moved(w, j, abs(h)):
+        u, most = w.coefficients[begin], moved(w, j, abs(h))
+        if u == 0.0 and most != 0.0:  # it has no sign yet
+            h = min(abs(h), near) if h > 0.0 else -min(abs(h), near)
+        if u == 0.0 or abs(u) > most:
             continue
+        sign = 1.0 if u > 0.0 else -1.0
         low, high = 0.0, 0.0
         for i in range(SAMPLES):
             x = h * (i + 1) / SAMPLES

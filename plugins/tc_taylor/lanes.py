@@ -37,8 +37,8 @@ def reachable(starts: Iterable[Series]) -> list[Series]:
 
 
 def kinks(rate: Iterable[Series]) -> list[Series]:
-    """What rates have the size of: they have a kink where it changes its sign."""
-    return list(dict.fromkeys(x.parts[0] for x in reachable(rate) if x.kind == "abs"))
+    """What rates have the sign of, or the size: they have a kink where it changes."""
+    return list(dict.fromkeys(x.parts[0] for x in reachable(rate) if x.kind == "sign"))
 
 
 def is_square(x: Series) -> bool:
@@ -84,7 +84,9 @@ class Packs:
     def _steps(self, x: Series, ahead: int) -> int:
         key = (id(x), ahead)
         if key not in self.waits:
-            if x.constant:
+            if x.kind == "sign":  # of its first coefficient: one sign may be made of another
+                found = 1 + self._steps(x.parts[0], 0)
+            elif x.constant:
                 found = 0
             elif x.kind == "var":
                 found = 0 if ahead == 0 else self._steps(self.rate[x.index], ahead - 1)

@@ -22,7 +22,7 @@ from tcbench.compiler.kernels import Kernel
 from .lanes import kinks
 from .rates import shorter
 from .recurrences import PARTNERS
-from .series import STANDING, TURNING, Series
+from .series import STANDING, Series
 
 ZERO = const(0.0)
 Of = Callable[[int], Symbol]
@@ -126,12 +126,9 @@ class Coefficients:
         bell = self._bell(u, 1.0)
         return (self.of(u, n) - products(self._slopes(x), bell, range(1, n), n) * (1.0 / n)) / bell(0)
 
-    def _abs(self, x: Series, n: int) -> Symbol:
-        (u,) = x.parts
-        if n == 0:
-            return abs(self.of(u, 0))
-        near = self.of(u, 0) + TURNING * self.of(u, 1) + STANDING
-        return self.of(u, n) * (near / abs(near))
+    def _sign(self, x: Series, _: int) -> Symbol:
+        u = self.of(x.parts[0], 0)
+        return u / (abs(u) + STANDING)
 
     def _atan2(self, x: Series, n: int) -> Symbol:
         """From how fast the angle turns."""

@@ -14,7 +14,7 @@ from tcbench.compiler import derivatives as trace
 from tcbench.compiler.derivatives import Symbol
 
 from .lanes import Gathering, Pack, Packs, Term, is_square, slots_of
-from .series import ONE, STANDING, TURNING, Series
+from .series import ONE, STANDING, Series
 
 WHOLE, REST = -1, -2  # parts of a coefficient: see `Writer`
 AHEAD = 3  # the coefficient of the variables from which on one goes ahead
@@ -288,20 +288,13 @@ class Writer(Gathering):
         known = self.convolution(pack, n, self._slope(pack), bell, [], 1.0 / n)
         return self._divided(self.value(u, n, part), known, self.name(f"1.0 / {bell(0)}"))
 
-    def _abs(self, pack: Pack, n: int, part: int) -> str | None:
-        """Of |u| that of u, times the sign that u has: steps end where it changes (`kinks`)."""
+    def _sign(self, pack: Pack, n: int, part: int) -> str | None:
+        """Of u, at the start: steps end where it changes (`kinks`)."""
         (u,) = self.packs.parts(pack)
-        if n == 0:
-            return self._lanewise("abs", u)
-
-        def side() -> str:
-            near = self.name(f"{self.value(u, 0)} + {TURNING!r} * {self.value(u, 1) or '0.0'} + {STANDING!r}")
-            lanes = [f"abs({self.lane(near, len(pack), i)})" for i in range(len(pack))]
-            size = self.name(lanes[0] if len(pack) == 1 else f"vector({', '.join(lanes)})")
-            return self.name(f"{near} / {size}")
-
-        last = self.value(u, n, part)
-        return last and self.name(f"{last} * {self._once(pack, 0, 'side', side)}")
+        if n:
+            return None
+        size = self.name(f"{self._lanewise('abs', u)} + {STANDING!r}")
+        return self.name(f"{self.value(u, 0)} / {size}")
 
     def _atan2(self, pack: Pack, n: int, _: int) -> str | None:
         """From how fast the angle turns."""

@@ -15,18 +15,18 @@ from tcbench.compiler import derivatives as trace
 from tcbench.compiler.arrays import LINEAR, rebuilt
 from tcbench.compiler.derivatives import Symbol
 
-UNARY = ("log", "exp", "sqrt", "sin", "cos", "sinh", "cosh", "tanh", "atan", "abs")
+UNARY = ("log", "exp", "sqrt", "sin", "cos", "sinh", "cosh", "tanh", "atan")
 
 
 @dataclass(eq=False)
 class Series:
     """A series in time; equal ones are one object.
 
-    kind  : var, sum, product, quotient, D (time derivative) or the name of a function.
+    kind  : var, sum, product, quotient, D (time derivative), sign or the name of a function.
     parts : series it is made of. weights : of a sum, (constant, ...) beside its parts, and last the constant term.
     of_size : of a logarithm: of the size of its part, which may be negative.
     index : of a variable; of an operation that leads from one space of arrays to another its value.
-    constant : in time, as a sum that is an invariant: its first coefficient is the only one.
+    constant : in time, as a sum that is an invariant, or a sign: its first coefficient is the only one.
     """
 
     kind: str
@@ -40,7 +40,7 @@ class Series:
 Monomial = tuple[tuple[Series, int], ...]  # factors and exponents, in the order of their first appearance
 Linear = dict[Monomial, Symbol]  # a sum of constants times monomials; () is the constant term
 ONE, ZERO = trace.const(1.0), trace.const(0.0)
-TURNING, STANDING = 1e-100, 1e-300  # of a number that is 0: its sign is that of its rate, or + where that is 0
+STANDING = 1e-300  # beside a size: the sign of 0 is 0
 
 
 class Normal:
@@ -81,6 +81,8 @@ class Normal:
             (still,) = trace.substitute([node], dict(zip(node.args, values, strict=True)))
             return {} if trace.is_const(still, 0.0) else {(): still}
         match node.op:
+            case "add" if (root := beside_nothing(node)) is not None:
+                return self.known[root.number]
             case "add":
                 return combined(args[0], args[1], ONE)
             case "sub":
@@ -89,6 +91,8 @@ class Normal:
                 return scaled(args[0], trace.const(-1.0))
             case "mul":
                 return self.times(*args)
+            case "abs":
+                return self.times(args[0], self.sign(args[0]))
             case "recip":
                 return self.inverse(args[0])
             case "mark":
@@ -131,6 +135,8 @@ class Normal:
             return self._logarithm(*next(iter(form.items())))
         if name == "exp":
             return self._exponential(form)
+        if name == "sqrt" and (found := self._root_of_square(form)):
+            return found
         return {((self.series(name, (self.single(form),)), 1),): ONE}
 
     def _logarithm(self, key: Monomial, weight: Symbol) -> Linear:
@@ -149,6 +155,23 @@ class Normal:
             result = combined(result, part, trace.const(float(power)))
         return result
 
+    def sign(self, form: Linear) -> Linear:
+        """Of a sum: constant in a step."""
+        found = self.series("sign", (self.single(form),))
+        found.constant = True
+        return {((found, 1),): ONE}
+
+    def _root_of_square(self, form: Linear) -> Linear:
+        """sqrt(w x^2) as sqrt(w)|x|, whose sign changes with that of x: the series of the root goes on below 0."""
+        terms = [(key, w) for key, w in form.items() if key or not (w.op == "const" and abs(w.value) <= trace.TINY)]
+        if len(terms) != 1 or any(power % 2 for _, power in terms[0][0]):
+            return {}
+        ((key, weight),) = terms
+        found: Linear = {self.one_key((x, power // 2) for x, power in key): weight.sqrt()}
+        for x, power in key:
+            found = self.times(found, self.sign({((x, 1),): ONE})) if power % 4 and x.kind != "exp" else found
+        return found
+
     def _log(self, x: Series, power: int) -> Series:
         """The series of log x, or of log|x| where it is to be multiplied by an even number."""
         found = self.series("log", (x,))
@@ -162,12 +185,12 @@ class Normal:
             power = (
                 round(weight.value) if weight.op == "const" and abs(weight.value - round(weight.value)) < 1e-14 else 0
             )
-            if power % 2 and any(x.of_size for x, _ in key):
-                power = 0  # |x|, which is no power of x
             if not key:
                 outside = scaled(outside, weight.exp())
             elif len(key) == 1 and key[0][0].kind == "log" and key[0][1] == 1 and power:
-                outside = self.times(outside, {((key[0][0].parts[0], power),): ONE})
+                base, of_size = key[0][0].parts[0], key[0][0].of_size
+                outside = self.times(outside, {((base, power),): ONE})
+                outside = self.times(outside, self.sign({((base, 1),): ONE})) if power % 2 and of_size else outside
             else:
                 inside[key] = weight
         if not inside:
@@ -203,8 +226,10 @@ class Normal:
                     return trace.mul(parts[0], trace.reciprocal(parts[1]))
             if x.kind in LINEAR:
                 return rebuilt(x.kind, parts, x.index)
+            if x.kind == "sign":
+                return parts[0] / (abs(parts[0]) + trace.TINY)
             inside = abs(parts[0]) if x.of_size else parts[0]
-            return getattr(inside, {"atan": "arctan", "abs": "__abs__"}.get(x.kind, x.kind))()
+            return getattr(inside, {"atan": "arctan"}.get(x.kind, x.kind))()
 
         def term(key: Monomial, weight: Symbol) -> Symbol:
             factors = [of(x) if k > 0 else trace.reciprocal(of(x)) for x, k in key for _ in range(abs(k))]
@@ -270,8 +295,8 @@ class Normal:
         return self.one_key((x, k) for x, k in powers.values() if k)
 
     def one_key(self, factors: Iterable[tuple[Series, int]]) -> Monomial:
-        """One key for one product, whatever the order of its factors: that in which they came first."""
-        found = tuple(factors)
+        """One key for one product, whatever the order of its factors: that in which they came first; signs once."""
+        found = tuple((x, k % 2 if x.kind == "sign" else k) for x, k in factors if x.kind != "sign" or k % 2)
         return self.keys.setdefault(frozenset((id(x), k) for x, k in found), found)
 
     def single(self, form: Linear) -> Series:
@@ -303,6 +328,14 @@ class Normal:
         for x in factors[1:]:
             result = self.series("product", (result, x))
         return result
+
+
+def beside_nothing(node: Symbol) -> Symbol | None:
+    """The size or root that TINY is added to, so that what is divided by it at 0 is finite: its sign is known there."""
+    for x, other in (node.args, node.args[::-1]):
+        if trace.is_const(other, trace.TINY) and x.op in ("abs", "sqrt", "hypot"):
+            return x
+    return None
 
 
 def combined(a: Linear, b: Linear, weight: Symbol) -> Linear:

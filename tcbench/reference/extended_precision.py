@@ -109,7 +109,9 @@ def _abs_slope(a: Longs, d: Longs) -> Longs:
     """As in compiler.special."""
     b = a + d
     size = np.abs(a) + np.abs(b)
-    return np.where(np.minimum(a, b) * np.maximum(a, b) < 0, (a + b) / np.where(size == 0, 1, size), np.sign(a + b))
+    one_side = np.minimum(a, b) * np.maximum(a, b) >= 0
+    found: Longs = np.where(one_side, np.sign(a + b), (a + b) / np.where(size == 0, 1, size))
+    return found
 
 
 def _langevin(x: Longs) -> Longs:

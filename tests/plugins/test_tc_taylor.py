@@ -208,6 +208,36 @@ def test_the_unit_of_time_does_not_matter(name, unit):
     assert np.abs(ends[0] - ends[1]).max() < 1e-10
 
 
+class Cornered(Rough):
+    """Its forces have signs in them, written as derivatives and roots of squares give them."""
+
+    name = "cornered"
+
+    def energy(self, z):
+        q = z.q
+        kinks = (q + abs(q)) ** 2 + np.sqrt((q - 0.2) ** 2) ** 3 + abs(abs(q) - 0.5) * (abs(q) - 0.5)
+        return (kinks + q**2 + z.p**2 / 2 + np.exp(z.s)).sum()
+
+    irreversible = Bent.irreversible
+
+
+@pytest.mark.parametrize("most", [0, 1000])
+def test_signs_are_those_of_where_a_step_begins(most, monkeypatch):
+    """The quotient x/|x| behind a kink, and the series of a root that goes on below 0, led elsewhere with status ok."""
+    monkeypatch.setattr(tc_taylor, "MOST_VARIABLES", most)
+    k = np.arange(9.0)
+    start = {"q": 0.5 * np.cos(k) * (k != 1), "p": 0.8 * np.sin(k), "s": 0 * k}
+    scenario = tcbench.Scenario(f"cornered {most}", Cornered, {"drag": 0.2 + 0 * k}, initial=start, t_end=3.0, dt=0.05)
+    model, span = scenario.model, np.array([0.0, scenario.t_end])
+    exact = solve_ivp(
+        lambda t, z: model.vector_field(z), span, scenario.z0, "DOP853", rtol=1e-12, atol=1e-12, max_step=0.01
+    ).y[:, -1]
+    states, _ = find_integrator("tc_taylor").adaptive(model, scenario.z0, span, 1e-9, 1e-9)
+    assert np.abs(states[-1] - exact).max() < 1e-8
+    run = tcbench.simulate("tc_taylor[order=6]", scenario)
+    assert run.ok and np.abs(run.z[-1] - exact).max() < 1e-6
+
+
 def test_many_kinks_close_together_are_no_jump():
     start, drag = {"q": 1 + 1e-6 * np.arange(60.0), "p": np.zeros(60), "s": np.zeros(60)}, {"drag": np.full(60, 0.2)}
     scenario = tcbench.Scenario("rough", Rough, drag, initial=start, t_end=2.0, dt=0.1)
