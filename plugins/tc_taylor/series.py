@@ -331,9 +331,9 @@ class Normal:
 
 
 def beside_nothing(node: Symbol) -> Symbol | None:
-    """The size or root that TINY is added to, so that what is divided by it at 0 is finite: its sign is known there."""
+    """The size or root that a tiny number is added to, so that what is divided by it at 0 is finite."""
     for x, other in (node.args, node.args[::-1]):
-        if trace.is_const(other, trace.TINY) and x.op in ("abs", "sqrt", "hypot"):
+        if trace.is_const(other) and abs(other.value) <= trace.TINY and x.op in ("abs", "sqrt", "hypot"):
             return x
     return None
 
