@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from tcbench.compiler.kernels import WIDTH  # noqa: F401  (of the shapes)
-from tcbench.compiler.language import Cube, Floats, Kernel, Matrix
+from tcbench.compiler.language import Cube, Floats, Ints, Kernel, Matrix
 from tcbench.compiler.records import Record, sized
 
 from .sparse import Sparse
@@ -33,7 +33,6 @@ class Numbers(Record):
     at_start: Floats = sized("k")  # Lagrange polynomials at 0
     at_end: Floats = sized("k")  # and at 1
     A: Matrix = sized("k", "k")
-    A_squared: Matrix = sized("k", "k")
     b: Floats = sized("k")
     pairs: int  # of eigenvalues of A; one that is real counts as a pair
     eigen_re: Floats = sized("pairs")  # one of each
@@ -48,104 +47,97 @@ class Numbers(Record):
 
 
 class Work(Record):
-    """The arrays of one step; k stages, n positions, e elements, m = n + e rates.
+    """The arrays of one step; k stages, n positions, m other variables, of which the last n_block are the block.
 
-    Row i of `found` holds variable i at WIDTH nodes, of which k are used: U, N, V and rates are parts of it. What
-    `formulas.iteration` reads, `given`, has parts as well. The conduction is stiff: a matrix of rank one in N'(U),
-    u v^T x hA; its block (I - lambda hA)^-1 hA, lambda = v . u, stands by columns.
+    Row i of `found` holds variable i at WIDTH nodes, of which k are used: U, N, V and rates are parts of it.
     """
 
     n: int
-    e: int
-    k: int
     m: int
+    k: int
+    size: int  # of a state
+    n_block: int
     n_constants: int
-    n_newton: int  # unknowns of Newton's method, which is for small systems; 0: none
     n_ends: int
-    n_matrix: int  # elements whose conduction is solved for as a whole (see conduction.py), or 0
+    n_matrix: int  # rows of the largest matrix that is solved with, or 0
     n_factors: int
-    n_lanes: int  # variables of any system whose iteration is on vectors, or 0
+    n_lanes: int  # variables of the block where it is solved for on vectors, or 0
     n_nodes: int  # what stands in a row of these
     n_carried: int
     n_slopes: int
-    n_positive: (
-        int  # of the carried the first ones, and of the slopes the last ones: shapes and temperatures of springs
-    )
     n_laws: int
     n_mended: int
-    general: bool  # of any system: see any_system.py; then n = 0, and all variables are in the place of entropies
-    to_start: Kernel  # see `formulas.Formulas`
+    to_start: Kernel  # see `any_system.any_formulas`
     to_motion: Kernel
     to_slopes: Kernel
     to_forces: Kernel
-    to_mend: Kernel
-    to_hold: Kernel  # of any system: see solver.mending
+    to_positions: Kernel
+    to_noise: Kernel
+    to_mend: Kernel  # see solver.mending
+    to_hold: Kernel
     to_laws: Kernel
-    to_matrix: Kernel  # of the conduction; 0: none
+    to_matrix: Kernel  # of the block, where the first has not its entries
+    to_whole: Kernel  # of all variables; 0: there are no others
     to_iterate: Kernel  # those on vectors; 0: none
     to_iterate_finer: Kernel
-    to_block: Kernel
-    to_factor: Kernel  # of any system on vectors: see any_vectors.py
-    to_damp: Kernel
+    to_factor: Kernel  # of the block on vectors: see any_vectors.py
     to_extrapolate: Kernel
     to_close: Kernel
     numbers: Numbers
-    sparse: Sparse  # the matrix of the conduction: see conduction.py
+    sparse: Sparse  # the matrix of the block: see stiffness.py
+    whole: Sparse
     large: bool  # by formulas on arrays
+    by_momenta: bool  # ends of steps are mended by `any_system.by_momenta`
     counts: Counts
+    groups: Ints = sized("m")  # see `formulas.Formulas`
+    order: Ints = sized("size")  # of a state's variables: positions, others, last the block
     c: Floats = sized("n_constants")  # the time step, the system's constants, and what depends on them only
-    inverse_mass: Floats = sized("n")
-    given: Floats = sized("2 * m + k * WIDTH + 2 * e + 2")
-    state0: Floats = sized("2 * m", of="given")  # q, p, pi and s at the start of the step
-    block: Floats = sized("k * WIDTH", of="given", at="2 * m")  # of the conduction, by columns
-    columns: Matrix = sized("k", "WIDTH", of="block")  # the same
-    u: Floats = sized("e", of="given", at="2 * m + k * WIDTH")  # left and right of the conduction
-    v: Floats = sized("e", of="given", at="2 * m + k * WIDTH + e")
-    scale: Floats = sized("2", of="given", at="2 * m + k * WIDTH + 2 * e")  # of forces and of heat in a residual
-    found: Floats = sized("WIDTH * (2 * m + n) + 1")
+    found: Floats = sized("WIDTH * (2 * m + n) + 2")
     U: Matrix = sized("m", "WIDTH", of="found")  # the iterate
     N: Matrix = sized("m", "WIDTH", of="found", at="WIDTH * m")  # the rates that it gives
-    V: Matrix = sized("n", "WIDTH", of="found", at="WIDTH * 2 * m")  # velocities
+    V: Matrix = sized("n", "WIDTH", of="found", at="WIDTH * 2 * m")  # those of positions
     rates: Floats = sized("WIDTH * (m + n)", of="found", at="WIDTH * m")  # N, then V
     kept: Floats = sized("WIDTH * (m + n)")  # those of the last step that was taken
-    # h, lambda, 1 where conduction.py solves for the conduction, 1 if its own factors are made beside those on vectors
-    stiff: Floats = sized("4")
-    # What `any_vectors.iteration` reads: z, weights, what is carried of z; then factors.
-    vectors: Floats = sized("2 * n_lanes + n_carried + 2 * WIDTH * n_lanes * n_lanes")
-    factors: Floats = sized("2 * WIDTH * n_lanes * n_lanes", of="vectors", at="2 * n_lanes + n_carried")
-    sides: Matrix = sized("n_lanes", "WIDTH")  # defects at both ends
-    before: Matrix = sized("n_matrix", "k")
+    # h, nothing, 1 where the block is solved for, 1 if its own factors are made beside those on vectors, 1 where the
+    # whole matrix is
+    stiff: Floats = sized("5")
+    # What `any_vectors.iteration` reads: what `any_vectors.inverse` gives, the state at the start of the step, and what
+    # the first kernel gives there.
+    vectors: Floats = sized("(WIDTH * k + 1) * n_lanes * n_lanes + size + n_ends")
+    factors: Floats = sized("(WIDTH * k + 1) * n_lanes * n_lanes", of="vectors")
+    begun: Floats = sized("size", of="vectors", at="(WIDTH * k + 1) * n_lanes * n_lanes")
+    start: Floats = sized("n_ends", of="vectors", at="(WIDTH * k + 1) * n_lanes * n_lanes + size")
+    damping: Floats = sized("n_lanes * n_lanes", of="factors", at="WIDTH * k * n_lanes * n_lanes")
+    before: Matrix = sized("m", "k")
     vector: Matrix = sized("2 * n_factors", "n_matrix")
-    defects: Floats = sized("n_matrix")
+    defects: Floats = sized("m")
     ratio: Floats = sized("1")  # this step over the last
     sums: Floats = sized("n + 3 * m")  # what `formulas.closing` writes
-    start: Floats = sized("n_ends")  # what the first kernel gives at the start of the step
-    end: Floats = sized("n_ends")  # and at its end
+    end: Floats = sized("n_ends")  # what the first kernel gives at the end of the step
     laws: Floats = sized("n_laws")  # a state, its energy, energy and invariants that it should have
-    now: Floats = sized("n_laws")  # of any system: the same of the start of a step
-    run: Floats = sized("1")  # the energy at the start of the run
-    mended: Floats = sized("n_mended")  # what the fifth kernel makes of them
+    now: Floats = sized("n_laws")  # the same of the start of a step
+    run: Floats = sized("2")  # the energy at the start of the run, and its round-off
+    mended: Floats = sized("n_mended")
     # Iterations that a unit of time is worth, that may be owed, the count at which an attempt is given up, and what a
     # step takes beside its own: see march.advance.
     budget: Floats = sized("4")
-    seen: Floats = sized("2")  # the contraction of the last solve, and the quadrature that it took
-    at_nodes: Matrix = sized("k", "n_nodes")  # velocities, positions, stresses, temperatures
-    drift: Matrix = sized("k", "n_carried")  # rates of shapes and entropies
-    at_points: Matrix = sized("MOST_POINTS", "n_carried")  # shapes and entropies
-    slopes: Matrix = sized("MOST_POINTS", "n_slopes")  # stresses and temperatures
-    FG: Floats = sized("m")
-    rho: Floats = sized("k")
-    J: Matrix = sized("n_newton", "n_newton")
-    rhs: Floats = sized("n_newton")
-    base: Floats = sized("n_newton")
-    x0: Floats = sized("n_carried")  # shapes and entropies at the start
-    dz: Floats = sized("n + m")
-    z1: Floats = sized("n + m")
-    z: Floats = sized("n + m")  # of a run: where it is
-    carry: Floats = sized("n + m")  # and what rounding dropped on the way
-    here: Floats = sized("n + m")  # of a march: where it is
-    dropped: Floats = sized("n + m")  # and what rounding dropped on the way
+    whole_from: Floats = sized("1")  # the step from which on the whole matrix is taken at once
+    # the contraction of the last solve, the quadrature that it took, its last correction, and what N and U differed by
+    seen: Floats = sized("4")
+    at_nodes: Matrix = sized("k", "n_nodes")  # rates of positions and others, both, projected slopes
+    drift: Matrix = sized("k", "n_carried")  # rates of what is carried
+    at_points: Matrix = sized("MOST_POINTS", "n_carried")
+    slopes: Matrix = sized("MOST_POINTS", "n_slopes")
+    FG: Floats = sized("size")
+    x0: Floats = sized("n_carried", of="start", at="2 * m + 2")  # what is carried, at the start
+    entries: Floats = sized("n_ends - n_carried - 2 * m - 2", of="start", at="2 * m + 2 + n_carried")  # of the block
+    dz: Floats = sized("size")
+    z1: Floats = sized("size")
+    z: Floats = sized("size")  # of a run: where it is
+    carry: Floats = sized("size")  # and what rounding dropped on the way
+    here: Floats = sized("size")  # of a march: where it is
+    dropped: Floats = sized("size")  # and what rounding dropped on the way
     watch: Floats = sized("2")  # how far an adaptive run is, and whether it is to end: see `records.Lending`
     rows: int  # what follows is lent for a run
     times: Floats = sized("rows")
-    states: Matrix = sized("rows", "n + m")  # at these times, the first given
+    states: Matrix = sized("rows", "size")  # at these times, the first given

@@ -2,6 +2,8 @@
 
 import numpy as np
 
+VECTOR_KERNELS = ("to_iterate", "to_iterate_finer", "to_extrapolate", "to_close")
+
 
 def matrix_of(work):
     """The matrix that iterations are solved with, dense."""
