@@ -79,7 +79,7 @@ def fields(system: System, n_factors: int) -> dict[str, Any]:
     matrix, to_matrix = _sparse(made, mesh, size, n_factors)
     carried, projected = (mesh.offsets(blocks)[-1] for blocks in (made.carried, made.projected))
     return {
-        "large": True, "by_momenta": False, **dict.fromkeys(("n", "n_lanes"), 0),
+        "large": True, "by_momenta": False, **dict.fromkeys(("n", "n_lanes", "n_moved"), 0),
         "order": np.arange(size), "groups": np.arange(size),
         "whole": of_pattern(NONE, n_factors),
         **dict.fromkeys(("m", "n_block", "n_matrix"), size), "sparse": matrix,

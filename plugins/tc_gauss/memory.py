@@ -67,12 +67,14 @@ class Work(Record):
     n_slopes: int
     n_laws: int
     n_mended: int
+    n_moved: int  # momenta of elements, which stand behind as many positions
     to_start: Kernel  # see `any_system.any_formulas`
     to_motion: Kernel
     to_slopes: Kernel
     to_forces: Kernel
     to_positions: Kernel
     to_noise: Kernel
+    to_move: Kernel
     to_mend: Kernel  # see solver.mending
     to_hold: Kernel
     to_laws: Kernel

@@ -23,8 +23,8 @@ SOLVED = 0  # see `step`
 MOST_ELEMENTS = 32  # of a network traced as a whole: then on vectors, ten times as fast after a few seconds
 MOST_VARIABLES = 300  # of a system that is traced as a whole
 KERNELS = (
-    "to_start", "to_motion", "to_slopes", "to_forces", "to_positions", "to_whole", "to_noise", "to_laws",
-    "to_mend", "to_hold",
+    "to_start", "to_motion", "to_slopes", "to_forces", "to_positions", "to_whole", "to_noise", "to_move",
+    "to_laws", "to_mend", "to_hold",
 )  # fmt: skip
 SUMS = ("to_extrapolate", "to_close")
 
@@ -120,7 +120,7 @@ def of_any_system(system: System, k: int) -> tuple[Any, dict[str, Any]]:
     if block == size:  # one matrix
         patterns, kernels["to_whole"] = [patterns[0], patterns[1][:0, :0]], 0
     return patterns, {
-        "by_momenta": system.defines("element_energy"),
+        "by_momenta": system.defines("element_energy"), "n_moved": len(made.bodies[7][1]),
         "n": n, "m": size - n, "n_block": block, "n_lanes": block if kernels["to_factor"] else 0,
         "n_matrix": size, "order": np.array(made.order), "groups": np.array(made.groups), **constants(system, made),
         "n_ends": made.kernels[0].size, "n_nodes": 2 * size + projected, "n_carried": carried,

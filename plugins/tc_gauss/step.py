@@ -37,6 +37,7 @@ ROUGH = 1e-3  # residual down to which the coarsest quadrature will do
 MENDED = 10.0  # residuals: by how much mending may move a state
 FAR = 0.1  # of its size, by how much the rates at the start may move the block
 SLOW = 0.6  # contraction above which a residual does not shrink,
+LOOSE = 1e-7  # residual from which on the tolerance bounds no step that the whole matrix could lengthen
 RATE = 0.5  # and the least in the mean of all since the second correction: see `fixed_point`
 STIFFLY = 6.0  # times its round-off, by how much the energy may miss where nothing finer is left to do
 CLEARLY = 100.0  # times the round-off of the energy at the start of a run: no round-off that a state has
@@ -225,9 +226,8 @@ def fixed_point(w: Work, h: float, z: Floats, level: int, residual: float) -> in
             return SOLVED
         poor = stiffly and since > 1 and size > max(POOR * previous, POOR_DOWN_TO)
         astray, may = size > due or not size < np.inf, renewed < RENEWED and w.stiff[4] == 0.0
-        # iterations with the whole matrix are not on vectors: two shorter adaptive steps cost less
-        if may and size < np.inf and residual > CONVERGED and w.to_iterate != 0 and w.to_whole != 0:
-            may = False
+        if residual > CONVERGED and residual < LOOSE and size < np.inf and w.to_iterate != 0 and w.to_whole != 0:
+            may = False  # the whole matrix is not on vectors: two shorter steps cost less
         if (astray and not may) or w.counts.iterations > w.budget[2]:
             return FAILED
         if (astray or poor) and may:
@@ -305,20 +305,24 @@ def mend(w: Work, limit: float) -> bool:
     or none is near."""
     size, energy = w.size, 2 * w.m
     copy_into(w.laws, w.z1)
-    miss = abs(w.end[energy] - w.run[0])
+    wanted, least, miss = w.run[0], w.laws[size + 1], abs(w.end[energy] - w.run[0])
     if miss <= CLEARLY * w.run[1] and is_noise(w, w.z1, w.end[energy + 1], miss, 1.0):
-        w.laws[size] = w.end[energy]  # right to round-off, which would disturb the rest
-    call(w.to_mend, w.laws, w.c, w.mended)
-    wanted = w.laws[size]
-    w.laws[size] = w.run[0]
-    least = w.laws[size + 1]
-    if w.by_momenta:  # of which energy and invariants are no more than quadratic: they are right
-        copy_into(w.laws, w.mended[:size])
-    elif w.mended[size + 1] > 0.0 and w.mended[size] >= least - w.laws[size + 2]:
-        w.laws[size + 1] = max(w.mended[size], least)
-        return True  # nothing is missed
-    elif not settled(w):
-        return False
+        wanted = w.end[energy]  # right to round-off, which would disturb the rest
+    if w.by_momenta:  # of which energy and invariants are no more than quadratic: one move is right
+        w.laws[size] = wanted - w.end[energy]
+        call(w.to_move, w.laws, w.c, w.mended)
+        for i in range(w.n_moved):
+            w.laws[w.n_moved + i] += w.mended[i]
+        w.laws[size] = w.run[0]
+    else:
+        w.laws[size] = wanted
+        call(w.to_mend, w.laws, w.c, w.mended)
+        w.laws[size] = w.run[0]
+        if w.mended[size + 1] > 0.0 and w.mended[size] >= least - w.laws[size + 2]:
+            w.laws[size + 1] = max(w.mended[size], least)
+            return True  # nothing is missed
+        if not settled(w):
+            return False
     for i in range(size):
         if not abs(w.laws[i] - w.z1[i]) <= limit * (1.0 + abs(w.z1[i])):
             w.laws[size + 1] = least

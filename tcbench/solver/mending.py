@@ -8,7 +8,7 @@ formulas (`shortest_move`), and as kernels that a compiled march calls until wha
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import reduce
 from typing import Any
 
@@ -32,7 +32,6 @@ DEPENDENT = 1e-26  # of the square of a gradient, free of the others: what round
 ENTROPY = 1  # its place among what is observed
 LAWFUL, NEAR = 2.0**-48, 1e-12  # over 1 and the size of a law: what a state that has it may miss, at least and at most
 SHRUNK = 0.75  # of what was missed, after a move that helped
-Move = Callable[[System, Any, Sequence[Symbol]], Any]  # of a state, to be added, by what energy and invariants miss
 MOST = 24  # moves: near an equilibrium, where little is left of the entropy's gradient, each leaves half of the way
 
 
@@ -107,19 +106,17 @@ def missed(now: Floats, first: Floats, entropy: float, allowed: Floats) -> float
     return most
 
 
-def mending_kernels(
-    system: System, move: Move | None = None
-) -> tuple[kernels.Kernel, kernels.Kernel, kernels.Kernel, list[Symbol]]:
+def mending_kernels(system: System) -> tuple[kernels.Kernel, kernels.Kernel, kernels.Kernel, list[Symbol]]:
     """(start, mend, hold, constants) for the marches of systems of one structure, by their `System.symbolic`.
 
     start(z) -> target: z, E, S, what S may miss, what E may miss, then each invariant and what it may miss.
     mend(target; given) -> z moved to the energy and the invariants, S of the z that was given, its margin: the least of
     what must be positive in it, and of what each law may miss less what it does. hold: the same, S as it is in the
-    target, too. given: `constant_values`, then the constants of the list. move: for `mend`, not the shortest one.
+    target, too. given: `constant_values`, then the constants of the list.
     """
     sym, size = system.symbolic, system.size
     x, told = trace.variables("x", size), trace.variables("law", 4 + 2 * len(system.invariant_names))
-    start, mend, hold = _moves(sym, sym.state(x), list(told), move)
+    start, mend, hold = _moves(sym, sym.state(x), list(told))
     constants = constant_part([*mend, *hold], [*x, *told])
     known = {v: f"a[{i}]" for i, v in enumerate([*x, *told])} | system.constant_symbols()
     places = {c: f"b[{system.n_constant_values + i}]" for i, c in enumerate(constants)}
@@ -137,7 +134,7 @@ def array_mending_kernels(net: Any) -> list[ArrayKernel]:
     return [array_kernel(inputs, net.blocks(values)) for values in made]
 
 
-def _moves(system: Any, z: Any, told: Sequence[Symbol], move: Move | None = None) -> list[list[Symbol]]:
+def _moves(system: Any, z: Any, told: Sequence[Symbol]) -> list[list[Symbol]]:
     """What the three give, number by number or array by array."""
     values, slopes = [trace.lifted(v) for v in laws(system, z)], gradients(system, z)
     noises = [ROUND_OFF * round_off(f, entries(z)) for f in values]
@@ -152,8 +149,7 @@ def _moves(system: Any, z: Any, told: Sequence[Symbol], move: Move | None = None
     good = reduce(trace.minimum, (total("min", x, x.space) for x in positive))
     good = trace.guarded(good, values)  # of what is not a number the least is lost
     weights = 1.0 + by_variable(system, z, z)
-    step = shortest_move(system, misses[:-1], slopes[:-1], weights) if move is None else move(system, z, misses[:-1])
-    mend = [*entries(z + step), values[-1], good]
+    mend = [*entries(z + shortest_move(system, misses[:-1], slopes[:-1], weights)), values[-1], good]
     held = trace.minimum(good, allowed[-1] + own[-1] - misses[-1])
     hold = [*entries(z + shortest_move(system, misses, slopes, weights)), values[-1], held]
     return [[trace.lifted(v) for v in f] for f in (start, mend, hold)]
