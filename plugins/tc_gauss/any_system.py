@@ -19,7 +19,7 @@ their own, which eliminated the positions and solved for the conduction alone; b
   matrix of an iteration is theirs. What is left contracts as the square of the step.
 
 A fixed step of springs so takes as many instructions as with formulas of their own, to 5 %, and steps too long for the
-fixed point less than half; adaptive runs take 1.1 to 1.3 times as long, for their factors and their mending. See `step`.
+fixed point less than half; adaptive runs take 1.1 to 1.3 times as long, for factors and mending. See `step`.
 """
 
 from __future__ import annotations
