@@ -10,6 +10,7 @@ from tcbench.compiler.records import Record
 
 from ..tc_gauss import march as gauss
 from ..tc_gauss.memory import Work as Gauss
+from ..tc_gauss.step import noise
 from ..tc_taylor import march as taylor
 from ..tc_taylor.march import Work as Taylor
 
@@ -132,7 +133,7 @@ def go_over(e: Taylor, g: Gauss) -> None:
     if e.of_elements:
         g.laws[e.size + 1] = e.target[e.size + 1]
     else:
-        g.run[0] = e.target[e.size]
+        g.run[0], g.run[1] = e.target[e.size], noise(g, g.z)
         copy_into(g.laws[e.size : len(e.target)], e.target[e.size : len(e.target)])
 
 

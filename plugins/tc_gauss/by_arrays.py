@@ -79,8 +79,8 @@ def fields(system: System, n_factors: int) -> dict[str, Any]:
     matrix, to_matrix = _sparse(made, mesh, size, n_factors)
     carried, projected = (mesh.offsets(blocks)[-1] for blocks in (made.carried, made.projected))
     return {
-        "large": True, "by_momenta": False, **dict.fromkeys(("n", "n_lanes", "n_moved"), 0),
-        "order": np.arange(size), "groups": np.arange(size),
+        "large": True, "by_momenta": False, **dict.fromkeys(("n", "n_lanes", "n_factored", "n_moved"), 0),
+        "order": np.arange(size), "ends": np.ones(size, int),
         "whole": of_pattern(NONE, n_factors),
         **dict.fromkeys(("m", "n_block", "n_matrix"), size), "sparse": matrix,
         "n_constants": len(system.constant_values), "to_matrix": to_matrix, "n_ends": kernels["to_start"].size,

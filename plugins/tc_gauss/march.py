@@ -10,7 +10,7 @@ from tcbench.solver.linear_algebra import add_compensated
 
 from . import sparse, stiffness
 from .memory import Work
-from .step import COARSE, CONVERGED, FAILED, SOLVED, extrapolate, is_noise, largest, mend, noise, try_step
+from .step import COARSE, CONVERGED, FAILED, SOLVED, extrapolate, is_noise, mend, noise, try_step
 
 SHORTEST = 2.0**-24  # of a step, before it is given up
 SAFETY, GROW, SHRINK, ACCEPT = 0.85, 2.0, 0.2, 4.0
@@ -35,29 +35,29 @@ def largest_defect(w: Work, known: Floats, here: int) -> float:
 
     here: where the polynomial's rates stand in `sums`.
     """
-    block, n = w.m - w.n_block, w.n_lanes
-    fill(w.FG, 0.0)
+    size, total = 0.0, 0.0
     for i in range(w.m):
         w.defects[i] = w.sums[here + i] - known[i]
     if w.stiff[4] > 0.0:
         stiffness.damp(w, w.whole, -w.n, w.defects)
-    elif n == 0 and w.stiff[2] > 0.0:
-        stiffness.damp(w, w.sparse, block, w.defects)
+    elif w.stiff[2] > 0.0:
+        stiffness.damp(w, w.sparse, w.m - w.n_block, w.defects)
     for i in range(w.m):
-        r = w.defects[i]
-        if i >= block and n > 0 and w.stiff[4] == 0.0:
-            r = 0.0
-            for j in range(n):
-                r += w.damping[n * (i - block) + j] * w.defects[block + j]
-        w.FG[w.groups[i]] += (r * w.start[w.m + i]) ** 2
-    return math.sqrt(largest(w.FG, 0.0))
+        total += (w.defects[i] * w.start[w.m + i]) ** 2
+        if w.ends[i] > 0:
+            size = total if total > size or total != total else size
+            total = 0.0
+    return math.sqrt(size)
 
 
 def error_estimate(w: Work, h: float) -> float:
     """h times the largest defect at both ends; NaN stays."""
+    if w.to_defect != 0 and w.stiff[4] == 0.0:
+        call(w.to_defect, w.vectors, w.end, w.sums)
+        return h * math.sqrt(w.sums[len(w.sums) - 1])
     if w.stiff[4] > 0.0:
         sparse.factor(w.whole, w.numbers.pairs, h, 0.0)
-    elif w.n_lanes == 0 and w.stiff[2] > 0.0:
+    elif w.stiff[2] > 0.0:
         sparse.factor(w.sparse, w.numbers.pairs, h, 0.0)
     before, after = largest_defect(w, w.start, w.size), largest_defect(w, w.end, w.size + w.m)
     return h * (after if not after <= before else before)
@@ -103,7 +103,7 @@ def restore_level(w: Work, z: Floats, limit: float) -> None:
     nor than after the last of these."""
     call(w.to_laws, z, w.c, w.now)
     w.laws[w.size + 1] = max(w.laws[w.size + 1], w.now[w.size + 1])
-    mend(w, limit)
+    mend(w, limit, True)
 
 
 def first_step(w: Work, tolerance: float) -> float:
@@ -134,13 +134,13 @@ def run(w: Work, tolerance: float, residual: float) -> int:
 def begin(w: Work, z: Floats) -> None:
     """A run from z: nothing spent, and energy and invariants of z as those to be kept."""
     w.counts.steps, w.counts.rejected, w.counts.iterations = 0, 0, 0
-    w.whole_from[0] = math.inf
     go_to(w, z)
     remember_laws(w, w.z)
 
 
 def go_to(w: Work, z: Floats) -> None:
     """On from z; what is to be kept stays."""
+    w.whole_from[0] = math.inf
     copy_into(w.z, z)
     fill(w.carry, 0.0)
     call(w.to_start, w.z, w.c, w.start)

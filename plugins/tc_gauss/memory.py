@@ -62,6 +62,7 @@ class Work(Record):
     n_matrix: int  # rows of the largest matrix that is solved with, or 0
     n_factors: int
     n_lanes: int  # variables of the block where it is solved for on vectors, or 0
+    n_factored: int  # numbers that its matrix is taken apart into
     n_nodes: int  # what stands in a row of these
     n_carried: int
     n_slopes: int
@@ -83,6 +84,7 @@ class Work(Record):
     to_iterate: Kernel  # those on vectors; 0: none
     to_iterate_finer: Kernel
     to_factor: Kernel  # of the block on vectors: see any_vectors.py
+    to_defect: Kernel
     to_extrapolate: Kernel
     to_close: Kernel
     numbers: Numbers
@@ -91,30 +93,30 @@ class Work(Record):
     large: bool  # by formulas on arrays
     by_momenta: bool  # ends of steps are mended by `any_system.by_momenta`
     counts: Counts
-    groups: Ints = sized("m")  # see `formulas.Formulas`
+    ends: Ints = sized("m")  # 1 of the last number of each array, by which sizes are measured, however it is turned
     order: Ints = sized("size")  # of a state's variables: positions, others, last the block
     c: Floats = sized("n_constants")  # the time step, the system's constants, and what depends on them only
-    found: Floats = sized("WIDTH * (2 * m + n) + 2")
+    found: Floats = sized("WIDTH * (2 * m + n) + 1")
     U: Matrix = sized("m", "WIDTH", of="found")  # the iterate
     N: Matrix = sized("m", "WIDTH", of="found", at="WIDTH * m")  # the rates that it gives
     V: Matrix = sized("n", "WIDTH", of="found", at="WIDTH * 2 * m")  # those of positions
     rates: Floats = sized("WIDTH * (m + n)", of="found", at="WIDTH * m")  # N, then V
     kept: Floats = sized("WIDTH * (m + n)")  # those of the last step that was taken
-    # h, nothing, 1 where the block is solved for, 1 if its own factors are made beside those on vectors, 1 where the
-    # whole matrix is
+    # h, nothing, 1 where the block is solved for, 1 if its own factors are made beside those on vectors (-1: its matrix
+    # is set), 1 where the whole matrix is
     stiff: Floats = sized("5")
-    # What `any_vectors.iteration` reads: what `any_vectors.inverse` gives, the state at the start of the step, and what
-    # the first kernel gives there.
-    vectors: Floats = sized("(WIDTH * k + 1) * n_lanes * n_lanes + size + n_ends")
-    factors: Floats = sized("(WIDTH * k + 1) * n_lanes * n_lanes", of="vectors")
-    begun: Floats = sized("size", of="vectors", at="(WIDTH * k + 1) * n_lanes * n_lanes")
-    start: Floats = sized("n_ends", of="vectors", at="(WIDTH * k + 1) * n_lanes * n_lanes + size")
-    damping: Floats = sized("n_lanes * n_lanes", of="factors", at="WIDTH * k * n_lanes * n_lanes")
+    # What `any_vectors.iteration` reads: the matrix of corrections, taken apart, the state at the start of the step,
+    # what the first kernel gives there, and the part of what N and U differ by that counts as their correction does.
+    vectors: Floats = sized("n_factored + size + n_ends + 1")
+    factors: Floats = sized("n_factored", of="vectors")
+    begun: Floats = sized("size", of="vectors", at="n_factored")
+    start: Floats = sized("n_ends", of="vectors", at="n_factored + size")
+    share: Floats = sized("1", of="vectors", at="n_factored + size + n_ends")
     before: Matrix = sized("m", "k")
     vector: Matrix = sized("2 * n_factors", "n_matrix")
     defects: Floats = sized("m")
     ratio: Floats = sized("1")  # this step over the last
-    sums: Floats = sized("n + 3 * m")  # what `formulas.closing` writes
+    sums: Floats = sized("n + 3 * m + 1")  # what `formulas.closing` writes, and `any_vectors.defect`
     end: Floats = sized("n_ends")  # what the first kernel gives at the end of the step
     laws: Floats = sized("n_laws")  # a state, its energy, energy and invariants that it should have
     now: Floats = sized("n_laws")  # the same of the start of a step
@@ -124,15 +126,15 @@ class Work(Record):
     # step takes beside its own: see march.advance.
     budget: Floats = sized("4")
     whole_from: Floats = sized("1")  # the step from which on the whole matrix is taken at once
-    # the contraction of the last solve, the quadrature that it took, its last correction, and what N and U differed by
-    seen: Floats = sized("4")
+    seen: Floats = sized("3")  # the contraction of the last solve, the quadrature that it took, its last correction
     at_nodes: Matrix = sized("k", "n_nodes")  # rates of positions and others, both, projected slopes
     drift: Matrix = sized("k", "n_carried")  # rates of what is carried
     at_points: Matrix = sized("MOST_POINTS", "n_carried")
     slopes: Matrix = sized("MOST_POINTS", "n_slopes")
     FG: Floats = sized("size")
     x0: Floats = sized("n_carried", of="start", at="2 * m + 2")  # what is carried, at the start
-    entries: Floats = sized("n_ends - n_carried - 2 * m - 2", of="start", at="2 * m + 2 + n_carried")  # of the block
+    # of the block: its entries, and a bound of its rates
+    entries: Floats = sized("n_ends - n_carried - 2 * m - 2", of="start", at="2 * m + 2 + n_carried")
     dz: Floats = sized("size")
     z1: Floats = sized("size")
     z: Floats = sized("size")  # of a run: where it is

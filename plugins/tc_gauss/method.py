@@ -102,7 +102,7 @@ def prepared(system: System, k: int) -> tuple[Any, Any]:
 def of_any_system(system: System, k: int) -> tuple[Any, dict[str, Any]]:
     """Patterns of its matrices, and the fields of a record."""
     from .any_system import any_formulas
-    from .any_vectors import vector_kernels
+    from .any_vectors import room, vector_kernels
 
     size = system.size
     if size > MOST_VARIABLES:
@@ -116,13 +116,14 @@ def of_any_system(system: System, k: int) -> tuple[Any, dict[str, Any]]:
     addresses = [x.address for x in (*made.kernels, laws, mend, hold)]
     kernels = dict(zip(KERNELS, addresses, strict=True)) | vector_kernels(system.symbolic, k)
     kernels |= dict(zip(SUMS, formulas.sums_on_vectors(k, tuple(made.order), n), strict=True))
-    patterns = made.patterns
+    patterns, lanes = made.patterns, block if kernels["to_factor"] else 0
     if block == size:  # one matrix
         patterns, kernels["to_whole"] = [patterns[0], patterns[1][:0, :0]], 0
     return patterns, {
         "by_momenta": system.defines("element_energy"), "n_moved": len(made.bodies[7][1]),
-        "n": n, "m": size - n, "n_block": block, "n_lanes": block if kernels["to_factor"] else 0,
-        "n_matrix": size, "order": np.array(made.order), "groups": np.array(made.groups), **constants(system, made),
+        "n": n, "m": size - n, "n_block": block, "n_lanes": lanes, "n_factored": room(lanes, k),
+        "n_matrix": size, "order": np.array(made.order), **constants(system, made),
+        "ends": np.append(np.diff(made.groups) != 0, True)[: size - n].astype(int),
         "n_ends": made.kernels[0].size, "n_nodes": 2 * size + projected, "n_carried": carried,
         "n_slopes": projected, "n_laws": laws.size, "n_mended": mend.size, **kernels,
     }  # fmt: skip

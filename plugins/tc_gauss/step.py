@@ -33,11 +33,11 @@ STAGNATED = 2e-14  # below this a residual that no longer shrinks is round-off,
 RESTS = 1e-12  # and below this one that does not twice
 ROUNDED = 4.0  # the same in residuals: where dissipation is stiff, round-off is about one (see `fixed_point`)
 LAST = 1e-2  # contraction from which on a correction of some residuals leaves nothing for the next
+MILD = 1e3  # decay times in a step up to which corrections shrink so evenly that the next one can be told
 ROUGH = 1e-3  # residual down to which the coarsest quadrature will do
 MENDED = 10.0  # residuals: by how much mending may move a state
 FAR = 0.1  # of its size, by how much the rates at the start may move the block
 SLOW = 0.6  # contraction above which a residual does not shrink,
-LOOSE = 1e-7  # residual from which on the tolerance bounds no step that the whole matrix could lengthen
 RATE = 0.5  # and the least in the mean of all since the second correction: see `fixed_point`
 STIFFLY = 6.0  # times its round-off, by how much the energy may miss where nothing finer is left to do
 CLEARLY = 100.0  # times the round-off of the energy at the start of a run: no round-off that a state has
@@ -65,8 +65,7 @@ def iterate(w: Work, h: float, z: Floats, level: int) -> float:
     kernel = w.to_iterate if level == 0 else w.to_iterate_finer if level == 1 else 0
     if kernel != 0 and w.stiff[4] == 0.0 and (w.n_lanes > 0 or w.stiff[2] == 0.0):
         call(kernel, w.vectors, w.c, w.found)
-        w.seen[3] = h * math.sqrt(w.found[len(w.found) - 1])
-        return h * math.sqrt(w.found[len(w.found) - 2])
+        return h * math.sqrt(w.found[len(w.found) - 1])
     stiffness.keep(w)
     if kernel != 0:
         call(kernel, w.vectors, w.c, w.found)
@@ -135,33 +134,26 @@ def corrected(w: Work, h: float) -> float:
     if w.stiff[4] > 0.0:
         stiffness.correct(w, w.whole, -w.n)
     elif w.stiff[2] > 0.0:
-        if w.n_lanes > 0 and w.stiff[3] == 0.0:
-            copy_into(w.sparse.values, w.entries)
+        if w.n_lanes > 0 and w.stiff[3] < 1.0:
+            if w.stiff[3] == 0.0:
+                copy_into(w.sparse.values, w.entries)
             stiffness.factor(w, w.sparse, h)
             w.stiff[3] = 1.0
         stiffness.correct(w, w.sparse, block)
-    w.seen[3] = changed(w, h, w.N)
-    return changed(w, h, w.U)
+    return h * math.sqrt(max(changed(w, w.U), w.share[0] * w.share[0] * changed(w, w.N)))
 
 
-@rare
-def changed(w: Work, h: float, rates: Matrix) -> float:
-    """The scaled size of what they differ by from U before the iteration."""
+def changed(w: Work, rates: Matrix) -> float:
+    """The square of the scaled size of what they differ by from U before the iteration, NaN if it is."""
     size = 0.0
     for j in range(w.k):
-        fill(w.FG, 0.0)
+        total = 0.0
         for i in range(w.m):
-            w.FG[w.groups[i]] += ((rates[i, j] - w.before[i, j]) * w.start[w.m + i]) ** 2
-        size = largest(w.FG, size)
-    return h * math.sqrt(size)
-
-
-def largest(squares: Floats, least: float) -> float:
-    """The largest, NaN if any is."""
-    for i in range(len(squares)):
-        r = squares[i]
-        least = r if r > least or r != r else least
-    return least
+            total += ((rates[i, j] - w.before[i, j]) * w.start[w.m + i]) ** 2
+            if w.ends[i] > 0:
+                size = total if total > size or total != total else size
+                total = 0.0
+    return size
 
 
 @rare
@@ -190,22 +182,22 @@ def fixed_point(w: Work, h: float, z: Floats, level: int, residual: float) -> in
     reach.
     """
     previous, due, first, shrunk, since, renewed, here, taken, slow = np.inf, 0.0, 0.0, 0.0, 0, 0, 0, 0, 0
-    w.seen[0] = 0.0
-    # of stiff parts the end of an adaptive step has N, and what it misses is not damped later; its round-off is theirs,
-    # times the step over their decay time
-    undamped = 0.0
-    if residual > CONVERGED and w.n_block > 0 and not w.large:
-        undamped = min(1.0, residual / CONVERGED / (1.0 + h * stiffness.fastest_at_most(w)))
+    loosely, mild, most, before = residual > CONVERGED, False, RENEWED, 0.0
+    w.seen[0], w.share[0] = 0.0, 0.0
+    if loosely and not w.large:
+        # of stiff parts the end of an adaptive step has N, and what it misses is not damped later; its round-off is
+        # theirs, times the step over their decay time
+        decays = h * w.entries[len(w.entries) - 1]
+        w.share[0], mild = min(1.0, residual / CONVERGED / (1.0 + decays)), decays <= MILD
+        if w.to_iterate != 0 and w.to_whole != 0:
+            most = 0  # the whole matrix is not on vectors: two shorter steps cost less
     still = max(STAGNATED, ROUNDED * residual, ROUNDED * h * w.sparse.noise[0])  # what does not shrink is round-off
+    rough, told = max(ROUGH, residual), residual if mild else 0.0
     for _ in range(MAX_ITERATIONS):
         w.counts.iterations += 1
         size = iterate(w, h, z, here)
-        if undamped > 0.0:
-            size = max(size, undamped * w.seen[3])
-        if not size < np.inf and (w.to_whole == 0 or w.stiff[4] > 0.0):
-            return FAILED
-        if here < level and size <= max(ROUGH, residual):
-            here, since, taken, previous = level, 0, 0, np.inf
+        if here < level and size <= rough:
+            here, since, taken, previous, before = level, 0, 0, np.inf, 0.0
             continue
         since += 1
         if since == 1:
@@ -216,23 +208,29 @@ def fixed_point(w: Work, h: float, z: Floats, level: int, residual: float) -> in
         slow = slow + 1 if size > SLOW * previous else 0
         # with factors what is left at the end may weigh more in stiff parts than its size tells
         stiffly = w.large and w.stiff[2] > 0.0
-        done = size <= residual and not (stiffly and residual <= CONVERGED and size < 0.25 * previous)
-        nearly = since > 1 and size <= ROUNDED * residual and size < LAST * previous
-        rests = (size <= still and size > 0.5 * previous) or (size <= RESTS and (slow >= 2 or size > due))
-        if done or nearly or rests:
+        astray = slow >= (2 if mild else 3) or not size < np.inf if loosely else not size <= due
+        ends = size <= residual and not (stiffly and not loosely and size < 0.25 * previous)
+        ends = ends or (since > 1 and size <= ROUNDED * residual and size < LAST * previous)
+        # or the next correction would be below the residual, if it shrinks as the last two did
+        ends = ends or (size * previous <= told * before and size * size <= told * previous)
+        if astray or size > 0.5 * previous:
+            ends = ends or size <= still or (size <= RESTS and (slow >= 2 or size > due))
+        if ends:
             if taken > 0:  # the contraction, for the choice of the next step
                 w.seen[0] = (shrunk / first) ** (1.0 / taken)
             w.seen[2] = size
             return SOLVED
-        poor = stiffly and since > 1 and size > max(POOR * previous, POOR_DOWN_TO)
-        astray, may = size > due or not size < np.inf, renewed < RENEWED and w.stiff[4] == 0.0
-        if residual > CONVERGED and residual < LOOSE and size < np.inf and w.to_iterate != 0 and w.to_whole != 0:
-            may = False  # the whole matrix is not on vectors: two shorter steps cost less
-        if (astray and not may) or w.counts.iterations > w.budget[2]:
+        if w.counts.iterations > w.budget[2]:
             return FAILED
-        if (astray or poor) and may:
-            renew(w, h, z)
-            renewed, since, taken, size = renewed + 1, 0, 0, np.inf
+        if astray or (stiffly and since > 1 and size > max(POOR * previous, POOR_DOWN_TO)):
+            if w.stiff[4] > 0.0 or (not size < np.inf and w.to_whole == 0):
+                return FAILED
+            if renewed < most:
+                renew(w, h, z)
+                renewed, since, taken, slow, size = renewed + 1, 0, 0, 0, np.inf
+            elif astray:
+                return FAILED
+        before = previous if since > 1 else 0.0
         previous = size
     return FAILED
 
@@ -300,40 +298,44 @@ def noise(w: Work, z: Floats) -> float:
     return w.FG[0]
 
 
-def mend(w: Work, limit: float) -> bool:
+def mend(w: Work, limit: float, closely: bool) -> bool:
     """The end of the step on the laws of the run; False, and nothing is done, if that moves it by more than the limit,
-    or none is near."""
+    or none is near. closely: what it misses is compared with the round-off there, not with that of the start only."""
     size, energy = w.size, 2 * w.m
     copy_into(w.laws, w.z1)
     wanted, least, miss = w.run[0], w.laws[size + 1], abs(w.end[energy] - w.run[0])
-    if miss <= CLEARLY * w.run[1] and is_noise(w, w.z1, w.end[energy + 1], miss, 1.0):
+    clearly = not closely or miss > CLEARLY * w.run[1]
+    if miss <= w.run[1] or (not clearly and is_noise(w, w.z1, w.end[energy + 1], miss, 1.0)):
         wanted = w.end[energy]  # right to round-off, which would disturb the rest
     if w.by_momenta:  # of which energy and invariants are no more than quadratic: one move is right
+        n = w.n_moved
         w.laws[size] = wanted - w.end[energy]
         call(w.to_move, w.laws, w.c, w.mended)
-        for i in range(w.n_moved):
-            w.laws[w.n_moved + i] += w.mended[i]
         w.laws[size] = w.run[0]
-    else:
-        w.laws[size] = wanted
-        call(w.to_mend, w.laws, w.c, w.mended)
-        w.laws[size] = w.run[0]
-        if w.mended[size + 1] > 0.0 and w.mended[size] >= least - w.laws[size + 2]:
-            w.laws[size + 1] = max(w.mended[size], least)
-            return True  # nothing is missed
-        if not settled(w):
-            return False
+        for i in range(n):
+            if not abs(w.mended[i]) <= limit * (1.0 + abs(w.z1[n + i])):
+                return False
+        for i in range(n):
+            w.dz[n + i] += w.mended[i]  # with the digits of a small one
+            w.z1[n + i] += w.mended[i]
+        w.end[energy] = wanted
+        return True
+    w.laws[size] = wanted
+    call(w.to_mend, w.laws, w.c, w.mended)
+    w.laws[size] = w.run[0]
+    if w.mended[size + 1] > 0.0 and w.mended[size] >= least - w.laws[size + 2]:
+        w.laws[size + 1] = max(w.mended[size], least)
+        return True  # nothing is missed
+    if not settled(w):
+        return False
     for i in range(size):
         if not abs(w.laws[i] - w.z1[i]) <= limit * (1.0 + abs(w.z1[i])):
             w.laws[size + 1] = least
             return False
     for i in range(size):
-        w.dz[i] += w.laws[i] - w.z1[i]  # with the digits of a small one
+        w.dz[i] += w.laws[i] - w.z1[i]
         w.z1[i] = w.laws[i]
-    if w.by_momenta:
-        w.end[energy] = wanted
-    else:
-        call(w.to_start, w.z1, w.c, w.end)
+    call(w.to_start, w.z1, w.c, w.end)
     return True
 
 
@@ -373,7 +375,9 @@ def try_step(w: Work, h: float, z: Floats, known: bool, coarsest: int, residual:
         miss = abs(total - w.start[energy])
         if residual > CONVERGED:
             # what earlier steps left behind, as where masses nearly collide, is mended whatever its size
-            if mend(w, MENDED * residual) or (is_noise(w, w.z1, w.end[energy + 1], miss, 1.0) and mend(w, np.inf)):
+            if mend(w, MENDED * residual, False):
+                return SOLVED
+            if mend(w, np.inf if is_noise(w, w.z1, w.end[energy + 1], miss, 1.0) else MENDED * residual, True):
                 return SOLVED
         else:
             # what a finer quadrature leaves is round-off, which in what is stiff is that of the iteration

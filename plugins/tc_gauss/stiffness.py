@@ -26,7 +26,7 @@ def set_matrix(w: Work, z: Floats) -> None:
         call(w.to_matrix, z, w.c, w.sparse.values)
         return
     call(w.to_start, z, w.c, w.end)
-    copy_into(w.sparse.values, w.end[len(w.end) - w.sparse.n_values :])
+    copy_into(w.sparse.values, w.end[len(w.end) - len(w.entries) :])
 
 
 @rare
@@ -34,18 +34,6 @@ def rate_of(w: Work, z: Floats, turns: int, early: int) -> float:
     """The fastest at z of the block: see `sparse.fastest`."""
     set_matrix(w, z)
     return sparse.fastest(w.sparse, turns, early)
-
-
-def fastest_at_most(w: Work) -> float:
-    """A bound of the block's rates at the start of the step: the largest sum of a column's sizes."""
-    s = w.sparse
-    sums, largest = s.x[0], 0.0
-    fill(sums, 0.0)
-    for k in range(s.n_values):
-        sums[s.sees[k]] += abs(w.entries[k])
-    for i in range(s.n):
-        largest = max(largest, sums[i])
-    return largest
 
 
 def prepare(w: Work, h: float, z: Floats) -> None:
@@ -75,7 +63,7 @@ def stiff(w: Work, h: float, z: Floats) -> bool:
     s = w.sparse
     if w.to_matrix == 0:
         copy_into(s.values, w.entries)
-        return h * fastest_at_most(w) > STIFF
+        return h * w.entries[s.n_values] > STIFF
     call(w.to_matrix, z, w.c, s.values)
     sparse.set_noise(s, z, w.start[w.m :])
     return h * sparse.fastest(s, TURNS, EARLY) * w.numbers.largest > s.bound
@@ -85,10 +73,11 @@ def stiff(w: Work, h: float, z: Floats) -> bool:
 def prepare_anew(w: Work, h: float, z: Floats) -> None:
     """Factors of the block at any z, whether or not it seemed stiff."""
     set_matrix(w, z)
-    w.stiff[0], w.stiff[2], w.stiff[3] = h, 1.0, 1.0
-    factor(w, w.sparse, h)
+    w.stiff[0], w.stiff[2], w.stiff[3] = h, 1.0, -1.0
     if w.n_lanes > 0:
         call(w.to_factor, w.sparse.values, w.stiff, w.factors)
+    else:
+        factor(w, w.sparse, h)
 
 
 @rare

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-VECTOR_KERNELS = ("to_iterate", "to_iterate_finer", "to_extrapolate", "to_close")
+VECTOR_KERNELS = ("to_iterate", "to_iterate_finer", "to_extrapolate", "to_close", "to_defect")
 
 
 def matrix_of(work):

@@ -8,8 +8,7 @@ from collocation import VECTOR_KERNELS, matrix_of
 from hypothesis import given
 from hypothesis import strategies as st
 from random_laws import random_start
-from tcbench_plugins.tc_gauss import stiffness
-from tcbench_plugins.tc_gauss.formulas import coefficients
+from tcbench_plugins.tc_gauss import march, stiffness
 from tcbench_plugins.tc_gauss.method import GaussMethod
 
 import tcbench
@@ -128,16 +127,20 @@ def test_an_iteration_of_any_system_on_vectors_is_that_of_the_loops(name, times,
     assert abs(counts["newton_iterations"] - expected["newton_iterations"]) <= 0.1 * expected["newton_iterations"] + 2
 
 
-@pytest.mark.parametrize("k", [1, 4])
-def test_the_matrix_of_a_correction_is_inverted(k):
-    scenario, h = random_start("heavy_top", 0, 1000), 0.3
-    work = GaussMethod(scenario.model, k).work
-    stiffness.prepare_anew(work, h, scenario.z0)
-    n, J = work.n_block, matrix_of(work)
-    found = work.factors[: n * n * k * WIDTH].reshape(n, n, k, WIDTH)[..., :k]
-    expected = np.linalg.inv(np.eye(n * k) - h * np.kron(J, coefficients(k).A)).reshape(n, k, n, k)
-    np.testing.assert_allclose(found.transpose(0, 3, 1, 2), expected, atol=1e-10)
-    np.testing.assert_allclose(work.damping.reshape(n, n), np.linalg.inv(np.eye(n) - h * J), atol=1e-10)
+@pytest.mark.parametrize("k", [1, 4, 7])
+@pytest.mark.parametrize("name", ["short_term", "heavy_top"])  # an inverse, and factors
+def test_defects_on_vectors_are_damped_as_by_the_loops(name, k):
+    scenario = random_start(name, 0, 1000)
+    fast, slow = GaussMethod(scenario.model, k), scalar(GaussMethod(scenario.model, k))
+    slow.work.n_lanes = 0
+    assert fast.work.n_factored > 0
+    fast.increments(scenario.z0, 0.05)
+    slow.work.start[:], slow.work.end[:] = fast.work.start, fast.work.end
+    for method in (fast, slow):
+        stiffness.prepare_anew(method.work, 0.05, scenario.z0)
+        method.work.sums[:-1] = np.random.default_rng(k).normal(size=len(method.work.sums) - 1)
+    found, expected = (march.error_estimate(method.work, 0.05) for method in (fast, slow))
+    assert found == pytest.approx(expected, rel=1e-9)
 
 
 def test_a_failed_step_leaves_nothing_behind():
