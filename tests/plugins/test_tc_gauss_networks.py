@@ -89,7 +89,9 @@ def test_corrections_solve_the_linear_system_of_all_stages(k):
     w = GaussMethod(scenario.model, k).work
     n, e = w.n, w.n_block
     evaluate(w.to_start, scenario.z0, w.c, w.start)
-    stiffness.prepare_anew(w, h, scenario.z0)
+    w.n_lanes = 0  # the loops, which larger ones have
+    stiffness.prepare(w, h, scenario.z0)
+    assert w.stiff[2] == 1.0
     before, new = np.random.default_rng(k).normal(size=(2, e, k))
     w.U[n:, :k] = before
     stiffness.keep(w)
