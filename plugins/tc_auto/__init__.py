@@ -64,7 +64,7 @@ class BothMethods:
 
 def step_in_iterations(gauss, taylor):
     """Iterations that take the time of an explicit step: of elements by the order, of any system by what both do."""
-    if taylor.work.of_elements or gauss.work.large:  # of large systems the time of both goes with the size
+    if not gauss.work.general or gauss.work.large:  # of large systems the time of both goes with the size
         return COST + COST_OF_ORDER * taylor.work.order
     n, vectors = taylor.size, gauss.work.n_lanes > 0
     iteration = VECTORS + VECTORS_OF_SQUARE * n * n if vectors else gauss.stages * (NODE + NODE_OF_SQUARE * n * n)

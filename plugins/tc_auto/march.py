@@ -10,7 +10,6 @@ from tcbench.compiler.records import Record
 
 from ..tc_gauss import march as gauss
 from ..tc_gauss.memory import Work as Gauss
-from ..tc_gauss.step import noise
 from ..tc_taylor import march as taylor
 from ..tc_taylor.march import Work as Taylor
 
@@ -72,15 +71,14 @@ def steps(both: Both) -> int:
         gauss.begin(g, states[0])
     stable = STABLE + STABLE_OF_ORDER * e.order
     row, t, h, patience, explicit, given_up = 1, times[0], 0.0, PATIENCE, True, False
-    general = g.large or not e.of_elements
-    leg, left, busy, latest = LEG if general else 0, 0.0, 0.0, 0.0
-    longer = LONGER_OF_ANY if general else LONGER
-    paid, g.budget[3] = 0.0, 0.0 if general else BESIDE
-    turns, settled = TURNS if general else gauss.TURNS, SETTLED if general else gauss.TURNS - 1
+    leg, left, busy, latest = LEG if g.general else 0, 0.0, 0.0, 0.0
+    longer = LONGER_OF_ANY if g.general else LONGER
+    paid, g.budget[3] = 0.0, 0.0 if g.general else BESIDE
+    turns, settled = TURNS if g.general else gauss.TURNS, SETTLED if g.general else gauss.TURNS - 1
     while row < len(times):
         if explicit:
             steps_before = e.counts.steps
-            short = general and left < SHORT  # which is left to explicit steps
+            short = g.general and left < SHORT  # which is left to explicit steps
             rate = 1e-300 if short else gauss.decay_rate(g, turns, settled)
             most = STIFF * stable / rate
             few = 1 if latest > most else patience  # those of the leg before were stiff
@@ -89,20 +87,20 @@ def steps(both: Both) -> int:
                 break
             latest = 0.0
             look(e, g)
-            busy = 1.0 / max(h, 1e-300) if general else rate / stable
+            busy = 1.0 / max(h, 1e-300) if g.general else rate / stable
             left = worth * busy * (times[len(times) - 1] - t)
-            if e.counts.steps - steps_before < leg or not general:
+            if e.counts.steps - steps_before < leg or not g.general:
                 patience *= MORE
-            if general and h > 0.0 and (left < SHORT or e.counts.steps - steps_before >= leg):
+            if g.general and h > 0.0 and (left < SHORT or e.counts.steps - steps_before >= leg):
                 leg, latest = min(4 * leg, MOST_LEG), h
                 continue
-            if not general and h > 0.0 and paid + START > PART * worth * busy * (times[len(times) - 1] - times[0]):
+            if not g.general and h > 0.0 and paid + START > PART * worth * busy * (times[len(times) - 1] - times[0]):
                 given_up = False
                 continue
             go_over(e, g)
         else:
             g.budget[0] = worth * busy
-            g.budget[1] = math.inf if given_up else SHARE * left if general else OWED
+            g.budget[1] = math.inf if given_up else SHARE * left if g.general else OWED
             since, before = t, taken(g)
             row, t, h = gauss.advance(g, times, both.defect, both.residual, states, row, t, longer * h)
             paid += START + taken(g) - before - worth * busy * (t - since)
@@ -128,12 +126,12 @@ def look(e: Taylor, g: Gauss) -> None:
 
 @rare
 def go_over(e: Taylor, g: Gauss) -> None:
-    """The implicit method on from there, to the other's laws: of elements those of the start, which stand elsewhere."""
+    """The implicit method on from there; of any system to the other's laws, which stand alike after the state."""
     gauss.go_to(g, g.here)
-    if e.of_elements:
+    if g.general and e.of_elements:  # many of them: to the laws of the start, which stand elsewhere
         g.laws[e.size + 1] = e.target[e.size + 1]
-    else:
-        g.run[0], g.run[1] = e.target[e.size], noise(g, g.z)
+    elif g.general:
+        g.run[0] = e.target[e.size]
         copy_into(g.laws[e.size : len(e.target)], e.target[e.size : len(e.target)])
 
 
@@ -146,7 +144,7 @@ def keep_laws(e: Taylor, g: Gauss) -> None:
         return
     e.target[e.size] = g.run[0]
     for i in range(len(e.target) - e.size - 2):
-        e.target[e.size + 2 + i] = g.laws[e.size + 4 + 2 * i]
+        e.target[e.size + 2 + i] = g.laws[e.size + 4 + 2 * i if g.general else e.size + 2 + i]
 
 
 LOOPS = Library("auto", run)

@@ -16,11 +16,10 @@ from tcbench.compiler.once import once
 from tcbench.solver.mending import array_mending_kernels
 from tcbench.systems.system import System
 
-from .any_system import noise_of, parts_of, rates_of, started
-from .sparse import of_pattern, sparse
+from .any_system import parts_of, rates_of, started
+from .sparse import sparse
 
-NONE = np.zeros((0, 0), bool)
-NAMES = ("to_start", "to_motion", "to_slopes", "to_forces", "to_noise", "to_laws", "to_mend", "to_hold")
+NAMES = ("to_start", "to_motion", "to_slopes", "to_forces", "to_laws", "to_mend", "to_hold")
 
 
 class ArrayFormulas(NamedTuple):
@@ -52,7 +51,6 @@ def array_formulas(net: Any) -> ArrayFormulas:
             ([*of_rate, *of_state], motion),
             (carried, slopes),
             ([*of_rate, *of_state, *means], net.blocks(rates_of(net, z, parts))),
-            (of_state, net.blocks([noise_of(net, z)])),
         ]
         made = [array_kernel({"a": inputs, "b": constants}, outputs) for inputs, outputs in bodies]
         return ArrayFormulas([*made, *array_mending_kernels(net)], carried, means, *_matrix(net, z, K, constants))
@@ -79,10 +77,8 @@ def fields(system: System, n_factors: int) -> dict[str, Any]:
     matrix, to_matrix = _sparse(made, mesh, size, n_factors)
     carried, projected = (mesh.offsets(blocks)[-1] for blocks in (made.carried, made.projected))
     return {
-        "large": True, "by_momenta": False, **dict.fromkeys(("n", "n_lanes", "n_factored", "n_moved"), 0),
-        "order": np.arange(size), "ends": np.ones(size, int),
-        "whole": of_pattern(NONE, n_factors),
-        **dict.fromkeys(("m", "n_block", "n_matrix"), size), "sparse": matrix,
+        "general": True, "large": True, **dict.fromkeys(("n", "n_newton", "n_lanes", "n_positive"), 0),
+        **dict.fromkeys(("e", "m", "n_matrix"), size), "sparse": matrix,
         "n_constants": len(system.constant_values), "to_matrix": to_matrix, "n_ends": kernels["to_start"].size,
         "n_nodes": 2 * size + projected, "n_carried": carried, "n_slopes": projected,
         "n_laws": kernels["to_laws"].size, "n_mended": kernels["to_mend"].size, "c": system.constant_values,

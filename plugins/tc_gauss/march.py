@@ -6,61 +6,88 @@ import math
 
 from tcbench.compiler.language import Floats, Matrix, call, copy_into, fill
 from tcbench.compiler.library import Library
-from tcbench.solver.linear_algebra import add_compensated
+from tcbench.solver.linear_algebra import add_compensated, dot
 
-from . import sparse, stiffness
+from . import conduction, sparse
 from .memory import Work
-from .step import COARSE, CONVERGED, FAILED, SOLVED, extrapolate, is_noise, mend, noise, try_step
+from .step import COARSE, CONVERGED, FAILED, SOLVED, extrapolate, mend, try_step
 
 SHORTEST = 2.0**-24  # of a step, before it is given up
 SAFETY, GROW, SHRINK, ACCEPT = 0.85, 2.0, 0.2, 4.0
 HALF = 0.5  # of a step without a solution in reach
 BEST = 0.135  # contraction for which a unit of time costs least: it grows as h^2, and h log(1/h^2) is largest at e^-2
-WORTH = 10.0  # times longer steps for which the whole matrix is taken
 RETREAT, ADVANCE = 0.7, 1.1  # of a step that is too long for the quadrature, and of the bound that one leaves behind
 FREE = (
     0.33  # of the ideal length, up to which that bound comes at once: where the solution has smoothed it is soon gone
 )
-FIRST = 4.0  # times the decay time of the block: see first_step
+FIRST = 4.0  # times the decay time of the conduction: see first_step
 TURNS = 12  # of the power method that finds it
 LEVELLED = 100.0  # times what the energy misses, by which part mending may move a state: it waits where that rests
-MISSED = 4.0  # times a step's round-off: what mending leaves (solver.mending.ROUND_OFF)
+MISSED = 4.0  # times a step's round-off: what mending any system leaves (solver.mending.ROUND_OFF)
 COARSEST = 0  # level of quadrature
 SAVED = 40.0  # iterations that may be saved up, of a budget: see advance
 FAR = 2.5  # ratio of steps up to which the last polynomials are extrapolated
 
 
-def largest_defect(w: Work, known: Floats, here: int) -> float:
-    """Of the derivative's polynomial where the rates are known; stiff parts are damped by the flow.
+def defect(w: Work, h: float, known: Floats, here: int) -> float:
+    """The largest defect of the derivative's polynomial where the rates are known; stiff parts are damped by the flow.
 
     here: where the polynomial's rates stand in `sums`.
     """
-    size, total = 0.0, 0.0
-    for i in range(w.m):
-        w.defects[i] = w.sums[here + i] - known[i]
-    if w.stiff[4] > 0.0:
-        stiffness.damp(w, w.whole, -w.n, w.defects)
-    elif w.stiff[2] > 0.0:
-        stiffness.damp(w, w.sparse, w.m - w.n_block, w.defects)
-    for i in range(w.m):
-        total += (w.defects[i] * w.start[w.m + i]) ** 2
-        if w.ends[i] > 0:
-            size = total if total > size or total != total else size
-            total = 0.0
-    return math.sqrt(size)
+    n, e = w.n, w.e
+    decay = w.start[n + 2 * e + 2]
+    first = n + 2 * e + 3
+    force, stiff = 0.0, 0.0
+    for i in range(n):
+        force += (w.sums[here + i] - known[i]) ** 2
+    largest = math.sqrt(force) * w.scale[0]
+    if w.stiff[2] > 0.0 or w.general:
+        for i in range(e):
+            w.defects[i] = w.sums[here + n + i] - known[n + i]
+        if w.stiff[2] > 0.0:
+            conduction.damp(w, w.defects)
+        for i in range(e):
+            r = abs(w.defects[i]) * (w.start[e + i] if w.general else 1.0)
+            largest = r if r > largest or r != r else largest
+        return largest
+    for i in range(e):
+        stiff += w.start[first + e + i] * (w.sums[here + n + i] - known[n + i])
+    stiff = stiff / decay if decay < 0.0 else 0.0
+    for i in range(e):
+        part = w.start[first + i] * stiff
+        r = abs(w.sums[here + n + i] - known[n + i] - part) + abs(part) / (1.0 - h * decay)
+        largest = r if r > largest or r != r else largest
+    return largest
+
+
+def largest_defect(w: Work) -> float:
+    """Of `defect` at both ends, on vectors."""
+    m, largest = w.m, 0.0
+    for i in range(m):
+        w.sides[i, 0], w.sides[i, 1] = w.sums[m + i] - w.start[i], w.sums[2 * m + i] - w.end[i]
+    if w.stiff[2] > 0.0:
+        call(w.to_damp, w.factors, w.c, w.sides)
+    for i in range(m):
+        for side in range(2):
+            r = abs(w.sides[i, side]) * w.start[m + i]
+            largest = r if r > largest or r != r else largest
+    return largest
 
 
 def error_estimate(w: Work, h: float) -> float:
     """h times the largest defect at both ends; NaN stays."""
-    if w.to_defect != 0 and w.stiff[4] == 0.0:
-        call(w.to_defect, w.vectors, w.end, w.sums)
-        return h * math.sqrt(w.sums[len(w.sums) - 1])
-    if w.stiff[4] > 0.0:
-        sparse.factor(w.whole, w.numbers.pairs, h, 0.0)
-    elif w.stiff[2] > 0.0:
+    if w.n_lanes > 0:
+        return h * largest_defect(w)
+    if w.stiff[2] > 0.0:
         sparse.factor(w.sparse, w.numbers.pairs, h, 0.0)
-    before, after = largest_defect(w, w.start, w.size), largest_defect(w, w.end, w.size + w.m)
+    before, after = defect(w, h, w.start, w.n + w.m), defect(w, h, w.end, w.n + 2 * w.m)
     return h * (after if not after <= before else before)
+
+
+def set_scale(w: Work, z: Floats) -> None:
+    """Root mean squares of forces over 1 + that of momenta, which turn with the axes; entropies as they are."""
+    p = z[w.n : 2 * w.n]
+    w.scale[0], w.scale[1] = 1.0 / (math.sqrt(max(1, w.n)) + math.sqrt(dot(p, p))), 1.0
 
 
 def halving_step(w: Work, h: float, z0: Floats, dz_total: Floats) -> int:
@@ -69,15 +96,16 @@ def halving_step(w: Work, h: float, z0: Floats, dz_total: Floats) -> int:
     Misses of the quadrature that are round-off of a step may have one sign: where they have added up to more than that
     beside the energy of the run, it is mended.
     """
-    z, carry, total = w.z, w.carry, 2 * w.m
-    w.budget[2], w.whole_from[0] = math.inf, math.inf
+    z, carry, total = w.z, w.carry, w.n + 2 * w.e
+    w.budget[2] = math.inf
     copy_into(z, z0)
     fill(dz_total, 0.0)
     fill(carry, 0.0)
     call(w.to_start, z, w.c, w.start)
     done, part = 0.0, 1.0
     while done < 1.0:
-        code = try_step(w, part * h, z, False, COARSEST, CONVERGED)
+        set_scale(w, z)
+        code = try_step(w, part * h, z, False, COARSEST, CONVERGED, part == 1.0)
         if code != SOLVED:
             part *= 0.5
             w.counts.halved += 1
@@ -86,7 +114,7 @@ def halving_step(w: Work, h: float, z0: Floats, dz_total: Floats) -> int:
             continue
         w.counts.steps += 1
         missing = abs(w.end[total] - w.run[0])
-        if not is_noise(w, w.z1, w.end[total + 1], missing, MISSED):
+        if missing > w.end[total + 1] * (MISSED if w.general else 1.0):
             restore_level(w, z, LEVELLED * missing / (1.0 + abs(w.run[0])))
         add_compensated(dz_total, w.dz, carry)
         for i in range(len(z)):
@@ -99,27 +127,35 @@ def halving_step(w: Work, h: float, z0: Floats, dz_total: Floats) -> int:
 
 
 def restore_level(w: Work, z: Floats, limit: float) -> None:
-    """The end of a step that was solved, with the energy of the run; its entropy is to be no less than at the start,
-    nor than after the last of these."""
-    call(w.to_laws, z, w.c, w.now)
-    w.laws[w.size + 1] = max(w.laws[w.size + 1], w.now[w.size + 1])
-    mend(w, limit, True)
+    """The end of a step that was solved, with the energy of the run."""
+    if w.general:  # its entropy is to be no less than at the start, nor than after the last of these
+        call(w.to_laws, z, w.c, w.now)
+        w.laws[w.m + 1] = max(w.laws[w.m + 1], w.now[w.m + 1])
+    mend(w, limit)
 
 
 def first_step(w: Work, tolerance: float) -> float:
-    """A length for the first step: a part of the fastest decay, where that is far from its equilibrium."""
+    """A length for the first step: a part of the decay of the conduction, where that is far from its equilibrium."""
+    n, e = w.n, w.e
     h = 0.5 * tolerance ** (1.0 / (w.k + 1))
     fastest = decay_rate(w, TURNS, TURNS - 1)
     heat = 0.0
-    for i in range(w.m - w.n_block, w.m):
+    for i in range(n, n + e):
         heat = max(heat, abs(w.start[i]))
     return min(h, FIRST * h / fastest) if heat > tolerance * fastest else h
 
 
 def remember_laws(w: Work, z: Floats) -> None:
     """Note the energy and the invariants of a state, which the ends of all steps are given."""
-    w.run[0], w.run[1] = w.start[2 * w.m], noise(w, z)
-    call(w.to_laws, z, w.c, w.laws)
+    n, size = w.n, len(z)
+    w.run[0] = w.start[n + 2 * w.e]
+    if w.general:
+        call(w.to_laws, z, w.c, w.laws)
+        return
+    copy_into(w.laws, z)
+    call(w.to_mend, w.laws, w.c, w.mended)  # for the invariants of z, which stand last
+    for i in range(len(w.mended) - n - 1):
+        w.laws[size + 2 + i] = w.mended[n + 1 + i]
 
 
 def run(w: Work, tolerance: float, residual: float) -> int:
@@ -140,7 +176,6 @@ def begin(w: Work, z: Floats) -> None:
 
 def go_to(w: Work, z: Floats) -> None:
     """On from z; what is to be kept stays."""
-    w.whole_from[0] = math.inf
     copy_into(w.z, z)
     fill(w.carry, 0.0)
     call(w.to_start, w.z, w.c, w.start)
@@ -167,6 +202,7 @@ def advance(
             w.watch[0] = t
             if w.watch[1] != 0.0:
                 return row, t, 0.0
+            set_scale(w, z)
             if h == 0.0:
                 h = min(times[row] - t, first_step(w, tolerance))
             left = times[row] - t
@@ -175,22 +211,18 @@ def advance(
             if known:
                 extrapolate(w, step / last)
             w.budget[2] = spent + most - owed + worth * step
-            lowest = w.laws[w.size + 1]
-            code = try_step(w, step, z, known, COARSEST + (step > roughest), residual)
+            lowest = w.laws[w.m + 1]
+            code = try_step(w, step, z, known, COARSEST + (step > roughest), residual, False)
             owed += w.counts.iterations - spent + w.budget[3]
             spent = w.counts.iterations
             error, factor = 0.0, 0.0
             if code == SOLVED:
                 error = error_estimate(w, step)
                 factor = SAFETY * (tolerance / max(error, 1e-300)) ** (1.0 / (k + 1))
-                best = math.sqrt(max(BEST, w.sparse.bound) / max(w.seen[0], 1e-3))
-                if w.to_whole != 0 and w.stiff[4] == 0.0 and factor > WORTH * best:
-                    w.whole_from[0] = min(1.0, best) * step
-                else:
-                    factor = min(factor, best)
+                factor = min(factor, math.sqrt(max(BEST, w.sparse.bound) / max(w.seen[0], 1e-3)))
             if code != SOLVED or not error <= ACCEPT * tolerance:
                 w.counts.rejected += 1
-                w.laws[w.size + 1] = lowest  # of any system the entropy that the next step may not fall below
+                w.laws[w.m + 1] = lowest  # of any system the entropy that the next step may not fall below
                 h = step * (HALF if code == FAILED else RETREAT if code == COARSE else max(SHRINK, factor))
                 longest = h if known else longest
                 copy_into(w.rates, w.kept)  # shorter, the next one is nearer to them
@@ -215,8 +247,10 @@ def advance(
 
 
 def decay_rate(w: Work, turns: int, settled: int) -> float:
-    """Of the block, at the start of the step: see `stiffness.rate_of`. Never 0."""
-    return max(stiffness.rate_of(w, w.z, turns, settled), 1e-300)
+    """Of the conduction at the start of the step, of any system of all: see `conduction.rate_of`. Never 0."""
+    if w.to_matrix == 0:
+        return max(-w.start[w.n + 2 * w.e + 2], 1e-300)
+    return max(conduction.rate_of(w, w.z, turns, settled), 1e-300)
 
 
 def fixed_steps(w: Work, h: float, z0: Floats, increments: Matrix) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from tcbench.compiler.kernels import WIDTH  # noqa: F401  (of the shapes)
-from tcbench.compiler.language import Cube, Floats, Ints, Kernel, Matrix
+from tcbench.compiler.language import Cube, Floats, Kernel, Matrix
 from tcbench.compiler.records import Record, sized
 
 from .sparse import Sparse
@@ -33,6 +33,7 @@ class Numbers(Record):
     at_start: Floats = sized("k")  # Lagrange polynomials at 0
     at_end: Floats = sized("k")  # and at 1
     A: Matrix = sized("k", "k")
+    A_squared: Matrix = sized("k", "k")
     b: Floats = sized("k")
     pairs: int  # of eigenvalues of A; one that is real counts as a pair
     eigen_re: Floats = sized("pairs")  # one of each
@@ -47,101 +48,104 @@ class Numbers(Record):
 
 
 class Work(Record):
-    """The arrays of one step; k stages, n positions, m other variables, of which the last n_block are the block.
+    """The arrays of one step; k stages, n positions, e elements, m = n + e rates.
 
-    Row i of `found` holds variable i at WIDTH nodes, of which k are used: U, N, V and rates are parts of it.
+    Row i of `found` holds variable i at WIDTH nodes, of which k are used: U, N, V and rates are parts of it. What
+    `formulas.iteration` reads, `given`, has parts as well. The conduction is stiff: a matrix of rank one in N'(U),
+    u v^T x hA; its block (I - lambda hA)^-1 hA, lambda = v . u, stands by columns.
     """
 
     n: int
-    m: int
+    e: int
     k: int
-    size: int  # of a state
-    n_block: int
+    m: int
     n_constants: int
+    n_newton: int  # unknowns of Newton's method, which is for small systems; 0: none
     n_ends: int
-    n_matrix: int  # rows of the largest matrix that is solved with, or 0
+    n_matrix: int  # elements whose conduction is solved for as a whole (see conduction.py), or 0
     n_factors: int
-    n_lanes: int  # variables of the block where it is solved for on vectors, or 0
-    n_factored: int  # numbers that its matrix is taken apart into
+    n_lanes: int  # variables of any system whose iteration is on vectors, or 0
     n_nodes: int  # what stands in a row of these
     n_carried: int
     n_slopes: int
+    n_positive: (
+        int  # of the carried the first ones, and of the slopes the last ones: shapes and temperatures of springs
+    )
     n_laws: int
     n_mended: int
-    n_moved: int  # momenta of elements, which stand behind as many positions
-    to_start: Kernel  # see `any_system.any_formulas`
+    general: bool  # of any system: see any_system.py; then n = 0, and all variables are in the place of entropies
+    to_start: Kernel  # see `formulas.Formulas`
     to_motion: Kernel
     to_slopes: Kernel
     to_forces: Kernel
-    to_positions: Kernel
-    to_noise: Kernel
-    to_move: Kernel
-    to_mend: Kernel  # see solver.mending
-    to_hold: Kernel
+    to_mend: Kernel
+    to_hold: Kernel  # of any system: see solver.mending
     to_laws: Kernel
-    to_matrix: Kernel  # of the block, where the first has not its entries
-    to_whole: Kernel  # of all variables; 0: there are no others
+    to_matrix: Kernel  # of the conduction; 0: none
     to_iterate: Kernel  # those on vectors; 0: none
     to_iterate_finer: Kernel
-    to_factor: Kernel  # of the block on vectors: see any_vectors.py
-    to_defect: Kernel
+    to_block: Kernel
+    to_factor: Kernel  # of any system on vectors: see any_vectors.py
+    to_damp: Kernel
     to_extrapolate: Kernel
     to_close: Kernel
     numbers: Numbers
-    sparse: Sparse  # the matrix of the block: see stiffness.py
-    whole: Sparse
+    sparse: Sparse  # the matrix of the conduction: see conduction.py
     large: bool  # by formulas on arrays
-    by_momenta: bool  # ends of steps are mended by `any_system.by_momenta`
     counts: Counts
-    ends: Ints = sized("m")  # 1 of the last number of each array, by which sizes are measured, however it is turned
-    order: Ints = sized("size")  # of a state's variables: positions, others, last the block
     c: Floats = sized("n_constants")  # the time step, the system's constants, and what depends on them only
+    inverse_mass: Floats = sized("n")
+    given: Floats = sized("2 * m + k * WIDTH + 2 * e + 2")
+    state0: Floats = sized("2 * m", of="given")  # q, p, pi and s at the start of the step
+    block: Floats = sized("k * WIDTH", of="given", at="2 * m")  # of the conduction, by columns
+    columns: Matrix = sized("k", "WIDTH", of="block")  # the same
+    u: Floats = sized("e", of="given", at="2 * m + k * WIDTH")  # left and right of the conduction
+    v: Floats = sized("e", of="given", at="2 * m + k * WIDTH + e")
+    scale: Floats = sized("2", of="given", at="2 * m + k * WIDTH + 2 * e")  # of forces and of heat in a residual
     found: Floats = sized("WIDTH * (2 * m + n) + 1")
     U: Matrix = sized("m", "WIDTH", of="found")  # the iterate
     N: Matrix = sized("m", "WIDTH", of="found", at="WIDTH * m")  # the rates that it gives
-    V: Matrix = sized("n", "WIDTH", of="found", at="WIDTH * 2 * m")  # those of positions
+    V: Matrix = sized("n", "WIDTH", of="found", at="WIDTH * 2 * m")  # velocities
     rates: Floats = sized("WIDTH * (m + n)", of="found", at="WIDTH * m")  # N, then V
     kept: Floats = sized("WIDTH * (m + n)")  # those of the last step that was taken
-    # h, nothing, 1 where the block is solved for, 1 if its own factors are made beside those on vectors (-1: its matrix
-    # is set), 1 where the whole matrix is
-    stiff: Floats = sized("5")
-    # What `any_vectors.iteration` reads: the matrix of corrections, taken apart, the state at the start of the step,
-    # what the first kernel gives there, and the part of what N and U differ by that counts as their correction does.
-    vectors: Floats = sized("n_factored + size + n_ends + 1")
-    factors: Floats = sized("n_factored", of="vectors")
-    begun: Floats = sized("size", of="vectors", at="n_factored")
-    start: Floats = sized("n_ends", of="vectors", at="n_factored + size")
-    share: Floats = sized("1", of="vectors", at="n_factored + size + n_ends")
-    before: Matrix = sized("m", "k")
+    # h, lambda, 1 where conduction.py solves for the conduction, 1 if its own factors are made beside those on vectors
+    stiff: Floats = sized("4")
+    # What `any_vectors.iteration` reads: z, weights, what is carried of z; then factors.
+    vectors: Floats = sized("2 * n_lanes + n_carried + 2 * WIDTH * n_lanes * n_lanes")
+    factors: Floats = sized("2 * WIDTH * n_lanes * n_lanes", of="vectors", at="2 * n_lanes + n_carried")
+    sides: Matrix = sized("n_lanes", "WIDTH")  # defects at both ends
+    before: Matrix = sized("n_matrix", "k")
     vector: Matrix = sized("2 * n_factors", "n_matrix")
-    defects: Floats = sized("m")
+    defects: Floats = sized("n_matrix")
     ratio: Floats = sized("1")  # this step over the last
-    sums: Floats = sized("n + 3 * m + 1")  # what `formulas.closing` writes, and `any_vectors.defect`
-    end: Floats = sized("n_ends")  # what the first kernel gives at the end of the step
+    sums: Floats = sized("n + 3 * m")  # what `formulas.closing` writes
+    start: Floats = sized("n_ends")  # what the first kernel gives at the start of the step
+    end: Floats = sized("n_ends")  # and at its end
     laws: Floats = sized("n_laws")  # a state, its energy, energy and invariants that it should have
-    now: Floats = sized("n_laws")  # the same of the start of a step
-    run: Floats = sized("2")  # the energy at the start of the run, and its round-off
-    mended: Floats = sized("n_mended")
+    now: Floats = sized("n_laws")  # of any system: the same of the start of a step
+    run: Floats = sized("1")  # the energy at the start of the run
+    mended: Floats = sized("n_mended")  # what the fifth kernel makes of them
     # Iterations that a unit of time is worth, that may be owed, the count at which an attempt is given up, and what a
     # step takes beside its own: see march.advance.
     budget: Floats = sized("4")
-    whole_from: Floats = sized("1")  # the step from which on the whole matrix is taken at once
-    seen: Floats = sized("3")  # the contraction of the last solve, the quadrature that it took, its last correction
-    at_nodes: Matrix = sized("k", "n_nodes")  # rates of positions and others, both, projected slopes
-    drift: Matrix = sized("k", "n_carried")  # rates of what is carried
-    at_points: Matrix = sized("MOST_POINTS", "n_carried")
-    slopes: Matrix = sized("MOST_POINTS", "n_slopes")
-    FG: Floats = sized("size")
-    x0: Floats = sized("n_carried", of="start", at="2 * m + 2")  # what is carried, at the start
-    # of the block: its entries, and a bound of its rates
-    entries: Floats = sized("n_ends - n_carried - 2 * m - 2", of="start", at="2 * m + 2 + n_carried")
-    dz: Floats = sized("size")
-    z1: Floats = sized("size")
-    z: Floats = sized("size")  # of a run: where it is
-    carry: Floats = sized("size")  # and what rounding dropped on the way
-    here: Floats = sized("size")  # of a march: where it is
-    dropped: Floats = sized("size")  # and what rounding dropped on the way
+    seen: Floats = sized("2")  # the contraction of the last solve, and the quadrature that it took
+    at_nodes: Matrix = sized("k", "n_nodes")  # velocities, positions, stresses, temperatures
+    drift: Matrix = sized("k", "n_carried")  # rates of shapes and entropies
+    at_points: Matrix = sized("MOST_POINTS", "n_carried")  # shapes and entropies
+    slopes: Matrix = sized("MOST_POINTS", "n_slopes")  # stresses and temperatures
+    FG: Floats = sized("m")
+    rho: Floats = sized("k")
+    J: Matrix = sized("n_newton", "n_newton")
+    rhs: Floats = sized("n_newton")
+    base: Floats = sized("n_newton")
+    x0: Floats = sized("n_carried")  # shapes and entropies at the start
+    dz: Floats = sized("n + m")
+    z1: Floats = sized("n + m")
+    z: Floats = sized("n + m")  # of a run: where it is
+    carry: Floats = sized("n + m")  # and what rounding dropped on the way
+    here: Floats = sized("n + m")  # of a march: where it is
+    dropped: Floats = sized("n + m")  # and what rounding dropped on the way
     watch: Floats = sized("2")  # how far an adaptive run is, and whether it is to end: see `records.Lending`
     rows: int  # what follows is lent for a run
     times: Floats = sized("rows")
-    states: Matrix = sized("rows", "size")  # at these times, the first given
+    states: Matrix = sized("rows", "n + m")  # at these times, the first given

@@ -20,13 +20,9 @@ Floats = NDArray[np.float64]
 SOLVED_TO = 0.01  # of the tolerance: residual of the collocation equations in adaptive runs
 FINEST = 1e-14  # of the residual: round-off is near
 SOLVED = 0  # see `step`
-MOST_ELEMENTS = 32  # of a network traced as a whole: then on vectors, ten times as fast after a few seconds
-MOST_VARIABLES = 300  # of a system that is traced as a whole
-KERNELS = (
-    "to_start", "to_motion", "to_slopes", "to_forces", "to_positions", "to_whole", "to_noise", "to_move",
-    "to_laws", "to_mend", "to_hold",
-)  # fmt: skip
-SUMS = ("to_extrapolate", "to_close")
+MOST_NEWTON = 500  # unknowns of Newton's dense matrices; larger systems take a step that needs it in halves
+MOST_VARIABLES = 300  # of a system without elements
+VECTOR_KERNELS = ("to_iterate", "to_iterate_finer", "to_block", "to_extrapolate", "to_close")
 
 
 class GaussMethod(Lending):
@@ -36,8 +32,7 @@ class GaussMethod(Lending):
         self.loops, model = prepared(system, stages)
         self.stages, self.marches = stages, False
         self.counts = model.counts.again()
-        matrices = {"sparse": model.sparse.again(), "whole": model.whole.again()}
-        own = {"c": model.c.copy(), **matrices}  # the first of c is the step
+        own = {"sparse": model.sparse.again(), "c": model.c.copy()}  # the first of c is the step
         self.lend_to(model.again(counts=self.counts, **own), system)
 
     def march(self, z: Floats, h: float, count: int) -> Floats:
@@ -88,21 +83,38 @@ def prepared(system: System, k: int) -> tuple[Any, Any]:
 
     numbers = formulas.coefficients(k)
     n_factors = numbers.pairs + 1
-    few = system.defines("element_energy") and system.n_elements <= MOST_ELEMENTS
-    if system.large and not few:
+    by_elements = system.defines("element_energy")
+    if system.large and not (by_elements and system.n_elements <= formulas.MOST_ELEMENTS):
         from .by_arrays import fields
 
         found = fields(system, n_factors)
     else:
-        patterns, found = of_any_system(system, k)
-        found |= {name: of_pattern(x, n_factors) for name, x in zip(("sparse", "whole"), patterns, strict=True)}
-    return LOOPS, Work(k=k, numbers=numbers, counts=Counts(), rows=1, n_factors=n_factors, size=system.size, **found)
+        pattern, found = (of_elements if by_elements else of_any_system)(system, k)
+        found["sparse"] = of_pattern(pattern, n_factors)
+    return LOOPS, Work(k=k, numbers=numbers, counts=Counts(), rows=1, n_factors=n_factors, **found)
+
+
+def of_elements(system: System, k: int) -> tuple[Any, dict[str, Any]]:
+    """The pattern of the matrix, and the fields of a record, for springs and their like."""
+    symbolic = system.symbolic
+    made = formulas.formulas(symbolic)
+    scalar, matrix = made.kernels[:5], made.kernels[5:]
+    names = ("to_start", "to_motion", "to_slopes", "to_forces", "to_mend", "to_matrix", *VECTOR_KERNELS)
+    addresses = [*(x.address for x in scalar), matrix[0].address if matrix else 0, *formulas.on_vectors(symbolic, k)]
+    n, e = symbolic.n_positions, symbolic.n_elements
+    return made.pattern, {
+        "n": n, "e": e, "m": n + e, "n_matrix": e if matrix else 0, **constants(system, made),
+        "inverse_mass": 1.0 / (np.asarray(system.inertia(), dtype=float) * np.ones(n)),
+        "n_lanes": 0, "n_newton": k * (n + e) if k * (n + e) <= MOST_NEWTON else 0, "n_ends": scalar[0].size,
+        "n_nodes": 2 * (n + e), "n_carried": 2 * e, "n_slopes": 2 * e, "n_positive": e, "n_mended": scalar[-1].size,
+        "n_laws": n + e + 1 + scalar[-1].size, **dict(zip(names, addresses, strict=True)),
+    }  # fmt: skip
 
 
 def of_any_system(system: System, k: int) -> tuple[Any, dict[str, Any]]:
-    """Patterns of its matrices, and the fields of a record."""
+    """The same for any system, all of whose variables stand in the place of entropies."""
     from .any_system import any_formulas
-    from .any_vectors import room, vector_kernels
+    from .any_vectors import vector_kernels
 
     size = system.size
     if size > MOST_VARIABLES:
@@ -111,21 +123,18 @@ def of_any_system(system: System, k: int) -> tuple[Any, dict[str, Any]]:
             f"(at most {MOST_VARIABLES}). Declare its spaces (docs/add-system.md), or take tc_monolithic."
         )
     made, (laws, mend, hold) = any_formulas(system.symbolic)
-    n, block = made.n, made.n_block
     carried, projected = map(len, made.bodies[2])
+    names = ("to_start", "to_motion", "to_slopes", "to_forces", "to_matrix", "to_laws", "to_mend", "to_hold")
     addresses = [x.address for x in (*made.kernels, laws, mend, hold)]
-    kernels = dict(zip(KERNELS, addresses, strict=True)) | vector_kernels(system.symbolic, k)
-    kernels |= dict(zip(SUMS, formulas.sums_on_vectors(k, tuple(made.order), n), strict=True))
-    patterns, lanes = made.patterns, block if kernels["to_factor"] else 0
-    if block == size:  # one matrix
-        patterns, kernels["to_whole"] = [patterns[0], patterns[1][:0, :0]], 0
-    return patterns, {
-        "by_momenta": system.defines("element_energy"), "n_moved": len(made.bodies[7][1]),
-        "n": n, "m": size - n, "n_block": block, "n_lanes": lanes, "n_factored": room(lanes, k),
-        "n_matrix": size, "order": np.array(made.order), **constants(system, made),
-        "ends": np.append(np.diff(made.groups) != 0, True)[: size - n].astype(int),
+    on_vectors = vector_kernels(system.symbolic, k)
+    return made.pattern, {
+        "general": True, **dict.fromkeys(("n", "n_newton", "n_positive"), 0), **on_vectors,
+        "n_lanes": size if on_vectors["to_factor"] else 0,
+        **dict.fromkeys(("e", "m", "n_matrix"), size), **constants(system, made),
         "n_ends": made.kernels[0].size, "n_nodes": 2 * size + projected, "n_carried": carried,
-        "n_slopes": projected, "n_laws": laws.size, "n_mended": mend.size, **kernels,
+        "n_slopes": projected, "n_laws": laws.size, "n_mended": mend.size,
+        **dict(zip(names, addresses, strict=True)),
+        **dict(zip(VECTOR_KERNELS[3:], formulas.sums_on_vectors(k, 0, size), strict=True)),
     }  # fmt: skip
 
 

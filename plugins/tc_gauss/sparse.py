@@ -1,4 +1,4 @@
-"""Sparse factors for `stiffness`, whose entries and whose fill are known beforehand.
+"""Sparse factors for `conduction`, whose entries and whose fill are known beforehand.
 
 A row of I - (re + i im) M for each variable; behind them, of a large system, a row for each number that all of an array
 read, such as a mean: an unknown of its own, which keeps the matrix sparse. What belongs to one entry alone comes first

@@ -25,7 +25,6 @@ MOST_PLANS = 5000
 R = TypeVar("R", bound="Record")
 RANKS = {"Floats": 1, "Matrix": 2, "Cube": 3, "Ints": 1, "ShortInts": 1, "ShortFloats": 1}
 DOUBLE: np.dtype[Any] = np.dtype(np.float64)
-LINE = 8  # doubles that a processor reads at once, from where a multiple of these begins
 TYPES: dict[str, np.dtype[Any]] = {  # of arrays of another kind than doubles
     "Ints": np.dtype(np.int64), "ShortInts": np.dtype(np.int32), "ShortFloats": np.dtype(np.float32),
 }  # fmt: skip
@@ -184,9 +183,7 @@ class Record:
         """Live in this table, with new memory beside what is kept; returns what `_at` does."""
         self._kept, self._plan = kept, plan
         if plan.memory:
-            memory = np.zeros(plan.memory + LINE)
-            before = -address_of(memory) % (8 * LINE) // 8
-            memory = kept[""] = memory[before : before + plan.memory]
+            memory = kept[""] = np.zeros(plan.memory)
             table[plan.own] = plan.offsets + address_of(memory)
         return self._at(table)
 
@@ -272,8 +269,6 @@ class _Plan:
         for f in arrays:
             shape = tuple(int(eval(length, cls.names, values)) for length in f.lengths)
             part, start = f.sized.of, self.memory
-            if math.prod(shape) >= LINE:  # whole vectors of it are not in two lines
-                start = self.memory = -(-start // LINE) * LINE
             if part:
                 start = self.shapes[part][0] + int(eval(f.sized.at, cls.names, values))
             self.shapes[f.name] = (start, shape)

@@ -206,7 +206,7 @@ class Lanes:
             top, total = self.select(">", value, top, value, top), self.add(total, value)
         top = self.add(top, self.sub(total, total))
         # NaN lanes are above infinity as integers: values are not negative
-        scalars = [self.one(top, i) for i in range(WIDTH)]
+        scalars = [self.build.extract_element(top, ir.Constant(ir.IntType(32), i)) for i in range(WIDTH)]
         integers = [self.build.bitcast(x, INT) for x in scalars]
         while len(integers) > 1:
             pairs = zip(integers[::2], integers[1::2], strict=True)
@@ -218,11 +218,7 @@ class Lanes:
         for shift in (4, 2, 1):
             mask = ir.Constant(ir.VectorType(ir.IntType(32), WIDTH), [(i + shift) % WIDTH for i in range(WIDTH)])
             value = self.add(value, self.build.shuffle_vector(value, ir.Constant(VECTOR, ir.Undefined), mask))
-        return self.one(value, 0)
-
-    def one(self, value: Any, which: int) -> Any:
-        """One lane of a value, a scalar."""
-        return self.build.extract_element(value, ir.Constant(ir.IntType(32), which))
+        return self.build.extract_element(value, ir.Constant(ir.IntType(32), 0))
 
     def text(self) -> str:
         self.build.ret_void()

@@ -2,8 +2,6 @@
 
 import numpy as np
 
-VECTOR_KERNELS = ("to_iterate", "to_iterate_finer", "to_extrapolate", "to_close", "to_defect")
-
 
 def matrix_of(work):
     """The matrix that iterations are solved with, dense."""

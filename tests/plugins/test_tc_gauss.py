@@ -4,11 +4,10 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-from collocation import VECTOR_KERNELS
 from states import with_elements
 from tcbench_plugins.chain.chain import chain
 from tcbench_plugins.tc_gauss.formulas import POINTS, coefficients
-from tcbench_plugins.tc_gauss.method import GaussMethod
+from tcbench_plugins.tc_gauss.method import VECTOR_KERNELS, GaussMethod
 
 import tcbench
 from tcbench import ElementSystem

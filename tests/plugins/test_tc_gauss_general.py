@@ -72,27 +72,6 @@ def test_what_was_too_long_once_is_not_for_long(name, stiffer, tolerance, most):
     assert np.mean([solve(scenario.model, scenario.z0, span, x, x)[1]["steps"] for x in tolerances]) < most
 
 
-@pytest.mark.parametrize(
-    ("name", "positions", "block"),
-    [
-        ("short_term", [0, 1, 2, 3], [8, 9]),
-        ("viscous_pendulum", [0, 1, 2, 3], [8, 9, 10, 11]),
-        ("rigid_body", [], [0, 1, 2]),
-    ],
-)
-def test_positions_and_what_acts_back_on_itself_are_found_in_the_graph(name, positions, block):
-    work = GaussMethod(SCENARIOS[name].model, 2).work
-    order = work.order.tolist()
-    assert order[: work.n] == positions and order[len(order) - work.n_block :] == block
-
-
-def test_a_long_step_of_springs_is_solved_whole():
-    """From rates at the start, which lead too far, the iteration does not converge: two halves were taken here."""
-    method = GaussMethod(SCENARIOS["long_term"].model, 3)
-    method.increments(SCENARIOS["long_term"].z0, SCENARIOS["long_term"].dt)
-    assert method.counts.halved == 0
-
-
 def test_what_a_step_was_is_no_part_of_the_next():
     """Increments are those of a fresh workspace, whatever was stepped before."""
     scenario = SCENARIOS["heavy_top"]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from collocation import matrix_of
-from tcbench_plugins.tc_gauss import sparse, stiffness
+from tcbench_plugins.tc_gauss import conduction, sparse
 from tcbench_plugins.tc_gauss.method import GaussMethod, prepared
 
 import tcbench
@@ -36,7 +36,7 @@ def test_matrix_and_factors_are_those_of_differences(name):
     scenario = NETWORKS[name]
     model, z, step = scenario.model, scenario.z0, 1e-5
     n, w = model.size, GaussMethod(model, 2).work
-    stiffness.set_matrix(w, z)
+    conduction.set_matrix(w, z)
     s = w.sparse
     whole = -matrix_of(w)
     M = whole[:n, n:] @ np.linalg.solve(whole[n:, n:], whole[n:, :n]) - whole[:n, :n]  # without the shared numbers

@@ -5,24 +5,27 @@ import pytest
 from collocation import matrix_of
 from tcbench_plugins.chain.chain import chain
 from tcbench_plugins.net.net import net
-from tcbench_plugins.tc_gauss import method as setting
-from tcbench_plugins.tc_gauss import sparse, stiffness
+from tcbench_plugins.tc_gauss import conduction, formulas, sparse
 from tcbench_plugins.tc_gauss.method import GaussMethod, prepared
 
 import tcbench
-from tcbench.compiler.library import evaluate
 
 
 def traced_as_a_whole_up_to(elements, monkeypatch, scenario):
     """Formulas are made anew for the scenario's system."""
-    monkeypatch.setattr(setting, "MOST_ELEMENTS", elements)
-    prepared.cache_clear()
+    monkeypatch.setattr(formulas, "MOST_ELEMENTS", elements)
+    forget()
+
+
+def forget():
+    for function in (formulas.formulas, formulas.iteration, formulas.on_vectors, prepared):
+        function.cache_clear()
 
 
 @pytest.fixture(autouse=True)
 def afresh():
     yield
-    prepared.cache_clear()
+    forget()
 
 
 @pytest.mark.parametrize("method", ["tc_gauss", "tc_gauss[k=1]", "tc_gauss_adaptive[k=4]"])
@@ -72,7 +75,7 @@ def test_the_matrix_of_the_conduction_is_its_derivative():
     scenario = stiff_net()
     model, method = scenario.model, GaussMethod(scenario.model, 3)
     n, e = model.n_positions, model.n_elements
-    stiffness.set_matrix(method.work, scenario.z0)
+    conduction.set_matrix(method.work, scenario.z0)
     matrix = matrix_of(method.work)
     for j in range(e):
         step = np.zeros(model.size)
@@ -80,31 +83,29 @@ def test_the_matrix_of_the_conduction_is_its_derivative():
         slope = (model.vector_field(scenario.z0 + step) - model.vector_field(scenario.z0 - step))[2 * n :] / 2e-5
         assert np.abs(matrix[:, j] - slope).max() < 1e-6 * np.abs(slope).max()
     exact = np.abs(np.linalg.eigvals(matrix)).max()
-    assert 0.8 * exact < stiffness.rate_of(method.work, scenario.z0, 12, 11) < 1.01 * exact
+    assert 0.8 * exact < conduction.rate_of(method.work, scenario.z0, 12, 11) < 1.01 * exact
 
 
 @pytest.mark.parametrize("k", [1, 2, 3, 4, 7])
 def test_corrections_solve_the_linear_system_of_all_stages(k):
     scenario, h = stiff_net(), 0.1
     w = GaussMethod(scenario.model, k).work
-    n, e = w.n, w.n_block
-    evaluate(w.to_start, scenario.z0, w.c, w.start)
-    w.n_lanes = 0  # the loops, which larger ones have
-    stiffness.prepare(w, h, scenario.z0)
+    n, e = w.n, w.e
+    conduction.prepare(w, h, scenario.z0)
     assert w.stiff[2] == 1.0
     before, new = np.random.default_rng(k).normal(size=(2, e, k))
     w.U[n:, :k] = before
-    stiffness.keep(w)
+    conduction.keep(w)
     w.U[n:, :k] = 7.0  # what an iteration leaves there does not count
     w.N[n:, :k] = new
-    stiffness.correct(w, w.sparse, n)
+    conduction.correct(w)
     whole = np.eye(e * k) - h * np.kron(matrix_of(w), w.numbers.A)
     expected = before + np.linalg.solve(whole, (new - before).ravel()).reshape(e, k)
     assert np.abs(w.U[n:, :k] - expected).max() < 1e-10  # the eigenvectors of A, k = 7, have a condition of 2e3
-    defects = np.append(np.ones(n), new[:, 0])
+    defects = new[:, 0].copy()
     sparse.factor(w.sparse, w.numbers.pairs, h, 0.0)
-    stiffness.damp(w, w.sparse, n, defects)
-    assert np.abs(defects[n:] - np.linalg.solve(np.eye(e) - h * matrix_of(w), new[:, 0])).max() < 1e-12
+    conduction.damp(w, defects)
+    assert np.abs(defects - np.linalg.solve(np.eye(e) - h * matrix_of(w), new[:, 0])).max() < 1e-12
 
 
 @pytest.mark.thorough

@@ -4,12 +4,12 @@ import math
 
 import numpy as np
 import pytest
-from collocation import VECTOR_KERNELS, matrix_of
+from collocation import matrix_of
 from hypothesis import given
 from hypothesis import strategies as st
 from random_laws import random_start
-from tcbench_plugins.tc_gauss import march, stiffness
-from tcbench_plugins.tc_gauss.method import GaussMethod
+from tcbench_plugins.tc_gauss.formulas import coefficients
+from tcbench_plugins.tc_gauss.method import VECTOR_KERNELS, GaussMethod
 
 import tcbench
 from tcbench.compiler import derivatives as trace
@@ -96,6 +96,10 @@ def test_a_step_on_vectors_is_the_scalar_step(scenario, k):
         np.testing.assert_allclose(
             getattr(fast.work, name)[:, :k], getattr(slow.work, name)[:, :k], rtol=1e-11, atol=1e-11
         )
+    identity, h_A = np.eye(k), h * coefficients(k).A
+    block = np.linalg.solve(identity - slow.work.stiff[1] * h_A, h_A)
+    for method in (fast, slow):
+        np.testing.assert_allclose(method.work.columns[:, :k].T, block, rtol=1e-12, atol=1e-14)
     np.testing.assert_allclose(fast.work.sums, slow.work.sums, rtol=1e-10, atol=1e-11)
 
 
@@ -114,9 +118,9 @@ def test_adaptive_runs_on_vectors_follow_the_scalar_ones(scenario):
 def test_an_iteration_of_any_system_on_vectors_is_that_of_the_loops(name, times, k):
     scenario = random_start(name, 0, times)
     fast, slow = GaussMethod(scenario.model, k), GaussMethod(scenario.model, k)
-    assert fast.work.n_lanes == fast.work.n_block > 0
-    scalar(slow).work.n_lanes = 0
-    stiffness.set_matrix(slow.work, scenario.z0)
+    assert fast.work.n_lanes == scenario.model.size
+    slow.work.n_lanes = 0
+    evaluate(slow.work.to_matrix, scenario.z0, slow.work.c, slow.work.sparse.values)
     h = 0.2 / abs(np.linalg.eigvals(matrix_of(slow.work))).max()
     dz, same = fast.increments(scenario.z0, h), slow.increments(scenario.z0, h)
     assert fast.work.stiff[2] == 1.0 and fast.counts.halved == slow.counts.halved == 0
@@ -127,20 +131,16 @@ def test_an_iteration_of_any_system_on_vectors_is_that_of_the_loops(name, times,
     assert abs(counts["newton_iterations"] - expected["newton_iterations"]) <= 0.1 * expected["newton_iterations"] + 2
 
 
-@pytest.mark.parametrize("k", [1, 4, 7])
-@pytest.mark.parametrize("name", ["short_term", "heavy_top"])  # an inverse, and factors
-def test_defects_on_vectors_are_damped_as_by_the_loops(name, k):
-    scenario = random_start(name, 0, 1000)
-    fast, slow = GaussMethod(scenario.model, k), scalar(GaussMethod(scenario.model, k))
-    slow.work.n_lanes = 0
-    assert fast.work.n_factored > 0
-    fast.increments(scenario.z0, 0.05)
-    slow.work.start[:], slow.work.end[:] = fast.work.start, fast.work.end
-    for method in (fast, slow):
-        stiffness.prepare_anew(method.work, 0.05, scenario.z0)
-        method.work.sums[:-1] = np.random.default_rng(k).normal(size=len(method.work.sums) - 1)
-    found, expected = (march.error_estimate(method.work, 0.05) for method in (fast, slow))
-    assert found == pytest.approx(expected, rel=1e-9)
+def test_defects_are_damped_by_the_matrix_of_an_implicit_step():
+    scenario = random_start("heavy_top", 0, 1000)
+    work = GaussMethod(scenario.model, 4).work
+    evaluate(work.to_matrix, scenario.z0, work.c, work.sparse.values)
+    work.stiff[0] = h = 0.3
+    evaluate(work.to_factor, work.sparse.values, work.stiff, work.factors)
+    sides = np.arange(7.0 * WIDTH).reshape(7, WIDTH)
+    damped = sides.copy()
+    evaluate(work.to_damp, work.factors, work.c, damped)
+    np.testing.assert_allclose((np.eye(7) - h * matrix_of(work)) @ damped, sides, atol=1e-10)
 
 
 def test_a_failed_step_leaves_nothing_behind():
