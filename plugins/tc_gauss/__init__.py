@@ -1,8 +1,8 @@
 """Thermodynamically consistent Gauss collocation with k stages: order 2k, energy and momenta exact, S never decreases.
 
 Collocation with the slopes of E and S projected, and what is quadratic in them carried as polynomials of its own; of
-springs (step.py) these are stresses and temperatures, and the strain measures; any_system.py has any system. k = 1 is
-a mean-value cousin of the paper's method.
+springs these are stresses and temperatures, and the strain measures. k = 1 is a mean-value cousin of the paper's
+method.
 """
 
 from functools import cache, partial
