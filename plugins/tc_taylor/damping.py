@@ -104,9 +104,11 @@ def missed(w: Work, h: float) -> float:
 
 @rare
 def damp(w: Work) -> None:
-    """The factors into the last coefficients."""
-    n = w.size
-    first = (w.order + 1 - LAST) * n
+    """The factors into the last coefficients, also of what is to keep its sign."""
+    kinks = (w.order + 1) * w.size + 2
     for j in range(LAST):
-        for i in range(first + j * n, first + (j + 1) * n):
+        k = w.order + 1 - LAST + j
+        for i in range(k * w.size, (k + 1) * w.size):
+            w.coefficients[i] *= w.factors[j]
+        for i in range(kinks + k * w.n_kinks, kinks + (k + 1) * w.n_kinks):
             w.coefficients[i] *= w.factors[j]

@@ -1,7 +1,8 @@
 """Steps end at kinks: where a number changes its sign of which the formulas have the size.
 
 On either side |u| is u or -u, and has its series. So the sign is that of the start of a step, and the step ends where
-the series of u has left it.
+the series of u has left it. Roots are such numbers too: where q touches 0 or passes it closer than the tolerance sees,
+the series of sqrt(q . q) is that of a distance which goes on below 0.
 """
 
 from __future__ import annotations

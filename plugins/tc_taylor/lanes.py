@@ -37,8 +37,9 @@ def reachable(starts: Iterable[Series]) -> list[Series]:
 
 
 def kinks(rate: Iterable[Series]) -> list[Series]:
-    """What rates have the sign of, or the size: they have a kink where it changes."""
-    return list(dict.fromkeys(x.parts[0] for x in reachable(rate) if x.kind == "sign"))
+    """What keeps its sign in a step: what rates have the sign of, or the size, and roots, unlike their series."""
+    found = (x for x in reachable(rate) if x.kind in ("sign", "sqrt"))
+    return list(dict.fromkeys(x if x.kind == "sqrt" else x.parts[0] for x in found))
 
 
 def is_square(x: Series) -> bool:

@@ -122,7 +122,8 @@ def advance(
             if w.reach > 0.0:
                 h = damping.lengthened(w, h, tolerance)
             if w.n_kinks > 0:
-                whole, h = h, kinks.first(w, h, tolerance)
+                whole = min(h, times[len(times) - 1] - t + unit)  # of polynomials it has no bound
+                h = kinks.first(w, whole, tolerance)
                 held = held + 1 if h < kinks.SHORT * whole else 0
                 h = h if held < kinks.MOST + w.n_kinks else 0.0
         good = h > SHORTEST * max(unit, abs(t))

@@ -102,7 +102,10 @@ class Normal:
             case "log1p":
                 return self.function("log", combined(args[0], {(): ONE}, ONE))
             case "pow":
-                return self.function("exp", self.times(args[1], self.function("log", args[0])))
+                base, power = args
+                if len(base) > 1 and not (power.keys() == {()} and power[()].op == "const"):  # 1/2 it may be, or 3/2
+                    base, power = self.function("sqrt", base), scaled(power, trace.const(2.0))
+                return self.function("exp", self.times(power, self.function("log", base)))
             case "hypot":
                 squares = [self.times(x, x) for x in args]
                 return self.function("sqrt", combined(*squares, ONE))
@@ -182,15 +185,19 @@ class Normal:
         outside: Linear = {(): ONE}
         inside: Linear = {}
         for key, weight in form.items():
-            power = (
-                round(weight.value) if weight.op == "const" and abs(weight.value - round(weight.value)) < 1e-14 else 0
-            )
+            twice = round(2.0 * weight.value) if weight.op == "const" else 0
+            whole = twice and abs(2.0 * weight.value - twice) < 2e-14
             if not key:
                 outside = scaled(outside, weight.exp())
-            elif len(key) == 1 and key[0][0].kind == "log" and key[0][1] == 1 and power:
-                base, of_size = key[0][0].parts[0], key[0][0].of_size
-                outside = self.times(outside, {((base, power),): ONE})
+            elif len(key) == 1 and key[0][0].kind == "log" and key[0][1] == 1 and whole:
+                (base,), of_size, power = key[0][0].parts, key[0][0].of_size, int(twice / 2)
+                size: Linear = {((base, 1),): ONE}
+                size = self.times(size, self.sign(size)) if of_size else size
+                outside = self.times(outside, {((base, power),): ONE}) if power else outside
                 outside = self.times(outside, self.sign({((base, 1),): ONE})) if power % 2 and of_size else outside
+                if twice % 2:  # a root, whose sign is looked at: see `kinks`
+                    root = self.function("sqrt", size)
+                    outside = self.times(outside, root if twice > 0 else self.inverse(root))
             else:
                 inside[key] = weight
         if not inside:

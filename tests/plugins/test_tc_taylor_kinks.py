@@ -1,0 +1,214 @@
+"""tc_taylor where formulas have kinks: sizes, signs, roots of sums of squares."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from tcbench_plugins import tc_taylor
+
+import tcbench
+from tcbench import System
+from tcbench.plugins import find_integrator, find_scenario
+
+
+class Rough(System):
+    """Oscillators in quadratic drag: |v| v has a kink at each turn."""
+
+    name = "rough"
+    variables = dict.fromkeys("qps", ("node",))
+    constants = {"drag": ("node",)}
+
+    def energy(self, z):
+        return (2 * z.q**2 + z.p**2 / 2 + np.exp(z.s)).sum()
+
+    def entropy(self, z):
+        return z.s.sum()
+
+    def reversible(self, z, dE, dS):
+        return {"q": dE.p, "p": -dE.q}
+
+    def irreversible(self, z, dE, dS):
+        force = self.drag * abs(dE.p) * dE.p
+        return {"p": -force, "s": force * dE.p / dE.s}
+
+
+class Quick(Rough):
+    name = "quick"
+    constants = Rough.constants | {"speed": ()}
+
+    def reversible(self, z, dE, dS):
+        return {"q": self.speed * dE.p, "p": -self.speed * dE.q}
+
+    def irreversible(self, z, dE, dS):
+        return self.speed * super().irreversible(z, dE, dS)
+
+
+@pytest.mark.parametrize("most", [0, 1000])
+def test_steps_end_at_kinks(most, monkeypatch):
+    """Errors follow the tolerance, and fixed steps have their order, across fifty turns, nine of them at the start."""
+    monkeypatch.setattr(tc_taylor, "MOST_VARIABLES", most)
+    k = np.arange(9.0)  # as few as are traced on arrays
+    start, drag = {"q": np.cos(k), "p": 0 * k, "s": 0.1 * k}, {"drag": 0.2 + 0.1 * k}
+    scenario = tcbench.Scenario(f"rough {most}", Rough, drag, initial=start, t_end=10.0, dt=0.1)
+    model, span = scenario.model, np.array([0.0, scenario.t_end])
+    exact = solve_ivp(
+        lambda t, z: model.vector_field(z), span, scenario.z0, "DOP853", rtol=1e-12, atol=1e-13, max_step=0.01
+    ).y[:, -1]
+    for tolerance in (1e-3, 1e-6, 1e-9):
+        states, cost = find_integrator("tc_taylor").adaptive(model, scenario.z0, span, tolerance, tolerance)
+        assert np.abs(states[-1] - exact).max() < tolerance and cost["steps"] < 200
+    runs = [tcbench.simulate("tc_taylor[order=4]", scenario, dt=h) for h in (0.1, 0.05)]
+    coarse, fine = (np.abs(run.z[-1] - exact).max() for run in runs)
+    assert coarse > 13.0 * fine
+    assert all(run.summary.energy_error_max < 1e-13 and run.summary.entropy_increment_min >= 0.0 for run in runs)
+
+
+class Bent(Rough):
+    """Its force has the root of a size in it: series have a short reach on either side of a kink."""
+
+    name = "bent"
+
+    def energy(self, z):
+        return (abs(z.q**2 - 0.25) ** 1.5 + z.q**2 + z.p**2 / 2 + np.exp(z.s)).sum()
+
+    def irreversible(self, z, dE, dS):
+        return {"p": -self.drag * dE.p, "s": self.drag * dE.p**2 / dE.s}
+
+
+def test_where_steps_are_taken_again_entropies_of_outputs_on_the_way_do_not_hold():
+    """Before a kink some steps end in no mended state; the outputs that they had reached let entropies start higher."""
+    start = {"q": [0.7], "p": [0.2], "s": [0.1]}
+    scenario = tcbench.Scenario("bent", Bent, {"drag": [0.3]}, initial=start, t_end=1.0, dt=0.1)
+    model, times = scenario.model, np.linspace(0.0, 0.6, 61)
+    states, cost = find_integrator("tc_taylor").adaptive(model, scenario.z0, times, 1e-9, 1e-9)
+    exact = solve_ivp(lambda t, z: model.vector_field(z), times[[0, -1]], states[0], "DOP853", rtol=1e-12, atol=1e-12)
+    assert cost["rejected"] > 0 and np.abs(states[-1] - exact.y[:, -1]).max() < 1e-8
+
+
+@pytest.mark.parametrize("unit", [1e-12, 1e10, 1e14])
+@pytest.mark.parametrize("name", ["bound_equilibrium", "chain[n=9]", "rough"])
+def test_the_unit_of_time_does_not_matter(name, unit):
+    """Squares of coefficients go with its power of twice the order: what is no number was taken for a long step."""
+    if name == "rough":
+        start = {"q": [1.0, 0.8], "p": [0.0, 0.3], "s": [0.0, 0.1]}
+        found = tcbench.Scenario("rough", Rough, {"drag": [0.2, 0.1]}, initial=start, t_end=3.0, dt=0.1)
+        constants = {"drag": [0.2, 0.1], "speed": unit}
+        other = tcbench.Scenario("quick", Quick, constants, initial=start, t_end=3 / unit, dt=0.1 / unit)
+    else:
+        found = find_scenario(name).replace(t_end=0.5)
+        constants = {"masses": np.divide(found.constants["masses"], unit**2),
+                     "conductivity": found.constants["conductivity"] * unit}  # fmt: skip
+        other = found.replace(
+            name="quick", t_end=0.5 / unit, dt=found.dt / unit, momenta=np.divide(found.momenta, unit), **constants
+        )
+    ends = []
+    for each in (found, other):
+        span = np.array([0.0, each.t_end])
+        states, _ = find_integrator("tc_taylor").adaptive(each.model, each.z0, span, 1e-12, 1e-12)
+        ends.append(each.model.state(states[-1]).q)
+    assert np.abs(ends[0] - ends[1]).max() < 1e-10
+
+
+class Cornered(Rough):
+    """Its forces have signs in them, written as derivatives and roots of squares give them."""
+
+    name = "cornered"
+
+    def energy(self, z):
+        q = z.q
+        kinks = (q + abs(q)) ** 2 + np.sqrt((q - 0.2) ** 2) ** 3 + abs(abs(q) - 0.5) * (abs(q) - 0.5)
+        return (kinks + q**2 + z.p**2 / 2 + np.exp(z.s)).sum()
+
+    irreversible = Bent.irreversible
+
+
+@pytest.mark.parametrize("most", [0, 1000])
+def test_signs_are_those_of_where_a_step_begins(most, monkeypatch):
+    """The quotient x/|x| behind a kink, and the series of a root that goes on below 0, led elsewhere with status ok."""
+    monkeypatch.setattr(tc_taylor, "MOST_VARIABLES", most)
+    k = np.arange(9.0)
+    start = {"q": 0.5 * np.cos(k) * (k != 1), "p": 0.8 * np.sin(k), "s": 0 * k}
+    scenario = tcbench.Scenario(f"cornered {most}", Cornered, {"drag": 0.2 + 0 * k}, initial=start, t_end=3.0, dt=0.05)
+    model, span = scenario.model, np.array([0.0, scenario.t_end])
+    exact = solve_ivp(
+        lambda t, z: model.vector_field(z), span, scenario.z0, "DOP853", rtol=1e-12, atol=1e-12, max_step=0.01
+    ).y[:, -1]
+    states, _ = find_integrator("tc_taylor").adaptive(model, scenario.z0, span, 1e-9, 1e-9)
+    assert np.abs(states[-1] - exact).max() < 1e-8
+    run = tcbench.simulate("tc_taylor[order=6]", scenario)
+    assert run.ok and np.abs(run.z[-1] - exact).max() < 1e-6
+
+
+def test_many_kinks_close_together_are_no_jump():
+    start, drag = {"q": 1 + 1e-6 * np.arange(60.0), "p": np.zeros(60), "s": np.zeros(60)}, {"drag": np.full(60, 0.2)}
+    scenario = tcbench.Scenario("rough", Rough, drag, initial=start, t_end=2.0, dt=0.1)
+    find_integrator("tc_taylor").adaptive(scenario.model, scenario.z0, np.array([0.0, 2.0]), 1e-6, 1e-6)
+    start = {**start, "q": 1 + 1e-6 * np.arange(150.0)} | {name: np.zeros(150) for name in "ps"}
+    assert tcbench.simulate("tc_taylor[order=4]", scenario.replace(drag=np.full(150, 0.2), **start)).ok
+
+
+class Pulled(System):
+    """Points in the plane, drawn to the origin by their distances from there."""
+
+    name = "pulled"
+    variables = {"q": ("node", 2), "p": ("node", 2), "s": ()}
+    constants = {"mass": ("node",), "half": ()}
+
+    def distance(self, q):
+        return np.sqrt((q * q).sum(axis=1))
+
+    def energy(self, z):
+        return self.distance(z.q).sum() + (z.p * z.p / self.mass[:, None]).sum() / 2 + np.exp(z.s)
+
+    def entropy(self, z):
+        return z.s
+
+    def reversible(self, z, dE, dS):
+        return {"q": dE.p, "p": -dE.q}
+
+
+class ByHypot(Pulled):
+    name = "by_hypot"
+
+    def distance(self, q):
+        return np.hypot(q[:, 0], q[:, 1])
+
+
+class ByPower(Pulled):
+    name = "by_power"
+
+    def distance(self, q):
+        return (q * q).sum(axis=1) ** 1.5 / (q * q).sum(axis=1)
+
+
+class ByConstant(Pulled):
+    name = "by_constant"
+
+    def distance(self, q):
+        return (q * q).sum(axis=1) ** self.half
+
+
+@pytest.mark.parametrize("beside", [0.0, 1e-9, 1e-7])
+@pytest.mark.parametrize(("kind", "most"), [(Pulled, 0), *((x, 1000) for x in (Pulled, ByHypot, ByPower, ByConstant))])
+def test_a_root_that_touches_zero_turns_there(kind, most, beside, monkeypatch):
+    """Its series goes on below 0: with status ok points on their way through the origin were wrong by 0.2."""
+    monkeypatch.setattr(tc_taylor, "MOST_VARIABLES", most)
+    along, across = np.array([[1.0, 0.0], [0.6, 0.8]]), np.array([[0.0, 1.0], [-0.8, 0.6]])
+    start = {"q": beside * across - along, "p": along, "s": 0.0}
+    scenario = tcbench.Scenario(
+        f"{kind.name} {most}", kind, {"mass": [1.0, 1.0], "half": 0.5}, initial=start, t_end=2.0, dt=0.1
+    )
+    through = np.sqrt(3.0)  # the speed at the origin, which is reached after through - 1
+    exact = (through * (3.0 - through) - (3.0 - through) ** 2 / 2) * along  # beside it by 10 times as much
+    for name in ("tc_taylor", "tc_auto"):
+        for tolerance in (1e-3, 1e-6, 1e-9):
+            states, cost = find_integrator(name).adaptive(
+                scenario.model, scenario.z0, np.array([0.0, 2.0]), tolerance, tolerance
+            )
+            assert np.abs(states[-1][:4].reshape(2, 2) - exact).max() < 5 * tolerance + 100 * beside
+            assert cost["steps"] < 100
+
+
+def test_at_the_zero_of_a_root_a_run_does_not_begin():
+    start = {"q": [[0.0, 0.0]], "p": [[1.0, 0.0]], "s": 0.0}
+    scenario = tcbench.Scenario("pulled", Pulled, {"mass": [1.0], "half": 0.5}, initial=start, t_end=2.0, dt=0.1)
+    assert not tcbench.simulate("tc_taylor", scenario).ok
