@@ -47,12 +47,16 @@ def first(w: Work, h: float, tolerance: float) -> float:
 
 
 def moved(w: Work, j: int, h: float) -> float:
-    """By how much u can change in a step."""
-    total, power = 0.0, 1.0
-    for k in range(w.order):
-        power *= h
-        total += abs(w.coefficients[(w.order + 1) * w.size + 2 + (k + 1) * w.n_kinks + j]) * power
-    return total
+    """By how much u can change in a step: two sums side by side, for each operation waits for the one before."""
+    n, begin = w.n_kinks, (w.order + 1) * w.size + 2 + j
+    odd, even, power, square = 0.0, 0.0, h, h * h
+    for k in range(1, w.order, 2):
+        odd += abs(w.coefficients[begin + k * n]) * power
+        even += abs(w.coefficients[begin + (k + 1) * n]) * power
+        power *= square
+    if w.order % 2 == 1:
+        odd += abs(w.coefficients[begin + w.order * n]) * power
+    return odd + even * h
 
 
 def at(w: Work, j: int, t: float) -> float:
