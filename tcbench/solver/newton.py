@@ -20,6 +20,7 @@ MAX_ITERATIONS = 8
 ROUND_OFF = 4e-16
 CONVERGED = 1e-10  # near a root: what does not shrink below this is round-off
 QUADRATIC = 1e-8  # the same, after a correction a thousand times as large
+PART = 1e-6  # of an increment: a correction below this leaves its square
 CHORD = 1e-2  # below this one more correction with the same factors shows, and mends, what Newton's left
 QUICK = 0.3  # corrections with old factors are tried below this
 NEGLIGIBLE = 1e-16  # predicted error that no further correction would change
@@ -75,6 +76,16 @@ def solved(flow: Flow, x: Floats) -> bool:
     for i in range(flow.nx):
         most = max(most, abs(flow.derivatives[i]) * flow.w[2 * flow.nx + i])
     return most <= SOLVED
+
+
+@rare
+def whole(flow: Flow, x: Floats, delta: float) -> bool:
+    """Is a first correction the whole increment, or much of it? Where a unit makes states small both are nothing beside
+    1, and what is left of the equations need not be."""
+    most, scale = 0.0, flow.w[2 * flow.nx : 3 * flow.nx]
+    for i in range(flow.nx):
+        most = max(most, abs(x[i]) * scale[i])
+    return delta > PART * most
 
 
 @rare
@@ -142,7 +153,7 @@ def quick(flow: Flow, guess: Floats) -> tuple[int, int]:
     after = size + n + flow.npos
     previous, curvature = np.inf, flow.foreseen[CURVATURE]
     small = LEARNED if curvature > 0.0 else SQUARED
-    here = guess
+    here, least = guess, np.inf
     for iteration in range(1, MAX_ITERATIONS + 1):
         call(flow.iterate, w, here, d)
         delta = d[after]
@@ -151,15 +162,14 @@ def quick(flow: Flow, guess: Floats) -> tuple[int, int]:
             return REJECTED, iteration
         for i in range(n):
             x[i] = here[i] + d[i]
-        if (
-            flow.steep
-            and delta < ROUND_OFF
-            and iteration == 1
-            and flow.foreseen[NEXT] != FORESEEN
-            and not solved(flow, x)
-        ):
-            here, previous = x, 2.0 * ROUND_OFF  # where a slope is steep the next one will be larger
-            continue
+        if delta < SQUARED and delta < 0.1 * least:
+            near = iteration > 1 or flow.foreseen[NEXT] == FORESEEN
+            if flow.steep and delta < ROUND_OFF and not near and not solved(flow, x):
+                here, previous = x, 2.0 * ROUND_OFF  # where a slope is steep the next one will be larger
+                continue
+            if whole(flow, x, delta):
+                here, previous, least = x, 2.0 * SQUARED, delta
+                continue
         if delta < small and curvature * delta * delta < NEGLIGIBLE:
             if flow.foresees:
                 flow.foreseen[CURVATURE] *= DOUBT
@@ -259,7 +269,7 @@ def newton(flow: Flow, enough: float, slope: float) -> tuple[int, int]:
         for i in range(2 * n + ne, 2 * n + ne + npos):
             if not d[i] > 0.0:
                 return REJECTED, iteration
-        if flow.steep and delta < ROUND_OFF and iteration == 1 and not solved(flow, x):
+        if iteration == 1 and delta < ROUND_OFF and (whole(flow, x, delta) or (flow.steep and not solved(flow, x))):
             previous = 2.0 * ROUND_OFF  # as in `quick`
             continue
         if delta <= ROUND_OFF or (near and delta > 0.25 * previous):

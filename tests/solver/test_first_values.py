@@ -88,3 +88,40 @@ def test_at_a_large_step_one_root_is_not_where_the_next_is_looked_for(method):
     scenario = scenario.replace(**scenario.model.initial_of(scenario.model.state((2.2, 0.07, 0.03))))
     run, step = tcbench.simulate(method, scenario, dt=5.0, t_end=10.0), tcbench.stepper(method, scenario)
     assert run.ok and np.abs(step(run.z[1], 5.0) - run.z[2]).max() < 1e-9
+
+
+class Rubbed(tcbench.System):
+    """A mass on a spring that is not linear, friction, and heat that flows."""
+
+    name = "rubbed"
+    variables = {"q": (), "p": (), "s": (2,)}
+    constants = {"m": (), "rate": ()}
+
+    def energy(self, z):
+        heat = 300.0 * self.m * np.exp(z.s / self.m).sum()
+        return z.p**2 / (2 * self.m) + self.m * (z.q**2 / 2 + z.q**4 / 4) + heat
+
+    def entropy(self, z):
+        return z.s.sum()
+
+    def reversible(self, z, DE, DS):
+        return {"q": DE.p, "p": -DE.q}
+
+    def irreversible(self, z, DE, DS):
+        (a, b), force = DE.s, self.rate * self.m * DE.p
+        flow = 0.5 * self.m * (b - a)
+        return {"p": -force, "s": np.array([force * DE.p / a + flow / a, -flow / b])}
+
+
+@pytest.mark.parametrize("method", ["tc_strang", "tc_staggered", "tc_monolithic"])
+@pytest.mark.parametrize("rate", [0.1, 2.0])
+def test_where_a_unit_makes_a_state_small_its_step_is_solved_all_the_same(method, rate):
+    """A first correction of 1e-26 was nothing beside 1, and the energy missed as much as half of what moves."""
+    end = []
+    for m in (1.0, 1e-12, 1e-26, 1e-60, 1e10):
+        start = {"q": 1.2, "p": 0.1 * m, "s": [0.0, 0.3 * m]}
+        scenario = tcbench.Scenario("r", Rubbed, {"m": m, "rate": rate}, initial=start, dt=0.5, t_end=10.0)
+        run = tcbench.simulate(method, scenario)
+        assert run.ok and np.abs(run.energy - run.energy[0]).max() < 1e-10 * m
+        end.append(run.z[-1, 0])
+    assert np.allclose(end, end[0], rtol=0, atol=1e-12)
