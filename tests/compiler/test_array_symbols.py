@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 from networks import NETWORKS
 
+from tcbench.compiler.array_kernels import array_kernel
+from tcbench.compiler.array_mesh import Block, Mesh
 from tcbench.compiler.array_symbols import ArraySymbol
 from tcbench.compiler.arrays import variable
 from tcbench.compiler.symbols import array
-from tcbench.errors import TcbenchError
+from tcbench.errors import MachineError, TcbenchError
 
 
 @pytest.mark.parametrize(
@@ -28,3 +30,12 @@ def test_a_sum_with_an_infinite_term_is_infinite():
     z = model.state(NETWORKS["row"].z0.copy())
     z.s[1] = 1e4
     assert model.energy(np.array(z)) == np.inf
+
+
+def test_more_entries_than_tables_can_tell_are_refused():
+    """They tell places by whole numbers of 32 bits."""
+    x = variable("x", "node")
+    kernel = array_kernel({"a": [Block("node", (x,))]}, [Block("node", (x * x,))])
+    kernel.kernel(Mesh({"node": 2**31 - 1}, {}))
+    with pytest.raises(MachineError, match="32 bits"):
+        kernel.kernel(Mesh({"node": 2**31}, {}))
