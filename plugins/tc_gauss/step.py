@@ -349,6 +349,8 @@ def try_step(w: Work, h: float, z: Floats, known: bool, coarsest: int, residual:
         if not abs(total) < np.inf:
             return FAILED
         miss, noise = abs(total - w.start[n + 2 * e]), w.start[n + 2 * e + 1]
+        if w.general:  # where a step begins at a steep slope much would be
+            noise = min(noise, w.end[n + 2 * e + 1])
         if residual > CONVERGED:
             # what earlier steps left behind, as where masses nearly collide, is mended whatever its size
             if mend(w, np.inf if miss <= w.end[n + 2 * e + 1] else MENDED * residual):

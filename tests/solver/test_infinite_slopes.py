@@ -247,6 +247,23 @@ def test_an_infinite_rate_stays_one(name):
     assert not tcbench.simulate(name, tcbench.Scenario("edge", Edge, {}, initial=start, dt=0.05, t_end=1.0)).ok
 
 
+class EdgeOfPower(Weight):
+    constants = {"power": ()}
+
+    def height(self, q):
+        return 6 * q + q**self.power
+
+
+def test_a_steep_start_excuses_no_energy():
+    """With an exponent that is a constant the slope at 0 is 1e24, and round-off of what it multiplies was taken for the
+    energy's: 7e-4 of it went in the first step, with status ok."""
+    start = {"q": 0.0, "p": 1.0, "x": 0.0, "y": 0.0, "s": 0.0}
+    run = tcbench.simulate(
+        "tc_gauss", tcbench.Scenario("e", EdgeOfPower, {"power": 0.9}, initial=start, dt=0.01, t_end=0.1)
+    )
+    assert not run.ok or abs(run.energy - run.energy[0]).max() < 1e-12
+
+
 class Bouncing(System):
     """A weight over a floor: the depth to which it is pressed, (|q| - q)/2, is 0 above it, and never less."""
 
