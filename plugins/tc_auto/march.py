@@ -28,6 +28,8 @@ START, PART = 25.0, 0.12
 # part of them that a trial may owe; steps until the fastest motion is looked for, each time four times as many, up to
 # a most.
 SHORT, SHARE, LEG, MOST_LEG = 80.0, 0.1, 16, 512
+# Where formulas jump so that no explicit step leads on: iterations over there, and how often, until a run is given up.
+OVER, MOST_OVER = 2048.0, 50
 TURNS, SETTLED = 7, 3  # of the power method, and those of them that are not counted
 
 
@@ -73,7 +75,7 @@ def steps(both: Both) -> int:
     row, t, h, patience, explicit, given_up = 1, times[0], 0.0, PATIENCE, True, False
     leg, left, busy, latest = LEG if g.general else 0, 0.0, 0.0, 0.0
     longer = LONGER_OF_ANY if g.general else LONGER
-    paid, g.budget[3] = 0.0, 0.0 if g.general else BESIDE
+    paid, over, g.budget[3] = 0.0, 0, 0.0 if g.general else BESIDE
     turns, settled = TURNS if g.general else gauss.TURNS, SETTLED if g.general else gauss.TURNS - 1
     while row < len(times):
         if explicit:
@@ -101,11 +103,13 @@ def steps(both: Both) -> int:
         else:
             g.budget[0] = worth * busy
             g.budget[1] = math.inf if given_up else SHARE * left if g.general else OWED
+            if given_up and e.n_kinks > 0:
+                g.budget[0], g.budget[1], over = 0.0, OVER, over + 1
             since, before = t, taken(g)
             row, t, h = gauss.advance(g, times, both.defect, both.residual, states, row, t, longer * h)
             paid += START + taken(g) - before - worth * busy * (t - since)
             keep_laws(e, g)
-        if h == 0.0 and given_up:
+        if (h == 0.0 and given_up) or over > MOST_OVER:
             return row
         given_up = h == 0.0
         explicit = not explicit

@@ -212,3 +212,25 @@ def test_at_the_zero_of_a_root_a_run_does_not_begin():
     start = {"q": [[0.0, 0.0]], "p": [[1.0, 0.0]], "s": 0.0}
     scenario = tcbench.Scenario("pulled", Pulled, {"mass": [1.0], "half": 0.5}, initial=start, t_end=2.0, dt=0.1)
     assert not tcbench.simulate("tc_taylor", scenario).ok
+
+
+class Sliding(Rough):
+    """On the edge of a valley, which dry friction slows down: both ways lead back to where formulas jump."""
+
+    name = "sliding"
+
+    def energy(self, z):
+        return (abs(z.q) + 0.3 * z.q + z.p**2 / 2 + np.exp(z.s)).sum()
+
+    def irreversible(self, z, dE, dS):
+        force = self.drag * dE.p / (abs(dE.p) + 1e-300)
+        return {"p": -force, "s": force * dE.p / dE.s}
+
+
+@pytest.mark.parametrize(("at", "drag"), [(0.0, 0.0), (-1.0, 1.5)])
+def test_a_run_that_slides_ends(at, drag):
+    """The implicit method, which was to take over from explicit steps that led nowhere, went on without end."""
+    start = {"q": [at], "p": [0.0], "s": [0.0]}
+    scenario = tcbench.Scenario("sliding", Sliding, {"drag": [drag]}, initial=start, t_end=20.0, dt=0.1)
+    for name in ("tc_taylor", "tc_auto"):
+        assert "too short" in tcbench.simulate(name, scenario).failure
