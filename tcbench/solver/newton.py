@@ -82,10 +82,10 @@ def solved(flow: Flow, x: Floats) -> bool:
 def whole(flow: Flow, x: Floats, delta: float) -> bool:
     """Is a first correction the whole increment, or much of it? Where a unit makes states small both are nothing beside
     1, and what is left of the equations need not be."""
+    most, scale = 0.0, flow.w[2 * flow.nx : 3 * flow.nx]
     for i in range(flow.nx):
-        if not PART * abs(x[i]) * flow.w[2 * flow.nx + i] < delta:
-            return False
-    return True
+        most = max(most, abs(x[i]) * scale[i])
+    return delta > PART * most
 
 
 @rare
