@@ -134,7 +134,8 @@ class Integrator:
     workspace : function, optional
         Of a step function with arrays of its own: workspace(system) makes what one run holds, by itself; `step` and
         `march` have it as their last argument. `step` is to return the same whatever it holds; `march`, which is given
-        the states of one run in their order, may go on with what it left there.
+        the states of one run in their order, may go on with what it left there. Its method cost(), if it has one,
+        tells what the run took: {"steps": those of the method itself, "newton_iterations": ...}.
     variables : str
         "entropy" for z = (q, p, s), "temperature" for (q, p, theta), "energy" for (q, p, u) with the energies u of the
         elements; of the formulas only.

@@ -31,7 +31,8 @@ def judged(tables: Tables, declared: Tables) -> DataFrame:
     ended and kept every one. fails : whether one of them failed or there is a largest stable step; fails_from : the
     least step at which that is so.
     order, fits : the fitted order of the state, of the lowest variable where that was not fitted; how many fits.
-    limit, dt_stable, dt_unstable, dt_cap : as in `stability`; dt_coarsest : the scenario's, in `work_precision`.
+    limit, dt_stable, dt_unstable, dt_cap : as in `stability`; dt_coarsest : the scenario's, in `work_precision`,
+    and inner, the steps that the method took inside of one of them.
     NUMBERS : times to an accuracy, s; errors of the temperatures and of the entropy produced at the coarsest step; the
     energy error at the scenario's own step; the largest stable step; µs a step. Infinite where it was asked for and not
     reached, or the run failed; NaN where it was not measured.
@@ -238,7 +239,7 @@ def _coarsest(table: DataFrame | None) -> list[Any]:
     rows = table[table["control"].eq("dt")]
     rows = rows.assign(value=to_numbers(rows, "value"))
     rows = rows[rows["value"] >= (1 - 1e-9) * rows.groupby("scenario")["value"].transform("max")]
-    found: list[Any] = [_last(rows, dt_coarsest=rows["value"])]
+    found: list[Any] = [_last(rows, dt_coarsest=rows["value"], inner=to_numbers(rows, "inner_steps_mean"))]
     for name, column in (("coarse", "error_theta"), ("produced", "error_entropy_produced")):
         error = to_numbers(rows, column)
         there = error.notna().groupby(rows["scenario"]).transform("any")

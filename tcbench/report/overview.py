@@ -219,7 +219,7 @@ def coarse(found: DataFrame) -> Finding | None:
     general, *_ = _surest(errors, price)
     name = _where_it_runs(errors, ran.groupby(level="integrator").size().to_dict(), general) or general
     where = f" {_on(len(errors[name]), count)}" if count > 1 else ""
-    text = f"{within(name)}{where}, each law kept"
+    text = f"{within(name)}{where}, each law kept{_divided(found, name)}"
     costs = {m: price[m] for m in errors if m in price and len(errors[m]) == len(errors[name])}
     cheap = min(costs, key=lambda m: (costs[m], m), default=name)
     if cheap != name:
@@ -230,6 +230,14 @@ def coarse(found: DataFrame) -> Finding | None:
     steps = found.groupby(level="scenario")["dt_coarsest"].max().dropna()
     title = f"At h = {steps.iloc[0]:.3g}" if len(steps) == 1 else "At the coarsest step"
     return Finding(title, lead, text, "#lens=coarse")
+
+
+def _divided(found: DataFrame, name: str) -> str:
+    """Into how many steps of its own a method divided one of the coarsest, where that is most; "" where it did not."""
+    if "inner" not in found or not (most := (inner := found.loc[name, "inner"]).max()) > TIE:
+        return ""
+    where = f" on {called(str(inner.idxmax()))}" if inner.count() > 1 else ""
+    return f" (steps that it cannot solve are divided: into {most:.2g} on average{where})"
 
 
 def typical_cost(found: DataFrame) -> Any:

@@ -52,6 +52,14 @@ def newton_iterations_mean(run: Trajectory) -> float:
     return newton_iterations(run) / run.steps if run.steps else np.nan
 
 
+def inner_steps_mean(run: Trajectory) -> float:
+    """Steps that the method took inside of one that was asked for, on average: 1 of formulas, whose step is solved as a
+    whole or fails; more where a method divides a step that it cannot solve. NaN where it does not tell."""
+    if run.integrator.kind == "flows":
+        return 1.0
+    return run.solver.inner_steps / run.steps if run.solver.inner_steps and run.steps else np.nan
+
+
 def evaluations(run: Trajectory) -> float:
     """Evaluations of the run, a count that no machine changes: of a formula those of its residual (one a Newton
     iteration, Jacobian included, and one a step of each explicit flow), of a solver those of the right-hand side. NaN
@@ -81,6 +89,7 @@ def conservation(run: Trajectory) -> dict[str, Any]:
         "blowup_time": np.nan if run.ok else float(run.t[-1]),
         "t_final": float(run.t[-1]),
         "steps": run.steps,
+        "inner_steps_mean": inner_steps_mean(run),
         "energy_error_max": told.energy_error_max,
         "energy_error_final": float(abs(run.energy[-1] - run.energy[0])) / run.scenario.initial_exergy,
         "energy_drift": told.energy_drift,

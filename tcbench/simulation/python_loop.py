@@ -29,7 +29,6 @@ from .trajectory import SolverCounts, Trajectory
 
 POINTS = 200  # output times of an adaptive run
 TOGETHER, NUMBERS = 256, 2**16  # steps that a method with a loop of its own is asked for at a time, numbers in them
-OWN_COUNTS = SolverCounts(unknown=("newton_iterations",))  # of a step in Python
 
 
 def run_step(integrator: Integrator, scenario: Scenario, dt: float, steps: int, every: int) -> Trajectory:
@@ -73,7 +72,17 @@ def run_step(integrator: Integrator, scenario: Scenario, dt: float, steps: int, 
     status, sentence = explain(reason, done, dt, scenario, integrator)
     if failure and reason == OK:
         status, sentence = first.status if first.failure else "exception", failure
-    return monitor.trajectory(integrator, status, sentence, wall, OWN_COUNTS)
+    return monitor.trajectory(integrator, status, sentence, wall, _told(held))
+
+
+def _told(held: tuple[Any, ...] | None) -> SolverCounts:
+    """What the workspace of a run of steps tells of them by `cost()`, if it has that."""
+    cost = getattr(held[0], "cost", None) if held else None
+    counts = {} if cost is None else {name: int(value) for name, value in cost().items()}
+    return SolverCounts(
+        newton_iterations=counts.get("newton_iterations", 0), inner_steps=counts.get("steps", 0),
+        unknown=() if "newton_iterations" in counts else ("newton_iterations",),
+    )  # fmt: skip
 
 
 def _next_states(

@@ -73,6 +73,7 @@ class SolverCounts:
     audited: int = 0  # accepted roots that were compared with the arc's
     wrong_roots: int = 0  # those among them that are not the principal root
     rhs_evaluations: int = 0  # of adaptive solvers that report them
+    inner_steps: int = 0  # steps that a method took inside of those asked for, as parts that it can solve; 0: not told
     way: str = ""  # of Newton's linear systems: the unrolled elimination of small ones, or sparse; "" in plain Python
     # "steps" and "newton_iterations" of integrators that solve by themselves and do not tell
     unknown: tuple[str, ...] = ()

@@ -120,6 +120,7 @@ COLUMNS = (  # the first that fits counts: names before patterns
     Column("steps", "steps"),
     _error("newton_iterations", "Newton iterations"),
     _error("newton_iterations_mean", "Newton iterations per step", "Newton"),
+    Column("inner_steps_mean", "steps of the method inside of one", "inner"),
     _error("rhs_evaluations", "right-hand sides evaluated"),
     _error("evaluations", "evaluations of the right-hand side or formula"),
     _error("steps_to", "steps to the accuracy"),

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 COLUMNS = (
     "integrator", "scenario", "dt", "status", "blowup_time", "energy_error_max", "energy_error_final", "energy_drift",
     "entropy_increment_min", "second_law_violations", "angular_momentum_error_max", "lyapunov_increment_max",
-    "residual_max", "newton_iterations_mean", "us_per_step", "t_final", "steps", "failure",
+    "residual_max", "newton_iterations_mean", "us_per_step", "t_final", "steps", "inner_steps_mean", "failure",
 )  # fmt: skip
 SHORT_S = 0.1  # a run as short as this is timed twice
 TOLERANCES = (1e-3, 1e-6, 1e-9)  # of adaptive solvers, which have no dt

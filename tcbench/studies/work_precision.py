@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..simulation import shared_runs
-from ..simulation.metrics import evaluations, invariant_errors, newton_iterations
+from ..simulation.metrics import evaluations, inner_steps_mean, invariant_errors, newton_iterations
 from ..simulation.run import simulate
 from ..study import Cells, Row, Study
 from .convergence import groups, relative_error
@@ -60,8 +60,8 @@ COLUMNS = (
     "error_entropy_produced", "energy_error_max", "angular_momentum_error_max", "entropy_fall_max",
     "reference_limited", "reference_floor",
     "wall_time_min_s",
-    "wall_time_median_s", "repeats", "steps", "newton_iterations", "rhs_evaluations", "evaluations", "t", "peer",
-    "failure", "left_out",
+    "wall_time_median_s", "repeats", "steps", "newton_iterations", "rhs_evaluations", "evaluations", "inner_steps_mean",
+    "t", "peer", "failure", "left_out",
 )  # fmt: skip
 
 
@@ -173,6 +173,7 @@ def _fixed(integrator: Integrator, scenario: Scenario, dt: float) -> Callable[[b
         row = {
             "status": result.status, "failure": result.failure, "steps": result.steps,
             "newton_iterations": newton_iterations(result), "evaluations": evaluations(result),
+            "inner_steps_mean": inner_steps_mean(result),
             "state": result.z[-1] if result.ok else None,
             "energy_error_max": result.summary.energy_error_max,
             **invariant_errors(result),

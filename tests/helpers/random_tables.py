@@ -40,6 +40,7 @@ def random_tables(seed):
                     "status": "ok" if random.random() < 0.95 else "nonconverged",
                     "error_theta": random.choice([10.0 ** random.uniform(-5, 0), math.nan], p=[0.9, 0.1]),
                     "error_entropy_produced": other.choice([10.0 ** other.uniform(-5, 0), math.nan], p=[0.9, 0.1]),
+                    "inner_steps_mean": 1.0 + 4.25 * (m not in peers and int(m[1:]) % 3 == 0),
                     "reference_floor": 1e-12, "peer": "scipy" if m == methods[-1] else "other" if m in peers else "",
                 })  # fmt: skip
             cost.append(

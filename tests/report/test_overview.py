@@ -197,6 +197,11 @@ def check_coarse(tables, lead, text):
     assert lead == first["integrator"]
     assert f"on {first['count']} of {scenarios} scenario" in text if scenarios > 1 else " scenario" not in text
     assert both_of(text) == pytest.approx(100 * worst.loc[first["integrator"]], rel=0.051)
+    inner = work.get("inner_steps_mean", pd.Series(index=work.index)).where(work["integrator"] == lead).max()
+    divided = re.search(r"are divided: into (\S+) on average", text)
+    assert (divided is not None) == (inner > 1.05) and (
+        not divided or float(divided[1]) == pytest.approx(inner, rel=0.051)
+    )
     beside = re.search(r"; (\S+), whose step is the cheapest of these: (.*)$", text)
     level = [m for m in errors.loc[errors["count"] == first["count"], "integrator"] if m in prices]
     cheap = min(sorted(level), key=lambda m: statistics.median(prices[m]), default=lead)

@@ -1,12 +1,14 @@
 """A run holds its own memory: other runs in between, and failures, change no bit."""
 
 import contextlib
+import math
 
 import pytest
 
 import tcbench
 from tcbench import Integrator, TcbenchError
 from tcbench.plugins import find_scenario
+from tcbench.simulation import metrics
 
 from ..helpers.every_kind import KINDS, adams, bdf2, method_of, richardson, settings, simulate, variants
 
@@ -105,3 +107,34 @@ def test_a_workspace_without_a_step_is_refused():
             Integrator(name="a", order=1, workspace=list, **ways)
     with pytest.raises(TcbenchError, match="workspace= is a function, not 3"):
         Integrator(name="a", order=1, step=richardson, workspace=3)
+
+
+# what a method does inside of a step ---------------------------------------------------------------------------------
+
+
+def test_steps_that_a_method_divides_are_counted():
+    """tc_gauss takes a step that it cannot solve in halves: its rows say so, or they would pass for whole steps."""
+    run = tcbench.simulate("tc_gauss", "stiff_spring", dt=1.2)
+    assert run.solver.inner_steps > 5 * run.steps and run.solver.newton_iterations > run.solver.inner_steps
+    assert metrics.conservation(run)["inner_steps_mean"] == run.solver.inner_steps / run.steps
+    assert tcbench.simulate("tc_gauss", "reaction").solver.inner_steps == find_scenario("reaction").steps(0.2)
+    formula = tcbench.simulate("tc_monolithic", "stiff_spring", dt=1.2)
+    assert metrics.conservation(formula)["inner_steps_mean"] == 1.0
+
+
+def test_a_workspace_tells_what_a_run_took_and_one_without_cost_tells_nothing():
+    class Halves:
+        taken = 0
+
+        def cost(self):
+            return {"steps": self.taken}
+
+    def step(z, h, system, work):
+        work.taken += 2
+        return z + h * system.vector_field(z + h / 2 * system.vector_field(z))
+
+    method = Integrator(name="halves", order=2, step=step, workspace=lambda system: Halves())
+    run = tcbench.simulate(method, "reaction", t_end=1.0, dt=0.1)
+    assert metrics.inner_steps_mean(run) == 2.0 and math.isnan(metrics.newton_iterations(run))
+    silent = Integrator(name="silent", order=2, step=lambda z, h, system: step(z, h, system, Halves()))
+    assert math.isnan(metrics.inner_steps_mean(tcbench.simulate(silent, "reaction", t_end=1.0, dt=0.1)))
