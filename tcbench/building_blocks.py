@@ -1,11 +1,11 @@
-"""Building blocks of formulas: quotients that are 0/0 where two states are equal, written so that they are not.
+"""Building blocks of formulas: quotients that would be 0/0 where two states are equal, without the division.
 
     from tcbench.building_blocks import divided_difference
 
     slope = divided_difference(lambda s: np.exp(s / c), s0, s1)  # (exp(s1/c) - exp(s0/c))/(s1 - s0), also at s1 = s0
 
-All take numbers, symbols (inside a formula that is traced) and arrays of either, entry by entry; all are dimensionless.
-They keep their digits at any increment, zero included; so do the derivatives that tcbench takes of them.
+All take numbers, symbols (in a formula that is traced) and arrays of either, entry by entry; all are dimensionless.
+They are accurate to round-off at any increment, zero included, and so are the derivatives that tcbench takes of them.
 """
 
 from __future__ import annotations
@@ -61,8 +61,8 @@ def divided_differences(function: Callable[[Any, Any], Any], a: Any, b: Any) -> 
         D1 (x1 - x0) + D2 (y1 - y0) = function(x1, y1) - function(x0, y0):
 
     each is the mean of the divided differences along the two opposite edges of the rectangle, Romero (2009), (31)-(32).
-    x and y may be arrays, and function has them as they are: entry i of what it gives is of entry i of x and y alone,
-    as in `system.element_energy`. Operations as in `divided_difference`.
+    x and y may be arrays, which are passed on as they are: entry i of the result must depend on entry i of x and y
+    alone, as in `system.element_energy`. Operations as in `divided_difference`.
     """
 
     def slopes(x0: Any, x1: Any, y0: Any, y1: Any) -> tuple[Any, ...]:
@@ -79,8 +79,8 @@ def divided_differences(function: Callable[[Any, Any], Any], a: Any, b: Any) -> 
 def directional(gradient: Any, step: Any, exact: Any, weights: Any = 1.0, axis: int = 0) -> Any:
     """The gradient with the least change after which its product with the step is that of `exact` (Gonzalez 1996).
 
-    gradient + (exact - gradient) . step / (w step . step) w step, and the gradient itself where the step is 0. Of the
-    midpoint's gradient this is Gonzalez's discrete gradient: second order, symmetric.
+    gradient + (exact - gradient) . step / (w step . step) w step, and the gradient itself where the step is 0. With the
+    gradient at the midpoint this is Gonzalez's discrete gradient: second order, symmetric.
 
     gradient, step : of one shape.
     exact : slopes whose product with the step is the difference of the function, such as

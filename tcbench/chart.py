@@ -50,27 +50,27 @@ class Slice:
 class Series:
     """One line of a panel.
 
-    Numbers that are a column of the chart's first table, as pandas gives it or as a `Slice`, reach the page as that
-    column and its rows: they are there once, and a point tells what its row does.
+    Give columns of the chart's first table, as pandas returns them or as a `Slice`: the page then stores them once,
+    and a point shows its row.
 
     Parameters
     ----------
     name : str
-        Of the method, whose colour, marker and dash it has, in every chart the same.
+        Of the method, which has the same colour, marker and dash in every chart.
     x, y : sequence of float
-        Of shape (n,) each, in the units of the axes; what is not finite is left out.
+        Of shape (n,) each, in the units of the axes; values that are not finite are left out.
     low, high : sequence of float
-        A band around it, of shape (n,); () for none.
+        A band around the line, of shape (n,); () for none.
     crosses : sequence of float
-        Where on the x axis runs failed; NaN, without a place of their own, at its right end.
+        Positions on the x axis at which runs failed; NaN is drawn at its right end.
     text : str
-        What stands at its end; its name, in a panel whose lines are named there.
+        Label at the end of the line; by default its name, in a panel whose lines are labelled there.
     line, marks : bool and str
-        Whether points are joined; "filled", "hollow" or "" for none.
+        Whether points are joined; "filled", "hollow" or "" for no markers.
     plain : bool
-        It is of no single method: drawn in the colour of the text.
+        Whether it belongs to no single method; it is then drawn in the colour of the text.
     ended : bool
-        It is a run that failed: a cross at its last point.
+        Whether it is a run that failed; it then has a cross at its last point.
 
     Raises
     ------
@@ -104,15 +104,15 @@ class Row:
     name : str
         Of the method.
     marks : mapping of str to sequence of float
-        A marker of matplotlib (one of MARKS) -> where it stands.
+        A marker of matplotlib (one of MARKS) -> its positions.
     bar : (float, float), or None
-        From where to where, in the unit of the axis.
+        Its two ends, in the unit of the axis.
     dotted : float
-        The bar goes on, dotted, up to there (in that unit); NaN for no such line.
+        End of a dotted extension of the bar, in the same unit; NaN for none.
     text : str
-        What stands behind it.
+        Label behind it.
     hollow : bool
-        Whether its marks are.
+        Whether its marks are hollow.
 
     Raises
     ------
@@ -141,24 +141,24 @@ class Panel:
     series : sequence of Series
         The first is drawn below the others.
     x, y : str
-        What is written on the axes, with its unit.
+        Labels of the axes, with units.
     x_scale, y_scale : str
         "log", "linear", "share" (0 to 100 %) or "zero": logarithmic, with a place for 0 where round-off begins.
     title, note : str
-        Above it; and instead of lines, where there are none.
+        Text above the panel, and instead of lines if there are none.
     errors : bool
-        y (of rows x) are relative errors: where they are round-off is grey.
+        Whether y (for rows, x) are relative errors; the range of round-off is then grey.
     x_values, y_values : sequence of float or None
-        What the axes reach over; None: the points.
+        Values that the axes must cover; None for the points.
     rank : mapping of str to float, or None
-        Of many methods those of the least rank, dimensionless, are in colour, of each family some; None: those that
+        With many methods, those of the lowest rank (dimensionless) in each family are in colour; None: those that
         lead on the scenario.
     stepped, largest : bool
-        Lines go on level up to the next point; they show the largest magnitude so far.
+        Whether lines stay level up to the next point; whether they show the largest magnitude so far.
     rows : sequence of Row
         Instead of lines: methods below each other, with their names.
     keys : mapping of str to str
-        What marks of rows mean, or the text behind them.
+        Meaning of the marks of rows, or of the text behind them.
 
     Raises
     ------
@@ -225,31 +225,31 @@ class Chart:
     Parameters
     ----------
     name, text : str
-        What it is called, and a sentence of what it shows.
+        Its name, and a sentence that says what it shows.
     needs : tuple of str
-        The tables that must be there; the first one is what the chart shows.
+        The tables that it requires; the first one is the one shown.
     panels : function
-        These tables and those of `also` in this order (None for an absent one), of one scenario where `by_scenario`,
-        and the options that it names -> sequence of Panel; or a matplotlib Figure, which is a picture alone.
+        panels(*tables, **options) -> sequence of Panel, or a matplotlib Figure (see `picture`). The tables are those of
+        `needs` and `also`, in this order (None for an absent one), of one scenario if `by_scenario`.
     also : tuple of str
-        Tables that are used where they are there.
+        Tables that are used if present.
     by_scenario : bool
-        Whether each scenario has one of its own.
+        Whether each scenario has a chart of its own.
     options : tuple of str
         "x", "y": columns that `panels` takes as keywords.
     picks : str
-        The column whose values are its panels, where the option y names some of these.
+        The column whose values are its panels, if the option y selects among these.
     study : str
-        What measures it.
+        The study that measures it.
     picture : bool
-        `panels` returns a Figure; the page need not ask.
+        Whether `panels` returns a Figure, which is not drawn on the page.
     plugin : str
         Filled in by the registry.
 
     Raises
     ------
     TcbenchError
-        For names of tables that are none; tables that are not there are named when it is drawn.
+        For invalid names of tables; missing tables are named when it is drawn.
 
     References
     ----------

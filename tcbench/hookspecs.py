@@ -32,7 +32,7 @@ _mark = pluggy.HookimplMarker(PROJECT)
 
 
 def hookimpl(function: Hook) -> Hook:
-    """Marks a function of a plugin as its hook of that name."""
+    """Mark a function of a plugin as the hook with the function's name."""
     before = function.__globals__.get(function.__name__)
     if isinstance(before, FunctionType) and hasattr(before, f"{PROJECT}_impl"):
         setattr(function, REPLACED, before.__code__.co_firstlineno)
@@ -41,24 +41,24 @@ def hookimpl(function: Hook) -> Hook:
 
 @hookspec
 def tcbench_integrators() -> list[Integrator]:  # type: ignore[empty-body]
-    """Integrators that the plugin brings."""
+    """The integrators of the plugin."""
 
 
 @hookspec
 def tcbench_scenarios() -> list[Scenario | ScenarioFamily]:  # type: ignore[empty-body]
-    """Scenarios, and families of them, that the plugin brings."""
+    """The scenarios of the plugin, and families of them."""
 
 
 @hookspec
 def tcbench_metrics() -> list[Metric]:  # type: ignore[empty-body]
-    """Further numbers to compute from each trajectory of the conservation study, one column each."""
+    """Further numbers for each run of the conservation study, one column each."""
 
 
 @hookspec
 def tcbench_studies() -> list[Study]:  # type: ignore[empty-body]
-    """Studies that the plugin brings: what to measure of each method on each scenario, and the tables of it."""
+    """The studies of the plugin: what to measure for each method on each scenario, and its tables."""
 
 
 @hookspec
 def tcbench_charts() -> list[Chart]:  # type: ignore[empty-body]
-    """Charts that the plugin brings: what `tcbench plot` and the page draw of tables."""
+    """The charts of the plugin, drawn from tables by `tcbench plot` and on the page."""

@@ -24,16 +24,16 @@ class Metric:
     compute : function
         compute(trajectory) -> float, from states of shape (m, n).
     unit : str
-        Shown beside the name, on the page; "" for what is dimensionless.
+        Shown beside the name on the page; "" if dimensionless.
     description : str
-        A sentence, which stands on the page under How it was measured.
+        A sentence, shown on the page under How it was measured.
     plugin : str
         Filled in by the registry.
 
     Raises
     ------
     TcbenchError
-        Not here: where `compute` raises, the row says so.
+        Not here: an exception in `compute` is told in the row.
 
     References
     ----------
@@ -60,14 +60,14 @@ class Observable:
     compute : function
         compute(trajectory) -> numbers, one for each recorded time, shape (m,).
     unit : str
-        Shown beside the name; "" for what is dimensionless.
+        Shown beside the name; "" if dimensionless.
     description : str
         A sentence.
 
     Raises
     ------
     TcbenchError
-        Where it is used, for another shape than (m,).
+        When it is used, if its values do not have shape (m,).
 
     References
     ----------

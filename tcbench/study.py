@@ -20,14 +20,14 @@ Cells: TypeAlias = "list[tuple[Integrator, Scenario, Row]]"  # what runs on what
 
 @dataclass(frozen=True)
 class Study:
-    """A study as three functions: what is measured, run by `tcbench run --study NAME`.
+    """What to measure, as three functions; run by `tcbench run --study NAME`.
 
     Parameters
     ----------
     name, description : str
-        What it is called, and what it measures.
+        Its name, and a sentence that says what it measures.
     tables : tuple of str
-        The names of its tables, in their order.
+        The names of its tables, in order.
     plan : function
         plan(integrators, scenarios, options) -> list of (integrator, scenario, cell options), one a cell; options are
         those of the run ("dt": list of steps in the scenario's dimensionless time, ...), cell options are JSON values.
@@ -35,33 +35,33 @@ class Study:
         measure(integrator, scenario, cell options) -> row, in a worker process; nested lists and NaN are allowed.
         Exceptions become rows of status "exception".
     tabulate : function
-        tabulate(records) -> tables by name, in the process that asks for them; a record is the row with integrator,
+        tabulate(records) -> tables by name, in the calling process; a record is the row with integrator,
         scenario and the cell options; rows of failed cells have "status" and "failure" and may lack everything else.
     place : int
-        Studies run, and their tables stand, in this order.
+        Studies run, and their tables are shown, in increasing order of this number.
     by_default : bool
-        False for one that runs only when named.
+        False for a study that runs only when named.
     timed : bool or function
-        Cells run alone on the machine, after all others (of a function of the cell options: which of them do).
+        Whether cells run alone on the machine, after all others; or a function of the cell options that says so.
     metrics : bool
-        Rows have the columns of plugins' metrics.
+        Whether rows have the columns of plugins' metrics.
     sampled : bool
-        plan draws its scenarios from families.
+        Whether `plan` draws its scenarios from families.
     scenarios : tuple of str
-        Names of those that it runs on where none is named; () for all.
+        Names of the scenarios that it runs on if none is named; () for all.
     fresh : bool
-        Each cell in a process that has run no other.
+        Whether each cell runs in a new process.
     of_random : str
-        The study that takes its place where all scenarios are random ones.
+        The study that replaces it if all scenarios are random.
     drawn : function, optional
-        drawn(scenario, cell options) -> JSON values: what else a cell computes with, such as scenarios that it draws.
+        drawn(scenario, cell options) -> JSON values: further inputs of a cell, such as scenarios that it draws.
     plugin : str
         Filled in by the registry.
 
     Raises
     ------
     TcbenchError
-        For names of tables that are none. A cell that raises is a row that says so; what `plan` and `tabulate` raise is
+        For invalid names of tables. An exception in a cell becomes its row; one in `plan` or `tabulate` is told in
         a sentence.
 
     References

@@ -34,19 +34,19 @@ DEFAULT_OUTPUT = Path("results") / "latest"
 
 @dataclass(frozen=True, eq=False)
 class Results:
-    """What `run` and `load` return: the tables by name of what was asked for, and what the engine did.
+    """What `run` and `load` return: the requested tables by name, and what the engine did.
 
     Attributes
     ----------
     tables : mapping of str to DataFrame
-        Of the studies that were asked for, a row a run or a fit; units and formulas of their columns: docs/measures.md.
+        Of the requested studies, one row for a run or a fit; units and formulas of the columns: docs/measures.md.
     output : Path
         The folder, whose tables/ have the rows of every run into it.
     summary : Summary
         What was measured now (`run`) and what was finished before and used again (`already_finished`), together
         `planned`; `elapsed_s` in seconds.
     left_out : sequence of str
-        Sentences: why methods that were asked for are not in a study.
+        Sentences: why requested methods are not in a study.
     statuses : mapping of str to int
         How its cells ended, those finished before included.
     problems : sequence of str
@@ -54,7 +54,7 @@ class Results:
     every : mapping of str to DataFrame
         Tables of all runs into this folder.
     notes : sequence of str
-        Sentences: absent peers, steps that do not apply, plugins that were not loaded.
+        Sentences: absent peers, steps that do not apply, plugins that did not load.
 
     References
     ----------

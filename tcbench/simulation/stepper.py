@@ -22,27 +22,27 @@ from .recorder import cause_of
 def stepper(method: str | Integrator, system: System | Scenario | str) -> Stepper:
     """One step of a method as a function, z1 = step(z, h).
 
-    For Richardson extrapolation, composition, control of the step and whatever else is made of steps of other methods;
-    a plugin's `step` or `adaptive` may ask for it at every call. The step is solved as in a run, continuation included,
-    and starts a run of its own: z1 depends on z and h alone, and what rounding drops is not carried on to the next.
+    For Richardson extrapolation, composition, step-size control and other methods made of steps of another one;
+    a plugin's `step` or `adaptive` may call it every time. The step is solved as in a run, continuation included, but
+    as the first of a run: z1 depends on z and h alone, and rounding errors are not carried on to the next step.
 
     Parameters
     ----------
     method : str or Integrator
-        With a step: no adaptive solver and no multistep method.
+        A one-step method: no adaptive solver and no multistep method.
     system : System, Scenario or str
-        What it is to step; of a scenario its system.
+        The system; for a scenario, its system.
 
     Returns
     -------
     Stepper
         Called with z, a finite state of shape (n,), and h, finite, in the system's dimensionless time; gives z1, shape
-        (n,). `iterations` counts Newton's so far. Where heat is conducted a negative step may not exist.
+        (n,). `iterations` counts Newton iterations so far. With heat conduction a negative step may not exist.
 
     Raises
     ------
     TcbenchError
-        For methods without one step, methods that are not for this system, and, when it is called, for what is no
+        For other kinds of methods, methods that cannot run on this system, and, when it is called, for an invalid
         state.
     ArithmeticError
         When it is called and there is no step; with the cause.

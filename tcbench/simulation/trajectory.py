@@ -83,8 +83,8 @@ class SolverCounts:
 class Trajectory:
     """A run in z = (q, p, s), or the system's own variables, whatever variables the integrator solves in.
 
-    Everything but the wall time is dimensionless. Of m recorded states (every state unless record_every was given),
-    none that is not finite; n numbers in a state.
+    Everything except the wall time is dimensionless. There are m recorded states (every state unless record_every was
+    given) of n numbers each, all of them finite.
 
     Attributes
     ----------
@@ -101,7 +101,7 @@ class Trajectory:
     invariants : mapping of str to array, shape (m,)
         By name, such as "angular_momentum".
     temperatures : array, shape (m, n_temperatures)
-        Of each element, or of what the system says.
+        Of each element, or as the system defines.
     status : str
         One of STATUSES, "ok" if all is well.
     failure : str
@@ -120,8 +120,8 @@ class Trajectory:
     Raises
     ------
     TcbenchError
-        By `observe`, `to_frame`, `plot` and `animate`, for observables of another shape and systems that cannot be
-        drawn.
+        By `observe`, `to_frame`, `plot` and `animate`, for observables of another shape and for systems that cannot
+        be drawn.
 
     References
     ----------
@@ -147,7 +147,7 @@ class Trajectory:
 
     @property
     def ok(self) -> bool:
-        """Did it arrive at its end?"""
+        """Whether the run reached its final time."""
         return self.status == "ok"
 
     @property

@@ -35,7 +35,7 @@ Array = NDArray[Any]
 
 
 class ElementSystem(ThermalVariables, System):
-    """Base class of masses and elements that carry entropy, springs above all; see `System` for what is common to all.
+    """Base class of masses and elements that have an entropy, such as springs; see `System` for the common part.
 
     The state is z = (q, p, s), shape (2 n_positions + n_elements,), dimensionless. A subclass writes `inertia`,
     `shape`, `element_energy`, `conduction` and `entropies`.

@@ -39,7 +39,7 @@ ELEMENTS = ("positions", "momenta", "temperatures")  # the initial data of an El
 
 @dataclass(frozen=True)
 class Scenario:
-    """A system with its constants, its initial state, a horizon and steps. All numbers are dimensionless.
+    """A system with its constants, its initial state, a final time and steps. All numbers are dimensionless.
 
     Parameters
     ----------
@@ -50,19 +50,19 @@ class Scenario:
     constants : mapping of str to number or array
         Of the system, by name; arrays of the shape that it declares, such as shape (n_elements,).
     positions, momenta, temperatures : sequence of float
-        Where an ElementSystem starts, shape (n_positions,), (n_positions,) and (n_elements,).
+        Initial data of an ElementSystem, shape (n_positions,), (n_positions,) and (n_elements,).
     t_end : float
-        Horizon.
+        Final time.
     dt : float
         The scenario's own step.
     initial : mapping of str to number or array
-        Where any other system starts: its variables by name, of the shape that each has.
+        Initial data of any other system: its variables by name, of the shape that each has.
     t_converge : float
         Time at which errors are measured.
     blowup_factor : float
         |E - E0| beyond this times V0 (`initial_exergy`) is a blow-up.
     shows : str
-        A sentence: what it is for.
+        A sentence that says what it is for.
     source : str
         Paper and section.
     plugin : str

@@ -39,9 +39,9 @@ FORMULAS = ("energy", "entropy", "reversible", "irreversible")
 class System(OverSpaces):
     """Base class of GENERIC systems; an instance holds values of the constants and is immutable.
 
-    A subclass says `name`, `variables` and `constants` and writes `energy`, `entropy`, `reversible` and `irreversible`
-    (or `poisson` and `friction`); gradients, discrete gradients and compiled kernels are derived. A state z has shape
-    (size,), and z.q is the variable q; everything is dimensionless.
+    A subclass declares `name`, `variables` and `constants` and defines `energy`, `entropy`, `reversible` and
+    `irreversible` (or `poisson` and `friction`); gradients, discrete gradients and compiled kernels are derived. A
+    state z has shape (size,), and z.q is the variable q; everything is dimensionless.
 
     Parameters
     ----------
@@ -57,19 +57,19 @@ class System(OverSpaces):
     constants : mapping of str to tuple of int
         Likewise.
     positive, non_negative : tuple of str
-        Constants that must be so.
+        Names of constants that must be positive, or not negative.
     reference_temperature : float or name of a constant
-        theta_ref of the exergy V = E - theta_ref S + offset; 0: the energy is its own scale.
+        theta_ref of the exergy V = E - theta_ref S + offset; 0: energy errors are relative to the energy itself.
     source : str
         Paper and equation.
     units : mapping of str to str
-        Units of measure by the name of a variable or a constant, for `tcbench check`; nothing else reads them.
+        Units by the name of a variable or a constant; used by `tcbench check` only.
 
     Raises
     ------
     TcbenchError
-        For a class that overrides what is derived, constants that are absent, unknown, of another shape, not finite or
-        not positive.
+        For a class that overrides a derived function; for constants that are missing, unknown, of another shape, not
+        finite or not positive.
 
     References
     ----------
