@@ -43,19 +43,19 @@ class Flow:
     stages : int
         Further states that are unknowns of the step.
     of_step : bool
-        The formula has two more arguments, states (q, p, s): that at the start of the whole step, of all its flows, and
-        the first one of the run (of which it may use constants of the motion only: a step has no memory).
+        The formula has two more arguments, states (q, p, s): the one at the start of the whole step, before its first
+        flow, and the first one of the run (of which it may use constants of the motion only: a step has no memory).
     memory : int
         Earlier states that the formula sees; set by the Integrator.
     most : int
-        Times that an explicit formula is applied, each to what the last one gave, until the state has the energy and
-        the invariants of the run's first and no less entropy than that before the step; where it never has, the step
-        fails.
+        How many times an explicit formula is applied at most, each time to the previous result, until the state has
+        the energy and the invariants of the run's first state and no less entropy than before the step; if it never
+        has, the step fails.
 
     Raises
     ------
     TcbenchError
-        For numbers that are none; when a method that has it runs, for a formula that is not branch-free numpy.
+        For values that are not numbers; when a method that has it runs, for a formula that is not branch-free numpy.
 
     References
     ----------
@@ -98,9 +98,9 @@ KINDS_OF_FIELDS = {  # of what tcbench reads before it can say more
 
 @dataclass(frozen=True)
 class Integrator:
-    """A time integrator and what its author says of it. Give exactly one of flows, step and adaptive.
+    """A time integrator and what its author declares about it. Give exactly one of flows, step and adaptive.
 
-    States z have shape (n,), times and steps are the system's; everything is dimensionless.
+    States z have shape (n,); times and steps are in the system's units; everything is dimensionless.
 
     Parameters
     ----------
@@ -118,60 +118,60 @@ class Integrator:
     step : function
         z1 = step(z, h, system), any Python, shape (n,).
     march : function, optional, beside step
-        rows = march(z, h, count, system), shape (up to count, n): what `step` returns in the next steps, as many as
-        succeed, from a compiled loop of your own.
+        rows = march(z, h, count, system), shape (up to count, n): the results of the next `count` steps, up to the
+        first failure, from a compiled loop of your own.
     adaptive : function
-        z = adaptive(system, z0, t_eval, rtol, atol), shape (len(t_eval), n), swept over tolerance.
+        z = adaptive(system, z0, t_eval, rtol, atol), shape (len(t_eval), n), run at a series of tolerances.
     outputs : function, optional, beside adaptive
         states, counts = outputs(system, z0, t_eval, rtol, atol): an iterator of the rows of `adaptive`, and a dict of
-        counts that is kept up to date meanwhile, so that a run that has failed is not carried to its end.
+        counts that is kept up to date meanwhile, so that a run that has failed can be stopped.
     increments : bool
-        `step` returns z1 - z, and what rounding drops in adding it is kept: momenta stay exact over thousands of steps.
+        `step` returns z1 - z, which is added with compensated summation: momenta stay exact over thousands of steps.
     memory, starter : int, and str or Integrator
-        Of a multistep method. With memory=k the formula (one, of the whole step) or the step function has one more
-        argument, `before`, the k states before z0, all h apart, shape (k, n): before[0] is that of one step before. The
-        first k steps are done by the method `starter`, of order at least order - 1.
+        For a multistep method. With memory=k the formula (a single one, of the whole step) or the step function has one
+        more argument, `before`, the k states before z0, all h apart, shape (k, n), the latest first. The first k steps
+        are done by the method `starter`, of order at least order - 1.
     workspace : function, optional
-        Of a step function with arrays of its own: workspace(system) makes what one run holds, by itself; `step` and
-        `march` have it as their last argument. `step` is to return the same whatever it holds; `march`, which is given
-        the states of one run in their order, may go on with what it left there. Its method cost(), if it has one,
-        tells what the run took: {"steps": those of the method itself, "newton_iterations": ...}.
+        For a step function with work arrays: workspace(system) makes those of one run, the last argument of `step` and
+        `march`. The result of `step` must not depend on their contents; `march`, which receives the states of one run
+        in order, may rely on what it left there. If it has a method cost(), that returns what the run took:
+        {"steps": those of the method itself, "newton_iterations": ...}.
     variables : str
-        "entropy" for z = (q, p, s), "temperature" for (q, p, theta), "energy" for (q, p, u) with the energies u of the
-        elements; of the formulas only.
+        Of the formulas: "entropy" for z = (q, p, s), "temperature" for (q, p, theta), "energy" for (q, p, u) with the
+        energies u of the elements.
     systems : set of str
-        Names of the systems that the method is written for; empty: for all.
+        Names of the systems that the method is written for; empty for all.
     needs : tuple of str
-        Optional functions of `System` that the formulas ask for, such as "conduction_flow"; on systems that do not
-        define them the method is left out.
+        Optional functions of `System` that the formulas call, such as "conduction_flow"; the method is left out on
+        systems that do not define them.
     elements : bool
-        The formulas are written in elements: for an `ElementSystem` only.
+        Whether the formulas are written in elements and so need an `ElementSystem`.
     refuses : function, optional
-        Of a method that asks for more than that: refuses(system) -> "", or why the system is not for it.
+        Any further condition: refuses(system) -> "", or the reason why the method cannot run on the system.
     by_default : bool
-        False for one that runs only where it is named, or a pattern fits its name.
+        False for a method that runs only where it is named or a pattern matches its name.
     requires : tuple of str
-        Packages beside tcbench's own that the method imports, as they are installed ("scikit-sundae"). Where one is
-        absent the method is listed, and run only when it is named.
+        Packages that the method imports and tcbench does not need, as they are installed ("scikit-sundae"). Without
+        them the method is listed as absent.
     tags : set of str
-        Free words, for whoever filters by them.
+        Free words to filter by.
     description : str
         A sentence for lists.
     nonfinite : str
-        What a run says that ends with a new state that is not finite, of a method that gives one on purpose.
+        The failure of a run that ends with a state that is not finite, for a method that returns one on purpose.
     uses : str or tuple of str
-        Methods, or plugins, that the method is made of (a wrapper's: what it wraps), so that it is not compared with a
-        reference of its own kind, and so that one worker runs their cells. What a method reads is found by itself.
+        Methods, or plugins, that this one is made of (for a wrapper, what it wraps): it is not compared with a
+        reference of the same kind, and one worker runs their cells. Files that it reads are recorded automatically.
     parameters, family : mapping of str to tuple of str, and function
         A family of methods; see `family`.
     plugin, base : str
-        Filled in by the registry: distribution or file that brought it; of a variant, the registered name.
+        Filled in by the registry: the distribution or file it came from; for a variant, the registered name.
 
     Raises
     ------
     TcbenchError
-        For a name that is none, several or none of flows, step and adaptive, what does not go together, and a method of
-        fixed steps without an order.
+        For an invalid name, several or none of flows, step and adaptive, arguments that exclude each other, and a
+        fixed-step method without an order.
 
     References
     ----------
@@ -224,7 +224,7 @@ class Integrator:
             self._refuse(f": order must be a positive number, not {order!r}.")
         for words in ("claims", "tags", "systems", "needs", "requires"):
             if isinstance(getattr(self, words), str):
-                self._refuse(f": {words} are several words, such as {{'energy'}}.")
+                self._refuse(f": {words} must be a set of words, such as {{'energy'}}.")
         object.__setattr__(self, "uses", (self.uses,) if isinstance(self.uses, str) else self.uses)
         for name in ("claims", "tags", "systems", "needs", "requires", "uses"):
             kind = tuple if name in ("needs", "requires", "uses") else frozenset
@@ -366,8 +366,8 @@ def family(make: Callable[..., Integrator], **parameters: Any) -> Integrator:
     make : function
         `make(**parameters)` returns the Integrator for given values, which are strings.
     **parameters : sequence of str, or function
-        The values that each may have, the first of which is its default; or a function of all registered integrators
-        (name -> Integrator) that returns them: it is called when every plugin has been loaded.
+        The possible values of each, the first being the default; or a function of all registered integrators
+        (name -> Integrator) that returns them, called once every plugin has been loaded.
 
     Returns
     -------

@@ -21,7 +21,7 @@ import pluggy
 
 from . import cache, hookspecs
 from .chart import Chart
-from .errors import ChangedError, TcbenchError
+from .errors import ChangedError, TcbenchError, several, shown, unknown_name
 from .inputs import marks, watching
 from .inputs.undone import Restored, undone
 from .integrator import Integrator
@@ -31,6 +31,7 @@ from .study import Study
 from .systems.scenario import Scenario, ScenarioFamily
 
 GROUP = "tcbench"
+HOOKS = [name for name in vars(hookspecs) if name.startswith("tcbench_")]
 OWN = "tcbench"  # the distribution whose plugins are tcbench's own
 
 
@@ -256,7 +257,7 @@ def _register(
     _LOADING.append(origin.path or origin.name)
     try:
         module = importer()
-        _refuse_twice(module)
+        _check_hooks(module)
         manager.register(module, name=label)
         manager.check_pending()
         result.origins[label] = replace(origin, path=origin.path or getattr(module, "__file__", ""))
@@ -270,14 +271,21 @@ def _register(
         _LOADING.pop()
 
 
-def _refuse_twice(module: Any) -> None:
-    """Two hooks of one name: Python keeps the last alone, and what the first brings would be missing without a word."""
+def _check_hooks(module: Any) -> None:
+    """Refuse hooks that would be missing without a word: twice under one name, of an unknown name, not marked."""
     for name, hook in vars(module).items():
-        if isinstance(hook, FunctionType) and (line := getattr(hook, hookspecs.REPLACED, 0)):
+        if not isinstance(hook, FunctionType) or hook.__module__ != module.__name__:
+            continue
+        line, marked = hook.__code__.co_firstlineno, hasattr(hook, f"{hookspecs.PROJECT}_impl")
+        if before := getattr(hook, hookspecs.REPLACED, 0):
             raise RefusedError(
-                f"{name} is defined in line {line} and again in line {hook.__code__.co_firstlineno}, and Python keeps "
+                f"{name} is defined in line {before} and again in line {line}, and Python keeps "
                 "the last one only. Return everything from one function."
             )
+        if marked and name not in HOOKS:
+            raise RefusedError(f"{unknown_name('hook', name, HOOKS)} It is in line {line}.")
+        if name in HOOKS and not marked:
+            raise RefusedError(f"{name} in line {line} is no hook; write @hookimpl above it.")
 
 
 def _told(error: BaseException, path: str) -> dict[str, str]:
@@ -360,9 +368,11 @@ def _break(result: Registry, label: str, error: BaseException) -> None:
 
 
 def _checked(offered: Any, kind: type | UnionType, hook_name: str) -> list[Any]:
+    told = f"{hook_name} must return a list of {getattr(kind, '__name__', 'Scenario or ScenarioFamily')}"
+    if not several(offered):
+        raise TcbenchError(f"{told}, not {shown(offered)}.")
     items = list(offered)
     for item in items:
         if not isinstance(item, kind):
-            name = getattr(kind, "__name__", "Scenario or ScenarioFamily")
-            raise TypeError(f"{hook_name} must return a list of {name}, it has {item!r}")
+            raise TcbenchError(f"{told}, it has {shown(item)}.")
     return items

@@ -41,8 +41,9 @@ def registry() -> Registry:
     with _LOCK:
         if loading():
             raise RefusedError(
-                f"The file {loading()!r} asks for what is registered while it is imported as a plugin. If it is a "
-                'script, put its commands under `if __name__ == "__main__":`, or give --plugins-dir the plugin\'s file.'
+                f"The file {loading()!r} asks for what is registered while it is loaded as a plugin. A hook makes its "
+                "scenarios by Scenario(...), as tcbench new scenario NAME shows. If it is a script, put its commands "
+                'under `if __name__ == "__main__":`, or name the plugin\'s file alone.'
             )
         known = _REGISTRY
         if known is None:
@@ -107,6 +108,8 @@ def use_folders(folders: Iterable[str | Path]) -> None:
         folder = Path(named)
         if not folder.exists():
             raise TcbenchError(f"The plugin folder {str(folder)!r} does not exist.")
+        if folder.is_file() and folder.suffix != ".py":
+            raise TcbenchError(f"{str(folder)!r} is no Python file; --plugins-dir takes a folder, or a file NAME.py.")
         if folder.resolve() not in _FOLDERS:
             _FOLDERS.append(folder.resolve())
     _REGISTRY = None
@@ -222,6 +225,8 @@ def split_name(name: str) -> tuple[str, dict[str, str]]:
     """Base and values of `base[param=value,...]`; no values of a plain name."""
     variant = _VARIANT.match(name)
     if not variant:
+        if "[" in name and "]" not in name:
+            raise TcbenchError(f"{name!r}: parameters are written {name.partition('[')[0]}[param=value].")
         return name, {}
     pairs = [item.partition("=") for item in variant["values"].split(",") if item]
     if not all(equals for _, equals, _ in pairs):

@@ -212,6 +212,8 @@ BAD = [
     (("run", "-s", "short_term", "--dt", "26"), "longer than the horizon"),
     (("run", "--all", "-o", "/proc/nowhere"), "/proc/nowhere"),
     (("run", "--all", "--plugins-dir", "no_such_folder"), "does not exist"),
+    (("list", "--plugins-dir", str(Path(__file__).parent / "../pyproject.toml")), "takes a folder, or a file NAME.py"),
+    (("run", "-i", "tc_gauss[k=2"), "parameters are written tc_gauss[param=value]"),
     (("simulate", "tc_monolithic", "short_term", "--dt", "-1"), "dt must be positive"),
     (("simulate", "tc_monolithic", "short_term", "--csv", "no/such/folder/run.csv"), "does not exist"),
     (("simulate", "scipy_odeint", "short_term", "--dt", "0.1"), "give --tolerance instead of --dt"),

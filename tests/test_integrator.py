@@ -63,7 +63,7 @@ def test_an_absent_package_is_named_with_its_cure():
 
 
 def test_one_word_in_the_place_of_several_is_refused():
-    with pytest.raises(TcbenchError, match="needs are several words"):
+    with pytest.raises(TcbenchError, match="needs must be a set of words"):
         method(needs="conduction_flow")
 
 

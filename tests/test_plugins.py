@@ -94,8 +94,11 @@ BROKEN = {
     "syntax.py": ("def broken(:\n", "SyntaxError"),
     "importing.py": ("import no_such_module_here\n", "No module named 'no_such_module_here'"),
     "raising.py": ("raise RuntimeError('at import')\n", "at import"),
-    "misspelt.py": (GOOD.replace("def tcbench_integrators", "def tcbench_integrator"), "unknown hook"),
-    "listless.py": (GOOD.replace("return [", "return 7 #"), "TypeError"),
+    "misspelt.py": (GOOD.replace("tcbench_integrators", "tcbench_integrator"), "mean 'tcbench_integrators'?"),
+    "asking.py": (GOOD.replace("return", "import tcbench; tcbench.scenarios(); return", 2), "A hook makes its"),
+    "unmarked.py": (GOOD.replace("@hookimpl", ""), "write @hookimpl above it"),
+    "one.py": (GOOD.replace("return [", "return ").replace(")]", ")"), "must return a list of Integrator, not"),
+    "listless.py": (GOOD.replace("return [", "return 7 #"), "must return a list of Integrator, not 7"),
     "wrong_type.py": (GOOD.replace("return [Integrator", "return [dict"), "must return a list of Integrator"),
     "nameless.py": (GOOD.replace('name="mine"', 'name="Mine!"'), "must be lower-case"),
     "twice.py": (GOOD + GOOD[GOOD.index("@hookimpl") :], "line 7 and again in line 10"),
@@ -123,7 +126,7 @@ def test_a_broken_plugin_stays_listed_with_its_traceback_and_costs_no_other(tmp_
         ("x = (1,\n", "syn.py was not loaded: '(' was never closed, line 1."),
         ("\nimport no_such_module_here\n", "syn.py was not loaded: ModuleNotFoundError: No module named "
          "'no_such_module_here', line 2."),
-        (GOOD.replace("return [", "return 7 #"), "TypeError: 'int' object is not iterable."),
+        (GOOD.replace("return [", "return 7 #"), "tcbench_integrators must return a list of Integrator, not 7."),
         (GOOD.replace('name="mine"', 'name="Mine!"'), "must be lower-case letters, digits and underscores, line 9."),
         (GOOD + GOOD[GOOD.index("@hookimpl") :], "syn.py was not loaded: tcbench_integrators is defined in line 7 and "
          "again in line 10, and Python keeps the last one only. Return everything from one function."),

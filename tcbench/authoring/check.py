@@ -128,10 +128,7 @@ def _of_file(path: Path, only: Sequence[str]) -> list[Subject]:
 
 
 def _loads(origin: Origin) -> Line:
-    found = origin.error.strip().splitlines()[-1].removeprefix("tcbench.errors.TcbenchError: ")
-    places = [text.strip() for text in origin.error.splitlines() if origin.path and origin.path in text]
-    where = f" ({places[-1]})" if places else ""
-    return Line("loads", FAIL, found + where, "Mend the line that the message names; tcbench list shows the traceback.")
+    return Line("loads", FAIL, origin.reason, "Fix what the message says; tcbench list shows the traceback.")
 
 
 def _of_integrator(method: Integrator, folders: Sequence[str], only: Sequence[str]) -> Subject:
@@ -173,9 +170,11 @@ def _guarded(name: str, test: Callable[[Any], Any], subject: Any) -> Any:
     try:
         return test(subject)
     except TcbenchError as error:
-        return Line(name, FAIL, str(error), "Mend what the sentence names.")
+        return Line(name, FAIL, str(error), "Fix what the message says.")
     except Exception as error:
-        return Line(name, FAIL, blamed(error), "Mend what the sentence names: a plugin raises on no admissible state.")
+        return Line(
+            name, FAIL, blamed(error), "Fix what the message says; a plugin must not raise on an admissible state."
+        )
 
 
 def _runs_alone(name: str, method: Integrator, folders: Sequence[str]) -> Line:
@@ -201,10 +200,10 @@ def _runs_alone(name: str, method: Integrator, folders: Sequence[str]) -> Line:
             name, FAIL, found, "The process must not die: see the sentence; a segmentation fault shows no more."
         )
     if "raised" in row:  # a formula that is refused, for instance: the sentence says all
-        return Line(name, FAIL, row["sentence"], "Mend what the sentence names.")
+        return Line(name, FAIL, row["sentence"], "Fix what the message says.")
     if name == "runs":
         found = row["status"] if row["status"] == "ok" else f"{row['status']}: {row['failure']}"
-        remedy = "Mend what the sentence names." if row["status"] == "exception" else LOOK_BELOW
+        remedy = "Fix what the message says." if row["status"] == "exception" else LOOK_BELOW
         return line(name, row["status"] == "ok", found, remedy)
     return Line(name, OK, f"h = 1000: status {row['status']}" if "dt" in settings else f"status {row['status']}")
 
@@ -269,4 +268,4 @@ def printable(item: Line) -> Iterator[str]:
 def verdict(report: Report) -> str:
     """The last line of a report."""
     failed = sum(item.verdict == FAIL for item in report.lines)
-    return f"{report.name}: {'all lines pass' if report.ok else f'{failed} to mend'}\n"
+    return f"{report.name}: {'all lines pass' if report.ok else f'{failed} to fix'}\n"

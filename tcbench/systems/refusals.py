@@ -210,7 +210,7 @@ def check_invariants(system: System, z0: Any) -> None:
             if share > CONSERVED:  # not NaN
                 raise TcbenchError(
                     f"invariants() of {type(system).__name__} names {name!r}, which is not conserved: its rate at "
-                    f"{np.array2string(z, precision=3)} is {share:.1g} of the terms that it is the sum of. Mend "
+                    f"{np.array2string(z, precision=3)} is {share:.1g} of the terms that it is the sum of. Fix "
                     "reversible(), irreversible() or the formula, or leave it out (tcbench check says more)."
                 )
     _CONSERVED.add(system)
