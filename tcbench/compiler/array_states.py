@@ -144,12 +144,12 @@ def refilled(like: Any, values: Sequence[Any]) -> Any:
 
 
 def fitted(value: Any, like: Any, name: str) -> Any:
-    """A value as the array, or number, that is needed there; a number is one for all entries."""
+    """A value as the array, or number, that is needed there."""
     if isinstance(value, ArraySymbol) and (not isinstance(like, ArraySymbol) or value.space != like.space):
         wanted = f"over {like.space}s" if isinstance(like, ArraySymbol) else "of numbers"
-        raise refused(f"{name!r} is an array {wanted}, and gets one over {value.space}s", TAKE)
+        raise refused(f"{name} is an array {wanted}, and gets one over {value.space}s", TAKE)
     here = value.parts if isinstance(value, ArraySymbol) else np.asarray(value, dtype=object)
     shape = like.parts.shape if isinstance(like, ArraySymbol) else np.shape(like)
-    if here.shape not in ((), shape):
-        raise refused(f"{name!r} has components {shape}, and gets {here.shape}", "Give each component its rate")
-    return refilled(like, [lifted(x) for x in np.broadcast_to(here, shape).ravel()])
+    if here.shape != shape:
+        raise refused(f"{name} has components {shape}, and gets {here.shape}", "Give each component its rate")
+    return refilled(like, list(map(lifted, here.ravel())))

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NoReturn
 
 import numpy as np
+from numpy.lib.array_utils import normalize_axis_index
 from numpy.lib.mixins import NDArrayOperatorsMixin
 
 from .arrays import Map, Path, collect, count, part, take, total
@@ -91,10 +92,11 @@ class ArraySymbol(NDArrayOperatorsMixin):
 
     def _over(self, ufunc: Any, axis: int | None) -> Any:
         op, of_symbols = _OVER[ufunc]
-        if axis in (None, 0):
-            each = array(total(op, lifted(x), self.space) for x in self.parts.ravel())
-            return of_symbols.reduce(each) if axis is None else each.reshape(self.parts.shape)[()]
-        return ArraySymbol(self.space, of_symbols.reduce(self.parts, axis=_inner_axis(axis)))
+        inner = -1 if axis is None else _inner_axis(axis, self.ndim)
+        if inner >= 0:
+            return ArraySymbol(self.space, of_symbols.reduce(self.parts, axis=inner))
+        each = array(total(op, lifted(x), self.space) for x in self.parts.ravel())
+        return of_symbols.reduce(each) if axis is None else each.reshape(self.parts.shape)[()]
 
     def sum(self, axis: int | None = None) -> Any:
         return self._over(np.add, axis)
@@ -106,16 +108,33 @@ class ArraySymbol(NDArrayOperatorsMixin):
         return self._over(np.minimum, axis)
 
     def mean(self, axis: int | None = None) -> Any:
-        if axis not in (None, 0):
-            return self.sum(axis) / self.parts.shape[_inner_axis(axis)]
-        return self.sum(axis) / ((self.parts.size if axis is None else 1) * count(self.space))
+        if axis is None:
+            return self.sum() / (self.parts.size * count(self.space))
+        inner = _inner_axis(axis, self.ndim)
+        return self.sum(axis) / (count(self.space) if inner < 0 else self.parts.shape[inner])
 
     @property
     def T(self) -> Any:
         """x, y = q.T: the components of all."""
         if self.parts.ndim > 1:
             raise refused("an array over a space with several axes of components is not transposed", "Write x[:, i, j]")
-        return [ArraySymbol(self.space, x) for x in self.parts] if self.parts.ndim else self
+        return Rows(ArraySymbol(self.space, x) for x in self.parts) if self.parts.ndim else self
+
+
+class Rows(Sequence[Any]):
+    """What `.T` gives, to be named one by one, x, y = q.T; no list, which `2 * q.T` would repeat."""
+
+    def __init__(self, rows: Iterable[Any]) -> None:
+        self.rows = tuple(rows)
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def __getitem__(self, key: Any) -> Any:
+        return Rows(self.rows[key]) if isinstance(key, slice) else self.rows[key]
+
+    def __eq__(self, other: object) -> bool:
+        return self.rows == tuple(other) if isinstance(other, Iterable) else False
 
 
 def boxed(values: Any) -> Any:
@@ -126,8 +145,9 @@ def boxed(values: Any) -> Any:
     return box
 
 
-def _inner_axis(axis: Any) -> Any:
-    return axis - 1 if axis > 0 else axis
+def _inner_axis(axis: Any, ndim: int) -> int:
+    """Of an array of so many axes, the space its first, which of the components is meant; -1: the space."""
+    return int(normalize_axis_index(axis, ndim)) - 1
 
 
 def space_of(inputs: Iterable[Any]) -> str:
@@ -160,17 +180,23 @@ def _inner(a: Any, b: Any) -> Any:
 
 
 def _stack(arrays: Sequence[Any], axis: int = 0) -> Any:
-    if axis == 0:
-        raise refused("arrays over a space are stacked along their components", "Write axis=1 or axis=-1")
     space = space_of(arrays)
     shape = next(x for x in arrays if isinstance(x, ArraySymbol)).parts.shape
+    inner = _inner_axis(axis, len(shape) + 2)
+    if inner < 0:
+        raise refused("arrays over a space are stacked along their components", "Write axis=1 or axis=-1")
     full = [np.broadcast_to(x.parts if isinstance(x, ArraySymbol) else boxed(x), shape) for x in arrays]
-    return ArraySymbol(space, np.stack(full, axis=_inner_axis(axis)))
+    return ArraySymbol(space, np.stack(full, axis=inner))
+
+
+def _column_stack(arrays: Sequence[Any]) -> Any:
+    return _concatenate([x[:, None] if np.ndim(x) == 1 else x for x in arrays], axis=1)
 
 
 def _concatenate(arrays: Sequence[Any], axis: int = 0) -> Any:
-    if axis != 0:
-        return ArraySymbol(space_of(arrays), np.concatenate([x.parts for x in arrays], axis=_inner_axis(axis)))
+    inner = _inner_axis(axis, np.ndim(arrays[0]))
+    if inner >= 0:
+        return ArraySymbol(space_of(arrays), np.concatenate([x.parts for x in arrays], axis=inner))
     from .array_states import Blocks
 
     found: list[Any] = []
@@ -194,7 +220,7 @@ _FUNCTIONS: dict[str, Callable[..., Any]] = {
     "sum": lambda x, axis=None: x.sum(axis), "mean": lambda x, axis=None: x.mean(axis),
     "max": lambda x, axis=None: x.max(axis), "amax": lambda x, axis=None: x.max(axis),
     "min": lambda x, axis=None: x.min(axis), "amin": lambda x, axis=None: x.min(axis),
-    "stack": _stack, "column_stack": lambda x: _stack(x, axis=1), "concatenate": _concatenate, "cross": _cross,
+    "stack": _stack, "column_stack": _column_stack, "concatenate": _concatenate, "cross": _cross,
     "dot": _inner, "norm": _norm, "ndim": lambda x: x.ndim,
     "zeros_like": lambda x: x * 0.0, "ones_like": lambda x: x * 0.0 + 1.0,
 }  # fmt: skip
@@ -231,15 +257,15 @@ class TableSymbol:
         raise refused(f"a row of the table {self.name!r} is asked for", f"self.{self.name}[:, k] is a column. {SAME}")
 
     @property
-    def T(self) -> list[TableSymbol]:
+    def T(self) -> Rows:
         """first, second = self.ends.T: its columns."""
-        return list(map(self._of, self.columns.T))
+        return Rows(map(self._of, self.columns.T))
 
-    def __len__(self) -> int:
-        raise refused(f"the length of the table {self.name!r} is asked for", SAME)
+    def _no_numbers(self, *_: Any, **__: Any) -> NoReturn:
+        raise refused(f"the numbers of the table {self.name!r}, or how many, are asked for", SAME)
 
-    def __iter__(self) -> Any:
-        raise refused(f"the rows of the table {self.name!r} are asked for", SAME)
+    __len__ = __iter__ = __array__ = __eq__ = __ne__ = _no_numbers
+    __hash__ = None  # type: ignore[assignment]
 
     def _paths(self) -> list[tuple[tuple[int, ...], Path]]:
         return [(i, (Map(self.name, int(c), self.source, self.target),)) for i, c in np.ndenumerate(self.columns)]
@@ -261,8 +287,10 @@ class TableSymbol:
         if isinstance(x, ArraySymbol) and x.space != self.source:
             raise refused(f"sums() of the table {self.name!r} are of an array over {self.source}s, not {x.space}s")
         parts = boxed(parts_of(x))
-        inner = parts.shape[self.columns.ndim :] if isinstance(x, ArraySymbol) else ()
-        if isinstance(x, ArraySymbol) and parts.shape[: self.columns.ndim] != self.columns.shape:
+        if not isinstance(x, ArraySymbol):  # a number, or one for each column
+            parts = np.broadcast_to(parts, self.columns.shape)
+        inner = parts.shape[self.columns.ndim :]
+        if parts.shape[: self.columns.ndim] != self.columns.shape:
             raise refused(
                 f"sums() of the table {self.name!r} needs components {self.columns.shape} for each of {self.source}, "
                 f"not {parts.shape}",
@@ -270,8 +298,7 @@ class TableSymbol:
             )
         found = np.empty(inner, dtype=object)
         for k in np.ndindex(*inner):
-            terms = [(lifted(parts[(*i, *k)] if isinstance(x, ArraySymbol) else x), path) for i, path in self._paths()]
-            found[k] = collect(terms)
+            found[k] = collect([(lifted(parts[(*i, *k)]), path) for i, path in self._paths()])
         if "+" not in self.target:
             return ArraySymbol(self.target, found)
         spaces = self.target.split("+")

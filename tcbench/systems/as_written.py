@@ -18,7 +18,7 @@ from ..compiler.array_symbols import ArraySymbol
 from ..compiler.sentences import ELEMENTARY
 from ..errors import TcbenchError, misnamed, unknown_name
 from .declaration import whole
-from .state import State
+from .state import State, shape_of
 from .traced import derived
 
 if TYPE_CHECKING:
@@ -105,12 +105,12 @@ def _rates(self: System, found: Any, where: str) -> Any:
 def _array_rates(self: System, found: Mapping[str, Any], where: str) -> Blocks:
     """The same on arrays."""
     z = self.fresh_state("z")
+    likes = {name: getattr(z, name) for name in self.variables}
     for name, value in found.items():
-        like = getattr(z, name)
+        like = likes[name]
         if isinstance(like, ArraySymbol) and not isinstance(value, ArraySymbol):
             raise TcbenchError(f"{where}: the rate of {name!r} is one for each {like.space}, not {value!r}.")
-    rates = [fitted(found.get(name, 0.0), getattr(z, name), f"{where}: the rate of {name}") for name in self.variables]
-    return Blocks(rates)
+    return Blocks([fitted(found.get(n, 0.0 * like), like, f"{where}: the rate of {n!r}") for n, like in likes.items()])
 
 
 def _named(found: Any, where: str, what: str) -> Mapping[Any, Any]:
@@ -122,8 +122,8 @@ def _named(found: Any, where: str, what: str) -> Mapping[Any, Any]:
 
 def _numbers_by_name(self: System, found: Any, where: str) -> Any:
     for name, value in _named(found, where, "numbers by name, {'spin': ...}").items():
-        if _shape(value) != ():
-            raise TcbenchError(f"{where}: each is one number, not {name!r} of shape {_shape(value)}; sum() adds up.")
+        if shape_of(value) != ():
+            raise TcbenchError(f"{where}: each is one number, not {name!r} of shape {shape_of(value)}; sum() adds up.")
     return found
 
 
@@ -135,23 +135,16 @@ def _numbers(self: System, found: Any, where: str) -> Any:
 
 
 def _matrix(self: System, found: Any, where: str) -> Any:
-    if _shape(found) != (self.size, self.size):
+    if shape_of(found) != (self.size, self.size):
         raise TcbenchError(
             f"{where} returns a matrix of shape {(self.size, self.size)}, a row for each of "
-            f"{', '.join(self.component_names[:8])}{', ...' * (self.size > 8)}; not shape {_shape(found)}."
+            f"{', '.join(self.component_names[:8])}{', ...' * (self.size > 8)}; not shape {shape_of(found)}."
         )
     return found
 
 
 def _as_it_is(self: System, found: Any, where: str) -> Any:
     return found
-
-
-def _shape(found: Any) -> tuple[int, ...] | None:
-    try:
-        return tuple(np.shape(found))
-    except ValueError:  # rows of several lengths
-        return None
 
 
 def derive(cls: type, base: type, names: Sequence[str]) -> None:

@@ -25,7 +25,7 @@ from ..compiler.once import LOCK, cached_property, once
 from ..compiler.symbols import Symbol, const
 from ..errors import TcbenchError
 from . import traced
-from .state import real
+from .state import real, shape_of
 from .traced import Traced
 
 Ints = NDArray[np.int64]
@@ -68,7 +68,7 @@ class OverSpaces(Traced):
                 continue
             if name not in values:
                 raise TcbenchError(f"System {self.name!r} needs a value for the constant {name!r}.")
-            if not np.ndim(values[name]):
+            if not shape_of(values[name]):
                 raise TcbenchError(f"Constant {name!r} has one entry for each {space}; it is {values[name]!r}.")
             size = len(values[name])
             if sizes.setdefault(space, size) != size:
@@ -200,7 +200,7 @@ class OverSpaces(Traced):
                 "np.concatenate([z.q, z.p, z.s]) makes one",
             )
         likes = [fresh(name, d) for name, d in declared.items()]
-        found = [fitted(x, like, n) for x, like, n in zip(values.blocks, likes, declared, strict=True)]
+        found = [fitted(x, like, repr(n)) for x, like, n in zip(values.blocks, likes, declared, strict=True)]
         return Blocks(found, self.block_numbers())
 
     def block_numbers(self) -> dict[str, int]:
@@ -273,6 +273,10 @@ def _whole(name: str, value: Any, shape: tuple[int, ...], target: str, sizes: Ma
         numbers = real(value)
     except (TypeError, ValueError):
         raise TcbenchError(f"The table {name!r} has whole numbers, not {value!r:.60}.") from None
+    if np.asarray(value).dtype == bool:
+        raise TcbenchError(
+            f"The table {name!r} has whole numbers, no truth values: np.flatnonzero() of them is a table."
+        )
     if numbers.shape == (0,) and 0 in shape:  # of an empty space a list does not say the rest
         numbers = numbers.reshape(shape)
     if numbers.shape != shape:

@@ -32,6 +32,14 @@ def real(value: Any) -> Array:
     return np.array(value, dtype=float)
 
 
+def shape_of(value: Any) -> tuple[int, ...] | None:
+    """Of what an author gives; None where rows have several lengths."""
+    try:
+        return tuple(np.shape(value))
+    except ValueError:
+        return None
+
+
 class State(np.ndarray):
     """Array, last axis all variables of a system, each also by its name: z.q, z.p, z.s of springs, z.m of a body."""
 

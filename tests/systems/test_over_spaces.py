@@ -165,7 +165,10 @@ def test_formulas_that_do_not_treat_all_alike_are_refused(kind, sentence, size):
     [({"stiffness": np.ones(3)}, "'stiffness' is given for 3 springs, and 'ends' for 5|'ends' is given for 5 springs"),
      ({"ends": [[0, 9]] * N}, r"The table 'ends' names node\+anchors from 0 to 5; it has 0 to 9"),
      ({"ends": np.ones((N, 3))}, r"The table 'ends' must have shape \(5, 2\)"),
-     ({"ends": np.full((N, 2), 0.5)}, "The table 'ends' names"), ({"mass": 1.0}, "'mass' has one entry for each node")],
+     ({"ends": np.full((N, 2), 0.5)}, "The table 'ends' names"),
+     ({"anchors": [[1.0], [1.0, 2.0]]}, "'anchors' has one entry for each anchor"),
+     ({"ends": np.ones((N, 2), bool)}, "'ends' has whole numbers, no truth values"),
+     ({"mass": 1.0}, "'mass' has one entry for each node")],
 )  # fmt: skip
 def test_tables_and_sizes_are_checked(changes, sentence):
     with pytest.raises(TcbenchError, match=sentence):
