@@ -19,7 +19,7 @@ from __future__ import annotations
 import json
 import platform
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from decimal import Decimal, localcontext
 from functools import lru_cache
 from importlib.metadata import version
@@ -167,7 +167,7 @@ def collocation_states(
         c[k] for k in ("conductivity", "reference_temperature", "coupling", "heat_capacity")
     )
 
-    def rhs(t: Any, z: NDArray[Any]) -> NDArray[Any]:
+    def rhs(z: NDArray[Any]) -> NDArray[Any]:
         q1, q2, s = z[0:2], z[2:4], z[8:10]
         springs = np.array([q1, q2 - q1])
         length = np.sqrt((springs**2).sum(axis=1))
@@ -180,7 +180,25 @@ def collocation_states(
         return np.concatenate([z[4:6] / c["masses"][0], z[6:8] / c["masses"][1], pull[1] - pull[0], -pull[1], flux])
 
     z0 = np.array([long_number(str(x)) for x in exact_state(constants, initial, rounded)])
-    return integrate(tableau("gauss", 8), rhs, None, z0, [float(t) for t in times])
+    return integrate(tableau("gauss", 8), rhs, InDoubles(rhs), z0, [float(t) for t in times])
+
+
+class InDoubles:
+    """The equations in doubles, where Newton's iterations begin."""
+
+    def __init__(self, rhs: Callable[[NDArray[Any]], NDArray[Any]]) -> None:
+        self.rhs = rhs
+
+    def rate(self, t: float, z: NDArray[Any]) -> NDArray[Any]:
+        return np.asarray(self.rhs(z), float)
+
+    def rows(self, z: NDArray[Any]) -> NDArray[Any]:
+        return np.asarray(self.rhs(z.T).T, float)
+
+    def jacobian(self, t: float, z: NDArray[Any]) -> NDArray[Any]:
+        """By central differences."""
+        size = 1e-6 * np.maximum(1, np.abs(z))
+        return (self.rows(z + np.diag(size)) - self.rows(z - np.diag(size))).T / (2 * size)
 
 
 def _gap(a: Sequence[Decimal], b: Sequence[Decimal]) -> str:

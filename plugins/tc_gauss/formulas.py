@@ -1,6 +1,6 @@
-"""What a step of consistent collocation computes: the numbers of the method, a system's formulas, and both on vectors.
+"""Coefficients of the collocation, the kernels of a system of elements for it, and kernels on vectors of eight numbers.
 
-See `step` for the equations. The kernels on vectors treat all nodes, or eight quadrature points, at once.
+The equations are in `step`. A vector holds one variable at all k nodes, or at eight quadrature points.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from tcbench.compiler.array_states import entries
 from tcbench.compiler.kernels import WIDTH, Kernel, constant_part, kernel
 from tcbench.compiler.language import PLAIN
 from tcbench.errors import TcbenchError
-from tcbench.reference.collocation import gauss_nodes, tableau
+from tcbench.reference.collocation import gauss_nodes, lagrange, tableau
 from tcbench.reference.precision import LONG
 from tcbench.systems.momenta import lengthening, restored_momenta
 from tcbench.systems.system import System
@@ -36,22 +36,13 @@ def coefficients(k: int) -> Numbers:
     nodes, b = method.c, method.b
     # integrals of polynomials of degree k - 1 over [0, x], exactly
     inner, inner_weights = gauss_nodes(k)
-
-    def lagrange(x: Any) -> Any:
-        factors = np.ones((len(x), k), LONG)
-        for j in range(k):
-            for l in range(k):
-                if l != j:
-                    factors[:, j] *= (x - nodes[l]) / (nodes[j] - nodes[l])
-        return factors
-
     Ahats, Ws = np.zeros((len(POINTS), POINTS[-1], k)), np.zeros((len(POINTS), k, POINTS[-1]))
     for level, m in enumerate(POINTS):
         xi, omega = gauss_nodes(m)
-        Ahats[level, :m] = np.array([x * (inner_weights @ lagrange(x * inner)) for x in xi], dtype=float)
-        Ws[level, :, :m] = (omega[:, None] * lagrange(xi) / b).T.astype(float)
+        Ahats[level, :m] = np.array([x * (inner_weights @ lagrange(nodes, x * inner)) for x in xi], dtype=float)
+        Ws[level, :, :m] = (omega[:, None] * lagrange(nodes, xi) / b).T.astype(float)
     barycentric = np.array([1 / np.prod([nodes[j] - nodes[l] for l in range(k) if l != j]) for j in range(k)])
-    zero, one = lagrange(np.array([0, 1], LONG)).astype(float)
+    zero, one = lagrange(nodes, np.array([0, 1], LONG)).astype(float)
     eigen, into, back = eigenvectors(method.A.astype(float))
     complexes = {"eigen": eigen, "into": into, "back": back}
     parts = {f"{name}_re": np.ascontiguousarray(x.real) for name, x in complexes.items()}

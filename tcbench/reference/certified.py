@@ -27,8 +27,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import cache
 from ..errors import TcbenchError
-from .collocation import InDoubles, Jacobian, RightHandSide, integrate, tableau
-from .precision import DESCRIPTION, ENOUGH, EPS, LONG
+from .collocation import Change, InDoubles, integrate, tableau
+from .precision import DESCRIPTION, EPS
 
 FORMAT = 1
 SAFETY = 4.0  # times the gap
@@ -157,65 +157,40 @@ def stored(name_or_hash: str) -> Reference | None:
 
 
 def compute(
-    rhs: RightHandSide,
-    jac: Jacobian | None,
+    rhs: Change,
+    in_doubles: InDoubles,
     z0: ArrayLike,
     times: Sequence[float],
-    *,
     tolerance: float = 1e-12,
-    in_doubles: InDoubles | None = None,
     max_seconds: float = 300.0,
 ) -> Reference:
-    """Reference at `times` for any smooth z' = rhs(t, z), from three runs that share no step and no
-    coefficient.
+    """Reference at `times` for any smooth z' = rhs(z), from three runs that share no step and no coefficient.
 
     Gauss (12 stages, order 24) and Radau IIA (13 stages, order 25; 8 and 9 for states of more than MANY numbers, whose
     linear systems grow) in extended precision: four times their gap is the certificate, or what round-off may have
     become if that is more (`_growth`). SciPy's LSODA checks both. If SciPy disagrees by more than 1e-5, its gap
-    becomes the certificate: then the equations are too hard for one of the
-    three, and nobody knows for which.
+    becomes the certificate: then the equations are too hard for one of the three, and nobody knows for which.
 
     rhs, in_doubles : see `integrate`; SciPy's check takes the latter, too.
-    rhs should be written in numpy and keep the dtype of z. If it returns doubles, the result still holds but
-    the certificate ends near 1e-14 instead of below 1e-16. It says so in `source`.
     """
     times = tuple(float(t) for t in times)
     if not times or times[0] <= 0 or any(b <= a for a, b in pairwise(times)):
         raise ValueError(f"Reference times must be positive and increasing; got {times}.")
-    z = np.asarray(z0, LONG)
-    stages = 12 if len(z) <= MANY else 8
-    probe = np.asarray(rhs(np.zeros(1, LONG), z[:, None]))
-    extended = probe.dtype == LONG and EPS < ENOUGH
+    start, eps = np.asarray(z0, float), float(np.finfo(float).eps)
+    stages = 12 if len(start) <= MANY else 8
     gauss, radau = (
-        integrate(
-            tableau(kind, s),
-            rhs,
-            jac,
-            z,
-            times,
-            tolerance=tol,
-            in_doubles=in_doubles,
-            max_seconds=max_seconds,
-        )
+        integrate(tableau(kind, s), rhs, in_doubles, z0, times, tol, max_seconds)
         for kind, s, tol in (("gauss", stages, tolerance), ("radau", stages + 1, tolerance / 3))
     )
-
-    def rate(t: Any, z: Any) -> Any:
-        if in_doubles is not None:
-            return in_doubles.rate(t, z)
-        return np.asarray(rhs(np.array([t]), z[:, None])[:, 0], float)
-
-    start, eps = z.astype(float), float(np.finfo(float).eps)
-    found = _by_scipy(rate, jac, start, times)
-    check, growth = _gaps(found, gauss), _growth(rate, jac, start, times, found)
-    unit = EPS if probe.dtype == LONG else eps
+    found = _by_scipy(in_doubles.rate, in_doubles.jacobian, start, times)
+    check, growth = _gaps(found, gauss), _growth(in_doubles, start, times, found)
     certificate = tuple(
-        max(SAFETY * gap(a, b), ROUNDINGS * unit * g, EPS, c if c > CONTRADICTION else 0.0)
+        max(SAFETY * gap(a, b), ROUNDINGS * EPS * g, EPS, c if c > CONTRADICTION else 0.0)
         for a, b, c, g in zip(radau, gauss, check, growth, strict=True)
     )
     source = (
-        f"Gauss {stages}-stage against Radau IIA {stages + 1}-stage collocation in "
-        f"{DESCRIPTION if extended or probe.dtype == LONG else 'double precision'}; SciPy agrees to {max(check):.1e}"
+        f"Gauss {stages}-stage against Radau IIA {stages + 1}-stage collocation in {DESCRIPTION}; "
+        f"SciPy agrees to {max(check):.1e}"
     )
     floor = tuple(c + eps / 2 for c in certificate)  # the states are rounded to double
     return Reference(times, gauss.astype(float), certificate, floor, source)
@@ -227,21 +202,20 @@ def _gaps(found: NDArray[Any], states: NDArray[Any]) -> list[float]:
     return [np.inf if np.isnan(x) else x for x in gaps]
 
 
-def _growth(
-    rate: Callable[..., Any], jac: Jacobian | None, z0: NDArray[np.float64], times: tuple[float, ...], plain: Any
-) -> NDArray[np.float64]:
+def _growth(field: InDoubles, z0: NDArray[np.float64], times: tuple[float, ...], plain: Any) -> NDArray[np.float64]:
     """How much at most a relative change of each number that enters and leaves the equations, always alike, moves the
     state from `plain`, per time; inf where SciPy did not arrive."""
     signs = np.random.Generator(np.random.PCG64(len(z0))).integers(0, 2, (SHAKES, 2, len(z0)))
     most = np.zeros(len(times))
     for before, after in 1 + SHAKE * (2.0 * signs - 1):
-        shaken = _by_scipy(lambda t, z, b=before, a=after: a * rate(t, b * z), jac, z0 * before, times)
+        rate = lambda t, z, b=before, a=after: a * field.rate(t, b * z)  # noqa: E731
+        shaken = _by_scipy(rate, field.jacobian, z0 * before, times)
         most = np.maximum(most, _gaps(shaken, plain))
     return most / SHAKE
 
 
 def _by_scipy(
-    rate: Callable[..., Any], jac: Jacobian | None, z0: NDArray[np.float64], times: tuple[float, ...]
+    rate: Callable[..., Any], jac: Callable[..., Any], z0: NDArray[np.float64], times: tuple[float, ...]
 ) -> NDArray[np.float64]:
     """States by LSODA at a tight tolerance; NaN where it did not arrive."""
     from scipy.integrate import ODEintWarning, odeint

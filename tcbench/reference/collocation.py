@@ -1,11 +1,10 @@
 """Adaptive collocation in extended precision: Gauss and Radau IIA of any number of stages.
 
-Two methods that share no node and no coefficient, for references of any smooth z' = rhs(t, z).
+Two methods that share no node and no coefficient, for references of any smooth z' = rhs(z).
 """
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -15,10 +14,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .precision import LONG, long_number
+from .precision import EPS, LONG, long_number
 
-RightHandSide = Callable[[Any, Any], Any]
-Jacobian = Callable[[float, NDArray[np.float64]], ArrayLike]
 Change = Callable[[NDArray[Any]], NDArray[Any]]
 
 MOST_STEPS, MOST_ITERATIONS = 200_000, 40
@@ -27,10 +24,11 @@ NOISE, NOISE_IN_DOUBLES = 50.0, 1e-10  # slow progress is round-off below: so ma
 
 
 class InDoubles(Protocol):
-    """An autonomous right-hand side in doubles: of a state (m,) at t, and of states (s, m) at once."""
+    """An autonomous right-hand side in doubles: of a state (m,), of states (s, m) at once, and its Jacobian (m, m)."""
 
     def rate(self, t: float, z: NDArray[np.float64]) -> NDArray[np.float64]: ...
     def rows(self, z: NDArray[np.float64]) -> NDArray[np.float64]: ...
+    def jacobian(self, t: float, z: NDArray[np.float64]) -> NDArray[np.float64]: ...
 
 
 class ReferenceFailed(RuntimeError):
@@ -73,6 +71,16 @@ def gauss_nodes(s: int) -> tuple[NDArray[Any], NDArray[Any]]:
     return (1 + x) / 2, 1 / ((1 - x * x) * d * d)
 
 
+def lagrange(nodes: NDArray[Any], x: NDArray[Any]) -> NDArray[Any]:
+    """The Lagrange polynomials of s nodes at x (m,), shape (m, s), in extended precision."""
+    factors = np.ones((len(x), len(nodes)), LONG)
+    for j in range(len(nodes)):
+        for k in range(len(nodes)):
+            if k != j:
+                factors[:, j] *= (x - nodes[k]) / (nodes[j] - nodes[k])
+    return factors
+
+
 @lru_cache(maxsize=8)
 def tableau(kind: str, s: int) -> Tableau:
     """Gauss (order 2s) or Radau IIA (order 2s - 1) with s stages, in extended precision.
@@ -95,41 +103,29 @@ def tableau(kind: str, s: int) -> Tableau:
         c = (1 + x) / 2
     else:
         raise ValueError(f"Unknown collocation '{kind}'. Known: gauss, radau.")
-
-    def lagrange(x: NDArray[Any]) -> NDArray[Any]:
-        factors = np.ones((len(x), s), LONG)
-        for j in range(s):
-            for k in range(s):
-                if k != j:
-                    factors[:, j] *= (x - c[k]) / (c[j] - c[k])
-        return factors
-
-    A = np.array([ci * (w @ lagrange(ci * g)) for ci in c])
+    A = np.array([ci * (w @ lagrange(c, ci * g)) for ci in c])
     vandermonde = np.polynomial.legendre.legvander(2 * c.astype(float) - 1, s - 1)
-    return Tableau(f"{kind} {s}-stage", c, A, w @ lagrange(g), np.linalg.inv(vandermonde))
+    return Tableau(f"{kind} {s}-stage", c, A, w @ lagrange(c, g), np.linalg.inv(vandermonde))
 
 
 def integrate(
     method: Tableau,
-    rhs: RightHandSide,
-    jac: Jacobian | None,
+    rhs: Change,
+    in_doubles: InDoubles,
     z0: ArrayLike,
     times: Sequence[float],
-    *,
     tolerance: float = 1e-12,
-    in_doubles: InDoubles | None = None,
     max_seconds: float = 300.0,
 ) -> NDArray[Any]:
-    """States at `times` (increasing, from t = 0) by adaptive collocation in extended precision, shape
-    (len(times), m).
+    """States of z' = rhs(z) at `times` (increasing, from t = 0) by adaptive collocation, shape (len(times), m).
 
-    rhs(t, z) is called with extended arrays of shape (s,) and (m, s), all stages at once. in_doubles: the same in
-    doubles; Newton's iterations begin with it, and it decides nothing. `tolerance` bounds
+    rhs is called with extended arrays of shape (m, s), all stages at once. in_doubles: the same in doubles; Newton's
+    iterations begin with it, and it decides nothing. `tolerance` bounds
     h |last Legendre coefficient of dz/dt| / max(1, |z|) on each step. The end point is far more accurate than that
     (superconvergence), except in a stiff component, where it is about that.
     """
     z = np.asarray(z0, LONG)
-    solve = _Stages(method, lambda t, Z: np.asarray(rhs(t, Z.T)).T, jac, in_doubles)
+    solve = _Stages(method, lambda Z: rhs(Z.T).T, in_doubles)
     t, h, s = long_number(0), long_number(1e-3), len(method.c)
     last: tuple[NDArray[Any], Any] | None = None  # stage derivatives of the last step and its length
     states, steps, deadline = [], 0, time.monotonic() + max_seconds
@@ -146,7 +142,7 @@ def integrate(
             # Halving what is left avoids a tiny last step, whose extrapolated guess would be poor.
             step = remaining if remaining <= h * long_number(1.01) else min(h, remaining / 2)
             guess = None if last is None else method.extrapolation(float(step / last[1])) @ last[0]
-            K = solve(t, z, step, guess)
+            K = solve(z, step, guess)
             if K is None:
                 h, last = step / 4, None
                 continue
@@ -168,46 +164,35 @@ def integrate(
 
 
 class _Stages:
-    """Stage derivatives K = f(t, z + h A K) by simplified Newton, shape (s, m).
+    """Stage derivatives K = f(z + h A K) by simplified Newton, shape (s, m).
 
-    The linear algebra is done in doubles, and so are the first iterations if they can be: they only steer, the
-    residual in extended precision decides.
+    The linear algebra is done in doubles, and so are the first iterations: they only steer, the residual in extended
+    precision decides.
     """
 
-    def __init__(self, method: Tableau, f: RightHandSide, jac: Jacobian | None, in_doubles: InDoubles | None) -> None:
-        self.method, self.f, self.jac, self.in_doubles = method, f, jac, in_doubles
-        self.A, self.noise = method.A.astype(float), math.inf
+    def __init__(self, method: Tableau, f: Change, in_doubles: InDoubles) -> None:
+        self.method, self.f, self.in_doubles, self.A = method, f, in_doubles, method.A.astype(float)
 
-    def __call__(self, t: Any, z: NDArray[Any], h: Any, guess: NDArray[Any] | None) -> NDArray[Any] | None:
+    def __call__(self, z: NDArray[Any], h: Any, guess: NDArray[Any] | None) -> NDArray[Any] | None:
         """From a guess, by default the rate at z; None when it does not converge."""
-        T, size, gain = t + h * self.method.c, np.maximum(1, np.abs(z)), 1.0
-        start, step = z.astype(float), float(h)
-        if guess is None:
-            rate = self.f(T[:1], z[None, :])
-            guess, self.noise = np.repeat(rate, len(T), axis=0), NOISE * float(np.finfo(rate.dtype).eps)
-        K = guess
+        size, rates, start, step = np.maximum(1, np.abs(z)), self.in_doubles.rows, z.astype(float), float(h)
+        K = np.repeat(self.f(z[None, :]), len(self.A), axis=0) if guess is None else guess
         with np.errstate(all="ignore"):
-            middle = len(T) // 2
-            correct = self._correction(T[middle], z + step * (self.A[middle] @ K), step)
+            correct = self._correction(z + step * (self.A[len(self.A) // 2] @ K), step)
             if correct is None:
                 return None
-            if self.in_doubles is not None:
-                rates = self.in_doubles.rows
-                rough = lambda K: rates(start + step * (self.A @ K)) - K  # noqa: E731
-                scale, stop = step / size.astype(float), (SOLVED_IN_DOUBLES, NOISE_IN_DOUBLES)
-                found, gain = _newton(rough, correct, K.astype(float), scale, *stop, gain)
-                K, gain = (guess, 1.0) if found is None else (found, gain)
-            exact = lambda K: self.f(T, z + h * (self.method.A @ K)) - K  # noqa: E731
-            return _newton(exact, correct, K.astype(LONG), h / size, SOLVED, self.noise, gain)[0]
+            rough = lambda K: rates(start + step * (self.A @ K)) - K  # noqa: E731
+            scale, stop = step / size.astype(float), (SOLVED_IN_DOUBLES, NOISE_IN_DOUBLES)
+            found, gain = _newton(rough, correct, K.astype(float), scale, *stop, 1.0)
+            K, gain = (K, 1.0) if found is None else (found, gain)
+            exact = lambda K: self.f(z + h * (self.method.A @ K)) - K  # noqa: E731
+            return _newton(exact, correct, K.astype(LONG), h / size, SOLVED, NOISE * EPS, gain)[0]
 
-    def _correction(self, t: Any, z: NDArray[Any], h: float) -> Change | None:
+    def _correction(self, z: NDArray[Any], h: float) -> Change | None:
         """Of K for a residual, with the Jacobian at z; None where that is not finite."""
         from scipy.linalg.lapack import dgetrf, dgetrs
 
-        if self.jac is None:
-            J = _difference_jacobian(self.f, np.array([t]), z)
-        else:
-            J = np.asarray(self.jac(float(t), z.astype(float)), float)
+        J = self.in_doubles.jacobian(0.0, z.astype(float))
         if not np.all(np.isfinite(J)):
             return None
         size = len(self.A) * len(z)
@@ -240,14 +225,3 @@ def _newton(
             return None, gain
         previous = delta
     return None, gain
-
-
-def _difference_jacobian(f: RightHandSide, t: NDArray[Any], z: NDArray[Any]) -> NDArray[np.float64]:
-    """df/dz (m, m) by central differences in the precision of z."""
-    m = len(z)
-    size = long_number(1e-5) * np.maximum(1, np.abs(z))
-    steps = np.diag(size)
-    up = f(np.repeat(t, m), z + steps)
-    down = f(np.repeat(t, m), z - steps)
-    slopes: NDArray[np.float64] = ((up - down) / (2 * size[:, None])).T.astype(float)
-    return slopes

@@ -25,19 +25,10 @@ from ..compiler.loaded import loaded_hash
 from ..errors import TcbenchError
 from ..systems.right_hand_side import Field
 from ..systems.scenario import Scenario
-from . import (
-    certified,
-    collocation,
-    double_double,
-    extended_precision,
-    pairs,
-    precision,
-    recurrences,
-    tape,
-    taylor,
-)
+from . import pairs
 from .certified import Reference, cached, compute, gap, scenario_hash, stored
 from .collocation import ReferenceFailed
+from .extended_precision import extended
 from .precision import LONG
 
 DEADLINE = 100.0  # seconds for each of the two collocations: a cell has 300 for everything
@@ -95,20 +86,8 @@ def _once(recipe: _Recipe) -> Reference:
 
 def algorithm() -> str:
     """Hash of what makes references of equations, as it is loaded, and the packages behind it."""
-    own = sys.modules[__name__]
-    modules = (
-        certified,
-        collocation,
-        double_double,
-        extended_precision,
-        pairs,
-        precision,
-        recurrences,
-        tape,
-        taylor,
-        own,
-    )
-    return f"{loaded_hash(*modules)} {_packages()}"
+    own = sorted(name for name in sys.modules if name.startswith(f"{__package__}."))
+    return f"{loaded_hash(*(sys.modules[name] for name in own))} {_packages()}"
 
 
 @functools.cache
@@ -149,8 +128,6 @@ class _Recipe:
     """What `compute` needs for one scenario and set of times, and the key under which the result is kept."""
 
     def __init__(self, scenario: Scenario, times: tuple[float, ...]) -> None:
-        from .extended_precision import extended
-
         self.model, self.start, self.times = scenario.model, scenario.z0, times
         self.field = extended(scenario, "vector_field")
         self.z0 = scenario.z0.astype(LONG)
@@ -163,12 +140,9 @@ class _Recipe:
         return self.collocations() if found is None else from_pair(found, self.times)
 
     def collocations(self, max_seconds: float | None = None) -> Reference:
-        def rhs(_: Any, z: Any) -> Any:
-            return self.field(z)
-
-        field = Field(self.model)  # in doubles, which only steer Newton's iterations
+        """By the slower way, which takes stiff equations, too."""
         limit = DEADLINE if max_seconds is None else max_seconds
-        return compute(rhs, field.jacobian, self.z0, self.times, in_doubles=field, max_seconds=limit)
+        return compute(self.field, Field(self.model), self.z0, self.times, max_seconds=limit)
 
 
 def from_pair(found: pairs.Pair, times: Sequence[float]) -> Reference:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from ..compiler.language import PLAIN
 from ..errors import TcbenchError
 from ..systems.system import System
+from .double_double import two_sum
 from .tape import FIELDS, LANES, PAIR, tape
 from .taylor import LIBRARY, Work
 
@@ -82,7 +83,7 @@ def _solve(
     signs = np.where(np.random.Generator(np.random.PCG64(n)).integers(0, 2, n), 1.0, -1.0)
     for i, z in enumerate(starts):
         states[RUNS * i : RUNS * (i + 1), : 2 * n] = np.append(z, np.zeros(n))
-        states[RUNS * i + 2, : 2 * n] = np.append(*_sum(np.asarray(z), SHIFT * signs * np.maximum(1.0, np.abs(z))))
+        states[RUNS * i + 2, : 2 * n] = np.append(*two_sum(np.asarray(z), SHIFT * signs * np.maximum(1.0, np.abs(z))))
     constants = np.repeat([x.constant_values for x in systems], RUNS, axis=0)
     values = np.repeat([plan.values(x.constant_values) for x in systems], RUNS, axis=0)
     work = Work(
@@ -114,13 +115,6 @@ def memory(size: int) -> NDArray[np.float64]:
         inverse[k, 0] = 1.0 / k
         inverse[k, 1] = float(Fraction(1, k) - Fraction(1.0 / k))
     return found
-
-
-def _sum(a: NDArray[np.float64], b: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """a + b, and what rounding took from it."""
-    high = a + b
-    back = high - a
-    return high, (a - (high - back)) + (b - back)
 
 
 def _pair(found: NDArray[np.float64], steps: int) -> Pair:

@@ -8,8 +8,9 @@ from tcbench import Scenario, System
 from tcbench.compiler import language
 from tcbench.plugins import find_scenario
 from tcbench.reference import pairs
-from tcbench.reference.certified import LONG, gap
+from tcbench.reference.certified import gap
 from tcbench.reference.lookup import _Recipe, from_pair
+from tcbench.reference.precision import LONG
 
 pytestmark = pytest.mark.skipif(language.PLAIN, reason="collocations take their place where everything is plain")
 
