@@ -13,7 +13,7 @@ from numpy.lib.array_utils import normalize_axis_index
 from numpy.lib.mixins import NDArrayOperatorsMixin
 
 from .arrays import Map, Path, collect, count, part, take, total
-from .functions import maximum, minimum
+from .derivatives import maximum, minimum
 from .sentences import refused
 from .symbols import TAKE, Symbol, array, const, lifted
 

@@ -1,8 +1,8 @@
-"""A traced number cut where it stops being quadratic: f = F(y(z)), each y of degree 1 or 2 in z.
+"""A formula f(z) written as F(y(z)), where each y_b is a polynomial of degree 1 or 2 in z and F holds all that is not.
 
-What is at most quadratic a midpoint or Gauss's rule integrates exactly, so slopes of F alone need care; and whatever
-they are, the gradient sum_b F_b grad y_b(z) keeps what belongs to a symmetry of the y, angular momenta first: Romero
-(2009), eqs. (14)-(15), with the y for the invariants pi.
+The midpoint rule and Gauss's integrate quadratic y exactly, so only the slopes F_b = dF/dy_b need care; and whatever
+numbers stand for these, the gradient sum_b F_b grad y_b(z) keeps the invariants that belong to symmetries of the y,
+angular momenta first: Romero (2009), eqs. (14)-(15), with y in the place of the strain measures pi.
 """
 
 from __future__ import annotations

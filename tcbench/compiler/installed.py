@@ -1,4 +1,4 @@
-"""Code that nobody edits, told by its package and version."""
+"""Whether code is installed (told by package and version in a hash) or a user's own, whose content counts."""
 
 from __future__ import annotations
 

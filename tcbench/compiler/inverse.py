@@ -1,4 +1,4 @@
-"""A formula solved for one of its variables, operation by operation: f(x) = y as x = g(y), where x stands in f once."""
+"""Solves f(x) = y symbolically for a variable x that occurs once in f, by inverting one operation after the other."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A hash of tcbench's own modules as they are loaded, which may have been changed since: not what their files say."""
+"""A hash of tcbench's own modules as loaded in this process (their files may have been edited since)."""
 
 from __future__ import annotations
 

@@ -19,8 +19,8 @@ import numpy as np
 
 from .. import cache as files
 from ..errors import MachineError, TcbenchError
-from .collector import paused
 from .loaded import digest
+from .once import uncollected
 
 TARGET = "TCBENCH_TARGET"  # processor and features to compile for, as in x86-64-v3 or x86-64-v3:-fma
 LONG = 4000  # lines of straight-line LLVM code, from which on they are written quickly
@@ -109,7 +109,7 @@ def _object(translate: Callable[[], str], key: str | None, loops: bool) -> bytes
     """Machine code of what `translate` gives, kept under that; or under a key that stands for it."""
 
     def code() -> str:
-        with paused():
+        with uncollected():
             return translate()
 
     text = code() if key is None else ""

@@ -1,9 +1,11 @@
-"""What is made once and kept, by threads that may ask for it at the same time."""
+"""Caches that are safe among threads, spare workspaces, and the lock and the pause of collections while tracing."""
 
 from __future__ import annotations
 
+import gc
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cache, wraps
 from functools import cached_property as _cached_property
 from typing import Any, Generic, Self, TypeVar, overload
@@ -11,6 +13,18 @@ from weakref import WeakKeyDictionary, ref
 
 LOCK = threading.RLock()  # of traces and of what is made of them: one thread at a time
 Made = TypeVar("Made")
+
+
+@contextmanager
+def uncollected() -> Iterator[None]:
+    """Without garbage collections: tracing and translating make hundreds of thousands of objects in no circles."""
+    was = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was:
+            gc.enable()
 
 
 def once(make: Callable[..., Made]) -> Callable[..., Made]:

@@ -1,4 +1,4 @@
-"""What is said of a formula that cannot be traced: the line that it is on, and what to write instead."""
+"""Error messages for formulas that cannot be traced: the author's line, and what to write instead."""
 
 from __future__ import annotations
 

@@ -22,9 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import TraceError
-from .collector import paused
 from .language import FUNCTIONS
-from .once import LOCK
+from .once import LOCK, uncollected
 from .sentences import refused, where_in_user_code
 
 T = TypeVar("T")
@@ -52,7 +51,7 @@ def tracing(known: Mapping[Key, Symbol] | None = None) -> Iterator[Mapping[Key, 
     """A trace of its own, which finds no expressions of others: its graph, and so the last digits of what it computes,
     do not depend on what was traced before. Gives its table of expressions; known: that of a trace to go on from.
     """
-    with LOCK, paused():
+    with LOCK, uncollected():
         before, _KNOWN.table = _KNOWN.table, dict(known or {})
         try:
             yield _KNOWN.table

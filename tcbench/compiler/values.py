@@ -1,4 +1,4 @@
-"""Kinds of values, and how they stand in LLVM code."""
+"""The types of the restricted Python (numbers, arrays, records, tuples) and their LLVM representation."""
 
 from __future__ import annotations
 

@@ -1,8 +1,7 @@
-"""Graphs on vectors of eight numbers at once: LLVM code for what happens alike at every node of a step.
+"""LLVM code that evaluates an expression graph for eight values of its variables at once: nodes, quadrature points.
 
-`kernels` writes scalar kernels; a loop over collocation nodes or quadrature points stays scalar there. Here each Symbol
-becomes a vector of WIDTH doubles, which LLVM maps to whatever the machine has (AVX-512, AVX2,
-SSE2, NEON), exp and log included. The object code is cached as all is.
+`kernels` writes scalar kernels, one state at a time. Here each Symbol becomes a vector of WIDTH doubles, which LLVM
+maps to whatever the machine has (AVX-512, AVX2, SSE2, NEON), exp and log included. The object code is cached as all is.
 """
 
 from __future__ import annotations

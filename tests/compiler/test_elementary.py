@@ -7,8 +7,7 @@ import pytest
 
 from tcbench.building_blocks import divided_difference
 from tcbench.compiler import derivatives as trace
-from tcbench.compiler.derivatives import jacobian
-from tcbench.compiler.functions import lam, phi, sinc
+from tcbench.compiler.derivatives import jacobian, lam, phi, sinc
 from tcbench.compiler.kernels import kernel
 from tcbench.compiler.symbols import TINY, make
 from tcbench.errors import TraceError

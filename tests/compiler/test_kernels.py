@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from tcbench import TcbenchError
 from tcbench.compiler import derivatives as trace
 from tcbench.compiler import language, machine, special
-from tcbench.compiler.derivatives import jacobian
-from tcbench.compiler.functions import guarded, lam, maximum, minimum, phi
+from tcbench.compiler.derivatives import guarded, jacobian, lam, maximum, minimum, phi
 from tcbench.compiler.kernels import _code, kernel, namespace
 from tcbench.compiler.library import evaluate
 from tcbench.errors import TraceError

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import tcbench
-from tcbench.compiler import collector, kernels, language, machine
+from tcbench.compiler import kernels, language, machine, once
 from tcbench.compiler.kernels import _code
 from tcbench.compiler.values import TranslationError
 from tcbench.solver.flow_kernels import build
@@ -25,7 +25,7 @@ def test_a_long_kernel_is_written_quickly_and_gives_the_same(monkeypatch):
     text = build(flow, tcbench.scenarios()["short_term"].model).iterate.text
     code, levels = _code(text), []
     assert code.count("\n") > machine.LONG
-    make = machine._machine
+    make, _ = machine._machine, machine._compiler()
     monkeypatch.setattr(machine, "_machine", lambda level=3: levels.append(level) or make(level))
     found = machine.compile_object(code, False)
     monkeypatch.setattr(machine, "LONG", 10**9)
@@ -45,7 +45,7 @@ def test_the_collector_rests_while_something_is_traced_and_only_then():
     from tcbench.compiler import derivatives as trace
 
     assert gc.isenabled()
-    with trace.tracing(), collector.paused():
+    with trace.tracing(), once.uncollected():
         assert not gc.isenabled()
     assert gc.isenabled()
     with pytest.raises(ZeroDivisionError), trace.tracing():
