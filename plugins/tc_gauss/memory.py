@@ -1,4 +1,4 @@
-"""The records of consistent collocation (`step`): what stands where in memory."""
+"""The workspaces (records) of the collocation: every array of a step with its shape; the notation is that of `step`."""
 
 from __future__ import annotations
 
@@ -135,7 +135,7 @@ class Work(Record):
     slopes: Matrix = sized("MOST_POINTS", "n_slopes")  # stresses and temperatures
     FG: Floats = sized("m")
     rho: Floats = sized("k")
-    J: Matrix = sized("n_newton", "n_newton")
+    J: Matrix = sized("n_newton", "n_newton + 1")  # and the right-hand side
     rhs: Floats = sized("n_newton")
     base: Floats = sized("n_newton")
     x0: Floats = sized("n_carried")  # shapes and entropies at the start

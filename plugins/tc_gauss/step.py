@@ -218,9 +218,11 @@ def newton(w: Work, h: float, z: Floats, level: int) -> int:
             for row in range(unknowns):
                 w.J[row, column] = (1.0 if row == column else 0.0) - (w.N[row % m, row // m] - w.base[row]) / eps
         for row in range(unknowns):
-            w.rhs[row] = w.base[row] - w.U[row % m, row // m]
-        if solve_pivoted(w.J, w.rhs) == 0.0:
+            w.J[row, unknowns] = w.base[row] - w.U[row % m, row // m]
+        if solve_pivoted(w.J, unknowns, unknowns + 1) == 0.0:
             return FAILED
+        for row in range(unknowns):
+            w.rhs[row] = w.J[row, unknowns]
         size = 0.0
         for j in range(w.k):
             change = w.rhs[j * m : j * m + m]

@@ -32,7 +32,7 @@ import numpy as np
 
 from ..compiler.language import Floats, call, copy_into, fill, rare
 from .flow import Flow
-from .linear_algebra import solve_bordered
+from .linear_algebra import solve_pivoted
 from .newton import ACCEPTED, NEGLIGIBLE, newton, set_step
 from .sparse import sparse_bordered, sparse_iterate
 
@@ -75,7 +75,7 @@ def linearise(flow: Flow, v: Floats, t: Floats) -> float:
     copy_into(A[n], t)
     A[n, m] = 0.0
     A[n, m + 1] = 1.0
-    sign = solve_bordered(A)
+    sign = solve_pivoted(A, m, m + 2)
     for i in range(m):
         flow.correction[i], flow.direction[i] = A[i, m], A[i, m + 1]
     return sign

@@ -74,13 +74,12 @@ class Flow(Record):
     dz: Floats = sized("n")
     scale: Floats = sized("nx + ne")  # 1/size of the unknowns
     derivatives: Floats = sized("nfull")
-    jacobian: Matrix = sized("nj", "nj")
     old: Floats = sized("nx")
     known: Floats = sized("nx")
     accepted: Floats = sized("n")
     seen: Matrix = sized("2", "n_observables")
     points: Matrix = sized("4", "nx + 1")  # of the arc
-    bordered: Matrix = sized("nj + 1", "nj + 3")
+    bordered: Matrix = sized("nj + 1", "nj + 3")  # a Jacobian with a border, and right-hand sides
     correction: Floats = sized("nx + 1")  # of the arc's corrector
     direction: Floats = sized("nx + 1")  # of its tangent, not normalised
     shift: Floats = sized("nx")  # of a detour; else 0

@@ -1,4 +1,4 @@
-"""Sums that keep what rounding drops, and two small eliminations with pivoting. In the restricted Python."""
+"""Sums that keep what rounding drops, and a small elimination with pivoting. In the restricted Python."""
 
 from __future__ import annotations
 
@@ -15,9 +15,11 @@ def dot(x: Floats, y: Floats) -> float:
     return total
 
 
-def solve_pivoted(A: Matrix, b: Floats) -> float:
-    """Solve A y = b in place of b with partial pivoting; returns the sign of det A (0 if singular)."""
-    n = len(b)
+def solve_pivoted(A: Matrix, n: int, last: int) -> float:
+    """Solve A[:n, :n] Y = A[:n, n:last] by elimination with partial pivoting; Y in place of the right-hand sides.
+
+    Returns the sign of the determinant (0: singular).
+    """
     sign = 1.0
     for k in range(n):
         pivot = k
@@ -28,48 +30,18 @@ def solve_pivoted(A: Matrix, b: Floats) -> float:
             return 0.0
         if pivot != k:
             sign = -sign
-            for j in range(n):
+            for j in range(k, last):
                 A[k, j], A[pivot, j] = A[pivot, j], A[k, j]
-            b[k], b[pivot] = b[pivot], b[k]
         if A[k, k] < 0.0:
             sign = -sign
         for i in range(k + 1, n):
             factor = A[i, k] / A[k, k]
-            for j in range(k + 1, n):
+            for j in range(k + 1, last):
                 A[i, j] -= factor * A[k, j]
-            b[i] -= factor * b[k]
     for k in range(n - 1, -1, -1):
-        for j in range(k + 1, n):
-            b[k] -= A[k, j] * b[j]
-        b[k] /= A[k, k]
-    return sign
-
-
-def solve_bordered(A: Matrix) -> float:
-    """Solve A[:, :m] Y = A[:, m:], two right-hand sides, in place; returns the sign of det (0: singular)."""
-    m = len(A)
-    sign = 1.0
-    for k in range(m):
-        pivot = k
-        for i in range(k + 1, m):
-            if abs(A[i, k]) > abs(A[pivot, k]):
-                pivot = i
-        if not abs(A[pivot, k]) > 0.0:
-            return 0.0
-        if pivot != k:
-            sign = -sign
-            for j in range(k, m + 2):
-                A[k, j], A[pivot, j] = A[pivot, j], A[k, j]
-        if A[k, k] < 0.0:
-            sign = -sign
-        for i in range(k + 1, m):
-            factor = A[i, k] / A[k, k]
-            for j in range(k + 1, m + 2):
-                A[i, j] -= factor * A[k, j]
-    for k in range(m - 1, -1, -1):
-        for column in range(m, m + 2):
+        for column in range(n, last):
             total = A[k, column]
-            for j in range(k + 1, m):
+            for j in range(k + 1, n):
                 total -= A[k, j] * A[j, column]
             A[k, column] = total / A[k, k]
     return sign

@@ -96,10 +96,13 @@ def pivoted_correction(flow: Flow) -> float:
     if flow.steep and stuck(flow):
         return 0.0
     for i in range(n):
-        flow.d[i] = -flow.derivatives[i]
+        flow.bordered[i, n] = -flow.derivatives[i]
         for j in range(n):
-            flow.jacobian[i, j] = flow.derivatives[n + i * n + j]
-    return solve_pivoted(flow.jacobian, flow.d[:n])
+            flow.bordered[i, j] = flow.derivatives[n + i * n + j]
+    sign = solve_pivoted(flow.bordered, n, n + 1)
+    for i in range(n):
+        flow.d[i] = flow.bordered[i, n]
+    return sign
 
 
 def finish(flow: Flow) -> int:

@@ -16,19 +16,10 @@ from states import admissible_states
 import tcbench
 from tcbench.simulation.run import simulate
 from tcbench.solver.continuation import FOUND, LOST
-from tcbench.solver.linear_algebra import solve_bordered
 
 SCENARIOS = tcbench.scenarios()
 SCENARIO = SCENARIOS["short_term"]
 PARABOLA, CUBIC_METHOD = scalar("parabola", parabola), scalar("cubic", cubic)
-
-
-def test_solve_bordered_agrees_with_numpy():
-    rng = np.random.default_rng(3)
-    A = rng.normal(size=(7, 9))
-    solved = A.copy()
-    assert solve_bordered(solved) == np.sign(np.linalg.det(A[:, :7]))
-    assert solved[:, 7:] == pytest.approx(np.linalg.solve(A[:, :7], A[:, 7:]), rel=1e-10)
 
 
 @pytest.mark.parametrize("h", [0.05, 0.3, 0.49, 0.4999])

@@ -18,19 +18,20 @@ PARABOLA, CUBIC_METHOD, LOGARITHM = scalar("parabola", parabola), scalar("cubic"
 def test_solve_pivoted_agrees_with_numpy(n):
     rng = np.random.default_rng(n)
     for _ in range(20):
-        A, b = rng.normal(size=(n, n)), rng.normal(size=n)
-        y = b.copy()
-        sign = solve_pivoted(A.copy(), y)
+        whole = rng.normal(size=(n + 1, n + 3))  # more than is looked at
+        A, b, solved = whole[:n, :n], whole[:n, n : n + 2], whole.copy()
+        sign = solve_pivoted(solved, n, n + 2)
         # the residual of an LU solve, in units of round-off
-        assert abs(A @ y - b).max() < 1e-12 * np.linalg.cond(A)
+        assert abs(A @ solved[:n, n : n + 2] - b).max() < 1e-12 * np.linalg.cond(A)
         assert sign == np.sign(np.linalg.det(A))
+        assert np.array_equal(solved[n], whole[n]) and np.array_equal(solved[:, n + 2], whole[:, n + 2])
 
 
 def test_solve_pivoted_needs_its_pivoting_and_reports_a_singular_matrix():
-    y = np.array([1.0, 2.0])
-    assert solve_pivoted(np.array([[0.0, 1.0], [1.0, 0.0]]), y) == -1.0
-    assert y.tolist() == [2.0, 1.0]
-    assert solve_pivoted(np.ones((2, 2)), np.ones(2)) == 0.0
+    A = np.array([[0.0, 1.0, 1.0], [1.0, 0.0, 2.0]])
+    assert solve_pivoted(A, 2, 3) == -1.0
+    assert A[:, 2].tolist() == [2.0, 1.0]
+    assert solve_pivoted(np.ones((2, 3)), 2, 3) == 0.0
 
 
 @pytest.mark.parametrize("h", [0.1, 0.3, 0.45])
