@@ -1,11 +1,12 @@
-"""Which unknowns Newton has to deal with: the others do not move, or are linear in those that stay.
+"""Elimination of unknowns before Newton: those that do not move, and those that one equation gives in terms of others.
 
-Works on the graph of the residual; its cost is linear in the number of rows where each of them sees few unknowns.
+Of a residual R(d) = 0 in increments d (n,), with n rows as expression graphs: row i goes where it reads a d_i + g = 0
+with a > 0 constant and g free of d_i. The cost is linear in the number of rows if each of them sees few unknowns.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 
 from ..compiler import derivatives as trace
@@ -40,7 +41,10 @@ def reduce(rows: Sequence[Symbol], unknowns: Sequence[Symbol], unseen: bool = Fa
     unseen: also those that no other row sees, however theirs is curved.
     """
     if len(unknowns) <= SMALL:
-        return _one_by_one(Reduction(list(rows), list(unknowns)), unseen)
+        return _one_by_one(
+            Reduction(list(rows), list(unknowns)),
+            lambda state: _eliminable(state) or (_eliminable(state, unseen=True) if unseen else None),
+        )
     left, eliminated = list(zip(rows, unknowns, strict=True)), dict[Symbol, Symbol]()
     degree = degrees([], unknowns)
     while True:  # what was eliminated may make another row linear
@@ -66,21 +70,12 @@ def reduce_arrays(rows: Sequence[Symbol], unknowns: Sequence[Symbol], h: Symbol)
 
     What belongs to one entry alone, as the flow of a dashpot, is condensed so.
     """
-    left, eliminated = list(zip(rows, unknowns, strict=True)), dict[Symbol, Symbol]()
-    while True:
-        before = len(eliminated)
-        for row, unknown in list(left):
-            row = next(r for r, x in left if x is unknown)
-            formula = _of_array(row, unknown, h)
-            if formula is None:
-                continue
-            others = [(r, x) for r, x in left if x is not unknown]
-            found = trace.substitute([*(r for r, _ in others), *eliminated.values()], {unknown: formula})
-            left = [(r, x) for r, (_, x) in zip(found, others, strict=False)]
-            eliminated = dict(zip(eliminated, found[len(left) :], strict=True)) | {unknown: formula}
-        if len(eliminated) == before:
-            left.reverse()
-            return Reduction([row for row, _ in left], [unknown for _, unknown in left], eliminated)
+
+    def eliminable(state: Reduction) -> tuple[int, Symbol] | None:
+        formulas = (_of_array(row, x, h) for row, x in zip(state.rows, state.unknowns, strict=True))
+        return next(((i, formula) for i, formula in enumerate(formulas) if formula is not None), None)
+
+    return _one_by_one(Reduction(list(rows), list(unknowns)), eliminable)
 
 
 def _of_array(row: Symbol, unknown: Symbol, h: Symbol) -> Symbol | None:
@@ -92,30 +87,27 @@ def _of_array(row: Symbol, unknown: Symbol, h: Symbol) -> Symbol | None:
         return None
     ((term, a),) = found.items()
     (still,) = trace.substitute([a], {h: const(0.0)})
-    if term.rows or term.columns or still.op != "const" or still.value <= 0:
+    if term.rows or term.columns or not _is_positive(still):
         return None
-    (g,) = trace.substitute([row], {unknown: const(0.0)})
-    return trace.neg(trace.mul(g, trace.reciprocal(a)))
+    return _given(row, unknown, a)
 
 
-def _one_by_one(state: Reduction, unseen: bool) -> Reduction:
+def _one_by_one(state: Reduction, eliminable: Callable[[Reduction], tuple[int, Symbol] | None]) -> Reduction:
     """The same at a cost that grows as the square: the order in which nodes are made decides the last digits of what is
     computed, and those of small systems stay what they were."""
-    while True:
-        found = _eliminable(state) or (_eliminable(state, unseen=True) if unseen else None)
-        if found is None:
-            state.rows.reverse()
-            state.unknowns.reverse()
-            return state
-        row, unknown, formula = found
-        keep = [i for i in range(len(state.rows)) if i != row]
-        state.unknowns = [state.unknowns[i] for i in keep]
-        state.rows = trace.substitute([state.rows[i] for i in keep], {unknown: formula})
+    while (found := eliminable(state)) is not None:
+        i, formula = found
+        unknown = state.unknowns.pop(i)
+        state.rows.pop(i)
+        state.rows = trace.substitute(state.rows, {unknown: formula})
         formulas = trace.substitute(list(state.eliminated.values()), {unknown: formula})
         state.eliminated = dict(zip(state.eliminated, formulas, strict=True)) | {unknown: formula}
+    state.rows.reverse()
+    state.unknowns.reverse()
+    return state
 
 
-def _eliminable(state: Reduction, unseen: bool = False) -> tuple[int, Symbol, Symbol] | None:
+def _eliminable(state: Reduction, unseen: bool = False) -> tuple[int, Symbol] | None:
     slopes_of = trace.sparse_jacobian(state.rows, state.unknowns) if unseen else []
     for i, (row, unknown) in enumerate(zip(state.rows, state.unknowns, strict=True)):
         (slopes,) = trace.sparse_jacobian([row], state.unknowns)
@@ -124,11 +116,19 @@ def _eliminable(state: Reduction, unseen: bool = False) -> tuple[int, Symbol, Sy
         curved = any(s.number in moving for s in slopes.values())
         if unseen:
             curved = any(i in other for j, other in enumerate(slopes_of) if j != i)
-        if a.op != "const" or a.value <= 0 or curved:
-            continue
-        (g,) = trace.substitute([row], {unknown: const(0.0)})
-        return i, unknown, trace.neg(trace.mul(g, trace.reciprocal(a)))
+        if _is_positive(a) and not curved:
+            return i, _given(row, unknown, a)
     return None
+
+
+def _is_positive(slope: Symbol) -> bool:
+    return slope.op == "const" and bool(slope.value > 0)
+
+
+def _given(row: Symbol, unknown: Symbol, slope: Symbol) -> Symbol:
+    """The unknown that solves a row in which it is linear with this slope."""
+    (rest,) = trace.substitute([row], {unknown: const(0.0)})
+    return trace.neg(trace.mul(rest, trace.reciprocal(slope)))
 
 
 def _closed(eliminated: dict[Symbol, Symbol]) -> dict[Symbol, Symbol]:
@@ -146,7 +146,4 @@ def _solved(row: Symbol, unknown: Symbol, degree: dict[int, float]) -> Symbol | 
         return None
     (slope,) = trace.sparse_jacobian([row], [unknown])
     a = slope.get(0, const(0.0))
-    if a.op != "const" or a.value <= 0:
-        return None
-    (g,) = trace.substitute([row], {unknown: const(0.0)})
-    return trace.neg(trace.mul(g, trace.reciprocal(a)))
+    return _given(row, unknown, a) if _is_positive(a) else None
