@@ -263,13 +263,6 @@ class ElementSystem(ThermalVariables, System):
         z = self.state(z)
         return trace.array(map(trace.lifted, self.invariants(z.q, z.p).values()))
 
-    def momenta_gradients(self, z: Any) -> list[State]:
-        q, p = self.fresh("q", "position"), self.fresh("p", "position")
-        here = dict(zip(entries(q, p), entries(z.q, z.p), strict=True))
-        pairs = [(self.slopes(f, q), self.slopes(f, p)) for f in self.invariants(q, p).values()]
-        slopes = [[trace.substitute(entries(x), here) for x in pair] for pair in pairs]
-        return [self.state(np.concatenate([refilled(q, a), refilled(p, b), 0.0 * z.s])) for a, b in slopes]
-
     @cached_property
     def told(self) -> tuple[tuple[str, ...], int]:
         """As of any system: names of the invariants, number of temperatures."""
@@ -306,15 +299,6 @@ class ElementSystem(ThermalVariables, System):
         pi, s = each(rectangle, self.shape(z0.q), dpi, z0.s, dz.s, count=2)
         stress, theta = each(symmetrised_slopes, self.simplified_energies(pi, s), count=2)
         return self.assemble(_mark(stress) @ slope, mid.p, _mark(theta))
-
-    @derived
-    def entropy_gradient(self, z: Any) -> Any:
-        z = self.state(z)
-        return self.state(np.concatenate([0.0 * z.q, 0.0 * z.p, 0.0 * z.s + 1.0]))
-
-    @derived
-    def discrete_entropy_gradient(self, z0: Any, z1: Any) -> Any:
-        return self.entropy_gradient(z0)
 
     @derived
     def temperature_field(self, y: Any) -> Any:
