@@ -1,4 +1,4 @@
-"""Steps end at kinks: where a number changes its sign of which the formulas have the size.
+"""Event location at kinks of |u|: a step ends just behind the first time at which u, a number in the formulas, is 0.
 
 On either side |u| is u or -u, and has its series. So the sign is that of the start of a step, and the step ends where
 the series of u has left it. Roots are such numbers too: where q touches 0 or passes it closer than the tolerance sees,

@@ -1,7 +1,7 @@
-"""Which series stand side by side: those of one kind that wait for nothing of each other are lanes of one vector.
+"""Grouping of Taylor series into vectors: series of the same operation that do not depend on each other share one.
 
-Equal elements of a system have equal series, and so have the directions of space: a convolution of four of them costs
-what one does. What is not alike is brought together by mixing lanes (`Gathering`).
+Equal elements of a system have equal series, and so have the directions of space: a Cauchy product of four of them
+costs what one does. What is not alike is brought together by shuffling lanes (`Gathering`).
 """
 
 from __future__ import annotations

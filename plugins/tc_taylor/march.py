@@ -21,7 +21,7 @@ LEAST = 1e-290  # a squared size that has all its digits: it goes with the unit 
 
 def begin(w: Work, z: Floats) -> None:
     """A run from z: nothing spent, and energy, entropy and invariants of z as those to be kept."""
-    w.counts.steps, w.counts.rejected, w.counts.held = 0, 0, 0
+    w.counts.steps, w.counts.rejected = 0, 0
     w.trials.wait, w.trials.pause = 0, damping.PAUSE
     start_from(w, z)
 
@@ -48,7 +48,6 @@ def mended_elements(w: Work) -> bool:
     size = w.size
     call(w.to_mend, w.target, w.given, w.mended)
     if w.mended[size] < w.target[size + 1]:
-        w.counts.held += 1
         call(w.to_hold, w.target, w.given, w.mended)
     good = w.mended[size + 1] > 0.0 and abs(w.mended[size]) < math.inf
     if good:

@@ -1,4 +1,4 @@
-"""The records of the mended Taylor method: what stands where in memory."""
+"""The workspaces (records) of the Taylor method: every array of a run with its shape."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ class Counts(Record, mutable=True):
 
     steps: int
     rejected: int
-    held: int  # states at which the entropy was held
 
 
 class Trials(Record, mutable=True):

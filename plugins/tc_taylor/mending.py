@@ -1,4 +1,4 @@
-"""What a Taylor step leaves of the laws of elements is mended: momenta are turned back, missing energy becomes heat.
+"""Projection of a step of elements onto the laws: momenta get their invariants back, missing energy becomes heat.
 
 Into heat, because there it disturbs least: an error ds of the entropies is one of theta ds in the energy, so the energy
 tells the entropies 300 times more precisely than the momenta. Where the entropy would then be lower than before it is

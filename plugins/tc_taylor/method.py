@@ -1,4 +1,4 @@
-"""`TaylorMethod`: series, mending and march, set up for a system and an order."""
+"""`TaylorMethod`: the kernels and the compiled march of one order, set up for a system."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class TaylorMethod(Lending):
 
     def cost(self) -> dict[str, int]:
         """What the last run took."""
-        steps, rejected, _ = self.counts.table.tolist()
+        steps, rejected = self.counts.table.tolist()
         return {"steps": steps, "rejected": rejected}
 
     def step(self, z: Floats, h: float) -> Floats:

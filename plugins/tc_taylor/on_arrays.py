@@ -1,4 +1,4 @@
-"""The kernels of a large system, traced on arrays: the recurrences of `recurrences`, each for all entries of a space.
+"""Taylor kernels of large systems: the recurrences of `recurrences` as loops over all entries of a space.
 
 Sums over all, sums along tables and what tables name are linear: they go coefficient by coefficient.
 """

@@ -11,6 +11,8 @@ the place of 24.
 
 from __future__ import annotations
 
+from collections import Counter
+from itertools import combinations
 from typing import Any
 
 from tcbench import System
@@ -18,9 +20,8 @@ from tcbench.compiler import derivatives as trace
 from tcbench.compiler.array_states import entries, refilled
 from tcbench.compiler.derivatives import Symbol
 
-from .factored import Factored
 from .lanes import reachable
-from .series import ONE, ZERO, Linear, Normal, Series, combined
+from .series import ONE, ZERO, Linear, Monomial, Normal, Series, combined
 
 FEWER = 0.9  # factored, a system has so many of its series at most; else the longer chains of operations cost more
 
@@ -71,3 +72,54 @@ def lifted(*arrays: Any) -> list[Symbol]:
 
 def singles(normal: Normal, forms: list[Linear]) -> list[Series]:
     return [normal.single(form) if form else normal.series("sum", (), (ZERO,)) for form in forms]
+
+
+class Factored(Normal):
+    """As `Normal`; what several terms of a sum have in common is taken out of them, the commonest first."""
+
+    def _sum(self, form: Linear) -> Series:
+        while True:
+            common = Counter(x for key in form if degree(key) > 1 for x, _ in key)
+            x = max(common, key=lambda x: common[x], default=None)
+            if x is None or common[x] < 2:
+                return super()._sum(form)
+            inside: Linear = {}
+            rest: Linear = {}
+            for key, weight in form.items():
+                if degree(key) > 1 and any(y is x for y, _ in key):
+                    inside = combined(inside, {self.merged(((x, -1),), key): weight}, ONE)
+                else:
+                    rest[key] = weight
+            ((key, weight),) = self.as_factor(inside).items()
+            form = combined(rest, {self.merged(((x, 1),), key): weight}, ONE)
+
+    def _product(self, key: Monomial) -> Series:
+        """Pairs that exist already first, then what is no variable: equations have that in common."""
+        factors = [x for x, k in key for _ in range(k)]
+        while len(factors) > 1:
+            ordered = sorted(factors, key=lambda x: x.kind == "var")
+            pairs = [pair for a, b in combinations(ordered, 2) for pair in ((a, b), (b, a))]
+            known = (pair for pair in pairs if self.key_of("product", pair) in self.interned)
+            pair = next(known, pairs[0])
+            for x in pair:
+                factors.remove(x)
+            factors.append(self.series("product", pair))
+        return factors[0]
+
+    def single(self, form: Linear) -> Series:
+        """Of one monomial over another: the quotient of what is no variable, times the variables."""
+        below = Counter(self.one_key((x, k) for x, k in key if k < 0) for key in form)
+        changed: Linear = {}
+        for key, weight in form.items():
+            under = self.one_key((x, k) for x, k in key if k < 0)
+            over = tuple((x, k) for x, k in key if k > 0 and x.kind != "var")
+            variables = tuple((x, k) for x, k in key if k > 0 and x.kind == "var")
+            if under and over and variables and below[under] == 1:
+                whole = self._product(over), self._product(tuple((x, -k) for x, k in under))
+                key = self.merged(((self.series("quotient", whole), 1),), variables)
+            changed = combined(changed, {key: weight}, ONE)
+        return super().single(changed)
+
+
+def degree(key: Monomial) -> int:
+    return sum(abs(k) for _, k in key)

@@ -1,5 +1,6 @@
-"""Traced formulas in normal form: sums of monomials of series in time, so that a convolution is spent only where two
-series really meet. Constants are collected, factors cancelled, common denominators drawn together.
+"""Rates in normal form, sums of monomials of Taylor series in time: a Cauchy product is spent only where two meet.
+
+Constants are collected, factors cancelled, common denominators drawn together.
 """
 
 from __future__ import annotations

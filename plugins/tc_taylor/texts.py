@@ -1,4 +1,4 @@
-"""The text of the kernels: all coefficients of a series, and the polynomials that they make."""
+"""Text of two kernels: the Taylor coefficients of a state to some order, and the polynomial that they make at h."""
 
 from __future__ import annotations
 

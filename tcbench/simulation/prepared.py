@@ -1,4 +1,4 @@
-"""The records of a run, made once for a method on a system: the next call uses them, and their memory, again."""
+"""Workspaces of compiled runs, made once for a method on a system and used again by later runs."""
 
 from __future__ import annotations
 

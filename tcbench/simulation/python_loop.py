@@ -1,4 +1,4 @@
-"""Runs of integrators that are plain Python: a step function, or an adaptive solver."""
+"""Runs of integrators in plain Python: a step function, or an adaptive solver; and the starts of multistep methods."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from numbers import Integral
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,11 +24,40 @@ from .compiled_loop import LOOPS, NOW
 from .prepared import take
 from .recorder import assemble, exception_sentence, explain
 from .shared_runs import Solved
-from .starting import first_steps
 from .trajectory import SolverCounts, Trajectory
 
 POINTS = 200  # output times of an adaptive run
 TOGETHER, NUMBERS = 256, 2**16  # steps that a method with a loop of its own is asked for at a time, numbers in them
+
+
+class FirstSteps(NamedTuple):
+    """z (steps + 1, n): the start and the states that the starter reached; failure: why there are fewer, or ""."""
+
+    z: np.ndarray
+    iterations: np.ndarray
+    status: str
+    failure: str
+
+    @property
+    def steps(self) -> int:
+        return len(self.z) - 1
+
+    def slopes(self, dt: float) -> np.ndarray:
+        """(earlier state - last state)/dt, the nearest first, flat: what the compiled loop keeps of earlier steps."""
+        return np.ravel((self.z[-2::-1] - self.z[-1]) / dt)
+
+
+def first_steps(integrator: Integrator, scenario: Scenario, dt: float, steps: int) -> FirstSteps:
+    """The first `memory` steps of a multistep method (fewer if the run has fewer), by its starter; else none."""
+    if not integrator.memory:
+        return FirstSteps(scenario.z0[None], np.zeros(0, np.int64), "ok", "")
+    from .. import plugins
+    from .run import simulate
+
+    count = min(integrator.memory, steps)
+    run = simulate(plugins.starter_of(integrator), scenario, dt, count * dt)
+    failure = "" if run.ok else f"the starter {run.integrator.name}: {run.failure}"
+    return FirstSteps(np.ascontiguousarray(run.z), run.newton_iterations, run.status, failure)
 
 
 def run_step(integrator: Integrator, scenario: Scenario, dt: float, steps: int, every: int) -> Trajectory:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..errors import blamed
 from ..integrator import Integrator
-from ..solver import implicit_step as m
+from ..solver.implicit_step import BLOWUP, COLD, COLLAPSED, FOLDED, NO_ROOT, NO_WARM_ROOT, NONCONVERGED, NONFINITE, OK
 from ..systems.scenario import Scenario
 from ..systems.system import System
 from .compiled_loop import FIRST_INVARIANT, E, Run, S
@@ -18,21 +18,21 @@ from .trajectory import SolverCounts, Summary, Trajectory
 Made = TypeVar("Made")
 
 _STATUS = {
-    m.OK: ("ok", ""),
-    m.NONCONVERGED: ("nonconverged", "the solver found no root"),
-    m.NO_ROOT: ("no_root", "the principal branch of solutions ended"),
-    m.NONFINITE: ("nonfinite", "the new state is not finite"),
-    m.COLLAPSED: ("unphysical", "{collapsed}"),
-    m.COLD: ("unphysical", "a temperature is not positive"),
-    m.NO_WARM_ROOT: ("unphysical", "the principal root has a temperature that is not positive"),
-    m.FOLDED: ("ok", ""),  # the run was to end at the first fold
-    m.BLOWUP: ("blowup", "|E - E0| exceeded {factor}the initial exergy V0 = {V0:.6g}"),
+    OK: ("ok", ""),
+    NONCONVERGED: ("nonconverged", "the solver found no root"),
+    NO_ROOT: ("no_root", "the principal branch of solutions ended"),
+    NONFINITE: ("nonfinite", "the new state is not finite"),
+    COLLAPSED: ("unphysical", "{collapsed}"),
+    COLD: ("unphysical", "a temperature is not positive"),
+    NO_WARM_ROOT: ("unphysical", "the principal root has a temperature that is not positive"),
+    FOLDED: ("ok", ""),  # the run was to end at the first fold
+    BLOWUP: ("blowup", "|E - E0| exceeded {factor}the initial exergy V0 = {V0:.6g}"),
 }
 
 
 def cause_of(reason: int, model: System, method: Integrator) -> str:
     """Why a step was not done, in words."""
-    if reason == m.NONFINITE and method.nonfinite:
+    if reason == NONFINITE and method.nonfinite:
         return method.nonfinite
     return _STATUS[reason][1].replace("{collapsed}", model.collapsed)
 
@@ -43,7 +43,7 @@ def explain(reason: int, done: int, dt: float, scenario: Scenario, method: Integ
     if not cause:
         return status, ""
     cause = cause_of(reason, scenario.model, method)
-    step = done if reason == m.BLOWUP else done + 1  # the state of a blow-up exists; otherwise the next step failed
+    step = done if reason == BLOWUP else done + 1  # the state of a blow-up exists; otherwise the next step failed
     factor = "" if scenario.blowup_factor == 1 else f"{scenario.blowup_factor:g} times "
     cause = cause.format(factor=factor, V0=scenario.initial_exergy)
     return status, f"step {step} (t = {step * dt:.6g}, dt = {dt:g}): {cause}"

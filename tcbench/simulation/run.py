@@ -11,16 +11,14 @@ from ..errors import TcbenchError, expect, positive, shown
 from ..integrator import Integrator
 from ..progress import part
 from ..solver import foresight
-from ..solver import implicit_step as m
-from ..solver.implicit_step import Rules, compiled_flows
+from ..solver.implicit_step import COUNT_WRONG, NO_AUDIT, NO_ROOT, NONCONVERGED, NONFINITE, OK, Rules, compiled_flows
 from ..solver.quotients import REMEDY, finite_at_rest, zero_over_zero
 from ..systems.refusals import check_invariants
 from ..systems.scenario import Scenario
 from .compiled_loop import LOOPS, Run
 from .prepared import take
-from .python_loop import run_adaptive, run_step
+from .python_loop import first_steps, run_adaptive, run_step
 from .recorder import assemble, explain
-from .starting import first_steps
 from .trajectory import Trajectory
 
 MOST_GIB = 16.0  # of recorded states, more of which would hardly be meant
@@ -117,7 +115,7 @@ def simulate(
     check_memory(scenario, dt, steps, every)
     if integrator.kind == "step":
         return run_step(integrator, scenario, dt, steps, every)
-    rules = Rules(continuation, residuals, m.COUNT_WRONG if audit_roots else m.NO_AUDIT)
+    rules = Rules(continuation, residuals, COUNT_WRONG if audit_roots else NO_AUDIT)
     return run_flows(integrator, scenario, dt, steps, every, rules)
 
 
@@ -172,22 +170,22 @@ def run_flows(
     run = ready.start(scenario, dt, steps, every, rules)
     LOOPS.begin(run)
     begin = time.perf_counter()
-    reason, done, first = m.OK, 0, None
+    reason, done, first = OK, 0, None
     if integrator.memory:
         first = first_steps(integrator, scenario, dt, steps)
-        reason, done = LOOPS.monitor(run, 1, first.z[1:]) if first.steps else m.OK, first.steps
+        reason, done = LOOPS.monitor(run, 1, first.z[1:]) if first.steps else OK, first.steps
         if done == integrator.memory:
             run.z[:], run.c[-done * model.size :] = first.z[-1], first.slopes(dt)
             np.add.at(run.counts, np.arange(done) // every, first.iterations)
             run.tally.iterations += first.iterations.sum()
-    if done < steps and reason == m.OK and not (first and first.failure):
+    if done < steps and reason == OK and not (first and first.failure):
         reason = march(run, done, steps, told)
         done = run.tally.steps
     wall = time.perf_counter() - begin
     status, failure = explain(reason, done, dt, scenario, integrator)
-    if reason == m.OK and first and first.failure:
+    if reason == OK and first and first.failure:
         status, failure = first.status, first.failure
-    if reason in (m.NONCONVERGED, m.NO_ROOT, m.NONFINITE):
+    if reason in (NONCONVERGED, NO_ROOT, NONFINITE):
         places = [
             zero_over_zero(flow, model, run.z, dt)
             for flow, made in zip(integrator.flows, kernels, strict=True)
@@ -205,11 +203,11 @@ def march(run: Run, done: int, steps: int, told: str) -> int:
     if small and not told:
         reason: int = LOOPS.march(run, done, min(steps, done + foresight.UNTOLD, done + CHUNK))
         done = run.tally.steps
-        if done == steps or reason != m.OK:
+        if done == steps or reason != OK:
             return reason
-    chunk, reason = CHUNK if small else max(1, CHUNK * SMALL // (5 * run.n)), m.OK
+    chunk, reason = CHUNK if small else max(1, CHUNK * SMALL // (5 * run.n)), OK
     with part(told or f"{steps} steps of {run.h:g}") as meter:
-        while done < steps and reason == m.OK:
+        while done < steps and reason == OK:
             reason = LOOPS.march(run, done, min(steps, done + chunk))
             done = run.tally.steps
             meter.done, meter.total = done, steps

@@ -9,9 +9,8 @@ from hypothesis import strategies as st
 from random_laws import GENERAL, assert_laws_of_any, random_start
 from scipy.integrate import solve_ivp
 from tcbench_plugins.tc_taylor import damping, lanes, texts
-from tcbench_plugins.tc_taylor.factored import Factored
 from tcbench_plugins.tc_taylor.method import TaylorMethod
-from tcbench_plugins.tc_taylor.rates import of_any, operations, rates
+from tcbench_plugins.tc_taylor.rates import Factored, of_any, operations, rates
 from tcbench_plugins.tc_taylor.series import Normal
 from tcbench_plugins.tc_taylor.texts import series_kernels
 

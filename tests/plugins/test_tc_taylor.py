@@ -9,11 +9,10 @@ from random_laws import assert_laws
 from states import admissible_states
 from tcbench_plugins import tc_taylor
 from tcbench_plugins.tc_taylor import lanes, march
-from tcbench_plugins.tc_taylor.factored import Factored
 from tcbench_plugins.tc_taylor.march import step_length
 from tcbench_plugins.tc_taylor.method import TaylorMethod, kernels
 from tcbench_plugins.tc_taylor.on_arrays import Coefficients
-from tcbench_plugins.tc_taylor.rates import rates
+from tcbench_plugins.tc_taylor.rates import Factored, rates
 from tcbench_plugins.tc_taylor.recurrences import Writer
 from tcbench_plugins.tc_taylor.series import Normal
 from tcbench_plugins.tc_taylor.texts import may_go_ahead, series_kernels, written
