@@ -1,4 +1,4 @@
-"""The iteration of any_system.py on vectors: all nodes, all points of a quadrature, all eigenvalues of A side by side.
+"""The iteration of any_system.py on vectors of eight: all nodes, quadrature points or eigenvalues of A side by side.
 
 Three kernels: LU factors of I - h z J for one eigenvalue z of each pair and, in one lane more, of I - h J, which damps
 defects; an iteration of simplified Newton with them; and the damping. Elimination is written out for the entries of J

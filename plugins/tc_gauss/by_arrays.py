@@ -1,4 +1,4 @@
-"""The formulas of a large system, traced on arrays: those of `any_system`, and a sparse matrix for its iteration."""
+"""Kernels of the collocation for large systems, as loops over their spaces, and its sparse Jacobian."""
 
 from __future__ import annotations
 

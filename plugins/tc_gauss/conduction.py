@@ -1,10 +1,10 @@
-"""Stiff conduction among more than two elements: its matrix M = dG/ds at the start of a step, solved for in iterations.
+"""Simplified Newton for stiff conduction among more than two elements, with M = dG/ds (e, e) at the start of a step.
 
-A correction dU of the rates of the entropies obeys (I - hA x M) dU = N - U, which the eigenvectors of A take apart into
-one system I - hzM of complex numbers for each pair of its eigenvalues z. Their factors are found once a step. No
-pivoting: conduction takes from one element what it gives to others, so these matrices are as good as diagonally
-dominant. They are sparse (`sparse`). Of two elements the conduction is a matrix of rank one, which the kernels on
-vectors solve for (`step`).
+The correction dU (k, e) of the entropy rates solves (I - hA x M) dU = N - U, a Kronecker product. In the eigenvectors
+of A it falls apart into (I - h z M) x = r, complex (e, e), one for each pair of eigenvalues z; factors are made once a
+step. No pivoting: conduction takes from one element what it gives to others, so these matrices are as good as
+diagonally dominant. They are sparse (`sparse`). Of two elements M has rank one, and the kernels on vectors solve for it
+(`step`).
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Sparse factors for `conduction`, whose entries and whose fill are known beforehand.
+"""Sparse LU of I - (re + i im) M, complex (n, n), without pivoting; its fill is found once, in advance.
 
-A row of I - (re + i im) M for each variable; behind them, of a large system, a row for each number that all of an array
-read, such as a mean: an unknown of its own, which keeps the matrix sparse. What belongs to one entry alone comes first
-in its order, so that it is condensed before the rest. No pivoting, as there.
+A row for each variable; behind them, of a large system, a row for each number that all of an array read, such as a
+mean: as an unknown of its own it keeps the matrix sparse. What belongs to one entry alone comes first in the order, so
+that it is condensed before the rest. Why no pivots are needed: `conduction`.
 """
 
 from __future__ import annotations

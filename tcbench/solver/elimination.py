@@ -1,4 +1,4 @@
-"""The Jacobian of a small system, factorised on the graph: its zeros cost nothing, and nothing is looped over."""
+"""Symbolic LU of a small Jacobian on the expression graph, without pivoting: no loops, no operations on its zeros."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where Newton begins, and by what its corrections are measured: formulas in the state at the start of a step."""
+"""Newton's initial guess, and the sizes by which its corrections are scaled: formulas in the state z0 before a step."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""What a large system will cost, said before it is paid: measured coefficients times the length of what is to be done,
-or, where a method chooses its steps, what it took so far.
+"""Cost estimates for large systems: seconds and memory of tracing and stepping, told before they are spent.
 
-The coefficients are those of chains, nets and bars on one machine (docs/chain.md); a prediction is right within a
-factor of two or three, so that only what is far beyond a limit is refused.
+Measured coefficients times the length of what is to be done or, where a method chooses its steps, the time that it took
+so far. The coefficients are those of chains, nets and bars on one machine (docs/chain.md); an estimate is right within
+a factor of two or three, so that only what is far beyond a limit is refused.
 """
 
 from __future__ import annotations

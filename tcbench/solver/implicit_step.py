@@ -1,6 +1,6 @@
-"""One implicit flow of one step: the cascade of solvers, and the flows of a method made ready to be solved.
+"""One implicit flow of one step: which solver is tried after which; and a method's flows set up for a system.
 
-`quick` has nearly every step; what it rejects goes to `newton`, `track` and `arc`, one after the other.
+`quick` solves nearly every step; what it rejects goes to `newton`, `track` and `arc`, one after the other.
 """
 
 from __future__ import annotations

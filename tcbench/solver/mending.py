@@ -1,7 +1,7 @@
-"""A state moved to the nearest one that obeys the laws: energy and invariants of the run, and no less entropy.
+"""Projection of a state onto the laws: the nearest one with the energy and invariants of the run, and no less entropy.
 
-Along the gradients, weighed by the sizes of the variables: energy and invariants by Gauss and Newton; entropy, where
-it would fall, along what is left of its gradient, which changes none of them. For any system and after any method: as
+By Gauss and Newton along the gradients of energy and invariants, in variables scaled by their sizes; where the entropy
+would fall, also along the part of its gradient that leaves those unchanged. For any system and after any method: as
 formulas (`shortest_move`), and as kernels that a compiled march calls until what is missed is round-off (`mended`).
 """
 

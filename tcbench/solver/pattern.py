@@ -1,4 +1,4 @@
-"""A sparse Jacobian's pattern: an order in which it is a narrow band, its compressed rows, and its whole factors."""
+"""Sparsity pattern of a Jacobian: reordering to a small bandwidth, compressed rows, direct solver (LAPACK, SuperLU)."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""Nearly every step where the Jacobian is sparse: with old incomplete factors as long as these pay, else by Newton.
+"""Newton-like iterations for a sparse Jacobian J (n, n), with the incomplete LU factors of an earlier step kept on.
 
-At usual steps incomplete factors are nearly the whole ones, and the Jacobian hardly changes from step to step. A
-correction with them costs a residual and one pass through the factors, a fifth of a Jacobian with new factors, and a
-large system's time is that of the memory that it goes through. In the restricted Python.
+At usual steps h, J = I + O(h) hardly changes from step to step, and its ILU(0) factors are nearly its LU factors. So
+x <- x - (LU)^-1 R(x) is iterated with old factors as long as it contracts; else come new factors, then Newton with
+BiCGStab. One such correction costs a fifth of a Jacobian with new factors. In the restricted Python.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Names a quotient of an author's formula that is 0/0 where nothing moves: Newton starts there."""
+"""Diagnosis of a failed step: which quotient of the author's formula is 0/0 at z1 = z0, where Newton starts."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""An author's formulas as they are called: their arguments have names and cannot be written to, and what they return is
-what the formula owes; else the sentence names the author's line."""
+"""Wraps the formulas of a system's author: arguments get names and are read-only, and the type and shape of what is
+returned is checked. Errors name the author's file and line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Momenta with given values of the invariants: what mends a step that lost them."""
+"""Momenta p changed as little as possible, in the kinetic energy norm, to given values of invariants linear in p."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""L and the slope of the shape as operators: what they are applied to decides the cost, not the square of the size."""
+"""Matrices applied without being formed: L and d(shape)/dq. A product costs as many operations as they have entries."""
 
 from __future__ import annotations
 

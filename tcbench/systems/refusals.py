@@ -1,4 +1,4 @@
-"""What the class of a system must not say, each refused with a sentence: what would be right for some methods only."""
+"""Checks of what authors write in the class of a system; each TcbenchError says what to write instead."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The right-hand side of a system for solvers that take a function: compiled, with as little Python as there can be.
+"""The vector field f of dz/dt = f(z) and its Jacobian as functions for ODE solvers: compiled, with little Python.
 
 SciPy and SUNDIALS call back into Python; what they call here is one compiled kernel on arrays that exist already (0.8
 microseconds a call, of which the arithmetic is 0.1). Taylor methods need the formulas themselves: `expressions`.

@@ -1,7 +1,7 @@
-"""Do the functions of a system's author give as many numbers as there are positions and elements?
+"""Checks that the functions of an `ElementSystem` return as many numbers as there are positions or elements.
 
-Asked on numbers, at the start of a scenario, once for each class: what a formula of another length gives on symbols is
-a traceback of numpy's, in one method here and in another there.
+Once for each class, with numbers, at the start of a scenario: traced on symbols, a wrong length would be an error of
+numpy's, in one method here and in another there.
 """
 
 from __future__ import annotations
