@@ -13,6 +13,7 @@ import json
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -48,13 +49,17 @@ class Solved:
 
 @contextmanager
 def kept_in(folder: str | None) -> Iterator[None]:
-    """Runs are shared with whatever else uses this folder; None: with nobody."""
+    """Runs are shared with whatever else uses this folder; None: with nobody, as where nothing is shared."""
     global _folder, _found
-    outer, _folder, _found = _folder, Path(folder) if folder else None, 0
+    outer, _folder = _folder, Path(folder) if folder else None
+    _found = 0 if outer is None else _found
     try:
         yield
     finally:
         _folder = outer
+
+
+made_anew = partial(kept_in, None)  # runs of one's own
 
 
 def are_shared() -> bool:
@@ -62,19 +67,8 @@ def are_shared() -> bool:
     return _folder is not None
 
 
-@contextmanager
-def made_anew() -> Iterator[None]:
-    """Runs of one's own."""
-    global _folder
-    outer, _folder = _folder, None
-    try:
-        yield
-    finally:
-        _folder = outer
-
-
 def found() -> int:
-    """How many runs have been read, not made, since `kept_in`."""
+    """How many runs have been read, not made, since the outermost `kept_in`."""
     return _found
 
 
