@@ -16,6 +16,7 @@ import math
 import sys
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -114,14 +115,9 @@ def content_hash(scenario: Scenario) -> str | None:
 def _at(reference: Reference, times: Sequence[float]) -> Reference:
     """Of these times alone; KeyError where one is unknown."""
     rows = [reference.index(t) for t in times]
-    return Reference(
-        times=tuple(reference.times[i] for i in rows),
-        states=reference.states[rows],
-        certificate=tuple(reference.certificate[i] for i in rows),
-        floor=tuple(reference.floor[i] for i in rows),
-        source=reference.source,
-        exact=tuple(reference.exact[i] for i in rows) if reference.exact else (),
-    )
+    names = ("times", "certificate", "floor", *(["exact"] if reference.exact else []))
+    chosen: dict[str, Any] = {name: tuple(getattr(reference, name)[i] for i in rows) for name in names}
+    return replace(reference, states=reference.states[rows], **chosen)
 
 
 class _Recipe:
