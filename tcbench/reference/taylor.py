@@ -9,7 +9,7 @@ from __future__ import annotations
 from ..compiler.language import Floats, Ints, Kernel, Matrix, call, exact, row
 from ..compiler.library import Library
 from ..compiler.records import Record, sized
-from .double_double import add, eight, mul, power_of_two, rough_log
+from .double_double import INVERSE_LN2, LN2, ROUND, add, eight, mul, power_of_two, rough_log
 from .recurrences import begin, high_order, keep, wide_order
 from .tape import FIELDS, LANES, PAIR
 
@@ -82,8 +82,8 @@ def series(j: Work) -> None:
 @exact
 def rough_exp(x: float) -> float:
     """e^x to a few ulp, of |x| < 600."""
-    k = (x * 1.4426950408889634 + 6755399441055744.0) - 6755399441055744.0
-    r, total = x - k * 0.6931471805599453, 1.0
+    k = (x * INVERSE_LN2 + ROUND) - ROUND
+    r, total = x - k * LN2, 1.0
     for i in range(16, 0, -1):
         total = 1.0 + r * total / i
     return total * power_of_two(k)

@@ -17,25 +17,27 @@ from .sparse import sparse_iterate
 
 ACCEPTED, REJECTED = 0, 1
 MAX_ITERATIONS = 8
-ROUND_OFF = 4e-16
-CONVERGED = 1e-10  # near a root: what does not shrink below this is round-off
-QUADRATIC = 1e-8  # the same, after a correction a thousand times as large
-PART = 1e-6  # of an increment: a correction below this leaves its square
-CHORD = 1e-2  # below this one more correction with the same factors shows, and mends, what Newton's left
-QUICK = 0.3  # corrections with old factors are tried below this
+# sizes of corrections, each number over that of its unknown; tuned by hand, but for those that are round-off
+ROUND_OFF = 4e-16  # a correction below this changes nothing
+CONVERGED = 1e-10  # a correction below this that no longer shrinks is round-off of the equations: the root is found
+QUADRATIC = 1e-8  # the same, of one that is a thousandth of the one before
+PART = 1e-6  # of the whole increment: a first correction below this part leaves an error of about its square
+CHORD = 1e-2  # below this `newton` follows with a correction by the same factors, whose size tells the error left
+QUICK = 0.3  # below this `quick` tries corrections with the factors that it has
+SQUARED = 1e-11  # below this the error left is below round-off, for curvatures (error over correction^2) up to 1e6
+CHORD_FLOOR = 1e-14  # a correction by old factors that no longer shrinks is round-off below this
 NEGLIGIBLE = 1e-16  # predicted error that no further correction would change
-NEXT, CURVATURE = range(2)  # in `foreseen`, 0 where nothing is known
-FORESEEN = 1.0  # in x is the root of the next step, nearly
-MOST = 8  # degree of the polynomial through the last roots, ...
-ENOUGH = 1e-8  # which grows while its highest difference is beyond this
-NEAR = 0.1  # of the size of an unknown: how far from the last root the next one may be looked for
-LEAST = 1e-3  # curvature that is believed: where it shows less it may be that of one direction
-LEARNED = 1e-6  # the same where a correction of an earlier step has shown the curvature, ...
-SHOWN = 1e-17  # ... or no more than this, which is round-off
-DOUBT = 1.25  # what is not looked at grows by this from step to step
-SQUARED = 1e-11  # Newton's error after a correction below this is its square times curvature: below round-off to 1e6
-CHORD_FLOOR = 1e-14  # a correction with old factors that no longer shrinks is round-off below this
-SMALL_PIVOT = 1e-7  # below this the elimination without pivoting is repeated with pivoting
+SMALL_PIVOT = 1e-7  # a least pivot below this: the elimination is repeated with pivoting
+# `foresee` extrapolates the roots of earlier steps
+NEXT, CURVATURE = range(2)  # in `foreseen`: is x a guess for the next step, and the curvature seen; 0: unknown
+FORESEEN = 1.0  # value of the first: it is
+MOST = 8  # degree of the polynomial through the last roots at most; ...
+ENOUGH = 1e-8  # ... it is raised while its highest difference is larger than this
+NEAR = 0.1  # of the size of an unknown: a guess farther from the last root is not taken
+LEAST = 1e-3  # least curvature believed: one correction may show that of one direction only
+LEARNED = 1e-6  # as SQUARED, with a curvature that an earlier step has shown
+SHOWN = 1e-17  # a second correction below this is round-off and shows no curvature
+DOUBT = 1.25  # factor by which the curvature is assumed to grow in a step that does not show it
 
 PLAIN_ITERATIONS = 20
 
@@ -80,8 +82,8 @@ def solved(flow: Flow, x: Floats) -> bool:
 
 @rare
 def whole(flow: Flow, x: Floats, delta: float) -> bool:
-    """Is a first correction the whole increment, or much of it? Where a unit makes states small both are nothing beside
-    1, and what is left of the equations need not be."""
+    """Is a correction much of the increment x so far? Then its size beside 1 says nothing: in units that make all
+    states small a first correction is tiny, and what is left of the equations need not be."""
     most, scale = 0.0, flow.w[2 * flow.nx : 3 * flow.nx]
     for i in range(flow.nx):
         most = max(most, abs(x[i]) * scale[i])

@@ -20,7 +20,6 @@ from ..compiler.array_states import each, entries, is_array, refilled
 from ..compiler.array_symbols import ArraySymbol
 from ..compiler.arrays import variable
 from ..compiler.divided_differences import rectangle, symmetrised_slopes
-from ..compiler.once import cached_property
 from ..errors import TcbenchError
 from .array_elements import ArraySlope, element_slopes, temperature_field
 from .operators import Poisson, SparseRows
@@ -257,17 +256,9 @@ class ElementSystem(ThermalVariables, System):
         """Total entropy S(z)."""
         return np.sum(self.state(z).s)
 
-    @derived
-    def momenta(self, z: Any) -> Any:
-        """The invariants in the order of `invariant_names`."""
+    def _conserved(self, z: Any) -> dict[str, Any]:
         z = self.state(z)
-        return trace.array(map(trace.lifted, self.invariants(z.q, z.p).values()))
-
-    @cached_property
-    def told(self) -> tuple[tuple[str, ...], int]:
-        """As of any system: names of the invariants, number of temperatures."""
-        sym = self.by_arrays if self.large else self
-        return tuple(sym.invariants(*(sym.fresh(x, "position") for x in "qp"))), self.n_elements
+        return self.invariants(z.q, z.p)
 
     @derived
     def temperatures(self, z: Any) -> Any:

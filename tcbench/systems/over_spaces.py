@@ -235,7 +235,7 @@ class OverSpaces(Traced):
         net = self.by_arrays
         with trace.tracing():
             z = net.fresh_state("z")
-            return tuple(net.invariants(z)), self.mesh.offsets(net.blocks(net.temperatures(z)))[-1]
+            return tuple(net._conserved(z)), self.mesh.offsets(net.blocks(net.temperatures(z)))[-1]
 
     def _kernel(self, body: Callable[..., Any], sizes: tuple[int, ...]) -> tuple[Kernel, tuple[int, ...]]:
         if self.large and body.__name__ in WHOLE and self.size > traced.MOST_WHOLE:

@@ -281,7 +281,11 @@ class System(OverSpaces):
     @derived
     def momenta(self, z: Any) -> Any:
         """The invariants in the order of `invariant_names`."""
-        return trace.array(map(trace.lifted, self.invariants(self.state(z)).values()))
+        return trace.array(map(trace.lifted, self._conserved(z).values()))
+
+    def _conserved(self, z: Any) -> dict[str, Any]:
+        """The invariants by name, at a state."""
+        return self.invariants(self.state(z))
 
     def momenta_gradients(self, z: Any) -> list[State]:
         """Gradients of the invariants, on symbols."""
@@ -308,7 +312,7 @@ class System(OverSpaces):
         if self.large:
             return self.observed_counts()
         z = self.unknowns("x")
-        return tuple(self.invariants(z)), len(self.temperatures(z))
+        return tuple(self._conserved(z)), len(self.temperatures(z))
 
     @derived
     def gradient(self, z: Any) -> Any:
