@@ -164,10 +164,11 @@ def picture(kept: dict) -> None:
     for ax, key, label in zip(axes, ("error", "plain_step"), ("error of the state", "plain Newton's largest step"),
                               strict=False):  # fmt: skip
         for i, v in enumerate(("theta", "u")):
-            ratio = [kept["scenarios"][n][v][key] / kept["scenarios"][n]["s"][key] for n in names]
-            ax.bar(at + (i - 0.5) * width, ratio, width, color=colours[v], label=words[v])
+            more = [kept["scenarios"][n][v][key] / kept["scenarios"][n]["s"][key] - 1 for n in names]
+            ax.bar(at + (i - 0.5) * width, more, width, bottom=1, color=colours[v], label=words[v])
         ax.axhline(1, color=colours["s"], linewidth=1)
         ax.set_yscale("log", base=2)
+        ax.yaxis.set_major_formatter("{x:g}")
         ax.set_xticks(at, names, rotation=60, ha="right", fontsize=7)
         ax.set_ylabel(f"{label},\nover that in entropies", fontsize=8)
     steps, at = list(kept["random"]), np.arange(len(kept["random"]))

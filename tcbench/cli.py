@@ -80,9 +80,9 @@ def main(ctx: click.Context) -> None:
     "--dt", "steps", multiple=True, type=float, metavar="STEP",
     help="Step size instead of the scenario's ladder, for methods of a fixed step; repeat for several.",
 )  # fmt: skip
-@click.option("--size", type=int, help="Random scenarios of the study ensemble.")
-@click.option("--seed", type=int, help="Which ones: ensembles of different seeds have none in common.")
-@click.option("--budget", type=float, help="Seconds of timed runs of the study ensemble, divided equally.")
+@click.option("--size", type=int, help="Number of random scenarios of the study ensemble.")
+@click.option("--seed", type=int, help="Seed of the ensemble; two seeds have no scenario in common.")
+@click.option("--budget", type=float, help="Seconds for the timed runs of the study ensemble, divided equally.")
 @output(LATEST)
 @JOBS
 @click.option("--timeout", type=float, default=300.0, show_default=True, help="Seconds a cell may take.")
@@ -94,7 +94,7 @@ def main(ctx: click.Context) -> None:
 @click.option("--retry-failed", is_flag=True, help="Run again every cell whose status is not ok.")
 @click.option("--report/--no-report", default=None, help="Write report.html (default: with --all and no --study).")
 @click.option("--strict", is_flag=True, help="Exit with code 1 if a cell ended as exception, crash or timeout.")
-@click.option("--dry-run", is_flag=True, help="Say what would run and for how long; run nothing.")
+@click.option("--dry-run", is_flag=True, help="Say what would run and how long it would take; run nothing.")
 @click.option("--dask", metavar="ADDRESS", help="Send the cells to this Dask scheduler (extra: cluster).")
 @click.option("--tls-ca", type=click.Path(exists=True), help="TLS certificate authority of the scheduler.")
 @click.option("--tls-cert", type=click.Path(exists=True), help="TLS certificate for the scheduler.")
@@ -122,8 +122,8 @@ def list_() -> None:
 @one("integrator", "Instead of the first word.")
 @one("scenario", "Instead of the last word.")
 @click.option("--dt", type=float, help="Step; the scenario's own by default.")
-@click.option("--t-end", type=float, help="Horizon; the scenario's own by default.")
-@click.option("--tolerance", type=float, help="Of an adaptive solver, instead of --dt.")
+@click.option("--t-end", type=float, help="Final time; the scenario's own by default.")
+@click.option("--tolerance", type=float, help="Tolerance of an adaptive solver, instead of --dt.")
 @click.option("--plain", is_flag=True, help="Plain Newton from z0: no continuation.")
 @click.option("--record-every", type=click.IntRange(1), default=1, show_default=True, help="Keep every k-th state.")
 @click.option("--audit-roots", is_flag=True, help="Count accepted roots that are not the principal one (slow).")
@@ -143,7 +143,7 @@ def simulate() -> None:
 @click.option("--y", required=True, metavar="AXIS", help="The same; constants are multiples of the scenario's own.")
 @click.option("--dt", type=float, help="Step, where no axis is dt (default: the scenario's own).")
 @click.option("--size", type=int, help="Scenarios in each cell of a map of random scenarios (default: 30).")
-@click.option("--seed", type=int, help="Which ones.")
+@click.option("--seed", type=int, help="Seed of these scenarios.")
 @output(Path("results/map"))
 @JOBS
 @click.option("--timeout", type=float, default=300.0, show_default=True, help="Seconds a row of the map may take.")
@@ -165,7 +165,7 @@ def map_() -> None:
 @AS_JSON
 @done_by("actions:reference_command")
 def reference() -> None:
-    """Compute the reference solution of scenarios anew and compare it with the one in use."""
+    """Compute the reference solution of scenarios again and compare it with the one in use."""
 
 
 @main.command()
@@ -178,7 +178,7 @@ def reference() -> None:
 @AS_JSON
 @done_by("actions:show_command")
 def show() -> None:
-    """The tables of a run so far, also while it is running; of a large run a summary. FOLDER: results/latest."""
+    """Show the tables of a run, also while it is running; a summary of a large one. FOLDER: results/latest."""
 
 
 @main.command()
@@ -195,16 +195,24 @@ def report() -> None:
 @runs()
 @click.option("--output", "-o", type=click.Path(path_type=Path), help="PNG, SVG or PDF by suffix (default: KIND.png).")
 @click.option(
-    "--scenario", "-s", metavar="NAME", shell_complete=completion("scenarios"), help="Needed where the run has several."
+    "--scenario",
+    "-s",
+    metavar="NAME",
+    shell_complete=completion("scenarios"),
+    help="Draw this scenario; needed if the run has several.",
 )
 @many("integrator", "Draw this integrator (default: all of the run).")
 @click.option("--x", metavar="COLUMN", help="Column of the horizontal axis (work-precision, conservation).")
-@click.option("--y", multiple=True, metavar="COLUMN", help="Panels: columns, or variables, laws; repeat.")
-@click.option("--dt", type=float, help="Of laws, four-panel and path: the runs of this step only.")
-@click.option("--size", metavar="WxH", help="Of the picture: 6x4 in inches, or 15x10cm.")
-@click.option("--font-size", type=float, metavar="POINTS", help="Of labels; titles and numbers follow (9 by default).")
-@click.option("--methods", metavar="LIST", help="These, in this order, with their names: NAME=LABEL,NAME,...")
-@click.option("--style", metavar="FILE", help="A matplotlib style, a file or a name; your matplotlibrc counts.")
+@click.option(
+    "--y", multiple=True, metavar="COLUMN", help="Draw these panels: columns, variables or laws; repeat for several."
+)
+@click.option("--dt", type=float, help="In laws, four-panel and path: only runs with this step.")
+@click.option("--size", metavar="WxH", help="Size of the picture: 6x4 in inches, or 15x10cm.")
+@click.option(
+    "--font-size", type=float, metavar="POINTS", help="Font size of labels; titles and numbers follow (9 by default)."
+)
+@click.option("--methods", metavar="LIST", help="Draw these methods, in this order, labelled: NAME=LABEL,NAME,...")
+@click.option("--style", metavar="FILE", help="A matplotlib style, file or name; your matplotlibrc is used, too.")
 @PLUGINS
 @AS_JSON
 @done_by("pictures:plot_command")
@@ -221,10 +229,10 @@ def plot() -> None:
     help="GIF, MP4 (needs ffmpeg) or HTML by suffix.",
 )  # fmt: skip
 @click.option("--dt", type=float, help="Step; the scenario's own by default.")
-@click.option("--t-end", type=float, help="Horizon; the scenario's own by default.")
-@click.option("--tolerance", type=float, help="Of adaptive solvers.")
-@click.option("--frames", type=click.IntRange(2, 2000), default=120, show_default=True, help="Pictures in all.")
-@click.option("--fps", type=click.IntRange(1, 60), default=20, show_default=True, help="Pictures a second.")
+@click.option("--t-end", type=float, help="Final time; the scenario's own by default.")
+@click.option("--tolerance", type=float, help="Tolerance of adaptive solvers.")
+@click.option("--frames", type=click.IntRange(2, 2000), default=120, show_default=True, help="Number of frames.")
+@click.option("--fps", type=click.IntRange(1, 60), default=20, show_default=True, help="Frames a second.")
 @PLUGINS
 @AS_JSON
 @done_by("pictures:animate_command")
@@ -263,7 +271,7 @@ def compare() -> None:
 
 
 @main.command()
-@click.argument("kind", type=click.Choice(["integrator", "scenario", "system", "elements"]))
+@click.argument("kind", type=click.Choice(["integrator", "scenario", "system", "elements"]), metavar="KIND")
 @click.argument("name")
 @click.option("--package", is_flag=True, help="A complete distribution: pyproject, source, a test.")
 @click.option("--folder", type=click.Path(path_type=Path, file_okay=False), default=Path(), help="Where to write it.")
@@ -277,7 +285,7 @@ def new() -> None:
 @click.argument("targets", nargs=-1, metavar="FILE|NAME...")
 @many("integrator", "Check this integrator.")
 @many("scenario", "Check this scenario.")
-@click.option("--only", metavar="LINE[,LINE]", default="", help="These lines alone, as in --only order,claims.")
+@click.option("--only", metavar="LINE[,LINE]", default="", help="Check these lines only, as in --only order,claims.")
 @PLUGINS
 @AS_JSON
 @done_by("actions:check_command")

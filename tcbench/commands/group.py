@@ -65,5 +65,5 @@ class Group(click.Group):
 
     def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
         if args and args[0] not in self.commands and not args[0].startswith("-"):
-            raise unknown_name("command", args[0], self.commands)
+            raise unknown_name("command", args[0], self.commands, "See tcbench --help.")
         return super().resolve_command(ctx, args)

@@ -69,10 +69,8 @@ QUIET = click.option(
 
 def runs(name: str = "folder", required: bool = False, shown: str = "[FOLDER]") -> Callable[..., Any]:
     """The folder of a run."""
-    default = None if required else LATEST
-    return click.argument(
-        name, type=click.Path(path_type=Path), required=required, default=default, metavar=shown
-    )  # fmt: skip
+    default = {} if required else {"default": LATEST}  # None would be a value: click would not miss the argument
+    return click.argument(name, type=click.Path(path_type=Path), required=required, metavar=shown, **default)
 
 
 class Folder(click.Path):
@@ -166,6 +164,9 @@ def one_sentence(error: click.UsageError) -> str:
     """What is wrong with an option, and the file that it is from, where that is not the command line."""
     ctx, option = error.ctx, getattr(error, "param", None)
     text = error.format_message()
+    text += "" if text.endswith((".", "?")) else "."  # of too many words click makes no sentence
+    if ctx is not None and "unexpected extra" in text and any(p.name == "integrators" for p in ctx.command.params):
+        text += " Integrators are named with -i, scenarios with -s."
     if ctx is not None and option is not None and ctx.get_parameter_source(option.name) == ParameterSource.DEFAULT_MAP:
         text = f"{ctx.meta[CONFIG_FILE]!r}: {text}"
     return text if ctx is None or text.endswith("?") else f"{text} See tcbench {ctx.info_name} --help."

@@ -61,7 +61,7 @@ def animate_command(
     dt: float | None, t_end: float | None, tolerance: float | None, frames: int, fps: int, as_json: bool,
 ) -> None:  # fmt: skip
     """Run the methods on the scenario and write them in motion, side by side."""
-    from ..report.animation import animate
+    from ..report.animation import animate, checked_output
     from ..simulation.run import simulate
 
     first, last = words(names, integrators, scenarios)
@@ -69,6 +69,7 @@ def animate_command(
     methods = plugins.expand_integrators(first)
     if not methods:
         raise TcbenchError("tcbench animate takes at least one integrator, and then the scenario.")
+    checked_output(output)
     runs = []
     for method in methods:
         step: dict[str, Any] = {"tolerance": tolerance} if method.kind == "adaptive" else {"dt": dt}

@@ -84,11 +84,11 @@ def make_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]
     least = [w if s else max(len(word) for text in found for word in text.split() or [""])
              for w, s, found in zip(widths, solid, cells, strict=True)]  # fmt: skip
     kept = list(range(len(columns)))
-    last_to_go = [*(n for n in FIRST_TO_GO if n in columns), *reversed(columns[2:])]
+    last_to_go = [*(columns.index(n) for n in FIRST_TO_GO if n in columns), *reversed(kept[2:])]
     while last_to_go and sum(least[i] + GAP for i in kept) - GAP > console().width:
-        name = last_to_go.pop(0)
-        kept = [i for i in kept if columns[i] != name]
-    gone = [name for i, name in enumerate(columns) if i not in kept]
+        first = last_to_go.pop(0)
+        kept = [i for i in kept if i != first]
+    gone = [name for i, name in enumerate(columns) if i not in kept and name]
     table = Table(
         title=visible(title), title_justify="left", box=None, pad_edge=False, header_style="bold", padding=(0, 1),
         caption=f"{TOO_NARROW}: {', '.join(gone)}" if gone else None, caption_justify="left",
@@ -226,6 +226,12 @@ def _when(item: Mapping[str, Any]) -> str:
     return "" if item["by_default"] else "run when named"
 
 
+def _put_rows(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """The table, if it has a row."""
+    if rows:
+        put(make_table(title, columns, rows))
+
+
 def print_listing(data: Mapping[str, Any]) -> None:
     """Tables of what there is; the parameters of methods where some are named."""
     heads = ["name", "order", "claims", "source", *(["parameters"] if not data["studies"] else [])]
@@ -234,15 +240,15 @@ def print_listing(data: Mapping[str, Any]) -> None:
         source = "; ".join(filter(None, (i["source"], _when(i), i["lacks"])))
         values = "; ".join(f"{k}: {', '.join(v)}" for k, v in i["parameters"].items())
         rows.append([i["name"], number(i["order"]), " ".join(i["claims"]), source, values][: len(heads)])
-    put(make_table("Integrators", heads, rows))
+    _put_rows("Integrators", heads, rows)
     rows = [[s["name"], number(s["t_end"]), number(s["dt"]), s["shows"], s["source"]] for s in data["scenarios"]]
     for f in data["scenario_families"]:
         given = [f"{k}={v}" for k, v in f["parameters"].items()]
         label = ",".join(given if len(given) <= MOST_VALUES else [given[0], "..."])
         rows.append([f"{f['name']}[{label}]", "", "", f"{f['shows']}; run when named, with any value", f["source"]])
-    put(make_table("\nScenarios", ["name", "t_end", "dt", "shows", "source"], rows))
+    _put_rows("\nScenarios", ["name", "t_end", "dt", "shows", "source"], rows)
     rows = [[s["name"], "; ".join(filter(None, (s["description"], _when(s))))] for s in data["studies"]]
-    put(make_table("\nStudies", ["name", "measures"], rows))
+    _put_rows("\nStudies", ["name", "measures"], rows)
     for origin in data["broken"]:
         say(f"\nPlugin {origin['name']!r} ({origin['path']}):\n{origin['error']}")
 
@@ -275,7 +281,7 @@ def print_results(results: Results, methods: Sequence[Sequence[str]], remarks: S
             say(f"\n{sentence}")
     counts = ", ".join(f"{n} {status}" for status, n in sorted(summary.statuses.items()))
     say(
-        f"\n{summary.run} cells in {summary.elapsed_s:.1f} s ({counts or 'nothing new'}), "
+        f"\n{summary.run} cell{'s' * (summary.run != 1)} in {summary.elapsed_s:.1f} s ({counts or 'nothing new'}), "
         f"{summary.already_finished} were finished before."
     )
     if summary.interrupted:

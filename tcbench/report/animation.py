@@ -100,14 +100,20 @@ def _movie(runs: Sequence[Trajectory], frames: int, fps: int) -> FuncAnimation:
         return movie
 
 
-def save(runs: Sequence[Trajectory], path: str | Path, frames: int = FRAMES, fps: int = FPS) -> Path:
-    """Write the animation; see `animate`."""
-    path = Path(path)
+def checked_output(output: str | Path) -> Path:
+    """The path, if an animation can be written there."""
+    path = Path(output)
     if path.suffix not in SUFFIXES:
         raise TcbenchError(f"{str(path)!r}: an animation is written as {', '.join(SUFFIXES)}.")
     if path.suffix == ".mp4" and not shutil.which("ffmpeg"):
         raise TcbenchError("An .mp4 needs the program ffmpeg, which is not installed. Write a .gif or .html instead.")
     needs_folder(path)
+    return path
+
+
+def save(runs: Sequence[Trajectory], path: str | Path, frames: int = FRAMES, fps: int = FPS) -> Path:
+    """Write the animation; see `animate`."""
+    path = checked_output(path)
     _checked(runs)
     pictures = _pictures(runs, frames)
     with writing(repr(str(path))), written(path) as temporary:

@@ -171,7 +171,8 @@ def _failed(tables: Tables) -> str:
     if not runs:
         return ""
     if not statuses:
-        return f"All {runs} runs of the ladders of steps and tolerances reached their end."
+        whole = f"All {runs} runs of the ladders of steps and tolerances reached their"
+        return f"{whole if runs > 1 else 'The only run reached its'} end."
     parts = ", ".join(f"{count} {status}" for status, count in statuses.most_common())
     return f"{statuses.total()} of {runs} runs of the ladders failed, which is a result: {parts}."
 

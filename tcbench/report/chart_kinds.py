@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from .. import plugins
 from ..chart import Chart, Tables
-from ..errors import calling, unknown_name
+from ..errors import TcbenchError, calling, unknown_name
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -34,6 +34,8 @@ def find_kind(name: str) -> Chart:
     if name in own_kinds():
         return own_kinds()[name]
     if name not in kinds():
+        if Path(name).is_dir():
+            raise TcbenchError(f"{name!r} is a folder; the kind of chart comes first: tcbench plot KIND {name}.")
         raise unknown_name("chart", name, kinds(), *plugins.cure())
     return kinds()[name]
 

@@ -62,9 +62,10 @@ def cure(error: OSError, folder: Path) -> TcbenchError:
             "intact: "
             "free some space and run the same command again; it goes on where it stopped."
         )
+    in_the_way = error.errno in (errno.EEXIST, errno.ENOTDIR)
     return TcbenchError(
-        f"Cannot write to the run folder {folder}: {error.strerror or error}. Choose another folder or "
-        "change its permissions."
+        f"Cannot write to the run folder {folder}: {'a file is in the way' if in_the_way else error.strerror or error}."
+        f" Choose another folder{'' if in_the_way else ' or change its permissions'}."
     )
 
 

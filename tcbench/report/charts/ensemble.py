@@ -63,7 +63,7 @@ def _shares(part: DataFrame, control: str) -> Panel:
         rows = part[part["integrator"].isin(never)]
         x = np.unique(finite(rows[control]))
         high = [float(finite(rows.loc[finite(rows[control]) == value, "high"]).max()) for value in x]
-        text = never[0] if len(never) == 1 else f"0 of all runs: {len(never)} methods"
+        text = never[0] if len(never) == 1 else f"no run failed: {len(never)} methods"
         series.append(Series(text, x, np.zeros(len(x)), np.zeros(len(x)), high, marks="", plain=True))
     y = "share of runs that failed"
     return Panel(series, CONTROLS[control], y, y_scale="share", rank=failing, x_values=part[control])
