@@ -69,8 +69,8 @@ QUIET = click.option(
 
 def runs(name: str = "folder", required: bool = False, shown: str = "[FOLDER]") -> Callable[..., Any]:
     """The folder of a run."""
-    default = {} if required else {"default": LATEST}  # None would be a value: click would not miss the argument
-    return click.argument(name, type=click.Path(path_type=Path), required=required, metavar=shown, **default)
+    given: dict[str, Any] = {} if required else {"default": LATEST}  # None would be a value: nothing would be missing
+    return click.argument(name, type=click.Path(path_type=Path), required=required, metavar=shown, **given)
 
 
 class Folder(click.Path):
