@@ -1,9 +1,9 @@
 """`controlled[method=NAME]`: any one-step method with its step chosen by a tolerance, by step doubling.
 
-Each step is done once with h and once with two halves; their gap, over 2^p - 1, is the error of the halves. It is held
-at the tolerance per unit of the whole time, so that the errors of all steps add up to the tolerance. The result is that
-of the halves: steps of the method itself, so whatever law it keeps is kept. `tol=1e-6` fixes the tolerance, whatever is
-asked for. Source: Hairer, Norsett & Wanner, Solving ODEs I, II.4.
+Each step is done once with h and once as two halves; their gap, over 2^p - 1, estimates the error of the halves. It is
+held at the tolerance times the share of the step in the whole time, so that the errors of all steps add up to the
+tolerance. The result is that of the halves, that is, steps of the method itself, which keep the same laws. `tol=1e-6`
+fixes the tolerance, whatever is asked for. Source: Hairer, Norsett & Wanner, Solving ODEs I, II.4.
 """
 
 from __future__ import annotations

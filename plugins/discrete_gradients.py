@@ -1,9 +1,9 @@
-"""The paper's monolithic method with other discrete gradients in the same slot.
+"""The paper's monolithic method with other discrete gradients.
 
-DE . (z1 - z0) = E(z1) - E(z0) by other slopes, in coordinates in which momenta are kept. Of elements these are the two
-of each, (pi, s); the positions enter through the slope of the shape at the midpoint, exact for quadratic shapes. Of any
-other system they are the parts y of E, and of S, that are at most quadratic: E = F(y(z)), with slopes of F, and grad y
-at the midpoint, which is exact.
+DE . (z1 - z0) = E(z1) - E(z0) with other slopes, in coordinates in which momenta are kept. For elements these are
+(pi, s) of each; the positions enter through the gradient of the strain measure at the midpoint, exact for quadratic
+ones. For other systems they are the parts y of E, and of S, that are at most quadratic: E = F(y(z)), with slopes of F
+and grad y at the midpoint, which is exact.
 
 tc_gonzalez: midpoint slopes with projection. tc_itoh_abe: one ordering, order 1 (the paper's (31)-(32) symmetrise it).
 tc_mean_value: averaged slopes; its energy is exact up to a five-point quadrature, so it does not claim it.

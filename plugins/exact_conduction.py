@@ -1,9 +1,9 @@
 """Splittings whose irreversible part is the exact flow of the conduction, for systems that have it in closed form.
 
-tc_strang_exact: conduction outside, the reversible discrete-gradient step inside; with the reversible half last it is
-eight times less accurate on short_term. verlet_heat: explicit; half a kick with exact conduction, a drift, half a kick.
+tc_strang_exact: half steps of conduction around a reversible discrete-gradient step; in the other order it is eight
+times less accurate on short_term. verlet_heat: explicit; half a kick with exact conduction, a drift, half a kick.
 verlet_heat4: two such steps of complex lengths gamma h and conj(gamma) h, whose real part is of order four; the
-irreversible flow forbids the negative sub-steps of the usual compositions.
+irreversible flow does not allow the negative sub-steps of real compositions.
 """
 
 import numpy as np

@@ -1,4 +1,4 @@
-"""Gauss collocation as it is in the books: order 2k, momenta exact, energy not. What tc_gauss adds shows beside it."""
+"""Textbook Gauss collocation: order 2k, momenta exact, energy not; for comparison with tc_gauss."""
 
 import numpy as np
 

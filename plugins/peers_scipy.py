@@ -1,6 +1,6 @@
-"""SciPy's solvers, each through its fastest door, with the compiled right-hand side and the exact Jacobian.
+"""SciPy's solvers, each by its fastest interface, with the compiled right-hand side and the exact Jacobian.
 
-What a user would pick instead. They know nothing of energy, momentum or entropy: no claims.
+The usual alternative for a user. They do not use energy, momentum or entropy and claim nothing.
 """
 
 import numpy as np
@@ -14,7 +14,7 @@ DENSE_LU = ("Radau", "BDF")  # solve linear systems by scipy.linalg.lu_factor an
 
 
 def odeint(system, z0, t_eval, rtol, atol):
-    """LSODA behind SciPy's oldest door: a third of the overhead of solve_ivp's."""
+    """LSODA by SciPy's oldest interface, with a third of the overhead of solve_ivp."""
     import scipy.integrate
 
     field = Field(system)

@@ -1,10 +1,10 @@
-"""Thermodynamic projection: any method made to keep energy and invariants, with an entropy that never falls.
+"""Thermodynamic projection: any method, made to keep energy and invariants, with an entropy that never falls.
 
-After each step (of an adaptive solver: at each output time) the result is moved to a state near it with the energy and
-the invariants that the run began with, and no less entropy than before the step: along their gradients, as
-tcbench/solver/mending.py has it, each variable in proportion to how far the step has moved it. That is as little as the
-error of one step, so the order stays. Where no such state
-is near, which happens at steps at which the method alone fails, the step fails. Source: docs/methods.md.
+After each step (of an adaptive solver: at each output time) the result is moved to a nearby state with the energy and
+the invariants of the start of the run and no less entropy than before the step: along their gradients
+(tcbench/solver/mending.py), each variable in proportion to its change in the step. The move is as small as the error of
+one step, so the order is kept. Where no such state is near, as at steps at which the method alone fails, the step
+fails.
 
 `projected[method=NAME]` wraps any registered method, peers included. The default is verlet_heat4: explicit, of order
 four, and with the projection thermodynamically consistent.
@@ -41,7 +41,7 @@ def projected(method: Integrator, name: str = "projected") -> Integrator:
     common: dict[str, Any] = {
         "name": name, "claims": {"energy", "entropy", "angular_momentum"}, "tags": method.tags | {"projected"},
         "source": f"thermodynamic projection around {method.name}", "description": "",
-        "nonfinite": "no state near the step's has the energy, the invariants and no less entropy; or it is not finite",
+        "nonfinite": "no finite state near the step's result has the energy, the invariants and no less entropy",
         "uses": method.sources, "parameters": {}, "family": None,
     }  # fmt: skip
     if method.adaptive is not None:

@@ -1,7 +1,8 @@
-"""Taylor series where conduction is not stiff, Gauss collocation where it is: both mended to all laws.
+"""Taylor series where dissipation is not stiff, Gauss collocation where it is; both corrected to all laws.
 
-tc_auto goes over from tc_taylor to tc_gauss_adaptive and back during a run, by the stiffness that it measures: steps
-over the decay time of the conduction. See march.py and docs/methods.md.
+tc_auto changes between tc_taylor and tc_gauss_adaptive during a run, by the stiffness that it measures: the step length
+over the decay time of the conduction (of the fastest motion, on systems without elements). See march.py and
+docs/methods-explained.md.
 """
 
 from functools import cache, partial
@@ -14,13 +15,13 @@ from ..tc_gauss import stages_of
 from ..tc_taylor import SAFETY, order_of, refuses
 
 EXACT = {"energy", "entropy", "angular_momentum"}
-FINER = 0.03  # of the tolerance, for tc_gauss: at equal ones it misses ten times what tc_taylor does (docs/methods.md)
+FINER = 0.03  # of the tolerance, for tc_gauss: at equal ones its error is ten times that of tc_taylor
 COST, COST_OF_ORDER = 0.33, 0.062  # an explicit step of order p takes the time of so many iterations, and of so many p
 # Microseconds on one machine, of which the ratio counts: of an explicit step and a line of its series; of a node in an
 # iteration and the square of the number of variables; of an iteration on vectors and that square.
 STEP, STEP_OF_LINE, NODE, NODE_OF_SQUARE = 0.06, 0.00035, 0.1, 0.0022
 VECTORS, VECTORS_OF_SQUARE = 0.18, 0.0018
-SOURCE = "Taylor series or Gauss collocation, whichever costs less where the run is (docs/methods.md)"
+SOURCE = "Taylor series or Gauss collocation, whichever is cheaper (docs/methods-explained.md)"
 
 
 class BothMethods:

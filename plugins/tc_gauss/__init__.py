@@ -1,8 +1,9 @@
 """Thermodynamically consistent Gauss collocation with k stages: order 2k, energy and momenta exact, S never decreases.
 
-Collocation with the slopes of E and S projected, and what is quadratic in them carried as polynomials of its own; of
-springs these are stresses and temperatures, and the strain measures. k = 1 is a mean-value cousin of the paper's
-method.
+Gauss collocation in which the slopes of E and S are projected so that both laws are exact. Quantities y that are at
+most quadratic in the state have collocation polynomials of their own, which Gauss quadrature integrates exactly. For
+springs the y are the strain measures, and the projected slopes are stresses and temperatures. With k = 1 it is a
+variant of the paper's method with mean slopes.
 """
 
 from functools import cache, partial
@@ -13,7 +14,7 @@ from tcbench import Integrator, family, hookimpl
 from tcbench.compiler.once import Spares
 
 EXACT = {"energy", "entropy", "angular_momentum"}
-SOURCE = "Gauss collocation with projected stress and temperature (docs/methods.md)"
+SOURCE = "Gauss collocation with projected stress and temperature (docs/methods-explained.md)"
 STAGES = (3, 1, 2, 4, 5, 6, 7, 8)  # the first is the default
 BY_TOLERANCE = ((1e-4, 4), (1e-6, 6), (0.0, 7))  # (down to, k): what costs least, measured on five scenarios
 

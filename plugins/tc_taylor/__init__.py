@@ -1,8 +1,8 @@
-"""An explicit Taylor method of high order, mended to all laws: where conduction is not stiff.
+"""An explicit Taylor method of high order, corrected to all laws; for problems in which conduction is not stiff.
 
 tc_taylor chooses order and steps by its tolerance; tc_taylor[order=8] takes fixed steps. The series come from the
-traced formulas of the system by recurrences (Jorba and Zou 2005). Energy and momenta are mended to round-off, the
-energy into heat, and the entropy is held where it would fall: see docs/methods.md.
+traced formulas of the system by recurrences (Jorba and Zou 2005). Energy and momenta are corrected to round-off, the
+energy by a change of heat, and the entropy is held where it would fall: see docs/methods-explained.md.
 """
 
 import math
@@ -15,9 +15,12 @@ from tcbench.compiler.once import Spares
 
 ORDERS = (8, 10, 12, 14, 16, 18, 20)
 EXACT = {"energy", "entropy", "angular_momentum"}
-SOURCE = "Taylor series (Jorba and Zou 2005), mended into heat (docs/methods.md)"
+SOURCE = "Taylor series (Jorba and Zou 2005), energy corrected by heat (docs/methods-explained.md)"
 SAFETY = 0.05  # what a step may miss, over the tolerance: a run then misses a tenth of what tc_gauss_adaptive does
-LEAST, EFFORT = 5.6, 0.46  # the best order is about LEAST - EFFORT ln(tolerance): measured, see docs/methods.md
+LEAST, EFFORT = (
+    5.6,
+    0.46,
+)  # the best order is about LEAST - EFFORT ln(tolerance): measured, see docs/methods-explained.md
 
 # Beyond these series are loops: straight-line code is five times as fast, but takes more than ten seconds to compile.
 MOST_ELEMENTS = 32

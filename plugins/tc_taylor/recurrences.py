@@ -2,7 +2,7 @@
 
 The coefficient n of y needs the coefficients below n of its rate; each is written down when it is first asked for, and
 the sums begin with the terms that are known longest, which leaves the processor least to wait for. Source: Jorba and
-Zou (2005), section 3; docs/methods.md.
+Zou (2005), section 3; docs/methods-explained.md.
 """
 
 from __future__ import annotations

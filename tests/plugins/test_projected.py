@@ -316,4 +316,4 @@ def test_a_peer_keeps_the_laws_at_its_outputs_and_its_accuracy(peer):
 @pytest.mark.parametrize(("method", "settings"), [("gauss2", {"dt": 5.0}), ("scipy_dopri5", {"tolerance": 0.9})])
 def test_a_step_without_a_lawful_state_near_says_so(method, settings):
     run = tcbench.simulate(f"projected[method={method}]", "viscous_pendulum", t_end=200.0, **settings)
-    assert run.status == "nonfinite" and "no state near the step's has the energy" in run.failure
+    assert run.status == "nonfinite" and "no finite state near the step's result has the energy" in run.failure

@@ -46,7 +46,7 @@ const frame = (width, height, { x, y, title, margin = {} }) => {
   if (foot !== null) svg.append(shape("rect", { class: "round-off", x: left, width: Math.max(0, width - right - left), y: foot, height: Math.max(0, height - bottom - foot) }));
   for (const [v, text] of Y ? Y.ticks(Math.max(2, Math.floor(height / 42))) : []) {
     svg.append(shape("line", { class: "grid", x1: left, x2: width - right, y1: Y(v), y2: Y(v) }),
-      shape("text", { x: left - 6, y: Y(v) + 4, "text-anchor": "end" }, text));
+      shape("text", { x: left - 6, y: Y(v) + 4, "text-anchor": "end" }, y.told ? y.told(v) : text));
   }
   svg.append(shape("text", { class: "axis", x: Math.max(0, left - 40), y: 11 }, y.label || ""),
     shape("text", { class: "axis", x: width - right, y: height - 4, "text-anchor": "end" }, x.label));

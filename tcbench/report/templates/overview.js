@@ -94,7 +94,7 @@ const matrix = () => {
   return el("table", { class: page.scenarios.length > MANY ? "matrix many" : "matrix", style: `--scenarios:${page.scenarios.length}` }, el("thead", {}, head), el("tbody", {}, body));
 };
 const cellTip = (kind, v, best, stopped) => {
-  if (v === undefined) return ["not measured through this lens"];
+  if (v === undefined) return ["not measured"];
   if (v === null && kind === "time") return [stopped ? `not reached before its ladder ended: ${stopped}` : "not reached on its ladder"];
   if (v === null) return [kind === "step" ? "no stable step found" : "the run failed"];
   if (kind === "wrong") return [`off by ${number(v)} of what it is`];

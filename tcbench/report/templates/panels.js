@@ -36,7 +36,7 @@ const KINDS_OF_SCALE = { log: "log", zero: "zerolog", linear: "linear", share: "
 const tick = (v) => (v < 1e-3 && Number.isInteger(+Math.log10(v).toFixed(9)) ? power(Math.round(Math.log10(v))) : number(v));
 const axisOf = ({ label, scale, domain, better }, arrows) => {
   const kind = KINDS_OF_SCALE[scale], [low, high] = domain && known(domain[0]) ? domain : [1, 10], way = better ? ` ${arrows[better]} better` : "";
-  return { kind, label: label ? label + way : "", domain: scale === "share" ? [low, high] : padded(kind === "linear" ? kind : "log", [low, high]), text: kind === "log" ? tick : null };
+  return { kind, label: label ? label + way : "", domain: scale === "share" ? [low, high] : padded(kind === "linear" ? kind : "log", [low, high]), text: kind === "log" ? tick : null, told: scale === "share" ? (v) => shownIn(v, scale) : null };
 };
 // a panel of these methods alone; its axes reach over them
 const onlyOf = (panel, names) => {

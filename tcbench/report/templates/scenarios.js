@@ -72,14 +72,14 @@ const together = async (name, scenario, lens, every) => {
     el("h3", {}, mark(name), el("a", { href: link({ method: name }) }, name), ` on ${scenario}`), parts.filter(Boolean).map((p) => el("p", {}, p)),
     once.length ? el("ul", {}, once.slice(0, 12).map((t) => el("li", {}, short(t, 500)))) : "", once.length > 12 ? el("p", { class: "soft" }, `and ${once.length - 12} more in the table below`) : "", runBehind(lens, name, scenario, every));
 };
-const LIMITS = { physical: "the solution is there, but energy, temperature or entropy leaves its bounds", branch: "the step's solution ends", solver: "a solution exists and Newton does not find it" };
+const LIMITS = { physical: "a solution exists, but energy, temperature or entropy leaves its bounds", branch: "the branch of solutions ends", solver: "a solution exists, but Newton does not find it" };
 const orderWith = (fit) => (known(fit.order) ? `${fit.order.toFixed(2)} (${fit.order_low.toFixed(3)} to ${fit.order_high.toFixed(3)}), declared ${fit.declared ?? "none"}` : `undetermined${fit.note ? `: ${fit.note}` : ""}`);
 
 // what a scenario answers: the sentences, every method ranked, speed against accuracy
 const answered = (name) => el("p", { class: "answers" }, (page.answers[name] || []).flatMap(([title, lead, text], i) => [i ? ". " : "", `${title}: `, el("strong", {}, lead), `, ${text}`]), page.answers[name]?.length ? "." : "");
 const DEFINED = {
-  laws: "runs on the ladder of steps that ended with every law of the system kept, of all its runs", stable: "the largest step up to which every step of the ladder ran through; > none found up to there",
-  failed: "runs on the ladders of steps and of tolerances up to 1e-3 that did not reach the end", time: "the least wall time in which the error of the state at the end is that small, on a straight line between two rungs; – not reached, … stopped early",
+  laws: "of the runs at a series of steps, how many ended well with every law of the system kept", stable: "the largest step below which no step tried failed; > means that no limit was found up to there",
+  failed: "runs that did not reach the end, over all steps and all tolerances up to 1e-3", time: "the least wall time in which the error of the state at the end is that small, interpolated between two steps or tolerances; – not reached, … stopped early",
   theta: "largest error of the temperatures at the end, relative; of methods with a fixed step", produced: "error of the entropy produced over the run, relative", state: "error of the state at the end, relative to its size",
 };
 const ranking = (name, wanted, work) => {
