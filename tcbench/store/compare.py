@@ -7,13 +7,12 @@ import os
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from fnmatch import fnmatch
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..errors import expect
 from ..studies.columns import column as column_named
 from .encoding import canonical_json
-from .pairing import Pairs, named, pairs_of
+from .pairing import ANY_KEY, Pairs, named, pairs_of
 from .provenance import machine_name
 from .store import Store
 from .timings import Timed, judge
@@ -21,8 +20,8 @@ from .timings import Timed, judge
 if TYPE_CHECKING:
     from pandas import DataFrame
 
+NOISE = 1e-9  # relative differences up to here mean nothing
 FLOOR = 1e-12  # absolute: differences of round-off size mean nothing, whatever their ratio
-RUNG = ("value", "variable", "dt", "tolerance", "t", "measure", "target", "claim", "factor", "tau", "control")
 YARDSTICKS = ("yardsticks", "yardsticks_again")  # of the processes that timed a rung
 RUNGS = ("turn", "control", "value")  # options that say which process and rung, not which cell
 ONE_SIDED = ("missing", "new")
@@ -45,8 +44,6 @@ COLUMNS = (
 def compare(
     run_a: str | os.PathLike[str],
     run_b: str | os.PathLike[str],
-    noise: float | Mapping[str, float] | None = None,
-    floor: float = FLOOR,
 ) -> DataFrame:
     """The differences between two run folders that exceed the noise, one row a value.
 
@@ -55,10 +52,9 @@ def compare(
     run_a, run_b : run folders; `a` is before, `b` is after. Cells are matched by study, integrator, scenario and
         options: the code that measured them may differ, which is the point. Where one folder has tables only (a
         published baseline) the tables of both are compared, rows matched by `pairing.KEYS`.
-    noise : relative differences to ignore: one number for all timings, or a mapping column pattern -> number
-        that goes before what is known of the columns. Without it timings are judged cell by cell against what chance
-        does (`timings.judge`); everything else may differ by 1e-9.
-    floor : absolute difference to ignore, in the column's own unit; not applied to timings.
+
+    Timings are judged cell by cell against what chance does (`timings.judge`); everything else may differ by NOISE, or
+    by FLOOR.
 
     Returns
     -------
@@ -72,15 +68,13 @@ def compare(
     """
     import pandas
 
-    kinds = {"run_a": "a path", "run_b": "a path", "noise": "a number or a mapping or nothing", "floor": "a number"}
-    expect("compare", locals(), kinds)
+    expect("compare", locals(), {"run_a": "a path", "run_b": "a path"})
     a, b = Store.read(run_a), Store.read(run_b)
-    timings = not other_machine(a, b)
     pairs = pairs_of(a, b)
     found = list(_one_sided(pairs))
     for cell, before, after in pairs.both:
-        found += _row_changes(cell, before, after, noise, floor, timings and noise is not None)
-    if timings and noise is None:
+        found += _row_changes(cell, before, after)
+    if not other_machine(a, b):
         found += _slower_or_faster(pairs)
     changes = pandas.DataFrame(found, columns=list(COLUMNS))
     changes.attrs["problems"] = [*a.problems, *b.problems, *pairs.problems]
@@ -221,13 +215,8 @@ def _slower(group: _Group, ratio: float, chance: float) -> dict[str, Any]:
 
 
 def _row_changes(
-    cell: Mapping[str, Any],
-    before: Mapping[str, Any],
-    after: Mapping[str, Any],
-    noise: float | Mapping[str, float] | None,
-    floor: float,
-    timings: bool,
-) -> list[dict[str, Any]]:
+    cell: Mapping[str, Any], before: Mapping[str, Any], after: Mapping[str, Any]
+) -> list[dict[str, Any]]:  # fmt: skip
     """What differs between two rows of one cell: the status, or else the values beyond noise."""
     old, new = before.get("status", "ok"), after.get("status", "ok")
     if old != new:
@@ -235,34 +224,21 @@ def _row_changes(
     if "turn" in cell.get("options", {}):
         return []
     found = []
-    alone = bool(cell.get("timed") or before.get("timed"))
-    if alone:
+    if cell.get("timed") or before.get("timed"):
         before, after = _cut(before, after), _cut(after, before)
     old_values, new_values = dict(_flat(before)), dict(_flat(after))
     for name in [*old_values, *(n for n in new_values if n not in old_values)]:
         path = [part.split("[")[0] for part in name.split(".")]  # of points[3].errors.q: points, errors, q
-        known = column_named(path[-1])
-        if not all(column_named(part).compared for part in path) or name == "status":
-            continue
-        if known.timing and not (alone and timings):
+        if not all(column_named(part).compared for part in path) or column_named(path[-1]).timing or name == "status":
             continue
         a, b = old_values.get(name), new_values.get(name)
-        allowed = _allowed(path[-1], noise)
-        difference = _difference(a, b, 0.0 if known.timing else floor)
-        if difference is None or difference <= allowed:
+        difference = _difference(a, b)
+        if difference is None or difference <= NOISE:
             continue
         worse = any(_worse(part, a, b) for part in path)
         relative = math.nan if math.isinf(difference) else difference
-        found.append(_entry(cell, "value", _with_rungs(name, before, after), a, b, relative, allowed, worse))
+        found.append(_entry(cell, "value", _with_rungs(name, before, after), a, b, relative, NOISE, worse))
     return found
-
-
-def _allowed(name: str, noise: float | Mapping[str, float] | None) -> float:
-    """The relative difference to ignore in a column: what the caller says, else what is known of the column."""
-    known = column_named(name)
-    if isinstance(noise, Mapping):
-        return next((value for pattern, value in noise.items() if fnmatch(name, pattern)), known.noise)
-    return float(noise) if noise is not None and known.timing else known.noise
 
 
 def _cut(row: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]:
@@ -290,20 +266,20 @@ def _with_rungs(name: str, *rows: Mapping[str, Any]) -> str:
     for row in rows if found else ():
         group, index, rest = found.groups()  # type: ignore[union-attr]
         rung = row[group][int(index)] if int(index) < len(row.get(group) or ()) else {}
-        values = {str(row.get("control", key)) if key == "value" else key: rung[key] for key in RUNG if key in rung}
+        values = {str(row.get("control", key)) if key == "value" else key: rung[key] for key in ANY_KEY if key in rung}
         said = [f"{key}={value:.6g}" if _is_number(value) else f"{key}={value}" for key, value in values.items()]
-        if said and rest not in RUNG:
+        if said and rest not in ANY_KEY:
             return f"{group}[{', '.join(said)}].{rest}"
     return name
 
 
-def _difference(a: Any, b: Any, floor: float) -> float | None:
+def _difference(a: Any, b: Any) -> float | None:
     """Relative difference of two values; infinite where they differ in kind, None where they are equal."""
     a, b = (None if v == "" or (isinstance(v, float) and math.isnan(v)) else v for v in (a, b))
     if a is None or b is None:
         return None if a is b else math.inf
     if _is_number(a) and _is_number(b):
-        if a == b or abs(a - b) <= floor:
+        if a == b or abs(a - b) <= FLOOR:
             return None
         return abs(a - b) / max(abs(a), abs(b)) if math.isfinite(a) and math.isfinite(b) else math.inf
     return None if a == b else math.inf

@@ -1,6 +1,6 @@
-"""What the columns of the tables are: their names on charts and terminals, which way is worse, what is noise.
+"""What the columns of the tables are: their names on charts and terminals, which way is worse.
 
-A column that is not listed is written as it is called, and is told apart to nine digits.
+A column that is not listed is written as it is called.
 """
 
 from __future__ import annotations
@@ -11,8 +11,7 @@ from functools import cache
 from typing import Any, NamedTuple
 
 ERROR_MAX = "_error_max"
-NOISE = 1e-9  # relative differences up to here mean nothing
-WANDER = 0.15  # of timings, which wander by 5 to 13 %
+KEPT = 1e-9  # relative error up to which a conserved quantity counts as kept: round-off and solver, over any horizon
 
 
 class Column(NamedTuple):
@@ -22,8 +21,7 @@ class Column(NamedTuple):
     worse : "higher", "lower" or "larger" (in magnitude, of errors, which may be signed); "" where no direction is
         better.
     good : words that say that all went well, of a column of words.
-    noise : relative difference that means nothing; timings are judged by `store.timings` unless it is given.
-    timing : measured with a clock; counts only where a cell ran alone.
+    timing : measured with a clock; counts only where a cell ran alone, judged by `store.timings`.
     shown : it says what came out; otherwise it says where a row comes from. compared : differences between runs count.
     """
 
@@ -33,18 +31,17 @@ class Column(NamedTuple):
     worse: str = ""
     unit: str = ""
     good: tuple[str, ...] = ()
-    noise: float = NOISE
     timing: bool = False
     shown: bool = True
     compared: bool = True
 
 
-def _error(name: str, label: str = "", short: str = "", unit: str = "") -> Column:
-    return Column(name, label, short, worse="larger", unit=unit)
+def _error(name: str, label: str = "", short: str = "") -> Column:
+    return Column(name, label, short, worse="larger")
 
 
 def _timing(name: str, label: str = "", short: str = "", unit: str = "s") -> Column:
-    return Column(name, label, short, worse="higher", unit=unit, noise=WANDER, timing=True)
+    return Column(name, label, short, worse="higher", unit=unit, timing=True)
 
 
 def _step(name: str, short: str = "", label: str = "") -> Column:
@@ -130,13 +127,13 @@ COLUMNS = (  # the first that fits counts: names before patterns
     _timing("wall_time_median_s", "wall time, s (median)"),
     _timing("time_s", "time, s", "seconds"),
     _timing("seconds"),
-    Column("ratio_to_best_peer", short="best peer/this", timing=True, noise=WANDER),
-    Column("ratio_to_best_scipy", short="best SciPy/this", timing=True, noise=WANDER),
-    Column("exponent_steps", short="time ~ steps^", timing=True, noise=WANDER),
-    Column("exponent_horizon", short="time ~ horizon^", timing=True, noise=WANDER),
-    Column("exponent_first", short="first ~ size^", timing=True, noise=WANDER),
-    Column("exponent_step", short="step ~ size^", timing=True, noise=WANDER),
-    Column("exponent_memory", short="memory ~ size^", timing=True, noise=WANDER),
+    Column("ratio_to_best_peer", short="best peer/this", timing=True),
+    Column("ratio_to_best_scipy", short="best SciPy/this", timing=True),
+    Column("exponent_steps", short="time ~ steps^", timing=True),
+    Column("exponent_horizon", short="time ~ horizon^", timing=True),
+    Column("exponent_first", short="first ~ size^", timing=True),
+    Column("exponent_step", short="step ~ size^", timing=True),
+    Column("exponent_memory", short="memory ~ size^", timing=True),
     # size
     Column("numbers", "numbers in a state"),
     Column("us_foreseen", "time per step that is foreseen, µs", "foreseen", unit="us"),

@@ -32,9 +32,9 @@ def run(folder, rows, fingerprint="old"):
     return folder
 
 
-def changes(tmp_path, before, after, **options):
+def changes(tmp_path, before, after):
     a = run(tmp_path / "a", {1: before})
-    return compare(a, run(tmp_path / "b", {1: after}, fingerprint="new"), **options)
+    return compare(a, run(tmp_path / "b", {1: after}, fingerprint="new"))
 
 
 @pytest.mark.parametrize(
@@ -106,13 +106,6 @@ def test_a_rung_is_named_by_its_step_and_variable(tmp_path):
     assert found["column"].tolist() == ["points[variable=p, dt=0.05].error"]
     found = changes(tmp_path / "2", {"points": points}, {"points": [*points[:3], points[3] | {"dt": 0.04}]})
     assert found["column"].tolist() == ["points[3].dt"]
-
-
-def test_noise_is_the_users_to_set(tmp_path):
-    after = {"us_per_step": 1.5, "energy_error_max": 2.1e-6}
-    assert changes(tmp_path / "1", {}, after, noise=0.5)["column"].tolist() == ["energy_error_max"]
-    noise = {"energy_error_max": 0.1, "us_per_step": 0.1}
-    assert changes(tmp_path / "2", {}, after, noise=noise)["column"].tolist() == ["us_per_step"]
 
 
 def test_timings_of_cells_that_shared_the_machine_are_not_compared(tmp_path):
