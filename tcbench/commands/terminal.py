@@ -19,7 +19,7 @@ from ..studies.conservation import COLUMNS as CONSERVATION
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-    from ..engine.local import Plan
+    from ..engine.local import Summary
     from ..engine.run import Results
 
 
@@ -261,9 +261,9 @@ def print_methods(methods: Sequence[Sequence[str]], remarks: Sequence[str]) -> N
         say(sentence)
 
 
-def print_plan(plan: Plan, seconds: float | None, total: int) -> None:
+def print_plan(plan: Summary, seconds: float | None, total: int) -> None:
     time = "unknown: too few earlier rows to judge by" if seconds is None else f"about {seconds:.1f} s"
-    say(f"{total} cell{'s' * (total != 1)}: {plan.finished} finished, {len(plan.to_run)} to run. Time: {time}.")
+    say(f"{total} cell{'s' * (total != 1)}: {plan.already_finished} finished, {plan.left} to run. Time: {time}.")
 
 
 def print_results(results: Results, methods: Sequence[Sequence[str]], remarks: Sequence[str]) -> None:

@@ -51,12 +51,12 @@ class Child:
     """A process that answers calls in their order.
 
     heard : called in another thread with this object and READY, then each answer, and None when the process has ended.
-    begin : function that it calls first, with `settings` (JSON, or the path of a file of JSON). output : where
+    begin : function that it calls first, with the JSON that the file `settings` holds. output : where
         what it prints goes, this process's stderr by default.
     """
 
     def __init__(
-        self, heard: Callable[[Child, bytes | None], None], begin: str = "", settings: Any = None,
+        self, heard: Callable[[Child, bytes | None], None], begin: str = "", settings: str = "",
         output: IO[bytes] | None = None,
     ) -> None:  # fmt: skip
         path = [os.fspath(p) or os.getcwd() for p in sys.path]
@@ -129,9 +129,8 @@ def ask(function: str, *arguments: Any) -> Any:
 
 def how_it_died(code: int | None) -> str:
     """Of an exit code: "exit code 3", "killed by SIGSEGV", "lost"."""
-    if code is None or code >= 0:
-        return "lost" if code is None else f"exit code {code}"
-    return f"killed by {signal_name(code)}"
+    name = signal_name(code)
+    return f"killed by {name}" if name else "lost" if code is None else f"exit code {code}"
 
 
 def signal_name(code: int | None) -> str | None:
@@ -168,10 +167,7 @@ def main(told: Mapping[str, Any], first: Iterable[str]) -> None:
             data = data[os.write(answers, data) :]
 
     if told["begin"]:
-        settings = told["settings"]
-        pkgutil.resolve_name(told["begin"])(
-            json.loads(Path(settings).read_bytes()) if isinstance(settings, str) else settings
-        )
+        pkgutil.resolve_name(told["begin"])(json.loads(Path(told["settings"]).read_bytes()))
     say(READY)
     while True:
         function, arguments = json.loads(waiting.get())

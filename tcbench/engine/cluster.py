@@ -42,13 +42,12 @@ def run_on_dask(
     address: str,
     *,
     security: Mapping[str, Any] | None = None,
-    jobs_per_share: int = 1,
+    jobs: int | None = None,
     share_size: int | None = None,
     timeout: float = 60.0,
     memory_limit: int | None = None,
     on_event: Callable[[Event], None] | None = None,
     retry_failed: bool = False,
-    seed: int = 0,
 ) -> Summary:
     """Run the unfinished cells on a Dask cluster; one row each in `store`, as `engine.run_cells`.
 
@@ -57,8 +56,7 @@ def run_on_dask(
     address : of the scheduler, as in "tcp://host:8786" or "tls://host:8786".
     security : arguments of `distributed.Security` (`tls_ca_file`, `tls_client_cert`, `tls_client_key`,
         `require_encryption`).
-    jobs_per_share : processes of the local engine per share; a Dask worker runs as many shares as it has
-        threads.
+    jobs : processes of the local engine per share, one by default; a Dask worker runs as many shares as it has threads.
     share_size : cells sent at a time; by default some four shares a thread.
 
     Timed cells go as one share to one Dask worker, after all the others. Every row names its
@@ -68,21 +66,19 @@ def run_on_dask(
     workers lack tcbench.
     """
     began = time.monotonic()
-    cells = list(cells)
-    todo = plan(cells, store, retry_failed, context=context, machines=_all_machines(store))
-    summary = Summary(planned=len(todo.to_run) + todo.finished, already_finished=todo.finished, seed=seed)
-    if not todo.to_run:
+    to_run, summary = plan(cells, store, retry_failed, context=context, machines=_all_machines(store))
+    if not to_run:
         return summary
-    limits = {"jobs": jobs_per_share, "timeout": timeout, "memory_limit": memory_limit, "seed": seed}
-    job = {"measure": measure, "context": dict(context), **limits}
+    limits = {"jobs": jobs or 1, "timeout": timeout, "memory_limit": memory_limit}
+    job = {"measure": measure, "context": dict(context), "limits": limits}
     client = _connect(address, security)
-    run = _ClusterRun(client, job, Ledger(store, summary, on_event, len(todo.to_run), context.get("marks", {})))
+    run = _ClusterRun(client, job, Ledger(store, summary, on_event, len(to_run), context.get("marks", {})))
     try:
         threads = sum(info["nthreads"] for info in client.scheduler_info(n_workers=-1)["workers"].values())
-        together = [cell for cell in todo.to_run if not cell.timed]
+        together = [cell for cell in to_run if not cell.timed]
         size = share_size or max(1, min(LARGEST_SHARE, len(together) // (SHARES_PER_THREAD * max(1, threads))))
         run.all([together[i : i + size] for i in range(0, len(together), size)])
-        alone = [cell for cell in todo.to_run if cell.timed]
+        alone = [cell for cell in to_run if cell.timed]
         run.all([alone] if alone else [])
     except KeyboardInterrupt:
         summary.interrupted = True
@@ -115,8 +111,7 @@ def run_share(job: str) -> tuple[str, list[str]]:
         ) -> None:
             lines.append(encode_line(key, dict(row) | {"worker_host_cpu": cpu}, cell, "").decode())
 
-    limits = {name: data[name] for name in ("jobs", "timeout", "memory_limit", "seed")}
-    run_cells(map(Cell.from_dict, data["cells"]), data["measure"], data["context"], Lines(), **limits)
+    run_cells((Cell(**cell) for cell in data["cells"]), data["measure"], data["context"], Lines(), **data["limits"])
     return canonical_json(provenance(command=[])), lines
 
 

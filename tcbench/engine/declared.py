@@ -94,8 +94,6 @@ def scenario_facts(scenario: Scenario) -> dict[str, Any]:
 
 def merged(earlier: Mapping[str, Any], later: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     """What a folder says after another run into it: names of both, the later word on each."""
-    return {key: _both(earlier.get(key), later.get(key)) for key in ("integrators", "scenarios", "metrics", "absent")}
-
-
-def _both(*mappings: Any) -> dict[str, Any]:
-    return {name: facts for mapping in mappings if isinstance(mapping, Mapping) for name, facts in mapping.items()}
+    parts = ("integrators", "scenarios", "metrics", "absent")
+    told = [{k: v for k, v in run.items() if isinstance(v, Mapping)} for run in (earlier, later)]
+    return {key: {**told[0].get(key, {}), **told[1].get(key, {})} for key in parts}

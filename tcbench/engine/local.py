@@ -47,6 +47,7 @@ from .reuse import Reuse
 from .worker_slot import Crew, Slot, needed
 
 TICK_S = 0.05  # how often deadlines are looked at
+SEED = 0  # of the order of timed cells
 STOPPED_S = 2.0  # between two looks: this process was stopped, and with it perhaps the workers
 
 
@@ -76,10 +77,8 @@ class Summary:
     already_finished: int = 0
     run: int = 0
     statuses: Counter[str] = field(default_factory=Counter)
-    failed_keys: list[str] = field(default_factory=list)
     interrupted: bool = False
     elapsed_s: float = 0.0
-    seed: int = 0
 
     @property
     def left(self) -> int:
@@ -87,19 +86,11 @@ class Summary:
         return self.planned - self.already_finished - self.run
 
 
-@dataclass(frozen=True, eq=False)
-class Plan:
-    """What a run would do."""
-
-    to_run: list[Cell]
-    finished: int
-
-
 def plan(
     cells: Iterable[Cell], store: Rows, retry_failed: bool = False,
     context: Mapping[str, Any] | None = None, here: Collection[str] = (), machines: Collection[str] = (),
-) -> Plan:  # fmt: skip
-    """Which cells would run.
+) -> tuple[list[Cell], Summary]:  # fmt: skip
+    """Which cells would run, and what is known of the run before it: how many are planned, and how many finished.
 
     A final row is used again where what it read is as it was (`reuse`; context: of the job), and where a timing is of
     the cell's machine, or of one of `machines`. Cells whose keys are in `here` are measured each time. Duplicate cells
@@ -116,7 +107,7 @@ def plan(
 
     finished = {cell.key for cell in unique if cell.key in rows and is_kept(cell, rows[cell.key])}
     to_run = [cell for cell in unique if cell.key not in finished]
-    return Plan(to_run, len(unique) - len(to_run))
+    return to_run, Summary(planned=len(unique), already_finished=len(unique) - len(to_run))
 
 
 def run_cells(
@@ -130,7 +121,6 @@ def run_cells(
     memory_limit: int | None = None,
     on_event: Callable[[Event], None] | None = None,
     retry_failed: bool = False,
-    seed: int = 0,
 ) -> Summary:
     """Run every cell that has no final row in `store` yet, and append exactly one row for each.
 
@@ -145,7 +135,6 @@ def run_cells(
     timeout : seconds a cell may take, from its start in the worker; importing `measure` is not counted.
     memory_limit : bytes of address space a worker may have (not on Windows; macOS does not enforce it).
     retry_failed : run again whatever has a status other than ok.
-    seed : of the order of the timed cells.
 
     Each row gets `status`, `failure` (a sentence, empty when ok), `cell_time_s` (wall time in the worker),
     `wall_time_s` (the same unless `measure` gives its own) and `timed`. Ctrl-C kills the workers, keeps what
@@ -158,24 +147,23 @@ def run_cells(
     if not (module and colon and function):
         raise TcbenchError(f"measure is {measure!r}; write it as 'package.module:function'.")
     began = time.monotonic()
-    todo = plan(cells, store, retry_failed, context)
-    summary = Summary(planned=len(todo.to_run) + todo.finished, already_finished=todo.finished, seed=seed)
-    if not todo.to_run:
+    to_run, summary = plan(cells, store, retry_failed, context)
+    if not to_run:
         return summary
     # cells of one plugin in a row: its worker is used for nothing else
-    ordered = sorted(compiled_once(todo.to_run), key=lambda cell: sorted(needed(context, cell)))
+    ordered = sorted(compiled_once(to_run), key=lambda cell: sorted(needed(context, cell)))
     together = [(cell, {"timed": False}) for cell in ordered if not cell.timed]
-    alone = [cell for cell in todo.to_run if cell.timed]
-    random.Random(seed).shuffle(alone)
+    alone = [cell for cell in to_run if cell.timed]
+    random.Random(SEED).shuffle(alone)
     one_by_one = [
-        (cell, {"timed": True, "shuffle_order": order, "shuffle_seed": seed}) for order, cell in enumerate(alone)
+        (cell, {"timed": True, "shuffle_order": order, "shuffle_seed": SEED}) for order, cell in enumerate(alone)
     ]
     marks = context.get("marks", {})
     with _log_folder() as logs:
         known = {**context, "timeout": timeout, "shared_runs": logs}  # which a cell may want to know of itself
         settings = {"measure": measure, "context": known, "memory_limit": memory_limit, "logs": logs}
         turns = sorted({cell.options.get("turn", 1) for cell in alone})
-        ledger = Ledger(store, summary, on_event, len(todo.to_run), marks)
+        ledger = Ledger(store, summary, on_event, len(to_run), marks)
         run = _Run(ledger, Crew(settings, timeout), max(jobs, len(turns)))
         try:
             run.all(together, run.slots[:jobs])
@@ -260,14 +248,12 @@ class Ledger:
         status = str(row.get("status"))
         self.summary.run += 1
         self.summary.statuses[status] += 1
-        if status != "ok":
-            self.summary.failed_keys.append(cell.key)
         self._tell("finished" if status == "ok" else "failed", cell, row, running)
 
     def _tell(self, kind: str, cell: Cell, row: Mapping[str, Any] | None, running: int) -> None:
         if self.on_event is not None:
-            counts = (self.summary.run, len(self.summary.failed_keys), self.total, running)
-            self.on_event(Event(kind, cell, row, *counts))
+            done, good = self.summary.run, self.summary.statuses["ok"]
+            self.on_event(Event(kind, cell, row, done, done - good, self.total, running))
 
 
 class _Run:

@@ -79,12 +79,12 @@ def measure_here(
     from .local import Ledger, plan
 
     began = time.monotonic()
-    todo = plan(cells, store, retry_failed, here={cell.key for cell in cells})  # what it is made of was not noted
-    summary.planned += len(todo.to_run) + todo.finished
-    summary.already_finished += todo.finished
-    ledger = Ledger(store, summary, on_event, summary.run + len(todo.to_run), job.context["marks"])
+    to_run, found = plan(cells, store, retry_failed, here={cell.key for cell in cells})  # what it is made of: not noted
+    summary.planned += found.planned
+    summary.already_finished += found.already_finished
+    ledger = Ledger(store, summary, on_event, summary.run + len(to_run), job.context["marks"])
     try:
-        for cell in todo.to_run:
+        for cell in to_run:
             ledger.start(cell, 1)
             ledger.write(cell, _row_here(cell, *job.here[cell.key]), 0)
     except KeyboardInterrupt:

@@ -27,7 +27,7 @@ from .measure import module_folder, scenario_data
 from .remaining import Remaining
 
 if TYPE_CHECKING:
-    from .local import Plan
+    from .local import Summary
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +89,9 @@ def planned_for_another(folders: Sequence[str], *asked: Any) -> str:
 def _from_data(data: Mapping[str, Any]) -> Job:
     cells, studies, told = ([*data["cells"]], [*data["studies"]], data["told"])
     kept = {name: data[name] for name in ("left_out", "notes", "packages")}
-    return Job([*map(Cell.from_dict, cells)], data["context"], [*map(find_study, studies)], told=lambda: told, **kept)
+    return Job(
+        [Cell(**cell) for cell in cells], data["context"], [*map(find_study, studies)], told=lambda: told, **kept
+    )
 
 
 def _plan(
@@ -268,7 +270,7 @@ def _cell(study: Study, method: Integrator, scenario: Scenario, options: dict[st
     return Cell(study.name, method.name, scenario.name, options, study.is_timed(options), mark, machine)
 
 
-def preview(job: Job, output: Path, limits: Mapping[str, Any], fresh: bool = False) -> tuple[Plan, float | None]:
+def preview(job: Job, output: Path, limits: Mapping[str, Any], fresh: bool = False) -> tuple[Summary, float | None]:
     """What a run would do, and its seconds, None where the rows that are there do not tell; nothing is written.
 
     Raises TcbenchError for what the run would refuse: limits that are none, a folder that cannot be written.
@@ -278,6 +280,6 @@ def preview(job: Job, output: Path, limits: Mapping[str, Any], fresh: bool = Fal
     check_limits(*(limits[name] for name in ("jobs", "timeout", "memory_limit")))
     could_write(output)
     store = Store.read(output) if (output / ROWS).exists() else Rows()
-    found = plan(job.cells, Rows() if fresh else store, limits["retry_failed"], job.context, job.here)
+    to_run, found = plan(job.cells, Rows() if fresh else store, limits["retry_failed"], job.context, job.here)
     cores = limits["jobs"] or usable_cores()
-    return found, Remaining(found.to_run, cores, store.lines()).seconds() if found.to_run else 0.0
+    return found, Remaining(to_run, cores, store.lines()).seconds() if to_run else 0.0

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import expect
 from ..integrator import Integrator
 from ..progress import of_cells, waiting
-from ..store.cells import Cell
 from ..store.cores import usable_cores
-from ..store.provenance import manifest, provenance, utc_now
+from ..store.provenance import provenance, utc_now
 from ..store.store import Store
 from ..store.tables import latest_rows, make_tables, read_tables
 from ..studies.base import in_order
@@ -172,20 +172,21 @@ def execute(
 
     limits : jobs, timeout, memory_limit and retry_failed, of the engine.
     """
-    from .local import check_limits, plan
+    from .local import check_limits, plan, run_cells
 
     check_limits(*(limits.get(name) for name in ("jobs", "timeout", "memory_limit")))
-    started = utc_now()
+    started, measured = utc_now(), run_cells
     if dask is not None:
-        from .cluster import knock
+        from .cluster import knock, run_on_dask
 
         knock(dask)  # before anything is written
+        measured = partial(run_on_dask, address=dask, security=security)
     with Store.open(output, fresh=fresh) as store:
-        store.add_provenance(provenance(packages=job.packages))
+        store.add_provenance(told := provenance(packages=job.packages))
         local = [cell for cell in job.cells if cell.key in job.here]
         remote = [cell for cell in job.cells if cell.key not in job.here]
         retry = bool(limits.get("retry_failed"))
-        todo = plan(job.cells, store, retry, context=job.context, here=job.here).to_run
+        todo, _ = plan(job.cells, store, retry, context=job.context, here=job.here)
         jobs = jobs if isinstance(jobs := limits.get("jobs"), int) and jobs > 0 else usable_cores()
         remaining = None if dask else Remaining(todo, jobs, store.lines())  # a cluster's workers come and go
         with of_cells(progress, remaining) as show:
@@ -195,7 +196,7 @@ def execute(
                 if on_event is not None:
                     on_event(event)
 
-            summary = _run_cells(remote, job.context, store, dict(limits), tell, dask, security)
+            summary = measured(remote, MEASURE, job.context, store, on_event=tell, **limits)
             if not summary.interrupted:
                 measure_here(local, job, store, summary, retry, tell)
         with waiting("writing tables", progress):
@@ -215,8 +216,8 @@ def execute(
             keep(job, store)
             rows = store.rows()
             statuses = Counter(str(rows[cell.key].get("status")) for cell in job.cells if cell.key in rows)
-        data = {"cells": len(job.cells), "interrupted": summary.interrupted, "tables": sorted(every)}
-        store.write_manifest(manifest(store.provenance_id, started, utc_now(), data, job.packages))
+        ended = {"provenance_id": store.provenance_id, "started": started, "ended": utc_now(), "cells": len(job.cells)}
+        store.write_manifest(told | ended | {"interrupted": summary.interrupted, "tables": sorted(every)})
         problems = tuple(dict.fromkeys(store.problems))
         return Results(tables, Path(output), summary, job.left_out, statuses, problems, every, job.notes)
 
@@ -252,18 +253,3 @@ def load(folder: str | Path) -> Results:
     statuses = Counter(str(row.get("status")) for row in rows.values())
     summary = Summary(planned=len(rows), already_finished=len(rows))
     return Results(tables, Path(folder), summary, (), statuses, tuple(dict.fromkeys(store.problems)), tables)
-
-
-def _run_cells(
-    cells: list[Cell], context: dict[str, Any], store: Store, limits: dict[str, Any],
-    on_event: Callable[[Event], None], dask: str | None, security: Mapping[str, str] | None,
-) -> Summary:  # fmt: skip
-    if dask is None:
-        from .local import run_cells
-
-        return run_cells(cells, MEASURE, context, store, on_event=on_event, **limits)
-    from .cluster import run_on_dask
-
-    if (jobs := limits.pop("jobs")) is not None:
-        limits["jobs_per_share"] = jobs
-    return run_on_dask(cells, MEASURE, context, store, address=dask, security=security, on_event=on_event, **limits)

@@ -6,7 +6,7 @@ import hashlib
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING
 
-from ..errors import TcbenchError
+from ..errors import writing
 from ..files import replacing
 from ..inputs import marks
 
@@ -48,15 +48,13 @@ def keep(job: Job, store: Store) -> list[Path]:
     written = []
     for name, text in measured_files(job, store).items():
         path = store.folder / FOLDER / name
-        try:
+        with writing(repr(str(path))):
             if path.is_file() and (earlier := path.read_bytes()) != text:
                 path.replace(_marked(path, earlier))
                 _marked(path, text).unlink(missing_ok=True)  # an edit that was undone
             path.parent.mkdir(parents=True, exist_ok=True)
             with replacing(path) as temporary:
                 temporary.write_bytes(text)
-        except OSError as error:
-            raise TcbenchError(f"{str(path)!r} cannot be written: {error.strerror}.") from None
         written.append(path)
     return written
 

@@ -133,20 +133,20 @@ def cut(text: str, limit: int = MESSAGE_LIMIT) -> str:
     return text if len(text) <= limit else f"{text[:limit]}... ({len(text) - limit} more characters)"
 
 
-def tail(text: str, limit: int = MESSAGE_LIMIT) -> str:
+def tail(text: str) -> str:
     """The end of a text; of an interpreter that died, the end of what it said before and the innermost frames."""
     said, died, frames = text.partition(DIED)
     if died:
-        return tail(said, limit) + cut(died + frames, limit)
-    return text if len(text) <= limit else "..." + text[-limit:]
+        return tail(said) + cut(died + frames)
+    return text if len(text) <= MESSAGE_LIMIT else "..." + text[-MESSAGE_LIMIT:]
 
 
-def read_tail(path: Path, limit: int = MESSAGE_LIMIT) -> str:
+def read_tail(path: Path) -> str:
     """The end of an output file as text; empty when there is none."""
     try:
         with open(path, "rb") as file:
-            file.seek(max(0, os.fstat(file.fileno()).st_size - 10 * limit))  # faulthandler gives up to 100 frames
-            return tail(file.read(10 * limit).decode(errors="replace").replace("\0", ""), limit)
+            file.seek(max(0, os.fstat(file.fileno()).st_size - 10 * MESSAGE_LIMIT))  # faulthandler: up to 100 frames
+            return tail(file.read(10 * MESSAGE_LIMIT).decode(errors="replace").replace("\0", ""))
     except OSError:
         return ""
 

@@ -24,6 +24,7 @@ from .worker import cut, exception_row, read_tail, tail
 START_LIMIT_S = 120.0  # a worker that has not imported the measuring code by then never will
 START_ATTEMPTS = 3  # failures to start in a row, over all slots, before the remaining cells are given up
 REAP_S = 0.01  # between looks at workers that are being killed
+GONE_S = 10.0  # in which they are gone
 LOG_LIMIT = 2**20  # bytes of output a cell may have; the file is emptied when it grows beyond
 
 
@@ -58,9 +59,9 @@ class Crew:
         """Whose code a cell runs beside tcbench's own, as far as was planned or has been seen."""
         return needed(self.settings["context"], cell) | self.seen.get((cell.integrator, cell.scenario), set())
 
-    def wait_for_the_dead(self, limit: float = 10.0) -> None:
-        """Return when every discarded worker is gone, or after `limit` seconds."""
-        end = time.monotonic() + limit
+    def wait_for_the_dead(self) -> None:
+        """Return when every discarded worker is gone, or after some seconds."""
+        end = time.monotonic() + GONE_S
         while self.discarded and time.monotonic() < end:
             self.discarded = [worker for worker in self.discarded if worker.is_alive()]
             time.sleep(REAP_S if self.discarded else 0.0)

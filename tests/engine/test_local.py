@@ -16,7 +16,7 @@ from pathlib import Path
 import deadlines
 import pytest
 
-from tcbench.engine.local import Event, compiled_once, plan, run_cells
+from tcbench.engine.local import SEED, Event, compiled_once, plan, run_cells
 from tcbench.engine.worker import tail
 from tcbench.engine.worker_slot import START_ATTEMPTS
 from tcbench.errors import TcbenchError
@@ -153,7 +153,7 @@ def test_timed_cells_run_alone_after_the_rest_in_one_worker_in_shuffled_order():
     together = [Cell("s", "i", "x", {"n": n}) for n in range(8)]
     timed = [Cell("t", "i", "x", {"n": n}, timed=True) for n in range(6)]
     store = Rows()
-    summary = run_cells([*timed, *together], "faults:pid", {}, store, jobs=2, seed=3)
+    run_cells([*timed, *together], "faults:pid", {}, store, jobs=2)
     rows = store.rows()
     spans = sorted((rows[cell.key]["began"], rows[cell.key]["seen"]) for cell in timed)
     assert all(end <= begin for (_, end), (begin, _) in itertools.pairwise(spans))
@@ -165,8 +165,8 @@ def test_timed_cells_run_alone_after_the_rest_in_one_worker_in_shuffled_order():
     assert len({row["pid"] for row in fresh.rows().values()}) == 3  # of a study that asks for it, in one each
     order = [rows[cell.key]["shuffle_order"] for cell in timed]
     assert sorted(order) == list(range(6)) and order != sorted(order)
-    assert all(rows[cell.key]["timed"] and rows[cell.key]["shuffle_seed"] == 3 for cell in timed)
-    assert not any(rows[cell.key]["timed"] for cell in together) and summary.seed == 3
+    assert all(rows[cell.key]["timed"] and rows[cell.key]["shuffle_seed"] == SEED for cell in timed)
+    assert not any(rows[cell.key]["timed"] for cell in together)
 
 
 def test_a_further_turn_of_timed_cells_has_another_of_the_workers():
@@ -189,9 +189,9 @@ def test_events_count_up_and_resuming_runs_only_what_is_left():
     last = events[-1]
     assert (last.done, last.failed, last.total, last.running) == (8, 2, 8, 0)
     assert run_cells(cells, MEASURE, {}, store).already_finished == 6
-    todo = plan([*cells, *bad, *good_cells(9)[6:]], store)
-    assert {cell.integrator for cell in todo.to_run} == {"good", "os_exit"} and len(todo.to_run) == 4
-    assert len(plan([*cells, *bad], store, retry_failed=True).to_run) == 2
+    to_run, found = plan([*cells, *bad, *good_cells(9)[6:]], store)
+    assert {cell.integrator for cell in to_run} == {"good", "os_exit"} and len(to_run) == found.left == 4
+    assert len(plan([*cells, *bad], store, retry_failed=True)[0]) == 2
 
 
 def test_disk_full_stops_the_run_with_a_sentence_and_no_worker_left():
