@@ -54,11 +54,6 @@ class Cell:
         """The fields as plain JSON values."""
         return asdict(self)
 
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Cell:
-        """The inverse of `as_dict`."""
-        return cls(**data)
-
     def __hash__(self) -> int:
         return hash(self.key)
 

@@ -147,7 +147,7 @@ def parquet_bytes(frame: DataFrame) -> bytes:
         try:
             pyarrow.array(frame[name], from_pandas=True)
         except (pyarrow.ArrowInvalid, pyarrow.ArrowTypeError):
-            frame[name] = [None if _missing(v) else str(v) for v in frame[name]]
+            frame[name] = frame[name].map(str, na_action="ignore")
     buffer = io.BytesIO()
     frame.to_parquet(buffer, index=False)
     return buffer.getvalue()
@@ -163,7 +163,3 @@ def _flat(frame: DataFrame) -> DataFrame:
             values = [json.dumps(v, default=plain) if n else v for v, n in zip(frame[name], nested, strict=True)]
             frame[name] = values
     return frame
-
-
-def _missing(value: Any) -> bool:
-    return value is None or (isinstance(value, float) and math.isnan(value))

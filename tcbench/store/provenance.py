@@ -27,20 +27,17 @@ THREAD_VARIABLES = (
 )
 
 
-def provenance(
-    command: Sequence[str] | None = None, sources: Path | None = None, packages: Sequence[str] = ()
-) -> dict[str, Any]:
+def provenance(command: Sequence[str] | None = None, packages: Sequence[str] = ()) -> dict[str, Any]:
     """Everything needed to repeat a run, as JSON values.
 
     Parameters
     ----------
     packages : whose versions count beside tcbench's own: those that the methods of the run require.
     command : the command line; `sys.argv` by default. The home directory in it becomes `~`.
-    sources : a folder inside the git checkout to describe; the one of tcbench itself by default.
     """
     return {
         "tcbench": package_version("tcbench"),
-        "git": git_state(sources or Path(__file__).parent),
+        "git": git_state(Path(__file__).parent),
         "python": platform.python_version(),
         "implementation": platform.python_implementation(),
         "packages": versions(dict.fromkeys((*PACKAGES, *packages))),
@@ -53,14 +50,6 @@ def provenance(
 def _command(words: Sequence[str]) -> list[str]:
     """The command line without what belongs to one machine: where the program is installed, the home directory."""
     return [Path(word).name if i == 0 else without_home(word) for i, word in enumerate(words)]
-
-
-def manifest(
-    provenance_id: str, started: str, ended: str, data: Mapping[str, Any] | None = None, packages: Sequence[str] = ()
-) -> dict[str, Any]:
-    """The manifest of a run: provenance and its id, start and end (UTC, `utc_now`), and `data`."""
-    base = provenance(packages=packages) | {"provenance_id": provenance_id, "started": started, "ended": ended}
-    return base | dict(data or {})
 
 
 def utc_now() -> str:

@@ -92,7 +92,9 @@ class Store(Rows):
         """
         store = cls(Path(folder))
         if not store.folder.is_dir() or not any((store.folder / n).exists() for n in (ROWS, "tables", "manifest.json")):
-            raise TcbenchError(f"There is no run in {store.folder}: no {ROWS}, no tables. Give the folder of a run.")
+            raise TcbenchError(
+                f"There is no run in {store.folder}: no {ROWS}, no tables. tcbench run --output FOLDER makes one."
+            )
         try:
             store._load()
         except OSError as error:
@@ -140,8 +142,7 @@ class Store(Rows):
     def inputs(self, name: str) -> dict[str, Any] | None:
         """As `Rows.inputs`, from its file; its cells are measured again where that is lost."""
         if name not in self._inputs:
-            file = self._inputs_file(name)
-            self._inputs[name] = (self._read_json(file) if file.is_file() else None) or {}
+            self._inputs[name] = self._read_json(self._inputs_file(name))
         return self._inputs[name] or None
 
     def _inputs_file(self, name: str) -> Path:
@@ -170,7 +171,7 @@ class Store(Rows):
         return {
             path.stem: data
             for path in sorted((self.folder / "provenance").glob("*.json"))
-            if (data := self._read_json(path)) is not None
+            if (data := self._read_json(path))
         }
 
     # -- tables and manifest
@@ -214,27 +215,21 @@ class Store(Rows):
             f"There is no readable table {name!r} in {self.folder}. There are: {', '.join(self.tables())}."
         )
 
-    def write_manifest(self, data: Mapping[str, Any]) -> Path:
+    def write_manifest(self, data: Mapping[str, Any]) -> None:
         """Write `manifest.json`, complete or not at all."""
-        path = self.folder / "manifest.json"
-        self._replace(path, pretty(data))
-        return path
+        self._replace(self.folder / "manifest.json", pretty(data))
 
     def manifest(self) -> dict[str, Any]:
         """The manifest; empty when none has been written yet or it cannot be read (see `problems`)."""
-        path = self.folder / "manifest.json"
-        return (self._read_json(path) or {}) if path.exists() else {}
+        return self._read_json(self.folder / "manifest.json")
 
-    def write_declared(self, data: Mapping[str, Any]) -> Path:
+    def write_declared(self, data: Mapping[str, Any]) -> None:
         """Write `declared.json`, complete or not at all: what methods and scenarios say of themselves."""
-        path = self.folder / "declared.json"
-        self._replace(path, pretty(data))
-        return path
+        self._replace(self.folder / "declared.json", pretty(data))
 
     def declared(self) -> dict[str, Any]:
         """What `write_declared` wrote; empty in folders of versions that did not."""
-        path = self.folder / "declared.json"
-        return (self._read_json(path) or {}) if path.exists() else {}
+        return self._read_json(self.folder / "declared.json")
 
     # -- internals
 
@@ -325,7 +320,10 @@ class Store(Rows):
                 number += 1
             os.replace(path, aside)
 
-    def _read_json(self, path: Path) -> dict[str, Any] | None:
+    def _read_json(self, path: Path) -> dict[str, Any]:
+        """What a file holds; nothing where there is none, or none that can be read (which `problems` say)."""
+        if not path.exists():
+            return {}
         try:
             if not path.is_file():
                 raise ValueError("not a file")
@@ -335,4 +333,4 @@ class Store(Rows):
             raise ValueError("not a JSON object")
         except (OSError, ValueError, RecursionError) as error:
             self.problems.append(f"{path} cannot be read: {error}.")
-            return None
+            return {}
