@@ -24,7 +24,7 @@ with all variables in the place of the entropies.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from tcbench.compiler import derivatives as trace
@@ -54,9 +54,7 @@ def any_formulas(symbolic: System) -> tuple[Formulas, list[Kernel]]:
         *mending, fixed = mending_kernels(symbolic)
         z, K = (symbolic.state(trace.variables(name, symbolic.size)) for name in "zK")
         parts = parts_of(symbolic, z, K)
-        y, start, motion, slopes, means = (
-            [x for part in parts for x in getattr(part, name)] for name in ("y", "start", "motion", "slopes", "means")
-        )
+        y, start, motion, slopes, means = lists_of(parts)
         forces, rate = rates_of(symbolic, z, parts), list(map(lifted, symbolic.vector_field(z)))
         bodies: list[tuple[list[Any], list[Any]]] = [
             ([*z], [*entries(*started(symbolic, z)), *start]),
@@ -70,6 +68,12 @@ def any_formulas(symbolic: System) -> tuple[Formulas, list[Kernel]]:
 def parts_of(system: Any, z: Any, K: Any) -> list[Part]:
     """Of the energy and of the entropy at a state with these rates: of numbers, or of arrays."""
     return [Part(system.cut(name), entries(z), entries(K)) for name in ("energy", "entropy")]
+
+
+def lists_of(parts: Sequence[Part]) -> Iterator[list[Any]]:
+    """y, start, motion, slopes and means of both."""
+    names = ("y", "start", "motion", "slopes", "means")
+    return ([x for part in parts for x in getattr(part, name)] for name in names)
 
 
 def rates_of(system: Any, z: Any, parts: Sequence[Part]) -> Any:

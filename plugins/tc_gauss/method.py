@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tcbench.compiler import derivatives as trace
 from tcbench.compiler.array_jacobian import Term, jacobian_terms, shared_as_unknowns
 from tcbench.compiler.array_kernels import ArrayKernel, array_kernel, jacobian_kernel
-from tcbench.compiler.array_mesh import Block, Mesh, scattered
+from tcbench.compiler.array_mesh import Block, alone, scattered
 from tcbench.compiler.array_states import entries
 from tcbench.compiler.arrays import NUMBER
 from tcbench.compiler.once import once, once_a_system
@@ -22,7 +22,7 @@ from tcbench.solver.mending import array_mending_kernels
 from tcbench.systems.system import System
 
 from . import formulas
-from .any_system import any_formulas, parts_of, rates_of, started
+from .any_system import any_formulas, lists_of, parts_of, rates_of, started
 from .any_vectors import vector_kernels
 from .sparse import of_pattern, sparse
 
@@ -169,21 +169,17 @@ def array_formulas(net: Any) -> ArrayFormulas:
     with trace.tracing():
         z, K = net.fresh_state("z"), net.fresh_state("K")
         parts = parts_of(net, z, K)
-        of_state, of_rate = net.blocks(z), net.blocks(K)
-        carried = [Block(y.space, (y,)) for p in parts for y in p.y]
-        means = [Block(x.space, (x,)) for p in parts for x in p.means]
-        motion = [Block(y.space, (x,)) for p in parts for y, x in zip(p.y, p.motion, strict=True)]
-        start = [Block(y.space, (x,)) for p in parts for y, x in zip(p.y, p.start, strict=True)]
-        slopes = [Block(m.space, (x,)) for p in parts for m, x in zip(p.means, p.slopes, strict=True)]
+        y, start, motion, slopes, means = lists_of(parts)
+        at_node, carried, projected = [*net.blocks(K), *net.blocks(z)], alone(y), alone(means)
         constants = [Block(NUMBER, (None,)), *net.constant_blocks()]
         bodies = [
-            (of_state, [*net.blocks(started(net, z)), *start]),
-            ([*of_rate, *of_state], motion),
-            (carried, slopes),
-            ([*of_rate, *of_state, *means], net.blocks(rates_of(net, z, parts))),
+            (net.blocks(z), [*net.blocks(started(net, z)), *alone(start, y)]),
+            (at_node, alone(motion, y)),
+            (carried, alone(slopes, means)),
+            ([*at_node, *projected], net.blocks(rates_of(net, z, parts))),
         ]
         made = [array_kernel({"a": inputs, "b": constants}, outputs) for inputs, outputs in bodies]
-        return ArrayFormulas([*made, *array_mending_kernels(net)], carried, means, *_matrix(net, z, K, constants))
+        return ArrayFormulas([*made, *array_mending_kernels(net)], carried, projected, *_matrix(net, z, K, constants))
 
 
 def _matrix(
@@ -196,15 +192,17 @@ def _matrix(
     slopes = trace.substitute([slope for _, _, slope in found], shared)
     terms = [(term, slope) for (_, term, _), slope in zip(found, slopes, strict=True)]
     made = jacobian_kernel({"a": net.blocks(z), "b": constants}, [], terms, [])
-    blocks = [*net.blocks(z), *(Block(NUMBER, (x,)) for x in shared)]
-    return made, blocks, [(i, term) for i, term, _ in found]
+    return made, [*net.blocks(z), *alone(list(shared))], [(i, term) for i, term, _ in found]
 
 
 def of_arrays(system: System, n_factors: int) -> dict[str, Any]:
     """The same for a large system, by loops over its spaces; with the record of its sparse matrix."""
     made, mesh, size = array_formulas(system.by_arrays), system.mesh, system.size
     kernels = dict(zip(NAMES, (x.kernel(mesh) for x in made.kernels), strict=True))
-    matrix, to_matrix = _sparse(made, mesh, size, n_factors)
+    there = scattered(mesh, made.unknowns, made.terms)
+    matrix, places = sparse(size, there.rows, there.columns, mesh.offsets(made.unknowns)[-1], n_factors)
+    entries_at = there.places(places, matrix.n_values)
+    to_matrix = made.matrix.kernel(mesh.with_entries(matrix.n_values), entries_at, extra=1).address
     carried, projected = (mesh.offsets(blocks)[-1] for blocks in (made.carried, made.projected))
     return {
         "general": True, "large": True, **dict.fromkeys(("n", "n_newton", "n_lanes", "n_positive"), 0),
@@ -214,14 +212,3 @@ def of_arrays(system: System, n_factors: int) -> dict[str, Any]:
         "n_laws": kernels["to_laws"].size, "n_mended": kernels["to_mend"].size, "c": system.constant_values,
         **{name: x.address for name, x in kernels.items()},
     }  # fmt: skip
-
-
-def _sparse(made: ArrayFormulas, mesh: Mesh, size: int, n_factors: int) -> tuple[Any, int]:
-    rows, columns, lengths = scattered(mesh, made.unknowns, made.terms)
-    free = rows >= 0
-    n = mesh.offsets(made.unknowns)[-1]
-    found, places = sparse(size, rows[free], columns[free], n, n_factors)
-    where = np.full(len(rows), found.n_values)  # what is fixed writes behind everything
-    where[free] = places
-    kernel = made.matrix.kernel(mesh.with_entries(found.n_values), np.split(where, np.cumsum(lengths)[:-1]), extra=1)
-    return found, kernel.address

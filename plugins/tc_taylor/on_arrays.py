@@ -13,7 +13,7 @@ import numpy as np
 
 from tcbench.compiler import derivatives as trace
 from tcbench.compiler.array_kernels import ArrayKernel, array_kernel
-from tcbench.compiler.array_mesh import Block
+from tcbench.compiler.array_mesh import Block, alone
 from tcbench.compiler.array_states import entries, refilled
 from tcbench.compiler.arrays import LINEAR, NUMBER, rebuilt
 from tcbench.compiler.derivatives import Symbol, const
@@ -149,7 +149,7 @@ def series_kernel(net: Any, order: int) -> ArrayKernel:
     rows = [[found.of(x, n) for x in variables] for n in range(order + 1)]
     outputs = [refilled(y, row) for row in rows] + [squared_size(net, y, refilled(y, row)) for row in rows[-2:]]
     turns = [found.of(u, n) for n in range(order + 1) for u in kinks(rate)]
-    return array_kernel(inputs_of(net, y), [*net.blocks(outputs), *(Block(u.space, (u,)) for u in turns)])
+    return array_kernel(inputs_of(net, y), [*net.blocks(outputs), *alone(turns)])
 
 
 def squared_size(net: Any, y: Any, found: Any) -> Symbol:

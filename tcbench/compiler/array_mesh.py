@@ -26,6 +26,11 @@ class Block(NamedTuple):
     symbols: tuple[Symbol | None, ...]
 
 
+def alone(values: Sequence[Any], like: Sequence[Symbol] | None = None) -> list[Block]:
+    """Each in a block of its own, over its space or that of its counterpart."""
+    return [Block(x.space, (value,)) for value, x in zip(values, like or values, strict=True)]
+
+
 class Mesh:
     """How many there are of each space, and where each map leads."""
 
@@ -89,19 +94,32 @@ class Mesh:
         return [0, *np.cumsum([self.size(b.space) * len(b.symbols) for b in blocks]).tolist()]
 
 
-def scattered(mesh: Mesh, blocks: Sequence[Block], terms: Sequence[tuple[int, Any]]) -> tuple[Ints, Ints, list[int]]:
-    """Rows and columns of the entries that terms of a Jacobian have, in the order of the blocks; -1: fixed, no entry.
+class Scattered(NamedTuple):
+    """Rows and columns of the entries that terms of a Jacobian have, and where in these each term has its own; -1: it
+    is fixed there."""
 
-    terms: each with the number of its row among the symbols of the blocks. The last: how many entries each has.
-    """
+    rows: Ints
+    columns: Ints
+    own: list[Ints]
+
+    def places(self, where: Ints, behind: int) -> list[Ints]:
+        """For a kernel, where the entries stand here; what is fixed is written behind."""
+        there = np.append(where, behind)
+        return [there[own] for own in self.own]
+
+
+def scattered(mesh: Mesh, blocks: Sequence[Block], terms: Sequence[tuple[int, Any]]) -> Scattered:
+    """In the order of the blocks. terms: each with the number of its row among their symbols."""
     starts = mesh.offsets(blocks)
     place = [(starts[k] + c, len(b.symbols)) for k, b in enumerate(blocks) for c in range(len(b.symbols))]
     which = {x.number: i for i, x in enumerate(x for b in blocks for x in b.symbols if x is not None)}
-    rows, columns = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
+    rows, columns, own, count = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], [], 0
     for i, term in terms:
         r, c = (mesh.along(path, term.over) for path in (term.rows, term.columns))
-        fixed = (r < 0) | (c < 0)
+        free = (r >= 0) & (c >= 0)
         (first, step), (column, apart) = place[i], place[which[term.unknown.number]]
-        rows.append(np.where(fixed, -1, first + step * r))
-        columns.append(np.where(fixed, -1, column + apart * c))
-    return np.concatenate(rows), np.concatenate(columns), [len(r) for r in rows[1:]]
+        rows.append(first + step * r[free])
+        columns.append(column + apart * c[free])
+        own.append(np.where(free, count - 1 + np.cumsum(free), -1))
+        count += len(rows[-1])
+    return Scattered(np.concatenate(rows), np.concatenate(columns), own)

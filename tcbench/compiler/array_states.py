@@ -9,7 +9,7 @@ import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
 
 from . import symbols
-from .array_symbols import SAME, ArraySymbol, TableSymbol, boxed, call_function, parts_of, space_of
+from .array_symbols import SAME, ArraySymbol, TableSymbol, boxed, call_function, parts_of, space_of, unknown_way
 from .arrays import join
 from .sentences import refused
 from .symbols import TAKE, array, lifted
@@ -38,7 +38,7 @@ class Blocks(NDArrayOperatorsMixin):
 
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> Any:
         if method != "__call__" or options:
-            raise refused(f"np.{ufunc.__name__} with {method} is not known for a whole state", "Name its blocks: z.q")
+            raise unknown_way(ufunc, method, options)
         if ufunc is np.matmul:
             a, b = inputs
             return sum(((x * y).sum() if np.ndim(x) else x * y for x, y in zip(a.blocks, b.blocks, strict=True)),

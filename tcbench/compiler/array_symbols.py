@@ -79,9 +79,7 @@ class ArraySymbol(NDArrayOperatorsMixin):
         if method == "reduce" and ufunc in _OVER and options.keys() <= {"axis"}:
             return self._over(ufunc, options.get("axis", 0))
         if method != "__call__" or options or ufunc.nout != 1:
-            raise refused(
-                f"np.{ufunc.__name__} with {method} or {sorted(options)} is not known for arrays over a space"
-            )
+            raise unknown_way(ufunc, method, options)
         if ufunc in (np.maximum, np.minimum):
             _, ufunc = _OVER[ufunc]
             inputs = tuple(x if isinstance(x, ArraySymbol) else np.frompyfunc(lifted, 1, 1)(x) for x in inputs)
@@ -121,20 +119,24 @@ class ArraySymbol(NDArrayOperatorsMixin):
         return Rows(ArraySymbol(self.space, x) for x in self.parts) if self.parts.ndim else self
 
 
-class Rows(Sequence[Any]):
-    """What `.T` gives, to be named one by one, x, y = q.T; no list, which `2 * q.T` would repeat."""
+def unknown_way(ufunc: Any, method: str, options: Iterable[str]) -> Exception:
+    """Of a way to call a function of numpy."""
+    if "out" in options:
+        return refused("an array is changed in place (+=, out=)", "Write x = x + y")
+    return refused(f"np.{ufunc.__name__} with {method} or {sorted(options)} is not known for arrays over a space")
 
-    def __init__(self, rows: Iterable[Any]) -> None:
-        self.rows = tuple(rows)
 
-    def __len__(self) -> int:
-        return len(self.rows)
+class Rows(tuple[Any, ...]):
+    """What `.T` gives: a tuple, which `2 * q.T` does not repeat."""
+
+    def _no_arithmetic(self, _: Any) -> NoReturn:
+        raise refused("arithmetic with x.T, the components one by one", "Name them: x, y = q.T")
+
+    __add__ = __radd__ = __mul__ = __rmul__ = _no_arithmetic
 
     def __getitem__(self, key: Any) -> Any:
-        return Rows(self.rows[key]) if isinstance(key, slice) else self.rows[key]
-
-    def __eq__(self, other: object) -> bool:
-        return self.rows == tuple(other) if isinstance(other, Iterable) else False
+        found = super().__getitem__(key)
+        return Rows(found) if isinstance(key, slice) else found
 
 
 def boxed(values: Any) -> Any:

@@ -14,7 +14,7 @@ import numpy as np
 from ..compiler import derivatives as trace
 from ..compiler.array_jacobian import Term, jacobian_terms, shared_as_unknowns
 from ..compiler.array_kernels import ArrayKernel, array_kernel, jacobian_kernel
-from ..compiler.array_mesh import Block, Ints, Mesh, scattered
+from ..compiler.array_mesh import Block, Ints, Mesh, alone, scattered
 from ..compiler.array_states import Blocks, entries, fitted, refilled
 from ..compiler.array_symbols import ArraySymbol
 from ..compiler.arrays import NUMBER
@@ -61,14 +61,11 @@ class ArrayFlow:
     def _pattern(self, mesh: Mesh, n: int, positive: int) -> tuple[Pattern, list[Ints]]:
         if not self.terms:
             raise TraceError(ZERO_PIVOT)
-        rows, columns, lengths = scattered(mesh, self.unknowns, self.terms)
-        free = rows >= 0
-        pattern = Pattern(n, rows[free], columns[free])
+        entries = scattered(mesh, self.unknowns, self.terms)
+        pattern = Pattern(n, entries.rows, entries.columns)
         if len(np.setdiff1d(pattern.diagonal, pattern.places)):
             raise TraceError(ZERO_PIVOT)
-        where = np.full(len(rows), pattern.nnz + positive)  # what is fixed writes behind everything
-        where[free] = pattern.places
-        return pattern, np.split(where, np.cumsum(lengths)[:-1])
+        return pattern, entries.places(pattern.places, pattern.nnz + positive)
 
 
 def array_flow(flow: Flow, system: Any) -> ArrayFlow:
@@ -111,30 +108,25 @@ def _array_flow(flow: Flow, net: Any) -> ArrayFlow:
     residual, d_dh = outputs[: len(unknowns)], outputs[-len(d_dh) :]
     flat = [(i, term, slope) for (i, term, _), slope in zip(flat, outputs[len(unknowns) :], strict=False)]
     scaled = [sizes[s] if s in sizes else _of_size(began[s]) for s in unknowns]
-    kinds = [s.space for s in unknowns]
     fixed = [*(began[s] for s in unknowns), *[const(0.0)] * len(unknowns), *scaled]
     moving = [*residual, *(slope for _, _, slope in flat), *d_dh, *positive, *entries(dz)]
     # what is only read elsewhere is read there by whoever needs it: kept it would be written and read once more
     hoisted = dict.fromkeys(v.args[0] if v.op == "take" else v for v in fixed_values(moving, unknowns, moving))
-    kept = [Block(v.space, (v,)) for v in hoisted]
+    kept = alone(list(hoisted))
     inputs = {
         "a": net.blocks(z0),
         "b": [Block(NUMBER, (h,)), *net.constant_blocks(), *(b for v in start for b in net.blocks(v))],
     }
-    opening = [Block(k, (v,)) for k, v in zip(kinds * 3, fixed, strict=True)]
-    reads = {
-        "a": [*(Block(k, (None,)) for k in kinds * 3), *kept],
-        "b": [Block(k, (s,)) for k, s in zip(kinds, unknowns, strict=True)],
-    }
-    before = [Block(k, (row,)) for k, row in zip(kinds, residual, strict=True)]
-    warm = [Block(v.space, (v,)) for v in positive]
+    opening = alone(fixed, unknowns * 3)
+    reads = {"a": [*alone([None] * len(fixed), unknowns * 3), *kept], "b": alone(unknowns)}
+    before, warm = alone(residual, unknowns), alone(positive)
     return ArrayFlow(
         opening=array_kernel(inputs, [*opening, *kept, *net.blocks(net.observe(z0))], behind=True),
         iterate=jacobian_kernel(reads, before, [(term, slope) for _, term, slope in flat], warm, behind=True),
         polish=array_kernel(reads, before + warm, behind=True),
         finish=array_kernel(reads, net.blocks(dz)),
-        full=array_kernel(reads, [Block(k, (v,)) for k, v in zip(kinds, d_dh, strict=True)]),
-        unknowns=tuple(Block(s.space, (s,)) for s in unknowns),
+        full=array_kernel(reads, alone(d_dh, unknowns)),
+        unknowns=tuple(alone(unknowns)),
         terms=tuple((i, term) for i, term, _ in flat),
         positive=tuple(v.space for v in positive),
         steep=has_roots(residual),

@@ -164,6 +164,7 @@ class OverSpaces(Traced):
         own = kind.__dict__
         own.update(by_array=True, formulas=self.formulas, variables=self.declared_variables(), symbolic=kind)
         own.update(n_positions=count("position"), n_elements=count("element"))
+        own["size"] = sum(count(space_of(d)) * len(entries(fresh(n, d))) for n, d in cls.declared_variables().items())
         for name, (source, *columns, target) in cls.tables.items():
             places = np.arange(np.prod(columns, dtype=int)).reshape(columns)
             own[name] = TableSymbol(name, source, target, places, cls._summed(target))

@@ -61,8 +61,7 @@ def _by_arrays(symbolic: Any) -> tuple[Kernel, Any, Any]:
         flat = [(i, term, slope) for i, row in enumerate(found) for term, slope in row.items()]
         inputs = {"a": blocks, "b": [Block(NUMBER, (None,)), *net.constant_blocks()]}
         made = jacobian_kernel(inputs, [], [(term, slope) for _, term, slope in flat], [])
-    rows, columns, lengths = scattered(mesh, blocks, [(i, term) for i, term, _ in flat])
-    free = rows >= 0
-    places = np.where(free, np.cumsum(free) - 1, count := int(free.sum()))  # what is fixed is no column
-    where = np.split(places, np.cumsum(lengths)[:-1])
-    return made.kernel(mesh.with_entries(count), where, extra=1), rows[free], columns[free]
+    there = scattered(mesh, blocks, [(i, term) for i, term, _ in flat])
+    count = len(there.rows)
+    places = there.places(np.arange(count), count)
+    return made.kernel(mesh.with_entries(count), places, extra=1), there.rows, there.columns

@@ -37,11 +37,12 @@ EQUAL = {
     "rows": lambda m, z: (z.q.T[::-1][0] - z.q.T[0]).sum() + len(z.q.T) * z.b,
 }
 REFUSED = {
-    "rows doubled": (lambda m, z: (2 * z.q.T)[0].sum(), "unsupported operand"),
-    "rows added": (lambda m, z: (z.q.T + z.q.T)[0].sum(), "unsupported operand"),
-    "rows of rows": (lambda m, z: (z.q.T[:1] + z.q.T[1:])[0].sum(), "unsupported operand"),
+    "rows doubled": (lambda m, z: (2 * z.q.T)[0].sum(), "arithmetic with x.T"),
+    "rows added": (lambda m, z: (z.q.T + z.q.T)[0].sum(), "arithmetic with x.T"),
+    "rows of rows": (lambda m, z: (z.q.T[:1] + z.q.T[1:])[0].sum(), "arithmetic with x.T"),
     "mask": (lambda m, z: (z.s * (m.one == 0)).sum(), "the numbers of the table 'one'"),
     "other mask": (lambda m, z: (z.s * (m.ends[:, 0] != 0)).sum(), "the numbers of the table 'ends'"),
+    "in place": (lambda m, z: z.s.__iadd__(1.0).sum(), "changed in place"),
     "size": (lambda m, z: z.b * np.size(m.ends), "or how many, are asked for"),
     "shape": (lambda m, z: z.b * len(np.shape(m.ends)), "or how many, are asked for"),
     "different ones": (lambda m, z: z.b * len(np.unique(m.ends)), "or how many, are asked for"),
