@@ -32,7 +32,7 @@ BAND = 0.13  # opacity of a band
 MOST_TEXTS = 12  # numbers at the ends of lines; of more, none can be read
 LONGEST = 26  # letters of the name of a row
 FEW = 3  # lines, of whose magnitudes the largest so far and the values can be told apart
-FREE = 60  # points, each of which has its mark
+FREE = 40  # points, each of which has its mark
 
 
 Asked = ParamSpec("Asked")
@@ -86,7 +86,7 @@ def render(sheet: Sheet) -> Drawing:
             _draw(ax, panel, sheet.named)
         ax.set_xlabel(panel.x)
         ax.set_ylabel(panel.y)
-    titles(axes, {i: panel.title for i, panel in enumerate(shown) if panel.title})
+    titles(axes, [panel.title for panel in shown])
     if keys := {mark: text for panel in shown for mark, text in panel.keys.items()}:
         legend(
             figure, [], [Line2D([], [], label=text, linestyle="none", **_mark(m, ink())) for m, text in keys.items()]
@@ -143,6 +143,7 @@ def _draw(ax: Axes, panel: Panel, named: bool) -> None:
             end = (float(x[keep][-1]), float(y[keep][-1]), one.text or one.name, colour)
             ends += [end] if one.name not in rest else []
             texts += [end] if one.text else []
+    ax.autoscale_view()  # where nothing has set the limits texts would stand as in others
     if named:
         end_labels(ax, ends)
     elif len(texts) <= MOST_TEXTS:

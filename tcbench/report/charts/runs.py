@@ -13,7 +13,6 @@ from ...simulation.series import variables
 from ...studies.columns import column as column_named
 from .layout import halo, handle, legend, note, panels, pt, titles
 from .render import chart, chart_of_rows
-from .scales import log_axis, round_off_band, zero_log_axis
 from .style import by_name, finite, ink, look, names, numbers, short
 
 if TYPE_CHECKING:
@@ -31,11 +30,11 @@ LAWS = {
 MOST_PATHS = 12  # panels, of paths or of variables, that still can be read
 DASHES: tuple[Any, ...] = ("-", "--", ":", "-.", (0, (8, 2)), (0, (1, 4)))  # as many of one colour are told apart
 GROWTH = {
-    ("entropy",): "entropy S",
-    ("strain_a", "strain_b"): "logarithmic strains",
-    ("temperature_a", "temperature_b"): "temperatures θ",
-    ("rate",): "rate of rotation ω",
-}
+    "entropy": "entropy S",
+    "strain_a": "logarithmic strain, spring a", "strain_b": "logarithmic strain, spring b",
+    "temperature_a": "temperature θ, spring a", "temperature_b": "temperature θ, spring b",
+    "rate": "rate of rotation ω",
+}  # fmt: skip
 GAPS = ("entropy_gap", "strain_gap", "temperature_gap", "rotation_gap")
 
 
@@ -79,9 +78,11 @@ def _moves(values: Any) -> bool:
     return bool(np.nanmax(known) - np.nanmin(known) > 1e-8 * np.nanmax(np.abs(known)))
 
 
-def _lines(series: DataFrame, columns: Sequence[str]) -> list[list[Series]]:
+def _lines(series: DataFrame, columns: Sequence[str], magnitudes: bool = False) -> list[list[Series]]:
     """For each column a line a run."""
     runs, t, of = _rows_of_runs(series), numbers(series, "t"), {column: numbers(series, column) for column in columns}
+    for column in of.values() if magnitudes else ():
+        np.abs(column.values, out=column.values)
     ended = [_failed(series, rows[-1]) for _, rows in runs]
     return [
         [Series(name, t[rows], values[rows], ended=bad) for (name, rows), bad in zip(runs, ended, strict=True)]
@@ -108,12 +109,6 @@ def _rows_of_runs(series: DataFrame) -> list[tuple[str, Any]]:
 
 def _runs(series: DataFrame) -> list[tuple[str, DataFrame]]:
     return [(name, series.iloc[rows]) for name, rows in _rows_of_runs(series)]
-
-
-def _every(points: int, rank: int) -> tuple[int, int]:
-    """Sparse markers, at other places for each method."""
-    stride = max(1, points // 8)
-    return (rank * stride // 5) % stride, stride
 
 
 def _end(ax: Axes, run: DataFrame, values: Any, colour: str) -> None:
@@ -192,7 +187,7 @@ def _roomy(ax: Axes, values: Any) -> None:
 
 
 @chart_of_rows
-def path(series: DataFrame, columns: int = 3) -> Drawing:
+def path(series: DataFrame) -> Drawing:
     """Paths of the masses in the plane, coloured by the temperature of each one's spring; one panel a run.
 
     Needs positions x_1, y_1, x_2, ... (at_x_1, ... of a system with points(z)) and temperature_a, temperature_b, ...
@@ -212,7 +207,7 @@ def path(series: DataFrame, columns: int = 3) -> Drawing:
             "The chart 'path' shows ways in the plane and temperatures, and these runs have none: a system says where "
             "it is with points(z), and how warm with temperature(z, dE, dS)."
         )
-    figure, axes = panels(max(1, len(runs)), columns, (3.3, 3.1), left=0.5)
+    figure, axes = panels(max(1, len(runs)), 3, (3.3, 3.1), left=0.5)
     every = finite(np.ravel(series[heat].to_numpy()))
     low, high = (np.nanmin(every), np.nanmax(every)) if np.isfinite(every).any() else (0.0, 1.0)
     scale = Normalize(low, high if high > low else low + 1.0)
@@ -243,62 +238,31 @@ def path(series: DataFrame, columns: int = 3) -> Drawing:
 
 
 @chart
-def equilibrium(table: DataFrame, summary: DataFrame | None = None) -> Drawing:
+def equilibrium(table: DataFrame, summary: DataFrame | None = None) -> Sheet:
     """Gaps to the exact equilibrium in time, for one scenario, one panel a measure.
 
     table : rows of `equilibrium`. Where it has no gaps, because the equilibrium is distant, the measures themselves are
     drawn: a strain that grows like ln t is a straight line. summary : rows of `equilibrium_summary`; the exact values
-    become dotted lines where they are within sight.
+    become lines where they are within sight.
     """
-    near = [[c] for c in GAPS if c in table and np.isfinite(finite(table[c])).any()]
-    groups = near or [list(g) for g in GROWTH if any(c in table and np.isfinite(finite(table[c])).any() for c in g)]
-    if not groups:
-        figure, axes = panels(1)
-        note(axes[0], "no gap was measured")
-        return figure
-    figure, axes = panels(len(groups), 2, (4.9, 2.6))
-    methods = names(table)
-    for ax, columns in zip(axes, groups, strict=True):
-        log_axis(ax, "x", table["t"])
-        if near:
-            value = np.abs(finite(table[columns[0]]))
-            if (value == 0).any():
-                zero_log_axis(ax, value)
-            else:
-                log_axis(ax, "y", value)
-            round_off_band(ax)
-        for rank, (name, run) in enumerate(_runs(table)):
-            for i, column in enumerate(columns):
-                _gap(ax, run, column, name, rank, "magnitude" if near else ("-", "--")[i % 2])
-        if not near:
-            _exact(ax, columns, summary)
-            _name_elements(ax, [("", table)], columns)
-        ax.set_xlabel(column_named("t").label)
-    titles(axes, [column_named(g[0]).label if near else GROWTH[tuple(g)] for g in groups])
-    legend(figure, methods)
-    return figure
+    gaps, shown = _measured(table, GAPS), []
+    columns = gaps or _measured(table, list(GROWTH))
+    for column, lines in zip(columns, _lines(table, columns, magnitudes=bool(gaps)), strict=True):
+        scale = "linear" if not gaps else "zero" if (finite(table[column]) == 0).any() else "log"
+        lines += [] if gaps else _exact(table, column, summary)
+        title = GROWTH.get(column, column_named(column).label)
+        shown.append(Panel(lines, column_named("t").label, "", y_scale=scale, title=title, errors=bool(gaps)))
+    return Sheet(shown or [Panel([], "", "", note="no gap was measured")], 2, (4.9, 2.6))
 
 
-def _gap(ax: Axes, run: DataFrame, column: str, name: str, rank: int, how: str) -> None:
-    style, t, value = look(name), finite(run["t"]), finite(run[column])
-    shown = np.isfinite(value) & (t > 0)
-    value = np.abs(value) if how == "magnitude" else value
-    ax.plot(
-        t[shown], value[shown], color=style.colour, linestyle=style.dash if how == "magnitude" else how,
-        marker=style.marker, markersize=pt(4), markevery=_every(int(shown.sum()), rank),
-    )  # fmt: skip
-    _end(ax, run[shown], value[shown], style.colour)
-
-
-def _exact(ax: Axes, columns: Sequence[str], summary: DataFrame | None) -> None:
-    """Dotted lines at the values of the exact equilibrium that do not lie beyond what the runs reached."""
-    low, high = ax.get_ylim()
-    for column in columns:
-        exact = "exact_temperature" if column.startswith("temperature") else f"exact_{column}"
-        if summary is not None and exact in summary:
-            for value in {v for v in finite(summary[exact]) if np.isfinite(v)}:
-                if low - 0.25 * (high - low) <= value <= high + 0.25 * (high - low):
-                    ax.axhline(value, color=ink(), linestyle=":", linewidth=pt(1))
+def _exact(table: DataFrame, column: str, summary: DataFrame | None) -> list[Series]:
+    """A line at the value of the exact equilibrium, unless it lies beyond what the runs reached."""
+    exact = "exact_temperature" if column.startswith("temperature") else f"exact_{column}"
+    known = finite(() if summary is None or exact not in summary else summary[exact].dropna())[:1]
+    t, seen = finite(table["t"]), finite(table[column])
+    room, ends = 0.25 * (np.nanmax(seen) - np.nanmin(seen)), (np.nanmin(t), np.nanmax(t))
+    near = [v for v in known if np.nanmin(seen) - room <= v <= np.nanmax(seen) + room]
+    return [Series("exact", ends, (v, v), marks="", text="exact", plain=True) for v in near]
 
 
 CHARTS = (
@@ -310,5 +274,5 @@ CHARTS = (
     Chart("path", "Paths of the masses in the plane over the first steps, coloured by temperature.", (OPENING,), path,
           study="conservation", picture=True),
     Chart("equilibrium", "Distance to the exact equilibrium in time.", ("equilibrium",), equilibrium,
-          ("equilibrium_summary",), study="equilibrium", picture=True),
+          ("equilibrium_summary",), study="equilibrium"),
 )  # fmt: skip
