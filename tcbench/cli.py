@@ -16,7 +16,7 @@ from . import progress
 from .commands.cache import cache_command
 from .commands.examples import Sectioned
 from .commands.group import Group
-from .commands.options import CONFIG, LATEST, PLUGINS, QUIET, ChartKind, completion, many, one, output, runs
+from .commands.options import CONFIG, LATEST, PLUGINS, QUIET, completion, many, one, output, runs
 from .studies.base import study_names
 
 ENVIRONMENT = """\b
@@ -27,7 +27,6 @@ Environment:
 """
 
 
-AS_JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
 JOBS = click.option("--jobs", "-j", type=click.IntRange(1), help="Worker processes (default: the cores).")
 INTEGRATORS = many("integrator", "Integrator to run (default: all).")
 SCENARIOS = many("scenario", "Scenario to run (default: all).")
@@ -38,7 +37,7 @@ ROWS_OF_SCENARIOS = many("scenario", "Rows of this scenario.")
 def done_by(place: str) -> Callable[[Callable[[], None]], Callable[..., None]]:
     """What does a command with its options, "MODULE:FUNCTION" of `commands`; a number that it returns is the exit code.
 
-    The function below says what is done, for --help.
+    The function below says what is done, for --help. Every command has --json, the last of its options.
     """
 
     def decorated(told: Callable[[], None]) -> Callable[..., None]:
@@ -51,7 +50,7 @@ def done_by(place: str) -> Callable[[Callable[[], None]], Callable[..., None]]:
             if code := pkgutil.resolve_name(f"{__package__}.commands.{place}")(**options):
                 sys.exit(code)
 
-        return does
+        return click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")(does)
 
     return decorated
 
@@ -101,7 +100,6 @@ def main(ctx: click.Context) -> None:
 @click.option("--tls-key", type=click.Path(exists=True), help="TLS key for the scheduler.")
 @PLUGINS
 @QUIET
-@AS_JSON
 @done_by("actions:run_command")
 def run() -> None:
     """Run studies and write tables. Finished cells of the output folder are not run again."""
@@ -111,7 +109,6 @@ def run() -> None:
 @many("integrator", "List this integrator.")
 @many("scenario", "List this scenario.")
 @PLUGINS
-@AS_JSON
 @done_by("actions:list_command")
 def list_() -> None:
     """Integrators, scenarios and studies, with claims and sources; and plugins that failed to load."""
@@ -129,7 +126,6 @@ def list_() -> None:
 @click.option("--audit-roots", is_flag=True, help="Count accepted roots that are not the principal one (slow).")
 @click.option("--csv", type=click.Path(path_type=Path, dir_okay=False), help="Write the trajectory to this file.")
 @PLUGINS
-@AS_JSON
 @done_by("simulate:simulate_command")
 def simulate() -> None:
     """Run one integrator on one scenario."""
@@ -149,7 +145,6 @@ def simulate() -> None:
 @click.option("--timeout", type=float, default=300.0, show_default=True, help="Seconds a row of the map may take.")
 @PLUGINS
 @QUIET
-@AS_JSON
 @done_by("actions:map_command")
 def map_() -> None:
     """A stability map over two parameters; several integrators are drawn side by side.
@@ -162,7 +157,6 @@ def map_() -> None:
 @click.argument("names", nargs=-1, metavar="SCENARIO...")
 @many("scenario", "The same as a word.")
 @PLUGINS
-@AS_JSON
 @done_by("actions:reference_command")
 def reference() -> None:
     """Compute the reference solution of scenarios again and compare it with the one in use."""
@@ -175,7 +169,6 @@ def reference() -> None:
 @ROWS_OF_SCENARIOS
 @ROWS_OF_INTEGRATORS
 @PLUGINS
-@AS_JSON
 @done_by("actions:show_command")
 def show() -> None:
     """Show the tables of a run, also while it is running; a summary of a large one. FOLDER: results/latest."""
@@ -184,21 +177,20 @@ def show() -> None:
 @main.command()
 @runs()
 @PLUGINS
-@AS_JSON
 @done_by("actions:report_command")
 def report() -> None:
     """Write report.html of a run: one self-contained page. FOLDER: results/latest."""
 
 
 @main.command()
-@click.argument("kind", type=ChartKind(), required=False, metavar="[KIND]")
+@click.argument("kind", required=False, metavar="[KIND]", shell_complete=completion("report.chart_kinds:kinds"))
 @runs()
 @click.option("--output", "-o", type=click.Path(path_type=Path), help="PNG, SVG or PDF by suffix (default: KIND.png).")
 @click.option(
     "--scenario",
     "-s",
     metavar="NAME",
-    shell_complete=completion("scenarios"),
+    shell_complete=completion("plugins:scenarios"),
     help="Draw this scenario; needed if the run has several.",
 )
 @many("integrator", "Draw this integrator (default: all of the run).")
@@ -214,7 +206,6 @@ def report() -> None:
 @click.option("--methods", metavar="LIST", help="Draw these methods, in this order, labelled: NAME=LABEL,NAME,...")
 @click.option("--style", metavar="FILE", help="A matplotlib style, file or name; your matplotlibrc is used, too.")
 @PLUGINS
-@AS_JSON
 @done_by("pictures:plot_command")
 def plot() -> None:
     """Draw one chart of a run; without a KIND, list the kinds. FOLDER: results/latest."""
@@ -234,7 +225,6 @@ def plot() -> None:
 @click.option("--frames", type=click.IntRange(2, 2000), default=120, show_default=True, help="Number of frames.")
 @click.option("--fps", type=click.IntRange(1, 60), default=20, show_default=True, help="Frames a second.")
 @PLUGINS
-@AS_JSON
 @done_by("pictures:animate_command")
 def animate() -> None:
     """Methods in motion, side by side: elements coloured by temperature, the laws running below."""
@@ -243,7 +233,6 @@ def animate() -> None:
 @main.command()
 @output(Path("results/paper"))
 @click.option("--format", "suffix", type=click.Choice(["png", "svg", "pdf"]), default="png", show_default=True)
-@AS_JSON
 @done_by("pictures:paper_command")
 def paper() -> None:
     """Figures 2 to 9 of Romero (2009), with captions that say what differs from the paper's account."""
@@ -252,7 +241,6 @@ def paper() -> None:
 @main.command()
 @click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="FOLDER...")
 @output(Path("site"), "Folder of the site.")
-@AS_JSON
 @done_by("pictures:publish_command")
 def publish() -> None:
     """A static site of several runs: an index by machine, each run's report and its tables."""
@@ -264,7 +252,6 @@ def publish() -> None:
 @ROWS_OF_SCENARIOS
 @ROWS_OF_INTEGRATORS
 @click.option("--fail-on-regression", is_flag=True, help="Exit with code 1 if RUN_B is worse.")
-@AS_JSON
 @done_by("actions:compare_command")
 def compare() -> None:
     """What changed from RUN_A to RUN_B beyond noise, cell by cell. RUN_B: results/latest."""
@@ -275,7 +262,6 @@ def compare() -> None:
 @click.argument("name")
 @click.option("--package", is_flag=True, help="A complete distribution: pyproject, source, a test.")
 @click.option("--folder", type=click.Path(path_type=Path, file_okay=False), default=Path(), help="Where to write it.")
-@AS_JSON
 @done_by("actions:new_command")
 def new() -> None:
     """Write a commented plugin that runs as it is: an integrator, a scenario, a system, or a system of elements."""
@@ -287,7 +273,6 @@ def new() -> None:
 @many("scenario", "Check this scenario.")
 @click.option("--only", metavar="LINE[,LINE]", default="", help="Check these lines only, as in --only order,claims.")
 @PLUGINS
-@AS_JSON
 @done_by("actions:check_command")
 def check() -> None:
     """Check plugins line by line: do they keep the contract, and what they claim?

@@ -11,9 +11,8 @@ from pathlib import Path
 from string import Template
 
 from .. import plugins
-from ..errors import TcbenchError
+from ..errors import TcbenchError, writing
 
-KINDS = ("integrator", "scenario", "system", "elements")
 _NAME = re.compile(r"[a-z][a-z0-9_]*\Z")
 
 
@@ -37,7 +36,7 @@ def new_package(kind: str, name: str, folder: Path) -> Path:
         root / "README.md": _fill("readme.md", name),
         source / "__init__.py": f'"""{name} for tcbench; the plugin is in plugin.py."""\n',
         source / "plugin.py": _fill(f"{kind}.py", name),
-        root / "tests" / f"test_{name}.py": _fill("test.py", name).replace(f'"{name}"', f'"{_checked(kind, name)}"'),
+        root / "tests" / f"test_{name}.py": _fill("test.py", name).replace(f'"{name}"', f'"{checked(kind, name)}"'),
     })  # fmt: skip
     return root
 
@@ -51,13 +50,13 @@ def check_name(kind: str, name: str) -> None:
     if name in sys.stdlib_module_names or name in packages_distributions():
         raise TcbenchError(f"{name!r} is the name of an installed module, which the file would hide. Choose another.")
     taken = plugins.integrators() if kind == "integrator" else plugins.scenarios()
-    if _checked(kind, name) in taken:
+    if checked(kind, name) in taken:
         raise TcbenchError(
-            f"The {kind} name {_checked(kind, name)!r} is taken. Choose another; tcbench list shows them all."
+            f"The {kind} name {checked(kind, name)!r} is taken. Choose another; tcbench list shows them all."
         )
 
 
-def _checked(kind: str, name: str) -> str:
+def checked(kind: str, name: str) -> str:
     """The registered name that `tcbench check` takes for a new plugin: a system is checked through its scenario."""
     return f"{name}_first" if kind in ("system", "elements") else name
 
@@ -84,9 +83,7 @@ def _write(contents: dict[Path, str]) -> None:
         if path.exists():
             raise TcbenchError(f"{str(path)!r} exists already; nothing was written. Choose another name or folder.")
     for path, text in contents.items():
-        try:
+        with writing(repr(str(path))):
             path.parent.mkdir(parents=True, exist_ok=True)
             with path.open("x", encoding="utf-8") as file:
                 file.write(text)
-        except OSError as error:
-            raise TcbenchError(f"{str(path)!r} cannot be written: {error.strerror}.") from None

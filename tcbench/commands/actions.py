@@ -202,8 +202,6 @@ def show_command(
     as_json: bool,
 ) -> None:  # fmt: skip
     """The tables of a small run, or the one that is named; of a large run its summary, and what there is."""
-    if not folder.is_dir():
-        raise TcbenchError(f"There is no run in {str(folder)!r}. tcbench run --output FOLDER makes one.")
     if latex and table is None:
         raise TcbenchError("--latex writes one table: say which with --table NAME.")
     with waiting("reading the rows"):
@@ -301,9 +299,6 @@ def compare_command(
 
     if click.get_current_context().get_parameter_source("run_b") == ParameterSource.DEFAULT:
         click.echo(f"RUN_B is {run_b}: none is named.", err=True)
-    for folder in (run_a, run_b):
-        if not folder.is_dir():
-            raise TcbenchError(f"There is no run in {str(folder)!r}.")
     with waiting("comparing"):
         changes = compare(run_a, run_b)
         problems = changes.attrs["problems"]
@@ -325,7 +320,7 @@ def compare_command(
 
 
 def new_command(kind: str, name: str, package: bool, folder: Path, as_json: bool) -> None:
-    from ..authoring.scaffold import new_file, new_package
+    from ..authoring.scaffold import checked, new_file, new_package
 
     if as_json:
         wrote([(new_package if package else new_file)(kind, name, folder)], as_json)
@@ -336,12 +331,7 @@ def new_command(kind: str, name: str, package: bool, folder: Path, as_json: bool
         return
     path = new_file(kind, name, folder)
     where = path.parent if str(path.parent) else Path(".")
-    option = {
-        "integrator": f"-i {name}",
-        "scenario": f"-s {name}",
-        "system": f"-s {name}_first",
-        "elements": f"-s {name}_first",
-    }[kind]
+    option = f"-{'i' if kind == 'integrator' else 's'} {checked(kind, name)}"
     terminal.say(
         f"Wrote {path}. It runs as it is:\n  tcbench check {path}\n"
         f"  tcbench run {option} --study conservation --plugins-dir {where}"

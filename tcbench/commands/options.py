@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import pkgutil
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 from click.core import ParameterSource
@@ -16,13 +17,11 @@ CONFIG_FILE = "tcbench.config"  # key of a context's notes: the file that option
 LATEST = Path("results/latest")  # where `run` writes and whatever reads a run looks, unless told otherwise
 
 
-def completion(kind: str) -> Callable[..., list[str]]:
-    """Names of plugins for the shell's completion."""
+def completion(place: str) -> Callable[..., list[str]]:
+    """Names for the shell's completion: what a function of tcbench, "MODULE:FUNCTION", has by name."""
 
     def names(ctx: click.Context, parameter: click.Parameter, incomplete: str) -> list[str]:
-        from .. import plugins
-
-        return [name for name in getattr(plugins, kind)() if name.startswith(incomplete)]
+        return [name for name in pkgutil.resolve_name(f"tcbench.{place}")() if name.startswith(incomplete)]
 
     return names
 
@@ -34,7 +33,7 @@ def many(kind: str, help: str) -> Callable[..., Any]:
 
 def one(kind: str, help: str) -> Callable[..., Any]:
     """-i or -s of a command that takes one of them; `many` without the advice to repeat it."""
-    names = completion(f"{kind}s")
+    names = completion(f"plugins:{kind}s")
     return click.option(
         f"--{kind}", f"-{kind[0]}", f"{kind}s", multiple=True, metavar="NAME", shell_complete=names, help=help
     )
@@ -89,30 +88,6 @@ def output(default: Path, help: str = "Folder to write to.") -> Callable[..., An
     return click.option(
         "--output", "-o", type=Folder(), default=default, show_default=True, help=help
     )  # fmt: skip
-
-
-if TYPE_CHECKING:
-    Choice = click.Choice[str]
-else:
-    Choice = click.Choice  # takes the kind of its choices since click 8.2
-
-
-class ChartKind(Choice):
-    """The kinds of charts, looked up when they are asked for: drawing takes a while to import."""
-
-    case_sensitive = True
-
-    def __init__(self) -> None:
-        pass
-
-    @property
-    def choices(self) -> tuple[str, ...]:  # type: ignore[override]
-        from ..report.chart_kinds import kinds
-
-        return tuple(kinds())
-
-    def convert(self, value: Any, parameter: click.Parameter | None, ctx: click.Context | None) -> str:
-        return str(value)  # looked up when the plugins' folders are known
 
 
 def read_config(ctx: click.Context, parameter: click.Parameter, path: Path | None) -> None:
