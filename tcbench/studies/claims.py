@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from ..systems.scenario import Scenario
 
 COLUMNS = ("claim", "section", "expected", "measured", "verdict", "why", "command", "integrator", "scenario", "group")
-THEOREMS = ("operators", "steps")  # checked on random states of one scenario, the first of these that is selected:
+THEOREMS = ("operators", "steps")  # checked on random states of one scenario: of these, else of all, the first
 PREFERRED = ("short_term", "bound_equilibrium", "long_term")
 
 
@@ -29,7 +29,8 @@ def plan(integrators: Sequence[Integrator], scenarios: Sequence[Scenario], optio
     from .paper_claims import LEDGER
 
     cells: Cells = []
-    shared = theorem_scenario(scenarios)
+    known = {scenario.name: scenario for scenario in scenarios}
+    shared = next((known[name] for name in (*PREFERRED, *known) if name in known), None)
     if shared is not None:
         consistent = [i for i in integrators if {"energy", "entropy"} <= i.claims]
         cells += [(integrator, shared, {"group": "operators"}) for integrator in consistent[:1]]
@@ -44,12 +45,6 @@ def plan(integrators: Sequence[Integrator], scenarios: Sequence[Scenario], optio
             if scenario.name in entry.scenarios and integrator.name in entry.integrators
         ]
     return cells
-
-
-def theorem_scenario(scenarios: Sequence[Scenario]) -> Scenario | None:
-    """The scenario whose constants the theorems are checked with: a preferred one if it is selected, else the first."""
-    known = {scenario.name: scenario for scenario in scenarios}
-    return next((known[name] for name in PREFERRED if name in known), next(iter(scenarios), None))
 
 
 def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:

@@ -120,26 +120,26 @@ def members(scenario: Scenario, seeds: Sequence[int], **ranges: str) -> list[Sce
     return [family.member(**(values | ranges | {"seed": str(seed)})) for seed in range(*seeds)]
 
 
-def numbers_hash(*blocks: Sequence[Scenario]) -> str:
-    """Of all numbers of these scenarios."""
-    data = [member.data() for block in blocks for member in block]
+def numbers_hash(scenario: Scenario, seeds: Sequence[int], **ranges: str) -> str:
+    """Of all numbers of `members`."""
+    sample = plugins.find_family(plugins.split_name(scenario.name)[0]).sample
+    return _numbers_hash(scenario.name, tuple(seeds), tuple(ranges.items()), sample)
+
+
+@lru_cache(maxsize=256)  # one block after the other, each for all methods
+def _numbers_hash(scenario: str, seeds: tuple[int, ...], ranges: tuple[tuple[str, str], ...], sample: Any) -> str:
+    data = [member.data() for member in members(plugins.find_scenario(scenario), seeds, **dict(ranges))]
     return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()
 
 
 def drawn(scenario: Scenario, options: Row) -> list[Any]:
     """The numbers of all members of a block; of references, what computes them."""
-    sample = plugins.find_family(plugins.split_name(scenario.name)[0]).sample
-    found: list[Any] = [_numbers(scenario.name, tuple(options["seeds"]), sample)]
+    found: list[Any] = [numbers_hash(scenario, options["seeds"])]
     if options["part"] == REFERENCES:
         from ..reference.lookup import algorithm
 
         found.append(algorithm())
     return found
-
-
-@lru_cache(maxsize=64)  # one block after the other, each for all methods
-def _numbers(scenario: str, seeds: tuple[int, ...], sample: Any) -> str:
-    return numbers_hash(members(plugins.find_scenario(scenario), seeds))
 
 
 def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:

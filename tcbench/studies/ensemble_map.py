@@ -10,7 +10,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -70,28 +69,20 @@ def plan(integrators: Sequence[Integrator], scenarios: Sequence[Scenario], optio
     return cells
 
 
-def _places(scenario: Scenario, options: Mapping[str, Any]) -> list[tuple[tuple[float, float], float, list[Scenario]]]:
-    """Each place of a row of the map: (low, high) along x, the step, and the scenarios."""
+def _places(scenario: Scenario, options: Mapping[str, Any]) -> list[tuple[tuple[float, float], float, dict[str, str]]]:
+    """Each place of a row of the map: (low, high) along x, the step, and the ranges of its scenarios."""
     x, y = family_axes(scenario, options)
     found = []
     for along in bins(x):
         spans = {x.name: along, y.name: bins(y)[options["row"]]}
         dt = spans.pop("dt", (scenario.dt, scenario.dt))[0]
-        ranges = {axis: f"{low!r}:{high!r}" for axis, (low, high) in spans.items()}
-        found.append((along, dt, members(scenario, options["seeds"], **ranges)))
+        found.append((along, dt, {axis: f"{low!r}:{high!r}" for axis, (low, high) in spans.items()}))
     return found
 
 
-def drawn(scenario: Scenario, options: Row) -> str:
+def drawn(scenario: Scenario, options: Row) -> list[str]:
     """The numbers of all scenarios of a row of the map."""
-    sample = plugins.find_family(plugins.split_name(scenario.name)[0]).sample
-    return _numbers(scenario.name, tuple(options["seeds"]), options["x"], options["y"], options["row"], sample)
-
-
-@lru_cache(maxsize=256)  # one row after the other, each for all methods
-def _numbers(scenario: str, seeds: tuple[int, ...], x: str, y: str, row: int, sample: Any) -> str:
-    places = _places(plugins.find_scenario(scenario), {"seeds": seeds, "x": x, "y": y, "row": row})
-    return numbers_hash(*(block for _, _, block in places))
+    return [numbers_hash(scenario, options["seeds"], **ranges) for _, _, ranges in _places(scenario, options)]
 
 
 def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
@@ -100,7 +91,8 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
 
     x, y = family_axes(scenario, options)
     cells = []
-    for along, dt, block in _places(scenario, options):
+    for along, dt, ranges in _places(scenario, options):
+        block = members(scenario, options["seeds"], **ranges)
         fitting = [member if dt <= member.t_end else replace(member, t_end=dt) for member in block]
         kinds = [runs.KINDS[k] for k in runs.shares(integrator, fitting, [dt])[0]["kinds"]]
         failed = {kind: kinds.count(kind) for kind in runs.KINDS[1:6]}

@@ -16,6 +16,7 @@ from ..simulation.trajectory import Trajectory
 from ..study import Row
 from ..systems.element_system import ElementSystem
 from ..systems.scenario import Scenario
+from .columns import KEPT
 from .stable_step import outcome_of
 from .yardstick import solved
 
@@ -24,7 +25,6 @@ COARSEST = 64  # steps over the horizon at the first rung of a ladder; each next
 RUNGS = 16
 MOST_REPEATS = 5
 PARTS = (1 / 64, 1 / 8)  # of the horizon: an adaptive run whose part takes long is not made
-KEPT = 1e-9  # relative error up to which a conserved quantity counts as kept, as in the summary of a run
 KINDS = ("ok", "solver", "branch", "physical", "law", "exception", "too slow")  # rows have places in it: add at the end
 
 

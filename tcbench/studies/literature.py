@@ -20,7 +20,7 @@ from ..plugins import find_integrator
 from ..simulation.run import simulate
 from ..study import Cells, Row, Study
 from .frames import table_of
-from .theorems import Finding, shell_name
+from .theorems import Finding, command
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -94,7 +94,7 @@ def orders(integrator: Integrator, scenario: Scenario, points: Sequence[Row]) ->
                 f"{integrator.name}, {scenario.name}: {name} is of order {declared}", AUTHORS, str(declared),
                 f"{slope:.3f}; errors {values[0]:.3e} at h = {STEPS[0]:g} to {values[-1]:.3e} at {STEPS[-1]:.3g}",
                 abs(slope - declared) <= FOUND_ORDER, "Slope over ten steps 0.1/1.3^k of root mean squares over a run.",
-                _command(integrator, scenario),
+                command(integrator, scenario, "literature"),
             )
         )  # fmt: skip
     if integrator.name == "mybaby":
@@ -111,7 +111,8 @@ def _beside_ybaby(integrator: Integrator, scenario: Scenario, points: Sequence[R
             Finding(
                 f"{integrator.name}, {scenario.name}: {name} is nearer than by ybaby at every step", ADDED, "ratio > 1",
                 f"{min(ratios):.2f} to {max(ratios):.2f} times", min(ratios) > 1,
-                f"The error of {name} by ybaby over that by mybaby, at ten steps.", _command(integrator, scenario),
+                f"The error of {name} by ybaby over that by mybaby, at ten steps.",
+                command(integrator, scenario, "literature"),
             )
         )  # fmt: skip
     return rows
@@ -133,12 +134,8 @@ def area(integrator: Integrator, scenario: Scenario) -> Finding:
         f"{integrator.name}, {scenario.name}: the conformal symplectic structure is kept", AUTHORS,
         "the area of (q, p) shrinks by one factor", f"spread {spread:.1e}; factor exp(-{decay:.6f} friction h)",
         spread <= EXACT, "Determinants of the step at three states; friction is linear in p.",
-        _command(integrator, scenario),
+        command(integrator, scenario, "literature"),
     )  # fmt: skip
-
-
-def _command(integrator: Integrator, scenario: Scenario) -> str:
-    return f"tcbench run --study literature -i {shell_name(integrator)} -s {scenario.name}"
 
 
 def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:

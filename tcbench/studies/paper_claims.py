@@ -107,7 +107,7 @@ def order(integrator: Integrator, scenario: Scenario) -> list[Finding]:
     return [
         _finding(
             f"{integrator.name} is of order {declared}", "section 6", f"{declared} in q, p and s", values, agrees,
-            f"tcbench run --study convergence -i {shell_name(integrator)} -s {scenario.name}",
+            theorems.command(integrator, scenario, "convergence"),
             yes=f"Slopes over {fits['all']['points_used']} points against certified states agree.",
             no="The slope over the asymptotic window is another, or there is none.",
         )
@@ -196,19 +196,15 @@ def _cannot_fall(least: float) -> str:
 def entropy_rule_fails(integrator: Integrator, scenario: Scenario) -> list[Finding]:
     run, command = _simulate(integrator, scenario, dt=0.5)
     plain, _ = _simulate(integrator, scenario, dt=0.5, continuation=False)
+    found_by = "Newton's iteration from the old state" if plain.ok else "continuation in h"
     return [
         _finding(
             f"{integrator.name} fails after 5 steps of h = 0.5 in example 1", "section 6, example 1",
             "no solution after 5 steps", f"{_outcome(run)}; plain Newton from z0: {_outcome(plain)}",
             not run.ok and 4 <= run.steps <= 6, command,
-            yes=run.failure, no=_with_roots(plain) if run.ok else run.failure,
+            yes=run.failure, no=f"Every step has a root, which {found_by} finds." if run.ok else run.failure,
         )
     ]  # fmt: skip
-
-
-def _with_roots(plain: Trajectory) -> str:
-    by = "Newton's iteration from the old state finds" if plain.ok else "continuation in h finds"
-    return f"Every step has a root, which {by}."
 
 
 # ---- example 2
@@ -263,7 +259,7 @@ def reaches_equilibrium(integrator: Integrator, scenario: Scenario) -> list[Find
         _finding(
             f"{integrator.name}: a relative equilibrium is reached by t = {scenario.t_end:g} ({scenario.name})",
             f"section 6, {where}", "strains settle", measured, found["equilibrium"] == "approached",
-            f"tcbench run --study equilibrium -i {shell_name(integrator)} -s {scenario.name}",
+            theorems.command(integrator, scenario, "equilibrium"),
             yes=found["note"], no=found["note"],
         )
     ]  # fmt: skip

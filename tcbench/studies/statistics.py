@@ -12,16 +12,16 @@ Floats = NDArray[np.float64]
 Z95 = 1.959963984540054  # two-sided 95 % point of the normal distribution
 
 
-def wilson(hits: int, runs: int, z: float = Z95) -> tuple[float, float]:
-    """Interval of a share, by Wilson (1927): right for shares near 0 and 1 too; (NaN, NaN) of no runs.
+def wilson(hits: int, runs: int) -> tuple[float, float]:
+    """95 % interval of a share, by Wilson (1927): right for shares near 0 and 1 too; (NaN, NaN) of no runs.
 
-    95 % by default. 0 of 100 gives (0, 0.037).
+    0 of 100 gives (0, 0.037).
     """
     if runs == 0:
         return math.nan, math.nan
-    share, spread = hits / runs, z * z / runs
+    share, spread = hits / runs, Z95 * Z95 / runs
     centre = (share + spread / 2) / (1 + spread)
-    half = z / (1 + spread) * math.sqrt(share * (1 - share) / runs + spread / (4 * runs))
+    half = Z95 / (1 + spread) * math.sqrt(share * (1 - share) / runs + spread / (4 * runs))
     low, high = max(0.0, centre - half), min(1.0, centre + half)
     return (0.0 if hits == 0 else low), (1.0 if hits == runs else high)
 

@@ -72,9 +72,9 @@ class Finding:
         }  # fmt: skip
 
 
-def command(integrator: Integrator, scenario: Scenario) -> str:
-    """The command line that measures the claims of a pair again."""
-    return f"tcbench run --study claims -i {shell_name(integrator)} -s {scenario.name}"
+def command(integrator: Integrator, scenario: Scenario, study: str = "claims") -> str:
+    """The command line that measures a pair again."""
+    return f"tcbench run --study {study} -i {shell_name(integrator)} -s {scenario.name}"
 
 
 def shell_name(integrator: Integrator) -> str:
@@ -183,8 +183,14 @@ def _flow_rows(row: Row, scenario: Scenario, sample: Sample) -> list[Finding]:
 
 
 def _friction_rows(row: Row, model: ElementSystem, sample: Sample) -> list[Finding]:
-    degeneracy = max(_degeneracy(model, *pair) for pair in sample)
-    indefinite = max(_indefiniteness(model, *pair) for pair in sample)
+    degeneracy = indefinite = 0.0
+    for pair in sample:
+        theta = np.asarray(model.discrete_gradient(*pair).s)
+        M = np.asarray(model.friction(theta))
+        size = np.abs(M).max()
+        degeneracy = max(degeneracy, float(np.abs(M @ theta).max() / (size * np.abs(theta).max())))
+        bend = -np.linalg.eigvalsh((M + M.T) / 2).min()
+        indefinite = max(indefinite, float(max(np.abs(M - M.T).max(), bend) / size))
     return [
         row("friction is degenerate: M(theta*) theta* = 0 at algorithmic temperatures", "eq. (9)",
             "defect 0, relative to |M| |theta*|", degeneracy, ROUNDOFF,
@@ -223,22 +229,6 @@ def _turning(model: System, z0: State, z1: State, angle: float) -> float:
 def _power(model: System, z: State) -> float:
     gradient, rate = np.asarray(model.gradient(z)), np.asarray(model.vector_field(z))
     return float(abs(gradient @ rate) / (np.abs(gradient) @ np.abs(rate)))
-
-
-def _friction(model: ElementSystem, z0: State, z1: State) -> tuple[Floats, Floats]:
-    theta = model.discrete_gradient(z0, z1).s
-    return np.asarray(model.friction(theta)), np.asarray(theta)
-
-
-def _degeneracy(model: ElementSystem, z0: State, z1: State) -> float:
-    M, theta = _friction(model, z0, z1)
-    return float(np.abs(M @ theta).max() / (np.abs(M).max() * np.abs(theta).max()))
-
-
-def _indefiniteness(model: ElementSystem, z0: State, z1: State) -> float:
-    M, _ = _friction(model, z0, z1)
-    size = np.abs(M).max()
-    return float(max(np.abs(M - M.T).max(), -np.linalg.eigvalsh((M + M.T) / 2).min(), 0.0) / size)
 
 
 # ---- one step of a method
