@@ -117,7 +117,10 @@ def save(runs: Sequence[Trajectory], path: str | Path, frames: int = FRAMES, fps
     _checked(runs)
     pictures = _pictures(runs, frames)
     with writing(repr(str(path))), written(path) as temporary:
-        {".gif": _as_gif, ".mp4": _as_mp4, ".html": _as_html}[path.suffix](pictures, temporary, fps)
+        if path.suffix == ".html":
+            temporary.write_text(_page(pictures, fps), encoding="utf-8")
+        else:
+            {".gif": _as_gif, ".mp4": _as_mp4}[path.suffix](pictures, temporary, fps)
     return path
 
 
@@ -159,10 +162,6 @@ def _as_mp4(pictures: Sequence[Image], path: Path, fps: int) -> None:
         raise TcbenchError(
             f"ffmpeg could not write {str(path)!r}: {done.stderr.decode(errors='replace').strip()[:300]}"
         )
-
-
-def _as_html(pictures: Sequence[Image], path: Path, fps: int) -> None:
-    path.write_text(_page(pictures, fps), encoding="utf-8")
 
 
 def _page(pictures: Sequence[Image], fps: int) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -45,17 +46,11 @@ def _rows(data: dict[str, Any], machine: str) -> list[dict[str, Any]]:
     rows = []
     for benchmark, packed in data["results"].items():
         entry = dict(zip(columns, packed, strict=False)) if isinstance(packed, list) else packed
-        values, names = entry.get("result") or [], _combinations(entry.get("params") or [])
-        for value, parameters in zip(values, names, strict=False):
+        for value, choice in zip(entry.get("result") or [], product(*(entry.get("params") or [])), strict=False):
             if isinstance(value, int | float):
                 rows.append({
-                    "benchmark": benchmark, "parameters": parameters, "machine": machine,
-                    "commit": str(data["commit_hash"])[:8], "date": data["date"], "value": float(value),
+                    "benchmark": benchmark, "machine": machine, "commit": str(data["commit_hash"])[:8],
+                    "parameters": ", ".join(str(v).strip("'") for v in choice), "date": data["date"],
+                    "value": float(value),
                 })  # fmt: skip
     return rows
-
-
-def _combinations(params: list[list[Any]]) -> list[str]:
-    from itertools import product
-
-    return [", ".join(str(v).strip("'") for v in choice) for choice in product(*params)]

@@ -9,7 +9,7 @@ from statistics import median
 from typing import TYPE_CHECKING, Any
 
 from ..progress import LOUD
-from .judged import finite, judged, ladder_runs, of_whole_state, times_over_best
+from .judged import is_finite, judged, ladder_runs, of_whole_state, times_over_best
 from .matrix import methods, unmeasured
 
 if TYPE_CHECKING:
@@ -42,7 +42,12 @@ def by_method(tables: Tables, declared: Tables) -> list[list[str]]:
     rows, ratios = methods(found, tables, declared), times_over_best(found)
     rows.sort(key=lambda r: (r["family"], *_rank(ratios.get(r["name"], [])), r["name"]))
     folded = _scipy(tables) if len(rows) > FOLD_ABOVE else set()
-    random = random_failures(tables.get("failure_share"))
+    table = tables.get("failure_share")
+    random = (
+        {}
+        if table is None or not len(table)
+        else table.groupby("integrator")[["failed", "runs"]].sum().T.to_dict("list")
+    )
     shown = [_row(r, ratios.get(r["name"]), random) for r in rows if r["name"] not in folded]
     group = [r for r in rows if r["name"] in folded]
     if group:
@@ -51,16 +56,8 @@ def by_method(tables: Tables, declared: Tables) -> list[list[str]]:
     return [[HEADINGS[i] for i in used], *([row[i] for i in used] for row in shown)]
 
 
-def random_failures(table: DataFrame | None) -> dict[str, tuple[int, int]]:
-    """Method -> how many runs of an ensemble failed, and of how many."""
-    if table is None or not len(table):
-        return {}
-    sums = table.groupby("integrator")[["failed", "runs"]].sum()
-    return {str(name): (int(row["failed"]), int(row["runs"])) for name, row in sums.iterrows()}
-
-
 def _rank(ratios: Sequence[float]) -> tuple[float, float]:
-    reached = [r for r in ratios if finite(r)]
+    reached = [r for r in ratios if is_finite(r)]
     return -len(reached), median(reached) if reached else math.inf
 
 
@@ -70,7 +67,7 @@ def _scipy(tables: Tables) -> set[str]:
 
 
 def _row(r: Mapping[str, Any], ratios: Sequence[float] | None, random: Mapping[str, tuple[int, int]]) -> list[str]:
-    reached = [x for x in ratios or () if finite(x)]
+    reached = [x for x in ratios or () if is_finite(x)]
     return [
         str(r["name"]),
         claims(r["laws"]),
@@ -106,7 +103,7 @@ def _order(order: Mapping[str, Any] | None) -> str:
     if order is None or order["low"] is None:
         return "-"
     low, high = f"{order['low']:.2f}", f"{order['high']:.2f}"
-    declared = f" ({order['declared']:g})" if finite(order["declared"]) else ""
+    declared = f" ({order['declared']:g})" if is_finite(order["declared"]) else ""
     return f"{low if low == high else f'{low}..{high}'}{declared}"
 
 
@@ -130,11 +127,8 @@ def _folded(
 
 def remarks(tables: Tables) -> list[str]:
     """Sentences below the table: what failed, and what the paper's statements came to."""
-    return [
-        sentence
-        for sentence in (_failed(tables), *_missing(tables), *_metrics(tables), paper(tables.get("claims")))
-        if sentence
-    ]
+    said = (_failed(tables), *_missing(tables), *_metrics(tables), paper(tables.get("claims")))
+    return [sentence for sentence in said if sentence]
 
 
 def _missing(tables: Tables) -> list[str]:

@@ -48,23 +48,15 @@ def _column(values: Series, digits: int) -> Any:
         return values.tolist()
     if kind == "f":
         return [float(f"{v:.{digits}g}") if math.isfinite(v) else None for v in values.tolist()]
-    plain = [None if _missing(v) else v for v in values.tolist()]
+    plain = values.astype(object).where(values.notna(), None).tolist()
     if all(v is None or isinstance(v, bool) for v in plain):
         return plain
     places, distinct = factorize(np.array([v if v is None else str(v)[:LONGEST] for v in plain], dtype=object))
     return {"words": distinct.tolist(), "at": places.tolist()}
 
 
-def _missing(value: Any) -> bool:
-    return value is None or (isinstance(value, float) and math.isnan(value)) or type(value).__name__ == "NAType"
-
-
-def library() -> str:
-    """DataTables, compressed: the page unpacks it for the first table. Licence: templates/vendor/LICENSES.txt."""
-    return packed(vendored())
-
-
 def vendored() -> str:
+    """DataTables, which the page unpacks for the first table. Licence: templates/vendor/LICENSES.txt."""
     return (files(__package__) / "templates" / "vendor" / "dataTables.min.js").read_text("utf-8")
 
 

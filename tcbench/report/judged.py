@@ -6,14 +6,13 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from ..studies.columns import ERROR_MAX, claim_column, invariant_columns
+from ..studies.columns import ERROR_MAX, KEPT, claim_column, invariant_columns
 
 if TYPE_CHECKING:
     from pandas import DataFrame, Series
 
 Tables = Mapping[str, Any]
 PAIR = ["integrator", "scenario"]
-KEPT = 1e-9  # relative error up to which a conserved quantity counts as kept: round-off and solver, over any horizon
 TIMES = {
     "time 0.001": ("error", 1e-3), "time 1e-06": ("error", 1e-6), "time 1e-09": ("error", 1e-9),
     "time energy 1e-12": ("energy_error_max", 1e-12),
@@ -39,7 +38,8 @@ def judged(tables: Tables, declared: Tables) -> DataFrame:
     """
     import pandas as pd
 
-    plain = {name: _with_names(table) for name, table in tables.items() if {*PAIR} <= set(table)}
+    plain = {name: table.dropna(subset=PAIR) for name, table in tables.items() if {*PAIR} <= set(table)}
+    plain = {name: table.assign(**{of: table[of].astype(str) for of in PAIR}) for name, table in plain.items()}
     there = [table[PAIR] for table in plain.values()]
     if not there:
         return pd.DataFrame(index=pd.MultiIndex.from_arrays([[], []], names=PAIR))
@@ -64,11 +64,6 @@ def _with_failures(found: DataFrame) -> DataFrame:
     return found.assign(fails=fails.astype(float).where(asked), fails_from=steps.min(axis=1))
 
 
-def _with_names(table: DataFrame) -> DataFrame:
-    known = table.dropna(subset=PAIR)
-    return known.assign(**{name: known[name].astype(str) for name in PAIR})
-
-
 def to_numbers(table: DataFrame, column: str) -> Any:
     """A column as floats; NaN where the table has none."""
     import pandas as pd
@@ -85,7 +80,7 @@ def times_over_best(found: DataFrame, key: str = "time 1e-06") -> dict[str, list
     return {name: of.fillna(math.inf).tolist() for name, of in ratios.groupby(level="integrator")}
 
 
-def finite(value: Any) -> bool:
+def is_finite(value: Any) -> bool:
     try:
         return math.isfinite(float(value))
     except (TypeError, ValueError):
@@ -171,9 +166,9 @@ def power(value: float) -> str:
 def own_step(declared: Tables, name: str, rows: DataFrame) -> float | None:
     """The scenario's own step: declared, else the middle one of its ladder in `conservation`."""
     dt = declared.get("scenarios", {}).get(name, {}).get("dt")
-    if finite(dt):
+    if is_finite(dt):
         return float(dt)
-    steps = sorted({float(h) for h in to_numbers(rows, "dt") if finite(h)})
+    steps = sorted({float(h) for h in to_numbers(rows, "dt") if is_finite(h)})
     return steps[len(steps) // 2] if steps else None
 
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from .judged import finite, to_numbers
+from .judged import is_finite, to_numbers
 from .matrix import FAMILIES, families, names
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ def _ranks(tables: Tables, scenario: str) -> dict[str, tuple[float, float, float
     if times is not None:
         for row in times[times["measure"].eq("error")].to_dict("records"):
             name, missed = str(row["integrator"]), sum(target < 0.5 * row["target"] for target in TARGETS)
-            if finite(row["time_s"]):
+            if is_finite(row["time_s"]):
                 rank = (missed, float(row["time_s"]), least.get(name, math.inf))
                 found[name] = min(rank, found.get(name, rank))
     if not found and ladder is not None and len(ladder):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..engine.declared import FAMILIES as DECLARED
 from ..progress import LOUD
-from .judged import NUMBERS, finite, ladder_runs, laws, settings
+from .judged import NUMBERS, is_finite, ladder_runs, laws, settings
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -88,7 +88,7 @@ def _step(mine: DataFrame) -> dict[str, Any] | None:
         least, where = float(stable.min()), str(stable.idxmin())
         return {"least": least, "where": where, "limited": len(stable), "of": len(known)}
     cap = float(known["dt_cap"].min())
-    return {"least": None, "where": "", "limited": 0, "of": len(known), "cap": cap if finite(cap) else None}
+    return {"least": None, "where": "", "limited": 0, "of": len(known), "cap": cap if is_finite(cap) else None}
 
 
 def lenses(found: DataFrame) -> list[dict[str, Any]]:
@@ -102,7 +102,7 @@ def cells(found: DataFrame, key: str) -> dict[str, dict[str, Any]]:
     for (method, scenario), value in found[key].dropna().items():
         shown: Any = float(value) if math.isfinite(value) else None
         if key == "step" and (row := found.loc[(method, scenario)])["limit"] == "none":
-            shown = ["none", float(row["dt_cap"]) if finite(row["dt_cap"]) else shown]
+            shown = ["none", float(row["dt_cap"]) if is_finite(row["dt_cap"]) else shown]
         chosen.setdefault(method, {})[scenario] = shown
     return chosen
 
@@ -160,7 +160,7 @@ def failures(tables: Tables, longest: int = 300) -> dict[str, dict[str, Any]]:
         if row["status"] == "ok":
             continue
         cell[0] += 1
-        size = next((float(row[name]) for name in ("dt", "tolerance") if finite(row[name])), math.inf)
+        size = next((float(row[name]) for name in ("dt", "tolerance") if is_finite(row[name])), math.inf)
         if not cell[2] or size < cell[3]:
             text = row["failure"]
             said = text if isinstance(text, str) and text else str(row["status"])

@@ -9,7 +9,7 @@ from statistics import median
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from .judged import TIMES, finite, ladder_runs, laws, power, times_over_best
+from .judged import TIMES, is_finite, ladder_runs, laws, power, times_over_best
 from .matrix import Unmeasured, unmeasured
 from .summary import seconds
 
@@ -137,7 +137,7 @@ def _against_peers(table: DataFrame, key: str, name: str, scenarios: Iterable[st
     measure, target = TIMES[key]
     mine = table[table["integrator"].eq(name) & table["measure"].eq(measure) & table["target"].eq(target)]
     mine = mine[mine["scenario"].isin(list(scenarios))]
-    ratios = [float(ratio) for ratio in mine["ratio_to_best_peer"] if finite(ratio)]
+    ratios = [float(ratio) for ratio in mine["ratio_to_best_peer"] if is_finite(ratio)]
     if not ratios or name in set(mine["best_peer"]):
         return ""
     typical = f"{rounded(median(ratios))} times as long"
@@ -170,14 +170,14 @@ def lawful(found: DataFrame) -> Finding | None:
             f"kept every law in every run; {called(name)} in {good} of {runs}" if good else "ended a run with every law"
         )
         return Finding(title, "no method", most, href)
-    steps = [float(h) for h in found.groupby(level="integrator")["dt_most"].max()[keep] if finite(h)]
+    steps = [float(h) for h in found.groupby(level="integrator")["dt_most"].max()[keep] if is_finite(h)]
     largest = f", at every step tried, up to h = {min(steps):.2g}" if steps else ""
     runs = sum(shares[name][1] for name in keep)
     named = [law.replace("_", " ") for law in laws(found)]
     invariants = [name for name in named if name not in ("energy", "entropy")]
     if len(invariants) > 1:  # of several systems, each with its own names
         named = [*(name for name in named if name not in invariants), "every invariant"]
-    words = _listed(named, "and")
+    words = _listed(named)
     return Finding(
         title, f"{len(keep)} of {len(shares)} method{'s' if len(shares) > 1 else ''}",
         f"kept {words} in each of {runs} runs{largest}: {_some(keep)}", href,
@@ -212,7 +212,7 @@ def coarse(found: DataFrame) -> Finding | None:
     worst = found.loc[known.index, wrong].groupby(level="integrator").max()
 
     def within(name: str) -> str:
-        return ", ".join(f"{WRONG[c]} within {percent(v)}" for c, v in worst.loc[name].items() if finite(v))
+        return ", ".join(f"{WRONG[c]} within {percent(v)}" for c, v in worst.loc[name].items() if is_finite(v))
 
     count = ran.index.get_level_values("scenario").nunique()
     price = typical_cost(found)
@@ -274,7 +274,7 @@ def _where_it_fails(mine: DataFrame) -> str:
     count, start = int(sum(tried)), ""
     if not count:
         return ""
-    if finite(least := mine["fails_from"].min()):
+    if is_finite(least := mine["fails_from"].min()):
         start = f" from h = {least:.2g}"
     where = f" on {count} of {len(tried)}{',' if start else ''}" if len(tried) > 1 else ""
     return f"fails{where}{start}"
@@ -289,7 +289,7 @@ def failing(found: DataFrame, tables: Tables) -> Finding | None:
     known = [(bad["dt"], bad["integrator"], bad["scenario"])]
     if "fails_from" in found:
         known.append((found["fails_from"], *(found.index.get_level_values(of) for of in ("integrator", "scenario"))))
-    steps = [(h, str(m), str(s)) for of in known for h, m, s in zip(*of, strict=True) if finite(h)]
+    steps = [(h, str(m), str(s)) for of in known for h, m, s in zip(*of, strict=True) if is_finite(h)]
     without = unmeasured(tables)
     if not runs and without:
         return Finding("What fails", _without(without), without[0].sentence, "#failures")
@@ -333,20 +333,20 @@ def random_starts(tables: Tables) -> Finding | None:
             r for r in rows.to_dict("records") if r["failed"] and r["runs"] >= min(FEW_A_STEP, rows["runs"].max())
         ]
         worst = max(
-            shares or rows.to_dict("records"), key=lambda r: (r["share"] if finite(r["share"]) else -1.0, r["runs"])
+            shares or rows.to_dict("records"), key=lambda r: (r["share"] if is_finite(r["share"]) else -1.0, r["runs"])
         )
-        at = f"h = {worst['dt']:.3g}" if finite(worst["dt"]) else f"tolerance {power(worst['tolerance'])}"
+        at = f"h = {worst['dt']:.3g}" if is_finite(worst["dt"]) else f"tolerance {power(worst['tolerance'])}"
         text += f"; most often {called(str(worst['integrator']))}, in {worst['failed']} of {worst['runs']} at {at}"
     return Finding("From random starts", lead, text, "#overview=ensemble")
 
 
-def _listed(words: Iterable[str], last: str) -> str:
+def _listed(words: Iterable[str]) -> str:
     """ "a, b and c"."""
     *head, tail = list(words)
-    return f"{', '.join(head)} {last} {tail}" if head else tail
+    return f"{', '.join(head)} and {tail}" if head else tail
 
 
 def _some(names: Sequence[str], most: int = NAMED) -> str:
     """The first names, and how many others."""
     rest, names = len(names) - most, [called(name) for name in names]
-    return _listed(names, "and") if rest <= 0 else f"{', '.join(names[:most])} and {rest} more"
+    return _listed(names) if rest <= 0 else f"{', '.join(names[:most])} and {rest} more"

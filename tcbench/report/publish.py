@@ -12,7 +12,7 @@ from typing import Any
 from ..errors import TcbenchError, writing
 from ..files import replacing
 from ..store.store import Store
-from .write_report import machine, write_report
+from .write_report import machine, templates, write_report
 
 COPIED = ("summary.csv", "declared.json")  # beside report, tables, sources and the manifest
 # Trees of a run, and the files of them that are copied: data and sources, nothing that a browser would run.
@@ -27,8 +27,6 @@ def publish(folders: Sequence[str | Path], output: str | Path) -> Path:
     output : folder of the site, made where it does not exist; what else is in it stays.
     Raises TcbenchError for folders that hold no run, and where the site cannot be written.
     """
-    from jinja2 import Environment, PackageLoader
-
     output = Path(output)
     runs = [_checked(Path(folder), output) for folder in folders]
     if not runs:
@@ -41,8 +39,7 @@ def publish(folders: Sequence[str | Path], output: str | Path) -> Path:
             names[name] = names.get(name, 0) + 1
             entries.append(_published(run, name if names[name] == 1 else f"{name}-{names[name]}", output))
         entries.sort(key=itemgetter("machine", "ended", "name"))
-        templates = Environment(loader=PackageLoader("tcbench.report"), autoescape=True, trim_blocks=True)
-        page = templates.get_template("site.html").render(entries=entries)
+        page = templates().get_template("site.html").render(entries=entries)
         with replacing(output / INDEX) as temporary:
             temporary.write_text(page, encoding="utf-8")
     return output / INDEX

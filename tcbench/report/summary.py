@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from ..studies.columns import ERROR_MAX, claim_column
-from .judged import finite, is_kept
+from .judged import is_finite, is_kept
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -42,7 +42,7 @@ def claims_kept(row: Mapping[str, Any], claims: Any) -> tuple[str, int]:
 
     A claim counts where it was measured: what a system does not have, nothing keeps.
     """
-    if not finite(row.get("ladder_runs")) or not isinstance(claims, list | tuple | set | frozenset):
+    if not is_finite(row.get("ladder_runs")) or not isinstance(claims, list | tuple | set | frozenset):
         return ABSENT, 0
     if not claims:
         return "claims none", 0
@@ -57,9 +57,9 @@ def claims_kept(row: Mapping[str, Any], claims: Any) -> tuple[str, int]:
 
 
 def _order(row: Mapping[str, Any]) -> str:
-    if not finite(row.get("fits")):
+    if not is_finite(row.get("fits")):
         return ABSENT
-    return f"{row['order']:.2f}" if finite(row["order"]) else "undetermined"
+    return f"{row['order']:.2f}" if is_finite(row["order"]) else "undetermined"
 
 
 def stable_step(row: Mapping[str, Any]) -> str:
@@ -68,9 +68,9 @@ def stable_step(row: Mapping[str, Any]) -> str:
         return ABSENT
     limit, stable = str(row["limit"]), row["step"]
     if limit == "none":
-        top = row["dt_cap"] if finite(row["dt_cap"]) else stable
-        return f"above {top:.3g}" if finite(top) else "no limit"
-    if not finite(stable):
+        top = row["dt_cap"] if is_finite(row["dt_cap"]) else stable
+        return f"above {top:.3g}" if is_finite(top) else "no limit"
+    if not is_finite(stable):
         return "none found" if limit in ("nan", "None", "") else f"none found ({limit})"
     return f"{stable:.3g} ({limit})"
 
@@ -81,7 +81,7 @@ def _time(row: Mapping[str, Any]) -> str:
 
 
 def _of(row: Mapping[str, Any], some: str, runs: str) -> str:
-    return f"{int(row[some])} of {int(row[runs])}" if finite(row.get(runs)) else ABSENT
+    return f"{int(row[some])} of {int(row[runs])}" if is_finite(row.get(runs)) else ABSENT
 
 
 def seconds(value: float) -> str:
@@ -99,7 +99,7 @@ def verdicts(method: Any, row: Mapping[str, Any]) -> dict[str, str]:
     }
     found = {}
     for column, law in laws.items():
-        if finite(row.get(column)) and row.get("steps", 1) > 0:
+        if is_finite(row.get(column)) and row.get("steps", 1) > 0:
             holds = is_kept(law, float(row[column]))
             found[column] = f"{'claimed' if law in method.claims else 'not claimed'}, {'kept' if holds else 'not kept'}"
     return found

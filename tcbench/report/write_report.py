@@ -18,7 +18,7 @@ from ..studies.columns import column
 from ..studies.work_precision import SPENT_S
 from .by_method import paper
 from .charts.scales import power_text
-from .html import library, packed_json, packed_table, script_hash, script_text, strict, vendored
+from .html import packed, packed_json, packed_table, script_hash, script_text, strict, vendored
 from .judged import LOOSE, judged
 from .leaders import leaders
 from .matrix import FAMILIES, failures, lenses, methods, names, stopped
@@ -50,14 +50,15 @@ def write_report(
     store, tables = known or (found := Store.read(folder), read_tables(found))
     if not any(len(table) for table in tables.values()):
         raise TcbenchError(f"{str(folder)!r} holds no finished cell yet; there is nothing to report.")
-    text = _environment().get_template("report.html").render(**_content(store, dict(tables)))
+    text = templates().get_template("report.html").render(**_content(store, dict(tables)))
     path = page or Path(folder) / "report.html"
     with writing(repr(str(path))), replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8", errors="replace")
     return path
 
 
-def _environment() -> Any:
+def templates() -> Any:
+    """Those of the page and of a site of them."""
     from jinja2 import Environment, PackageLoader
 
     environment = Environment(
@@ -114,7 +115,7 @@ def _content(store: Store, tables: dict[str, DataFrame]) -> dict[str, Any]:
         "problems": store.problems,
         "page": packed_json(strict(data, 6)),
         "packed": {name: packed_table(table, partial(_digits, name, set(table))) for name, table in tables.items()},
-        "library": library(),
+        "library": packed(vendored()),
         "script": script,
         "hashes": [script_hash(text) for text in (script, vendored())],
         "css": (css := script_text("report.css")),

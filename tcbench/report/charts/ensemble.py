@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import matplotlib
@@ -106,11 +105,11 @@ def _profile(part: DataFrame, measure: str, target: float) -> Panel:
 
 
 @chart_of_rows
-def error_time(points: DataFrame, integrators: Sequence[str] | None = None) -> Drawing:
+def error_time(points: DataFrame) -> Drawing:
     """Error of the state against time: every run a dot, and the medians of each setting joined, from coarse to fine.
 
-    points : rows of `ensemble_points` of one ensemble. integrators : those to draw in colour; by default those with the
-    least median time at some accuracy. The other runs are grey.
+    points : rows of `ensemble_points` of one ensemble. In colour are the methods with the least median time at some
+    accuracy; the other runs are grey.
     """
     points = first(points)
     figure, (ax,) = panels(1, 1, (7.0, 4.6), right=0.8)
@@ -125,7 +124,7 @@ def error_time(points: DataFrame, integrators: Sequence[str] | None = None) -> D
     log_axis(ax, "y", np.clip(error[good], ROUND_OFF, 1e3))
     round_off_band(ax)
     known = points[good]
-    chosen = list(integrators) if integrators else _leaders(known)
+    chosen = _leaders(known)
     method = known["integrator"].astype(str).to_numpy()
     others = ~np.isin(method, chosen)
     dot: dict[str, Any] = {"marker": ".", "linestyle": "none", "rasterized": True}

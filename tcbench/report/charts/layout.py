@@ -144,8 +144,7 @@ def _columns(count: int, shape: float) -> int:
 class Borrowed:
     """The figure of an Axes that the caller made: nothing of its size and layout is changed."""
 
-    columns = rows = 1
-    above = beside = below = 0.0
+    columns = 1
 
     def __init__(self, ax: Axes) -> None:
         self.ax, self.figure = ax, ax.figure
@@ -301,7 +300,6 @@ def failed_handle(text: str = "failed") -> Line2D:
     return Line2D([], [], label=text, color=ink(), **_failed())
 
 
-def titles(axes: Sequence[Axes], texts: Mapping[int, str] | Sequence[str]) -> None:
-    pairs = texts.items() if isinstance(texts, Mapping) else enumerate(texts)
-    for i, text in pairs:
-        axes[i].set_title(short(text, 60), loc="left")
+def titles(axes: Sequence[Axes], texts: Sequence[str]) -> None:
+    for ax, text in ((ax, text) for ax, text in zip(axes, texts, strict=False) if text):
+        ax.set_title(short(text, 60), loc="left")

@@ -42,16 +42,13 @@ def power_text(value: float, _position: int | None = None) -> str:
 def log_axis(ax: Axes, which: str, values: Any = None) -> None:
     """A logarithmic axis. Over less than two decades ticks at 1, 2, 5 are named too, over less than one most digits."""
     axis = ax.xaxis if which == "x" else ax.yaxis
-    (ax.set_xscale if which == "x" else ax.set_yscale)("log")
+    ax.set(**{f"{which}scale": "log"})
     good = np.asarray([] if values is None else values, dtype=float)
     good = good[np.isfinite(good) & (good > 0)]
-    if not len(good):
-        (ax.set_xlim if which == "x" else ax.set_ylim)(1e-2, 1e2)
-    else:
-        low, high = good.min(), good.max()
-        pad = max((high / low) ** 0.06, 1.15)
-        (ax.set_xlim if which == "x" else ax.set_ylim)(low / pad, high * pad)
-    decades = np.log10(good.max() / good.min()) if len(good) else 4.0
+    low, high = (good.min(), good.max()) if len(good) else (1e-2, 1e2)
+    pad = max((high / low) ** 0.06, 1.15) if len(good) else 1.0
+    ax.set(**{f"{which}lim": (low / pad, high * pad)})
+    decades = np.log10(high / low)
     subs = next(ticks for most, ticks in TICKS if decades < most)
     axis.set_major_locator(LogLocator(subs=subs, numticks=8))
     axis.set_major_formatter(FuncFormatter(power_text))
