@@ -72,11 +72,6 @@ class Series:
     ended : bool
         Whether it is a run that failed; it then has a cross at its last point.
 
-    Raises
-    ------
-    TcbenchError
-        Not here.
-
     References
     ----------
     docs/gallery.md.
@@ -113,11 +108,6 @@ class Row:
         Label behind it.
     hollow : bool
         Whether its marks are hollow.
-
-    Raises
-    ------
-    TcbenchError
-        Not here.
 
     References
     ----------
@@ -163,7 +153,7 @@ class Panel:
     Raises
     ------
     TcbenchError
-        Not here.
+        For a scale that is none.
 
     References
     ----------

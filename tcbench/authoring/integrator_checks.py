@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -125,23 +126,19 @@ def quotients(method: Integrator) -> Line:
     return Line(name, OK, "none is 0/0 at z1 = z0")
 
 
-def marches(method: Integrator) -> Line:
-    """`march` gives what `step` gives, and as often as was asked for."""
-    if method.march is None:
-        return Line("march", NONE, "none is given (march= is for a compiled loop of your own)")
-    remedy = "march(z, h, count, system) returns what step returns in the next steps, shape (count, n)."
-    return _second_way(method, "march", "step", march_gap, remedy)
+SECOND_WAYS: dict[str, tuple[str, Callable[..., Any], str, str]] = {  # the first way, how far from it, what for, remedy
+    "march": ("step", march_gap, "is for a compiled loop of your own",
+              "march(z, h, count, system) returns what step returns in the next steps, shape (count, n)."),
+    "outputs": ("adaptive", outputs_gap, "ends the runs of an adaptive solver where they fail",
+                "outputs(system, z0, t_eval, rtol, atol) returns an iterator of the rows of adaptive, and a dict."),
+}  # fmt: skip
 
 
-def gives_outputs(method: Integrator) -> Line:
-    """`outputs` gives what `adaptive` gives, one by one."""
-    if method.outputs is None:
-        return Line("outputs", NONE, "none is given (outputs= ends the runs of an adaptive solver where they fail)")
-    remedy = "outputs(system, z0, t_eval, rtol, atol) returns an iterator of the rows of adaptive, and a dict."
-    return _second_way(method, "outputs", "adaptive", outputs_gap, remedy)
-
-
-def _second_way(method: Integrator, name: str, first: str, gap_of: Callable[..., Any], remedy: str) -> Line:
+def second_way(name: str, method: Integrator) -> Line:
+    """`march` gives what `step` gives, and as often as was asked for; `outputs` what `adaptive` gives, one by one."""
+    first, gap_of, purpose, remedy = SECOND_WAYS[name]
+    if getattr(method, name) is None:
+        return Line(name, NONE, f"none is given ({name}= {purpose})")
     for scenario in scenarios(method):
         shape, gap = gap_of(method, scenario, scenario.dt * GENTLE, REPEATED)
         if not gap <= ROUNDOFF * np.abs(scenario.z0).max():
@@ -387,7 +384,6 @@ TESTS: tuple[tuple[str, Callable[[Integrator], Line]], ...] = (
     ("order", order),
     ("claims", claims),
     ("restart", restart),
-    ("march", marches),
-    ("outputs", gives_outputs),
+    *((name, partial(second_way, name)) for name in SECOND_WAYS),
     ("Jacobian", jacobian),
 )

@@ -46,10 +46,6 @@ def _umask() -> str:
     return f"{found:o}"
 
 
-def _machine() -> str:
-    return repr((*platform.uname(), os.cpu_count()))
-
-
 def _cores() -> str:
     """Those that this process may use."""
     return str(sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count())
@@ -83,7 +79,7 @@ FACTS: dict[str, Callable[[Variables, str], str]] = {
     CURRENT: lambda variables, folder: folder,
     NAMES: lambda variables, folder: "\0".join(names_of(variables)),
     VARIABLES: lambda variables, folder: _all(variables),
-    MACHINE: lambda variables, folder: _machine(),
+    MACHINE: lambda variables, folder: repr((*platform.uname(), os.cpu_count())),
     CORES: lambda variables, folder: _cores(),
     UMASK: lambda variables, folder: _umask(),
     TEXT: lambda variables, folder: ENCODING,
