@@ -109,7 +109,8 @@ def expect(where: str, values: Mapping[str, Any], kinds: Mapping[str, str]) -> N
     for name, told in kinds.items():
         value = values[name]
         if not any(value is None if way == "nothing" else KINDS[way](value) for way in ways_of(told)):
-            raise TcbenchError(f"{where}: {name} must be {told}, not {shown(value)}.")
+            remedy = f" Write [{shown(value)}]." if "numbers" in told and KINDS["a number"](value) else ""
+            raise TcbenchError(f"{where}: {name} must be {told}, not {shown(value)}.{remedy}")
 
 
 def expect_words(where: str, values: Mapping[str, Any], *names: str) -> None:

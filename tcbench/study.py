@@ -89,7 +89,9 @@ class Study:
     def __post_init__(self) -> None:
         expect_words(f"The study {self.name!r}", vars(self), "tables", "scenarios")
 
-    def planned(self, methods: Sequence[Integrator], scenarios: Sequence[Scenario], options: Row) -> Cells:
+    def planned(
+        self, methods: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]
+    ) -> Cells:
         """What `plan` returns, if it is a list of cells."""
         with calling(f"plan of the study {self.name!r} failed"):
             found: Any = self.plan(methods, scenarios, options)

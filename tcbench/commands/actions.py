@@ -154,8 +154,6 @@ def map_command(
     drawn = job.studies[0].name != "map"
     if drawn and dt is not None:
         raise TcbenchError("A map of random scenarios has the step as an axis: --x dt=0.025:1.6:7:log.")
-    if not drawn and (settings["size"] is not None or settings["seed"] is not None):
-        raise TcbenchError("--size and --seed are for maps of random scenarios: tcbench map INTEGRATOR random ...")
     name = "failure_map" if drawn else "map"
     output = options.pop("output")
     results = execute(job, output, options)

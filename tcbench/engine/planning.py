@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+from collections import UserDict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .. import plugins
-from ..errors import TcbenchError
+from ..errors import TcbenchError, unknown_name
 from ..integrator import Integrator
 from ..store.cells import Cell
 from ..store.cores import usable_cores
@@ -94,6 +95,32 @@ def _from_data(data: Mapping[str, Any]) -> Job:
     )
 
 
+class _Options(UserDict[str, Any]):
+    """The options of a run, and which of them its studies have asked for."""
+
+    asked: set[str]
+
+    def __getitem__(self, name: str) -> Any:
+        self.asked.add(name)
+        return super().__getitem__(name)
+
+    def __contains__(self, name: object) -> bool:
+        self.asked.add(str(name))
+        return super().__contains__(name)
+
+    def __init__(self, given: Mapping[str, Any]) -> None:
+        self.asked = set()
+        super().__init__(given)
+
+    def check(self, names: Mapping[str, Any]) -> None:
+        """Refuse those that no study has asked for: a misspelt one would be left out without a word."""
+        for name in names:
+            if names[name] is not None and name not in self.asked:
+                random = name in ("size", "seed", "budget")
+                remedy = f"{name} is for random scenarios: the study ensemble, and maps of them." if random else ""
+                raise unknown_name("option of the chosen studies", name, self.asked, remedy)
+
+
 def _plan(
     integrators: list[Any] | None, scenarios: list[Any] | None, studies: list[str] | None, dt: list[float] | None,
     options: dict[str, Any],
@@ -106,7 +133,7 @@ def _plan(
         chosen = [find_study(study.of_random or study.name) for study in chosen]
     if len({s.name for s in selected}) < len(selected):
         raise TcbenchError("Two scenarios of one run have the same name; give variants a name: replace(name=...).")
-    settings = {"dt": _checked_steps(dt, selected), **options}
+    settings = _Options({"dt": _checked_steps(dt, selected), **options})
     custom = {s.name: data for s in selected if not _can_be_named(s) and (data := scenario_data(s)) is not None}
     remote = {s.name: s.name in custom or _can_be_named(s) for s in selected}
     cells, here, seen = [], {}, set()
@@ -125,6 +152,7 @@ def _plan(
             if not remote[scenario.name] or not plugins.is_registered(method):
                 here[cell.key] = method, scenario
             cells.append(cell)
+    settings.check(options)
     left_out: list[str] = []
     if integrators is not None:
         left_out = _left_out(methods, chosen, selected, seen, studies is not None) + _unsuited(methods, selected)

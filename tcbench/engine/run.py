@@ -120,7 +120,7 @@ def run(
     dt : sequence of float, optional
         Steps of the ladder studies, in each scenario's (dimensionless) time, instead of each scenario's own.
     options : mapping, optional
-        Of single studies, by name, such as {"size": 100, "seed": 1} of the ensemble; docs/running.md has them all.
+        Of single studies, by name, such as {"size": 100, "seed": 1} of the ensemble (docs/ensembles.md).
     jobs : int, optional
         Worker processes; one for each usable core by default.
     timeout : float

@@ -233,7 +233,8 @@ class System(OverSpaces):
                 raise unknown_name(f"variable of {self.name!r}", name, self.variables)
         for name, shape in self.variables.items():
             if name not in initial or (np.shape(initial[name]) != shape and (0 not in shape or np.size(initial[name]))):
-                raise TcbenchError(f"initial must give {name!r}, {whole(shape)}; it has {initial.get(name)!r}.")
+                there = f"has {initial[name]!r}" if name in initial else "does not"
+                raise TcbenchError(f"initial must give {name!r}, {whole(shape)}; it {there}.")
         z = np.concatenate([np.ravel(initial[name]) for name in self.variables]).astype(float)
         state = self.state(z)  # in plain numpy: a scenario is made without compiling anything
         with np.errstate(all="ignore"):  # what is not finite is said below
