@@ -24,7 +24,7 @@ from ..store.encoding import csv_bytes
 from ..store.store import Store
 from ..store.tables import only, read_tables
 from ..studies.base import studies
-from ..studies.columns import shown
+from ..studies.columns import shown_columns
 from ..studies.order_fit import MIN_POINTS
 from . import terminal
 from .options import words
@@ -220,7 +220,7 @@ def show_command(
     if latex and table is not None:
         from ..report.latex import to_latex
 
-        columns = terminal.SHOWN.get(table) or shown(tables[table].columns)
+        columns = terminal.SHOWN.get(table) or shown_columns(tables[table].columns)
         sys.stdout.write(to_latex(tables[table], ["scenario", *(c for c in columns if c != "scenario")]))
     elif as_json:
         terminal.print_json(records(tables))

@@ -13,7 +13,7 @@ from rich.table import Table
 
 from ..errors import visible
 from ..report.html import strict
-from ..studies.columns import column, shown
+from ..studies.columns import column, shown_columns
 from ..studies.conservation import COLUMNS as CONSERVATION
 
 if TYPE_CHECKING:
@@ -181,7 +181,7 @@ def print_table(name: str, table: DataFrame) -> None:
     if name == "claims":
         print_frame(table, "\nclaims", ("claim", "measured", "verdict"))
     elif columns is None or by not in table:
-        print_frame(table, f"\n{name}", [c for c in shown(table.columns) if table[c].notna().any()])
+        print_frame(table, f"\n{name}", [c for c in shown_columns(table.columns) if table[c].notna().any()])
     else:
         for group, part in table.groupby(by, sort=False):
             _print_block(f"\n{name}: {group}", name, part)
@@ -192,7 +192,7 @@ def _print_block(title: str, name: str, part: DataFrame) -> None:
     invariants and metrics of plugins, too."""
     columns = list(SHOWN[name])
     if name == "conservation":
-        own = [c for c in shown(part.columns) if c not in CONSERVATION and c not in columns]
+        own = [c for c in shown_columns(part.columns) if c not in CONSERVATION and c not in columns]
         place = columns.index("angular_momentum_error_max") + 1
         columns[place:place] = own if len(own) <= MOST_OWN else []
     columns = [c for c in columns if c in part and part[c].notna().any()]

@@ -77,10 +77,17 @@ def animate(
     positive("fps", fps)
     if not 1 <= frames <= MOST_FRAMES:
         raise TcbenchError(f"frames must be 1 to {MOST_FRAMES}, not {frames}.")
-    if path is not None:
-        return save(chosen, path, frames, fps)
+    place = None if path is None else checked_output(path)
     _checked(chosen)
-    return _movie(chosen, frames, fps)
+    if place is None:
+        return _movie(chosen, frames, fps)
+    pictures = _pictures(chosen, frames)
+    with writing(repr(str(place))), written(place) as temporary:
+        if place.suffix == ".html":
+            temporary.write_text(_page(pictures, fps), encoding="utf-8")
+        else:
+            {".gif": _as_gif, ".mp4": _as_mp4}[place.suffix](pictures, temporary, fps)
+    return place
 
 
 def _movie(runs: Sequence[Trajectory], frames: int, fps: int) -> FuncAnimation:
@@ -108,19 +115,6 @@ def checked_output(output: str | Path) -> Path:
     if path.suffix == ".mp4" and not shutil.which("ffmpeg"):
         raise TcbenchError("An .mp4 needs the program ffmpeg, which is not installed. Write a .gif or .html instead.")
     needs_folder(path)
-    return path
-
-
-def save(runs: Sequence[Trajectory], path: str | Path, frames: int = FRAMES, fps: int = FPS) -> Path:
-    """Write the animation; see `animate`."""
-    path = checked_output(path)
-    _checked(runs)
-    pictures = _pictures(runs, frames)
-    with writing(repr(str(path))), written(path) as temporary:
-        if path.suffix == ".html":
-            temporary.write_text(_page(pictures, fps), encoding="utf-8")
-        else:
-            {".gif": _as_gif, ".mp4": _as_mp4}[path.suffix](pictures, temporary, fps)
     return path
 
 

@@ -180,6 +180,6 @@ def column(name: str) -> Column:
     return found._replace(name=name, label=found.label or plain, short=found.short or name)
 
 
-def shown(names: Iterable[Any]) -> list[str]:
+def shown_columns(names: Iterable[Any]) -> list[str]:
     """Those that say what came out, in their order."""
     return [str(name) for name in names if column(str(name)).shown]

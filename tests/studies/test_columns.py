@@ -3,7 +3,7 @@
 import pytest
 
 from tcbench.commands import terminal
-from tcbench.studies.columns import COLUMNS, column, shown
+from tcbench.studies.columns import COLUMNS, column, shown_columns
 
 
 def test_a_column_that_nobody_described_is_written_as_it_is_called():
@@ -35,7 +35,7 @@ def test_directions(name, worse):
 def test_timings_are_told_and_bookkeeping_is_hidden():
     for name in ("us_per_step", "wall_time_min_s", "hook_time_s"):
         assert column(name).timing
-    assert shown(["dt", "source_hash", "energy_error_max", "traceback"]) == ["dt", "energy_error_max"]
+    assert shown_columns(["dt", "source_hash", "energy_error_max", "traceback"]) == ["dt", "energy_error_max"]
 
 
 def test_the_headings_of_a_table_are_distinct_or_grouped():
