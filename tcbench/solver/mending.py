@@ -18,7 +18,7 @@ from ..compiler import derivatives as trace
 from ..compiler import kernels
 from ..compiler.array_kernels import ArrayKernel, array_kernel
 from ..compiler.array_mesh import Block
-from ..compiler.array_states import Blocks, entries, is_array, refilled
+from ..compiler.array_states import entries, is_array, refilled
 from ..compiler.arrays import NUMBER, count, total
 from ..compiler.chain_rule import covectors
 from ..compiler.derivatives import Symbol, const
@@ -79,21 +79,22 @@ def shortest_move(
 
 def by_variable(system: System, x: Any, y: Any) -> Any:
     """For each number of a state x . y of its variable, which does not turn with the axes."""
-    if is_array(x):
-        products = [trace.lifted(np.sum(a * b)) for a, b in zip(x.blocks, y.blocks, strict=True)]
-        found = [refilled(a, [v] * len(entries(a))) for a, v in zip(x.blocks, products, strict=True)]
-        return Blocks(found, x.names)
-    blocks = [slice(*system.layout[name][:2]) for name in system.variables]
-    pairs = [(np.asarray(x)[block], np.asarray(y)[block]) for block in blocks]
-    return trace.array(product for a, b in pairs for product in [a @ b] * len(a))
+    products = [[v] * len(entries(a)) for v, a in zip(_products(system, x, y), _blocks(system, x), strict=True)]
+    return refilled(x, [v for alike in products for v in alike])
 
 
 def _dot(system: System, x: Any, y: Any) -> Any:
     """x . y, variable by variable."""
-    if is_array(x):
-        return x @ y
-    blocks = [slice(*system.layout[name][:2]) for name in system.variables]
-    return sum((np.asarray(x)[block] @ np.asarray(y)[block] for block in blocks), const(0.0))
+    return sum(_products(system, x, y), const(0.0))
+
+
+def _products(system: System, x: Any, y: Any) -> list[Symbol]:
+    return [trace.lifted(np.sum(a * b)) for a, b in zip(_blocks(system, x), _blocks(system, y), strict=True)]
+
+
+def _blocks(system: System, x: Any) -> list[Any]:
+    """A state as its variables, one after the other."""
+    return x.blocks if is_array(x) else [np.asarray(x)[slice(*system.layout[n][:2])] for n in system.variables]
 
 
 def missed(now: Floats, first: Floats, entropy: float, allowed: Floats) -> float:

@@ -1,4 +1,4 @@
-"""What an `ElementSystem` that is declared over spaces derives on arrays: slopes of element energies and of strains."""
+"""What an `ElementSystem` that is declared over spaces derives on arrays: d(shape)/dq, and rates of temperatures."""
 
 from __future__ import annotations
 
@@ -9,22 +9,7 @@ from ..compiler import chain_rule
 from ..compiler import derivatives as trace
 from ..compiler.array_states import entries, refilled
 from ..compiler.array_symbols import ArraySymbol
-from ..compiler.arrays import LINEAR, variable
-from .refusals import refuse_coupled
-
-
-def element_slopes(system: Any, pi: Any, s: Any) -> tuple[Any, Any]:
-    """(de/dpi, de/ds) at these strain measures and entropies; TraceError where an energy sees another element."""
-    pi_, s_ = system.fresh("pi", "element"), system.fresh("s", "element")
-    own = entries(pi_, s_)
-    energies = entries(system.element_energy(pi_, s_))
-    moving = trace.depends_on(energies, own)
-    if len(energies) != 1 or any(x.op in LINEAR and x.number in moving for x in trace.topological(energies)):
-        raise refuse_coupled(system)
-    (row,) = trace.sparse_jacobian(energies, own)
-    slopes = [row.get(k, trace.const(0.0)) for k in range(2)]
-    found = trace.substitute(slopes, dict(zip(own, entries(pi, s), strict=True)))
-    return refilled(pi_, found[:1]), refilled(pi_, found[1:])
+from ..compiler.arrays import variable
 
 
 def temperature_field(system: Any, y: Any) -> Any:

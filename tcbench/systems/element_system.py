@@ -21,9 +21,9 @@ from ..compiler.array_symbols import ArraySymbol
 from ..compiler.arrays import variable
 from ..compiler.divided_differences import rectangle, symmetrised_slopes
 from ..errors import TcbenchError
-from .array_elements import ArraySlope, element_slopes, temperature_field
+from .array_elements import ArraySlope, temperature_field
 from .operators import Poisson, SparseRows
-from .refusals import check_degree, check_own
+from .refusals import check_degree, own_slopes
 from .sizes import check_sizes, how_many
 from .state import LETTERS, State
 from .system import System
@@ -309,18 +309,12 @@ class ElementSystem(ThermalVariables, System):
 
     def element_slopes(self, pi: Any, s: Any) -> tuple[Any, Any]:
         """(de/dpi, de/ds), (n_elements,) each, of the elements at these strain measures and entropies; exact."""
-        if self.by_array:
-            return element_slopes(self, pi, s)
-        n = self.n_elements
         pi_, s_ = self.fresh("pi", "element"), self.fresh("s", "element")
-        slopes = trace.sparse_jacobian(list(self.element_energy(pi_, s_)), [*pi_, *s_])
-        check_own(self, slopes, n)
-        zero = trace.const(0.0)
-        diagonal = [row.get(i, zero) for i, row in enumerate(slopes)]
-        diagonal += [row.get(n + i, zero) for i, row in enumerate(slopes)]
-        here = dict(zip([*pi_, *s_], [*pi, *s], strict=True))
-        values = np.array(trace.substitute(diagonal, here), dtype=object)
-        return values[:n], values[n:]
+        own = entries(pi_, s_)
+        n, rows = len(own) // 2, own_slopes(self, entries(self.element_energy(pi_, s_)), own)
+        diagonal = [row.get(k + i, trace.const(0.0)) for k in (0, n) for i, row in enumerate(rows)]
+        values = trace.substitute(diagonal, dict(zip(own, entries(pi, s), strict=True)))
+        return refilled(pi_, values[:n]), refilled(pi_, values[n:])
 
     def fresh(self, name: str, space: str) -> Any:
         """New variables, one for each "position" or "element"."""

@@ -10,6 +10,7 @@ from weakref import WeakSet
 import numpy as np
 
 from ..compiler import derivatives as trace
+from ..compiler.arrays import LINEAR
 from ..compiler.cut import degrees
 from ..compiler.sentences import refused, where_in_user_code
 from ..compiler.symbols import Symbol
@@ -156,30 +157,25 @@ def _line(system: System, *names: str) -> str:
     return f"{function.__code__.co_filename}, line {function.__code__.co_firstlineno}"
 
 
-def check_own(system: ElementSystem, rows: Sequence[Any], count: int) -> None:
-    """TraceError where the energy of an element depends on another one's strain or entropy.
-
-    rows: of the slopes by the strains, then by the entropies, position -> slope.
-    """
-    where = _line(system, "element_energy")
-    if len(rows) != count:
+def own_slopes(system: ElementSystem, energies: Sequence[Symbol], own: Sequence[Symbol]) -> list[dict[int, Symbol]]:
+    """Of each element's energy its derivatives by position in `own`, the strains and then the entropies of all elements
+    (or of the array of them); TraceError where it depends on another element's."""
+    count, where, moving = len(own) // 2, _line(system, "element_energy"), trace.depends_on(energies, own)
+    if len(energies) != count:
+        told = f"element_energy() gives {len(energies)} numbers for {count} elements"
+        raise refused(told, "It gives one for each", where)
+    between = any(x.op in LINEAR and x.number in moving for x in trace.topological(energies))
+    rows = [] if between else trace.sparse_jacobian(energies, own)
+    others = [(i, j % count) for i, row in enumerate(rows) for j in row if j % count != i]
+    if between or others:
+        one, other = (f"element {k}" for k in min(others)) if others else ("an element", "another one")
         raise refused(
-            f"element_energy() gives {len(rows)} numbers for {count} elements", "It gives one for each", where
+            f"the energy of {one} depends on the strain or the entropy of {other}, and gradients are made of each "
+            "element's own",
+            "Let element_energy() act element by element; what couples two of them is an element of its own",
+            where,
         )
-    for i, row in enumerate(rows):
-        others = sorted({j % count for j in row} - {i})
-        if others:
-            raise refuse_coupled(system, f"element {i}", f"element {others[0]}")
-
-
-def refuse_coupled(system: System, one: str = "an element", other: str = "another one") -> TcbenchError:
-    """Where the energy of an element is not its own."""
-    return refused(
-        f"the energy of {one} depends on the strain or the entropy of {other}, and gradients are made of each "
-        "element's own",
-        "Let element_energy() act element by element; what couples two of them is an element of its own",
-        _line(system, "element_energy"),
-    )
+    return rows
 
 
 def check_invariants(system: System, z0: Any) -> None:
