@@ -18,12 +18,13 @@ from ..compiler import derivatives as trace
 from ..compiler import kernels
 from ..compiler.array_kernels import ArrayKernel, array_kernel
 from ..compiler.array_mesh import Block
-from ..compiler.array_states import entries, is_array, refilled
+from ..compiler.array_states import entries, refilled
 from ..compiler.arrays import NUMBER, count, total
 from ..compiler.chain_rule import covectors
 from ..compiler.derivatives import Symbol, const
 from ..compiler.kernels import constant_part, kernel
 from ..compiler.language import Floats, Kernel, call, rare
+from ..systems.state import blocks_of
 from ..systems.system import System
 
 ROUND_OFF = 2.0**-51  # of what the terms of a law are: what a mended state may miss
@@ -79,7 +80,7 @@ def shortest_move(
 
 def by_variable(system: System, x: Any, y: Any) -> Any:
     """For each number of a state x . y of its variable, which does not turn with the axes."""
-    products = [[v] * len(entries(a)) for v, a in zip(_products(system, x, y), _blocks(system, x), strict=True)]
+    products = [[v] * len(entries(a)) for v, a in zip(_products(system, x, y), blocks_of(system, x), strict=True)]
     return refilled(x, [v for alike in products for v in alike])
 
 
@@ -89,12 +90,7 @@ def _dot(system: System, x: Any, y: Any) -> Any:
 
 
 def _products(system: System, x: Any, y: Any) -> list[Symbol]:
-    return [trace.lifted(np.sum(a * b)) for a, b in zip(_blocks(system, x), _blocks(system, y), strict=True)]
-
-
-def _blocks(system: System, x: Any) -> list[Any]:
-    """A state as its variables, one after the other."""
-    return x.blocks if is_array(x) else [np.asarray(x)[slice(*system.layout[n][:2])] for n in system.variables]
+    return [trace.lifted(np.sum(a * b)) for a, b in zip(blocks_of(system, x), blocks_of(system, y), strict=True)]
 
 
 def missed(now: Floats, first: Floats, entropy: float, allowed: Floats) -> float:

@@ -150,11 +150,7 @@ class ElementSystem(ThermalVariables, System):
         return 2 * self.n_positions + self.n_elements
 
     def sizes(self, z: Any) -> list[Any]:
-        if self.by_array:
-            return [*self.array_sizes(z)[:2], 0.0 * z.s + self.entropy_scale()]
-        n = self.n_positions
-        of_entropies = trace.array([trace.const(1.0)] * self.n_elements) * self.entropy_scale()
-        return [*super().sizes(z)[: 2 * n], *of_entropies]
+        return [*super().sizes(z)[:2], 0.0 * self.state(z).s + self.entropy_scale()]
 
     def start(self, positions: Any, momenta: Any, temperatures: Any) -> NDArray[np.float64]:  # type: ignore[override]
         n, m = how_many(self, positions, temperatures)

@@ -19,7 +19,7 @@ from ..compiler.array_kernels import ArrayKernel, array_kernel
 from ..compiler.array_mesh import Block, Mesh
 from ..compiler.array_states import Blocks, entries, fitted, refilled
 from ..compiler.array_symbols import ArraySymbol, TableSymbol, numbered
-from ..compiler.arrays import NUMBER, count, total, variable
+from ..compiler.arrays import NUMBER, count, variable
 from ..compiler.kernels import Kernel
 from ..compiler.once import LOCK, cached_property, once
 from ..compiler.symbols import Symbol, const
@@ -219,24 +219,6 @@ class OverSpaces(Traced):
             symbols = (None if x.op == "const" else x for x in entries(getattr(self, name)))
             found.append(Block(space_of(declared), tuple(symbols)))
         return found
-
-    def array_sizes(self, z: Blocks) -> list[Any]:
-        """As `sizes`, of a state of arrays: block by block."""
-        found = []
-        for block in z.blocks:
-            nodes = entries(block)
-            space, largest = block.space if isinstance(block, ArraySymbol) else NUMBER, const(1.0)
-            for x in nodes:
-                largest = trace.maximum(largest, total("max", abs(x), space))
-            found.append(refilled(block, [largest] * len(nodes)))
-        return found
-
-    def observed_counts(self) -> tuple[tuple[str, ...], int]:
-        """Names of the invariants, and how many temperatures there are."""
-        net = self.by_arrays
-        with trace.tracing():
-            z = net.fresh_state("z")
-            return tuple(net._conserved(z)), self.mesh.offsets(net.blocks(net.temperatures(z)))[-1]
 
     def _kernel(self, body: Callable[..., Any], sizes: tuple[int, ...]) -> tuple[Kernel, tuple[int, ...]]:
         if self.large and body.__name__ in WHOLE and self.size > traced.MOST_WHOLE:

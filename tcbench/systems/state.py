@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..compiler.array_states import is_array
 from ..compiler.formula_hash import formula_hash
 
 if TYPE_CHECKING:
@@ -76,6 +77,11 @@ def laid_out(variables: Mapping[str, tuple[int, ...]]) -> Layout:
         end = first + int(np.prod(shape))
         found[name], first = (first, end, tuple(shape)), end
     return found
+
+
+def blocks_of(system: System, z: Any) -> list[Any]:
+    """A state of symbols or of arrays as its variables, one after the other."""
+    return z.blocks if is_array(z) else [np.asarray(z)[slice(*system.layout[name][:2])] for name in system.variables]
 
 
 def formulas_hash(kind: type[System]) -> str:

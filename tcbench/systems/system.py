@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from ..compiler import chain_rule
 from ..compiler import derivatives as trace
 from ..compiler.array_states import Blocks, entries, is_array, refilled
+from ..compiler.arrays import total
 from ..compiler.cut import Cut
 from ..compiler.once import cached_property
 from ..errors import TcbenchError, unknown_name
@@ -30,7 +31,7 @@ from .declaration import check_declared, checked_constant, finite, named_constan
 from .operators import projected
 from .over_spaces import OverSpaces
 from .refusals import check_attribute, check_class
-from .state import Layout, State, fixed, formulas_hash, laid_out
+from .state import Layout, State, blocks_of, fixed, formulas_hash, laid_out
 from .traced import derived
 
 FORMULAS = ("energy", "entropy", "reversible", "irreversible")
@@ -251,12 +252,12 @@ class System(OverSpaces):
         return {"initial": {name: getattr(state, name) for name in self.variables}}
 
     def sizes(self, z: Any) -> list[Any]:
-        """What the increment of each number of z is measured by: its variable, at least 1."""
-        if self.by_array:
-            return self.array_sizes(z)
-        blocks = [np.asarray(z)[slice(*self.layout[name][:2])] for name in self.variables]
-        largest = (reduce(lambda most, x: trace.maximum(most, abs(x)), block, trace.const(1.0)) for block in blocks)
-        return [size for block, size in zip(blocks, largest, strict=True) for _ in block]
+        """What increments are measured by, variable by variable and entry by entry: its largest entry, at least 1."""
+        found = []
+        for block in blocks_of(self, z):
+            largest = (total("max", abs(x), x.space) for x in entries(block))
+            found.append(refilled(block, [reduce(trace.maximum, largest, trace.const(1.0))] * len(entries(block))))
+        return found
 
     def told_in_time(self, z: Any) -> dict[str, Any]:
         """What charts tell of states (m, size) beside energy, entropy, invariants and temperatures: name -> (m,)."""
@@ -310,10 +311,11 @@ class System(OverSpaces):
     @cached_property
     def told(self) -> tuple[tuple[str, ...], int]:
         """Names of the invariants, number of temperatures: asked of the one that stands for all of its structure."""
-        if self.large:
-            return self.observed_counts()
-        z = self.unknowns("x")
-        return tuple(self._conserved(z)), len(self.temperatures(z))
+        sym = self.by_arrays if self.large else self
+        with trace.tracing():
+            z = sym.unknowns("x")
+            names, theta = tuple(sym._conserved(z)), sym.temperatures(z)
+        return names, self.mesh.offsets(sym.blocks(theta))[-1] if self.large else len(theta)
 
     @derived
     def gradient(self, z: Any) -> Any:
