@@ -116,9 +116,9 @@ def cut_mean_value(F: Cut, start: list[Symbol], step: list[Symbol], points: int 
 def by_cut(system: System, name: str, z0: Any, z1: Any, slopes: Callable[..., list[Symbol]]) -> State:
     """The discrete gradient of the "energy" or the "entropy"."""
     cut = system.cut(name)
-    rows = cut.gradients(entries((z0 + z1) / 2))
-    step = cut.moved(rows, entries(z1 - z0))
-    return system.state(refilled(z0, cut.joined(slopes(cut, cut.values(entries(z0)), step), rows)))
+    middle = entries((z0 + z1) / 2)
+    step = cut.moved(middle, entries(z1 - z0))
+    return system.state(refilled(z0, cut.joined(slopes(cut, cut.values(entries(z0)), step), middle)))
 
 
 EXACT = {"energy", "entropy", "angular_momentum"}

@@ -98,12 +98,11 @@ class Part:
         needed = set(trace.topological(self.slopes))
         carried = [i for i, y in enumerate(cut.y) if y in needed]
         self.y = [cut.y[i] for i in carried]
-        values, rows = cut.values(z), cut.gradients(z)
-        moved = cut.moved(rows, K)
+        values, moved = cut.values(z), cut.moved(z, K)
         self.start, self.motion = ([x[i] for i in carried] for x in (values, moved))
         self.means: list[Symbol] = [variable("mean", slope.space) for slope in self.slopes]
         means = iter(self.means)
-        self.gradient = cut.joined([next(means) if v else s for s, v in zip(cut.slopes, varies, strict=True)], rows)
+        self.gradient = cut.joined([next(means) if v else s for s, v in zip(cut.slopes, varies, strict=True)], z)
 
 
 def begin(w: Work, z: Floats) -> None:

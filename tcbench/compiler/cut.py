@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 from . import derivatives as trace
 from .arrays import LINEAR, total, variable
@@ -31,28 +30,17 @@ class Cut:
         self.inner = list(cut.values())
         self.y = [variable(f"y{i}", y.space) for i, y in enumerate(self.inner)]
         (self.outer,) = trace.substitute([f], dict(zip(self.inner, self.y, strict=True)))
-        self.of_arrays = any(y.space for y in self.x)
-        self.rows = [] if self.of_arrays else trace.sparse_jacobian(self.inner, self.x)
         self.slopes = gradient(self.outer, self.y)
 
     def values(self, z: Sequence[Symbol]) -> list[Symbol]:
         """The y at a state."""
         return trace.substitute(self.inner, dict(zip(self.x, z, strict=True)))
 
-    def gradients(self, z: Sequence[Symbol]) -> Any:
-        """Of each y at a state: number of the variable -> slope. Of arrays the state, for `moved` and `joined`."""
-        if self.of_arrays:
-            return list(z)
-        here = dict(zip(self.x, z, strict=True))
-        return [dict(zip(row, trace.substitute(list(row.values()), here), strict=True)) for row in self.rows]
-
-    def moved(self, rows: Any, dz: Sequence[Symbol]) -> list[Symbol]:
-        """grad y . dz of each y, with its gradients."""
-        if not self.of_arrays:
-            return [sum((g * dz[i] for i, g in row.items()), trace.const(0.0)) for row in rows]
+    def moved(self, z: Sequence[Symbol], dz: Sequence[Symbol]) -> list[Symbol]:
+        """grad y(z) . dz of each y."""
         steps = [variable("step", x.space) for x in self.x]
         found = trace.along(self.inner, dict(zip(self.x, steps, strict=True)))
-        return trace.substitute(found, dict(zip([*self.x, *steps], [*rows, *dz], strict=True)))
+        return trace.substitute(found, dict(zip([*self.x, *steps], [*z, *dz], strict=True)))
 
     def outer_slopes(self, y: Sequence[Symbol]) -> list[Symbol]:
         """grad F at these y."""
@@ -62,18 +50,12 @@ class Cut:
         """The discrete gradient of F by the chain rule."""
         return discrete_gradient(self.outer, self.y, start, step)
 
-    def joined(self, slopes: Sequence[Symbol], rows: Any) -> list[Symbol]:
-        """sum_b slopes_b rows_b: a gradient by z."""
-        if self.of_arrays:
-            held = [variable("slope", y.space) for y in self.inner]
-            work = [total("add", w * y, y.space) for w, y in zip(held, self.inner, strict=True)]
-            found = gradient(sum(work, trace.const(0.0)), self.x)
-            return trace.substitute(found, dict(zip([*self.x, *held], [*rows, *slopes], strict=True)))
-        found = [trace.const(0.0)] * len(self.x)
-        for slope, row in zip(slopes, rows, strict=True):
-            for i, g in row.items():
-                found[i] = found[i] + slope * g
-        return found
+    def joined(self, slopes: Sequence[Symbol], z: Sequence[Symbol]) -> list[Symbol]:
+        """sum_b slopes_b grad y_b(z): a gradient by z."""
+        held = [variable("slope", y.space) for y in self.inner]
+        work = [total("add", w * y, y.space) for w, y in zip(held, self.inner, strict=True)]
+        found = gradient(sum(work, trace.const(0.0)), self.x)
+        return trace.substitute(found, dict(zip([*self.x, *held], [*z, *slopes], strict=True)))
 
 
 def degrees(outputs: Sequence[Symbol], x: Sequence[Symbol], known: dict[int, float] | None = None) -> dict[int, float]:
