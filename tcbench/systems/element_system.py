@@ -23,7 +23,7 @@ from ..compiler.divided_differences import rectangle, symmetrised_slopes
 from ..errors import TcbenchError
 from .array_elements import ArraySlope, temperature_field
 from .operators import Poisson, SparseRows
-from .refusals import check_degree, own_slopes
+from .refusals import check_degree, energy_slopes
 from .sizes import check_sizes, how_many
 from .state import LETTERS, State
 from .system import System
@@ -307,7 +307,7 @@ class ElementSystem(ThermalVariables, System):
         """(de/dpi, de/ds), (n_elements,) each, of the elements at these strain measures and entropies; exact."""
         pi_, s_ = self.fresh("pi", "element"), self.fresh("s", "element")
         own = entries(pi_, s_)
-        n, rows = len(own) // 2, own_slopes(self, entries(self.element_energy(pi_, s_)), own)
+        n, rows = len(own) // 2, energy_slopes(self, entries(self.element_energy(pi_, s_)), own)
         diagonal = [row.get(k + i, trace.const(0.0)) for k in (0, n) for i, row in enumerate(rows)]
         values = trace.substitute(diagonal, dict(zip(own, entries(pi, s), strict=True)))
         return refilled(pi_, values[:n]), refilled(pi_, values[n:])

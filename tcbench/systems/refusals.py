@@ -157,7 +157,7 @@ def _line(system: System, *names: str) -> str:
     return f"{function.__code__.co_filename}, line {function.__code__.co_firstlineno}"
 
 
-def own_slopes(system: ElementSystem, energies: Sequence[Symbol], own: Sequence[Symbol]) -> list[dict[int, Symbol]]:
+def energy_slopes(system: ElementSystem, energies: Sequence[Symbol], own: Sequence[Symbol]) -> list[dict[int, Symbol]]:
     """Of each element's energy its derivatives by position in `own`, the strains and then the entropies of all elements
     (or of the array of them); TraceError where it depends on another element's."""
     count, where, moving = len(own) // 2, _line(system, "element_energy"), trace.depends_on(energies, own)
