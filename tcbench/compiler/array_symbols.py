@@ -15,7 +15,7 @@ from numpy.lib.mixins import NDArrayOperatorsMixin
 from .arrays import Map, Path, collect, count, part, take, total
 from .derivatives import maximum, minimum
 from .sentences import refused
-from .symbols import TAKE, Symbol, array, const, lifted
+from .symbols import TAKE, Symbol, array, const, in_trace, lifted
 
 SAME = "A formula does the same with all of them: what differs from one to the next is a constant over them"
 
@@ -328,7 +328,8 @@ class Table(np.ndarray):
         """As of a `TableSymbol`."""
         index = np.asarray(self)
         values = np.broadcast_to(x, index.shape) if np.ndim(x) < index.ndim else np.asarray(x)
-        symbolic = values.dtype == object and any(isinstance(v, Symbol) for v in values.flat)  # units are no symbols
+        symbols = any(isinstance(v, Symbol) for v in values.flat) if values.size else in_trace()
+        symbolic = values.dtype == object and symbols  # units are no symbols
         zero: Any = const(0.0) if symbolic else 0.0
         found = np.full((sum(self.counts), *values.shape[index.ndim :]), zero, values.dtype)
         np.add.at(found, index, values)

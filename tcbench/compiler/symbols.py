@@ -59,6 +59,11 @@ def tracing(known: Mapping[Key, Symbol] | None = None) -> Iterator[Mapping[Key, 
             _KNOWN.table = before
 
 
+def in_trace() -> bool:
+    """Is a trace under way?"""
+    return isinstance(_KNOWN.table, dict)
+
+
 def expressions() -> Mapping[Key, Symbol]:
     """Those of the trace that is going on."""
     return _KNOWN.table

@@ -122,8 +122,9 @@ def _named(found: Any, where: str, what: str) -> Mapping[Any, Any]:
 
 def _numbers_by_name(self: System, found: Any, where: str) -> Any:
     for name, value in _named(found, where, "numbers by name, {'spin': ...}").items():
-        if shape_of(value) != ():
-            raise TcbenchError(f"{where}: each is one number, not {name!r} of shape {shape_of(value)}; sum() adds up.")
+        if is_array(value) or shape_of(value) != ():
+            given = repr(value) if is_array(value) else f"of shape {shape_of(value)}"
+            raise TcbenchError(f"{where}: each is one number, not {name!r} {given}; sum() adds up.")
     return found
 
 

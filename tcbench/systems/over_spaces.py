@@ -151,7 +151,8 @@ class OverSpaces(Traced):
     @cached_property
     def by_arrays(self) -> Any:
         """What formulas are traced on, one for all sizes: symbols for arrays in the place of constants and tables."""
-        switched_off = frozenset(n for n, shape in self.constants.items() if shape and not np.any(getattr(self, n)))
+        some = (n for n, shape in self.constants.items() if shape and 0 not in shape)
+        switched_off = frozenset(n for n in some if not np.any(getattr(self, n)))
         numbers = tuple(pair for pair in self.zeros if not space_of(type(self).constants[pair[0]]))
         key = (type(self), self.formulas, switched_off, numbers)
         with LOCK:

@@ -237,6 +237,8 @@ class System(OverSpaces):
                 there = f"has {initial[name]!r}" if name in initial else "does not"
                 raise TcbenchError(f"initial must give {name!r}, {whole(shape)}; it {there}.")
         z = np.concatenate([np.ravel(initial[name]) for name in self.variables]).astype(float)
+        if not len(z):
+            raise TcbenchError("all spaces are empty: a state has no numbers.")
         state = self.state(z)  # in plain numpy: a scenario is made without compiling anything
         with np.errstate(all="ignore"):  # what is not finite is said below
             found = [finite(self, name, getattr(type(self), name).__wrapped__(self, state)) for name in FORMULAS[:2]]

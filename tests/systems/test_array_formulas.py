@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from tcbench import System, TcbenchError
+import tcbench
+from tcbench import Scenario, System, TcbenchError
 from tcbench.systems import traced
 
 SIGNS = np.array([1.0, -2.0])
@@ -77,3 +78,30 @@ def test_a_rate_has_the_components_of_its_variable(monkeypatch):
     with pytest.raises(TcbenchError, match=r"the rate of 'q' has components \(2,\), and gets \(\)"):
         own = type("Own", (Plain,), body)(ends=[[0, 1]], one=[1], mass=[1.0, 2.0])
         own.vector_field(np.ones(own.size))
+
+
+@pytest.mark.parametrize("few", [0, 10**6], ids=["large", "small"])
+def test_what_is_empty_sums_to_nothing(few, monkeypatch):
+    monkeypatch.setattr(traced, "FEW", few)
+    kind = type("Own", (Plain,), {"name": "own", "energy": lambda self, z: (z.v * np.exp(self.one.sums(z.s))).sum()})
+    system = kind(ends=[], one=[], mass=[1.0, 2.0])
+    assert system.energy(np.arange(float(system.size))) == 9.0  # 4 + 5
+
+
+def test_the_largest_of_none_is_not_0(monkeypatch):
+    monkeypatch.setattr(traced, "FEW", 0)
+    kind = type("Own", (Plain,), {"name": "own", "energy": lambda self, z: z.b + self.mass.max()})
+    assert kind(ends=[], one=[], mass=[]).energy(np.ones(1)) == -np.inf
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [({"invariants": lambda self, z: {"mass": z.v}}, "invariants.. of Own: each is one number, not 'mass' <array over"),
+     ({"variables": {"v": ("node",)}, "entropy": lambda self, z: z.v.sum()}, "all spaces are empty")],
+)  # fmt: skip
+def test_sentences(changes, sentence):
+    kind = type("Own", (Plain,), {"name": "own", "energy": lambda self, z: z.v.sum(), **changes})
+    start = {name: np.zeros([0] * len(shape)) for name, shape in kind.variables.items()}
+    with pytest.raises(TcbenchError, match=sentence):
+        own = Scenario("own", kind, {"ends": [], "one": [], "mass": []}, initial=start, t_end=1.0, dt=0.1)
+        tcbench.simulate("tc_monolithic", own)
