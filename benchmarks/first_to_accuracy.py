@@ -36,6 +36,7 @@ TOLERANCES = [10.0 ** (-k / 2) for k in range(2, 29)]  # by decades, where error
 FIRST = 3  # runs that a rung is judged by: one alone, of a solver just compiled, may take five times as long
 REPEATS, LONG_S = 20, 0.05  # runs of a rung, but one of those that take long; after a far longer one no finer rung
 FAR_LONGER_S = 0.25
+LOOK_S = 3e-5  # of runs between two looks at the clock: these take 0.6 microseconds, a run of the reaction 3
 LOST_S, LOSSES = 1.0, 2  # a method that has given up so often after so long is asked for no finer rung
 LIKELY, CLOSE = 3, 10.0  # rungs of a target that are timed again: so many of a method, within so many times the fastest
 ROUNDS, WARM = 20, 4  # each has the fastest of so many runs: the first finds another method's data in the cache
@@ -92,11 +93,13 @@ def times_to(
     targets = [target if HIDES * reference.floor[-1] <= target else np.nan for target in TARGETS]
 
     def seconds_of(name: str, tolerance: float, repeats: int = 1) -> float:
-        solve, took = find_integrator(name).adaptive, []
+        solve, took, count = find_integrator(name).adaptive, [], 1
         while len(took) < repeats and sum(took) < LONG_S:
             begin = time.process_time()
-            solve(scenario.model, scenario.z0, span, tolerance, tolerance)
-            took.append(time.process_time() - begin)
+            for _ in range(count):
+                solve(scenario.model, scenario.z0, span, tolerance, tolerance)
+            took.append((time.process_time() - begin) / count)
+            count = max(1, round(LOOK_S / took[-1]))
         return min(took)
 
     times: dict[tuple[str, float], list[float]] = {}

@@ -5,8 +5,6 @@ over the decay time of the conduction (of the fastest motion, on systems without
 docs/methods-explained.md.
 """
 
-from functools import cache, partial
-
 from tcbench import Integrator, hookimpl
 from tcbench.compiler.once import Spares
 from tcbench.solver.foresight import watched
@@ -41,7 +39,9 @@ class BothMethods:
             self.gauss.work.lend("watch", self.taylor.work.watch)
             both = {"explicit": self.taylor.work, "implicit": self.gauss.work}
             self.work = Both(counts=self.counts, worth=worth, **both)
-            self.run = partial(LOOPS.run, self.work)
+            self.run = LOOPS.bound("run", self.work)
+        else:
+            self.adaptive = self.gauss.adaptive
 
     def adaptive(self, z0, times, tolerance):
         """States at `times`, and what they cost; ArithmeticError where the steps of both become too short."""
@@ -53,7 +53,7 @@ class BothMethods:
             work.defect, work.residual = held(gauss.stages, FINER * tolerance)
         taylor.begin(z0, times)
         try:
-            done = watched(taylor, self.run)
+            done = watched(taylor, self.run) if taylor.large else self.run()
         finally:
             steps, rejected, iterations, implicit = self.counts.table.tolist()
             if implicit:
@@ -72,19 +72,18 @@ def step_in_iterations(gauss, taylor):
     return (STEP + STEP_OF_LINE * taylor.lines) / iteration
 
 
-SPARES = Spares(BothMethods)
-
-
-@cache
 def chosen(tolerance):
     """(order, stages) for a tolerance."""
     return order_of(tolerance), stages_of(tolerance)
 
 
+SPARES = Spares(BothMethods, chosen)
+
+
 def adaptive(system, z0, t_eval, rtol, atol):
-    methods, free = SPARES.take(system, *chosen(rtol))
+    methods, free = SPARES.take(system, rtol)
     try:
-        return (methods if methods.taylor else methods.gauss).adaptive(z0, t_eval, rtol)
+        return methods.adaptive(z0, t_eval, rtol)
     finally:
         free.append(methods)
 

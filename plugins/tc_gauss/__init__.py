@@ -32,7 +32,7 @@ def method_of(system, stages):
     return GaussMethod(system, stages)
 
 
-SPARES = Spares(method_of)
+SPARES = Spares(method_of, lambda stages: (stages,))
 
 
 def increments(z, h, system, method):

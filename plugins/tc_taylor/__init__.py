@@ -6,7 +6,7 @@ energy by a change of heat, and the entropy is held where it would fall: see doc
 """
 
 import math
-from functools import cache, partial
+from functools import partial
 
 import numpy as np
 
@@ -52,17 +52,16 @@ def method_of(system, order):
     return TaylorMethod(system, order)
 
 
-SPARES = Spares(method_of)
-
-
-@cache
 def order_of(tolerance):
     best = LEAST - EFFORT * math.log(min(SAFETY * tolerance, 1.0))
     return min(max(2 * round(best / 2), ORDERS[0]), ORDERS[-1])
 
 
+SPARES = Spares(method_of, lambda tolerance: (order_of(tolerance),))
+
+
 def adaptive(system, z0, t_eval, rtol, atol):
-    method, free = SPARES.take(system, order_of(rtol))
+    method, free = SPARES.take(system, rtol)
     try:
         return method.adaptive(z0, t_eval, SAFETY * rtol)
     finally:

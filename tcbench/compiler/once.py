@@ -59,22 +59,24 @@ def once_a_system(make: Callable[..., Made]) -> Callable[..., Made]:
 
 
 class Spares(Generic[Made]):
-    """What a run has to itself, kept for the next one: make(system, ...), which does not refer to the system."""
+    """What a run has to itself, kept for the next one: make(system, *key(asked)), which does not refer to the system.
+    What is asked for often, as a tolerance is, is found without its key."""
 
-    def __init__(self, make: Callable[..., Made]) -> None:
-        self.make = make
-        self.free: dict[Any, dict[tuple[Any, ...], list[Made]]] = {}  # by weak references to systems
+    def __init__(self, make: Callable[..., Made], key: Callable[[Any], tuple[Any, ...]]) -> None:
+        self.make, self.key = make, key
+        self.free: dict[Any, dict[Any, list[Made]]] = {}  # by weak references to systems
 
-    def take(self, system: Any, *key: Any) -> tuple[Made, list[Made]]:
+    def take(self, system: Any, asked: Any) -> tuple[Made, list[Made]]:
         """One that nobody has, and the list to which it is given back."""
         try:
-            free = self.free[ref(system)][key]
+            free = self.free[ref(system)][asked]
         except KeyError:
-            free = self.free.setdefault(ref(system, self.free.pop), {}).setdefault(key, [])
+            lists = self.free.setdefault(ref(system, self.free.pop), {})
+            free = lists.setdefault(asked, lists.setdefault(self.key(asked), []))
         try:
             return free.pop(), free  # at once: of two threads each gets another
         except IndexError:
-            return self.make(system, *key), free
+            return self.make(system, *self.key(asked)), free
 
 
 class cached_property(_cached_property[Made]):
