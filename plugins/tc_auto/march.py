@@ -17,6 +17,7 @@ from ..tc_taylor.march import Work as Taylor
 STABLE, STABLE_OF_ORDER = 2.0, 0.3  # those of order p that stability bounds: about so many, and so many p
 STIFF = 0.7  # of these: from here on stability bounds a step
 PATIENCE, MORE = 8, 10  # stiff steps in a row before the other method is tried, and so many times as many each time
+DAMPED = 2.0  # explicit steps that a damped one, which may be four times as long, counts as: a trial is worth that much
 LONGER, LONGER_OF_ANY = 4.0, 10.0  # the first implicit step, over the last explicit one; of any system
 # Of elements: iterations that the implicit method may take beyond what explicit steps would, before it is left, and
 # those that all else of one of its steps takes the time of.
@@ -68,6 +69,7 @@ def steps(both: Both) -> int:
     e, g, worth = both.explicit, both.implicit, both.worth
     times, states = e.times, e.states
     taylor.begin(e, states[0])
+    e.trials.wait = 0 if g.general else taylor.NEVER
     g.counts.steps, g.counts.rejected, g.counts.iterations = 0, 0, 0
     if e.of_elements:
         gauss.begin(g, states[0])
@@ -76,10 +78,13 @@ def steps(both: Both) -> int:
     leg, left, busy, latest = LEG if g.general else 0, 0.0, 0.0, 0.0
     longer = LONGER_OF_ANY if g.general else LONGER
     paid, over, g.budget[3] = 0.0, 0, 0.0 if g.general else BESIDE
+    damped = g.general  # of elements once explicit steps go on where they are stiff: collocation begins from finer ones
     turns, settled = TURNS if g.general else gauss.TURNS, SETTLED if g.general else gauss.TURNS - 1
     while row < len(times):
         if explicit:
             steps_before = e.counts.steps
+            if patience > PATIENCE and not damped:
+                damped, e.trials.wait = True, 0
             short = g.general and left < SHORT  # which is left to explicit steps
             rate = 1e-300 if short else gauss.decay_rate(g, turns, settled)
             most = STIFF * stable / rate
@@ -89,7 +94,10 @@ def steps(both: Both) -> int:
                 break
             latest = 0.0
             look(e, g)
-            busy = 1.0 / max(h, 1e-300) if g.general else rate / stable
+            busy = 1.0 / max(h, 1e-300)
+            if not g.general:  # as long as stability allows, or damped
+                busy = min(rate / stable, DAMPED * busy)
+                h = min(h, stable / rate) if damped else h
             left = worth * busy * (times[len(times) - 1] - t)
             if e.counts.steps - steps_before < leg or not g.general:
                 patience *= MORE

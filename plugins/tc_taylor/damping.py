@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from tcbench import System
 from tcbench.compiler.language import rare
 
 from .memory import LAST, Work
@@ -32,6 +33,7 @@ DAMPED = {
 }  # fmt: skip
 BOUND = 0.25  # ratio of the last terms of a series from which on a decay may be what bounds a step
 ALIKE = 0.8  # the square of the cosine between the last two coefficients of a decay
+MOST_ORDER = 16  # of elements: with more, steps that are damped are hardly longer, and err ten times as much
 LONGER = 1.5  # times the step that the series allows as it is: the trial takes half the time of a small system's step
 TRIES = 3  # lengths of one step
 SAFETY, SHORTER = 0.9, 0.3  # of the length that the estimate suggests; of the last one, the least that is tried next
@@ -42,6 +44,16 @@ def fields(order: int) -> dict[str, Any]:
     """Those of a record, for series of this order."""
     reach, factors, misses = DAMPED.get(order, (0.0, (1.0,) * LAST, (0.0,) * (LAST - 1)))
     return {"reach": reach, "factors": np.array(factors), "misses": np.array([1.0 - factors[0], *misses])}
+
+
+def sizes(system: System) -> dict[str, Any]:
+    """By which numbers are measured, as `texts.squared_size` does it: those of a record."""
+    least, share = np.ones(system.size), np.ones(system.size)
+    if system.defines("element_energy"):
+        n = system.n_positions
+        least[:n], least[n : 2 * n], least[2 * n :] = np.inf, np.square(system.inertia()), 0.0
+        share[: 2 * n], share[2 * n :] = 0.0, 1.0 / np.square(system.entropy_scale())
+    return {"least": least, "share": share}
 
 
 def lengthened(w: Work, h: float, tolerance: float) -> float:
@@ -74,7 +86,7 @@ def decay(w: Work) -> float:
     product, before, square = 0.0, 1e-300, 0.0
     for i in range(n):
         a, b, y = w.coefficients[last - n + i], w.coefficients[last + i], w.coefficients[i]
-        weight = 1.0 / (1.0 + y * y)
+        weight = 1.0 / (w.least[i] + w.share[i] * y * y)
         product += weight * a * b
         before += weight * a * a
         square += weight * b * b
@@ -84,7 +96,7 @@ def decay(w: Work) -> float:
 
 def put_off(w: Work) -> None:
     """The next trial is later, and the one after that later still."""
-    w.trials.wait, w.trials.pause = w.trials.pause, min(2 * w.trials.pause, MOST_PAUSE)
+    w.trials.wait, w.trials.pause = max(w.trials.wait, w.trials.pause), min(2 * w.trials.pause, MOST_PAUSE)
 
 
 def missed(w: Work, h: float) -> float:
@@ -98,7 +110,7 @@ def missed(w: Work, h: float) -> float:
         e = m0 * w.coefficients[i] + m1 * w.coefficients[i + n]
         e += m2 * w.coefficients[i + 2 * n] + m3 * w.coefficients[i + 3 * n]
         y = w.coefficients[i - first]
-        total += e * e / (1.0 + y * y)
+        total += e * e / (w.least[i - first] + w.share[i - first] * y * y)
     return total * power * power
 
 

@@ -94,7 +94,8 @@ def prepared(system: System, order: int) -> tuple[Any, Any, int]:
         to_start=start.address, n_target=start.size, of_elements=elements, seldom=SELDOM[elements],
         to_series=series.address, to_state=polynomial.address, to_mend=mend.address, to_hold=hold.address,
         to_z=to_z.address, rows=1,
-        counts=Counts(), trials=Trials(), **damping.fields(0 if elements else order),
+        counts=Counts(), trials=Trials(), **damping.sizes(system),
+        **damping.fields(order if order <= damping.MOST_ORDER or not elements else 0),
     )  # fmt: skip
     return LOOPS, work, series.text.count("\n")
 

@@ -80,6 +80,13 @@ def test_a_run_too_short_for_what_a_trial_takes_makes_none(conductivity):
         assert methods.gauss.counts.iterations == 0
 
 
+def test_explicit_steps_that_go_on_where_conduction_is_stiff_are_damped():
+    """Collocation, which is tried once, does not pay: oscillations would bound its steps, too."""
+    scenario = tcbench.scenarios()["gas_containers"]
+    implicit, explicit = shares(scenario.replace(conductivity=1e3 * scenario.constants["conductivity"]), 1e-5)
+    assert implicit <= 8 and 100 < explicit < 700  # of 1,040 undamped ones
+
+
 @given(admissible_states(), st.floats(-10, -2), st.floats(-1, 3))
 def test_every_law_holds_from_random_states_whatever_conducts(state, exponent, conductivity):
     assert_laws("tc_auto", state, 10.0**conductivity, 10.0**exponent)
