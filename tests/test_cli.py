@@ -213,6 +213,7 @@ BAD = [
     (("run", "--all", "-o", "/proc/nowhere"), "/proc/nowhere"),
     (("run", "--all", "--plugins-dir", "no_such_folder"), "does not exist"),
     (("list", "--plugins-dir", str(Path(__file__).parent / "../pyproject.toml")), "takes a folder, or a file NAME.py"),
+    (("check", str(Path(__file__).parent / "../pyproject.toml")), "is no Python file"),
     (("run", "-i", "tc_gauss[k=2"), "parameters are written tc_gauss[param=value]"),
     (("simulate", "tc_monolithic", "short_term", "--dt", "-1"), "dt must be positive"),
     (("simulate", "tc_monolithic", "short_term", "--csv", "no/such/folder/run.csv"), "does not exist"),

@@ -105,8 +105,8 @@ def _of_file(path: Path, only: Sequence[str]) -> list[Subject]:
 
     if not path.is_file():
         raise TcbenchError(f"There is no plugin file {str(path)!r}. tcbench new integrator NAME writes one.")
+    plugins.use_folders([path])
     try:
-        plugins.use_folders([path])
         registry = plugins.registry()
     except TcbenchError as error:  # two plugins with one name
         remedy = "Rename yours; tcbench list shows the names that are taken."
