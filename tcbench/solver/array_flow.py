@@ -81,7 +81,7 @@ def _array_flow(flow: Flow, net: Any) -> ArrayFlow:
     start = [net.fresh_state(f"start{k}") for k in range(flow.memory or 2)]
     d = entries(*steps)
     found = _rows(flow, net, y0, h, steps, further(flow, net, z0, h, start))
-    rows = normalised(finite_rows(flow, found), d, h, own_slopes)
+    rows = normalised(finite_rows(flow, found), d, h)
     if any(row.space not in (NUMBER, s.space) for row, s in zip(rows, d, strict=True)):
         raise trace.refused(
             f"the rows of the residual {flow.residual.__name__!r} are in another order than {', '.join(net.variables)}",
@@ -100,8 +100,8 @@ def _array_flow(flow: Flow, net: Any) -> ArrayFlow:
         dz = net.state(np.concatenate([dy.q, dy.p, net.entropy_increments(flow.variables, y0, y1)]))
     positive = entries(y1.theta) if flow.variables == "temperature" else []
     scales = map(trace.reciprocal, sizes_of(net, y0, z0, flow.variables) * len(steps))
-    sizes = measured_by(reduction, dict(zip(d, scales, strict=True)), _slopes)
-    began = plain_start(reduction, _slopes)
+    sizes = measured_by(reduction, dict(zip(d, scales, strict=True)))
+    began = plain_start(reduction)
     began |= dict(zip(shared, trace.substitute(list(shared.values()), began), strict=True))
     # Newton's matrix has rows for shared numbers, which are what the other unknowns make them: as if it had none
     outputs = trace.substitute([*residual, *(slope for _, _, slope in flat), *d_dh], shared)
@@ -155,21 +155,8 @@ def _kind(block: Any) -> tuple[str, int]:
     return block.space if isinstance(block, ArraySymbol) else NUMBER, len(entries(block))
 
 
-def own_slopes(rows: Sequence[Symbol], unknowns: Sequence[Symbol]) -> list[dict[int, Symbol]]:
-    """Slopes of arrays by the entries of the same place, as `sparse_jacobian` has them."""
-    place = {x.number: j for j, x in enumerate(unknowns)}
-    terms = jacobian_terms(rows, list(unknowns))
-    return [{place[t.unknown.number]: slope for t, slope in row.items() if not (t.rows or t.columns)} for row in terms]
-
-
 def _of_size(value: Symbol) -> Symbol:
     return trace.reciprocal(trace.maximum(const(1.0), abs(value)))
-
-
-def _slopes(formula: Symbol, x: Sequence[Symbol]) -> list[tuple[Symbol | None, Symbol]]:
-    """For `plain_start`: of arrays."""
-    (found,) = jacobian_terms([formula], x)
-    return [(None if term.rows or term.columns else term.unknown, slope) for term, slope in found.items()]
 
 
 def flow_of(formula: Flow, hashed: str | None, kind: Any) -> ArrayFlow:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from ..compiler import derivatives as trace
+from ..compiler.array_jacobian import jacobian_terms
 from ..compiler.array_states import entries
 from ..compiler.derivatives import Symbol, array, const
 from ..systems.element_system import ElementSystem
@@ -18,44 +19,41 @@ from .reduction import Reduction
 TINY = 1e-100  # beside a kinetic energy that may be zero
 
 
-SlopesOf = Callable[[Symbol, Sequence[Symbol]], Sequence[tuple[Symbol | None, Symbol]]]
-
-
-def plain_start(reduction: Reduction, slopes_of: SlopesOf) -> dict[Symbol, Symbol]:
+def plain_start(reduction: Reduction) -> dict[Symbol, Symbol]:
     """Unknowns for which the eliminated increments vanish: Newton from z1 = z0.
 
     Newton does not see the initial value of an unknown that enters linearly (momenta, once positions are eliminated),
     so this reproduces Newton on the full set of unknowns started at z0. Unknowns equal to zero are instead
-    the explicit drift q0 + h p0/m, which is nearer. slopes_of: (unknown, slope) of each that a formula is made of,
-    without the unknown where it is of other entries of an array.
+    the explicit drift q0 + h p0/m, which is nearer.
     """
     x, zero = reduction.unknowns, const(0.0)
     start = dict.fromkeys(x, zero)
-    for formula in reduction.eliminated.values():
-        ((symbol, slope), *others) = slopes_of(formula, x) or [(None, zero)]
+    for formula, slopes in zip(reduction.eliminated.values(), _slopes(reduction), strict=True):
+        ((symbol, slope), *others) = slopes or [(None, zero)]
         if symbol is not None and not others and slope.number not in trace.depends_on([slope], x):
             (offset,) = trace.substitute([formula], dict.fromkeys(x, zero))
             start[symbol] = trace.neg(trace.mul(offset, trace.reciprocal(slope)))
     return start
 
 
-def measured_by(reduction: Reduction, inverse: Mapping[Symbol, Symbol], slopes_of: SlopesOf) -> dict[Symbol, Symbol]:
+def measured_by(reduction: Reduction, inverse: Mapping[Symbol, Symbol]) -> dict[Symbol, Symbol]:
     """1/size of every increment: of an unknown with which an eliminated one moves, by whichever is the stricter.
 
     Momenta of 1e-10 are nothing beside 1, and move masses of 1e-20 as far as others. Where Newton's matrix is small
     both are corrected (`flow_kernels.FlowKernels`).
     """
     found, x = dict(inverse), reduction.unknowns
-    for moved, formula in reduction.eliminated.items():
-        for unknown, slope in slopes_of(formula, x):
+    for moved, slopes in zip(reduction.eliminated, _slopes(reduction), strict=True):
+        for unknown, slope in slopes:
             if unknown is not None and slope.number not in trace.depends_on([slope], x):
                 found[unknown] = trace.maximum(found[unknown], trace.mul(abs(slope), inverse[moved]))
     return found
 
 
-def by_entries(formula: Symbol, x: Sequence[Symbol]) -> list[tuple[Symbol | None, Symbol]]:
-    """For `plain_start`: of numbers."""
-    return [(x[j], slope) for j, slope in sorted(trace.sparse_jacobian([formula], x)[0].items())]
+def _slopes(reduction: Reduction) -> list[list[tuple[Symbol | None, Symbol]]]:
+    """(unknown, slope) of all that each eliminated one is made of; no unknown where it is other entries of an array."""
+    found = jacobian_terms([*reduction.eliminated.values()], reduction.unknowns)
+    return [[(None if t.rows or t.columns else t.unknown, slope) for t, slope in row.items()] for row in found]
 
 
 def near_start(index: Sequence[int], system: System, z0: Any, h: Symbol, variables: str) -> list[Symbol]:

@@ -33,7 +33,7 @@ from ..systems.element_system import ElementSystem
 from ..systems.state import State
 from ..systems.system import System
 from .elimination import ZERO_PIVOT, factorise
-from .first_values import by_entries, measured_by, near_start, plain_start, sizes_of
+from .first_values import measured_by, near_start, plain_start, sizes_of
 from .foresight import foreseen
 from .linear_algebra import STEEPEST
 from .normal_rows import normalised
@@ -151,10 +151,10 @@ def _build(flow: Flow, system: System) -> FlowKernels:
         guess = near_start(where, sym, z0, h, flow.variables)
     else:
         scaled = {s: trace.reciprocal(sizes[i % n]) for i, s in enumerate(d)}
-        scaled = measured_by(reduction, scaled, by_entries)
+        scaled = measured_by(reduction, scaled)
         parts = _sparse_parts(reduction, slopes, positive, h, [scaled[s] for s in x])
         guess = [const(0.0)] * len(x)
-    fixed = [*plain_start(reduction, by_entries).values(), *guess, *parts.scales]
+    fixed = [*plain_start(reduction).values(), *guess, *parts.scales]
     moving = [*parts.iterate, *parts.polish, *parts.full, *dz]
     hoisted = fixed_values(moving, [*x, *parts.stored], moving)
     opening = [*fixed, *hoisted, *sym.observe(z0)]

@@ -7,12 +7,13 @@ positive at h = 0, small pivots are suspicious, a row gives its own unknown. So 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 
 import numpy as np
 
 from ..compiler import derivatives as trace
 from ..compiler import symbols
+from ..compiler.array_jacobian import jacobian_terms
 from ..compiler.derivatives import Symbol, const
 from ..errors import TraceError
 
@@ -20,12 +21,7 @@ Slopes = list[dict[int, Symbol]]  # of each row: place of an unknown -> slope
 MIXED = 64  # unknowns up to which mixtures of rows are taken apart
 
 
-def normalised(
-    rows: Sequence[Symbol],
-    unknowns: Iterable[Symbol],
-    h: Symbol,
-    slopes_of: Callable[[Sequence[Symbol], Sequence[Symbol]], Slopes] = trace.sparse_jacobian,
-) -> list[Symbol]:
+def normalised(rows: Sequence[Symbol], unknowns: Iterable[Symbol], h: Symbol) -> list[Symbol]:
     """The same equations, that of each unknown in its place and with a positive slope at h = 0.
 
     Rows that are so already stay as they are.
@@ -33,10 +29,10 @@ def normalised(
     unknowns = list(unknowns)
     moving = trace.depends_on(rows, unknowns)
     rows = [_cancelled(_without_factors(row, moving)) for row in rows]
-    slopes = _at_zero(rows, unknowns, h, slopes_of)
+    slopes = _at_zero(rows, unknowns, h)
     if slopes is None:  # h is a divisor
         multiplied = [_cancelled(_times(row, h)) for row in rows]
-        slopes = _at_zero(multiplied, unknowns, h, slopes_of)
+        slopes = _at_zero(multiplied, unknowns, h)
         if slopes is None:
             return rows
         rows = multiplied
@@ -123,19 +119,18 @@ def _times(row: Symbol, h: Symbol) -> Symbol:
     return times(row)
 
 
-def _at_zero(
-    rows: Sequence[Symbol],
-    unknowns: Sequence[Symbol],
-    h: Symbol,
-    slopes_of: Callable[[Sequence[Symbol], Sequence[Symbol]], Slopes],
-) -> Slopes | None:
-    """Slopes at h = 0 and increments 0; None where h is a divisor there. Leaves no expressions behind: their numbers
-    would decide the order of others."""
+def _at_zero(rows: Sequence[Symbol], unknowns: Sequence[Symbol], h: Symbol) -> Slopes | None:
+    """Slopes at h = 0 and increments 0, of arrays by the entries of the same place; None where h is a divisor there.
+    Leaves no expressions behind: their numbers would decide the order of others."""
+    place = {x.number: j for j, x in enumerate(unknowns)}
     with trace.tracing(symbols.expressions()):
         try:
             still = trace.substitute(rows, {h: const(0.0)})
             here = trace.Substitution(dict.fromkeys(unknowns, const(0.0)))
-            return [{j: here(slope) for j, slope in row.items()} for row in slopes_of(still, unknowns)]
+            return [
+                {place[t.unknown.number]: here(slope) for t, slope in row.items() if not (t.rows or t.columns)}
+                for row in jacobian_terms(still, unknowns)
+            ]
         except (TraceError, ArithmeticError, ValueError):
             return None
 
