@@ -219,9 +219,8 @@ def _norm(x: Any, ord: Any = None, axis: int | None = None) -> Any:
 
 
 _FUNCTIONS: dict[str, Callable[..., Any]] = {
-    "sum": lambda x, axis=None: x.sum(axis), "mean": lambda x, axis=None: x.mean(axis),
-    "max": lambda x, axis=None: x.max(axis), "amax": lambda x, axis=None: x.max(axis),
-    "min": lambda x, axis=None: x.min(axis), "amin": lambda x, axis=None: x.min(axis),
+    "sum": ArraySymbol.sum, "mean": ArraySymbol.mean, "max": ArraySymbol.max, "amax": ArraySymbol.max,
+    "min": ArraySymbol.min, "amin": ArraySymbol.min,
     "stack": _stack, "column_stack": _column_stack, "concatenate": _concatenate, "cross": _cross,
     "dot": _inner, "norm": _norm, "ndim": lambda x: x.ndim,
     "zeros_like": lambda x: x * 0.0, "ones_like": lambda x: x * 0.0 + 1.0,
@@ -301,15 +300,8 @@ class TableSymbol:
         found = np.empty(inner, dtype=object)
         for k in np.ndindex(*inner):
             found[k] = collect([(lifted(parts[(*i, *k)]), path) for i, path in self._paths()])
-        if "+" not in self.target:
-            return ArraySymbol(self.target, found)
-        spaces = self.target.split("+")
-        return alone_or_all(
-            [
-                ArraySymbol(spaces[k], np.frompyfunc(lambda y, k=k: part(y, k, self.target), 1, 1)(found))
-                for k in self.summed
-            ]
-        )
+        spaces, own = self.target.split("+"), np.frompyfunc(lambda y, k: part(y, k, self.target), 2, 1)
+        return alone_or_all([ArraySymbol(spaces[k], own(found, k)) for k in self.summed])
 
 
 class Table(np.ndarray):

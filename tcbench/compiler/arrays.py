@@ -84,10 +84,10 @@ def join(parts: Sequence[Symbol], space: str) -> Symbol:
 
 
 def part(x: Symbol, k: int, space: str) -> Symbol:
-    """Of joined arrays, space "a+b", those of number k."""
+    """Of joined arrays, space "a+b", those of number k; an array alone is all of it."""
     if x.op == "join":
         return x.args[k]
-    return x if x.space == NUMBER else intern("part", (x,), (k, space), space=space.split("+")[k])
+    return x if x.space == NUMBER or "+" not in space else intern("part", (x,), (k, space), space=space.split("+")[k])
 
 
 def rebuilt(op: str, args: Sequence[Any], value: Any) -> Symbol:
