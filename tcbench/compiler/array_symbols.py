@@ -320,9 +320,10 @@ class Table(np.ndarray):
         """As of a `TableSymbol`."""
         index = np.asarray(self)
         values = np.broadcast_to(x, index.shape) if np.ndim(x) < index.ndim else np.asarray(x)
-        symbols = any(isinstance(v, Symbol) for v in values.flat) if values.size else in_trace()
-        symbolic = values.dtype == object and symbols  # units are no symbols
-        zero: Any = const(0.0) if symbolic else 0.0
+        zero: Any = 0.0
+        if values.dtype == object:  # of symbols; or of units, where nothing has that of the others
+            symbols = any(isinstance(v, Symbol) for v in values.flat) if values.size else in_trace()
+            zero = const(0.0) if symbols else values[(0,) * index.ndim] if values.size else 0.0
         found = np.full((sum(self.counts), *values.shape[index.ndim :]), zero, values.dtype)
         np.add.at(found, index, values)
         of_each = np.split(found, np.cumsum(self.counts)[:-1])

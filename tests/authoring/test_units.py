@@ -216,3 +216,27 @@ def test_units_of_circuits_are_those_of_mechanics():
     """Energy, force and power by each of them."""
     for text in ("C^2/F", "Wb^2/H", "A^2 H", "V^2 S s", "A Wb", "T A m^2", "ohm A^2 s"):
         assert unit(text).powers == unit("J").powers, text
+
+
+class Sparks(System):
+    """Places some of which no wire names, and a function of what meets there."""
+
+    name = "sparks"
+    variables = {"x": ("place",), "s": ()}
+    tables = {"ends": ("wire", 2, "place")}
+    constants = {"reach": ("place",), "width": ("wire",), "warm": ()}
+    units = {"x": "m", "s": "J/K", "reach": "m", "width": "m", "warm": "K"}
+
+    def energy(self, z):
+        return self.warm * z.s * np.exp(-(self.ends.sums(self.width[:, None] * [1, 1]) / self.reach)).sum()
+
+    def entropy(self, z):
+        return z.s
+
+
+def test_what_no_entry_of_a_table_names_has_the_unit_of_the_others(monkeypatch):
+    system = Sparks(ends=[[0, 1]], reach=[1.0, 2.0, 3.0], width=[0.5], warm=300.0)
+    check_units(system)
+    monkeypatch.setattr(Sparks, "units", Sparks.units | {"width": "m^2"})
+    with pytest.raises(TcbenchError, match="a pure number"):
+        check_units(system)
