@@ -21,6 +21,7 @@ from .symbols import (
     Symbol,
     add,
     array,
+    as_symbol,
     const,
     intern,
     is_const,

@@ -16,6 +16,7 @@ import weakref
 from collections.abc import Callable, Iterable, Iterator, Mapping, MutableMapping
 from contextlib import contextmanager
 from functools import reduce
+from numbers import Real
 from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
@@ -206,6 +207,13 @@ def const(value: float) -> Symbol:
 def lifted(value: Any) -> Symbol:
     """The value as a symbol: numbers become constants."""
     return value if isinstance(value, Symbol) else const(float(value))
+
+
+def as_symbol(value: Any) -> Any:
+    """The same of what a formula returns, whose numbers are no symbols where it reads nothing of the state."""
+    if type(value) is np.ndarray:
+        return np.frompyfunc(as_symbol, 1, 1)(value) if value.size else value
+    return const(float(value)) if isinstance(value, Real) else value
 
 
 def variable(name: str) -> Symbol:

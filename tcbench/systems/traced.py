@@ -43,11 +43,11 @@ def derived(body: Callable[..., Any]) -> Callable[..., Any]:
     def function(self: Traced, *states: Any) -> Any:
         if is_array(*states):
             _check_names(self, body.__name__, states)
-            return body(self, *states)
+            return trace.as_symbol(body(self, *states))
         arrays = [np.asarray(state) for state in states]
         if any(a.dtype == object for a in arrays):
             _check_names(self, body.__name__, states)
-            return body(self, *arrays)
+            return trace.as_symbol(body(self, *arrays))
         return self._evaluate(body, [a.astype(np.float64, copy=False) for a in arrays])
 
     function.is_derived = True  # type: ignore[attr-defined]

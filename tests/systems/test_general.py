@@ -336,3 +336,47 @@ def test_a_formula_that_is_replaced_in_its_class_is_the_one_that_runs(monkeypatc
     for factor in (2.0, 3.0):
         monkeypatch.setattr(Base, "energy", lambda self, z, k=factor: z.p**2 / 2 + k * z.q**2)
         assert [tcbench.simulate("tc_monolithic", one).energy[-1] for one in made] == pytest.approx([factor, factor])
+
+
+@pytest.mark.parametrize("many", [0, 30])
+@pytest.mark.parametrize("constant", [0, 1.0, np.float64(2)])
+def test_formulas_may_be_constants(many, constant):
+    """Motion without entropy, in a bath of one temperature: methods died of a number that was no symbol."""
+
+    class Waves(System):
+        name = "waves"
+        variables = {"q": ("mass",) if many else (2,), "p": ("mass",) if many else (2,)}
+        constants = {"k": ("mass",) if many else ()}
+
+        def energy(self, z):
+            return (z.p @ z.p + (self.k * z.q**2).sum()) / 2
+
+        def entropy(self, z):
+            return constant
+
+        def reversible(self, z, dE, dS):
+            return {"q": dE.p, "p": -dE.q}
+
+        def temperature(self, z, dE, dS):
+            return 300
+
+        def measures(self, z):
+            return [constant + 1.0, 2]
+
+        def invariants(self, z):
+            return {"one": constant + 1.0}
+
+    n = many or 2
+    start = {"q": np.linspace(0.1, 1, n), "p": np.zeros(n)}
+    scenario = Scenario("w", Waves, {"k": np.linspace(1, 2, n) if many else 1.5}, initial=start, t_end=1, dt=0.1)
+    for name in (
+        "tc_monolithic",
+        "tc_strang",
+        "tc_gauss",
+        "tc_gauss_adaptive",
+        "tc_taylor",
+        "gauss2",
+        "projected[method=gauss2]",
+    ):
+        run = tcbench.simulate(name, scenario)
+        assert run.ok and run.summary.energy_error_max < 1e-4, name
