@@ -10,12 +10,14 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..simulation.run import simulate
 from ..study import Cells, Row, Study
+from ..systems.element_system import ElementSystem
 from .base import settings
 from .convergence import groups, relative_error
 from .frames import table_of
@@ -35,7 +37,6 @@ TOLERANCE = 1e-6  # of solvers that choose their steps
 LONG = 2**14  # steps of the run whose energy error is followed
 OCTAVES = 6  # the last ones of it, to which the exponent is fitted
 NUDGE = 1e-5  # of the components, for the slopes of a step: what is left of them is 1e-9
-DISSIPATING = ("conductivity", "friction", "damping", "speed")  # constants without which a system does not dissipate
 COLUMNS = (
     "integrator", "scenario", "dt", "tolerance", "status", "error_end", "error_path_max", "error_path_rms",
     "error_theta", "error_entropy_produced", "symplecticity_defect", "energy_growth_exponent", "energy_growth_end", "t",
@@ -93,8 +94,14 @@ def _states(integrator: Integrator, scenario: Scenario, options: Row, times: Seq
 
 
 def without_dissipation(scenario: Scenario) -> Scenario | None:
-    """The scenario with all constants at 0 that make it dissipate; None where it dissipates all the same."""
-    still = scenario.replace(name="still", **{name: 0.0 for name in DISSIPATING if name in scenario.constants})
+    """The scenario where nothing dissipates; None of elements that have no conductivity to be 0."""
+    kind = scenario.system
+    if not issubclass(kind, ElementSystem):
+        no: Row = {"irreversible": lambda self, z, dE, dS: {}}
+        if kind.defines("friction"):
+            no = {"friction": lambda self, z: np.zeros((self.size, self.size))}
+        return replace(scenario, name="still", system=type(kind.__name__, (kind,), no))
+    still = scenario.replace(name="still", **{name: 0.0 for name in ("conductivity",) if name in scenario.constants})
     model, z0 = still.model, still.z0
     lost = np.abs(model.irreversible(z0, model.gradient(z0), model.entropy_gradient(z0))).max()
     return None if lost > 0 else still
@@ -160,7 +167,9 @@ def energy_growth(integrator: Integrator, scenario: Scenario, options: Row) -> R
 
 
 def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
-    return {"measures": table_of(records, COLUMNS)}
+    table = table_of(records, COLUMNS)
+    hamiltonian = table["symplecticity_defect"].notna().any()  # is any of them? without L nothing is to be kept
+    return {"measures": table if hamiltonian else table.drop(columns="symplecticity_defect")}
 
 
 STUDY = Study(
