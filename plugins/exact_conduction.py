@@ -56,6 +56,7 @@ VERLET_HEAT4 = Integrator(
     source="verlet_heat at the complex steps of Hansen & Ostermann (2009), real part",
     flows=verlet_heat4,
     needs=["conduction_flow"],
+    elements=True,
     tags={"explicit"},
 )
 
@@ -70,6 +71,7 @@ def tcbench_integrators():
             source="remark 3.2 with the exact flow of (22)",
             flows=[(conduct, 1 / 2), (reversible, 1), (conduct, 1 / 2)],
             needs=["conduction_flow"],
+            elements=True,
         ),
         Integrator(
             name="verlet_heat",
@@ -78,6 +80,7 @@ def tcbench_integrators():
             source="Stoermer-Verlet with the exact flow of (22)",
             flows=verlet_heat,
             needs=["conduction_flow"],
+            elements=True,
             tags={"explicit"},
         ),
         VERLET_HEAT4,

@@ -35,6 +35,10 @@ OF_SCENARIOS = tuple(name for name, _ in scenario_checks.TESTS)
 DOES_NOT_RUN = Line("the rest", NONE, "not checked: the method does not run")
 LOOK_BELOW = "A step of 0.01 must succeed: see whether the formula is consistent with dz/dt."
 HOOKED = ("integrators", "scenarios", "metrics", "studies", "charts")
+STOPS = {
+    "formulas": "no method can use these formulas",
+    "positive": "no run goes on where a temperature or a measure is not positive",
+}  # line -> why there is nothing to check behind it where it fails
 WIDTH = max(map(len, OF_INTEGRATORS))  # of the names of lines; those of the operators may be longer
 
 
@@ -253,8 +257,8 @@ def scenario_lines(scenario: Scenario, only: Sequence[str] = ()) -> Iterator[Lin
             found = _guarded(name, test, scenario)
             lines = found if isinstance(found, list) else [found]
             yield from lines
-            if name == "formulas" and any(item.verdict == FAIL for item in lines):
-                yield Line("the rest", NONE, "not checked: no method can use these formulas")
+            if reason := next((STOPS[x.check] for x in lines if x.verdict == FAIL and x.check in STOPS), ""):
+                yield Line("the rest", NONE, f"not checked: {reason}")
                 return
 
 

@@ -8,11 +8,13 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .. import plugins
 from ..compiler.derivatives import INFINITE
 from ..simulation.run import simulate
 from ..studies.theorems import SEED, admissible_states, operators
+from ..systems.as_written import place
 from ..systems.element_system import ElementSystem
 from ..systems.plane import segments
 from ..systems.scenario import REST
@@ -24,6 +26,8 @@ if TYPE_CHECKING:
 
 LARGE = 80  # numbers of a state from which on it is traced once
 TINY_SCALE = 1e-6  # of energy errors, over how far energies are apart
+LINES, PIECES, HALVINGS = 40, 65, 50  # that are searched for jumps, each cut by so many states, then halved
+JUMP, POLE = 1e-3, 100.0  # parts of its own size by which what jumps does, and no pole
 MOST_TRIED = 4000  # states of a descent
 METHODS = ("tc_monolithic", "tc_staggered", "tc_strang", "midpoint_entropy", "midpoint_temperature")
 REMEDIES = {  # of elements, by the first words of a finding of theorems.operators
@@ -61,12 +65,65 @@ def formulas(scenario: Scenario) -> list[Line]:
     if names := [name for name in model.variables if not (np.abs(getattr(rates, name)) < INFINITE).all()]:
         found = f"at the start the rate of {', '.join(names)} is not finite"
         return [Line("formulas", FAIL, found, "Look for 0/0: a root of 0 has no slope, nor has a power below 1.")]
+    if not np.any([rates, *(model.vector_field(model.nearby(z0, np.random.default_rng(i))) for i in range(3))]):
+        remedy = "reversible(z, dE, dS) or irreversible(z, dE, dS), or a matrix in its place, gives rates by name."
+        return [Line("formulas", FAIL, "nothing moves, at the start or near it", remedy)]
     if model.size > LARGE:  # whose traces are long, and made once
         return [Line("formulas", OK, "traced")]
     changing = [name for name in DERIVED if model.formula(name) != model.formula(name)]
     remedy = "A formula reads its arguments, constants of self and what does not change: no counter, no random numbers."
     found = f"traced twice, {', '.join(changing)} is not the same" if changing else "traced twice, they are the same"
+    text = "".join(model.formula(name)[0] for name in DERIVED)
+    sizes = [math.prod(shape) for shape in model.constants.values()]
+    first = np.cumsum([1, *sizes])  # of each constant, where it stands in b
+    unread = [
+        name
+        for name, k, n in zip(model.constants, first, sizes, strict=False)
+        if not any(f"b[{i}]" in text for i in range(k, k + n))
+    ]
+    if unread and not changing:
+        return [Line("formulas", OK, f"{found}; none reads {', '.join(unread)}", "Is a term missing?")]
     return [line("formulas", not changing, found, remedy)]
+
+
+def smooth(scenario: Scenario) -> Line:
+    """E, S and their slopes do not jump: on lines through the start, halved where each changes most."""
+    model, z0 = scenario.model, np.asarray(scenario.z0)
+    if model.size > LARGE:
+        return Line("smooth", NONE, "not looked at: the state is large")
+    states, laws = admissible_states(scenario, np.random.default_rng(SEED)), 2 + len(model.invariant_names)
+
+    def seen(z: NDArray[np.float64]) -> NDArray[np.float64]:
+        """A row of (E, S, slopes of E, slopes of S) for each state."""
+        values = [model.energy(z)[:, None], model.entropy(z)[:, None], model.gradient(z), model.entropy_gradient(z)]
+        return np.concatenate(values, axis=1)
+
+    def sound(z: NDArray[np.float64]) -> bool:
+        found = np.asarray(model.observe(z))
+        return bool(np.isfinite(found).all() and (found[:, laws:] > 0).all() and np.isfinite(seen(z)).all())
+
+    for _ in range(LINES):
+        away = np.linspace(-8, 8, PIECES)[:, None] * (np.asarray(next(states)) - z0)
+        line_ = next((z for z in (z0 + away / 2**i for i in range(6)) if sound(z)), z0[None].repeat(3, axis=0))
+        values = seen(line_)
+        first = abs(np.diff(values, 2, axis=0)).argmax(axis=0)
+        low, high, below, above = line_[first], line_[first + 2], *(values[first + i].diagonal() for i in (0, 2))
+        for _ in range(HALVINGS):
+            middle = (low + high) / 2
+            value = seen(middle).diagonal()
+            left = abs(value - below) > abs(above - value)
+            low, below = np.where(left, low.T, middle.T).T, np.where(left, below, value)
+            high, above = np.where(left, middle.T, high.T).T, np.where(left, value, above)
+        jumps, size = abs(above - below), abs(values).max(axis=0)
+        for k in np.flatnonzero((jumps > JUMP * size) & (jumps < POLE * size))[:1]:
+            name = "entropy" if k == 1 or k >= 2 + model.size else "energy"
+            of = f"slope by {model.component_names[(k - 2) % model.size]}" if k > 1 else "value"
+            where = f"{place(getattr(type(model), name))}, {name}()"
+            found = f"{where}: its {of} jumps from {below[k]:.3g} to {above[k]:.3g}"
+            if k > 1:
+                return Line("smooth", NONE, found, "Both laws hold across a kink; a method's order does not.")
+            return Line("smooth", FAIL, found, "Let it be continuous: at a jump there is no discrete gradient.")
+    return Line("smooth", OK, "no jump seen near the start, of E, S or their slopes")
 
 
 def units(scenario: Scenario) -> list[Line]:
@@ -189,6 +246,7 @@ TESTS: tuple[tuple[str, Callable[[Scenario], Line | list[Line]]], ...] = (
     ("formulas", formulas),
     ("units", units),
     ("entropies", entropies),
+    ("smooth", smooth),
     ("exergy", exergy),
     ("the operators", laws),
     ("the paper's methods", paper_methods),

@@ -8,10 +8,10 @@ from types import FrameType
 from ..errors import TraceError
 
 ELEMENTARY = (
-    "Formulas must be branch-free numpy (arithmetic, **, @, sqrt, exp, log, expm1, log1p, sin, cos, tan, arcsin, "
-    "arccos, arctan, arctan2, sinh, cosh, tanh, hypot)"
+    "Formulas must be branch-free numpy (arithmetic, **, @, abs, sqrt, exp, log, expm1, log1p, sin, cos, tan, arcsin, "
+    "arccos, arctan, arctan2, sinh, cosh, tanh, hypot; max(x, 0) is (abs(x) + x) / 2)"
 )
-_REMEDY = f"{ELEMENTARY}; a method with anything else is registered with step= (plain Python) instead of flows="
+_REMEDY = f"{ELEMENTARY}; of methods, not of systems, others are registered with step= (plain Python) instead of flows="
 
 
 def where_in_user_code() -> str:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import TcbenchError
 from ..reference.precision import LONG
 from ..simulation.run import simulate
 from ..systems.element_system import ElementSystem
@@ -30,6 +31,7 @@ NOT_WITH_DATA = "does not hold with the printed data"
 CONTRADICTS = "contradicts the printed equations"
 
 SEED = 20090706  # any number would do; a fixed one makes the table repeatable
+PATIENCE = 100  # random states of which none is admissible, before they are taken half as far from the start
 STATES = 200  # random pairs of states for the operators
 RANDOM_STEPS = 100  # random steps for each integrator
 ROUNDOFF = 1e-13  # of operators: sums of some ten terms of one size
@@ -86,18 +88,28 @@ def shell_name(integrator: Integrator) -> str:
 
 
 def admissible_states(scenario: Scenario, rng: np.random.Generator) -> Iterator[State]:
-    """Endless random states around the scenario's: elements at least a tenth as long as at the start, theta > 0."""
+    """Endless random states around the scenario's: elements at least a tenth as long as at the start, theta > 0; nearer
+    to it where few are."""
     model, z0 = scenario.model, scenario.z0
     laws = 2 + len(model.invariant_names)  # what is observed before temperatures and measures
     least = np.asarray(model.observe(z0))[laws:] * np.repeat(
         [1e-3, 0.01], [model.n_temperatures, len(model.shapes(z0))]
     )
+    refused, near = 0, 1.0
     while True:
         with np.errstate(all="ignore"):
-            z = model.nearby(z0, rng)
+            z = model.state(z0 + near * (model.nearby(z0, rng) - z0)) if near < 1 else model.nearby(z0, rng)
             seen = np.asarray(model.observe(z))
-            if np.all(np.isfinite([*z, *seen])) and np.all(seen[laws:] > least):
-                yield z
+            good = bool(np.all(np.isfinite([*z, *seen])) and np.all(seen[laws:] > least))
+        refused = 0 if good else refused + 1
+        if good:
+            yield z
+        elif refused == PATIENCE and near < NEAR:
+            raise TcbenchError(
+                f"No state near the start of {scenario.name!r} has finite laws and what must be positive."
+            )
+        elif refused == PATIENCE:
+            refused, near = 0, near / 2
 
 
 def _pairs(scenario: Scenario, rng: np.random.Generator) -> Iterator[tuple[State, State]]:

@@ -23,6 +23,7 @@ COLUMNS = re.compile(  # of tables: what is called so would stand in their place
 )
 WARM = re.compile(r"(theta\d+|temperature_[a-z])\Z")  # the same of systems with temperatures
 OF_ELEMENTS = re.compile(r"(theta\d+|(temperature|strain)_[a-z]|[xyq]_\d+)\Z")
+OTHERS = "something else (of numpy, as T, a setting, or a column of tables, as theta0, a temperature)"
 MATRICES = {"reversible": "poisson", "irreversible": "friction"}  # what may stand in the place of a rate
 ELEMENTS = ("n_positions", "n_elements", "inertia", "shape", "element_energy", "conduction", "entropies")
 
@@ -65,7 +66,7 @@ def _check_variables(cls: type[System]) -> None:
         ):
             raise TcbenchError(f"{cls.__name__}: a variable has a name that Python takes, as in z.q, not {name!r}.")
         if hasattr(State, name) or name in (*SETTINGS, *cls.constants) or is_column(name, cls):
-            raise taken(cls, "variable", name)
+            raise taken(cls, "variable", name, "a constant" * (name in cls.constants) or OTHERS)
         _check_shape(cls, f"the variable {name!r}", shape)
 
 
@@ -109,10 +110,8 @@ def is_column(name: str, system: type[System] | System) -> bool:
     return COLUMNS.match(name) is not None or (letters != name and system.variables.get(letters, ()) != ())
 
 
-def taken(cls: type[System], kind: str, name: str) -> TcbenchError:
-    return TcbenchError(
-        f"{cls.__name__}: no {kind} can be called {name!r}, the name of something else; call it otherwise."
-    )
+def taken(cls: type[System], kind: str, name: str, of: str = "something else") -> TcbenchError:
+    return TcbenchError(f"{cls.__name__}: no {kind} can be called {name!r}, the name of {of}; call it otherwise.")
 
 
 def named_constant(cls: type[System], what: str, name: str) -> property:

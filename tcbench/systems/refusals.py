@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import inspect
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
     from .element_system import ElementSystem
     from .system import System
 
+COVECTORS = ("reversible", "irreversible", "temperature")  # formulas of (z, dE, dS)
+ALIKE = 0.85  # of two names, as difflib has it: reversable and reversible are 0.9
 MOST_DEGREE = 2  # of a strain measure in the positions
 POINTS = 5  # random ones at which a derivative has to vanish
 ROUND_OFF = 1e-9  # of a derivative, over the terms that it is the sum of
@@ -36,6 +39,7 @@ def check_class(cls: type[System]) -> None:
     for name in dict.fromkeys(n for c in cls.__mro__[: cls.__mro__.index(base)] for n in c.__dict__):
         if not name.startswith("__") and name not in base.written and hasattr(base, name):
             raise _overridden(cls.__name__, name, base.written)
+        _check_spelling(cls, base, name)
     if cls.__getattribute__ is not object.__getattribute__:
         raise TcbenchError(
             f"{cls.__name__} writes __getattribute__: what a formula reads of self would not be what it names. Call a "
@@ -51,6 +55,23 @@ def check_class(cls: type[System]) -> None:
             raise TcbenchError(f"{cls.__name__}: a constant is named by a word, self.word in formulas, not {name!r}.")
         if name == "self" or ((hasattr(base, name) or _is_computed(cls, name)) and name not in _free(cls, base)):
             raise taken(cls, "constant", name)
+
+
+def _check_spelling(cls: type[System], base: type[System], name: str) -> None:
+    """A formula that is all but called as one that the class does not have, and takes as many arguments: without it the
+    system would be another one."""
+    unwritten = [n for n in base.written if not cls.defines(n)]
+    for meant in difflib.get_close_matches(name, () if name in base.written else unwritten, n=1, cutoff=ALIKE):
+        taken_by = [getattr(inspect.unwrap(getattr(c, n)), "__code__", None) for c, n in ((cls, name), (base, meant))]
+        if taken_by[0] and taken_by[1] and taken_by[0].co_argcount == taken_by[1].co_argcount:
+            raise TcbenchError(
+                f"{cls.__name__} writes {name}(), which nothing calls, and no {meant}(). Did you mean that? A function "
+                "of your own is called otherwise."
+            )
+    if name in COVECTORS and name in base.written and "energy" in base.written:
+        words = [word.lower() for word in inspect.unwrap(getattr(cls, name)).__code__.co_varnames[1:4]]
+        if words[1:] == ["ds", "de"]:
+            raise TcbenchError(f"{cls.__name__} writes {name}(z, dS, dE); it is given (z, dE, dS), in that order.")
 
 
 def _base(cls: type[System]) -> type[System]:

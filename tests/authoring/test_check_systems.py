@@ -226,3 +226,58 @@ def test_a_reference_temperature_may_be_the_name_of_a_constant():
 def test_a_rate_is_written_once():
     with pytest.raises(TcbenchError, match=r"has irreversible\(\) and friction\(\), which say the same"):
         type("Wrong", (Right,), {"friction": ByMatrices.friction})
+
+
+def misspelt(self, z, dE, dS):
+    return {"q": dE.p, "p": -dE.q}
+
+
+def swapped(self, z, dS, dE):
+    return {"q": dE.p, "p": -dE.q}
+
+
+@pytest.mark.parametrize(
+    "wrong, told",
+    [
+        ({"reversable": misspelt}, r"writes reversable\(\), which nothing calls, and no reversible"),
+        ({"reversible": swapped}, r"writes reversible\(z, dS, dE\); it is given \(z, dE, dS\)"),
+        ({"variables": {"eta": (), "p": (2,), "s": ()}}, "called 'eta', the name of a constant"),
+    ],
+)
+def test_another_system_than_the_author_means_is_no_class(wrong, told):
+    """Each of these was a system without motion, and every line passed."""
+    with pytest.raises(TcbenchError, match=told):
+        type("Wrong", (Potentials,), wrong)
+    type("Fine", (Potentials,), {"reversable": lambda self, z: z, "entropies": misspelt, "reversible": misspelt})
+
+
+def test_what_does_not_move_and_what_nothing_reads_is_told():
+    assert "nothing moves" in failed(Potentials)["formulas"]
+    kind = type("Unread", (Right,), {"irreversible": lambda self, z, dE, dS: {"p": -dE.p, "s": dE.p @ dE.p / dE.s}})
+    (line,) = (line for line in lines_of(kind) if line.check == "formulas")
+    assert line.verdict == check.OK and "none reads eta" in line.found
+
+
+@pytest.mark.parametrize(
+    "term, verdict, told",
+    [
+        (lambda x: abs(x), check.NONE, "slope by q1 jumps from"),
+        (lambda x: np.sqrt((x - 0.2) ** 2), check.NONE, "slope by q1 jumps from"),
+        (lambda x: x / abs(x) / 5, check.FAIL, r"its value jumps from"),
+        (lambda x: (abs(x) + x) ** 2, check.OK, "no jump"),
+        (lambda x: np.tanh(100 * x), check.OK, "no jump"),
+    ],
+)
+def test_jumps_are_told_with_the_line(term, verdict, told):
+    kind = type("Jumps", (Right,), {"energy": lambda self, z: Right.energy(self, z) + term(z.q[1] + 0.1)})
+    (line,) = (line for line in lines_of(kind) if line.check == "smooth")
+    assert line.verdict == verdict and told in line.found
+    assert ("test_check_systems.py, line" in line.found) == (verdict != check.OK)
+
+
+def test_a_check_ends_where_few_random_states_are_admissible_or_none():
+    """It looked for them without end."""
+    cold = type("Cold", (Right,), {"temperature": lambda self, z, dE, dS: -dE.s})
+    assert [*failed(cold)] == ["positive"] and lines_of(cold)[-1].check == "the rest"
+    narrow = type("Narrow", (Right,), {"measures": lambda self, z: 1e-5 - (self.energy(z) - 2) ** 2})
+    assert failed(narrow) == {}
