@@ -134,7 +134,7 @@ def _random_covectors(model: System) -> tuple[Kernel, int]:
                 if slope.op != "const":  # one that is constant no method changes
                     factors.append(trace.variable("factor"))
                     slopes[i] = slope * factors[-1]
-            covectors.append(sym.state(trace.array(cut.joined(slopes, cut.gradients(list(z))))))
+            covectors.append(sym.state(trace.array(cut.joined(slopes, list(z)))))
         rates = [getattr(sym, name)(z, *covectors) for name in FORMULAS]
         outputs = [trace.lifted(x) for part in (*covectors, *rates) for x in part]
         outputs += [x for line in trace.jacobian(list(sym.momenta(z)), list(z)) for x in line]
