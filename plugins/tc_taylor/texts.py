@@ -82,7 +82,7 @@ def weighted(writer: Writer, system: System, variables: list[Series]) -> Iterato
             yield pack, writer.name(f"1.0 / (1.0 + {y} * {y})"), True
         return
     n = system.n_positions
-    scale = [trace.reciprocal(m) for m in lifted(sym.inertia(), n)] + lifted(sym.entropy_scale(), system.n_elements)
+    scale = [trace.reciprocal(m) for m in spread(sym.inertia(), n)] + spread(sym.entropy_scale(), system.n_elements)
     for begin, end in ((n, 2 * n), (2 * n, size)):
         for i in range(begin, end, WIDTH):
             pack = tuple(variables[i : min(i + WIDTH, end)])
@@ -118,7 +118,7 @@ def polynomial_kernel(order: int, size: int) -> Kernel:
     return written(lines, size)
 
 
-def lifted(value: Any, count: int) -> list[Symbol]:
+def spread(value: Any, count: int) -> list[Symbol]:
     """A number, a symbol or an array of them, as so many symbols."""
     return [
         x if isinstance(x, Symbol) else trace.const(float(x)) for x in np.asarray(value, dtype=object) * np.ones(count)

@@ -320,9 +320,7 @@ class ElementSystem(ThermalVariables, System):
 
     def slopes(self, value: Any, by: Any) -> Any:
         """Derivatives of a number by an array of variables (as `fresh` makes them), which it is a function of."""
-        if self.by_array:
-            return refilled(by, chain_rule.gradient(trace.lifted(value), entries(by)))
-        return trace.jacobian([value], list(by))[0]
+        return refilled(by, chain_rule.gradient(trace.lifted(value), entries(by)))
 
     def shape_gradient(self, q: Any) -> Any:
         """d(shape)/dq at q, shape (n_elements, n_positions); an operator."""
