@@ -176,7 +176,8 @@ def _iteration(system: Any, made: Formulas, k: int, level: int) -> str:
     carried = list(zip(slopes[0], x0, [*drift, *U[n:]], strict=True))
     means, points = projected(lanes, k, level, shared, carried, slopes[1])
     zero, nan = lanes.constant(0.0), lanes.constant(np.nan)
-    positive = [lanes.select(">", x, zero, zero, nan) for x in (*(x for here in points for x in here[:e]), *means[e:])]
+    least = reduce(lanes.smaller, [*(x for here in points for x in here[:e]), *means[e:]])
+    positive = lanes.select(">", least, zero, zero, nan)  # one that is not a number shows in the residual
     new = lanes.graph(at | dict(zip(forces[0][2 * n :], means, strict=True)), forces[1])
     # the correction, with the conduction solved for
     change = [lanes.sub(x, y) for x, y in zip(new, old, strict=True)]
@@ -192,7 +193,7 @@ def _iteration(system: Any, made: Formulas, k: int, level: int) -> str:
         lanes.store(new[i], WIDTH * (m + i))
     for i in range(n):
         lanes.store(moving[i], WIDTH * (2 * m + i))
-    lanes.store(lanes.largest([*sizes, *positive]), WIDTH * (2 * m + n))
+    lanes.store(lanes.largest([*sizes, positive]), WIDTH * (2 * m + n))
     return lanes.text()
 
 

@@ -120,6 +120,9 @@ class Lanes:
     def select(self, test: str, x: Any, y: Any, yes: Any, no: Any) -> Any:
         return self.build.select(self.build.fcmp_ordered(test, x, y), yes, no)
 
+    def smaller(self, x: Any, y: Any) -> Any:
+        return self.select("<", x, y, x, y)
+
     def exp(self, x: Any) -> Any:
         """Within an ulp; infinite where it overflows, 0 where it is below the smallest normal number, NaN of NaN."""
         given, top, bottom = x, self.constant(LARGEST_EXP), self.constant(SMALLEST_EXP)
