@@ -66,7 +66,7 @@ def path_files() -> list[str]:
 
 
 def _packages() -> str:
-    return "\0".join(n for folder in SITE for n in _names(folder) if n.endswith((".dist-info", ".egg-info")))
+    return "\0".join(n for folder in SITE for n in _names(folder) if n != "__pycache__")
 
 
 def _names(folder: str) -> list[str]:

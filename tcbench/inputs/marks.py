@@ -45,7 +45,7 @@ def text_hash(text: str | bytes | None) -> str | None:
     return hashlib.sha256(data).hexdigest()[:20]
 
 
-A_FOLDER = "a folder"
+A_FOLDER, A_STREAM = "a folder", "a pipe or a device"
 SIZES = "/*"  # behind a folder's name: its names and how large each is
 DATABASE = b"SQLite format 3\0"
 
@@ -53,8 +53,8 @@ DATABASE = b"SQLite format 3\0"
 def file_hash(path: str) -> str | None:
     """Of a file's content, of Python with the line ends of Unix, of a database with what is still to be written into
     it; None where there is none to read."""
-    if os.path.isdir(path):
-        return A_FOLDER
+    if not os.path.isfile(path) and os.path.exists(path):
+        return A_FOLDER if os.path.isdir(path) else A_STREAM
     try:
         with open(path, "rb") as file:
             data = file.read()

@@ -13,13 +13,15 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import importlib.metadata
 import importlib.util
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from typing import Any
 from urllib.parse import unquote, urlsplit
 
+from .callers import FOUND_BY_PYTHON, caller, directly, foreign, imported
 from .facts import CORES, CURRENT, MACHINE, PACKAGES, PLACES, UMASK, VARIABLES
 from .marks import (
     A_FOLDER,
@@ -46,12 +48,15 @@ NETWORK = ("socket.connect", "socket.getaddrinfo", "socket.gethostbyname", "sock
            "socket.sendto", "urllib.Request")  # fmt: skip
 STARTED, CONNECTED = "a process was started", "the network was used"
 BY_DESCRIPTOR, STATE = "a file was named by an open folder", "the state of the machine was read"
+# they raise where nothing is, or where something is
+TOUCHES = ("os.mkdir", "os.remove", "os.rmdir", "os.rename", "os.link", "os.utime", "os.chmod", "os.chown",
+           "os.truncate", "os.chdir")  # fmt: skip
 STREAM, ATTRIBUTES = "a pipe or a device was read", "attributes of a file were read"
 SYSTEM_CALLS, OPENS = "C functions of the system were called", "opens files in C"
 # packages that open files in C, where Python sees nothing; those of the second kind open them in Python for pandas
 READERS = frozenset({"h5py", "netCDF4", "tables", "polars", "lxml", "duckdb", "cv2", "osgeo", "rasterio", "pyreadstat"})
 OWN_READERS = frozenset(
-    {f"pyarrow.{n}" for n in ("parquet", "csv", "json", "feather", "orc", "dataset", "fs")} | {"cffi"}
+    {f"pyarrow.{n}" for n in ("parquet", "csv", "json", "feather", "orc", "dataset", "fs")} | {"cffi", "psutil"}
 )
 LOCALE = ("LC_ALL", "LC_CTYPE", "LC_NUMERIC", "LC_TIME", "LC_COLLATE", "LC_MONETARY", "LC_MESSAGES", "LANG", "LANGUAGE")
 ABOUT = {"uname": (MACHINE,), "cpu_count": (MACHINE,), "process_cpu_count": (MACHINE, CORES),
@@ -60,8 +65,7 @@ STATES = ("statvfs", "getloadavg", "sysconf")
 LIMITS = ("getrlimit", "prlimit")  # of `resource`
 TELLING = ("which", "getuser", "get_terminal_size")  # functions of Python that say what a variable says
 LEFT_OUT: list[str] = []  # folders of tcbench's own, whose files are no inputs
-HERE = os.path.dirname(os.path.abspath(__file__)) + os.sep
-FOUND_BY_PYTHON = "<frozen importlib"
+METADATA = os.path.dirname(importlib.metadata.__file__) + os.sep  # which lists all packages to find one
 
 
 def noting(what: str) -> Callable[[Callable[..., object]], Callable[..., None]]:
@@ -100,7 +104,8 @@ class Recorder(Seen):
             "open": self._open, "import": self._import, "mmap.__new__": self._mapping,
             "ctypes.dlopen": self._library, "sqlite3.connect": self._library,
             "os.listdir": self._list, "os.scandir": self._list, "os.putenv": self._put, "os.unsetenv": self._put,
-            "socket.gethostname": self._name_of_host,
+            "socket.gethostname": self._name_of_host, "ctypes.dlsym": self._symbol,
+            **dict.fromkeys(TOUCHES, self._touch),
             **dict.fromkeys(("os.getxattr", "os.listxattr"), lambda event, arguments: unseen(ATTRIBUTES)),
             **dict.fromkeys(PROCESSES, lambda event, arguments: unseen(STARTED)),
             **dict.fromkeys(NETWORK, lambda event, arguments: unseen(CONNECTED)),
@@ -119,14 +124,17 @@ class Recorder(Seen):
             self._mapping(event, (-1 if path is None else path,))
             return
         path = self.named(path)
-        if path.startswith(("/proc/", "/sys/")) and foreign(installed=False):
+        if path.startswith(("/proc/", "/sys/", "/dev/fd/")) and foreign(installed=False):
             self.unseen.setdefault(STATE)
         if isinstance(mode, str):
-            writes, reads = any(c in mode for c in "wxa+"), "r" in mode or "+" in mode
+            writes, reads, new = any(c in mode for c in "wxa+"), "r" in mode or "+" in mode, "x" in mode
         else:
             writes, reads = bool(flags & (os.O_WRONLY | os.O_RDWR | os.O_TRUNC)), not flags & os.O_WRONLY
+            new = bool(flags & os.O_EXCL)
         if writes and self.files.get(path) is not None:
             self.unseen.setdefault(f"{self.portable(path)} {CHANGED}")
+        if new and not reads:
+            self._touch(event, arguments)
         if writes and not reads and path not in self.files:
             self._written.add(path)
         elif reads:
@@ -171,6 +179,27 @@ class Recorder(Seen):
         elif event == "ctypes.dlopen" and foreign(installed=False):
             self.unseen.setdefault(SYSTEM_CALLS)
 
+    def _symbol(self, event: str, arguments: tuple[Any, ...]) -> None:
+        if getattr(arguments[0], "_name", "") is None and foreign(installed=False):  # ctypes.pythonapi
+            self.unseen.setdefault(SYSTEM_CALLS)
+
+    def _touch(self, event: str, arguments: tuple[Any, ...]) -> None:
+        """Whether something is there, whatever it has in it; what the cell itself has made is no input."""
+        if isinstance(arguments[0], int) or not foreign(installed=False):
+            return
+        path = self.named(arguments[0])
+        if path in self._written:
+            return
+        mark = mode_mark(self.full(path))
+        if os.path.isdir(self.full(path)):
+            self.note(path, asked=True)
+        elif event != "os.mkdir" or not caller().startswith(PYTHON):  # makedirs(exist_ok=True), a temporary folder
+            self.modes.setdefault(path, mark)
+        if event == "os.mkdir" and mark is None:
+            self._written.add(path)
+        if (link := link_mark(self.full(path))) is not None:
+            self.links.setdefault(path, link)
+
     def _mapping(self, event: str, arguments: tuple[Any, ...]) -> None:
         """What a descriptor is of (Linux): shared memory, or a file that C code has opened."""
         with contextlib.suppress(OSError):
@@ -179,15 +208,17 @@ class Recorder(Seen):
                 self.note(self.named(path))
 
     def _list(self, event: str, arguments: tuple[Any, ...]) -> None:
-        caller = sys._getframe(4).f_code.co_filename
+        asker = caller()
         if isinstance(arguments[0], int):
-            if (not caller.startswith(("<frozen", *PYTHON)) or caller in ("<frozen os>", os.__file__)) and foreign():
+            if (not asker.startswith(("<frozen", *PYTHON)) or asker in ("<frozen os>", os.__file__)) and foreign():
                 self.unseen.setdefault(BY_DESCRIPTOR)
             return
         path = self.named(arguments[0] or ".")
-        where, imports = self.full(path) + os.sep, caller.startswith(FOUND_BY_PYTHON)
+        if self.full(path) + os.sep in SITE and not asker.startswith(METADATA) and foreign(installed=False):
+            self.fact(PACKAGES)
+        where, imports = self.full(path) + os.sep, asker.startswith(FOUND_BY_PYTHON)
         if not imports and not nowhere(where) and not where.startswith((*LEFT_OUT, *INSTALLED)) and foreign():
-            if event == "os.scandir" and not caller.startswith(PYTHON):  # who may ask each entry for its size
+            if event == "os.scandir" and not asker.startswith(PYTHON):  # who may ask each entry for its size
                 path += SIZES
             self.folders.setdefault(path, folder_hash(self.full(path)))
 
@@ -196,7 +227,10 @@ class Recorder(Seen):
             self.fact(MACHINE)
 
     def _put(self, event: str, arguments: tuple[Any, ...]) -> None:
-        self.environment.setdefault(os.fsdecode(arguments[0]), SET_HERE)
+        name = os.fsdecode(arguments[0])
+        if event == "os.unsetenv":
+            self.fact(name)  # `del os.environ[name]` raises where it was not set
+        self.environment.setdefault(name, SET_HERE)
 
     # -- questions that no event tells of (`watching`)
 
@@ -214,12 +248,14 @@ class Recorder(Seen):
                 self.fact(CURRENT)
         else:
             path = self.named(path)
+            if nowhere(path) and foreign(installed=False):
+                self.unseen.setdefault(STATE)
             link = link_mark(self.full(path))
-            if link is not None or function == "lstat" or follow_symlinks is False:
+            if link is not None or function in ("lstat", "readlink") or follow_symlinks is False:
                 self.links.setdefault(path, link)
             if function != "readlink":
                 self.note(path, asked=True)
-            if function in ("stat", "access") and directly(("stat",)) and os.path.isfile(self.full(path)):
+            if function in ("stat", "access") and directly(("stat",)):
                 self.modes.setdefault(path, mode_mark(self.full(path)))
 
     @noting("{}")
@@ -285,10 +321,10 @@ class Recorder(Seen):
         if os.path.isdir(full):
             if asked and not any((home + os.sep).startswith(full.rstrip(os.sep) + os.sep) for home in self._homes()):
                 self.files[path] = A_FOLDER
-        elif not os.path.exists(full) or os.path.isfile(full):
+        elif asked or not os.path.exists(full) or os.path.isfile(full):
             self.stats[path] = stat_of(full)
             self.files[path] = file_hash(full)
-        elif not asked:
+        else:
             self.unseen.setdefault(STREAM)
 
     def _source(self, path: str) -> str:
@@ -331,40 +367,3 @@ class Recorder(Seen):
                 self.note(path)
                 if not path.startswith(INSTALLED):
                     self.fact(VARIABLES)
-
-
-def _callers() -> Iterator[tuple[str, str]]:
-    """File and function of who is running, from the innermost out."""
-    frame: Any = sys._getframe(1)
-    while frame is not None:
-        yield frame.f_code.co_filename, frame.f_code.co_name
-        frame = frame.f_back
-
-
-def foreign(installed: bool = True) -> bool:
-    """Is the nearest caller that is not of Python itself no code of tcbench's? installed: or of a package, also where
-    one that is known by its version calls for it."""
-    for file, _ in _callers():
-        if not _passes_on(file) and not (installed and file.startswith(SITE) and top(file) in KNOWN):
-            return not file.startswith(OWN) and not (not installed and file.startswith(SITE))
-    return False
-
-
-def directly(names: tuple[str, ...]) -> bool:
-    """Is the caller no code of Python's own but functions of these names, and of no package?"""
-    for file, name in _callers():
-        if not file.startswith((HERE, "<frozen os", os.__file__, "<frozen _collections_abc")) and not (
-            name in (*names, "get", "getenv") and _passes_on(file)
-        ):
-            return not file.startswith(OWN) and not _passes_on(file) and not file.startswith(SITE)
-    return False
-
-
-def imported() -> bool:
-    """Is what is read now read by Python's own import?"""
-    return next((file for file, _ in _callers() if not file.startswith(HERE)), "").startswith(FOUND_BY_PYTHON)
-
-
-def _passes_on(file: str) -> bool:
-    """Is a file of Python's own, or of this package, which act for others?"""
-    return file.startswith(HERE) or (file.startswith(("<frozen", *PYTHON)) and not file.startswith(SITE))

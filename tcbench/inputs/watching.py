@@ -12,9 +12,10 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
+from .callers import FOUND_BY_PYTHON
 from .facts import AT_START, NAMES, names_of
 from .marks import INSTALLED
-from .recorder import ABOUT, FOUND_BY_PYTHON, LEFT_OUT, LIMITS, STARTED, STATES, Recorder
+from .recorder import ABOUT, LEFT_OUT, LIMITS, STARTED, STATES, Recorder
 
 try:
     import _posixsubprocess

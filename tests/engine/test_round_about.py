@@ -70,6 +70,10 @@ FILES = {  # what the plugin does, before, after
                        lambda desk: (desk / "p" / "g").chmod(0o755)),
     "its mode": (plugin("G = 1.0 + ((HERE / 'g').stat().st_mode & 0o100)", "G"), {"p/g": "1"},
                  lambda desk: (desk / "p" / "g").chmod(0o755)),
+    "who may use a folder": (plugin("G = 1.0 + os.access(HERE / '_d', os.W_OK)", "G"), {"p/_d/a": "1"},
+                             lambda desk: (desk / "p" / "_d").chmod(0o500)),
+    "a folder gone into": (plugin("was = os.getcwd()\nos.chdir(HERE / 'l')\nos.chdir('..')\n"
+                                  "G = float(open('g').read())\nos.chdir(was)", "G"), linked("lib"), linked("q")),
     "a link among names": (plugin("G = sum(e.is_symlink() for e in os.scandir(HERE / '_d')) + 1.0", "G"),
                            {"p/_d/a": "1", "p/g": "1"}, entry),
     "asked by a known package": (plugin("import scipy.io\nG = 1.0\nif np.lib.npyio.DataSource(str(HERE)).exists('g'):\n"
@@ -162,7 +166,7 @@ def test_what_machine_it_is_is_an_input_where_it_is_asked(desk, monkeypatch, ask
     write(desk, {"p/mine.py": plugin(f"import platform\nG = 1.0 + {asked}", "G")})
     rows = measured(desk)
     assert again(desk, rows) == ""
-    monkeypatch.setattr(facts, f"_{fact}", lambda: "another")
+    monkeypatch.setitem(facts.FACTS, f"({fact})", lambda *_: "another")
     assert again(desk, rows) == f"the variable ({fact})"
 
 
@@ -186,6 +190,9 @@ def test_the_mask_of_new_files_is_an_input_where_it_is_asked(desk):
         ("ctypes.CDLL('libc.so.6').fopen", "C functions of the system were called"),
         ("fd = os.open(HERE / 'ff', os.O_RDWR)\nos.write(fd, b'1')\nos.read(fd, 1)", "a pipe or a device was read"),
         ("with contextlib.suppress(OSError):\n    os.getxattr(HERE, 'user.g')", "attributes of a file were read"),
+        ("ctypes.PyDLL.__getitem__(ctypes.pythonapi, 'getenv')", "C functions of the system were called"),
+        ("os.path.exists('/dev/nvidia0')", "the state of the machine was read"),
+        ("fd = os.open(HERE, os.O_RDONLY)\nopen(f'/dev/fd/{fd}/n').read()", "the state of the machine was read"),
         ("os.statvfs(HERE)", "the state of the machine was read"),
         ("os.sysconf('SC_PHYS_PAGES')", "the state of the machine was read"),
         ("import resource\nresource.getrlimit(resource.RLIMIT_NOFILE)", "the state of the machine was read"),
@@ -226,6 +233,7 @@ def site(tmp_path_factory, monkeypatch):
     monkeypatch.setattr(sys, "path", [*sys.path, str(folder)])
     for module in (marks, facts, seen, recorder):
         monkeypatch.setattr(module, "SITE", both)
+    monkeypatch.setattr(recorder, "INSTALLED", (*marks.INSTALLED, both[-1]))
     marks.distributions_of.cache_clear()
     yield folder
     marks.distributions_of.cache_clear()
@@ -244,7 +252,10 @@ with contextlib.suppress(metadata.PackageNotFoundError):
 """
 
 
-@pytest.mark.parametrize("asked", [VERSION, "G = len(list(metadata.distributions()))"])
+@pytest.mark.parametrize(
+    "asked",
+    [VERSION, "G = len(list(metadata.distributions()))", "import pkgutil\nG = len(list(pkgutil.iter_modules()))"],
+)
 def test_a_package_that_is_installed_later_is_seen(desk, site, asked):
     write(desk, {"p/mine.py": plugin(f"from importlib import metadata\n{asked}", "G")})
     rows = measured(desk)

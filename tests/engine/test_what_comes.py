@@ -44,7 +44,32 @@ FILES = {  # what the plugin does, files before, files after
     "an archive of modules": (plugin("sys.path[:0] = [str(HERE.parent / 'lib' / n) for n in ('z.zip', '.')]\n"
                                      "from zip_x import G", "G"), {"lib/zip_x.py": G1}, {"lib/z.zip": archive(G2)}),
     "a source of another kind": (plugin(SPEC, "module.G"), {"p/_g.txt": G1}, {"p/_g.txt": G2}),
+    **{f"asked by {asks}": (plugin(f"G = 1.0\ntry:\n    {asks}\nexcept OSError:\n    G = 1.1", "G"), {}, {"p/_f/x": ""})
+       for asks in ("open(HERE / '_f', 'x').close(); os.remove(HERE / '_f')", "os.rmdir(HERE / '_f')",
+                    "os.mkdir(HERE / '_f'); os.rmdir(HERE / '_f')", "os.utime(HERE / '_f')")},
 }  # fmt: skip
+MADE = """
+import shutil, tempfile
+folder = tempfile.TemporaryDirectory()
+os.makedirs(HERE / "_d", exist_ok=True)
+with contextlib.suppress(OSError):
+    (HERE / "_out").unlink()
+for name in ("_out", "_d/out", folder.name + "/out"):
+    (HERE / name).write_text("1")
+shutil.rmtree(folder.name)
+"""
+
+
+def test_what_a_cell_makes_itself_is_no_input(desk):
+    write(desk, {"p/mine.py": plugin(MADE), "p/_out": ""})
+    assert again(desk, measured(desk)) == ""
+
+
+def test_a_pipe_in_the_place_of_a_file_is_told_and_not_waited_for(desk):
+    write(desk, {"p/mine.py": plugin("G = 1.0 + (HERE / 'g').exists()", "G")})
+    rows = measured(desk)
+    os.mkfifo(desk / "p" / "g")
+    assert again(desk, rows) == "<mine>/g"
 
 
 @pytest.mark.parametrize("what", FILES)
