@@ -61,6 +61,7 @@ WRONG = {
     "e.18 cannot be counted": lambda: tcbench.simulate("tc_gauss", "short_term", t_end=2**63, record_every=2**63),
     "cannot be counted": lambda: tcbench.simulate("tc_gauss", new_scenario(dt=1e-320)),
     "not 5": lambda: tcbench.draw("laws", [5]),
+    "simulate returns, not 7": lambda: tcbench.draw("laws", 7),
     "no Observable": lambda: tcbench.simulate("tc_gauss", "short_term", t_end=0.5).plot([5]),
     "times must be numbers": lambda: tcbench.simulate("solve_ivp_rk45", "short_term", times=10**400),
     "t_end must be positive": lambda: tcbench.simulate("tc_gauss", "short_term", t_end=True),

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from ..chart import OPENING, RUNS, Chart, of_scenario
-from ..errors import TcbenchError, expect, needs_folder, shown, unknown_name, writing
+from ..errors import TcbenchError, expect, needs_folder, several, shown, unknown_name, writing
 from ..files import written
 from .chart_kinds import draw_kind, find_kind, with_fallbacks
 from .charts import layout, theme
@@ -202,7 +202,7 @@ def _tables(kind: Chart, data: Source, dt: float | None) -> tuple[dict[str, Data
     elif not _of_runs(kind):
         raise TcbenchError(f"The chart {kind.name!r} shows the tables of a run: give its folder, not trajectories.")
     else:
-        runs = [data] if isinstance(data, Trajectory) else list(data)
+        runs: list[Any] = [data] if isinstance(data, Trajectory) or not several(data) else list(data)
         if strange := [run for run in runs if not isinstance(run, Trajectory)]:
             raise TcbenchError(
                 f"What is drawn is a run folder, tables, or what simulate returns, not {shown(strange[0])}."

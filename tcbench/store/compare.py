@@ -265,7 +265,8 @@ def _with_rungs(name: str, *rows: Mapping[str, Any]) -> str:
     found = re.fullmatch(r"(\w+)\[(\d+)\]\.(.+)", name)
     for row in rows if found else ():
         group, index, rest = found.groups()  # type: ignore[union-attr]
-        rung = row[group][int(index)] if int(index) < len(row.get(group) or ()) else {}
+        rungs = dict(enumerate(row[group])) if isinstance(row.get(group), list) else {}
+        rung = point if isinstance(point := rungs.get(int(index)), Mapping) else {}
         values = {str(row.get("control", key)) if key == "value" else key: rung[key] for key in ANY_KEY if key in rung}
         said = [f"{key}={value:.6g}" if _is_number(value) else f"{key}={value}" for key, value in values.items()]
         if said and rest not in ANY_KEY:

@@ -106,6 +106,8 @@ def test_a_rung_is_named_by_its_step_and_variable(tmp_path):
     assert found["column"].tolist() == ["points[variable=p, dt=0.05].error"]
     found = changes(tmp_path / "2", {"points": points}, {"points": [*points[:3], points[3] | {"dt": 0.04}]})
     assert found["column"].tolist() == ["points[3].dt"]
+    found = changes(tmp_path / "3", {"points": points}, {"points": [*points[:3], 5]})  # a damaged line
+    assert not found.empty
 
 
 def test_timings_of_cells_that_shared_the_machine_are_not_compared(tmp_path):
