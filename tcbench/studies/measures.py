@@ -42,6 +42,7 @@ COLUMNS = (
     "error_theta", "error_entropy_produced", "symplecticity_defect", "energy_growth_exponent", "energy_growth_end", "t",
     "failure",
 )  # fmt: skip
+NOT_OF_ALL = ("error_theta", "error_entropy_produced", "symplecticity_defect")  # without temperature, dissipation, L
 
 
 def plan(integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]) -> Cells:
@@ -168,8 +169,7 @@ def energy_growth(integrator: Integrator, scenario: Scenario, options: Row) -> R
 
 def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
     table = table_of(records, COLUMNS)
-    hamiltonian = table["symplecticity_defect"].notna().any()  # is any of them? without L nothing is to be kept
-    return {"measures": table if hamiltonian else table.drop(columns="symplecticity_defect")}
+    return {"measures": table.drop(columns=[c for c in NOT_OF_ALL if table[c].isna().all()])}
 
 
 STUDY = Study(

@@ -178,7 +178,9 @@ class System(OverSpaces):
 
     def points(self, z: Any) -> Any:
         """The two ends of each line of a picture in the plane, shape (lines, 2, 2); optional."""
-        raise TcbenchError(f"System {self.name!r} does not say what it looks like: it has no points(z).")
+        raise TcbenchError(
+            f"System {self.name!r} does not say what it looks like: write points(z), lines in the plane (docs/add-system.md), or draw run.plot()."
+        )
 
     def exergy_offset(self) -> Any:
         """Constant that makes V = E - theta_ref S + offset >= 0."""
