@@ -179,7 +179,8 @@ class System(OverSpaces):
     def points(self, z: Any) -> Any:
         """The two ends of each line of a picture in the plane, shape (lines, 2, 2); optional."""
         raise TcbenchError(
-            f"System {self.name!r} does not say what it looks like: write points(z), lines in the plane (docs/add-system.md), or draw run.plot()."
+            f"System {self.name!r} does not say what it looks like: write points(z), lines in the plane "
+            "(docs/add-system.md), or take the curves of run.plot()."
         )
 
     def exergy_offset(self) -> Any:
