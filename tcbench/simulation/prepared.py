@@ -11,6 +11,7 @@ import numpy as np
 from ..compiler.records import Rows
 from ..errors import TcbenchError
 from ..integrator import Integrator
+from ..solver.first_values import least_sizes
 from ..solver.flow import Flow, Tally
 from ..solver.flow_kernels import FlowKernels
 from ..solver.implicit_step import Rules, make_flows, set_length
@@ -30,7 +31,7 @@ _NO_STEP = Tally(entropy_min=math.inf, lyapunov_max=-math.inf)
 class Prepared:
     """A Run with its Tally, and the flows of a method; of a method in plain Python (no kernels) there are none.
 
-    run.c is (h, constants, then what the formulas see of other states; see `implicit_step.constants_of`).
+    run.c is as of `implicit_step.constants_of`.
     """
 
     def __init__(
@@ -42,10 +43,12 @@ class Prepared:
     ) -> None:
         self.free = free if model.size <= LARGE else None
         observe, n_observables = model.observer
-        further = 0 if method is None else model.size * (method.memory or 2)
-        c, self.tally = np.concatenate([model.constant_values, np.zeros(further)]), Tally()
-        known = len(model.constant_values)
-        self.constants, self.others = c[:known], c[known:].reshape(-1, model.size)  # parts of c; a row is of a state
+        states = 0 if method is None else method.memory or 2
+        known, least = len(model.constant_values), len(model.variables) if states else 0
+        c, self.tally = np.ones(known + least + states * model.size), Tally()
+        c[:known] = model.constant_values
+        self.constants, self.least, others = np.split(c, (known, known + least))  # parts of c
+        self.others = others.reshape(-1, model.size)  # a row is of a state
         self.rules, self.bound = Rules(), math.inf
         self.flows: list[tuple[Flow, FlowKernels, float]] = []
         fields: dict[str, Any] = {}
@@ -76,6 +79,7 @@ class Prepared:
         """As if nothing had run yet."""
         self.tally.table[...] = _NO_STEP.table  # half of the time of [:]
         self.run.clear()
+        self.least[...] = 1.0
         for flow, _, _ in self.flows:
             flow.clear()
 
@@ -104,6 +108,8 @@ class Prepared:
         run.make_room(steps // every + 2)
         self.constants[...], run.z[...] = scenario.model.constant_values, z0
         self.others[...] = 0.0 if run.memory else z0
+        if len(self.least):
+            self.least[...] = least_sizes(scenario)
         self.set_length(dt)
         return run
 

@@ -104,11 +104,16 @@ class FlowKernels:
         return self.iterate if self.pattern else self.full
 
     def prepared(self, z: Any, c: NDArray[np.float64]) -> NDArray[np.float64]:
-        """w of a step from z. c: (h, constants, what the flow reads beside them)."""
+        """w of a step from z. c: see `constants`."""
         w = np.zeros(self.fields["nw"])
         w[self.opening.size :][: self.setup.size] = self.setup(c, c)
         evaluate(self.prologue.address, np.ascontiguousarray(z, dtype=float), c, w)
         return w
+
+
+def constants(system: System, h: float, least: Any, *further: Any) -> NDArray[np.float64]:
+    """(h, constants, least sizes of the variables, what the flow reads beside them): what kernels are given."""
+    return np.concatenate([[h], system.constant_values[1:], least, *further])
 
 
 def build(flow: Flow, system: System) -> FlowKernels:
@@ -143,7 +148,8 @@ def _build(flow: Flow, system: System) -> FlowKernels:
     place = {s: i for i, s in enumerate(d)}
     where = [place[s] for s in x]
     positive = list(y1.theta) if flow.variables == "temperature" else []
-    sizes = sizes_of(sym, y0, z0, flow.variables)
+    least: list[Symbol] = list(trace.variables("least", len(system.variables)))
+    sizes = sizes_of(sym, y0, z0, flow.variables, least)
     if slopes is None:
         moved = reduction.moved()
         scales = [trace.reciprocal(sizes[i % n]) for i in [*where, *(place[e] for e in moved)]]
@@ -159,19 +165,19 @@ def _build(flow: Flow, system: System) -> FlowKernels:
     hoisted = fixed_values(moving, [*x, *parts.stored], moving)
     opening = [*fixed, *hoisted, *sym.observe(z0)]
     # of an explicit flow the step size is constant as well; where Newton works, continuation varies it
-    behind = {s: f"b[{system.n_constant_values + i}]" for i, s in enumerate(start)}
+    behind = {s: f"b[{system.n_constant_values + i}]" for i, s in enumerate([*least, *start])}
     first: list[Symbol] = list(start[n:]) if flow.of_step else []  # the state at the start of the run is constant, too
     varying = start[: len(start) - len(first)]
     fixed_constants = constant_part(opening, [*z0, *varying, *([h] if x else [])])
-    constants = system.constant_symbols()
-    prologue_inputs = {**{s: f"a[{i}]" for i, s in enumerate(z0)}, h: "b[0]", **constants, **behind}
+    known = {h: "b[0]", **system.constant_symbols()}
+    prologue_inputs = {**{s: f"a[{i}]" for i, s in enumerate(z0)}, **known, **behind}
     prologue_inputs |= {s: f"out[{len(opening) + i}]" for i, s in enumerate(fixed_constants)}
     reads: dict[Symbol, str] = {s: f"a[{len(fixed) + i}]" for i, s in enumerate(hoisted)}
     reads |= {s: f"b[{i}]" for i, s in enumerate(x)}
     stored = {f: f"out[{len(parts.iterate) + i}]" for i, f in enumerate(parts.stored)}
     opened = kernel(prologue_inputs, opening)
     return FlowKernels(
-        setup=kernel({h: "b[0]", **constants, **{s: behind[s] for s in first}}, fixed_constants),
+        setup=kernel({**known, **{s: behind[s] for s in [*least, *first]}}, fixed_constants),
         prologue=opened if slopes else kernel(prologue_inputs, [*fixed, *hoisted]),
         opening=opened,
         iterate=kernel(reads, [*parts.iterate, *parts.stored.values()]),
@@ -286,7 +292,7 @@ def apply_explicit(formula: Residual, system: System, start: Any, end: Any, firs
 
 def _applied(kernels: FlowKernels, system: System, h: float, end: Any, start: Any, first: Any) -> Any:
     """What the explicit formula of these kernels adds to `end`."""
-    w = kernels.prepared(end, np.concatenate([[h], system.constant_values[1:], start, first]))
+    w = kernels.prepared(end, constants(system, h, np.ones(len(system.variables)), start, first))
     return kernels.finish(w, w)
 
 
@@ -323,8 +329,7 @@ def traced(flow: Flow, system: System, y0: State, d: Any, h: Symbol, further: li
     """Run the author's formula on symbols; a flat list of residual rows."""
     n = system.size
     y1, *stages = (y0 + d[k : k + n] for k in range(0, len(d), n))  # with the names that y0 has
-    arguments = [y0, y1, h, system, *([stages] if stages else []), *further]
-    result = np.asarray(called(flow, arguments), dtype=object)
+    result = np.asarray(called(flow, [y0, y1, h, system, *([stages] if stages else []), *further]), dtype=object)
     if result.size != len(d):
         given = (
             "nothing (is `return` missing?)"

@@ -18,8 +18,9 @@ from ..integrator import Integrator
 from ..systems.scenario import Scenario
 from ..systems.system import System
 from .continuation import COLD_ROOT, FOUND, LOST, UNDETERMINED, arc, detour
+from .first_values import least_sizes
 from .flow import Flow, Tally
-from .flow_kernels import FlowKernels, build
+from .flow_kernels import FlowKernels, build, constants
 from .newton import ACCEPTED, NEGLIGIBLE, REJECTED, newton, plain_newton, set_step, track
 from .quick_sparse import MADE_IN
 
@@ -137,11 +138,11 @@ def _compiled_flows(
 
 
 def constants_of(integrator: Integrator, scenario: Scenario) -> np.ndarray:
-    """(h, constants, two states: those at the start of the step and of the run); of a multistep method, in place of the
-    states, the slopes (earlier state - z)/h."""
+    """(h, constants, the least sizes of the variables, two states: those at the start of the step and of the run); of a
+    multistep method, in place of the states, the slopes (earlier state - z)/h."""
     z0 = scenario.z0
     further = [np.zeros(integrator.memory * len(z0))] if integrator.memory else [z0, z0]
-    return np.concatenate([scenario.model.constant_values, *further])
+    return constants(scenario.model, 0.0, least_sizes(scenario), *further)
 
 
 class Rules(NamedTuple):

@@ -152,11 +152,13 @@ def _moves(system: Any, z: Any, told: Sequence[Symbol]) -> list[list[Symbol]]:
     return [[trace.lifted(v) for v in f] for f in (start, mend, hold)]
 
 
-def round_off(f: Symbol, x: Sequence[Symbol]) -> Symbol:
+def round_off(f: Symbol, x: Sequence[Symbol], of_x: bool = True) -> Symbol:
     """The round-off of f, in units of the last place: the sizes of its operations times what they weigh in f; of a
-    variable 1, or the largest of an array, beside its size, for it may begin at 0."""
+    variable 1, or the largest of an array, beside its size, for it may begin at 0. Without that of x itself it goes
+    with the units of f: how large its terms are, that may cancel."""
     by, moving = covectors(f, x), trace.depends_on([f], x)
     nodes = [node for node in reversed(trace.topological([f])) if node.number in by and node.number in moving]
+    nodes = [node for node in nodes if of_x or node.op != "var"]
     return reduce(trace.add, (_rounded(node, by[node.number]) for node in nodes), abs(f))
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..integrator import Flow
 from ..systems.system import System
-from .flow_kernels import FlowKernels
+from .flow_kernels import FlowKernels, constants
 
 REMEDY = (
     "Write the quotient with tcbench.building_blocks (divided_difference, phi, log1p_ratio), which has its value there"
@@ -22,7 +22,7 @@ def finite_at_rest(kernels: FlowKernels, memory: int, system: System, z: Any, h:
     """Has the compiled formula its value and its derivatives at z1 = z0 = z? Then it divides nothing by 0 there, and a
     run on plain numbers, which takes a thousand times as long, has nothing to find."""
     further = [np.zeros(memory * len(z))] if memory else [z, z]
-    w = kernels.prepared(z, np.concatenate([[h], system.constant_values[1:], *further]))
+    w = kernels.prepared(z, constants(system, h, np.ones(len(system.variables)), *further))
     still = np.zeros(max(1, kernels.n_unknowns))
     return bool(np.all(np.isfinite(kernels.linear(w, still))) and np.all(np.isfinite(kernels.finish(w, still))))
 

@@ -7,7 +7,7 @@ these have temperatures in the place of entropies as variables, and the paper's 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import wraps
 from typing import Any, ClassVar
 
@@ -149,8 +149,8 @@ class ElementSystem(ThermalVariables, System):
     def size(self) -> int:
         return 2 * self.n_positions + self.n_elements
 
-    def sizes(self, z: Any) -> list[Any]:
-        return [*super().sizes(z)[:2], 0.0 * self.state(z).s + self.entropy_scale()]
+    def sizes(self, z: Any, least: Sequence[Any]) -> list[Any]:
+        return [*super().sizes(z, least)[:2], 0.0 * self.state(z).s + self.entropy_scale()]
 
     def start(self, positions: Any, momenta: Any, temperatures: Any) -> NDArray[np.float64]:  # type: ignore[override]
         n, m = how_many(self, positions, temperatures)

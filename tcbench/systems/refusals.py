@@ -29,7 +29,8 @@ POINTS = 5  # random ones at which a derivative has to vanish
 ROUND_OFF = 1e-9  # of a derivative, over the terms that it is the sum of
 NEAR = 1e-4  # of a state's size: how far a rate is measured
 FEW_COMPONENTS = 40  # of a state, that are each moved alone
-CONSERVED = 1e-5  # of its terms, the rate of what is conserved, measured so
+CONSERVED = 1e-5  # of its terms, the rate of what is conserved, measured so ...
+SEEN = 1e-9  # ... where these are more than round-off of it
 _CONSERVED: WeakSet[Any] = WeakSet()  # systems that have been looked at
 
 
@@ -213,8 +214,9 @@ def check_invariants(system: System, z0: Any) -> None:
             raise taken(type(system), "invariant", name)
     rng = np.random.default_rng(0)
     for z in (np.asarray(x, float) for x in (z0, *(system.nearby(z0, rng) for _ in range(POINTS)))):
-        step = NEAR * np.asarray(system.vector_field(z))
-        step /= 1.0 + np.abs(step).max() / (NEAR * (1.0 + np.abs(z).max()))
+        rate = np.asarray(system.vector_field(z))
+        parts = [slice(begin, end) for begin, end, _ in system.layout.values() if z[begin:end].any()]
+        step = rate * (NEAR / (max((np.abs(rate[x]).max() / np.abs(z[x]).max() for x in parts), default=0.0) or 1.0))
         if len(step) > FEW_COMPONENTS:  # along the flow, and it with other signs
             others = step * rng.choice([-1.0, 1.0], (FEW_COMPONENTS, len(step)))
         else:  # and each of its components
@@ -222,7 +224,8 @@ def check_invariants(system: System, z0: Any) -> None:
         moves = np.concatenate([step[None], others])
         with np.errstate(all="ignore"):
             whole, *terms = np.asarray(system.momenta(z + moves)) - np.asarray(system.momenta(z - moves))
-            off = np.abs(whole) / np.sum(np.abs(terms), axis=0)
+            changes, now = np.sum(np.abs(terms), axis=0), np.abs(system.momenta(z))
+            off = np.where(changes > SEEN * now, np.abs(whole) / changes, 0.0)
         for name, share in zip(system.invariant_names, off, strict=True):
             if share > CONSERVED:  # not NaN
                 raise TcbenchError(

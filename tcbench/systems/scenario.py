@@ -165,20 +165,20 @@ class Scenario:
 
     @property
     def initial_exergy(self) -> float:
-        """V0 = V(z0), the scale of energy errors; |E0 + offset| of a system without reference temperature, and where
-        that is 0 or next to it, as an energy that is counted from anywhere may be, at least the sum of |z dE/dz|/2.
-
-        At or next to rest it is at least 1e-10 max(1, |E0|): round-off of the energy is no blow-up.
-        """
+        """V0, the scale of energy errors: `exergy_at_start`, at rest or next to it 1e-10 max(1, |E0|): round-off of the
+        energy is no blow-up."""
         if "V0" not in self._cache:
-            floor = REST * max(1.0, abs(float(self.model.energy(self.z0))))
-            found = float(self.model.exergy(self.z0))
-            if not self.model.reference_temperature:
-                found = abs(found)
-                if found < NO_SCALE:
-                    found = max(found, float(np.abs(self.z0 * self.model.gradient(self.z0)).sum()) / 2)
-            self._cache["V0"] = max(found, floor)
+            self._cache["V0"] = max(self.exergy_at_start, REST * max(1.0, abs(float(self.model.energy(self.z0)))))
         return float(self._cache["V0"])
+
+    @property
+    def exergy_at_start(self) -> float:
+        """V(z0); |E0 + offset| of a system without reference temperature, and where that is 0 or next to it, as an
+        energy that is counted from anywhere may be, at least the sum of |z dE/dz|/2."""
+        found = float(self.model.exergy(self.z0))
+        if not self.model.reference_temperature and (found := abs(found)) < NO_SCALE:
+            found = max(found, float(np.abs(self.z0 * self.model.gradient(self.z0)).sum()) / 2)
+        return found
 
     @property
     def bound(self) -> float:

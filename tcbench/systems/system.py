@@ -12,7 +12,7 @@ laws follow. Or the matrices `poisson(z)` and `friction(z)`, with identities at 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import reduce
 from typing import Any, ClassVar, cast
 
@@ -256,12 +256,12 @@ class System(OverSpaces):
         state = self.state(np.asarray(z, dtype=float))
         return {"initial": {name: getattr(state, name) for name in self.variables}}
 
-    def sizes(self, z: Any) -> list[Any]:
-        """What increments are measured by, variable by variable and entry by entry: its largest entry, at least 1."""
+    def sizes(self, z: Any, least: Sequence[Any]) -> list[Any]:
+        """What increments are measured by, variable by variable, entry by entry: its largest entry, at least these."""
         found = []
-        for block in blocks_of(self, z):
+        for block, at_least in zip(blocks_of(self, z), least, strict=True):
             largest = (total("max", abs(x), x.space) for x in entries(block))
-            found.append(refilled(block, [reduce(trace.maximum, largest, trace.const(1.0))] * len(entries(block))))
+            found.append(refilled(block, [reduce(trace.maximum, largest, at_least)] * len(entries(block))))
         return found
 
     def told_in_time(self, z: Any) -> dict[str, Any]:

@@ -125,3 +125,64 @@ def test_where_a_unit_makes_a_state_small_its_step_is_solved_all_the_same(method
         assert run.ok and np.abs(run.energy - run.energy[0]).max() < 1e-10 * m
         end.append(run.z[-1, 0])
     assert np.allclose(end, end[0], rtol=0, atol=1e-12)
+
+
+class Turned(tcbench.System):
+    """A charge in a field, with friction."""
+
+    name = "turned"
+    variables = {"q": (2,), "p": (2,), "s": ()}
+    constants = {"m": (), "k": (), "field": (), "rate": (), "heat": ()}
+
+    def energy(self, z):
+        return z.p @ z.p / (2 * self.m) + self.k * (z.q @ z.q) / 2 + self.heat * np.exp(z.s / self.heat)
+
+    def entropy(self, z):
+        return z.s
+
+    def reversible(self, z, DE, DS):
+        return {"q": DE.p, "p": -DE.q + self.field * np.stack([DE.p[1], -DE.p[0]])}
+
+    def irreversible(self, z, DE, DS):
+        return {"p": -self.rate * DE.p, "s": self.rate * (DE.p @ DE.p) / DE.s}
+
+
+@pytest.mark.parametrize("method", ["tc_monolithic", "tc_strang", "tc_itoh_abe", "gauss2", "bdf2"])
+@pytest.mark.parametrize("mass, length, time", [(1, 2**-20, 1), (1, 1, 2**20), (2**-30, 1, 1), (2**-40, 2**-20, 2**-8)])
+def test_a_unit_decides_no_number_of_a_step(method, mass, length, time):
+    """Corrections were small beside 1 where entropies are 1e-12: positions were wrong by 1e-4, energy by 1e-5."""
+    runs = []
+    for M, L, T in ((1, 1, 1), (mass, length, time)):
+        constants = {
+            "m": 0.7 * M,
+            "k": 1.3 * M / T**2,
+            "field": 1.9 * M / T,
+            "rate": 0.2 * M / T,
+            "heat": M * L**2 / T**2,
+        }
+        start = {"q": [0.9 * L, -0.4 * L], "p": [0.0, 0.3 * M * L / T], "s": 0.0}
+        scenario = tcbench.Scenario("turned", Turned, constants, initial=start, dt=0.2 * T, t_end=8.0 * T)
+        run = tcbench.simulate(method, scenario)
+        assert run.ok
+        runs.append(run.z / np.repeat([L, M * L / T, M * L**2 / T**2], [2, 2, 1]))
+    assert np.abs(runs[1] - runs[0]).max() < 1e-13
+
+
+class Near(Turned):
+    """A spring that is measured from where it rests, and heat whose energy at the start is 0."""
+
+    reference_temperature = 1.0
+
+    def energy(self, z):
+        e = np.log((1 + z.q[0]) ** 2 + z.q[1] ** 2) / 2
+        return z.p @ z.p / 2 + 10 * e**2 / 2 + 3 * (np.exp(z.s / 3 - 0.1 * e) - 1) + 0.3 * e
+
+
+@pytest.mark.parametrize("method", ["tc_monolithic", "gauss2", "midpoint_entropy"])
+def test_next_to_rest_what_is_left_of_large_terms_is_no_unit(method):
+    """Beside p = 1e-9 the round-off of 1 + q is large, and no smaller correction can be asked for."""
+    for p in (1e-5, 1e-8, 1e-10, 1e-14, 0.0):
+        constants = dict.fromkeys(Turned.constants, 0.1)
+        start = {"q": [0.0, 0.0], "p": [p, p], "s": 0.0}
+        run = tcbench.simulate(method, tcbench.Scenario("near", Near, constants, initial=start, dt=0.2, t_end=20.0))
+        assert run.ok and run.solver.retried == 0 and np.abs(run.z).max() <= 20 * p + 1e-14

@@ -236,6 +236,17 @@ def test_what_is_not_conserved_is_no_invariant():
     assert tcbench.simulate("tc_monolithic", start(made(invariants=lambda self, z: {"heat": z.s}))).ok
 
 
+@pytest.mark.parametrize("speed", [1e-12, 1e-5, 1.0, 1e12])
+def test_what_is_conserved_slowly_is_conserved(speed):
+    """Where a unit of time makes rates small, round-off of an invariant was more than 1e-5 of what they change."""
+    kind = made(
+        variables={"n": (3,), "s": ()}, energy=lambda self, z: z.s, entropy=lambda self, z: z.s + z.n[2],
+        irreversible=lambda self, z, dE, dS: {"n": speed * (np.roll(z.n, 1) - z.n)},
+        reversible=lambda self, z, dE, dS: {}, invariants=lambda self, z: {"matter": z.n.sum()},
+    )  # fmt: skip
+    assert tcbench.simulate("gauss2", start(kind, initial={"n": [0.3, 0.7, 9.1], "s": 1}), dt=0.1, t_end=0.2).ok
+
+
 @pytest.mark.parametrize(("name", "told"), [("turned", "not conserved"), ("temperature_a", "can be called"),
                                             ("strain_b", "can be called"), ("x_1", "can be called")])  # fmt: skip
 def test_invariants_of_springs_are_looked_at_as_those_of_any_system(name, told):
