@@ -297,7 +297,7 @@ def test_an_integrator_gives_exactly_one_way_to_step_and_an_order():
         Integrator(name="Bad Name", order=1, step=euler)
     with pytest.raises(TcbenchError, match="order must be a positive number, not 'two'"):
         Integrator(name="worded", order="two", step=euler)
-    with pytest.raises(TcbenchError, match="several words"):
+    with pytest.raises(TcbenchError, match="a set of words"):
         Integrator(name="spelled", order=1, step=euler, claims="energy")
 
 
