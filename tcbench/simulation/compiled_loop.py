@@ -258,7 +258,7 @@ def one_step(run: Run, z: Floats, carry: Floats, after: Floats, trial: Floats) -
             if flow.ns > 0:
                 code, count = quick_sparse(flow)
             else:
-                code, count = quick(flow, here, guess)
+                code, count = quick(flow, guess)
             iterations += count
         if code != ACCEPTED or flow.audit != NO_AUDIT:
             reason, more = solve_flow(flow, here, code == ACCEPTED)

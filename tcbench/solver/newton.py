@@ -21,8 +21,6 @@ MAX_ITERATIONS = 8
 ROUND_OFF = 4e-16  # a correction below this changes nothing
 CONVERGED = 1e-10  # a correction below this that no longer shrinks is round-off of the equations: the root is found
 QUADRATIC = 1e-8  # the same, of one that is a thousandth of the one before
-SMALL = 1e-3  # numbers of a state above this: a correction of SQUARED leaves of each its round-off
-PART = 1e-6  # of the whole increment: a first correction below this part leaves an error of about its square
 CHORD = 1e-2  # below this `newton` follows with a correction by the same factors, whose size tells the error left
 QUICK = 0.3  # below this `quick` tries corrections with the factors that it has
 SQUARED = 1e-11  # below this the error left is below round-off, for curvatures (error over correction^2) up to 1e6
@@ -82,20 +80,6 @@ def solved(flow: Flow, x: Floats) -> bool:
 
 
 @rare
-def whole(flow: Flow, z: Floats, x: Floats, delta: float) -> bool:
-    """Is a correction much of the increment x so far, and a number of the state z small? Then its size beside 1 says
-    nothing: in units that make states small a first correction is tiny, what is left of the equations need not be."""
-    least, most, scale = np.inf, 0.0, flow.w[2 * flow.nx : 3 * flow.nx]
-    for i in range(flow.n):
-        least = min(least, abs(z[i]))
-    if least > SMALL:
-        return False
-    for i in range(flow.nx):
-        most = max(most, abs(x[i]) * scale[i])
-    return delta > PART * most
-
-
-@rare
 def pivoted_correction(flow: Flow) -> float:
     """Newton correction into d[:nx] through the dense Jacobian; returns the sign of its determinant, 0: none."""
     n = flow.nx
@@ -150,7 +134,7 @@ def foresee(flow: Flow) -> None:
         flow.degree[0] = degree - 1
 
 
-def quick(flow: Flow, z: Floats, guess: Floats) -> tuple[int, int]:
+def quick(flow: Flow, guess: Floats) -> tuple[int, int]:
     """Shamanskii's form of Newton from a near guess, into x: after each iteration, corrections with its factors
     as long as they pay; returns (ACCEPTED or REJECTED, iterations).
 
@@ -163,7 +147,7 @@ def quick(flow: Flow, z: Floats, guess: Floats) -> tuple[int, int]:
     after = size + n + flow.npos
     previous, curvature = np.inf, flow.foreseen[CURVATURE]
     small = LEARNED if curvature > 0.0 else SQUARED
-    here, least = guess, np.inf
+    here = guess
     for iteration in range(1, MAX_ITERATIONS + 1):
         call(flow.iterate, w, here, d)
         delta = d[after]
@@ -172,14 +156,10 @@ def quick(flow: Flow, z: Floats, guess: Floats) -> tuple[int, int]:
             return REJECTED, iteration
         for i in range(n):
             x[i] = here[i] + d[i]
-        if delta < SQUARED and delta < 0.1 * least:
-            near = iteration > 1 or flow.foreseen[NEXT] == FORESEEN
-            if flow.steep and delta < ROUND_OFF and not near and not solved(flow, x):
-                here, previous = x, 2.0 * ROUND_OFF  # where a slope is steep the next one will be larger
-                continue
-            if whole(flow, z, x, delta):
-                here, previous, least = x, 2.0 * SQUARED, delta
-                continue
+        near = iteration > 1 or flow.foreseen[NEXT] == FORESEEN
+        if flow.steep and delta < ROUND_OFF and not near and not solved(flow, x):
+            here, previous = x, 2.0 * ROUND_OFF  # where a slope is steep the next one will be larger
+            continue
         if delta < small and curvature * delta * delta < NEGLIGIBLE:
             if flow.foresees:
                 flow.foreseen[CURVATURE] *= DOUBT
@@ -279,11 +259,7 @@ def newton(flow: Flow, enough: float, slope: float) -> tuple[int, int]:
         for i in range(2 * n + ne, 2 * n + ne + npos):
             if not d[i] > 0.0:
                 return REJECTED, iteration
-        if (
-            iteration == 1
-            and delta < ROUND_OFF
-            and (whole(flow, flow.start, x, delta) or (flow.steep and not solved(flow, x)))
-        ):
+        if flow.steep and delta < ROUND_OFF and iteration == 1 and not solved(flow, x):
             previous = 2.0 * ROUND_OFF  # as in `quick`
             continue
         if delta <= ROUND_OFF or (near and delta > 0.25 * previous):
