@@ -87,12 +87,11 @@ class Flow:
 
 KINDS_OF_FLOWS = {"residual": "a function", "fraction": "a number", "of_step": "True or False",
                   **dict.fromkeys(("stages", "memory", "most"), "a whole number")}  # fmt: skip
+SETS = ("claims", "tags", "systems", "needs", "requires")  # of words
 KINDS_OF_FIELDS = {  # of what tcbench reads before it can say more
-    "claims": "words or a word", "tags": "words or a word", "systems": "words or a word", "needs": "words or a word",
-    "requires": "words or a word", "uses": "words or a word", "increments": "True or False",
-    "by_default": "True or False", "source": "a word",
-    "description": "a word", "nonfinite": "a word", "plugin": "a word", "base": "a word", "parameters": "a mapping",
-    "family": "a function or nothing",
+    **dict.fromkeys((*SETS, "uses"), "words or a word"), **dict.fromkeys(("increments", "by_default"), "True or False"),
+    **dict.fromkeys(("source", "description", "nonfinite", "plugin", "base"), "a word"),
+    "parameters": "a mapping", "family": "a function or nothing",
 }  # fmt: skip
 
 
@@ -222,11 +221,11 @@ class Integrator:
         order: Any = self.order  # whatever an author wrote
         if order is not None and not (isinstance(order, int | float) and order > 0):
             self._refuse(f": order must be a positive number, not {order!r}.")
-        for words in ("claims", "tags", "systems", "needs", "requires"):
+        for words in SETS:
             if isinstance(getattr(self, words), str):
                 self._refuse(f": {words} must be a set of words, such as {{'energy'}}.")
         object.__setattr__(self, "uses", (self.uses,) if isinstance(self.uses, str) else self.uses)
-        for name in ("claims", "tags", "systems", "needs", "requires", "uses"):
+        for name in (*SETS, "uses"):
             kind = tuple if name in ("needs", "requires", "uses") else frozenset
             object.__setattr__(self, name, kind(getattr(self, name)))
         for way in ("step", "march", "adaptive", "outputs", "workspace", "refuses"):
@@ -237,14 +236,13 @@ class Integrator:
             self._refuse(
                 f" must give one of flows=, step=, adaptive=; it gives {' and '.join(ways) or 'none of them'}."
             )
-        for further, way in (("march", "step"), ("outputs", "adaptive")):
+        own = ": formulas need none, and a call of adaptive= is a run, which makes what it needs"
+        for further, way, why in (
+            ("march", "step", ", which march= repeats"), ("outputs", "adaptive", ", which outputs= repeats"),
+            ("workspace", "step", own),
+        ):  # fmt: skip
             if getattr(self, further) is not None and getattr(self, way) is None:
-                self._refuse(f" gives {further}= without {way}=, which {further}= repeats.")
-        if self.workspace is not None and self.step is None:
-            self._refuse(
-                " gives workspace= without step=: formulas need none, and a call of adaptive= is a run, which makes "
-                "what it needs."
-            )
+                self._refuse(f" gives {further}= without {way}={why}.")
         _check_variables(f"Integrator {self.name!r}", self.variables)
         if self.flows is not None:
             flows = _as_flows(self.flows, self.variables)

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..compiler.array_states import is_array
+from ..compiler import derivatives as trace
+from ..compiler.array_states import Blocks, is_array
 from ..compiler.formula_hash import formula_hash
 
 if TYPE_CHECKING:
@@ -31,6 +32,14 @@ def real(value: Any) -> Array:
     if np.ma.is_masked(value) or np.asarray(value).dtype.kind in "cmMV":
         raise TypeError
     return np.array(value, dtype=float)
+
+
+def in_one_row(values: Any) -> Any:
+    """Numbers and arrays, one after the other."""
+    parts = values if isinstance(values, list | tuple) else [values]
+    if is_array(*parts):
+        return Blocks(parts)
+    return trace.array(x for part in parts for x in np.ravel(np.asarray(part, dtype=object)))
 
 
 def shape_of(value: Any) -> tuple[int, ...] | None:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from ..compiler import chain_rule
 from ..compiler import derivatives as trace
-from ..compiler.array_states import Blocks, entries, is_array, refilled
+from ..compiler.array_states import entries, refilled
 from ..compiler.arrays import total
 from ..compiler.cut import Cut
 from ..compiler.once import cached_property
@@ -31,7 +31,7 @@ from .declaration import check_declared, checked_constant, finite, named_constan
 from .operators import projected
 from .over_spaces import OverSpaces
 from .refusals import check_attribute, check_class
-from .state import Layout, State, blocks_of, fixed, formulas_hash, laid_out
+from .state import Layout, State, blocks_of, fixed, formulas_hash, in_one_row, laid_out
 from .traced import derived
 
 FORMULAS = ("energy", "entropy", "reversible", "irreversible")
@@ -247,7 +247,7 @@ class System(OverSpaces):
             found = [finite(self, name, getattr(type(self), name).__wrapped__(self, state)) for name in FORMULAS[:2]]
         if not np.all(np.isfinite([*z, *found])):
             raise TcbenchError("the initial state, its energy or its entropy is not finite.")
-        if not np.all(np.asarray(_row(self.measures(state)), dtype=float) > 0):
+        if not np.all(np.asarray(in_one_row(self.measures(state)), dtype=float) > 0):
             raise TcbenchError(f"what must stay positive is {self.measures(state)} at the start.")
         return z
 
@@ -376,12 +376,12 @@ class System(OverSpaces):
     @derived
     def temperatures(self, z: Any) -> Any:
         """The temperatures at a state."""
-        return _row(self.temperature(*(self.state(x) for x in (z, self.gradient(z), self.entropy_gradient(z)))))
+        return in_one_row(self.temperature(*(self.state(x) for x in (z, self.gradient(z), self.entropy_gradient(z)))))
 
     @derived
     def shapes(self, z: Any) -> Any:
         """What else must stay positive, at a state."""
-        return _row(self.measures(self.state(z)))
+        return in_one_row(self.measures(self.state(z)))
 
     @derived
     def exergy(self, z: Any) -> Any:
@@ -399,11 +399,3 @@ class System(OverSpaces):
         """Kernel of `observe` and the number of its outputs, for the compiled loop."""
         entry, shape = self.kernel("observe")
         return entry, shape[0]
-
-
-def _row(values: Any) -> Any:
-    """Numbers and arrays, one after the other."""
-    parts = values if isinstance(values, list | tuple) else [values]
-    if is_array(*parts):
-        return Blocks(parts)
-    return trace.array(x for part in parts for x in np.ravel(np.asarray(part, dtype=object)))

@@ -10,7 +10,7 @@ from click.testing import CliRunner
 
 import tcbench
 from tcbench import plugins
-from tcbench.authoring import check, integrator_checks, scaffold
+from tcbench.authoring import check, integrator_checks
 from tcbench.cli import main
 
 
@@ -18,7 +18,7 @@ def new(*args):
     return CliRunner().invoke(main, ["new", *map(str, args)])
 
 
-@pytest.mark.parametrize("kind", scaffold.KINDS)
+@pytest.mark.parametrize("kind", main.commands["new"].params[0].type.choices)
 def test_a_new_file_is_commented_and_passes_the_check_as_it_is(kind, tmp_path):
     done = new(kind, "my_own", "--folder", tmp_path)
     path = tmp_path / "my_own.py"
