@@ -72,12 +72,18 @@ def compare(
     a, b = Store.read(run_a), Store.read(run_b)
     pairs = pairs_of(a, b)
     found = list(_one_sided(pairs))
-    for cell, before, after in pairs.both:
-        found += _row_changes(cell, before, after)
+    known = [{(pair[0]["study"], name) for pair in pairs.both for name in pair[side]} for side in (1, 2)]
+    absent = known[0] ^ known[1]  # columns that another version has: no run has changed by them
+    for cell, *rows in pairs.both:
+        found += _row_changes(
+            cell, *({n: v for n, v in row.items() if (cell["study"], n) not in absent} for row in rows)
+        )
     if not other_machine(a, b):
         found += _slower_or_faster(pairs)
     changes = pandas.DataFrame(found, columns=list(COLUMNS))
-    changes.attrs["problems"] = [*a.problems, *b.problems, *pairs.problems]
+    told = {(c["study"], name) for c, *rows in pairs.both for row in rows for name, v in row.items() if _given(v)}
+    alone = [f"Only one of the runs has the column {name} of {study}." for study, name in sorted(absent & told)]
+    changes.attrs["problems"] = [*a.problems, *b.problems, *pairs.problems, *alone]
     return changes
 
 
@@ -276,7 +282,7 @@ def _with_rungs(name: str, *rows: Mapping[str, Any]) -> str:
 
 def _difference(a: Any, b: Any) -> float | None:
     """Relative difference of two values; infinite where they differ in kind, None where they are equal."""
-    a, b = (None if v == "" or (isinstance(v, float) and math.isnan(v)) else v for v in (a, b))
+    a, b = (v if _given(v) else None for v in (a, b))
     if a is None or b is None:
         return None if a is b else math.inf
     if _is_number(a) and _is_number(b):
@@ -284,6 +290,10 @@ def _difference(a: Any, b: Any) -> float | None:
             return None
         return abs(a - b) / max(abs(a), abs(b)) if math.isfinite(a) and math.isfinite(b) else math.inf
     return None if a == b else math.inf
+
+
+def _given(value: Any) -> bool:
+    return not (value is None or value == "" or (isinstance(value, float) and math.isnan(value)))
 
 
 def _is_number(value: Any) -> bool:

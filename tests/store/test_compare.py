@@ -61,7 +61,6 @@ def test_noise_is_no_change(tmp_path, after):
         ({"errors": {"q": [1.0, 2.1]}}, "errors.q[1]", True),
         ({"errors": {"q": [1.0]}}, "errors.q.length", False),
         ({"status": "blowup", "energy_error_max": 7.0}, "status", True),
-        ({"anything": 3.0}, "anything", False),
         ({"energy_drift": -9.86e-4}, "energy_drift", True),  # signed errors by their magnitude
         ({"energy_drift": 1e-7}, "energy_drift", False),
         ({"lyapunov_increment_max": -1e-3}, "lyapunov_increment_max", False),  # a fall of what may only fall
@@ -73,6 +72,18 @@ def test_a_change_beyond_noise_is_found_and_judged(tmp_path, after, column, wors
     row = found[found["column"] == column].iloc[0]
     assert (bool(row["worse"]), row["options"]) == (worse, '{"dt":1}')
     assert len(regressions(found)) == int(found["worse"].sum())
+
+
+def test_a_column_that_another_version_has_is_one_sentence_and_what_some_rows_have_is_a_change(tmp_path):
+    """A new column was as many changes as the table has rows: 175 of the baseline of this repository."""
+    found = changes(tmp_path / "new", {}, {"anything": 3.0})
+    assert found.empty and found.attrs["problems"] == ["Only one of the runs has the column anything of study."]
+    a = run(tmp_path / "a", {1: {"anything": 3.0}, 2: {}})
+    found = compare(a, run(tmp_path / "b", {1: {}, 2: {"anything": 3.0}}))
+    assert found["column"].tolist() == ["anything"] * 2 and not found.attrs["problems"]
+    assert not found["worse"].any() and compare(a, run(tmp_path / "c", {1: {"void": math.nan}, 2: {}})).attrs == {
+        "problems": ["Only one of the runs has the column anything of study."]
+    }
 
 
 def test_a_recovered_cell_is_no_regression(tmp_path):
