@@ -47,8 +47,8 @@ class Prepared:
         known, least = len(model.constant_values), len(model.variables) if states else 0
         c, self.tally = np.ones(known + least + states * model.size), Tally()
         c[:known] = model.constant_values
-        self.constants, self.least, others = np.split(c, (known, known + least))  # parts of c
-        self.others = others.reshape(-1, model.size)  # a row is of a state
+        self.constants, self.least = c[:known], c[known : known + least]  # parts of c
+        self.others = c[known + least :].reshape(-1, model.size)  # a row is of a state
         self.rules, self.bound = Rules(), math.inf
         self.flows: list[tuple[Flow, FlowKernels, float]] = []
         fields: dict[str, Any] = {}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from ..compiler.array_states import entries
 from ..compiler.arrays import NUMBER
 from ..compiler.derivatives import Symbol, array, const
 from ..compiler.kernels import Kernel, kernel
+from ..compiler.library import ROWS
 from ..compiler.once import once
 from ..systems.element_system import ElementSystem
 from ..systems.scenario import Scenario
@@ -153,17 +155,27 @@ def terms_of_energy(system: Any) -> Kernel | ArrayKernel:
 
 def _moved(model: System, z0: NDArray[np.float64], energy: float) -> NDArray[np.float64]:
     """How far so much energy moves each variable; 1 where that is not small."""
-    least, now, way = np.ones(len(model.variables)), model.observe(z0), np.cos(1.7 * np.arange(len(z0)) + 0.4)
-
-    def allowed(move: NDArray[np.float64]) -> bool:
-        changes = abs(model.observe(z0 + move) - now)[:2]
-        return not np.any(changes * (1.0, model.reference_temperature) > energy)  # NaN, beyond an edge, may be
-
-    for k, (begin, end, _) in enumerate(model.layout.values() if energy > 0.0 else ()):
-        move = np.where((np.arange(len(z0)) >= begin) & (np.arange(len(z0)) < end), SMALL * way, 0.0)
-        while least[k] > TINY and not (allowed(least[k] * move) and allowed(-least[k] * move)):
-            least[k] /= 32.0
+    least, moves = np.ones(len(model.variables)), _ways(tuple((a, b) for a, b, _ in model.layout.values()))
+    observe, n_observables = model.observer
+    seen = np.empty((1 + 2 * len(least), n_observables))  # of z0 and of both ways of each variable, at once
+    while energy > 0.0:
+        steps = least[:, None] * moves
+        ROWS.evaluate_rows(
+            observe.address, np.concatenate([z0[None], z0 + steps, z0 - steps]), model.constant_values, seen
+        )
+        changes = abs(seen[1:, :2] - seen[0, :2]) * (1.0, model.reference_temperature)
+        far = (changes > energy).any(axis=1).reshape(2, -1).any(axis=0) & (least > TINY)  # NaN, beyond an edge, may be
+        if not far.any():
+            break
+        least[far] /= 32.0
     return np.where(least < 1.0, SMALL * least, 1.0)
+
+
+@cache
+def _ways(places: tuple[tuple[int, int], ...]) -> NDArray[np.float64]:
+    """A small move of each variable, which stand at these places: shape (variables, size of z)."""
+    at = np.arange(places[-1][1])
+    return fixed(np.array([np.where((at >= a) & (at < b), SMALL * np.cos(1.7 * at + 0.4), 0.0) for a, b in places]))
 
 
 def sizes_of(system: Any, y0: Any, z0: Any, variables: str, least: Sequence[Symbol]) -> list[Symbol]:

@@ -175,10 +175,12 @@ class Scenario:
     def exergy_at_start(self) -> float:
         """V(z0); |E0 + offset| of a system without reference temperature, and where that is 0 or next to it, as an
         energy that is counted from anywhere may be, at least the sum of |z dE/dz|/2."""
-        found = float(self.model.exergy(self.z0))
-        if not self.model.reference_temperature and (found := abs(found)) < NO_SCALE:
-            found = max(found, float(np.abs(self.z0 * self.model.gradient(self.z0)).sum()) / 2)
-        return found
+        if "exergy" not in self._cache:
+            found = float(self.model.exergy(self.z0))
+            if not self.model.reference_temperature and (found := abs(found)) < NO_SCALE:
+                found = max(found, float(np.abs(self.z0 * self.model.gradient(self.z0)).sum()) / 2)
+            self._cache["exergy"] = found
+        return float(self._cache["exergy"])
 
     @property
     def bound(self) -> float:
