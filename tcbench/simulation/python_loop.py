@@ -101,13 +101,23 @@ def run_step(integrator: Integrator, scenario: Scenario, dt: float, steps: int, 
     status, sentence = explain(reason, done, dt, scenario, integrator)
     if failure and reason == OK:
         status, sentence = first.status if first.failure else "exception", failure
-    return monitor.trajectory(integrator, status, sentence, wall, _told(held))
+    solver = SolverCounts(unknown=("newton_iterations",))
+    try:
+        solver = _told(held)
+    except Exception as error:  # a plugin's
+        leave_to_the_machine(error)
+        if status == "ok":
+            status, sentence = "exception", exception_sentence(error, done, done * dt)
+    return monitor.trajectory(integrator, status, sentence, wall, solver)
 
 
 def _told(held: tuple[Any, ...] | None) -> SolverCounts:
     """What the workspace of a run of steps tells of them by `cost()`, if it has that."""
     cost = getattr(held[0], "cost", None) if held else None
-    counts = {} if cost is None else {name: int(value) for name, value in cost().items()}
+    given = cost() if callable(cost) else {}
+    if not isinstance(given, Mapping):
+        raise TypeError(f"cost() of a workspace returns a mapping of counts, not {shown(given)}")
+    counts = {name: int(value) for name, value in given.items()}
     return SolverCounts(
         newton_iterations=counts.get("newton_iterations", 0), inner_steps=counts.get("steps", 0),
         unknown=() if "newton_iterations" in counts else ("newton_iterations",),

@@ -138,3 +138,17 @@ def test_a_workspace_tells_what_a_run_took_and_one_without_cost_tells_nothing():
     assert metrics.inner_steps_mean(run) == 2.0 and math.isnan(metrics.newton_iterations(run))
     silent = Integrator(name="silent", order=2, step=lambda z, h, system: step(z, h, system, Halves()))
     assert math.isnan(metrics.inner_steps_mean(tcbench.simulate(silent, "reaction", t_end=1.0, dt=0.1)))
+
+
+@pytest.mark.parametrize(
+    ("cost", "status"), [(7, "ok"), (lambda: [1], "exception"), (lambda: {"steps": math.nan}, "exception")]
+)
+def test_what_cost_is_or_returns_may_be_anything_and_is_a_row(cost, status):
+    work = type("Work", (), {"cost": staticmethod(cost) if callable(cost) else cost})
+    method = Integrator(name="m", order=1, step=lambda z, h, system, _: z, workspace=lambda system: work())
+    run = tcbench.simulate(method, "reaction", t_end=1.0, dt=0.1)
+    assert (
+        run.status == status
+        and run.steps == 10
+        and ("cost()" in run.failure or "NaN" in run.failure) == (status == "exception")
+    )
