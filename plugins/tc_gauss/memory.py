@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from tcbench.compiler.kernels import WIDTH  # noqa: F401  (of the shapes)
-from tcbench.compiler.language import Cube, Floats, Kernel, Matrix
+from tcbench.compiler.language import Address, Cube, Floats, Matrix
 from tcbench.compiler.records import Record, sized
 
 from .sparse import Sparse
@@ -74,21 +74,21 @@ class Work(Record):
     n_laws: int
     n_mended: int
     general: bool  # of any system: see any_system.py; then n = 0, and all variables are in the place of entropies
-    to_start: Kernel  # see `formulas.Formulas`
-    to_motion: Kernel
-    to_slopes: Kernel
-    to_forces: Kernel
-    to_mend: Kernel
-    to_hold: Kernel  # of any system: see solver.mending
-    to_laws: Kernel
-    to_matrix: Kernel  # of the conduction; 0: none
-    to_iterate: Kernel  # those on vectors; 0: none
-    to_iterate_finer: Kernel
-    to_block: Kernel
-    to_factor: Kernel  # of any system on vectors: see any_vectors.py
-    to_damp: Kernel
-    to_extrapolate: Kernel
-    to_close: Kernel
+    to_start: Address  # see `formulas.Formulas`
+    to_motion: Address
+    to_slopes: Address
+    to_forces: Address
+    to_mend: Address
+    to_hold: Address  # of any system: see solver.mending
+    to_laws: Address
+    to_matrix: Address  # of the conduction; 0: none
+    to_iterate: Address  # those on vectors; 0: none
+    to_iterate_finer: Address
+    to_block: Address
+    to_factor: Address  # of any system on vectors: see any_vectors.py
+    to_damp: Address
+    to_extrapolate: Address
+    to_close: Address
     numbers: Numbers
     sparse: Sparse  # the matrix of the conduction: see conduction.py
     large: bool  # by formulas on arrays

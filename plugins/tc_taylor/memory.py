@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tcbench.compiler.language import Floats, Kernel, Matrix
+from tcbench.compiler.language import Address, Floats, Matrix
 from tcbench.compiler.records import Record, sized
 
 LAST = 4  # coefficients of a series that are damped
@@ -32,12 +32,12 @@ class Work(Record):
     n_target: int
     seldom: int  # steps from one mended state to the next, where none is asked for
     of_elements: bool  # mended by kernels of their own: see mending.py, and tcbench.solver.mending for any system
-    to_start: Kernel
-    to_series: Kernel  # see texts.series_kernels
-    to_state: Kernel
-    to_mend: Kernel
-    to_hold: Kernel
-    to_z: Kernel  # z of such a state
+    to_start: Address
+    to_series: Address  # see texts.series_kernels
+    to_state: Address
+    to_mend: Address
+    to_hold: Address
+    to_z: Address  # z of such a state
     counts: Counts
     trials: Trials
     tolerance: float  # of a run: what a step may miss

@@ -94,7 +94,7 @@ class Expressions(Arithmetic):
         fixed = "" if owner.kind.mutable and field.kind in ("int", "float", "bool") else ", !invariant.load !0"
         if field.kind == "float":
             return Value(FLOAT, (self.emit(f"load double, ptr {place}{fixed}"),))
-        if field.kind in ("int", "Kernel", "bool"):
+        if field.kind in ("int", "Address", "bool"):
             number = self.emit(f"load i64, ptr {place}{fixed}")
             return (
                 Value(BOOL, (self.emit(f"icmp ne i64 {number}, 0"),)) if field.kind == "bool" else Value(INT, (number,))

@@ -27,7 +27,7 @@ Ints = Annotated[NDArray[np.int64], "Ints"]
 ShortInts = Annotated[NDArray[np.int32], "ShortInts"]
 ShortFloats = Annotated[NDArray[np.float32], "ShortFloats"]
 Eight = Annotated[NDArray[np.float64], "Eight"]  # a short vector of eight numbers
-Kernel = int
+Address = int
 
 SPLIT = 2.0**27 + 1
 PYTHON_KERNELS: dict[int, Callable[[Any, Any, Any], None]] = {}  # of plain Python: made-up address -> function
@@ -54,7 +54,7 @@ def made_up_address(function: Callable[[Any, Any, Any], None]) -> int:
     return address
 
 
-def call(kernel: Kernel, a: Any, b: Any, out: Any) -> None:
+def call(kernel: Address, a: Any, b: Any, out: Any) -> None:
     """Run the kernel at this address on three float64 arrays of any shape: kernel(a, b, out)."""
     if kernel in PYTHON_KERNELS:
         PYTHON_KERNELS[kernel](a, b, out)

@@ -18,7 +18,7 @@ import numpy as np
 
 from ..errors import TcbenchError
 from . import language
-from .language import Floats, Kernel, Matrix, call
+from .language import Address, Floats, Matrix, call
 from .machine import addresses
 from .once import LOCK
 from .records import HEAD, address_of
@@ -112,7 +112,7 @@ class Library:
 _CALLBACKS: list[Any] = []  # for as long as the process lives
 
 
-def callback(function: Callable[[Any, Any, Any], None], sizes: tuple[int, int, int]) -> Kernel:
+def callback(function: Callable[[Any, Any, Any], None], sizes: tuple[int, int, int]) -> Address:
     """Address of a Python function of three arrays of these sizes, to be called from compiled code as a kernel."""
     if language.PLAIN:
         return language.made_up_address(
@@ -191,7 +191,7 @@ def _read(results: np.ndarray, kinds: tuple[str, ...]) -> tuple[Any, ...]:
 # kernels ------------------------------------------------------------------------------------------------------------
 
 
-def evaluate_rows(kernel: Kernel, a: Matrix, b: Floats, out: Matrix) -> None:
+def evaluate_rows(kernel: Address, a: Matrix, b: Floats, out: Matrix) -> None:
     """Run one kernel on each row of `a`, into the rows of `out`."""
     for i in range(len(a)):
         call(kernel, a[i], b, out[i])

@@ -19,7 +19,7 @@ from typing import Any, ClassVar, Generic, TypeVar, get_args, get_origin
 import numpy as np
 
 HEAD = object.__basicsize__  # of CPython's objects; an array's data pointer follows
-WHOLE = ("int", "bool", "Kernel")
+WHOLE = ("int", "bool", "Address")
 NUMBERS = ("float", *WHOLE)
 MOST_PLANS = 5000
 R = TypeVar("R", bound="Record")
@@ -115,7 +115,7 @@ class Field:
 
 
 class Record:
-    """Base class; a subclass annotates its fields, of kinds int, float, bool, Kernel, Floats, Matrix, Cube, Ints,
+    """Base class; a subclass annotates its fields, of kinds int, float, bool, Address, Floats, Matrix, Cube, Ints,
     ShortInts, ShortFloats, another Record or Rows[another]. `class Tally(Record, mutable=True)` may be written by
     compiled code, numbers only.
 

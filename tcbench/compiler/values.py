@@ -17,7 +17,7 @@ IN_MEMORY = {SHORT_INT: (INT, "sext", "trunc"), SHORT_FLOAT: (FLOAT, "fpext", "f
 NUMPY = {FLOAT: DOUBLE, **dict(zip((INT, SHORT_INT, SHORT_FLOAT), TYPES.values(), strict=True))}  # of an array's items
 ITEMS = {numpy: item for item, numpy in NUMPY.items()}
 EIGHT = f"<8 x {FLOAT}>"
-KINDS = {"int": INT, "Kernel": INT, "float": FLOAT, "bool": BOOL, "None": NOTHING, "Eight": EIGHT}
+KINDS = {"int": INT, "Address": INT, "float": FLOAT, "bool": BOOL, "None": NOTHING, "Eight": EIGHT}
 WORDS = {INT: "an int", FLOAT: "a float", BOOL: "a bool", NOTHING: "nothing"}
 FUSED = "contract"  # fused multiply-add, except in functions that are `exact`
 Part = str | Callable[[], str]

@@ -6,7 +6,7 @@ to a millionth of a millionth of the solution. The step makes the last two coeff
 
 from __future__ import annotations
 
-from ..compiler.language import Floats, Ints, Kernel, Matrix, call, exact, row
+from ..compiler.language import Address, Floats, Ints, Matrix, call, exact, row
 from ..compiler.library import Library
 from ..compiler.records import Record, sized
 from .double_double import INVERSE_LN2, LN2, ROUND, add, eight, mul, power_of_two, rough_log
@@ -32,7 +32,7 @@ class Work(Record):
     ends: int
     constants: int
     most: int
-    rate: Kernel
+    rate: Address
     setup: Ints = sized("length")
     code: Ints = sized("steps")
     memory: Floats = sized("size")

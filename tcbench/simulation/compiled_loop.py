@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..compiler.language import Floats, Ints, Kernel, Matrix, call, copy_into, fill, rare
+from ..compiler.language import Address, Floats, Ints, Matrix, call, copy_into, fill, rare
 from ..compiler.library import Library
 from ..compiler.records import Record, Rows, address_of, sized
-from ..solver.flow import Flow, Tally
+from ..solver.flow import CompiledFlow, Tally
 from ..solver.implicit_step import BLOWUP, COLD, COLLAPSED, NO_AUDIT, NONFINITE, OK, PRINCIPAL, solve_flow
 from ..solver.linear_algebra import add_increments, dot, move
 from ..solver.mending import LAWFUL, NEAR, SHRUNK, missed
@@ -29,8 +29,8 @@ class Run(Record):
     n_observables: int
     n_constants: int
     n_rows: int
-    observe: Kernel
-    opening: Kernel  # prologue of the first flow and observables in one
+    observe: Address
+    opening: Address  # prologue of the first flow and observables in one
     now: int  # where in its w the observables begin
     every: int  # steps from one record to the next
     of_step: bool  # formulas see the start of the whole step
@@ -42,7 +42,7 @@ class Run(Record):
     reference: float  # temperature
     entropy_tolerance: float
     entropy_fall: float
-    flows: Rows[Flow]
+    flows: Rows[CompiledFlow]
     tally: Tally
     c: Floats = sized("n_constants")
     z: Floats = sized("n")
@@ -190,7 +190,7 @@ def begin(run: Run) -> None:
 
 
 @rare
-def measure_residual(flow: Flow) -> None:
+def measure_residual(flow: CompiledFlow) -> None:
     """Keep the largest scaled residual of an accepted step."""
     call(flow.iterate if flow.ns > 0 else flow.full, flow.w, flow.x, flow.derivatives)
     for i in range(flow.nx):

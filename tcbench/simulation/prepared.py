@@ -12,7 +12,7 @@ from ..compiler.records import Rows
 from ..errors import TcbenchError
 from ..integrator import Integrator
 from ..solver.first_values import least_sizes
-from ..solver.flow import Flow, Tally
+from ..solver.flow import CompiledFlow, Tally
 from ..solver.flow_kernels import FlowKernels
 from ..solver.implicit_step import Rules, make_flows, set_length
 from ..systems.scenario import Scenario
@@ -50,7 +50,7 @@ class Prepared:
         self.constants, self.least = c[:known], c[known : known + least]  # parts of c
         self.others = c[known + least :].reshape(-1, model.size)  # a row is of a state
         self.rules, self.bound = Rules(), math.inf
-        self.flows: list[tuple[Flow, FlowKernels, float]] = []
+        self.flows: list[tuple[CompiledFlow, FlowKernels, float]] = []
         fields: dict[str, Any] = {}
         if method is not None:
             mends = method.flows[-1].most > 1

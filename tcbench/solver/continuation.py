@@ -31,7 +31,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..compiler.language import Floats, call, copy_into, fill, rare
-from .flow import Flow
+from .flow import CompiledFlow
 from .linear_algebra import solve_pivoted
 from .newton import ACCEPTED, NEGLIGIBLE, newton, set_step
 from .sparse import sparse_bordered, sparse_iterate
@@ -52,7 +52,7 @@ LAWFUL = 1e-7  # energy and entropy of a root of a method with both laws, and ne
 
 
 @rare
-def linearise(flow: Flow, v: Floats, t: Floats) -> float:
+def linearise(flow: CompiledFlow, v: Floats, t: Floats) -> float:
     """At v: the Newton correction perpendicular to t in `correction` and the tangent, not normalised, in `direction`.
 
     Returns the sign of det B; B has t as its last row.
@@ -81,7 +81,7 @@ def linearise(flow: Flow, v: Floats, t: Floats) -> float:
     return sign
 
 
-def tangent(flow: Flow, t: Floats) -> float:
+def tangent(flow: CompiledFlow, t: Floats) -> float:
     """The tangent that `linearise` left in `direction`, normalised, into t.
 
     Returns its cosine with the tangent that borders the matrix: the product of that one with the column is 1.
@@ -96,7 +96,7 @@ def tangent(flow: Flow, t: Floats) -> float:
 
 
 @rare
-def correct(flow: Flow, v: Floats, t: Floats, limit: float, close: float) -> tuple[float, int]:
+def correct(flow: CompiledFlow, v: Floats, t: Floats, limit: float, close: float) -> tuple[float, int]:
     """Newton from the predicted point v, in place, perpendicular to t; `direction` as `linearise` leaves it.
 
     Converged when a correction is below `close`, rejected when one is beyond `limit`. Returns (first correction,
@@ -151,7 +151,7 @@ def first_crossing(u: Floats, v: Floats, t: Floats, t_new: Floats, cosine: float
     return high
 
 
-def land(flow: Flow, cosine: float, ds: float, s: float) -> tuple[int, int]:
+def land(flow: CompiledFlow, cosine: float, ds: float, s: float) -> tuple[int, int]:
     """Newton at eta = 1 from the interpolated point; returns (FOUND, COLD_ROOT or UNDETERMINED, iterations).
 
     The root is in x and the increments of the state in dz. A root farther off than the step belongs to another sheet.
@@ -178,7 +178,7 @@ def land(flow: Flow, cosine: float, ds: float, s: float) -> tuple[int, int]:
 
 
 @rare
-def observe_ends(flow: Flow) -> None:
+def observe_ends(flow: CompiledFlow) -> None:
     """Energy and entropy at the start and at the unknowns x (w is at their h) into `seen`; leaves z1 in dz."""
     z1, seen = flow.dz, flow.seen
     call(flow.finish, flow.w, flow.x, z1)
@@ -189,7 +189,7 @@ def observe_ends(flow: Flow) -> None:
 
 
 @rare
-def exergy_rise(flow: Flow, v: Floats) -> float:
+def exergy_rise(flow: CompiledFlow, v: Floats) -> float:
     """V(z1) - V(z0) at the point v of the curve (w is at its h); NaN where z1 has no temperatures."""
     seen = flow.seen
     for i in range(flow.nx):
@@ -199,7 +199,7 @@ def exergy_rise(flow: Flow, v: Floats) -> float:
 
 
 @rare
-def lawful(flow: Flow) -> bool:
+def lawful(flow: CompiledFlow) -> bool:
     """Does the root in x keep the energy, and not lower the entropy? Its increments are in dz."""
     seen = flow.seen
     observe_ends(flow)
@@ -210,7 +210,7 @@ def lawful(flow: Flow) -> bool:
 
 
 @rare
-def follow(flow: Flow, tolerance: float, shifted: bool) -> tuple[int, int, int]:
+def follow(flow: CompiledFlow, tolerance: float, shifted: bool) -> tuple[int, int, int]:
     """Follow the curve once, at one tolerance; returns (code, Jacobians, folds). shifted: that of a detour."""
     n = flow.nx
     u, v, t, t_new = flow.points[0], flow.points[1], flow.points[2], flow.points[3]
@@ -268,7 +268,7 @@ def follow(flow: Flow, tolerance: float, shifted: bool) -> tuple[int, int, int]:
 
 
 @rare
-def arc(flow: Flow) -> tuple[int, int, int]:
+def arc(flow: CompiledFlow) -> tuple[int, int, int]:
     """The principal root of the flow over its step, into x, and its increments into dz; (code, Jacobians, folds).
 
     FOUND; LOST: the branch turns back for good, at all three tolerances; COLD_ROOT: the root has a non-positive
@@ -288,7 +288,7 @@ def arc(flow: Flow) -> tuple[int, int, int]:
 
 
 @rare
-def detour(flow: Flow) -> tuple[int, int]:
+def detour(flow: CompiledFlow) -> tuple[int, int]:
     """A lawful root of the flow over its step where `arc` is undetermined; (FOUND or UNDETERMINED, Jacobians)."""
     total, found = 0, UNDETERMINED
     for attempt in range(1, DETOURS + 1):

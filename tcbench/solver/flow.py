@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..compiler.language import Floats, Ints, Kernel, Matrix, ShortFloats, ShortInts
+from ..compiler.language import Address, Floats, Ints, Matrix, ShortFloats, ShortInts
 from ..compiler.records import Record, sized
 
 
@@ -31,7 +31,7 @@ class Tally(Record, mutable=True):
     wrong_roots: int
 
 
-class Flow(Record):
+class CompiledFlow(Record):
     """One flow of a method on one system: its kernels (see `flow_kernels`), rules, and what solvers write on."""
 
     n: int  # length of a state
@@ -47,13 +47,13 @@ class Flow(Record):
     n_constants: int
     n_observables: int
     most: int  # times that an explicit formula is applied
-    prologue: Kernel
-    iterate: Kernel
-    polish: Kernel
-    finish: Kernel
-    full: Kernel
-    observe: Kernel
-    factorise: Kernel  # of a sparse Jacobian: see `Pattern`
+    prologue: Address
+    iterate: Address
+    polish: Address
+    finish: Address
+    full: Address
+    observe: Address
+    factorise: Address  # of a sparse Jacobian: see `Pattern`
     h: float  # its part of the step
     steep: bool  # slopes may be infinite where the equations are not: see linear_algebra.STEEPEST
     foresees: bool  # Newton begins where the last roots point to: see newton.foresee

@@ -13,13 +13,12 @@ from ..compiler.formula_hash import formula_hash
 from ..compiler.language import Floats, copy_into, rare, release, scratch
 from ..compiler.library import evaluate
 from ..compiler.once import once
-from ..integrator import Flow as Formula
-from ..integrator import Integrator
+from ..integrator import Flow, Integrator
 from ..systems.scenario import Scenario
 from ..systems.system import System
 from .continuation import COLD_ROOT, FOUND, LOST, UNDETERMINED, arc, detour
 from .first_values import least_sizes
-from .flow import Flow, Tally
+from .flow import CompiledFlow, Tally
 from .flow_kernels import FlowKernels, build, constants
 from .newton import ACCEPTED, NEGLIGIBLE, REJECTED, newton, plain_newton, set_step, track
 from .quick_sparse import MADE_IN
@@ -34,7 +33,7 @@ SAME_ROOT = 1e-6  # scaled distance below which two roots are one
 
 
 @rare
-def solve_flow(flow: Flow, here: Floats, solved: bool) -> tuple[int, int]:
+def solve_flow(flow: CompiledFlow, here: Floats, solved: bool) -> tuple[int, int]:
     """Increments dz of one flow of one step from `here`; returns (OK or why there are none, Newton iterations).
 
     solved: `quick` has done it, and its root, in x, is only to be audited.
@@ -75,7 +74,7 @@ def solve_flow(flow: Flow, here: Floats, solved: bool) -> tuple[int, int]:
 
 
 @rare
-def by_arc(flow: Flow, reason: int) -> tuple[int, int]:
+def by_arc(flow: CompiledFlow, reason: int) -> tuple[int, int]:
     """The arc's root into x and dz; returns (OK, FOLDED or why there is none, Jacobians).
 
     Where plain Newton gave up, or a root was accepted and is being audited, the arc's answer is only counted: x, dz and
@@ -117,7 +116,7 @@ def by_arc(flow: Flow, reason: int) -> tuple[int, int]:
 # a method's flows on a system --------------------------------------------------------------------------------------
 
 
-def compiled_flows(formulas: tuple[Formula, ...], symbolic: System) -> tuple[FlowKernels, ...]:
+def compiled_flows(formulas: tuple[Flow, ...], symbolic: System) -> tuple[FlowKernels, ...]:
     """The kernels of a method's flows for a structure of system; traced again when what the formulas read changed."""
     seen = tuple([formula_hash(f.residual) for f in formulas])
     make = _compiled_flows.__wrapped__ if None in seen else _compiled_flows  # type: ignore[attr-defined]
@@ -126,7 +125,7 @@ def compiled_flows(formulas: tuple[Formula, ...], symbolic: System) -> tuple[Flo
 
 @once
 def _compiled_flows(
-    formulas: tuple[Formula, ...], symbolic: System, seen: tuple[str | None, ...]
+    formulas: tuple[Flow, ...], symbolic: System, seen: tuple[str | None, ...]
 ) -> tuple[FlowKernels, ...]:
     """Equal formulas share their kernels."""
     made: dict[Any, FlowKernels] = {}
@@ -162,13 +161,13 @@ def make_flows(
     tally: Tally,
     rules: Rules,
     kernels: tuple[FlowKernels, ...],
-) -> list[Flow]:
+) -> list[CompiledFlow]:
     """The flows of a method on a system, ready for a step dt. c: constants, which all of them share; bound: of the
     energy error."""
     observe, n_observables = model.observer
     flows = []
     for formula, k in zip(integrator.flows, kernels, strict=True):
-        flow = Flow(
+        flow = CompiledFlow(
             **k.fields, n=model.size, n_constants=len(c), n_observables=n_observables, most=formula.most,
             observe=observe.address,
             continuation=rules.continuation, audit=rules.audit, residuals=rules.residuals,
@@ -179,7 +178,7 @@ def make_flows(
     return flows
 
 
-def set_length(flow: Flow, kernels: FlowKernels, h: float) -> None:
+def set_length(flow: CompiledFlow, kernels: FlowKernels, h: float) -> None:
     """Make the flow one of length h, with what depends on h and the constants only."""
     flow.h = h
     if kernels.setup.size:

@@ -23,7 +23,7 @@ from ..compiler.arrays import NUMBER, count, total
 from ..compiler.chain_rule import covectors
 from ..compiler.derivatives import Symbol, const
 from ..compiler.kernels import constant_part, kernel
-from ..compiler.language import Floats, Kernel, call, rare
+from ..compiler.language import Address, Floats, call, rare
 from ..systems.state import blocks_of
 from ..systems.system import System
 
@@ -179,7 +179,7 @@ def _in_all(size: Symbol) -> Symbol:
 
 
 @rare
-def mended(to_mend: Kernel, to_hold: Kernel, target: Floats, given: Floats, found: Floats) -> bool:
+def mended(to_mend: Address, to_hold: Address, target: Floats, given: Floats, found: Floats) -> bool:
     """Move the state that `target` begins with onto the laws behind it, in place; False: none is near, or admissible.
 
     The entropy there is the least that the next one may have. found: room for size + 2 numbers.
@@ -194,7 +194,7 @@ def mended(to_mend: Kernel, to_hold: Kernel, target: Floats, given: Floats, foun
 
 
 @rare
-def onto(to: Kernel, target: Floats, given: Floats, found: Floats) -> bool:
+def onto(to: Address, target: Floats, given: Floats, found: Floats) -> bool:
     """Moves of one of the two kernels, until its margin is positive."""
     size = len(found) - 2
     for _ in range(MOST):

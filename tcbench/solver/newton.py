@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..compiler.language import Floats, call, copy_into, fill, rare
-from .flow import Flow
+from .flow import CompiledFlow
 from .linear_algebra import SOLVED, STEEPEST, solve_pivoted
 from .sparse import sparse_iterate
 
@@ -47,14 +47,14 @@ TRACK_OFF = 0.9  # distance of an iterate from the prediction, over those betwee
 TRACK_ENOUGH = 1e-4  # predicted error of a root on the way: the next one begins from it, and nothing else
 
 
-def set_step(flow: Flow, fraction: float) -> None:
+def set_step(flow: CompiledFlow, fraction: float) -> None:
     """Prepare the flow over this fraction of its step, from `start`."""
     flow.c[0] = fraction * flow.h
     call(flow.prologue, flow.start, flow.c, flow.w)
 
 
 @rare
-def stuck(flow: Flow) -> bool:
+def stuck(flow: CompiledFlow) -> bool:
     """Is an equation with too steep a slope, in units of the unknowns, not solved? Newton's correction is 0 there."""
     n, scale = flow.nx, flow.w[2 * flow.nx : 3 * flow.nx]
     for i in range(n):
@@ -67,7 +67,7 @@ def stuck(flow: Flow) -> bool:
 
 
 @rare
-def solved(flow: Flow, x: Floats) -> bool:
+def solved(flow: CompiledFlow, x: Floats) -> bool:
     """Are the equations at x, by what is left of them?"""
     most = 0.0
     if flow.ns > 0:
@@ -80,7 +80,7 @@ def solved(flow: Flow, x: Floats) -> bool:
 
 
 @rare
-def pivoted_correction(flow: Flow) -> float:
+def pivoted_correction(flow: CompiledFlow) -> float:
     """Newton correction into d[:nx] through the dense Jacobian; returns the sign of its determinant, 0: none."""
     n = flow.nx
     call(flow.full, flow.w, flow.x, flow.derivatives)
@@ -96,7 +96,7 @@ def pivoted_correction(flow: Flow) -> float:
     return sign
 
 
-def finish(flow: Flow) -> int:
+def finish(flow: CompiledFlow) -> int:
     """Increments of the state from the unknowns; REJECTED if it is not finite (a non-positive temperature, say)."""
     call(flow.finish, flow.w, flow.x, flow.dz)
     zero = 0.0  # 0 times anything that is not finite is NaN
@@ -105,7 +105,7 @@ def finish(flow: Flow) -> int:
     return ACCEPTED if zero == 0.0 else REJECTED
 
 
-def foresee(flow: Flow) -> None:
+def foresee(flow: CompiledFlow) -> None:
     """From the root in x that of the next step, if it is near: where a polynomial through the last roots points to.
 
     One root says nothing of the next: at a large step Newton would find another root from there. The degree grows while
@@ -134,7 +134,7 @@ def foresee(flow: Flow) -> None:
         flow.degree[0] = degree - 1
 
 
-def quick(flow: Flow, guess: Floats) -> tuple[int, int]:
+def quick(flow: CompiledFlow, guess: Floats) -> tuple[int, int]:
     """Shamanskii's form of Newton from a near guess, into x: after each iteration, corrections with its factors
     as long as they pay; returns (ACCEPTED or REJECTED, iterations).
 
@@ -191,7 +191,7 @@ def quick(flow: Flow, guess: Floats) -> tuple[int, int]:
     return REJECTED, MAX_ITERATIONS
 
 
-def polish(flow: Flow) -> float:
+def polish(flow: CompiledFlow) -> float:
     """One correction with the factors of the last iterate, in place; returns its size."""
     w, x, d, scale = flow.w, flow.x, flow.d, flow.scale
     n = flow.nx
@@ -206,7 +206,7 @@ def polish(flow: Flow) -> float:
     return delta if abs(total) < np.inf else np.inf
 
 
-def newton_correction(flow: Flow) -> tuple[float, float]:
+def newton_correction(flow: CompiledFlow) -> tuple[float, float]:
     """Newton correction into d; returns the sign of its Jacobian's determinant and its smallest pivot, 0: none.
 
     Where that is small it comes from an elimination with pivoting, and polish() has no factors to use again.
@@ -231,7 +231,7 @@ def newton_correction(flow: Flow) -> tuple[float, float]:
 
 
 @rare
-def newton(flow: Flow, enough: float, slope: float) -> tuple[int, int]:
+def newton(flow: CompiledFlow, enough: float, slope: float) -> tuple[int, int]:
     """Newton at fixed h from `x`, in place; returns (ACCEPTED or REJECTED, iterations), increments of the state in dz.
 
     enough : predicted error that ends it, NEGLIGIBLE for a root that is kept. slope : of the line through `old` and
@@ -282,7 +282,7 @@ def newton(flow: Flow, enough: float, slope: float) -> tuple[int, int]:
 
 
 @rare
-def plain_newton(flow: Flow) -> tuple[int, int]:
+def plain_newton(flow: CompiledFlow) -> tuple[int, int]:
     """Newton as textbooks have it, for comparison: from `x`, in place; returns (ACCEPTED or REJECTED, iterations).
 
     Every correction is taken in full, whatever its size and whatever the sign of the determinant, until one is below
@@ -307,7 +307,7 @@ def plain_newton(flow: Flow) -> tuple[int, int]:
 
 
 @rare
-def leaps(flow: Flow, slope: float) -> bool:
+def leaps(flow: CompiledFlow, slope: float) -> bool:
     """Is x far from the line through `old` and `known`, as a root on another branch is?
 
     Measured by sums of squares: they turn with the axes.
@@ -321,7 +321,7 @@ def leaps(flow: Flow, slope: float) -> bool:
 
 
 @rare
-def track(flow: Flow) -> tuple[int, int, int]:
+def track(flow: CompiledFlow) -> tuple[int, int, int]:
     """Follow the root from h = 0 to h by natural continuation; returns (code, iterations, tries).
 
     Secant predictor in h; the increment doubles (or grows 1.2-fold after a hard solve) and shrinks to 0.4, also where

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..compiler.language import call, copy_into, rare
-from .flow import Flow
+from .flow import CompiledFlow
 from .newton import ACCEPTED, CONVERGED, MAX_ITERATIONS, NEGLIGIBLE, REJECTED, finish
 from .sparse import FOUND, backward, forward, incomplete_factors, sparse_correction
 
@@ -30,7 +30,7 @@ MADE_IN, COST, PAUSE, STOPPED, NOISE = range(5)
 
 
 @rare
-def quick_sparse(flow: Flow) -> tuple[int, int]:
+def quick_sparse(flow: CompiledFlow) -> tuple[int, int]:
     """`newton.quick` where the Jacobian is sparse."""
     n, kept = flow.nx, flow.kept
     copy_into(flow.x, flow.w[n : 2 * n])
@@ -54,7 +54,7 @@ def quick_sparse(flow: Flow) -> tuple[int, int]:
 
 
 @rare
-def by_old_factors(flow: Flow) -> tuple[int, int]:
+def by_old_factors(flow: CompiledFlow) -> tuple[int, int]:
     """Corrections with incomplete factors alone, of this or of an earlier step; returns (ACCEPTED or REJECTED, how
     many). New ones are made where the old ones contract poorly, or have cost as much in further corrections."""
     x, d, kept, found, n, order = flow.x, flow.derivatives, flow.kept, flow.krylov[FOUND], flow.nx, flow.order
@@ -108,7 +108,7 @@ def by_old_factors(flow: Flow) -> tuple[int, int]:
 
 
 @rare
-def newton_krylov(flow: Flow) -> tuple[int, int]:
+def newton_krylov(flow: CompiledFlow) -> tuple[int, int]:
     """Newton, each linear system as exactly as the correction deserves, with incomplete factors of the first."""
     x, d, scale, n = flow.x, flow.d, flow.w[2 * flow.nx : 3 * flow.nx], flow.nx
     previous, tolerance = np.inf, FIRST

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..compiler.language import Floats, Matrix, call, copy_into, fill, rare
-from .flow import Flow
+from .flow import CompiledFlow
 from .linear_algebra import SOLVED, STEEPEST, dot
 
 KRYLOV_STEPS = 30  # of BiCGStab, after which the matrix is factorised
@@ -19,7 +19,7 @@ RIGHT, SHADOW, SEARCH, IMAGE, MOVED, SMOOTHED, OTHER, FOUND = range(8)  # rows o
 
 
 @rare
-def incomplete_factors(flow: Flow, entries: int) -> bool:
+def incomplete_factors(flow: CompiledFlow, entries: int) -> bool:
     """ILU(0) of the Jacobian, which begins at derivatives[entries], into `factors`; False where a pivot is too small or
     negative, or a slope too steep."""
     first, columns, diagonal, factors, place = flow.first, flow.columns, flow.diagonal, flow.factors, flow.place
@@ -53,7 +53,7 @@ def incomplete_factors(flow: Flow, entries: int) -> bool:
 
 
 @rare
-def too_steep(flow: Flow, entries: int, i: int) -> bool:
+def too_steep(flow: CompiledFlow, entries: int, i: int) -> bool:
     """Has equation i a slope, in units of the unknowns, that is next to infinite, as that of sqrt(q) at 0? Newton's
     correction is 0 there, however much is left of the equation, and others may converge beside it."""
     n, steepest = flow.ns, 0.0
@@ -64,7 +64,7 @@ def too_steep(flow: Flow, entries: int, i: int) -> bool:
 
 
 @rare
-def precondition(flow: Flow, right: Floats, found: Floats) -> None:
+def precondition(flow: CompiledFlow, right: Floats, found: Floats) -> None:
     """found = (L U)^-1 right, by the incomplete factors."""
     for i in range(flow.ns):
         found[i] = forward(flow, i, right[i], found)
@@ -72,14 +72,14 @@ def precondition(flow: Flow, right: Floats, found: Floats) -> None:
         found[i] = backward(flow, i, found)
 
 
-def forward(flow: Flow, i: int, right: float, found: Floats) -> float:
+def forward(flow: CompiledFlow, i: int, right: float, found: Floats) -> float:
     """Entry i of L^-1 right, from those before it in `found`."""
     for k in range(flow.first[i], flow.diagonal[i]):
         right -= flow.factors[k] * found[flow.columns[k]]
     return right
 
 
-def backward(flow: Flow, i: int, found: Floats) -> float:
+def backward(flow: CompiledFlow, i: int, found: Floats) -> float:
     """Entry i of U^-1 found, from those behind it."""
     total: float = found[i]
     for k in range(flow.diagonal[i] + 1, flow.first[i + 1]):
@@ -88,7 +88,7 @@ def backward(flow: Flow, i: int, found: Floats) -> float:
 
 
 @rare
-def multiply(flow: Flow, entries: int, x: Floats, found: Floats) -> None:
+def multiply(flow: CompiledFlow, entries: int, x: Floats, found: Floats) -> None:
     """found = J x."""
     first, columns, derivatives = flow.first, flow.columns, flow.derivatives
     for i in range(flow.ns):
@@ -99,7 +99,7 @@ def multiply(flow: Flow, entries: int, x: Floats, found: Floats) -> None:
 
 
 @rare
-def krylov(flow: Flow, entries: int, tolerance: float) -> bool:
+def krylov(flow: CompiledFlow, entries: int, tolerance: float) -> bool:
     """BiCGStab (van der Vorst 1992) for J x = krylov[RIGHT], preconditioned, into krylov[FOUND]; did it converge?"""
     k: Matrix = flow.krylov
     r, shadow, p, v, y, z, t, x = k[RIGHT], k[SHADOW], k[SEARCH], k[IMAGE], k[MOVED], k[SMOOTHED], k[OTHER], k[FOUND]
@@ -143,14 +143,14 @@ def krylov(flow: Flow, entries: int, tolerance: float) -> bool:
 
 
 @rare
-def factorised(flow: Flow) -> float:
+def factorised(flow: CompiledFlow) -> float:
     """The solutions for krylov[0] and krylov[1] by a whole factorisation, into `solved`; the determinant's sign."""
     call(flow.factorise, flow.derivatives[flow.ns :], flow.krylov, flow.solved)
     return float(flow.solved[2 * flow.ns])
 
 
 @rare
-def sparse_stuck(flow: Flow) -> bool:
+def sparse_stuck(flow: CompiledFlow) -> bool:
     """Is an equation with too steep a slope not solved? Of the residual and Jacobian in `derivatives`."""
     n = flow.ns
     for i in range(n):
@@ -161,7 +161,7 @@ def sparse_stuck(flow: Flow) -> bool:
 
 
 @rare
-def sparse_correction(flow: Flow, tolerance: float, fresh: bool) -> float:
+def sparse_correction(flow: CompiledFlow, tolerance: float, fresh: bool) -> float:
     """Newton's correction into d[:nx]; returns the sign of the determinant, 1 where the incomplete factors do.
 
     `derivatives` begins with the residual and the Jacobian. fresh: make new incomplete factors, as without any.
@@ -187,7 +187,7 @@ def sparse_correction(flow: Flow, tolerance: float, fresh: bool) -> float:
 
 
 @rare
-def sparse_iterate(flow: Flow) -> float:
+def sparse_iterate(flow: CompiledFlow) -> float:
     """Residual and Jacobian at x, the correction into d[:nx], temperatures behind as `newton` reads them; the sign."""
     n, behind = flow.nx, flow.nx + flow.nnz
     call(flow.iterate, flow.w, flow.x, flow.derivatives)
@@ -197,7 +197,7 @@ def sparse_iterate(flow: Flow) -> float:
 
 
 @rare
-def sparse_bordered(flow: Flow, t: Floats, eta: float) -> float:
+def sparse_bordered(flow: CompiledFlow, t: Floats, eta: float) -> float:
     """As `linearise`, where the Jacobian is sparse: the border is eliminated. At x; returns the sign of det B."""
     n, order, found, scale = flow.nx, flow.order, flow.derivatives, flow.scale
     call(flow.iterate, flow.w, flow.x, found)

@@ -20,7 +20,7 @@ from ..plugins import find_integrator
 from ..simulation.run import simulate
 from ..study import Cells, Row, Study
 from .frames import table_of
-from .theorems import Finding, command
+from .theorems import LedgerRow, command
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -82,7 +82,7 @@ def _run(integrator: Integrator, scenario: Scenario, dt: float, finer: int) -> T
     return simulate(integrator, scenario, dt=dt / finer, t_end=steps * dt, record_every=finer)
 
 
-def orders(integrator: Integrator, scenario: Scenario, points: Sequence[Row]) -> list[Finding]:
+def orders(integrator: Integrator, scenario: Scenario, points: Sequence[Row]) -> list[LedgerRow]:
     """The slopes of the errors over the ten steps; and those of the energy beside the unmodified method's."""
     declared, found = ORDERS[integrator.name], []
     for column, name in ERRORS.items():
@@ -90,7 +90,7 @@ def orders(integrator: Integrator, scenario: Scenario, points: Sequence[Row]) ->
         good = bool(np.isfinite(values).all())
         slope = float(np.polyfit(np.log(STEPS), np.log(values), 1)[0]) if good else math.nan
         found.append(
-            Finding(
+            LedgerRow(
                 f"{integrator.name}, {scenario.name}: {name} is of order {declared}", AUTHORS, str(declared),
                 f"{slope:.3f}; errors {values[0]:.3e} at h = {STEPS[0]:g} to {values[-1]:.3e} at {STEPS[-1]:.3g}",
                 abs(slope - declared) <= FOUND_ORDER, "Slope over ten steps 0.1/1.3^k of root mean squares over a run.",
@@ -102,13 +102,13 @@ def orders(integrator: Integrator, scenario: Scenario, points: Sequence[Row]) ->
     return found
 
 
-def _beside_ybaby(integrator: Integrator, scenario: Scenario, points: Sequence[Row]) -> list[Finding]:
+def _beside_ybaby(integrator: Integrator, scenario: Scenario, points: Sequence[Row]) -> list[LedgerRow]:
     plain = [errors_at(find_integrator("ybaby"), scenario, dt) for dt in STEPS]
     rows = []
     for column, name in (("rmse_energy", "E"), ("rmse_entropy", "S")):
         ratios = [a[column] / b[column] for a, b in zip(plain, points, strict=True)]
         rows.append(
-            Finding(
+            LedgerRow(
                 f"{integrator.name}, {scenario.name}: {name} is nearer than by ybaby at every step", ADDED, "ratio > 1",
                 f"{min(ratios):.2f} to {max(ratios):.2f} times", min(ratios) > 1,
                 f"The error of {name} by ybaby over that by mybaby, at ten steps.",
@@ -118,7 +118,7 @@ def _beside_ybaby(integrator: Integrator, scenario: Scenario, points: Sequence[R
     return rows
 
 
-def area(integrator: Integrator, scenario: Scenario) -> Finding:
+def area(integrator: Integrator, scenario: Scenario) -> LedgerRow:
     """The determinant of d(q, p) after a step: the same everywhere, exp(-friction h) up to the method's own factor."""
     h, found = STEPS[0], []
     for q, p in ((2.0, 0.0), (0.5, 1.5), (-1.0, 0.3)):
@@ -130,7 +130,7 @@ def area(integrator: Integrator, scenario: Scenario) -> Finding:
         slopes = [(step(*d) - step(-d[0], -d[1])) / (2 * NUDGE) for d in ((NUDGE, 0.0), (0.0, NUDGE))]
         found.append(float(np.linalg.det(slopes)))
     spread, decay = max(found) / min(found) - 1, -math.log(found[0]) / (scenario.constants["friction"] * h)
-    return Finding(
+    return LedgerRow(
         f"{integrator.name}, {scenario.name}: the conformal symplectic structure is kept", AUTHORS,
         "the area of (q, p) shrinks by one factor", f"spread {spread:.1e}; factor exp(-{decay:.6f} friction h)",
         spread <= EXACT, "Determinants of the step at three states; friction is linear in p.",

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..simulation.run import simulate
 from . import theorems
-from .theorems import SEED, Finding, energy_defect, shell_name
+from .theorems import SEED, LedgerRow, energy_defect, shell_name
 
 if TYPE_CHECKING:
     from ..integrator import Integrator
@@ -35,15 +35,15 @@ class Entry:
 
     integrators: tuple[str, ...]
     scenarios: tuple[str, ...]
-    measure: Callable[[Integrator, Scenario], list[Finding]]
+    measure: Callable[[Integrator, Scenario], list[LedgerRow]]
 
 
 def _finding(
     title: str, section: str, expected: str, measured: str, agrees: Any, command: str, *, yes: str, no: str,
     impossible: Any = False,
-) -> Finding:  # fmt: skip
+) -> LedgerRow:  # fmt: skip
     agrees = bool(agrees)
-    return Finding(title, section, expected, measured, agrees, yes if agrees else no, command, bool(impossible))
+    return LedgerRow(title, section, expected, measured, agrees, yes if agrees else no, command, bool(impossible))
 
 
 def _simulate(integrator: Integrator, scenario: Scenario, **options: Any) -> tuple[Trajectory, str]:
@@ -62,7 +62,7 @@ def _outcome(run: Trajectory) -> str:
 # ---- the laws over a whole run
 
 
-def conservation(integrator: Integrator, scenario: Scenario) -> list[Finding]:
+def conservation(integrator: Integrator, scenario: Scenario) -> list[LedgerRow]:
     """E exact, S only grows, J exact, over the whole horizon at the scenario's own step: for what the method claims."""
     run, command = _simulate(integrator, scenario)
     laws = {
@@ -95,7 +95,7 @@ def conservation(integrator: Integrator, scenario: Scenario) -> list[Finding]:
     return rows
 
 
-def order(integrator: Integrator, scenario: Scenario) -> list[Finding]:
+def order(integrator: Integrator, scenario: Scenario) -> list[LedgerRow]:
     """The stated order in q, p and s, measured by the convergence study."""
     from .convergence import measure
 
@@ -117,7 +117,7 @@ def order(integrator: Integrator, scenario: Scenario) -> list[Finding]:
 # ---- example 1
 
 
-def large_step(integrator: Integrator, scenario: Scenario) -> list[Finding]:
+def large_step(integrator: Integrator, scenario: Scenario) -> list[LedgerRow]:
     run, command = _simulate(integrator, scenario, dt=2.0)
     plain = {h: _simulate(integrator, scenario, dt=h, continuation=False)[0].ok for h in (0.5, 0.62, 2.0, 2.5, 3.0)}
     words = ", ".join(f"{'runs' if ok else 'fails'} at {h:g}" for h, ok in plain.items())
@@ -131,7 +131,7 @@ def large_step(integrator: Integrator, scenario: Scenario) -> list[Finding]:
     ]  # fmt: skip
 
 
-def temperature_blows_up(integrator: Integrator, scenario: Scenario) -> list[Finding]:
+def temperature_blows_up(integrator: Integrator, scenario: Scenario) -> list[LedgerRow]:
     run, command = _simulate(integrator, scenario, dt=0.3)
     agrees = not run.ok and abs(run.t[-1] - 12) <= IN_TIME * 12
     return [
@@ -160,7 +160,7 @@ def _turns(values: Any) -> int:
     return turns
 
 
-def entropy_rule_oscillates(integrator: Integrator, scenario: Scenario) -> list[Finding]:
+def entropy_rule_oscillates(integrator: Integrator, scenario: Scenario) -> list[LedgerRow]:
     run, command = _simulate(integrator, scenario, dt=0.3)
     swing, turns, falls = _swing(run.energy), _turns(run.energy), run.summary.second_law_violations
     least = least_production(scenario)
@@ -193,7 +193,7 @@ def _cannot_fall(least: float) -> str:
     )
 
 
-def entropy_rule_fails(integrator: Integrator, scenario: Scenario) -> list[Finding]:
+def entropy_rule_fails(integrator: Integrator, scenario: Scenario) -> list[LedgerRow]:
     run, command = _simulate(integrator, scenario, dt=0.5)
     plain, _ = _simulate(integrator, scenario, dt=0.5, continuation=False)
     found_by = "Newton's iteration from the old state" if plain.ok else "continuation in h"
@@ -210,7 +210,7 @@ def entropy_rule_fails(integrator: Integrator, scenario: Scenario) -> list[Findi
 # ---- example 2
 
 
-def temperature_rule_fails(integrator: Integrator, scenario: Scenario) -> list[Finding]:
+def temperature_rule_fails(integrator: Integrator, scenario: Scenario) -> list[LedgerRow]:
     run, command = _simulate(integrator, scenario, dt=0.3)
     plain, _ = _simulate(integrator, scenario, dt=0.3, continuation=False)
     agrees = any(not r.ok and 26 <= r.steps <= 30 for r in (run, plain))
@@ -224,7 +224,7 @@ def temperature_rule_fails(integrator: Integrator, scenario: Scenario) -> list[F
     ]  # fmt: skip
 
 
-def entropy_rule_decays(integrator: Integrator, scenario: Scenario) -> list[Finding]:
+def entropy_rule_decays(integrator: Integrator, scenario: Scenario) -> list[LedgerRow]:
     run, command = _simulate(integrator, scenario, dt=0.3)
     least, falls = least_production(scenario), run.summary.second_law_violations
     moved, coldest = run.energy[-1] - run.energy[0], float(run.temperatures.min())
@@ -245,7 +245,7 @@ def entropy_rule_decays(integrator: Integrator, scenario: Scenario) -> list[Find
     ]  # fmt: skip
 
 
-def reaches_equilibrium(integrator: Integrator, scenario: Scenario) -> list[Finding]:
+def reaches_equilibrium(integrator: Integrator, scenario: Scenario) -> list[LedgerRow]:
     """That strains settle by t_end: with the printed data, and with data that bind the masses."""
     from .equilibrium import measure
 
@@ -268,7 +268,7 @@ def reaches_equilibrium(integrator: Integrator, scenario: Scenario) -> list[Find
 # ---- one number changed
 
 
-def stiff(integrator: Integrator, scenario: Scenario) -> list[Finding]:
+def stiff(integrator: Integrator, scenario: Scenario) -> list[LedgerRow]:
     """The qualitative claims of section 6, with the one number changed that brings them out: C_b = 300."""
     run, command = _simulate(integrator, scenario, dt=0.3)
     if "energy" in integrator.claims:

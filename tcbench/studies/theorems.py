@@ -44,11 +44,11 @@ DT_RANGE = (1e-3, 3.0)
 
 Floats = NDArray[np.float64]
 Sample = list[tuple[State, State]]
-Row = Callable[[str, str, str, float, float, str], "Finding"]
+Row = Callable[[str, str, str, float, float, str], "LedgerRow"]
 
 
 @dataclass(frozen=True)
-class Finding:
+class LedgerRow:
     """One row of the ledger. `agrees`: the measurement agrees with the claim. `impossible`: the printed equations,
     evaluated, exclude the claim. `why`: one sentence. `command`: repeats the measurement."""
 
@@ -133,20 +133,20 @@ def _is_pendulum(scenario: Scenario) -> bool:
 # ---- the operators
 
 
-def operators(integrator: Integrator, scenario: Scenario) -> list[Finding]:
+def operators(integrator: Integrator, scenario: Scenario) -> list[LedgerRow]:
     """Conditions (1), (2), (8) and (9) on the operators of the scenario's system, on random states."""
     rng = np.random.default_rng(SEED)
     pairs = _pairs(scenario, rng)
     sample = [next(pairs) for _ in range(STATES)]
     repeat = command(integrator, scenario)
 
-    def row(claim: str, section: str, expected: str, worst: float, limit: float, why: str) -> Finding:
+    def row(claim: str, section: str, expected: str, worst: float, limit: float, why: str) -> LedgerRow:
         failed = f"The condition is violated by {worst:.1e}, beyond round-off ({limit:.0e})."
         agrees = bool(worst <= limit)
         measured = f"{worst:.1e} on {STATES} random admissible pairs of states"
-        return Finding(claim, section, expected, measured, agrees, why if agrees else failed, repeat)
+        return LedgerRow(claim, section, expected, measured, agrees, why if agrees else failed, repeat)
 
-    def owed(*told: Any) -> Finding:
+    def owed(*told: Any) -> LedgerRow:
         found = row(*told)
         return found if found.agrees else replace(found, why=f"{found.why} {told[-1]}")
 
@@ -157,7 +157,7 @@ def operators(integrator: Integrator, scenario: Scenario) -> list[Finding]:
     return rows + (_friction_rows(row, scenario.model, sample) if scenario.model.n_elements == 2 else [])
 
 
-def _gradient_rows(row: Row, scenario: Scenario, sample: Sample, rng: np.random.Generator) -> list[Finding]:
+def _gradient_rows(row: Row, scenario: Scenario, sample: Sample, rng: np.random.Generator) -> list[LedgerRow]:
     model = scenario.model
     consistency = max(_relative(model.discrete_gradient(z, z), model.gradient(z)) for z, _ in sample)
     rows = [
@@ -177,7 +177,7 @@ def _gradient_rows(row: Row, scenario: Scenario, sample: Sample, rng: np.random.
     return rows
 
 
-def _flow_rows(row: Row, scenario: Scenario, sample: Sample) -> list[Finding]:
+def _flow_rows(row: Row, scenario: Scenario, sample: Sample) -> list[LedgerRow]:
     model = scenario.model
     L = model.L
     skew = float(np.abs(L + L.T).max() + np.abs(L @ model.DS).max())
@@ -194,7 +194,7 @@ def _flow_rows(row: Row, scenario: Scenario, sample: Sample) -> list[Finding]:
     ]  # fmt: skip
 
 
-def _friction_rows(row: Row, model: ElementSystem, sample: Sample) -> list[Finding]:
+def _friction_rows(row: Row, model: ElementSystem, sample: Sample) -> list[LedgerRow]:
     degeneracy = indefinite = 0.0
     for pair in sample:
         theta = np.asarray(model.discrete_gradient(*pair).s)
@@ -246,7 +246,7 @@ def _power(model: System, z: State) -> float:
 # ---- one step of a method
 
 
-def steps(integrator: Integrator, scenario: Scenario) -> list[Finding]:
+def steps(integrator: Integrator, scenario: Scenario) -> list[LedgerRow]:
     """What an integrator claims, on random steps: one row for each of its claims."""
     runs = random_steps(integrator, scenario)
     # a step that leaves the energy bound is a solved step too
@@ -254,7 +254,7 @@ def steps(integrator: Integrator, scenario: Scenario) -> list[Finding]:
     enough = len(good) >= ENOUGH * len(runs)
     claims = integrator.claims
 
-    def row(claim: str, section: str, expected: str, measure: Callable[[Trajectory], float], limit: float) -> Finding:
+    def row(claim: str, section: str, expected: str, measure: Callable[[Trajectory], float], limit: float) -> LedgerRow:
         worst = max((measure(run) for run in good), default=float("nan"))
         agrees = bool(enough and worst <= limit)
         measured = f"{worst:.1e} on {len(good)} random steps"
@@ -266,7 +266,7 @@ def steps(integrator: Integrator, scenario: Scenario) -> list[Finding]:
         else:
             why = f"A random step violates it by {worst:.1e}, which is no round-off."
         title = f"{integrator.name}: {claim}"
-        return Finding(title, section, expected, measured, agrees, why, command(integrator, scenario))
+        return LedgerRow(title, section, expected, measured, agrees, why, command(integrator, scenario))
 
     rows = []
     if "energy" in claims:

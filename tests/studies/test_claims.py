@@ -16,7 +16,7 @@ from tcbench.simulation.run import simulate
 from tcbench.studies import claims, theorems
 from tcbench.studies import paper_claims as ledger
 from tcbench.studies.claims import STUDY, measure, plan, tabulate
-from tcbench.studies.theorems import CONTRADICTS, HOLDS, NOT_WITH_DATA, Finding, admissible_states, turned
+from tcbench.studies.theorems import CONTRADICTS, HOLDS, NOT_WITH_DATA, LedgerRow, admissible_states, turned
 
 VERDICTS = {HOLDS, NOT_WITH_DATA, CONTRADICTS}
 # the table of docs/truth.md, statement by statement: what is known not to hold, and why it is of its kind
@@ -90,7 +90,7 @@ def test_every_command_runs(table):
 
 @given(agrees=st.booleans(), impossible=st.booleans())
 def test_the_verdict_is_a_function_of_the_measurement(agrees, impossible):
-    finding = Finding("", "", "", "", agrees, "", "", impossible)
+    finding = LedgerRow("", "", "", "", agrees, "", "", impossible)
     assert finding.verdict == (HOLDS if agrees else CONTRADICTS if impossible else NOT_WITH_DATA)
 
 
