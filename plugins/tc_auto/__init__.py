@@ -10,7 +10,7 @@ from tcbench.compiler.once import Spares
 from tcbench.solver.foresight import watched
 
 from ..tc_gauss import stages_of
-from ..tc_taylor import SAFETY, order_of, refuses
+from ..tc_taylor import SAFETY, best_of, order_of, refuses
 
 EXACT = {"energy", "entropy", "angular_momentum"}
 FINER = 0.03  # of the tolerance, for tc_gauss: at equal ones its error is ten times that of tc_taylor
@@ -27,9 +27,8 @@ class BothMethods:
 
     def __init__(self, system, order, stages):
         from ..tc_gauss.method import GaussMethod  # imported when something runs, not when plugins are listed
-        from ..tc_taylor.method import TaylorMethod
 
-        self.gauss, self.taylor = GaussMethod(system, stages), None if refuses(system) else TaylorMethod(system, order)
+        self.gauss, self.taylor = GaussMethod(system, stages), None if refuses(system) else best_of(system, order)
         self.tolerance = None  # that `work` is set to
         if self.taylor:
             from .march import LOOPS, SHORT, Both, Counts  # LLVM is loaded when something runs, not with plugins

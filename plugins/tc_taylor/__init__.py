@@ -17,10 +17,7 @@ ORDERS = (8, 10, 12, 14, 16, 18, 20)
 EXACT = {"energy", "entropy", "angular_momentum"}
 SOURCE = "Taylor series (Jorba and Zou 2005), energy corrected by heat (docs/methods-explained.md)"
 SAFETY = 0.05  # what a step may miss, over the tolerance: a run then misses a tenth of what tc_gauss_adaptive does
-LEAST, EFFORT = (
-    5.6,
-    0.46,
-)  # the best order is about LEAST - EFFORT ln(tolerance): measured, see docs/methods-explained.md
+LEAST, EFFORT = 5.6, 0.46  # the best order is about LEAST - EFFORT ln(tolerance): measured, docs/methods-explained.md
 
 # Beyond these series are loops: straight-line code is five times as fast, but takes more than ten seconds to compile.
 MOST_ELEMENTS = 32
@@ -52,12 +49,19 @@ def method_of(system, order):
     return TaylorMethod(system, order)
 
 
+def best_of(system, order):
+    """The series for a tolerance of which this is the best order, on a processor whose cache holds all code."""
+    from .method import TaylorMethod, taken
+
+    return TaylorMethod(system, taken(system, order))
+
+
 def order_of(tolerance):
     best = LEAST - EFFORT * math.log(min(SAFETY * tolerance, 1.0))
     return min(max(2 * round(best / 2), ORDERS[0]), ORDERS[-1])
 
 
-SPARES = Spares(method_of, lambda tolerance: (order_of(tolerance),))
+SPARES = Spares(best_of, lambda tolerance: (order_of(tolerance),))
 
 
 def adaptive(system, z0, t_eval, rtol, atol):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -10,19 +11,25 @@ from numpy.typing import NDArray
 from tcbench import System
 from tcbench.compiler import derivatives as trace
 from tcbench.compiler.kernels import Kernel, kernel
+from tcbench.compiler.machine import has_fma
 from tcbench.compiler.once import once, once_a_system
 from tcbench.compiler.records import Lending
 from tcbench.solver.foresight import watched
 from tcbench.solver.mending import array_mending_kernels as of_any_large
 from tcbench.solver.mending import mending_kernels as of_any
 
-from . import is_long, on_arrays
+from . import EFFORT, LEAST, ORDERS, is_long, on_arrays
 from .mending import array_mending_kernels as of_large_elements
 from .mending import mending_kernels as of_elements
 from .texts import series_kernels
 
 Floats = NDArray[np.float64]
 SELDOM = (32, 4)  # steps to a mended state, of any system and of elements: mending takes a fifth of a step
+
+# Without fused multiply-add and in vectors of two, code is three times as long: bytes of an operation of the series and
+# of the polynomial. What exceeds the processor's first cache (bytes, of which not all are run) makes every step take
+# half as long again; the time of a step grows with this power of the order (all measured).
+BYTES, BYTES_OF_POLYNOMIAL, CACHE, BEYOND, GROWTH = 15.5, 75.0, 36_000, 1.5, 1.6
 
 
 class TaylorMethod(Lending):
@@ -71,6 +78,31 @@ class TaylorMethod(Lending):
         if done == 0:
             raise ArithmeticError("the series gives no admissible state after this step")
         return states[:done]
+
+
+def taken(system: System, order: int) -> int:
+    """The order to take in the place of this one, the best for a tolerance as far as operations go.
+
+    Of elements at most the last whose steps are damped. Else the highest whose code the processor's first cache holds,
+    if the shorter steps, which are as long as (tolerance / 10)^(1 / order), cost less than code from further away.
+    """
+    if system.defines("element_energy"):
+        from .damping import MOST_ORDER
+
+        return min(order, MOST_ORDER)
+    if has_fma() or is_long(system):
+        return order
+    digits = math.log(10.0) + (order - LEAST) / EFFORT
+    for lower in (p for p in reversed(ORDERS) if p <= order):
+        series, polynomial, *_ = kernels(system.symbolic, lower)
+        if BYTES * operations(series) + BYTES_OF_POLYNOMIAL * operations(polynomial) <= CACHE:
+            shorter = digits * (1 / lower - 1 / order)
+            return lower if shorter < math.log(BEYOND) + GROWTH * math.log(order / lower) else order
+    return order
+
+
+def operations(made: Kernel) -> int:
+    return sum(made.text.count(sign) for sign in "+-*/")
 
 
 @once_a_system

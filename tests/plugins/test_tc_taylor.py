@@ -1,5 +1,9 @@
 """tc_taylor: its series solve the equations, its steps keep every law, and orders and tolerances are what they say."""
 
+import os
+import subprocess
+import sys
+
 import mpmath
 import numpy as np
 import pytest
@@ -23,6 +27,7 @@ from tcbench.compiler import derivatives as trace
 from tcbench.compiler import language
 from tcbench.compiler.arrays import total, variable
 from tcbench.compiler.kernels import kernel, namespace
+from tcbench.compiler.machine import is_x86
 from tcbench.plugins import find_integrator, find_scenario
 from tcbench.reference.lookup import reference_for
 
@@ -292,3 +297,25 @@ def test_a_run_that_ends_early_ends_in_a_mended_state():
         z = scenario.model.entropy_variables(method.work.mended[:10])
         assert abs(scenario.model.energy(z) - scenario.model.energy(scenario.z0)) <= 1e-13 * scenario.initial_exergy
         assert method.cost()["steps"] == patience
+
+
+ORDERS_TAKEN = """
+from tcbench_plugins.tc_taylor import best_of, order_of
+from tcbench.plugins import find_scenario
+for name, tolerance in (("heavy_top", 1e-6), ("reaction", 1e-6), ("short_term", 1e-12)):
+    print(best_of(find_scenario(name).model, order_of(tolerance)).work.order)
+"""
+
+
+@pytest.mark.skipif(not is_x86(), reason="these are x86 processors")
+@pytest.mark.parametrize(
+    ("target", "orders"),
+    [
+        ("x86-64-v3", [14, 14, 16]),  # 16 is the last order of elements whose steps are damped
+        ("x86-64", [10, 14, 16]),  # 44 KB of order 12 would come from the second cache; the reaction is short
+    ],
+)
+def test_the_order_is_the_best_whose_code_stays_near(target, orders):
+    env = os.environ | {"TCBENCH_TARGET": target}
+    done = subprocess.run([sys.executable, "-c", ORDERS_TAKEN], env=env, capture_output=True, text=True, check=True)
+    assert list(map(int, done.stdout.split())) == orders
