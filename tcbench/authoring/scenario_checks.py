@@ -79,7 +79,8 @@ def formulas(scenario: Scenario) -> list[Line]:
     unread = [
         name
         for name, k, n in zip(model.constants, first, sizes, strict=False)
-        if not any(f"b[{i}]" in text for i in range(k, k + n))
+        if np.any(getattr(model, name))  # what is 0 is traced as 0, and in no text
+        and not any(f"b[{i}]" in text for i in range(k, k + n))
     ]
     if unread and not changing:
         return [Line("formulas", OK, f"{found}; none reads {', '.join(unread)}", "Is a term missing?")]

@@ -19,11 +19,11 @@ SETTINGS = (
     "name", "t_end", "dt", "initial", "positions", "momenta", "temperatures", "t_converge", "blowup_factor",
 )  # fmt: skip
 COLUMNS = re.compile(  # of tables: what is called so would stand in their place
-    r"(t|tolerance|integrator|scenario|status|all|energy(_error)?|entropy(_fall)?|lyapunov_rise|at_[xy]_\d+)\Z"
+    r"(t|tolerance|integrator|scenario|status|all|energy(_error)?|entropy(_fall|_produced)?|lyapunov_rise|at_[xy]_\d+)\Z"
 )
-WARM = re.compile(r"(theta\d+|temperature_[a-z])\Z")  # the same of systems with temperatures
+WARM = re.compile(r"(theta\d*|temperature_[a-z])\Z")  # the same of systems with temperatures
 OF_ELEMENTS = re.compile(r"(theta\d+|(temperature|strain)_[a-z]|[xyq]_\d+)\Z")
-OTHERS = "something else (of numpy, as T, a setting, or a column of tables, as theta0, a temperature)"
+OTHERS = "something else (of numpy, as T, a setting, or a column of tables, as theta, the temperatures)"
 MATRICES = {"reversible": "poisson", "irreversible": "friction"}  # what may stand in the place of a rate
 ELEMENTS = ("n_positions", "n_elements", "inertia", "shape", "element_energy", "conduction", "entropies")
 

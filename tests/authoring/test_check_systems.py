@@ -96,10 +96,10 @@ FAULTS = {  # formula -> (what is wrong with it, lines below its first, words of
 }  # fmt: skip
 
 
-def lines_of(kind):
+def lines_of(kind, eta=0.1):
     settings = {"initial": {"q": [1, 0], "p": [0, 1], "s": 0}, "t_end": 1, "dt": 0.1, "shows": "x", "source": "x"}
     try:
-        scenario = Scenario("wrong", kind, {"eta": 0.1, "theta": 1}, **settings)
+        scenario = Scenario("wrong", kind, {"eta": eta, "theta": 1}, **settings)
     except TcbenchError as error:  # as when its file is loaded
         return [check.Line("loads", check.FAIL, str(error))]
     return list(check.scenario_lines(scenario))
@@ -256,6 +256,12 @@ def test_what_does_not_move_and_what_nothing_reads_is_told():
     kind = type("Unread", (Right,), {"irreversible": lambda self, z, dE, dS: {"p": -dE.p, "s": dE.p @ dE.p / dE.s}})
     (line,) = (line for line in lines_of(kind) if line.check == "formulas")
     assert line.verdict == check.OK and "none reads eta" in line.found
+
+
+def test_a_constant_that_is_0_is_not_said_to_be_unread():
+    """Zeros are traced as 0, so that no text has them: a damping that is switched off, a wall at the origin."""
+    (line,) = (line for line in lines_of(Right, eta=0.0) if line.check == "formulas")
+    assert line.verdict == check.OK and "none reads" not in line.found
 
 
 @pytest.mark.parametrize(

@@ -164,6 +164,14 @@ REFUSED = {
         lambda: made(variables={"theta": (2,)}, temperature=lambda self, z, dE, dS: dE.s),
         "no variable can be called 'theta'",
     ),
+    "a number like the temperatures": (  # whose errors stood in the place of its own
+        lambda: made(variables={"theta": ()}, temperature=lambda self, z, dE, dS: dE.s),
+        "no variable can be called 'theta'",
+    ),
+    "a variable like an error": (
+        lambda: made(variables={"entropy_produced": ()}),
+        "no variable can be called 'entropy_produced'",
+    ),
     "a variable that is no word": (lambda: made(variables={5: ()}), "a name that Python takes"),
     "an invariant like a column": (
         lambda: tcbench.simulate("tc_monolithic", start(made(invariants=lambda self, z: {"status": z.p}))),
