@@ -44,6 +44,7 @@ class ArrayFlow:
     terms: tuple[tuple[int, Term], ...]  # which row, and which entries of it
     positive: tuple[str, ...]  # spaces of temperatures that have to be positive
     steep: bool
+    n_shared: int
 
     def kernels(self, mesh: Mesh) -> FlowKernels:
         """For a system of this mesh."""
@@ -54,7 +55,8 @@ class ArrayFlow:
         return FlowKernels(
             setup=empty, prologue=opening, opening=opening, iterate=iterate,
             polish=self.polish.kernel(mesh), finish=self.finish.kernel(mesh), full=self.full.kernel(mesh),
-            n_unknowns=n, n_eliminated=0, n_positive=positive, pattern=pattern, steep=self.steep,
+            n_unknowns=n, n_eliminated=0, n_positive=positive, n_shared=self.n_shared,
+            pattern=pattern, steep=self.steep,
             way=(f"sparse: {n} unknowns" if n else "explicit") + ", in loops over the elements",
         )  # fmt: skip
 
@@ -132,6 +134,7 @@ def _array_flow(flow: Flow, net: Any) -> ArrayFlow:
         terms=tuple((i, term) for i, term, _ in flat),
         positive=tuple(v.space for v in positive),
         steep=has_roots(residual),
+        n_shared=len(shared),
     )
 
 

@@ -42,6 +42,7 @@ class CompiledFlow(Record):
     nw: int
     nj: int  # unknowns of a dense Jacobian, or 0
     ns: int  # those of a sparse one, or 0
+    n_own: int  # of these the first, which are no shared numbers: see compiler.array_jacobian.shared_as_unknowns
     nnz: int  # entries of the sparse one
     nfull: int  # residual, Jacobian, d residual/dh
     n_constants: int

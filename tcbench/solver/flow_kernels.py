@@ -75,6 +75,7 @@ class FlowKernels:
     n_unknowns: int
     n_eliminated: int
     n_positive: int
+    n_shared: int = 0  # the last of the unknowns, of which nothing is read: what others make them is in its place
     foresees: bool = False  # see newton.foresee
     steep: bool = False  # may have slopes that are not finite: see linear_algebra.STEEPEST
     pattern: Pattern | None = None  # of a sparse Jacobian
@@ -88,13 +89,14 @@ class FlowKernels:
             "nw": self.opening.size + max(self.setup.size, self.opening.room), "prologue": self.prologue.address,
             "iterate": self.iterate.address, "polish": self.polish.address, "finish": self.finish.address,
             "nfull": max(k.size + k.room for k in (self.full, self.iterate, self.polish)), "nj": self.n_unknowns,
-            "ns": 0, "nnz": 0, "foresees": self.foresees, "steep": self.steep,
+            "ns": 0, "n_own": 0, "nnz": 0, "foresees": self.foresees, "steep": self.steep,
         }  # fmt: skip
         p = self.pattern
         if p is None:
             return found | {"full": self.full.address}
         found |= {"nj": 0, "ns": p.n, "nnz": p.nnz, "nd": 2 * p.n + self.n_positive, "factorise": p.factorise}
         found |= {"first": p.first, "columns": p.columns, "diagonal": p.diagonal, "order": p.order}
+        found["n_own"] = p.n - self.n_shared
         sizes = found["nw"], p.n, self.full.size
         return found | {"full": callback(lambda *arrays: call(self.full.address, *arrays), sizes)}
 

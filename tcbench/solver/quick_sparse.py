@@ -80,6 +80,8 @@ def by_old_factors(flow: CompiledFlow) -> tuple[int, int]:
         for i in range(n - 1, -1, -1):
             at, step = order[i], backward(flow, i, found)
             found[i] = step
+            if at >= flow.n_own:
+                continue  # as in `corrected`
             size = abs(step) * scale[at]
             delta = size if size > delta else delta
             total += step

@@ -172,8 +172,7 @@ def sparse_correction(flow: CompiledFlow, tolerance: float, fresh: bool) -> floa
         right[i] = -flow.derivatives[order[i]]
     known = not fresh and flow.factors[flow.diagonal[0]] > 0.0
     if (known or incomplete_factors(flow, n)) and krylov(flow, n, tolerance):
-        for i in range(n):
-            flow.d[order[i]] = found[i]
+        corrected(flow, found)
         return 1.0
     if flow.steep and sparse_stuck(flow):
         return 0.0
@@ -181,9 +180,16 @@ def sparse_correction(flow: CompiledFlow, tolerance: float, fresh: bool) -> floa
         right[i] = -flow.derivatives[order[i]]
     fill(flow.krylov[SHADOW], 0.0)
     sign = factorised(flow)
-    for i in range(n):
-        flow.d[order[i]] = flow.solved[i]
+    corrected(flow, flow.solved)
     return sign
+
+
+def corrected(flow: CompiledFlow, found: Floats) -> None:
+    """The solution of the linear system into d. Of shared numbers, which the others make, 0: next to a start at which
+    they are 0/0 they may move by 1e16, beside which any other correction would seem to be the last."""
+    for i in range(flow.ns):
+        at = flow.order[i]
+        flow.d[at] = found[i] if at < flow.n_own else 0.0
 
 
 @rare
@@ -204,13 +210,15 @@ def sparse_bordered(flow: CompiledFlow, t: Floats, eta: float) -> float:
     call(flow.full, flow.w, flow.x, flow.direction)
     for i in range(n):
         at = order[i]
-        flow.krylov[0, i] = -(found[at] + (1.0 - eta) * flow.shift[at])
-        flow.krylov[1, i] = flow.direction[at] * flow.h - flow.shift[at]
+        shift = flow.shift[at] if at < flow.n_own else 0.0
+        flow.krylov[0, i] = -(found[at] + (1.0 - eta) * shift)
+        flow.krylov[1, i] = flow.direction[at] * flow.h - shift
     sign = factorised(flow)
     along, across = 0.0, t[n]
     for i in range(n):
         at = order[i]
-        flow.correction[at], flow.direction[at] = flow.solved[i] * scale[at], flow.solved[n + i] * scale[at]
+        size = scale[at] if at < flow.n_own else 0.0  # as in `corrected`
+        flow.correction[at], flow.direction[at] = flow.solved[i] * size, flow.solved[n + i] * size
         along += t[at] * flow.correction[at]
         across -= t[at] * flow.direction[at]
     last = -along / across
