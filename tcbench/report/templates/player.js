@@ -103,7 +103,7 @@ const side = (run, facts, [cold, hot], runs, reach) => {
     }
     const now = run.states[k];
     links.forEach(([a, b], e) => {
-      pen.strokeStyle = known(now[elements[e]]) ? heat((now[elements[e]] - cold) / (hot - cold || 1)) : ink.getPropertyValue("--soft");
+      pen.strokeStyle = elements.length === links.length && known(now[elements[e]]) ? heat((now[elements[e]] - cold) / (hot - cold || 1)) : ink.getPropertyValue("--soft");
       pen.lineWidth = 4;
       (own ? rod : spring)(pen, at(now, a), at(now, b));
     });
@@ -120,7 +120,7 @@ const side = (run, facts, [cold, hot], runs, reach) => {
   const places = kept.map((c) => strip(run, c, runs));
   const element = el("div", { class: "side", style: `--own:${colour(run.name)}` },
     el("h4", {}, el("a", { href: link({ method: run.name }) }, run.name)), canvas, said, places.map((p) => p.element),
-    all.length > told.length ? el("p", { class: "soft" }, `The first ${told.length} of ${all.length} variables; the table series has all.`) : "");
+    all.length > told.length ? el("p", { class: "soft" }, `The first ${told.length} of ${all.length} variables${elements.length ? " and temperatures" : ""}; the table series has all.`) : "");
   return { element, show: (k, t) => {
     if (canvas) draw(k, t);
     const over = run.whole && run.failure && t >= run.states.at(-1).t;

@@ -1,7 +1,12 @@
 // Scenarios, one at a time: what it is, the player, losses in time, its tables; and one method on it.
 const chosenIn = { methods: null, left: null, right: null, loss: null, span: "opening" };
 
-const value = (v) => (Array.isArray(v) ? `(${v.map((x) => number(x, 6)).join(", ")})` : known(v) ? number(v, 6) : String(v));
+const MOST_VALUES = 24;  // of an array: the first, and how many there are
+const value = (v) => {
+  if (!Array.isArray(v)) return known(v) ? number(v, 6) : String(v);
+  const first = v.slice(0, v.length > MOST_VALUES ? MOST_VALUES / 2 : v.length).map(value).join(", ");
+  return v.length > MOST_VALUES ? `(${first}, …), ${v.length} in all` : `(${first})`;
+};
 const facts = (pairs) => el("dl", {}, pairs.filter(([, v]) => v !== undefined && v !== "" && v !== null)
   .flatMap(([k, v]) => [el("dt", {}, k), el("dd", {}, v instanceof Node ? v : value(v))]));
 
