@@ -52,7 +52,7 @@ class BothMethods:
             work.defect, work.residual = held(gauss.stages, FINER * tolerance)
         taylor.begin(z0, times)
         try:
-            done = watched(taylor, self.run) if taylor.large else self.run()
+            done = watched(taylor, self.run) if taylor.told else self.run()
         finally:
             steps, rejected, iterations, implicit = self.counts.table.tolist()
             if implicit:

@@ -48,7 +48,7 @@ class TaylorMethod(Lending):
         self.begin(z0, times)
         if self.tolerance != tolerance:
             self.tolerance = self.work.tolerance = tolerance
-        done = watched(self, self.run) if self.large else self.run()
+        done = watched(self, self.run) if self.told else self.run()
         if done < len(times):
             raise ArithmeticError(f"the step became too short before t = {times[done]:g}")
         return self.states.copy(), self.cost()

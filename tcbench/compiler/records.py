@@ -22,6 +22,7 @@ HEAD = object.__basicsize__  # of CPython's objects; an array's data pointer fol
 WHOLE = ("int", "bool", "Address")
 NUMBERS = ("float", *WHOLE)
 MOST_PLANS = 5000
+UNTOLD = 100  # numbers of a state up to which a run is over before anyone could be told of it, as all of small systems
 R = TypeVar("R", bound="Record")
 RANKS = {"Floats": 1, "Matrix": 2, "Cube": 3, "Ints": 1, "ShortInts": 1, "ShortFloats": 1}
 DOUBLE: np.dtype[Any] = np.dtype(np.float64)
@@ -232,7 +233,7 @@ class Lending:
     other number there is not 0: see `solver.foresight.watched`."""
 
     work: Any
-    large: bool
+    told: bool  # its runs, while they last
     size: int
     times: np.ndarray
     states: np.ndarray
@@ -240,7 +241,8 @@ class Lending:
 
     def lend_to(self, work: Any, system: Any) -> None:
         """Of states of this system."""
-        self.work, self.large, self.size = work, system.large, system.size
+        self.work, self.size = work, system.size
+        self.told = bool(system.large and system.size > UNTOLD)
         self.times, self.states, self.first = np.empty(0), np.empty((0, self.size)), np.empty(0)
 
     def begin(self, z0: np.ndarray, times: np.ndarray) -> None:

@@ -11,6 +11,7 @@ from tcbench_plugins.net.net import net
 
 import tcbench
 from tcbench import progress
+from tcbench.compiler import records
 from tcbench.engine import planning
 from tcbench.engine.measure import measure_cell
 from tcbench.errors import MachineError
@@ -134,7 +135,7 @@ def interrupted(*_):
 
 def test_an_interrupt_ends_a_compiled_loop_that_chooses_its_steps(monkeypatch):
     watch, ended = np.array([7.0, 1.0]), []
-    run = SimpleNamespace(large=True, size=6, times=np.array([0.5, 1.0]), work=SimpleNamespace(watch=watch))
+    run = SimpleNamespace(told=True, size=6, times=np.array([0.5, 1.0]), work=SimpleNamespace(watch=watch))
 
     def march():
         while watch[1] == 0.0:
@@ -154,6 +155,17 @@ def test_an_interrupt_ends_a_compiled_loop_that_chooses_its_steps(monkeypatch):
     with pytest.raises(KeyboardInterrupt):
         foresight.watched(run, march)
     assert ended == [0.5] and len(again) == 2 and watch[1] == 0.0
+
+
+@pytest.mark.parametrize("method", ["tc_gauss_adaptive", "tc_taylor", "tc_auto"])
+def test_a_run_of_few_numbers_needs_no_thread(method, monkeypatch):
+    """Starting one takes as long as such a run."""
+    few, many = net(3, 3), net(6, 4)
+    assert few.model.large and few.model.size <= records.UNTOLD < many.model.size
+    monkeypatch.setattr(foresight, "ThreadPoolExecutor", lambda *_: pytest.fail("a thread"))
+    assert tcbench.simulate(method, few, tolerance=1e-5, t_end=1.0).ok
+    with pytest.raises(pytest.fail.Exception):
+        tcbench.simulate(method, many, tolerance=1e-5, t_end=1.0)
 
 
 @pytest.mark.parametrize("method", ["tc_gauss_adaptive", "tc_taylor", "tc_auto"])
