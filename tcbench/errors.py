@@ -75,7 +75,7 @@ def writing(what: object) -> Iterator[None]:
 
 def needs_folder(path: Path) -> None:
     """Refuses a file to write whose folder is not there."""
-    if not path.resolve().parent.is_dir():
+    if not os.path.isdir(os.path.dirname(os.path.realpath(path))):
         raise TcbenchError(f"The folder of {str(path)!r} does not exist; create it first.")
 
 

@@ -44,7 +44,7 @@ def written(path: Path) -> Iterator[Path]:
     elif path.exists() and not path.is_file():
         yield path
     else:
-        with replacing(path.resolve()) as temporary:
+        with replacing(Path(os.path.realpath(path))) as temporary:
             yield temporary
 
 

@@ -31,11 +31,16 @@ def plugin_files(folders: Iterable[Path]) -> list[Path]:
     files: list[Path] = []
     for folder in folders:
         if folder.is_file():  # named by itself, whatever its name
-            files.append(folder.resolve())
+            files.append(_real(folder))
         else:
             found = sorted(folder.glob("*.py"))
-            files.extend(p.resolve() for p in found if not p.name.startswith(("_", "test_", "conftest", "setup")))
+            files.extend(_real(p) for p in found if not p.name.startswith(("_", "test_", "conftest", "setup")))
     return list(dict.fromkeys(files))
+
+
+def _real(path: Path) -> Path:
+    """Where links lead; one that leads to itself is a file that cannot be read, where Path.resolve raises."""
+    return Path(os.path.realpath(path))
 
 
 class RefusedError(TcbenchError):
@@ -115,7 +120,9 @@ def import_file(path: Path) -> Any:
     Installed packages and Python's own modules come before helpers of their name, so a file called rich.py is in
     nobody's way.
     """
-    tag = hashlib.sha256(str(path).encode()).hexdigest()[:8]
+    if path.exists() and not path.is_file():  # a pipe would be waited for
+        raise RefusedError(f"{path.name} is no file, but a folder, a pipe or a device")
+    tag = hashlib.sha256(os.fsencode(path)).hexdigest()[:8]
     name = f"tcbench_plugin_{tag}_{path.stem}"
     if str(path.parent) not in sys.path:
         sys.path.append(str(path.parent))

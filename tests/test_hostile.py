@@ -190,3 +190,13 @@ def test_a_terminal_of_ascii_gets_escapes(tmp_path):
     env = {**os.environ, "LC_ALL": "C", "PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0"}
     done = tcbench("show", str(tmp_path / "\u00e9"), env=env)
     assert done.returncode == 2 and "Traceback" not in done.stderr
+
+
+def test_a_link_to_itself_is_written_over_or_refused_in_a_sentence(folder, tmp_path):
+    """Path.resolve raises RuntimeError there where Python is older than 3.13."""
+    link = tmp_path / "loop"
+    link.symlink_to("loop")
+    done = CliRunner().invoke(main, ["publish", str(folder), "-o", str(link)])
+    assert (done.exit_code, done.stderr.count("\n")) == (2, 1) and link.is_symlink(), done.stderr
+    words = ["simulate", "tc_monolithic", "short_term", "--t-end", "1", "--csv", str(link)]
+    assert CliRunner().invoke(main, words).exit_code == 0 and link.read_text().startswith("t,")

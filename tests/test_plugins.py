@@ -1,6 +1,7 @@
 """Registration: entry points, files, broken plugins, duplicates, families."""
 
 import math
+import os
 import subprocess
 import sys
 import tomllib
@@ -124,6 +125,7 @@ def test_a_broken_plugin_stays_listed_with_its_traceback_and_costs_no_other(tmp_
     ("source", "sentence"),
     [
         ("x = (1,\n", "syn.py was not loaded: '(' was never closed, line 1."),
+        ("\0", "source code string cannot contain null bytes."),
         ("\nimport no_such_module_here\n", "syn.py was not loaded: ModuleNotFoundError: No module named "
          "'no_such_module_here', line 2."),
         (GOOD.replace("return [", "return 7 #"), "tcbench_integrators must return a list of Integrator, not 7."),
@@ -327,3 +329,33 @@ def test_an_unknown_name_is_a_key_error_that_says_what_there_is(listed, name):
     with pytest.raises(KeyError, match=r"^No (scenario|integrator) is called .* Did you mean") as error:
         listed()[name]
     assert isinstance(error.value, TcbenchError) and name not in listed() and listed().get(name) is None
+
+
+def test_a_link_to_itself_costs_nobody_else_a_plugin(tmp_path):
+    """Path.resolve raises where Python is older than 3.13, and so ended each command with a traceback."""
+    (tmp_path / "loop.py").symlink_to("loop.py")
+    (tmp_path / "good.py").write_text(GOOD)
+    plugins.use_folders([tmp_path])
+    (broken,) = plugins.registry().broken
+    assert broken.name == "loop" and "symbolic links" in broken.error and "mine" in tcbench.integrators()
+
+
+def test_a_file_may_be_called_as_no_text_of_this_locale_can_be(tmp_path):
+    """In a locale of ASCII the bytes of an umlaut are halves of surrogate pairs."""
+    folder = os.fsencode(tmp_path) + b"/gr\xf6\xdfe"
+    os.mkdir(folder)
+    with open(folder + b"/gr\xf6\xdfe.py", "w") as file:
+        file.write(GOOD)
+    plugins.use_folders([os.fsdecode(folder)])
+    assert not plugins.registry().broken and "mine" in tcbench.integrators()
+
+
+def test_a_pipe_or_a_folder_called_as_a_plugin_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "pipe.py")
+    (tmp_path / "folder.py").mkdir()
+    (tmp_path / "good.py").write_text(GOOD)
+    plugins.use_folders([tmp_path])
+    assert [broken.reason for broken in plugins.registry().broken] == [
+        f"{name}.py is no file, but a folder, a pipe or a device" for name in ("folder", "pipe")
+    ]
+    assert "mine" in tcbench.integrators()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 from collections.abc import Sequence
 from operator import itemgetter
@@ -48,7 +49,7 @@ def publish(folders: Sequence[str | Path], output: str | Path) -> Path:
 def _checked(folder: Path, output: Path) -> Path:
     if not folder.is_dir() or not (folder / "manifest.json").is_file():
         raise TcbenchError(f"There is no run in {str(folder)!r}. tcbench run --output FOLDER makes one.")
-    if output.resolve() == folder.resolve() or folder.resolve() in output.resolve().parents:
+    if Path(os.path.realpath(output)).is_relative_to(os.path.realpath(folder)):
         raise TcbenchError(f"The site {str(output)!r} would lie in the run {str(folder)!r}; choose another folder.")
     return folder
 
