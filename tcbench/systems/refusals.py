@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import inspect
 from collections.abc import Mapping, Sequence
+from functools import cache
 from typing import TYPE_CHECKING, Any
 from weakref import WeakSet
 
@@ -37,10 +38,11 @@ _CONSERVED: WeakSet[Any] = WeakSet()  # systems that have been looked at
 def check_class(cls: type[System]) -> None:
     """TcbenchError where a class overrides what is derived, or names a constant as something else is."""
     base = _base(cls)
+    unwritten = tuple(n for n in base.written if not cls.defines(n))
     for name in dict.fromkeys(n for c in cls.__mro__[: cls.__mro__.index(base)] for n in c.__dict__):
         if not name.startswith("__") and name not in base.written and hasattr(base, name):
             raise _overridden(cls.__name__, name, base.written)
-        _check_spelling(cls, base, name)
+        _check_spelling(cls, base, name, unwritten)
     if cls.__getattribute__ is not object.__getattribute__:
         raise TcbenchError(
             f"{cls.__name__} writes __getattribute__: what a formula reads of self would not be what it names. Call a "
@@ -58,11 +60,15 @@ def check_class(cls: type[System]) -> None:
             raise taken(cls, "constant", name)
 
 
-def _check_spelling(cls: type[System], base: type[System], name: str) -> None:
+@cache  # of words alone; a system is made for every scenario
+def _meant(name: str, unwritten: tuple[str, ...]) -> list[str]:
+    return difflib.get_close_matches(name, unwritten, n=1, cutoff=ALIKE)
+
+
+def _check_spelling(cls: type[System], base: type[System], name: str, unwritten: tuple[str, ...]) -> None:
     """A formula that is all but called as one that the class does not have, and takes as many arguments: without it the
     system would be another one."""
-    unwritten = [n for n in base.written if not cls.defines(n)]
-    for meant in difflib.get_close_matches(name, () if name in base.written else unwritten, n=1, cutoff=ALIKE):
+    for meant in () if name in base.written else _meant(name, unwritten):
         taken_by = [getattr(inspect.unwrap(getattr(c, n)), "__code__", None) for c, n in ((cls, name), (base, meant))]
         if taken_by[0] and taken_by[1] and taken_by[0].co_argcount == taken_by[1].co_argcount:
             raise TcbenchError(
