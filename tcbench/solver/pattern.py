@@ -70,7 +70,8 @@ class Pattern:
         matrix[np.repeat(np.arange(n), np.diff(self.first)), self.columns] = J
         factors, exchanged, singular = lapack.dgetrf(matrix.T, overwrite_a=True)
         if singular == 0:
-            out[: 2 * n] = lapack.dgetrs(factors, exchanged, right[: 2 * n].reshape(2, n).T, trans=1)[0].T.ravel()
+            for k in (0, n):  # OpenBLAS wakes its threads for two right-hand sides at once: 1 to 300 times as long
+                out[k : k + n] = lapack.dgetrs(factors, exchanged, right[k : k + n], trans=1)[0]
             turns = np.count_nonzero(exchanged != np.arange(n))
             out[2 * n] = np.prod(np.sign(factors.diagonal())) * (-1) ** turns
 
