@@ -7,12 +7,10 @@ import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cache
-from importlib.metadata import PackageNotFoundError, version
-from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from .errors import TcbenchError, expect, shown, unknown_name
+from .inputs.marks import installed_version
 
 if TYPE_CHECKING:
     from .systems.system import System
@@ -342,18 +340,6 @@ class Integrator:
         """Every member of the family, the default first."""
         names, values = list(self.parameters), list(self.parameters.values())
         return [self.variant(**dict(zip(names, choice, strict=True))) for choice in itertools.product(*values)]
-
-
-@cache
-def installed_version(package: str) -> str | None:
-    """Version of a package, by its name as it is installed or imported; nothing is imported. None: it is absent.
-
-    "" for what can be imported and has no version, such as a folder on the path.
-    """
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return "" if package.isidentifier() and find_spec(package) else None
 
 
 def family(make: Callable[..., Integrator], **parameters: Any) -> Integrator:

@@ -1,4 +1,4 @@
-"""Looks integrators and scenarios up by name, among what plugins have brought (`plugin_loading`)."""
+"""Looks integrators and scenarios up by name, among what plugins have brought (`loading`)."""
 
 from __future__ import annotations
 
@@ -11,14 +11,13 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from . import plugin_loading
 from .errors import ByName, TcbenchError, is_pattern, matching, unknown_name
 from .integrator import Integrator
+from .loading.files import RefusedError
+from .loading.registry import GROUP as GROUP
+from .loading.registry import Origin as Origin
+from .loading.registry import Registry, are_foreign, foreign_origins, index_of, lazy, load, loading
 from .metric import Metric
-from .plugin_files import RefusedError
-from .plugin_loading import GROUP as GROUP
-from .plugin_loading import Origin as Origin
-from .plugin_loading import Registry, lazy, load, loading
 from .progress import waiting
 from .systems.scenario import Scenario, ScenarioFamily
 
@@ -61,7 +60,7 @@ def only_look_up(folders: Iterable[str | Path]) -> None:
 
 def waiting_to_be_imported() -> bool:
     """Is there a plugin, not tcbench's own, that this process has not imported?"""
-    return _REGISTRY is None and plugin_loading.are_foreign(plugin_folders())
+    return _REGISTRY is None and are_foreign(plugin_folders())
 
 
 def use_index(known: dict[str, Any]) -> None:
@@ -76,7 +75,7 @@ def use_index(known: dict[str, Any]) -> None:
 
 def index() -> dict[str, Any]:
     """What `use_index` of another process is given, so that it has the registry of this one."""
-    return plugin_loading.index(registry())
+    return index_of(registry())
 
 
 def needs(*names: str) -> set[str]:
@@ -96,7 +95,7 @@ def needs(*names: str) -> set[str]:
         for method in (item for item in items if isinstance(item, Integrator)):
             starter = method.starter.name if isinstance(method.starter, Integrator) else method.starter
             waiting += [*method.uses, *filter(None, [starter])]
-    return found & set(plugin_loading.foreign_origins(known))
+    return found & set(foreign_origins(known))
 
 
 def use_folders(folders: Iterable[str | Path]) -> None:

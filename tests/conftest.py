@@ -61,11 +61,12 @@ def a_share_of_the_cores():
 def plugins_as_installed():
     """After each test the plugin folders that it named are forgotten."""
     yield
-    from tcbench import plugin_files, plugins
+    from tcbench import plugins
+    from tcbench.loading import files
 
     if plugins._FOLDERS:
         plugins.forget()
-        plugin_files.forget_helpers()
+        files.forget_helpers()
 
 
 @pytest.fixture

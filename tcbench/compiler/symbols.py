@@ -264,13 +264,8 @@ def add(a: Symbol, b: Symbol) -> Symbol:
 
 def _without(total: Symbol, part: Symbol) -> Symbol | None:
     """The other term when `total` is a sum with the term `part`."""
-    if total.op == "add":
-        first, second = total.args
-        if first is part:
-            return second
-        if second is part:
-            return first
-    return None
+    first, second = total.args if total.op == "add" else (None, None)
+    return second if first is part else first if second is part else None
 
 
 def sub(a: Symbol, b: Symbol) -> Symbol:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import pkgutil
 import sys
 import time
@@ -14,10 +13,11 @@ from .. import plugins
 from ..compiler.code_hash import content_hash
 from ..errors import ChangedError
 from ..inputs import watching
+from ..inputs.marks import installed_version
 from ..integrator import Integrator
-from ..plugin_loading import watched
+from ..loading.registry import watched
 from ..store.cells import Cell
-from ..store.provenance import machine_name, package_version
+from ..store.provenance import machine_name
 from ..store.rows import Rows
 from ..studies.base import find_study
 from ..systems.scenario import Scenario
@@ -60,15 +60,9 @@ def _measure(method: Integrator, scenario: Scenario, cell: Mapping[str, Any]) ->
     return row | {
         "plugin": str(origin) if origin and origin.distribution else method.plugin,
         "scenario_hash": scenario.hash,
-        "tcbench_version": _own_version(),
+        "tcbench_version": installed_version("tcbench") or None,
         **({"machine": machine_name()} if cell["timed"] else {}),
     }
-
-
-@functools.cache
-def _own_version() -> str | None:
-    """Read once in a process: to read it takes longer than most cells."""
-    return package_version("tcbench")
 
 
 def measure_here(

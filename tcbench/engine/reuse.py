@@ -34,7 +34,7 @@ class Reuse:
         looks = marks.LOOKS | {"environment": lambda n: fact_mark(n, variables, start), "packages": marks.package_mark}
         self._looks = {kind: cache(look) for kind, look in looks.items()}
         self._verdicts: dict[str, str] = {}
-        # a plugin file's folder comes last on the path, as in `plugin_files`
+        # a plugin file's folder comes last on the path, as in `loading.files`
         self._path = [p for p in sys.path if p not in self._folders.values()]
 
     def reason(self, cell: Any, row: Mapping[str, Any]) -> str:

@@ -137,6 +137,18 @@ def package_mark(name: str) -> str | None:
     return f"{found.version} {text_hash(chr(10).join(kept))}"
 
 
+@cache
+def installed_version(package: str) -> str | None:
+    """Version of a package, by its name as it is installed or imported; nothing is imported. None: it is absent.
+
+    "" for what can be imported and has no version, such as a folder on the path.
+    """
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return "" if package.isidentifier() and importlib.util.find_spec(package) else None
+
+
 def placed(path: str, folders: Mapping[str, str]) -> str:
     """Where a portable path may be now, given the folders of the plugins by label; "" if its plugin is absent."""
     if path.startswith("<>/"):

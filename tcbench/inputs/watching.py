@@ -75,7 +75,7 @@ def begin() -> Recorder:
     global _RECORDER, _HOOKED
     if _RECORDER is None:
         for folder in [f for f in sys.path_importer_cache if not (f + os.sep).startswith(INSTALLED)]:
-            del sys.path_importer_cache[folder]  # its modules are read as they are written now (`plugin_files`)
+            del sys.path_importer_cache[folder]  # its modules are read as they are written now (`loading.files`)
         _RECORDER = Recorder()
         _stand_in_for_all(_RECORDER)
         sys.meta_path.insert(0, _RECORDER)

@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .. import plugin_loading, plugins
+from .. import plugins
 from ..chart import Chart, Panel, Row, Series, sheet_of
 from ..engine.child import ask
 from ..errors import TcbenchError, calling
+from ..loading.registry import are_foreign
 from ..store.store import Store
 from ..store.tables import read_tables
 from ..studies.columns import column
@@ -39,7 +40,7 @@ def page_charts(folder: Path, tables: Mapping[str, Any], declared: Mapping[str, 
     problems : sentences on charts of plugins that cannot be drawn are appended.
     """
     found = panels_of(own_kinds().values(), tables, declared, problems)
-    if not plugin_loading.are_foreign(plugins.plugin_folders()):
+    if not are_foreign(plugins.plugin_folders()):
         return found
     if not plugins.waiting_to_be_imported():
         return found | panels_of(plugins.registry().charts.values(), tables, declared, problems)

@@ -333,11 +333,8 @@ def traced(flow: Flow, system: System, y0: State, d: Any, h: Symbol, further: li
     y1, *stages = (y0 + d[k : k + n] for k in range(0, len(d), n))  # with the names that y0 has
     result = np.asarray(called(flow, [y0, y1, h, system, *([stages] if stages else []), *further]), dtype=object)
     if result.size != len(d):
-        given = (
-            "nothing (is `return` missing?)"
-            if result.shape == () and result.item() is None
-            else f"{result.size} numbers"
-        )
+        missing = result.shape == () and result.item() is None
+        given = "nothing (is `return` missing?)" if missing else f"{result.size} numbers"
         raise TraceError(
             f"The residual {flow.residual.__name__!r} returned {given}; a state of {system.name!r} "
             f"has {n}{f' and there are {len(stages)} stages' if stages else ''}, so it must return {len(d)}."

@@ -9,10 +9,10 @@ import sys
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from functools import lru_cache
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+from ..inputs.marks import installed_version
 from .cores import usable_cores
 
 # a new version of these may change digits, so it changes keys
@@ -36,7 +36,7 @@ def provenance(command: Sequence[str] | None = None, packages: Sequence[str] = (
     command : the command line; `sys.argv` by default. The home directory in it becomes `~`.
     """
     return {
-        "tcbench": package_version("tcbench"),
+        "tcbench": installed_version("tcbench") or None,
         "git": git_state(Path(__file__).parent),
         "python": platform.python_version(),
         "implementation": platform.python_implementation(),
@@ -57,18 +57,9 @@ def utc_now() -> str:
     return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
-def package_version(name: str) -> str | None:
-    """The installed version of a distribution, None when it is not installed."""
-    try:
-        return version(name)
-    except PackageNotFoundError:
-        return None
-
-
 def versions(names: Iterable[str] = NUMERICAL_PACKAGES) -> dict[str, str]:
     """Installed versions by name, read from package metadata; absent packages are left out."""
-    found = {name: package_version(name) for name in names}
-    return {name: text for name, text in found.items() if text is not None}
+    return {name: text for name in names if (text := installed_version(name))}
 
 
 @lru_cache(maxsize=1)

@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from dataclasses import replace as dataclass_replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -148,8 +148,7 @@ class Scenario:
     @property
     def model(self) -> System:
         """The system with this scenario's constants."""
-        model: System = self._cache["model"]
-        return model
+        return cast(System, self._cache["model"])
 
     def current(self) -> Scenario:
         """This scenario; made anew where the formulas of its system have changed since it was made (in a notebook)."""
@@ -160,8 +159,7 @@ class Scenario:
         """Initial state, shape (n,)."""
         if "z0" not in self._cache:
             self._cache["z0"] = self._start()
-        z0: NDArray[np.float64] = self._cache["z0"]
-        return z0
+        return cast("NDArray[np.float64]", self._cache["z0"])
 
     @property
     def initial_exergy(self) -> float:

@@ -124,9 +124,8 @@ class System(OverSpaces):
                 raise TcbenchError(f"System {self.name!r} needs a value for the constant {name!r}.")
             setattr(self, name, checked_constant(self, name, shape, values[name]))
         self.formulas = formulas_hash(type(self))
-        self.zeros = tuple(
-            (n, int(i)) for n in self.constants for i in np.flatnonzero(np.ravel(getattr(self, n)) == 0.0)
-        )
+        given = {name: np.ravel(getattr(self, name)) for name in self.constants}
+        self.zeros = tuple((name, int(i)) for name, x in given.items() for i in np.flatnonzero(x == 0.0))
 
     # ---- written by the author -------------------------------------------------------------------------
 

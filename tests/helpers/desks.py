@@ -7,11 +7,12 @@ import textwrap
 from unittest.mock import patch
 
 import tcbench
-from tcbench import plugin_files, plugins
+from tcbench import plugins
 from tcbench.engine.child import given
 from tcbench.engine.planning import plan_job
 from tcbench.engine.reuse import Reuse
 from tcbench.inputs import watching
+from tcbench.loading import files
 from tcbench.store.rows import Rows
 
 HEAD = """
@@ -37,7 +38,7 @@ def forget(folder):
     """As in a process of its own: nothing of the folder has been imported."""
     watching.end()
     plugins.forget()
-    plugin_files.forget_helpers()
+    files.forget_helpers()
     for name, module in list(sys.modules.items()):
         places = [getattr(module, "__file__", None) or "", *map(str, getattr(module, "__path__", ()))]
         if any(place.startswith(str(folder)) for place in places):

@@ -23,8 +23,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from .errors import TcbenchError
-from .inputs import marks, watching
+from ..errors import TcbenchError
+from ..inputs import marks, watching
 
 
 def plugin_files(folders: Iterable[Path]) -> list[Path]:

@@ -19,16 +19,16 @@ from typing import Any, cast
 
 import pluggy
 
-from . import cache, hookspecs
-from .chart import Chart
-from .errors import ChangedError, TcbenchError, several, shown, unknown_name
-from .inputs import marks, watching
-from .inputs.undone import Restored, undone
-from .integrator import Integrator
-from .metric import Metric
-from .plugin_files import RefusedError, at_home, forget_helpers, import_file, plugin_files
-from .study import Study
-from .systems.scenario import Scenario, ScenarioFamily
+from .. import cache, hookspecs
+from ..chart import Chart
+from ..errors import ChangedError, TcbenchError, several, shown, unknown_name
+from ..inputs import marks, watching
+from ..inputs.undone import Restored, undone
+from ..integrator import Integrator
+from ..metric import Metric
+from ..study import Study
+from ..systems.scenario import Scenario, ScenarioFamily
+from .files import RefusedError, at_home, forget_helpers, import_file, plugin_files
 
 GROUP = "tcbench"
 HOOKS = [name for name in vars(hookspecs) if name.startswith("tcbench_")]
@@ -134,7 +134,7 @@ def are_foreign(folders: Iterable[Path]) -> bool:
 # -- in a worker: only what a cell needs
 
 
-def index(found: Registry) -> dict[str, Any]:
+def index_of(found: Registry) -> dict[str, Any]:
     """By name which plugin that is not tcbench's own brings it, where those are, and the values of open parameters."""
     foreign = foreign_origins(found)
 
