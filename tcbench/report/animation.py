@@ -17,7 +17,7 @@ import numpy as np
 
 from ..errors import TcbenchError, expect, needs_folder, positive, several, shown, writing
 from ..files import written
-from ..systems.plane import segments
+from ..systems.plane import joints, segments
 from .charts.scales import ROUND_OFF
 from .charts.style import look
 from .charts.theme import STYLE
@@ -266,10 +266,16 @@ def _values(run: Trajectory, law: int, names: Sequence[str]) -> Any:
 
 
 class _View:
-    """One run: its elements as lines, masses at their ends, and the masses' way."""
+    """One run: its elements as lines, masses at their ends, and the masses' way.
+
+    Where a system says points() masses are where lines begin or end, but for the origin, as on the page; else where
+    they end.
+    """
 
     def __init__(self, ax: Any, run: Trajectory, place: Any) -> None:
         self.ax, self.run, self.place = ax, run, place
+        ends = place.reshape(len(place), -1, 2)
+        self.masses_at = ends[:, joints(run.scenario.model, run.z[0])[1] or slice(1, None, 2)]
 
     def frame(self, box: Any, heat: tuple[float, float]) -> None:
         from matplotlib.collections import LineCollection
@@ -297,9 +303,8 @@ class _View:
         self.springs.set_segments(list(here))
         if self.run.temperatures.shape[1] == len(here):  # a line for each temperature, of its colour
             self.springs.set_array(self.run.temperatures[row])
-        ends = here[:, 1]
-        self.masses.set_data(ends[:, 0], ends[:, 1])
-        way = self.place[list(before)][:, :, 1].reshape(-1, 2)
+        self.masses.set_data(*self.masses_at[row].T)
+        way = self.masses_at[list(before)].reshape(-1, 2)
         self.trail.set_data(way[:, 0], way[:, 1])
         over = t > self.run.t[-1] + 1e-12 or (not self.run.ok and row == len(self.run.t) - 1)
         self.text.set_text(

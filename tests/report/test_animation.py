@@ -1,5 +1,6 @@
 """Runs in motion: every frame, side by side, where a failed run stops; and what cannot be drawn says why."""
 
+import dataclasses
 from itertools import pairwise
 
 import numpy as np
@@ -58,6 +59,23 @@ def test_a_system_says_where_its_elements_are(tmp_path):
     assert tcbench.animate(run, tmp_path / "gas.gif", frames=4).exists()
     place = segments(run.scenario.model, run.z[:, :1])
     assert np.array_equal(place[:, 0, 1, 0], run.z[:, 0]) and np.all(place[:, 1, 0, 0] == 2.0)
+    stage = animation._Stage([run], 4)
+    stage.show(3)
+    seen = stage.views[0].masses.get_xydata().tolist()
+    assert seen == [[run.z[stage.rows[0][3], 0], 0], [2, 0]]  # where a line begins, too, as on the page
+
+
+def test_what_lines_only_begin_from_is_marked():
+    """Of four point vortices joined to each other three had a dot."""
+
+    def points(self, z):
+        return [[(z.q, 1), (z.q, 2)], [(z.q, 1), (3, z.q)]]
+
+    one = tcbench.scenarios()["damped_oscillator"]
+    kind = type("Fork", (one.system,), {"points": points})
+    stage = animation._Stage([tcbench.simulate("tc_monolithic", dataclasses.replace(one, system=kind), t_end=1.0)], 4)
+    stage.show(0)
+    assert len(stage.views[0].masses.get_xydata()) == 3
 
 
 def test_what_cannot_be_animated_is_refused_with_a_sentence(runs, tmp_path, monkeypatch):
