@@ -296,9 +296,9 @@ def _told(error: BaseException, path: str) -> dict[str, str]:
     reason = str(error) if isinstance(error, TcbenchError) else f"{type(error).__name__}: {error}"
     if isinstance(error, SyntaxError):
         file = Path(error.filename or path).name
-        reason, where = error.msg, [error.lineno] if file == Path(path).name and error.lineno else []
+        reason, where = error.msg, [error.lineno] if file == Path(path).name else []
         reason += "" if where else f" ({file}, line {error.lineno})"
-    reason = f"{reason.rstrip('.')}, line {where[-1]}" if where else reason
+    reason = f"{reason.rstrip('.')}, line {where[-1]}" if any(where) else reason
     return {"error": traceback.format_exc(), "reason": reason}
 
 
