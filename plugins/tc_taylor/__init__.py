@@ -13,22 +13,11 @@ import numpy as np
 from tcbench import Integrator, family, hookimpl
 from tcbench.compiler.once import Spares
 
-ORDERS = (8, 10, 12, 14, 16, 18, 20)
+from .orders import EFFORT, LEAST, MOST_ELEMENTS, MOST_VARIABLES, ORDERS, is_long
+
 EXACT = {"energy", "entropy", "angular_momentum"}
 SOURCE = "Taylor series (Jorba and Zou 2005), energy corrected by heat (docs/methods-explained.md)"
 SAFETY = 0.05  # what a step may miss, over the tolerance: a run then misses a tenth of what tc_gauss_adaptive does
-LEAST, EFFORT = 5.6, 0.46  # the best order is about LEAST - EFFORT ln(tolerance): measured, docs/methods-explained.md
-
-# Beyond these series are loops: straight-line code is five times as fast, but takes more than ten seconds to compile.
-MOST_ELEMENTS = 32
-MOST_VARIABLES = 100  # of a system that has no elements
-
-
-def is_long(system):
-    """Would the series be too long, written out?"""
-    if system.defines("element_energy"):
-        return system.n_elements > MOST_ELEMENTS
-    return system.size > MOST_VARIABLES
 
 
 def refuses(system):

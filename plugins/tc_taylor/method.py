@@ -18,9 +18,10 @@ from tcbench.solver.foresight import watched
 from tcbench.solver.mending import array_mending_kernels as of_any_large
 from tcbench.solver.mending import mending_kernels as of_any
 
-from . import EFFORT, LEAST, ORDERS, is_long, on_arrays
+from . import on_arrays
 from .mending import array_mending_kernels as of_large_elements
 from .mending import mending_kernels as of_elements
+from .orders import EFFORT, LEAST, ORDERS, is_long
 from .texts import series_kernels
 
 Floats = NDArray[np.float64]

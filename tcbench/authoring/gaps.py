@@ -13,7 +13,7 @@ import numpy as np
 if TYPE_CHECKING:
     from ..integrator import Integrator
     from ..simulation.trajectory import Trajectory
-    from ..solver.flow_kernels import FlowKernels
+    from ..solver.kernels_of_flow import FlowKernels
     from ..systems.scenario import Scenario
 
 STILL = 1e-9  # part of a state's size, by which every method that takes a step has moved it

@@ -13,7 +13,7 @@ import numpy as np
 from .. import plugins
 from ..compiler import derivatives as trace
 from ..simulation.run import simulate
-from ..solver.flow_kernels import called
+from ..solver.formula import called
 from ..solver.quotients import REMEDY, zero_over_zero
 from ..studies.theorems import SEED, admissible_states, energy_defect, entropy_fall
 from ..systems.as_written import place

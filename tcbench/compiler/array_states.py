@@ -2,90 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NoReturn
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
-from numpy.lib.mixins import NDArrayOperatorsMixin
 
-from . import symbols
-from .array_symbols import SAME, ArraySymbol, TableSymbol, boxed, call_function, parts_of, space_of, unknown_way
-from .arrays import join
+from .array_symbols import ArraySymbol, boxed, parts_of, space_of
+from .array_symbols import Blocks as Blocks
 from .sentences import refused
 from .symbols import TAKE, array, lifted
-
-
-class Blocks(NDArrayOperatorsMixin):
-    """Arrays over several spaces, and numbers, one after the other; a state where they have names.
-
-    names: name -> which block. Arithmetic does the same with all of them.
-    """
-
-    __array_priority__ = 200.0
-
-    def __init__(self, blocks: Sequence[Any], names: Mapping[str, int] | None = None) -> None:
-        self.__dict__.update(blocks=list(blocks), names=names or {})
-
-    def __repr__(self) -> str:
-        return f"<{self.names or 'blocks'}: {self.blocks}>"
-
-    def __getattr__(self, name: str) -> Any:
-        try:
-            return self.__dict__["blocks"][self.__dict__["names"][name]]
-        except KeyError:
-            known = ", ".join(self.__dict__.get("names", {})) or "none"
-            raise AttributeError(f"a state has no variable {name!r}; its variables: {known}") from None
-
-    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> Any:
-        if method != "__call__" or options:
-            raise unknown_way(ufunc, method, options)
-        if ufunc is np.matmul:
-            a, b = inputs
-            return sum(((x * y).sum() if np.ndim(x) else x * y for x, y in zip(a.blocks, b.blocks, strict=True)),
-                       symbols.const(0.0))  # fmt: skip
-        if any(np.ndim(x) for x in inputs if not isinstance(x, Blocks)):
-            raise refused("a whole state meets an array", f"Name its blocks: z.q. {SAME}")
-        sides = [x.blocks if isinstance(x, Blocks) else [x] * len(self.blocks) for x in inputs]
-        names = next((x.names for x in inputs if isinstance(x, Blocks) and x.names), None)
-        return Blocks([ufunc(*pair) for pair in zip(*sides, strict=True)], names)
-
-    def __array_function__(self, function: Any, types: Any, args: Any, kwargs: Any) -> Any:
-        if function.__name__ in ("concatenate", "ndim"):
-            return call_function(function, args, kwargs)
-        raise refused(f"np.{function.__name__} is not known for a whole state", "Name its blocks: z.q")
-
-    @property
-    def ndim(self) -> int:
-        return 1
-
-    def sum(self, axis: int | None = None) -> Any:
-        return sum((np.sum(x) for x in self.blocks), symbols.const(0.0))
-
-    def __getitem__(self, key: Any) -> Any:
-        if not isinstance(key, TableSymbol):
-            raise refused("a part of a whole state is asked for by number", "Name its blocks: z.q")
-        return key.of(joined(self.blocks))
-
-    def _no_length(self, *_: Any) -> NoReturn:
-        raise refused("a state has no length while a formula is traced", f"Name its blocks: z.q. {SAME}")
-
-    __len__ = __iter__ = _no_length
-    shape = size = property(_no_length)
-
-    def __array__(self, *_: Any, **__: Any) -> NoReturn:
-        self._no_length()
-
-
-def joined(arrays: Sequence[Any]) -> ArraySymbol:
-    """Several arrays as one, over "a+b"."""
-    if not all(isinstance(x, ArraySymbol) for x in arrays) or len({x.parts.shape for x in arrays}) > 1:
-        raise refused("arrays over spaces are joined with others of as many components each")
-    space = "+".join(x.space for x in arrays)
-    found = np.empty(arrays[0].parts.shape, dtype=object)
-    for k in np.ndindex(*found.shape):
-        found[k] = join([lifted(x.parts[k]) for x in arrays], space)
-    return ArraySymbol(space, found)
-
 
 # both ways ----------------------------------------------------------------------------------------------------------
 

@@ -5,17 +5,18 @@ A formula in plain numpy is run once on these. Whatever does not do the same wit
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NoReturn
 
 import numpy as np
 from numpy.lib.array_utils import normalize_axis_index
 from numpy.lib.mixins import NDArrayOperatorsMixin
 
-from .arrays import Map, Path, collect, count, part, take, total
+from .arrays import Map, Path, collect, count, join, part, take, total
 from .derivatives import maximum, minimum
 from .sentences import refused
-from .symbols import TAKE, Symbol, array, const, in_trace, lifted
+from .symbols import TAKE, array, const, lifted
+from .tables import alone_or_all
 
 SAME = "A formula does the same with all of them: what differs from one to the next is a constant over them"
 
@@ -199,8 +200,6 @@ def _concatenate(arrays: Sequence[Any], axis: int = 0) -> Any:
     inner = _inner_axis(axis, np.ndim(arrays[0]))
     if inner >= 0:
         return ArraySymbol(space_of(arrays), np.concatenate([x.parts for x in arrays], axis=inner))
-    from .array_states import Blocks
-
     found: list[Any] = []
     for x in arrays:
         found += x.blocks if isinstance(x, Blocks) else [array(x) if isinstance(x, list | tuple) else x]
@@ -304,39 +303,73 @@ class TableSymbol:
         return alone_or_all([ArraySymbol(spaces[k], own(found, k)) for k in self.summed])
 
 
-class Table(np.ndarray):
-    """The same as numbers. counts: of the spaces of the target."""
+class Blocks(NDArrayOperatorsMixin):
+    """Arrays over several spaces, and numbers, one after the other; a state where they have names.
 
-    counts: tuple[int, ...]
-    summed: tuple[int, ...]
+    names: name -> which block. Arithmetic does the same with all of them.
+    """
 
-    def __array_finalize__(self, source: Any) -> None:
-        self.counts, self.summed = getattr(source, "counts", ()), getattr(source, "summed", (0,))
+    __array_priority__ = 200.0
 
-    def __reduce__(self) -> Any:
-        return numbered, (np.array(self), self.counts, self.summed)
+    def __init__(self, blocks: Sequence[Any], names: Mapping[str, int] | None = None) -> None:
+        self.__dict__.update(blocks=list(blocks), names=names or {})
 
-    def sums(self, x: Any) -> Any:
-        """As of a `TableSymbol`."""
-        index = np.asarray(self)
-        values = np.broadcast_to(x, index.shape) if np.ndim(x) < index.ndim else np.asarray(x)
-        zero: Any = 0.0
-        if values.dtype == object:  # of symbols; or of units, where nothing has that of the others
-            symbols = any(isinstance(v, Symbol) for v in values.flat) if values.size else in_trace()
-            zero = const(0.0) if symbols else values[(0,) * index.ndim] if values.size else 0.0
-        found = np.full((sum(self.counts), *values.shape[index.ndim :]), zero, values.dtype)
-        np.add.at(found, index, values)
-        of_each = np.split(found, np.cumsum(self.counts)[:-1])
-        return alone_or_all([of_each[k] for k in self.summed])
+    def __repr__(self) -> str:
+        return f"<{self.names or 'blocks'}: {self.blocks}>"
+
+    def __getattr__(self, name: str) -> Any:
+        try:
+            return self.__dict__["blocks"][self.__dict__["names"][name]]
+        except KeyError:
+            known = ", ".join(self.__dict__.get("names", {})) or "none"
+            raise AttributeError(f"a state has no variable {name!r}; its variables: {known}") from None
+
+    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> Any:
+        if method != "__call__" or options:
+            raise unknown_way(ufunc, method, options)
+        if ufunc is np.matmul:
+            a, b = inputs
+            return sum(((x * y).sum() if np.ndim(x) else x * y for x, y in zip(a.blocks, b.blocks, strict=True)),
+                       const(0.0))  # fmt: skip
+        if any(np.ndim(x) for x in inputs if not isinstance(x, Blocks)):
+            raise refused("a whole state meets an array", f"Name its blocks: z.q. {SAME}")
+        sides = [x.blocks if isinstance(x, Blocks) else [x] * len(self.blocks) for x in inputs]
+        names = next((x.names for x in inputs if isinstance(x, Blocks) and x.names), None)
+        return Blocks([ufunc(*pair) for pair in zip(*sides, strict=True)], names)
+
+    def __array_function__(self, function: Any, types: Any, args: Any, kwargs: Any) -> Any:
+        if function.__name__ in ("concatenate", "ndim"):
+            return call_function(function, args, kwargs)
+        raise refused(f"np.{function.__name__} is not known for a whole state", "Name its blocks: z.q")
+
+    @property
+    def ndim(self) -> int:
+        return 1
+
+    def sum(self, axis: int | None = None) -> Any:
+        return sum((np.sum(x) for x in self.blocks), const(0.0))
+
+    def __getitem__(self, key: Any) -> Any:
+        if not isinstance(key, TableSymbol):
+            raise refused("a part of a whole state is asked for by number", "Name its blocks: z.q")
+        return key.of(joined(self.blocks))
+
+    def _no_length(self, *_: Any) -> NoReturn:
+        raise refused("a state has no length while a formula is traced", f"Name its blocks: z.q. {SAME}")
+
+    __len__ = __iter__ = _no_length
+    shape = size = property(_no_length)
+
+    def __array__(self, *_: Any, **__: Any) -> NoReturn:
+        self._no_length()
 
 
-def numbered(values: Any, counts: tuple[int, ...], summed: tuple[int, ...]) -> Table:
-    """A table of these numbers."""
-    found: Table = values.view(Table)
-    found.counts, found.summed = counts, summed
-    return found
-
-
-def alone_or_all(found: list[Any]) -> Any:
-    """What is alone by itself."""
-    return found[0] if len(found) == 1 else tuple(found)
+def joined(arrays: Sequence[Any]) -> ArraySymbol:
+    """Several arrays as one, over "a+b"."""
+    if not all(isinstance(x, ArraySymbol) for x in arrays) or len({x.parts.shape for x in arrays}) > 1:
+        raise refused("arrays over spaces are joined with others of as many components each")
+    space = "+".join(x.space for x in arrays)
+    found = np.empty(arrays[0].parts.shape, dtype=object)
+    for k in np.ndindex(*found.shape):
+        found[k] = join([lifted(x.parts[k]) for x in arrays], space)
+    return ArraySymbol(space, found)

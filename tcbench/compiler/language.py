@@ -59,7 +59,7 @@ def call(kernel: Address, a: Any, b: Any, out: Any) -> None:
     if kernel in PYTHON_KERNELS:
         PYTHON_KERNELS[kernel](a, b, out)
     else:
-        from .library import run_kernel
+        from .calls import run_kernel
 
         run_kernel(kernel, a, b, out)
 

@@ -13,8 +13,8 @@ from ..errors import TcbenchError
 from ..integrator import Integrator
 from ..solver.first_values import least_sizes
 from ..solver.flow import CompiledFlow, Tally
-from ..solver.flow_kernels import FlowKernels
 from ..solver.implicit_step import Rules, make_flows, set_length
+from ..solver.kernels_of_flow import FlowKernels
 from ..systems.scenario import Scenario
 from ..systems.system import System
 from .compiled_loop import LOOPS, Run

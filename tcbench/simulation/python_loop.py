@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from numbers import Integral
@@ -47,26 +47,15 @@ class FirstSteps(NamedTuple):
         return np.ravel((self.z[-2::-1] - self.z[-1]) / dt)
 
 
-def first_steps(integrator: Integrator, scenario: Scenario, dt: float, steps: int) -> FirstSteps:
-    """The first `memory` steps of a multistep method (fewer if the run has fewer), by its starter; else none."""
-    if not integrator.memory:
-        return FirstSteps(scenario.z0[None], np.zeros(0, np.int64), "ok", "")
-    from .. import plugins
-    from .run import simulate
-
-    count = min(integrator.memory, steps)
-    run = simulate(plugins.starter_of(integrator), scenario, dt, count * dt)
-    failure = "" if run.ok else f"the starter {run.integrator.name}: {run.failure}"
-    return FirstSteps(np.ascontiguousarray(run.z), run.newton_iterations, run.status, failure)
-
-
-def run_step(integrator: Integrator, scenario: Scenario, dt: float, steps: int, every: int) -> Trajectory:
+def run_step(
+    integrator: Integrator, scenario: Scenario, dt: float, steps: int, every: int, starter: Callable[[], FirstSteps]
+) -> Trajectory:
     """March a Python step z1 = step(z, h, system); its exceptions and wrong shapes become statuses."""
     model, z = scenario.model, scenario.z0.copy()
     monitor = Monitor(scenario, dt, steps, every)
     carry = np.zeros(len(z))
     begin = time.perf_counter()
-    first = first_steps(integrator, scenario, dt, steps)
+    first = starter()
     reason, done = monitor.add(1, first.z[1:]) if first.steps else (OK, 0)
     past, z, failure = list(first.z[-2::-1]) if integrator.memory else [], first.z[-1], first.failure
     alone, loaded, count = done + 1, begin, 1  # the first step by itself: it may load and compile what the others use

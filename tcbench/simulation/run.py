@@ -17,7 +17,7 @@ from ..systems.refusals import check_invariants
 from ..systems.scenario import Scenario
 from .compiled_loop import LOOPS, Run
 from .prepared import take
-from .python_loop import first_steps, run_adaptive, run_step
+from .python_loop import FirstSteps, run_adaptive, run_step
 from .recorder import assemble, explain
 from .trajectory import Trajectory
 
@@ -114,7 +114,7 @@ def simulate(
     every = max(1, steps) if record_every is None else min(_whole(record_every), max(1, steps))
     check_memory(scenario, dt, steps, every)
     if integrator.kind == "step":
-        return run_step(integrator, scenario, dt, steps, every)
+        return run_step(integrator, scenario, dt, steps, every, lambda: first_steps(integrator, scenario, dt, steps))
     rules = Rules(continuation, residuals, COUNT_WRONG if audit_roots else NO_AUDIT)
     return run_flows(integrator, scenario, dt, steps, every, rules)
 
@@ -157,6 +157,18 @@ def _checked_times(times: Any, t_end: float | None) -> np.ndarray:
     if t_end is not None and t_end != found[-1]:
         raise TcbenchError(f"The run ends at the last of its times, {found[-1]:g}: leave out t_end = {t_end:g}.")
     return found
+
+
+def first_steps(integrator: Integrator, scenario: Scenario, dt: float, steps: int) -> FirstSteps:
+    """The first `memory` steps of a multistep method (fewer if the run has fewer), by its starter; else none."""
+    if not integrator.memory:
+        return FirstSteps(scenario.z0[None], np.zeros(0, np.int64), "ok", "")
+    from .. import plugins
+
+    count = min(integrator.memory, steps)
+    run = simulate(plugins.starter_of(integrator), scenario, dt, count * dt)
+    failure = "" if run.ok else f"the starter {run.integrator.name}: {run.failure}"
+    return FirstSteps(np.ascontiguousarray(run.z), run.newton_iterations, run.status, failure)
 
 
 def run_flows(

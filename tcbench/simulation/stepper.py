@@ -10,8 +10,8 @@ import numpy as np
 
 from ..errors import TcbenchError, expect, shown
 from ..integrator import Integrator
-from ..solver.flow_kernels import FlowKernels
 from ..solver.implicit_step import OK, Rules, compiled_flows
+from ..solver.kernels_of_flow import FlowKernels
 from ..systems.scenario import Scenario
 from ..systems.state import State
 from ..systems.system import System

@@ -25,7 +25,8 @@ from ..errors import TraceError
 from ..integrator import Flow
 from .elimination import ZERO_PIVOT
 from .first_values import measured_by, plain_start, sizes_of
-from .flow_kernels import FlowKernels, called, finite_rows, further, has_roots
+from .formula import called, finite_rows, further, has_roots
+from .kernels_of_flow import FlowKernels
 from .normal_rows import normalised
 from .pattern import Pattern
 from .reduction import reduce_arrays

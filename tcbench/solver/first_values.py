@@ -52,7 +52,7 @@ def measured_by(reduction: Reduction, inverse: Mapping[Symbol, Symbol]) -> dict[
     """1/size of every increment: of an unknown with which an eliminated one moves, by whichever is the stricter.
 
     Momenta of 1e-10 are nothing beside 1, and move masses of 1e-20 as far as others. Where Newton's matrix is small
-    both are corrected (`flow_kernels.FlowKernels`).
+    both are corrected (`kernels_of_flow.FlowKernels`).
     """
     found, x = dict(inverse), reduction.unknowns
     for moved, slopes in zip(reduction.eliminated, _slopes(reduction), strict=True):

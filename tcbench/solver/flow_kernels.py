@@ -11,8 +11,6 @@ The author's formula r(z0, z1, h, system) is run once on symbols. Then, exactly 
 from __future__ import annotations
 
 import functools
-import inspect
-import traceback
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -23,11 +21,8 @@ from numpy.typing import NDArray
 from ..compiler import derivatives as trace
 from ..compiler.derivatives import Symbol, const
 from ..compiler.formula_hash import formula_hash
-from ..compiler.kernels import Kernel, constant_part, fixed_values, kernel
-from ..compiler.language import call
-from ..compiler.library import callback, evaluate
-from ..compiler.once import cached_property
-from ..errors import TcbenchError, TraceError, misnamed, shown
+from ..compiler.kernels import constant_part, fixed_values, kernel
+from ..errors import TraceError, shown
 from ..integrator import Flow, Residual
 from ..systems.element_system import ElementSystem
 from ..systems.state import State
@@ -35,6 +30,8 @@ from ..systems.system import System
 from .elimination import ZERO_PIVOT, factorise
 from .first_values import measured_by, near_start, plain_start, sizes_of
 from .foresight import foreseen
+from .formula import called, finite_rows, further, has_roots
+from .kernels_of_flow import FlowKernels, constants
 from .linear_algebra import STEEPEST
 from .normal_rows import normalised
 from .reduction import Reduction, reduce
@@ -42,80 +39,7 @@ from .reduction import Reduction, reduce
 if TYPE_CHECKING:
     from .pattern import Pattern
 
-ROOTS = {"abs", "sqrt", "pow", "hypot", "asin", "acos", "atan2"}  # finite where their slopes are not
 UNROLLED = 24  # unknowns up to which the elimination is unrolled; beyond, Newton works on a sparse matrix
-
-
-@dataclass(frozen=True)
-class FlowKernels:
-    """Compiled form of a flow for one structure of system.
-
-    setup((h, constants)) -> what depends on the constants only, computed once a run into the tail of w; of an explicit
-        flow h counts as one of them
-    prologue(z0, (h, constants)) -> w = (start[nx], guess[nx], 1/size of the unknowns[nx + ne], hoisted...)
-    opening: the same, then the observables of z0; of the first flow of a step
-    iterate(w, x) -> (Newton correction[nx], its image in the eliminated unknowns[ne], pivots[nx], thetas[npos],
-        size of the correction, NaN where slopes are too steep for one, least of pivots and thetas, factors)
-    polish(w, x) -> (correction with the factors that the last iterate left[nx], its image[ne], its size)
-    finish(w, x) -> z1 - z0
-    full(w, x) -> (residual[nx], Jacobian[nx * nx], d residual/dh[nx])
-
-    Where the Jacobian is sparse, iterate gives (residual[nx], entries[nnz], thetas[npos]), polish (residual[nx],
-    thetas[npos]), and full, which few runs need and which is compiled when it is first called, (d residual/dh[nx]);
-    prologue and opening are one.
-    """
-
-    setup: Kernel
-    prologue: Kernel
-    opening: Kernel
-    iterate: Kernel
-    polish: Kernel
-    finish: Kernel
-    full: Kernel
-    n_unknowns: int
-    n_eliminated: int
-    n_positive: int
-    n_shared: int = 0  # the last of the unknowns, of which nothing is read: what others make them is in its place
-    foresees: bool = False  # see newton.foresee
-    steep: bool = False  # may have slopes that are not finite: see linear_algebra.STEEPEST
-    pattern: Pattern | None = None  # of a sparse Jacobian
-    way: str = ""  # how its steps are solved, in words
-
-    @cached_property
-    def fields(self) -> dict[str, Any]:
-        """Sizes and addresses, as `Flow` names them; everything is compiled when they are first asked for."""
-        found: dict[str, Any] = {
-            "nx": self.n_unknowns, "ne": self.n_eliminated, "npos": self.n_positive, "nd": self.iterate.size,
-            "nw": self.opening.size + max(self.setup.size, self.opening.room), "prologue": self.prologue.address,
-            "iterate": self.iterate.address, "polish": self.polish.address, "finish": self.finish.address,
-            "nfull": max(k.size + k.room for k in (self.full, self.iterate, self.polish)), "nj": self.n_unknowns,
-            "ns": 0, "n_own": 0, "nnz": 0, "foresees": self.foresees, "steep": self.steep,
-        }  # fmt: skip
-        p = self.pattern
-        if p is None:
-            return found | {"full": self.full.address}
-        found |= {"nj": 0, "ns": p.n, "nnz": p.nnz, "nd": 2 * p.n + self.n_positive, "factorise": p.factorise}
-        found |= {"first": p.first, "columns": p.columns, "diagonal": p.diagonal, "order": p.order}
-        found["n_own"] = p.n - self.n_shared
-        sizes = found["nw"], p.n, self.full.size
-        return found | {"full": callback(lambda *arrays: call(self.full.address, *arrays), sizes)}
-
-    @property
-    def linear(self) -> Kernel:
-        """(w, x) -> residual, Jacobian (entries of a sparse one), and more."""
-        return self.iterate if self.pattern else self.full
-
-    def prepared(self, z: Any, c: NDArray[np.float64]) -> NDArray[np.float64]:
-        """w of a step from z. c: see `constants`."""
-        w = np.zeros(self.fields["nw"])
-        w[self.opening.size :][: self.setup.size] = self.setup(c, c)
-        evaluate(self.prologue.address, np.ascontiguousarray(z, dtype=float), c, w)
-        return w
-
-
-def constants(system: System, h: float, least: Any, *further: Any) -> NDArray[np.float64]:
-    """(h, constants, least sizes of the variables, what the flow reads beside them): what kernels are given."""
-    return np.concatenate([[h], system.constant_values[1:], least, *further])
 
 
 def build(flow: Flow, system: System) -> FlowKernels:
@@ -303,28 +227,11 @@ def _size(sizes: Sequence[Symbol], terms: Sequence[Symbol]) -> Symbol:
     return trace.guarded(functools.reduce(trace.maximum, sizes, const(0.0)), terms)
 
 
-def has_roots(rows: Sequence[Symbol]) -> bool:
-    """May these be finite where a slope of theirs is not?"""
-    return any(x.op in ROOTS for x in trace.topological(rows))
-
-
 def _steepness(jacobian: NDArray[np.object_], scales: Sequence[Symbol]) -> Symbol:
     """A number that is infinite where a slope, in units of the unknowns, is too steep: see `STEEPEST`."""
     s = np.array(scales[: len(jacobian)], dtype=object)
     squares = (trace.mul(slope, slope) for slope in (jacobian * (s[:, None] / s)).ravel())
     return trace.mul(const(np.finfo(float).max / STEEPEST**2), functools.reduce(trace.add, squares, const(0.0)))
-
-
-def further(flow: Flow, system: System, z0: Any, h: Symbol, start: Any) -> list[Any]:
-    """The last arguments of a formula: states at the start of the step and the run, or those of earlier steps.
-
-    Of an earlier state what is known is its slope, v = (state - z0)/h of the whole step: as z0 + h v it comes to z0
-    when a solver follows the root from h = 0.
-    """
-    if flow.of_step:
-        return [system.state(z) for z in start]
-    states = (system.state(z0 + h * v) for v in start)
-    return [tuple(system.in_variables(flow.variables, z) for z in states)] if flow.memory else []
 
 
 def traced(flow: Flow, system: System, y0: State, d: Any, h: Symbol, further: list[Any]) -> list[Symbol]:
@@ -348,52 +255,3 @@ def traced(flow: Flow, system: System, y0: State, d: Any, h: Symbol, further: li
                 f"The residual {flow.residual.__name__!r} returned {shown(r)} among its numbers, which is none."
             ) from None
     return finite_rows(flow, rows)
-
-
-def finite_rows(flow: Flow, rows: list[Symbol]) -> list[Symbol]:
-    """The rows; TraceError where there is an infinite number in them."""
-    if any(x.op == "const" and np.isinf(x.value) for x in trace.topological(rows)):
-        raise TraceError(
-            f"{_file(flow.residual)}: the residual {flow.residual.__name__!r} contains an infinite number, so that no "
-            "state solves it. Look for inf, and for numbers that overflow."
-        )
-    return rows
-
-
-_NOT_NUMPY = " Formulas are branch-free numpy on symbols; for what calls LAPACK or SciPy use step= instead of flows=."
-
-
-def called(flow: Flow, arguments: Sequence[Any]) -> Any:
-    """What the author's formula returns for these arguments, symbols among them; one sentence where it cannot."""
-    function = flow.residual
-    try:
-        return function(*arguments)
-    except TcbenchError:
-        raise
-    except Exception as error:  # numpy and Python refuse symbols with errors of their own
-        frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename == _file(function)]
-        if not frames and (wanted := _other_arguments(flow, arguments)):
-            raise TraceError(wanted) from error
-        where = f"{frames[-1].filename}, line {frames[-1].lineno}: " if frames else ""
-        remedy = "" if isinstance(error, AttributeError | NameError) else _NOT_NUMPY
-        raise TraceError(
-            f"{where}the residual {function.__name__!r} cannot be traced: {misnamed(error)}.{remedy}"
-        ) from error
-
-
-def _other_arguments(flow: Flow, arguments: Sequence[Any]) -> str:
-    """A sentence where the author's function takes other arguments than a residual is given, else ""."""
-    try:
-        taken = inspect.signature(flow.residual)
-        taken.bind(*arguments)
-    except ValueError:  # of a builtin
-        return ""
-    except TypeError:
-        further = ["stages"] * bool(flow.stages) + ["start", "first"] * flow.of_step + ["before"] * bool(flow.memory)
-        given = ", ".join(["z0", "z1", "h", "system", *further])
-        return f"{_file(flow.residual)}: the residual {flow.residual.__name__!r} takes ({given}); yours takes {taken}."
-    return ""
-
-
-def _file(function: Residual) -> str:
-    return getattr(getattr(function, "__code__", None), "co_filename", "")

@@ -25,7 +25,7 @@ from ..systems.system import System
 
 if TYPE_CHECKING:
     from ..compiler.records import Lending
-    from .flow_kernels import FlowKernels
+    from .kernels_of_flow import FlowKernels
 
 T = TypeVar("T")
 # to trace and compile, seconds and MB for each number of a state: in loops over the elements, and as a whole, where

@@ -19,7 +19,8 @@ from ..systems.system import System
 from .continuation import COLD_ROOT, FOUND, LOST, UNDETERMINED, arc, detour
 from .first_values import least_sizes
 from .flow import CompiledFlow, Tally
-from .flow_kernels import FlowKernels, build, constants
+from .flow_kernels import build
+from .kernels_of_flow import FlowKernels, constants
 from .newton import ACCEPTED, NEGLIGIBLE, REJECTED, newton, plain_newton, set_step, track
 from .quick_sparse import MADE_IN
 

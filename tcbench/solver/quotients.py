@@ -10,7 +10,7 @@ import numpy as np
 
 from ..integrator import Flow
 from ..systems.system import System
-from .flow_kernels import FlowKernels, constants
+from .kernels_of_flow import FlowKernels, constants
 
 REMEDY = (
     "Write the quotient with tcbench.building_blocks (divided_difference, phi, log1p_ratio), which has its value there"

@@ -18,11 +18,12 @@ from ..compiler import derivatives as trace
 from ..compiler.array_kernels import ArrayKernel, array_kernel
 from ..compiler.array_mesh import Block, Mesh
 from ..compiler.array_states import Blocks, entries, fitted, refilled
-from ..compiler.array_symbols import ArraySymbol, TableSymbol, numbered
+from ..compiler.array_symbols import ArraySymbol, TableSymbol
 from ..compiler.arrays import NUMBER, count, variable
 from ..compiler.kernels import Kernel
 from ..compiler.once import LOCK, cached_property, once
 from ..compiler.symbols import Symbol, const
+from ..compiler.tables import numbered
 from ..errors import TcbenchError
 from . import traced
 from .state import real, shape_of

@@ -11,7 +11,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from random_laws import assert_laws
 from states import admissible_states
-from tcbench_plugins import tc_taylor
 from tcbench_plugins.tc_taylor import lanes, march
 from tcbench_plugins.tc_taylor.march import step_length
 from tcbench_plugins.tc_taylor.method import TaylorMethod, kernels
@@ -99,8 +98,8 @@ def test_on_arrays_it_is_what_it_is_entry_by_entry_and_keeps_every_law(name, mon
     scenario = NETWORKS.get(name) or find_scenario(name)
     times, found, lines = np.linspace(0.0, 0.06, 4), [], set()
     for most in (0, 1000):
-        monkeypatch.setattr(tc_taylor, "MOST_ELEMENTS", most)
-        monkeypatch.setattr(tc_taylor, "MOST_VARIABLES", most)
+        monkeypatch.setattr("tcbench_plugins.tc_taylor.orders.MOST_ELEMENTS", most)
+        monkeypatch.setattr("tcbench_plugins.tc_taylor.orders.MOST_VARIABLES", most)
         fresh = scenario.replace(name=f"{name} {most}")
         method = TaylorMethod(fresh.model, 4)
         found.append(method.adaptive(scenario.z0, times, 1e-6))

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from tcbench_plugins import tc_taylor
 
 import tcbench
 from tcbench import System
@@ -45,7 +44,7 @@ class Quick(Rough):
 @pytest.mark.parametrize("most", [0, 1000])
 def test_steps_end_at_kinks(most, monkeypatch):
     """Errors follow the tolerance, and fixed steps have their order, across fifty turns, nine of them at the start."""
-    monkeypatch.setattr(tc_taylor, "MOST_VARIABLES", most)
+    monkeypatch.setattr("tcbench_plugins.tc_taylor.orders.MOST_VARIABLES", most)
     k = np.arange(9.0)  # as few as are traced on arrays
     start, drag = {"q": np.cos(k), "p": 0 * k, "s": 0.1 * k}, {"drag": 0.2 + 0.1 * k}
     scenario = tcbench.Scenario(f"rough {most}", Rough, drag, initial=start, t_end=10.0, dt=0.1)
@@ -124,7 +123,7 @@ class Cornered(Rough):
 @pytest.mark.parametrize("most", [0, 1000])
 def test_signs_are_those_of_where_a_step_begins(most, monkeypatch):
     """The quotient x/|x| behind a kink, and the series of a root that goes on below 0, led elsewhere with status ok."""
-    monkeypatch.setattr(tc_taylor, "MOST_VARIABLES", most)
+    monkeypatch.setattr("tcbench_plugins.tc_taylor.orders.MOST_VARIABLES", most)
     k = np.arange(9.0)
     start = {"q": 0.5 * np.cos(k) * (k != 1), "p": 0.8 * np.sin(k), "s": 0 * k}
     scenario = tcbench.Scenario(f"cornered {most}", Cornered, {"drag": 0.2 + 0 * k}, initial=start, t_end=3.0, dt=0.05)
@@ -191,7 +190,7 @@ class ByConstant(Pulled):
 @pytest.mark.parametrize(("kind", "most"), [(Pulled, 0), *((x, 1000) for x in (Pulled, ByHypot, ByPower, ByConstant))])
 def test_a_root_that_touches_zero_turns_there(kind, most, beside, monkeypatch):
     """Its series goes on below 0: with status ok points on their way through the origin were wrong by 0.2."""
-    monkeypatch.setattr(tc_taylor, "MOST_VARIABLES", most)
+    monkeypatch.setattr("tcbench_plugins.tc_taylor.orders.MOST_VARIABLES", most)
     along, across = np.array([[1.0, 0.0], [0.6, 0.8]]), np.array([[0.0, 1.0], [-0.8, 0.6]])
     start = {"q": beside * across - along, "p": along, "s": 0.0}
     scenario = tcbench.Scenario(

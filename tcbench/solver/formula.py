@@ -1,0 +1,84 @@
+"""The author's formula of a flow, called on symbols: its further arguments, and sentences on what cannot be traced."""
+
+from __future__ import annotations
+
+import inspect
+import traceback
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ..compiler import derivatives as trace
+from ..compiler.derivatives import Symbol
+from ..errors import TcbenchError, TraceError, misnamed
+from ..integrator import Flow, Residual
+from ..systems.system import System
+
+ROOTS = {"abs", "sqrt", "pow", "hypot", "asin", "acos", "atan2"}  # finite where their slopes are not
+
+
+def further(flow: Flow, system: System, z0: Any, h: Symbol, start: Any) -> list[Any]:
+    """The last arguments of a formula: states at the start of the step and the run, or those of earlier steps.
+
+    Of an earlier state what is known is its slope, v = (state - z0)/h of the whole step: as z0 + h v it comes to z0
+    when a solver follows the root from h = 0.
+    """
+    if flow.of_step:
+        return [system.state(z) for z in start]
+    states = (system.state(z0 + h * v) for v in start)
+    return [tuple(system.in_variables(flow.variables, z) for z in states)] if flow.memory else []
+
+
+def has_roots(rows: Sequence[Symbol]) -> bool:
+    """May these be finite where a slope of theirs is not?"""
+    return any(x.op in ROOTS for x in trace.topological(rows))
+
+
+def finite_rows(flow: Flow, rows: list[Symbol]) -> list[Symbol]:
+    """The rows; TraceError where there is an infinite number in them."""
+    if any(x.op == "const" and np.isinf(x.value) for x in trace.topological(rows)):
+        raise TraceError(
+            f"{_file(flow.residual)}: the residual {flow.residual.__name__!r} contains an infinite number, so that no "
+            "state solves it. Look for inf, and for numbers that overflow."
+        )
+    return rows
+
+
+_NOT_NUMPY = " Formulas are branch-free numpy on symbols; for what calls LAPACK or SciPy use step= instead of flows=."
+
+
+def called(flow: Flow, arguments: Sequence[Any]) -> Any:
+    """What the author's formula returns for these arguments, symbols among them; one sentence where it cannot."""
+    function = flow.residual
+    try:
+        return function(*arguments)
+    except TcbenchError:
+        raise
+    except Exception as error:  # numpy and Python refuse symbols with errors of their own
+        frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename == _file(function)]
+        if not frames and (wanted := _other_arguments(flow, arguments)):
+            raise TraceError(wanted) from error
+        where = f"{frames[-1].filename}, line {frames[-1].lineno}: " if frames else ""
+        remedy = "" if isinstance(error, AttributeError | NameError) else _NOT_NUMPY
+        raise TraceError(
+            f"{where}the residual {function.__name__!r} cannot be traced: {misnamed(error)}.{remedy}"
+        ) from error
+
+
+def _other_arguments(flow: Flow, arguments: Sequence[Any]) -> str:
+    """A sentence where the author's function takes other arguments than a residual is given, else ""."""
+    try:
+        taken = inspect.signature(flow.residual)
+        taken.bind(*arguments)
+    except ValueError:  # of a builtin
+        return ""
+    except TypeError:
+        further = ["stages"] * bool(flow.stages) + ["start", "first"] * flow.of_step + ["before"] * bool(flow.memory)
+        given = ", ".join(["z0", "z1", "h", "system", *further])
+        return f"{_file(flow.residual)}: the residual {flow.residual.__name__!r} takes ({given}); yours takes {taken}."
+    return ""
+
+
+def _file(function: Residual) -> str:
+    return getattr(getattr(function, "__code__", None), "co_filename", "")
