@@ -22,7 +22,7 @@ HEAD = object.__basicsize__  # of CPython's objects; an array's data pointer fol
 WHOLE = ("int", "bool", "Address")
 NUMBERS = ("float", *WHOLE)
 MOST_PLANS = 5000
-UNTOLD = 100  # numbers of a state up to which a run is over before anyone could be told of it, as all of small systems
+UNTOLD = 300  # numbers of a state up to which no run is told of, as on small systems: steps take some microseconds
 R = TypeVar("R", bound="Record")
 RANKS = {"Floats": 1, "Matrix": 2, "Cube": 3, "Ints": 1, "ShortInts": 1, "ShortFloats": 1}
 DOUBLE: np.dtype[Any] = np.dtype(np.float64)

@@ -160,7 +160,7 @@ def test_an_interrupt_ends_a_compiled_loop_that_chooses_its_steps(monkeypatch):
 @pytest.mark.parametrize("method", ["tc_gauss_adaptive", "tc_taylor", "tc_auto"])
 def test_a_run_of_few_numbers_needs_no_thread(method, monkeypatch):
     """Starting one takes as long as such a run."""
-    few, many = net(3, 3), net(6, 4)
+    few, many = net(3, 3), net(9, 8)
     assert few.model.large and few.model.size <= records.UNTOLD < many.model.size
     monkeypatch.setattr(foresight, "ThreadPoolExecutor", lambda *_: pytest.fail("a thread"))
     assert tcbench.simulate(method, few, tolerance=1e-5, t_end=1.0).ok
