@@ -93,8 +93,8 @@ def orders(integrator: Integrator, scenario: Scenario, points: Sequence[Row]) ->
             LedgerRow(
                 f"{integrator.name}, {scenario.name}: {name} is of order {declared}", AUTHORS, str(declared),
                 f"{slope:.3f}; errors {values[0]:.3e} at h = {STEPS[0]:g} to {values[-1]:.3e} at {STEPS[-1]:.3g}",
-                abs(slope - declared) <= FOUND_ORDER, "Slope over ten steps 0.1/1.3^k of root mean squares over a run.",
-                command(integrator, scenario, "literature"),
+                abs(slope - declared) <= FOUND_ORDER, command(integrator, scenario, "literature"),
+                "Slope over ten steps 0.1/1.3^k of root mean squares over a run.",
             )
         )  # fmt: skip
     if integrator.name == "mybaby":
@@ -111,8 +111,8 @@ def _beside_ybaby(integrator: Integrator, scenario: Scenario, points: Sequence[R
             LedgerRow(
                 f"{integrator.name}, {scenario.name}: {name} is nearer than by ybaby at every step", ADDED, "ratio > 1",
                 f"{min(ratios):.2f} to {max(ratios):.2f} times", min(ratios) > 1,
-                f"The error of {name} by ybaby over that by mybaby, at ten steps.",
                 command(integrator, scenario, "literature"),
+                f"The error of {name} by ybaby over that by mybaby, at ten steps.",
             )
         )  # fmt: skip
     return rows
@@ -133,8 +133,8 @@ def area(integrator: Integrator, scenario: Scenario) -> LedgerRow:
     return LedgerRow(
         f"{integrator.name}, {scenario.name}: the conformal symplectic structure is kept", AUTHORS,
         "the area of (q, p) shrinks by one factor", f"spread {spread:.1e}; factor exp(-{decay:.6f} friction h)",
-        spread <= EXACT, "Determinants of the step at three states; friction is linear in p.",
-        command(integrator, scenario, "literature"),
+        spread <= EXACT, command(integrator, scenario, "literature"),
+        "Determinants of the step at three states; friction is linear in p.",
     )  # fmt: skip
 
 

@@ -38,14 +38,6 @@ class Entry:
     measure: Callable[[Integrator, Scenario], list[LedgerRow]]
 
 
-def _finding(
-    title: str, section: str, expected: str, measured: str, agrees: Any, command: str, *, yes: str, no: str,
-    impossible: Any = False,
-) -> LedgerRow:  # fmt: skip
-    agrees = bool(agrees)
-    return LedgerRow(title, section, expected, measured, agrees, yes if agrees else no, command, bool(impossible))
-
-
 def _simulate(integrator: Integrator, scenario: Scenario, **options: Any) -> tuple[Trajectory, str]:
     """A run, and the command that repeats it."""
     words = f"tcbench simulate {shell_name(integrator)} {scenario.name} --dt {options.get('dt', scenario.dt):g}"
@@ -75,7 +67,7 @@ def conservation(integrator: Integrator, scenario: Scenario) -> list[LedgerRow]:
         if name in integrator.claims:
             worst = measure(run)
             rows.append(
-                _finding(
+                LedgerRow(
                     f"{integrator.name}, {scenario.name}: {words}", "section 6", expected,
                     f"{worst:.1e}; {_outcome(run)}", run.ok and worst <= CONSERVED, command,
                     yes=f"Over {run.steps} steps of {run.dt:g} it is kept to round-off (limit {CONSERVED:.0e}).",
@@ -85,7 +77,7 @@ def conservation(integrator: Integrator, scenario: Scenario) -> list[LedgerRow]:
     if {"energy", "entropy"} <= integrator.claims:
         rise = theorems.lyapunov_rise(run)
         rows.append(
-            _finding(
+            LedgerRow(
                 f"{integrator.name}, {scenario.name}: E - theta_ref S never rises, step by step", "Theorem 6, eq. (37)",
                 "rise = 0", f"{rise:.1e}; {_outcome(run)}", run.ok and rise <= theorems.SOLVED, command,
                 yes=f"None of {run.steps} steps raises it beyond round-off ({theorems.SOLVED:.0e}).",
@@ -105,7 +97,7 @@ def order(integrator: Integrator, scenario: Scenario) -> list[LedgerRow]:
     agrees = all(abs(value - declared) <= FOUND_ORDER for value in found.values())
     values = ", ".join(f"{name} {value:.3f}" for name, value in found.items())
     return [
-        _finding(
+        LedgerRow(
             f"{integrator.name} is of order {declared}", "section 6", f"{declared} in q, p and s", values, agrees,
             theorems.command(integrator, scenario, "convergence"),
             yes=f"Slopes over {fits['all']['points_used']} points against certified states agree.",
@@ -122,7 +114,7 @@ def large_step(integrator: Integrator, scenario: Scenario) -> list[LedgerRow]:
     plain = {h: _simulate(integrator, scenario, dt=h, continuation=False)[0].ok for h in (0.5, 0.62, 2.0, 2.5, 3.0)}
     words = ", ".join(f"{'runs' if ok else 'fails'} at {h:g}" for h, ok in plain.items())
     return [
-        _finding(
+        LedgerRow(
             f"{integrator.name} runs example 1 with h = 2", "section 6, example 1", "the run completes",
             f"{_outcome(run)}; plain Newton from z0 {words}", run.ok, command,
             yes="A TC step has a root for every h; whether an iteration finds it is a property of the iteration.",
@@ -135,7 +127,7 @@ def temperature_blows_up(integrator: Integrator, scenario: Scenario) -> list[Led
     run, command = _simulate(integrator, scenario, dt=0.3)
     agrees = not run.ok and abs(run.t[-1] - 12) <= IN_TIME * 12
     return [
-        _finding(
+        LedgerRow(
             f"{integrator.name} blows up at t = 12 in example 1, h = 0.3", "section 6, example 1", "blow-up at t = 12",
             f"{_outcome(run)}; E {run.energy[0]:.1f} -> {run.energy[-1]:.1f}", agrees, command,
             yes=run.failure,
@@ -165,14 +157,14 @@ def entropy_rule_oscillates(integrator: Integrator, scenario: Scenario) -> list[
     swing, turns, falls = _swing(run.energy), _turns(run.energy), run.summary.second_law_violations
     least = least_production(scenario)
     return [
-        _finding(
+        LedgerRow(
             f"{integrator.name}: E oscillates in example 1", "section 6, example 1", "visible oscillation of E",
             f"E between {run.energy.min():.2f} and {run.energy.max():.2f}, visible turns: {turns}",
             swing > VISIBLE * scenario.initial_exergy and turns >= 1, command,
             yes="The midpoint rule keeps no discrete energy: E goes, comes back and settles elsewhere.",
             no="E goes nowhere that it comes back from.",
         ),
-        _finding(
+        LedgerRow(
             f"{integrator.name}: S oscillates in example 1", "section 6, example 1", "S falls at times",
             f"S falls in {falls} of {run.steps} steps, least increment {run.summary.entropy_increment_min:.1e}",
             falls > 0, command, yes=f"S falls in {falls} steps.", no=_cannot_fall(least), impossible=least >= 0,
@@ -198,7 +190,7 @@ def entropy_rule_fails(integrator: Integrator, scenario: Scenario) -> list[Ledge
     plain, _ = _simulate(integrator, scenario, dt=0.5, continuation=False)
     found_by = "Newton's iteration from the old state" if plain.ok else "continuation in h"
     return [
-        _finding(
+        LedgerRow(
             f"{integrator.name} fails after 5 steps of h = 0.5 in example 1", "section 6, example 1",
             "no solution after 5 steps", f"{_outcome(run)}; plain Newton from z0: {_outcome(plain)}",
             not run.ok and 4 <= run.steps <= 6, command,
@@ -215,7 +207,7 @@ def temperature_rule_fails(integrator: Integrator, scenario: Scenario) -> list[L
     plain, _ = _simulate(integrator, scenario, dt=0.3, continuation=False)
     agrees = any(not r.ok and 26 <= r.steps <= 30 for r in (run, plain))
     return [
-        _finding(
+        LedgerRow(
             f"{integrator.name} fails after 28 steps in example 2", "section 6, example 2", "failure after 28 steps",
             f"{_outcome(run)}; plain Newton from z0: {_outcome(plain)}", agrees, command,
             yes=plain.failure,
@@ -229,7 +221,7 @@ def entropy_rule_decays(integrator: Integrator, scenario: Scenario) -> list[Ledg
     least, falls = least_production(scenario), run.summary.second_law_violations
     moved, coldest = run.energy[-1] - run.energy[0], float(run.temperatures.min())
     return [
-        _finding(
+        LedgerRow(
             f"{integrator.name}: E falls and temperatures tend to zero in example 2", "section 6, example 2",
             "E falls without end, theta near 0",
             f"E moves by {_swing(run.energy):.2g} of {run.energy[0]:.0f}, least temperature {coldest:.0f}",
@@ -237,7 +229,7 @@ def entropy_rule_decays(integrator: Integrator, scenario: Scenario) -> list[Ledg
             yes=run.failure or "Both are seen.",
             no=f"With every step solved, E ends {moved:+.2g} from its start and no element cools below {coldest:.0f}.",
         ),
-        _finding(
+        LedgerRow(
             f"{integrator.name}: S falls in example 2", "section 6, example 2", "S falls",
             f"S {run.entropy[0]:.4f} -> {run.entropy[-1]:.4f}, falls in {falls} of {run.steps} steps",
             falls > 0, command, yes=f"S falls in {falls} steps.", no=_cannot_fall(least), impossible=least >= 0,
@@ -256,7 +248,7 @@ def reaches_equilibrium(integrator: Integrator, scenario: Scenario) -> list[Ledg
         measured = f"entropy gap {found['entropy_gap']:.1e}, strain gap {found['strain_gap']:.1e}"
     where = "example 2" if found["equilibrium"] == "distant" else "qualitative"
     return [
-        _finding(
+        LedgerRow(
             f"{integrator.name}: a relative equilibrium is reached by t = {scenario.t_end:g} ({scenario.name})",
             f"section 6, {where}", "strains settle", measured, found["equilibrium"] == "approached",
             theorems.command(integrator, scenario, "equilibrium"),
@@ -274,7 +266,7 @@ def stiff(integrator: Integrator, scenario: Scenario) -> list[LedgerRow]:
     if "energy" in integrator.claims:
         worst = energy_defect(run)
         return [
-            _finding(
+            LedgerRow(
                 f"{integrator.name} is stable where midpoint rules are not ({scenario.name})", "section 6, qualitative",
                 "E exact to the end", f"{worst:.1e}; {_outcome(run)}", run.ok and worst <= CONSERVED, command,
                 yes="Energy and the second law together bound every state.", no=run.failure or "Energy is lost.",
@@ -283,7 +275,7 @@ def stiff(integrator: Integrator, scenario: Scenario) -> list[LedgerRow]:
     unbounded, _ = _simulate(integrator, scenario.replace(blowup_factor=1e12), dt=0.3)
     gain = (unbounded.energy.max() - run.energy[0]) / scenario.initial_exergy
     return [
-        _finding(
+        LedgerRow(
             f"{integrator.name} blows up ({scenario.name})", "section 6, qualitative",
             "|E - E0| exceeds V0",
             f"{_outcome(run)}; left to go on, E rises from {run.energy[0]:.0f} up to {unbounded.energy.max():.0f} (a "

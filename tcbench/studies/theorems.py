@@ -49,23 +49,30 @@ Row = Callable[[str, str, str, float, float, str], "LedgerRow"]
 
 @dataclass(frozen=True)
 class LedgerRow:
-    """One row of the ledger. `agrees`: the measurement agrees with the claim. `impossible`: the printed equations,
-    evaluated, exclude the claim. `why`: one sentence. `command`: repeats the measurement."""
+    """One row of the ledger. `agrees`: the measurement agrees with the claim. `command`: repeats the measurement.
+    `yes`, `no`: a sentence that says why, where it agrees and where not (the same if there is one only). `impossible`:
+    the printed equations, evaluated, exclude the claim."""
 
     claim: str
     section: str
     expected: str
     measured: str
-    agrees: bool
-    why: str
+    agrees: Any
     command: str
-    impossible: bool = False
+    yes: str
+    no: str = ""
+    impossible: Any = False
 
     @property
     def verdict(self) -> str:
         if self.agrees:
             return HOLDS
         return CONTRADICTS if self.impossible else NOT_WITH_DATA
+
+    @property
+    def why(self) -> str:
+        """The sentence that goes with the verdict."""
+        return self.yes if self.agrees else self.no or self.yes
 
     def as_dict(self) -> dict[str, Any]:
         return {
@@ -142,13 +149,12 @@ def operators(integrator: Integrator, scenario: Scenario) -> list[LedgerRow]:
 
     def row(claim: str, section: str, expected: str, worst: float, limit: float, why: str) -> LedgerRow:
         failed = f"The condition is violated by {worst:.1e}, beyond round-off ({limit:.0e})."
-        agrees = bool(worst <= limit)
         measured = f"{worst:.1e} on {STATES} random admissible pairs of states"
-        return LedgerRow(claim, section, expected, measured, agrees, why if agrees else failed, repeat)
+        return LedgerRow(claim, section, expected, measured, worst <= limit, repeat, why, failed)
 
     def owed(*told: Any) -> LedgerRow:
         found = row(*told)
-        return found if found.agrees else replace(found, why=f"{found.why} {told[-1]}")
+        return replace(found, no=f"{found.no} {told[-1]}")
 
     rows = _gradient_rows(row, scenario, sample, rng)
     if not isinstance(scenario.model, ElementSystem):
@@ -256,17 +262,15 @@ def steps(integrator: Integrator, scenario: Scenario) -> list[LedgerRow]:
 
     def row(claim: str, section: str, expected: str, measure: Callable[[Trajectory], float], limit: float) -> LedgerRow:
         worst = max((measure(run) for run in good), default=float("nan"))
-        agrees = bool(enough and worst <= limit)
         measured = f"{worst:.1e} on {len(good)} random steps"
         measured += f" ({len(runs) - len(good)} of {len(runs)} were not solved)" if len(good) < len(runs) else ""
-        if agrees:
-            why = f"No step with dt from {DT_RANGE[0]:g} to {DT_RANGE[1]:g} violates it beyond round-off ({limit:.0e})."
-        elif not enough:
-            why = "Too few of the random steps were solved for a verdict."
-        else:
-            why = f"A random step violates it by {worst:.1e}, which is no round-off."
-        title = f"{integrator.name}: {claim}"
-        return LedgerRow(title, section, expected, measured, agrees, why, command(integrator, scenario))
+        return LedgerRow(
+            f"{integrator.name}: {claim}", section, expected, measured, enough and worst <= limit,
+            command(integrator, scenario),
+            f"No step with dt from {DT_RANGE[0]:g} to {DT_RANGE[1]:g} violates it beyond round-off ({limit:.0e}).",
+            f"A random step violates it by {worst:.1e}, which is no round-off."
+            if enough else "Too few of the random steps were solved for a verdict.",
+        )  # fmt: skip
 
     rows = []
     if "energy" in claims:

@@ -89,7 +89,7 @@ class Linear:
         self.pattern = Pattern(n, *np.nonzero(np.ones_like(A)))
         for name in ("first", "columns", "diagonal", "order", "factorise", "nnz"):
             setattr(self, name, getattr(self.pattern, name))
-        self.ns, self.nx, self.steep = n, n, False
+        self.ns, self.nx, self.n_own, self.steep = n, n, n, False
         self.factors, self.place = np.zeros(self.nnz), np.zeros(n, np.int64)
         self.krylov, self.solved, self.d = np.zeros((8, n)), np.zeros(2 * n + 1), np.zeros(n)
 

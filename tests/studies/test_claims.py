@@ -90,7 +90,7 @@ def test_every_command_runs(table):
 
 @given(agrees=st.booleans(), impossible=st.booleans())
 def test_the_verdict_is_a_function_of_the_measurement(agrees, impossible):
-    finding = LedgerRow("", "", "", "", agrees, "", "", impossible)
+    finding = LedgerRow("", "", "", "", agrees, "", "", impossible=impossible)
     assert finding.verdict == (HOLDS if agrees else CONTRADICTS if impossible else NOT_WITH_DATA)
 
 
