@@ -24,7 +24,7 @@ from typing import Any
 
 from ..errors import ChangedError, MachineError
 from ..inputs import watching
-from ..store.encoding import encode_values
+from ..store.encoding import json_text
 
 DIED = "Fatal Python error"  # what faulthandler writes first
 MESSAGE_LIMIT = 2000  # characters kept of an exception's message, and of the ends of its traceback and of the output
@@ -152,7 +152,7 @@ def read_tail(path: Path) -> str:
 
 
 def _encode(row: Mapping[str, Any]) -> str:
-    text = json.dumps(encode_values({"row": dict(row)}), allow_nan=False)
+    text = json_text({"row": dict(row)})
     if len(text) > ROW_LIMIT:
         raise ValueError(f"the row has {len(text) / 2**20:.0f} MiB of JSON; the limit is {ROW_LIMIT // 2**20} MiB")
     return text

@@ -35,20 +35,21 @@ def plain(value: Any) -> Any:
     raise TypeError(f"{type(value).__name__} is not a JSON value")
 
 
-def encode_values(values: Mapping[str, Any]) -> dict[str, Any]:
-    """JSON-able copy of `values`: NumPy made plain, NaN and infinities None and listed under "nonfinite".
+def json_text(values: Mapping[str, Any]) -> str:
+    """Strict JSON text of `values`: NumPy made plain, NaN and infinities null and listed under "nonfinite".
 
     Halves of surrogate pairs, which no file can hold, are written as \\udXXX.
     """
     try:  # most rows hold finite numbers only, and the C encoder finds out fastest
-        if not SURROGATE.search(json.dumps(values, allow_nan=False)):
-            return dict(values) | {"nonfinite": {}}
+        text = json.dumps({**values, "nonfinite": {}}, allow_nan=False, separators=(",", ":"))
+        if not SURROGATE.search(text):
+            return text
     except (ValueError, TypeError):
         pass
     nonfinite: dict[str, str] = {}
     data = writable(json.loads(json.dumps(values, default=plain)))
     found: dict[str, Any] = _without_nonfinite(data, "", nonfinite)
-    return found | {"nonfinite": nonfinite}
+    return json.dumps(found | {"nonfinite": nonfinite}, allow_nan=False, separators=(",", ":"))
 
 
 def writable(value: Any) -> Any:
@@ -90,8 +91,8 @@ def decode_line(piece: bytes | str) -> dict[str, Any]:
 
 
 def encode_line(key: str, row: Mapping[str, Any], cell: Mapping[str, Any] | None, provenance: str) -> bytes:
-    line = encode_values({"key": key, "cell": dict(cell or {}), "row": dict(row), "provenance": provenance})
-    return json.dumps(line, allow_nan=False, separators=(",", ":")).encode() + b"\n"
+    line = {"key": key, "cell": dict(cell or {}), "row": dict(row), "provenance": provenance}
+    return json_text(line).encode() + b"\n"
 
 
 def _without_nonfinite(value: Any, pointer: str, nonfinite: dict[str, str]) -> Any:
