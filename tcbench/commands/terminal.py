@@ -152,18 +152,9 @@ MOST_VALUES = 3  # parameters of a family of scenarios that a list names
 MOST_OWN = 8  # columns of the conservation table that systems and plugins bring; of a sweep they are its constants
 WHOLE = 40  # rows of the conservation table that a run prints in full; of more, the middle steps
 LONG = (
-    "convergence_points",
-    "stability_points",
-    "equilibrium",
-    "work_precision",
-    "series",
-    "opening",
-    "ensemble_accuracy",
-    "ensemble_points",
-    "ensemble_scenarios",
-    "ensemble_seeds",
-    "performance_profile",
-)  # shown when asked for by name
+    "convergence_points", "stability_points", "equilibrium", "work_precision", "series", "opening",
+    "ensemble_accuracy", "ensemble_points", "ensemble_scenarios", "ensemble_seeds", "performance_profile",
+)  # shown when asked for by name # fmt: skip
 
 
 def print_tables(tables: Mapping[str, DataFrame]) -> None:

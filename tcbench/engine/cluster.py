@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 from ..errors import TcbenchError
 from ..store.cells import Cell
 from ..store.encoding import canonical_json, decode_line, encode_line
-from ..store.rows import Rows
+from ..store.rows import Rows, Values
 from ..store.store import Store
 from .local import Event, Ledger, Summary, plan, run_cells
 from .worker_slot import crash_row
@@ -106,9 +106,7 @@ def run_share(job: str) -> tuple[str, list[str]]:
     lines: list[str] = []
 
     class Lines(Rows):
-        def append(
-            self, key: str, row: Mapping[str, Any], cell: Mapping[str, Any] | None = None, provenance: str | None = None
-        ) -> None:
+        def append(self, key: str, row: Values, cell: Values | None = None, provenance: str | None = None) -> None:
             lines.append(encode_line(key, dict(row) | {"worker_host_cpu": cpu}, cell, "").decode())
 
     run_cells((Cell(**cell) for cell in data["cells"]), data["measure"], data["context"], Lines(), **data["limits"])

@@ -64,11 +64,11 @@ class Results:
     tables: Mapping[str, DataFrame]
     output: Path
     summary: Summary
-    left_out: Sequence[str] = ()  # sentences: why methods that were asked for are not in a study
-    statuses: Mapping[str, int] = field(default_factory=dict)  # how its cells ended, those finished before included
-    problems: Sequence[str] = ()  # sentences: lines that could not be read, rows of older formulas
-    every: Mapping[str, DataFrame] = field(default_factory=dict)  # tables of all runs into this folder
-    notes: Sequence[str] = ()  # sentences: absent peers, steps that do not apply, plugins that were not loaded
+    left_out: Sequence[str] = ()
+    statuses: Mapping[str, int] = field(default_factory=dict)
+    problems: Sequence[str] = ()
+    every: Mapping[str, DataFrame] = field(default_factory=dict)
+    notes: Sequence[str] = ()
 
     def _repr_html_(self) -> str:
         """What a notebook shows: the tables and how many rows each has, and the first of them."""

@@ -17,15 +17,9 @@ if TYPE_CHECKING:
 
 Tables = Mapping[str, Any]
 HEADINGS = (
-    "method",
-    "claims kept",
-    "order (declared)",
-    "stable step",
-    "to 1e-6",
-    "x best",
-    "failed runs",
+    "method", "claims kept", "order (declared)", "stable step", "to 1e-6", "x best", "failed runs",
     "random failed",
-)
+)  # fmt: skip
 REASONS = 4  # sentences on what has no result: the tables have the rest
 FOLD_ABOVE = 20  # methods, so that 30 lines hold everything
 HOLDS = "holds"

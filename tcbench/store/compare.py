@@ -27,18 +27,9 @@ RUNGS = ("turn", "control", "value")  # options that say which process and rung,
 ONE_SIDED = ("missing", "new")
 MOST_SAID = 12  # sentences on what only one run has
 COLUMNS = (
-    "study",
-    "integrator",
-    "scenario",
-    "options",
-    "column",
-    "before",
-    "after",
-    "difference",
-    "noise",
-    "kind",
+    "study", "integrator", "scenario", "options", "column", "before", "after", "difference", "noise", "kind",
     "worse",
-)
+)  # fmt: skip
 
 
 def compare(

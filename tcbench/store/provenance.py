@@ -19,12 +19,8 @@ from .cores import usable_cores
 NUMERICAL_PACKAGES = ("numpy", "scipy", "llvmlite")
 PACKAGES = (*NUMERICAL_PACKAGES, "pandas", "dask", "distributed")
 THREAD_VARIABLES = (
-    "OMP_NUM_THREADS",
-    "OPENBLAS_NUM_THREADS",
-    "MKL_NUM_THREADS",
-    "TCBENCH_PLAIN",
-    "TCBENCH_TARGET",
-)
+    "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "TCBENCH_PLAIN", "TCBENCH_TARGET",
+)  # fmt: skip
 
 
 def provenance(command: Sequence[str] | None = None, packages: Sequence[str] = ()) -> dict[str, Any]:

@@ -27,6 +27,9 @@ def _place(line: Mapping[str, Any]) -> tuple[Any, ...]:
     return *(str(cell.get(name)) for name in ("study", "scenario", "integrator")), sized, line["key"]
 
 
+Values = Mapping[str, Any]  # by name, as JSON has them
+
+
 class Rows:
     """Rows in memory, latest per key; a store of its own where nothing goes to disk."""
 
@@ -35,13 +38,7 @@ class Rows:
         self._inputs: dict[str, dict[str, Any]] = {}
         self.problems: list[str] = []
 
-    def append(
-        self,
-        key: str,
-        row: Mapping[str, Any],
-        cell: Mapping[str, Any] | None = None,
-        provenance: str | None = None,
-    ) -> None:
+    def append(self, key: str, row: Values, cell: Values | None = None, provenance: str | None = None) -> None:
         """Keep the row of a cell; an earlier row of the same key is replaced.
 
         Rows that have read the same name it in `inputs`; the first of them brings it along, as `_inputs`.

@@ -33,7 +33,7 @@ from ..errors import TcbenchError
 from ..files import HALF_WRITTEN
 from .disk import cure, cured, hold_lock, replace_file
 from .encoding import active, canonical_json, csv_bytes, decode_line, encode_line, parquet_bytes, pretty
-from .rows import Rows
+from .rows import Rows, Values
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -121,13 +121,7 @@ class Store(Rows):
 
     # -- rows
 
-    def append(
-        self,
-        key: str,
-        row: Mapping[str, Any],
-        cell: Mapping[str, Any] | None = None,
-        provenance: str | None = None,
-    ) -> None:
+    def append(self, key: str, row: Values, cell: Values | None = None, provenance: str | None = None) -> None:
         """Write one row: it outlives the process at once, and the machine from the next fsync on (SYNC_S, or `close`).
 
         Raises `TcbenchError` when the disk is full or the file cannot be written; rows already written stay
@@ -136,8 +130,9 @@ class Store(Rows):
         kept = {name: value for name, value in row.items() if name != "_inputs"}
         if "_inputs" in row:
             self._replace(self._inputs_file(row["inputs"]), pretty(row["_inputs"]))
-        self._write(encode_line(key, kept, cell, self.provenance_id if provenance is None else provenance))
-        super().append(key, row, cell, self.provenance_id if provenance is None else provenance)
+        provenance = self.provenance_id if provenance is None else provenance
+        self._write(encode_line(key, kept, cell, provenance))
+        super().append(key, row, cell, provenance)
 
     def inputs(self, name: str) -> dict[str, Any] | None:
         """As `Rows.inputs`, from its file; its cells are measured again where that is lost."""
