@@ -20,6 +20,7 @@ from .tc_gauss import tc_gauss
 DEFAULT = "tc_gauss"  # of high order: a low one takes very many steps to a tight tolerance
 SAFETY, SHRINK, GROW, SMALLEST, TINY = 0.9, 0.2, 5.0, 1e-12, 1e-300
 ROUND_OFF = 4e-16  # of a component: a gap as small says nothing of the method
+LONG = 4096.0  # a time beyond is counted in a small unit
 STUCK = 8  # steps in a row, each shorter than the last, whose gap is round-off and yet too large
 
 
@@ -42,7 +43,8 @@ def controlled(method: Integrator, tolerance: float | None = None, name: str = "
 def doubling(step: Any, z: Any, times: Any, rtol: float, atol: float):
     """States at the times, and counts. Raises ArithmeticError where no step is short enough."""
     order, whole, t = step.order, times[-1] - times[0], times[0]
-    h, states, done, before, stuck = (rtol + atol) ** (1 / order), [z], 0, step.iterations, 0
+    h, states, done, before, stuck = (rtol + atol) ** (1 / order) * max(1.0, whole / LONG), [z], 0, step.iterations, 0
+    least, atol = step.system.least_each, step.system.absolute(atol)
     for end in times[1:]:
         while t < end:
             left = end - t
@@ -52,7 +54,7 @@ def doubling(step: Any, z: Any, times: Any, rtol: float, atol: float):
                 gap, size = np.abs(twice - once), np.maximum(np.abs(z), np.abs(twice))
                 why = "they err by more than the tolerance"
                 error = float((gap / (atol + rtol * size)).max()) / (2**order - 1) * whole / tried
-                rounded = bool((gap <= ROUND_OFF * np.maximum(1.0, size)).all())
+                rounded = bool((gap <= ROUND_OFF * np.maximum(least, size)).all())
             except ArithmeticError as failed:
                 error, why, rounded = np.inf, str(failed), False
             proposed = tried * min(GROW, max(SHRINK, SAFETY * (error + TINY) ** (-1 / order)))

@@ -38,7 +38,7 @@ def cvode(system, z0, t_eval, rtol, atol):
     # of a pattern beside a Jacobian: that this is taken, and no differences; in a block it would be of all threads
     warnings.filterwarnings("ignore", "Custom sparse Jacobian", module="sksundae")
     solver = CVODE(
-        field.into, **jacobian(field, system, z0), rtol=rtol, atol=atol, max_num_steps=10_000_000,
+        field.into, **jacobian(field, system, z0), rtol=rtol, atol=system.absolute(atol), max_num_steps=10_000_000,
         min_step=np.spacing(span), max_step=span,  # a lost run would try millions of steps below round-off in t
     )  # fmt: skip
     solution = solver.solve(np.asarray(t_eval), z0)

@@ -50,7 +50,9 @@ def diffrax_peer(solver="kvaerno5"):
             key = (system.structure, solver, len(t_eval))
             if key not in _COMPILED:
                 _COMPILED[key] = compiled(system, solver, len(t_eval))
-            given = (np.asarray(x, dtype=float) for x in (z0, t_eval, system.constant_values, rtol, atol))
+            given = (
+                np.asarray(x, dtype=float) for x in (z0, t_eval, system.constant_values, rtol, system.absolute(atol))
+            )
             states, steps, result = _COMPILED[key](*given)
             states = np.array(states)
         if not result == diffrax.RESULTS.successful:

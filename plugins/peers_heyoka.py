@@ -10,8 +10,9 @@ MOST = 200  # numbers of a state: heyoka takes seconds to compile the formulas o
 _FREE = {}  # integrators that no run has, by kind of system and tolerance: heyoka takes a second to make one
 
 
-def compiled(system, tolerance):
-    """An integrator for this kind of system and tolerance; constants are its run-time parameters."""
+def compiled(system, tolerance, own):
+    """An integrator for this kind of system and tolerance; constants are its run-time parameters. It has one scale for
+    all numbers: unless the units are the scenario's own, each is over its least size."""
     import heyoka as hy
 
     unknown = hy.make_vars(*(f"x{i}" for i in range(system.size)))
@@ -19,10 +20,12 @@ def compiled(system, tolerance):
     functions = {name: getattr(hy, name) for name in FUNCTIONS}
     functions |= {"log1p": lambda x: hy.log(1.0 + x), "expm1": lambda x: hy.exp(x) - 1.0, "pow": lambda x, y: x**y}
     functions["hypot"] = lambda x, y: hy.sqrt(x * x + y * y)
-    rates = expressions(system, unknown, constants, functions)
-    equations = [
-        (x, r if isinstance(r, hy.expression) else hy.expression(r)) for x, r in zip(unknown, rates, strict=True)
-    ]
+    sizes = constants[len(constants) - len(system.least) :]
+    each = [size for size, (a, b, _) in zip(sizes, system.layout.values(), strict=False) for _ in range(a, b)]
+    state = unknown if own else [x * size for x, size in zip(unknown, each, strict=True)]
+    rates = [hy.expression(r) if isinstance(r, float) else r for r in expressions(system, state, constants, functions)]
+    rates = rates if own else [r / size for r, size in zip(rates, each, strict=True)]
+    equations = list(zip(unknown, rates, strict=True))
     return hy.taylor_adaptive(equations, np.ones(system.size), tol=tolerance)
 
 
@@ -33,11 +36,12 @@ def refuses(system):
 
 
 def heyoka(system, z0, t_eval, rtol, atol):
-    free = _FREE.setdefault((system.structure, float(rtol)), [])
+    own = bool(np.all(system.least_each == 1.0))
+    free = _FREE.setdefault((system.structure, float(rtol), own), [])
     try:
         solver = free.pop()
     except IndexError:
-        solver = compiled(system, float(rtol))
+        solver = compiled(system, float(rtol), own)
     try:
         return outputs(solver, system, z0, t_eval)
     finally:
@@ -46,7 +50,8 @@ def heyoka(system, z0, t_eval, rtol, atol):
 
 def outputs(solver, system, z0, t_eval):
     """States at these times and what they cost; all that the solver had before is set anew."""
-    solver.state[:] = z0
+    each = system.least_each
+    solver.state[:] = z0 / each
     solver.pars[:] = system.constant_values[: len(solver.pars)]
     solver.time = float(t_eval[0])
     states, steps = [np.array(z0)], 0
@@ -55,7 +60,7 @@ def outputs(solver, system, z0, t_eval):
         steps += int(outcome[3])
         if outcome[0].name != "time_limit":
             raise RuntimeError(f"heyoka stopped before t = {t:g}: {outcome[0].name}")
-        states.append(solver.state.copy())
+        states.append(solver.state * each)
     return np.array(states), {"steps": steps}
 
 

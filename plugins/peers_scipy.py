@@ -19,8 +19,8 @@ def odeint(system, z0, t_eval, rtol, atol):
 
     field = Field(system)
     states, info = scipy.integrate.odeint(
-        field.shared, z0, t_eval, Dfun=field.jacobian, tfirst=True, rtol=rtol, atol=atol, mxstep=10_000_000,
-        full_output=True,
+        field.shared, z0, t_eval, Dfun=field.jacobian, tfirst=True, rtol=rtol, atol=system.absolute(atol),
+        mxstep=10_000_000, full_output=True,
     )  # fmt: skip
     if info["message"] != "Integration successful.":
         raise RuntimeError(f"odeint: {info['message']}")
@@ -37,33 +37,36 @@ def door_of_ode(name, stages):
     """Dormand and Prince's programs, called by `scipy.integrate.ode`; `stages` right-hand sides a step."""
 
     def begun(system, z0, t, rtol, atol):
+        """They take one atol for all numbers: each is over its least size where that is not 1."""
         import scipy.integrate
 
-        field = Field(system)
-        solver = scipy.integrate.ode(field.shared).set_integrator(name, rtol=rtol, atol=atol, nsteps=10_000_000)
-        return field, solver.set_initial_value(z0, t)
+        field, each = Field(system), system.least_each
+        own = np.all(each == 1.0)
+        rate = field.shared if own else lambda t, x: field.shared(t, x * each) / each
+        solver = scipy.integrate.ode(rate).set_integrator(name, rtol=rtol, atol=atol, nsteps=10_000_000)
+        return field, solver.set_initial_value(z0 / each, t), each
 
-    def state_at(solver, t):
-        state = solver.integrate(t).copy()
+    def state_at(solver, t, each):
+        state = solver.integrate(t) * each
         if not solver.successful():
             code = solver.get_return_code()
             raise RuntimeError(f"{name} stopped before t = {t:g}: {REASONS.get(code, f'code {code}')}")
         return state
 
     def adaptive(system, z0, t_eval, rtol, atol):
-        field, solver = begun(system, z0, t_eval[0], rtol, atol)
+        field, solver, each = begun(system, z0, t_eval[0], rtol, atol)
         states = [z0]
         for t in t_eval[1:]:
-            states.append(state_at(solver, t))
+            states.append(state_at(solver, t, each))
         return np.array(states), {"steps": field.evaluations // stages, "rhs_evaluations": field.evaluations}
 
     def outputs(system, z0, t_eval, rtol, atol):
-        (field, solver), counts = begun(system, z0, t_eval[0], rtol, atol), {}
+        (field, solver, each), counts = begun(system, z0, t_eval[0], rtol, atol), {}
 
         def states():
             yield z0
             for t in t_eval[1:]:
-                state = state_at(solver, t)
+                state = state_at(solver, t, each)
                 counts.update(steps=field.evaluations // stages, rhs_evaluations=field.evaluations)
                 yield state
 
@@ -91,7 +94,7 @@ def door_of_solve_ivp(method):
         field, counts = Field(system), {}
         start, end = float(t_eval[0]), float(t_eval[-1])
         solver = getattr(scipy.integrate, method)(
-            field.rate, start, z0, end, rtol=rtol, atol=atol, **extras(system, field)
+            field.rate, start, z0, end, rtol=rtol, atol=system.absolute(atol), **extras(system, field)
         )
 
         solver.fun = field.rate  # SciPy's own counts and checks what it returns
@@ -122,8 +125,9 @@ def door_of_solve_ivp(method):
             return all_outputs(system, z0, t_eval, rtol, atol)
         field = Field(system)
         solution = scipy.integrate.solve_ivp(
-            field.rate, (t_eval[0], t_eval[-1]), z0, method, rtol=rtol, atol=atol, **extras(system, field)
-        )
+            field.rate, (t_eval[0], t_eval[-1]), z0, method, rtol=rtol, atol=system.absolute(atol),
+            **extras(system, field),
+        )  # fmt: skip
         if not solution.success:
             raise RuntimeError(f"solve_ivp {method}: {solution.message}")
         return solution.y.T[[0, -1]], {"rhs_evaluations": int(solution.nfev), "steps": len(solution.t) - 1}

@@ -58,9 +58,10 @@ def projected(method: Integrator, name: str = "projected") -> Integrator:
 def projection(z0: Any, z1: Any, h: Any, system: System, start: Any, first: Any) -> Any:
     """z1 = z0 moved once towards the laws; explicit. The step began at `start`, the run at `first`."""
     moved, entropy = z0 - start, system.entropy(start)
-    wanted = [*laws(system, first)[:-1], entropy - ROUNDED * (1.0 + abs(entropy))]
+    wanted = [*laws(system, first)[:-1], entropy - ROUNDED * (system.least_entropy + abs(entropy))]
     misses = [target - f for target, f in zip(wanted, laws(system, z0), strict=True)]
-    weights = by_variable(system, moved, moved) + STILL * (1.0 + by_variable(system, z0, z0))
+    least = system.least_of(z0)
+    weights = by_variable(system, moved, moved) + STILL * (least * least + by_variable(system, z0, z0))
     return z1 - z0 - shortest_move(system, misses, gradients(system, z0), weights, at_least=True)
 
 
@@ -71,7 +72,8 @@ def onto_laws(system: System, start: Any, end: Any, first: Any = None) -> Any:
     """The end of a step, projected; NaN where no state near it has the laws."""
     first = start if first is None else first
     wanted, entropy, left = system.observe(first), system.observe(start)[ENTROPY], np.inf
-    allowed = LAWFUL * (1.0 + np.abs(wanted[: 2 + len(system.invariant_names)]))
+    least = system.least_sizes[1]
+    allowed = LAWFUL * (least + np.abs(wanted[: len(least)]))
     for _ in range(MOVES):
         end = end + apply_explicit(projection, system, start, end, first)
         before, left = left, missed(system.observe(end), wanted, entropy, allowed)

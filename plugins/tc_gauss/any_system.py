@@ -35,7 +35,8 @@ from tcbench.compiler.derivatives import Symbol, lifted
 from tcbench.compiler.kernels import Kernel
 from tcbench.compiler.language import Floats, call, copy_into, rare
 from tcbench.compiler.once import once
-from tcbench.solver.mending import mended, mending_kernels, round_off
+from tcbench.compiler.round_off import round_off
+from tcbench.solver.mending import mended, mending_kernels
 from tcbench.systems.system import System
 
 from . import conduction, sparse
@@ -84,8 +85,9 @@ def rates_of(system: Any, z: Any, parts: Sequence[Part]) -> Any:
 
 def started(system: Any, z: Any) -> list[Any]:
     """What a state begins with: rates, 1/sizes, the energy and what it may miss."""
-    energy = lifted(system.energy(z))
-    return [system.vector_field(z), 1.0 / (1.0 + abs(z)), energy, EPSILON * (1.0 + round_off(energy, entries(z)))]
+    energy, least = lifted(system.energy(z)), system.least_of(z)
+    noise = EPSILON * (system.least_energy + round_off(energy, entries(z), entries(least)))
+    return [system.vector_field(z), 1.0 / (least + abs(z)), energy, noise]
 
 
 class Part:

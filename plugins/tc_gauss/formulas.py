@@ -229,7 +229,8 @@ def noise_of(system: Any, z: Any, energy: Any) -> Any:
     held = np.sum(abs(system.element_slopes(pi, state.s)[0] * pi))
     placed = np.sum(abs(force * state.q))
     heat = np.sum(theta * system.entropy_scale())
-    return 2.0**-51 * (heat + held + state.p @ (state.p / system.inertia()) + placed + abs(energy) + 1.0)
+    moving = state.p @ (state.p / system.inertia())
+    return 2.0**-51 * (heat + held + moving + placed + abs(energy) + system.least_energy)
 
 
 def _mending(system: Any, z: Any) -> tuple[list[Any], list[Any]]:

@@ -21,6 +21,7 @@ FREE = (
     0.33  # of the ideal length, up to which that bound comes at once: where the solution has smoothed it is soon gone
 )
 FIRST = 4.0  # times the decay time of the conduction: see first_step
+LONG = 4096.0  # a time beyond is counted in a small unit
 TURNS = 12  # of the power method that finds it
 LEVELLED = 100.0  # times what the energy misses, by which part mending may move a state: it waits where that rests
 MISSED = 4.0  # times a step's round-off: what mending any system leaves (solver.mending.ROUND_OFF)
@@ -47,7 +48,7 @@ def defect(w: Work, h: float, known: Floats, here: int) -> float:
         if w.stiff[2] > 0.0:
             conduction.damp(w, w.defects)
         for i in range(e):
-            r = abs(w.defects[i]) * (w.start[e + i] if w.general else 1.0)
+            r = abs(w.defects[i]) * (w.start[e + i] if w.general else 1.0 / w.least_s)
             largest = r if r > largest or r != r else largest
         return largest
     for i in range(e):
@@ -55,7 +56,7 @@ def defect(w: Work, h: float, known: Floats, here: int) -> float:
     stiff = stiff / decay if decay < 0.0 else 0.0
     for i in range(e):
         part = w.start[first + i] * stiff
-        r = abs(w.sums[here + n + i] - known[n + i] - part) + abs(part) / (1.0 - h * decay)
+        r = (abs(w.sums[here + n + i] - known[n + i] - part) + abs(part) / (1.0 - h * decay)) / w.least_s
         largest = r if r > largest or r != r else largest
     return largest
 
@@ -85,9 +86,10 @@ def error_estimate(w: Work, h: float) -> float:
 
 
 def set_scale(w: Work, z: Floats) -> None:
-    """Root mean squares of forces over 1 + that of momenta, which turn with the axes; entropies as they are."""
+    """Root mean squares of forces over a least one + that of momenta, which turn with the axes; entropies over one."""
     p = z[w.n : 2 * w.n]
-    w.scale[0], w.scale[1] = 1.0 / (math.sqrt(max(1, w.n)) + math.sqrt(dot(p, p))), 1.0
+    w.scale[0] = 1.0 / (math.sqrt(max(1, w.n)) * w.least_p + math.sqrt(dot(p, p)))
+    w.scale[1] = 1.0 / w.least_s
 
 
 def halving_step(w: Work, h: float, z0: Floats, dz_total: Floats) -> int:
@@ -115,7 +117,7 @@ def halving_step(w: Work, h: float, z0: Floats, dz_total: Floats) -> int:
         w.counts.steps += 1
         missing = abs(w.end[total] - w.run[0])
         if missing > w.end[total + 1] * (MISSED if w.general else 1.0):
-            restore_level(w, z, LEVELLED * missing / (1.0 + abs(w.run[0])))
+            restore_level(w, z, LEVELLED * missing / (w.least_energy + abs(w.run[0])))
         add_compensated(dz_total, w.dz, carry)
         for i in range(len(z)):
             z[i] = z0[i] + dz_total[i]
@@ -134,14 +136,15 @@ def restore_level(w: Work, z: Floats, limit: float) -> None:
     mend(w, limit)
 
 
-def first_step(w: Work, tolerance: float) -> float:
-    """A length for the first step: a part of the decay of the conduction, where that is far from its equilibrium."""
+def first_step(w: Work, tolerance: float, whole: float) -> float:
+    """A length for the first step of a time: a part of the decay of the conduction, where that is far from its
+    equilibrium."""
     n, e = w.n, w.e
-    h = 0.5 * tolerance ** (1.0 / (w.k + 1))
+    h = 0.5 * tolerance ** (1.0 / (w.k + 1)) * max(1.0, whole / LONG)
     fastest = decay_rate(w, TURNS, TURNS - 1)
     heat = 0.0
     for i in range(n, n + e):
-        heat = max(heat, abs(w.start[i]))
+        heat = max(heat, abs(w.start[i]) / w.least_s)
     return min(h, FIRST * h / fastest) if heat > tolerance * fastest else h
 
 
@@ -193,7 +196,7 @@ def advance(
     k = w.k
     z, carry = w.z, w.carry
     worth, most, owed, spent = w.budget[0], w.budget[1], 0.0, w.counts.iterations
-    last = 0.0
+    last, whole = 0.0, times[len(times) - 1] - times[0]
     # what steps that began from the polynomials of others have shown to be too long, and too long for the coarsest
     # quadrature to keep the energy
     longest, roughest = math.inf, math.inf
@@ -204,7 +207,7 @@ def advance(
                 return row, t, 0.0
             set_scale(w, z)
             if h == 0.0:
-                h = min(times[row] - t, first_step(w, tolerance))
+                h = min(times[row] - t, first_step(w, tolerance, whole))
             left = times[row] - t
             step = left if left <= 1.01 * h else min(h, 0.5 * left) if left < 2.0 * h else h
             known = last > 0.0 and step <= FAR * last
@@ -226,7 +229,7 @@ def advance(
                 h = step * (HALF if code == FAILED else RETREAT if code == COARSE else max(SHRINK, factor))
                 longest = h if known else longest
                 copy_into(w.rates, w.kept)  # shorter, the next one is nearer to them
-                if not h > 1e-12 * max(1.0, abs(t)):
+                if not h > 1e-12 * max(min(1.0, whole), abs(t)):
                     return row, t, 0.0
                 continue
             w.counts.steps += 1

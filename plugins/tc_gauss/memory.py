@@ -73,6 +73,9 @@ class Work(Record):
     )
     n_laws: int
     n_mended: int
+    least_p: float  # of springs, by what momenta are measured at least, and entropies; and of all, energies
+    least_s: float
+    least_energy: float
     general: bool  # of any system: see any_system.py; then n = 0, and all variables are in the place of entropies
     to_start: Address  # see `formulas.Formulas`
     to_motion: Address

@@ -99,7 +99,9 @@ def prepared(system: System, k: int) -> tuple[Any, Any]:
     else:
         pattern, found = (of_elements if by_elements else of_any_system)(system, k)
         found["sparse"] = of_pattern(pattern, n_factors)
-    return LOOPS, Work(k=k, numbers=numbers, counts=Counts(), rows=1, n_factors=n_factors, **found)
+    least = dict(zip(("least_p", "least_s"), system.least[1:3] if by_elements else (1.0, 1.0), strict=True))
+    least["least_energy"] = system.least_energy
+    return LOOPS, Work(k=k, numbers=numbers, counts=Counts(), rows=1, n_factors=n_factors, **least, **found)
 
 
 def of_elements(system: System, k: int) -> tuple[Any, dict[str, Any]]:

@@ -161,7 +161,7 @@ def fixed_point(w: Work, h: float, z: Floats, level: int, residual: float) -> in
     previous, slow, first, shrunk, since, renewed, here, taken = np.inf, 0, 0.0, 0.0, 0, 0, 0, 0
     w.seen[0] = 0.0
     # round-off in the conduction is that of entropies, times 1 - h lambda
-    w.scale[1] = min(1.0, residual / CONVERGED / (1.0 - h * w.stiff[1]))
+    w.scale[1] = min(1.0, residual / CONVERGED / (1.0 - h * w.stiff[1])) / w.least_s
     still = max(STAGNATED, ROUNDED * residual, ROUNDED * h * w.sparse.noise[0])  # what does not shrink is round-off
     for _ in range(MAX_ITERATIONS):
         w.counts.iterations += 1
@@ -209,7 +209,7 @@ def newton(w: Work, h: float, z: Floats, level: int) -> int:
         for column in range(unknowns):
             j, i = column // m, column % m
             here = w.U[i, j]
-            eps = INCREMENT * max(1.0, abs(here))
+            eps = INCREMENT * max((w.least_p if i < w.n else w.least_s) / h, abs(here))
             w.U[i, j] = here + eps
             done = rates(w, h, z, level)
             w.U[i, j] = here

@@ -48,11 +48,11 @@ def fields(order: int) -> dict[str, Any]:
 
 def sizes(system: System) -> dict[str, Any]:
     """By which numbers are measured, as `texts.squared_size` does it: those of a record."""
-    least, share = np.ones(system.size), np.ones(system.size)
+    least, share = np.square(system.least_each), np.ones(system.size)
     if system.defines("element_energy"):
         n = system.n_positions
-        least[:n], least[n : 2 * n], least[2 * n :] = np.inf, np.square(system.inertia()), 0.0
-        share[: 2 * n], share[2 * n :] = 0.0, 1.0 / np.square(system.entropy_scale())
+        least[:n], least[n : 2 * n], least[2 * n :] = np.inf, np.square(system.inertia() * system.least_speed), 0.0
+        share[: 2 * n], share[2 * n :] = 0.0, np.square(system.least[2] / system.entropy_scale())
     return {"least": least, "share": share}
 
 
@@ -83,14 +83,15 @@ def decay(w: Work) -> float:
     """The rate of the fastest decay, whose coefficients have turns of signs; 0 where the last two are no such."""
     n = w.size
     last = w.order * n
-    product, before, square = 0.0, 1e-300, 0.0
+    product, before, square = 0.0, 0.0, 0.0
     for i in range(n):
         a, b, y = w.coefficients[last - n + i], w.coefficients[last + i], w.coefficients[i]
         weight = 1.0 / (w.least[i] + w.share[i] * y * y)
         product += weight * a * b
         before += weight * a * a
         square += weight * b * b
-    alike = product < 0.0 and product * product > ALIKE * before * square
+    # products of squares would overflow where time has a unit of its own
+    alike = product < 0.0 and product * (product / before) > ALIKE * square
     return -w.order * product / before if alike else 0.0
 
 

@@ -73,7 +73,8 @@ def rough_length(w: Work, goal: int) -> float:
     for k in range(w.order - 1, w.order + 1):
         largest = 0.0
         for i in range(w.size):
-            size = abs(w.coefficients[k * w.size + i]) / max(1.0, abs(w.coefficients[i]))
+            y = w.coefficients[i]
+            size = abs(w.coefficients[k * w.size + i]) / math.sqrt(w.least[i] + w.share[i] * y * y)
             if not size < math.inf:
                 return 0.0
             largest = max(largest, size)

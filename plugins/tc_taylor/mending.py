@@ -95,7 +95,7 @@ def _moves(sym: Any, y: Any, told: Sequence[trace.Symbol]) -> tuple[list[trace.S
     held = sym.temperatures(np.concatenate([q, p, s]))
     missing = energy - total(p, held)
     kinetic = np.sum(free * free / inertia) / 2
-    least = SMALLEST_SHARE * (1.0 + abs(energy))
+    least = SMALLEST_SHARE * (sym.least_energy + abs(energy))
     x = trace.maximum(missing * kinetic / (kinetic * kinetic + least * least), trace.const(-1.0))
     return mended, outputs(p + lengthening(free, x), held, np.sum(s))
 

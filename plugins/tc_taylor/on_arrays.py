@@ -155,8 +155,9 @@ def series_kernel(net: Any, order: int) -> ArrayKernel:
 def squared_size(net: Any, y: Any, found: Any) -> Symbol:
     """As `texts.squared_size`."""
     if not net.defines("element_energy"):
-        return trace.lifted((found * found / (1.0 + y * y)).sum())
-    moved, warmed = found.p / net.inertia(), found.s * net.entropy_scale() / y.s  # of temperatures
+        least = net.least_of(y)
+        return trace.lifted((found * found / (least * least + y * y)).sum())
+    moved, warmed = found.p / net.inertia() / net.least_speed, found.s * net.entropy_scale() / net.least[2] / y.s
     return trace.lifted((moved * moved).sum() + (warmed * warmed).sum())
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from tcbench import System
 from tcbench.compiler import derivatives as trace
+from tcbench.compiler.array_states import entries
 from tcbench.compiler.derivatives import Symbol
 from tcbench.compiler.kernels import Kernel
 
@@ -61,7 +62,8 @@ def time_of(found: tuple[Writer, list[str]]) -> float:
 
 
 def squared_size(writer: Writer, system: System, variables: list[Series], k: int) -> str:
-    """Of coefficient k: the sum of its squares over 1 + y^2; of elements those of velocities and c0 theta/theta_0."""
+    """Of coefficient k: the sum of its squares over least^2 + y^2; of elements those of velocities and
+    c0 theta/theta_0, over least ones (`System.least`)."""
     squares: dict[int, list[tuple[str, ...]]] = {}  # by the number of lanes
     for pack, weights, whole in weighted(writer, system, variables):
         if value := writer.value(pack, k):
@@ -77,12 +79,16 @@ def weighted(writer: Writer, system: System, variables: list[Series]) -> Iterato
     """The variables whose coefficients are measured, as packs; weights of the coefficients, or (True) of squares."""
     sym, size = system.symbolic, system.size
     if not system.defines("element_energy"):
+        squares = [x * x for x in entries(sym.least_of(sym.state(trace.variables("y", size))))]
         for pack in dict.fromkeys(writer.packs.home[id(x)][0] for x in variables):
             y = writer.value(pack, 0)
-            yield pack, writer.name(f"1.0 / (1.0 + {y} * {y})"), True
+            least = writer.weights([squares[x.index] for x in pack])
+            yield pack, writer.name(f"1.0 / ({least} + {y} * {y})"), True
         return
     n = system.n_positions
-    scale = [trace.reciprocal(m) for m in spread(sym.inertia(), n)] + spread(sym.entropy_scale(), system.n_elements)
+    speed, s = trace.reciprocal(sym.least_speed), trace.reciprocal(sym.least[2])
+    scale = [trace.reciprocal(m) * speed for m in spread(sym.inertia(), n)]
+    scale += [x * s for x in spread(sym.entropy_scale(), system.n_elements)]
     for begin, end in ((n, 2 * n), (2 * n, size)):
         for i in range(begin, end, WIDTH):
             pack = tuple(variables[i : min(i + WIDTH, end)])

@@ -1,6 +1,7 @@
 """Reference solutions with a certificate: read from the package, or computed on the fly (`pairs`, `compute`).
 
-Every gap in this file is measured as max_i |a_i - b_i| / max(1, |b_i|) over the components of a state.
+Every gap in this file is measured as max_i |a_i - b_i| / max(least_i, |b_i|) over the components of a state; least
+sizes are 1, but for what units make small or large (`System.least`).
 
 A reference answers two different questions, and keeps the answers apart:
 
@@ -62,7 +63,7 @@ class Reference:
     def index(self, t: float) -> int:
         """Position of time `t` in `times` (equal to 1e-12 relative)."""
         for i, known in enumerate(self.times):
-            if abs(known - t) <= 1e-12 * max(1.0, abs(t)):
+            if abs(known - t) <= 1e-12 * abs(t):
                 return i
         raise KeyError(
             f"The reference has no state at t = {t:g}. It has t = {', '.join(f'{x:g}' for x in self.times)}."
@@ -73,10 +74,10 @@ class Reference:
         return self.states[self.index(t), :]
 
 
-def gap(a: ArrayLike, b: ArrayLike) -> float:
-    """max_i |a_i - b_i| / max(1, |b_i|) over the components; NaN as soon as one component is NaN."""
+def gap(a: ArrayLike, b: ArrayLike, least: Any = 1.0) -> float:
+    """max_i |a_i - b_i| / max(least_i, |b_i|) over the components; NaN as soon as one component is NaN."""
     a, b = np.asarray(a), np.asarray(b)
-    return float(np.max(np.abs(a - b) / np.maximum(1, np.abs(b))))
+    return float(np.max(np.abs(a - b) / np.maximum(least, np.abs(b))))
 
 
 # ---- stored references
@@ -151,6 +152,7 @@ def compute(
     times: Sequence[float],
     tolerance: float = 1e-12,
     max_seconds: float = 300.0,
+    least: Any = 1.0,
 ) -> Reference:
     """Reference at `times` for any smooth z' = rhs(z), from three runs that share no step and no coefficient.
 
@@ -167,13 +169,13 @@ def compute(
     start, eps = np.asarray(z0, float), float(np.finfo(float).eps)
     stages = 12 if len(start) <= MANY else 8
     gauss, radau = (
-        integrate(tableau(kind, s), rhs, in_doubles, z0, times, tol, max_seconds)
+        integrate(tableau(kind, s), rhs, in_doubles, z0, times, tol, max_seconds, least)
         for kind, s, tol in (("gauss", stages, tolerance), ("radau", stages + 1, tolerance / 3))
     )
-    found = _by_scipy(in_doubles.rate, in_doubles.jacobian, start, times)
-    check, growth = _gaps(found, gauss), _growth(in_doubles, start, times, found)
+    found = _by_scipy(in_doubles.rate, in_doubles.jacobian, start, times, least)
+    check, growth = _gaps(found, gauss, least), _growth(in_doubles, start, times, found, least)
     certificate = tuple(
-        max(SAFETY * gap(a, b), ROUNDINGS * EPS * g, EPS, c if c > CONTRADICTION else 0.0)
+        max(SAFETY * gap(a, b, least), ROUNDINGS * EPS * g, EPS, c if c > CONTRADICTION else 0.0)
         for a, b, c, g in zip(radau, gauss, check, growth, strict=True)
     )
     source = (
@@ -184,34 +186,37 @@ def compute(
     return Reference(times, gauss.astype(float), certificate, floor, source)
 
 
-def _gaps(found: NDArray[Any], states: NDArray[Any]) -> list[float]:
+def _gaps(found: NDArray[Any], states: NDArray[Any], least: Any) -> list[float]:
     """Of each row; inf where it is no number."""
-    gaps = [gap(a.astype(float), b.astype(float)) for a, b in zip(found, states, strict=True)]
+    gaps = [gap(a.astype(float), b.astype(float), least) for a, b in zip(found, states, strict=True)]
     return [np.inf if np.isnan(x) else x for x in gaps]
 
 
-def _growth(field: InDoubles, z0: NDArray[np.float64], times: tuple[float, ...], plain: Any) -> NDArray[np.float64]:
+def _growth(
+    field: InDoubles, z0: NDArray[np.float64], times: tuple[float, ...], plain: Any, least: Any
+) -> NDArray[np.float64]:
     """How much at most a relative change of each number that enters and leaves the equations, always alike, moves the
     state from `plain`, per time; inf where SciPy did not arrive."""
     signs = np.random.Generator(np.random.PCG64(len(z0))).integers(0, 2, (SHAKES, 2, len(z0)))
     most = np.zeros(len(times))
     for before, after in 1 + SHAKE * (2.0 * signs - 1):
         rate = lambda t, z, b=before, a=after: a * field.rate(t, b * z)  # noqa: E731
-        shaken = _by_scipy(rate, field.jacobian, z0 * before, times)
-        most = np.maximum(most, _gaps(shaken, plain))
+        shaken = _by_scipy(rate, field.jacobian, z0 * before, times, least)
+        most = np.maximum(most, _gaps(shaken, plain, least))
     return most / SHAKE
 
 
 def _by_scipy(
-    rate: Callable[..., Any], jac: Callable[..., Any], z0: NDArray[np.float64], times: tuple[float, ...]
+    rate: Callable[..., Any], jac: Callable[..., Any], z0: NDArray[np.float64], times: tuple[float, ...], least: Any
 ) -> NDArray[np.float64]:
     """States by LSODA at a tight tolerance; NaN where it did not arrive."""
     from scipy.integrate import ODEintWarning, odeint
 
     warnings.filterwarnings("ignore", category=ODEintWarning, module=__name__)  # those of a block are of all threads
     found, report = odeint(
-        rate, z0, (0.0, *times), Dfun=jac, tfirst=True, rtol=1e-12, atol=1e-13, mxstep=MOST_STEPS, full_output=True
-    )
+        rate, z0, (0.0, *times), Dfun=jac, tfirst=True, rtol=1e-12, atol=1e-13 * least, mxstep=MOST_STEPS,
+        full_output=True,
+    )  # fmt: skip
     arrived = np.logical_and.accumulate(report["tcur"] >= times)  # beyond the first that is not nothing is filled in
     return np.where(arrived[:, None], found[1:], np.nan)
 

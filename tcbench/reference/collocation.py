@@ -116,23 +116,24 @@ def integrate(
     times: Sequence[float],
     tolerance: float = 1e-12,
     max_seconds: float = 300.0,
+    least: Any = 1.0,
 ) -> NDArray[Any]:
     """States of z' = rhs(z) at `times` (increasing, from t = 0) by adaptive collocation, shape (len(times), m).
 
     rhs is called with extended arrays of shape (m, s), all stages at once. in_doubles: the same in doubles; Newton's
     iterations begin with it, and it decides nothing. `tolerance` bounds
-    h |last Legendre coefficient of dz/dt| / max(1, |z|) on each step. The end point is far more accurate than that
+    h |last Legendre coefficient of dz/dt| / max(least, |z|) on each step. The end point is far more accurate than that
     (superconvergence), except in a stiff component, where it is about that.
     """
     z = np.asarray(z0, LONG)
-    solve = _Stages(method, lambda Z: rhs(Z.T).T, in_doubles)
+    solve = _Stages(method, lambda Z: rhs(Z.T).T, in_doubles, least)
     t, h, s = long_number(0), long_number(1e-3), len(method.c)
     last: tuple[NDArray[Any], Any] | None = None  # stage derivatives of the last step and its length
     states, steps, deadline = [], 0, time.monotonic() + max_seconds
     for end in times:
         while t < end:
             steps += 1
-            if steps > MOST_STEPS or time.monotonic() > deadline or h < 1e-14 * max(1, end):
+            if steps > MOST_STEPS or time.monotonic() > deadline or h < 1e-14 * end:
                 raise ReferenceFailed(
                     f"{method.name} collocation stopped at t = {float(t):.6g} of {end:g} after "
                     f"{steps - 1} tries with h = {float(h):.2g}. Give the scenario a smaller t_converge: "
@@ -147,7 +148,7 @@ def integrate(
                 h, last = step / 4, None
                 continue
             tail = np.abs(method.legendre[-1] @ K.astype(float))
-            error = float(step) * float(np.max(tail / np.maximum(1, np.abs(z.astype(float)))))
+            error = float(step) * float(np.max(tail / np.maximum(least, np.abs(z.astype(float)))))
             factor = min(3.0, 0.85 * (tolerance / max(error, 1e-300)) ** (1 / s))
             h = (
                 step * long_number(max(0.2, factor))
@@ -170,12 +171,13 @@ class _Stages:
     precision decides.
     """
 
-    def __init__(self, method: Tableau, f: Change, in_doubles: InDoubles) -> None:
+    def __init__(self, method: Tableau, f: Change, in_doubles: InDoubles, least: Any) -> None:
         self.method, self.f, self.in_doubles, self.A = method, f, in_doubles, method.A.astype(float)
+        self.least = least
 
     def __call__(self, z: NDArray[Any], h: Any, guess: NDArray[Any] | None) -> NDArray[Any] | None:
         """From a guess, by default the rate at z; None when it does not converge."""
-        size, rates, start, step = np.maximum(1, np.abs(z)), self.in_doubles.rows, z.astype(float), float(h)
+        size, rates, start, step = np.maximum(self.least, np.abs(z)), self.in_doubles.rows, z.astype(float), float(h)
         K = np.repeat(self.f(z[None, :]), len(self.A), axis=0) if guess is None else guess
         with np.errstate(all="ignore"):
             correct = self._correction(z + step * (self.A[len(self.A) // 2] @ K), step)

@@ -127,7 +127,7 @@ class _Recipe:
         self.model, self.start, self.times = scenario.model, scenario.z0, times
         self.field = extended(scenario, "vector_field")
         self.z0 = scenario.z0.astype(LONG)
-        text = f"{algorithm()} {self.field.fingerprint(self.z0)} {times}"
+        text = f"{algorithm()} {self.field.fingerprint(self.z0)} {times} {self.model.least.tolist()}"
         self.key = hashlib.sha256(text.encode()).hexdigest()[:32]
 
     def compute(self) -> Reference:
@@ -138,7 +138,8 @@ class _Recipe:
     def collocations(self, max_seconds: float | None = None) -> Reference:
         """By the slower way, which takes stiff equations, too."""
         limit = DEADLINE if max_seconds is None else max_seconds
-        return compute(self.field, Field(self.model), self.z0, self.times, max_seconds=limit)
+        least = self.model.least_each
+        return compute(self.field, Field(self.model), self.z0, self.times, max_seconds=limit, least=least)
 
 
 def from_pair(found: pairs.Pair, times: Sequence[float]) -> Reference:
@@ -156,13 +157,14 @@ def recompute(scenario: Scenario) -> dict[str, Any]:
     kept = stored_for(scenario)
     last = max(scenario.t_converge, min(scenario.t_end, HORIZON))
     times = kept.times if kept else tuple(sorted({scenario.t_converge, last}))
-    recipe = _Recipe(scenario, times)
+    recipe, least = _Recipe(scenario, times), scenario.model.least_each
     fresh, check = recipe.compute(), [float("nan")] * len(times)
     if fresh.source == pairs.SOURCE:
         with contextlib.suppress(ReferenceFailed):
-            check = [gap(a, b) for a, b in zip(recipe.collocations().states, fresh.states, strict=True)]
+            states = recipe.collocations().states
+            check = [gap(a, b, least) for a, b in zip(states, fresh.states, strict=True)]
     known = kept or cached(recipe.key, lambda: fresh)
-    gaps = [gap(a, b) for a, b in zip(fresh.states, known.states, strict=True)]
+    gaps = [gap(a, b, least) for a, b in zip(fresh.states, known.states, strict=True)]
     allowed = [a + b for a, b in zip(fresh.floor, known.floor, strict=True)]
     rows = [
         {"t": t, "gap": g, "certificate": c, "check": other}

@@ -39,7 +39,7 @@ LINEAR = 1e-4  # a gap beyond has stopped growing, and says nothing: chaos has e
 class Pair(NamedTuple):
     """At each time: states (m, n), their certificate, and how many times a change of the start has become.
 
-    All but the states relative, as max |difference| / max(1, |z|).
+    All but the states relative, as max |difference| / max(least, |z|), least sizes as `System.least` has them.
     """
 
     states: NDArray[np.float64]
@@ -81,9 +81,11 @@ def _solve(
     ends, runs = times.shape[1], RUNS * len(systems)
     states = np.full((runs, (ends + 1) * 2 * n), math.nan)
     signs = np.where(np.random.Generator(np.random.PCG64(n)).integers(0, 2, n), 1.0, -1.0)
+    each = np.array([x.least_each for x in systems])
     for i, z in enumerate(starts):
         states[RUNS * i : RUNS * (i + 1), : 2 * n] = np.append(z, np.zeros(n))
-        states[RUNS * i + 2, : 2 * n] = np.append(*two_sum(np.asarray(z), SHIFT * signs * np.maximum(1.0, np.abs(z))))
+        shift = SHIFT * signs * np.maximum(each[i], np.abs(z))
+        states[RUNS * i + 2, : 2 * n] = np.append(*two_sum(np.asarray(z), shift))
     constants = np.repeat([x.constant_values for x in systems], RUNS, axis=0)
     values = np.repeat([plan.values(x.constant_values) for x in systems], RUNS, axis=0)
     work = Work(
@@ -92,6 +94,7 @@ def _solve(
         rate=system.kernel("vector_field")[0].address, setup=plan.setup, code=plan.code, memory=memory(size),
         rates=plan.rates, moving=plan.moving, places=plan.inputs, times=np.repeat(times, RUNS, axis=0), values=values,
         given=constants, tolerances=np.tile([FINE, COARSE, COARSE], len(systems)), states=states,
+        least=np.repeat(each, RUNS, axis=0),
         taken=np.zeros(runs, np.int64), defects=np.zeros(runs), lanes=np.zeros(8 * LANES),
         which=np.zeros(3 * LANES, np.int64), probe=np.zeros(3 * n),
     )  # fmt: skip
@@ -99,7 +102,7 @@ def _solve(
     found = work.states.reshape(len(systems), RUNS, ends + 1, 2, n)
     taken, defects = work.taken.reshape(-1, RUNS), work.defects.reshape(-1, RUNS)
     return [
-        _pair(found[i, :, 1:], int(taken[i].sum()))
+        _pair(found[i, :, 1:], int(taken[i].sum()), each[i])
         if (taken[i] > 0).all() and (defects[i] <= DEFECT).all() else None
         for i in range(len(systems))
     ]  # fmt: skip
@@ -117,10 +120,10 @@ def memory(size: int) -> NDArray[np.float64]:
     return found
 
 
-def _pair(found: NDArray[np.float64], steps: int) -> Pair:
+def _pair(found: NDArray[np.float64], steps: int, least: NDArray[np.float64]) -> Pair:
     """found: (run, time, high or low part, number)."""
     fine, coarse, shifted = found
-    size = np.maximum(1.0, np.abs(fine[:, 0]))
+    size = np.maximum(least, np.abs(fine[:, 0]))
     gap = np.max(np.abs(difference(fine, coarse)) / size, axis=1)
     apart = np.max(np.abs(difference(shifted, coarse)) / size, axis=1)
     growth = apart / SHIFT

@@ -14,6 +14,7 @@ from .recurrences import begin, high_order, keep, wide_order
 from .tape import FIELDS, LANES, PAIR
 
 INSIDE = 0.618  # of a step: where the series are compared with the equations
+LONG = 4096.0  # a time beyond is counted in a small unit, and rates are small
 SHORTEST = 1e-13
 CHECKED = 8  # every so many steps of a run
 
@@ -41,6 +42,7 @@ class Work(Record):
     places: Ints = sized("inputs")
     values: Matrix = sized("runs", "inputs")  # of each run: constants of the tape,
     given: Matrix = sized("runs", "constants")  # and of the compiled equations;
+    least: Matrix = sized("runs", "variables")  # sizes of their variables
     tolerances: Floats = sized("runs")
     times: Matrix = sized("runs", "ends")
     states: Matrix = sized("runs", "(ends + 1) * 2 * variables")  # where it starts and at each time, high and low parts
@@ -90,11 +92,12 @@ def rough_exp(x: float) -> float:
 
 
 @exact
-def longest_step(j: Work, lane: int, tolerance: float) -> float:
-    """At which the last two coefficients, over 1 + |y|, are as small as the tolerance; NaN of what is no number."""
+def longest_step(j: Work, lane: int, run: int) -> float:
+    """At which the last two coefficients, over least + |y|, are as small as the tolerance; NaN of what is no number."""
+    tolerance = j.tolerances[run]
     w, stride, last, before, sound = j.memory, PAIR * (j.order + 1), 1e-300, 1e-300, 0.0
     for i in range(j.variables):
-        size = 1.0 + abs(w[stride * i + lane])
+        size = j.least[run, i] + abs(w[stride * i + lane])
         top, below = w[stride * (i + 1) - PAIR + lane], w[stride * (i + 1) - 2 * PAIR + lane]
         last, before = max(last, abs(top) / size), max(before, abs(below) / size)
         sound += (top - top) + (below - below)
@@ -128,9 +131,9 @@ def choose(j: Work, lane: int) -> None:
     left = end - t
     back = left - end
     low = ((end - (left - back)) + (-t - back)) - lanes[LANES + lane]  # the digits that the difference lost
-    h = longest_step(j, lane, j.tolerances[run])
+    h = longest_step(j, lane, run)
     j.taken[run] += 1
-    if not h > SHORTEST * max(1.0, end) or j.taken[run] > j.most:
+    if not h > SHORTEST * end or j.taken[run] > j.most:
         j.which[2 * LANES + lane] = 2
     elif h >= left + low:
         lanes[2 * LANES + lane], lanes[3 * LANES + lane] = left, low
@@ -153,10 +156,10 @@ def compare(j: Work, lane: int) -> None:
             value = value * s + w[at + PAIR * k]
         probe[i], probe[n + i] = value, slope
     call(j.rate, probe, j.given[run], probe[2 * n : 3 * n])
-    size, off = 1.0, 0.0
+    size, off = min(1.0, LONG / j.times[run, j.ends - 1]), 0.0
     for i in range(n):
-        size = max(size, abs(probe[2 * n + i]))
-        off = max(off, abs(probe[2 * n + i] - probe[n + i]))
+        size = max(size, abs(probe[2 * n + i]) / j.least[run, i])
+        off = max(off, abs(probe[2 * n + i] - probe[n + i]) / j.least[run, i])
     if not off / size <= j.defects[run]:
         j.defects[run] = off / size
 

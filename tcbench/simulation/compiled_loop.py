@@ -53,6 +53,7 @@ class Run(Record):
     departures: Floats = sized("n_invariants")  # largest of each invariant
     states: Matrix = sized("n_rows", "n")
     records: Matrix = sized("n_rows", "n_observables")
+    least: Floats = sized("n_invariants + 2")  # by what energy, entropy and invariants are measured at least
     allowed: Floats = sized("n_invariants + 2")  # what a state with the laws may miss of each observable
     counts: Ints = sized("n_rows")  # Newton iterations since the last record
 
@@ -78,9 +79,9 @@ def accumulate(run: Run, step: int, now: Floats) -> None:
     tally.sum_te += t * error
     rise = now[S] - before[S]
     tally.entropy_min = min(tally.entropy_min, rise)
-    if rise < -run.entropy_tolerance * max(1.0, abs(now[S])):
+    if rise < -run.entropy_tolerance * max(run.least[S], abs(now[S])):
         tally.violations += 1
-    if rise < -run.entropy_fall and tally.first_fall == 0:
+    if rise < -run.entropy_fall * run.least[S] and tally.first_fall == 0:
         tally.first_fall = step
     lyapunov = (now[E] - before[E]) - run.reference * rise
     tally.lyapunov_max = max(tally.lyapunov_max, lyapunov)
@@ -186,7 +187,7 @@ def begin(run: Run) -> None:
     copy_into(run.states[0], run.z)
     copy_into(run.records[0], now)
     for i in range(len(run.allowed)):
-        run.allowed[i] = LAWFUL * (1.0 + abs(now[i]))
+        run.allowed[i] = LAWFUL * (run.least[i] + abs(now[i]))
 
 
 @rare
@@ -225,7 +226,7 @@ def rounded(run: Run, now: Floats, entropy: float) -> bool:
     """Is next to nothing missed? What no move helps against is round-off: no less is asked of later steps."""
     for i in range(len(run.allowed)):
         value = run.observables[FIRST, i]
-        miss, most = abs(now[i] - value), NEAR * (1.0 + abs(value))
+        miss, most = abs(now[i] - value), NEAR * (run.least[i] + abs(value))
         if i == S:
             miss = entropy - now[S]
         if not miss <= most:

@@ -11,7 +11,6 @@ import numpy as np
 from ..compiler.records import Rows
 from ..errors import TcbenchError
 from ..integrator import Integrator
-from ..solver.first_values import least_sizes
 from ..solver.flow import CompiledFlow, Tally
 from ..solver.implicit_step import Rules, make_flows, set_length
 from ..solver.kernels_of_flow import FlowKernels
@@ -44,11 +43,11 @@ class Prepared:
         self.free = free if model.size <= LARGE else None
         observe, n_observables = model.observer
         states = 0 if method is None else method.memory or 2
-        known, least = len(model.constant_values), len(model.variables) if states else 0
-        c, self.tally = np.ones(known + least + states * model.size), Tally()
+        known = len(model.constant_values)
+        c, self.tally = np.ones(known + states * model.size), Tally()
         c[:known] = model.constant_values
-        self.constants, self.least = c[:known], c[known : known + least]  # parts of c
-        self.others = c[known + least :].reshape(-1, model.size)  # a row is of a state
+        self.constants = c[:known]  # parts of c
+        self.others = c[known:].reshape(-1, model.size)  # a row is of a state
         self.rules, self.bound = Rules(), math.inf
         self.flows: list[tuple[CompiledFlow, FlowKernels, float]] = []
         fields: dict[str, Any] = {}
@@ -70,7 +69,7 @@ class Prepared:
             n=model.size, n_elements=model.n_temperatures, n_invariants=len(model.invariant_names), n_rows=0,
             every=1, n_observables=n_observables, n_constants=len(c), observe=observe.address, bound=math.inf, h=1.0,
             reference=model.reference_temperature, entropy_tolerance=ENTROPY_TOLERANCE, entropy_fall=ENTROPY_FALL,
-            c=c, tally=self.tally, **fields,
+            c=c, tally=self.tally, least=model.least_sizes[1], **fields,
         )  # fmt: skip
         self.run.make_room(2)
         self.way = "; ".join(dict.fromkeys(k.way for k in kernels))
@@ -79,7 +78,6 @@ class Prepared:
         """As if nothing had run yet."""
         self.tally.table[...] = _NO_STEP.table  # half of the time of [:]
         self.run.clear()
-        self.least[...] = 1.0
         for flow, _, _ in self.flows:
             flow.clear()
 
@@ -108,8 +106,6 @@ class Prepared:
         run.make_room(steps // every + 2)
         self.constants[...], run.z[...] = scenario.model.constant_values, z0
         self.others[...] = 0.0 if run.memory else z0
-        if len(self.least):
-            self.least[...] = least_sizes(scenario)
         self.set_length(dt)
         return run
 

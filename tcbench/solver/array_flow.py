@@ -102,8 +102,7 @@ def _array_flow(flow: Flow, net: Any) -> ArrayFlow:
     if flow.variables != "entropy":
         dz = net.state(np.concatenate([dy.q, dy.p, net.entropy_increments(flow.variables, y0, y1)]))
     positive = entries(y1.theta) if flow.variables == "temperature" else []
-    least: list[Symbol] = list(trace.variables("least", len(z0.blocks)))
-    scales = map(trace.reciprocal, sizes_of(net, y0, z0, flow.variables, least) * len(steps))
+    scales = map(trace.reciprocal, sizes_of(net, y0, z0, flow.variables) * len(steps))
     sizes = measured_by(reduction, dict(zip(d, scales, strict=True)))
     began = plain_start(reduction)
     began |= dict(zip(shared, trace.substitute(list(shared.values()), began), strict=True))
@@ -119,8 +118,7 @@ def _array_flow(flow: Flow, net: Any) -> ArrayFlow:
     kept = alone(list(hoisted))
     inputs = {
         "a": net.blocks(z0),
-        "b": [Block(NUMBER, (h,)), *net.constant_blocks(), Block(NUMBER, tuple(least))]
-        + [b for v in start for b in net.blocks(v)],
+        "b": [Block(NUMBER, (h,)), *net.constant_blocks(), *(b for v in start for b in net.blocks(v))],
     }
     opening = alone(fixed, unknowns * 3)
     reads = {"a": [*alone([None] * len(fixed), unknowns * 3), *kept], "b": alone(unknowns)}

@@ -205,8 +205,8 @@ def lawful(flow: CompiledFlow) -> bool:
     observe_ends(flow)
     call(flow.finish, flow.w, flow.x, flow.dz)
     energy, entropy = float(seen[0, 0]), float(seen[0, 1])
-    kept = abs(seen[1, 0] - energy) <= LAWFUL * (1.0 + abs(energy))
-    return kept and float(seen[1, 1]) - entropy >= -LAWFUL * (1.0 + abs(entropy))
+    kept = abs(seen[1, 0] - energy) <= LAWFUL * (flow.least_energy + abs(energy))
+    return kept and float(seen[1, 1]) - entropy >= -LAWFUL * (flow.least_entropy + abs(entropy))
 
 
 @rare

@@ -3,32 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..compiler import derivatives as trace
 from ..compiler.array_jacobian import jacobian_terms
-from ..compiler.array_kernels import ArrayKernel, array_kernel
-from ..compiler.array_mesh import Block
 from ..compiler.array_states import entries
-from ..compiler.arrays import NUMBER
 from ..compiler.derivatives import Symbol, array, const
-from ..compiler.kernels import Kernel, kernel
-from ..compiler.library import ROWS
-from ..compiler.once import once
 from ..systems.element_system import ElementSystem
-from ..systems.scenario import Scenario
-from ..systems.state import fixed
 from ..systems.system import System
 from .elimination import factorise
-from .mending import round_off
 from .reduction import Reduction
 
 TINY = 1e-100  # beside a kinetic energy that may be zero
-SMALL = 2.0**-12  # beside 1: what moves a variable no farther is in another unit
 
 
 def plain_start(reduction: Reduction) -> dict[Symbol, Symbol]:
@@ -124,64 +112,10 @@ def _derivatives(values: Sequence[Symbol], t: Symbol, order: int) -> list[Any]:
     return [array(trace.substitute(list(x), {t: const(0.0)})) for x in found]
 
 
-def least_sizes(scenario: Scenario) -> NDArray[np.float64]:
-    """By what the increments of each variable are measured at least: 1, or, where units make it small, how far the
-    energy at hand moves it."""
-    if "least" not in scenario._cache:
-        model, z0 = scenario.model, scenario.z0
-        least = _moved(model, z0, scenario.exergy_at_start)
-        if least.min() < 1.0:  # is the energy small, or next to rest?
-            terms = terms_of_energy(model.by_arrays if model.large else model.symbolic)
-            measure = terms.kernel(model.mesh) if isinstance(terms, ArrayKernel) else terms
-            size = float(measure(np.array(z0), model.constant_values)[0])
-            least = _moved(model, z0, max(size, scenario.exergy_at_start))
-        scenario._cache["least"] = fixed(least)
-    found: NDArray[np.float64] = scenario._cache["least"]
-    return found
-
-
-@once
-def terms_of_energy(system: Any) -> Kernel | ArrayKernel:
-    """How large they are at a state, of all systems of one structure or kind."""
-    with trace.tracing():
-        if system.by_array:
-            z = system.fresh_state("z")
-            inputs = {"a": system.blocks(z), "b": [Block(NUMBER, (None,)), *system.constant_blocks()]}
-            return array_kernel(inputs, [Block(NUMBER, (round_off(system.energy(z), entries(z), False),))])
-        x = trace.variables("x", system.size)
-        size = round_off(trace.lifted(system.energy(system.state(x))), list(x), False)
-        return kernel({s: f"a[{i}]" for i, s in enumerate(x)} | system.constant_symbols(), [size])
-
-
-def _moved(model: System, z0: NDArray[np.float64], energy: float) -> NDArray[np.float64]:
-    """How far so much energy moves each variable; 1 where that is not small."""
-    least, moves = np.ones(len(model.variables)), _ways(tuple((a, b) for a, b, _ in model.layout.values()))
-    observe, n_observables = model.observer
-    seen = np.empty((1 + 2 * len(least), n_observables))  # of z0 and of both ways of each variable, at once
-    while energy > 0.0:
-        steps = least[:, None] * moves
-        ROWS.evaluate_rows(
-            observe.address, np.concatenate([z0[None], z0 + steps, z0 - steps]), model.constant_values, seen
-        )
-        changes = abs(seen[1:, :2] - seen[0, :2]) * (1.0, model.reference_temperature)
-        far = (changes > energy).any(axis=1).reshape(2, -1).any(axis=0) & (least > TINY)  # NaN, beyond an edge, may be
-        if not far.any():
-            break
-        least[far] /= 32.0
-    return np.where(least < 1.0, SMALL * least, 1.0)
-
-
-@cache
-def _ways(places: tuple[tuple[int, int], ...]) -> NDArray[np.float64]:
-    """A small move of each variable, which stand at these places: shape (variables, size of z)."""
-    at = np.arange(places[-1][1])
-    return fixed(np.array([np.where((at >= a) & (at < b), SMALL * np.cos(1.7 * at + 0.4), 0.0) for a, b in places]))
-
-
-def sizes_of(system: Any, y0: Any, z0: Any, variables: str, least: Sequence[Symbol]) -> list[Symbol]:
+def sizes_of(system: Any, y0: Any, z0: Any, variables: str) -> list[Symbol]:
     """By what each increment is measured, as the system says; of temperatures theta, of energies theta times that of an
-    entropy. least: of each variable, see `least_sizes`."""
-    sizes = [trace.lifted(x) for x in entries(*system.sizes(z0, least))]
+    entropy."""
+    sizes = [trace.lifted(x) for x in entries(*system.sizes(z0))]
     if variables == "temperature":
         theta = entries(y0.theta)
         sizes[-len(theta) :] = theta

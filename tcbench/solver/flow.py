@@ -62,6 +62,8 @@ class CompiledFlow(Record):
     audit: int  # see implicit_step
     residuals: bool
     reference: float  # temperature of the exergy
+    least_energy: float  # by what energies and entropies are measured at least
+    least_entropy: float
     bound: float  # V0
     tally: Tally
     c: Floats = sized("n_constants")  # step, constants; of a run's flows one array

@@ -74,8 +74,7 @@ def _build(flow: Flow, system: System) -> FlowKernels:
     place = {s: i for i, s in enumerate(d)}
     where = [place[s] for s in x]
     positive = list(y1.theta) if flow.variables == "temperature" else []
-    least: list[Symbol] = list(trace.variables("least", len(system.variables)))
-    sizes = sizes_of(sym, y0, z0, flow.variables, least)
+    sizes = sizes_of(sym, y0, z0, flow.variables)
     if slopes is None:
         moved = reduction.moved()
         scales = [trace.reciprocal(sizes[i % n]) for i in [*where, *(place[e] for e in moved)]]
@@ -91,7 +90,7 @@ def _build(flow: Flow, system: System) -> FlowKernels:
     hoisted = fixed_values(moving, [*x, *parts.stored], moving)
     opening = [*fixed, *hoisted, *sym.observe(z0)]
     # of an explicit flow the step size is constant as well; where Newton works, continuation varies it
-    behind = {s: f"b[{system.n_constant_values + i}]" for i, s in enumerate([*least, *start])}
+    behind = {s: f"b[{system.n_constant_values + i}]" for i, s in enumerate(start)}
     first: list[Symbol] = list(start[n:]) if flow.of_step else []  # the state at the start of the run is constant, too
     varying = start[: len(start) - len(first)]
     fixed_constants = constant_part(opening, [*z0, *varying, *([h] if x else [])])
@@ -103,7 +102,7 @@ def _build(flow: Flow, system: System) -> FlowKernels:
     stored = {f: f"out[{len(parts.iterate) + i}]" for i, f in enumerate(parts.stored)}
     opened = kernel(prologue_inputs, opening)
     return FlowKernels(
-        setup=kernel({**known, **{s: behind[s] for s in [*least, *first]}}, fixed_constants),
+        setup=kernel({**known, **{s: behind[s] for s in first}}, fixed_constants),
         prologue=opened if slopes else kernel(prologue_inputs, [*fixed, *hoisted]),
         opening=opened,
         iterate=kernel(reads, [*parts.iterate, *parts.stored.values()]),
@@ -218,7 +217,7 @@ def apply_explicit(formula: Residual, system: System, start: Any, end: Any, firs
 
 def _applied(kernels: FlowKernels, system: System, h: float, end: Any, start: Any, first: Any) -> Any:
     """What the explicit formula of these kernels adds to `end`."""
-    w = kernels.prepared(end, constants(system, h, np.ones(len(system.variables)), start, first))
+    w = kernels.prepared(end, constants(system, h, start, first))
     return kernels.finish(w, w)
 
 

@@ -17,7 +17,6 @@ from ..integrator import Flow, Integrator
 from ..systems.scenario import Scenario
 from ..systems.system import System
 from .continuation import COLD_ROOT, FOUND, LOST, UNDETERMINED, arc, detour
-from .first_values import least_sizes
 from .flow import CompiledFlow, Tally
 from .flow_kernels import build
 from .kernels_of_flow import FlowKernels, constants
@@ -142,7 +141,7 @@ def constants_of(integrator: Integrator, scenario: Scenario) -> np.ndarray:
     multistep method, in place of the states, the slopes (earlier state - z)/h."""
     z0 = scenario.z0
     further = [np.zeros(integrator.memory * len(z0))] if integrator.memory else [z0, z0]
-    return constants(scenario.model, 0.0, least_sizes(scenario), *further)
+    return constants(scenario.model, 0.0, *further)
 
 
 class Rules(NamedTuple):
@@ -172,7 +171,8 @@ def make_flows(
             **k.fields, n=model.size, n_constants=len(c), n_observables=n_observables, most=formula.most,
             observe=observe.address,
             continuation=rules.continuation, audit=rules.audit, residuals=rules.residuals,
-            reference=model.reference_temperature, bound=bound, tally=tally, c=c,
+            reference=model.reference_temperature, least_energy=model.least_energy,
+            least_entropy=model.least_entropy, bound=bound, tally=tally, c=c,
         )  # fmt: skip
         set_length(flow, k, formula.fraction * dt)
         flows.append(flow)

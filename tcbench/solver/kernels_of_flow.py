@@ -85,6 +85,6 @@ class FlowKernels:
         return w
 
 
-def constants(system: System, h: float, least: Any, *further: Any) -> NDArray[np.float64]:
-    """(h, constants, least sizes of the variables, what the flow reads beside them): what kernels are given."""
-    return np.concatenate([[h], system.constant_values[1:], least, *further])
+def constants(system: System, h: float, *further: Any) -> NDArray[np.float64]:
+    """(h, constants, least sizes, what the flow reads beside them): what kernels are given."""
+    return np.concatenate([[h], system.constant_values[1:], *further])

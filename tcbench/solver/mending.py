@@ -19,11 +19,11 @@ from ..compiler import kernels
 from ..compiler.array_kernels import ArrayKernel, array_kernel
 from ..compiler.array_mesh import Block
 from ..compiler.array_states import entries, refilled
-from ..compiler.arrays import NUMBER, count, total
-from ..compiler.chain_rule import covectors
+from ..compiler.arrays import NUMBER, total
 from ..compiler.derivatives import Symbol, const
 from ..compiler.kernels import constant_part, kernel
 from ..compiler.language import Address, Floats, call, rare
+from ..compiler.round_off import round_off
 from ..systems.state import blocks_of
 from ..systems.system import System
 
@@ -134,7 +134,8 @@ def array_mending_kernels(net: Any) -> list[ArrayKernel]:
 def _moves(system: Any, z: Any, told: Sequence[Symbol]) -> list[list[Symbol]]:
     """What the three give, number by number or array by array."""
     values, slopes = [trace.lifted(v) for v in laws(system, z)], gradients(system, z)
-    noises = [ROUND_OFF * round_off(f, entries(z)) for f in values]
+    least = system.least_of(z)
+    noises = [ROUND_OFF * round_off(f, entries(z), entries(least)) for f in values]
     start = [*entries(z), values[0], values[-1], noises[-1], noises[0]]
     for pair in zip(values[1:-1], noises[1:-1], strict=True):
         start += pair
@@ -145,37 +146,11 @@ def _moves(system: Any, z: Any, told: Sequence[Symbol]) -> list[list[Symbol]]:
     positive = map(trace.lifted, [*margins, *entries(system.temperatures(z), system.shapes(z))])
     good = reduce(trace.minimum, (total("min", x, x.space) for x in positive))
     good = trace.guarded(good, values)  # of what is not a number the least is lost
-    weights = 1.0 + by_variable(system, z, z)
+    weights = least * least + by_variable(system, z, z)
     mend = [*entries(z + shortest_move(system, misses[:-1], slopes[:-1], weights)), values[-1], good]
     held = trace.minimum(good, allowed[-1] + own[-1] - misses[-1])
     hold = [*entries(z + shortest_move(system, misses, slopes, weights)), values[-1], held]
     return [[trace.lifted(v) for v in f] for f in (start, mend, hold)]
-
-
-def round_off(f: Symbol, x: Sequence[Symbol], of_x: bool = True) -> Symbol:
-    """The round-off of f, in units of the last place: the sizes of its operations times what they weigh in f; of a
-    variable 1, or the largest of an array, beside its size, for it may begin at 0. Without that of x itself it goes
-    with the units of f: how large its terms are, that may cancel."""
-    by, moving = covectors(f, x), trace.depends_on([f], x)
-    nodes = [node for node in reversed(trace.topological([f])) if node.number in by and node.number in moving]
-    nodes = [node for node in nodes if of_x or node.op != "var"]
-    return reduce(trace.add, (_rounded(node, by[node.number]) for node in nodes), abs(f))
-
-
-def _rounded(node: Symbol, by: Symbol) -> Symbol:
-    """Of an operation, or a variable, and df by it. Of an array each entry is rounded by itself: these add up by their
-    squares, and what a sum loses grows as the root of their number."""
-    if node.op == "total":
-        op, space = node.value
-        return abs(by) * total(op, abs(node.args[0]), space) * count(space).sqrt()
-    if node.op != "var":
-        return _in_all(by * node)
-    least = total("max", abs(node), node.space) if node.space else const(1.0)
-    return _in_all(abs(by) * (least + abs(node)))
-
-
-def _in_all(size: Symbol) -> Symbol:
-    return total("add", size * size, size.space).sqrt() if size.space else abs(size)
 
 
 @rare

@@ -92,11 +92,13 @@ def _end_state(integrator: Integrator, scenario: Scenario, n: int) -> tuple[floa
 
 
 def groups(model: System, z: Any) -> dict[str, Any]:
-    """The state by its variables, and the temperatures; "all" is z, for theta is a function of it."""
-    state = model.state(np.asarray(z, float))
+    """The state by its variables, and the temperatures, over their least sizes; "all" is z, for theta is a function of
+    it."""
+    theta_size, scaled = model.least_energy / model.least_entropy, np.asarray(z, float) / model.least_each
+    state = model.state(scaled)
     found = {name: np.ravel(getattr(state, name)) for name in model.variables}
-    theta = {"theta": model.temperatures(z)} if model.n_temperatures else {}
-    return {**found, **theta, "all": np.asarray(z, float)}
+    theta = {"theta": model.temperatures(z) / theta_size} if model.n_temperatures else {}
+    return {**found, **theta, "all": scaled}
 
 
 def relative_error(found: Any, exact: Any) -> float:

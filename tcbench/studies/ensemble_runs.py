@@ -62,12 +62,13 @@ def laws(run: Trajectory) -> dict[str, float]:
     """Largest error of each law over the completed steps; NaN where there are none. Dimensionless.
 
     energy: |E - E0|/V0; entropy: the largest fall in a step; invariants: their departure over the size of their terms,
-    |q0| |p0| (random momenta may cancel), at least 1e-12 of it; of a system without elements over its value, or 1.
+    |q0| |p0| (random momenta may cancel), at least 1e-12 of it; of others over their value, or a least size.
     """
     found = {"energy": run.summary.energy_error_max, "entropy": max(0.0, -run.summary.entropy_increment_min)}
     model = run.scenario.model
     if not isinstance(model, ElementSystem):
-        sizes = {name: max(1.0, abs(float(values[0]))) for name, values in run.invariants.items()}
+        least = dict(zip(model.invariant_names, model.least_sizes[1][2:].tolist(), strict=True))
+        sizes = {name: max(least[name], abs(float(values[0]))) for name, values in run.invariants.items()}
         return found | {name: error / sizes[name] for name, error in run.summary.invariant_error_max.items()}
     start = model.state(run.z[0])
     size = float(np.linalg.norm(start.q) * np.linalg.norm(start.p)) or 1.0

@@ -75,29 +75,31 @@ def _highest(surface: _Surface, within: float) -> Equilibrium:
         with np.errstate(all="ignore"):
             other = surface.back(np.asarray(surface.system.nearby(surface.start, rng)))
         found = best if other is None else _top(surface, other, within, rng)
-        best = found if found.entropy > best.entropy + NEAR * (1.0 + abs(best.entropy)) else best
+        higher = NEAR * (surface.system.least_entropy + abs(best.entropy))
+        best = found if found.entropy > best.entropy + higher else best
     return best
 
 
 def _top(surface: _Surface, z: Floats, within: float, rng: np.random.Generator) -> Equilibrium:
     """That which is reached from z."""
     system, before, flat = surface.system, np.inf, FLAT
-    far = within * (1.0 + float(np.linalg.norm(surface.start)))
+    least, least_s = surface.least, system.least_entropy
+    far = within * (1.0 + float(np.linalg.norm(surface.start / least)))
     for _ in range(STEPS):
         step, gain, saddle = surface.uphill(z, flat)
         S = float(system.entropy(z))
-        near, least = gain <= NEAR * (1.0 + abs(S)), S
+        near, lowest = gain <= NEAR * (least_s + abs(S)), S
         if near and saddle is not None:
-            step, least = 1e-3 * (1.0 + np.linalg.norm(z)) * saddle * rng.choice((-1.0, 1.0)), -np.inf
-        higher, share = surface.climbed(z, step, least)
-        if gain <= THERE * (1.0 + abs(S)) and saddle is None:
+            step, lowest = 1e-3 * (1.0 + np.linalg.norm(z / least)) * saddle * rng.choice((-1.0, 1.0)), -np.inf
+        higher, share = surface.climbed(z, step, lowest)
+        if gain <= THERE * (least_s + abs(S)) and saddle is None:
             return _at(system, z if higher is None else higher)
         if higher is None:
             return _none(system, "the entropy rises to where a temperature or a measure is no longer positive")
-        whole = share == 1.0 and np.linalg.norm(step / np.maximum(1.0, np.abs(z))) < LONGEST
+        whole = share == 1.0 and np.linalg.norm(step / np.maximum(least, np.abs(z))) < LONGEST
         flat = FLAT if gain < 0.1 * before else max(FLATTEST, 0.1 * flat) if whole else min(FLAT, 10.0 * flat)
         z, before = higher, gain
-        if np.linalg.norm(z) > far:
+        if np.linalg.norm(z / least) > far:
             return _none(
                 system, f"the entropy still rises where the state is {within:g} times as large as at the start"
             )
@@ -125,7 +127,8 @@ class _Surface:
         self.system, self.start, self.count = system, start, 1 + len(system.invariant_names)
         self.kernel = _derivatives(system.symbolic)
         values = self.at(start)[0]
-        self.target, self.scale = values[1:], np.maximum(1.0, np.abs(values[1:]))
+        self.least, laws = system.least_each, np.delete(system.least_sizes[1], 1)
+        self.target, self.scale = values[1:], np.maximum(laws, np.abs(values[1:]))
 
     def at(self, z: Floats) -> tuple[Floats, Floats, Floats]:
         """Values, gradients and second derivatives of S, E, invariants."""
@@ -137,7 +140,7 @@ class _Surface:
     def uphill(self, z: Floats, flat: float) -> tuple[Floats, float, Floats | None]:
         """A step along the tangents, by how much S rises along it, and a direction in which S curves up, if any."""
         _, slopes, curves = self.at(z)
-        size = np.maximum(1.0, np.abs(z))
+        size = np.maximum(self.least, np.abs(z))
         rise, held = slopes[0] * size, slopes[1:] * size
         weights, *_ = np.linalg.lstsq(held.T, rise, rcond=1e-12)
         _, singular, rows = np.linalg.svd(held)
@@ -148,7 +151,8 @@ class _Surface:
             return np.zeros_like(z), 0.0, None
         bend, axes = np.linalg.eigh(tangent.T @ curve @ tangent)
         largest = max(1e-300, float(np.abs(bend).max()))
-        step = tangent @ (axes @ ((axes.T @ along) / np.maximum(np.abs(bend), max(flat * largest, 1e-21))))
+        steepest = max(flat * largest, 1e-21 * self.system.least_entropy)
+        step = tangent @ (axes @ ((axes.T @ along) / np.maximum(np.abs(bend), steepest)))
         length = float(np.linalg.norm(step))
         step *= LONGEST / length if length > LONGEST else 1.0
         upward = size * (tangent @ axes[:, -1]) if bend[-1] > 1e3 * FLAT * largest else None
@@ -159,7 +163,8 @@ class _Surface:
         `least`, and which part."""
         for halvings in range(50):
             found = self.back(z + 0.5**halvings * step)
-            if found is not None and self.system.entropy(found) >= least - 1e-15 * (1.0 + abs(least)):
+            lower = 1e-15 * (self.system.least_entropy + abs(least))
+            if found is not None and self.system.entropy(found) >= least - lower:
                 return found, 0.5**halvings
         return None, 0.0
 
@@ -173,7 +178,7 @@ class _Surface:
                     return None
                 if np.all(np.abs(off) <= HELD * self.scale):
                     return z if self._admissible(z) else None
-                size = np.maximum(1.0, np.abs(z))
+                size = np.maximum(self.least, np.abs(z))
                 z = z - size * np.linalg.lstsq(slopes[1:] * size, off, rcond=1e-12)[0]
             return z if np.all(np.abs(off) <= 1e-10 * self.scale) and self._admissible(z) else None
 

@@ -127,7 +127,7 @@ def symplecticity_defect(integrator: Integrator, scenario: Scenario, options: Ro
 
     try:
         z1, slopes = step(z0), []
-        for i, size in enumerate(NUDGE * np.maximum(1.0, np.abs(z0))):
+        for i, size in enumerate(NUDGE * np.maximum(model.least_each, np.abs(z0))):
             d = size * np.eye(len(z0))[i]
             slopes.append((step(z0 + d) - step(z0 - d)) / (2 * size))
     except ArithmeticError:

@@ -274,7 +274,8 @@ def produced_error(scenario: Scenario, state: Any, exact: Any) -> float:
     """
     start, found, right = (scenario.model.entropy(z) for z in (scenario.z0, state, exact))
     made = right - start
-    return abs(found - right) / made if made > LEAST_PRODUCED * max(1.0, abs(right)) else math.nan
+    least = LEAST_PRODUCED * max(scenario.model.least_entropy, abs(right))
+    return abs(found - right) / made if made > least else math.nan
 
 
 def _horizons(integrator: Integrator, scenario: Scenario, points: Sequence[Row]) -> list[Row]:

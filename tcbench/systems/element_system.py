@@ -7,7 +7,7 @@ these have temperatures in the place of entropies as variables, and the paper's 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import wraps
 from typing import Any, ClassVar
 
@@ -126,7 +126,7 @@ class ElementSystem(ThermalVariables, System):
 
     def entropy_scale(self) -> Any:
         """Size of a typical entropy increment, for Newton's stopping test."""
-        return 1.0
+        return self.least[2]
 
     # ---- derived ---------------------------------------------------------------------------------------
 
@@ -149,8 +149,8 @@ class ElementSystem(ThermalVariables, System):
     def size(self) -> int:
         return 2 * self.n_positions + self.n_elements
 
-    def sizes(self, z: Any, least: Sequence[Any]) -> list[Any]:
-        return [*super().sizes(z, least)[:2], 0.0 * self.state(z).s + self.entropy_scale()]
+    def sizes(self, z: Any) -> list[Any]:
+        return [*super().sizes(z)[:2], 0.0 * self.state(z).s + self.entropy_scale()]
 
     def start(self, positions: Any, momenta: Any, temperatures: Any) -> NDArray[np.float64]:  # type: ignore[override]
         n, m = how_many(self, positions, temperatures)
@@ -195,7 +195,8 @@ class ElementSystem(ThermalVariables, System):
 
     def nearby(self, z0: Any, rng: np.random.Generator) -> Any:
         z0 = self.state(z0)
-        reach = 0.3 * max(1.0, float(np.abs(z0.q).max())), 0.5 * max(1.0, float(np.abs(z0.p).max()))
+        least_q, least_p, *_ = self.least
+        reach = 0.3 * max(least_q, float(np.abs(z0.q).max())), 0.5 * max(least_p, float(np.abs(z0.p).max()))
         q = z0.q + reach[0] * rng.standard_normal(len(z0.q))
         p = z0.p + reach[1] * rng.standard_normal(len(z0.p))
         theta = np.asarray(self.temperatures(z0)) * np.exp(0.2 * rng.standard_normal(self.n_elements))

@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 
 from ..errors import TcbenchError, expect, positive, shown, unknown_name
 from .declaration import SETTINGS
+from .least import exergy_at
 from .refusals import Fixed
 from .sampling import Draw, Range, rounded, seed_of
 from .state import fixed, formulas_hash, real
 from .system import System
 
 TRIES, NEAR = 100, 0.3  # of a random start; what a variable that is 0 is taken to be
-NO_SCALE = 1e-6  # an energy at the start as small says nothing of how large energies are
 REST = 1e-10  # least exergy of a scenario, relative to its energy: see Scenario.initial_exergy
 KINDS_OF_FIELDS = {
     "system": "a class", "constants": "a mapping", "initial": "a mapping", "shows": "a word", "source": "a word",
@@ -143,7 +143,8 @@ class Scenario:
             if str(error).startswith(f"{self.system.__name__}:"):  # of the class, whatever the scenario
                 raise
             raise TcbenchError(f"Scenario {self.name!r}: {error}") from None
-        return fixed(z0)
+        self.model.begin(fixed(z0))
+        return z0
 
     @property
     def model(self) -> System:
@@ -163,21 +164,18 @@ class Scenario:
 
     @property
     def initial_exergy(self) -> float:
-        """V0, the scale of energy errors: `exergy_at_start`, at rest or next to it 1e-10 max(1, |E0|): round-off of the
-        energy is no blow-up."""
+        """V0, the scale of energy errors: `exergy_at_start`, at rest or next to it 1e-10 of |E0|, or of the least size
+        of an energy: round-off of the energy is no blow-up."""
         if "V0" not in self._cache:
-            self._cache["V0"] = max(self.exergy_at_start, REST * max(1.0, abs(float(self.model.energy(self.z0)))))
+            energy, least = abs(float(self.model.energy(self.z0))), float(self.model.least_energy)
+            self._cache["V0"] = max(self.exergy_at_start, REST * max(least, energy))
         return float(self._cache["V0"])
 
     @property
     def exergy_at_start(self) -> float:
-        """V(z0); |E0 + offset| of a system without reference temperature, and where that is 0 or next to it, as an
-        energy that is counted from anywhere may be, at least the sum of |z dE/dz|/2."""
+        """V(z0): see `least.exergy_at`."""
         if "exergy" not in self._cache:
-            found = float(self.model.exergy(self.z0))
-            if not self.model.reference_temperature and (found := abs(found)) < NO_SCALE:
-                found = max(found, float(np.abs(self.z0 * self.model.gradient(self.z0)).sum()) / 2)
-            self._cache["exergy"] = found
+            self._cache["exergy"] = exergy_at(self.model, self.z0)
         return float(self._cache["exergy"])
 
     @property

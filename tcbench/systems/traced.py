@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[Any]
 OURS = Path(__file__).parents[1]
+OF_LAWS = 3  # of `System.least` the last ones: of energy, entropy and speeds
 FEW = 24  # length of a state over spaces up to which formulas are traced entry by entry
 MOST_WHOLE = 200  # longest state that is: beyond, compiling straight-line code takes minutes
 # what takes a state in any thermal variable
@@ -87,6 +88,7 @@ class Traced:
 
     name: ClassVar[str] = ""
     constants: Mapping[str, Any] = {}  # name -> shape, a tuple
+    variables: Mapping[str, tuple[Any, ...]] = {}  # name -> shape
     positive: ClassVar[tuple[str, ...]] = ()  # constants that must be > 0
     size: Any  # length of z
     zeros: tuple[tuple[str, int], ...] = ()  # constants (name, index) that are 0: what they switch off costs nothing
@@ -143,6 +145,7 @@ class Traced:
             for name, shape in self.constants.items():
                 symbols = self.symbols_of(name)
                 setattr(clone, name, symbols[0] if shape == () else symbols.reshape(shape))
+            clone.__dict__["least"] = self.least_symbols()
             _SYMBOLIC.setdefault(key, clone)  # of two threads that make one at once the first
         known: Self = _SYMBOLIC[key]
         return known
@@ -151,6 +154,10 @@ class Traced:
     def structure(self) -> tuple[Any, ...]:
         """Systems of equal structure share formulas and kernels."""
         return (type(self), self.size, self.formulas, self.zeros)
+
+    def least_symbols(self) -> Any:
+        """New symbols for `System.least`."""
+        return trace.variables("least", len(self.variables) + OF_LAWS)
 
     def symbols_of(self, name: str) -> Any:
         """New symbols for the entries of a constant; 0 for those that are switched off."""
@@ -163,8 +170,9 @@ class Traced:
         return symbols
 
     def constant_symbols(self) -> dict[trace.Symbol, str]:
-        """Kernel inputs for the constants: symbol -> 'b[1]', ...; b[0] is the time step."""
+        """Kernel inputs for the constants and least sizes: symbol -> 'b[1]', ...; b[0] is the time step."""
         symbols = [x for name in self.constants for x in np.ravel(getattr(self.symbolic, name))]
+        symbols += [*self.symbolic.least]
         return {x: f"b[{i + 1}]" for i, x in enumerate(symbols) if x.op != "const"}
 
     def _evaluate(self, body: Callable[..., Any], arrays: list[Array]) -> Any:
@@ -177,10 +185,10 @@ class Traced:
         entry, shape = self._kernel(body, tuple(a.shape[-1] for a in arrays))
         out = np.empty((len(rows[0]) if batch else 1, entry.size))
         if batch:
-            ROWS.evaluate_rows(entry.address, np.concatenate(rows, axis=1), self.constant_values, out)
+            ROWS.evaluate_rows(entry.address, np.concatenate(rows, axis=1), self.declared_values, out)
         else:  # the common case, where microseconds count
             a = arrays[0] if len(arrays) == 1 else np.concatenate(arrays)
-            evaluate(entry.address, np.ascontiguousarray(a), self.constant_values, out[0])
+            evaluate(entry.address, np.ascontiguousarray(a), self.declared_values, out[0])
         if not batch and not shape:
             return float(out[0, 0])
         values = out.reshape((*batch, *shape))

@@ -1,0 +1,163 @@
+"""By what the numbers of a run are measured at least: its variables, its energy, entropy and invariants.
+
+Rules that need an absolute size, as where a number may be 0, take these. They are 1, but for what the unit of a
+scenario makes small or large: as far as the energy at hand moves a variable, and by how much a law then changes. They
+are powers of two: a scenario in units that are such powers of others does the same, to round-off.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..compiler import derivatives as trace
+from ..compiler.array_kernels import ArrayKernel, array_kernel
+from ..compiler.array_mesh import Block
+from ..compiler.array_states import entries
+from ..compiler.arrays import NUMBER
+from ..compiler.kernels import Kernel, kernel
+from ..compiler.library import ROWS
+from ..compiler.once import once
+from ..compiler.round_off import round_off
+from .state import fixed
+from .traced import OF_LAWS
+
+if TYPE_CHECKING:
+    from .system import System
+
+Floats = NDArray[np.float64]
+NO_SCALE = 1e-6  # an energy at the start as small beside its terms says nothing of how large energies are
+SMALL, LARGE = 2.0**-8, 2.0**12  # a size between them is taken for 1: scenarios are written in units of their own
+SHORT = 2.0**-12  # a move
+FEW = 2.0**-6  # the same of an energy: an error of it is seen sooner
+STEP = 32.0  # from one length of a move to the next
+LONGER = STEP ** np.arange(1.0, 25.0)  # moves where a short one shows nothing
+LITTLE = 2.0**-4  # of the energy at hand: a change from which it can be told how far all of it moves a variable
+SEEN = 2.0**-36  # of the energy at hand: a change that shows a size, well above round-off
+NOISE = 2.0**-48  # of a value: what its second difference may be
+SHARE = 2.0**-8  # of its size, by which each variable is moved to see the sizes of laws
+CANCELLED = 2.0**-10  # a value as small beside its terms says nothing of its size
+TINY = 1e-100  # of a move: beyond, there is no size
+E, S = 0, 1  # places among what is observed
+
+
+def exergy_at(model: System, z0: Floats) -> float:
+    """V(z0); |E0 + offset| of a system without reference temperature, and where that is next to nothing beside the sum
+    of |z dE/dz|/2, as an energy that is counted from anywhere may be, that sum."""
+    found = float(model.exergy(z0))
+    if model.reference_temperature:
+        return found
+    terms = float(np.abs(z0 * model.gradient(z0)).sum()) / 2
+    return abs(found) if abs(found) >= NO_SCALE * terms else terms
+
+
+def measured(model: System, z0: Floats | None) -> tuple[Floats, Floats]:
+    """Of each variable, of energy, entropy and, of elements, speeds; and of energy, entropy and each invariant. 1 where
+    no start is known."""
+    count, n_laws = len(model.variables), 2 + len(model.invariant_names)
+    if z0 is None:
+        return np.ones(count + OF_LAWS), np.ones(n_laws)
+    energy = exergy_at(model, z0)
+    far = _moved(model, z0, energy)
+    if not _usual(far).all() or energy < FEW:  # is the energy small, or next to rest?
+        energy = max(energy, _terms(model, z0))
+        far = _moved(model, z0, energy)
+    values, laws = _laws(model, z0, far, n_laws)
+    laws[E] = energy
+    cancelled = np.abs(values) < CANCELLED * laws
+    laws = np.where((laws < [FEW] + [SMALL] * (n_laws - 1)) | cancelled, laws, 1.0)
+    speed = energy / far[1] if model.defines("element_energy") and far[1] > 0.0 else 1.0
+    laws = _power_of_two(laws, FEW)
+    return fixed(np.concatenate([_power_of_two(far), laws[:2], _power_of_two(np.array([speed]))])), fixed(laws)
+
+
+def _usual(size: Floats, small: float = SMALL) -> Any:
+    """Is it no unit's doing? What is nothing, or not known, is as good as 1."""
+    return ~(size > 0.0) | ~(size < np.inf) | ((size >= small) & (size <= LARGE))
+
+
+def _power_of_two(size: Floats, small: float = SMALL) -> Floats:
+    """1 where it is usual."""
+    usual = _usual(size, small)
+    return np.ones(len(size)) if usual.all() else np.exp2(np.round(np.log2(np.where(usual, 1.0, size))))
+
+
+def _terms(model: System, z0: Floats) -> float:
+    """How large the terms of the energy are."""
+    made = terms_of_energy(model.by_arrays if model.large else model.symbolic)
+    measure = made.kernel(model.mesh) if isinstance(made, ArrayKernel) else made
+    return float(measure(np.array(z0), model.declared_values)[0])
+
+
+@once
+def terms_of_energy(system: Any) -> Kernel | ArrayKernel:
+    """How large they are at a state, of all systems of one structure or kind."""
+    with trace.tracing():
+        if system.by_array:
+            z = system.fresh_state("z")
+            inputs = {"a": system.blocks(z), "b": [Block(NUMBER, (None,)), *system.constant_blocks()]}
+            return array_kernel(inputs, [Block(NUMBER, (round_off(system.energy(z), entries(z)),))])
+        x = trace.variables("x", system.size)
+        size = round_off(trace.lifted(system.energy(system.state(x))), list(x))
+        return kernel({s: f"a[{i}]" for i, s in enumerate(x)} | system.constant_symbols(), [size])
+
+
+def _moved(model: System, z0: Floats, energy: float) -> Floats:
+    """How far so much energy moves each variable; the largest entry where that cannot be seen."""
+    places = tuple((a, b) for a, b, _ in model.layout.values())
+    ways, largest = _ways(places), np.array([np.abs(z0[a:b]).max(initial=0.0) for a, b in places])
+    if not energy > 0.0:
+        return largest
+    length = np.full(len(ways), SHORT)
+    first, second = _changes(model, z0, length, ways)
+    while (far := ~(np.maximum(first, second) <= LITTLE * energy) & (length > TINY)).any():
+        length[far] /= STEP
+        first, second = _changes(model, z0, length, ways)
+    for i in np.flatnonzero(np.maximum(first, second) < SEEN * energy):  # a longer one tells more
+        longer = length[i] * LONGER
+        firsts, seconds = _changes(model, z0, longer, np.repeat(ways[i : i + 1], len(longer), axis=0))
+        seen = np.flatnonzero(np.maximum(firsts, seconds) >= SEEN * energy)  # NaN, beyond an edge, is not
+        if len(seen):
+            length[i], first[i], second[i] = longer[seen[0]], firsts[seen[0]], seconds[seen[0]]
+    with np.errstate(divide="ignore"):
+        far = np.minimum(length * (energy / first), length * np.sqrt(energy / second))
+    return np.where(np.maximum(first, second) >= SEEN * energy, far, largest)
+
+
+def _changes(model: System, z0: Floats, length: Floats, ways: Floats) -> tuple[Floats, Floats]:
+    """First and second differences of the energy, or of the entropy's, by moves of these lengths both ways; NaN where
+    there is no energy."""
+    seen = _observed(model, np.concatenate([z0[None], z0 + length[:, None] * ways, z0 - length[:, None] * ways]))
+    weights = (1.0, model.reference_temperature)
+    here, up, down = seen[0, :2], *np.split(seen[1:, :2], 2)
+    with np.errstate(invalid="ignore"):
+        first = (np.abs(up - down) / 2 * weights).max(axis=1)
+        second = (np.maximum(np.abs(up + down - 2 * here) - NOISE * np.abs(here), 0.0) * weights).max(axis=1)
+    return first, second
+
+
+def _laws(model: System, z0: Floats, far: Floats, count: int) -> tuple[Floats, Floats]:
+    """Values of energy, entropy and invariants, and how much they change as all variables move so far."""
+    ways = _ways(tuple((a, b) for a, b, _ in model.layout.values()))
+    move = SHARE * (far[:, None] * ways).sum(axis=0)
+    here, up, down = _observed(model, np.array([z0, z0 + move, z0 - move]))[:, :count]
+    with np.errstate(invalid="ignore"):
+        change = np.fmax(np.abs(up - down) / (2 * SHARE), np.abs(up + down - 2 * here) / SHARE**2)
+    return here, np.where(np.isfinite(change), change, np.abs(here))
+
+
+def _observed(model: System, rows: Floats) -> Floats:
+    observe, count = model.observer
+    seen = np.empty((len(rows), count))
+    ROWS.evaluate_rows(observe.address, np.ascontiguousarray(rows), model.declared_values, seen)
+    return seen
+
+
+@cache
+def _ways(places: tuple[tuple[int, int], ...]) -> Floats:
+    """A move of each variable, which stand at these places: shape (variables, size of z)."""
+    at = np.arange(places[-1][1])
+    return fixed(np.array([np.where((at >= a) & (at < b), np.cos(1.7 * at + 0.4), 0.0) for a, b in places]))
