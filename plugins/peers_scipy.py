@@ -41,13 +41,15 @@ def door_of_ode(name, stages):
         import scipy.integrate
 
         field, each = Field(system), system.least_each
-        own = np.all(each == 1.0)
-        rate = field.shared if own else lambda t, x: field.shared(t, x * each) / each
+        rate = lambda t, x: field.shared(t, x * each) / each  # noqa: E731
+        if np.all(each == 1.0):
+            rate, each = field.shared, None
         solver = scipy.integrate.ode(rate).set_integrator(name, rtol=rtol, atol=atol, nsteps=10_000_000)
-        return field, solver.set_initial_value(z0 / each, t), each
+        return field, solver.set_initial_value(z0 if each is None else z0 / each, t), each
 
     def state_at(solver, t, each):
-        state = solver.integrate(t) * each
+        state = solver.integrate(t)
+        state = state.copy() if each is None else state * each
         if not solver.successful():
             code = solver.get_return_code()
             raise RuntimeError(f"{name} stopped before t = {t:g}: {REASONS.get(code, f'code {code}')}")

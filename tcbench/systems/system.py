@@ -284,7 +284,7 @@ class System(OverSpaces):
 
     @cached_property
     def declared_values(self) -> NDArray[np.float64]:
-        """The same with 1 for all of `least`, which no formula of a system reads."""
+        """The same, shape (n_constant_values,), with 1 for all of `least`, which no formula of a system reads."""
         parts = [np.ravel(getattr(self, name)) for name in self.constants]
         return fixed(np.concatenate([[0.0], *parts, np.ones(len(self.variables) + OF_LAWS)]).astype(np.float64))
 
@@ -302,10 +302,12 @@ class System(OverSpaces):
 
     @property
     def least_energy(self) -> Any:
+        """By what energies are measured at least."""
         return self.least[-3]
 
     @property
     def least_entropy(self) -> Any:
+        """By what entropies are measured at least."""
         return self.least[-2]
 
     @property
@@ -320,7 +322,8 @@ class System(OverSpaces):
 
     @cached_property
     def least_sizes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """The same, and those of energy, entropy and invariants; 1 for all where no run is known to begin."""
+        """The same, shape (n_variables + 3,), and those of energy, entropy and invariants, shape (2 + n_invariants,); 1
+        for all where no run is known to begin."""
         return measured(self, self.begins)
 
     def least_of(self, z: Any) -> Any:

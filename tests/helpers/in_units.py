@@ -8,10 +8,10 @@ from tcbench import Scenario, System
 
 SPRINGS = {  # exponents of kg, m, s, K
     "masses": (1, 0, 0, 0), "stiffness": (1, 2, -2, 0), "branch_stiffness": (1, 2, -2, 0),
-    "natural_lengths": (0, 1, 0, 0), "anchors": (0, 1, 0, 0), "conductivity": (1, 2, -3, -1), "reference_temperature": (0, 0, 0, 1),
-    "coupling": (1, 2, -2, -1), "heat_capacity": (1, 2, -2, -1), "viscosity": (1, 2, -1, 0),
-    "positions": (0, 1, 0, 0), "momenta": (1, 1, -1, 0), "temperatures": (0, 0, 0, 1), "t_end": (0, 0, 1, 0),
-    "dt": (0, 0, 1, 0), "t_converge": (0, 0, 1, 0),
+    "natural_lengths": (0, 1, 0, 0), "anchors": (0, 1, 0, 0), "conductivity": (1, 2, -3, -1),
+    "reference_temperature": (0, 0, 0, 1), "coupling": (1, 2, -2, -1), "heat_capacity": (1, 2, -2, -1),
+    "viscosity": (1, 2, -1, 0), "positions": (0, 1, 0, 0), "momenta": (1, 1, -1, 0), "temperatures": (0, 0, 0, 1),
+    "t_end": (0, 0, 1, 0), "dt": (0, 0, 1, 0), "t_converge": (0, 0, 1, 0),
 }  # fmt: skip
 
 

@@ -16,7 +16,7 @@ GENERAL = ("damped_oscillator", "rubbing_piston", "viscous_pendulum", "rigid_bod
 MORE = ("tc_gauss[k=2]", "tc_taylor[order=8]", "projected[method=solve_ivp_rk45]", "controlled[method=gauss3]")
 # Of what is measured by least sizes these are in the method itself: which state a projection moves to, and from where
 # on tc_gonzalez takes a slope for one of its own. 1 in the units of a scenario, they are what moves in others: see
-# docs/running.md, Units. The laws are kept in any; the states differ by parts of the method's own error.
+# docs/add-scenario.md. The laws are kept in any; the states differ by parts of the method's own error.
 BY_SIZE = {"projected", "tc_taylor", "tc_gonzalez", "tc_gauss", "controlled"}
 ROUND_OFF = 1e-11  # of a run of STEPS steps over the size of a variable: the flows amplify it a thousand times at most
 TOLERANCE, FAR = 1e-7, 1e4  # BDF of order 1 to 5 misses a thousand times what it is asked for, with other weights
@@ -65,7 +65,7 @@ def test_a_run_is_the_same_in_any_unit(method, name):
     size = sizes(model, exergy_at(model, z[0]), z)
     adaptive = find_integrator(method).kind == "adaptive"
     allowed = FAR * TOLERANCE if adaptive else 1e-3 if method.partition("[")[0] in BY_SIZE else ROUND_OFF
-    for seed in (1, 2, 3):
+    for seed in (1, 2):
         other, there = run(name, method, seed)
         assert other.status == own.status, (seed, other.failure)
         if not own.ok:
