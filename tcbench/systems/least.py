@@ -19,7 +19,6 @@ from ..compiler.array_mesh import Block
 from ..compiler.array_states import entries
 from ..compiler.arrays import NUMBER
 from ..compiler.kernels import Kernel, kernel
-from ..compiler.library import ROWS
 from ..compiler.once import once
 from ..compiler.round_off import round_off
 from .state import fixed
@@ -150,6 +149,8 @@ def _laws(model: System, z0: Floats, far: Floats, count: int) -> tuple[Floats, F
 
 
 def _observed(model: System, rows: Floats) -> Floats:
+    from ..compiler.library import ROWS  # LLVM is loaded when something runs, not when plugins are listed
+
     observe, count = model.observer
     seen = np.empty((len(rows), count))
     ROWS.evaluate_rows(observe.address, np.ascontiguousarray(rows), model.declared_values, seen)
