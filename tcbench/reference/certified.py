@@ -186,7 +186,7 @@ def compute(
     return Reference(times, gauss.astype(float), certificate, floor, source)
 
 
-def _gaps(found: NDArray[Any], states: NDArray[Any], least: Any) -> list[float]:
+def _gaps(found: NDArray[Any], states: NDArray[Any], least: Any = 1.0) -> list[float]:
     """Of each row; inf where it is no number."""
     gaps = [gap(a.astype(float), b.astype(float), least) for a, b in zip(found, states, strict=True)]
     return [np.inf if np.isnan(x) else x for x in gaps]
@@ -207,7 +207,11 @@ def _growth(
 
 
 def _by_scipy(
-    rate: Callable[..., Any], jac: Callable[..., Any], z0: NDArray[np.float64], times: tuple[float, ...], least: Any
+    rate: Callable[..., Any],
+    jac: Callable[..., Any],
+    z0: NDArray[np.float64],
+    times: tuple[float, ...],
+    least: Any = 1.0,
 ) -> NDArray[np.float64]:
     """States by LSODA at a tight tolerance; NaN where it did not arrive."""
     from scipy.integrate import ODEintWarning, odeint

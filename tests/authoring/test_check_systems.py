@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tcbench import Scenario, System, TcbenchError
-from tcbench.authoring import check, scenario_checks
+from tcbench.authoring import check
 from tcbench.systems.right_hand_side import Field
 
 CALLS = [0]
@@ -154,29 +154,13 @@ def counted_from_there(more, large=1.0):
 
 
 def test_an_energy_that_is_0_at_the_start_is_no_scale_of_errors():
-    """At 0 its parts are the scale, (|q dE/dq| + |p dE/dp| + |s dE/ds|)/2; what is small beside energies is told."""
+    """At 0, or next to it, its parts are the scale, (|q dE/dq| + |p dE/dp| + |s dE/ds|)/2."""
     settings = {"initial": {"q": [1, 0], "p": [0, 1], "s": 0}, "t_end": 1, "dt": 0.1}
     scenario = Scenario("zero", counted_from_there(0.0), {"eta": 0.1, "theta": 1}, **settings)
     assert scenario.model.exergy(scenario.z0) == 0.0 and scenario.initial_exergy == 1.0
     assert "exergy" not in failed(counted_from_there(0.0))
     assert "exergy" not in failed(counted_from_there(2.0))
-    kind = counted_from_there(1e-4, 1e3)
-    assert "move E away from 0" in failed(kind)["exergy"]
-    assert "exergy" not in failed(type("Moved", (kind,), {"exergy_offset": lambda self: 5}))
-
-
-@pytest.mark.parametrize("theta", [0.0, 1.0])
-def test_numbers_as_small_as_those_of_atoms_in_metres_are_told(theta):
-    """Methods that keep the energy lost a thousandth of it, and the error was said to be 1e-37."""
-
-    def small(self, z):
-        return (z.p @ z.p + z.q @ z.q) / 2 + np.expm1(z.s)
-
-    kind = type("Small", (Right,), {"energy": small, "reference_temperature": theta})
-    for size, told in ((1e-3, False), (1e-9, True), (0.0, False)):
-        settings = {"initial": {"q": [size, 0], "p": [0, size], "s": 0.0}, "t_end": 1, "dt": 0.1}
-        found = scenario_checks.exergy(Scenario("small", kind, {"eta": 0.1, "theta": theta or 1.0}, **settings))
-        assert ("near 1" in found.remedy) == told, size
+    assert "exergy" not in failed(counted_from_there(1e-4, 1e3))
 
 
 def matrix(name, change):
