@@ -13,7 +13,6 @@ laws follow. Or the matrices `poisson(z)` and `friction(z)`, with identities at 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import reduce
 from typing import Any, ClassVar, cast
 
 import numpy as np
@@ -22,23 +21,21 @@ from numpy.typing import NDArray
 from ..compiler import chain_rule
 from ..compiler import derivatives as trace
 from ..compiler.array_states import entries, refilled
-from ..compiler.arrays import total
 from ..compiler.cut import Cut
 from ..compiler.once import cached_property
 from ..errors import TcbenchError, unknown_name
 from .as_written import RETURNED, as_written, derive
 from .declaration import check_declared, checked_constant, finite, named_constant, whole
-from .least import measured
+from .least_sizes import LeastSizes
 from .operators import projected
-from .over_spaces import OverSpaces
 from .refusals import check_attribute, check_class
-from .state import Layout, State, blocks_of, fixed, formulas_hash, in_one_row, laid_out
+from .state import Layout, State, fixed, formulas_hash, in_one_row, laid_out
 from .traced import OF_LAWS, derived
 
 FORMULAS = ("energy", "entropy", "reversible", "irreversible")
 
 
-class System(OverSpaces):
+class System(LeastSizes):
     """Base class of GENERIC systems; an instance holds values of the constants and is immutable.
 
     A subclass declares `name`, `variables` and `constants` and defines `energy`, `entropy`, `reversible` and
@@ -84,7 +81,6 @@ class System(OverSpaces):
     reference_temperature: Any = 0.0  # of the exergy; 0: the energy is its own scale
     source: ClassVar[str] = ""
     units: ClassVar[Mapping[str, Any]] = {}  # of variables, constants, energy, entropy, time: for `tcbench check`
-    begins: NDArray[np.float64] | None = None  # of an instance: z of the scenario that it belongs to
     initial_data: ClassVar[tuple[str, ...]] = ("initial",)  # settings of a Scenario that say where it starts
     collapsed: ClassVar[str] = "what measures(z) says is not positive"  # of a run that ends for that
     # what an author may define; every other name that the class has is derived or taken
@@ -257,14 +253,6 @@ class System(OverSpaces):
         state = self.state(np.asarray(z, dtype=float))
         return {"initial": {name: getattr(state, name) for name in self.variables}}
 
-    def sizes(self, z: Any) -> list[Any]:
-        """What increments are measured by, variable by variable, entry by entry: its largest entry, or `least`."""
-        found = []
-        for block, at_least in zip(blocks_of(self, z), self.least, strict=False):
-            largest = (total("max", abs(x), x.space) for x in entries(block))
-            found.append(refilled(block, [reduce(trace.maximum, largest, at_least)] * len(entries(block))))
-        return found
-
     def told_in_time(self, z: Any) -> dict[str, Any]:
         """What charts tell of states (m, size) beside energy, entropy, invariants and temperatures: name -> (m,)."""
         return dict(zip(self.component_names, np.asarray(z).T, strict=True))
@@ -293,52 +281,6 @@ class System(OverSpaces):
         """Length of `constant_values`."""
         constants = sum(int(np.prod(shape)) for shape in self.constants.values())
         return 1 + constants + len(self.variables) + OF_LAWS
-
-    def begin(self, z0: NDArray[np.float64]) -> None:
-        """Runs of it begin here, as a scenario knows."""
-        for name in ("least", "least_sizes", "constant_values"):
-            self.__dict__.pop(name, None)
-        self.__dict__["begins"] = z0
-
-    @property
-    def least_energy(self) -> Any:
-        """By what energies are measured at least."""
-        return self.least[-3]
-
-    @property
-    def least_entropy(self) -> Any:
-        """By what entropies are measured at least."""
-        return self.least[-2]
-
-    @property
-    def least_speed(self) -> Any:
-        """Of elements: that of their velocities."""
-        return self.least[-1]
-
-    @cached_property
-    def least(self) -> Any:
-        """By what each variable, energy, entropy and speeds are measured at least; see systems/least.py."""
-        return self.least_sizes[0]
-
-    @cached_property
-    def least_sizes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """The same, shape (n_variables + 3,), and those of energy, entropy and invariants, shape (2 + n_invariants,); 1
-        for all where no run is known to begin."""
-        return measured(self, self.begins)
-
-    def least_of(self, z: Any) -> Any:
-        """For each number of a state the least size of its variable."""
-        blocks = zip(self.least, blocks_of(self, z), strict=False)
-        return refilled(z, [size for size, block in blocks for _ in entries(block)])
-
-    def absolute(self, tolerance: float) -> Any:
-        """An absolute tolerance for a solver: for each number of a state in units that need one of their own."""
-        return tolerance if np.all(self.least_each == 1.0) else tolerance * self.least_each
-
-    @property
-    def least_each(self) -> NDArray[np.float64]:
-        """For each number of a state the least size of its variable, shape (size,)."""
-        return np.repeat(self.least[:-OF_LAWS], [int(np.prod(shape)) for shape in self.variables.values()])
 
     @derived
     def momenta(self, z: Any) -> Any:
