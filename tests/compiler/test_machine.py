@@ -11,7 +11,7 @@ import pytest
 import tcbench
 from tcbench import TcbenchError
 from tcbench import cache as files
-from tcbench.compiler import language, library, machine
+from tcbench.compiler import calls, language, machine
 from tcbench.compiler.kernels import _code
 from tcbench.compiler.library import evaluate
 
@@ -22,7 +22,7 @@ TEXT = "def kernel(a, b, out):\n    out[2] = a[0] + 3.25\n"
 @pytest.fixture
 def cache(tmp_path, monkeypatch):
     """An empty cache, and a count of what is compiled."""
-    library._native()  # from the usual cache
+    calls.native()  # from the usual cache
     machine._compiler()
     monkeypatch.setenv("TCBENCH_CACHE_DIR", str(tmp_path / "cache"))
     monkeypatch.setattr(machine, "_LOADED", {})
