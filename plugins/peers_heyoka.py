@@ -36,22 +36,21 @@ def refuses(system):
 
 
 def heyoka(system, z0, t_eval, rtol, atol):
-    own = bool(np.all(system.least_each == 1.0))
-    free = _FREE.setdefault((system.structure, float(rtol), own), [])
+    each = system.unit_sizes
+    free = _FREE.setdefault((system.structure, float(rtol), each is None), [])
     try:
         solver = free.pop()
     except IndexError:
-        solver = compiled(system, float(rtol), own)
+        solver = compiled(system, float(rtol), each is None)
     try:
-        return outputs(solver, system, z0, t_eval)
+        return outputs(solver, system, z0, t_eval, each)
     finally:
         free.append(solver)
 
 
-def outputs(solver, system, z0, t_eval):
+def outputs(solver, system, z0, t_eval, each):
     """States at these times and what they cost; all that the solver had before is set anew."""
-    each = system.least_each
-    solver.state[:] = z0 / each
+    solver.state[:] = z0 if each is None else z0 / each
     solver.pars[:] = system.constant_values[: len(solver.pars)]
     solver.time = float(t_eval[0])
     states, steps = [np.array(z0)], 0
@@ -60,7 +59,7 @@ def outputs(solver, system, z0, t_eval):
         steps += int(outcome[3])
         if outcome[0].name != "time_limit":
             raise RuntimeError(f"heyoka stopped before t = {t:g}: {outcome[0].name}")
-        states.append(solver.state * each)
+        states.append(solver.state.copy() if each is None else solver.state * each)
     return np.array(states), {"steps": steps}
 
 

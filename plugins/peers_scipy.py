@@ -40,10 +40,8 @@ def door_of_ode(name, stages):
         """They take one atol for all numbers: each is over its least size where that is not 1."""
         import scipy.integrate
 
-        field, each = Field(system), system.least_each
-        rate = lambda t, x: field.shared(t, x * each) / each  # noqa: E731
-        if np.all(each == 1.0):
-            rate, each = field.shared, None
+        field, each = Field(system), system.unit_sizes
+        rate = field.shared if each is None else lambda t, x: field.shared(t, x * each) / each
         solver = scipy.integrate.ode(rate).set_integrator(name, rtol=rtol, atol=atol, nsteps=10_000_000)
         return field, solver.set_initial_value(z0 if each is None else z0 / each, t), each
 

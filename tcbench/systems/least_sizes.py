@@ -14,7 +14,7 @@ from ..compiler.arrays import total
 from ..compiler.once import cached_property
 from .least import measured
 from .over_spaces import OverSpaces
-from .state import blocks_of
+from .state import blocks_of, fixed
 from .traced import OF_LAWS
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ class LeastSizes(OverSpaces):
 
     def begin(self, z0: NDArray[np.float64]) -> None:
         """Runs of it begin here, as a scenario knows."""
-        for name in ("least", "least_sizes", "constant_values"):
+        for name in ("least", "least_sizes", "least_each", "unit_sizes", "constant_values"):
             self.__dict__.pop(name, None)
         self.__dict__["begins"] = z0
 
@@ -65,12 +65,17 @@ class LeastSizes(OverSpaces):
 
     def absolute(self, tolerance: float) -> Any:
         """An absolute tolerance for a solver: for each number of a state in units that need one of their own."""
-        return tolerance if np.all(self.least_each == 1.0) else tolerance * self.least_each
+        return tolerance if self.unit_sizes is None else tolerance * self.unit_sizes
 
-    @property
+    @cached_property
+    def unit_sizes(self) -> NDArray[np.float64] | None:
+        """`least_each`, for solvers that have one scale for all numbers; None where all are 1, and nothing to scale."""
+        return None if np.all(self.least_each == 1.0) else self.least_each
+
+    @cached_property
     def least_each(self) -> NDArray[np.float64]:
         """For each number of a state the least size of its variable, shape (size,)."""
-        return np.repeat(self.least[:-OF_LAWS], [int(np.prod(shape)) for shape in self.variables.values()])
+        return fixed(np.repeat(self.least[:-OF_LAWS], [int(np.prod(shape)) for shape in self.variables.values()]))
 
     def sizes(self, z: Any) -> list[Any]:
         """What increments are measured by, variable by variable, entry by entry: its largest entry, or `least`."""

@@ -81,3 +81,12 @@ def assert_the_same(method, name):
         kept = "energy" in find_integrator(method).claims
         most = 0.0 if kept else FAR * TOLERANCE if adaptive else 1.01 * own.summary.energy_error_max
         assert other.summary.energy_error_max <= most + 3e-12, (name, seed)
+
+
+def test_scenarios_that_ship_are_measured_by_1_and_peers_run_on_them_as_they_are():
+    """A peer whose variables are scaled took twice the time on runs of some microseconds."""
+    for scenario in tcbench.scenarios().values():
+        assert all((sizes == 1.0).all() for sizes in scenario.model.least_sizes), scenario.name
+        assert scenario.model.unit_sizes is None and scenario.model.absolute(1e-6) == 1e-6
+    scaled = in_units("short_term", 1)[0].model
+    assert np.array_equal(scaled.absolute(1e-6), 1e-6 * scaled.least_each) and scaled.unit_sizes is scaled.least_each
