@@ -389,16 +389,3 @@ def test_names_are_completed_in_the_shell():
         [sys.executable, "-c", code], capture_output=True, text=True, env=os.environ | environment, check=True
     )
     assert {"plain,tc_staggered", "plain,tc_strang"} <= set(done.stdout.split())
-
-
-def test_a_script_without_a_guard_is_not_run_again_by_workers(tmp_path):
-    """Workers get everything by name, and know nothing of this process's main module."""
-    (tmp_path / "script.py").write_text(
-        "import tcbench\n"
-        "open(__file__ + '.begun', 'a').write('x')\n"
-        "chosen = dict(integrators=['tc_monolithic'], scenarios=['short_term'], studies=['conservation'])\n"
-        "print(tcbench.run(**chosen, output='out', jobs=2).summary.run)\n"
-    )
-    done = subprocess.run([sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    assert (tmp_path / "script.py.begun").read_text() == "x" and done.stdout == "5\n"

@@ -55,7 +55,7 @@ class FlowKernels:
 
     @cached_property
     def fields(self) -> dict[str, Any]:
-        """Sizes and addresses, as `Flow` names them; everything is compiled when they are first asked for."""
+        """Sizes and addresses, as `CompiledFlow` names them; everything is compiled when they are first asked for."""
         found: dict[str, Any] = {
             "nx": self.n_unknowns, "ne": self.n_eliminated, "npos": self.n_positive, "nd": self.iterate.size,
             "nw": self.opening.size + max(self.setup.size, self.opening.room), "prologue": self.prologue.address,

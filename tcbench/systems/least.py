@@ -40,7 +40,7 @@ NOISE = 2.0**-48  # of a value: what its second difference may be
 SHARE = 2.0**-8  # of its size, by which each variable is moved to see the sizes of laws
 CANCELLED = 2.0**-10  # a value as small beside its terms says nothing of its size
 TINY = 1e-100  # of a move: beyond, there is no size
-E, S = 0, 1  # places among what is observed
+E = 0  # place of the energy among laws
 
 
 def exergy_at(model: System, z0: Floats) -> float:

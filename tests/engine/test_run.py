@@ -1,5 +1,8 @@
 """`tcbench.run` from Python: objects of the session, variants of scenarios, plugin metrics."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -129,3 +132,16 @@ def test_every_table_of_the_folder_is_what_is_read_from_it(tmp_path):
         tcbench.load(tmp_path / "no_run_here")
     with pytest.raises(tcbench.TcbenchError, match="folder"):
         tcbench.load(3)
+
+
+def test_a_script_without_a_guard_is_not_run_again_by_workers(tmp_path):
+    """Workers get everything by name, and know nothing of this process's main module."""
+    (tmp_path / "script.py").write_text(
+        "import tcbench\n"
+        "open(__file__ + '.begun', 'a').write('x')\n"
+        "chosen = dict(integrators=['tc_monolithic'], scenarios=['short_term'], studies=['conservation'])\n"
+        "print(tcbench.run(**chosen, output='out', jobs=2).summary.run)\n"
+    )
+    done = subprocess.run([sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "script.py.begun").read_text() == "x" and done.stdout == "5\n"
