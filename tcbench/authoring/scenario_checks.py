@@ -13,15 +13,18 @@ from numpy.typing import NDArray
 from .. import plugins
 from ..compiler.derivatives import INFINITE
 from ..simulation.run import simulate
+from ..studies.structure import FORMULAS, rates_of, written
 from ..studies.theorems import SEED, admissible_states, operators
 from ..systems.as_written import place
 from ..systems.element_system import ElementSystem
 from ..systems.plane import segments
+from . import geometry
 from .check_line import FAIL, NONE, OK, Line, line
 from .units import check_units
 
 if TYPE_CHECKING:
     from ..systems.scenario import Scenario
+    from ..systems.system import System
 
 LARGE = 80  # numbers of a state from which on it is traced once
 TINY_SCALE = 1e-6  # of energy errors, over how far energies are apart
@@ -62,7 +65,7 @@ def formulas(scenario: Scenario) -> list[Line]:
         segments(model, np.asarray(z0)[None])
     rates = model.state(np.asarray(model.vector_field(z0)))
     if names := [name for name in model.variables if not (np.abs(getattr(rates, name)) < INFINITE).all()]:
-        found = f"at the start the rate of {', '.join(names)} is not finite"
+        found = f"{_not_finite(model, z0)}: at the start the rate of {', '.join(names)} is not finite"
         return [Line("formulas", FAIL, found, "Look for 0/0: a root of 0 has no slope, nor has a power below 1.")]
     if not np.any([rates, *(model.vector_field(model.nearby(z0, np.random.default_rng(i))) for i in range(3))]):
         remedy = "reversible(z, dE, dS) or irreversible(z, dE, dS), or a matrix in its place, gives rates by name."
@@ -84,6 +87,15 @@ def formulas(scenario: Scenario) -> list[Line]:
     if unread and not changing:
         return [Line("formulas", OK, f"{found}; none reads {', '.join(unread)}", "Is a term missing?")]
     return [line("formulas", not changing, found, remedy)]
+
+
+def _not_finite(model: System, z: Any) -> str:
+    """Where the formula stands from which rates are not finite: an energy's slope, or a rate's own."""
+    with np.errstate(all="ignore"):
+        covectors = [np.asarray(x) for x in (model.gradient(z), model.entropy_gradient(z))]
+        found = dict(zip(("energy", "entropy", *FORMULAS), (*covectors, *rates_of(model, z, *covectors)), strict=True))
+    name = next(name for name, values in found.items() if not (np.abs(values) < INFINITE).all())
+    return f"{written(model, name)}{', its slope' * (name in ('energy', 'entropy'))}"
 
 
 def smooth(scenario: Scenario) -> Line:
@@ -245,5 +257,6 @@ TESTS: tuple[tuple[str, Callable[[Scenario], Line | list[Line]]], ...] = (
     ("smooth", smooth),
     ("exergy", exergy),
     ("the operators", laws),
+    *geometry.TESTS,
     ("the paper's methods", paper_methods),
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 from types import FrameType
 
 from ..errors import TraceError
@@ -20,7 +21,7 @@ def where_in_user_code() -> str:
     while frame is not None:
         module = frame.f_globals.get("__name__", "")
         if not module.startswith(("tcbench.", "numpy", "functools")) or module.startswith("tcbench.systems.pendulum"):
-            return f"{frame.f_code.co_filename}, line {frame.f_lineno}"
+            return f"{Path(frame.f_code.co_filename).name}, line {frame.f_lineno}"
         frame = frame.f_back
     return "the formula"
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import traceback
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -59,7 +60,7 @@ def called(flow: Flow, arguments: Sequence[Any]) -> Any:
         frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename == _file(function)]
         if not frames and (wanted := _other_arguments(flow, arguments)):
             raise TraceError(wanted) from error
-        where = f"{frames[-1].filename}, line {frames[-1].lineno}: " if frames else ""
+        where = f"{Path(frames[-1].filename).name}, line {frames[-1].lineno}: " if frames else ""
         remedy = "" if isinstance(error, AttributeError | NameError) else _NOT_NUMPY
         raise TraceError(
             f"{where}the residual {function.__name__!r} cannot be traced: {misnamed(error)}.{remedy}"

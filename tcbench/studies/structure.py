@@ -1,12 +1,15 @@
 """Conditions (8) and (9) of any system, on random states and covectors: what its formulas owe to every method.
 
 A method puts covectors of its own in the place of grad E and grad S: sum_b F_b grad y_b, with the y that are at most
-quadratic in z and slopes F_b that differ from the true ones. So do the discrete gradients, and so the random ones here.
+quadratic in z and slopes F_b that differ from the true ones; so do the discrete gradients, and the random ones here. In
+the place of grad E it may put any other: Gonzalez's gradient adds a multiple of z1 - z0 to all of it.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -28,43 +31,103 @@ Row = Callable[[str, str, str, float, float, str], Any]
 def findings(row: Row, model: System, sample: Any, rng: np.random.Generator) -> list[Any]:
     """The findings on a sample of pairs of states."""
     put_in, count = _random_covectors(model)
-    worst = np.zeros(4)
+    free = _free_covectors(model, sample, rng)
+    owed = [_Condition(claim, source, formula, covector) for claim, source, formula, covector in CONDITIONS]
     lost = dict.fromkeys(model.invariant_names, 0.0)
     gap, n = 0.0, model.size
-    for z0, z1 in sample:
+    for (z0, z1), freely in zip(sample, free, strict=True):
         dE, dS = (np.asarray(g) for g in model.discrete_gradients(z0, z1))
         mid = np.asarray(z0 + z1) / 2
-        rates = [np.asarray(getattr(model, name)(mid, dE, dS)) for name in FORMULAS]
         factors = SPREAD ** rng.uniform(-1, 1, count)
         found = put_in(np.concatenate([np.asarray(z0), factors]), model.constant_values)
-        worst = np.maximum(worst, np.maximum(_defects(dE, dS, *rates), _defects(*np.split(found[: 4 * n], 4))))
+        true = np.asarray(model.entropy_gradient(z0))
+        for one in owed:
+            one.see(dE, dS, *rates_of(model, mid, dE, dS))
+            one.see(*np.split(found[: 4 * n], 4))
+            one.see(freely, true, *rates_of(model, z0, freely, true))
         for i, name in enumerate(lost):
             slope = found[(4 + i) * n : (5 + i) * n]
-            lost[name] = max(lost[name], *(_relative(slope, rate) for rate in np.split(found[2 * n : 4 * n], 2)))
+            lost[name] = max(lost[name], *(relative(slope, rate) for rate in np.split(found[2 * n : 4 * n], 2)))
         scale = np.linalg.norm(dS) * np.linalg.norm(z1 - z0) + abs(float(model.entropy(z0))) + 1e-300
         gap = max(gap, abs(dS @ np.asarray(z1 - z0) - (model.entropy(z1) - model.entropy(z0))) / scale)
-    written = {name: matrix if model.defines(matrix) else name for name, matrix in MATRICES.items()}
-    lines = {name: _line(model, written.get(name, name)) for name in (*FORMULAS, "entropy", "invariants")}
-    why = "{}: it must hold for the covectors that are put in, whatever they are, not for the true gradients only."
-    of = {name: why.format(lines[name]) for name in FORMULAS}
     rows = [
-        row("reversible keeps energy: dE . reversible(z, dE, dS) = 0", "eqs. (1), (9)", "defect 0, relative", worst[0],
-            ROUNDOFF, of["reversible"]),
-        row("reversible keeps entropy: dS . reversible(z, dE, dS) = 0", "eq. (9)", "defect 0, relative", worst[1],
-            ROUNDOFF, of["reversible"]),
-        row("irreversible keeps energy: dE . irreversible(z, dE, dS) = 0", "eq. (9)", "defect 0, relative", worst[2],
-            ROUNDOFF, of["irreversible"]),
-        row("irreversible never lowers entropy: dS . irreversible(z, dE, dS) >= 0", "eq. (1)", "violation 0, relative",
-            worst[3], ROUNDOFF, of["irreversible"]),
-        row("the discrete gradient of S is directional: DS . (z1 - z0) = S(z1) - S(z0)", "eq. (8)",
-            "defect 0, relative", gap, ROUNDOFF, f"{lines['entropy']}: a sum whose terms cancel loses its digits."),
+        row(f"{one.claim}: {one.needs}", one.source, f"{one.measured} 0, relative", one.worst, ROUNDOFF,
+            f"{written(model, one.formula)}: {one.why(model)}")
+        for one in owed
     ]  # fmt: skip
+    rows.append(
+        row("the discrete gradient of S is directional: DS . (z1 - z0) = S(z1) - S(z0)", "eq. (8)",
+            "defect 0, relative", gap, ROUNDOFF,
+            f"{written(model, 'entropy')}: a sum whose terms cancel loses its digits.")
+    )  # fmt: skip
     rows += _of_matrices(row, model, sample)
     return rows + [
         row(f"{name.replace('_', ' ')} is invariant", "section 3", "rate 0, relative", worst, ROUNDOFF,
-            f"{lines['invariants']}: neither reversible nor irreversible may change it.")
+            f"{written(model, 'invariants')}: neither reversible nor irreversible may change it.")
         for name, worst in lost.items()
     ]  # fmt: skip
+
+
+@dataclass(eq=False)
+class _Condition:
+    """One of the four on covector . rate, and where it was violated most."""
+
+    claim: str
+    source: str
+    formula: str
+    covector: str
+    worst: float = 0.0
+    terms: Any = None
+    seen: int = 0
+    fallen: int = 0
+
+    @property
+    def rises(self) -> bool:
+        """The one of the four that is no identity."""
+        return self.claim.endswith("entropy") and self.formula == "irreversible"
+
+    @property
+    def needs(self) -> str:
+        return f"{self.covector} . {self.formula}(z, dE, dS) {'>=' if self.rises else '='} 0"
+
+    @property
+    def measured(self) -> str:
+        return "violation" if self.rises else "defect"
+
+    def see(self, dE: Any, dS: Any, reversible: Any, irreversible: Any) -> None:
+        covector = dE if self.covector == "dE" else dS
+        rate = reversible if self.formula == "reversible" else irreversible
+        defect = relative(covector, rate)
+        if self.rises:
+            size = float(np.linalg.norm(covector) * np.linalg.norm(rate)) + 1e-300
+            defect = max(0.0, -float(covector @ rate) / size)
+        self.seen, self.fallen = self.seen + 1, self.fallen + (defect > ROUNDOFF)
+        if defect > self.worst or math.isnan(defect):
+            self.worst, self.terms = defect, covector * rate
+
+    def why(self, model: System) -> str:
+        """What an author does about it: which terms do not cancel, or that a sign is wrong."""
+        told = "it must hold for the covectors that are put in, whatever they are, not for the true gradients only."
+        if self.worst <= ROUNDOFF:
+            return told
+        if self.rises and self.fallen == self.seen:
+            return f"the entropy falls everywhere: is a sign wrong? {told[0].upper()}{told[1:]}"
+        parts = {name: float(self.terms[a:b].sum()) for name, (a, b, _) in model.layout.items()}
+        shown = " + ".join(f"({value:.3g} of {name})" for name, value in parts.items() if value)
+        return f"{told} At worst {self.covector} . rate = {shown}."
+
+
+CONDITIONS: tuple[tuple[str, str, str, str], ...] = (  # claim, where it is from, whose rate, with which covector
+    ("reversible keeps energy", "eqs. (1), (9)", "reversible", "dE"),
+    ("reversible keeps entropy", "eq. (9)", "reversible", "dS"),
+    ("irreversible keeps energy", "eq. (9)", "irreversible", "dE"),
+    ("irreversible never lowers entropy", "eq. (1)", "irreversible", "dS"),
+)
+
+
+def rates_of(model: System, z: Any, dE: Any, dS: Any) -> tuple[Any, Any]:
+    """The two rates with these covectors put in."""
+    return np.asarray(model.reversible(z, dE, dS)), np.asarray(model.irreversible(z, dE, dS))
 
 
 def _of_matrices(row: Row, model: System, sample: Any) -> list[Any]:
@@ -85,7 +148,7 @@ def _of_matrices(row: Row, model: System, sample: Any) -> list[Any]:
             turned = max(turned, float(np.abs(A - sign * A.T).max() / size))
             kept = max(kept, float((np.abs(A @ g) / (np.abs(A) @ np.abs(g) + 1e-300)).max()))
             least = max(least, -float(np.linalg.eigvalsh((A + A.T) / 2).min() / size))
-        where = _line(model, MATRICES[name])
+        where = written(model, MATRICES[name])
         rows.append(row(f"{told}: {needs}", "eq. (1)", "defect 0, relative", turned, ROUNDOFF, f"{where}."))
         rows.append(
             row(f"{told[0]} grad {other} = 0: at the true gradients", "eq. (2)", "defect 0, relative", kept,
@@ -106,15 +169,25 @@ def _matrix_of(model: System, name: str) -> Kernel:
         return kernel({x: f"a[{i}]" for i, x in enumerate(z)} | sym.constant_symbols(), outputs)
 
 
-def _defects(dE: Any, dS: Any, rev: Any, irr: Any) -> Any:
-    """Of the four conditions, relative."""
-    size = np.linalg.norm(dS) * np.linalg.norm(irr) + 1e-300
-    return _relative(dE, rev), _relative(dS, rev), _relative(dE, irr), max(0.0, -float(dS @ irr) / size)
-
-
-def _relative(covector: Any, rate: Any) -> float:
+def relative(covector: Any, rate: Any) -> float:
     """|covector . rate| over the sum of the sizes of its terms."""
     return float(abs(covector @ rate) / (np.abs(covector) @ np.abs(rate) + 1e-300))
+
+
+def _free_covectors(model: System, sample: Any, rng: np.random.Generator) -> Any:
+    """A covector in the place of grad E for each pair of states, free but for what every method keeps: where grad S is
+    constantly 0 any number of the size of grad E, elsewhere a positive multiple; what is constant in grad E stays."""
+    slopes = np.array([np.asarray(model.gradient(z)) for z, _ in sample])
+    others = np.array([np.asarray(model.entropy_gradient(z)) for z, _ in sample])
+    positive = slopes * SPREAD ** rng.uniform(-1, 1, slopes.shape)
+    sizes = np.abs(slopes).max(axis=0)
+    anything = np.where(sizes > 0, sizes, 1.0) * rng.standard_normal(slopes.shape)
+    return np.where(constant(slopes), slopes, np.where((others == 0).all(axis=0), anything, positive))
+
+
+def constant(slopes: Any) -> Any:
+    """Which entries of a gradient are the same at all states, shape (states, entries)."""
+    return (slopes == slopes[0]).all(axis=0)
 
 
 def _random_covectors(model: System) -> tuple[Kernel, int]:
@@ -142,6 +215,7 @@ def _random_covectors(model: System) -> tuple[Kernel, int]:
         return kernel(inputs, outputs), len(factors)
 
 
-def _line(model: System, name: str) -> str:
-    """Where the author wrote a formula."""
+def written(model: System, name: str) -> str:
+    """Where the author wrote a formula, or the matrix in its place."""
+    name = MATRICES[name] if name in MATRICES and model.defines(MATRICES[name]) else name
     return f"{place(getattr(type(model), name))}, {name}()"

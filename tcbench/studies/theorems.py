@@ -94,18 +94,18 @@ def shell_name(integrator: Integrator) -> str:
 # ---- random admissible states
 
 
-def admissible_states(scenario: Scenario, rng: np.random.Generator) -> Iterator[State]:
+def admissible_states(scenario: Scenario, rng: np.random.Generator, reach: float = 1.0) -> Iterator[State]:
     """Endless random states around the scenario's: elements at least a tenth as long as at the start, theta > 0; nearer
-    to it where few are."""
+    to it where few are. reach : how many times as far out as `nearby` says."""
     model, z0 = scenario.model, scenario.z0
     laws = 2 + len(model.invariant_names)  # what is observed before temperatures and measures
     least = np.asarray(model.observe(z0))[laws:] * np.repeat(
         [1e-3, 0.01], [model.n_temperatures, len(model.shapes(z0))]
     )
-    refused, near = 0, 1.0
+    refused, near = 0, reach
     while True:
         with np.errstate(all="ignore"):
-            z = model.state(z0 + near * (model.nearby(z0, rng) - z0)) if near < 1 else model.nearby(z0, rng)
+            z = model.nearby(z0, rng) if near == 1 else model.state(z0 + near * (model.nearby(z0, rng) - z0))
             seen = np.asarray(model.observe(z))
             good = bool(np.all(np.isfinite([*z, *seen])) and np.all(seen[laws:] > least))
         refused = 0 if good else refused + 1

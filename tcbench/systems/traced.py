@@ -76,7 +76,7 @@ def _run(body: Callable[..., Any], system: Any, *states: Any) -> Any:
         raise
     except Exception as error:
         own = [f for f in traceback.extract_tb(error.__traceback__) if not Path(f.filename).is_relative_to(OURS)]
-        where = f"{own[0].filename}, line {own[0].lineno}: " if own else ""
+        where = f"{Path(own[0].filename).name}, line {own[0].lineno}: " if own else ""
         raise TraceError(
             f"{where}a formula of {type(system).__name__} cannot be traced: {misnamed(error)}. Formulas are "
             "branch-free numpy on symbols, and what they read of self are constants."

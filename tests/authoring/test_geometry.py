@@ -1,0 +1,130 @@
+"""`tcbench check` on systems that keep both laws near the start, and are wrong, or not what the theory asks for."""
+
+import numpy as np
+import pytest
+
+from tcbench import Scenario, System, scenarios
+from tcbench.authoring import check
+from tests.authoring.test_check_systems import ByMatrices, Right, lines_of
+
+
+def told(kind, verdict=check.NONE):
+    return {line.check: f"{line.found} {line.remedy}" for line in lines_of(kind) if line.verdict == verdict}
+
+
+def velocity(self, z, dE, dS):
+    return {"q": z.p, "p": -dE.q}
+
+
+def heat_of_momenta(self, z, dE, dS):
+    return {"p": -self.eta * z.p, "s": self.eta * z.p @ dE.p / dE.s}
+
+
+def heat_of_momenta_twice(self, z, dE, dS):
+    return {"p": -self.eta * z.p, "s": self.eta * z.p @ z.p / dE.s}
+
+
+def beyond_two(self, z, dE, dS):
+    force = self.eta * dE.p
+    return {"p": -force, "s": force @ dE.p / dE.s * (1 + abs(z.q[0] - 2) + z.q[0] - 2)}
+
+
+@pytest.mark.parametrize(
+    "name, wrong, claim",
+    [
+        ("reversible", velocity, "reversible keeps energy"),
+        ("irreversible", heat_of_momenta, "irreversible never lowers entropy"),
+        ("irreversible", heat_of_momenta_twice, "irreversible keeps energy"),
+        ("irreversible", beyond_two, "far out"),
+    ],
+)
+def test_what_holds_at_true_gradients_near_the_start_only_is_found(name, wrong, claim):
+    """dE.p is p there, and discrete gradients that know that p^2 is quadratic keep it so; Gonzalez's does not."""
+    failed = told(type("Wrong", (Right,), {name: wrong}), check.FAIL)
+    assert [*failed] == [claim] and f"test_geometry.py, line {wrong.__code__.co_firstlineno}, {name}()" in failed[claim]
+
+
+def test_the_terms_that_do_not_cancel_are_told_and_a_sign_that_is_wrong():
+    lost = type("Lost", (Right,), {"irreversible": lambda self, z, dE, dS: {"p": -self.eta * dE.p}})
+    assert "At worst dE . rate = (-" in (found := told(lost, check.FAIL))["irreversible keeps energy"]
+    assert found["irreversible keeps energy"].endswith(" of p).")
+    cools = {"irreversible": lambda self, z, dE, dS: {"p": self.eta * dE.p, "s": -self.eta * dE.p @ dE.p / dE.s}}
+    found = told(type("Cools", (Right,), cools), check.FAIL)
+    assert "falls everywhere: is a sign wrong?" in found["irreversible never lowers entropy"]
+
+
+def bent(self, z, dE, dS):
+    return {"q": (1 + z.p[1] ** 2) * dE.p, "p": -(1 + z.p[1] ** 2) * dE.q}
+
+
+def bent_matrix(self, z):
+    L = np.zeros((5, 5), dtype=object)
+    L[0, 2] = L[1, 3] = 1 + z.p[1] ** 2
+    return L - L.T
+
+
+def faster(self, z, dE, dS):
+    return {"q": dE.p * (1 + dE.p @ dE.p), "p": -dE.q * (1 + dE.p @ dE.p)}
+
+
+def gyroscope(self, z, dE, dS):
+    force = self.eta * (dE.p + np.array([dE.p[1], -dE.p[0]]))
+    return {"p": -force, "s": force @ dE.p / dE.s}
+
+
+NOT_OF_THE_THEORY = {
+    "Jacobi": (Right, {"reversible": bent}, "bracket", "Jacobi's identity is violated by"),
+    "Jacobi, matrix": (ByMatrices, {"poisson": bent_matrix}, "bracket", "Jacobi's identity is violated by"),
+    "not linear": (Right, {"reversible": faster}, "bracket", "not linear in dE"),
+    "not symmetric": (Right, {"irreversible": gyroscope}, "Onsager", "the rate of p0 changes with dE of p1 by -0.1"),
+    "cold": (Right, {"temperature": lambda self, z, dE, dS: 1 / dE.s}, "temperatures", "is no dE / dS of a variable"),
+    "falls": (Right, {"energy": lambda self, z: z.p @ z.p / 2 + z.q @ z.q / 2 + 9 * z.s - np.exp(z.s),
+        "temperature": lambda self, z, dE, dS: dE.s, "exergy_offset": lambda self: 1e3},
+        "temperatures", "falls as s takes up energy"),
+    "cools far out": (Right, {"irreversible": lambda self, z, dE, dS:
+        {"p": -self.eta * (3 + z.q[0]) * dE.p, "s": self.eta * (3 + z.q[0]) * dE.p @ dE.p / dE.s}},
+        "far out", "the entropy falls at q0 = -"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("fault", NOT_OF_THE_THEORY)
+def test_what_the_laws_do_not_need_is_told_and_does_not_fail(fault):
+    kind, formulas, name, words = NOT_OF_THE_THEORY[fault]
+    wrong = type("Wrong", (kind,), formulas)
+    assert told(wrong, check.FAIL) == {} and words in told(wrong)[name]
+    assert "test_geometry.py, line" in told(wrong)[name]
+
+
+class Twisted(System):
+    """so(3)* with an entropy of its Casimir, as the rigid body; or with a bracket of no Lie algebra."""
+
+    variables = {"m": (3,)}
+    constants = {"twist": ()}
+
+    def energy(self, z):
+        return z.m[0] ** 2 / 2 + z.m[1] ** 2 / 4 + z.m[2] ** 2 / 6 + z.m[0] ** 4
+
+    def entropy(self, z):
+        return 0.0 * z.m[0]
+
+    def reversible(self, z, dE, dS):
+        x, y, w = z.m
+        return {"m": np.cross(np.array([x, y + self.twist * x * x * w, w + self.twist * y]), dE.m)}
+
+
+@pytest.mark.parametrize("twist, verdict", [(0.0, check.OK), (0.3, check.NONE)])
+def test_a_lie_poisson_bracket_is_one(twist, verdict):
+    """The bracket v(m) x dE satisfies Jacobi's identity where v . curl v = 0."""
+    scenario = Scenario("t", Twisted, {"twist": twist}, initial={"m": [1, 0.4, 0.7]}, t_end=1, dt=0.1)
+    (line,) = (line for line in check.scenario_lines(scenario) if line.check == "bracket")
+    assert line.verdict == verdict
+
+
+def test_what_ships_is_of_the_theory():
+    for name in ("damped_oscillator", "heavy_top", "rigid_body", "rubbing_piston", "viscous_pendulum", "reaction"):
+        lines = {line.check: line for line in check.scenario_lines(scenarios()[name])}
+        assert lines["far out"].verdict == check.OK
+        expected = check.NONE if name == "reaction" else check.OK
+        assert lines["bracket"].verdict == expected and lines["Onsager"].verdict == check.OK, lines["Onsager"]
+        assert not lines["temperatures"].remedy
+    assert not {"far out", "bracket"} & {line.check for line in check.scenario_lines(scenarios()["short_term"])}
