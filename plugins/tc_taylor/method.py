@@ -28,9 +28,10 @@ Floats = NDArray[np.float64]
 SELDOM = (32, 4)  # steps to a mended state, of any system and of elements: mending takes a fifth of a step
 
 # Without fused multiply-add and in vectors of two, code is three times as long: bytes of an operation of the series and
-# of the polynomial. What exceeds the processor's first cache (bytes, of which not all are run) makes every step take
-# half as long again; the time of a step grows with this power of the order (all measured).
-BYTES, BYTES_OF_POLYNOMIAL, CACHE, BEYOND, GROWTH = 15.5, 75.0, 36_000, 1.5, 1.6
+# of the polynomial. Where the processor's first cache does not hold it, every step waits for it: nanoseconds of a step,
+# and of a thousand bytes within that cache and beyond (all measured; their ratios count).
+BYTES, BYTES_OF_POLYNOMIAL, CACHE = 15.5, 75.0, 34_000
+STEP, WITHIN, BEYOND = 100.0, 4.5, 12.0
 
 
 class TaylorMethod(Lending):
@@ -84,22 +85,30 @@ class TaylorMethod(Lending):
 def taken(system: System, order: int) -> int:
     """The order to take in the place of this one, the best for a tolerance as far as operations go.
 
-    Of elements at most the last whose steps are damped. Else the highest whose code the processor's first cache holds,
-    if the shorter steps, which are as long as (tolerance / 10)^(1 / order), cost less than code from further away.
+    Of elements at most the last whose steps are damped. Without fused multiply-add the one that takes the least time,
+    as steps are as long as (tolerance / 10)^(1 / order).
     """
+    most = order
     if system.defines("element_energy"):
         from .damping import MOST_ORDER
 
-        return min(order, MOST_ORDER)
+        most = min(order, MOST_ORDER)
     if has_fma() or is_long(system):
-        return order
+        return most
     digits = math.log(10.0) + (order - LEAST) / EFFORT
-    for lower in (p for p in reversed(ORDERS) if p <= order):
-        series, polynomial, *_ = kernels(system.symbolic, lower)
-        if BYTES * operations(series) + BYTES_OF_POLYNOMIAL * operations(polynomial) <= CACHE:
-            shorter = digits * (1 / lower - 1 / order)
-            return lower if shorter < math.log(BEYOND) + GROWTH * math.log(order / lower) else order
-    return order
+    orders = [p for p in ORDERS if p <= most]
+    return min(orders, key=lambda p: step_time(code_size(system, p)) * math.exp(digits / p))
+
+
+def code_size(system: System, order: int) -> float:
+    """Bytes of what a step runs, about."""
+    series, polynomial, *_ = kernels(system.symbolic, order)
+    return BYTES * operations(series) + BYTES_OF_POLYNOMIAL * operations(polynomial)
+
+
+def step_time(size: float) -> float:
+    """Of a step whose code has so many bytes, nanoseconds on one machine."""
+    return STEP + WITHIN * size / 1e3 if size <= CACHE else BEYOND * size / 1e3
 
 
 def operations(made: Kernel) -> int:
