@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from .errors import TcbenchError, expect_words, several, shown
+from .errors import TcbenchError, expect_names, expect_words, several, shown
 
 if TYPE_CHECKING:
     import numpy as np
@@ -22,7 +22,7 @@ Tables = Mapping[str, Any]
 RUNS = "series"  # the table of runs in time, thin, as rows of the conservation study keep them
 OPENING = "opening"  # their first steps, every one of them
 SCALES = ("log", "linear", "share", "zero")
-MARKS = ("o", ".", "s", "^", "D", ">", "|", "_", "x")  # of rows; ".": a small o; "_": a | in grey
+MARKS = ("o", ".", "s", "^", "D", ">", "|", "_", "x", "★")  # of rows; ".": a small o; "_": a | in grey
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +72,11 @@ class Series:
     ended : bool
         Whether it is a run that failed; it then has a cross at its last point.
 
+    Raises
+    ------
+    TcbenchError
+        For values that are no numbers, or not as many as x has.
+
     References
     ----------
     docs/gallery.md.
@@ -88,6 +93,16 @@ class Series:
     marks: str = "filled"
     plain: bool = False
     ended: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("x", "y", "low", "high", "crosses"):
+            if not several(values := getattr(self, name)):
+                raise TcbenchError(
+                    f"Series {self.name!r}: {name} must be numbers, as of a column, not {shown(values)}."
+                )
+        for name, values in (("y", self.y), ("low", self.low), ("high", self.high)):
+            if len(values) != len(self.x) and (len(values) or name == "y"):
+                raise TcbenchError(f"Series {self.name!r}: x has {len(self.x)} numbers, and {name} has {len(values)}.")
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,6 +124,11 @@ class Row:
     hollow : bool
         Whether its marks are hollow.
 
+    Raises
+    ------
+    TcbenchError
+        For marks that are none.
+
     References
     ----------
     docs/gallery.md.
@@ -120,6 +140,15 @@ class Row:
     dotted: float = math.nan
     text: str = ""
     hollow: bool = False
+
+    def __post_init__(self) -> None:
+        for mark, places in self.marks.items():
+            if mark not in MARKS or not several(places):
+                told = f"{{{shown(mark)}: {shown(places)}}}"
+                raise TcbenchError(
+                    f"Row {self.name!r}: marks are numbers by their mark, {{'o': [0.1]}}, one of {' '.join(MARKS)}, "
+                    f"not {told}."
+                )
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +182,7 @@ class Panel:
     Raises
     ------
     TcbenchError
-        For a scale that is none.
+        For a scale that is none, and for series and rows that are none.
 
     References
     ----------
@@ -180,6 +209,10 @@ class Panel:
         for name, scale in (("x_scale", self.x_scale), ("y_scale", self.y_scale)):
             if scale not in SCALES:
                 raise TcbenchError(f"Panel: {name} is one of {', '.join(SCALES)}, not {shown(scale)}.")
+        for name, parts, kind in (("series", self.series, Series), ("rows", self.rows, Row)):
+            wrong = [part for part in parts if not isinstance(part, kind)] if several(parts) else [parts]
+            if wrong:
+                raise TcbenchError(f"Panel: {name} are a list of {kind.__name__}, not {shown(wrong[0])}.")
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,7 +272,7 @@ class Chart:
     Raises
     ------
     TcbenchError
-        For invalid names of tables; missing tables are named when it is drawn.
+        For invalid names, of itself and of tables; missing tables are named when it is drawn.
 
     References
     ----------
@@ -260,6 +293,7 @@ class Chart:
 
     def __post_init__(self) -> None:
         expect_words(f"The chart {self.name!r}", vars(self), "needs", "also", "options")
+        expect_names(f"The chart {self.name!r}", self.name)
         if not self.needs:
             raise TcbenchError(f"The chart {self.name!r} needs a table: write needs=('NAME',), the first is shown.")
 

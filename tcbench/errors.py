@@ -120,6 +120,13 @@ def expect_words(where: str, values: Mapping[str, Any], *names: str) -> None:
             raise TcbenchError(f"{where}: {name} is a tuple of words, {name}=('one', 'two'), not {shown(value)}.")
 
 
+def expect_names(where: str, *names: Any) -> None:
+    """Raise TcbenchError for the first that cannot be a name on a command line, of a file and of a column."""
+    for name in names:
+        if not isinstance(name, str) or not re.fullmatch(r"[A-Za-z0-9_-]+", name):
+            raise TcbenchError(f"{where}: {shown(name)} cannot be a name: use letters, digits, '_' and '-'.")
+
+
 def positive(name: str, value: Any) -> float:
     """The value of an argument as a finite number above 0, or the error that says what is wrong with it."""
     try:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from .errors import TcbenchError, calling, expect_words, shown
+from .errors import TcbenchError, calling, expect_names, expect_words, shown
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -61,8 +61,8 @@ class Study:
     Raises
     ------
     TcbenchError
-        For invalid names of tables. An exception in a cell becomes its row; one in `plan` or `tabulate` is told in
-        a sentence.
+        For invalid names, of itself and of tables. An exception in a cell becomes its row; one in `plan` or `tabulate`
+        is told in a sentence.
 
     References
     ----------
@@ -88,6 +88,7 @@ class Study:
 
     def __post_init__(self) -> None:
         expect_words(f"The study {self.name!r}", vars(self), "tables", "scenarios")
+        expect_names(f"The study {self.name!r}", self.name, *self.tables)
 
     def planned(
         self, methods: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]
@@ -104,6 +105,19 @@ class Study:
                     f"the third place, not {shown(cell)}."
                 )
         return cells
+
+    def measured(self, method: Integrator, scenario: Scenario, options: Mapping[str, Any]) -> Row:
+        """What `measure` returns, if it is a row that leaves what it is a row of as it is."""
+        row: Any = self.measure(method, scenario, dict(options))
+        if not isinstance(row, Mapping):
+            raise TcbenchError(f"measure of the study {self.name!r} must return a dict, not {shown(row)}.")
+        for name, own in {**options, "integrator": method.name, "scenario": scenario.name}.items():
+            if name in row and str(row[name]) != str(own):
+                raise TcbenchError(
+                    f"measure of the study {self.name!r} returns {name}={shown(row[name])}, and {name!r} is what its "
+                    f"cell is told by, {shown(own)} here; call it otherwise."
+                )
+        return {**row}
 
     def tabulated(self, records: Sequence[Row]) -> dict[str, DataFrame]:
         """What `tabulate` returns, if it is tables of the declared names."""

@@ -3,6 +3,7 @@
 import base64
 import gzip
 import json
+import math
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -11,15 +12,17 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 
-from tcbench import Chart, Panel, Study, TcbenchError, plugins
+from tcbench import Chart, Panel, Row, Series, Study, TcbenchError, plugins
 from tcbench.cli import main
 from tcbench.report import page_charts
 from tcbench.report.chart_kinds import draw_kind
+from tcbench.report.matrix import failures
 from tcbench.store.store import Store
 from tcbench.store.tables import make_tables
 
 PAGE = (Path(__file__).parents[1] / "docs" / "add-study.md").read_text("utf-8")
 SOURCE = PAGE.split('title="halving.py"\n')[1].split("```")[0]
+NAME = 'Study(\n            name="halving"'
 assert "def tcbench_studies" in SOURCE and "def tcbench_charts" in SOURCE
 
 
@@ -158,3 +161,105 @@ def test_a_chart_whose_function_raises_names_its_line():
         TcbenchError, match=r"'mine' cannot be drawn: ZeroDivisionError: .* at test_plugin_study.py:\d+"
     ):
         draw_kind(Chart("mine", "", ("t",), lambda table: 1 / 0), {"t": pd.DataFrame({"a": [1]})})
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ('return {"status"', 'return 3.0 or {"status"', "measure of the study 'halving' must return a dict, not 3.0."),
+        ('return {"status"', 'return {"dt": 7.0, "status"', "measure of the study 'halving' returns dt=7.0"),
+        ('return {"status"', 'return {"integrator": "x", "status"', "returns integrator='x', and 'integrator' is what"),
+    ],
+)
+def test_a_row_that_is_none_or_renames_its_cell_is_an_exception_of_that_cell(tmp_path, old, new, told):
+    """The first was a message of Python about |; the others were rows of a method that nobody has run."""
+    assert old in SOURCE
+    (tmp_path / "halving.py").write_text(SOURCE.replace(old, new))
+    words = ["run", "-i", "tc_strang", "-s", "short_term", "--study", "halving", "--plugins-dir", tmp_path, "-j", "1"]
+    done = command(*words, "-o", tmp_path / "run")
+    table = pd.read_csv(tmp_path / "run" / "tables" / "halving.csv")
+    assert done.exit_code == 0 and table["status"].eq("exception").all() and table["integrator"].eq("tc_strang").all()
+    assert told in done.stderr and "Traceback" not in done.output
+
+
+def test_a_study_whose_tables_cannot_be_made_ends_with_code_2_and_its_rows_are_kept(folder, tmp_path):
+    """It was 0, as if all were well."""
+    (tmp_path / "halving.py").write_text(SOURCE.replace('{"halving": pd', '{"halves": pd'))
+    words = ["run", "-i", "tc_strang", "-s", "short_term", "--study", "halving", "--plugins-dir", tmp_path, "-j", "1"]
+    done = command(*words, "-o", tmp_path / "run")
+    assert done.exit_code == 2 and "write tables=('halves',)" in done.stderr
+    assert len((tmp_path / "run" / "cells.jsonl").read_text().splitlines()) == 2
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words", "told"),
+    [
+        (NAME, 'Study(name="claims"', ["run", "--study", "claims"], "registers the study 'claims', which tcbench"),
+        (NAME, 'Study(name="claims"', ["list"], "halving registers the study 'claims', which tcbench has"),
+        ('tables=("halving",)', 'tables=("convergence",)', ["run", "--study", "halving"],
+         "The table 'convergence' of the study 'halving' (halving) is one of the study 'convergence', too"),
+        ('tables=("halving",)', 'tables=("../away",)', ["run", "--study", "halving"], "'../away' cannot be a name"),
+        ('Chart(name="halving"', 'Chart(name="laws"', ["plot"], "halving registers the chart 'laws', which tcbench"),
+        ('Chart(name="halving"', 'Chart(name="my laws"', ["plot", "my laws"], "'my laws' cannot be a name"),
+    ],
+)  # fmt: skip
+def test_names_that_are_taken_or_none_are_refused(tmp_path, old, new, words, told):
+    """Of two studies or charts with one name one was lost without a word."""
+    assert old in SOURCE
+    (tmp_path / "halving.py").write_text(SOURCE.replace(old, new))
+    chosen = ["-i", "tc_strang", "-s", "short_term", "--dry-run", "-o", tmp_path / "run"] if "run" in words else []
+    done = command(*words, *chosen, "--plugins-dir", tmp_path)
+    assert done.exit_code == 2 and told in done.output and "Traceback" not in done.output
+
+
+def test_what_one_plugin_registers_twice_is_not_blamed_on_two(tmp_path):
+    (tmp_path / "mine.py").write_text(
+        SOURCE.replace("    return [\n        Study(", "    return 2 * [\n        Study(")
+    )
+    done = command("list", "--plugins-dir", tmp_path)
+    assert done.exit_code == 2 and "mine registers study 'halving' twice. Rename one" in done.output
+
+
+@pytest.mark.parametrize(
+    ("made", "told"),
+    [
+        (lambda: Series("a", [1, 2, 3], [1, 2]), "Series 'a': x has 3 numbers, and y has 2"),
+        (lambda: Series("a", 1.0, [2.0]), "Series 'a': x must be numbers, as of a column, not 1.0"),
+        (lambda: Series("a", [1.0], "b"), "Series 'a': y must be numbers, as of a column, not 'b'"),
+        (lambda: Panel([("a", [1], [2])], "x", "y"), "series are a list of Series, not ('a', [1], [2])"),
+        (lambda: Panel(Series("a", [1], [2]), "x", "y"), "series are a list of Series, not Series(name='a'"),
+        (lambda: Panel((), "x", "y", rows=[{"a": 1}]), "rows are a list of Row, not {'a': 1}"),
+        (lambda: Row("a", {"circle": [1.0]}), "Row 'a': marks are numbers by their mark"),
+        (lambda: Row("a", {"o": 1.0}), "Row 'a': marks are numbers by their mark"),
+    ],
+)
+def test_what_is_no_part_of_a_chart_is_named_where_it_is_made(made, told):
+    with pytest.raises(TcbenchError) as found:
+        made()
+    assert told in str(found.value)
+
+
+def test_a_chart_without_a_number_says_so_on_the_page_and_in_a_picture():
+    """It was a pair of blank axes."""
+    table = pd.DataFrame({"integrator": ["a", "a"], "dt": [0.1, 0.2], "v": [math.nan, -1.0]})
+    for panels in (lambda t: [Panel([Series("a", t["dt"], t["v"])], "h", "v")], lambda t: []):
+        chart = Chart("mine", "Mine.", ("t",), panels)
+        (ax,) = draw_kind(chart, {"t": table}).axes
+        assert [text.get_text() for text in ax.texts] == ["no number to draw"]
+    found = page_charts.panels_of([replace(chart, panels=lambda t: [Panel([Series("a", t["dt"], t["v"])], "h", "v")])],
+                                  {"t": table}, {}, [])  # fmt: skip
+    assert found["mine"]["of"][""][0]["note"] == "no number to draw"
+
+
+def test_the_report_says_on_the_terminal_which_chart_it_lacks(folder, tmp_path):
+    """It was on the page alone, where nobody looks who misses the chart."""
+    (tmp_path / "halving.py").write_text(SOURCE.replace("lines = [", "lines = 1 / 0 and ["))
+    done = command("report", folder / "run", "--plugins-dir", tmp_path)
+    assert done.exit_code == 0 and "The chart 'halving' is not on the page: ZeroDivisionError" in done.stderr
+
+
+def test_failures_of_a_plugins_study_are_on_the_page():
+    """Where only such a study had run, the page said that no method fails."""
+    rows = [("a", "s", "exception", "boom"), ("a", "t", "ok", "")]
+    tables = {"mine": pd.DataFrame(rows, columns=["integrator", "scenario", "status", "failure"])}
+    assert failures(tables) == {"a": {"s": [1, 1, "mine of a on s: boom"]}}

@@ -253,6 +253,9 @@ def test_a_metric_that_gives_no_number_costs_its_own_column(tmp_path):
     assert row["status"] == "ok" and 0 < row["energy_error_max"] < 1e-9 and row["steps_squared"] == 43**2
     assert all(math.isnan(row[name]) for name in ("broken", "many", "words"))
     said = " ".join(remarks(results.tables))
+    chosen = ["run", "-i", "tc_monolithic", "-s", "short_term", "--study", "conservation", "--dt", "0.6"]
+    shown = CliRunner().invoke(main, [*chosen, "--plugins-dir", str(tmp_path), "-o", str(tmp_path / "out")]).stdout
+    assert "Metric 'many' of mine: TypeError: it gives an array of shape (43,), not a number" in shown
     assert "Metric 'broken' of mine: 'Trajectory' has no 'temprature'" in said and "at mine.py:7" in said
     assert "(1 of 1 runs)" in said
     assert all(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -65,6 +66,7 @@ def run_command(everything: bool, quiet: bool, as_json: bool, **options: Any) ->
 
         with waiting("writing report.html"):
             page = write_report(results.output, (store, tables))
+        results = replace(results, problems=tuple(dict.fromkeys(store.problems)))  # of charts, too
     if as_json:
         terminal.print_json({
             "output": str(results.output), "ran": results.summary.run, "statuses": dict(results.summary.statuses),
@@ -78,6 +80,8 @@ def run_command(everything: bool, quiet: bool, as_json: bool, **options: Any) ->
     terminal.warn([*results.problems, *results.left_out, *short_ladder(dt, results.tables), *results.notes])
     if results.summary.interrupted:
         return 130
+    if results.without_tables:  # whose author has made a mistake; one of the problems above says which
+        return 2
     return 1 if strict and any(results.statuses.get(status) for status in LOUD) else 0
 
 
@@ -274,10 +278,12 @@ def _is_installed(name: str) -> bool:
 def report_command(folder: Path, as_json: bool) -> None:
     from ..report.write_report import write_report
 
+    store = Store.read(folder)
+    tables = read_tables(store)
     with waiting("writing report.html"):
-        page = write_report(folder)
+        page = write_report(folder, (store, tables))
     wrote([page], as_json)
-    terminal.warn(absent_methods(read_tables(folder)))
+    terminal.warn([*dict.fromkeys(store.problems), *absent_methods(tables)])
 
 
 def wrote(paths: Sequence[Path], as_json: bool) -> None:

@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from ..errors import visible
+from ..report.by_method import without_number
 from ..report.html import strict
 from ..studies.columns import column, shown_columns
 from ..studies.conservation import COLUMNS as CONSERVATION
@@ -264,6 +265,8 @@ def print_results(results: Results, methods: Sequence[Sequence[str]], remarks: S
     if small is not None and len(small) <= WHOLE and set(results.tables).difference(LONG) == {"conservation"}:
         for scenario, part in small.groupby("scenario", sort=False):
             _print_block(f"\n{scenario}", "conservation", part)
+        for sentence in without_number(results.tables):
+            say(f"\n{sentence}")
     elif len(methods) > 1 and len(methods[0]) > 1:
         print_methods(methods, remarks)
     else:  # studies that say nothing of single methods

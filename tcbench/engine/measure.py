@@ -55,7 +55,7 @@ def measure_cell(cell: dict[str, Any], context: dict[str, Any]) -> dict[str, Any
 
 
 def _measure(method: Integrator, scenario: Scenario, cell: Mapping[str, Any]) -> dict[str, Any]:
-    row = find_study(cell["study"]).measure(method, scenario, dict(cell["options"]))
+    row = find_study(cell["study"]).measured(method, scenario, cell["options"])
     origin = plugins.registry().origins.get(method.plugin)
     return row | {
         "plugin": str(origin) if origin and origin.distribution else method.plugin,

@@ -18,7 +18,7 @@ from ..store.disk import could_write
 from ..store.encoding import plain
 from ..store.rows import Rows
 from ..store.store import ROWS, Store
-from ..studies.base import default_studies, expand_studies, find_study
+from ..studies.base import default_studies, expand_studies, find_study, refuse_doubles
 from ..study import Study
 from ..systems.scenario import Scenario
 from .child import ask
@@ -126,6 +126,7 @@ def _plan(
     options: dict[str, Any],
 ) -> Job:  # fmt: skip
     registry = plugins.registry()
+    refuse_doubles(registry.studies.values())
     methods = plugins.expand_integrators(plugins.by_default() if integrators is None else integrators)
     selected = [s.current() for s in plugins.expand_scenarios(registry.scenarios if scenarios is None else scenarios)]
     chosen = [find_study(name) for name in (default_studies() if studies is None else expand_studies(studies))]

@@ -55,6 +55,8 @@ class Results:
         Tables of all runs into this folder.
     notes : sequence of str
         Sentences: absent peers, steps that do not apply, plugins that did not load.
+    without_tables : sequence of str
+        Studies whose `tabulate` failed; `problems` says why, and their rows are kept.
 
     References
     ----------
@@ -69,6 +71,7 @@ class Results:
     problems: Sequence[str] = ()
     every: Mapping[str, DataFrame] = field(default_factory=dict)
     notes: Sequence[str] = ()
+    without_tables: Sequence[str] = ()
 
     def _repr_html_(self) -> str:
         """What a notebook shows: the tables and how many rows each has, and the first of them."""
@@ -219,7 +222,8 @@ def execute(
         ended = {"provenance_id": store.provenance_id, "started": started, "ended": utc_now(), "cells": len(job.cells)}
         store.write_manifest(told | ended | {"interrupted": summary.interrupted, "tables": sorted(every)})
         problems = tuple(dict.fromkeys(store.problems))
-        return Results(tables, Path(output), summary, job.left_out, statuses, problems, every, job.notes)
+        without = [study.name for study in failed]
+        return Results(tables, Path(output), summary, job.left_out, statuses, problems, every, job.notes, without)
 
 
 def load(folder: str | Path) -> Results:

@@ -337,10 +337,11 @@ def _collect(manager: pluggy.PluginManager, result: Registry) -> None:
                 _LOADING.pop()
             for item in items:
                 if (hook_name, item.name) in owner:
-                    raise TcbenchError(
-                        f"Two plugins register {hook_name[8:-1]} {item.name!r}: "
-                        f"{owner[hook_name, item.name]} and {label}. Rename one of them."
-                    )
+                    kind_of = hook_name[8:-1].replace("studie", "study")
+                    first, what = owner[hook_name, item.name], f"{kind_of} {item.name!r}"
+                    twice = f"{label} registers {what} twice"
+                    both = twice if first == label else f"Two plugins register {what}: {first} and {label}"
+                    raise TcbenchError(f"{both}. Rename one of them.")
                 owner[hook_name, item.name] = label
                 target[item.name] = replace(item, plugin=label)
         for name in sorted(target):

@@ -121,7 +121,7 @@ def _folded(
 
 def remarks(tables: Tables) -> list[str]:
     """Sentences below the table: what failed, and what the paper's statements came to."""
-    said = (_failed(tables), *_missing(tables), *_metrics(tables), paper(tables.get("claims")))
+    said = (_failed(tables), *_missing(tables), *without_number(tables), paper(tables.get("claims")))
     return [sentence for sentence in said if sentence]
 
 
@@ -139,7 +139,7 @@ def _missing(tables: Tables) -> list[str]:
     return sentences[:REASONS]
 
 
-def _metrics(tables: Tables) -> list[str]:
+def without_number(tables: Tables) -> list[str]:
     """Which metrics of plugins gave no number, on how many runs, each reason once."""
     table = tables.get("conservation")
     if table is None or "metric_failure" not in table:

@@ -26,7 +26,15 @@ def own_kinds() -> dict[str, Chart]:
 
 def kinds() -> dict[str, Chart]:
     """Every chart by name, those of plugins last."""
-    return own_kinds() | plugins.registry().charts
+    return own_kinds() | brought()
+
+
+def brought() -> dict[str, Chart]:
+    """The charts of plugins; one that is called like one of tcbench's own is refused, for that would be lost."""
+    charts = plugins.registry().charts
+    for name in set(charts).intersection(own_kinds()):
+        raise TcbenchError(f"{charts[name].plugin} registers the chart {name!r}, which tcbench has. Rename it.")
+    return dict(charts)
 
 
 def find_kind(name: str) -> Chart:

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..engine.declared import FAMILIES as DECLARED
 from ..progress import LOUD
-from .judged import NUMBERS, is_finite, ladder_runs, laws, settings
+from ..studies.base import own_tables
+from .judged import NUMBERS, PAIR, is_finite, ladder_runs, laws, settings
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -135,9 +136,11 @@ class Unmeasured(NamedTuple):
 
 
 def unmeasured(tables: Tables) -> list[Unmeasured]:
-    """The cells that ended as exception, crash or timeout, in studies whose tables have one row or few a cell."""
+    """The cells that ended as exception, crash or timeout, in studies whose tables have one row or few a cell, and in
+    those of plugins."""
     found: dict[tuple[str, str, str], Unmeasured] = {}
-    for study in ("convergence", "equilibrium_summary", "stability"):
+    brought = [name for name, table in tables.items() if name not in own_tables() and {*PAIR}.issubset(table)]
+    for study in ("convergence", "equilibrium_summary", "stability", *brought):
         table = tables.get(study)
         if table is None or "status" not in table:
             continue

@@ -14,14 +14,15 @@ import numpy as np
 from .. import plugins
 from ..chart import Chart, Panel, Row, Series, sheet_of
 from ..engine.child import ask
-from ..errors import TcbenchError, calling
+from ..errors import TcbenchError, blamed
 from ..loading.registry import are_foreign
 from ..store.store import Store
 from ..store.tables import read_tables
 from ..studies.columns import column
-from .chart_kinds import own_kinds, with_fallbacks
+from .chart_kinds import brought, own_kinds, with_fallbacks
 from .charts import theme
 from .charts.render import leading, span
+from .charts.render import told as noted
 from .charts.style import finite
 from .matrix import families
 
@@ -42,9 +43,9 @@ def page_charts(folder: Path, tables: Mapping[str, Any], declared: Mapping[str, 
     found = panels_of(own_kinds().values(), tables, declared, problems)
     if not are_foreign(plugins.plugin_folders()):
         return found
-    if not plugins.waiting_to_be_imported():
-        return found | panels_of(plugins.registry().charts.values(), tables, declared, problems)
     try:
+        if not plugins.waiting_to_be_imported():
+            return found | panels_of(brought().values(), tables, declared, problems)
         others, told = ask(f"{__name__}:of_plugins", str(folder), list(map(str, plugins.plugin_folders())))
     except (TcbenchError, RuntimeError) as error:
         others, told = {}, [f"Charts of plugins are not on the page: {error}"]
@@ -55,7 +56,7 @@ def page_charts(folder: Path, tables: Mapping[str, Any], declared: Mapping[str, 
 def of_plugins(folder: str, folders: Iterable[str]) -> str:
     """The charts of plugins, of a run folder, and problems, as JSON; in a process of its own."""
     plugins.only_look_up(folders)
-    if not (charts := plugins.registry().charts):
+    if not (charts := brought()):
         return "[{}, []]"
     store, problems = Store.read(folder), list[str]()
     return json.dumps([panels_of(charts.values(), read_tables(store), store.declared(), problems), problems])
@@ -77,10 +78,12 @@ def panels_of(
     with theme.using(theme.Theme(families=families(tables, declared))):
         for chart in charts:
             try:
-                with calling(f"The chart {chart.name!r} is not on the page"):
-                    of = _sheets(chart, known, part) if chart.possible(known) and not chart.picture else {}
-            except TcbenchError as error:
-                problems.append(str(error))
+                of = _sheets(chart, known, part) if chart.possible(known) and not chart.picture else {}
+            except MemoryError:
+                raise
+            except Exception as error:  # of a plugin's function
+                why = str(error) if isinstance(error, TcbenchError) else f"{blamed(error)}."
+                problems.append(f"The chart {chart.name!r} is not on the page: {why}")
                 continue
             if of:
                 found[chart.name] = {"text": chart.text, "table": chart.needs[0], "of": of}
@@ -93,7 +96,7 @@ def _sheets(chart: Chart, tables: Mapping[str, Any], part: Callable[..., Any]) -
     for scenario in chart.scenarios(tables):
         panels = draw(*(part(name, scenario) for name in (*chart.needs, *chart.also)))
         if not hasattr(panels, "savefig"):
-            found[scenario or ""] = [_panel(panel, told) for panel in sheet_of(panels).panels]
+            found[scenario or ""] = [_panel(noted(panel), told) for panel in sheet_of(panels).panels]
     return found
 
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..errors import is_pattern, matching, unknown_name
+from ..errors import TcbenchError, is_pattern, matching, unknown_name
 from ..study import Row, Study
 
 if TYPE_CHECKING:
@@ -21,7 +21,28 @@ def studies() -> dict[str, Study]:
     """Every study by name, in the order of their places."""
     from .. import plugins
 
+    refuse_doubles(plugins.registry().studies.values())
     return in_order([*map(find_study, study_names()), *plugins.registry().studies.values()])
+
+
+def own_tables() -> dict[str, str]:
+    """The tables of tcbench's own studies, and of which study each is."""
+    return {table: name for name in study_names() for table in find_study(name).tables}
+
+
+def refuse_doubles(brought: Collection[Study]) -> None:
+    """Raise TcbenchError for a plugin's study that is called like another, or whose table is another's: of two things
+    with one name one would be lost without a word."""
+    taken = own_tables() if brought else {}
+    for study in brought:
+        if study.name in study_names():
+            raise TcbenchError(f"{study.plugin} registers the study {study.name!r}, which tcbench has. Rename it.")
+        for table in study.tables:
+            if taken.setdefault(table, study.name) != study.name:
+                raise TcbenchError(
+                    f"The table {table!r} of the study {study.name!r} ({study.plugin}) is one of the study "
+                    f"{taken[table]!r}, too. Rename it."
+                )
 
 
 def in_order(found: Iterable[Study]) -> dict[str, Study]:

@@ -82,6 +82,8 @@ def _of_plugins(run: Trajectory, row: Row) -> Row:
 def _number(value: Any) -> float:
     if isinstance(value, str) or value is None:
         raise TypeError(f"it gives {value!r}, not a number")
+    if getattr(value, "ndim", 0):
+        raise TypeError(f"it gives an array of shape {value.shape}, not a number")
     return float(value)
 
 

@@ -268,3 +268,15 @@ def test_a_name_at_the_end_of_a_line_below_the_axes_stands_inside_of_them():
     line_labels(ax, [(0.5, -1.0, "below", "k"), (0.5, -0.9, "both", "k")])
     heights = sorted(ax.transData.transform(text.xy)[1] for text in ax.texts)
     assert heights[0] > ax.get_window_extent().y0 and heights[1] - heights[0] > 5
+
+
+def test_a_column_that_is_no_error_has_an_axis_of_its_own():
+    """A plugin's column of 0.05 was drawn as an error, a line at the top of fourteen decades, and falls of the Lyapunov
+    functional as rises of it."""
+    row = {"integrator": "a", "scenario": "s", "status": "ok", "newton_iterations_mean": 2.0}
+    rows = [row | {"dt": h, "mine": -h, "wide": h**3, "lyapunov_increment_max": -h} for h in (0.1, 0.2, 0.4)]
+    asked = {"mine": "linear", "wide": "log", "newton_iterations_mean": "linear", "lyapunov_increment_max": "zero"}
+    made = ladders.conservation.__wrapped__(pd.DataFrame(rows), y=[*asked]).panels
+    assert [panel.y_scale for panel in made] == [*asked.values()]
+    assert [panel.errors for panel in made] == [False, False, False, True]
+    assert [list(np.asarray(panel.series[0].y)) for panel in made[::3]] == [[-0.1, -0.2, -0.4], [0.0, 0.0, 0.0]]

@@ -30,6 +30,9 @@ if TYPE_CHECKING:
 
 LIMITS = {"physical": "s", "branch": "^", "solver": "o", "none": ">"}
 AGAIN = "★"
+RISES = ("entropy_fall_max", "lyapunov_increment_max")  # of what a law forbids: below 0 is none
+COUNTS = ("newton_iterations_mean", "second_law_violations")
+FAR = 30  # largest over least of positive numbers that are drawn on a logarithmic axis
 MEANING = {
     "s": "physical limit", "^": "the branch ends", "o": "Newton's limit, a root exists",
     ">": "no limit found", "_": "plain Newton's limit", AGAIN: "stable again above",
@@ -59,15 +62,21 @@ def conservation(table: DataFrame, x: str = "dt", y: Sequence[str] | None = None
 
 def _losses(table: DataFrame, methods: Mapping[str, Any], x: str, column: str) -> Panel:
     h, done, error = numbers(table, x), np.asarray(ok(table)), numbers(table, column)
-    np.abs(error.values, out=error.values)
+    if column in RISES:
+        np.maximum(0.0, error.values, out=error.values)
+    if lost := column in RISES or (column_named(column).worse == "larger" and column not in COUNTS):
+        np.abs(error.values, out=error.values)
     there, usable, series = np.isfinite(h.values), done & np.isfinite(error.values), []
     for name, rows in methods.items():
         if len(mine := rows[there[rows]]):
             pick = mine[usable[mine]]
             pick = pick[np.argsort(h.values[pick], kind="stable")]
             series.append(Series(name, h[pick], error[pick], crosses=h[mine[~done[mine]]]))
+    known = error.values[done & np.isfinite(error.values)]
+    wide = len(known) and known.min() > 0 and known.max() > FAR * known.min()
+    scale = "zero" if lost else "log" if wide else "linear"  # what is no loss, as of a plugin, may have any sign
     return Panel(
-        series, column_named(x).label, column_named(column).label, y_scale="zero", errors=True, x_values=h,
+        series, column_named(x).label, column_named(column).label, y_scale=scale, errors=lost, x_values=h,
         y_values=error[done], note="" if series else "no run has a fixed step",
     )  # fmt: skip
 

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter
 
-from ...chart import Sheet, sheet_of
+from ...chart import Panel, Sheet, sheet_of
 from ..leaders import front
 from . import theme
 from .layout import end_labels, failed_handle, failed_tracks, handle, legend, line_labels, note, panels, pt, titles
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from pandas import DataFrame
 
-    from ...chart import Panel, Series
+    from ...chart import Series
     from .layout import Drawing
 
 BAND = 0.13  # opacity of a band
@@ -77,7 +77,7 @@ def _rest(tables: Sequence[DataFrame], methods: Sequence[str]) -> frozenset[str]
 
 def render(sheet: Sheet) -> Drawing:
     """The panels of a sheet, with one legend for all of them or names at the ends of their lines."""
-    shown = sheet.panels
+    shown = [*map(told, sheet.panels or [Panel((), "", "")])]
     figure, axes = panels(max(1, len(shown)), sheet.columns, *_place(sheet), sheet.right)
     every = [one for panel in shown for one in panel.series]
     for ax, panel in zip(axes, shown, strict=False):
@@ -102,6 +102,20 @@ def render(sheet: Sheet) -> Drawing:
         extra.append(failed_handle())
     legend(figure, list(dict.fromkeys(one.name for one in every if not one.plain)), extra)
     return figure
+
+
+def told(panel: Panel) -> Panel:
+    """The panel; one without a point, a failed run, a row or a sentence says so, instead of being blank."""
+
+    def shown(values: Any, scale: str) -> Any:
+        return finite(values) > (0 if scale == "log" else -math.inf)
+
+    def drawn(one: Series) -> bool:
+        return bool(len(one.crosses) or (shown(one.x, panel.x_scale) & shown(one.y, panel.y_scale)).any())
+
+    if panel.note or panel.rows or any(map(drawn, panel.series)):
+        return panel
+    return replace(panel, note="no number to draw")
 
 
 def _place(sheet: Sheet) -> tuple[tuple[float, float], float]:

@@ -66,7 +66,7 @@ const tablesView = async (place) => listings($("table-page"), "Every table of th
 
 const failuresView = async () => {
   const root = $("failure-page"), ladders = Object.entries(page.failures).flatMap(([m, at]) => Object.entries(at).map(([s, [failed, runs, text]]) => ({ m, s, failed, runs, text })));
-  if (!ladders.length) { root.replaceChildren(el("h2", {}, "Where methods fail"), empty("Nowhere: every run on the ladders of steps and tolerances reached its end.")); return; }
+  if (!ladders.length) { root.replaceChildren(el("h2", {}, "Where methods fail"), empty(`Nowhere: ${page.tables.conservation || page.tables.work_precision ? "every run on the ladders of steps and tolerances reached its end" : "every measurement has a result"}.`)); return; }
   const total = ladders.reduce((n, f) => n + f.failed, 0);
   root.replaceChildren(el("h2", {}, "Where methods fail"), el("p", {}, `${total} runs and measurements failed, in ${ladders.length} pairs of method and scenario. A failure is a result. Each line shows the smallest step or tolerance that failed, and why.`),
     simple(["method", "scenario", "failed", "what happened"], ladders.sort((a, b) => (method[a.m]?.family ?? 4) - (method[b.m]?.family ?? 4) || (a.m < b.m ? -1 : a.m > b.m ? 1 : b.failed - a.failed))
