@@ -17,7 +17,7 @@ from ..engine.planning import plan_job, preview
 from ..engine.run import run
 from ..errors import TcbenchError, unknown_name
 from ..progress import LOUD, waiting
-from ..report.by_method import by_method, remarks
+from ..report.by_method import by_method, remarks, without_number
 from ..report.judged import judged
 from ..report.summary import summary
 from ..store.disk import replace_file
@@ -74,7 +74,8 @@ def run_command(everything: bool, quiet: bool, as_json: bool, **options: Any) ->
             "report": page and str(page), "tables": records(results.tables),
         })  # fmt: skip
     elif not quiet:
-        terminal.print_results(results, by_method(results.tables, told(store)), remarks(results.tables))
+        found = results.tables
+        terminal.print_results(results, by_method(found, told(store)), remarks(found), without_number(found))
         if page:
             terminal.say(f"Report: {page}")
     terminal.warn([*results.problems, *results.left_out, *short_ladder(dt, results.tables), *results.notes])

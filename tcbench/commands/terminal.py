@@ -12,7 +12,6 @@ from rich.console import Console
 from rich.table import Table
 
 from ..errors import visible
-from ..report.by_method import without_number
 from ..report.html import strict
 from ..studies.columns import column, shown_columns
 from ..studies.conservation import COLUMNS as CONSERVATION
@@ -258,14 +257,19 @@ def print_plan(plan: Summary, seconds: float | None, total: int) -> None:
     say(f"{total} cell{'s' * (total != 1)}: {plan.already_finished} finished, {plan.left} to run. Time: {time}.")
 
 
-def print_results(results: Results, methods: Sequence[Sequence[str]], remarks: Sequence[str]) -> None:
-    """What a run ends with, in 30 lines: the rows of a small one, of a large one a line a method."""
+def print_results(
+    results: Results, methods: Sequence[Sequence[str]], remarks: Sequence[str], unseen: Sequence[str]
+) -> None:
+    """What a run ends with, in 30 lines: the rows of a small one, of a large one a line a method.
+
+    unseen : those of the remarks that the rows do not show.
+    """
     summary = results.summary
     small = results.tables.get("conservation")
     if small is not None and len(small) <= WHOLE and set(results.tables).difference(LONG) == {"conservation"}:
         for scenario, part in small.groupby("scenario", sort=False):
             _print_block(f"\n{scenario}", "conservation", part)
-        for sentence in without_number(results.tables):
+        for sentence in unseen:
             say(f"\n{sentence}")
     elif len(methods) > 1 and len(methods[0]) > 1:
         print_methods(methods, remarks)
