@@ -43,7 +43,7 @@ def cvode(system, z0, t_eval, rtol, atol):
     )  # fmt: skip
     solution = solver.solve(np.asarray(t_eval), z0)
     if not solution.success:
-        raise RuntimeError(f"CVODE: {solution.message}")
+        raise ArithmeticError(f"CVODE: {solution.message}")
     states = solution.y if len(t_eval) > 2 else solution.y[[0, -1]]
     counts = {"rhs_evaluations": field.evaluations}
     return states, counts if len(t_eval) > 2 else counts | {"steps": len(solution.t) - 1}

@@ -56,7 +56,7 @@ def diffrax_peer(solver="kvaerno5"):
             states, steps, result = _COMPILED[key](*given)
             states = np.array(states)
         if not result == diffrax.RESULTS.successful:
-            raise RuntimeError(f"diffrax {solver}: {diffrax.RESULTS[result] or 'it gave up'}")
+            raise ArithmeticError(f"diffrax {solver}: {diffrax.RESULTS[result] or 'it gave up'}")
         return states, {"steps": int(steps)}
 
     return Integrator(

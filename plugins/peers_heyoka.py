@@ -15,7 +15,7 @@ def compiled(system, tolerance, own):
     all numbers: unless the units are the scenario's own, each is over its least size."""
     import heyoka as hy
 
-    unknown = hy.make_vars(*(f"x{i}" for i in range(system.size)))
+    unknown = [hy.make_vars(f"x{i}") for i in range(system.size)]  # of one name alone it makes no list
     constants = [hy.par[i] for i in range(len(system.constant_values))]
     functions = {name: getattr(hy, name) for name in FUNCTIONS}
     functions |= {"log1p": lambda x: hy.log(1.0 + x), "expm1": lambda x: hy.exp(x) - 1.0, "pow": lambda x, y: x**y}
@@ -58,7 +58,7 @@ def outputs(solver, system, z0, t_eval, each):
         outcome = solver.propagate_until(float(t))
         steps += int(outcome[3])
         if outcome[0].name != "time_limit":
-            raise RuntimeError(f"heyoka stopped before t = {t:g}: {outcome[0].name}")
+            raise ArithmeticError(f"heyoka stopped before t = {t:g}: {outcome[0].name}")
         states.append(solver.state.copy() if each is None else solver.state * each)
     return np.array(states), {"steps": steps}
 

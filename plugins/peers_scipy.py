@@ -3,6 +3,8 @@
 The usual alternative for a user. They do not use energy, momentum or entropy and claim nothing.
 """
 
+from contextlib import contextmanager
+
 import numpy as np
 
 from tcbench import Integrator, hookimpl
@@ -10,6 +12,7 @@ from tcbench.systems.right_hand_side import Field
 
 DENSE = 80  # length of a state up to which a dense Jacobian is the faster one
 IMPLICIT = ("Radau", "BDF", "LSODA")
+NOT_FINITE = "array must not contain infs or NaNs"  # as SciPy says it
 DENSE_LU = ("Radau", "BDF")  # solve linear systems by scipy.linalg.lu_factor and lu_solve
 
 
@@ -23,7 +26,7 @@ def odeint(system, z0, t_eval, rtol, atol):
         mxstep=10_000_000, full_output=True,
     )  # fmt: skip
     if info["message"] != "Integration successful.":
-        raise RuntimeError(f"odeint: {info['message']}")
+        raise ArithmeticError(f"odeint: {info['message']}")
     return states, {"steps": int(info["nst"][-1]), "rhs_evaluations": field.evaluations}
 
 
@@ -50,7 +53,7 @@ def door_of_ode(name, stages):
         state = state.copy() if each is None else state * each
         if not solver.successful():
             code = solver.get_return_code()
-            raise RuntimeError(f"{name} stopped before t = {t:g}: {REASONS.get(code, f'code {code}')}")
+            raise ArithmeticError(f"{name} stopped before t = {t:g}: {REASONS.get(code, f'code {code}')}")
         return state
 
     def adaptive(system, z0, t_eval, rtol, atol):
@@ -104,9 +107,10 @@ def door_of_solve_ivp(method):
         def states():
             row, passed = 0, solver.direction * np.asarray(t_eval)
             while row < len(t_eval):
-                message = solver.step()
+                with lost(method):
+                    message = solver.step()
                 if solver.status == "failed":
-                    raise RuntimeError(f"solve_ivp {method}: {message}")
+                    raise ArithmeticError(f"solve_ivp {method}: {message}")
                 here = np.searchsorted(passed, solver.direction * solver.t, side="right")
                 if here > row:
                     between = solver.dense_output()(t_eval[row:here])
@@ -124,15 +128,27 @@ def door_of_solve_ivp(method):
         if len(t_eval) > 2:
             return all_outputs(system, z0, t_eval, rtol, atol)
         field = Field(system)
-        solution = scipy.integrate.solve_ivp(
-            field.rate, (t_eval[0], t_eval[-1]), z0, method, rtol=rtol, atol=system.absolute(atol),
-            **extras(system, field),
-        )  # fmt: skip
+        with lost(method):
+            solution = scipy.integrate.solve_ivp(
+                field.rate, (t_eval[0], t_eval[-1]), z0, method, rtol=rtol, atol=system.absolute(atol),
+                **extras(system, field),
+            )  # fmt: skip
         if not solution.success:
-            raise RuntimeError(f"solve_ivp {method}: {solution.message}")
+            raise ArithmeticError(f"solve_ivp {method}: {solution.message}")
         return solution.y.T[[0, -1]], {"rhs_evaluations": int(solution.nfev), "steps": len(solution.t) - 1}
 
     return adaptive, outputs
+
+
+@contextmanager
+def lost(method):
+    """Where a state is no longer finite SciPy's linear algebra says so, and the solver does not catch it."""
+    try:
+        yield
+    except ValueError as error:
+        if NOT_FINITE not in str(error):
+            raise
+        raise ArithmeticError(f"solve_ivp {method}: {error}") from error
 
 
 def by_lapack(solver):
@@ -147,7 +163,7 @@ def by_lapack(solver):
 
     def finite(array):
         if not np.isfinite(array).all():
-            raise ValueError("array must not contain infs or NaNs")  # as SciPy says it
+            raise ValueError(NOT_FINITE)
         return array
 
     def lu(matrix):

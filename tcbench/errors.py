@@ -212,6 +212,14 @@ def blamed(error: BaseException) -> str:
     return f"{misnamed(error)}{where}"
 
 
+def ending(error: BaseException) -> tuple[str, str]:
+    """Status and one line for an exception that ended a run. A solver that gives up raises ArithmeticError itself; one
+    of its kinds, as a division by zero, and all others are faults."""
+    if type(error) is ArithmeticError:
+        return "nonconverged", str(error) or "the solver gave up"
+    return "exception", blamed(error)
+
+
 @contextmanager
 def calling(what: str) -> Iterator[None]:
     """The block calls a plugin's function: what that raises is a sentence that begins with `what`."""

@@ -22,7 +22,7 @@ from ..systems.scenario import Scenario
 from . import shared_runs
 from .compiled_loop import LOOPS, NOW
 from .prepared import take
-from .recorder import assemble, exception_sentence, explain
+from .recorder import assemble, explain, raised
 from .shared_runs import Solved
 from .trajectory import SolverCounts, Trajectory
 
@@ -57,7 +57,8 @@ def run_step(
     begin = time.perf_counter()
     first = starter()
     reason, done = monitor.add(1, first.z[1:]) if first.steps else (OK, 0)
-    past, z, failure = list(first.z[-2::-1]) if integrator.memory else [], first.z[-1], first.failure
+    past, z = list(first.z[-2::-1]) if integrator.memory else [], first.z[-1]
+    ended, failure = first.status, first.failure
     alone, loaded, count = done + 1, begin, 1  # the first step by itself: it may load and compile what the others use
     held: tuple[Any, ...] | None = None
     together, meter = max(1, min(TOGETHER, NUMBERS // len(z))), None
@@ -69,7 +70,7 @@ def run_step(
                 states = _next_states(integrator, model, z, carry, dt, min(count, steps - done), past, held)
             except Exception as error:  # a plugin may raise anything: that is a row, not a crash
                 leave_to_the_machine(error)
-                failure = exception_sentence(error, done + 1, (done + 1) * dt)
+                ended, failure = raised(error, done + 1, (done + 1) * dt)
                 break
             reason, done = monitor.add(done + 1, states)
             past = [z, *past][: integrator.memory]
@@ -89,14 +90,14 @@ def run_step(
     wall = (end - loaded) * done / (done - alone) if done > alone else end - begin
     status, sentence = explain(reason, done, dt, scenario, integrator)
     if failure and reason == OK:
-        status, sentence = first.status if first.failure else "exception", failure
+        status, sentence = ended, failure
     solver = SolverCounts(unknown=("newton_iterations",))
     try:
         solver = _told(held)
     except Exception as error:  # a plugin's
         leave_to_the_machine(error)
         if status == "ok":
-            status, sentence = "exception", exception_sentence(error, done, done * dt)
+            status, sentence = raised(error, done, done * dt)
     return monitor.trajectory(integrator, status, sentence, wall, solver)
 
 
@@ -195,7 +196,7 @@ def run_adaptive(
     monitor = Monitor(scenario, t[1], len(t) - 1, 1)
     reason, done = monitor.add(1, found.states[1:]) if len(found.states) > 1 else (OK, 0)
     status, sentence = (
-        ("exception", found.failure) if found.failure else explain(reason, done, t[1], scenario, integrator)
+        (found.status, found.failure) if found.failure else explain(reason, done, t[1], scenario, integrator)
     )
     if times is not None and reason != OK and not found.failure:
         last = min(done if status == "blowup" else done + 1, len(t) - 1)
@@ -213,7 +214,7 @@ def _solve(integrator: Integrator, scenario: Scenario, t: np.ndarray, tolerance:
     """Call the solver; its exceptions are a failure."""
     assert integrator.adaptive is not None
     model, z0 = scenario.model, scenario.z0.copy()
-    states, failure = np.empty((0, model.size)), ""
+    states, status, failure = np.empty((0, model.size)), "ok", ""
     counts: Any = {}
     begin, work = time.perf_counter(), time.process_time()
     try:
@@ -229,10 +230,10 @@ def _solve(integrator: Integrator, scenario: Scenario, t: np.ndarray, tolerance:
         counts = {name: int(value) for name, value in counts.items()}
     except Exception as error:
         leave_to_the_machine(error)
-        states, failure = np.empty((0, model.size)), exception_sentence(error, 1, 0.0)
+        states, (status, failure) = np.empty((0, model.size)), raised(error, 1, 0.0)
         counts = {n: v for n, v in counts.items() if isinstance(v, Integral)} if isinstance(counts, Mapping) else {}
     wall, work = time.perf_counter() - begin, time.process_time() - work
-    return Solved(states, counts, failure, wall, work)
+    return Solved(states, counts, status, failure, wall, work)
 
 
 def _until_failed(rows: Iterator[Any], scenario: Scenario, t: np.ndarray, meter: Meter) -> np.ndarray:

@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ..errors import blamed
+from ..errors import ending
 from ..integrator import Integrator
 from ..solver.implicit_step import BLOWUP, COLD, COLLAPSED, FOLDED, NO_ROOT, NO_WARM_ROOT, NONCONVERGED, NONFINITE, OK
 from ..systems.scenario import Scenario
@@ -113,6 +113,7 @@ def summarise(run: Run, tally: Any, dt: float, names: tuple[str, ...], exergy: f
     )
 
 
-def exception_sentence(error: BaseException, step: int, t: float) -> str:
-    """One line for an exception of a method: where it stopped, and what was raised."""
-    return f"step {step} (t = {t:.6g}): {blamed(error)}"
+def raised(error: BaseException, step: int, t: float) -> tuple[str, str]:
+    """Status and one line for an exception of a method: where it stopped, and what was raised."""
+    status, told = ending(error)
+    return status, f"step {step} (t = {t:.6g}): {told}"

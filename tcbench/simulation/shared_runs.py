@@ -36,12 +36,14 @@ class Solved:
     """What an adaptive solver gave.
 
     states : at the first output times, all but of a run that failed, shape (up to 201, n); counts : of steps and the
-    like; failure : why it gave up, "" if it did not (then there are no states); wall_s : seconds that it took; work_s :
-    of the processor, by which what is slow is judged, for these no busy machine makes longer.
+    like; status : "ok", "nonconverged" where the solver gave up (then there are no states), "exception"; failure : why,
+    "" where it is ok; wall_s : seconds that it took; work_s : of the processor, by which what is slow is judged, for
+    these no busy machine makes longer.
     """
 
     states: np.ndarray
     counts: dict[str, int]
+    status: str
     failure: str
     wall_s: float
     work_s: float = 0.0

@@ -28,7 +28,7 @@ from ..systems.state import blocks_of
 from ..systems.system import System
 
 ROUND_OFF = 2.0**-51  # of what the terms of a law are: what a mended state may miss
-TINY = 1e-140  # beside a square: nothing is moved along a gradient that is 0
+TINY = 1e-140  # beside a square: nothing is moved along a gradient that is 0; and what a law that is 0 may miss
 DEPENDENT = 1e-26  # of the square of a gradient, free of the others: what round-off leaves where they say the same
 ENTROPY = 1  # its place among what is observed
 LAWFUL, NEAR = 2.0**-48, 1e-12  # over 1 and the size of a law: what a state that has it may miss, at least and at most
@@ -135,7 +135,7 @@ def _moves(system: Any, z: Any, told: Sequence[Symbol]) -> list[list[Symbol]]:
     """What the three give, number by number or array by array."""
     values, slopes = [trace.lifted(v) for v in laws(system, z)], gradients(system, z)
     least = system.least_of(z)
-    noises = [ROUND_OFF * round_off(f, entries(z), entries(least)) for f in values]
+    noises = [ROUND_OFF * round_off(f, entries(z), entries(least)) + TINY for f in values]
     start = [*entries(z), values[0], values[-1], noises[-1], noises[0]]
     for pair in zip(values[1:-1], noises[1:-1], strict=True):
         start += pair

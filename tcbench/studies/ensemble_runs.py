@@ -192,7 +192,8 @@ def run_once(integrator: Integrator, scenario: Scenario, value: float) -> Row:
         return _rung(scenario, kind, sentence, run.wall_time_s, run.z[-1])
     model, found = scenario.model, solved(integrator, scenario, [0.0, scenario.t_end], value)
     if found.failure:
-        return _rung(scenario, "exception", found.failure[:200], found.seconds, None)
+        kind = "solver" if found.status == "nonconverged" else found.status
+        return _rung(scenario, kind, found.failure[:200], found.seconds, None)
     z = np.asarray(found.states[-1], dtype=float)
     left = abs(float(model.energy(z)) - float(model.energy(scenario.z0))) if np.all(np.isfinite(z)) else math.inf
     if not left <= scenario.blowup_factor * scenario.initial_exergy:

@@ -88,7 +88,7 @@ def _states(integrator: Integrator, scenario: Scenario, options: Row, times: Seq
     divides the times."""
     if integrator.kind == "adaptive":
         found = solved(integrator, scenario, [0.0, *times], options["tolerance"])
-        return ("exception", found.failure, None) if found.failure else ("ok", "", np.asarray(found.states)[1:])
+        return (found.status, found.failure, None) if found.failure else ("ok", "", np.asarray(found.states)[1:])
     every = max(1, math.ceil(scenario.t_end / EIGHT / options["dt"] - 1e-9))
     run = simulate(integrator, scenario, dt=scenario.t_end / (EIGHT * every), record_every=every)
     return run.status, run.failure, run.z[1:] if run.ok else None

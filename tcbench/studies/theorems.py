@@ -219,7 +219,8 @@ def _friction_rows(row: Row, model: ElementSystem, sample: Sample) -> list[Ledge
 
 
 def _relative(found: Any, exact: Any) -> float:
-    return float(np.abs(np.asarray(found) - np.asarray(exact)).max() / np.abs(np.asarray(exact)).max())
+    gap = float(np.abs(np.asarray(found) - np.asarray(exact)).max())
+    return gap and gap / float(np.abs(np.asarray(exact)).max())  # an energy may be constant
 
 
 def _directionality(scenario: Scenario, sample: Sample) -> float:
@@ -233,8 +234,8 @@ def _directionality(scenario: Scenario, sample: Sample) -> float:
         dz = z1.astype(LONG).view(np.ndarray) - z0.astype(LONG).view(np.ndarray)
         dE = (energy(z1.astype(LONG).view(np.ndarray)) - energy(z0.astype(LONG).view(np.ndarray)))[0]
         size = np.linalg.norm(DE) * np.linalg.norm(dz.astype(float))
-        defect = float(abs(np.asarray(DE, LONG) @ dz - dE) / size)
-        worst = max(worst, defect)
+        defect = float(abs(np.asarray(DE, LONG) @ dz - dE))
+        worst = max(worst, defect and defect / float(size))  # an energy may be constant
     return worst
 
 

@@ -207,7 +207,7 @@ def _adaptive(
             return seen, 0.0
         found = solved(integrator, scenario, ends, tolerance)
         if found.failure:
-            return seen | {"status": "exception", "failure": found.failure}, 0.0
+            return seen | {"status": found.status, "failure": found.failure}, 0.0
         end, counts = np.asarray(found.states[-1], dtype=float), found.counts
         left = abs(model.energy(end) - model.energy(z0)) / scenario.initial_exergy
         told = {"evaluations": counts["rhs_evaluations"]} if "rhs_evaluations" in counts else {}

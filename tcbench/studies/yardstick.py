@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ..errors import leave_to_the_machine
+from ..errors import ending, leave_to_the_machine
 from ..study import Row
 
 if TYPE_CHECKING:
@@ -92,11 +92,12 @@ def _once(run: Run, first: bool) -> tuple[Row, float, float]:
 
 
 class Solved(NamedTuple):
-    """What an adaptive solver gave: states at the times, its counts, seconds, and a sentence where it gave up."""
+    """What an adaptive solver gave: states at the times, its counts, seconds; status, and why there are none."""
 
     states: Any
     counts: Row
     seconds: float
+    status: str = "ok"
     failure: str = ""
 
 
@@ -108,7 +109,8 @@ def solved(integrator: Integrator, scenario: Scenario, times: ArrayLike, toleran
         found = integrator.adaptive(model, z0, t, tolerance, tolerance)  # type: ignore[misc]
     except Exception as error:
         leave_to_the_machine(error)
-        return Solved(None, {}, time.perf_counter() - begin, f"{type(error).__name__}: {error}"[:300])
+        status, failure = ending(error)
+        return Solved(None, {}, time.perf_counter() - begin, status, failure[:300])
     elapsed = time.perf_counter() - begin
     states, counts = found if isinstance(found, tuple) else (found, {})
     return Solved(states, counts, elapsed)

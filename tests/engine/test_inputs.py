@@ -294,7 +294,7 @@ def test_a_worker_imports_what_a_cell_asks_for_and_nothing_else(desk):
 def test_a_run_that_another_worker_made_hands_on_what_that_has_read(desk):
     from tcbench.simulation import shared_runs
 
-    scenario, run = tcbench.scenarios()["short_term"], shared_runs.Solved(np.ones((2, 10)), {}, "", 1.0)
+    scenario, run = tcbench.scenarios()["short_term"], shared_runs.Solved(np.ones((2, 10)), {}, "ok", "", 1.0)
     (desk / "p" / "g.txt").write_text("1.0")
     with shared_runs.kept_in(str(desk / "lib")):
         watching.begin().plugins["mine"] = str(desk / "p")

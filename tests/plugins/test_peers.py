@@ -65,7 +65,7 @@ def test_heyoka_says_that_it_compiles_number_by_number():
 def test_a_failed_solver_is_a_row():
     scenario = tcbench.scenarios()["stiff_spring"]
     run = tcbench.simulate("scipy_dop853", scenario.replace(conductivity=1e7, t_end=5.0, dt=0.1), tolerance=1e-3)
-    assert run.status == "exception" and "dop853" in run.failure
+    assert run.status == "nonconverged" and "dop853" in run.failure
 
 
 @pytest.mark.parametrize("name", ["dopri5", "dop853"])
@@ -88,7 +88,7 @@ def test_a_solver_of_scipys_ode_evaluates_no_more_here_than_in_a_plain_loop(name
 
 def test_a_lost_run_of_an_implicit_solver_ends_as_scipy_ends_it():
     run = tcbench.simulate("solve_ivp_bdf", "gas_containers", tolerance=0.1)
-    assert run.status == "exception" and "ValueError: array must not contain infs or NaNs" in run.failure
+    assert run.status == "nonconverged" and "solve_ivp BDF: array must not contain infs or NaNs" in run.failure
 
 
 def test_cvode_is_quiet_of_its_pattern_and_of_nothing_else(monkeypatch):

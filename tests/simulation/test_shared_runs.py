@@ -131,7 +131,7 @@ def test_a_failure_of_a_solver_is_shared_too(tmp_path):
 
     with shared_runs.kept_in(str(tmp_path)):
         one, other = (tcbench.simulate(Integrator(name="failing", adaptive=failing), SCENARIO) for _ in range(2))
-    assert len(calls) == 1 and one.status == other.status == "exception" and one.failure == other.failure
+    assert len(calls) == 1 and one.status == other.status == "nonconverged" and one.failure == other.failure
 
 
 def test_time_per_step_is_of_runs_in_this_process(tmp_path, monkeypatch):

@@ -213,6 +213,14 @@ def raises(z, h, system):
     raise RuntimeError("no luck")
 
 
+def gives_up(z, h, system):
+    raise ArithmeticError("no root in reach")
+
+
+def divides(z, h, system):
+    return z / (1 // 0)
+
+
 def wrong_shape(z, h, system):
     return z[:5]
 
@@ -238,6 +246,8 @@ def explosive(z, h, system):
     ("step", "status", "sentence"),
     [
         (raises, "exception", "step 1 (t = 0.3): RuntimeError: no luck at test_simulate.py"),
+        (gives_up, "nonconverged", "step 1 (t = 0.3): no root in reach"),
+        (divides, "exception", "step 1 (t = 0.3): ZeroDivisionError: "),
         (wrong_shape, "exception", "returned shape (5,), a state has shape (10,)"),
         (not_a_number, "nonfinite", "step 1 (t = 0.3, dt = 0.3): the new state is not finite"),
         (collapsed, "unphysical", "step 1 (t = 0.3, dt = 0.3): an element collapsed"),
