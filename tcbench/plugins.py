@@ -276,12 +276,13 @@ def expand_scenarios(names: Iterable[str | Scenario]) -> list[Scenario]:
     return [scenario for k, scenario in enumerate(result) if scenario not in result[:k]]
 
 
-def find_scenario(name: str | Scenario) -> Scenario:
+def find_scenario(name: str | Scenario | type) -> Scenario:
     """The scenario of that name; `name[param=value,...]` is a member of a family."""
     if isinstance(name, Scenario):
         return name
     if not isinstance(name, str):
-        raise TcbenchError(f"A scenario is a name or a Scenario, not {name!r}.")
+        remedy = " The system of a scenario, with its constants, is scenario.model." if isinstance(name, type) else ""
+        raise TcbenchError(f"A scenario is a name or a Scenario, not {name!r}.{remedy}")
     here = registry()
     known, families = here.scenarios, here.scenario_families
     if name in known:

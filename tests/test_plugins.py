@@ -103,6 +103,7 @@ BROKEN = {
     "wrong_type.py": (GOOD.replace("return [Integrator", "return [dict"), "must return a list of Integrator"),
     "nameless.py": (GOOD.replace('name="mine"', 'name="Mine!"'), "must be lower-case"),
     "twice.py": (GOOD + GOOD[GOOD.index("@hookimpl") :], "line 7 and again in line 10"),
+    "method.py": (GOOD.replace("integrators()", "integrators(self)"), "line 7 is called without arguments; write def"),
     "orderless.py": (GOOD.replace("order=2, ", ""), "must declare its order"),
 }  # fmt: skip
 

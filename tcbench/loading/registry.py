@@ -264,8 +264,8 @@ def _register(
     except BaseException as error:  # SystemExit of a plugin is that plugin's failure too
         if isinstance(error, KeyboardInterrupt):
             raise
-        if isinstance(error, pluggy.PluginValidationError):
-            manager.unregister(error.plugin)
+        if isinstance(error, pluggy.PluginValidationError) and manager.is_registered(error.plugin):
+            manager.unregister(error.plugin)  # pluggy below 1.7 has registered it
         result.origins[label] = replace(origin, **_told(error, origin.path))
     finally:
         _LOADING.pop()
@@ -286,6 +286,8 @@ def _check_hooks(module: Any) -> None:
             raise RefusedError(f"{unknown_name('hook', name, HOOKS)} It is in line {line}.")
         if name in HOOKS and not marked:
             raise RefusedError(f"{name} in line {line} is no hook; write @hookimpl above it.")
+        if marked and hook.__code__.co_argcount > len(hook.__defaults__ or ()):
+            raise RefusedError(f"{name} in line {line} is called without arguments; write def {name}():")
 
 
 def _told(error: BaseException, path: str) -> dict[str, str]:

@@ -253,7 +253,10 @@ def _until_failed(rows: Iterator[Any], scenario: Scenario, t: np.ndarray, meter:
 
 
 def _as_states(value: Any, shape: tuple[int, int]) -> np.ndarray:
-    z = real(value)
+    try:
+        z = real(value)
+    except TypeError as error:
+        raise TypeError(f"the solver returned {shown(value)}, states of shape {shape} were asked for") from error
     if z.shape != shape:
         raise ValueError(f"the solver returned shape {z.shape}, {shape} were asked for")
     return z

@@ -25,7 +25,7 @@ from ..errors import TraceError
 from ..integrator import Flow
 from .elimination import ZERO_PIVOT
 from .first_values import measured_by, plain_start, sizes_of
-from .formula import called, finite_rows, further, has_roots
+from .formula import called, checked_rows, further, has_roots
 from .kernels_of_flow import FlowKernels
 from .normal_rows import normalised
 from .pattern import Pattern
@@ -84,7 +84,7 @@ def _array_flow(flow: Flow, net: Any) -> ArrayFlow:
     start = [net.fresh_state(f"start{k}") for k in range(flow.memory or 2)]
     d = entries(*steps)
     found = _rows(flow, net, y0, h, steps, further(flow, net, z0, h, start))
-    rows = normalised(finite_rows(flow, found), d, h)
+    rows = normalised(checked_rows(flow, found, d), d, h)
     if any(row.space not in (NUMBER, s.space) for row, s in zip(rows, d, strict=True)):
         raise trace.refused(
             f"the rows of the residual {flow.residual.__name__!r} are in another order than {', '.join(net.variables)}",

@@ -30,7 +30,7 @@ from ..systems.system import System
 from .elimination import ZERO_PIVOT, factorise
 from .first_values import measured_by, near_start, plain_start, sizes_of
 from .foresight import foreseen
-from .formula import called, finite_rows, further, has_roots
+from .formula import called, checked_rows, further, has_roots
 from .kernels_of_flow import FlowKernels, constants
 from .linear_algebra import STEEPEST
 from .normal_rows import normalised
@@ -253,4 +253,4 @@ def traced(flow: Flow, system: System, y0: State, d: Any, h: Symbol, further: li
             raise TraceError(
                 f"The residual {flow.residual.__name__!r} returned {shown(r)} among its numbers, which is none."
             ) from None
-    return finite_rows(flow, rows)
+    return checked_rows(flow, rows, list(d))

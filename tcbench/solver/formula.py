@@ -36,12 +36,18 @@ def has_roots(rows: Sequence[Symbol]) -> bool:
     return any(x.op in ROOTS for x in trace.topological(rows))
 
 
-def finite_rows(flow: Flow, rows: list[Symbol]) -> list[Symbol]:
-    """The rows; TraceError where there is an infinite number in them."""
+def checked_rows(flow: Flow, rows: list[Symbol], d: Sequence[Symbol]) -> list[Symbol]:
+    """The rows; TraceError where there is an infinite number in them, or nothing of d = z1 - z0."""
     if any(x.op == "const" and np.isinf(x.value) for x in trace.topological(rows)):
         raise TraceError(
             f"{_file(flow.residual)}: the residual {flow.residual.__name__!r} contains an infinite number, so that no "
             "state solves it. Look for inf, and for numbers that overflow."
+        )
+    reads = trace.depends_on(rows, d)
+    if rows and not any(row.number in reads for row in rows):
+        raise TraceError(
+            f"{_file(flow.residual)}: the residual {flow.residual.__name__!r} does not depend on z1. Return what is 0 "
+            "where z1 is the new state, such as z1 - z0 - h * f(z0), and not the new state itself."
         )
     return rows
 

@@ -261,6 +261,15 @@ def test_a_bad_step_is_a_status_and_a_sentence(step, status, sentence):
     assert np.array_equal(run.z[0], SCENARIOS["short_term"].z0)
 
 
+def test_a_solver_that_returns_no_states_is_told_which_are_asked_for():
+    """Of SciPy's result it was said that it is no argument of float()."""
+    run = tcbench.simulate(
+        Integrator(name="bad", adaptive=lambda *_: object()), "short_term", tolerance=1e-3, t_end=1.0
+    )
+    assert run.status == "exception" and "the solver returned <object object" in run.failure
+    assert "states of shape (" in run.failure and "were asked for" in run.failure
+
+
 def test_summaries_are_equal_where_their_numbers_are_and_nan_is_nan():
     one, other = (tcbench.simulate("tc_monolithic", "bound_equilibrium", dt=0.1, t_end=0.2) for _ in range(2))
     assert math.isnan(one.summary.first_entropy_fall) and one.summary == other.summary

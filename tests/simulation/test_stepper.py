@@ -55,6 +55,11 @@ def test_what_has_no_step_is_refused():
         tcbench.stepper(Integrator(name="for_chains", order=1, step=formula, systems={"chain"}), SCENARIO)
 
 
+def test_a_class_in_the_place_of_a_system_is_told_where_the_system_is():
+    with pytest.raises(TcbenchError, match=r"The system of a scenario, with its constants, is scenario\.model"):
+        tcbench.stepper("tc_monolithic", tcbench.scenarios()["short_term"].system)
+
+
 def test_a_formula_that_was_redefined_is_stepped_anew():
     found = []
     for theta in (0.5, 1.0):
