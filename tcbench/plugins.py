@@ -276,7 +276,7 @@ def expand_scenarios(names: Iterable[str | Scenario]) -> list[Scenario]:
     return [scenario for k, scenario in enumerate(result) if scenario not in result[:k]]
 
 
-def find_scenario(name: str | Scenario | type) -> Scenario:
+def find_scenario(name: object) -> Scenario:
     """The scenario of that name; `name[param=value,...]` is a member of a family."""
     if isinstance(name, Scenario):
         return name
