@@ -126,7 +126,6 @@ def onsager(scenario: Scenario) -> Line:
         which = np.flatnonzero(seen.still if by == "dE" else ~seen.constant)
         if len(which) < 2 or not seen.affine(which, which):
             continue
-        looked.append(by)
         for z in seen.states:
             A = seen.matrix(z, which)[which]
             gap = np.abs(A - A.T)
@@ -139,6 +138,8 @@ def onsager(scenario: Scenario) -> Line:
                 )
                 remedy = "Both laws hold without it; a symmetric M(z) has it. What only turns is reversible."
                 return Line("Onsager", NONE, found, remedy)
+            if A.any() and by not in looked:
+                looked.append(by)
     if not looked:
         return Line("Onsager", NONE, "nothing to be seen: one rate, or not linear")
     return Line("Onsager", OK, f"rates by {' and by '.join(looked)} are symmetric")

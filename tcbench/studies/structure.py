@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 FORMULAS = tuple(MATRICES)
 SPREAD = 2.0  # random slopes are the true ones, times a number from 1/2 to 2
 ROUNDOFF = 1e-13  # of sums of some ten terms of one size
+CANCELLED = 1e-11  # of a rate whose terms nearly cancel, as (dE . dE) dS - (dE . dS) dE does where dE is along dS
 Row = Callable[[str, str, str, float, float, str], Any]
 
 
@@ -51,7 +52,7 @@ def findings(row: Row, model: System, sample: Any, rng: np.random.Generator) -> 
         scale = np.linalg.norm(dS) * np.linalg.norm(z1 - z0) + abs(float(model.entropy(z0))) + 1e-300
         gap = max(gap, abs(dS @ np.asarray(z1 - z0) - (model.entropy(z1) - model.entropy(z0))) / scale)
     rows = [
-        row(f"{one.claim}: {one.needs}", one.source, f"{one.measured} 0, relative", one.worst, ROUNDOFF,
+        row(f"{one.claim}: {one.needs}", one.source, f"{one.measured} 0, relative", one.worst, CANCELLED,
             f"{written(model, one.formula)}: {one.why(model)}")
         for one in owed
     ]  # fmt: skip
@@ -101,14 +102,14 @@ class _Condition:
         if self.rises:
             size = float(np.linalg.norm(covector) * np.linalg.norm(rate)) + 1e-300
             defect = max(0.0, -float(covector @ rate) / size)
-        self.seen, self.fallen = self.seen + 1, self.fallen + (defect > ROUNDOFF)
+        self.seen, self.fallen = self.seen + 1, self.fallen + (defect > CANCELLED)
         if defect > self.worst or math.isnan(defect):
             self.worst, self.terms = defect, covector * rate
 
     def why(self, model: System) -> str:
         """What an author does about it: which terms do not cancel, or that a sign is wrong."""
         told = "it must hold for the covectors that are put in, whatever they are, not for the true gradients only."
-        if self.worst <= ROUNDOFF:
+        if self.worst <= CANCELLED:
             return told
         if self.rises and self.fallen == self.seen:
             return f"the entropy falls everywhere: is a sign wrong? {told[0].upper()}{told[1:]}"

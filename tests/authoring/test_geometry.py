@@ -120,6 +120,29 @@ def test_a_lie_poisson_bracket_is_one(twist, verdict):
     assert line.verdict == verdict
 
 
+class Aligned(System):
+    """Its gradients are nearly parallel: the terms of the irreversible rate cancel, and leave their round-off."""
+
+    variables = {"x": (3,)}
+
+    def energy(self, z):
+        return z.x[0] ** 2 + 1.01 * z.x[1] ** 2 + 1.02 * z.x[2] ** 2
+
+    def entropy(self, z):
+        return -((z.x @ z.x) ** 2) / 4
+
+    def reversible(self, z, dE, dS):
+        return {"x": np.cross(dS.x / (z.x @ z.x), dE.x)}
+
+    def irreversible(self, z, dE, dS):
+        return {"x": (dE.x @ dE.x) * dS.x - dE.x * (dE.x @ dS.x)}
+
+
+def test_round_off_is_no_fault():
+    scenario = Scenario("a", Aligned, {}, initial={"x": [1, 0.2, 0.4]}, t_end=1, dt=0.1, shows="x", source="x")
+    assert [line for line in check.scenario_lines(scenario) if line.verdict == check.FAIL] == []
+
+
 def test_what_ships_is_of_the_theory():
     for name in ("damped_oscillator", "heavy_top", "rigid_body", "rubbing_piston", "viscous_pendulum", "reaction"):
         lines = {line.check: line for line in check.scenario_lines(scenarios()[name])}
