@@ -105,8 +105,8 @@ def test_a_chart_that_raises_leaves_the_page_and_says_so():
     ("old", "new", "told"),
     [
         ("fixed = [method ", "fixed = [method.nope ", "plan of the study 'halving' failed: AttributeError"),
-        ("    return [(method, scenario, {", "    [(method, scenario, {", "not None."),
-        ("(method, scenario, {", "(method.name, scenario, {", "must return a list of (integrator, scenario, options)"),
+        ("    return [(m, s, {", "    [(m, s, {", "not None."),
+        ("(m, s, {", "(m.name, s, {", "must return a list of (integrator, scenario, options)"),
         ('tables=("halving",)', 'tables="halving"', "The study 'halving': tables is a tuple of words"),
     ],
 )
@@ -263,3 +263,27 @@ def test_failures_of_a_plugins_study_are_on_the_page():
     rows = [("a", "s", "exception", "boom"), ("a", "t", "ok", "")]
     tables = {"mine": pd.DataFrame(rows, columns=["integrator", "scenario", "status", "failure"])}
     assert failures(tables) == {"a": {"s": [1, 1, "mine of a on s: boom"]}}
+
+
+def test_steps_that_a_study_does_not_take_are_told(tmp_path):
+    """They were ignored without a word."""
+    words = [
+        "run",
+        "-i",
+        "tc_strang",
+        "-s",
+        "short_term",
+        "--study",
+        "halving",
+        "--plugins-dir",
+        tmp_path,
+        "--dt",
+        "0.5",
+    ]
+    for source, own in ((SOURCE, False), (SOURCE.replace('options["dt"] or ', ""), True)):
+        (tmp_path / "halving.py").write_text(source)
+        done = command(*words, "-o", tmp_path / "run", "-j", "1")
+        assert done.exit_code == 0
+        assert ("--dt does not apply to studies that have steps of their own: halving." in done.stderr) == own
+        steps = pd.read_csv(tmp_path / "run" / "tables" / "halving.csv")["dt"].tolist()
+        assert steps == ([0.15, 0.3] if own else [0.5])

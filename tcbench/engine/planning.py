@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 from collections import UserDict
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -112,6 +113,13 @@ class _Options(UserDict[str, Any]):
         self.asked = set()
         super().__init__(given)
 
+    @contextmanager
+    def asked_by(self) -> Iterator[set[str]]:
+        """What is asked for within the block alone."""
+        before, self.asked = self.asked, set()
+        yield self.asked
+        self.asked |= before
+
     def check(self, names: Mapping[str, Any]) -> None:
         """Refuse those that no study has asked for: a misspelt one would be left out without a word."""
         for name in names:
@@ -137,11 +145,14 @@ def _plan(
     settings = _Options({"dt": _checked_steps(dt, selected), **options})
     custom = {s.name: data for s in selected if not _can_be_named(s) and (data := scenario_data(s)) is not None}
     remote = {s.name: s.name in custom or _can_be_named(s) for s in selected}
-    cells, here, seen = [], {}, set()
+    cells, here, seen, own_steps = [], {}, set(), list[str]()
     used: dict[str, Scenario] = {s.name: s for s in selected}
     measured: dict[str, Integrator] = {m.name: m for m in methods}
     for study in chosen:
-        for method, scenario, cell_options in study.planned(methods, _of_study(study, selected, scenarios), settings):
+        with settings.asked_by() as asked:
+            planned = study.planned(methods, _of_study(study, selected, scenarios), settings)
+        own_steps += [study.name] if dt and planned and "dt" not in asked else []
+        for method, scenario, cell_options in planned:
             if method.suits(scenario.model):
                 continue
             seen.add((method.name, study.name))
@@ -175,7 +186,7 @@ def _plan(
         },
     }
     absent = {name: m.lacks for name, m in registry.integrators.items() if m.lacks}
-    notes = _not_run(absent if integrators is None else {}, methods, dt) + plugins.not_loaded()
+    notes = _not_run(absent if integrators is None else {}, methods, dt, own_steps) + plugins.not_loaded()
     packages = sorted({name for method in methods for name in method.requires})
     unique = list({c.key: c for c in cells}.values())
     return Job(unique, context, chosen, here, left_out, notes, packages, lambda: declared(methods, selected, absent))
@@ -213,12 +224,14 @@ def _left_out(
     return sentences
 
 
-def _not_run(absent: Mapping[str, str], methods: Sequence[Integrator], dt: Any) -> list[str]:
+def _not_run(absent: Mapping[str, str], methods: Sequence[Integrator], dt: Any, own_steps: Sequence[str]) -> list[str]:
     """Sentences on what a run leaves out although nobody said so: absent peers, and steps that do not apply."""
     sentences = [f"{name} was not run: {why}." for name, why in absent.items()]
     adaptive = [method.name for method in methods if method.kind == "adaptive"]
     if dt and adaptive:
         sentences.append(f"--dt does not apply to methods that choose their steps: {', '.join(adaptive)}.")
+    if own_steps:
+        sentences.append(f"--dt does not apply to studies that have steps of their own: {', '.join(own_steps)}.")
     return sentences
 
 
