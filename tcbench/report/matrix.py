@@ -122,12 +122,15 @@ def stopped(tables: Tables) -> dict[str, dict[str, str]]:
 
 
 class Unmeasured(NamedTuple):
-    """A cell of another study than those of the ladders that ended without a result."""
+    """A cell of another study than those of the ladders that ended without a result; of a plugin's those of a method on
+    a scenario together, how many they are and of how many."""
 
     study: str
     integrator: str
     scenario: str
     why: str
+    failed: int = 1
+    runs: int = 1
 
     @property
     def sentence(self) -> str:
@@ -148,6 +151,9 @@ def unmeasured(tables: Tables) -> list[Unmeasured]:
             said = [row.get(name) for name in ("failure", "note")]
             why = next((str(text) for text in said if isinstance(text, str) and text), str(row["status"]))
             item = Unmeasured(study.removesuffix("_summary"), str(row["integrator"]), str(row["scenario"]), why)
+            if study in brought and item[:3] not in found:
+                rows = table.loc[(table[PAIR] == [row[name] for name in PAIR]).all(axis=1), "status"]
+                item = item._replace(failed=int(rows.isin(LOUD).sum()), runs=len(rows))
             found.setdefault(item[:3], item)
     return list(found.values())
 
@@ -170,6 +176,6 @@ def failures(tables: Tables, longest: int = 300) -> dict[str, dict[str, Any]]:
             cell[2], cell[3] = ": ".join(filter(None, (row["at"], said[:longest]))), size
     for item in unmeasured(tables):
         cell = found.setdefault(item.integrator, {}).setdefault(item.scenario, [0, 0, "", math.inf])
-        cell[:3] = [cell[0] + 1, cell[1] + 1, cell[2] or item.sentence[:longest]]
+        cell[:3] = [cell[0] + item.failed, cell[1] + item.runs, cell[2] or item.sentence[:longest]]
     return {m: {s: c[:3] for s, c in cells.items() if c[0]} for m, cells in found.items() if any(
         c[0] for c in cells.values())}  # fmt: skip
