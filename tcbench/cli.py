@@ -258,13 +258,13 @@ def compare() -> None:
 
 
 @main.command()
-@click.argument("kind", type=click.Choice(["integrator", "scenario", "system", "elements"]), metavar="KIND")
+@click.argument("kind", type=click.Choice(["integrator", "scenario", "system", "elements", "study"]), metavar="KIND")
 @click.argument("name")
 @click.option("--package", is_flag=True, help="A complete distribution: pyproject, source, a test.")
 @click.option("--folder", type=click.Path(path_type=Path, file_okay=False), default=Path(), help="Where to write it.")
 @done_by("actions:new_command")
 def new() -> None:
-    """Write a commented plugin that runs as it is: an integrator, a scenario, a system, or a system of elements."""
+    """Write a commented plugin that runs as it is: an integrator, scenario, system, elements, or study."""
 
 
 @main.command()

@@ -26,6 +26,11 @@ NAME = 'Study(\n            name="halving"'
 assert "def tcbench_studies" in SOURCE and "def tcbench_charts" in SOURCE
 
 
+def test_the_file_of_the_page_is_the_one_that_the_command_writes(tmp_path):
+    command("new", "study", "halving", "--folder", tmp_path)
+    assert (tmp_path / "halving.py").read_text("utf-8") == SOURCE
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """A run of the page's study, with its plugin file beside it."""

@@ -17,13 +17,16 @@ from typing import TYPE_CHECKING, Any
 from .. import plugins
 from ..engine.child import LOOK_S, READY, Child, how_it_died
 from ..errors import TcbenchError, blamed, matching
-from . import integrator_checks, scenario_checks
+from ..studies.base import refuse_doubles
+from . import integrator_checks, scenario_checks, study_checks
 from .check_cost import estimate, time_per_step
 from .check_line import FAIL, NONE, OK, Line, line
 
 if TYPE_CHECKING:
     from ..integrator import Integrator
+    from ..metric import Metric
     from ..plugins import Origin
+    from ..study import Study
     from ..systems.scenario import Scenario
 
 DEADLINE = 60.0  # seconds for a run in a process of its own, from when tcbench itself is loaded and compiled there
@@ -32,6 +35,7 @@ WARM_LIMIT = 900.0  # seconds for that; more on a slow machine means that someth
 ALONE = ("runs", "step too large")  # lines that are runs in a process of their own
 OF_INTEGRATORS = ("metadata", *(name for name, _ in integrator_checks.TESTS), *ALONE, "time per step")
 OF_SCENARIOS = tuple(name for name, _ in scenario_checks.TESTS)
+OF_STUDIES = tuple(name for name, _ in study_checks.TESTS)
 DOES_NOT_RUN = Line("the rest", NONE, "not checked: the method does not run")
 LOOK_BELOW = "A step of 0.01 must succeed: see whether the formula is consistent with dz/dt."
 HOOKED = ("integrators", "scenarios", "metrics", "studies", "charts")
@@ -88,6 +92,8 @@ def subjects(target: str, only: Sequence[str] = ()) -> list[Subject]:
         return [Subject(target, "plugin", iter([_loads(broken[0])]))]
     if target in registry.scenarios or plugins.split_name(target)[0] in registry.scenario_families:
         return named([], [target], only)
+    if target in registry.studies:
+        return [_of_study(registry.studies[target], chosen)]
     return named([target], [], only)
 
 
@@ -99,7 +105,7 @@ def named(integrators: Sequence[str], scenarios: Sequence[str], only: Sequence[s
 
 
 def _lines(only: Sequence[str]) -> list[str]:
-    known = dict.fromkeys((*OF_INTEGRATORS, *OF_SCENARIOS))
+    known = dict.fromkeys((*OF_INTEGRATORS, *OF_SCENARIOS, *OF_STUDIES))
     return [one for name in only for one in matching("line of tcbench check", name, known)]
 
 
@@ -112,6 +118,7 @@ def _of_file(path: Path, only: Sequence[str]) -> list[Subject]:
     plugins.use_folders([path])
     try:
         registry = plugins.registry()
+        refuse_doubles(registry.studies.values())
     except TcbenchError as error:  # two plugins with one name
         remedy = "Rename yours; tcbench list shows the names that are taken."
         return found(Line("loads", OK), Line("unique name", FAIL, str(error), remedy))
@@ -123,8 +130,9 @@ def _of_file(path: Path, only: Sequence[str]) -> list[Subject]:
     result = [_of_integrator(v, [str(path.resolve())], only) for i in methods for v in i.variants() or [i]]
     offered: list[Any] = [*registry.scenarios.values(), *registry.scenario_families.values()]
     result += [_of_scenario(s, only) for s in plugins.expand_scenarios(s.name for s in offered if s.plugin in labels)]
-    others: dict[str, Any] = {"column": registry.metrics, "study": registry.studies, "chart": registry.charts}
-    brought = [f"{kind} {one.name}" for kind, them in others.items() for one in them.values() if one.plugin in labels]
+    result += [_of_study(study, only) for study in registry.studies.values() if study.plugin in labels]
+    result += [_of_metric(metric) for metric in registry.metrics.values() if metric.plugin in labels]
+    brought = [f"chart {chart.name}" for chart in registry.charts.values() if chart.plugin in labels]
     if not result and not brought:
         remedy = f"Return it from a @hookimpl: {' or '.join(f'tcbench_{kind}' for kind in HOOKED)}."
         return found(Line("registers something", FAIL, "no hook is implemented", remedy))
@@ -242,6 +250,28 @@ def _in_time(calls: Sequence[tuple[Any, ...]], output: Path) -> tuple[dict[str, 
         finally:
             child.kill()
     return answer, "answered", deadline
+
+
+def _of_study(study: Study, only: Sequence[str]) -> Subject:
+    return Subject(study.name, "study", study_lines(study, only))
+
+
+def _of_metric(metric: Metric) -> Subject:
+    return Subject(metric.name, "column", (_guarded("number", study_checks.number, one) for one in [metric]))
+
+
+def study_lines(study: Study, only: Sequence[str] = ()) -> Iterator[Line]:
+    """Every line for one study; each needs those before it."""
+    yield Line("loads", OK)
+    yield Line("unique name", OK)
+    charts = [chart for chart in plugins.registry().charts.values() if chart.plugin == study.plugin]
+    trial = study_checks.Trial(study, charts)
+    for name, test in study_checks.TESTS:
+        found = _guarded(name, test, trial)
+        if not only or name in only or found.verdict == FAIL:
+            yield found
+        if found.verdict == FAIL or not trial.cells:
+            return
 
 
 def _of_scenario(scenario: Scenario, only: Sequence[str]) -> Subject:

@@ -9,9 +9,11 @@ from importlib.metadata import packages_distributions
 from importlib.resources import files
 from pathlib import Path
 from string import Template
+from typing import Any
 
 from .. import plugins
 from ..errors import TcbenchError, writing
+from ..studies.base import studies
 
 _NAME = re.compile(r"[a-z][a-z0-9_]*\Z")
 
@@ -49,7 +51,8 @@ def check_name(kind: str, name: str) -> None:
         )
     if name in sys.stdlib_module_names or name in packages_distributions():
         raise TcbenchError(f"{name!r} is the name of an installed module, which the file would hide. Choose another.")
-    taken = plugins.integrators() if kind == "integrator" else plugins.scenarios()
+    names: dict[str, Any] = {"integrator": plugins.integrators, "study": studies}
+    taken = names.get(kind, plugins.scenarios)()
     if checked(kind, name) in taken:
         raise TcbenchError(
             f"The {kind} name {checked(kind, name)!r} is taken. Choose another; tcbench list shows them all."

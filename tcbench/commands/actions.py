@@ -336,10 +336,12 @@ def new_command(kind: str, name: str, package: bool, folder: Path, as_json: bool
         return
     path = new_file(kind, name, folder)
     where = path.parent if str(path.parent) else Path(".")
-    option = f"-{'i' if kind == 'integrator' else 's'} {checked(kind, name)}"
+    option = {
+        "integrator": f"-i {name} --study conservation",
+        "study": f"-i tc_monolithic -s short_term --study {name}",
+    }.get(kind, f"-s {checked(kind, name)} --study conservation")
     terminal.say(
-        f"Wrote {path}. It runs as it is:\n  tcbench check {path}\n"
-        f"  tcbench run {option} --study conservation --plugins-dir {where}"
+        f"Wrote {path}. It runs as it is:\n  tcbench check {path}\n  tcbench run {option} --plugins-dir {where}"
     )
 
 

@@ -70,7 +70,7 @@ def _of_plugins(run: Trajectory, row: Row) -> Row:
             said.append(f"Metric {name!r} of {metric.plugin}: the table has a column of this name; rename the metric")
             continue
         try:
-            found[name] = _number(metric.compute(run))
+            found[name] = as_number(metric.compute(run))
         except (MachineError, MemoryError):
             raise
         except Exception as error:
@@ -79,7 +79,8 @@ def _of_plugins(run: Trajectory, row: Row) -> Row:
     return found | ({"metric_failure": "; ".join(said)} if said else {})
 
 
-def _number(value: Any) -> float:
+def as_number(value: Any) -> float:
+    """What a metric gives, or TypeError."""
     if isinstance(value, str) or value is None:
         raise TypeError(f"it gives {value!r}, not a number")
     if getattr(value, "ndim", 0):

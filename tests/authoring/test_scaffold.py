@@ -55,6 +55,7 @@ def test_what_exists_is_never_overwritten(tmp_path):
         ("integrator", "../mine", "lower-case"),
         ("integrator", "tc_strang", "is taken"),
         ("scenario", "short_term", "is taken"),
+        ("study", "conservation", "is taken"),
     ],
 )
 def test_bad_names_are_refused_with_a_sentence(kind, name, words, tmp_path):
