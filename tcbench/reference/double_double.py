@@ -108,6 +108,16 @@ def cosine_of_quarters(n: float) -> float:
     return 1.0 if k == 0 else -1.0 if k == 2 else 0.0
 
 
+@exact
+def size(x: float) -> float:
+    return abs(x)
+
+
+@exact
+def sign(x: float) -> float:
+    return 1.0 if x > 0.0 else -1.0 if x < 0.0 else NAN
+
+
 def lanewise(function: Callable[[float], float]) -> Callable[[Eight], Eight]:
     """The function of eight numbers, one by one."""
 
@@ -123,6 +133,7 @@ def lanewise(function: Callable[[float], float]) -> Callable[[Eight], Eight]:
 
 roots, powers_of_two = lanewise(math.sqrt), lanewise(power_of_two)
 rough_logs, cosines_of_quarters = lanewise(rough_log), lanewise(cosine_of_quarters)
+sizes, signs = lanewise(size), lanewise(sign)
 
 
 @rare

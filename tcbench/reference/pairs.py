@@ -101,11 +101,14 @@ def _solve(
     LIBRARY.march(work)
     found = work.states.reshape(len(systems), RUNS, ends + 1, 2, n)
     taken, defects = work.taken.reshape(-1, RUNS), work.defects.reshape(-1, RUNS)
-    return [
+    pairs = [
         _pair(found[i, :, 1:], int(taken[i].sum()), each[i])
         if (taken[i] > 0).all() and (defects[i] <= DEFECT).all() else None
         for i in range(len(systems))
     ]  # fmt: skip
+    if not plan.has_kinks:
+        return pairs
+    return [pair if pair is None or (pair.certificate < LINEAR).all() else None for pair in pairs]
 
 
 def memory(size: int) -> NDArray[np.float64]:

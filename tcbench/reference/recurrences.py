@@ -9,12 +9,12 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from ..compiler.language import Eight, Floats, Ints, exact, put, row, two_product
-from .double_double import add, atan, cos_sin, div, eight, exp, log, mul, sqrt, two_sum
+from .double_double import add, atan, cos_sin, div, eight, exp, log, mul, signs, sizes, sqrt, two_sum
 from .tape import CODE, LANES, PAIR
 
-(ADD, ADD_STATIC, SUB, NEG, MUL, SQUARE, SCALE, DIV, RECIP, SQRT, EXP, LOG, SLOPE, COS_SIN, ATAN) = (
+(ADD, ADD_STATIC, SUB, NEG, MUL, SQUARE, SCALE, DIV, RECIP, SQRT, EXP, LOG, SLOPE, COS_SIN, ATAN, ABS) = (
     CODE[name] for name in ("add", "add_static", "sub", "neg", "mul", "square", "scale", "div", "recip", "sqrt", "exp",
-                            "log", "slope", "cos_sin", "atan")
+                            "log", "slope", "cos_sin", "atan", "abs")
 )  # fmt: skip
 Operation = Callable[..., tuple[Eight, Eight]]
 
@@ -107,11 +107,14 @@ def begin(ops: Ints, count: int, w: Floats) -> None:
         elif op == ATAN:
             h, l = atan(xh, xl)
             rh, rl = div(eight(1.0), eight(0.0), yh, yl)
+        elif op == ABS:  # its sign at 0 is unknown: NaN
+            rh = signs(xh)
+            h, l = sizes(xh), rh * xl
         elif op == COS_SIN:
             h, l, rh, rl = cos_sin(xh, xl)
             keep(w, at + (own - at) // 2, rh, rl)
         keep(w, at, h, l)
-        if op in (DIV, SQRT, LOG, ATAN):
+        if op in (DIV, SQRT, LOG, ATAN, ABS):
             keep(w, own, rh, rl)
 
 
@@ -154,8 +157,8 @@ def order_by(products: Operation, add: Operation, mul: Operation) -> Callable[..
                 h, l = -h, -l
             elif op == NEG:
                 h, l = -xh, -xl
-            elif op == SCALE:
-                h, l = times(w, b, xh, xl)
+            elif op in (SCALE, ABS):
+                h, l = times(w, b if op == SCALE else own, xh, xl)
             elif op == SLOPE:
                 h, l = mul(xh, xl, eight(float(k)), eight(0.0))
             elif op == MUL:

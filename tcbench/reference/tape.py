@@ -20,10 +20,10 @@ from ..systems.right_hand_side import as_python
 
 LANES, PAIR = 8, 16  # scenarios side by side; doubles of one coefficient: eight high parts, eight low ones
 OPERATIONS = ("add", "add_static", "sub", "neg", "mul", "square", "scale", "div", "recip", "sqrt", "exp", "log",
-              "slope", "cos_sin", "atan", "second")  # fmt: skip
+              "slope", "cos_sin", "atan", "abs", "second")  # fmt: skip
 CODE = {name: i for i, name in enumerate(OPERATIONS)}
 FIELDS = 5  # of an operation: what it does, where its result stands, two operands, and room of its own
-SERIES_ROOM, NUMBER_ROOM = ("log", "cos_sin", "atan"), ("div", "sqrt", "log", "atan")  # what they keep beside
+SERIES_ROOM, NUMBER_ROOM = ("log", "cos_sin", "atan"), ("div", "sqrt", "log", "atan", "abs")  # what they keep beside
 
 
 def _lifted(node: Node, other: Any) -> Node:
@@ -32,6 +32,13 @@ def _lifted(node: Node, other: Any) -> Node:
 
 def _quotient(a: Node, b: Node) -> Node:
     return a.tape.mul(a, a.tape.make("recip", b))
+
+
+def _over_size(x: Node) -> bool:
+    """Whether this is a multiple of 1/|u|: u/|u| is one quotient, a sign; u times 1/|u| loses all digits near 0."""
+    while x.op == "scale":
+        x = x.args[0]
+    return x.op == "recip" and "abs" in (x.args[0].op, *(a.op for a in x.args[0].args))
 
 
 class Node:
@@ -85,6 +92,8 @@ class _Recorder:
                 return other
             if x.op == "recip" and not x.static and not other.static:
                 return self.make("div", other, x.args[0])
+            if x.op == "scale" and not other.static and _over_size(x):
+                return self.mul(self.mul(other, x.args[0]), x.args[1])
         if a is b:
             return self.make("square", a)
         return self.make("scale" if b.static and not a.static else "mul", a, b)
@@ -94,7 +103,7 @@ class _Recorder:
         return both, self.make("second", both)
 
     def functions(self) -> dict[str, Callable[..., Any]]:
-        """The elementary functions, of those that have a series everywhere."""
+        """The elementary functions, of those that have a series, and |x|, which has one on either side of its kink."""
         one, half = self.lifted(1.0), self.lifted(0.5)
 
         def exp(x: Node) -> Node:
@@ -104,10 +113,13 @@ class _Recorder:
             return self.make("log", x)
 
         def sqrt(x: Node) -> Node:
-            return self.make("sqrt", x)
+            return size(x.args[0]) if x.op == "square" else self.make("sqrt", x)
 
         def atan(x: Node) -> Node:
             return self.make("atan", x, one + x * x)
+
+        def size(x: Node) -> Node:
+            return self.make("abs", x)
 
         def tanh(x: Node) -> Node:
             square = exp(x + x)
@@ -125,7 +137,8 @@ class _Recorder:
             return self.cos_sin(x)[1]
 
         return {
-            "exp": exp, "log": log, "sqrt": sqrt, "atan": atan, "atan2": atan2, "tanh": tanh, "asin": asin, "sin": sine,
+            "abs": size, "exp": exp, "log": log, "sqrt": sqrt, "sin": sine,
+            "atan": atan, "atan2": atan2, "tanh": tanh, "asin": asin,
             "cos": lambda x: self.cos_sin(x)[0], "tan": lambda x: sine(x) / self.cos_sin(x)[0],
             "acos": lambda x: 2.0 * atan(sqrt((one - x) / (one + x))),
             "sinh": lambda x: (exp(x) - exp(-x)) * half, "cosh": lambda x: (exp(x) + exp(-x)) * half,
@@ -151,6 +164,10 @@ class Tape:
     inputs: NDArray[np.int64]
     given: NDArray[np.int64]
     literals: NDArray[np.float64]
+
+    @property
+    def has_kinks(self) -> bool:
+        return CODE["abs"] in self.code[::FIELDS]
 
     def values(self, constants: NDArray[np.float64]) -> NDArray[np.float64]:
         """What the inputs are where the system's constants are these."""

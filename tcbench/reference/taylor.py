@@ -6,17 +6,28 @@ to a millionth of a millionth of the solution. The step makes the last two coeff
 
 from __future__ import annotations
 
-from ..compiler.language import Address, Floats, Ints, Matrix, call, exact, row
+import math
+
+from ..compiler.language import Address, Floats, Ints, Matrix, bits, call, exact, from_bits, row
 from ..compiler.library import Library
 from ..compiler.records import Record, sized
-from .double_double import INVERSE_LN2, LN2, ROUND, add, eight, mul, power_of_two, rough_log
-from .recurrences import begin, high_order, keep, wide_order
+from .double_double import EXPONENT, INVERSE_LN2, LN2, ROUND, add, eight, mul, power_of_two, rough_log
+from .recurrences import ABS, SQRT, begin, high_order, keep, wide_order
 from .tape import FIELDS, LANES, PAIR
 
 INSIDE = 0.618  # of a step: where the series are compared with the equations
+# Of a lane: short steps in a row, what its step does at a turn, whether it has met one, and the unit of time of its
+# coefficients, a power of 2: those of a short series would be too large.
+SHORT, TURN, TURNED, UNIT = 4, 5, 6, 7
 LONG = 4096.0  # a time beyond is counted in a small unit, and rates are small
 SHORTEST = 1e-13
 CHECKED = 8  # every so many steps of a run
+SHORTEST_LOOK = 2.0**-14  # of a step: a series that dips below 0 for less is not seen
+# Parts of the way to a turn: a step ends so long before it, where it is seen with all digits; the next so far behind.
+BEFORE, BEHIND = 2.0**-43, 2.0**-46
+FURTHER = 2.0**-94  # of the time; twice as far after each short step
+APPROACHES, LANDS = 1.0, 2.0
+HELD = 100  # short steps in a row: several numbers may turn at once, and series reach no further than the last turn
 
 
 class Work(Record):
@@ -48,7 +59,7 @@ class Work(Record):
     states: Matrix = sized("runs", "(ends + 1) * 2 * variables")  # where it starts and at each time, high and low parts
     taken: Ints = sized("runs")  # steps, negative where it did not arrive
     defects: Floats = sized("runs")  # largest departure from the compiled equations
-    lanes: Floats = sized("8 * LANES")  # t, its low part, step, its low part
+    lanes: Floats = sized("8 * LANES")  # t, its low part, step, its low part, SHORT, TURN, TURNED, UNIT
     which: Ints = sized("3 * LANES")  # run, next time, what becomes of it after this step
     probe: Floats = sized("3 * variables")
 
@@ -60,7 +71,7 @@ class Work(Record):
 def series(j: Work) -> None:
     """All coefficients of all results, from coefficient 0 of the variables."""
     w, stride = j.memory, PAIR * (j.order + 1)
-    inverse = j.size - stride
+    inverse, unit = j.size - stride, row(j.lanes, LANES * UNIT, 8)
     begin(j.code, j.steps // FIELDS, w)
     for k in range(1, j.order + 1):
         one = inverse + PAIR * k
@@ -69,7 +80,7 @@ def series(j: Work) -> None:
             if j.moving[i] == 1 or k == 1:
                 rate += PAIR * (k - 1) * j.moving[i]
                 h, l = mul(row(w, rate, 8), row(w, rate + LANES, 8), row(w, one, 8), row(w, one + LANES, 8))
-                keep(w, at, h, l)
+                keep(w, at, h * unit, l * unit)
             else:
                 keep(w, at, eight(0.0), eight(0.0))
         if k < j.wide:
@@ -93,17 +104,20 @@ def rough_exp(x: float) -> float:
 
 @exact
 def longest_step(j: Work, lane: int, run: int) -> float:
-    """At which the last two coefficients, over least + |y|, are as small as the tolerance; NaN of what is no number."""
-    tolerance = j.tolerances[run]
-    w, stride, last, before, sound = j.memory, PAIR * (j.order + 1), 1e-300, 1e-300, 0.0
-    for i in range(j.variables):
-        size = j.least[run, i] + abs(w[stride * i + lane])
-        top, below = w[stride * (i + 1) - PAIR + lane], w[stride * (i + 1) - 2 * PAIR + lane]
-        last, before = max(last, abs(top) / size), max(before, abs(below) / size)
-        sound += (top - top) + (below - below)
-    by_last = (rough_log(tolerance) - rough_log(last)) / j.order
-    by_before = (rough_log(tolerance) - rough_log(before)) / (j.order - 1)
-    return rough_exp(min(by_last, by_before)) + sound
+    """At which the last two coefficients, over least + |y|, are as small as the tolerance; NaN of what is no number.
+
+    Behind a turn many are 0 but for round-off, so all the high ones are looked at.
+    """
+    log_tolerance, low = rough_log(j.tolerances[run]), math.inf
+    w, stride, sound = j.memory, PAIR * (j.order + 1), 0.0
+    for k in range(j.order, j.order - 2 if j.lanes[LANES * UNIT + lane] == 1.0 else j.wide, -1):
+        largest = 1e-300
+        for i in range(j.variables):
+            size, c = j.least[run, i] + abs(w[stride * i + lane]), w[stride * i + PAIR * k + lane]
+            largest = max(largest, abs(c) / size)
+            sound += c - c
+        low = min(low, (log_tolerance - rough_log(largest)) / k)
+    return rough_exp(low) + sound
 
 
 @exact
@@ -115,8 +129,90 @@ def load(j: Work, lane: int, run: int) -> None:
         w[j.places[i] + lane], w[j.places[i] + LANES + lane] = j.values[run, i], 0.0
     for i in range(j.variables):
         w[stride * i + lane], w[stride * i + LANES + lane] = j.states[run, i], j.states[run, j.variables + i]
-    for i in range(4):
+    for i in range(UNIT):
         j.lanes[LANES * i + lane] = 0.0
+    j.lanes[LANES * UNIT + lane] = 1.0
+
+
+@exact
+def value_at(j: Work, at: int, s: float) -> float:
+    """Of the series at this place."""
+    value: float = j.memory[at + PAIR * j.order]
+    for k in range(j.order - 1, -1, -1):
+        value = value * s + j.memory[at + PAIR * k]
+    return value
+
+
+@exact
+def first_zero(j: Work, at: int, h: float) -> float:
+    """Where a series that begins above 0 is 0 or less for the first time within h, to all digits; else h.
+
+    On its way it goes as far as it must remain above 0, by its slope and a bound of its curvature.
+    """
+    w, moved, bent = j.memory, 0.0, 0.0
+    for k in range(j.order, 0, -1):
+        size = abs(w[at + PAIR * k])
+        moved = (moved + size) * h
+        bent = bent * h + size * k * (k - 1) if k > 1 else bent
+    if moved < w[at]:
+        return h
+    low, high, value = 0.0, 0.0, w[at]
+    while high < h and value > 0.0:
+        slope, low = 0.0, high
+        for k in range(j.order, 0, -1):
+            slope = slope * low + k * w[at + PAIR * k]
+        root = math.sqrt(slope * slope + 2.0 * bent * value)
+        sure = 2.0 * value / (root - slope) if root > slope else h
+        high = min(h, low + max(sure, SHORTEST_LOOK * h))
+        value = value_at(j, at, high)
+    if value > 0.0:
+        return h
+    middle = 0.5 * (low + high)
+    while low < middle and middle < high:
+        if value_at(j, at, middle) > 0.0:
+            low = middle
+        else:
+            high = middle
+        middle = 0.5 * (low + high)
+    return high
+
+
+@exact
+def to_turn(j: Work, lane: int, h: float) -> float:
+    """The step, or the way to where |x| comes to 0 and turns, first to just before it, then to just behind.
+
+    Its series goes on below 0, and so does that of a root of squares; both runs may agree on what is no solution. Of a
+    root 0 is returned: so near a branch point its series has no digits.
+    """
+    before = j.lanes[LANES * TURN + lane]
+    unit: float = j.lanes[LANES * UNIT + lane]
+    whole = h / unit
+    first = whole
+    for i in range(j.steps // FIELDS):
+        op, at = j.code[FIELDS * i], j.code[FIELDS * i + 1] + lane
+        if op == ABS:
+            first = first_zero(j, at, first)
+        elif op == SQRT and first_zero(j, at, first) < first:
+            return 0.0
+    if not first < whole:
+        j.lanes[LANES * TURN + lane] = 0.0
+        return h
+    j.lanes[LANES * TURNED + lane] = 1.0
+    j.lanes[LANES * TURN + lane] = LANDS if before == APPROACHES else APPROACHES
+    if before != APPROACHES:
+        return unit * first * (1.0 - BEFORE)
+    again = power_of_two(j.lanes[LANES * SHORT + lane])  # where round-off hides on which side of a flat turn it was
+    end: float = unit * first * (1.0 + BEHIND) + FURTHER * again * j.lanes[lane]
+    return end
+
+
+@exact
+def next_unit(j: Work, lane: int) -> None:
+    """The unit of time for the next step of a lane."""
+    h, turn, at = j.lanes[2 * LANES + lane], j.lanes[LANES * TURN + lane], LANES * UNIT + lane
+    if turn > 0.0 or j.lanes[at] < 1.0:
+        reach = h * BEFORE if turn == APPROACHES else h * BEHIND if turn == LANDS else max(h, j.lanes[at])
+        j.lanes[at] = min(1.0, from_bits(bits(reach) // EXPONENT * EXPONENT))
 
 
 @exact
@@ -131,9 +227,14 @@ def choose(j: Work, lane: int) -> None:
     left = end - t
     back = left - end
     low = ((end - (left - back)) + (-t - back)) - lanes[LANES + lane]  # the digits that the difference lost
-    h = longest_step(j, lane, run)
+    h = longest_step(j, lane, run) * lanes[LANES * UNIT + lane]
+    if h > 0.0:
+        h = to_turn(j, lane, min(h, left + low))
+    short = lanes[LANES * SHORT + lane] + 1.0 if not h > SHORTEST * end else 0.0
+    lanes[LANES * SHORT + lane] = short
     j.taken[run] += 1
-    if not h > SHORTEST * end or j.taken[run] > j.most:
+    sound = short == 0.0 or (h > 0.0 and lanes[LANES * TURNED + lane] > 0.0 and short < HELD)
+    if not sound or j.taken[run] > j.most:
         j.which[2 * LANES + lane] = 2
     elif h >= left + low:
         lanes[2 * LANES + lane], lanes[3 * LANES + lane] = left, low
@@ -147,14 +248,15 @@ def choose(j: Work, lane: int) -> None:
 def compare(j: Work, lane: int) -> None:
     """Inside the step of a lane, the derivative of the series against the compiled equations, in doubles."""
     w, stride, n = j.memory, PAIR * (j.order + 1), j.variables
-    run, s, probe = j.which[lane], INSIDE * j.lanes[2 * LANES + lane], j.probe
+    run, unit, probe = j.which[lane], j.lanes[LANES * UNIT + lane], j.probe
+    s = INSIDE * j.lanes[2 * LANES + lane] / unit
     for i in range(n):
         at = stride * i + lane
         value, slope = w[at + PAIR * j.order], 0.0
         for k in range(j.order - 1, -1, -1):
             slope = slope * s + value
             value = value * s + w[at + PAIR * k]
-        probe[i], probe[n + i] = value, slope
+        probe[i], probe[n + i] = value, slope / unit
     call(j.rate, probe, j.given[run], probe[2 * n : 3 * n])
     size, off = min(1.0, LONG / j.times[run, j.ends - 1]), 0.0
     for i in range(n):
@@ -168,7 +270,8 @@ def compare(j: Work, lane: int) -> None:
 def advance(j: Work) -> None:
     """The variables after the steps of all lanes, in their coefficients 0."""
     w, stride = j.memory, PAIR * (j.order + 1)
-    h, l = row(j.lanes, 2 * LANES, 8), row(j.lanes, 3 * LANES, 8)
+    unit = row(j.lanes, LANES * UNIT, 8)
+    h, l = row(j.lanes, 2 * LANES, 8) / unit, row(j.lanes, 3 * LANES, 8) / unit
     for i in range(j.variables):
         at = stride * i
         top = row(w, at + PAIR * j.order, 8)
@@ -188,6 +291,8 @@ def arrive(j: Work, lane: int) -> bool:
     run, at, state = j.which[lane], j.which[LANES + lane], j.which[2 * LANES + lane]
     if state == 3:
         return False
+    if state < 2:
+        next_unit(j, lane)
     if state == 0:
         t, h = lanes[lane], lanes[2 * LANES + lane]
         s = t + h
@@ -223,7 +328,8 @@ def march(j: Work) -> int:
         steps += 1
         for lane in range(LANES):
             choose(j, lane)
-            if j.which[2 * LANES + lane] < 2 and j.taken[j.which[lane]] % CHECKED == 1:
+            short = j.lanes[LANES * SHORT + lane] > 0.0  # what the state may miss is a large rate over such a step
+            if j.which[2 * LANES + lane] < 2 and j.taken[j.which[lane]] % CHECKED == 1 and not short:
                 compare(j, lane)
         advance(j)
         loaded = False
