@@ -135,7 +135,7 @@ def of_cells(show: bool | None = None, remaining: Remaining | None = None) -> It
     remaining : is told of each cell that ends, and tells how long the others will take.
     """
     silent = _face(default if show is None else show) is None
-    loud = 0
+    loud, told = 0, set[str]()
     with waiting("starting workers", show) as meter:
         meter.left = remaining.seconds if remaining is not None else lambda: None
 
@@ -146,12 +146,15 @@ def of_cells(show: bool | None = None, remaining: Remaining | None = None) -> It
                 remaining.finished(event.cell, event.row)
             if event.kind == "failed" and event.row is not None and event.row.get("status") in LOUD:
                 loud += 1
-                if loud <= FAILURES_SHOWN and not silent:
-                    meter.say(f"{event.cell.integrator} on {event.cell.scenario}: {event.row.get('failure')}")
+                text = f"{event.cell.integrator} on {event.cell.scenario}: {event.row.get('failure')}"
+                if text not in told and len(told) < FAILURES_SHOWN and not silent:
+                    told.add(text)
+                    meter.say(text)
 
         yield on_event
-    if loud > FAILURES_SHOWN and not silent:
-        sys.stderr.write(f"... and {loud - FAILURES_SHOWN} more failures of this kind; see the tables.\n")
+    if loud > len(told) and not silent:
+        more = loud - len(told)
+        sys.stderr.write(f"... and {more} more failure{'s' * (more > 1)} of this kind; see the tables.\n")
 
 
 def _face(show: bool | None) -> _Terminal | _Jupyter | _Pipe | None:

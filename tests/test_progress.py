@@ -154,6 +154,15 @@ def test_alarming_failures_are_printed_as_they_come_the_first_five(capsys):
     assert capsys.readouterr().err == ""
 
 
+def test_one_sentence_of_a_method_on_a_scenario_is_printed_once(capsys):
+    """A method that fails alike at three tolerances was told three times, of the five that are told."""
+    with progress.of_cells(True) as tell:
+        for k, text in enumerate(["dead", "dead", "ill", "dead"]):
+            tell(Event("failed", cell(), {"status": "crash", "failure": text}, k, k, 9, 1))
+    err = capsys.readouterr().err
+    assert (err.count("dead"), err.count("ill")) == (1, 1) and "... and 2 more failures of this kind" in err
+
+
 def test_run_from_python_is_silent_in_a_pipe_and_speaks_when_asked(tmp_path, capsys):
     chosen = {"integrators": ["tc_strang"], "scenarios": ["short_term"], "studies": ["conservation"], "dt": [0.3]}
     tcbench.run(**chosen, output=tmp_path / "a")
