@@ -292,3 +292,18 @@ def test_steps_that_a_study_does_not_take_are_told(tmp_path):
         assert ("--dt does not apply to studies that have steps of their own: halving." in done.stderr) == own
         steps = pd.read_csv(tmp_path / "run" / "tables" / "halving.csv")["dt"].tolist()
         assert steps == ([0.15, 0.3] if own else [0.5])
+
+
+def test_of_methods_that_the_folder_describes_it_is_not_said_that_they_are_unknown(tmp_path):
+    """The page is the same to the byte without the plugin; the command said that it lacked claims and trajectories."""
+    (tmp_path / "mine.py").write_text(
+        "from tcbench import Integrator, hookimpl\n\n\ndef mine(z, h, system):\n    return z\n\n\n@hookimpl\n"
+        "def tcbench_integrators():\n    return [Integrator(name='mine', order=1, claims={'energy'}, step=mine)]\n"
+    )
+    words = ["run", "-i", "mine", "-s", "short_term", "--study", "conservation", "--dt", "0.3", "--report", "-j", "1"]
+    command(*words, "--plugins-dir", tmp_path, "-o", tmp_path / "run")
+    page = (tmp_path / "run" / "report.html").read_bytes()
+    done = command("report", tmp_path / "run")
+    assert done.exit_code == 0 and done.stderr == "" and (tmp_path / "run" / "report.html").read_bytes() == page
+    (tmp_path / "run" / "declared.json").unlink()
+    assert "Without claims, which nothing here tells: mine." in command("report", tmp_path / "run").stderr

@@ -240,7 +240,7 @@ def show_command(
             terminal.print_frame(summed(tables, store).drop(columns="claims broken"), "summary")
         else:
             terminal.print_methods(by_method(tables, told(store)), remarks(tables))
-        terminal.warn(absent_methods(tables))
+        terminal.warn(unknown_methods(tables, store))
         terminal.print_contents(tables, folder)
 
 
@@ -260,13 +260,16 @@ def told(store: Store) -> dict[str, Any]:
     return {**found, "integrators": {name: method_facts(method) for name, method in plugins.integrators().items()}}
 
 
-def absent_methods(tables: dict[str, DataFrame]) -> list[str]:
-    """A sentence on methods of a run that are not installed here, if there are any."""
-    names = {str(name) for t in tables.values() if "integrator" in t for name in t["integrator"]}
-    absent = sorted(name for name in names if not _is_installed(name))
-    if not absent:
-        return []
-    return [f"Not installed here, so without claims and trajectories: {', '.join(absent)}. --plugins-dir loads files."]
+def unknown_methods(tables: Mapping[str, DataFrame], store: Store) -> list[str]:
+    """A sentence on methods of which neither the folder nor what is installed says what they claim."""
+    known = told(store)["integrators"]
+    names = sorted(
+        {str(name) for t in tables.values() if "integrator" in t for name in t["integrator"]}.difference(known)
+    )
+    names = [name for name in names if not _is_installed(name)]
+    return (
+        [f"Without claims, which nothing here tells: {', '.join(names)}. --plugins-dir loads files."] if names else []
+    )
 
 
 def _is_installed(name: str) -> bool:
@@ -284,7 +287,7 @@ def report_command(folder: Path, as_json: bool) -> None:
     with waiting("writing report.html"):
         page = write_report(folder, (store, tables))
     wrote([page], as_json)
-    terminal.warn([*dict.fromkeys(store.problems), *absent_methods(tables)])
+    terminal.warn([*dict.fromkeys(store.problems), *unknown_methods(tables, store)])
 
 
 def wrote(paths: Sequence[Path], as_json: bool) -> None:

@@ -23,11 +23,15 @@ SENTENCES = ("failure", "metric_failure")  # bookkeeping that a reader needs
 
 
 def packed_table(table: DataFrame, digits: Callable[[str], int]) -> str:
-    """A table as columns of JSON, compressed, in base64; without what only says where its rows come from.
+    """A table as columns of JSON, compressed, in base64; without what only says where its rows come from, and with the
+    tolerance, which is far behind in a file, beside the step.
 
     A column of words is a list of the distinct ones and the places in it; -1 is no word. NaN and infinities are null.
     """
     shown = [c for c in table.columns if known(str(c)).shown or c in SENTENCES]
+    if {"dt", "tolerance"}.issubset(shown):
+        shown.remove("tolerance")
+        shown.insert(shown.index("dt") + 1, "tolerance")
     columns = {str(c): _column(table[c], digits(str(c))) for c in shown if table[c].notna().any()}
     return packed_json(columns)
 

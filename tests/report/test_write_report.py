@@ -13,6 +13,7 @@ import tcbench
 from tcbench.errors import TcbenchError
 from tcbench.report import write_report as report
 from tcbench.report.asv_history import read_history
+from tcbench.report.html import packed_table
 from tcbench.report.matrix import names
 
 LARGEST = 4_000_000
@@ -218,3 +219,10 @@ def test_what_only_a_ledger_names_has_no_place_in_the_matrix():
     both, alone = {"conservation": measured, "literature": ledger}, {"literature": ledger}
     assert (names(both, "scenario"), names(both, "integrator")) == (["short_term"], ["tc_monolithic"])
     assert names(alone, "scenario") == ["elsewhere"]
+
+
+def test_a_table_of_the_page_has_the_tolerance_beside_the_step():
+    """Rows of adaptive solvers had a blank step, and what tells them apart twenty columns to the right."""
+    table = pd.DataFrame([{"dt": 0.1, "status": "ok", "tolerance": 1e-3}])
+    packed = json.loads(gzip.decompress(base64.b64decode(packed_table(table, lambda _: 4))))
+    assert [*packed] == ["dt", "tolerance", "status"]
