@@ -240,6 +240,7 @@ def tcbench_metrics():
         Metric("series", lambda run: 0.0),
         Metric("many", lambda run: run.energy),
         Metric("words", lambda run: "1"),
+        Metric("spoils", lambda run: run.z.fill(7.0) or 0.0),
         Metric("steps_squared", lambda run: len(run.energy) ** 2),
     ]
 """
@@ -252,7 +253,8 @@ def test_a_metric_that_gives_no_number_costs_its_own_column(tmp_path):
     results = tcbench.run(["tc_monolithic"], ["short_term"], ["conservation"], output=tmp_path / "out", dt=[0.6])
     (row,) = results.tables["conservation"].to_dict("records")
     assert row["status"] == "ok" and 0 < row["energy_error_max"] < 1e-9 and row["steps_squared"] == 43**2
-    assert all(math.isnan(row[name]) for name in ("broken", "many", "words"))
+    assert all(math.isnan(row[name]) for name in ("broken", "many", "words", "spoils"))
+    assert "Metric 'spoils' of mine: ValueError: " in row["metric_failure"]  # what others, and the course, are made of
     said = " ".join(remarks(results.tables))
     chosen = ["run", "-i", "tc_monolithic", "-s", "short_term", "--study", "conservation", "--dt", "0.6"]
     shown = CliRunner().invoke(main, [*chosen, "--plugins-dir", str(tmp_path), "-o", str(tmp_path / "out")]).stdout

@@ -65,6 +65,8 @@ def _of_plugins(run: Trajectory, row: Row) -> Row:
     """The numbers of plugins' metrics. One that gives none costs its own column; `metric_failure` says why."""
     found: Row = {}
     said = []
+    for values in (run.t, run.z, run.energy, run.entropy, run.temperatures, *run.invariants.values()):
+        values.flags.writeable = False  # the other metrics see them, and what the row keeps of the course
     for name, metric in plugins.metrics().items():
         if name in row or name in (*COLUMNS, *KEPT):
             said.append(f"Metric {name!r} of {metric.plugin}: the table has a column of this name; rename the metric")
