@@ -183,7 +183,7 @@ def _guarded(name: str, test: Callable[[Any], Any], subject: Any) -> Any:
         return test(subject)
     except TcbenchError as error:
         return Line(name, FAIL, str(error), "Fix what the message says.")
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         return Line(
             name, FAIL, blamed(error), "Fix what the message says; a plugin must not raise on an admissible state."
         )

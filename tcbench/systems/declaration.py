@@ -129,7 +129,8 @@ def checked_constant(system: System, name: str, shape: tuple[int, ...], value: A
     try:
         array = real(value)  # not the caller's own, which may change
     except (TypeError, ValueError, OverflowError):
-        raise TcbenchError(f"Constant {name!r} must be a number or {shape} numbers, not {shown(value)}.") from None
+        wanted = f"a number, or an array of shape {shape}" if shape else "a number"
+        raise TcbenchError(f"Constant {name!r} must be {wanted}, not {shown(value)}.") from None
     if array.shape == (0,) and 0 in shape:  # of an empty space a list does not say the rest
         array = array.reshape(shape)
     if array.shape != shape:
