@@ -187,6 +187,7 @@ def _plan(
     }
     absent = {name: m.lacks for name, m in registry.integrators.items() if m.lacks}
     notes = _not_run(absent if integrators is None else {}, methods, dt, own_steps) + plugins.not_loaded()
+    notes += _no_laws(methods, list(used.values()))
     packages = sorted({name for method in methods for name in method.requires})
     unique = list({c.key: c for c in cells}.values())
     return Job(unique, context, chosen, here, left_out, notes, packages, lambda: declared(methods, selected, absent))
@@ -233,6 +234,21 @@ def _not_run(absent: Mapping[str, str], methods: Sequence[Integrator], dt: Any, 
     if own_steps:
         sentences.append(f"--dt does not apply to studies that have steps of their own: {', '.join(own_steps)}.")
     return sentences
+
+
+def _no_laws(methods: Sequence[Integrator], used: Sequence[Scenario]) -> list[str]:
+    """Sentences on claims of what no system has: misspelt, they would not be judged, as if nothing were claimed."""
+    sentences = []
+    for method in methods:
+        found = set(method.claims) - {"energy", "entropy"}
+        for scenario in (*used, *plugins.registry().scenarios.values()):
+            if not found:
+                break
+            found -= set(scenario.model.invariant_names)
+        sentences += [
+            f"{method.name} claims {claim!r}, which no system has: tcbench check says more." for claim in found
+        ]
+    return sorted(sentences)
 
 
 def _unsuited(methods: Sequence[Integrator], scenarios: Sequence[Scenario]) -> list[str]:

@@ -145,3 +145,13 @@ def test_a_script_without_a_guard_is_not_run_again_by_workers(tmp_path):
     done = subprocess.run([sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "script.py.begun").read_text() == "x" and done.stdout == "5\n"
+
+
+def test_a_claim_that_no_system_has_is_told(tmp_path):
+    """Misspelt, it was counted as no claim: "claims kept: none"."""
+    method = Integrator(name="mine", order=1, claims={"enrgy", "angular_momentum"}, flows=lambda z0, z1, h, s: z1 - z0)
+    scenario = tcbench.scenarios()["reaction"].replace(name="r", t_end=1.0)
+    results = tcbench.run([method], [scenario], ["conservation"], tmp_path / "out", dt=[0.1])
+    assert [note for note in results.notes if "claims" in note] == [
+        "mine claims 'enrgy', which no system has: tcbench check says more."
+    ]
