@@ -242,9 +242,7 @@ class _Stage:
             room = 0.08 * (high - low) or 1e-12
             ax.set(xlim=(0, self.times[-1] or 1.0), ylim=(low - room, high + room), xlabel="time t", title=label)
             ax.yaxis.set_major_formatter(lambda value, _: f"{value:.3g}")
-        if len(self.runs) > 1:
-            axes[0].legend(loc="upper left", fontsize=7)
-        return found
+        return found  # no legend, which would cover lines: names stand above, in the colours of theirs
 
     def show(self, frame: int) -> list[Any]:
         """Move everything to this frame."""
