@@ -1,11 +1,11 @@
-"""`first_to_accuracy.py` as on a processor with fewer instructions, for all: tcbench's code, and heyoka's.
+"""`first_to_accuracy.py` as on a processor with fewer instructions, for all: tcbench's code, heyoka's, pydiffsol's.
 
     python benchmarks/fewer_instructions.py x86-64 scenarios       # SSE2 alone; then what first_to_accuracy.py takes
     python benchmarks/fewer_instructions.py x86-64-v3 stiff 100    # AVX2 and FMA, no AVX-512
 
-TCBENCH_TARGET is for tcbench's own code. heyoka compiles for the processor that it finds: here a copy of it finds
-another one. The instruction by which its library asks (cpuid) is replaced by one that no processor has, and a handler
-of the signal answers with fewer features. SciPy's solvers and SUNDIALS are compiled for SSE2 as they come.
+TCBENCH_TARGET is for tcbench's own code. heyoka and pydiffsol compile for the processor that they find: here copies of
+them find another one. The instruction by which their libraries ask (cpuid) is replaced by one that no processor has,
+and a handler of the signal answers with fewer features. SciPy's solvers and SUNDIALS come compiled for SSE2.
 Needs x86-64 Linux, a C compiler and objdump.
 """
 
@@ -20,6 +20,7 @@ import sys
 import tempfile
 from pathlib import Path
 
+PACKAGES = ("heyoka", "pydiffsol")
 LEVELS = {"x86-64": 1, "x86-64-v3": 3}
 CPUID, NONE = b"\x0f\xa2", b"\x0f\x0b"  # the instruction that asks, and one (ud2) that there is not
 HANDLER = """
@@ -53,12 +54,18 @@ __attribute__((constructor)) static void begin(void) {
 """
 
 
-def restricted_heyoka(folder: Path) -> None:
-    """A copy of the installed package in the folder, whose library asks by an instruction that there is not."""
-    package = Path(importlib.util.find_spec("heyoka").origin).parent  # type: ignore[union-attr,arg-type]
-    for name in ("heyoka", "heyoka.libs"):
-        shutil.copytree(package.parent / name, folder / name)
-    (library,) = (folder / "heyoka.libs").glob("libheyoka*")
+def restricted(package: str, folder: Path) -> None:
+    """A copy of an installed package in the folder, whose libraries ask by an instruction that there is not."""
+    if not (found := importlib.util.find_spec(package)):
+        return
+    here = Path(found.origin).parent  # type: ignore[arg-type]
+    for name in (package, f"{package}.libs"):
+        shutil.copytree(here.parent / name, folder / name)
+        for library in (folder / name).glob("*.so*"):
+            ask_otherwise(library)
+
+
+def ask_otherwise(library: Path) -> None:
     header = subprocess.run(["readelf", "-SW", library], capture_output=True, text=True, check=True).stdout
     address, offset = (int(x, 16) for x in re.search(r"\.text\s+PROGBITS\s+(\w+)\s+(\w+)", header).groups())  # type: ignore[union-attr]
     code = bytearray(library.read_bytes())
@@ -74,7 +81,8 @@ def restricted_heyoka(folder: Path) -> None:
 def main(target: str, *rest: str) -> int:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        restricted_heyoka(folder)
+        for package in PACKAGES:
+            restricted(package, folder)
         source, handler = folder / "handler.c", folder / "handler.so"
         source.write_text(f"#define LEVEL {LEVELS[target]}\n{HANDLER}")
         subprocess.run([os.environ.get("CC", "cc"), "-O1", "-shared", "-fPIC", "-o", handler, source], check=True)
