@@ -13,7 +13,8 @@ from .memory import Work
 
 SAMPLES = 8  # of a step in which u may change its sign
 SHORT, MOST = 1e-4, 20  # part of a step; so many in a row, and one a kink, that these make shorter: formulas have jumps
-PARTS = 100  # of a fixed step at most, and one a kink
+PARTS, EACH = 100, 40  # of a fixed step at most, and so many a kink
+GROW = 10.0  # over the order: what rounding leaves of a root's first coefficients grows with that power of a step
 CLOSE = 1e-10  # part of a step by which it ends behind a kink at least; else the tolerance
 
 

@@ -164,14 +164,26 @@ def advance(
 
 
 def fixed_steps(w: Work, h: float, states: Matrix) -> int:
-    """States z after each of the steps of length h, up to the first that ends in none; how many."""
+    """States z after each of the steps of length h, up to the first that ends in none; how many.
+
+    The series of a root has digits up to some times the way from where it turned, so steps grow from there.
+    """
+    behind, grow = math.inf, 1.0 + kinks.GROW / w.order
     for row in range(len(states)):
         left, parts = h, 0
         while left != 0.0:
             call(w.to_series, w.mended, w.given, w.coefficients)
-            part = kinks.first(w, left, 0.0) if w.n_kinks > 0 else left
+            part = left if abs(left) <= grow * behind else grow * behind * left / abs(left)
+            if w.n_kinks > 0:
+                whole = part
+                part = kinks.first(w, whole, 0.0)
+                behind += abs(part)
+                if abs(part) < abs(whole):
+                    behind = kinks.CLOSE * abs(h)
+                    part += kinks.CLOSE * h
+                    part = left if abs(part) > abs(left) else part
             parts += 1
-            if parts > kinks.PARTS + w.n_kinks or not mended_state(w, part):
+            if parts > kinks.PARTS + kinks.EACH * w.n_kinks or not mended_state(w, part):
                 return row
             left -= part
         call(w.to_z, w.mended, w.given, states[row])

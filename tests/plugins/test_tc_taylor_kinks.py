@@ -207,6 +207,20 @@ def test_a_root_that_touches_zero_turns_there(kind, most, beside, monkeypatch):
             assert cost["steps"] < 100
 
 
+@pytest.mark.parametrize("steps", [16, 64, 1000])
+@pytest.mark.parametrize("order", [4, 8, 20])
+def test_fixed_steps_keep_their_digits_behind_the_zero_of_a_root(order, steps):
+    """Rounding made coefficients of 1e50 there: a state was wrong by 0.8 with status ok, and more with more steps."""
+    along = np.array([[1.0, 0.0], [0.6, 0.8]])
+    constants, start = {"mass": [1.0, 1.0], "half": 0.5}, {"q": -along, "p": along, "s": 0.0}
+    scenario = tcbench.Scenario("through", Pulled, constants, initial=start, t_end=2.0, dt=2.0 / steps)
+    through = np.sqrt(3.0)
+    exact = (through * (3.0 - through) - (3.0 - through) ** 2 / 2) * along
+    run = tcbench.simulate(f"tc_taylor[order={order}]", scenario)
+    # a force that jumps by 2 does so 2e-10 of a step too late
+    assert run.ok and np.abs(run.z[-1][:4].reshape(2, 2) - exact).max() < 1e-10
+
+
 def test_at_the_zero_of_a_root_a_run_does_not_begin():
     start = {"q": [[0.0, 0.0]], "p": [[1.0, 0.0]], "s": 0.0}
     scenario = tcbench.Scenario("pulled", Pulled, {"mass": [1.0], "half": 0.5}, initial=start, t_end=2.0, dt=0.1)
