@@ -115,7 +115,7 @@ def size(x: float) -> float:
 
 @exact
 def sign(x: float) -> float:
-    return 1.0 if x > 0.0 else -1.0 if x < 0.0 else NAN
+    return 1.0 if x > 0.0 else -1.0 if x < 0.0 else x
 
 
 def lanewise(function: Callable[[float], float]) -> Callable[[Eight], Eight]:

@@ -107,7 +107,7 @@ def begin(ops: Ints, count: int, w: Floats) -> None:
         elif op == ATAN:
             h, l = atan(xh, xl)
             rh, rl = div(eight(1.0), eight(0.0), yh, yl)
-        elif op == ABS:  # its sign at 0 is unknown: NaN
+        elif op == ABS:
             rh = signs(xh)
             h, l = sizes(xh), rh * xl
         elif op == COS_SIN:
@@ -157,8 +157,13 @@ def order_by(products: Operation, add: Operation, mul: Operation) -> Callable[..
                 h, l = -h, -l
             elif op == NEG:
                 h, l = -xh, -xl
-            elif op in (SCALE, ABS):
-                h, l = times(w, b if op == SCALE else own, xh, xl)
+            elif op == SCALE:
+                h, l = times(w, b, xh, xl)
+            elif op == ABS:  # the sign of what begins at 0 is that of its first coefficient
+                sign = row(w, own, 8)
+                sign = sign + (1.0 - sign * sign) * signs(xh)
+                keep(w, own, sign, eight(0.0))
+                h, l = sign * xh, sign * xl
             elif op == SLOPE:
                 h, l = mul(xh, xl, eight(float(k)), eight(0.0))
             elif op == MUL:

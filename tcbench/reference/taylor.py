@@ -154,9 +154,12 @@ def first_zero(j: Work, at: int, h: float) -> float:
         size = abs(w[at + PAIR * k])
         moved = (moved + size) * h
         bent = bent * h + size * k * (k - 1) if k > 1 else bent
-    if moved < w[at]:
+    if moved < w[at] or moved == 0.0:
         return h
     low, high, value = 0.0, 0.0, w[at]
+    if value == 0.0:  # it begins there
+        high = BEHIND * h
+        value = value_at(j, at, high)
     while high < h and value > 0.0:
         slope, low = 0.0, high
         for k in range(j.order, 0, -1):

@@ -108,6 +108,31 @@ def test_a_step_ends_where_a_size_turns(kind, k, wall):
         assert error < found.certificate[row] / 3 and found.certificate[row] < 1e-20
 
 
+class Dropped(OneSided):
+    """From rest, in quadratic drag: its speed begins at 0, where |p| has no sign yet."""
+
+    name = "dropped"
+    constants = {"drag": ()}
+
+    def energy(self, z):
+        return z.p**2 / 2 + z.q + np.exp(z.s)
+
+    def irreversible(self, z, dE, dS):
+        force = self.drag * abs(dE.p) * dE.p
+        return {"p": -force, "s": force * dE.p / dE.s}
+
+
+@pytest.mark.parametrize("drag", [0.5, 3.0])
+def test_a_size_that_begins_at_0_has_the_sign_of_where_it_goes(drag):
+    start, times = {"q": 0.0, "p": 0.0, "s": 0.0}, [0.1, 1.0, 3.0]
+    model = Scenario("dropped", Dropped, {"drag": drag}, initial=start, t_end=1.0, dt=0.1).model
+    (found,) = pairs.solve([model], [np.zeros(3)], [times])
+    for row, t in enumerate(times):
+        exact = -mp.tanh(mp.sqrt(drag) * mp.mpf(t)) / mp.sqrt(drag)
+        error = abs(mp.mpf(found.states[row, 1]) + mp.mpf(found.low[row, 1]) - exact)
+        assert error < found.certificate[row] / 3 and found.certificate[row] < 1e-20
+
+
 class Thrown(System):
     """Upwards, in quadratic drag: the root of a sum of squares, which comes to 0 where it turns."""
 
