@@ -7,6 +7,7 @@ are powers of two: a scenario in units that are such powers of others does the s
 
 from __future__ import annotations
 
+import math
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -133,7 +134,10 @@ def _moved(model: System, z0: Floats, energy: float, unusual: bool = False) -> F
     ways, largest = _ways(places), np.array([np.abs(z0[a:b]).max(initial=0.0) for a, b in places])
     if not energy > 0.0:
         return largest
-    length = np.full(len(ways), SHORT)
+    length, slopes = np.full(len(ways), SHORT), np.abs(ways @ model.gradient(z0))
+    with np.errstate(divide="ignore"):  # periods of a crystal's potential are skipped where the slope is not looked at
+        shorter = np.ceil(np.log(length * slopes / (LITTLE * energy)) / math.log(STEP))
+    length /= STEP ** np.clip(np.nan_to_num(shorter), 0.0, 60.0)
     first, second = _changes(model, z0, length, ways)
     while (far := ~(np.maximum(first, second) <= LITTLE * energy) & (length > TINY)).any():
         length[far] /= STEP

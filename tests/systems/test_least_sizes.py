@@ -71,3 +71,10 @@ def test_sizes_are_within_a_factor_of_32_of_the_unit(exponent):
     off = np.log2(pendulum(tuple(units)).model.least[:3] / units[:3])
     usual = pendulum(tuple(units)).model.least[:3] == 1.0
     assert (np.abs(off[~usual]) <= 5).all()
+
+
+@pytest.mark.parametrize("exponent", range(-50, -13, 4))
+def test_a_short_period_is_not_skipped(exponent):
+    """Moves over many periods changed the energy little by chance: a size was 4 million periods."""
+    scenario = pendulum((2.0**exponent, 1.0, 1.0, 1.0, 1.0))
+    assert abs(np.log2(scenario.model.least[0]) - exponent) <= 5
