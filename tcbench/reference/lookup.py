@@ -27,7 +27,7 @@ from ..errors import TcbenchError
 from ..systems.right_hand_side import Field
 from ..systems.scenario import Scenario
 from . import pairs
-from .certified import Reference, cached, compute, gap, scenario_hash, stored
+from .certified import KINKED, SAFETY, Reference, cached, compute, gap, scenario_hash, stored
 from .collocation import ReferenceFailed
 from .extended_precision import extended
 from .precision import LONG
@@ -138,8 +138,9 @@ class _Recipe:
     def collocations(self, max_seconds: float | None = None) -> Reference:
         """By the slower way, which takes stiff equations, too."""
         limit = DEADLINE if max_seconds is None else max_seconds
-        least = self.model.least_each
-        return compute(self.field, Field(self.model), self.z0, self.times, max_seconds=limit, least=least)
+        least, safety = self.model.least_each, KINKED if "abs(" in self.field.text else SAFETY
+        field = Field(self.model)
+        return compute(self.field, field, self.z0, self.times, max_seconds=limit, least=least, safety=safety)
 
 
 def from_pair(found: pairs.Pair, times: Sequence[float]) -> Reference:
