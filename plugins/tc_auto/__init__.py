@@ -7,7 +7,6 @@ docs/methods-explained.md.
 
 from tcbench import Integrator, hookimpl
 from tcbench.compiler.once import Spares
-from tcbench.solver.foresight import watched
 
 from ..tc_gauss import stages_of
 from ..tc_taylor import SAFETY, best_of, order_of, refuses
@@ -52,7 +51,9 @@ class BothMethods:
             work.defect, work.residual = held(gauss.stages, FINER * tolerance)
         taylor.begin(z0, times)
         try:
-            done = watched(taylor, self.run) if taylor.told else self.run()
+            done = self.run()
+            if taylor.looks.begun or done < len(times):
+                taylor.looks.end()
         finally:
             steps, rejected, iterations, implicit = self.counts.table.tolist()
             if implicit:

@@ -6,6 +6,7 @@ import math
 
 from tcbench.compiler.language import Floats, Matrix, call, copy_into, fill
 from tcbench.compiler.library import Library
+from tcbench.compiler.looks import to_end
 from tcbench.solver.linear_algebra import add_compensated, dot
 
 from . import conduction, sparse
@@ -202,8 +203,7 @@ def advance(
     longest, roughest = math.inf, math.inf
     while row < len(times) and owed <= most:
         while t < times[row] and owed <= most:
-            w.watch[0] = t
-            if w.watch[1] != 0.0:
+            if to_end(w.watch, t):
                 return row, t, 0.0
             set_scale(w, z)
             if h == 0.0:

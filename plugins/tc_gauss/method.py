@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cache, partial
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,9 +15,8 @@ from tcbench.compiler.array_mesh import Block, alone, scattered
 from tcbench.compiler.array_states import entries
 from tcbench.compiler.arrays import NUMBER
 from tcbench.compiler.once import once, once_a_system
-from tcbench.compiler.records import Lending
 from tcbench.errors import TcbenchError
-from tcbench.solver.foresight import watched
+from tcbench.solver.foresight import Lending
 from tcbench.solver.mending import array_mending_kernels
 from tcbench.systems.system import System
 
@@ -68,7 +67,10 @@ class GaussMethod(Lending):
         """States at `times`, and what they cost."""
         self.begin(z0, times)
         self.work.clear()
-        if watched(self, partial(self.loops.run, self.work, *held(self.stages, tolerance))) != SOLVED:
+        found = self.loops.run(self.work, *held(self.stages, tolerance))
+        if self.looks.begun or found != SOLVED:
+            self.looks.end()
+        if found != SOLVED:
             raise ArithmeticError("the step became too short")
         return self.states.copy(), self.cost()
 

@@ -6,6 +6,7 @@ import math
 
 from tcbench.compiler.language import Floats, Matrix, bits, call, copy_into, from_bits, rare
 from tcbench.compiler.library import Library
+from tcbench.compiler.looks import to_end
 from tcbench.solver.mending import mended
 
 from . import damping, kinks
@@ -108,8 +109,7 @@ def advance(
     lowest = w.target[w.size + 1]  # entropy, when `begun`
     unit = min(1.0, times[len(times) - 1] - times[0])
     while row < len(times):
-        w.watch[0] = t
-        if w.watch[1] != 0.0:
+        if to_end(w.watch, t):
             return row, t, 0.0
         if fresh:
             if long == patience or (since == 0 and w.counts.steps >= end and w.few * h < times[len(times) - 1] - t):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from tcbench.compiler.language import Address, Floats, Matrix
+from tcbench.compiler.looks import SIZE  # noqa: F401  (of the shapes)
 from tcbench.compiler.records import Record, sized
 
 LAST = 4  # coefficients of a series that are damped
@@ -54,7 +55,7 @@ class Work(Record):
     # The state that has them, its entropy, the least of what must be positive. When a step begins, the run is there.
     mended: Floats = sized("size + 2")
     kept: Floats = sized("size + 2")  # the last of these that a step began from
-    watch: Floats = sized("2")  # how far an adaptive run is, and whether it is to end: see `records.Lending`
+    watch: Floats = sized("SIZE")  # of an adaptive run, lent for it: see `tcbench.compiler.looks`
     rows: int  # what follows is lent for a run
     times: Floats = sized("rows")
     states: Matrix = sized("rows", "size")  # z at these times, the first given

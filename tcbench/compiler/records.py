@@ -22,7 +22,6 @@ HEAD = object.__basicsize__  # of CPython's objects; an array's data pointer fol
 WHOLE = ("int", "bool", "Address")
 NUMBERS = ("float", *WHOLE)
 MOST_PLANS = 5000
-UNTOLD = 300  # numbers of a state up to which no run is told of, as on small systems: steps take some microseconds
 R = TypeVar("R", bound="Record")
 RANKS = {"Floats": 1, "Matrix": 2, "Cube": 3, "Ints": 1, "ShortInts": 1, "ShortFloats": 1}
 DOUBLE: np.dtype[Any] = np.dtype(np.float64)
@@ -225,36 +224,6 @@ class Record:
         record._kept, record._plan = source._kept, source._plan
         record._at(row)
         return record
-
-
-class Lending:
-    """A method whose record, `work`, has `rows`, `times` and `states`; these are lent to it, for a call that passes
-    arrays takes two microseconds more. Its loop writes the time that it has reached to `watch`, and ends where the
-    other number there is not 0: see `solver.foresight.watched`."""
-
-    work: Any
-    told: bool  # its runs, while they last
-    size: int
-    times: np.ndarray
-    states: np.ndarray
-    first: np.ndarray  # of the states
-
-    def lend_to(self, work: Any, system: Any) -> None:
-        """Of states of this system."""
-        self.work, self.size = work, system.size
-        self.told = bool(system.large and system.size > UNTOLD)
-        self.times, self.states, self.first = np.empty(0), np.empty((0, self.size)), np.empty(0)
-
-    def begin(self, z0: np.ndarray, times: np.ndarray) -> None:
-        """The next run of the record goes from z0 through these times, to `states`."""
-        if len(times) != len(self.times):
-            self.times, self.states = np.empty(len(times)), np.empty((len(times), self.states.shape[1]))
-            self.work.rows = len(times)
-            self.work.lend("times", self.times)
-            self.work.lend("states", self.states)
-            self.first = self.states[0]
-        self.times[...] = times  # two thirds of the time of [:]
-        self.first[...] = z0
 
 
 class _Plan:

@@ -10,24 +10,23 @@ from __future__ import annotations
 import math
 import os
 import time
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor, wait
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..compiler.looks import END, LEFT, TIME, raise_again, watch_by
 from ..errors import MachineError
-from ..progress import part
+from ..progress import Meter, part
 from ..systems.system import System
 
 if TYPE_CHECKING:
-    from ..compiler.records import Lending
     from .kernels_of_flow import FlowKernels
 
-T = TypeVar("T")
+Floats = NDArray[np.float64]
 # to trace and compile, seconds and MB for each number of a state: in loops over the elements, and as a whole, where
 # these are the seconds for each square of theirs
 LOOPS = (3e-5, 5e-3)
@@ -39,7 +38,10 @@ SHORT = 2.0  # seconds that need no word
 UNTOLD = 2000  # steps of a small system that are over before anyone could be told of them
 SPARE = 0.8  # of the memory there is
 CERTAIN = 2.0  # a prediction as many times what is left of a time limit is no mistake
-LOOK = 0.1  # seconds from one look at a run that chooses its steps to the next
+# Of a run that chooses its steps: numbers of its state times steps before the first look, seconds from one look to the
+# next, of which one takes a microsecond, and by how much that may be longer or shorter than the last; seconds from one
+# word about it to the next.
+FIRST, AIM, MOST_FASTER, LOOK = 10_000, 0.01, 10.0, 0.1
 SHARE, SEEN = 0.005, 0.2  # of its time, and seconds, that such a run has covered when its rest is told
 WORTH = 0.1  # of its limit that such a run is given from one look to the next: a fifth, before it may be refused
 GAIN = 1.1  # a rate that is so many times the one before goes on growing
@@ -95,40 +97,85 @@ def of_steps(system: System, each: float, steps: int) -> str:
     return f"{what}, {steps * each:.0f} s"
 
 
-def watched(run: Lending, march: Callable[[], T]) -> T:
-    """What `march()` gives: a compiled loop over the times that `run` has been lent, in steps that it chooses.
+class Lending:
+    """A method whose record, `work`, has `rows`, `times`, `states` and `watch`; these are lent to it, for a call that
+    passes arrays takes two microseconds more. Its loop asks `compiler.looks.to_end` before each step.
 
-    On a system of many numbers it works in a thread of its own, which takes a tenth of a millisecond: how far it is
-    shows, its rest is told when a small part is done, and an interrupt, or a time limit that is far too short, ends it
-    at its next step.
+    After a run, if `looks.begun` or where it is not at its end: `looks.end()`.
     """
-    if not run.told:
-        return march()
-    watch, times, rest = run.work.watch, run.times, Rest(run.size, run.times)
-    watch[:] = times[0], 0.0
-    pool = ThreadPoolExecutor(1, "tcbench-run")
-    with part("") as meter:
-        meter.total, text = len(times) - 1, meter.text
+
+    work: Any
+    size: int
+    looks: Looks
+    times: Floats
+    states: Floats
+    first: Floats  # of the states
+
+    def lend_to(self, work: Any, system: System) -> None:
+        """Of states of this system."""
+        self.work, self.size, self.looks = work, system.size, Looks(system.size)
+        self.times, self.states, self.first = np.empty(0), np.empty((0, self.size)), np.empty(0)
+        work.lend("watch", self.looks.watch)
+
+    def begin(self, z0: Floats, times: Floats) -> None:
+        """The next run of the record goes from z0 through these times, to `states`."""
+        if self.looks.watch[END]:  # one was interrupted, and then the end of it
+            with suppress(KeyboardInterrupt, MachineError):
+                self.looks.end()
+        if len(times) != len(self.times):
+            self.times, self.states = np.empty(len(times)), np.empty((len(times), self.states.shape[1]))
+            self.work.rows = len(times)
+            self.work.lend("times", self.times)
+            self.work.lend("states", self.states)
+            self.first, self.looks.times = self.states[0], self.times
+        self.times[...] = times  # two thirds of the time of [:]
+        self.first[...] = z0
+
+
+class Looks:
+    """Looks at the runs of a method that chooses its steps, by the compiled loop itself: an interrupt ends it; and once
+    it is no longer short, how far it is shows, its rest is told, and a time limit that is far too short ends it, too.
+    """
+
+    def __init__(self, size: int) -> None:
+        self.size, self.first = size, 1.0 + FIRST / size
+        self.watch, self.times = watch_by(self, self.first), np.empty(0)
+        self.begun = self.last = self.steps = 0.0  # when the first look was and the last one, and steps between two
+        self.open, self.told = ExitStack(), 0.0
+        self.meter: Meter | None = None
+
+    def __bool__(self) -> bool:
+        """A look; it ends the loop by errors only."""
+        now = time.monotonic()
+        if not self.begun:
+            self.begun, self.told, self.steps = now, now, self.first
+        else:
+            self.steps *= min(max(AIM / max(now - self.last, 1e-6), 1 / MOST_FASTER), MOST_FASTER)
+        if now - self.told > LOOK:
+            self.tell(float(self.watch[TIME]), now)
+            self.told = now
+        self.last, self.watch[LEFT] = now, self.steps
+        return False
+
+    def tell(self, t: float, now: float) -> None:
+        """How far it is, and its rest."""
+        if self.meter is None:
+            self.rest, self.meter = Rest(self.size, self.times), self.open.enter_context(part(""))
+            self.meter.total, self.text = len(self.times) - 1, self.meter.text
+        self.meter.done = int(np.searchsorted(self.times, t, "right")) - 1
+        if told := self.rest.looked(t, now):
+            self.meter.tell(self.text + told)
+
+    def end(self) -> None:
+        """Of a run that has ended: what a look has raised is raised here."""
         try:
-            running = pool.submit(march)
-            while not wait([running], LOOK).done:
-                t = float(watch[0])
-                meter.done = int(np.searchsorted(times, t, "right")) - 1
-                if told := rest.looked(t, time.monotonic()):
-                    meter.tell(text + told)
-            return running.result()
+            self.open.close()
         finally:
-            _end(watch, pool)
-
-
-def _end(watch: NDArray[np.float64], pool: ThreadPoolExecutor) -> None:
-    """When this returns the loop has ended, however often it is interrupted: it writes to memory that others read."""
-    while True:
-        with suppress(KeyboardInterrupt):
-            watch[1] = 1.0
-            pool.shutdown()
-            watch[1] = 0.0
-            return
+            self.meter, self.watch[LEFT] = None, self.first
+            try:
+                raise_again(self.watch)
+            finally:
+                self.begun = 0.0
 
 
 class Rest:

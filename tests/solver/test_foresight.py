@@ -1,8 +1,9 @@
 """What a large system costs is said before it is paid."""
 
 import importlib
-import time
-from concurrent.futures import ThreadPoolExecutor
+import os
+import signal
+from threading import Timer
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,10 +12,12 @@ from tcbench_plugins.net.net import net
 
 import tcbench
 from tcbench import progress
-from tcbench.compiler import records
+from tcbench.compiler.looks import LEFT
+from tcbench.compiler.once import Spares
 from tcbench.engine import planning
 from tcbench.engine.measure import measure_cell
 from tcbench.errors import MachineError
+from tcbench.plugins import find_integrator, find_scenario
 from tcbench.simulation import python_loop
 from tcbench.simulation import run as run_module
 from tcbench.solver import foresight, implicit_step
@@ -129,64 +132,109 @@ def test_a_run_of_a_method_with_a_loop_of_its_own_is_foreseen_from_its_first_ste
     assert len(worked) < 50
 
 
-def interrupted(*_):
-    raise KeyboardInterrupt
+METHODS = ["tc_gauss_adaptive", "tc_taylor", "tc_auto"]
+SYSTEMS = ["net[nx=9,ny=8]", "viscous_pendulum", "short_term"]  # loops over spaces, formulas of any system, of elements
 
 
-def test_an_interrupt_ends_a_compiled_loop_that_chooses_its_steps(monkeypatch):
-    watch, ended = np.array([7.0, 1.0]), []
-    run = SimpleNamespace(told=True, size=6, times=np.array([0.5, 1.0]), work=SimpleNamespace(watch=watch))
+def looked_at_often(monkeypatch):
+    """Runs are looked at, and say something, at each of their steps; returns the times at which they do."""
+    seen, tell = [], foresight.Looks.tell
+    monkeypatch.setattr(foresight, "FIRST", 0.0)
+    monkeypatch.setattr(foresight, "AIM", 0.0)
+    monkeypatch.setattr(foresight, "LOOK", -1.0)
+    monkeypatch.setattr(foresight.Looks, "tell", lambda looks, t, now: seen.append(t) or tell(looks, t, now))
+    for module in ("tc_gauss", "tc_taylor", "tc_auto"):  # what was made before is not looked at so
+        found = importlib.import_module(f"tcbench_plugins.{module}")
+        for spares in (x for x in vars(found).values() if isinstance(x, Spares)):
+            monkeypatch.setattr(spares, "free", {})
+    return seen
 
-    def march():
-        while watch[1] == 0.0:
-            time.sleep(0.001)
-        ended.append(watch[0])
 
-    class Pool(ThreadPoolExecutor):
-        def shutdown(self, *_, **__):
-            if len(again) < 2:  # the user's hand is still on the keys
-                again.append(list(ended))
-                raise KeyboardInterrupt
-            super().shutdown()
-
-    again = []
-    monkeypatch.setattr(foresight, "wait", interrupted)
-    monkeypatch.setattr(foresight, "ThreadPoolExecutor", Pool)
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_an_interrupt_ends_a_run_that_chooses_its_steps(name, method):
+    """One that would last for hours, in the main thread; the next run is as if nothing had been."""
+    solve, scenario = find_integrator(method).adaptive, find_scenario(name)
+    whole, _ = solve(scenario.model, scenario.z0, np.array([0.0, 0.1]), 1e-6, 1e-6)
+    keys = Timer(0.1, os.kill, (os.getpid(), signal.SIGINT))
     with pytest.raises(KeyboardInterrupt):
-        foresight.watched(run, march)
-    assert ended == [0.5] and len(again) == 2 and watch[1] == 0.0
+        keys.start()
+        solve(scenario.model, scenario.z0, np.array([0.0, 1e9]), 1e-6, 1e-6)
+    keys.join()
+    again, _ = solve(scenario.model, scenario.z0, np.array([0.0, 0.1]), 1e-6, 1e-6)
+    assert np.array_equal(whole, again)
 
 
-@pytest.mark.parametrize("method", ["tc_gauss_adaptive", "tc_taylor", "tc_auto"])
-def test_a_run_of_few_numbers_needs_no_thread(method, monkeypatch):
-    """Starting one takes as long as such a run."""
-    few, many = net(3, 3), net(9, 8)
-    assert few.model.large and few.model.size <= records.UNTOLD < many.model.size
-    monkeypatch.setattr(foresight, "ThreadPoolExecutor", lambda *_: pytest.fail("a thread"))
-    assert tcbench.simulate(method, few, tolerance=1e-5, t_end=1.0).ok
-    with pytest.raises(pytest.fail.Exception):
-        tcbench.simulate(method, many, tolerance=1e-5, t_end=1.0)
-
-
-@pytest.mark.parametrize("method", ["tc_gauss_adaptive", "tc_taylor", "tc_auto"])
-def test_methods_that_choose_their_steps_can_be_watched_on_large_systems(method, monkeypatch):
-    """They say how far they are, end when they are told to, and go through the same steps watched or not."""
-    seen, scenario = [], net(9, 8)
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_a_run_that_is_looked_at_takes_the_same_steps_and_says_how_far_it_is(name, method, monkeypatch):
+    scenario = find_scenario(name)
     whole = tcbench.simulate(method, scenario, tolerance=1e-6, t_end=2.0)
+    seen = looked_at_often(monkeypatch)
+    with progress.waiting("a run", show=True) as meter:
+        again = tcbench.simulate(method, scenario, tolerance=1e-6, t_end=2.0)
+        assert meter.text == "a run" and meter.total is None  # as before
+    assert np.array_equal(whole.z, again.z) and len(seen) > 2
+    assert seen == sorted(seen) and 0.0 < seen[-1] < 2.0
 
-    def looked(run, march):
-        found = march()
-        seen.append(float(run.work.watch[0]))
-        run.work.watch[1] = 1.0
-        with pytest.raises(AssertionError):
-            assert march() == found
-        run.work.watch[1] = 0.0
-        return march()
 
-    for module in ("tc_gauss.method", "tc_taylor.method", "tc_auto"):
-        monkeypatch.setattr(importlib.import_module(f"tcbench_plugins.{module}"), "watched", looked)
-    again = tcbench.simulate(method, scenario, tolerance=1e-6, t_end=2.0)
-    assert np.array_equal(whole.z, again.z) and 0.5 < seen[0] < 2.0
+@pytest.mark.parametrize("method", METHODS)
+def test_an_error_at_a_look_ends_the_run_and_is_raised(method, monkeypatch):
+    """As a time limit that is far too short is."""
+
+    def refused(*_):
+        raise MachineError("too long")
+
+    solve, scenario = find_integrator(method).adaptive, find_scenario("viscous_pendulum")
+    seen = looked_at_often(monkeypatch)
+    with monkeypatch.context() as patched, pytest.raises(MachineError, match="too long"):
+        patched.setattr(foresight.Rest, "looked", refused)
+        solve(scenario.model, scenario.z0, np.array([0.0, 2.0]), 1e-6, 1e-6)
+    assert len(seen) == 1
+    solve(scenario.model, scenario.z0, np.array([0.0, 2.0]), 1e-6, 1e-6)
+    assert len(seen) > 3
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_an_interrupt_may_come_before_the_first_look_has_begun(method, monkeypatch):
+    """Python raises it as soon as the look is entered."""
+
+    def entered(looks):
+        raise KeyboardInterrupt
+
+    solve, scenario = find_integrator(method).adaptive, find_scenario("viscous_pendulum")
+    looked_at_often(monkeypatch)
+    with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
+        patched.setattr(foresight.Looks, "__bool__", entered)
+        solve(scenario.model, scenario.z0, np.array([0.0, 2.0]), 1e-6, 1e-6)
+    solve(scenario.model, scenario.z0, np.array([0.0, 2.0]), 1e-6, 1e-6)
+
+
+def test_an_interrupted_end_of_a_run_is_no_error_of_the_next_one(monkeypatch):
+    """The user's hand is still on the keys."""
+    solve, scenario = find_integrator("tc_taylor").adaptive, find_scenario("viscous_pendulum")
+    looked_at_often(monkeypatch)
+    with monkeypatch.context() as patched:
+        patched.setattr(foresight.Rest, "looked", lambda *_: signal.raise_signal(signal.SIGINT))
+        patched.setattr(foresight.Looks, "end", lambda looks: None)
+        with pytest.raises(ArithmeticError, match="too short"):
+            solve(scenario.model, scenario.z0, np.array([0.0, 2.0]), 1e-6, 1e-6)
+    solve(scenario.model, scenario.z0, np.array([0.0, 2.0]), 1e-6, 1e-6)
+
+
+def test_looks_come_as_often_as_they_are_meant_to(monkeypatch):
+    """However long a step takes, and where it takes ten times as long from one moment to the next."""
+    clock, between = 5.0, []
+    monkeypatch.setattr(foresight, "time", SimpleNamespace(monotonic=lambda: clock))
+    looks = foresight.Looks(100)
+    monkeypatch.setattr(looks, "tell", lambda *_: None)
+    for step in (1e-7, 1e-6, 1e-2, 1.0):
+        for _ in range(12):
+            passed = (1 + looks.watch[LEFT] // 1) * step
+            clock += passed
+            between.append(passed)
+            assert not looks
+        assert between[-1] == pytest.approx(max(foresight.AIM, step), rel=0.1)
 
 
 def told(looks, end, limit, monkeypatch):
