@@ -16,11 +16,11 @@ from tcbench import Integrator, TcbenchError, family, hookimpl, stepper
 from tcbench.plugins import find_integrator
 
 from .tc_gauss import tc_gauss
+from .tc_gauss.memory import LONG
 
 DEFAULT = "tc_gauss"  # of high order: a low one takes very many steps to a tight tolerance
 SAFETY, SHRINK, GROW, SMALLEST, TINY = 0.9, 0.2, 5.0, 1e-12, 1e-300
 ROUND_OFF = 4e-16  # of a component: a gap as small says nothing of the method
-LONG = 4096.0  # a time beyond is counted in a small unit
 STUCK = 8  # steps in a row, each shorter than the last, whose gap is round-off and yet too large
 
 

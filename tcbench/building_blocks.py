@@ -182,8 +182,8 @@ def _form(x: Sequence[Symbol], outputs: Sequence[Symbol]) -> tuple[Any, list[Sym
 
 def _evaluated(x: Sequence[Symbol], outputs: Sequence[Symbol], rows: np.ndarray) -> np.ndarray:
     """The outputs, of each row with numbers for x."""
-    from .compiler.kernels import kernel
+    from .compiler.kernels import kernel, placed
 
-    made = kernel({y: f"a[{k}]" for k, y in enumerate(x)}, list(outputs))
+    made = kernel(placed("a", x), list(outputs))
     rows = np.ascontiguousarray(rows)
     return np.array([made(row, row) for row in rows]).reshape(len(rows), len(outputs))

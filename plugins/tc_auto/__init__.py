@@ -81,11 +81,7 @@ SPARES = Spares(BothMethods, chosen)
 
 
 def adaptive(system, z0, t_eval, rtol, atol):
-    methods, free = SPARES.take(system, rtol)
-    try:
-        return methods.adaptive(z0, t_eval, rtol)
-    finally:
-        free.append(methods)
+    return SPARES.adaptive(system, rtol, z0, t_eval, rtol)
 
 
 @hookimpl

@@ -53,11 +53,7 @@ def tc_gauss(k="3"):
 def tc_gauss_adaptive(k="by tolerance"):
     def adaptive(system, z0, t_eval, rtol, atol):
         chosen = stages_of(rtol) if k == "by tolerance" else int(k)
-        method, free = SPARES.take(system, chosen)
-        try:
-            return method.adaptive(z0, t_eval, rtol)
-        finally:
-            free.append(method)
+        return SPARES.adaptive(system, chosen, z0, t_eval, rtol)
 
     common = {"claims": EXACT, "source": SOURCE, "tags": {"collocation"}}
     return Integrator(name="tc_gauss_adaptive", adaptive=adaptive, **common)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from tcbench.compiler import derivatives as trace
 from tcbench.compiler.array_states import entries
-from tcbench.compiler.kernels import WIDTH, Kernel, constant_part, kernel
+from tcbench.compiler.kernels import WIDTH, Kernel, constant_part, kernel, placed
 from tcbench.compiler.language import PLAIN
 from tcbench.errors import TcbenchError
 from tcbench.reference.collocation import gauss_nodes, lagrange, tableau
@@ -83,8 +83,8 @@ class Formulas(NamedTuple):
         bodies = [(inputs, list(map(trace.lifted, values))) for inputs, values in bodies]
         hoisted = constant_part([x for _, row in bodies for x in row], [x for inputs, _ in bodies for x in inputs])
         constants, first = system.constant_symbols(), system.n_constant_values + len(fixed)
-        known = constants | {x: f"b[{first + i}]" for i, x in enumerate(hoisted)}
-        made = [kernel({x: f"a[{i}]" for i, x in enumerate(inputs)} | known, row) for inputs, row in bodies]
+        known = constants | placed("b", hoisted, first)
+        made = [kernel(placed("a", inputs) | known, row) for inputs, row in bodies]
         places = {x: int(text[2:-1]) for x, text in known.items()}  # of 'b[3]'
         return cls(made, kernel(constants, [*fixed, *hoisted]), places, bodies, pattern, table)
 

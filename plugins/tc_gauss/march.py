@@ -10,7 +10,7 @@ from tcbench.compiler.looks import to_end
 from tcbench.solver.linear_algebra import add_compensated, dot
 
 from . import conduction, sparse
-from .memory import Work
+from .memory import LONG, Work
 from .step import COARSE, CONVERGED, FAILED, SOLVED, extrapolate, mend, try_step
 
 SHORTEST = 2.0**-24  # of a step, before it is given up
@@ -22,7 +22,6 @@ FREE = (
     0.33  # of the ideal length, up to which that bound comes at once: where the solution has smoothed it is soon gone
 )
 FIRST = 4.0  # times the decay time of the conduction: see first_step
-LONG = 4096.0  # a time beyond is counted in a small unit
 TURNS = 12  # of the power method that finds it
 LEVELLED = 100.0  # times what the energy misses, by which part mending may move a state: it waits where that rests
 MISSED = 4.0  # times a step's round-off: what mending any system leaves (solver.mending.ROUND_OFF)

@@ -11,6 +11,7 @@ from .sparse import Sparse
 
 # points of the quadratures, whole numbers of vectors: the coarsest that keeps the energy is taken
 POINTS = (8, 16, 32, 64)
+LONG = 4096.0  # a time beyond is counted in a small unit
 LEVELS, MOST_POINTS = len(POINTS), POINTS[-1]
 
 

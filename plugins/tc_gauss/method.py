@@ -13,11 +13,10 @@ from tcbench.compiler.array_jacobian import Term, jacobian_terms, shared_as_unkn
 from tcbench.compiler.array_kernels import ArrayKernel, array_kernel, jacobian_kernel
 from tcbench.compiler.array_mesh import Block, alone, scattered
 from tcbench.compiler.array_states import entries
-from tcbench.compiler.arrays import NUMBER
 from tcbench.compiler.once import once, once_a_system
 from tcbench.errors import TcbenchError
 from tcbench.solver.foresight import Lending
-from tcbench.solver.mending import array_mending_kernels
+from tcbench.solver.mending import mending_kernels
 from tcbench.systems.system import System
 
 from . import formulas
@@ -175,27 +174,24 @@ def array_formulas(net: Any) -> ArrayFormulas:
         parts = parts_of(net, z, K)
         y, start, motion, slopes, means = lists_of(parts)
         at_node, carried, projected = [*net.blocks(K), *net.blocks(z)], alone(y), alone(means)
-        constants = [Block(NUMBER, (None,)), *net.constant_blocks()]
         bodies = [
             (net.blocks(z), [*net.blocks(started(net, z)), *alone(start, y)]),
             (at_node, alone(motion, y)),
             (carried, alone(slopes, means)),
             ([*at_node, *projected], net.blocks(rates_of(net, z, parts))),
         ]
-        made = [array_kernel({"a": inputs, "b": constants}, outputs) for inputs, outputs in bodies]
-        return ArrayFormulas([*made, *array_mending_kernels(net)], carried, projected, *_matrix(net, z, K, constants))
+        made = [array_kernel({"a": inputs, "b": net.constant_blocks()}, outputs) for inputs, outputs in bodies]
+        return ArrayFormulas([*made, *mending_kernels(net)[:3]], carried, projected, *_matrix(net, z, K))
 
 
-def _matrix(
-    net: Any, z: Any, K: Any, constants: list[Block]
-) -> tuple[ArrayKernel, list[Block], list[tuple[int, Term]]]:
+def _matrix(net: Any, z: Any, K: Any) -> tuple[ArrayKernel, list[Block], list[tuple[int, Term]]]:
     """The Jacobian of K - field(z), and of the rows of what all entries of an array read: see `sparse`."""
     rows = [trace.sub(k, trace.lifted(f)) for k, f in zip(entries(K), entries(net.vector_field(z)), strict=True)]
     rows, unknowns, shared = shared_as_unknowns(rows, entries(z))
     found = [(i, term, slope) for i, row in enumerate(jacobian_terms(rows, unknowns)) for term, slope in row.items()]
     slopes = trace.substitute([slope for _, _, slope in found], shared)
     terms = [(term, slope) for (_, term, _), slope in zip(found, slopes, strict=True)]
-    made = jacobian_kernel({"a": net.blocks(z), "b": constants}, [], terms, [])
+    made = jacobian_kernel({"a": net.blocks(z), "b": net.constant_blocks()}, [], terms, [])
     return made, [*net.blocks(z), *alone(list(shared))], [(i, term) for i, term, _ in found]
 
 

@@ -54,11 +54,7 @@ SPARES = Spares(best_of, lambda tolerance: (order_of(tolerance),))
 
 
 def adaptive(system, z0, t_eval, rtol, atol):
-    method, free = SPARES.take(system, rtol)
-    try:
-        return method.adaptive(z0, t_eval, SAFETY * rtol)
-    finally:
-        free.append(method)
+    return SPARES.adaptive(system, rtol, z0, t_eval, SAFETY * rtol)
 
 
 def one_step(z, h, system, method):

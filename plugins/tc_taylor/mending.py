@@ -15,13 +15,10 @@ import numpy as np
 
 from tcbench import System
 from tcbench.compiler import derivatives as trace
-from tcbench.compiler.array_kernels import ArrayKernel, array_kernel
-from tcbench.compiler.array_states import entries, is_array, refilled, side_by_side
+from tcbench.compiler.array_states import entries, is_array, refilled
 from tcbench.compiler.arrays import total as all_of
-from tcbench.compiler.kernels import Kernel, constant_part, kernel
 from tcbench.systems.momenta import lengthening, restored_momenta
 
-from .on_arrays import inputs_of
 from .series import Monomial, Normal
 
 ROUND_OFF = 4e-15  # of the heat: what the energy of a mended state may miss
@@ -29,39 +26,25 @@ TOGETHER = 4  # temperatures in one logarithm at most: more could overflow
 SMALLEST_SHARE = 1e-12  # of the energy, as kinetic energy free to change: below it nothing is taken from there
 
 
-def mending_kernels(system: System) -> tuple[Kernel, Kernel, Kernel, list[trace.Symbol]]:
-    """(start, mend, hold, constants).
+def mending_kernels(system: System) -> tuple[Any, Any, Any, list[trace.Symbol]]:
+    """(start, mend, hold, constants) of systems of one structure, or of one kind: as tcbench.solver.mending has them.
 
     start: (q, p, s) -> (q, p, theta), energy, entropy, invariants: what a run is to keep.
     mend, hold: (y, E0, S_floor, invariants; given) -> (y mended, S, margin). The second keeps the entropy at S_floor.
     given: the system's constant_values, then the constants of the list.
     margin: the least of temperatures, shapes and what the energy may miss less what it does; positive in a good state.
     """
-    sym, size = system.symbolic, system.size
-    z, given = trace.variables("z", size), trace.variables("y", size + 2 + len(system.invariant_names))
-    mended, held = _moves(sym, sym.state(given[:size]), given[size:])
-    constants = constant_part([*mended, *held], list(given))
-    places = {x: f"b[{system.n_constant_values + i}]" for i, x in enumerate(constants)}
-    inputs = {x: f"a[{i}]" for i, x in enumerate(given)} | system.constant_symbols() | places
-    known = {x: f"a[{i}]" for i, x in enumerate(z)} | system.constant_symbols()
-    made = [kernel(inputs, move, size) for move in (mended, held)]
-    return kernel(known, _start(sym, sym.state(z))), made[0], made[1], constants
+    z, y = system.unknowns("z"), system.unknowns("y")
+    told = trace.variables("law", 2 + len(system.invariant_names))
+    moves = _moves(system, y, told)
+    constants = system.hoisted(moves, [y, told])
+    mend, hold = (system.compiled([y, told], move, constants, len(entries(y))) for move in moves)
+    start = [system.temperature_variables(z), system.energy(z), system.entropy(z), *system.momenta(z)]
+    return system.compiled([z], start), mend, hold, constants
 
 
-def array_mending_kernels(net: Any) -> list[ArrayKernel]:
-    """[start, mend, hold] of systems of any size, by their `by_arrays`; given: `constant_values` alone."""
-    z, y = net.fresh_state("z"), net.fresh_state("y")
-    told = trace.variables("law", 2 + len(net.momenta(z)))
-    bodies = [(z, (), _start(net, z)), *((y, told, move) for move in _moves(net, y, told))]
-    return [array_kernel(inputs_of(net, x, *more), net.blocks(side_by_side(row))) for x, more, row in bodies]
-
-
-def _start(sym: Any, z: Any) -> list[trace.Symbol]:
-    return [*entries(sym.temperature_variables(z)), sym.energy(z), sym.entropy(z), *sym.momenta(z)]
-
-
-def _moves(sym: Any, y: Any, told: Sequence[trace.Symbol]) -> tuple[list[trace.Symbol], list[trace.Symbol]]:
-    """What mend and hold give, number by number or array by array."""
+def _moves(sym: Any, y: Any, told: Sequence[trace.Symbol]) -> tuple[list[Any], list[Any]]:
+    """What mend and hold give, a state and numbers."""
     q, theta, (energy, floor, *invariants) = y.q, sym.named(y, "theta").theta, told
     names = list(sym.invariants(q, y.p))
     p, free = restored_momenta(y, sym, dict(zip(names, invariants, strict=True)))
@@ -82,10 +65,10 @@ def _moves(sym: Any, y: Any, told: Sequence[trace.Symbol]) -> tuple[list[trace.S
     for _ in range(1 if linear else 2):  # Newton for the part by which all temperatures grow
         warm = warm * (1.0 + (energy - total(p, warm)) / np.sum(at(heats, warm)))
 
-    def outputs(momenta: Any, warm: Any, entropy: Any) -> list[trace.Symbol]:
+    def outputs(momenta: Any, warm: Any, entropy: Any) -> list[Any]:
         allowed = ROUND_OFF * np.sum(refilled(theta, heats)) - abs(energy - total(momenta, warm))
         least = reduce(trace.minimum, (all_of("min", x, x.space) for x in entries(warm, pi, allowed)))
-        return [*entries(q, momenta, warm), entropy, least]
+        return [refilled(y, entries(q, momenta, warm)), entropy, least]
 
     entropy = _total_entropy(entries(y), len(entries(q, y.p)), entries(s)) if not is_array(s) else np.sum(s)
     here = dict(zip(entries(theta), entries(warm), strict=True))

@@ -14,11 +14,9 @@ from tcbench.compiler.kernels import Kernel, kernel
 from tcbench.compiler.machine import has_fma
 from tcbench.compiler.once import once, once_a_system
 from tcbench.solver.foresight import Lending
-from tcbench.solver.mending import array_mending_kernels as of_any_large
 from tcbench.solver.mending import mending_kernels as of_any
 
 from . import on_arrays
-from .mending import array_mending_kernels as of_large_elements
 from .mending import mending_kernels as of_elements
 from .orders import EFFORT, LEAST, ORDERS, is_long
 from .texts import series_kernels
@@ -125,9 +123,9 @@ def prepared(system: System, order: int) -> tuple[Any, Any, int]:
 
     c, elements = system.constant_values, system.defines("element_energy")
     if is_long(system):
-        made = (k.kernel(system.mesh) for k in array_kernels(system.by_arrays, order))
-        (series, mend, hold, start, to_z), given = made, c
-        polynomial = on_arrays.polynomial_kernel(order, system.size)
+        made = (k and k.kernel(system.mesh) for k in kernels(system.by_arrays, order))
+        series, _, mend, hold, _, start, to_z = made
+        polynomial, given = on_arrays.polynomial_kernel(order, system.size), c
     else:
         series, polynomial, mend, hold, setup, start, to_z = kernels(system.symbolic, order)
         given = np.concatenate([c, setup(c, c)])
@@ -144,24 +142,18 @@ def prepared(system: System, order: int) -> tuple[Any, Any, int]:
 
 
 @once
-def array_kernels(net: System, order: int) -> list[Any]:
-    """[series, mend, hold, start, to z] of large systems of one kind, by their `by_arrays`."""
-    elements = net.defines("element_energy")
+def kernels(system: System, order: int) -> tuple[Any, ...]:
+    """(series, polynomial, mend, hold, setup, start, to z) of all systems of one structure, by `System.symbolic`; of
+    one kind, by `by_arrays`, without polynomial and setup."""
+    elements = system.defines("element_energy")
     with trace.tracing():
-        start, mend, hold = (of_large_elements if elements else of_any_large)(net)
-        y = net.fresh_state("y")
-        to_z = on_arrays.state_kernel(net, y, net.entropy_variables(y) if elements else y)
-        return [on_arrays.series_kernel(net, order), mend, hold, start, to_z]
-
-
-@once
-def kernels(symbolic: System, order: int) -> tuple[Kernel, ...]:
-    """(series, polynomial, mend, hold, setup, start, to z) of all systems of one structure, by `System.symbolic`."""
-    elements = symbolic.defines("element_energy")
-    with trace.tracing():
-        start, mend, hold, fixed = (of_elements if elements else of_any)(symbolic)
-        series, polynomial, more = series_kernels(symbolic, order, symbolic.n_constant_values + len(fixed))
-        setup = kernel(symbolic.constant_symbols(), [*fixed, *more])
-    z = trace.variables("z", symbolic.size)
-    to_z = symbolic.kernel("entropy_variables")[0] if elements else kernel({x: f"a[{i}]" for i, x in enumerate(z)}, z)
+        start, mend, hold, fixed = (of_elements if elements else of_any)(system)
+        if system.by_array:
+            y = system.unknowns("y")
+            to_z = system.compiled([y], [system.entropy_variables(y) if elements else y])
+            return on_arrays.series_kernel(system, order), None, mend, hold, None, start, to_z
+        series, polynomial, more = series_kernels(system, order, system.n_constant_values + len(fixed))
+        setup = kernel(system.constant_symbols(), [*fixed, *more])
+    z = system.unknowns("z")
+    to_z = system.kernel("entropy_variables")[0] if elements else system.compiled([z], [z])
     return series, polynomial, mend, hold, setup, start, to_z

@@ -12,10 +12,9 @@ from typing import Any
 import numpy as np
 
 from tcbench.compiler import derivatives as trace
-from tcbench.compiler.array_kernels import ArrayKernel, array_kernel
-from tcbench.compiler.array_mesh import Block, alone
+from tcbench.compiler.array_kernels import ArrayKernel
 from tcbench.compiler.array_states import entries, refilled
-from tcbench.compiler.arrays import LINEAR, NUMBER, rebuilt
+from tcbench.compiler.arrays import LINEAR, rebuilt
 from tcbench.compiler.derivatives import Symbol, const
 from tcbench.compiler.kernels import Kernel
 
@@ -149,7 +148,8 @@ def series_kernel(net: Any, order: int) -> ArrayKernel:
     rows = [[found.of(x, n) for x in variables] for n in range(order + 1)]
     outputs = [refilled(y, row) for row in rows] + [squared_size(net, y, refilled(y, row)) for row in rows[-2:]]
     turns = [found.of(u, n) for n in range(order + 1) for u in kinks(rate)]
-    return array_kernel(inputs_of(net, y), [*net.blocks(outputs), *alone(turns)])
+    made: ArrayKernel = net.compiled([y], [*outputs, *turns])
+    return made
 
 
 def squared_size(net: Any, y: Any, found: Any) -> Symbol:
@@ -159,19 +159,6 @@ def squared_size(net: Any, y: Any, found: Any) -> Symbol:
         return trace.lifted((found * found / (least * least + y * y)).sum())
     moved, warmed = found.p / net.inertia() / net.least_speed, found.s * net.entropy_scale() / net.least[2] / y.s
     return trace.lifted((moved * moved).sum() + (warmed * warmed).sum())
-
-
-def inputs_of(net: Any, y: Any, *told: Symbol) -> dict[str, list[Block]]:
-    """A state, numbers behind it, and the constants."""
-    return {
-        "a": [*net.blocks(y), Block(NUMBER, told)],
-        "b": [Block(NUMBER, (None,)), *net.constant_blocks()],
-    }
-
-
-def state_kernel(net: Any, y: Any, found: Any) -> ArrayKernel:
-    """One state from another."""
-    return array_kernel(inputs_of(net, y), net.blocks(found))
 
 
 def polynomial_kernel(order: int, size: int) -> Kernel:

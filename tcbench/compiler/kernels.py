@@ -7,7 +7,7 @@ can call any of them by address.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
@@ -122,6 +122,11 @@ class Kernel:
         out = np.empty(self.size + self.room)
         evaluate(self.address, a, b, out)
         return out[: self.size]
+
+
+def placed(letter: str, symbols: Iterable[Symbol], first: int = 0) -> dict[Symbol, str]:
+    """Where numbers that follow one another stand: symbol -> 'a[3]', ..."""
+    return {x: f"{letter}[{first + i}]" for i, x in enumerate(symbols)}
 
 
 def kernel(inputs: Mapping[Symbol, str], outputs: Sequence[Symbol], in_rows: int = 0) -> Kernel:

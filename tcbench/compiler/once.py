@@ -66,6 +66,15 @@ class Spares(Generic[Made]):
         self.make, self.key = make, key
         self.free: dict[Any, dict[Any, list[Made]]] = {}  # by weak references to systems
 
+    def adaptive(self, system: Any, asked: Any, z0: Any, times: Any, tolerance: float) -> Any:
+        """A run by the `adaptive` of one."""
+        made: Any
+        made, free = self.take(system, asked)
+        try:
+            return made.adaptive(z0, times, tolerance)
+        finally:
+            free.append(made)
+
     def take(self, system: Any, asked: Any) -> tuple[Made, list[Made]]:
         """One that nobody has, and the list to which it is given back."""
         try:

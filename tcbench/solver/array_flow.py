@@ -118,7 +118,7 @@ def _array_flow(flow: Flow, net: Any) -> ArrayFlow:
     kept = alone(list(hoisted))
     inputs = {
         "a": net.blocks(z0),
-        "b": [Block(NUMBER, (h,)), *net.constant_blocks(), *(b for v in start for b in net.blocks(v))],
+        "b": [*net.constant_blocks(h), *net.blocks(start)],
     }
     opening = alone(fixed, unknowns * 3)
     reads = {"a": [*alone([None] * len(fixed), unknowns * 3), *kept], "b": alone(unknowns)}

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from ..compiler import derivatives as trace
 from ..compiler.derivatives import Symbol, const
 from ..compiler.formula_hash import formula_hash
-from ..compiler.kernels import constant_part, fixed_values, kernel
+from ..compiler.kernels import constant_part, fixed_values, kernel, placed
 from ..errors import TraceError, shown
 from ..integrator import Flow, Residual
 from ..systems.element_system import ElementSystem
@@ -90,16 +90,14 @@ def _build(flow: Flow, system: System) -> FlowKernels:
     hoisted = fixed_values(moving, [*x, *parts.stored], moving)
     opening = [*fixed, *hoisted, *sym.observe(z0)]
     # of an explicit flow the step size is constant as well; where Newton works, continuation varies it
-    behind = {s: f"b[{system.n_constant_values + i}]" for i, s in enumerate(start)}
+    behind = placed("b", start, system.n_constant_values)
     first: list[Symbol] = list(start[n:]) if flow.of_step else []  # the state at the start of the run is constant, too
     varying = start[: len(start) - len(first)]
     fixed_constants = constant_part(opening, [*z0, *varying, *([h] if x else [])])
     known = {h: "b[0]", **system.constant_symbols()}
-    prologue_inputs = {**{s: f"a[{i}]" for i, s in enumerate(z0)}, **known, **behind}
-    prologue_inputs |= {s: f"out[{len(opening) + i}]" for i, s in enumerate(fixed_constants)}
-    reads: dict[Symbol, str] = {s: f"a[{len(fixed) + i}]" for i, s in enumerate(hoisted)}
-    reads |= {s: f"b[{i}]" for i, s in enumerate(x)}
-    stored = {f: f"out[{len(parts.iterate) + i}]" for i, f in enumerate(parts.stored)}
+    prologue_inputs = placed("a", z0) | known | behind | placed("out", fixed_constants, len(opening))
+    reads = placed("a", hoisted, len(fixed)) | placed("b", x)
+    stored = placed("out", parts.stored, len(parts.iterate))
     opened = kernel(prologue_inputs, opening)
     return FlowKernels(
         setup=kernel({**known, **{s: behind[s] for s in first}}, fixed_constants),

@@ -15,13 +15,9 @@ from typing import Any
 import numpy as np
 
 from ..compiler import derivatives as trace
-from ..compiler import kernels
-from ..compiler.array_kernels import ArrayKernel, array_kernel
-from ..compiler.array_mesh import Block
 from ..compiler.array_states import entries, refilled
-from ..compiler.arrays import NUMBER, total
+from ..compiler.arrays import total
 from ..compiler.derivatives import Symbol, const
-from ..compiler.kernels import constant_part, kernel
 from ..compiler.language import Address, Floats, call, rare
 from ..compiler.round_off import round_off
 from ..systems.state import blocks_of
@@ -103,40 +99,28 @@ def missed(now: Floats, first: Floats, entropy: float, allowed: Floats) -> float
     return most
 
 
-def mending_kernels(system: System) -> tuple[kernels.Kernel, kernels.Kernel, kernels.Kernel, list[Symbol]]:
-    """(start, mend, hold, constants) for the marches of systems of one structure, by their `System.symbolic`.
+def mending_kernels(system: System) -> tuple[Any, Any, Any, list[Symbol]]:
+    """(start, mend, hold, constants) for the marches of systems of one structure, by their `System.symbolic`, or of one
+    kind, by `by_arrays`.
 
     start(z) -> target: z, E, S, what S may miss, what E may miss, then each invariant and what it may miss.
     mend(target; given) -> z moved to the energy and the invariants, S of the z that was given, its margin: the least of
     what must be positive in it, and of what each law may miss less what it does. hold: the same, S as it is in the
     target, too. given: `constant_values`, then the constants of the list.
     """
-    sym, size = system.symbolic, system.size
-    x, told = trace.variables("x", size), trace.variables("law", 4 + 2 * len(system.invariant_names))
-    start, mend, hold = _moves(sym, sym.state(x), list(told))
-    constants = constant_part([*mend, *hold], [*x, *told])
-    known = {v: f"a[{i}]" for i, v in enumerate([*x, *told])} | system.constant_symbols()
-    places = {c: f"b[{system.n_constant_values + i}]" for i, c in enumerate(constants)}
-    made = [kernel(known | places, f, size) for f in (mend, hold)]
-    return kernel(known, start), made[0], made[1], constants
+    z, told = system.unknowns("x"), trace.variables("law", 4 + 2 * len(system.invariant_names))
+    start, *moves = _moves(system, z, told)
+    constants = system.hoisted(moves, [z, told])
+    mend, hold = (system.compiled([z, told], move, constants, len(entries(z))) for move in moves)
+    return system.compiled([z], start), mend, hold, constants
 
 
-def array_mending_kernels(net: Any) -> list[ArrayKernel]:
-    """[start, mend, hold] of systems of any size, by their `by_arrays`; given: `constant_values` alone."""
-    z = net.fresh_state("x")
-    told = list(trace.variables("law", 4 + 2 * len(net.momenta(z))))
-    constants = [Block(NUMBER, (None,)), *net.constant_blocks()]
-    inputs = {"a": [*net.blocks(z), Block(NUMBER, tuple(told))], "b": constants}
-    made = [[refilled(z, f[: len(entries(z))]), f[len(entries(z)) :]] for f in _moves(net, z, told)]
-    return [array_kernel(inputs, net.blocks(values)) for values in made]
-
-
-def _moves(system: Any, z: Any, told: Sequence[Symbol]) -> list[list[Symbol]]:
-    """What the three give, number by number or array by array."""
+def _moves(system: Any, z: Any, told: Any) -> list[list[Any]]:
+    """What the three give, a state and numbers."""
     values, slopes = [trace.lifted(v) for v in laws(system, z)], gradients(system, z)
     least = system.least_of(z)
     noises = [ROUND_OFF * round_off(f, entries(z), entries(least)) + TINY for f in values]
-    start = [*entries(z), values[0], values[-1], noises[-1], noises[0]]
+    start = [z, values[0], values[-1], noises[-1], noises[0]]
     for pair in zip(values[1:-1], noises[1:-1], strict=True):
         start += pair
     targets, allowed = [told[0], *told[4::2], told[1]], [told[3], *told[5::2], told[2]]
@@ -147,10 +131,9 @@ def _moves(system: Any, z: Any, told: Sequence[Symbol]) -> list[list[Symbol]]:
     good = reduce(trace.minimum, (total("min", x, x.space) for x in positive))
     good = trace.guarded(good, values)  # of what is not a number the least is lost
     weights = least * least + by_variable(system, z, z)
-    mend = [*entries(z + shortest_move(system, misses[:-1], slopes[:-1], weights)), values[-1], good]
+    mend = [z + shortest_move(system, misses[:-1], slopes[:-1], weights), values[-1], good]
     held = trace.minimum(good, allowed[-1] + own[-1] - misses[-1])
-    hold = [*entries(z + shortest_move(system, misses, slopes, weights)), values[-1], held]
-    return [[trace.lifted(v) for v in f] for f in (start, mend, hold)]
+    return [start, mend, [z + shortest_move(system, misses, slopes, weights), values[-1], held]]
 
 
 @rare

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiler import derivatives as trace
-from ..compiler.kernels import Kernel, kernel
+from ..compiler.kernels import Kernel, kernel, placed
 from ..compiler.once import once
 from ..systems.state import fixed
 
@@ -195,5 +195,4 @@ def _derivatives(symbolic: System) -> Kernel:
         values = [trace.lifted(x) for x in (symbolic.entropy(z), symbolic.energy(z), *symbolic.momenta(z))]
         slopes = trace.jacobian(values, list(z))
         curves = [x for row in slopes for x in trace.jacobian(list(row), list(z)).ravel()]
-        inputs = {x: f"a[{i}]" for i, x in enumerate(z)} | symbolic.constant_symbols()
-        return kernel(inputs, [*values, *slopes.ravel(), *curves])
+        return kernel(placed("a", z) | symbolic.constant_symbols(), [*values, *slopes.ravel(), *curves])

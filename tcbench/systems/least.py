@@ -15,11 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiler import derivatives as trace
-from ..compiler.array_kernels import ArrayKernel, array_kernel
-from ..compiler.array_mesh import Block
+from ..compiler.array_kernels import ArrayKernel
 from ..compiler.array_states import entries
-from ..compiler.arrays import NUMBER
-from ..compiler.kernels import Kernel, kernel
+from ..compiler.kernels import Kernel
 from ..compiler.once import once
 from ..compiler.round_off import round_off
 from .state import fixed
@@ -115,13 +113,9 @@ def _terms(model: System, z0: Floats) -> float:
 def terms_of_energy(system: Any) -> Kernel | ArrayKernel:
     """How large they are at a state, of all systems of one structure or kind."""
     with trace.tracing():
-        if system.by_array:
-            z = system.fresh_state("z")
-            inputs = {"a": system.blocks(z), "b": [Block(NUMBER, (None,)), *system.constant_blocks()]}
-            return array_kernel(inputs, [Block(NUMBER, (round_off(system.energy(z), entries(z)),))])
-        x = trace.variables("x", system.size)
-        size = round_off(trace.lifted(system.energy(system.state(x))), list(x))
-        return kernel({s: f"a[{i}]" for i, s in enumerate(x)} | system.constant_symbols(), [size])
+        z = system.unknowns("z")
+        found: Kernel | ArrayKernel = system.compiled([z], [round_off(trace.lifted(system.energy(z)), entries(z))])
+        return found
 
 
 def _moved(model: System, z0: Floats, energy: float, unusual: bool = False) -> Floats:

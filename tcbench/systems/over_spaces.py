@@ -8,7 +8,7 @@ follows the size. Small ones are traced on arrays first, as a check: what does n
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -20,7 +20,7 @@ from ..compiler.array_mesh import Block, Mesh
 from ..compiler.array_states import Blocks, entries, fitted, refilled
 from ..compiler.array_symbols import ArraySymbol, TableSymbol
 from ..compiler.arrays import NUMBER, count, variable
-from ..compiler.kernels import Kernel
+from ..compiler.kernels import Kernel, constant_part, kernel, placed
 from ..compiler.once import LOCK, cached_property, once
 from ..compiler.symbols import Symbol, const
 from ..compiler.tables import numbered
@@ -214,9 +214,25 @@ class OverSpaces(Traced):
         """Arrays and numbers as parts of the input or output of a kernel."""
         return list(_blocks(value))
 
-    def constant_blocks(self) -> list[Block]:
-        """What stands in `constant_values` behind the time step; what is switched off is not read."""
-        found = []
+    def compiled(
+        self, given: Sequence[Any], values: Sequence[Any], hoisted: Sequence[Symbol] = (), in_rows: int = 0
+    ) -> Kernel | ArrayKernel:
+        """A kernel of states and numbers, to states and numbers: in a what is given, in b the constants, and behind
+        these what was hoisted of them. In loops where this is what all sizes are traced on; nothing is hoisted then."""
+        if self.by_array:
+            return array_kernel({"a": self.blocks([*given]), "b": self.constant_blocks()}, self.blocks([*values]))
+        known = self.constant_symbols() | placed("b", hoisted, self.n_constant_values)
+        return kernel(placed("a", entries(*given)) | known, list(map(trace.lifted, entries(*values))), in_rows)
+
+    def hoisted(self, bodies: Iterable[Sequence[Any]], given: Sequence[Any]) -> list[Symbol]:
+        """What values, as of `compiled`, compute of constants alone: once a run, not once a step."""
+        if self.by_array:
+            return []
+        return constant_part([trace.lifted(x) for values in bodies for x in entries(*values)], entries(*given))
+
+    def constant_blocks(self, h: Symbol | None = None) -> list[Block]:
+        """What stands in `constant_values`: the time step, which few formulas read, and what is not switched off."""
+        found = [Block(NUMBER, (h,))]
         for name, declared in type(self).constants.items():
             symbols = (None if x.op == "const" else x for x in entries(getattr(self, name)))
             found.append(Block(space_of(declared), tuple(symbols)))
@@ -233,8 +249,8 @@ class OverSpaces(Traced):
         key = (self.structure, body, sizes)
         if key not in traced._KERNELS:
             made, single = _body_kernel(self.by_arrays, body, len(sizes))
-            kernel = made.kernel(self.mesh)
-            traced._KERNELS[key] = kernel, () if single else (kernel.size,)
+            found = made.kernel(self.mesh)
+            traced._KERNELS[key] = found, () if single else (found.size,)
         return traced._KERNELS[key]
 
 
@@ -244,11 +260,8 @@ def _body_kernel(net: Any, body: Callable[..., Any], states: int) -> tuple[Array
     with trace.tracing():
         given = [net.fresh_state(f"z{k}") for k in range(states)]
         result = body(net, *given)
-        constants = [Block(NUMBER, (None,)), *net.constant_blocks()]
         single = not isinstance(result, Blocks | ArraySymbol) and not np.ndim(result)
-        return array_kernel(
-            {"a": [b for z in given for b in net.blocks(z)], "b": constants}, net.blocks(result)
-        ), single
+        return net.compiled(given, [result]), single
 
 
 def _whole(name: str, value: Any, shape: tuple[int, ...], target: str, sizes: Mapping[str, int]) -> Ints:
@@ -292,5 +305,7 @@ def _blocks(value: Any) -> Any:
     elif isinstance(value, list | tuple):
         for x in value:
             yield from _blocks(x)
-    elif isinstance(value, Symbol) or np.size(value):
+    elif isinstance(value, Symbol):
+        yield Block(value.space, (value,))
+    elif np.size(value):
         yield Block(NUMBER, tuple(map(trace.lifted, entries(value))))

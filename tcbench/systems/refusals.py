@@ -159,7 +159,7 @@ def check_degree(system: ElementSystem, shapes: Sequence[Any], q: Sequence[Symbo
 
 def _third_vanishes(x: Symbol, q: Sequence[Symbol]) -> bool:
     """Is the third derivative along a line nil, at random points and in random directions?"""
-    from ..compiler.kernels import namespace, straight_line
+    from ..compiler.kernels import namespace, placed, straight_line
 
     if x.space:
         return False  # of arrays: what is not seen to be so
@@ -170,7 +170,7 @@ def _third_vanishes(x: Symbol, q: Sequence[Symbol]) -> bool:
         rates.append(trace.jacobian([rates[-1]], [t])[0, 0])
     given = [s for s in trace.topological(rates) if s.op == "var"]
     scope = namespace()
-    exec(straight_line({s: f"a[{i}]" for i, s in enumerate(given)}, rates), scope)
+    exec(straight_line(placed("a", given), rates), scope)
     rng, found = np.random.default_rng(0), np.empty((POINTS, len(rates)))
     with np.errstate(all="ignore"):
         for values in found:

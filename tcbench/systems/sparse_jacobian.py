@@ -11,10 +11,9 @@ import numpy as np
 from ..compiler import derivatives as trace
 from ..compiler.array_jacobian import jacobian_terms
 from ..compiler.array_kernels import jacobian_kernel
-from ..compiler.array_mesh import Block, scattered
+from ..compiler.array_mesh import scattered
 from ..compiler.array_states import entries
-from ..compiler.arrays import NUMBER
-from ..compiler.kernels import Kernel, kernel
+from ..compiler.kernels import Kernel, kernel, placed
 from .system import System
 
 
@@ -44,8 +43,7 @@ def _entries(symbolic: Any) -> tuple[Kernel, Any, Any]:
         z = trace.variables("z", symbolic.size)
         found = trace.sparse_jacobian(list(symbolic.vector_field(z)), list(z))
         terms = [(i, j, slope) for i, row in enumerate(found) for j, slope in row.items()]
-        inputs = {x: f"a[{i}]" for i, x in enumerate(z)} | symbolic.constant_symbols()
-        made = kernel(inputs, [slope for _, _, slope in terms])
+        made = kernel(placed("a", z) | symbolic.constant_symbols(), [slope for _, _, slope in terms])
     return made, *(np.array([term[k] for term in terms], np.int64) for k in range(2))  # type: ignore[return-value]
 
 
@@ -59,7 +57,7 @@ def _by_arrays(symbolic: Any) -> tuple[Kernel, Any, Any]:
         rates = zip(entries(net.vector_field(z)), entries(net.fresh_state("rate")), strict=True)
         found = jacobian_terms([trace.sub(trace.lifted(f), rate) for f, rate in rates], x)
         flat = [(i, term, slope) for i, row in enumerate(found) for term, slope in row.items()]
-        inputs = {"a": blocks, "b": [Block(NUMBER, (None,)), *net.constant_blocks()]}
+        inputs = {"a": blocks, "b": net.constant_blocks()}
         made = jacobian_kernel(inputs, [], [(term, slope) for _, term, slope in flat], [])
     there = scattered(mesh, blocks, [(i, term) for i, term, _ in flat])
     count = len(there.rows)

@@ -207,12 +207,13 @@ class Traced:
     def _traced(self, body: Callable[..., Any], sizes: tuple[int, ...], made: Callable[..., Any]) -> tuple[Any, Any]:
         """made(inputs, outputs) of a function of states of these sizes, one after the other in a; and its shape."""
         symbolic = self.symbolic  # its symbols come first, whoever made them
+        from ..compiler.kernels import placed
+
         with trace.tracing():
             unknown = trace.variables("x", sum(sizes))
             result = np.asarray(_run(body, symbolic, *np.split(unknown, np.cumsum(sizes)[:-1])))
-            inputs = {x: f"a[{i}]" for i, x in enumerate(unknown)} | self.constant_symbols()
             outputs = [trace.lifted(x) for x in result.ravel()]
-            return made(inputs, outputs), result.shape
+            return made(placed("a", unknown) | self.constant_symbols(), outputs), result.shape
 
     def _body(self, name: str) -> Callable[..., Any]:
         body: Callable[..., Any] | None = getattr(getattr(type(self), name, None), "__wrapped__", None)
