@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
-from ..errors import TcbenchError
+from ..errors import ChangedError, TcbenchError
 from .cells import identity_of
 from .encoding import canonical_json
 from .store import Store
@@ -57,6 +57,16 @@ def pairs_of(a: Store, b: Store) -> Pairs:
         if not lines:
             raise TcbenchError(f"The run in {store.folder} has no rows to compare. Run it first.")
     before, after = sides
+    for store, lines in zip((a, b), sides, strict=True):  # what nobody measured is neither run's
+        changed = {name: row for name, (_, row) in lines.items() if row.get("exception_type") == ChangedError.__name__}
+        before, after = ({n: x for n, x in side.items() if n not in changed} for side in (before, after))
+        if changed:
+            count = (
+                f"{len(changed)} rows of {store.folder} were" if len(changed) > 1 else f"A row of {store.folder} was"
+            )
+            problems.append(
+                f"{count} not measured, and not compared. {next(iter(changed.values())).get('failure') or ''}"
+            )
     return Pairs(
         [(cell, row, after[name][1]) for name, (cell, row) in before.items() if name in after],
         [cell for name, (cell, _) in before.items() if name not in after],

@@ -86,6 +86,15 @@ def test_a_column_that_another_version_has_is_one_sentence_and_what_some_rows_ha
     }
 
 
+def test_what_was_changed_during_a_run_is_told_in_one_sentence_and_is_no_regression(tmp_path):
+    """Its rows were failures of all methods, and regressions of the second run."""
+    edited = {"status": "exception", "exception_type": "ChangedError", "failure": "Files were edited."}
+    a, b = run(tmp_path / "a", {1: {}, 2: {}, 3: {}}), run(tmp_path / "b", {1: {}, 2: edited, 3: edited}, "new")
+    found = compare(a, b)
+    assert in_both(found).empty and len(regressions(found)) == 0
+    assert found.attrs["problems"] == [f"2 rows of {b} were not measured, and not compared. Files were edited."]
+
+
 def test_a_recovered_cell_is_no_regression(tmp_path):
     found = changes(tmp_path, {"status": "crash"}, {})
     assert found["kind"].tolist() == ["status"] and regressions(found).empty
