@@ -36,6 +36,8 @@ LONGER = STEP ** np.arange(1.0, 25.0)  # moves where a short one shows nothing
 LITTLE = 2.0**-4  # of the energy at hand: a change from which it can be told how far all of it moves a variable
 SEEN = 2.0**-36  # of the energy at hand: a change that shows a size, well above round-off
 NOISE = 2.0**-48  # of a value: what its differences may be
+CURVED = 2.0**-44  # of a slope: a change of it that shows a curvature
+REST = 1e-10  # of the energy: less is round-off of the slopes, which are all but 0 at rest, and next to it
 SHARE = 2.0**-8  # of its size, by which each variable is moved to see the sizes of laws
 ELSEWHERE = 64.0  # times what its slopes say: 2.6 at most in every scenario that ships and 30 random ones
 CANCELLED = 2.0**-10  # a value as small beside its terms says nothing of its size
@@ -62,8 +64,9 @@ def measured(model: System, z0: Floats | None) -> tuple[Floats, Floats]:
     energy = exergy_at(model, z0)
     far = _moved(model, z0, energy)
     usual = _usual(far).all() and energy >= FEW
-    at_hand = 0.0 if usual and model.reference_temperature else _at_hand(model, z0)
+    at_hand = 0.0 if usual and model.reference_temperature else _at_hand(model, z0, far)
     if 0.0 < at_hand * ELSEWHERE < energy:  # it is counted from anywhere, and moves nothing so far
+        at_hand = max(at_hand, REST * energy)  # or this is next to rest, where slopes are what is left of larger ones
         far = _moved(model, z0, at_hand, unusual=True)
     elif not usual:  # is the energy small, or next to rest?
         energy = max(energy, _terms(model, z0))
@@ -77,14 +80,17 @@ def measured(model: System, z0: Floats | None) -> tuple[Floats, Floats]:
     return fixed(np.concatenate([_power_of_two(far), laws[:2], _power_of_two(np.array([speed]))])), fixed(laws)
 
 
-def _at_hand(model: System, z0: Floats) -> float:
+def _at_hand(model: System, z0: Floats, far: Floats) -> float:
     """How large the energy is as its slopes tell it, wherever it is counted from: of z^2 half of z dE/dz, of e^z, whose
-    z may be 0, the square of the slope over twice the curvature."""
+    z may be 0, the square of the slope over twice the curvature. far: how far so much energy moves each variable."""
     slope, sum_of = model.gradient(z0), 0.0
     places = tuple((a, b) for a, b, _ in model.layout.values())
-    for (a, b), way in zip(places, _ways(places), strict=True):
-        move = SHORT * max(np.abs(z0[a:b]).max(initial=0.0), TINY) * way
-        curved = abs((model.gradient(z0 + move) - model.gradient(z0 - move)) @ move) / 2
+    for (a, b), way, longest in zip(places, _ways(places), far, strict=True):
+        for length in (np.abs(z0[a:b]).max(initial=0.0), longest):  # where z is all but 0 the first shows nothing
+            move = SHORT * max(length, TINY) * way
+            curved = abs((model.gradient(z0 + move) - model.gradient(z0 - move)) @ move) / 2
+            if curved > CURVED * np.abs(slope * move).sum():
+                break
         by_curve = (slope @ move) ** 2 / (2 * curved) if curved > 0.0 else 0.0
         by_terms = np.abs(z0 * slope)[a:b].sum() / 2
         sum_of += max(x for x in (by_terms, by_curve, 0.0) if x < np.inf)

@@ -220,9 +220,11 @@ def check_invariants(system: System, z0: Any) -> None:
             raise taken(type(system), "invariant", name)
     rng = np.random.default_rng(0)
     states = np.array([z0, *(system.nearby(z0, rng) for _ in range(POINTS))], dtype=float)
+    moves = _moves(system, states)
     at_once = len(states) if system.size <= FEW_COMPONENTS else 1
-    for z in np.split(states, len(states) // at_once):
-        shares = _rates_of_change(system, z, rng)
+    for begin in range(0, len(states), at_once):
+        z = states[begin : begin + at_once]
+        shares = _rates_of_change(system, z, moves[begin : begin + at_once], rng)
         for k, i in np.argwhere(shares > CONSERVED)[:1]:  # not NaN
             raise TcbenchError(
                 f"invariants() of {type(system).__name__} names {system.invariant_names[i]!r}, which is not conserved: "
@@ -232,18 +234,22 @@ def check_invariants(system: System, z0: Any) -> None:
     _CONSERVED.add(system)
 
 
-def _rates_of_change(system: System, z: Any, rng: np.random.Generator) -> Any:
-    """Of each invariant at each of these states (m, size), over the terms that it is the sum of, shape (m, invariants):
-    measured by central differences along the flow, and along each of its components, or it with other signs."""
-    rate = np.asarray(system.vector_field(z))
-    fastest = np.zeros(len(z))
+def _moves(system: System, states: Any) -> Any:
+    """How each of these states moves in a time in which its fastest part changes by NEAR of its size, or that of most
+    states does: where one is next to rest its rate is round-off, and says nothing of what is conserved."""
+    rates, fastest = np.array([system.vector_field(z) for z in states]), np.zeros(len(states))
     with np.errstate(all="ignore"):
         for begin, end, _ in system.layout.values():
-            relative = np.abs(rate[:, begin:end]).max(axis=1, initial=0) / np.abs(z[:, begin:end]).max(
-                axis=1, initial=0
-            )
-            fastest = np.where(z[:, begin:end].any(axis=1), np.maximum(fastest, relative), fastest)
-    step = rate * (NEAR / np.where(fastest > 0, fastest, 1.0))[:, None]
+            sizes = np.abs(states[:, begin:end]).max(axis=1, initial=0)
+            relative = np.abs(rates[:, begin:end]).max(axis=1, initial=0) / sizes
+            fastest = np.where(sizes > 0, np.maximum(fastest, relative), fastest)
+    fastest = np.fmax(fastest, np.nanmedian(fastest))
+    return rates * (NEAR / np.where(fastest > 0, fastest, 1.0))[:, None]
+
+
+def _rates_of_change(system: System, z: Any, step: Any, rng: np.random.Generator) -> Any:
+    """Of each invariant at each of these states (m, size), over the terms that it is the sum of, shape (m, invariants):
+    measured by central differences along the flow, a step, and along each of its components, or it with other signs."""
     if system.size > FEW_COMPONENTS:
         others = step[:, None] * rng.choice([-1.0, 1.0], (FEW_COMPONENTS, system.size))
     else:

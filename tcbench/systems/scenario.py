@@ -16,14 +16,13 @@ from numpy.typing import NDArray
 
 from ..errors import TcbenchError, expect, positive, shown, unknown_name
 from .declaration import SETTINGS
-from .least import exergy_at
+from .least import REST, exergy_at
 from .refusals import Fixed
 from .sampling import Draw, Range, rounded, seed_of
 from .state import fixed, formulas_hash, real
 from .system import System
 
 TRIES, NEAR = 100, 0.3  # of a random start; what a variable that is 0 is taken to be
-REST = 1e-10  # least exergy of a scenario, relative to its energy: see Scenario.initial_exergy
 KINDS_OF_FIELDS = {
     "system": "a class", "constants": "a mapping", "initial": "a mapping", "shows": "a word", "source": "a word",
     "plugin": "a word", "ladder": "numbers",
