@@ -15,21 +15,27 @@ REWRITTEN = {  # functions that their language has not
     "log1p": "log(1.0 + ({}))", "expm1": "(exp({}) - 1.0)", "asin": "arcsin({})", "acos": "arccos({})",
     "atan": "arctan({})", "recip": "(1.0 / ({}))",
 }  # fmt: skip
+MOST = 200  # numbers of a state: their compiler takes 50 s and 1.6 GB for so many, and 4 min and 6 GB for twice as many
 _FREE = {}  # solvers that no run has, by kind of system: LLVM takes a second to make one
 
 
-def program(system):
-    """The formulas of the field in DiffSL: initial state and constants are inputs."""
+def program(system, own):
+    """The formulas of the field in DiffSL: initial state and constants are inputs. One tolerance is for all numbers:
+    unless the units are the scenario's own, each is over its least size."""
     text, (size,) = system.formula("vector_field")
     count = len(system.constant_values)
-    lines, out = [], {}
+    first = count - len(system.least)
+    each = [f"c{first + k}" for k, (a, b, _) in enumerate(system.layout.values()) for _ in range(a, b)]
+    lines, out = [] if own else [f"y{i} {{ x{i} * {each[i]} }}" for i in range(size)], {}
+    letter = "x" if own else "y"
     for line in text.splitlines()[1:]:
         name, _, formula = (part.strip() for part in line.partition("="))
-        formula = re.sub(r"\ba\[(\d+)\]", r"x\1", re.sub(r"\bb\[(\d+)\]", r"c\1", formula))
+        formula = re.sub(r"\ba\[(\d+)\]", rf"{letter}\1", re.sub(r"\bb\[(\d+)\]", r"c\1", formula))
         for function, by in REWRITTEN.items():
             formula = re.sub(rf"\b{function}\((\w+)\)", lambda found, by=by: by.format(found[1]), formula)
         if name.startswith("out["):
-            out[int(name[4:-1])] = formula
+            i = int(name[4:-1])
+            out[i] = formula if own else f"({formula}) / {each[i]}"
         else:
             lines.append(f"{name} {{ {formula} }}")
     given = [f"z{i} = 1.0" for i in range(size)] + [f"c{i} = 1.0" for i in range(count)]
@@ -40,26 +46,35 @@ def program(system):
     ])  # fmt: skip
 
 
+def refuses(system):
+    n = system.size
+    told = f"pydiffsol compiles a formula for each of the {n} numbers of {system.name}, at most {MOST}: take cvode"
+    return told if n > MOST else ""
+
+
 def pydiffsol(solver="bdf"):
     def adaptive(system, z0, t_eval, rtol, atol):
         import pydiffsol as ds
 
-        free = _FREE.setdefault((system.structure, solver), [])
+        each = system.unit_sizes
+        free = _FREE.setdefault((system.structure, solver, each is None), [])
         try:
             ode = free.pop()
         except IndexError:
-            ode = ds.Ode(program(system), jit_backend=ds.llvm, ode_solver=getattr(ds, solver))
+            ode = ds.Ode(program(system, each is None), jit_backend=ds.llvm, ode_solver=getattr(ds, solver))
         ode.rtol, ode.atol, ode.t0 = rtol, atol, float(t_eval[0])
         ode.h0 = FIRST_STEP * np.sqrt(rtol) * float(t_eval[-1] - t_eval[0])
         try:
             times = np.ascontiguousarray(t_eval, dtype=float)
-            found = ode.solve_dense(np.concatenate([z0, system.constant_values]), times)
+            start = z0 if each is None else z0 / each
+            found = ode.solve_dense(np.concatenate([start, system.constant_values]), times).ys.T
         finally:
             free.append(ode)
-        return np.ascontiguousarray(found.ys.T), {}
+        return np.ascontiguousarray(found if each is None else found * each), {}
 
     return Integrator(
-        name="pydiffsol", adaptive=adaptive, source=f"diffsol {solver}", tags={"peer"}, requires=["pydiffsol"],
+        name="pydiffsol", adaptive=adaptive, refuses=refuses, source=f"diffsol {solver}", tags={"peer"},
+        requires=["pydiffsol"],
     )  # fmt: skip
 
 
