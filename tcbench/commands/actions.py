@@ -182,12 +182,16 @@ def reference_command(names: Sequence[str], scenarios: Sequence[str], as_json: b
     """0 if the references in use are confirmed, 1 if not."""
     if not (names or scenarios):
         raise TcbenchError("Say of which scenario: tcbench reference SCENARIO. See tcbench list.")
+    from ..reference.collocation import ReferenceFailed
     from ..reference.lookup import recompute
 
     found = []
     for scenario in plugins.expand_scenarios([*names, *scenarios]):
         with waiting(f"computing the reference of {scenario.name}"):
-            found.append(recompute(scenario))
+            try:
+                found.append(recompute(scenario))
+            except ReferenceFailed as error:
+                raise TcbenchError(f"{scenario.name} has no reference: {error}") from error
     if as_json:
         terminal.print_json(found[0] if len(found) == 1 else found)
     else:

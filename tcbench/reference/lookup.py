@@ -74,7 +74,7 @@ def _once(recipe: _Recipe) -> Reference:
     """What the recipe gives; a failure is remembered for a while, for each method would wait for it again."""
     note = f"{recipe.key}.failed"
     when, _, what = (cache.read("references", note) or b"").decode().partition("\n")
-    if when and time.time() - float(when) < REMEMBERED_S:
+    if when and abs(time.time() - float(when)) < REMEMBERED_S:  # a clock may have been set back
         path = cache.folder("references") / note
         raise ReferenceFailed(f"{what} (Found before; to try again delete {path}.)")
     try:

@@ -1,5 +1,6 @@
 """Every scenario is measured against its own reference: by its numbers, never by its name alone."""
 
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -7,7 +8,8 @@ import pytest
 from certified_scenarios import SCENARIOS
 
 import tcbench
-from tcbench import cache
+from tcbench import TcbenchError, cache
+from tcbench.commands.actions import reference_command
 from tcbench.reference import certified, collocation, double_double, extended_precision, pairs, tape, taylor
 from tcbench.reference import certified as reference
 from tcbench.reference import lookup as truth
@@ -211,7 +213,22 @@ def test_a_reference_that_failed_is_not_tried_by_each_method_again(monkeypatch):
     note.unlink()
     with pytest.raises(ReferenceFailed):
         truth.reference_for(scenario, [1.0])
+    long_ago = time.time() - 30 * 24 * 3600.0
+    monkeypatch.setattr(truth.time, "time", lambda: long_ago)  # the clock was set back
+    with pytest.raises(ReferenceFailed):
+        truth.reference_for(scenario, [1.0])
     monkeypatch.setattr(truth, "REMEMBERED_S", 0.0)  # another day
     with pytest.raises(ReferenceFailed):
         truth.reference_for(scenario, [1.0])
-    assert len(tries) == 3
+    assert len(tries) == 4
+
+
+def test_a_reference_that_cannot_be_had_again_is_one_sentence(monkeypatch):
+    """`tcbench reference` ended in a traceback."""
+
+    def failing(*_):
+        raise ReferenceFailed("no end in sight")
+
+    monkeypatch.setattr(truth, "recompute", failing)
+    with pytest.raises(TcbenchError, match="short_term has no reference: no end in sight"):
+        reference_command(["short_term"], [], False)
