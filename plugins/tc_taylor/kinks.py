@@ -7,11 +7,13 @@ the series of sqrt(q . q) is that of a distance which goes on below 0.
 
 from __future__ import annotations
 
+import math
+
 from tcbench.compiler.language import rare
 
 from .memory import Work
 
-SAMPLES = 8  # of a step in which u may change its sign
+LOOK = 2.0**-10  # of a step: where u has another sign for less that may not be seen
 SHORT, MOST = 1e-4, 20  # part of a step; so many in a row, and one a kink, that these make shorter: formulas have jumps
 PARTS, EACH = 100, 40  # of a fixed step at most, and so many a kink
 GROW = 10.0  # over the order: what rounding leaves of a root's first coefficients grows with that power of a step
@@ -30,13 +32,7 @@ def first(w: Work, h: float, tolerance: float) -> float:
         if u == 0.0 or abs(u) > most:
             continue
         sign = 1.0 if u > 0.0 else -1.0
-        low, high = 0.0, 0.0
-        for i in range(SAMPLES):
-            x = h * (i + 1) / SAMPLES
-            if high == 0.0 and sign * at(w, j, x) < 0.0:
-                high = x
-            elif high == 0.0:
-                low = x
+        low, high = crossed(w, j, sign, h)
         while abs(high - low) > near:
             x = 0.5 * (low + high)
             if sign * at(w, j, x) < 0.0:
@@ -45,6 +41,31 @@ def first(w: Work, h: float, tolerance: float) -> float:
                 low = x
         h = high if high != 0.0 else h
     return h
+
+
+@rare
+def crossed(w: Work, j: int, sign: float, h: float) -> tuple[float, float]:
+    """Two times of a step, between which u loses this sign for the first time; 0 and 0 where it keeps it.
+
+    On its way it goes as far as u must keep it, by its slope and a bound of its curvature: u may pass 0 and come back.
+    """
+    n, begin, size, way = w.n_kinks, (w.order + 1) * w.size + 2 + j, abs(h), 1.0 if h > 0.0 else -1.0
+    bent = 0.0
+    for k in range(w.order, 1, -1):
+        bent = bent * size + abs(w.coefficients[begin + k * n]) * k * (k - 1)
+    low, high, value = 0.0, 0.0, sign * w.coefficients[begin]
+    while high < size and value >= 0.0:
+        low, slope = high, 0.0
+        for k in range(w.order, 0, -1):
+            slope = slope * (way * low) + k * w.coefficients[begin + k * n]
+        slope *= sign * way
+        root = math.sqrt(slope * slope + 2.0 * bent * value)
+        sure = 2.0 * value / (root - slope) if root > slope else size
+        high = min(size, low + max(sure, LOOK * size))
+        value = sign * at(w, j, way * high)
+    if value >= 0.0:
+        return 0.0, 0.0
+    return way * low, way * high
 
 
 def moved(w: Work, j: int, h: float) -> float:

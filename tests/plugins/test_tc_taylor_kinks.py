@@ -247,3 +247,36 @@ def test_a_run_that_slides_ends(at, drag):
     scenario = tcbench.Scenario("sliding", Sliding, {"drag": [drag]}, initial=start, t_end=20.0, dt=0.1)
     for name in ("tc_taylor", "tc_auto"):
         assert "too short" in tcbench.simulate(name, scenario).failure
+
+
+class Grazing(Rough):
+    """A spring each that is met at `wall`, which an oscillator passes for a small part of a step."""
+
+    name = "grazing"
+    constants = {"k": ("node",), "wall": ("node",)}
+
+    def energy(self, z):
+        u = z.q - self.wall
+        return ((z.p**2 + z.q**2) / 2 + self.k * ((u + abs(u)) / 2) ** 2 / 2 + np.exp(z.s)).sum()
+
+    def irreversible(self, z, dE, dS):
+        return {"s": 0 * dE.s}
+
+
+@pytest.mark.parametrize("most", [0, 1000])
+@pytest.mark.parametrize("beyond", [1e-3, 1e-4, 1e-5, 1e-6])
+def test_a_kink_that_is_passed_twice_within_a_step_is_seen(beyond, most, monkeypatch):
+    """They were looked for an eighth of a step apart: a contact that had ended by then was missed, at any tolerance."""
+    monkeypatch.setattr("tcbench_plugins.tc_taylor.orders.MOST_VARIABLES", most)
+    k, wall, n = 1e3, 1.0 - beyond, 9  # as few as are traced on arrays
+    meets, w, centre = np.arccos(-wall), np.sqrt(1 + k), k * wall / (1 + k)
+    speed = np.sqrt(beyond * (2.0 - beyond))
+    back = meets + 2 * np.arctan2(speed / w, wall - centre) / w  # the time at which it leaves the wall
+    start = {"q": np.full(n, -1.0), "p": np.zeros(n), "s": np.zeros(n)}
+    scenario = tcbench.Scenario(
+        "grazing", Grazing, {"k": [k] * n, "wall": [wall] * n}, initial=start, t_end=6.0, dt=0.1
+    )
+    exact = wall * np.cos(6.0 - back) - speed * np.sin(6.0 - back)
+    for tolerance in (1e-4, 1e-6, 1e-8, 1e-10):
+        run = tcbench.simulate("tc_taylor", scenario, tolerance=tolerance, times=[6.0])
+        assert abs(scenario.model.state(run.z[-1]).q - exact).max() < 10 * tolerance, tolerance
