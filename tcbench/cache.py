@@ -217,11 +217,15 @@ def usage() -> Usage:
 
 
 def clear() -> Usage:
-    """Remove every file of the cache; returns what was there."""
+    """Remove every file of the cache; returns what was there. MachineError where files cannot be removed."""
     before = usage()
-    for path, _ in _files():
-        _remove(path)
+    refused = [error for path, _ in _files() if (error := _remove(path))]
     _remove_leftovers()
+    if refused:
+        raise MachineError(
+            f"{len(refused)} of {before.files} files in the cache folder {str(root())!r} cannot be removed: "
+            f"{refused[0].strerror or refused[0]}."
+        )
     return before
 
 
@@ -248,9 +252,13 @@ def _remove_leftovers() -> None:
                 _remove(path)
 
 
-def _remove(path: Path) -> None:
-    with contextlib.suppress(OSError):  # somebody else did
-        path.unlink()
+def _remove(path: Path) -> OSError | None:
+    """What prevents it: not that somebody else did."""
+    try:
+        path.unlink(missing_ok=True)
+    except OSError as error:
+        return error
+    return None
 
 
 def _files() -> Iterator[tuple[Path, os.stat_result]]:

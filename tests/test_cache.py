@@ -1,10 +1,12 @@
 """The user's cache: private, within its limit, cleared by a command; no process minds what another one removes."""
 
+import errno
 import os
 import shutil
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
@@ -127,13 +129,23 @@ def test_only_its_own_files_are_counted_and_removed(place):
     cache.write("code", NAMES[0], b"content")
 
 
-def test_the_command_says_where_how_large_and_clears(place):
+def read_only(*_, **__):
+    raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+
+
+def test_the_command_says_where_how_large_and_clears(place, monkeypatch):
     cache.write("code", NAMES[0], bytes(3 * 2**20))
     said = CliRunner().invoke(main, ["cache"])
     assert said.exit_code == 0 and str(place) in said.output.replace("\n", "")
     assert "1 file" in said.output and "3.0 of 512 MiB" in said.output and "tcbench cache clear" in said.output
     cleared = CliRunner().invoke(main, ["cache", "clear"])
     assert cleared.exit_code == 0 and "Removed 1 file" in cleared.output and cache.usage().files == 0
+    cache.write("code", NAMES[0], b"content")
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "unlink", read_only)
+        refused = CliRunner().invoke(main, ["cache", "clear"])  # said that it had removed them
+    told = " ".join(refused.output.split())
+    assert refused.exit_code == 2 and "1 of 1 files" in told and "Read-only file system" in told
     wrong = CliRunner().invoke(main, ["cache", "wipe"])
     assert wrong.exit_code == 2 and "wipe" in wrong.output
 

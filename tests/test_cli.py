@@ -135,12 +135,13 @@ def test_simulate_loads_nothing_that_it_does_not_need():
 
 
 def test_run_writes_tables_and_a_manifest_and_resumes(tmp_path):
-    out = tmp_path / "mine"
+    out = tmp_path / "my runs"
     chosen = ("-i", "tc_monolithic", "-i", "midpoint_entropy", "-s", "stiff_spring", "--study", "conservation")
     args = ("run", *chosen, "--dt", 0.1, "--dt", 0.3, "-o", out)
     first = process(*args)
     assert first.returncode == 0, first.stderr
     assert "stiff_spring" in first.stdout and "blowup" in first.stdout and "4 cells" in first.stdout
+    assert shlex.split(first.stdout.partition("To see them: ")[2].splitlines()[0]) == ["tcbench", "show", str(out)]
     rows = list(csv.DictReader((out / "tables" / "conservation.csv").open()))
     assert [(r["integrator"], r["dt"]) for r in rows] == [
         ("midpoint_entropy", "0.1"), ("midpoint_entropy", "0.3"), ("tc_monolithic", "0.1"), ("tc_monolithic", "0.3"),

@@ -6,6 +6,7 @@ import json
 import math
 import sys
 from collections.abc import Mapping, Sequence
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
@@ -194,7 +195,7 @@ def _print_block(title: str, name: str, part: DataFrame) -> None:
 def print_contents(tables: Mapping[str, DataFrame], folder: Any) -> None:
     """Which tables there are, and how to see one."""
     put(make_table("\ntables", ["table", "rows"], [[name, str(len(t))] for name, t in tables.items()]))
-    say(f"\nOne of them: tcbench show {folder} --table NAME [-s SCENARIO] [-i INTEGRATOR]")
+    say(f"\nOne of them: tcbench show {quote(str(folder))} --table NAME [-s SCENARIO] [-i INTEGRATOR]")
 
 
 def print_row(row: Mapping[str, Any], verdicts: Mapping[str, str]) -> None:
@@ -285,4 +286,5 @@ def print_results(
     if summary.interrupted:
         say(f"Interrupted with {summary.left} cells left; the same command resumes.")
     if results.every:
-        say(f"Tables: {results.output}/tables/ (CSV and Parquet). To see them: tcbench show {results.output}")
+        see = f"tcbench show {quote(str(results.output))}"
+        say(f"Tables: {results.output}/tables/ (CSV and Parquet). To see them: {see}")
