@@ -14,9 +14,9 @@ from ..tc_taylor import SAFETY, best_of, order_of, refuses
 EXACT = {"energy", "entropy", "angular_momentum"}
 FINER = 0.03  # of the tolerance, for tc_gauss: at equal ones its error is ten times that of tc_taylor
 COST, COST_OF_ORDER = 0.33, 0.062  # an explicit step of order p takes the time of so many iterations, and of so many p
-# Microseconds on one machine, of which the ratio counts: of an explicit step and a line of its series; of a node in an
-# iteration and the square of the number of variables; of an iteration on vectors and that square.
-STEP, STEP_OF_LINE, NODE, NODE_OF_SQUARE = 0.06, 0.00035, 0.1, 0.0022
+# Microseconds on one machine, of which the ratio counts: of an explicit step and of an operation of its series; of a
+# node in an iteration and the square of the number of variables; of an iteration on vectors and that square.
+STEP, STEP_OF_SERIES, NODE, NODE_OF_SQUARE = 0.06, 0.00065, 0.1, 0.0022
 VECTORS, VECTORS_OF_SQUARE = 0.18, 0.0018
 SOURCE = "Taylor series or Gauss collocation, whichever is cheaper (docs/methods-explained.md)"
 
@@ -69,7 +69,7 @@ def step_in_iterations(gauss, taylor):
         return COST + COST_OF_ORDER * taylor.work.order
     n, vectors = taylor.size, gauss.work.n_lanes > 0
     iteration = VECTORS + VECTORS_OF_SQUARE * n * n if vectors else gauss.stages * (NODE + NODE_OF_SQUARE * n * n)
-    return (STEP + STEP_OF_LINE * taylor.lines) / iteration
+    return (STEP + STEP_OF_SERIES * taylor.series_time) / iteration
 
 
 def chosen(tolerance):

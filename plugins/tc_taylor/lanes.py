@@ -6,6 +6,7 @@ costs what one does. What is not alike is brought together by shuffling lanes (`
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -66,8 +67,9 @@ class Packs:
             keys = [(x.index, *(self.rank.get(id(part[i]), len(self.rank)) for part in parts), place.get(id(x), 0), i)
                     for i, x in enumerate(members)]  # fmt: skip
             members = [members[key[-1]] for key in sorted(keys)]
-            for i in range(0, len(members), WIDTH):
-                pack = tuple(members[i : i + WIDTH])
+            wide = math.ceil(len(members) / math.ceil(len(members) / WIDTH))  # six as three and three: space has three
+            for i in range(0, len(members), wide):
+                pack = tuple(members[i : i + wide])
                 self.home |= {id(x): (pack, lane) for lane, x in enumerate(pack)}
             operands = [x for part in self.parts(tuple(members)) for x in part]
             for x in operands + [x for x in members if x.kind != "var"]:
@@ -85,8 +87,8 @@ class Packs:
     def _steps(self, x: Series, ahead: int) -> int:
         key = (id(x), ahead)
         if key not in self.waits:
-            if x.kind == "sign":  # of its first coefficient: one sign may be made of another
-                found = 1 + self._steps(x.parts[0], 0)
+            if x.kind in ("sign", "guard"):  # of first coefficients: one sign may be made of another
+                found = 1 + max(self._steps(part, 0) for part in x.parts)
             elif x.constant:
                 found = 0
             elif x.kind == "var":
@@ -165,10 +167,21 @@ class Gathering:
             return None
         when = {product: max(map(self.known, product)) for product in products}
         ordered = sorted(products, key=lambda product: when[product])
-        ready = 0
-        for product in ordered:
-            ready = max(ready, when[product]) + 1
-        return self.name(" + ".join(" * ".join(product) for product in ordered), ready)
+
+        def chains(count: int) -> tuple[int, list[list[str]]]:
+            """So many sums, each term in the one that is known first; and when their sum is."""
+            sums, known = [[] for _ in range(count)], [0] * count
+            for product in ordered:
+                i = min(range(count), key=lambda i: known[i])
+                known[i] = max(known[i], when[product]) + 1
+                sums[i].append(" * ".join(product))
+            return max(known) + count - 1, sums
+
+        ready, sums = chains(1)
+        if len(ordered) > 2 and (other := chains(2))[0] < ready - 1:
+            ready, sums = other
+        texts = [" + ".join(x) for x in sums]
+        return self.name(texts[0] if len(texts) == 1 else " + ".join(f"({x})" for x in texts), ready)
 
     def lane(self, name: str, width: int, lane: int) -> str:
         return name if width == 1 else f"{name}[{lane}]"
@@ -183,7 +196,12 @@ class Gathering:
         if key not in self.rows:
             at, count = self.first + len(self.given), len(symbols)
             self.given += symbols
-            self.rows[key] = self.name(f"b[{at}]" if count == 1 else f"row(b, {at}, {count})")
+            if count == 3:  # of three numbers a processor loads two and one
+                self.given.append(trace.const(0.0))
+                whole = self.name(f"row(b, {at}, 4)")
+                self.rows[key] = self.name(f"pick({whole}, {whole}, 0, 1, 2)")
+            else:
+                self.rows[key] = self.name(f"b[{at}]" if count == 1 else f"row(b, {at}, {count})")
         return self.rows[key]
 
     def total(self, lanes: list[list[Term]]) -> str | None:

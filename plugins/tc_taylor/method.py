@@ -35,7 +35,7 @@ class TaylorMethod(Lending):
     """Taylor steps of one order on one system: fixed ones and adaptive runs. One run at a time has it."""
 
     def __init__(self, system: System, order: int) -> None:
-        self.loops, model, self.lines = prepared(system, order)
+        self.loops, model, self.series_time = prepared(system, order)
         self.counts = model.counts.again()
         self.tolerance = 0.0  # of the work
         self.reached: Floats | None = None  # where the run has come by marching
@@ -115,19 +115,20 @@ def operations(made: Kernel) -> int:
 
 
 @once_a_system
-def prepared(system: System, order: int) -> tuple[Any, Any, int]:
-    """What the methods of all runs share: compiled functions, a record that each makes `again`, lines of the series."""
+def prepared(system: System, order: int) -> tuple[Any, Any, float]:
+    """What the methods of all runs share: compiled functions, a record that each makes `again`, and the time of the
+    series, in operations; 0 of those on arrays."""
     from . import damping
     from .march import LOOPS  # LLVM is loaded when something runs, not when plugins are listed
     from .memory import Counts, Trials, Work
 
     c, elements = system.constant_values, system.defines("element_energy")
     if is_long(system):
-        made = (k and k.kernel(system.mesh) for k in kernels(system.by_arrays, order))
-        series, _, mend, hold, _, start, to_z = made
+        *made, series_time = kernels(system.by_arrays, order)
+        series, _, mend, hold, _, start, to_z = (k and k.kernel(system.mesh) for k in made)
         polynomial, given = on_arrays.polynomial_kernel(order, system.size), c
     else:
-        series, polynomial, mend, hold, setup, start, to_z = kernels(system.symbolic, order)
+        series, polynomial, mend, hold, setup, start, to_z, series_time = kernels(system.symbolic, order)
         given = np.concatenate([c, setup(c, c)])
     n_kinks = (series.size - 2) // (order + 1) - system.size
     work = Work(
@@ -138,22 +139,22 @@ def prepared(system: System, order: int) -> tuple[Any, Any, int]:
         counts=Counts(), trials=Trials(), **damping.sizes(system),
         **damping.fields(order if order <= damping.MOST_ORDER or not elements else 0),
     )  # fmt: skip
-    return LOOPS, work, series.text.count("\n")
+    return LOOPS, work, series_time
 
 
 @once
 def kernels(system: System, order: int) -> tuple[Any, ...]:
-    """(series, polynomial, mend, hold, setup, start, to z) of all systems of one structure, by `System.symbolic`; of
-    one kind, by `by_arrays`, without polynomial and setup."""
+    """(series, polynomial, mend, hold, setup, start, to z, time of the series) of all systems of one structure, by
+    `System.symbolic`; of one kind, by `by_arrays`, without polynomial, setup and time."""
     elements = system.defines("element_energy")
     with trace.tracing():
         start, mend, hold, fixed = (of_elements if elements else of_any)(system)
         if system.by_array:
             y = system.unknowns("y")
             to_z = system.compiled([y], [system.entropy_variables(y) if elements else y])
-            return on_arrays.series_kernel(system, order), None, mend, hold, None, start, to_z
-        series, polynomial, more = series_kernels(system, order, system.n_constant_values + len(fixed))
+            return on_arrays.series_kernel(system, order), None, mend, hold, None, start, to_z, 0.0
+        series, polynomial, more, series_time = series_kernels(system, order, system.n_constant_values + len(fixed))
         setup = kernel(system.constant_symbols(), [*fixed, *more])
     z = system.unknowns("z")
     to_z = system.kernel("entropy_variables")[0] if elements else system.compiled([z], [z])
-    return series, polynomial, mend, hold, setup, start, to_z
+    return series, polynomial, mend, hold, setup, start, to_z, series_time

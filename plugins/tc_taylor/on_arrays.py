@@ -129,6 +129,10 @@ class Coefficients:
         u = self.of(x.parts[0], 0)
         return u / (abs(u) + STANDING)
 
+    def _guard(self, x: Series, _: int) -> Symbol:
+        a, b = (self.of(part, 0) for part in x.parts)
+        return STANDING * (a * b).sqrt()
+
     def _atan2(self, x: Series, n: int) -> Symbol:
         """From how fast the angle turns."""
         turn, above, below = x.parts

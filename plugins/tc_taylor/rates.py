@@ -20,10 +20,10 @@ from tcbench.compiler import derivatives as trace
 from tcbench.compiler.array_states import entries, refilled
 from tcbench.compiler.derivatives import Symbol
 
-from .lanes import reachable
+from .lanes import Packs, is_square, reachable
 from .series import ONE, ZERO, Linear, Monomial, Normal, Series, combined
 
-FEWER = 0.9  # factored, a system has so many of its series at most; else the longer chains of operations cost more
+FEWER = 0.9  # another form has so many of the plain one's operations at most: its chains of operations may be longer
 
 
 def rates(system: System) -> tuple[list[Series], list[Series]]:
@@ -32,15 +32,24 @@ def rates(system: System) -> tuple[list[Series], list[Series]]:
 
 
 def shorter(sym: Any, y: Any) -> tuple[list[Series], list[Series]]:
-    """The same by a system's `symbolic` or `by_arrays`, y a fresh state; in the normal form that has fewer series."""
+    """The same by a system's `symbolic` or `by_arrays`, y a fresh state; in the normal form that takes least."""
     of = of_elements if sym.defines("element_energy") else of_any
-    plain, factored = (of(sym, y, form(entries(y))) for form in (Normal, Factored))
-    return factored if operations(factored) < FEWER * operations(plain) else plain
+    plain, *others = (of(sym, y, form(entries(y))) for form in (Normal, Factored, Apart))
+    cost = operations if sym.by_array else products
+    best = min(others, key=cost)
+    return best if cost(best) < FEWER * cost(plain) else plain
 
 
-def operations(found: tuple[list[Series], list[Series]]) -> int:
+def operations(found: tuple[list[Series], list[Series]]) -> float:
     """How many series there are that cost something."""
     return sum(x.kind not in ("sum", "D") for x in reachable([*found[0], *found[1]]))
+
+
+def products(found: tuple[list[Series], list[Series]]) -> float:
+    """How many Cauchy products a coefficient takes, those of a pack at once."""
+    packs = {id(pack): pack for pack, _ in Packs(dict(enumerate(found[1])), found[0]).home.values()}
+    kinds = ((pack[0].kind, is_square(pack[0])) for pack in packs.values())
+    return sum(0.0 if kind in ("var", "sign", "guard") else 0.5 if square else 1.0 for kind, square in kinds)
 
 
 def of_any(sym: Any, z: Any, normal: Normal) -> tuple[list[Series], list[Series]]:
@@ -119,6 +128,15 @@ class Factored(Normal):
                 key = self.merged(((self.series("quotient", whole), 1),), variables)
             changed = combined(changed, {key: weight}, ONE)
         return super().single(changed)
+
+
+class Apart(Normal):
+    """As `Normal`; of several terms over one denominator each is a quotient, as other rates have them, too."""
+
+    def over(self, above: Linear, below: Series) -> Linear:
+        return {
+            ((self.series("quotient", (self._sum({key: ONE}), below)), 1),): weight for key, weight in above.items()
+        }
 
 
 def degree(key: Monomial) -> int:

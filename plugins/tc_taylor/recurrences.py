@@ -7,7 +7,6 @@ Zou (2005), section 3; docs/methods-explained.md.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Sequence
 
 from tcbench.compiler import derivatives as trace
@@ -144,13 +143,13 @@ class Writer(Gathering):
     def _inverse(self, pack: Pack, above: float = 1.0) -> str:
         return self.name(f"{above!r} / {self.value(pack, 0)}")
 
-    def _lanewise(self, function: str, pack: Pack, of_size: Sequence[bool] = ()) -> str:
+    def _of_first(self, function: str, pack: Pack, of_size: Sequence[bool] = ()) -> str:
         """A function of the first coefficients, or of the size of some."""
         name = str(self.value(pack, 0))
-        lanes = [name] if len(pack) == 1 else [f"{name}[{i}]" for i in range(len(pack))]
-        lanes = [f"abs({x})" if size else x for x, size in itertools.zip_longest(lanes, of_size)]
-        texts = [f"{function}({x})" for x in lanes]
-        return self.name(texts[0] if len(texts) == 1 else f"vector({', '.join(texts)})")
+        if any(of_size):
+            lanes = [self.lane(name, len(pack), i) for i in range(len(pack))]
+            name = packed([f"abs({x})" if size else x for x, size in zip(lanes, of_size, strict=True)])
+        return self.name(f"{function}({name})")
 
     # ---- one recurrence a kind -----------------------------------------------------------------------------
 
@@ -214,10 +213,16 @@ class Writer(Gathering):
         return self.summed(pack, n, older, [(twice(0), self.value(a, n, part))], what=what)
 
     def _quotient(self, pack: Pack, n: int, part: int) -> str | None:
+        """(u_n - sum_(0<j<=n) v_j q_(n-j)) / v_0: one operation from the newest of u on, and from that of v."""
         above, below = self.packs.parts(pack)
-        last = [(self.value(below, n, part), self.value(pack, 0))] if n else []
-        known = self.convolution(pack, n, self._of(below), self._of(pack), last)
-        return self._divided(self.value(above, n, part), known, self._inverse(below))
+        inverse, newest = self._inverse(below), self.value(above, n, part)
+        if n == 0:
+            return newest and self.name(f"{newest} * {inverse}")
+        known = self.convolution(pack, n, self._of(below), self._of(pack), [])
+        whole = [(newest, inverse), (known, self.name(f"-{inverse}"))]
+        if first := self.value(pack, 0):
+            whole.append((self.value(below, n, part), self.name(f"-{first} * {inverse}")))
+        return self.sum_of([x for x in whole if all(x)])
 
     def _log_rate(self, pack: Pack, n: int, part: int = WHOLE) -> str | None:
         """n times coefficient n of log u: (n u_n - sum_(0<j<n) (j l_j) u_(n-j)) / u_0."""
@@ -231,7 +236,7 @@ class Writer(Gathering):
 
     def _log(self, pack: Pack, n: int, part: int) -> str | None:
         if n == 0:
-            return self._lanewise("log", *self.packs.parts(pack), [x.of_size for x in pack])
+            return self._of_first("log", *self.packs.parts(pack), [x.of_size for x in pack])
         rate = self._log_rate(pack, n, part)
         return rate if rate is None or n == 1 else self.name(f"{1.0 / n!r} * {rate}")
 
@@ -241,12 +246,12 @@ class Writer(Gathering):
 
     def _exp(self, pack: Pack, n: int, part: int) -> str | None:
         (u,) = self.packs.parts(pack)
-        return self._risen(pack, u, n, part, self._of(pack)) if n else self._lanewise("exp", u)
+        return self._risen(pack, u, n, part, self._of(pack)) if n else self._of_first("exp", u)
 
     def _sqrt(self, pack: Pack, n: int, part: int) -> str | None:
         (u,) = self.packs.parts(pack)
         if n == 0:
-            return self._lanewise("sqrt", u)
+            return self._of_first("sqrt", u)
         known = self.convolution(pack, n, self._of(pack), self._of(pack), [])
         return self._divided(self.value(u, n, part), known, self._inverse(pack, 0.5))
 
@@ -255,7 +260,7 @@ class Writer(Gathering):
 
         def make() -> str | None:
             if n == 0:
-                return self._lanewise(what, u)
+                return self._of_first(what, u)
             other, sign = PARTNERS[what]
             last = self.value(u, n, part)
             if last and sign < 0.0:
@@ -278,13 +283,13 @@ class Writer(Gathering):
 
     def _tanh(self, pack: Pack, n: int, part: int) -> str | None:
         (u,) = self.packs.parts(pack)
-        return self._risen(pack, u, n, part, self._bell(pack, "-")) if n else self._lanewise("tanh", u)
+        return self._risen(pack, u, n, part, self._bell(pack, "-")) if n else self._of_first("tanh", u)
 
     def _atan(self, pack: Pack, n: int, part: int) -> str | None:
         (u,) = self.packs.parts(pack)
         bell = self._bell(u, "+")
         if n == 0:
-            return self._lanewise("atan", u)
+            return self._of_first("atan", u)
         known = self.convolution(pack, n, self._slope(pack), bell, [], 1.0 / n)
         return self._divided(self.value(u, n, part), known, self.name(f"1.0 / {bell(0)}"))
 
@@ -293,8 +298,13 @@ class Writer(Gathering):
         (u,) = self.packs.parts(pack)
         if n:
             return None
-        size = self.name(f"{self._lanewise('abs', u)} + {STANDING!r}")
+        size = self.name(f"{self._of_first('abs', u)} + {STANDING!r}")
         return self.name(f"{self.value(u, 0)} / {size}")
+
+    def _guard(self, pack: Pack, n: int, part: int) -> str | None:
+        """No number, where the signs of two differ at the start."""
+        x, y = (self.value(side, 0) or "0.0" for side in self.packs.parts(pack))
+        return None if n else self.name(f"{STANDING!r} * sqrt({x} * {y})")
 
     def _atan2(self, pack: Pack, n: int, _: int) -> str | None:
         """From how fast the angle turns."""
@@ -302,7 +312,10 @@ class Writer(Gathering):
         if n == 0:
             sides = [self.value(side, 0) for side in (y, x)]
             lanes = [[self.lane(s, len(pack), i) if s else "0.0" for s in sides] for i in range(len(pack))]
-            texts = [f"atan2({', '.join(lane)})" for lane in lanes]
-            return self.name(texts[0] if len(texts) == 1 else f"vector({', '.join(texts)})")
+            return self.name(packed([f"atan2({', '.join(lane)})" for lane in lanes]))
         rate = self.value(turn, n - 1)
         return rate if rate is None or n == 1 else self.name(f"{1.0 / n!r} * {rate}")
+
+
+def packed(texts: Sequence[str]) -> str:
+    return texts[0] if len(texts) == 1 else f"vector({', '.join(texts)})"

@@ -23,7 +23,8 @@ UNARY = ("log", "exp", "sqrt", "sin", "cos", "sinh", "cosh", "tanh", "atan")
 class Series:
     """A series in time; equal ones are one object.
 
-    kind  : var, sum, product, quotient, D (time derivative), sign or the name of a function.
+    kind  : var, sum, product, quotient, D (time derivative), sign, guard (no number where two have not the same sign,
+            else as good as 0) or the name of a function.
     parts : series it is made of. weights : of a sum, (constant, ...) beside its parts, and last the constant term.
     of_size : of a logarithm: of the size of its part, which may be negative.
     index : of a variable; of an operation that leads from one space of arrays to another its value.
@@ -41,7 +42,7 @@ class Series:
 Monomial = tuple[tuple[Series, int], ...]  # factors and exponents, in the order of their first appearance
 Linear = dict[Monomial, Symbol]  # a sum of constants times monomials; () is the constant term
 ONE, ZERO = trace.const(1.0), trace.const(0.0)
-STANDING = 1e-300  # beside a size: the sign of 0 is 0
+STANDING = 1e-300  # beside a size: the sign of 0 is 0; of a root, which shows only where it is no number
 
 
 class Normal:
@@ -144,24 +145,31 @@ class Normal:
         return {((self.series(name, (self.single(form),)), 1),): ONE}
 
     def _logarithm(self, key: Monomial, weight: Symbol) -> Linear:
-        """log(weight x^a y^b ...) as log weight + a log|x| + ..., but for what has to be positive together."""
+        """log(weight x^a y^b ...) as log weight + a log|x| + ..., but for what has to be positive together: of two that
+        alone is looked at."""
         powers = dict(key)
         odd = [x for x, power in key if power % 2 and x.kind != "exp"]
         negative = weight.op == "neg" or (weight.op == "const" and weight.value < 0.0)
-        if odd and (negative or len(odd) > 1):
+        two = len(odd) == 2 and not negative
+        if odd and not two and (negative or len(odd) > 1):
             together = self.single({tuple((x, 1) for x in odd): trace.const(-1.0 if negative else 1.0)})
             weight = trace.neg(weight) if negative else weight
             powers = {x: power - (x in odd) for x, power in powers.items() if power != 1 or x not in odd}
             powers[together] = 1
         result: Linear = {} if trace.is_const(weight, 1.0) else {(): weight.log()}
         for x, power in powers.items():
-            part = self.form_of[id(x)] if x.kind == "exp" else {((self._log(x, power), 1),): ONE}
+            of_size = power % 2 == 0 or (two and x in odd)
+            part = self.form_of[id(x)] if x.kind == "exp" else {((self._log(x, of_size), 1),): ONE}
             result = combined(result, part, trace.const(float(power)))
-        return result
+        return combined(result, self.still("guard", *odd), ONE) if two else result
 
     def sign(self, form: Linear) -> Linear:
         """Of a sum: constant in a step."""
-        found = self.series("sign", (self.single(form),))
+        return self.still("sign", self.single(form))
+
+    def still(self, kind: str, *parts: Series) -> Linear:
+        """Of what they are at the start of a step."""
+        found = self.series(kind, parts)
         found.constant = True
         return {((found, 1),): ONE}
 
@@ -176,10 +184,10 @@ class Normal:
             found = self.times(found, self.sign({((x, 1),): ONE})) if power % 4 and x.kind != "exp" else found
         return found
 
-    def _log(self, x: Series, power: int) -> Series:
-        """The series of log x, or of log|x| where it is to be multiplied by an even number."""
+    def _log(self, x: Series, of_size: bool) -> Series:
+        """The series of log x, or of log|x|."""
         found = self.series("log", (x,))
-        found.of_size = found.of_size or power % 2 == 0
+        found.of_size = found.of_size or of_size
         return found
 
     def _exponential(self, form: Linear) -> Linear:
@@ -234,6 +242,8 @@ class Normal:
                     return trace.mul(parts[0], trace.reciprocal(parts[1]))
             if x.kind in LINEAR:
                 return rebuilt(x.kind, parts, x.index)
+            if x.kind == "guard":
+                return STANDING * trace.mul(*parts).sqrt()
             if x.kind == "sign":
                 return parts[0] / (abs(parts[0]) + trace.TINY)
             inside = abs(parts[0]) if x.of_size else parts[0]
@@ -315,11 +325,15 @@ class Normal:
             groups.setdefault(below, {})[self.one_key((x, k) for x, k in key if k > 0)] = weight
         parts: Linear = groups.pop((), {})
         for below, above in groups.items():
-            leading = next(iter(above.values()))  # multiples of a quotient are one series
-            leading = leading if leading.op == "const" else ONE
-            top = self._sum(scaled(above, trace.reciprocal(leading)))
-            parts = combined(parts, {((self.series("quotient", (top, self._product(below))), 1),): leading}, ONE)
+            parts = combined(parts, self.over(above, self._product(below)), ONE)
         return self._sum(parts)
+
+    def over(self, above: Linear, below: Series) -> Linear:
+        """A sum over a product: multiples of a quotient are one series."""
+        leading = next(iter(above.values()))
+        leading = leading if leading.op == "const" else ONE
+        top = self._sum(scaled(above, trace.reciprocal(leading)))
+        return {((self.series("quotient", (top, below)), 1),): leading}
 
     def _sum(self, form: Linear) -> Series:
         if len(form) == 1:

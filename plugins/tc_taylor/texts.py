@@ -19,11 +19,11 @@ from .recurrences import Writer
 from .series import Series
 
 MOST_AHEAD = 16  # variables of systems whose coefficients may go ahead
-WORK = 0.17  # time of a line, over that of an operation which waits for the one before: a chain of these goes on beside
+WORK = 0.2  # time of a product, over that of an operation which waits for the one before
 
 
-def series_kernels(system: System, order: int, first: int) -> tuple[Kernel, Kernel, list[Symbol]]:
-    """(series, polynomial, constants) of one structure of system; nothing is compiled yet.
+def series_kernels(system: System, order: int, first: int) -> tuple[Kernel, Kernel, list[Symbol], float]:
+    """(series, polynomial, constants, `time_of` the series) of one structure of system; nothing is compiled yet.
 
     series(y, given) -> coefficients 0 .. order of y, each of the size of y; the squared sizes of the last two: see
         `squared_size`; coefficients 0 .. order of what has kinks. The constants of the list stand in `given` from
@@ -33,13 +33,13 @@ def series_kernels(system: System, order: int, first: int) -> tuple[Kernel, Kern
     variables, rate = rates(system)
     size = system.size
     ways = (False, True) if may_go_ahead(variables, rate) else (False,)
-    writer, stored = min((coefficients(variables, rate, order, first, way) for way in ways), key=time_of)
+    writer, stored = found = min((coefficients(variables, rate, order, first, way) for way in ways), key=time_of)
     for at, k in enumerate((order - 1, order)):
         stored.append(f"out[{(order + 1) * size + at}] = {squared_size(writer, system, variables, k)}")
     turns = [writer.value((u,), k) or "0.0" for k in range(order + 1) for u in kinks(rate)]
     stored += [f"out[{(order + 1) * size + 2 + i}] = {turn}" for i, turn in enumerate(turns)]
     series = written([*writer.lines, *stored], (order + 1) * size + 2 + len(turns))
-    return series, polynomial_kernel(order, size), writer.given
+    return series, polynomial_kernel(order, size), writer.given, time_of(found)
 
 
 def may_go_ahead(variables: list[Series], rate: list[Series]) -> bool:
@@ -57,8 +57,9 @@ def coefficients(
 
 
 def time_of(found: tuple[Writer, list[str]]) -> float:
-    """In operations that wait for each other, or that many at once leave no place for more."""
-    return max(max(found[0].ready.values()), WORK * len(found[0].lines))
+    """In operations that wait for each other: their longest chain, and what all products add."""
+    writer, _ = found
+    return max(writer.ready.values()) + WORK * sum(line.count("*") for line in writer.lines)
 
 
 def squared_size(writer: Writer, system: System, variables: list[Series], k: int) -> str:

@@ -203,7 +203,9 @@ class Expressions(Arithmetic):
         if function in (min, max):
             return self._extreme(node, "gt" if function is max else "lt")
         if function is abs:
-            kind, x = self.number(node.args[0])
+            if short_vectors.width_of((value := self.value(node.args[0])).kind):
+                return short_vectors.elementary(self, "llvm.fabs.f64", value.kind, [self.part(value)])
+            kind, x = value.kind, self.part(value)
             if kind == FLOAT:
                 return Value(FLOAT, (self.machine_call("llvm.fabs.f64", x),))
             negative, minus = self.emit(f"icmp slt i64 {x}, 0"), self.emit(f"sub i64 0, {x}")
@@ -220,8 +222,10 @@ class Expressions(Arithmetic):
             target = INT if function is int else FLOAT
             return Value(target, (self.convert(node, Value(kind, (x,)), target),))
         if function in INTRINSICS or function in LIBRARY:
-            arguments = [self.number(x, FLOAT)[1] for x in node.args]
-            return Value(FLOAT, (self.machine_call(INTRINSICS.get(function) or LIBRARY[function], *arguments),))
+            name, values = INTRINSICS.get(function) or LIBRARY[function], [self.value(x) for x in node.args]
+            if width := max(short_vectors.width_of(x.kind) for x in values):
+                return short_vectors.elementary(self, name, *short_vectors.common(self, node, width, values))
+            return Value(FLOAT, (self.machine_call(name, *(self.convert(node, x, FLOAT) for x in values)),))
         if function is language.bits:
             return Value(INT, (self.emit(f"bitcast double {self.number(node.args[0], FLOAT)[1]} to i64"),))
         if function is language.from_bits:

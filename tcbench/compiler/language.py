@@ -133,7 +133,9 @@ def _without_errors(name: str) -> Callable[..., float]:
     """A function of `math` that gives what numpy gives where `math` raises an error: infinity or NaN."""
     exact, limit = getattr(math, name), getattr(np, NUMPY_NAMES.get(name, name))
 
-    def function(*x: float) -> float:
+    def function(*x: Any) -> Any:
+        if isinstance(x[0], np.ndarray):  # a short vector
+            return np.array([function(*numbers) for numbers in zip(*x, strict=True)])
         try:
             return np.float64(exact(*x))
         except (ValueError, OverflowError):

@@ -6,9 +6,6 @@ maps to whatever the machine has (AVX-512, AVX2, SSE2, NEON), exp and log includ
 
 from __future__ import annotations
 
-import math
-import struct
-import sys
 from collections.abc import Sequence
 from typing import Any
 
@@ -18,6 +15,7 @@ from llvmlite import ir
 
 from .derivatives import Symbol, topological
 from .kernels import WIDTH
+from .vector_functions import VectorFunctions
 
 DOUBLE, INT = ir.DoubleType(), ir.IntType(64)
 POINTER = ir.PointerType(DOUBLE)
@@ -25,23 +23,13 @@ FLAGS = ("contract",)  # fused multiply-add
 VECTOR, INTEGERS = ir.VectorType(DOUBLE, WIDTH), ir.VectorType(INT, WIDTH)
 OPERATIONS = {"add", "sub", "mul", "neg", "recip", "sqrt", "exp", "log", "pow", "mark", "const", "var"}
 
-ROUND = 1.5 * 2.0**52  # adding it rounds to an integer, which then stands in the low bits
-LN2_HIGH, LN2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10  # their sum is ln 2 to 33 more digits
-EXP_SERIES = [1.0 / math.factorial(k) for k in range(14)]  # |r| <= ln(2)/2: the first omitted term is 4e-18
-LOG_SERIES = [  # log((1 + s)/(1 - s)) = 2s + s R(s^2) for s^2 < 0.0295, error 2^-58 (Sun's fdlibm, e_log.c)
-    6.666666666666735130e-01, 3.999999999940941908e-01, 2.857142874366239149e-01, 2.222219843214978396e-01,
-    1.818357216161805012e-01, 1.531383769920937332e-01, 1.479819860511658591e-01,
-]  # fmt: skip
-SMALLEST = sys.float_info.min
-LARGEST_EXP, SMALLEST_EXP = math.log(sys.float_info.max), math.log(SMALLEST)
-
 
 def can_express(outputs: Sequence[Symbol]) -> bool:
     """Whether every operation of these graphs has a form on vectors."""
     return all(node.op in OPERATIONS for node in topological(outputs))
 
 
-class Lanes:
+class Lanes(VectorFunctions):
     """One kernel(a, b, out) under construction; values are vectors of WIDTH doubles, offsets count doubles."""
 
     def __init__(self) -> None:
@@ -88,17 +76,20 @@ class Lanes:
         values = [float(value)] * WIDTH if np.ndim(value) == 0 else [float(x) for x in value]
         return ir.Constant(VECTOR, [*values, *[values[0]] * (WIDTH - len(values))])
 
-    def add(self, x: Any, y: Any) -> Any:
-        return self.build.fadd(x, y, flags=FLAGS)
+    def real(self, operation: str, x: Any, y: Any) -> Any:
+        return getattr(self.build, operation)(x, y, flags=FLAGS)
 
-    def sub(self, x: Any, y: Any) -> Any:
-        return self.build.fsub(x, y, flags=FLAGS)
+    def whole(self, operation: str, x: Any, y: Any) -> Any:
+        return getattr(self.build, operation)(x, y)
 
-    def mul(self, x: Any, y: Any) -> Any:
-        return self.build.fmul(x, y, flags=FLAGS)
+    def everywhere(self, value: int) -> Any:
+        return ir.Constant(INTEGERS, [value] * WIDTH)
 
-    def divide(self, x: Any, y: Any) -> Any:
-        return self.build.fdiv(x, y, flags=FLAGS)
+    def as_bits(self, x: Any) -> Any:
+        return self.build.bitcast(x, INTEGERS)
+
+    def from_bits(self, x: Any) -> Any:
+        return self.build.bitcast(x, VECTOR)
 
     def combine(self, weights: Any, values: Sequence[Any]) -> Any:
         """The sum of weights[:, l] values[l]; numbers of `weights` by lane, values as vectors."""
@@ -108,56 +99,11 @@ class Lanes:
             total = self.add(total, self.mul(column, value))
         return total
 
-    def polynomial(self, coefficients: Sequence[float], x: Any) -> Any:
-        """In Estrin's order: short chains of operations."""
-        terms = [self.constant(c) for c in coefficients]
-        while len(terms) > 1:
-            pairs = [self.add(low, self.mul(high, x)) for low, high in zip(terms[::2], terms[1::2], strict=False)]
-            terms = pairs + terms[len(pairs) * 2 :]
-            x = self.mul(x, x)
-        return terms[0]
-
     def select(self, test: str, x: Any, y: Any, yes: Any, no: Any) -> Any:
         return self.build.select(self.build.fcmp_ordered(test, x, y), yes, no)
 
     def smaller(self, x: Any, y: Any) -> Any:
         return self.select("<", x, y, x, y)
-
-    def exp(self, x: Any) -> Any:
-        """Within an ulp; infinite where it overflows, 0 where it is below the smallest normal number, NaN of NaN."""
-        given, top, bottom = x, self.constant(LARGEST_EXP), self.constant(SMALLEST_EXP)
-        x = self.select(">", x, top, top, x)
-        x = self.select("<", x, bottom, bottom, x)
-        shifted = self.add(self.mul(x, self.constant(1.0 / math.log(2.0))), self.constant(ROUND))
-        n = self.sub(shifted, self.constant(ROUND))
-        r = self.sub(self.sub(x, self.mul(n, self.constant(LN2_HIGH))), self.mul(n, self.constant(LN2_LOW)))
-        exponent = self.build.shl(self.build.bitcast(shifted, INTEGERS), ir.Constant(INTEGERS, [52] * WIDTH))
-        tail = self.add(r, self.mul(self.mul(r, r), self.polynomial(EXP_SERIES[2:], r)))
-        bits = self.build.bitcast(self.add(self.constant(1.0), tail), INTEGERS)
-        value = self.build.bitcast(self.build.add(bits, exponent), VECTOR)
-        value = self.select(">", given, top, self.constant(math.inf), value)
-        return self.select("<", given, bottom, self.constant(0.0), value)
-
-    def log(self, x: Any) -> Any:
-        """Within an ulp; as numpy's: -infinity of 0, infinity of infinity, NaN where x is negative or NaN."""
-        given, least = x, self.constant(SMALLEST)
-        x = self.select("<", x, least, self.mul(x, self.constant(2.0**54)), x)  # subnormal numbers
-        bits = self.build.bitcast(x, INTEGERS)
-        half = ir.Constant(INTEGERS, [_bits(math.sqrt(0.5))] * WIDTH)
-        e = self.build.ashr(self.build.sub(bits, half), ir.Constant(INTEGERS, [52] * WIDTH))
-        mantissa = self.build.sub(bits, self.build.shl(e, ir.Constant(INTEGERS, [52] * WIDTH)))
-        f = self.sub(self.build.bitcast(mantissa, VECTOR), self.constant(1.0))
-        whole = self.build.bitcast(self.build.add(e, ir.Constant(INTEGERS, [_bits(ROUND)] * WIDTH)), VECTOR)
-        n = self.sub(whole, self.select("<", given, least, self.constant(ROUND + 54.0), self.constant(ROUND)))
-        s = self.divide(f, self.add(self.constant(2.0), f))
-        z = self.mul(s, s)
-        half_square = self.mul(self.constant(0.5), self.mul(f, f))
-        tail = self.mul(s, self.add(half_square, self.mul(z, self.polynomial(LOG_SERIES, z))))
-        tail = self.sub(half_square, self.add(tail, self.mul(n, self.constant(LN2_LOW))))
-        value = self.sub(self.mul(n, self.constant(LN2_HIGH)), self.sub(tail, f))
-        of_rest = self.select("==", x, self.constant(0.0), self.constant(-math.inf), self.constant(math.nan))
-        value = self.select(">", x, self.constant(0.0), value, of_rest)
-        return self.select("==", x, self.constant(math.inf), x, value)
 
     def pow(self, x: Any, y: Any) -> Any:
         """Of a positive x; to a few ulp where the logarithm of the power is of the order of one."""
@@ -225,7 +171,3 @@ class Lanes:
     def text(self) -> str:
         self.build.ret_void()
         return str(self.module)
-
-
-def _bits(x: float) -> int:
-    return int(struct.unpack("<q", struct.pack("<d", x))[0])

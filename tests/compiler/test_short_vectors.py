@@ -52,3 +52,31 @@ def test_compiled_vectors_are_those_of_plain_python(numbers):
 def test_what_makes_no_sense_is_refused(line, why):
     with pytest.raises(TranslationError, match=why):
         Kernel(f"def kernel(a, b, out):\n    {line}\n", 1)(np.ones(4), np.ones(4))
+
+
+EDGES = np.array(
+    [0.0, -0.0, 1.0, -1.0, 0.5, 1e-310, 5e-324, 1e300, 709.7, 709.8, -708.3, -740.0, np.inf, -np.inf, np.nan, 2.0]
+)
+
+
+@pytest.mark.parametrize("width", [2, 3, 4])
+@pytest.mark.parametrize("name", ["exp", "log", "sqrt", "abs", "sin", "tanh", "expm1"])
+def test_functions_of_vectors_are_those_of_their_lanes(name, width):
+    """To an ulp or two, at the limits of numbers, too; exp is 0 where it would be below the smallest normal number."""
+    text = f"def kernel(a, b, out):\n    put(out, 0, {name}(row(a, 0, {width})))\n"
+    of_vector, function = Kernel(text, width), getattr(np, name)
+    random = np.random.default_rng(1).uniform(-700.0, 700.0, 300)
+    for start in range(0, 300, width):
+        for x in (np.roll(EDGES, start)[:width], random[start : start + width], np.exp(random[start : start + width])):
+            x = np.resize(x, width)
+            with np.errstate(all="ignore"):
+                expected = function(x)
+            found = of_vector(x, x)
+            tiny = 2.3e-308 if name == "exp" else 0.0
+            assert np.allclose(found, expected, rtol=1e-15, atol=tiny, equal_nan=True), (x, found, expected)
+            assert np.allclose(in_python(text, x, width), expected, rtol=1e-15, atol=tiny, equal_nan=True)
+
+
+def test_a_function_of_a_vector_and_a_number_takes_the_number_in_every_lane():
+    text = "def kernel(a, b, out):\n    put(out, 0, pow(row(a, 0, 2), 3.0))\n"
+    assert np.allclose(Kernel(text, 2)(np.array([2.0, 3.0]), np.ones(1)), [8.0, 27.0])

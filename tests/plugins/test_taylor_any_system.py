@@ -30,7 +30,7 @@ def test_series_begin_with_the_rates_and_lanes_and_plain_python_agree(name, monk
     for width, work in ((4, 1.0), (1, 1.0), (4, -1.0)):
         monkeypatch.setattr(lanes, "WIDTH", width)
         monkeypatch.setattr(texts, "WORK", work)
-        series, _, more = series_kernels(system, ORDER, len(system.constant_values))
+        series, _, more, _ = series_kernels(system, ORDER, len(system.constant_values))
         setup = kernel(system.constant_symbols(), more)(system.constant_values, system.constant_values)
         given = np.concatenate([system.constant_values, setup])
         found.append(series(scenario.z0, given))
@@ -146,3 +146,46 @@ def test_what_cancels_is_a_constant():
     scenario = tcbench.Scenario("c", Cancels, {"sites": 2}, initial={"a": 1, "b": 0.1, "u": 1}, t_end=2, dt=0.1)
     ends = [tcbench.simulate(method, scenario, tolerance=1e-11).z[-1] for method in ("tc_taylor", "solve_ivp_dop853")]
     assert ends[0] == pytest.approx(ends[1], rel=1e-9)
+
+
+class Vortices(tcbench.System):
+    """Three vortices in the plane that drift along the slope of their energy, which becomes heat."""
+
+    variables = {"x": (3,), "y": (3,), "s": ()}
+    constants = {"strength": (3,), "drift": ()}
+    positive = ("strength",)
+
+    def energy(self, z):
+        pairs = ((0, 1), (1, 2), (2, 0))
+        logs = [np.log((z.x[i] - z.x[j]) ** 2 + (z.y[i] - z.y[j]) ** 2) for i, j in pairs]
+        return np.exp(z.s) - sum(
+            self.strength[i] * self.strength[j] * log for (i, j), log in zip(pairs, logs, strict=True)
+        )
+
+    def entropy(self, z):
+        return z.s
+
+    def reversible(self, z, dE, dS):
+        return {"x": dE.y / self.strength, "y": -dE.x / self.strength}
+
+    def irreversible(self, z, dE, dS):
+        return {"x": -self.drift * dE.x, "y": -self.drift * dE.y,
+                "s": self.drift * (dE.x @ dE.x + dE.y @ dE.y) / dE.s}  # fmt: skip
+
+    def temperature(self, z, dE, dS):
+        return dE.s
+
+
+def test_what_rates_divide_by_the_same_is_divided_once(monkeypatch):
+    """Both motions of a vortex are of (x_i - x_j)/r^2 and (y_i - y_j)/r^2 for three pairs, with weights of their own;
+    and what belongs to a pair stands in a lane of its own, which needs no shuffling."""
+    monkeypatch.setattr(lanes, "WIDTH", 4)  # of processors that have such vectors
+    scenario = tcbench.Scenario(
+        "three_vortices", Vortices, {"strength": [1, 2, 1.5], "drift": 0.02},
+        initial={"x": [0, 1, 0.3], "y": [0, 0.1, 0.9], "s": 0.1}, t_end=1, dt=0.1,
+    )  # fmt: skip
+    variables, rate = rates(scenario.model)
+    quotients = [x for x in lanes.reachable(rate) if x.kind == "quotient"]
+    assert len(quotients) == 7  # one is of the heat
+    home = lanes.Packs(dict(enumerate(rate)), variables).home
+    assert sorted(len(home[id(x)][0]) for x in quotients) == [1, *[3] * 6]

@@ -15,7 +15,7 @@ from tcbench_plugins.tc_taylor import lanes, march
 from tcbench_plugins.tc_taylor.march import step_length
 from tcbench_plugins.tc_taylor.method import TaylorMethod, kernels
 from tcbench_plugins.tc_taylor.on_arrays import Coefficients
-from tcbench_plugins.tc_taylor.rates import Factored, rates
+from tcbench_plugins.tc_taylor.rates import Apart, Factored, rates
 from tcbench_plugins.tc_taylor.recurrences import Writer
 from tcbench_plugins.tc_taylor.series import Normal
 from tcbench_plugins.tc_taylor.texts import may_go_ahead, series_kernels, written
@@ -37,6 +37,7 @@ FUNCTIONS = {
     "product": lambda m, y: y * y * (1 + y),
     "quotient": lambda m, y: (1 + y) / (2 + y * y),
     "log": lambda m, y: m.log(2 + y * y) * y,
+    "log of a quotient": lambda m, y: m.log((2 + y) / (3 - y)) + m.log((y - 4) * (y - 3)) * y,
     "exp": lambda m, y: m.exp(-y * y / 2),
     "sqrt": lambda m, y: m.sqrt(1 + y * y),
     "sin and cos": lambda m, y: m.sin(2 * y) - m.cos(y) * y,
@@ -62,7 +63,7 @@ class Precise:
         return getattr(mpmath, OTHER_NAMES.get(name, name))
 
 
-@pytest.mark.parametrize("form", [Normal, Factored])
+@pytest.mark.parametrize("form", [Normal, Factored, Apart])
 @pytest.mark.parametrize("name", FUNCTIONS)
 @pytest.mark.parametrize("ahead", [False, True])
 def test_the_coefficients_of_each_operation_are_those_of_fifty_digits(name, form, ahead):
@@ -96,20 +97,37 @@ def test_every_function_of_formulas_is_among_them():
 @pytest.mark.parametrize("name", [*NETWORKS, "net[nx=3,ny=3]"])
 def test_on_arrays_it_is_what_it_is_entry_by_entry_and_keeps_every_law(name, monkeypatch):
     scenario = NETWORKS.get(name) or find_scenario(name)
-    times, found, lines = np.linspace(0.0, 0.06, 4), [], set()
+    times, found, costs = np.linspace(0.0, 0.06, 4), [], set()
     for most in (0, 1000):
         monkeypatch.setattr("tcbench_plugins.tc_taylor.orders.MOST_ELEMENTS", most)
         monkeypatch.setattr("tcbench_plugins.tc_taylor.orders.MOST_VARIABLES", most)
         fresh = scenario.replace(name=f"{name} {most}")
         method = TaylorMethod(fresh.model, 4)
         found.append(method.adaptive(scenario.z0, times, 1e-6))
-        lines.add(method.lines)
+        costs.add(method.series_time)
         if most == 0:
             run = tcbench.simulate("tc_taylor[order=4]", fresh, dt=0.02, t_end=0.2)
             assert run.ok and run.summary.energy_error_max < 1e-13 and run.summary.entropy_increment_min > 0.0
             assert all(error < 1e-12 for error in run.summary.invariant_error_max.values())
     assert np.abs(found[0][0] - found[1][0]).max() < 1e-13 and found[0][1] == found[1][1]
-    assert len(lines) == 2  # they are two
+    assert len(costs) == 2  # they are two
+
+
+def test_the_logarithm_of_a_product_of_different_signs_is_no_number():
+    """Though it is that of the sizes of both: a step that ends there is refused."""
+    x, y = trace.variables("y", 2)
+    normal = Normal([x, y])
+    rate = [normal.single(form) for form in normal.of([(x * y).log(), (y / x).log()])]
+    writer = Writer(normal.variables, dict(enumerate(rate)))
+    stored = [f"out[{i}] = {writer.coefficient(variable, 1)}" for i, variable in enumerate(normal.variables)]
+    in_lanes = written([*writer.lines, *stored], 2)
+    on_arrays = Coefficients([x, y], rate)
+    as_arrays = kernel({x: "a[0]", y: "a[1]"}, [on_arrays.of(variable, 1) for variable in normal.variables])
+    for first in (in_lanes, as_arrays):
+        for signs in ((1.0, 1.0), (-1.0, -1.0)):
+            found = first(np.array([0.4, 3.0]) * signs, np.zeros(1))
+            assert found == pytest.approx([np.log(1.2), np.log(7.5)], rel=1e-14)
+        assert np.isnan(first(np.array([0.4, -3.0]), np.zeros(1))).all()
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)
@@ -150,7 +168,7 @@ def test_lanes_change_nothing_but_round_off_and_plain_python_agrees(name, monkey
     found = []
     for width in (4, 1):
         monkeypatch.setattr(lanes, "WIDTH", width)
-        series, _, more = series_kernels(system, order, len(system.constant_values))
+        series, _, more, _ = series_kernels(system, order, len(system.constant_values))
         setup = kernel(system.constant_symbols(), more)(system.constant_values, system.constant_values)
         given = np.concatenate([system.constant_values, setup])
         found.append(series(y, given)[:-2].reshape(order + 1, -1))
