@@ -16,6 +16,7 @@ from .memory import Work
 # root of high order is a division; those of the root's 1 are taken so that it is right on average.
 ONE = (1023.0 - 0.043) * 2.0**52
 NEVER = 2**62  # steps
+FIRST = 4  # steps to the first mended state; after one that ends in none a single step
 SHRINK, SHORTEST = 0.5, 1e-12  # of a step that ends in no admissible state; of a step, over the time
 LEAST = 1e-290  # a squared size that has all its digits: it goes with the unit of time to the power of twice the order
 
@@ -104,7 +105,7 @@ def advance(
     last, and mends each step.
     """
     h, fresh, long, end = 0.0, True, 0, w.counts.steps + leg if leg > 0 else NEVER
-    since, often, begun = 0, 1, t  # steps since the last mended state, how many there may be, and when it was
+    since, often, begun = 0, min(FIRST, w.seldom), t  # steps since a mended state, how many at most, and when it was
     held = 0  # short steps in a row from kink to kink
     lowest = w.target[w.size + 1]  # entropy, when `begun`
     unit = min(1.0, times[len(times) - 1] - times[0])

@@ -69,7 +69,11 @@ class Spares(Generic[Made]):
     def adaptive(self, system: Any, asked: Any, z0: Any, times: Any, tolerance: float) -> Any:
         """A run by the `adaptive` of one."""
         made: Any
-        made, free = self.take(system, asked)
+        try:
+            free = self.free[ref(system)][asked]
+            made = free.pop()  # at once: of two threads each gets another
+        except (KeyError, IndexError):
+            made, free = self.take(system, asked)
         try:
             return made.adaptive(z0, times, tolerance)
         finally:
@@ -77,13 +81,12 @@ class Spares(Generic[Made]):
 
     def take(self, system: Any, asked: Any) -> tuple[Made, list[Made]]:
         """One that nobody has, and the list to which it is given back."""
-        try:
-            free = self.free[ref(system)][asked]
-        except KeyError:
+        lists = self.free.get(ref(system))
+        if lists is None:
             lists = self.free.setdefault(ref(system, self.free.pop), {})
-            free = lists.setdefault(asked, lists.setdefault(self.key(asked), []))
+        free = lists.setdefault(asked, lists.setdefault(self.key(asked), []))
         try:
-            return free.pop(), free  # at once: of two threads each gets another
+            return free.pop(), free
         except IndexError:
             return self.make(system, *self.key(asked)), free
 
