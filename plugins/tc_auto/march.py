@@ -16,6 +16,7 @@ from ..tc_taylor.march import Work as Taylor
 # Explicit steps are measured in decay times of the conduction, of any system in those of its fastest motion.
 STABLE, STABLE_OF_ORDER = 2.0, 0.3  # those of order p that stability bounds: about so many, and so many p
 STIFF = 0.7  # of these: from here on stability bounds a step
+RIDDEN = 10.0  # explicit steps of any system on average, of any order: a short one damps what long ones let grow
 PATIENCE, MORE = 8, 10  # stiff steps in a row before the other method is tried, and so many times as many each time
 DAMPED = 2.0  # explicit steps that a damped one, which may be four times as long, counts as: a trial is worth that much
 LONGER, LONGER_OF_ANY = 4.0, 10.0  # the first implicit step, over the last explicit one; of any system
@@ -95,6 +96,8 @@ def steps(both: Both) -> int:
             latest = 0.0
             look(e, g)
             busy = 1.0 / max(h, 1e-300)
+            if g.general and not short:
+                busy = min(busy, rate / RIDDEN)
             if not g.general:  # as long as stability allows, or damped
                 busy = min(rate / stable, DAMPED * busy)
                 h = min(h, stable / rate) if damped else h
