@@ -29,7 +29,7 @@ START, PART = 25.0, 0.12
 # Of any system: iterations that the explicit steps to the end must be worth for the other method to be tried, and the
 # part of them that a trial may owe; steps until the fastest motion is looked for, each time four times as many, up to
 # a most.
-SHORT, SHARE, LEG, MOST_LEG = 80.0, 0.1, 16, 512
+SHORT, SHARE, LEG, MOST_LEG = 80.0, 0.05, 16, 512
 # Where formulas jump so that no explicit step leads on: iterations over there, and how often, until a run is given up.
 OVER, MOST_OVER = 2048.0, 50
 TURNS, SETTLED = 7, 3  # of the power method, and those of them that are not counted
@@ -96,8 +96,6 @@ def steps(both: Both) -> int:
             latest = 0.0
             look(e, g)
             busy = 1.0 / max(h, 1e-300)
-            if g.general and not short:
-                busy = min(busy, rate / RIDDEN)
             if not g.general:  # as long as stability allows, or damped
                 busy = min(rate / stable, DAMPED * busy)
                 h = min(h, stable / rate) if damped else h
@@ -110,6 +108,9 @@ def steps(both: Both) -> int:
             if not g.general and h > 0.0 and paid + START > PART * worth * busy * (times[len(times) - 1] - times[0]):
                 given_up = False
                 continue
+            if g.general and not short:  # this step may be short for another reason, which passes
+                busy = min(busy, rate / RIDDEN)
+                left = worth * busy * (times[len(times) - 1] - t)
             go_over(e, g)
         else:
             g.budget[0] = worth * busy

@@ -5,7 +5,7 @@ from __future__ import annotations
 import gc
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache, wraps
 from functools import cached_property as _cached_property
 from typing import Any, Generic, Self, TypeVar, overload
@@ -68,11 +68,13 @@ class Spares(Generic[Made]):
 
     def adaptive(self, system: Any, asked: Any, z0: Any, times: Any, tolerance: float) -> Any:
         """A run by the `adaptive` of one."""
-        made: Any
+        made: Any = None
         try:
             free = self.free[ref(system)][asked]
             made = free.pop()  # at once: of two threads each gets another
         except (KeyError, IndexError):
+            pass
+        if made is None:  # not in there: errors of what makes one stand alone
             made, free = self.take(system, asked)
         try:
             return made.adaptive(z0, times, tolerance)
@@ -85,10 +87,9 @@ class Spares(Generic[Made]):
         if lists is None:
             lists = self.free.setdefault(ref(system, self.free.pop), {})
         free = lists.setdefault(asked, lists.setdefault(self.key(asked), []))
-        try:
+        with suppress(IndexError):
             return free.pop(), free
-        except IndexError:
-            return self.make(system, *self.key(asked)), free
+        return self.make(system, *self.key(asked)), free
 
 
 class cached_property(_cached_property[Made]):
