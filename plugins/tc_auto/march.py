@@ -16,7 +16,7 @@ from ..tc_taylor.march import Work as Taylor
 # Explicit steps are measured in decay times of the conduction, of any system in those of its fastest motion.
 STABLE, STABLE_OF_ORDER = 2.0, 0.3  # those of order p that stability bounds: about so many, and so many p
 STIFF = 0.7  # of these: from here on stability bounds a step
-RIDDEN = 10.0  # explicit steps of any system on average, of any order: a short one damps what long ones let grow
+COVERED = 10.0  # decay times of an explicit step of any system on average: damped ones take up to 16, of any order
 PATIENCE, MORE = 8, 10  # stiff steps in a row before the other method is tried, and so many times as many each time
 DAMPED = 2.0  # explicit steps that a damped one, which may be four times as long, counts as: a trial is worth that much
 LONGER, LONGER_OF_ANY = 4.0, 10.0  # the first implicit step, over the last explicit one; of any system
@@ -109,7 +109,7 @@ def steps(both: Both) -> int:
                 given_up = False
                 continue
             if g.general and not short:  # this step may be short for another reason, which passes
-                busy = min(busy, rate / RIDDEN)
+                busy = min(busy, rate / COVERED)
                 left = worth * busy * (times[len(times) - 1] - t)
             go_over(e, g)
         else:
