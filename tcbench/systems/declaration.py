@@ -65,7 +65,7 @@ def _check_variables(cls: type[System]) -> None:
             isinstance(name, str) and name.isidentifier() and not keyword.iskeyword(name) and not name.startswith("_")
         ):
             raise TcbenchError(f"{cls.__name__}: a variable has a name that Python takes, as in z.q, not {name!r}.")
-        if hasattr(State, name) or name in (*SETTINGS, *cls.constants) or is_column(name, cls):
+        if hasattr(State, name) or name in (*State.__annotations__, *SETTINGS, *cls.constants) or is_column(name, cls):
             raise taken(cls, "variable", name, "a constant" * (name in cls.constants) or OTHERS)
         _check_shape(cls, f"the variable {name!r}", shape)
 

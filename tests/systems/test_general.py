@@ -150,6 +150,10 @@ REFUSED = {
     "no energy": (lambda: start(type("Mine", (System,), {"variables": {"q": ()}}), {"q": 0}), r"define energy\(z\)"),
     "no variables": (lambda: start(made(variables={})), "declares no variables"),
     "a variable with a taken name": (lambda: made(variables={"T": ()}), "no variable can be called 'T'"),
+    "a variable called as what states have": (
+        lambda: made(variables={"layout": ()}),
+        "no variable can be called 'layout'",
+    ),
     "a variable like a column": (lambda: made(variables={"status": ()}), "no variable can be called 'status'"),
     "a variable like a loss": (
         lambda: made(variables={"energy_error": ()}),
