@@ -282,7 +282,7 @@ def test_a_step_is_so_long_that_its_last_two_terms_are_of_the_tolerance(toleranc
 
 @pytest.mark.parametrize(("what", "bad", "call"), [("mended_state", False, 2), ("step_length", 0.0, 7)])
 def test_from_a_state_that_is_not_admissible_the_run_goes_back_to_the_last_mended_one(monkeypatch, what, bad, call):
-    """Each fourth step ends in a mended state. What fails at the second, or where step 7 begins, is begun again at 4."""
+    """Each fourth step ends in a mended state. What fails at the second, or as step 7 begins, is begun again at 4."""
     scenario, times = tcbench.scenarios()["bound_equilibrium"], np.array([0.0, 1.0])
     exact, cost = TaylorMethod(scenario.model, 10).adaptive(scenario.z0, times, 1e-9)
     method, seen, right = TaylorMethod(scenario.model, 10), [], getattr(march, what)
