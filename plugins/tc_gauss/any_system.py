@@ -109,12 +109,11 @@ class Part:
 
 def begin(w: Work, z: Floats) -> None:
     """A step from z, whose energy, weights and carried variables `start` has."""
-    m = w.m
-    copy_into(w.x0, w.start[2 * m + 2 :])
+    copy_into(w.x0, w.start_y)
     if w.n_lanes > 0:
         copy_into(w.vectors, z)
-        copy_into(w.vectors[m:], w.start[m : 2 * m])
-        copy_into(w.vectors[2 * m :], w.x0)
+        copy_into(w.weights, w.inverse_sizes)
+        copy_into(w.carried, w.x0)
 
 
 def iterate(w: Work, h: float, z: Floats, points: int, level: int) -> float:
@@ -186,7 +185,7 @@ def corrected(w: Work, h: float) -> float:
         for j in range(w.k):
             if not w.stiff[2] > 0.0:
                 w.U[i, j] = w.N[i, j]
-            r = abs(w.U[i, j] - w.before[i, j]) * w.start[w.m + i]
+            r = abs(w.U[i, j] - w.before[i, j]) * w.inverse_sizes[i]
             size = r if r > size or r != r else size
     return h * size
 
@@ -213,14 +212,14 @@ def renew(w: Work, h: float, z: Floats) -> None:
 def mend(w: Work, limit: float) -> bool:
     """The end of the step on the laws of the run; False, and nothing is done, if that moves it by more than the limit,
     or none is near."""
-    m, least = w.m, w.laws[w.m + 1]
+    m, least = w.m, w.least_entropy[0]
     for i in range(m):
         w.laws[i] = w.z1[i]
     good = mended(w.to_mend, w.to_hold, w.laws, w.c, w.mended)
     for i in range(m):
-        good = good and abs(w.laws[i] - w.z1[i]) * w.start[m + i] <= limit
+        good = good and abs(w.laws[i] - w.z1[i]) * w.inverse_sizes[i] <= limit
     if not good:
-        w.laws[m + 1] = least
+        w.least_entropy[0] = least
         return False
     for i in range(m):
         w.dz[i] += w.laws[i] - w.z1[i]  # with the digits of a small one

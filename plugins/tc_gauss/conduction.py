@@ -47,7 +47,7 @@ def prepare(w: Work, h: float, z: Floats) -> None:
     fastest = set_matrix(w, z)
     w.stiff[1] = -fastest
     if w.large:
-        sparse.set_noise(w.sparse, z, w.start[w.m :])
+        sparse.set_noise(w.sparse, z, w.inverse_sizes)
         w.stiff[2] = 1.0 if h * fastest * w.numbers.largest > w.sparse.bound else 0.0
     else:
         w.stiff[2] = 1.0 if h * fastest > STIFF else 0.0

@@ -36,8 +36,7 @@ def defect(w: Work, h: float, known: Floats, here: int) -> float:
     here: where the polynomial's rates stand in `sums`.
     """
     n, e = w.n, w.e
-    decay = w.start[n + 2 * e + 2]
-    first = n + 2 * e + 3
+    decay = w.decay[0]
     force, stiff = 0.0, 0.0
     for i in range(n):
         force += (w.sums[here + i] - known[i]) ** 2
@@ -48,14 +47,14 @@ def defect(w: Work, h: float, known: Floats, here: int) -> float:
         if w.stiff[2] > 0.0:
             conduction.damp(w, w.defects)
         for i in range(e):
-            r = abs(w.defects[i]) * (w.start[e + i] if w.general else 1.0 / w.least_s)
+            r = abs(w.defects[i]) * (w.inverse_sizes[i] if w.general else 1.0 / w.least_s)
             largest = r if r > largest or r != r else largest
         return largest
     for i in range(e):
-        stiff += w.start[first + e + i] * (w.sums[here + n + i] - known[n + i])
+        stiff += w.start_v[i] * (w.sums[here + n + i] - known[n + i])
     stiff = stiff / decay if decay < 0.0 else 0.0
     for i in range(e):
-        part = w.start[first + i] * stiff
+        part = w.start_u[i] * stiff
         r = (abs(w.sums[here + n + i] - known[n + i] - part) + abs(part) / (1.0 - h * decay)) / w.least_s
         largest = r if r > largest or r != r else largest
     return largest
@@ -70,7 +69,7 @@ def largest_defect(w: Work) -> float:
         call(w.to_damp, w.factors, w.c, w.sides)
     for i in range(m):
         for side in range(2):
-            r = abs(w.sides[i, side]) * w.start[m + i]
+            r = abs(w.sides[i, side]) * w.inverse_sizes[i]
             largest = r if r > largest or r != r else largest
     return largest
 
@@ -98,7 +97,7 @@ def halving_step(w: Work, h: float, z0: Floats, dz_total: Floats) -> int:
     Misses of the quadrature that are round-off of a step may have one sign: where they have added up to more than that
     beside the energy of the run, it is mended.
     """
-    z, carry, total = w.z, w.carry, w.n + 2 * w.e
+    z, carry = w.z, w.carry
     w.budget[2] = math.inf
     copy_into(z, z0)
     fill(dz_total, 0.0)
@@ -115,8 +114,8 @@ def halving_step(w: Work, h: float, z0: Floats, dz_total: Floats) -> int:
                 return FAILED
             continue
         w.counts.steps += 1
-        missing = abs(w.end[total] - w.run[0])
-        if missing > w.end[total + 1] * (MISSED if w.general else 1.0):
+        missing = abs(w.end_energy[0] - w.run[0])
+        if missing > w.end_energy[1] * (MISSED if w.general else 1.0):
             restore_level(w, z, LEVELLED * missing / (w.least_energy + abs(w.run[0])))
         add_compensated(dz_total, w.dz, carry)
         for i in range(len(z)):
@@ -132,7 +131,7 @@ def restore_level(w: Work, z: Floats, limit: float) -> None:
     """The end of a step that was solved, with the energy of the run."""
     if w.general:  # its entropy is to be no less than at the start, nor than after the last of these
         call(w.to_laws, z, w.c, w.now)
-        w.laws[w.m + 1] = max(w.laws[w.m + 1], w.now[w.m + 1])
+        w.least_entropy[0] = max(w.least_entropy[0], w.now[w.m + 1])
     mend(w, limit)
 
 
@@ -151,7 +150,7 @@ def first_step(w: Work, tolerance: float, whole: float) -> float:
 def remember_laws(w: Work, z: Floats) -> None:
     """Note the energy and the invariants of a state, which the ends of all steps are given."""
     n, size = w.n, len(z)
-    w.run[0] = w.start[n + 2 * w.e]
+    w.run[0] = w.start_energy[0]
     if w.general:
         call(w.to_laws, z, w.c, w.laws)
         return
@@ -213,7 +212,7 @@ def advance(
             if known:
                 extrapolate(w, step / last)
             w.budget[2] = spent + most - owed + worth * step
-            lowest = w.laws[w.m + 1]
+            lowest = w.least_entropy[0]
             code = try_step(w, step, z, known, COARSEST + (step > roughest), residual, False)
             owed += w.counts.iterations - spent + w.budget[3]
             spent = w.counts.iterations
@@ -224,7 +223,7 @@ def advance(
                 factor = min(factor, math.sqrt(max(BEST, w.sparse.bound) / max(w.seen[0], 1e-3)))
             if code != SOLVED or not error <= ACCEPT * tolerance:
                 w.counts.rejected += 1
-                w.laws[w.m + 1] = lowest  # of any system the entropy that the next step may not fall below
+                w.least_entropy[0] = lowest  # of any system the entropy that the next step may not fall below
                 h = step * (HALF if code == FAILED else RETREAT if code == COARSE else max(SHRINK, factor))
                 longest = h if known else longest
                 copy_into(w.rates, w.kept)  # shorter, the next one is nearer to them
@@ -251,7 +250,7 @@ def advance(
 def decay_rate(w: Work, turns: int, settled: int) -> float:
     """Of the conduction at the start of the step, of any system of all: see `conduction.rate_of`. Never 0."""
     if w.to_matrix == 0:
-        return max(-w.start[w.n + 2 * w.e + 2], 1e-300)
+        return max(-w.decay[0], 1e-300)
     return max(conduction.rate_of(w, w.z, turns, settled), 1e-300)
 
 

@@ -117,6 +117,8 @@ class Work(Record):
     stiff: Floats = sized("4")
     # What `any_vectors.iteration` reads: z, weights, what is carried of z; then factors.
     vectors: Floats = sized("2 * n_lanes + n_carried + 2 * WIDTH * n_lanes * n_lanes")
+    weights: Floats = sized("n_lanes", of="vectors", at="n_lanes")
+    carried: Floats = sized("n_carried", of="vectors", at="2 * n_lanes")
     factors: Floats = sized("2 * WIDTH * n_lanes * n_lanes", of="vectors", at="2 * n_lanes + n_carried")
     sides: Matrix = sized("n_lanes", "WIDTH")  # defects at both ends
     before: Matrix = sized("n_matrix", "k")
@@ -124,9 +126,17 @@ class Work(Record):
     defects: Floats = sized("n_matrix")
     ratio: Floats = sized("1")  # this step over the last
     sums: Floats = sized("n + 3 * m")  # what `formulas.closing` writes
-    start: Floats = sized("n_ends")  # what the first kernel gives at the start of the step
-    end: Floats = sized("n_ends")  # and at its end
+    start: Floats = sized("n_ends")  # what the first kernel gives at the start of the step: rates, then these parts
+    inverse_sizes: Floats = sized("m", of="start", at="m")  # of any system
+    start_energy: Floats = sized("2", of="start", at="n + 2 * e")  # the energy, and its round-off
+    start_y: Floats = sized("n_carried", of="start", at="n + 2 * e + 2")  # of any system
+    decay: Floats = sized("1", of="start", at="n + 2 * e + 2")  # of elements, of two of them: lambda, u and v
+    start_u: Floats = sized("e", of="start", at="n + 2 * e + 3")
+    start_v: Floats = sized("e", of="start", at="n + 3 * e + 3")
+    end: Floats = sized("n_ends")  # the same at its end
+    end_energy: Floats = sized("2", of="end", at="n + 2 * e")
     laws: Floats = sized("n_laws")  # a state, its energy, energy and invariants that it should have
+    least_entropy: Floats = sized("1", of="laws", at="m + 1")  # of any system, as `solver.mending` has it
     now: Floats = sized("n_laws")  # of any system: the same of the start of a step
     run: Floats = sized("1")  # the energy at the start of the run
     mended: Floats = sized("n_mended")  # what the fifth kernel makes of them

@@ -95,8 +95,6 @@ def _solve(
         rates=plan.rates, moving=plan.moving, places=plan.inputs, times=np.repeat(times, RUNS, axis=0), values=values,
         given=constants, tolerances=np.tile([FINE, COARSE, COARSE], len(systems)), states=states,
         least=np.repeat(each, RUNS, axis=0),
-        taken=np.zeros(runs, np.int64), defects=np.zeros(runs), lanes=np.zeros(8 * LANES),
-        which=np.zeros(3 * LANES, np.int64), probe=np.zeros(3 * n),
     )  # fmt: skip
     LIBRARY.march(work)
     found = work.states.reshape(len(systems), RUNS, ends + 1, 2, n)

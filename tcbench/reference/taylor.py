@@ -16,9 +16,6 @@ from .recurrences import ABS, SQRT, begin, high_order, keep, wide_order
 from .tape import FIELDS, LANES, PAIR
 
 INSIDE = 0.618  # of a step: where the series are compared with the equations
-# Of a lane: short steps in a row, what its step does at a turn, whether it has met one, and the unit of time of its
-# coefficients, a power of 2: those of a short series would be too large.
-SHORT, TURN, TURNED, UNIT = 4, 5, 6, 7
 LONG = 4096.0  # a time beyond is counted in a small unit, and rates are small
 SHORTEST = 1e-13
 CHECKED = 8  # every so many steps of a run
@@ -59,9 +56,22 @@ class Work(Record):
     states: Matrix = sized("runs", "(ends + 1) * 2 * variables")  # where it starts and at each time, high and low parts
     taken: Ints = sized("runs")  # steps, negative where it did not arrive
     defects: Floats = sized("runs")  # largest departure from the compiled equations
-    lanes: Floats = sized("8 * LANES")  # t, its low part, step, its low part, SHORT, TURN, TURNED, UNIT
-    which: Ints = sized("3 * LANES")  # run, next time, what becomes of it after this step
-    probe: Floats = sized("3 * variables")
+    run: Ints = sized("LANES")  # of each lane; -1: none
+    following: Ints = sized("LANES")  # its next time
+    state: Ints = sized("LANES")  # what becomes of it after this step: see `choose`
+    t: Floats = sized("LANES")
+    t_low: Floats = sized("LANES")
+    step: Floats = sized("LANES")
+    step_low: Floats = sized("LANES")
+    short: Floats = sized("LANES")  # short steps in a row
+    turn: Floats = sized("LANES")  # what its step does at a turn, and whether it has met one
+    turned: Floats = sized("LANES")
+    unit: Floats = sized(
+        "LANES"
+    )  # of time in its coefficients, a power of 2: those of a short series would be too large
+    probe: Floats = sized("3 * variables")  # a state, the slope of its series, what the compiled equations give
+    slope: Floats = sized("variables", of="probe", at="variables")
+    given_rate: Floats = sized("variables", of="probe", at="2 * variables")
 
 
 # series ---------------------------------------------------------------------------------------------------------------
@@ -71,7 +81,7 @@ class Work(Record):
 def series(j: Work) -> None:
     """All coefficients of all results, from coefficient 0 of the variables."""
     w, stride = j.memory, PAIR * (j.order + 1)
-    inverse, unit = j.size - stride, row(j.lanes, LANES * UNIT, 8)
+    inverse, unit = j.size - stride, row(j.unit, 0, 8)
     begin(j.code, j.steps // FIELDS, w)
     for k in range(1, j.order + 1):
         one = inverse + PAIR * k
@@ -110,7 +120,7 @@ def longest_step(j: Work, lane: int, run: int) -> float:
     """
     log_tolerance, low = rough_log(j.tolerances[run]), math.inf
     w, stride, sound = j.memory, PAIR * (j.order + 1), 0.0
-    for k in range(j.order, j.order - 2 if j.lanes[LANES * UNIT + lane] == 1.0 else j.wide, -1):
+    for k in range(j.order, j.order - 2 if j.unit[lane] == 1.0 else j.wide, -1):
         largest = 1e-300
         for i in range(j.variables):
             size, c = j.least[run, i] + abs(w[stride * i + lane]), w[stride * i + PAIR * k + lane]
@@ -124,14 +134,13 @@ def longest_step(j: Work, lane: int, run: int) -> float:
 def load(j: Work, lane: int, run: int) -> None:
     """A run begins in a lane."""
     w, stride = j.memory, PAIR * (j.order + 1)
-    j.which[lane], j.which[LANES + lane] = run, 0
+    j.run[lane], j.following[lane] = run, 0
     for i in range(j.inputs):
         w[j.places[i] + lane], w[j.places[i] + LANES + lane] = j.values[run, i], 0.0
     for i in range(j.variables):
         w[stride * i + lane], w[stride * i + LANES + lane] = j.states[run, i], j.states[run, j.variables + i]
-    for i in range(UNIT):
-        j.lanes[LANES * i + lane] = 0.0
-    j.lanes[LANES * UNIT + lane] = 1.0
+    j.t[lane], j.t_low[lane], j.step[lane], j.step_low[lane] = 0.0, 0.0, 0.0, 0.0
+    j.short[lane], j.turn[lane], j.turned[lane], j.unit[lane] = 0.0, 0.0, 0.0, 1.0
 
 
 @exact
@@ -187,8 +196,8 @@ def to_turn(j: Work, lane: int, h: float) -> float:
     Its series goes on below 0, and so does that of a root of squares; both runs may agree on what is no solution. Of a
     root 0 is returned: so near a branch point its series has no digits.
     """
-    before = j.lanes[LANES * TURN + lane]
-    unit: float = j.lanes[LANES * UNIT + lane]
+    before = j.turn[lane]
+    unit: float = j.unit[lane]
     whole = h / unit
     first = whole
     for i in range(j.steps // FIELDS):
@@ -198,73 +207,73 @@ def to_turn(j: Work, lane: int, h: float) -> float:
         elif op == SQRT and first_zero(j, at, first) < first:
             return 0.0
     if not first < whole:
-        j.lanes[LANES * TURN + lane] = 0.0
+        j.turn[lane] = 0.0
         return h
-    j.lanes[LANES * TURNED + lane] = 1.0
-    j.lanes[LANES * TURN + lane] = LANDS if before == APPROACHES else APPROACHES
+    j.turned[lane] = 1.0
+    j.turn[lane] = LANDS if before == APPROACHES else APPROACHES
     if before != APPROACHES:
         return unit * first * (1.0 - BEFORE)
-    again = power_of_two(j.lanes[LANES * SHORT + lane])  # where round-off hides on which side of a flat turn it was
-    end: float = unit * first * (1.0 + BEHIND) + FURTHER * again * j.lanes[lane]
+    again = power_of_two(j.short[lane])  # where round-off hides on which side of a flat turn it was
+    end: float = unit * first * (1.0 + BEHIND) + FURTHER * again * j.t[lane]
     return end
 
 
 @exact
 def next_unit(j: Work, lane: int) -> None:
     """The unit of time for the next step of a lane."""
-    h, turn, at = j.lanes[2 * LANES + lane], j.lanes[LANES * TURN + lane], LANES * UNIT + lane
-    if turn > 0.0 or j.lanes[at] < 1.0:
-        reach = h * BEFORE if turn == APPROACHES else h * BEHIND if turn == LANDS else max(h, j.lanes[at])
-        j.lanes[at] = min(1.0, from_bits(bits(reach) // EXPONENT * EXPONENT))
+    h, turn = j.step[lane], j.turn[lane]
+    if turn > 0.0 or j.unit[lane] < 1.0:
+        reach = h * BEFORE if turn == APPROACHES else h * BEHIND if turn == LANDS else max(h, j.unit[lane])
+        j.unit[lane] = min(1.0, from_bits(bits(reach) // EXPONENT * EXPONENT))
 
 
 @exact
 def choose(j: Work, lane: int) -> None:
     """The step of a lane, and what becomes of it then: 0 goes on, 1 has arrived at a time, 2 has failed, 3 is idle."""
-    run, lanes = j.which[lane], j.lanes
-    lanes[2 * LANES + lane] = lanes[3 * LANES + lane] = 0.0
+    run = j.run[lane]
+    j.step[lane] = j.step_low[lane] = 0.0
     if run < 0:
-        j.which[2 * LANES + lane] = 3
+        j.state[lane] = 3
         return
-    t, end = lanes[lane], j.times[run, j.which[LANES + lane]]
+    t, end = j.t[lane], j.times[run, j.following[lane]]
     left = end - t
     back = left - end
-    low = ((end - (left - back)) + (-t - back)) - lanes[LANES + lane]  # the digits that the difference lost
-    h = longest_step(j, lane, run) * lanes[LANES * UNIT + lane]
+    low = ((end - (left - back)) + (-t - back)) - j.t_low[lane]  # the digits that the difference lost
+    h = longest_step(j, lane, run) * j.unit[lane]
     if h > 0.0:
         h = to_turn(j, lane, min(h, left + low))
-    short = lanes[LANES * SHORT + lane] + 1.0 if not h > SHORTEST * end else 0.0
-    lanes[LANES * SHORT + lane] = short
+    short = j.short[lane] + 1.0 if not h > SHORTEST * end else 0.0
+    j.short[lane] = short
     j.taken[run] += 1
-    sound = short == 0.0 or (h > 0.0 and lanes[LANES * TURNED + lane] > 0.0 and short < HELD)
+    sound = short == 0.0 or (h > 0.0 and j.turned[lane] > 0.0 and short < HELD)
     if not sound or j.taken[run] > j.most:
-        j.which[2 * LANES + lane] = 2
+        j.state[lane] = 2
     elif h >= left + low:
-        lanes[2 * LANES + lane], lanes[3 * LANES + lane] = left, low
-        j.which[2 * LANES + lane] = 1
+        j.step[lane], j.step_low[lane] = left, low
+        j.state[lane] = 1
     else:
-        lanes[2 * LANES + lane] = h
-        j.which[2 * LANES + lane] = 0
+        j.step[lane] = h
+        j.state[lane] = 0
 
 
 @exact
 def compare(j: Work, lane: int) -> None:
     """Inside the step of a lane, the derivative of the series against the compiled equations, in doubles."""
     w, stride, n = j.memory, PAIR * (j.order + 1), j.variables
-    run, unit, probe = j.which[lane], j.lanes[LANES * UNIT + lane], j.probe
-    s = INSIDE * j.lanes[2 * LANES + lane] / unit
+    run, unit, probe = j.run[lane], j.unit[lane], j.probe
+    s = INSIDE * j.step[lane] / unit
     for i in range(n):
         at = stride * i + lane
         value, slope = w[at + PAIR * j.order], 0.0
         for k in range(j.order - 1, -1, -1):
             slope = slope * s + value
             value = value * s + w[at + PAIR * k]
-        probe[i], probe[n + i] = value, slope / unit
-    call(j.rate, probe, j.given[run], probe[2 * n : 3 * n])
+        probe[i], j.slope[i] = value, slope / unit
+    call(j.rate, probe, j.given[run], j.given_rate)
     size, off = min(1.0, LONG / j.times[run, j.ends - 1]), 0.0
     for i in range(n):
-        size = max(size, abs(probe[2 * n + i]) / j.least[run, i])
-        off = max(off, abs(probe[2 * n + i] - probe[n + i]) / j.least[run, i])
+        size = max(size, abs(j.given_rate[i]) / j.least[run, i])
+        off = max(off, abs(j.given_rate[i] - j.slope[i]) / j.least[run, i])
     if not off / size <= j.defects[run]:
         j.defects[run] = off / size
 
@@ -273,8 +282,8 @@ def compare(j: Work, lane: int) -> None:
 def advance(j: Work) -> None:
     """The variables after the steps of all lanes, in their coefficients 0."""
     w, stride = j.memory, PAIR * (j.order + 1)
-    unit = row(j.lanes, LANES * UNIT, 8)
-    h, l = row(j.lanes, 2 * LANES, 8) / unit, row(j.lanes, 3 * LANES, 8) / unit
+    unit = row(j.unit, 0, 8)
+    h, l = row(j.step, 0, 8) / unit, row(j.step_low, 0, 8) / unit
     for i in range(j.variables):
         at = stride * i
         top = row(w, at + PAIR * j.order, 8)
@@ -290,17 +299,17 @@ def advance(j: Work) -> None:
 @exact
 def arrive(j: Work, lane: int) -> bool:
     """The time of a lane after its step; whether its run is over."""
-    w, stride, n, lanes = j.memory, PAIR * (j.order + 1), j.variables, j.lanes
-    run, at, state = j.which[lane], j.which[LANES + lane], j.which[2 * LANES + lane]
+    w, stride, n = j.memory, PAIR * (j.order + 1), j.variables
+    run, at, state = j.run[lane], j.following[lane], j.state[lane]
     if state == 3:
         return False
     if state < 2:
         next_unit(j, lane)
     if state == 0:
-        t, h = lanes[lane], lanes[2 * LANES + lane]
+        t, h = j.t[lane], j.step[lane]
         s = t + h
         back = s - t
-        lanes[lane], lanes[LANES + lane] = s, lanes[LANES + lane] + ((t - (s - back)) + (h - back))
+        j.t[lane], j.t_low[lane] = s, j.t_low[lane] + ((t - (s - back)) + (h - back))
         return False
     if state == 2:
         j.taken[run] = -j.taken[run]
@@ -308,8 +317,8 @@ def arrive(j: Work, lane: int) -> bool:
     for i in range(n):
         j.states[run, 2 * n * (at + 1) + i] = w[stride * i + lane]
         j.states[run, 2 * n * (at + 1) + n + i] = w[stride * i + LANES + lane]
-    lanes[lane], lanes[LANES + lane] = j.times[run, at], 0.0
-    j.which[LANES + lane] = at + 1
+    j.t[lane], j.t_low[lane] = j.times[run, at], 0.0
+    j.following[lane] = at + 1
     over: bool = at + 1 == j.ends
     return over
 
@@ -322,7 +331,7 @@ def march(j: Work) -> int:
         load(j, lane, min(lane, j.runs - 1))  # what is idle computes, too
         following += 1
         if lane >= j.runs:
-            j.which[lane] = -1
+            j.run[lane] = -1
             following = j.runs
     running = min(following, j.runs)
     begin(j.setup, j.length // FIELDS, j.memory)
@@ -331,14 +340,14 @@ def march(j: Work) -> int:
         steps += 1
         for lane in range(LANES):
             choose(j, lane)
-            short = j.lanes[LANES * SHORT + lane] > 0.0  # what the state may miss is a large rate over such a step
-            if j.which[2 * LANES + lane] < 2 and j.taken[j.which[lane]] % CHECKED == 1 and not short:
+            short = j.short[lane] > 0.0  # what the state may miss is a large rate over such a step
+            if j.state[lane] < 2 and j.taken[j.run[lane]] % CHECKED == 1 and not short:
                 compare(j, lane)
         advance(j)
         loaded = False
         for lane in range(LANES):
             if arrive(j, lane):
-                j.which[lane] = -1
+                j.run[lane] = -1
                 running -= 1
                 if following < j.runs:
                     load(j, lane, following)

@@ -11,7 +11,7 @@ from ..solver.flow import CompiledFlow, Tally
 from ..solver.implicit_step import BLOWUP, COLD, COLLAPSED, NO_AUDIT, NONFINITE, OK, PRINCIPAL, solve_flow
 from ..solver.linear_algebra import add_increments, dot, move
 from ..solver.mending import LAWFUL, NEAR, SHRUNK, missed
-from ..solver.newton import ACCEPTED, FORESEEN, NEXT, REJECTED, finish, foresee, quick
+from ..solver.newton import ACCEPTED, FORESEEN, NEXT, REJECTED, finish, foresee, largest_residual, quick
 from ..solver.quick_sparse import quick_sparse
 
 E, S, FIRST_INVARIANT = 0, 1, 2  # in a row of observables
@@ -28,10 +28,10 @@ class Run(Record):
     n_invariants: int
     n_observables: int
     n_constants: int
+    n_others: int
     n_rows: int
     observe: Address
     opening: Address  # prologue of the first flow and observables in one
-    now: int  # where in its w the observables begin
     every: int  # steps from one record to the next
     of_step: bool  # formulas see the start of the whole step
     mends: bool  # the last flow is applied until the state has the laws
@@ -45,6 +45,8 @@ class Run(Record):
     flows: Rows[CompiledFlow]
     tally: Tally
     c: Floats = sized("n_constants")
+    others: Matrix = sized("n_others", "n")  # its end: states at the start of step and run, or slopes of earlier ones
+    opened: Floats = sized("n_observables")  # in w of the first flow, as `opening` leaves them there
     z: Floats = sized("n")
     carry: Floats = sized("n")  # what rounding dropped
     after: Floats = sized("n")  # the state after a step
@@ -159,29 +161,26 @@ def monitor(run: Run, first: int, rows: Matrix) -> int:
 
 def open_step(run: Run, z: Floats) -> None:
     """Prologue of the first flow and the observables of z, in one kernel: they share their logarithms."""
-    c, n, first = run.c, run.n, run.flows[0]
-    if run.of_step:  # the start of the whole step: behind the constants, before the first state
-        for i in range(n):
-            c[run.n_constants - 2 * n + i] = z[i]
-    c[0] = first.h
-    call(run.opening, z, c, first.w)
+    first = run.flows[0]
+    if run.of_step:
+        copy_into(run.others[0], z)
+    run.c[0] = first.h
+    call(run.opening, z, run.c, first.w)
 
 
 def remember(run: Run, z: Floats, new: Floats) -> None:
-    """Carry the slopes (earlier state - state)/h of a multistep method, the end of c, over a step from z to new."""
-    c, n = run.c, run.n
-    for j in range(run.memory):
-        k = run.memory - 1 - j
-        here = run.n_constants - (run.memory - k) * n
-        for i in range(n):
-            earlier = c[here - n + i] if k > 0 else 0.0
-            c[here + i] = earlier + (z[i] - new[i]) / run.h
+    """Carry the slopes (earlier state - state)/h of a multistep method over a step from z to new."""
+    slopes = run.others
+    for k in range(run.memory - 1, -1, -1):
+        for i in range(run.n):
+            earlier = slopes[k - 1, i] if k > 0 else 0.0
+            slopes[k, i] = earlier + (z[i] - new[i]) / run.h
 
 
 def begin(run: Run) -> None:
     """Open the first step: its observables, the first and the last so far, by the kernel that observes every step."""
     open_step(run, run.z)
-    now = run.flows[0].w[run.now : run.now + run.n_observables]
+    now = run.opened
     copy_into(run.observables[FIRST], now)
     copy_into(run.observables[BEFORE], now)
     copy_into(run.states[0], run.z)
@@ -193,10 +192,8 @@ def begin(run: Run) -> None:
 @rare
 def measure_residual(flow: CompiledFlow) -> None:
     """Keep the largest scaled residual of an accepted step."""
-    call(flow.iterate if flow.ns > 0 else flow.full, flow.w, flow.x, flow.derivatives)
-    for i in range(flow.nx):
-        size = abs(flow.derivatives[i]) * flow.w[2 * flow.nx + i]
-        flow.tally.residual_max = max(flow.tally.residual_max, size)
+    largest = largest_residual(flow, flow.iterate if flow.ns > 0 else flow.full, flow.x)
+    flow.tally.residual_max = max(flow.tally.residual_max, largest)
 
 
 @rare
@@ -212,7 +209,7 @@ def mended(run: Run, z: Floats, after: Floats, trial: Floats, now: Floats) -> bo
                 return True
             if k == flow.most or not left < SHRUNK * before:
                 break
-            copy_into(run.c[run.n_constants - 2 * run.n : run.n_constants - run.n], z)
+            copy_into(run.others[0], z)
         flow.c[0] = flow.h
         call(flow.prologue, after, flow.c, flow.w)
         if finish(flow) != ACCEPTED:
@@ -241,19 +238,18 @@ def one_step(run: Run, z: Floats, carry: Floats, after: Floats, trial: Floats) -
     here, dropped = z, carry
     for k in range(run.n_flows):
         flow = run.flows[k]
-        n = flow.nx
         if k > 0:
             flow.c[0] = flow.h
             call(flow.prologue, after, flow.c, flow.w)
             here, dropped = after, trial
-        if n == 0:  # explicit
+        if flow.nx == 0:  # explicit
             if finish(flow) != ACCEPTED:
                 return NONFINITE, iterations
             move(here, dropped, flow.dz, after, trial)
             continue
         code = REJECTED
         if flow.continuation and flow.audit < PRINCIPAL:
-            guess = flow.w[n : 2 * n]
+            guess = flow.guess
             if flow.foreseen[NEXT] == FORESEEN:
                 guess = flow.x
             if flow.ns > 0:
@@ -276,8 +272,7 @@ def one_step(run: Run, z: Floats, carry: Floats, after: Floats, trial: Floats) -
 
 def march(run: Run, start: int, stop: int) -> int:
     """Steps start+1 .. stop from `z` + `carry`, in place; returns why it ended; completed steps in the tally."""
-    first, every = run.flows[0], run.every
-    now = first.w[run.now : run.now + run.n_observables]
+    now, every = run.opened, run.every
     row, left = start // every, every - start % every  # the last full record, and steps to the next
     reason, done = OK, start
     z, carry, after, trial = run.z, run.carry, run.after, run.dropped

@@ -57,19 +57,20 @@ class Prepared:
                 raise TcbenchError(
                     f"{method.name!r}: most= is of an explicit formula, which is applied again; this is solved."
                 )
-            opening = kernels[0].opening
+            opening, n_fixed = kernels[0].opening, kernels[0].opening.size - n_observables
             rows = Rows(make_flows(method, model, math.inf, 1.0, c, self.tally, self.rules, kernels))
             fields = {
-                "opening": opening.address, "now": opening.size - n_observables, "n_flows": len(kernels),
+                "opening": opening.address, "opened": rows[0].w[n_fixed : opening.size], "n_flows": len(kernels),
                 "of_step": any(flow.of_step for flow in method.flows), "memory": method.memory, "flows": rows,
                 "mends": mends,
             }  # fmt: skip
             self.flows = [(*pair, f.fraction) for *pair, f in zip(rows.records, kernels, method.flows, strict=True)]
         self.run = Run(
             n=model.size, n_elements=model.n_temperatures, n_invariants=len(model.invariant_names), n_rows=0,
-            every=1, n_observables=n_observables, n_constants=len(c), observe=observe.address, bound=math.inf, h=1.0,
+            every=1, n_observables=n_observables, n_constants=len(c), n_others=states, observe=observe.address,
+            bound=math.inf, h=1.0,
             reference=model.reference_temperature, entropy_tolerance=ENTROPY_TOLERANCE, entropy_fall=ENTROPY_FALL,
-            c=c, tally=self.tally, least=model.least_sizes[1], **fields,
+            c=c, others=self.others, tally=self.tally, least=model.least_sizes[1], **fields,
         )  # fmt: skip
         self.run.make_room(2)
         self.way = "; ".join(dict.fromkeys(k.way for k in kernels))

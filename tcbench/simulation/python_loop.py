@@ -43,8 +43,9 @@ class FirstSteps(NamedTuple):
         return len(self.z) - 1
 
     def slopes(self, dt: float) -> np.ndarray:
-        """(earlier state - last state)/dt, the nearest first, flat: what the compiled loop keeps of earlier steps."""
-        return np.ravel((self.z[-2::-1] - self.z[-1]) / dt)
+        """(earlier state - last state)/dt, the nearest first: what the compiled loop keeps of earlier steps."""
+        found: np.ndarray = (self.z[-2::-1] - self.z[-1]) / dt
+        return found
 
 
 def run_step(

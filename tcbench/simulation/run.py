@@ -187,7 +187,7 @@ def run_flows(
         first = first_steps(integrator, scenario, dt, steps)
         reason, done = LOOPS.monitor(run, 1, first.z[1:]) if first.steps else OK, first.steps
         if done == integrator.memory:
-            run.z[:], run.c[-done * model.size :] = first.z[-1], first.slopes(dt)
+            run.z[:], run.others[:] = first.z[-1], first.slopes(dt)
             np.add.at(run.counts, np.arange(done) // every, first.iterations)
             run.tally.iterations += first.iterations.sum()
     if done < steps and reason == OK and not (first and first.failure):

@@ -57,7 +57,7 @@ def linearise(flow: CompiledFlow, v: Floats, t: Floats) -> float:
 
     Returns the sign of det B; B has t as its last row.
     """
-    A, found, scale = flow.bordered, flow.derivatives, flow.scale
+    A, scale = flow.bordered, flow.scale
     n = flow.nx
     m = n + 1
     for i in range(n):
@@ -65,12 +65,12 @@ def linearise(flow: CompiledFlow, v: Floats, t: Floats) -> float:
     set_step(flow, v[n])
     if flow.ns > 0:
         return sparse_bordered(flow, t, v[n])
-    call(flow.full, flow.w, flow.x, found)
+    call(flow.full, flow.w, flow.x, flow.derivatives)
     for i in range(n):
         for j in range(n):
-            A[i, j] = found[n + i * n + j] / scale[j]
-        A[i, n] = found[n + n * n + i] * flow.h - flow.shift[i]
-        A[i, m] = -(found[i] + (1.0 - v[n]) * flow.shift[i])
+            A[i, j] = flow.jacobian[i, j] / scale[j]
+        A[i, n] = flow.by_h[i] * flow.h - flow.shift[i]
+        A[i, m] = -(flow.residual[i] + (1.0 - v[n]) * flow.shift[i])
         A[i, m + 1] = 0.0
     copy_into(A[n], t)
     A[n, m] = 0.0
@@ -156,7 +156,7 @@ def land(flow: CompiledFlow, cosine: float, ds: float, s: float) -> tuple[int, i
 
     The root is in x and the increments of the state in dz. A root farther off than the step belongs to another sheet.
     """
-    x, d, scale, n = flow.x, flow.d, flow.scale, flow.nx
+    x, scale, n = flow.x, flow.scale, flow.nx
     u, v, t, t_new = flow.points[0], flow.points[1], flow.points[2], flow.points[3]
     set_step(flow, 1.0)
     for i in range(n):
@@ -164,9 +164,9 @@ def land(flow: CompiledFlow, cosine: float, ds: float, s: float) -> tuple[int, i
     if flow.ns > 0:
         sparse_iterate(flow)
     else:
-        call(flow.iterate, flow.w, x, d)
-    for i in range(2 * n + flow.ne, 2 * n + flow.ne + flow.npos):
-        if not d[i] > 0.0:
+        call(flow.iterate, flow.w, x, flow.d)
+    for i in range(flow.npos):
+        if not flow.temperatures[i] > 0.0:
             return COLD_ROOT, 1
     code, iterations = newton(flow, NEGLIGIBLE, 0.0)
     if code != ACCEPTED:

@@ -68,15 +68,26 @@ class CompiledFlow(Record):
     tally: Tally
     c: Floats = sized("n_constants")  # step, constants; of a run's flows one array
     start: Floats = sized("n")  # state from which the careful solvers begin
-    w: Floats = sized("nw")  # what stays fixed during Newton
+    w: Floats = sized("nw")  # what stays fixed during Newton: see `FlowKernels`. Its parts, before what is hoisted:
+    at_rest: Floats = sized("nx", of="w")  # unknowns of z1 = z0
+    guess: Floats = sized("nx", of="w", at="nx")  # nearer ones
+    inverse_sizes: Floats = sized("nx + ne", of="w", at="2 * nx")
     x: Floats = sized("nx")
-    d: Floats = sized("nd")
+    d: Floats = sized("nd")  # what `iterate` gives, of a sparse Jacobian what is made of that: a correction, then
+    pivots: Floats = sized("nx", of="d", at="nx + ne")
+    temperatures: Floats = sized("npos", of="d", at="2 * nx + ne")
+    size_and_least: Floats = sized("2", of="d", at="2 * nx + ne + npos")  # of the correction, of what must be positive
+    polished: Floats = sized("1", of="d", at="nx + ne")  # what `polish` gives: behind a correction, its size
     past: Matrix = sized("nx", "9")  # the last root of each unknown, and its backward differences
     degree: Ints = sized("1")  # of the polynomial through them
     foreseen: Floats = sized("2")  # what is known of the next one: see newton.foresee
     dz: Floats = sized("n")
     scale: Floats = sized("nx + ne")  # 1/size of the unknowns
-    derivatives: Floats = sized("nfull")
+    derivatives: Floats = sized("nfull")  # what `full` gives, and of a sparse Jacobian `iterate` and `polish`
+    residual: Floats = sized("nx", of="derivatives")
+    jacobian: Matrix = sized("nj", "nj", of="derivatives", at="nx")
+    by_h: Floats = sized("nj", of="derivatives", at="nx + nj * nj")
+    entries: Floats = sized("nnz", of="derivatives", at="nx")  # of a sparse Jacobian
     old: Floats = sized("nx")
     known: Floats = sized("nx")
     accepted: Floats = sized("n")

@@ -38,18 +38,17 @@ def solve_flow(flow: CompiledFlow, here: Floats, solved: bool) -> tuple[int, int
 
     solved: `quick` has done it, and its root, in x, is only to be audited.
     """
-    n, tally, factors = flow.nx, flow.tally, scratch(flow.nnz)
+    tally, factors = flow.tally, scratch(flow.nnz)
     copy_into(flow.start, here)
     for k in range(flow.nnz):
         factors[k] = flow.factors[k]
     set_step(flow, 1.0)
-    for i in range(n + flow.ne):
-        flow.scale[i] = flow.w[2 * n + i]
+    copy_into(flow.scale, flow.inverse_sizes)
     code, total = ACCEPTED if solved else REJECTED, 0
     if flow.audit >= PRINCIPAL or solved:
         pass  # the arc's root, whatever Newton would find
     elif flow.continuation:
-        copy_into(flow.x, flow.w[:n])  # z1 = z0
+        copy_into(flow.x, flow.at_rest)  # z1 = z0
         code, total = newton(flow, NEGLIGIBLE, 0.0)
         if code == ACCEPTED:
             tally.retried += 1
@@ -59,7 +58,7 @@ def solve_flow(flow: CompiledFlow, here: Floats, solved: bool) -> tuple[int, int
             tally.tracked += 1
             tally.tries += tries
     else:
-        copy_into(flow.x, flow.w[:n])
+        copy_into(flow.x, flow.at_rest)
         code, total = plain_newton(flow)
     reason = OK if code == ACCEPTED else NONCONVERGED
     if (code != ACCEPTED and flow.continuation) or flow.audit != NO_AUDIT:

@@ -27,6 +27,10 @@ ROUND_OFF = 2.0**-51  # of what the terms of a law are: what a mended state may 
 TINY = 1e-140  # beside a square: nothing is moved along a gradient that is 0; and what a law that is 0 may miss
 DEPENDENT = 1e-26  # of the square of a gradient, free of the others: what round-off leaves where they say the same
 ENTROPY = 1  # its place among what is observed
+# behind the state in a target: energy, the least entropy, what that and the energy may miss, and so of each invariant;
+# and behind a state that was moved: its entropy, its margin
+GIVEN_ENERGY, LEAST_ENTROPY, ENTROPY_MISS, ENERGY_MISS, INVARIANTS = range(5)
+FOUND_ENTROPY, MARGIN = range(2)
 LAWFUL, NEAR = 2.0**-48, 1e-12  # over 1 and the size of a law: what a state that has it may miss, at least and at most
 SHRUNK = 0.75  # of what was missed, after a move that helped
 MOST = 24  # moves: near an equilibrium, where little is left of the entropy's gradient, each leaves half of the way
@@ -108,7 +112,7 @@ def mending_kernels(system: System) -> tuple[Any, Any, Any, list[Symbol]]:
     what must be positive in it, and of what each law may miss less what it does. hold: the same, S as it is in the
     target, too. given: `constant_values`, then the constants of the list.
     """
-    z, told = system.unknowns("x"), trace.variables("law", 4 + 2 * len(system.invariant_names))
+    z, told = system.unknowns("x"), trace.variables("law", INVARIANTS + 2 * len(system.invariant_names))
     start, *moves = _moves(system, z, told)
     constants = system.hoisted(moves, [z, told])
     mend, hold = (system.compiled([z, told], move, constants, len(entries(z))) for move in moves)
@@ -123,7 +127,8 @@ def _moves(system: Any, z: Any, told: Any) -> list[list[Any]]:
     start = [z, values[0], values[-1], noises[-1], noises[0]]
     for pair in zip(values[1:-1], noises[1:-1], strict=True):
         start += pair
-    targets, allowed = [told[0], *told[4::2], told[1]], [told[3], *told[5::2], told[2]]
+    targets = [told[GIVEN_ENERGY], *told[INVARIANTS::2], told[LEAST_ENTROPY]]
+    allowed = [told[ENERGY_MISS], *told[INVARIANTS + 1 :: 2], told[ENTROPY_MISS]]
     misses = [target - f for target, f in zip(targets, values, strict=True)]
     own = [ROUND_OFF * abs(slope * z).sum() for slope in slopes]  # of z's own rounding
     margins = [a + b - abs(m) for a, b, m in zip(allowed[:-1], own, misses, strict=False)]
@@ -143,11 +148,12 @@ def mended(to_mend: Address, to_hold: Address, target: Floats, given: Floats, fo
     The entropy there is the least that the next one may have. found: room for size + 2 numbers.
     """
     size = len(found) - 2
+    laws, entropy = target[size:], found[size + FOUND_ENTROPY :]
     good = onto(to_mend, target, given, found)
-    if good and found[size] < target[size + 1] - target[size + 2]:
+    if good and entropy[0] < laws[LEAST_ENTROPY] - laws[ENTROPY_MISS]:
         good = onto(to_hold, target, given, found)
     if good:
-        target[size + 1] = max(found[size], target[size + 1])
+        laws[LEAST_ENTROPY] = max(entropy[0], laws[LEAST_ENTROPY])
     return good
 
 
@@ -157,9 +163,9 @@ def onto(to: Address, target: Floats, given: Floats, found: Floats) -> bool:
     size = len(found) - 2
     for _ in range(MOST):
         call(to, target, given, found)
-        if found[size + 1] > 0.0:
-            return float(abs(found[size])) < math.inf
-        if not abs(found[size]) < math.inf:
+        if found[size + MARGIN] > 0.0:
+            return float(abs(found[size + FOUND_ENTROPY])) < math.inf
+        if not abs(found[size + FOUND_ENTROPY]) < math.inf:
             return False
         for i in range(size):
             target[i] = found[i]

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..compiler.language import Floats, call, copy_into, fill, rare
+from ..compiler.language import Address, Floats, call, copy_into, fill, rare
 from .flow import CompiledFlow
 from .linear_algebra import SOLVED, STEEPEST, solve_pivoted
 from .sparse import sparse_iterate
@@ -56,27 +56,29 @@ def set_step(flow: CompiledFlow, fraction: float) -> None:
 @rare
 def stuck(flow: CompiledFlow) -> bool:
     """Is an equation with too steep a slope, in units of the unknowns, not solved? Newton's correction is 0 there."""
-    n, scale = flow.nx, flow.w[2 * flow.nx : 3 * flow.nx]
-    for i in range(n):
+    scale = flow.inverse_sizes
+    for i in range(flow.nx):
         steepest = 0.0
-        for j in range(n):
-            steepest = max(steepest, abs(flow.derivatives[n + i * n + j]) * (scale[i] / scale[j]))
-        if steepest > STEEPEST and abs(flow.derivatives[i]) * scale[i] > SOLVED:
+        for j in range(flow.nx):
+            steepest = max(steepest, abs(flow.jacobian[i, j]) * (scale[i] / scale[j]))
+        if steepest > STEEPEST and abs(flow.residual[i]) * scale[i] > SOLVED:
             return True
     return False
 
 
 @rare
+def largest_residual(flow: CompiledFlow, kernel: Address, x: Floats) -> float:
+    """Scaled, at x, as this kernel gives it."""
+    most = 0.0
+    call(kernel, flow.w, x, flow.derivatives)
+    for i in range(flow.nx):
+        most = max(most, abs(flow.residual[i]) * flow.inverse_sizes[i])
+    return most
+
+
 def solved(flow: CompiledFlow, x: Floats) -> bool:
     """Are the equations at x, by what is left of them?"""
-    most = 0.0
-    if flow.ns > 0:
-        call(flow.polish, flow.w, x, flow.derivatives)
-    else:
-        call(flow.full, flow.w, x, flow.derivatives)
-    for i in range(flow.nx):
-        most = max(most, abs(flow.derivatives[i]) * flow.w[2 * flow.nx + i])
-    return most <= SOLVED
+    return largest_residual(flow, flow.polish if flow.ns > 0 else flow.full, x) <= SOLVED
 
 
 @rare
@@ -87,9 +89,9 @@ def pivoted_correction(flow: CompiledFlow) -> float:
     if flow.steep and stuck(flow):
         return 0.0
     for i in range(n):
-        flow.bordered[i, n] = -flow.derivatives[i]
+        flow.bordered[i, n] = -flow.residual[i]
         for j in range(n):
-            flow.bordered[i, j] = flow.derivatives[n + i * n + j]
+            flow.bordered[i, j] = flow.jacobian[i, j]
     sign = solve_pivoted(flow.bordered, n, n + 1)
     for i in range(n):
         flow.d[i] = flow.bordered[i, n]
@@ -111,10 +113,10 @@ def foresee(flow: CompiledFlow) -> None:
     One root says nothing of the next: at a large step Newton would find another root from there. The degree grows while
     the differences of the highest one shrink.
     """
-    w, x, past, n = flow.w, flow.x, flow.past, flow.nx
+    x, past = flow.x, flow.past
     degree = flow.degree[0]
     off, highest, last = 0.0, 0.0, 0.0
-    for i in range(n):
+    for i in range(flow.nx):
         difference, before, ahead = x[i], 0.0, 0.0
         for k in range(degree):
             before = difference
@@ -123,7 +125,7 @@ def foresee(flow: CompiledFlow) -> None:
             ahead += difference
         past[i, degree] = difference
         x[i] += ahead
-        size = w[2 * n + i]
+        size = flow.inverse_sizes[i]
         off = max(off, abs(ahead) * size)
         highest = max(highest, abs(difference) * size)
         last = max(last, abs(before) * size)
@@ -143,16 +145,14 @@ def quick(flow: CompiledFlow, guess: Floats) -> tuple[int, int]:
     """
     w, x, d = flow.w, flow.x, flow.d
     n = flow.nx
-    size = n + flow.ne
-    after = size + n + flow.npos
     previous, curvature = np.inf, flow.foreseen[CURVATURE]
     small = LEARNED if curvature > 0.0 else SQUARED
     here = guess
     for iteration in range(1, MAX_ITERATIONS + 1):
         call(flow.iterate, w, here, d)
-        delta = d[after]
+        delta = flow.size_and_least[0]
         # NaN fails every comparison; a small or negative pivot needs pivoting or is on the wrong side of a fold
-        if not (delta <= 0.5 * previous and d[after + 1] > SMALL_PIVOT):
+        if not (delta <= 0.5 * previous and flow.size_and_least[1] > SMALL_PIVOT):
             return REJECTED, iteration
         for i in range(n):
             x[i] = here[i] + d[i]
@@ -168,7 +168,7 @@ def quick(flow: CompiledFlow, guess: Floats) -> tuple[int, int]:
         last, bent, seen = delta, 0.0, False
         while last < QUICK:
             call(flow.polish, w, x, d)
-            correction = d[size]
+            correction = flow.polished[0]
             bent = max(bent, correction)
             if flow.foresees and not seen:
                 shown = 2.0 * max(correction, SHOWN) / max(delta, SQUARED) ** 2
@@ -191,18 +191,24 @@ def quick(flow: CompiledFlow, guess: Floats) -> tuple[int, int]:
     return REJECTED, MAX_ITERATIONS
 
 
-def polish(flow: CompiledFlow) -> float:
-    """One correction with the factors of the last iterate, in place; returns its size."""
-    w, x, d, scale = flow.w, flow.x, flow.d, flow.scale
-    n = flow.nx
-    call(flow.polish, w, x, d)
+@rare
+def take_correction(flow: CompiledFlow, scale: Floats) -> tuple[float, float]:
+    """x += d; returns the sum of d, which carries NaN and infinity that a maximum would drop, and the scaled size."""
+    x, d = flow.x, flow.d
     total, delta = 0.0, 0.0
-    for i in range(n):
+    for i in range(flow.nx):
         total += d[i]
         x[i] += d[i]
-    for i in range(n + flow.ne):
+    for i in range(len(scale)):
         size = abs(d[i]) * scale[i]
         delta = size if size > delta else delta
+    return total, delta
+
+
+def polish(flow: CompiledFlow) -> float:
+    """One correction with the factors of the last iterate, in place; returns its size."""
+    call(flow.polish, flow.w, flow.x, flow.d)
+    total, delta = take_correction(flow, flow.scale)
     return delta if abs(total) < np.inf else np.inf
 
 
@@ -213,18 +219,17 @@ def newton_correction(flow: CompiledFlow) -> tuple[float, float]:
     """
     if flow.ns > 0:
         return sparse_iterate(flow), 0.0
-    n, ne, d = flow.nx, flow.ne, flow.d
-    call(flow.iterate, flow.w, flow.x, d)
+    call(flow.iterate, flow.w, flow.x, flow.d)
     sign, smallest = 1.0, np.inf
-    for i in range(n + ne, 2 * n + ne):
-        pivot = d[i]
+    for i in range(flow.nx):
+        pivot = flow.pivots[i]
         if pivot < 0.0:
             sign = -sign
         size = abs(pivot)
         smallest = size if size < smallest else smallest
     if smallest < SMALL_PIVOT:
         sign = pivoted_correction(flow)
-    elif not d[2 * n + ne + flow.npos] < np.inf:
+    elif not flow.size_and_least[0] < np.inf:
         call(flow.full, flow.w, flow.x, flow.derivatives)
         sign = 0.0 if stuck(flow) else sign
     return sign, smallest
@@ -241,23 +246,15 @@ def newton(flow: CompiledFlow, enough: float, slope: float) -> tuple[int, int]:
     It ends where the next correction would be below round-off, by how the last one shrank, or where corrections near a
     root shrink no more. That one is small does not do: next to a spring of length l equations curve as 1/l.
     """
-    x, d, scale = flow.x, flow.d, flow.scale
-    n, ne, npos = flow.nx, flow.ne, flow.npos
+    x = flow.x
     previous, near = np.inf, False
     for iteration in range(1, MAX_ITERATIONS + 1):
         sign, smallest = newton_correction(flow)
-        total, delta = 0.0, 0.0
-        for i in range(n):
-            total += d[i]
-            x[i] += d[i]
-        for i in range(n + ne):
-            size = abs(d[i]) * scale[i]
-            delta = size if size > delta else delta
-        # `total` carries any NaN or infinity, which a maximum would drop
+        total, delta = take_correction(flow, flow.scale)
         if not (abs(total) < np.inf) or sign <= 0.0:
             return REJECTED, iteration
-        for i in range(2 * n + ne, 2 * n + ne + npos):
-            if not d[i] > 0.0:
+        for i in range(flow.npos):
+            if not flow.temperatures[i] > 0.0:
                 return REJECTED, iteration
         if flow.steep and delta < ROUND_OFF and iteration == 1 and not solved(flow, x):
             previous = 2.0 * ROUND_OFF  # as in `quick`
@@ -288,18 +285,12 @@ def plain_newton(flow: CompiledFlow) -> tuple[int, int]:
     Every correction is taken in full, whatever its size and whatever the sign of the determinant, until one is below
     1e-10. It fails on a value that is not finite or after 20 iterations.
     """
-    x, d, scale = flow.x, flow.d, flow.scale
-    n = flow.nx
     for iteration in range(1, PLAIN_ITERATIONS + 1):
         sign, _ = newton_correction(flow)
         if sign == 0.0:
             return REJECTED, iteration
-        total, delta = 0.0, 0.0
-        for i in range(n):
-            total += abs(d[i])
-            x[i] += d[i]
-            delta = max(delta, abs(d[i]) * scale[i])
-        if not total < np.inf:
+        total, delta = take_correction(flow, flow.scale[: flow.nx])
+        if not abs(total) < np.inf:
             return REJECTED, iteration
         if delta < CONVERGED:
             return finish(flow), iteration

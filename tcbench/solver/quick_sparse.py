@@ -11,7 +11,7 @@ import numpy as np
 
 from ..compiler.language import call, copy_into, rare
 from .flow import CompiledFlow
-from .newton import ACCEPTED, CONVERGED, MAX_ITERATIONS, NEGLIGIBLE, REJECTED, finish
+from .newton import ACCEPTED, CONVERGED, MAX_ITERATIONS, NEGLIGIBLE, REJECTED, finish, take_correction
 from .sparse import FOUND, backward, forward, incomplete_factors, sparse_correction
 
 FIRST = 1e-4  # relative residual of the linear system of a first correction
@@ -33,7 +33,7 @@ MADE_IN, COST, PAUSE, STOPPED, NOISE = range(5)
 def quick_sparse(flow: CompiledFlow) -> tuple[int, int]:
     """`newton.quick` where the Jacobian is sparse."""
     n, kept = flow.nx, flow.kept
-    copy_into(flow.x, flow.w[n : 2 * n])
+    copy_into(flow.x, flow.guess)
     if kept[PAUSE] > 0.0:
         kept[PAUSE] -= 1.0
         return newton_krylov(flow)
@@ -42,12 +42,12 @@ def quick_sparse(flow: CompiledFlow) -> tuple[int, int]:
         return code, count
     kept[MADE_IN], kept[PAUSE] = 0.0, PAUSED
     copy_into(flow.known, flow.x)
-    copy_into(flow.x, flow.w[n : 2 * n])
+    copy_into(flow.x, flow.guess)
     code, more = newton_krylov(flow)
     if code == ACCEPTED and kept[STOPPED] < CONVERGED:
         off = 0.0
         for i in range(n):
-            off = max(off, abs(flow.x[i] - flow.known[i]) * flow.w[2 * n + i])
+            off = max(off, abs(flow.x[i] - flow.known[i]) * flow.inverse_sizes[i])
         if off < kept[STOPPED]:  # they had found the root: what they stopped at is round-off
             kept[NOISE], kept[PAUSE] = max(kept[NOISE], kept[STOPPED]), 0.0
     return code, count + more
@@ -58,7 +58,7 @@ def by_old_factors(flow: CompiledFlow) -> tuple[int, int]:
     """Corrections with incomplete factors alone, of this or of an earlier step; returns (ACCEPTED or REJECTED, how
     many). New ones are made where the old ones contract poorly, or have cost as much in further corrections."""
     x, d, kept, found, n, order = flow.x, flow.derivatives, flow.kept, flow.krylov[FOUND], flow.nx, flow.order
-    scale = flow.w[2 * n : 3 * n]
+    scale = flow.inverse_sizes
     new, made, floor = kept[MADE_IN] == 0.0, 0, max(ROUND_OFF, NOISY * kept[NOISE])
     previous, slowest, kept[STOPPED] = np.inf, 0.0, 0.0
     for iteration in range(1, MOST + 1):
@@ -66,7 +66,7 @@ def by_old_factors(flow: CompiledFlow) -> tuple[int, int]:
         if new:
             call(flow.iterate, flow.w, x, d)
             behind += flow.nnz
-            if not incomplete_factors(flow, n):
+            if not incomplete_factors(flow):
                 return REJECTED, iteration
             new, made, previous = False, iteration, np.inf
         else:
@@ -112,21 +112,16 @@ def by_old_factors(flow: CompiledFlow) -> tuple[int, int]:
 @rare
 def newton_krylov(flow: CompiledFlow) -> tuple[int, int]:
     """Newton, each linear system as exactly as the correction deserves, with incomplete factors of the first."""
-    x, d, scale, n = flow.x, flow.d, flow.w[2 * flow.nx : 3 * flow.nx], flow.nx
+    behind = flow.nx + flow.nnz
     previous, tolerance = np.inf, FIRST
     for iteration in range(1, MAX_ITERATIONS + 1):
-        call(flow.iterate, flow.w, x, flow.derivatives)
-        for i in range(n + flow.nnz, n + flow.nnz + flow.npos):
+        call(flow.iterate, flow.w, flow.x, flow.derivatives)
+        for i in range(behind, behind + flow.npos):
             if not flow.derivatives[i] > 0.0:
                 return REJECTED, iteration
         if sparse_correction(flow, tolerance, iteration == 1) <= 0.0:
             return REJECTED, iteration
-        total, delta = 0.0, 0.0
-        for i in range(n):
-            size = abs(d[i]) * scale[i]
-            delta = size if size > delta else delta
-            total += d[i]
-            x[i] += d[i]
+        total, delta = take_correction(flow, flow.inverse_sizes)
         if flow.steep and iteration == 1 and delta < CONVERGED:
             previous = 2.0 * CONVERGED
             continue

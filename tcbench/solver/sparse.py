@@ -19,14 +19,13 @@ RIGHT, SHADOW, SEARCH, IMAGE, MOVED, SMOOTHED, OTHER, FOUND = range(8)  # rows o
 
 
 @rare
-def incomplete_factors(flow: CompiledFlow, entries: int) -> bool:
-    """ILU(0) of the Jacobian, which begins at derivatives[entries], into `factors`; False where a pivot is too small or
-    negative, or a slope too steep."""
+def incomplete_factors(flow: CompiledFlow) -> bool:
+    """ILU(0) of the Jacobian into `factors`; False where a pivot is too small or negative, or a slope too steep."""
     first, columns, diagonal, factors, place = flow.first, flow.columns, flow.diagonal, flow.factors, flow.place
     for k in range(flow.nnz):
-        factors[k] = flow.derivatives[entries + k]
+        factors[k] = flow.entries[k]
     for i in range(flow.ns):
-        if flow.steep and too_steep(flow, entries, i):
+        if flow.steep and too_steep(flow, i):
             factors[diagonal[0]] = 0.0
             return False
         start, stop = first[i], first[i + 1]
@@ -53,13 +52,12 @@ def incomplete_factors(flow: CompiledFlow, entries: int) -> bool:
 
 
 @rare
-def too_steep(flow: CompiledFlow, entries: int, i: int) -> bool:
+def too_steep(flow: CompiledFlow, i: int) -> bool:
     """Has equation i a slope, in units of the unknowns, that is next to infinite, as that of sqrt(q) at 0? Newton's
     correction is 0 there, however much is left of the equation, and others may converge beside it."""
-    n, steepest = flow.ns, 0.0
-    scale = flow.w[2 * n : 3 * n]
+    scale, steepest = flow.inverse_sizes, 0.0
     for k in range(flow.first[i], flow.first[i + 1]):
-        steepest = max(steepest, abs(flow.derivatives[entries + k]) / scale[flow.order[flow.columns[k]]])
+        steepest = max(steepest, abs(flow.entries[k]) / scale[flow.order[flow.columns[k]]])
     return steepest * float(scale[flow.order[i]]) > STEEPEST
 
 
@@ -88,18 +86,18 @@ def backward(flow: CompiledFlow, i: int, found: Floats) -> float:
 
 
 @rare
-def multiply(flow: CompiledFlow, entries: int, x: Floats, found: Floats) -> None:
+def multiply(flow: CompiledFlow, x: Floats, found: Floats) -> None:
     """found = J x."""
-    first, columns, derivatives = flow.first, flow.columns, flow.derivatives
+    first, columns, entries = flow.first, flow.columns, flow.entries
     for i in range(flow.ns):
         total = 0.0
         for k in range(first[i], first[i + 1]):
-            total += derivatives[entries + k] * x[columns[k]]
+            total += entries[k] * x[columns[k]]
         found[i] = total
 
 
 @rare
-def krylov(flow: CompiledFlow, entries: int, tolerance: float) -> bool:
+def krylov(flow: CompiledFlow, tolerance: float) -> bool:
     """BiCGStab (van der Vorst 1992) for J x = krylov[RIGHT], preconditioned, into krylov[FOUND]; did it converge?"""
     k: Matrix = flow.krylov
     r, shadow, p, v, y, z, t, x = k[RIGHT], k[SHADOW], k[SEARCH], k[IMAGE], k[MOVED], k[SMOOTHED], k[OTHER], k[FOUND]
@@ -121,7 +119,7 @@ def krylov(flow: CompiledFlow, entries: int, tolerance: float) -> bool:
         for i in range(n):
             p[i] = r[i] + beta * (p[i] - omega * v[i])
         precondition(flow, p, y)
-        multiply(flow, entries, y, v)
+        multiply(flow, y, v)
         alpha = rho / dot(shadow, v)
         for i in range(n):
             r[i] -= alpha * v[i]
@@ -130,7 +128,7 @@ def krylov(flow: CompiledFlow, entries: int, tolerance: float) -> bool:
         if size <= goal:
             return True
         precondition(flow, r, z)
-        multiply(flow, entries, z, t)
+        multiply(flow, z, t)
         omega = dot(t, r) / dot(t, t)
         for i in range(n):
             x[i] += omega * z[i]
@@ -145,17 +143,16 @@ def krylov(flow: CompiledFlow, entries: int, tolerance: float) -> bool:
 @rare
 def factorised(flow: CompiledFlow) -> float:
     """The solutions for krylov[0] and krylov[1] by a whole factorisation, into `solved`; the determinant's sign."""
-    call(flow.factorise, flow.derivatives[flow.ns :], flow.krylov, flow.solved)
+    call(flow.factorise, flow.entries, flow.krylov, flow.solved)
     return float(flow.solved[2 * flow.ns])
 
 
 @rare
 def sparse_stuck(flow: CompiledFlow) -> bool:
     """Is an equation with too steep a slope not solved? Of the residual and Jacobian in `derivatives`."""
-    n = flow.ns
-    for i in range(n):
+    for i in range(flow.ns):
         at = flow.order[i]
-        if abs(flow.derivatives[at]) * flow.w[2 * n + at] > SOLVED and too_steep(flow, n, i):
+        if abs(flow.residual[at]) * flow.inverse_sizes[at] > SOLVED and too_steep(flow, i):
             return True
     return False
 
@@ -164,20 +161,20 @@ def sparse_stuck(flow: CompiledFlow) -> bool:
 def sparse_correction(flow: CompiledFlow, tolerance: float, fresh: bool) -> float:
     """Newton's correction into d[:nx]; returns the sign of the determinant, 1 where the incomplete factors do.
 
-    `derivatives` begins with the residual and the Jacobian. fresh: make new incomplete factors, as without any.
+    Of the residual and Jacobian in `derivatives`. fresh: make new incomplete factors, as without any.
     """
     n, order = flow.ns, flow.order
     right, found = flow.krylov[RIGHT], flow.krylov[FOUND]
     for i in range(n):
-        right[i] = -flow.derivatives[order[i]]
+        right[i] = -flow.residual[order[i]]
     known = not fresh and flow.factors[flow.diagonal[0]] > 0.0
-    if (known or incomplete_factors(flow, n)) and krylov(flow, n, tolerance):
+    if (known or incomplete_factors(flow)) and krylov(flow, tolerance):
         corrected(flow, found)
         return 1.0
     if flow.steep and sparse_stuck(flow):
         return 0.0
     for i in range(n):
-        right[i] = -flow.derivatives[order[i]]
+        right[i] = -flow.residual[order[i]]
     fill(flow.krylov[SHADOW], 0.0)
     sign = factorised(flow)
     corrected(flow, flow.solved)
@@ -195,23 +192,22 @@ def corrected(flow: CompiledFlow, found: Floats) -> None:
 @rare
 def sparse_iterate(flow: CompiledFlow) -> float:
     """Residual and Jacobian at x, the correction into d[:nx], temperatures behind as `newton` reads them; the sign."""
-    n, behind = flow.nx, flow.nx + flow.nnz
     call(flow.iterate, flow.w, flow.x, flow.derivatives)
     for i in range(flow.npos):
-        flow.d[2 * n + i] = flow.derivatives[behind + i]
+        flow.temperatures[i] = flow.derivatives[flow.nx + flow.nnz + i]
     return sparse_correction(flow, FINEST, True)
 
 
 @rare
 def sparse_bordered(flow: CompiledFlow, t: Floats, eta: float) -> float:
     """As `linearise`, where the Jacobian is sparse: the border is eliminated. At x; returns the sign of det B."""
-    n, order, found, scale = flow.nx, flow.order, flow.derivatives, flow.scale
-    call(flow.iterate, flow.w, flow.x, found)
+    n, order, scale = flow.nx, flow.order, flow.scale
+    call(flow.iterate, flow.w, flow.x, flow.derivatives)
     call(flow.full, flow.w, flow.x, flow.direction)
     for i in range(n):
         at = order[i]
         shift = flow.shift[at] if at < flow.n_own else 0.0
-        flow.krylov[0, i] = -(found[at] + (1.0 - eta) * shift)
+        flow.krylov[0, i] = -(flow.residual[at] + (1.0 - eta) * shift)
         flow.krylov[1, i] = flow.direction[at] * flow.h - shift
     sign = factorised(flow)
     along, across = 0.0, t[n]

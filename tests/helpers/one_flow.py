@@ -32,7 +32,7 @@ class OneFlow:
         r = self.record
         r.c[0] = r.h
         evaluate(r.prologue, r.start, r.c, r.w)
-        r.scale[:] = r.w[2 * r.nx : 3 * r.nx + r.ne]
+        r.scale[:] = r.inverse_sizes
 
     def newton(self, start):
         """(ACCEPTED or REJECTED, iterations) of the careful Newton from these unknowns."""

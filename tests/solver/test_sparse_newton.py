@@ -97,6 +97,7 @@ class Linear:
         order, columns, first = self.pattern.order, self.pattern.columns, self.pattern.first
         entries = [A[order[i], order[columns[k]]] for i in range(self.ns) for k in range(first[i], first[i + 1])]
         self.derivatives = np.concatenate([-right, entries])
+        self.residual, self.entries = np.split(self.derivatives, [self.ns])
         return self
 
 
@@ -146,7 +147,8 @@ def test_far_from_the_origin_corrections_that_stop_at_round_off_have_found_the_r
 
 def test_what_rests_is_found_by_two_corrections_of_nothing():
     flow = Linear(np.eye(2)).at(np.eye(2), np.zeros(2))
-    flow.n, flow.npos, flow.w, flow.x, flow.dz = 2, 0, np.zeros(6), np.zeros(2), np.zeros(2)
+    flow.n, flow.npos, flow.w, flow.x, flow.dz = 2, 0, None, np.zeros(2), np.zeros(2)
+    flow.inverse_sizes = np.zeros(2)
     flow.scale, flow.kept, written = np.ones(2), np.zeros(5), flow.derivatives.copy()
     flow.iterate = flow.polish = made_up_address(lambda w, x, out: np.copyto(out, written))
     flow.finish = made_up_address(lambda w, x, out: np.copyto(out, x))
@@ -158,8 +160,8 @@ def test_corrections_before_new_factors_are_none_of_those_that_these_need():
     n = 2
     flow = Linear(np.eye(n)).at(3.0 * np.eye(n), np.zeros(n))
     flow.n, flow.npos, flow.kept = n, 0, np.zeros(5)
-    flow.w, flow.x, flow.dz = np.r_[np.zeros(2 * n), np.ones(n)], *np.zeros((2, n))
-    assert sparse.incomplete_factors(flow, n)
+    flow.w, flow.inverse_sizes, flow.x, flow.dz = None, np.ones(n), *np.zeros((2, n))
+    assert sparse.incomplete_factors(flow)
     flow.kept[quick_sparse.MADE_IN], matrix = 1.0, flow.derivatives[n:] / 3.0
     flow.polish = made_up_address(lambda w, x, out: np.copyto(out[:n], x - 1.0))
     flow.iterate = made_up_address(lambda w, x, out: np.copyto(out, np.r_[x - 1.0, matrix]))
@@ -173,7 +175,8 @@ def test_round_off_that_whole_corrections_have_shown_stops_those_with_old_factor
     n, calls = 4, []
     flow = Linear(np.eye(n)).at(1.01 * np.eye(n), np.zeros(n))
     flow.n, flow.npos, flow.scale, flow.kept = n, 0, np.ones(n), np.zeros(5)
-    flow.w, flow.x, flow.known, flow.dz = np.r_[np.zeros(2 * n), np.ones(n)], *np.zeros((3, n))
+    flow.w, flow.guess, flow.inverse_sizes = None, np.zeros(n), np.ones(n)
+    flow.x, flow.known, flow.dz = np.zeros((3, n))
     matrix = flow.derivatives[n:].copy()
 
     def residual(w, x, out):
