@@ -39,7 +39,7 @@ from tcbench.compiler.round_off import round_off
 from tcbench.solver.mending import mended, mending_kernels
 from tcbench.systems.system import System
 
-from . import conduction, sparse
+from . import conduction
 from .formulas import ON_VECTORS, Formulas
 from .memory import Work
 
@@ -204,8 +204,7 @@ def renew(w: Work, h: float, z: Floats) -> None:
         return
     call(w.to_matrix, w.z1, w.c, w.sparse.values)  # of a large system whether or not it seemed stiff
     w.stiff[2] = 1.0
-    for j in range(w.numbers.pairs):
-        sparse.factor(w.sparse, j, h * w.numbers.eigen_re[j], h * w.numbers.eigen_im[j])
+    conduction.factor_pairs(w, h)
 
 
 @rare

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,7 +19,7 @@ from .array_jacobian import Term
 from .array_mesh import ENTRIES, Block, Ints, Mesh
 from .arrays import LINEAR, NUMBER, Path, collect
 from .derivatives import Substitution, topological
-from .kernels import PAIRS, Kernel, literal, operation
+from .kernels import Kernel, derivatives_of, literal, written
 from .symbols import Symbol
 
 WHOLE = ("collect", "join", "part")  # those are there before the loops of their round
@@ -274,19 +275,13 @@ class _Writer:
                 lines += self._operation(node, self.names)
         return lines
 
-    def _operation(self, node: Symbol, names: dict[int, str], partner: Symbol | None = None) -> list[str]:
-        if node.op in ("const", "mark"):
-            names[node.number] = literal(node) if node.op == "const" else names[node.args[0].number]
-            return []
-        if node.op == "var":
-            raise ValueError(f"the kernel needs {node!r}, which is no input of it")
+    def _operation(
+        self, node: Symbol, names: dict[int, str], derivatives: Mapping[int, Symbol] = MappingProxyType({})
+    ) -> list[str]:
+        if node.op != "count":
+            return written(node, names, self._fresh("v"), derivatives)
         names[node.number] = name = self._fresh("v")
-        if node.op == "count":
-            return [f"{name} = float({self.slot('size', node.value)})"]
-        if partner is not None:
-            names[partner.number] = f"d{name}"
-            return [f"{name}, d{name} = {node.op}_pair({names[node.args[0].number]})"]
-        return [f"{name} = {operation(node, [names[a.number] for a in node.args])}"]
+        return [f"{name} = float({self.slot('size', node.value)})"]
 
     def _joined(self, node: Symbol) -> list[str]:
         places = [self.stored[node.number].part(node.value, k) for k in range(len(node.args))]
@@ -333,7 +328,7 @@ class _Body:
         self.w, self.i, self.lines = writer, i, list[str]()
         self.names, self.indices = dict(writer.names), dict[Path, str]()
         here = [x for x in writer.nodes if writer.stage[x.number] == (depth, space) and x.number not in writer.given]
-        slopes = {(x.op, x.args[0].number): x for x in here if x.op in PAIRS.values()}
+        derivatives = derivatives_of(here)
         for node in here:
             if node.number in self.names or node.op in WHOLE:
                 continue
@@ -344,8 +339,7 @@ class _Body:
                 continue
             for a in node.args:
                 self.value(a)
-            partner = slopes.get((PAIRS[node.op], node.args[0].number)) if node.op in PAIRS else None
-            self.lines += writer._operation(node, self.names, partner)
+            self.lines += writer._operation(node, self.names, derivatives)
         for node in here:
             place = writer.stored.get(node.number)
             if place and node.op not in WHOLE:

@@ -43,7 +43,6 @@ def _checked_call() -> str:
     lines.append(
         "  %pointer = inttoptr i64 %kernel to ptr\n  call void %pointer(ptr %a, ptr %b, ptr %out)\n  ret void\n}"
     )
-    lines.append("define i64 @kinds_at() {\nentry:\n  %at = ptrtoint ptr @kinds to i64\n  ret i64 %at\n}")
     return "\n".join(lines)
 
 
@@ -54,13 +53,10 @@ def native() -> list[Any]:
     """[evaluate, run_kernel] of `_checked_call`, as ctypes has them; they are too short to release the lock."""
     with LOCK:
         if not NATIVE:
-            names = ["evaluate", "run_kernel", "kinds_at"]
-            at = addresses(names, _checked_call, loops=False)
-            word = ctypes.c_ssize_t
-            kinds = (ctypes.c_int64 * 2).from_address(ctypes.PYFUNCTYPE(word)(at[2])())
-            kinds[:] = [id(np.ndarray), id(np.dtype(np.float64))]
-            checked = ctypes.PYFUNCTYPE(word, word, word, word, word)(at[0])
-            NATIVE[:] = checked, ctypes.PYFUNCTYPE(None, word, word, word, word)(at[1])
+            checked, unchecked, kinds = addresses(["evaluate", "run_kernel", "kinds"], _checked_call, loops=False)
+            (ctypes.c_int64 * 2).from_address(kinds)[:] = [id(np.ndarray), id(np.dtype(np.float64))]
+            words = [ctypes.c_ssize_t] * 4
+            NATIVE[:] = [ctypes.PYFUNCTYPE(x, *words)(f) for x, f in ((ctypes.c_ssize_t, checked), (None, unchecked))]
     return NATIVE
 
 

@@ -35,34 +35,40 @@ def straight_line(inputs: Mapping[Symbol, str], outputs: Sequence[Symbol], in_ro
     lines: list[str] = []
     # an input may itself be a formula (a hoisted value): do not look beneath it
     nodes = topological(outputs, {x.number for x in inputs})
-    derivatives = {(node.op, node.args[0].number): node for node in nodes if node.op in PAIRS.values()}
+    derivatives = derivatives_of(nodes)
     for node in nodes:
-        if node.number in names:
-            continue
-        if node.op == "const" and node not in inputs:
-            names[node.number] = literal(node)
-            continue
-        if node.op == "mark" and node not in inputs:
-            names[node.number] = names[node.args[0].number]
-            continue
-        name = names[node.number] = f"t{len(lines)}"
-        partner = derivatives.get((PAIRS[node.op], node.args[0].number)) if node.op in PAIRS else None
-        if partner is not None:
-            names[partner.number] = f"d{name}"
-            lines.append(f"{name}, d{name} = {node.op}_pair({names[node.args[0].number]})")
-            continue
         if node in inputs:
+            names[node.number] = name = f"t{len(lines)}"
             lines.append(f"{name} = {inputs[node]}")
-        elif node.op == "var":
-            raise ValueError(f"the kernel needs {node!r}, which is no input of it")
-        else:
-            lines.append(f"{name} = {operation(node, [names[x.number] for x in node.args])}")
+        elif node.number not in names:
+            lines += written(node, names, f"t{len(lines)}", derivatives)
     results = [names[node.number] for node in outputs]
     for i in range(0, in_rows, ROW):
         group = results[i : min(i + ROW, in_rows)]
         lines.append(f"put(out, {i}, vector({', '.join(group)}))" if len(group) > 1 else f"out[{i}] = {group[0]}")
     lines += [f"out[{i}] = {name}" for i, name in enumerate(results) if i >= in_rows]
     return "def kernel(a, b, out):\n" + "".join(f"    {line}\n" for line in lines or ["pass"])
+
+
+def derivatives_of(nodes: Iterable[Symbol]) -> dict[int, Symbol]:
+    """By the number of a value that is computed together with its derivative, that derivative."""
+    slopes = {(x.op, x.args[0].number): x for x in nodes if x.op in PAIRS.values()}
+    pairs = ((x.number, slopes.get((PAIRS[x.op], x.args[0].number))) for x in nodes if x.op in PAIRS)
+    return {number: slope for number, slope in pairs if slope is not None}
+
+
+def written(node: Symbol, names: dict[int, str], name: str, derivatives: Mapping[int, Symbol]) -> list[str]:
+    """The text of a node, a line or none; what is known of its value, and of its derivative, goes to `names`."""
+    if node.op in ("const", "mark"):
+        names[node.number] = literal(node) if node.op == "const" else names[node.args[0].number]
+        return []
+    if node.op == "var":
+        raise ValueError(f"the kernel needs {node!r}, which is no input of it")
+    names[node.number] = name
+    if node.number in derivatives:
+        names[derivatives[node.number].number] = f"d{name}"
+        return [f"{name}, d{name} = {node.op}_pair({names[node.args[0].number]})"]
+    return [f"{name} = {operation(node, [names[x.number] for x in node.args])}"]
 
 
 def literal(node: Symbol) -> str:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from .translator import Module, Read
 
 OWN = ("tcbench", "tcbench_plugins")  # whose globals are constants
-CODES = {INT: ctypes.c_int64, FLOAT: ctypes.c_double, BOOL: ctypes.c_int64}
+CODES = {INT: ctypes.c_int64, FLOAT: ctypes.c_double, BOOL: ctypes.c_int64, NOTHING: None}
 
 
 _SOURCES: dict[str, str] = {}  # of libraries, read when they were made: an author may edit a file meanwhile
@@ -158,20 +158,18 @@ def _entry(function: Callable[..., Any], address: int) -> Callable[..., Any]:
         else:
             types.append(ctypes.c_void_p)  # which ctypes converts in half the time of a number
             passed.append(f"{name}.address")
-    parts = result.kinds if isinstance(result, Several) else (result,)
-    direct = result in (INT, NOTHING)
-    if not direct:
-        types.append(ctypes.c_int64)
-        passed.append("__results.ctypes.data")
-    machine = ctypes.CFUNCTYPE(ctypes.c_int64 if result == INT else None, *types)(address)
-    scope = {"__machine": machine, "__place": _place, "__numpy": NUMPY, "__np": np, "__read": _read, "__parts": parts}
+    scope: dict[str, Any] = {"__place": _place, "__numpy": NUMPY, "__byref": ctypes.byref}
+    if several := isinstance(result, Several):
+        fields = [(f"part{i}", CODES[kind]) for i, kind in enumerate(result.kinds)]
+        scope["__results"] = type("Results", (ctypes.Structure,), {"_fields_": fields})
+        types.append(ctypes.c_void_p)
+        passed.append("__byref(found := __results())")
+    scope["__machine"] = machine = ctypes.CFUNCTYPE(None if several else CODES[result], *types)(address)
     text = f"__machine({', '.join(passed)})"
-    if not direct:
-        text = f"(__results := __np.zeros({len(parts)}, __np.int64), {text}, __read(__results, __parts))[2]"
-        if isinstance(result, str):
-            text += "[0]"
+    if several:
+        text = f"({text}, ({''.join(f'found.{name}, ' for name, _ in fields)}))[1]"
     entry: Callable[..., Any] = eval(f"lambda {', '.join(kinds)}: {text}", scope)
-    if direct:
+    if not several:
         vars(entry)["machine"] = machine
     return entry
 
@@ -182,11 +180,6 @@ def _place(array: np.ndarray, rank: int, kind: np.dtype[Any]) -> tuple[int, ...]
     if not known or array.ndim != rank or not array.flags.c_contiguous:
         raise TypeError(f"a contiguous array of {kind} with {rank} axes is needed, not {array!r}")
     return address_of(array), *array.shape
-
-
-def _read(results: np.ndarray, kinds: tuple[str, ...]) -> tuple[Any, ...]:
-    floats = results.view(np.float64)
-    return tuple(float(floats[i]) if kind == FLOAT else int(results[i]) for i, kind in enumerate(kinds))
 
 
 # kernels ------------------------------------------------------------------------------------------------------------

@@ -41,7 +41,6 @@ def asked(watch: Floats, t: float) -> bool:
 def _look() -> str:
     """LLVM code of a kernel of `watch` alone."""
     lines = [f"@python = global [{len(PYTHON)} x ptr] zeroinitializer"]
-    lines.append("define i64 @python_at() {\nentry:\n  %at = ptrtoint ptr @python to i64\n  ret i64 %at\n}")
     lines.append("define void @look(ptr %watch, ptr %b, ptr %c) {\nentry:")
     for k in range(len(PYTHON)):
         lines.append(f"  %at{k} = getelementptr ptr, ptr @python, i64 {k}\n  %f{k} = load ptr, ptr %at{k}")
@@ -62,8 +61,8 @@ def _native() -> int:
     """Address of the look."""
     with LOCK:
         if not _NATIVE:
-            look, table = addresses(["look", "python_at"], _look, loops=False)
-            places = (ctypes.c_size_t * len(PYTHON)).from_address(ctypes.PYFUNCTYPE(ctypes.c_ssize_t)(table)())
+            look, table = addresses(["look", "python"], _look, loops=False)
+            places = (ctypes.c_size_t * len(PYTHON)).from_address(table)
             places[:] = [ctypes.cast(getattr(ctypes.pythonapi, x), ctypes.c_void_p).value or 0 for x in PYTHON]
             _NATIVE.append(look)
     return _NATIVE[0]

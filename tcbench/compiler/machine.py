@@ -125,7 +125,7 @@ _TABLES: list[np.ndarray] = []  # that loaded code reads
 def addresses(
     symbols: Iterable[str], translate: Callable[[], str], key: str | None = None, *, loops: bool
 ) -> list[int]:
-    """Where the symbols of a module stand in memory, from the cache of object files or compiled now.
+    """Where functions and globals of a module stand in memory, from the cache of object files or compiled now.
 
     translate: gives the LLVM code; key: what stands for that, so that nothing need be translated to find it.
     """
@@ -136,7 +136,7 @@ def addresses(
     engine.add_object_file(llvm.ObjectFileRef.from_data(content))
     engine.finalize_object()
     _ENGINES.append(engine)
-    found = {symbol: engine.get_function_address(symbol) for symbol in symbols}
+    found = {symbol: engine.get_global_value_address(symbol) for symbol in symbols}
     missing = [symbol for symbol, address in found.items() if not address]
     if missing:
         raise MachineError(
@@ -154,11 +154,14 @@ def load(text: str, code: Callable[[str], str], table: np.ndarray | None = None,
     """
     key = (text, None if table is None else table.tobytes())
     if key not in _LOADED:
-        symbols = ["kernel", *(["table_at"] if table is not None else [])]
-        found = addresses(symbols, lambda: code(text), f"{by} {text}" if by else None, loops=table is not None)
+        found = addresses(
+            ["kernel", *(["table"] if table is not None else [])],
+            lambda: code(text),
+            f"{by} {text}" if by else None,
+            loops=table is not None,
+        )
         if table is not None:
-            place = ctypes.CFUNCTYPE(ctypes.c_int64)(found[1])()
-            ctypes.c_int64.from_address(place).value = table.ctypes.data
+            ctypes.c_int64.from_address(found[1]).value = table.ctypes.data
             _TABLES.append(table)
         _LOADED[key] = found[0]
     return _LOADED[key]

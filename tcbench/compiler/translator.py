@@ -28,11 +28,7 @@ from .values import BOOL, FUSED, INT, NOTHING, Array, Several, TranslationError,
 KERNEL = Array(sized=False)
 Read = tuple[Mapping[str, Any], str, Any]  # a global: namespace, name, value
 WORD = re.compile(r"[A-Za-z_]\w*")
-TABLE = """@table = global ptr null
-define i64 @table_at() {
-  %at = ptrtoint ptr @table to i64
-  ret i64 %at
-}"""
+TABLE = "@table = global ptr null"
 
 
 @dataclass(frozen=True)
@@ -174,34 +170,32 @@ class Module:
         return made
 
     def entry(self, function: FunctionType, name: str) -> Function:
-        """A function for ctypes: numbers as they are, a record by its address, an array by address and lengths; results
-        of another kind than an int go through one more argument, an address."""
+        """A function for ctypes: numbers as they are, a record by its address, an array by address and lengths; several
+        results go through one more argument, an address."""
         made = self.function(function)
         parts = [f"{m} %{a}{i}" for a, kind in made.arguments.items() for i, m in enumerate(machine_kinds(kind))]
         bools = [(a, f"%{a}0") for a, kind in made.arguments.items() if kind == BOOL]
         outer = [p.replace("i1 ", "i64 ") if p.startswith("i1 ") else p for p in parts]
         lines = [f"  %{a}bool = icmp ne i64 {code}, 0" for a, code in bools]
         inner = [f"i1 %{p[4:-1]}bool" if p.startswith("i1 ") else p for p in parts]
-        direct = made.result in (INT, NOTHING)
-        call = f"call {made.result_code} {made.name}({', '.join(inner)})"
-        if made.result == NOTHING:
+        call, result = f"call {made.result_code} {made.name}({', '.join(inner)})", made.result
+        if result == NOTHING:
             lines += [f"  {call}", "  ret void"]
-        elif direct:
-            lines += [f"  %result = {call}", "  ret i64 %result"]
-        else:
+        elif isinstance(result, Several):
             outer.append("ptr %results")
             lines.append(f"  %result = {call}")
-            for i, kind in enumerate(machine_kinds(made.result)):
-                value = "%result"
-                if isinstance(made.result, Several):
-                    lines.append(f"  %part{i} = extractvalue {made.result_code} %result, {i}")
-                    value = f"%part{i}"
-                if kind == BOOL:
-                    lines.append(f"  %wide{i} = zext i1 {value} to i64")
-                    kind, value = INT, f"%wide{i}"
-                lines += [f"  %at{i} = getelementptr i64, ptr %results, i64 {i}", f"  store {kind} {value}, ptr %at{i}"]
+            for i, kind in enumerate(result.kinds):
+                lines.append(f"  %part{i} = extractvalue {made.result_code} %result, {i}")
+                lines += [f"  %wide{i} = zext i1 %part{i} to i64"] if kind == BOOL else []
+                lines.append(f"  %at{i} = getelementptr i64, ptr %results, i64 {i}")
+                lines.append(f"  store {f'i64 %wide{i}' if kind == BOOL else f'{kind} %part{i}'}, ptr %at{i}")
             lines.append("  ret void")
-        result = "i64" if made.result == INT else "void"
+            result = NOTHING
+        elif result == BOOL:
+            lines += [f"  %result = {call}", "  %wide = zext i1 %result to i64", "  ret i64 %wide"]
+            result = INT
+        else:
+            lines += [f"  %result = {call}", f"  ret {result} %result"]
         head = f'define {result} @"{name}"({", ".join(outer)}) nounwind {{'
         self.code.append("\n".join([head, *lines, "}"]))
         return made

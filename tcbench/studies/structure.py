@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..compiler import derivatives as trace
-from ..compiler.kernels import Kernel, kernel
+from ..compiler.kernels import Kernel, kernel, placed
 from ..systems.as_written import place
 from ..systems.declaration import MATRICES
 
@@ -167,7 +167,7 @@ def _matrix_of(model: System, name: str) -> Kernel:
     with trace.tracing():
         z = trace.variables("z", model.size)
         outputs = [trace.lifted(x) for x in np.ravel(np.asarray(getattr(sym, name)(z), dtype=object))]
-        return kernel({x: f"a[{i}]" for i, x in enumerate(z)} | sym.constant_symbols(), outputs)
+        return kernel(placed("a", z) | sym.constant_symbols(), outputs)
 
 
 def relative(covector: Any, rate: Any) -> float:
@@ -212,8 +212,7 @@ def _random_covectors(model: System) -> tuple[Kernel, int]:
         rates = [getattr(sym, name)(z, *covectors) for name in FORMULAS]
         outputs = [trace.lifted(x) for part in (*covectors, *rates) for x in part]
         outputs += [x for line in trace.jacobian(list(sym.momenta(z)), list(z)) for x in line]
-        inputs = {x: f"a[{i}]" for i, x in enumerate([*z, *factors])} | sym.constant_symbols()
-        return kernel(inputs, outputs), len(factors)
+        return kernel(placed("a", [*z, *factors]) | sym.constant_symbols(), outputs), len(factors)
 
 
 def written(model: System, name: str) -> str:
