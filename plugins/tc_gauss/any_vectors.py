@@ -14,9 +14,12 @@ import numpy as np
 from tcbench.compiler import derivatives as trace
 from tcbench.compiler.kernels import WIDTH
 from tcbench.compiler.language import PLAIN
+from tcbench.compiler.machine import load
 from tcbench.compiler.once import once
+from tcbench.compiler.vector_kernels import Lanes, can_express
 from tcbench.systems.system import System
 
+from .any_system import any_formulas
 from .formulas import ON_VECTORS, coefficients, integrated, projected
 from .sparse import with_fill
 
@@ -28,16 +31,10 @@ Complex = tuple[Any, Any]
 @once
 def vector_kernels(symbolic: System, k: int) -> dict[str, int]:
     """Addresses of the kernels by their names in `memory.Work`; zeros where the formulas have no such form."""
-    from tcbench.compiler.vector_kernels import can_express
-
-    from .any_system import any_formulas
-
     made, _ = any_formulas(symbolic)
     values = [x for _, row in made.bodies[1:4] for x in row]
     if PLAIN or symbolic.size > MOST or not can_express(values):
         return dict.fromkeys(KERNELS, 0)
-    from tcbench.compiler.machine import load
-
     with trace.tracing(made.table):
         texts = [factors(made.pattern, k), damping(made.pattern, k)]
         texts += [iteration(made, symbolic.size, k, level) for level in range(ON_VECTORS)]
@@ -71,8 +68,6 @@ def less(lanes: Any, x: Complex, y: Complex) -> Complex:
 
 def factors(pattern: Any, k: int) -> str:
     """a: -J as `Formulas` has it; b: h; out: the factors, with the reciprocals of the pivots."""
-    from tcbench.compiler.vector_kernels import Lanes
-
     lanes, known, at = Lanes(), coefficients(k), Factors(pattern)
     size, values = at.size, pattern.cumsum().reshape(pattern.shape) - 1
     h = lanes.number(lanes.b, 0)
@@ -102,8 +97,6 @@ def factors(pattern: Any, k: int) -> str:
 
 def damping(pattern: Any, k: int) -> str:
     """(I - hJ)^-1 of the rows of `out`, in place. a: the factors."""
-    from tcbench.compiler.vector_kernels import Lanes
-
     lanes, at, lane = Lanes(), Factors(pattern), coefficients(k).pairs
     size = at.size
     x = [lanes.row(lanes.out, WIDTH * i) for i in range(size)]
@@ -142,8 +135,6 @@ def iteration(made: Any, size: int, k: int, level: int) -> str:
     a: z, weights of a residual, what is carried of z, the factors; b: h, constants; out: U, which is corrected in
     place, N, a row of WIDTH nodes for each variable; then the weighed size of the correction, NaN if it is.
     """
-    from tcbench.compiler.vector_kernels import Lanes
-
     lanes, known = Lanes(), coefficients(k)
     _, (inputs, motion), (y, slopes), (all_inputs, rates), _ = made.bodies
     carried = 2 * size

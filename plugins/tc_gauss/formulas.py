@@ -16,6 +16,8 @@ from tcbench.compiler import derivatives as trace
 from tcbench.compiler.array_states import entries
 from tcbench.compiler.kernels import WIDTH, Kernel, constant_part, kernel, placed
 from tcbench.compiler.language import PLAIN
+from tcbench.compiler.machine import load
+from tcbench.compiler.vector_kernels import Lanes, can_express
 from tcbench.errors import TcbenchError
 from tcbench.reference.collocation import gauss_nodes, lagrange, tableau
 from tcbench.reference.precision import LONG
@@ -150,8 +152,6 @@ def iteration(symbolic: System, k: int, level: int) -> str:
 
 
 def _iteration(system: Any, made: Formulas, k: int, level: int) -> str:
-    from tcbench.compiler.vector_kernels import Lanes
-
     n, e, coefficient = system.n_positions, system.n_elements, coefficients(k)
     m, lanes = n + e, Lanes()
     motion, slopes, forces = made.bodies[1:4]
@@ -255,8 +255,6 @@ def stiff_block(k: int) -> str:
 
     The block is a function of A; its eigenvalues are h z/(1 - lambda h z), where z are those of A.
     """
-    from tcbench.compiler.vector_kernels import Lanes
-
     lanes = Lanes()
     z, Y, X = eigenvectors(coefficients(k).A)
     h, decay = lanes.number(lanes.a, 0), lanes.number(lanes.a, 1)
@@ -275,8 +273,6 @@ def stiff_block(k: int) -> str:
 
 def extrapolation(k: int, m: int) -> str:
     """`step.extrapolate` on vectors. a: this step over the last; out: U, N, of m variables each."""
-    from tcbench.compiler.vector_kernels import Lanes
-
     lanes, coefficient = Lanes(), coefficients(k)
     x = lanes.add(lanes.constant(1.0), lanes.mul(lanes.number(lanes.a, 0), lanes.constant(coefficient.nodes)))
     weights = [
@@ -293,8 +289,6 @@ def extrapolation(k: int, m: int) -> str:
 
 def closing(k: int, n: int, e: int) -> str:
     """The end of a step: sums over the nodes. a: N, V; b: h; out: dz (2n + e), then N at 0 and N at 1 (n + e each)."""
-    from tcbench.compiler.vector_kernels import Lanes
-
     lanes, coefficient, m = Lanes(), coefficients(k), n + e
     rows = [lanes.first(k, lanes.row(lanes.a, WIDTH * i)) for i in range(m + n)]
     h = lanes.number(lanes.b, 0)
@@ -313,12 +307,8 @@ def closing(k: int, n: int, e: int) -> str:
 @cache
 def on_vectors(symbolic: System, k: int) -> list[int]:
     """Addresses of the kernels on vectors; zeros where the system's iterations have no such form."""
-    from tcbench.compiler.vector_kernels import can_express
-
     if PLAIN:
         return [0] * (ON_VECTORS + 3)
-    from tcbench.compiler.machine import load
-
     some = can_express([x for _, row in formulas(symbolic).bodies[1:4] for x in row])
     iterations = [load(iteration(symbolic, k, level), str) if some else 0 for level in range(ON_VECTORS)]
     return [*iterations, load(stiff_block(k), str), *sums_on_vectors(k, symbolic.n_positions, symbolic.n_elements)]
@@ -329,6 +319,4 @@ def sums_on_vectors(k: int, n: int, e: int) -> list[int]:
     """Addresses of the last two of them, which ask nothing of the system."""
     if PLAIN:
         return [0, 0]
-    from tcbench.compiler.machine import load
-
     return [load(t, str) for t in (extrapolation(k, n + e), closing(k, n, e))]

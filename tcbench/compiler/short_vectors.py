@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from . import language
 from .machine import has_fma
-from .values import FLOAT, FUSED, INT, NOTHING, Array, Several, Value, constant, say
+from .values import FLOAT, INT, NOTHING, Array, Several, Value, constant, say
 from .vector_functions import VectorFunctions
 
 if TYPE_CHECKING:
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
 
 WRITTEN, OF_VECTORS = ("llvm.exp.f64", "llvm.log.f64"), ("llvm.sqrt.f64", "llvm.fabs.f64")
-COMPARISONS = {"<": "olt", ">": "ogt", "==": "oeq"}
 
 
 def kind_of_width(width: int) -> str:
@@ -143,41 +142,11 @@ def _two_product(body: Expressions, node: ast.Call) -> Value:
     return Value(Several((kind, kind)), (product, do("fsub", do("fmul", x2, y2), rest)))
 
 
-class _Written(VectorFunctions):
-    """As text behind that of a function."""
-
-    def __init__(self, body: Arithmetic, width: int) -> None:
-        self.body, self.width = body, width
-        self.kind, self.bits = kind_of_width(width), f"<{width} x i64>"
-
-    def real(self, operation: str, x: str, y: str) -> str:
-        return self.body.emit(f"{operation} {FUSED} {self.kind} {x}, {y}")
-
-    def whole(self, operation: str, x: str, y: str) -> str:
-        return self.body.emit(f"{operation} {self.bits} {x}, {y}")
-
-    def constant(self, value: float) -> str:
-        return f"<{', '.join([f'{FLOAT} {constant(value)}'] * self.width)}>"
-
-    def everywhere(self, value: int) -> str:
-        return f"<{', '.join([f'i64 {value}'] * self.width)}>"
-
-    def as_bits(self, x: str) -> str:
-        return self.body.emit(f"bitcast {self.kind} {x} to {self.bits}")
-
-    def from_bits(self, x: str) -> str:
-        return self.body.emit(f"bitcast {self.bits} {x} to {self.kind}")
-
-    def select(self, test: str, x: str, y: str, yes: str, no: str) -> str:
-        truth = self.body.emit(f"fcmp {COMPARISONS[test]} {self.kind} {x}, {y}")
-        return self.body.emit(f"select <{self.width} x i1> {truth}, {self.kind} {yes}, {self.kind} {no}")
-
-
 def elementary(body: Arithmetic, name: str, kind: Any, values: Sequence[str]) -> Value:
     """A function of C of the lanes of vectors: of some for all lanes at once, else lane by lane."""
     width = width_of(kind)
     if name in WRITTEN:
-        return Value(kind, (getattr(_Written(body, width), name.split(".")[1])(*values),))
+        return Value(kind, (getattr(VectorFunctions(body.emit, width), name.split(".")[1])(*values),))
     if name in OF_VECTORS:
         full = f"{name.rpartition('.')[0]}.v{width}f64"
         body.module.external.add(f"declare {kind} @{full}({kind})")

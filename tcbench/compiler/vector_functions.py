@@ -1,12 +1,16 @@
-"""exp and log of vectors, written once for whatever writes LLVM code: objects of llvmlite or text."""
+"""Arithmetic of vectors as LLVM code, exp and log included: for `short_vectors` and for `vector_kernels`."""
 
 from __future__ import annotations
 
 import math
 import struct
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
+
+import numpy as np
+
+from .values import FLOAT, FUSED, INT, constant
 
 ROUND = 1.5 * 2.0**52  # adding it rounds to an integer, which then stands in the low bits
 LN2_HIGH, LN2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10  # their sum is ln 2 to 33 more digits
@@ -17,53 +21,61 @@ LOG_SERIES = [  # log((1 + s)/(1 - s)) = 2s + s R(s^2) for s^2 < 0.0295, error 2
 ]  # fmt: skip
 SMALLEST = sys.float_info.min
 LARGEST_EXP, SMALLEST_EXP = math.log(sys.float_info.max), math.log(SMALLEST)
+COMPARISONS = {"<": "olt", ">": "ogt", "==": "oeq"}
 EXPONENT = 52  # bits of a double behind its exponent
 
 
 class VectorFunctions:
-    """Functions of vectors, by operations lane by lane: of a subclass, which writes them."""
+    """Operations and functions of vectors of so many doubles. emit: writes an operation of LLVM, gives its name."""
 
-    def real(self, operation: str, x: Any, y: Any) -> Any:
+    def __init__(self, emit: Callable[[str], str], width: int) -> None:
+        self.emit, self.width = emit, width
+        self.kind, self.bits = f"<{width} x {FLOAT}>", f"<{width} x {INT}>"
+
+    def real(self, operation: str, x: str, y: str) -> str:
         """fadd, fsub, fmul or fdiv."""
-        raise NotImplementedError
+        return self.emit(f"{operation} {FUSED} {self.kind} {x}, {y}")
 
-    def whole(self, operation: str, x: Any, y: Any) -> Any:
+    def whole(self, operation: str, x: str, y: str) -> str:
         """add, sub, shl or ashr of vectors of whole numbers."""
-        raise NotImplementedError
+        return self.emit(f"{operation} {self.bits} {x}, {y}")
 
-    def constant(self, value: Any) -> Any:
-        """A number in every lane."""
-        raise NotImplementedError
+    def constant(self, value: Any) -> str:
+        """A number in every lane, or a number for each, the first repeated in the lanes that are left."""
+        values = [float(value)] if np.ndim(value) == 0 else [float(x) for x in value]
+        values += [values[0]] * (self.width - len(values))
+        return f"<{', '.join(f'{FLOAT} {constant(x)}' for x in values)}>"
 
-    def everywhere(self, value: int) -> Any:
+    def everywhere(self, value: int) -> str:
         """A whole number in every lane."""
-        raise NotImplementedError
+        return f"<{', '.join([f'{INT} {value}'] * self.width)}>"
 
-    def as_bits(self, x: Any) -> Any:
+    def as_bits(self, x: str) -> str:
         """The bits of numbers as whole numbers."""
-        raise NotImplementedError
+        return self.emit(f"bitcast {self.kind} {x} to {self.bits}")
 
-    def from_bits(self, x: Any) -> Any:
+    def from_bits(self, x: str) -> str:
         """The reverse."""
-        raise NotImplementedError
+        return self.emit(f"bitcast {self.bits} {x} to {self.kind}")
 
-    def select(self, test: str, x: Any, y: Any, yes: Any, no: Any) -> Any:
+    def select(self, test: str, x: str, y: str, yes: str, no: str) -> str:
         """`yes` where x < y, x > y or x == y, and neither is NaN."""
-        raise NotImplementedError
+        truth = self.emit(f"fcmp {COMPARISONS[test]} {self.kind} {x}, {y}")
+        return self.emit(f"select <{self.width} x i1> {truth}, {self.kind} {yes}, {self.kind} {no}")
 
-    def add(self, x: Any, y: Any) -> Any:
+    def add(self, x: str, y: str) -> str:
         return self.real("fadd", x, y)
 
-    def sub(self, x: Any, y: Any) -> Any:
+    def sub(self, x: str, y: str) -> str:
         return self.real("fsub", x, y)
 
-    def mul(self, x: Any, y: Any) -> Any:
+    def mul(self, x: str, y: str) -> str:
         return self.real("fmul", x, y)
 
-    def divide(self, x: Any, y: Any) -> Any:
+    def divide(self, x: str, y: str) -> str:
         return self.real("fdiv", x, y)
 
-    def polynomial(self, coefficients: Sequence[float], x: Any) -> Any:
+    def polynomial(self, coefficients: Sequence[float], x: str) -> str:
         """In Estrin's order: short chains of operations."""
         terms = [self.constant(c) for c in coefficients]
         while len(terms) > 1:
@@ -72,7 +84,7 @@ class VectorFunctions:
             x = self.mul(x, x) if len(terms) > 1 else x
         return terms[0]
 
-    def exp(self, x: Any) -> Any:
+    def exp(self, x: str) -> str:
         """Within an ulp; infinite where it overflows, 0 where it is below the smallest normal number, NaN of NaN."""
         given, top, bottom = x, self.constant(LARGEST_EXP), self.constant(SMALLEST_EXP)
         x = self.select(">", x, top, top, x)
@@ -87,7 +99,7 @@ class VectorFunctions:
         value = self.select(">", given, top, self.constant(math.inf), value)
         return self.select("<", given, bottom, self.constant(0.0), value)
 
-    def log(self, x: Any) -> Any:
+    def log(self, x: str) -> str:
         """Within an ulp; as numpy's: -infinity of 0, infinity of infinity, NaN where x is negative or NaN."""
         given, least = x, self.constant(SMALLEST)
         x = self.select("<", x, least, self.mul(x, self.constant(2.0**54)), x)  # subnormal numbers

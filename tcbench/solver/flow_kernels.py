@@ -63,7 +63,7 @@ def _build(flow: Flow, system: System) -> FlowKernels:
     given = traced(flow, sym, y0, d, h, further(flow, sym, z0, h, start.reshape(-1, n)))
     unseen = not (flow.stages or isinstance(sym, ElementSystem))  # of theirs the last digits stay what they were
     reduction = reduce(normalised(given, d, h), list(d), unseen=unseen)
-    slopes = _ordered(reduction) if len(reduction.unknowns) > UNROLLED else None
+    pattern, slopes = _ordered(reduction) if len(reduction.unknowns) > UNROLLED else (None, [])
     x = reduction.unknowns
     increments = np.array(reduction.increments(d), dtype=object)
     y1 = y0 + increments[:n]
@@ -75,7 +75,7 @@ def _build(flow: Flow, system: System) -> FlowKernels:
     where = [place[s] for s in x]
     positive = list(y1.theta) if flow.variables == "temperature" else []
     sizes = sizes_of(sym, y0, z0, flow.variables)
-    if slopes is None:
+    if pattern is None:
         moved = reduction.moved()
         scales = [trace.reciprocal(sizes[i % n]) for i in [*where, *(place[e] for e in moved)]]
         parts = _dense_parts(reduction, moved, positive, h, scales)
@@ -101,7 +101,7 @@ def _build(flow: Flow, system: System) -> FlowKernels:
     opened = kernel(prologue_inputs, opening)
     return FlowKernels(
         setup=kernel({**known, **{s: behind[s] for s in first}}, fixed_constants),
-        prologue=opened if slopes else kernel(prologue_inputs, [*fixed, *hoisted]),
+        prologue=opened if pattern else kernel(prologue_inputs, [*fixed, *hoisted]),
         opening=opened,
         iterate=kernel(reads, [*parts.iterate, *parts.stored.values()]),
         polish=kernel(reads | stored, parts.polish),
@@ -110,10 +110,11 @@ def _build(flow: Flow, system: System) -> FlowKernels:
         n_unknowns=len(x),
         n_eliminated=len(parts.moved),
         n_positive=len(positive),
-        foresees=slopes is None and not isinstance(sym, ElementSystem),  # of theirs the last digits stay what they were
+        foresees=pattern is None
+        and not isinstance(sym, ElementSystem),  # of theirs the last digits stay what they were
         steep=has_roots(reduction.rows),
-        pattern=slopes.pattern if slopes else None,
-        way=f"sparse: {len(x)} unknowns" if slopes else f"unrolled: {len(x)} unknowns" if x else "explicit",
+        pattern=pattern,
+        way=f"sparse: {len(x)} unknowns" if pattern else f"unrolled: {len(x)} unknowns" if x else "explicit",
     )
 
 
@@ -152,22 +153,14 @@ def _dense_parts(
 
 
 def _sparse_parts(
-    reduction: Reduction, slopes: _Slopes, positive: list[Symbol], h: Symbol, scales: list[Symbol]
+    reduction: Reduction, slopes: list[Symbol], positive: list[Symbol], h: Symbol, scales: list[Symbol]
 ) -> _Parts:
     d_dh = [row.get(0, const(0.0)) for row in trace.sparse_jacobian(reduction.rows, [h])]
-    return _Parts([*reduction.rows, *slopes.entries, *positive], d_dh, scales, [*reduction.rows, *positive])
+    return _Parts([*reduction.rows, *slopes, *positive], d_dh, scales, [*reduction.rows, *positive])
 
 
-@dataclass
-class _Slopes:
-    """A sparse Jacobian: where it has entries, and what they are."""
-
-    pattern: Pattern
-    entries: list[Symbol]
-
-
-def _ordered(reduction: Reduction) -> _Slopes:
-    """The Jacobian; rows and unknowns are put into the order of its pattern."""
+def _ordered(reduction: Reduction) -> tuple[Pattern, list[Symbol]]:
+    """A sparse Jacobian's pattern and entries; rows and unknowns are put into the order of the pattern."""
     from .pattern import Pattern  # of large systems only
 
     rows = trace.sparse_jacobian(reduction.rows, reduction.unknowns)
@@ -181,7 +174,7 @@ def _ordered(reduction: Reduction) -> _Slopes:
     reduction.rows = [reduction.rows[i] for i in pattern.order]
     reduction.unknowns = [reduction.unknowns[i] for i in pattern.order]
     pattern.order[:] = np.arange(pattern.n)
-    return _Slopes(pattern, entries)
+    return pattern, entries
 
 
 _EXPLICIT: dict[tuple[Residual, tuple[Any, ...], str | None], FlowKernels] = {}
