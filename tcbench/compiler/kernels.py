@@ -22,6 +22,10 @@ from .once import LOCK, cached_property
 WIDTH = 8  # doubles in a vector of vector_kernels.py
 ROW = 4  # doubles in a short vector of results
 PAIRS = {"phi": "dphi", "lam": "dlam", "sinc": "dsinc"}  # value and derivative share nearly everything
+WRITERS = (  # modules that make LLVM code of a kernel's text, or that it may name
+    "arithmetic", "expressions", "language", "records", "short_vectors", "special", "statements", "translator",
+    "values", "vector_functions",
+)  # fmt: skip
 _BINARY = {"add": "+", "sub": "-", "mul": "*"}
 
 
@@ -174,8 +178,9 @@ def _code(text: str, table: NDArray[np.int32] | None = None) -> str:
 
 def _translator_hash() -> str:
     """Of the translator, and all that a kernel's text may name: what makes LLVM code of the text."""
-    from . import arithmetic, expressions, language, records, short_vectors, special, statements, translator, values
+    from importlib import import_module
+
     from .loaded import digest, loaded_hash
 
-    modules = arithmetic, expressions, language, records, short_vectors, special, statements, translator, values
+    modules = [import_module(f"{__package__}.{name}") for name in WRITERS]
     return f"{loaded_hash(*modules)} {digest(_code.__code__)} {digest(namespace.__wrapped__.__code__)}"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any, NamedTuple, get_args, get_origin
 
 from ..errors import TcbenchError
@@ -62,9 +61,8 @@ def machine_kinds(kind: Any) -> list[str]:
     return [kind] if isinstance(kind, str) else list(kind.kinds) if isinstance(kind, Several) else ["ptr"]
 
 
-@lru_cache(maxsize=4096)
 def constant(x: float) -> str:
-    """A double as LLVM writes it, all bits."""
+    """A double as LLVM writes it, all bits. (Of no cache: in one 0.0 and -0.0 would be the same.)"""
     return f"0x{struct.unpack('<Q', struct.pack('<d', x))[0]:016X}"
 
 

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from tcbench.compiler import kernels, machine
+from tcbench.compiler import kernels, machine, vector_functions
+from tcbench.compiler.values import constant
 
 PACKAGE = Path(__file__).parents[2]
 PRINT = (
@@ -140,3 +141,13 @@ def test_what_compiles_and_what_a_text_may_name_are_in_the_key(monkeypatch):
     monkeypatch.setattr(kernels, "namespace", cache(lambda: {"cos": math.sin}))
     after = machine._compiler.__wrapped__(), kernels._translator_hash()
     assert all(a != b for a, b in zip(before, after, strict=True))
+
+
+def test_the_key_of_a_kernel_covers_how_functions_of_vectors_are_written(monkeypatch):
+    before = kernels._translator_hash()
+    monkeypatch.setattr(vector_functions.VectorFunctions, "exp", lambda self, x: x)
+    assert kernels._translator_hash() != before
+
+
+def test_zeros_of_both_signs_are_two_constants():
+    assert constant(0.0) != constant(-0.0) and constant(0.0) == constant(0.0)
