@@ -10,7 +10,7 @@ authors say from what is measured here besides.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -56,9 +56,8 @@ def plan(integrators: Sequence[Integrator], scenarios: Sequence[Scenario], optio
 
 def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
     points = [errors_at(integrator, scenario, dt) for dt in STEPS]
-    found = orders(integrator, scenario, points)
-    if scenario.model.name == "linear_oscillator":
-        found.append(area(integrator, scenario))
+    found = [*orders(integrator, scenario, points)]
+    found += [area(integrator, scenario)] if scenario.model.name == "linear_oscillator" else []
     return {"status": "ok", "findings": [x.as_dict() for x in found], "points": points}
 
 
@@ -82,40 +81,33 @@ def _run(integrator: Integrator, scenario: Scenario, dt: float, finer: int) -> T
     return simulate(integrator, scenario, dt=dt / finer, t_end=steps * dt, record_every=finer)
 
 
-def orders(integrator: Integrator, scenario: Scenario, points: Sequence[Row]) -> list[LedgerRow]:
+def orders(integrator: Integrator, scenario: Scenario, points: Sequence[Row]) -> Iterator[LedgerRow]:
     """The slopes of the errors over the ten steps; and those of the energy beside the unmodified method's."""
-    declared, found = ORDERS[integrator.name], []
+    declared = ORDERS[integrator.name]
     for column, name in ERRORS.items():
         values = np.array([point[column] for point in points])
         good = bool(np.isfinite(values).all())
         slope = float(np.polyfit(np.log(STEPS), np.log(values), 1)[0]) if good else math.nan
-        found.append(
-            LedgerRow(
-                f"{integrator.name}, {scenario.name}: {name} is of order {declared}", AUTHORS, str(declared),
-                f"{slope:.3f}; errors {values[0]:.3e} at h = {STEPS[0]:g} to {values[-1]:.3e} at {STEPS[-1]:.3g}",
-                abs(slope - declared) <= FOUND_ORDER, command(integrator, scenario, "literature"),
-                "Slope over ten steps 0.1/1.3^k of root mean squares over a run.",
-            )
+        yield LedgerRow(
+            f"{integrator.name}, {scenario.name}: {name} is of order {declared}", AUTHORS, str(declared),
+            f"{slope:.3f}; errors {values[0]:.3e} at h = {STEPS[0]:g} to {values[-1]:.3e} at {STEPS[-1]:.3g}",
+            abs(slope - declared) <= FOUND_ORDER, command(integrator, scenario, "literature"),
+            "Slope over ten steps 0.1/1.3^k of root mean squares over a run.",
         )  # fmt: skip
     if integrator.name == "mybaby":
-        found += _beside_ybaby(integrator, scenario, points)
-    return found
+        yield from _beside_ybaby(integrator, scenario, points)
 
 
-def _beside_ybaby(integrator: Integrator, scenario: Scenario, points: Sequence[Row]) -> list[LedgerRow]:
+def _beside_ybaby(integrator: Integrator, scenario: Scenario, points: Sequence[Row]) -> Iterator[LedgerRow]:
     plain = [errors_at(find_integrator("ybaby"), scenario, dt) for dt in STEPS]
-    rows = []
     for column, name in (("rmse_energy", "E"), ("rmse_entropy", "S")):
         ratios = [a[column] / b[column] for a, b in zip(plain, points, strict=True)]
-        rows.append(
-            LedgerRow(
-                f"{integrator.name}, {scenario.name}: {name} is nearer than by ybaby at every step", ADDED, "ratio > 1",
-                f"{min(ratios):.2f} to {max(ratios):.2f} times", min(ratios) > 1,
-                command(integrator, scenario, "literature"),
-                f"The error of {name} by ybaby over that by mybaby, at ten steps.",
-            )
+        yield LedgerRow(
+            f"{integrator.name}, {scenario.name}: {name} is nearer than by ybaby at every step", ADDED, "ratio > 1",
+            f"{min(ratios):.2f} to {max(ratios):.2f} times", min(ratios) > 1,
+            command(integrator, scenario, "literature"),
+            f"The error of {name} by ybaby over that by mybaby, at ten steps.",
         )  # fmt: skip
-    return rows
 
 
 def area(integrator: Integrator, scenario: Scenario) -> LedgerRow:

@@ -6,7 +6,7 @@ with the statement is decided in that function, from the run; the words of the v
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -35,7 +35,7 @@ class Entry:
 
     integrators: tuple[str, ...]
     scenarios: tuple[str, ...]
-    measure: Callable[[Integrator, Scenario], list[LedgerRow]]
+    measure: Callable[[Integrator, Scenario], Iterator[LedgerRow]]
 
 
 def _simulate(integrator: Integrator, scenario: Scenario, **options: Any) -> tuple[Trajectory, str]:
@@ -54,7 +54,7 @@ def _outcome(run: Trajectory) -> str:
 # ---- the laws over a whole run
 
 
-def conservation(integrator: Integrator, scenario: Scenario) -> list[LedgerRow]:
+def conservation(integrator: Integrator, scenario: Scenario) -> Iterator[LedgerRow]:
     """E exact, S only grows, J exact, over the whole horizon at the scenario's own step: for what the method claims."""
     run, command = _simulate(integrator, scenario)
     laws = {
@@ -62,32 +62,26 @@ def conservation(integrator: Integrator, scenario: Scenario) -> list[LedgerRow]:
         "entropy": ("entropy only grows", "no fall of S", theorems.entropy_fall),
         "angular_momentum": ("angular momentum is exact", "|J - J0| = 0", theorems.momentum_defect),
     }
-    rows = []
     for name, (words, expected, measure) in laws.items():
         if name in integrator.claims:
             worst = measure(run)
-            rows.append(
-                LedgerRow(
-                    f"{integrator.name}, {scenario.name}: {words}", "section 6", expected,
-                    f"{worst:.1e}; {_outcome(run)}", run.ok and worst <= CONSERVED, command,
-                    yes=f"Over {run.steps} steps of {run.dt:g} it is kept to round-off (limit {CONSERVED:.0e}).",
-                    no=run.failure or f"It is lost by {worst:.1e}, which round-off does not explain.",
-                )
+            yield LedgerRow(
+                f"{integrator.name}, {scenario.name}: {words}", "section 6", expected,
+                f"{worst:.1e}; {_outcome(run)}", run.ok and worst <= CONSERVED, command,
+                yes=f"Over {run.steps} steps of {run.dt:g} it is kept to round-off (limit {CONSERVED:.0e}).",
+                no=run.failure or f"It is lost by {worst:.1e}, which round-off does not explain.",
             )  # fmt: skip
     if {"energy", "entropy"} <= integrator.claims:
         rise = theorems.lyapunov_rise(run)
-        rows.append(
-            LedgerRow(
-                f"{integrator.name}, {scenario.name}: E - theta_ref S never rises, step by step", "Theorem 6, eq. (37)",
-                "rise = 0", f"{rise:.1e}; {_outcome(run)}", run.ok and rise <= theorems.SOLVED, command,
-                yes=f"None of {run.steps} steps raises it beyond round-off ({theorems.SOLVED:.0e}).",
-                no=run.failure or f"A step raises it by {rise:.1e}.",
-            )
+        yield LedgerRow(
+            f"{integrator.name}, {scenario.name}: E - theta_ref S never rises, step by step", "Theorem 6, eq. (37)",
+            "rise = 0", f"{rise:.1e}; {_outcome(run)}", run.ok and rise <= theorems.SOLVED, command,
+            yes=f"None of {run.steps} steps raises it beyond round-off ({theorems.SOLVED:.0e}).",
+            no=run.failure or f"A step raises it by {rise:.1e}.",
         )  # fmt: skip
-    return rows
 
 
-def order(integrator: Integrator, scenario: Scenario) -> list[LedgerRow]:
+def order(integrator: Integrator, scenario: Scenario) -> Iterator[LedgerRow]:
     """The stated order in q, p and s, measured by the convergence study."""
     from .convergence import measure
 
@@ -96,44 +90,38 @@ def order(integrator: Integrator, scenario: Scenario) -> list[LedgerRow]:
     declared = integrator.order or 0
     agrees = all(abs(value - declared) <= FOUND_ORDER for value in found.values())
     values = ", ".join(f"{name} {value:.3f}" for name, value in found.items())
-    return [
-        LedgerRow(
-            f"{integrator.name} is of order {declared}", "section 6", f"{declared} in q, p and s", values, agrees,
-            theorems.command(integrator, scenario, "convergence"),
-            yes=f"Slopes over {fits['all']['points_used']} points against certified states agree.",
-            no="The slope over the asymptotic window is another, or there is none.",
-        )
-    ]  # fmt: skip
+    yield LedgerRow(
+        f"{integrator.name} is of order {declared}", "section 6", f"{declared} in q, p and s", values, agrees,
+        theorems.command(integrator, scenario, "convergence"),
+        yes=f"Slopes over {fits['all']['points_used']} points against certified states agree.",
+        no="The slope over the asymptotic window is another, or there is none.",
+    )  # fmt: skip
 
 
 # ---- example 1
 
 
-def large_step(integrator: Integrator, scenario: Scenario) -> list[LedgerRow]:
+def large_step(integrator: Integrator, scenario: Scenario) -> Iterator[LedgerRow]:
     run, command = _simulate(integrator, scenario, dt=2.0)
     plain = {h: _simulate(integrator, scenario, dt=h, continuation=False)[0].ok for h in (0.5, 0.62, 2.0, 2.5, 3.0)}
     words = ", ".join(f"{'runs' if ok else 'fails'} at {h:g}" for h, ok in plain.items())
-    return [
-        LedgerRow(
-            f"{integrator.name} runs example 1 with h = 2", "section 6, example 1", "the run completes",
-            f"{_outcome(run)}; plain Newton from z0 {words}", run.ok, command,
-            yes="A TC step has a root for every h; whether an iteration finds it is a property of the iteration.",
-            no=f"{run.failure}.",
-        )
-    ]  # fmt: skip
+    yield LedgerRow(
+        f"{integrator.name} runs example 1 with h = 2", "section 6, example 1", "the run completes",
+        f"{_outcome(run)}; plain Newton from z0 {words}", run.ok, command,
+        yes="A TC step has a root for every h; whether an iteration finds it is a property of the iteration.",
+        no=f"{run.failure}.",
+    )  # fmt: skip
 
 
-def temperature_blows_up(integrator: Integrator, scenario: Scenario) -> list[LedgerRow]:
+def temperature_blows_up(integrator: Integrator, scenario: Scenario) -> Iterator[LedgerRow]:
     run, command = _simulate(integrator, scenario, dt=0.3)
     agrees = not run.ok and abs(run.t[-1] - 12) <= IN_TIME * 12
-    return [
-        LedgerRow(
-            f"{integrator.name} blows up at t = 12 in example 1, h = 0.3", "section 6, example 1", "blow-up at t = 12",
-            f"{_outcome(run)}; E {run.energy[0]:.1f} -> {run.energy[-1]:.1f}", agrees, command,
-            yes=run.failure,
-            no=f"With every step solved, E moves by {_swing(run.energy):.2g} only." if run.ok else run.failure,
-        )
-    ]  # fmt: skip
+    yield LedgerRow(
+        f"{integrator.name} blows up at t = 12 in example 1, h = 0.3", "section 6, example 1", "blow-up at t = 12",
+        f"{_outcome(run)}; E {run.energy[0]:.1f} -> {run.energy[-1]:.1f}", agrees, command,
+        yes=run.failure,
+        no=f"With every step solved, E moves by {_swing(run.energy):.2g} only." if run.ok else run.failure,
+    )  # fmt: skip
 
 
 def _swing(values: Any) -> float:
@@ -152,24 +140,22 @@ def _turns(values: Any) -> int:
     return turns
 
 
-def entropy_rule_oscillates(integrator: Integrator, scenario: Scenario) -> list[LedgerRow]:
+def entropy_rule_oscillates(integrator: Integrator, scenario: Scenario) -> Iterator[LedgerRow]:
     run, command = _simulate(integrator, scenario, dt=0.3)
     swing, turns, falls = _swing(run.energy), _turns(run.energy), run.summary.second_law_violations
     least = least_production(scenario)
-    return [
-        LedgerRow(
-            f"{integrator.name}: E oscillates in example 1", "section 6, example 1", "visible oscillation of E",
-            f"E between {run.energy.min():.2f} and {run.energy.max():.2f}, visible turns: {turns}",
-            swing > VISIBLE * scenario.initial_exergy and turns >= 1, command,
-            yes="The midpoint rule keeps no discrete energy: E goes, comes back and settles elsewhere.",
-            no="E goes nowhere that it comes back from.",
-        ),
-        LedgerRow(
-            f"{integrator.name}: S oscillates in example 1", "section 6, example 1", "S falls at times",
-            f"S falls in {falls} of {run.steps} steps, least increment {run.summary.entropy_increment_min:.1e}",
-            falls > 0, command, yes=f"S falls in {falls} steps.", no=_cannot_fall(least), impossible=least >= 0,
-        ),
-    ]  # fmt: skip
+    yield LedgerRow(
+        f"{integrator.name}: E oscillates in example 1", "section 6, example 1", "visible oscillation of E",
+        f"E between {run.energy.min():.2f} and {run.energy.max():.2f}, visible turns: {turns}",
+        swing > VISIBLE * scenario.initial_exergy and turns >= 1, command,
+        yes="The midpoint rule keeps no discrete energy: E goes, comes back and settles elsewhere.",
+        no="E goes nowhere that it comes back from.",
+    )  # fmt: skip
+    yield LedgerRow(
+        f"{integrator.name}: S oscillates in example 1", "section 6, example 1", "S falls at times",
+        f"S falls in {falls} of {run.steps} steps, least increment {run.summary.entropy_increment_min:.1e}",
+        falls > 0, command, yes=f"S falls in {falls} steps.", no=_cannot_fall(least), impossible=least >= 0,
+    )  # fmt: skip
 
 
 def least_production(scenario: Scenario) -> float:
@@ -185,59 +171,53 @@ def _cannot_fall(least: float) -> str:
     )
 
 
-def entropy_rule_fails(integrator: Integrator, scenario: Scenario) -> list[LedgerRow]:
+def entropy_rule_fails(integrator: Integrator, scenario: Scenario) -> Iterator[LedgerRow]:
     run, command = _simulate(integrator, scenario, dt=0.5)
     plain, _ = _simulate(integrator, scenario, dt=0.5, continuation=False)
     found_by = "Newton's iteration from the old state" if plain.ok else "continuation in h"
-    return [
-        LedgerRow(
-            f"{integrator.name} fails after 5 steps of h = 0.5 in example 1", "section 6, example 1",
-            "no solution after 5 steps", f"{_outcome(run)}; plain Newton from z0: {_outcome(plain)}",
-            not run.ok and 4 <= run.steps <= 6, command,
-            yes=run.failure, no=f"Every step has a root, which {found_by} finds." if run.ok else run.failure,
-        )
-    ]  # fmt: skip
+    yield LedgerRow(
+        f"{integrator.name} fails after 5 steps of h = 0.5 in example 1", "section 6, example 1",
+        "no solution after 5 steps", f"{_outcome(run)}; plain Newton from z0: {_outcome(plain)}",
+        not run.ok and 4 <= run.steps <= 6, command,
+        yes=run.failure, no=f"Every step has a root, which {found_by} finds." if run.ok else run.failure,
+    )  # fmt: skip
 
 
 # ---- example 2
 
 
-def temperature_rule_fails(integrator: Integrator, scenario: Scenario) -> list[LedgerRow]:
+def temperature_rule_fails(integrator: Integrator, scenario: Scenario) -> Iterator[LedgerRow]:
     run, command = _simulate(integrator, scenario, dt=0.3)
     plain, _ = _simulate(integrator, scenario, dt=0.3, continuation=False)
     agrees = any(not r.ok and 26 <= r.steps <= 30 for r in (run, plain))
-    return [
-        LedgerRow(
-            f"{integrator.name} fails after 28 steps in example 2", "section 6, example 2", "failure after 28 steps",
-            f"{_outcome(run)}; plain Newton from z0: {_outcome(plain)}", agrees, command,
-            yes=plain.failure,
-            no=f"Plain Newton from z0: {_outcome(plain)}; continuation solves every step." if run.ok else run.failure,
-        )
-    ]  # fmt: skip
+    yield LedgerRow(
+        f"{integrator.name} fails after 28 steps in example 2", "section 6, example 2", "failure after 28 steps",
+        f"{_outcome(run)}; plain Newton from z0: {_outcome(plain)}", agrees, command,
+        yes=plain.failure,
+        no=f"Plain Newton from z0: {_outcome(plain)}; continuation solves every step." if run.ok else run.failure,
+    )  # fmt: skip
 
 
-def entropy_rule_decays(integrator: Integrator, scenario: Scenario) -> list[LedgerRow]:
+def entropy_rule_decays(integrator: Integrator, scenario: Scenario) -> Iterator[LedgerRow]:
     run, command = _simulate(integrator, scenario, dt=0.3)
     least, falls = least_production(scenario), run.summary.second_law_violations
     moved, coldest = run.energy[-1] - run.energy[0], float(run.temperatures.min())
-    return [
-        LedgerRow(
-            f"{integrator.name}: E falls and temperatures tend to zero in example 2", "section 6, example 2",
-            "E falls without end, theta near 0",
-            f"E moves by {_swing(run.energy):.2g} of {run.energy[0]:.0f}, least temperature {coldest:.0f}",
-            moved < -VISIBLE * scenario.initial_exergy and coldest < NEAR_ZERO, command,
-            yes=run.failure or "Both are seen.",
-            no=f"With every step solved, E ends {moved:+.2g} from its start and no element cools below {coldest:.0f}.",
-        ),
-        LedgerRow(
-            f"{integrator.name}: S falls in example 2", "section 6, example 2", "S falls",
-            f"S {run.entropy[0]:.4f} -> {run.entropy[-1]:.4f}, falls in {falls} of {run.steps} steps",
-            falls > 0, command, yes=f"S falls in {falls} steps.", no=_cannot_fall(least), impossible=least >= 0,
-        ),
-    ]  # fmt: skip
+    yield LedgerRow(
+        f"{integrator.name}: E falls and temperatures tend to zero in example 2", "section 6, example 2",
+        "E falls without end, theta near 0",
+        f"E moves by {_swing(run.energy):.2g} of {run.energy[0]:.0f}, least temperature {coldest:.0f}",
+        moved < -VISIBLE * scenario.initial_exergy and coldest < NEAR_ZERO, command,
+        yes=run.failure or "Both are seen.",
+        no=f"With every step solved, E ends {moved:+.2g} from its start and no element cools below {coldest:.0f}.",
+    )  # fmt: skip
+    yield LedgerRow(
+        f"{integrator.name}: S falls in example 2", "section 6, example 2", "S falls",
+        f"S {run.entropy[0]:.4f} -> {run.entropy[-1]:.4f}, falls in {falls} of {run.steps} steps",
+        falls > 0, command, yes=f"S falls in {falls} steps.", no=_cannot_fall(least), impossible=least >= 0,
+    )  # fmt: skip
 
 
-def reaches_equilibrium(integrator: Integrator, scenario: Scenario) -> list[LedgerRow]:
+def reaches_equilibrium(integrator: Integrator, scenario: Scenario) -> Iterator[LedgerRow]:
     """That strains settle by t_end: with the printed data, and with data that bind the masses."""
     from .equilibrium import measure
 
@@ -247,44 +227,39 @@ def reaches_equilibrium(integrator: Integrator, scenario: Scenario) -> list[Ledg
     if found["equilibrium"] != "distant":
         measured = f"entropy gap {found['entropy_gap']:.1e}, strain gap {found['strain_gap']:.1e}"
     where = "example 2" if found["equilibrium"] == "distant" else "qualitative"
-    return [
-        LedgerRow(
-            f"{integrator.name}: a relative equilibrium is reached by t = {scenario.t_end:g} ({scenario.name})",
-            f"section 6, {where}", "strains settle", measured, found["equilibrium"] == "approached",
-            theorems.command(integrator, scenario, "equilibrium"),
-            yes=found["note"], no=found["note"],
-        )
-    ]  # fmt: skip
+    yield LedgerRow(
+        f"{integrator.name}: a relative equilibrium is reached by t = {scenario.t_end:g} ({scenario.name})",
+        f"section 6, {where}", "strains settle", measured, found["equilibrium"] == "approached",
+        theorems.command(integrator, scenario, "equilibrium"),
+        yes=found["note"], no=found["note"],
+    )  # fmt: skip
 
 
 # ---- one number changed
 
 
-def stiff(integrator: Integrator, scenario: Scenario) -> list[LedgerRow]:
+def stiff(integrator: Integrator, scenario: Scenario) -> Iterator[LedgerRow]:
     """The qualitative claims of section 6, with the one number changed that brings them out: C_b = 300."""
     run, command = _simulate(integrator, scenario, dt=0.3)
     if "energy" in integrator.claims:
         worst = energy_defect(run)
-        return [
-            LedgerRow(
-                f"{integrator.name} is stable where midpoint rules are not ({scenario.name})", "section 6, qualitative",
-                "E exact to the end", f"{worst:.1e}; {_outcome(run)}", run.ok and worst <= CONSERVED, command,
-                yes="Energy and the second law together bound every state.", no=run.failure or "Energy is lost.",
-            )
-        ]  # fmt: skip
+        yield LedgerRow(
+            f"{integrator.name} is stable where midpoint rules are not ({scenario.name})", "section 6, qualitative",
+            "E exact to the end", f"{worst:.1e}; {_outcome(run)}", run.ok and worst <= CONSERVED, command,
+            yes="Energy and the second law together bound every state.", no=run.failure or "Energy is lost.",
+        )  # fmt: skip
+        return
     unbounded, _ = _simulate(integrator, scenario.replace(blowup_factor=1e12), dt=0.3)
     gain = (unbounded.energy.max() - run.energy[0]) / scenario.initial_exergy
-    return [
-        LedgerRow(
-            f"{integrator.name} blows up ({scenario.name})", "section 6, qualitative",
-            "|E - E0| exceeds V0",
-            f"{_outcome(run)}; left to go on, E rises from {run.energy[0]:.0f} up to {unbounded.energy.max():.0f} (a "
-            f"gain of {gain:.0f} V0) and {_outcome(unbounded)}",
-            run.status == "blowup", command,
-            yes="Nothing in the rule bounds the energy; V0 is all that the exact motion could ever exchange.",
-            no="The energy stays within V0.",
-        )
-    ]  # fmt: skip
+    yield LedgerRow(
+        f"{integrator.name} blows up ({scenario.name})", "section 6, qualitative",
+        "|E - E0| exceeds V0",
+        f"{_outcome(run)}; left to go on, E rises from {run.energy[0]:.0f} up to {unbounded.energy.max():.0f} (a "
+        f"gain of {gain:.0f} V0) and {_outcome(unbounded)}",
+        run.status == "blowup", command,
+        yes="Nothing in the rule bounds the energy; V0 is all that the exact motion could ever exchange.",
+        no="The energy stays within V0.",
+    )  # fmt: skip
 
 
 TC = ("tc_monolithic", "tc_staggered", "tc_strang")

@@ -8,7 +8,7 @@ the place of grad E it may put any other: Gonzalez's gradient adds a multiple of
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -29,7 +29,7 @@ CANCELLED = 1e-11  # of a rate whose terms nearly cancel, as (dE . dE) dS - (dE 
 Row = Callable[[str, str, str, float, float, str], Any]
 
 
-def findings(row: Row, model: System, sample: Any, rng: np.random.Generator) -> list[Any]:
+def findings(row: Row, model: System, sample: Any, rng: np.random.Generator) -> Iterator[Any]:
     """The findings on a sample of pairs of states."""
     put_in, count = _random_covectors(model)
     free = _free_covectors(model, sample, rng)
@@ -51,22 +51,16 @@ def findings(row: Row, model: System, sample: Any, rng: np.random.Generator) -> 
             lost[name] = max(lost[name], *(relative(slope, rate) for rate in np.split(found[2 * n : 4 * n], 2)))
         scale = np.linalg.norm(dS) * np.linalg.norm(z1 - z0) + abs(float(model.entropy(z0))) + 1e-300
         gap = max(gap, abs(dS @ np.asarray(z1 - z0) - (model.entropy(z1) - model.entropy(z0))) / scale)
-    rows = [
-        row(f"{one.claim}: {one.needs}", one.source, f"{one.measured} 0, relative", one.worst, CANCELLED,
-            f"{written(model, one.formula)}: {one.why(model)}")
-        for one in owed
-    ]  # fmt: skip
-    rows.append(
-        row("the discrete gradient of S is directional: DS . (z1 - z0) = S(z1) - S(z0)", "eq. (8)",
-            "defect 0, relative", gap, ROUNDOFF,
-            f"{written(model, 'entropy')}: a sum whose terms cancel loses its digits.")
-    )  # fmt: skip
-    rows += _of_matrices(row, model, sample)
-    return rows + [
-        row(f"{name.replace('_', ' ')} is invariant", "section 3", "rate 0, relative", worst, ROUNDOFF,
-            f"{written(model, 'invariants')}: neither reversible nor irreversible may change it.")
-        for name, worst in lost.items()
-    ]  # fmt: skip
+    for one in owed:
+        yield row(f"{one.claim}: {one.needs}", one.source, f"{one.measured} 0, relative", one.worst, CANCELLED,
+                  f"{written(model, one.formula)}: {one.why(model)}")  # fmt: skip
+    yield row("the discrete gradient of S is directional: DS . (z1 - z0) = S(z1) - S(z0)", "eq. (8)",
+              "defect 0, relative", gap, ROUNDOFF,
+              f"{written(model, 'entropy')}: a sum whose terms cancel loses its digits.")  # fmt: skip
+    yield from _of_matrices(row, model, sample)
+    for name, worst in lost.items():
+        yield row(f"{name.replace('_', ' ')} is invariant", "section 3", "rate 0, relative", worst, ROUNDOFF,
+                  f"{written(model, 'invariants')}: neither reversible nor irreversible may change it.")  # fmt: skip
 
 
 @dataclass(eq=False)
@@ -131,10 +125,9 @@ def rates_of(model: System, z: Any, dE: Any, dS: Any) -> tuple[Any, Any]:
     return np.asarray(model.reversible(z, dE, dS)), np.asarray(model.irreversible(z, dE, dS))
 
 
-def _of_matrices(row: Row, model: System, sample: Any) -> list[Any]:
+def _of_matrices(row: Row, model: System, sample: Any) -> Iterator[Any]:
     """What L and M owe at the true gradients. They are projected, so that what is wrong here keeps both laws and is
     another system."""
-    rows = []
     for name, told, other, sign, needs in (
         ("reversible", "L is skew", "S", -1.0, "L = -L^T"), ("irreversible", "M is symmetric", "E", 1.0, "M = M^T")
     ):  # fmt: skip
@@ -150,15 +143,12 @@ def _of_matrices(row: Row, model: System, sample: Any) -> list[Any]:
             kept = max(kept, float((np.abs(A @ g) / (np.abs(A) @ np.abs(g) + 1e-300)).max()))
             least = max(least, -float(np.linalg.eigvalsh((A + A.T) / 2).min() / size))
         where = written(model, MATRICES[name])
-        rows.append(row(f"{told}: {needs}", "eq. (1)", "defect 0, relative", turned, ROUNDOFF, f"{where}."))
-        rows.append(
-            row(f"{told[0]} grad {other} = 0: at the true gradients", "eq. (2)", "defect 0, relative", kept,
-                ROUNDOFF, f"{where}: a row of the matrix times grad {other} vanishes.")
-        )  # fmt: skip
+        yield row(f"{told}: {needs}", "eq. (1)", "defect 0, relative", turned, ROUNDOFF, f"{where}.")
+        yield row(f"{told[0]} grad {other} = 0: at the true gradients", "eq. (2)", "defect 0, relative", kept,
+                  ROUNDOFF, f"{where}: a row of the matrix times grad {other} vanishes.")  # fmt: skip
         if sign > 0:
-            rows.append(row("M is positive: no eigenvalue below 0", "eq. (1)", "violation 0, relative", least,
-                            ROUNDOFF, f"{where}: B B^T with columns B is."))  # fmt: skip
-    return rows
+            yield row("M is positive: no eigenvalue below 0", "eq. (1)", "violation 0, relative", least,
+                      ROUNDOFF, f"{where}: B B^T with columns B is.")  # fmt: skip
 
 
 def _matrix_of(model: System, name: str) -> Kernel:

@@ -80,16 +80,21 @@ def test_what_has_no_hash_is_measured_each_time_and_says_so(tmp_path):
     assert len(Store.read(tmp_path).lines()) == 1
 
 
-def test_a_system_of_the_session_is_measured_here_and_its_edit_is_seen(tmp_path, monkeypatch):
-    scenario = springs()
-    first = run(tmp_path, ["tc_monolithic", "midpoint_entropy"], [scenario])
+def test_what_a_session_has_changed_of_an_imported_system_is_not_measured_by_workers_which_have_its_file(
+    tmp_path, monkeypatch
+):
+    scenario, methods = springs(), ["tc_monolithic", "midpoint_entropy"]
+    first = run(tmp_path, methods, [scenario])
     assert set(first.tables["conservation"]["status"]) == {"ok"} and first.summary.run == 2
-    assert run(tmp_path, ["tc_monolithic", "midpoint_entropy"], [scenario]).summary.already_finished == 2
+    assert run(tmp_path, methods, [scenario]).summary.already_finished == 2
     monkeypatch.setattr("tests.simulation.test_changed_formulas.HARDNESS", 2.0)
-    again = run(tmp_path, ["tc_monolithic", "midpoint_entropy"], [scenario])
-    assert again.summary.run == 2
-    before, after = (r.tables["conservation"].set_index("integrator")["energy_error_max"] for r in (first, again))
-    assert before["midpoint_entropy"] != after["midpoint_entropy"]
+    again = run(tmp_path, methods, [scenario])
+    assert again.summary.run == 2 and again.statuses == {"exception": 2}
+    rows = [row for row in Store.read(tmp_path).rows().values() if row["status"] == "exception"]
+    assert [row["exception_type"] for row in rows] == ["ChangedError"] * 2
+    assert all("Springs" in row["failure"] and "changed in the session" in row["failure"] for row in rows)
+    monkeypatch.undo()  # as the file says: the rows of before are those of what there is
+    assert run(tmp_path, methods, [scenario]).summary.already_finished == 2
 
 
 def test_a_system_made_inside_a_function_runs(tmp_path):

@@ -131,7 +131,7 @@ def test_a_method_that_solves_nothing_gets_no_verdict_of_holding():
         raise ArithmeticError("no")
 
     liar = tcbench.Integrator(name="hopeless", order=1, claims={"energy"}, step=hopeless)
-    findings = theorems.steps(liar, tcbench.scenarios()["short_term"])
+    findings = [*theorems.steps(liar, tcbench.scenarios()["short_term"])]
     assert {finding.verdict for finding in findings} == {NOT_WITH_DATA}
     assert all("100 of 100 were not solved" in finding.measured for finding in findings)
 
