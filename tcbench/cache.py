@@ -78,19 +78,15 @@ def folder(part: str) -> Path:
     if here not in _TRUSTED or not here.is_dir():
         for left in reversed(range(LOOKS)):
             try:
-                _prepare(here)
+                for path in (here.parent, here):
+                    _make(path)
+                    _trust(path)
                 break
             except MachineError:  # it may have been removed between two looks; what is wrong for good is so again
                 if not left:
                     raise
         _TRUSTED.add(here)
     return here
-
-
-def _prepare(here: Path) -> None:
-    for path in (here.parent, here):
-        _make(path)
-        _trust(path)
 
 
 def _make(path: Path) -> None:

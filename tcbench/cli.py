@@ -187,12 +187,9 @@ def report() -> None:
 @runs()
 @click.option("--output", "-o", type=click.Path(path_type=Path), help="PNG, SVG or PDF by suffix (default: KIND.png).")
 @click.option(
-    "--scenario",
-    "-s",
-    metavar="NAME",
-    shell_complete=completion("plugins:scenarios"),
+    "--scenario", "-s", metavar="NAME", shell_complete=completion("plugins:scenarios"),
     help="Draw this scenario; needed if the run has several.",
-)
+)  # fmt: skip
 @many("integrator", "Draw this integrator (default: all of the run).")
 @click.option("--x", metavar="COLUMN", help="Column of the horizontal axis (work-precision, conservation).")
 @click.option(

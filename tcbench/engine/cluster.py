@@ -188,7 +188,7 @@ class _ClusterRun:
             else:
                 times = self.losses[cell.key]
                 failure = f"The Dask worker was lost {times} times while it ran this cell ({how[:300]})."
-                self._write(cell, crash_row(None) | {"failure": failure, "timed": cell.timed}, "")
+                self._write(cell, crash_row(None) | {"failure": failure, "timed": cell.timed})
         if again and again[0].timed:
             yield again  # timed cells stay in one share: they must not run side by side
         elif again:
@@ -198,17 +198,12 @@ class _ClusterRun:
     def _running(self) -> int:
         return sum(len(share) for share in self.shares.values())
 
-    def _write(self, cell: Cell, row: dict[str, Any], provenance: str) -> None:
-        self.ledger.write(cell, row, self._running(), self._known(provenance))
-
-    def _known(self, provenance: str) -> str | None:
-        """The id of a Dask worker's provenance (JSON text), recorded in the store when it is new."""
-        store = self.ledger.store
-        if not provenance or not isinstance(store, Store):
-            return None
-        if provenance not in self.provenances:
-            self.provenances[provenance] = store.add_provenance(json.loads(provenance), default=False)
-        return self.provenances[provenance]
+    def _write(self, cell: Cell, row: dict[str, Any], provenance: str = "") -> None:
+        """provenance : of a Dask worker, JSON text, which is recorded in the store when it is new."""
+        store, known = self.ledger.store, self.provenances
+        if provenance and provenance not in known and isinstance(store, Store):
+            known[provenance] = store.add_provenance(json.loads(provenance), default=False)
+        self.ledger.write(cell, row, self._running(), known.get(provenance))
 
 
 def _connect(address: str, security: Mapping[str, Any] | None) -> Client:

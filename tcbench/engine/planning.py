@@ -89,11 +89,8 @@ def planned_for_another(folders: Sequence[str], *asked: Any) -> str:
 
 
 def _from_data(data: Mapping[str, Any]) -> Job:
-    cells, studies, told = ([*data["cells"]], [*data["studies"]], data["told"])
-    kept = {name: data[name] for name in ("left_out", "notes", "packages")}
-    return Job(
-        [Cell(**cell) for cell in cells], data["context"], [*map(find_study, studies)], told=lambda: told, **kept
-    )
+    made = {"cells": [Cell(**cell) for cell in data["cells"]], "studies": [*map(find_study, data["studies"])]}
+    return Job(**{**data, **made, "told": lambda: data["told"]})
 
 
 class _Options(UserDict[str, Any]):
@@ -167,7 +164,7 @@ def _plan(
     settings.check(options)
     left_out: list[str] = []
     if integrators is not None:
-        left_out = _left_out(methods, chosen, selected, seen, studies is not None) + _unsuited(methods, selected)
+        left_out += [*_left_out(methods, chosen, selected, seen, studies is not None), *_unsuited(methods, selected)]
     if not cells:
         raise TcbenchError(
             " ".join(["There is nothing to run: no integrator, scenario and step fit together.", *left_out])
@@ -186,8 +183,8 @@ def _plan(
         },
     }
     absent = {name: m.lacks for name, m in registry.integrators.items() if m.lacks}
-    notes = _not_run(absent if integrators is None else {}, methods, dt, own_steps) + plugins.not_loaded()
-    notes += _no_laws(methods, list(used.values()))
+    notes = [*_not_run(absent if integrators is None else {}, methods, dt, own_steps), *plugins.not_loaded()]
+    notes += sorted(_no_laws(methods, list(used.values())))
     packages = sorted({name for method in methods for name in method.requires})
     unique = list({c.key: c for c in cells}.values())
     return Job(unique, context, chosen, here, left_out, notes, packages, lambda: declared(methods, selected, absent))
@@ -215,51 +212,44 @@ def _of_study(study: Study, selected: Sequence[Scenario], named: Any) -> Sequenc
 def _left_out(
     methods: Sequence[Integrator], chosen: Sequence[Study], scenarios: Sequence[Scenario], seen: set[tuple[str, str]],
     by_name: bool,
-) -> list[str]:  # fmt: skip
+) -> Iterator[str]:  # fmt: skip
     """Why methods have no cell: in a study that was asked for by name, or in any."""
-    sentences = []
     for method in methods:
         missing = [study for study in chosen if (method.name, study.name) not in seen]
         if by_name or len(missing) == len(chosen):
-            sentences += [_why_not(method, study, scenarios) for study in missing[: None if by_name else 1]]
-    return sentences
+            yield from (_why_not(method, study, scenarios) for study in missing[: None if by_name else 1])
 
 
-def _not_run(absent: Mapping[str, str], methods: Sequence[Integrator], dt: Any, own_steps: Sequence[str]) -> list[str]:
+def _not_run(
+    absent: Mapping[str, str], methods: Sequence[Integrator], dt: Any, own_steps: Sequence[str]
+) -> Iterator[str]:
     """Sentences on what a run leaves out although nobody said so: absent peers, and steps that do not apply."""
-    sentences = [f"{name} was not run: {why}." for name, why in absent.items()]
+    yield from (f"{name} was not run: {why}." for name, why in absent.items())
     adaptive = [method.name for method in methods if method.kind == "adaptive"]
     if dt and adaptive:
-        sentences.append(f"--dt does not apply to methods that choose their steps: {', '.join(adaptive)}.")
+        yield f"--dt does not apply to methods that choose their steps: {', '.join(adaptive)}."
     if own_steps:
-        sentences.append(f"--dt does not apply to studies that have steps of their own: {', '.join(own_steps)}.")
-    return sentences
+        yield f"--dt does not apply to studies that have steps of their own: {', '.join(own_steps)}."
 
 
-def _no_laws(methods: Sequence[Integrator], used: Sequence[Scenario]) -> list[str]:
+def _no_laws(methods: Sequence[Integrator], used: Sequence[Scenario]) -> Iterator[str]:
     """Sentences on claims of what no system has: misspelt, they would not be judged, as if nothing were claimed."""
-    sentences = []
     for method in methods:
         found = set(method.claims) - {"energy", "entropy"}
         for scenario in (*used, *plugins.registry().scenarios.values()):
             if not found:
                 break
             found -= set(scenario.model.invariant_names)
-        sentences += [
-            f"{method.name} claims {claim!r}, which no system has: tcbench check says more." for claim in found
-        ]
-    return sorted(sentences)
+        yield from (f"{method.name} claims {claim!r}, which no system has: tcbench check says more." for claim in found)
 
 
-def _unsuited(methods: Sequence[Integrator], scenarios: Sequence[Scenario]) -> list[str]:
+def _unsuited(methods: Sequence[Integrator], scenarios: Sequence[Scenario]) -> Iterator[str]:
     """On which scenarios methods were not run that run on others of them."""
-    sentences = []
     for method in methods:
         reasons = {scenario.name: method.suits(scenario.model) for scenario in scenarios}
         for why in dict.fromkeys(filter(None, reasons.values())) if not all(reasons.values()) else ():
             names = ", ".join(name for name, reason in reasons.items() if reason == why)
-            sentences.append(f"{method.name} is not run on {names}: {why}.")
-    return sentences
+            yield f"{method.name} is not run on {names}: {why}."
 
 
 def _why_not(method: Integrator, study: Study, scenarios: Sequence[Scenario]) -> str:
@@ -282,10 +272,10 @@ def _needs(
     chosen: Sequence[Study], methods: Sequence[Integrator], scenarios: Sequence[Scenario], custom: Mapping[str, Any]
 ) -> dict[str, list[str]]:
     """By integrator, scenario and study the plugins, not tcbench's own, that a worker imports for its cells."""
-    metrics = plugins.needs(*(metric.plugin for metric in plugins.metrics().values()))
-    found = {f"study {study.name}": metrics for study in chosen if study.metrics}
+    found = {}
     for study in chosen:
-        found[f"study {study.name}"] = found.get(f"study {study.name}", set()) | plugins.needs(study.plugin)
+        metrics = plugins.metrics().values() if study.metrics else ()
+        found[f"study {study.name}"] = plugins.needs(study.plugin, *(metric.plugin for metric in metrics))
     found |= {method.name: plugins.needs(method.name, method.plugin) for method in methods}
     for scenario in scenarios:
         found[scenario.name] = found.get(scenario.name, set()) | plugins.needs(scenario.name, scenario.plugin)

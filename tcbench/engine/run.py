@@ -190,7 +190,7 @@ def execute(
         remote = [cell for cell in job.cells if cell.key not in job.here]
         retry = bool(limits.get("retry_failed"))
         todo, _ = plan(job.cells, store, retry, context=job.context, here=job.here)
-        jobs = jobs if isinstance(jobs := limits.get("jobs"), int) and jobs > 0 else usable_cores()
+        jobs = limits.get("jobs") or usable_cores()
         remaining = None if dask else Remaining(todo, jobs, store.lines())  # a cluster's workers come and go
         with of_cells(progress, remaining) as show:
 

@@ -21,26 +21,10 @@ from collections.abc import Callable, Iterable
 from typing import Any
 from urllib.parse import unquote, urlsplit
 
+from . import marks
 from .callers import FOUND_BY_PYTHON, caller, directly, foreign, imported
 from .facts import CORES, CURRENT, MACHINE, PACKAGES, PLACES, UMASK, VARIABLES
-from .marks import (
-    A_FOLDER,
-    INSTALLED,
-    KNOWN,
-    OTHER,
-    OWN,
-    PYTHON,
-    SITE,
-    SIZES,
-    file_hash,
-    folder_hash,
-    link_mark,
-    mode_mark,
-    module_mark,
-    nowhere,
-    package_mark,
-    top,
-)
+from .marks import A_FOLDER, INSTALLED, KNOWN, OTHER, OWN, PYTHON, SITE, SIZES, nowhere, package_mark, top
 from .seen import CHANGED, SET_HERE, Seen, stat_of
 
 PROCESSES = ("subprocess.Popen", "os.system", "os.exec", "os.posix_spawn", "os.spawn", "os.fork", "os.forkpty")
@@ -157,7 +141,7 @@ class Recorder(Seen):
         """Are there links in a path before "..", which is then the folder above that to which the link leads?"""
         parts = path.split(os.sep)
         tops = [os.sep.join(parts[:n]) for n in range(2, len(parts)) if ".." in parts[n:]]
-        found = {before: link for before in tops if (link := link_mark(before)) is not None}
+        found = {before: link for before in tops if (link := marks.link_mark(before)) is not None}
         for before, link in found.items():
             self.links.setdefault(os.path.abspath(before), link)
         return bool(found)
@@ -190,14 +174,14 @@ class Recorder(Seen):
         path = self.named(arguments[0])
         if path in self._written:
             return
-        mark = mode_mark(self.full(path))
+        mark = marks.mode_mark(self.full(path))
         if os.path.isdir(self.full(path)):
             self.note(path, asked=True)
         elif event != "os.mkdir" or not caller().startswith(PYTHON):  # makedirs(exist_ok=True), a temporary folder
             self.modes.setdefault(path, mark)
         if event == "os.mkdir" and mark is None:
             self._written.add(path)
-        if (link := link_mark(self.full(path))) is not None:
+        if (link := marks.link_mark(self.full(path))) is not None:
             self.links.setdefault(path, link)
 
     def _mapping(self, event: str, arguments: tuple[Any, ...]) -> None:
@@ -220,7 +204,7 @@ class Recorder(Seen):
         if not imports and not nowhere(where) and not where.startswith((*LEFT_OUT, *INSTALLED)) and foreign():
             if event == "os.scandir" and not asker.startswith(PYTHON):  # who may ask each entry for its size
                 path += SIZES
-            self.folders.setdefault(path, folder_hash(self.full(path)))
+            self.folders.setdefault(path, marks.folder_hash(self.full(path)))
 
     def _name_of_host(self, event: str, arguments: tuple[Any, ...]) -> None:
         if foreign(installed=False):
@@ -250,13 +234,13 @@ class Recorder(Seen):
             path = self.named(path)
             if nowhere(path) and foreign(installed=False):
                 self.unseen.setdefault(STATE)
-            link = link_mark(self.full(path))
+            link = marks.link_mark(self.full(path))
             if link is not None or function in ("lstat", "readlink") or follow_symlinks is False:
                 self.links.setdefault(path, link)
             if function != "readlink":
                 self.note(path, asked=True)
             if function in ("stat", "access") and directly(("stat",)):
-                self.modes.setdefault(path, mode_mark(self.full(path)))
+                self.modes.setdefault(path, marks.mode_mark(self.full(path)))
 
     @noting("{}")
     def about(self, function: str, *_: Any, **__: Any) -> None:
@@ -292,7 +276,7 @@ class Recorder(Seen):
             if not os.path.isdir(self.full(place := self.named(folder))):
                 self.note(place, asked=True)  # an archive of modules, or where one may come
             path = self.named(os.path.join(folder, name))
-            mark = self.lookups[path] = self.lookups.get(path, module_mark(self.full(path)))
+            mark = self.lookups[path] = self.lookups.get(path, marks.module_mark(self.full(path)))
             if mark not in (None, A_FOLDER):
                 return
 
@@ -323,7 +307,7 @@ class Recorder(Seen):
                 self.files[path] = A_FOLDER
         elif asked or not os.path.exists(full) or os.path.isfile(full):
             self.stats[path] = stat_of(full)
-            self.files[path] = file_hash(full)
+            self.files[path] = marks.file_hash(full)
         else:
             self.unseen.setdefault(STREAM)
 

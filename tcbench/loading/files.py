@@ -9,16 +9,7 @@ import importlib.util
 import os
 import sys
 from collections.abc import Iterable, Iterator
-from importlib.machinery import (
-    BYTECODE_SUFFIXES,
-    EXTENSION_SUFFIXES,
-    SOURCE_SUFFIXES,
-    ExtensionFileLoader,
-    FileFinder,
-    ModuleSpec,
-    SourceFileLoader,
-    SourcelessFileLoader,
-)
+from importlib import machinery
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -54,7 +45,7 @@ _BESIDE: dict[Path, None] = {}  # of those that are registered now
 _AT_HOME: list[Path] = []  # plugin files that are being imported, or asked for what they bring
 
 
-class AsWritten(SourceFileLoader):
+class AsWritten(machinery.SourceFileLoader):
     """Compiles what a file says now. Python takes byte code for current if the source has the size and the whole second
     that it was made from, so a file that a script edits would be measured under its new hash with its old formula."""
 
@@ -71,15 +62,15 @@ def _read_as_written(folder: str) -> Any:
     watched = watching.recorder() is not None and not (folder + os.sep).startswith(marks.INSTALLED)
     if not path.is_dir() or (not watched if above is None else _in_environment(path, above)):
         raise ImportError(f"no plugin files in {folder}")
-    loaders = (ExtensionFileLoader, EXTENSION_SUFFIXES), (AsWritten, SOURCE_SUFFIXES)
-    return _Finder(folder, *loaders, (SourcelessFileLoader, BYTECODE_SUFFIXES))
+    loaders = (machinery.ExtensionFileLoader, machinery.EXTENSION_SUFFIXES), (AsWritten, machinery.SOURCE_SUFFIXES)
+    return _Finder(folder, *loaders, (machinery.SourcelessFileLoader, machinery.BYTECODE_SUFFIXES))
 
 
-class _Finder(FileFinder):
+class _Finder(machinery.FileFinder):
     """Of modules in a folder of plugin files. When a step runs nobody knows which plugin asks for a helper that two
     folders have, so none gets it."""
 
-    def find_spec(self, fullname: str, target: Any = None) -> ModuleSpec | None:
+    def find_spec(self, fullname: str, target: Any = None) -> machinery.ModuleSpec | None:
         spec = super().find_spec(fullname, target)
         if spec is not None and Path(self.path) in _BESIDE and not _AT_HOME:
             folders = _folders_with(fullname)
@@ -175,7 +166,7 @@ def _forget_shared() -> None:
 
 def _folders_with(name: str) -> list[Path]:
     """The folders of plugin files, of this process, that have a module of this name."""
-    files = [f"{name}{suffix}" for suffix in SOURCE_SUFFIXES + EXTENSION_SUFFIXES] + [f"{name}/__init__.py"]
+    files = [name + end for end in (*machinery.SOURCE_SUFFIXES, *machinery.EXTENSION_SUFFIXES, "/__init__.py")]
     return [folder for folder in _BESIDE if any((folder / file).is_file() for file in files)]
 
 

@@ -78,6 +78,10 @@ class Registry:
 
 
 KINDS = ("integrators", "scenarios", "scenario_families", "metrics", "studies", "charts")  # of a registry, by name
+OFFERED: dict[str, type | UnionType] = {  # hook -> what it returns a list of
+    "tcbench_integrators": Integrator, "tcbench_scenarios": Scenario | ScenarioFamily, "tcbench_metrics": Metric,
+    "tcbench_studies": Study, "tcbench_charts": Chart,
+}  # fmt: skip
 _LOADING: list[str] = []  # the plugin that is being imported
 
 
@@ -314,15 +318,7 @@ def _unique(origin: Origin, result: Registry) -> str:
 def _collect(manager: pluggy.PluginManager, result: Registry) -> None:
     """Call the hooks of each plugin; an exception costs that plugin alone, a duplicate name is an error."""
     owner: dict[tuple[str, str], str] = {}
-    offered: dict[str, Scenario | ScenarioFamily] = {}
-    targets: tuple[tuple[str, type | UnionType, dict[str, Any]], ...] = (
-        ("tcbench_integrators", Integrator, result.integrators),
-        ("tcbench_scenarios", Scenario | ScenarioFamily, offered),
-        ("tcbench_metrics", Metric, result.metrics),
-        ("tcbench_studies", Study, result.studies),
-        ("tcbench_charts", Chart, result.charts),
-    )
-    for hook_name, kind, target in targets:
+    for hook_name, kind in OFFERED.items():
         for implementation in getattr(manager.hook, hook_name).get_hookimpls():
             label = str(implementation.plugin_name)
             _LOADING.append(label)
@@ -345,14 +341,10 @@ def _collect(manager: pluggy.PluginManager, result: Registry) -> None:
                     both = twice if first == label else f"Two plugins register {what}: {first} and {label}"
                     raise TcbenchError(f"{both}. Rename one of them.")
                 owner[hook_name, item.name] = label
-                target[item.name] = replace(item, plugin=label)
-        for name in sorted(target):
-            target[name] = target.pop(name)
-    for name, item in offered.items():
-        if isinstance(item, ScenarioFamily):
-            result.scenario_families[name] = item
-        else:
-            result.scenarios[name] = item
+                of_kind = "scenario_families" if isinstance(item, ScenarioFamily) else hook_name[8:]
+                getattr(result, of_kind)[item.name] = replace(item, plugin=label)
+    for of_kind in KINDS:
+        setattr(result, of_kind, dict(sorted(getattr(result, of_kind).items())))
     for name, method in list(result.integrators.items()):
         open_ones = {k: v for k, v in method.parameters.items() if callable(v)}
         if not open_ones:

@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..errors import expect
+from ..studies.columns import Column
 from ..studies.columns import column as column_named
 from .encoding import canonical_json
 from .pairing import ANY_KEY, Pairs, named, pairs_of
@@ -111,13 +112,11 @@ def one_sided(changes: DataFrame, run_a: object = "the first run", run_b: object
     """Sentences on what only one of the runs has, by method and scenario."""
     sentences = []
     for kind, run in zip(ONE_SIDED, (run_a, run_b), strict=True):
-        counts: dict[tuple[str, str], list[str]] = {}
+        by_method: dict[str, dict[str, list[str]]] = {}
         for row in changes[changes["kind"] == kind].to_dict("records"):
             number = row["before"] if kind == "missing" else row["after"]
-            counts.setdefault((row["integrator"], row["scenario"]), []).append(f"{number:g} of {row['study']}")
-        by_method: dict[str, dict[str, list[str]]] = {}
-        for (method, scenario), rows in counts.items():
-            by_method.setdefault(method, {})[scenario] = rows
+            rows = by_method.setdefault(row["integrator"], {}).setdefault(row["scenario"], [])
+            rows.append(f"{number:g} of {row['study']}")
         found = [_only(method, rows) for method, rows in by_method.items()]
         sentences += [f"Only {run} has {text}." for text in found[:MOST_SAID]]
         if len(found) > MOST_SAID:
@@ -192,10 +191,9 @@ def _times(cell: Mapping[str, Any], row: Mapping[str, Any]) -> Iterator[tuple[st
     if "turn" in here:
         return
     for name, value in _flat(row):
-        path = [part.split("[")[0] for part in name.split(".")]
-        known = column_named(path[-1])
-        if known.timing and known.worse and _is_number(value) and all(column_named(part).compared for part in path):
-            yield path[-1], "", (here.get("value"), name), float(value)
+        *_, known = path = _columns_of(name)
+        if known.timing and known.worse and _is_number(value) and all(column.compared for column in path):
+            yield known.name, "", (here.get("value"), name), float(value)
 
 
 def _slower(group: _Group, ratio: float, chance: float) -> dict[str, Any]:
@@ -224,18 +222,20 @@ def _row_changes(
     if cell.get("timed") or before.get("timed"):
         before, after = _cut(before, after), _cut(after, before)
     old_values, new_values = dict(_flat(before)), dict(_flat(after))
-    for name in [*old_values, *(n for n in new_values if n not in old_values)]:
-        path = [part.split("[")[0] for part in name.split(".")]  # of points[3].errors.q: points, errors, q
-        if not all(column_named(part).compared for part in path) or column_named(path[-1]).timing or name == "status":
+    for name in dict.fromkeys([*old_values, *new_values]):
+        path, a, b = _columns_of(name), old_values.get(name), new_values.get(name)
+        if not all(column.compared for column in path) or path[-1].timing or name == "status":
             continue
-        a, b = old_values.get(name), new_values.get(name)
-        difference = _difference(a, b)
-        if difference is None or difference <= NOISE:
-            continue
-        worse = any(_worse(part, a, b) for part in path)
-        relative = math.nan if math.isinf(difference) else difference
-        found.append(_entry(cell, "value", _with_rungs(name, before, after), a, b, relative, NOISE, worse))
+        if (difference := _difference(a, b)) > NOISE:
+            worse = any(_worse(column, a, b) for column in path)
+            relative = math.nan if math.isinf(difference) else difference
+            found.append(_entry(cell, "value", _with_rungs(name, before, after), a, b, relative, NOISE, worse))
     return found
+
+
+def _columns_of(name: str) -> list[Column]:
+    """Of points[3].errors.q those of points, errors and q."""
+    return [column_named(part.split("[")[0]) for part in name.split(".")]
 
 
 def _cut(row: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]:
@@ -271,16 +271,14 @@ def _with_rungs(name: str, *rows: Mapping[str, Any]) -> str:
     return name
 
 
-def _difference(a: Any, b: Any) -> float | None:
-    """Relative difference of two values; infinite where they differ in kind, None where they are equal."""
+def _difference(a: Any, b: Any) -> float:
+    """Relative difference of two values; infinite where they differ in kind, 0 where they are equal."""
     a, b = (v if _given(v) else None for v in (a, b))
-    if a is None or b is None:
-        return None if a is b else math.inf
-    if _is_number(a) and _is_number(b):
-        if a == b or abs(a - b) <= FLOOR:
-            return None
-        return abs(a - b) / max(abs(a), abs(b)) if math.isfinite(a) and math.isfinite(b) else math.inf
-    return None if a == b else math.inf
+    if a == b:
+        return 0.0
+    if _is_number(a) and _is_number(b) and math.isfinite(a) and math.isfinite(b):
+        return abs(a - b) / max(abs(a), abs(b)) if abs(a - b) > FLOOR else 0.0
+    return math.inf
 
 
 def _given(value: Any) -> bool:
@@ -291,8 +289,7 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
-def _worse(column: str, a: Any, b: Any) -> bool:
-    known = column_named(column)
+def _worse(known: Column, a: Any, b: Any) -> bool:
     if known.good:
         return a in known.good and b not in known.good
     numbers = [_is_number(v) and not math.isnan(v) for v in (a, b)]

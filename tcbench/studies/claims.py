@@ -59,7 +59,6 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
 
 def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
     """One row a claim. A group that could not be measured keeps one row, with the reason and no verdict."""
-
     rows: list[Row] = []
     for record in records:
         origin = {k: v for k, v in record.items() if k not in ("findings", "failure")}

@@ -114,7 +114,6 @@ def _warm_up(integrator: Integrator, scenario: Scenario, extra: Mapping[str, Any
 
 
 def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
-
     rows = [(row.get("numbers") or {}) | {k: v for k, v in row.items() if k not in KEPT} for row in records]
     there = set().union(*rows)
     first = [c for c in COLUMNS if c in there or not c.endswith("momentum_error_max")]  # which not all systems have

@@ -139,7 +139,6 @@ def _point_rows(
 
 def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
     """`convergence`: one row a variable; `convergence_points`: one row a step size. A failed cell keeps one row."""
-
     orders: list[Row] = []
     for record in records:
         origin = {k: v for k, v in record.items() if k not in ("orders", "points", "dt", "failure")}

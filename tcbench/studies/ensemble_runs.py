@@ -186,30 +186,24 @@ def _too_slow(integrator: Integrator, scenario: Scenario, tolerance: float, left
 
 def run_once(integrator: Integrator, scenario: Scenario, value: float) -> Row:
     """One run to t_end: kind, sentence, time_s, repeats = 1, state (of runs that ended well) and energy_error."""
+
+    def moved(z: Any) -> float:
+        return abs(float(scenario.model.energy(z)) - float(scenario.model.energy(scenario.z0)))
+
     if integrator.kind != "adaptive":
         run = simulate(integrator, scenario, value, record_every=None)
-        kind, sentence = outcome(integrator, run)
-        return _rung(scenario, kind, sentence, run.wall_time_s, run.z[-1])
-    model, found = scenario.model, solved(integrator, scenario, [0.0, scenario.t_end], value)
-    if found.failure:
-        kind = "solver" if found.status == "nonconverged" else found.status
-        return _rung(scenario, kind, found.failure[:200], found.seconds, None)
-    z = np.asarray(found.states[-1], dtype=float)
-    left = abs(float(model.energy(z)) - float(model.energy(scenario.z0))) if np.all(np.isfinite(z)) else math.inf
-    if not left <= scenario.blowup_factor * scenario.initial_exergy:
-        why = "the end state is not finite, or beyond the exergy bound"
-        return _rung(scenario, "physical", why, found.seconds, None)
-    return _rung(scenario, "ok", "", found.seconds, z)
-
-
-def _rung(scenario: Scenario, kind: str, sentence: str, seconds: float, z: Any) -> Row:
+        (kind, sentence), seconds, z = outcome(integrator, run), run.wall_time_s, run.z[-1]
+    else:
+        found = solved(integrator, scenario, [0.0, scenario.t_end], value)
+        kind, sentence, seconds, z = "ok", found.failure[:200], found.seconds, None
+        if found.failure:
+            kind = "solver" if found.status == "nonconverged" else found.status
+        elif not (np.isfinite(z := np.asarray(found.states[-1], dtype=float)).all() and moved(z) <= scenario.bound):
+            kind, sentence = "physical", "the end state is not finite, or beyond the exergy bound"
     row: Row = {"kind": KINDS.index(kind), "time_s": seconds, "repeats": 1}
-    if sentence:
-        row["sentence"] = sentence
+    row |= {"sentence": sentence} if sentence else {}
     if kind == "ok":
-        model = scenario.model
-        error = abs(float(model.energy(z)) - float(model.energy(scenario.z0))) / scenario.initial_exergy
-        row |= {"state": [float(x) for x in z], "energy_error": error}
+        row |= {"state": [float(x) for x in z], "energy_error": moved(z) / scenario.initial_exergy}
     return row
 
 

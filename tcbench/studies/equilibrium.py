@@ -66,7 +66,6 @@ def plan(integrators: Sequence[Integrator], scenarios: Sequence[Scenario], optio
 
 def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
     """Gaps along one run, at log-spaced recorded times, and what they amount to."""
-
     run = simulate(integrator, scenario, **options)
     rows, exact = log_spaced(run.t), exact_equilibrium(scenario)
     theta, entropy = run.temperatures[rows], run.entropy[rows]
@@ -194,7 +193,6 @@ def _sentence(
 
 def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
     """`equilibrium`: one row a recorded time; `equilibrium_summary`: one row a run, failed cells included."""
-
     summaries: list[Row] = []
     for record in records:
         origin = {k: v for k, v in record.items() if k not in ("rows", "summary")}

@@ -132,7 +132,6 @@ def area(integrator: Integrator, scenario: Scenario) -> LedgerRow:
 
 def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
     """`literature`: one row a statement, by whom; `literature_errors`: the errors at every step."""
-
     claims: list[Row] = []
     points: list[Row] = []
     for record in records:
