@@ -126,12 +126,8 @@ def _trust(path: Path) -> None:
 # files --------------------------------------------------------------------------------------------------------------
 
 
-def sealed(name: str, content: bytes) -> bytes:
-    """A file's content with a checksum: another file, whole as it may be, is not taken for this one."""
-    return SEAL + _checksum(name, content) + content
-
-
 def _checksum(name: str, content: bytes) -> bytes:
+    """With the file's name: another file, whole as it may be, is not taken for this one."""
     return hashlib.sha256(name.encode() + b"\n" + content).digest()
 
 
@@ -191,7 +187,7 @@ def _write(path: Path, content: bytes) -> None:
         descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o600)
         with os.fdopen(descriptor, "wb") as file:
             temporary.chmod(0o600)  # whatever the umask
-            file.write(sealed(path.name, content))
+            file.write(SEAL + _checksum(path.name, content) + content)
 
 
 def kept(part: str, name: str, make: Callable[[], bytes]) -> bytes:

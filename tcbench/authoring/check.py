@@ -37,6 +37,7 @@ OF_INTEGRATORS = ("metadata", *(name for name, _ in integrator_checks.TESTS), *A
 OF_SCENARIOS = tuple(name for name, _ in scenario_checks.TESTS)
 OF_STUDIES = tuple(name for name, _ in study_checks.TESTS)
 DOES_NOT_RUN = Line("the rest", NONE, "not checked: the method does not run")
+LOADED = (Line("loads", OK), Line("unique name", OK))  # the first lines of whatever has a name
 LOOK_BELOW = "A step of 0.01 must succeed: see whether the formula is consistent with dz/dt."
 HOOKED = ("integrators", "scenarios", "metrics", "studies", "charts")
 STOPS = {
@@ -150,8 +151,7 @@ def _of_integrator(method: Integrator, folders: Sequence[str], only: Sequence[st
 def integrator_lines(method: Integrator, folders: Sequence[str] = (), only: Sequence[str] = ()) -> Iterator[Line]:
     """Every line for one integrator. Begins in a process of its own: a hang or a crash ends there."""
     wanted = set(only or OF_INTEGRATORS)
-    yield Line("loads", OK)
-    yield Line("unique name", OK)
+    yield from LOADED
     if "metadata" in wanted:
         yield integrator_checks.metadata(method)
     tests = {name: test for name, test in integrator_checks.TESTS if name in wanted}
@@ -262,8 +262,7 @@ def _of_metric(metric: Metric) -> Subject:
 
 def study_lines(study: Study, only: Sequence[str] = ()) -> Iterator[Line]:
     """Every line for one study; each needs those before it."""
-    yield Line("loads", OK)
-    yield Line("unique name", OK)
+    yield from LOADED
     charts = [chart for chart in plugins.registry().charts.values() if chart.plugin == study.plugin]
     trial = study_checks.Trial(study, charts)
     for name, test in study_checks.TESTS:
@@ -280,8 +279,7 @@ def _of_scenario(scenario: Scenario, only: Sequence[str]) -> Subject:
 
 def scenario_lines(scenario: Scenario, only: Sequence[str] = ()) -> Iterator[Line]:
     """Every line for one scenario and its system."""
-    yield Line("loads", OK)
-    yield Line("unique name", OK)
+    yield from LOADED
     for name, test in scenario_checks.TESTS:
         if not only or name in only:
             found = _guarded(name, test, scenario)

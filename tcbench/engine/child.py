@@ -19,6 +19,7 @@ import signal
 import subprocess
 import sys
 import threading
+import traceback
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import IO, Any
@@ -175,14 +176,9 @@ def main(told: Mapping[str, Any], first: Iterable[str]) -> None:
             text = pkgutil.resolve_name(function)(*arguments)
         except BaseException as error:
             kind = type(error).__name__ if isinstance(error, TcbenchError) else ""
-            text = json.dumps({"raised": _traceback(error), "kind": kind, "sentence": str(error) if kind else ""})
+            raised = "".join(traceback.format_exception(error))
+            text = json.dumps({"raised": raised, "kind": kind, "sentence": str(error) if kind else ""})
         say(text.encode() + b"\n")
-
-
-def _traceback(error: BaseException) -> str:
-    import traceback
-
-    return "".join(traceback.format_exception(error))
 
 
 def _hear(calls: IO[bytes], put: Callable[[bytes], None]) -> None:

@@ -51,13 +51,13 @@ def cell_fingerprint(
         drawn=study.drawn(scenario, options) if study.drawn else None,
         session=[not plugins.is_registered(method), not worker_finds(scenario.system), code],
     )  # fmt: skip
-    return mark, _machine() if study.is_timed(options) else ""
+    return mark, machine_name() if study.is_timed(options) else ""
 
 
 def forget() -> None:
     """Look at everything again: files may have been edited since a run before in this process."""
-    for function in (code_mark, own_sources, _machine):
-        function.cache_clear()
+    code_mark.cache_clear()
+    own_sources.cache_clear()
 
 
 @cache
@@ -80,11 +80,6 @@ def own_sources() -> str:
             if path.suffix in (".py", ".json") and relative.parts[0] not in NO_NUMBERS:
                 found[f"{folder.name} {relative.as_posix()}"] = marks.file_hash(str(path))
     return fingerprint(files=found)
-
-
-@cache
-def _machine() -> str:
-    return machine_name()
 
 
 def scenario_mark(scenario: Scenario) -> str:

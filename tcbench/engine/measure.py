@@ -6,6 +6,7 @@ import pkgutil
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -71,6 +72,7 @@ def measure_here(
 ) -> None:  # fmt: skip
     """Cells of what exists only in this process (a notebook, say): no isolation, no deadline. Counts in `summary`."""
     from .local import Ledger, plan
+    from .worker import complete_row
 
     began = time.monotonic()
     to_run, found = plan(cells, store, retry_failed, here={cell.key for cell in cells})  # what it is made of: not noted
@@ -80,16 +82,11 @@ def measure_here(
     try:
         for cell in to_run:
             ledger.start(cell, 1)
-            ledger.write(cell, _row_here(cell, *job.here[cell.key]), 0)
+            row = complete_row(partial(_measure, *job.here[cell.key], cell.as_dict()), {"timed": cell.timed})
+            ledger.write(cell, row, 0)
     except KeyboardInterrupt:
         summary.interrupted = True
     summary.elapsed_s += time.monotonic() - began
-
-
-def _row_here(cell: Cell, method: Integrator, scenario: Scenario) -> dict[str, Any]:
-    from .worker import complete_row
-
-    return complete_row(lambda: _measure(method, scenario, cell.as_dict()), {"timed": cell.timed})
 
 
 def scenario_data(scenario: Scenario) -> dict[str, Any] | None:

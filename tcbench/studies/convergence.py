@@ -54,18 +54,10 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
 
     reference = reference_for(scenario, [scenario.t_converge])
     exact = groups(scenario.model, reference.states[0])
-    dt: list[float] = []
-    ends: list[tuple[str, str]] = []  # status and sentence
-    floors: list[float] = []
-    errors: dict[str, list[float]] = {name: [] for name in exact}
-    for n in step_counts(integrator, scenario, options.get("dt")):
-        step, end, floor, state = _end_state(integrator, scenario, n)
-        dt.append(step)
-        ends.append(end)
-        floors.append(floor)
-        found = None if state is None else groups(scenario.model, state)
-        for name in exact:
-            errors[name].append(float("nan") if found is None else relative_error(found[name], exact[name]))
+    counts = step_counts(integrator, scenario, options.get("dt"))
+    dt, ends, floors, states = zip(*(_end_state(integrator, scenario, n) for n in counts), strict=True)
+    found = [None if z is None else groups(scenario.model, z) for z in states]
+    errors = {x: [np.nan if of is None else relative_error(of[x], exact[x]) for of in found] for x in exact}
     roundoff = [max(1e-9, ROUNDOFF * scenario.t_converge / h) for h in dt]
     fits = {
         name: fit_order(dt, errors[name], reference.floor[0], solver_floor=floors, roundoff=roundoff) for name in exact

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
@@ -16,7 +17,6 @@ from typing import TYPE_CHECKING, Any
 from .. import plugins
 from ..errors import TcbenchError
 from ..study import Cells, Row, Study
-from .ensemble_seeds import drawn_numbers
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -130,6 +130,13 @@ def numbers_hash(scenario: Scenario, seeds: Sequence[int], **ranges: str) -> str
 def _numbers_hash(scenario: str, seeds: tuple[int, ...], ranges: tuple[tuple[str, str], ...], sample: Any) -> str:
     data = [member.data() for member in members(plugins.find_scenario(scenario), seeds, **dict(ranges))]
     return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()
+
+
+def drawn_numbers(scenarios: Sequence[Scenario]) -> Row:
+    """Of a block, as its row keeps them: a list each, of those that differ; one number of those that are alike."""
+    rows = [scenario.numbers() for scenario in scenarios]
+    columns = {name: [row.get(name, math.nan) for row in rows] for name in rows[0]} if rows else {}
+    return {name: values[0] if len(set(values)) == 1 else values for name, values in columns.items()}
 
 
 def drawn(scenario: Scenario, options: Row) -> list[Any]:

@@ -14,7 +14,6 @@ from ..reference.certified import gap
 from ..study import Row
 from .cost import reach
 from .ensemble_runs import KINDS
-from .ensemble_seeds import law_names, seed_rows
 from .statistics import profile, quantile, wilson
 
 if TYPE_CHECKING:
@@ -156,6 +155,47 @@ def law_rows(runs: DataFrame) -> list[Row]:
                 "worst_seed": worst["seed"], f"worst_{worst['control']}": worst["value"],
             })  # fmt: skip
     return rows
+
+
+# -- methods on scenarios
+
+
+def seed_rows(records: Sequence[Row], runs: DataFrame, known: Mapping[int, Row]) -> DataFrame:
+    """How many runs of each method on each scenario failed, the first of them (least step, or loosest tolerance) and
+    how, and the largest error of each law over all of them; error bar and growth rate, where they are known."""
+    import pandas as pd
+
+    if not len(runs):
+        return pd.DataFrame()
+    made = runs[runs["kind"] != "too slow"]
+    by = made.groupby(["integrator", "seed"], sort=True)
+    failed = made[made["kind"] != "ok"]
+    order = np.where(failed["control"] == "dt", failed["value"], -failed["value"])
+    first = failed.iloc[np.argsort(order, kind="stable")].groupby(["integrator", "seed"], sort=True)
+    table = by[["control"]].first().assign(runs=by.size()).join(first.size().rename("failed"))
+    table["failed"] = table["failed"].fillna(0).astype(int)
+    table = table.join(first[["value", "kind"]].first().rename(columns={"value": "fails_from"}))
+    laws = {f"law.{name}": f"{name}_error_max" for name in law_names(made)} | {"law.entropy": "entropy_fall_max"}
+    worst = [name for name in laws if name in made]
+    table = table.join(by[worst].max().rename(columns=laws)).reset_index()
+    for column in ("reference_gap", "lyapunov") if known else ():
+        table[column] = [known[seed][column] if seed in known else math.nan for seed in table["seed"]]
+    return table.join(_numbers(records), on="seed")
+
+
+def law_names(runs: DataFrame) -> list[str]:
+    """Of the columns law.NAME and broken.NAME of a table of runs."""
+    return [name.removeprefix("law.") for name in runs if name.startswith("law.")]
+
+
+def _numbers(records: Sequence[Row]) -> DataFrame:
+    """The numbers that were drawn, by seed."""
+    import pandas as pd
+
+    blocks = {tuple(record["seeds"]): record["drawn"] for record in records if record.get("drawn")}
+    frames = [pd.DataFrame(drawn, index=range(*seeds)) for seeds, drawn in sorted(blocks.items())]
+    every = pd.concat(frames) if frames else pd.DataFrame()
+    return every[~every.index.duplicated()]
 
 
 # -- errors and times
