@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 Row = dict[str, Any]
 Cells: TypeAlias = "list[tuple[Integrator, Scenario, Row]]"  # what runs on what, and the options of the cell
+Tables: TypeAlias = "dict[str, DataFrame]"  # by name
 
 
 @dataclass(frozen=True)
@@ -74,7 +75,7 @@ class Study:
     tables: tuple[str, ...]
     plan: Callable[[Sequence[Integrator], Sequence[Scenario], Mapping[str, Any]], Cells]
     measure: Callable[[Integrator, Scenario, Row], Row]
-    tabulate: Callable[[Sequence[Row]], dict[str, DataFrame]]
+    tabulate: Callable[[Sequence[Row]], Tables]
     place: int = 100
     by_default: bool = True
     timed: bool | Callable[[Row], bool] = False
@@ -119,7 +120,7 @@ class Study:
                 )
         return {**row}
 
-    def tabulated(self, records: Sequence[Row]) -> dict[str, DataFrame]:
+    def tabulated(self, records: Sequence[Row]) -> Tables:
         """What `tabulate` returns, if it is tables of the declared names."""
         with calling(f"The rows of the study {self.name!r} cannot be tabulated"):
             found: Any = self.tabulate(records)

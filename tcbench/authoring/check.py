@@ -12,22 +12,20 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from .. import plugins
 from ..engine.child import LOOK_S, READY, Child, how_it_died
 from ..errors import TcbenchError, blamed, matching
+from ..integrator import Integrator
+from ..metric import Metric
+from ..plugins import Origin
 from ..studies.base import refuse_doubles
+from ..study import Study
+from ..systems.scenario import Scenario
 from . import integrator_checks, scenario_checks, study_checks
 from .check_cost import estimate, time_per_step
 from .check_line import FAIL, NONE, OK, Line, line
-
-if TYPE_CHECKING:
-    from ..integrator import Integrator
-    from ..metric import Metric
-    from ..plugins import Origin
-    from ..study import Study
-    from ..systems.scenario import Scenario
 
 DEADLINE = 60.0  # seconds for a run in a process of its own, from when tcbench itself is loaded and compiled there
 SLOW_S = 30.0  # loading and compiling that takes longer is that of a large system: the run may take longer, too

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from .. import plugins
+from ..integrator import Integrator
 from ..simulation.run import simulate
 from . import integrator_checks as contract
 from .check_line import NONE, OK, Line
-
-if TYPE_CHECKING:
-    from ..integrator import Integrator
 
 WORTH_SAYING_S = 10.0
 

@@ -6,15 +6,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from ..integrator import Integrator
-    from ..simulation.trajectory import Trajectory
-    from ..solver.kernels_of_flow import FlowKernels
-    from ..systems.scenario import Scenario
+from ..integrator import Integrator
+from ..simulation.trajectory import Trajectory
+from ..solver.kernels_of_flow import FlowKernels
+from ..systems.scenario import Scenario
 
 STILL = 1e-9  # part of a state's size, by which every method that takes a step has moved it
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from itertools import islice
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,11 +17,9 @@ from numpy.typing import NDArray
 from ..studies.structure import constant, rates_of, relative, written
 from ..studies.theorems import SEED, admissible_states
 from ..systems.element_system import ElementSystem
+from ..systems.scenario import Scenario
+from ..systems.system import System
 from .check_line import FAIL, NONE, OK, Line
-
-if TYPE_CHECKING:
-    from ..systems.scenario import Scenario
-    from ..systems.system import System
 
 Floats = NDArray[np.float64]
 LARGE = 80  # numbers of a state from which on its matrices are not made

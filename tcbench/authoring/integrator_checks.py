@@ -6,25 +6,23 @@ import difflib
 import math
 from collections.abc import Callable, Iterator
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from .. import plugins
 from ..compiler import derivatives as trace
+from ..integrator import Flow, Integrator
 from ..simulation.run import simulate
+from ..simulation.trajectory import Trajectory
 from ..solver.formula import called
 from ..solver.quotients import REMEDY, zero_over_zero
 from ..studies.theorems import SEED, admissible_states, energy_defect, entropy_fall
 from ..systems.as_written import place
+from ..systems.scenario import Scenario
+from ..systems.system import System
 from .check_line import FAIL, NONE, OK, Line, line
 from .gaps import given_gap, march_gap, outputs_gap, stands_still, traced_gap, workspace_gap
-
-if TYPE_CHECKING:
-    from ..integrator import Flow, Integrator
-    from ..simulation.trajectory import Trajectory
-    from ..systems.scenario import Scenario
-    from ..systems.system import System
 
 PREFERRED = ("bound_equilibrium", "gas_containers")  # scenarios that no method finds hard, one a system
 SOLVED = {"flows": 1e-12, "step": 1e-10, "adaptive": 1e-6}  # what may be left of a conserved quantity, relative

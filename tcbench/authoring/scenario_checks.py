@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,13 +18,11 @@ from ..studies.theorems import SEED, admissible_states, operators
 from ..systems.as_written import place
 from ..systems.element_system import ElementSystem
 from ..systems.plane import segments
+from ..systems.scenario import Scenario
+from ..systems.system import System
 from . import geometry
 from .check_line import FAIL, NONE, OK, Line, line
 from .units import check_units
-
-if TYPE_CHECKING:
-    from ..systems.scenario import Scenario
-    from ..systems.system import System
 
 LARGE = 80  # numbers of a state from which on it is traced once
 TINY_SCALE = 1e-6  # of energy errors, over how far energies are apart

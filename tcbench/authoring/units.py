@@ -14,16 +14,14 @@ import inspect
 import operator
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 
 from ..compiler.sentences import where_in_user_code
 from ..errors import TcbenchError, unknown_name
 from ..systems.as_written import place
-
-if TYPE_CHECKING:
-    from ..systems.system import System
+from ..systems.system import System
 
 Powers = Mapping[str, float]  # base unit -> exponent, none of them 0
 NONE: Powers = {}

@@ -6,14 +6,12 @@ import ast
 import inspect
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from .. import plugins
+from ..integrator import Integrator
 from ..systems.plane import joints, links
-
-if TYPE_CHECKING:
-    from ..integrator import Integrator
-    from ..systems.scenario import Scenario
+from ..systems.scenario import Scenario
 
 FAMILIES = ("Romero (2009)", "consistent, beyond the paper", "other structure", "peers")
 PAPER = FAMILIES[0]

@@ -5,10 +5,9 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from ..store.cells import Cell
+from ..store.cells import Cell
 
 SEEN = 0.5  # of the cells that are left have had one of their study and method, or there is no ground for a number
 

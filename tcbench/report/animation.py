@@ -17,6 +17,7 @@ import numpy as np
 
 from ..errors import TcbenchError, expect, needs_folder, positive, several, shown, writing
 from ..files import written
+from ..simulation.trajectory import Trajectory
 from ..systems.plane import joints, segments
 from .charts.scales import ROUND_OFF
 from .charts.style import look
@@ -25,8 +26,6 @@ from .charts.theme import STYLE
 if TYPE_CHECKING:
     from matplotlib.animation import FuncAnimation
     from PIL.Image import Image
-
-    from ..simulation.trajectory import Trajectory
 
 FRAMES, FPS = 120, 20
 TRAIL = 12  # frames of a mass's way that are shown
@@ -68,8 +67,6 @@ def animate(
     ----------
     docs/gallery.md shows some.
     """
-    from ..simulation.trajectory import Trajectory
-
     chosen: list[Any] = [*runs] if several(runs) else [runs]  # type: ignore[misc]
     if wrong := [run for run in chosen if not isinstance(run, Trajectory)]:
         raise TcbenchError(f"An animation is of what simulate returns, not of {shown(wrong[0])}.")

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
+from ..chart import Tables
 from ..progress import LOUD
 from .judged import is_finite, judged, ladder_runs, of_whole_state, times_over_best
 from .matrix import methods, unmeasured
@@ -15,7 +16,6 @@ from .matrix import methods, unmeasured
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-Tables = Mapping[str, Any]
 HEADINGS = (
     "method", "claims kept", "order (declared)", "stable step", "to 1e-6", "x best", "failed runs",
     "random failed",

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from ..chart import Tables
 from ..studies.columns import ERROR_MAX, KEPT, claim_column, invariant_columns
 
 if TYPE_CHECKING:
     from pandas import DataFrame, Series
 
-Tables = Mapping[str, Any]
 PAIR = ["integrator", "scenario"]
 TIMES = {
     "time 0.001": ("error", 1e-3), "time 1e-06": ("error", 1e-6), "time 1e-09": ("error", 1e-9),

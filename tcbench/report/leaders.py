@@ -6,13 +6,13 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from ..chart import Tables
 from .judged import is_finite, to_numbers
 from .matrix import FAMILIES, families, names
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-Tables = Mapping[str, Any]
 CROWD = 8  # so many methods are all in colour
 IN_COLOUR = 5  # of more: as many of each family as make this number, one at least
 TARGETS = (1e-9, 1e-6, 1e-3)

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from ..chart import Tables
 from ..engine.declared import FAMILIES as DECLARED
 from ..progress import LOUD
 from ..studies.base import own_tables
@@ -14,7 +15,6 @@ from .judged import NUMBERS, PAIR, is_finite, ladder_runs, laws, settings
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-Tables = Mapping[str, Any]
 UNKNOWN = "not declared in this folder"
 LEDGERS = ("claims", "literature", "literature_errors")  # statements: what only they name has no number in any lens
 FAMILIES = (*DECLARED, UNKNOWN)

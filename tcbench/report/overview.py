@@ -9,6 +9,7 @@ from statistics import median
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
+from ..chart import Tables
 from .judged import TIMES, is_finite, ladder_runs, laws, power, times_over_best
 from .matrix import Unmeasured, unmeasured
 from .summary import seconds
@@ -16,7 +17,6 @@ from .summary import seconds
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-Tables = Mapping[str, Any]
 TARGETS = ("time 1e-06", "time 0.001")  # to an accurate trajectory; the second where no method reaches the first
 ROUND_OFF = 1e-12  # errors below it rank nobody
 LONGEST = 40  # characters of a name in a sentence

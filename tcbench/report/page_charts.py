@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .. import plugins
 from ..chart import Chart, Panel, Row, Series, sheet_of
@@ -27,7 +28,6 @@ from .charts.style import finite
 from .matrix import families
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
     from pandas import DataFrame
 
 DIGITS = 4

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from ..study import Cells, Row, Study
+from ..integrator import Integrator
+from ..study import Cells, Row, Study, Tables
+from ..systems.scenario import Scenario
 from .frames import table_of
-
-if TYPE_CHECKING:
-    from pandas import DataFrame
-
-    from ..integrator import Integrator
-    from ..systems.scenario import Scenario
 
 COLUMNS = ("claim", "section", "expected", "measured", "verdict", "why", "command", "integrator", "scenario", "group")
 THEOREMS = ("operators", "steps")  # checked on random states of one scenario: of these, else of all, the first
@@ -57,7 +53,7 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
     return {"status": "ok", "findings": [finding.as_dict() for finding in check(integrator, scenario)]}
 
 
-def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
+def tabulate(records: Sequence[Row]) -> Tables:
     """One row a claim. A group that could not be measured keeps one row, with the reason and no verdict."""
     rows: list[Row] = []
     for record in records:

@@ -4,22 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from .. import plugins
 from ..errors import MachineError, blamed
+from ..integrator import Integrator
 from ..simulation import metrics, series, shared_runs
 from ..simulation.run import simulate
-from ..study import Cells, Row, Study
+from ..simulation.trajectory import Trajectory
+from ..study import Cells, Row, Study, Tables
+from ..systems.scenario import Scenario
 from .base import settings
 from .frames import table_of
-
-if TYPE_CHECKING:
-    from pandas import DataFrame
-
-    from ..integrator import Integrator
-    from ..simulation.trajectory import Trajectory
-    from ..systems.scenario import Scenario
 
 COLUMNS = (
     "integrator", "scenario", "dt", "status", "blowup_time", "energy_error_max", "energy_error_final", "energy_drift",
@@ -113,7 +109,7 @@ def _warm_up(integrator: Integrator, scenario: Scenario, extra: Mapping[str, Any
             simulate(integrator, scenario.replace(t_end=extra.get("dt", 1e-3 * scenario.t_end)), **extra)
 
 
-def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
+def tabulate(records: Sequence[Row]) -> Tables:
     rows = [(row.get("numbers") or {}) | {k: v for k, v in row.items() if k not in KEPT} for row in records]
     there = set().union(*rows)
     first = [c for c in COLUMNS if c in there or not c.endswith("momentum_error_max")]  # which not all systems have

@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from ..integrator import Integrator
 from ..simulation.run import simulate
-from ..study import Cells, Row, Study
+from ..study import Cells, Row, Study, Tables
+from ..systems.scenario import Scenario
+from ..systems.system import System
 from .frames import rows_in, table_of
-from .order_fit import fit_order
-
-if TYPE_CHECKING:
-    from pandas import DataFrame
-
-    from ..integrator import Integrator
-    from ..systems.scenario import Scenario
-    from ..systems.system import System
-    from .order_fit import OrderFit
+from .order_fit import OrderFit, fit_order
 
 HALVINGS = range(1, 16)  # dt = t_converge / 2^k: exact, and from far outside the asymptotic range to round-off
 PYTHON_HALVINGS = range(1, 12)  # a step of a plain Python method may cost a hundred times as much
@@ -129,7 +124,7 @@ def _point_rows(
     ]  # fmt: skip
 
 
-def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
+def tabulate(records: Sequence[Row]) -> Tables:
     """`convergence`: one row a variable; `convergence_points`: one row a step size. A failed cell keeps one row."""
     orders: list[Row] = []
     for record in records:

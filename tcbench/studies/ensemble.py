@@ -12,17 +12,13 @@ import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from .. import plugins
 from ..errors import TcbenchError
-from ..study import Cells, Row, Study
-
-if TYPE_CHECKING:
-    from pandas import DataFrame
-
-    from ..integrator import Integrator
-    from ..systems.scenario import Scenario
+from ..integrator import Integrator
+from ..study import Cells, Row, Study, Tables
+from ..systems.scenario import Scenario
 
 STEPS = (0.025, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6)
 SIZE = 100  # scenarios, if nothing else is asked for
@@ -163,7 +159,7 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
     return common | {"ladders": found, "control": control}
 
 
-def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
+def tabulate(records: Sequence[Row]) -> Tables:
     from .ensemble_tables import tables
 
     return tables(records)

@@ -10,22 +10,18 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from .. import plugins
 from ..errors import TcbenchError, unknown_name
-from ..study import Cells, Row, Study
+from ..integrator import Integrator
+from ..study import Cells, Row, Study, Tables
+from ..systems.scenario import Scenario
 from .ensemble import APART, members, numbers_hash, whole
 from .map import Axis, needs_axes, parse_axis
 from .statistics import wilson
-
-if TYPE_CHECKING:
-    from pandas import DataFrame
-
-    from ..integrator import Integrator
-    from ..systems.scenario import Scenario
 
 SIZE = 30  # scenarios in a cell
 LARGEST = 10_000
@@ -101,7 +97,7 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
     return {"status": "ok", "cells": cells, "names": [x.name, y.name], "across": across, "family": family}
 
 
-def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
+def tabulate(records: Sequence[Row]) -> Tables:
     """`failure_map`: a row a cell, with the share of failures and its 95 % interval. Rows that were lost are absent."""
     import pandas as pd
 

@@ -14,20 +14,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import plugins
+from ..integrator import Integrator
 from ..simulation.run import simulate
+from ..simulation.trajectory import Trajectory
 from ..study import Cells, Row, Study
 from ..systems.pendulum import Pendulum
+from ..systems.scenario import Scenario
 from .base import settings
 from .frames import rows_in, table_of
-from .maximum_entropy import FAR, MOST, maximum_entropy
+from .maximum_entropy import FAR, MOST, Equilibrium, maximum_entropy
 
 if TYPE_CHECKING:
     from pandas import DataFrame
-
-    from ..integrator import Integrator
-    from ..simulation.trajectory import Trajectory
-    from ..systems.scenario import Scenario
-    from .maximum_entropy import Equilibrium
 
 LONG_HORIZON = 1000.0  # a run of everything studies only scenarios at least this long: shorter ones show no approach
 TIMES = 60  # rows a run, equally spaced in ln t

@@ -11,23 +11,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from .. import plugins
+from ..integrator import Integrator
 from ..plugins import find_integrator
 from ..simulation.run import simulate
-from ..study import Cells, Row, Study
+from ..simulation.trajectory import Trajectory
+from ..study import Cells, Row, Study, Tables
+from ..systems.scenario import Scenario
 from .frames import table_of
 from .theorems import LedgerRow, command
-
-if TYPE_CHECKING:
-    from pandas import DataFrame
-
-    from ..integrator import Integrator
-    from ..simulation.trajectory import Trajectory
-    from ..systems.scenario import Scenario
 
 AUTHORS, ADDED = "Shang and Ottinger (2020)", "tcbench"
 ORDERS = {"ybaby": 2, "mybaby": 2}
@@ -130,7 +126,7 @@ def area(integrator: Integrator, scenario: Scenario) -> LedgerRow:
     )  # fmt: skip
 
 
-def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
+def tabulate(records: Sequence[Row]) -> Tables:
     """`literature`: one row a statement, by whom; `literature_errors`: the errors at every step."""
     claims: list[Row] = []
     points: list[Row] = []

@@ -12,18 +12,15 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ..errors import TcbenchError, unknown_name
 from ..integrator import Integrator
-from ..study import Cells, Row, Study
+from ..study import Cells, Row, Study, Tables
 from ..systems.scenario import Scenario
 from . import stable_step as stability
-
-if TYPE_CHECKING:
-    from pandas import DataFrame
 
 _AXIS = re.compile(r"(?P<name>[a-z_]+(\[\d+\])?)=(?P<low>[^:]+):(?P<high>[^:]+):(?P<n>\d+)(?P<log>:log)?\Z")
 MULTIPLIED = ("positions", "momenta", "temperatures")  # where a system has them; t_end and constants are multiplied too
@@ -152,7 +149,7 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
     return {"status": "ok", "cells": cells}
 
 
-def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
+def tabulate(records: Sequence[Row]) -> Tables:
     import pandas as pd
 
     rows: list[Row] = []

@@ -8,7 +8,7 @@ those of the formulas. What turns or drifts for ever at one entropy (a rotation,
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +17,7 @@ from ..compiler import derivatives as trace
 from ..compiler.kernels import Kernel, kernel, placed
 from ..compiler.once import once
 from ..systems.state import fixed
-
-if TYPE_CHECKING:
-    from ..systems.system import System
+from ..systems.system import System
 
 Floats = NDArray[np.float64]
 MOST = 80  # numbers of a state: the matrices of second derivatives are written out

@@ -11,24 +11,20 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from ..integrator import Integrator
 from ..simulation.run import simulate
-from ..study import Cells, Row, Study
+from ..study import Cells, Row, Study, Tables
 from ..systems.element_system import ElementSystem
+from ..systems.scenario import Scenario
 from .base import settings
 from .convergence import groups, relative_error
 from .frames import table_of
 from .work_precision import errors_of
 from .yardstick import solved
-
-if TYPE_CHECKING:
-    from pandas import DataFrame
-
-    from ..integrator import Integrator
-    from ..systems.scenario import Scenario
 
 EIGHT = 8
 HORIZON = 25.0  # of trajectories: chaotic ones are not longer known
@@ -167,7 +163,7 @@ def energy_growth(integrator: Integrator, scenario: Scenario, options: Row) -> R
     return {"energy_growth_exponent": slope, "energy_growth_end": sizes[-1]}
 
 
-def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
+def tabulate(records: Sequence[Row]) -> Tables:
     table = table_of(records, COLUMNS)
     return {"measures": table.drop(columns=[c for c in NOT_OF_ALL if table[c].isna().all()])}
 

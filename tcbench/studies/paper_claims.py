@@ -8,18 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from ..integrator import Integrator
 from ..simulation.run import simulate
+from ..simulation.trajectory import Trajectory
+from ..systems.scenario import Scenario
 from . import theorems
 from .theorems import SEED, LedgerRow, energy_defect, shell_name
-
-if TYPE_CHECKING:
-    from ..integrator import Integrator
-    from ..simulation.trajectory import Trajectory
-    from ..systems.scenario import Scenario
 
 CONSERVED = 1e-10  # over the whole horizon: round-off of some thousand steps
 FOUND_ORDER = 0.03  # how far a measured order may be from the stated one

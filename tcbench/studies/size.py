@@ -17,23 +17,19 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from .. import cache, plugins
+from ..integrator import Integrator
 from ..simulation import metrics
 from ..simulation.run import simulate
+from ..simulation.trajectory import Trajectory
 from ..solver.foresight import seconds_a_step
 from ..solver.implicit_step import compiled_flows
-from ..study import Cells, Row, Study
+from ..study import Cells, Row, Study, Tables
+from ..systems.scenario import Scenario
 from .cost import exponent
 from .frames import table_of
-
-if TYPE_CHECKING:
-    from pandas import DataFrame
-
-    from ..integrator import Integrator
-    from ..simulation.trajectory import Trajectory
-    from ..systems.scenario import Scenario
 
 SCENARIOS = (
     *(f"chain[n={n}]" for n in (100, 1000, 10_000, 100_000)), *(f"net[nx={n},ny={n}]" for n in (10, 20, 50, 100)),
@@ -112,7 +108,7 @@ def peak_memory() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (2**20 if sys.platform == "darwin" else 2**10)
 
 
-def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
+def tabulate(records: Sequence[Row]) -> Tables:
     """`size`: a row a method and size; `size_exponents`: how its times and its memory grow with the numbers of a state,
     a row a method, family and step."""
     import pandas as pd

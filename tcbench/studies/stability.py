@@ -4,17 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from ..study import Cells, Row, Study
+from ..integrator import Integrator
+from ..study import Cells, Row, Study, Tables
+from ..systems.scenario import Scenario
 from . import stable_step as stability
 from .frames import rows_in, table_of
-
-if TYPE_CHECKING:
-    from pandas import DataFrame
-
-    from ..integrator import Integrator
-    from ..systems.scenario import Scenario
 
 COLUMNS = (
     "integrator", "scenario", "dt_stable", "dt_unstable", "dt_half", "dt_fold", "limit", "non_monotone", "dt_cap",
@@ -49,7 +45,7 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
     return {"status": "ok", **row, "points": points, "sensitivity": blowup}
 
 
-def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
+def tabulate(records: Sequence[Row]) -> Tables:
     import pandas as pd
 
     flat = [{k: v for k, v in r.items() if k not in ("points", "sensitivity")} for r in records]

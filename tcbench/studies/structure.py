@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -18,9 +18,7 @@ from ..compiler import derivatives as trace
 from ..compiler.kernels import Kernel, kernel, placed
 from ..systems.as_written import place
 from ..systems.declaration import MATRICES
-
-if TYPE_CHECKING:
-    from ..systems.system import System
+from ..systems.system import System
 
 FORMULAS = tuple(MATRICES)
 SPREAD = 2.0  # random slopes are the true ones, times a number from 1/2 to 2

@@ -7,24 +7,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import TcbenchError
+from ..integrator import Integrator
 from ..reference.precision import LONG
 from ..simulation.run import simulate
+from ..simulation.trajectory import Trajectory
 from ..systems.element_system import ElementSystem
 from ..systems.pendulum import Pendulum
+from ..systems.scenario import Scenario
 from ..systems.state import State
 from ..systems.system import System
 from . import structure
-
-if TYPE_CHECKING:
-    from ..integrator import Integrator
-    from ..simulation.trajectory import Trajectory
-    from ..systems.scenario import Scenario
 
 HOLDS = "holds"
 NOT_WITH_DATA = "does not hold with the printed data"

@@ -16,24 +16,20 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from ..integrator import Integrator
 from ..simulation import shared_runs
 from ..simulation.metrics import evaluations, inner_steps_mean, invariant_errors, newton_iterations
 from ..simulation.run import simulate
-from ..study import Cells, Row, Study
+from ..study import Cells, Row, Study, Tables
+from ..systems.scenario import Scenario
 from .convergence import groups, relative_error
 from .cost import HIDES, TARGETS, cost_rows, reached_error, time_to_accuracy
 from .frames import table_of
 from .yardstick import solved, timed
-
-if TYPE_CHECKING:
-    from pandas import DataFrame
-
-    from ..integrator import Integrator
-    from ..systems.scenario import Scenario
 
 TOLERANCES = tuple(10.0**-k for k in range(1, 13))
 HALVINGS = range(-2, 9)  # steps are the scenario's own, over 2^k
@@ -301,7 +297,7 @@ def _horizons(integrator: Integrator, scenario: Scenario, points: Sequence[Row])
     return rows
 
 
-def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
+def tabulate(records: Sequence[Row]) -> Tables:
     """`work_precision`: a row a rung; `time_to_accuracy` and `cost`: see cost.py. A failed cell keeps one row."""
     import pandas as pd
 

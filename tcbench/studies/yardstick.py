@@ -11,18 +11,15 @@ import math
 import time
 from collections.abc import Callable
 from statistics import median
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..errors import ending, leave_to_the_machine
+from ..integrator import Integrator
 from ..study import Row
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from ..integrator import Integrator
-    from ..systems.scenario import Scenario
+from ..systems.scenario import Scenario
 
 LOOPS = 3000  # of the yardstick: about 0.1 ms
 TRIALS = 5  # before the first run; one more before each of its repeats

@@ -7,21 +7,19 @@ from typing import TYPE_CHECKING, Any
 
 import matplotlib
 import numpy as np
+from matplotlib.axes import Axes
 
 from ...chart import Chart, Panel, Row, Series, Sheet
 from ..judged import power
 from ..leaders import front
-from .layout import line_labels, note, panels, pt, titles
+from .layout import Drawing, line_labels, note, panels, pt, titles
 from .render import chart, chart_of_rows
 from .scales import ROUND_OFF, log_axis, round_off_band
 from .style import GREY, by_name, finite, look, names
 from .theme import INK, current
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from pandas import DataFrame
-
-    from .layout import Drawing
 
 FEWEST = 5  # runs: a share of fewer says nothing
 CONTROLS = {"dt": "step size h", "tolerance": "tolerance"}

@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.transforms import ScaledTranslation
 
@@ -16,17 +17,14 @@ from ...studies.columns import column as column_named
 from ...studies.columns import invariant_columns
 from ..matrix import FAMILIES
 from . import theme
-from .layout import failed_handle, failed_tracks, legend, note, panels, pt
+from .layout import Drawing, failed_handle, failed_tracks, legend, note, panels, pt
 from .render import chart, chart_of_rows
 from .scales import log_axis
 from .style import GREY, by_name, finite, ink, look, names, numbers, ok
 from .theme import scale
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from pandas import DataFrame
-
-    from .layout import Drawing
 
 LIMITS = {"physical": "s", "branch": "^", "solver": "o", "none": ">"}
 AGAIN = "★"

@@ -7,9 +7,10 @@ import math
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
@@ -17,9 +18,6 @@ from matplotlib.patheffects import withStroke
 from ...errors import TcbenchError
 from .style import GREY, OTHER, ink, look, short
 from .theme import current, scale
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 LETTER = 0.064  # inches of a letter of a title or a legend, at type of 9 points
 LEAST = (0.85, 0.5)  # inches of a panel that can still be read, at type of 9 points

@@ -10,23 +10,32 @@ from typing import TYPE_CHECKING, Any, ParamSpec, cast
 
 import matplotlib
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter
 
-from ...chart import Panel, Sheet, sheet_of
+from ...chart import Panel, Series, Sheet, sheet_of
 from ..leaders import front
 from . import theme
-from .layout import end_labels, failed_handle, failed_tracks, handle, legend, line_labels, note, panels, pt, titles
+from .layout import (
+    Drawing,
+    end_labels,
+    failed_handle,
+    failed_tracks,
+    handle,
+    legend,
+    line_labels,
+    note,
+    panels,
+    pt,
+    titles,
+)
 from .scales import ROUND_OFF, log_axis, round_off_band, thin_out, zero_log_axis
 from .style import GREY, finite, ink, look, looks, names, short
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from pandas import DataFrame
-
-    from ...chart import Series
-    from .layout import Drawing
 
 BAND = 0.13  # opacity of a band
 MOST_TEXTS = 12  # numbers at the ends of lines; of more, none can be read

@@ -6,20 +6,18 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from ...chart import OPENING, RUNS, Chart, Panel, Series, Sheet
 from ...errors import TcbenchError
 from ...simulation.series import variables
 from ...studies.columns import column as column_named
-from .layout import halo, handle, legend, note, panels, pt, titles
+from .layout import Drawing, halo, handle, legend, note, panels, pt, titles
 from .render import chart, chart_of_rows
 from .style import by_name, finite, ink, look, names, numbers, short
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from pandas import DataFrame
-
-    from .layout import Drawing
 
 LAWS = {
     "energy_error": "energy: |E − E₀| / V₀",

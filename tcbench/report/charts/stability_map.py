@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.lines import Line2D
@@ -12,16 +13,13 @@ from matplotlib.patches import Patch
 
 from ...chart import Chart
 from ...studies.columns import column as column_named
-from .layout import legend, panels, titles
+from .layout import Drawing, legend, panels, titles
 from .render import chart_of_rows
 from .scales import log_axis
 from .style import names
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from pandas import DataFrame
-
-    from .layout import Drawing
 
 # classes of a cell: a sequence of blues for completed runs, then colours that differ from it in lightness and in hue
 CLASSES = (
