@@ -153,7 +153,7 @@ def test_more_rows_than_steps_are_not_written_behind_the_records(every, first):
 def test_claims_are_measured_on_steps_of_the_formula_itself():
     """Its starter keeps the energy; BDF2, which claims it here, does not."""
     liar = Integrator(name="liar", order=2, memory=1, starter="tc_monolithic", claims={"energy"}, flows=bdf2)
-    found = random_claims(liar, SCENARIO)
+    found = list(random_claims(liar, SCENARIO))
     assert "energy" in found[0].claim and not found[0].agrees
 
 
