@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tcbench import System
 from tcbench.compiler import derivatives as trace
 from tcbench.compiler.kernels import Kernel, kernel
-from tcbench.compiler.machine import has_fma
+from tcbench.compiler.machine import has_fma, is_x86
 from tcbench.compiler.once import once, once_a_system
 from tcbench.solver.foresight import Lending
 from tcbench.solver.mending import mending_kernels as of_any
@@ -24,11 +24,24 @@ from .texts import series_kernels
 Floats = NDArray[np.float64]
 SELDOM = (32, 4)  # steps to a mended state, of any system and of elements: mending takes a fifth of a step
 
-# Without fused multiply-add and in vectors of two, code is three times as long: bytes of an operation of the series and
-# of the polynomial. Where the processor's first cache does not hold it, every step waits for it: nanoseconds of a step,
-# and of a thousand bytes within that cache and beyond (all measured; their ratios count).
-BYTES, BYTES_OF_POLYNOMIAL, CACHE = 15.5, 75.0, 34_000
-STEP, WITHIN, BEYOND = 100.0, 4.5, 12.0
+
+class Code(NamedTuple):
+    """Where a processor's first cache does not hold the code, every step waits for it.
+
+    Bytes of an operation of the series and of the polynomial, and of that cache; nanoseconds of a step for a thousand
+    bytes within it and beyond. All are measured; the ratios of the latter count.
+    """
+
+    operation: float
+    of_polynomial: float
+    cache: float
+    within: float
+    beyond: float
+
+
+STEP = 100.0  # nanoseconds of a step beside its code
+# By whether there is fused multiply-add: without it and in vectors of two code is three times as long.
+CODES = {True: Code(10.5, 10.5, 31_000.0, 13.0, 20.0), False: Code(15.5, 75.0, 34_000.0, 4.5, 12.0)}
 
 
 class TaylorMethod(Lending):
@@ -84,30 +97,31 @@ class TaylorMethod(Lending):
 def taken(system: System, order: int) -> int:
     """The order to take in the place of this one, the best for a tolerance as far as operations go.
 
-    Of elements at most the last whose steps are damped. Without fused multiply-add the one that takes the least time,
-    as steps are as long as (tolerance / 10)^(1 / order).
+    Of elements at most the last whose steps are damped. Of those whose code is too long for the first cache of an x86
+    processor the one that takes the least time, as steps are as long as (tolerance / 10)^(1 / order).
     """
     most = order
     if system.defines("element_energy"):
         from .damping import MOST_ORDER
 
         most = min(order, MOST_ORDER)
-    if has_fma() or is_long(system):
+    code = CODES[has_fma()]
+    if is_long(system) or not is_x86() or code_size(system, most, code) <= code.cache:
         return most
     digits = math.log(10.0) + (order - LEAST) / EFFORT
     orders = [p for p in ORDERS if p <= most]
-    return min(orders, key=lambda p: step_time(code_size(system, p)) * math.exp(digits / p))
+    return min(orders, key=lambda p: step_time(code_size(system, p, code), code) * math.exp(digits / p))
 
 
-def code_size(system: System, order: int) -> float:
+def code_size(system: System, order: int, code: Code) -> float:
     """Bytes of what a step runs, about."""
     series, polynomial, *_ = kernels(system.symbolic, order)
-    return BYTES * operations(series) + BYTES_OF_POLYNOMIAL * operations(polynomial)
+    return code.operation * operations(series) + code.of_polynomial * operations(polynomial)
 
 
-def step_time(size: float) -> float:
+def step_time(size: float, code: Code) -> float:
     """Of a step whose code has so many bytes, nanoseconds on one machine."""
-    return STEP + WITHIN * size / 1e3 if size <= CACHE else BEYOND * size / 1e3
+    return STEP + code.within * size / 1e3 if size <= code.cache else code.beyond * size / 1e3
 
 
 def operations(made: Kernel) -> int:

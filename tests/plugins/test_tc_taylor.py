@@ -13,7 +13,7 @@ from random_laws import assert_laws
 from states import admissible_states
 from tcbench_plugins.tc_taylor import lanes, march
 from tcbench_plugins.tc_taylor.march import step_length
-from tcbench_plugins.tc_taylor.method import TaylorMethod, kernels
+from tcbench_plugins.tc_taylor.method import TaylorMethod, kernels, taken
 from tcbench_plugins.tc_taylor.on_arrays import Coefficients
 from tcbench_plugins.tc_taylor.rates import Apart, Factored, rates
 from tcbench_plugins.tc_taylor.recurrences import Writer
@@ -322,6 +322,12 @@ from tcbench.plugins import find_scenario
 for name, tolerance in (("heavy_top", 1e-6), ("reaction", 1e-6), ("stiff_spring", 1e-7), ("short_term", 1e-12)):
     print(best_of(find_scenario(name).model, order_of(tolerance)).work.order)
 """
+
+
+@pytest.mark.skipif(not is_x86(), reason="these are x86 processors")
+def test_the_order_of_long_formulas_is_lower_with_any_instructions():
+    """A row of masses whose code leaves the first cache at order 12, and one whose code does not."""
+    assert [taken(find_scenario(f"chain[n={n}]").model, 12) for n in (8, 4)] == [10, 12]
 
 
 @pytest.mark.skipif(not is_x86(), reason="these are x86 processors")
