@@ -16,6 +16,7 @@ REWRITTEN = {  # functions that their language has not
     "atan": "arctan({})", "recip": "(1.0 / ({}))",
 }  # fmt: skip
 MOST = 200  # numbers of a state: their compiler takes 50 s and 1.6 GB for so many, and 4 min and 6 GB for twice as many
+GIVEN_UP = "ODE solver error: "  # how a message of a solver that gives up begins
 _FREE = {}  # solvers that no run has, by kind of system: LLVM takes a second to make one
 
 
@@ -68,6 +69,10 @@ def pydiffsol(solver="bdf"):
             times = np.ascontiguousarray(t_eval, dtype=float)
             start = z0 if each is None else z0 / each
             found = ode.solve_dense(np.concatenate([start, system.constant_values]), times).ys.T
+        except RuntimeError as error:
+            if not str(error).startswith(GIVEN_UP):
+                raise
+            raise ArithmeticError(f"diffsol {solver}: {error}") from error
         finally:
             free.append(ode)
         return np.ascontiguousarray(found if each is None else found * each), {}

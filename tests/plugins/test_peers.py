@@ -6,7 +6,7 @@ import warnings
 
 import numpy as np
 import pytest
-from tcbench_plugins import peers_cvode
+from tcbench_plugins import peers_cvode, peers_pydiffsol
 from tcbench_plugins.chain.chain import chain
 
 import tcbench
@@ -148,3 +148,20 @@ def test_absent_packages_are_listed_as_such_and_left_out():
     assert done.returncode == 0, done.stderr
     assert "pip install scikit-sundae" in done.stdout
     assert issubclass(TcbenchError, Exception)
+
+
+@pytest.mark.parametrize(
+    ("told", "kind"), [("ODE solver error: too many failures", ArithmeticError), ("no", RuntimeError)]
+)
+def test_a_solver_of_diffsol_that_gives_up_is_no_fault(monkeypatch, told, kind):
+    """It is a result, as of Newton's method; what else goes wrong is one."""
+    pytest.importorskip("pydiffsol")
+    system, z0 = (x := tcbench.scenarios()["reaction"]).model, x.z0
+
+    class Fails:
+        def solve_dense(self, *_):
+            raise RuntimeError(told)
+
+    monkeypatch.setattr(peers_pydiffsol, "_FREE", {(system.structure, "bdf", system.unit_sizes is None): [Fails()]})
+    with pytest.raises(kind, match=told):
+        tcbench.integrators()["pydiffsol"].adaptive(system, z0, np.array([0.0, 1.0]), 1e-6, 1e-6)
