@@ -13,14 +13,20 @@ from typing import Any
 import numpy as np
 
 from tcbench import Integrator, TcbenchError, family, hookimpl, stepper
+from tcbench.compiler import derivatives as trace
+from tcbench.compiler.array_states import entries
+from tcbench.compiler.once import once
 from tcbench.plugins import find_integrator
 
 from .tc_gauss import tc_gauss
+from .tc_gauss.formulas import kinks_of
 from .tc_gauss.memory import LONG
 
 DEFAULT = "tc_gauss"  # of high order: a low one takes very many steps to a tight tolerance
 SAFETY, SHRINK, GROW, SMALLEST, TINY = 0.9, 0.2, 5.0, 1e-12, 1e-300
 ROUND_OFF = 4e-16  # of a component: a gap as small says nothing of the method
+LEAST_SHARE = 1e-3  # of the tolerance: what a step may miss, however short it is, where rates have kinks
+MOST_TURNS = 4000  # steps with a kink, before a run is given up: it slides along one
 STUCK = 8  # steps in a row, each shorter than the last, whose gap is round-off and yet too large
 
 
@@ -40,30 +46,69 @@ def controlled(method: Integrator, tolerance: float | None = None, name: str = "
     )  # fmt: skip
 
 
+def kinks_in(system: Any):
+    """z -> (what changes its sign where the rates of a system have a kink, how fast each of them changes, the rates);
+    None where they have none."""
+    kernel = None if system.large else kinks_kernel(system.symbolic)
+    if not kernel:
+        return None
+    n, c = (kernel.size - system.size) // 2, system.constant_values
+    return lambda z: np.split(kernel(np.ascontiguousarray(z, dtype=float), c), [n, 2 * n])
+
+
+@once
+def kinks_kernel(symbolic: Any):
+    with trace.tracing():
+        z = symbolic.unknowns("z")
+        rates = entries(symbolic.vector_field(z))
+        found = kinks_of(rates, entries(z))
+        return symbolic.compiled([z], [*found, *rates]) if found else None
+
+
+def turn(before: Any, after: Any, h: float) -> bool:
+    """Does any of them change its sign in this time, or may it there and back, as its slopes have it?"""
+    (u, down, _), (v, up, _) = before, after
+    way = np.where(u > 0.0, 1.0, -1.0)
+    down, up = way * down, way * up
+    bowl = (down < 0.0) & (up > 0.0)
+    lowest = way * u + down * (way * (v - u) - up * h) / np.where(bowl, down - up, 1.0)  # where tangents meet
+    return bool((((u * v <= 0.0) & (u != v)) | (bowl & (lowest < 0.0))).any())
+
+
 def doubling(step: Any, z: Any, times: Any, rtol: float, atol: float):
     """States at the times, and counts. Raises ArithmeticError where no step is short enough."""
     order, whole, t = step.order, times[-1] - times[0], times[0]
     h, states, done, before, stuck = (rtol + atol) ** (1 / order) * max(1.0, whole / LONG), [z], 0, step.iterations, 0
+    kinks, turned = kinks_in(step.system), 0
     least, atol = step.system.least_each, step.system.absolute(atol)
     for end in times[1:]:
         while t < end:
             left = end - t
             tried = left if left < 1.01 * h else min(h, left / 2)
             try:
-                once, twice = step(z, tried), step(step(z, tried / 2), tried / 2)
+                once, half = step(z, tried), step(z, tried / 2)
+                twice = step(half, tried / 2)
                 gap, size = np.abs(twice - once), np.maximum(np.abs(z), np.abs(twice))
                 why = "they err by more than the tolerance"
-                error = float((gap / (atol + rtol * size)).max()) / (2**order - 1) * whole / tried
-                rounded = bool((gap <= ROUND_OFF * np.maximum(least, size)).all())
+                share = tried if kinks is None else max(tried, LEAST_SHARE * whole)  # behind a kink steps begin short
+                error = float((gap / (atol + rtol * size)).max()) / (2**order - 1) * whole / share
+                kink = False
+                if kinks is not None:
+                    first, middle, last = map(kinks, (z, half, twice))
+                    kink = turn(first, middle, tried / 2) or turn(middle, last, tried / 2)
+                turned += kink
+                if kink:  # no method has its order there, and its nodes need not see the kink: rates change by this much
+                    error = max(error, float((tried / 2 * np.abs(last[2] - first[2]) / (atol + rtol * size)).max()))
+                rounded = not kink and bool((gap <= ROUND_OFF * np.maximum(least, size)).all())
             except ArithmeticError as failed:
-                error, why, rounded = np.inf, str(failed), False
-            proposed = tried * min(GROW, max(SHRINK, SAFETY * (error + TINY) ** (-1 / order)))
+                error, why, rounded, kink = np.inf, str(failed), False, False
+            proposed = tried * min(GROW, max(SHRINK, SAFETY * (error + TINY) ** (-1 / (2 if kink else order))))
             stuck = stuck + 1 if error > 1 and rounded else 0
             # a step that was cut to end at an output says nothing against a longer one
             h = proposed if error > 1 or tried >= h else max(h, proposed)
             if error <= 1:
                 z, t, done = twice, end if tried == left else t + tried, done + 2
-            elif stuck == STUCK or h < SMALLEST * whole:
+            elif stuck == STUCK or turned > MOST_TURNS or h < SMALLEST * whole:
                 if stuck:
                     why = (
                         f"a tolerance of {rtol:g} over t = {whole:g} asks for errors below round-off; take a looser "

@@ -40,7 +40,7 @@ from tcbench.solver.mending import mended, mending_kernels
 from tcbench.systems.system import System
 
 from . import conduction
-from .formulas import ON_VECTORS, Formulas
+from .formulas import ON_VECTORS, Formulas, kinks_of
 from .memory import Work
 
 SOLVED, FAILED = 0, 1  # how a step ended
@@ -57,13 +57,15 @@ def any_formulas(symbolic: System) -> tuple[Formulas, list[Kernel]]:
         parts = parts_of(symbolic, z, K)
         y, start, motion, slopes, means = lists_of(parts)
         forces, rate = rates_of(symbolic, z, parts), list(map(lifted, symbolic.vector_field(z)))
+        kinks = kinks_of(rate, [*z])
         bodies: list[tuple[list[Any], list[Any]]] = [
-            ([*z], [*entries(*started(symbolic, z)), *start]),
+            ([*z], [*entries(*started(symbolic, z)), *start, *kinks]),
             ([*K, *z], motion),
             (y, slopes),
             ([*K, *z, *means], list(forces)),
         ]
-        return Formulas.of(symbolic, bodies, table, trace.jacobian(rate, list(z)), fixed), mending
+        made = Formulas.of(symbolic, bodies, table, trace.jacobian(rate, list(z)), fixed)
+        return made._replace(n_kinks=len(kinks)), mending
 
 
 def parts_of(system: Any, z: Any, K: Any) -> list[Part]:

@@ -73,6 +73,7 @@ class Formulas(NamedTuple):
     bodies: list[tuple[list[Any], list[Any]]]  # inputs and values of the kernels
     pattern: Any  # which entries its matrix has, (n, n)
     table: Any  # of the trace, for those that go on from it
+    n_kinks: int = 0  # numbers behind all that `start` gives: see `kinks_of`
 
     @classmethod
     def of(cls, system: Any, bodies: list[Any], table: Any, matrix: Any = None, fixed: Any = ()) -> Formulas:
@@ -101,9 +102,20 @@ def formulas(symbolic: System) -> Formulas:
     with trace.tracing() as table:
         z = trace.variables("z", symbolic.size)
         bodies = [*((entries(*x), entries(*y)) for x, y in iterated(symbolic)), _mending(symbolic, z)]
-        bodies.insert(0, ([*z], _start(symbolic, z)))
+        kinks = kinks_of(entries(symbolic.vector_field(z)), [*z])
+        bodies.insert(0, ([*z], [*_start(symbolic, z), *kinks]))
         some = 2 < symbolic.n_elements <= MOST_ELEMENTS
-        return Formulas.of(symbolic, bodies, table, _conduction_matrix(symbolic, z) if some else None)
+        made = Formulas.of(symbolic, bodies, table, _conduction_matrix(symbolic, z) if some else None)
+        return made._replace(n_kinks=len(kinks))
+
+
+def kinks_of(rates: list[Any], variables: list[Any]) -> list[Any]:
+    """What changes its sign where these rates have a kink, numbers that they have the size of and their like; then how
+    fast each of them changes."""
+    nodes = trace.topological(list(map(trace.lifted, rates)))
+    found = [x.args[0] if x.op == "abs" else x.args[0] - x.args[1] for x in nodes if x.op in ("abs", "max", "min")]
+    found = [x for x in dict.fromkeys(found) if trace.depends_on([x], variables)]
+    return [*found, *trace.along(found, dict(zip(variables, map(trace.lifted, rates), strict=True)))]
 
 
 def iterated(system: Any) -> list[tuple[list[Any], list[Any]]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from tcbench.compiler.language import Floats, Matrix, call, copy_into, fill
+from tcbench.compiler.language import Floats, Matrix, call, copy_into, fill, rare
 from tcbench.compiler.library import Library
 from tcbench.compiler.looks import to_end
 from tcbench.solver.linear_algebra import add_compensated, dot
@@ -13,6 +13,8 @@ from . import conduction, sparse
 from .memory import LONG, Work
 from .step import COARSE, CONVERGED, FAILED, SOLVED, extrapolate, mend, try_step
 
+SOLVED_TO = 0.01  # of the tolerance: residual of the collocation equations in adaptive runs
+MOST_TURNS = 4000  # steps with a kink, before a run is given up: it slides along one
 SHORTEST = 2.0**-24  # of a step, before it is given up
 SAFETY, GROW, SHRINK, ACCEPT = 0.85, 2.0, 0.2, 4.0
 HALF = 0.5  # of a step without a solution in reach
@@ -82,6 +84,40 @@ def error_estimate(w: Work, h: float) -> float:
         sparse.factor(w.sparse, w.numbers.pairs, h, 0.0)
     before, after = defect(w, h, w.start, w.n + w.m), defect(w, h, w.end, w.n + 2 * w.m)
     return h * (after if not after <= before else before)
+
+
+@rare
+def has_kink(w: Work, h: float) -> bool:
+    """Have rates a kink in this step? Of a system of elements as far as its ends tell, else from node to node."""
+    a, before, here = w.numbers, w.start, 0
+    x = 0.0
+    for j in range(w.k if w.general else 0):
+        for i in range(w.m):
+            total = 0.0
+            for l in range(w.k):
+                total += a.A[j, l] * w.U[i, l]
+            w.now[i] = w.z[i] + h * total
+        call(w.to_start, w.now, w.c, w.inside[here])
+        if turns(w, before, w.inside[here], h * (a.nodes[j] - x)):
+            return True
+        before, here, x = w.inside[here], 1 - here, a.nodes[j]
+    return turns(w, before, w.end, h * (1.0 - x))
+
+
+@rare
+def turns(w: Work, before: Floats, after: Floats, h: float) -> bool:
+    """Does what rates have a kink in change its sign in this time, or may it there and back, as its slopes have it?"""
+    n = w.n_kinks // 2
+    first = w.n_ends - w.n_kinks
+    for i in range(first, first + n):
+        u, v = before[i], after[i]
+        if not u * v > 0.0 and u != v:
+            return True
+        way = 1.0 if u > 0.0 else -1.0
+        down, up = way * before[i + n], way * after[i + n]
+        if down < 0.0 and up > 0.0 and way * u + down * (way * (v - u) - up * h) / (down - up) < 0.0:  # where tangents meet
+            return True
+    return False
 
 
 def set_scale(w: Work, z: Floats) -> None:
@@ -195,7 +231,7 @@ def advance(
     k = w.k
     z, carry = w.z, w.carry
     worth, most, owed, spent = w.budget[0], w.budget[1], 0.0, w.counts.iterations
-    last, whole = 0.0, times[len(times) - 1] - times[0]
+    last, whole, turned = 0.0, times[len(times) - 1] - times[0], 0
     # what steps that began from the polynomials of others have shown to be too long, and too long for the coarsest
     # quadrature to keep the energy
     longest, roughest = math.inf, math.inf
@@ -220,6 +256,10 @@ def advance(
             if code == SOLVED:
                 error = error_estimate(w, step)
                 factor = SAFETY * (tolerance / max(error, 1e-300)) ** (1.0 / (k + 1))
+                if w.n_kinks > 0 and has_kink(w, step):
+                    turned += 1
+                    error *= ACCEPT * tolerance * SOLVED_TO / residual
+                    factor = min(factor, SAFETY * math.sqrt(tolerance / max(error, 1e-300)))
                 factor = min(factor, math.sqrt(max(BEST, w.sparse.bound) / max(w.seen[0], 1e-3)))
             if code != SOLVED or not error <= ACCEPT * tolerance:
                 w.counts.rejected += 1
@@ -227,7 +267,7 @@ def advance(
                 h = step * (HALF if code == FAILED else RETREAT if code == COARSE else max(SHRINK, factor))
                 longest = h if known else longest
                 copy_into(w.rates, w.kept)  # shorter, the next one is nearer to them
-                if not h > 1e-12 * max(min(1.0, whole), abs(t)):
+                if turned > MOST_TURNS or not h > 1e-12 * max(min(1.0, whole), abs(t)):
                     return row, t, 0.0
                 continue
             w.counts.steps += 1

@@ -64,6 +64,7 @@ class Work(Record):
     n_constants: int
     n_newton: int  # unknowns of Newton's method, which is for small systems; 0: none
     n_ends: int
+    n_kinks: int  # the last ones of these: see `formulas.kinks_of`
     n_matrix: int  # elements whose conduction is solved for as a whole (see conduction.py), or 0
     n_factors: int
     n_lanes: int  # variables of any system whose iteration is on vectors, or 0
@@ -134,6 +135,7 @@ class Work(Record):
     start_u: Floats = sized("e", of="start", at="n + 2 * e + 3")
     start_v: Floats = sized("e", of="start", at="n + 3 * e + 3")
     end: Floats = sized("n_ends")  # the same at its end
+    inside: Matrix = sized("2", "n_ends")  # the same at two nodes of the step
     end_energy: Floats = sized("2", of="end", at="n + 2 * e")
     laws: Floats = sized("n_laws")  # a state, its energy, energy and invariants that it should have
     least_entropy: Floats = sized("1", of="laws", at="m + 1")  # of any system, as `solver.mending` has it

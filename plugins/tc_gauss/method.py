@@ -116,7 +116,7 @@ def of_elements(system: System, k: int) -> tuple[Any, dict[str, Any]]:
     return made.pattern, {
         "n": n, "e": e, "m": n + e, "n_matrix": e if matrix else 0, **constants(system, made),
         "inverse_mass": 1.0 / (np.asarray(system.inertia(), dtype=float) * np.ones(n)),
-        "n_lanes": 0, "n_newton": k * (n + e) if k * (n + e) <= MOST_NEWTON else 0, "n_ends": scalar[0].size,
+        "n_lanes": 0, "n_kinks": made.n_kinks, "n_newton": k * (n + e) if k * (n + e) <= MOST_NEWTON else 0, "n_ends": scalar[0].size,
         "n_nodes": 2 * (n + e), "n_carried": 2 * e, "n_slopes": 2 * e, "n_positive": e, "n_mended": scalar[-1].size,
         "n_laws": n + e + 1 + scalar[-1].size, **dict(zip(names, addresses, strict=True)),
     }  # fmt: skip
@@ -136,7 +136,7 @@ def of_any_system(system: System, k: int) -> tuple[Any, dict[str, Any]]:
     addresses = [x.address for x in (*made.kernels, laws, mend, hold)]
     on_vectors = vector_kernels(system.symbolic, k)
     return made.pattern, {
-        "general": True, **dict.fromkeys(("n", "n_newton", "n_positive"), 0), **on_vectors,
+        "general": True, **dict.fromkeys(("n", "n_newton", "n_positive"), 0), **on_vectors, "n_kinks": made.n_kinks,
         "n_lanes": size if on_vectors["to_factor"] else 0,
         **dict.fromkeys(("e", "m", "n_matrix"), size), **constants(system, made),
         "n_ends": made.kernels[0].size, "n_nodes": 2 * size + projected, "n_carried": carried,
@@ -205,7 +205,7 @@ def of_arrays(system: System, n_factors: int) -> dict[str, Any]:
     to_matrix = made.matrix.kernel(mesh.with_entries(matrix.n_values), entries_at, extra=1).address
     carried, projected = (mesh.offsets(blocks)[-1] for blocks in (made.carried, made.projected))
     return {
-        "general": True, "large": True, **dict.fromkeys(("n", "n_newton", "n_lanes", "n_positive"), 0),
+        "general": True, "large": True, **dict.fromkeys(("n", "n_newton", "n_lanes", "n_positive", "n_kinks"), 0),
         **dict.fromkeys(("e", "m", "n_matrix"), size), "sparse": matrix,
         "n_constants": len(system.constant_values), "to_matrix": to_matrix, "n_ends": kernels["to_start"].size,
         "n_nodes": 2 * size + projected, "n_carried": carried, "n_slopes": projected,

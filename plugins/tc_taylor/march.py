@@ -11,6 +11,7 @@ from tcbench.solver.mending import mended
 
 from . import damping, kinks
 from .memory import Work
+from .texts import BESIDE
 
 # The bits of a positive double, as a whole number, are its logarithm of base 2, up to 0.086 too small, times 2^52. So a
 # root of high order is a division; those of the root's 1 are taken so that it is right on average.
@@ -18,6 +19,18 @@ ONE = (1023.0 - 0.043) * 2.0**52
 NEVER = 2**62  # steps
 FIRST = 4  # steps to the first mended state; after one that ends in none a single step
 SHRINK, SHORTEST = 0.5, 1e-12  # of a step that ends in no admissible state; of a step, over the time
+# A step is looked at where its series alone is no witness: where it would be longer than any that is known to be right
+# by so much that what it misses could grow by TRUSTED, at places 1/LOOKS of the whole time from each other at most; so
+# is any that is longer than FEW of these. The
+# formulas agree with the series where the step times what their rates differ by is so many tolerances: see `right_at`.
+TRUSTED, LOOKS, FEW = 256.0, 33.3, 3.0
+AGREED, AGREED_AT_LEAST = 60.0, 1e-11
+MOVED = 200.0  # tolerances of a step, by which mending may move where it ends
+GROWN, NEAR, OUT = 4.0, 0.15, 2.6  # a step that grew by so much also from there on, at places each so much farther
+INSIDE = 0.381966  # else there and at its end
+BEFORE_KINK = 0.98  # of a step to a kink: behind it the rates are others
+CLOSER = 1e-3  # part of a length to which the end of what is right is found
+SHRUNK, SPRUNG = 1.6, 2.0  # a series whose length is so much shorter or longer than the last one's tells of a step too far
 LEAST = 1e-290  # a squared size that has all its digits: it goes with the unit of time to the power of twice the order
 
 
@@ -45,6 +58,18 @@ def mended_state(w: Work, h: float) -> bool:
     return good
 
 
+def mended_end(w: Work, h: float, tolerance: float) -> bool:
+    """The same of the end of a step, or of what is near it; False too where mending moves it by much more than a step may miss: what the laws
+    miss by little may be made up for by much of a variable on which they hardly depend."""
+    w.length[0] = h
+    call(w.to_state, w.coefficients, w.length, w.end)
+    good, limit = mended_state(w, h), MOVED * max(tolerance, AGREED_AT_LEAST) * MOVED * max(tolerance, AGREED_AT_LEAST)
+    for i in range(w.size):
+        y, move = w.end[i], w.mended[i] - w.end[i]
+        good = good and move * move <= limit * (w.least[i] + w.share[i] * y * y)
+    return good
+
+
 def mended_elements(w: Work) -> bool:
     """The same with the kernels of mending.py, which give the mended state at once, and hold the entropy exactly."""
     size = w.size
@@ -69,6 +94,40 @@ def step_length(w: Work, tolerance: float) -> float:
 
 
 @rare
+def right_at(w: Work, x: float, h: float, tolerance: float) -> bool:
+    """Do the formulas agree with the series at x of a step of h? What the step would miss, if all of it were so wrong,
+    is h times the difference of the rates."""
+    w.length[0] = x
+    call(w.to_end, w.coefficients, w.length, w.end)
+    call(w.to_rates, w.end, w.given, w.rates)
+    limit = max(AGREED * tolerance, AGREED_AT_LEAST) / h
+    limit *= limit
+    first = w.size + BESIDE
+    for i in range(w.size):
+        y, miss = w.end[i], w.end[first + i] - w.rates[w.size + i]
+        if not miss * miss <= limit * (w.least[i] + w.share[i] * y * y):
+            return False
+    return True
+
+
+@rare
+def sure(w: Work, h: float, x: float, gap: float, tolerance: float) -> float:
+    """A step of h at most, at whose end the formulas agree with the series, and on its way: first at x, then at places
+    each OUT times as far, but at most so far from each other; 0 where there is none."""
+    good, longest = 0.0, h
+    while good < h:
+        if right_at(w, x, h, tolerance):
+            good = x
+            x = min(h, OUT * x, x + gap)
+            continue
+        x = SHRINK * (good + x)
+        h = x
+        if x - good <= CLOSER * good or not x > SHORTEST * longest:
+            return good
+    return h
+
+
+@rare
 def rough_length(w: Work, goal: int) -> float:
     """The same where squares are none; 0 where coefficients are none."""
     least = math.inf
@@ -83,6 +142,20 @@ def rough_length(w: Work, goal: int) -> float:
         square = 2.0 * bits(largest) - ONE if largest > 0.0 else 0.0
         least = min(least, (goal - square) * (0.5 / k))
     return from_bits(int(ONE + least))
+
+
+@rare
+def looked_at(
+    w: Work, h: float, known: float, left: float, gap: float, tolerance: float, closely: bool
+) -> tuple[float, float]:
+    """(the step, the longest that is known to be right): this one, if formulas and series agree, else a shorter one."""
+    most = min(h, left)
+    if w.n_kinks > 0:
+        kink = kinks.first(w, most, tolerance)
+        most = BEFORE_KINK * kink if kink < most else most
+    x = NEAR if most > GROWN * known else INSIDE if closely else 1.0
+    found = sure(w, most, min(x * most, gap), gap, tolerance)
+    return h if found == most else found, found
 
 
 def run(w: Work) -> int:
@@ -107,25 +180,45 @@ def advance(
     h, fresh, long, end = 0.0, True, 0, w.counts.steps + leg if leg > 0 else NEVER
     since, often, begun = 0, min(FIRST, w.seldom), t  # steps since a mended state, how many at most, and when it was
     held = 0  # short steps in a row from kink to kink
-    lowest = w.target[w.size + 1]  # entropy, when `begun`
-    unit = min(1.0, times[len(times) - 1] - times[0])
+    lowest, row_begun = w.target[w.size + 1], row  # entropy, when `begun`, and the row
+    final = times[len(times) - 1]
+    unit, gap = min(1.0, final - times[0]), (final - times[0]) / LOOKS
+    # The length of the last series, and of the longest that is known to be right; until when each step is looked at.
+    before, known, careful, trust = 0.0, 0.0, t, TRUSTED ** (1.0 / w.order)
     while row < len(times):
         if to_end(w.watch, t):
             return row, t, 0.0
         if fresh:
-            if long == patience or (since == 0 and w.counts.steps >= end and w.few * h < times[len(times) - 1] - t):
+            if long == patience or (since == 0 and w.counts.steps >= end and w.few * h < final - t):
                 return row, t, h
-            if since == 0:
-                copy_into(w.kept, w.mended)
-                begun, lowest = t, w.target[w.size + 1]
             call(w.to_series, w.mended, w.given, w.coefficients)
             h = step_length(w, tolerance)
-            if w.reach > 0.0:
-                h = damping.lengthened(w, h, tolerance)
+            if before > 0.0 and h > 0.0 and t > careful and (SHRUNK * h < before or h > SPRUNG * before):
+                # the last step may have gone on into what its series did not see
+                careful, t, row, before, known, long, since = t, begun, row_begun, 0.0, 0.0, 0, 0
+                w.target[w.size + 1] = lowest
+                copy_into(w.mended, w.kept)
+                call(w.to_series, w.mended, w.given, w.coefficients)
+                h = step_length(w, tolerance)
+            if since == 0:
+                copy_into(w.kept, w.mended)
+                begun, lowest, row_begun = t, w.target[w.size + 1], row
+            if h > trust * known or h > FEW * gap or t < careful:
+                own = h
+                h, known = looked_at(w, h, known, final - t, gap, tolerance, t < careful)
+                before = h if h == own else 0.0
+                if w.reach > 0.0 and h == own:
+                    h = damping.lengthened(w, h, tolerance)
+            else:
+                before, known = h, min(known, h)
+                if w.reach > 0.0:
+                    h = damping.lengthened(w, h, tolerance)
             if w.n_kinks > 0:
-                whole = min(h, times[len(times) - 1] - t + unit)  # of polynomials it has no bound
+                whole = min(h, final - t + unit)  # of polynomials it has no bound
                 h = kinks.first(w, whole, tolerance)
                 held = held + 1 if h < kinks.SHORT * whole else 0
+                if h < whole:  # behind it is another series
+                    before, known = 0.0, 0.0
                 h = h if held < kinks.MOST + w.n_kinks else 0.0
         good = h > SHORTEST * max(unit, abs(t))
         if not good and since == 0:
@@ -133,14 +226,17 @@ def advance(
             return row, t, 0.0
         here, mended = row, True
         while good and here < len(times) and times[here] <= t + h:
-            good = mended_state(w, times[here] - t)
+            if h > gap and (here + 1 == len(times) or times[here + 1] > t + h):
+                good = mended_end(w, times[here] - t, tolerance)
+            else:
+                good = mended_state(w, times[here] - t)
             call(w.to_z, w.mended, w.given, states[here])
             here += 1
         if good and here < len(times):
-            last = w.counts.steps + 1 >= end and w.few * h < times[len(times) - 1] - (t + h)
+            last = w.counts.steps + 1 >= end and w.few * h < final - (t + h)
             mended = last or (h > most and long + 1 == patience) or since + 1 >= often
             if mended:
-                good = mended_state(w, h)
+                good = mended_end(w, h, tolerance)
             else:  # whether it is admissible shows when a later one is mended
                 w.length[0] = h
                 call(w.to_state, w.coefficients, w.length, w.mended)
@@ -173,6 +269,8 @@ def fixed_steps(w: Work, h: float, states: Matrix) -> int:
     for row in range(len(states)):
         left, parts = h, 0
         while left != 0.0:
+            if h < 0.0:  # back in time entropy falls
+                w.target[w.size + 1] = -math.inf
             call(w.to_series, w.mended, w.given, w.coefficients)
             part = left if abs(left) <= grow * behind else grow * behind * left / abs(left)
             if w.n_kinks > 0:

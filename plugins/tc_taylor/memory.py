@@ -36,6 +36,8 @@ class Work(Record):
     to_start: Address
     to_series: Address  # see texts.series_kernels
     to_state: Address
+    to_end: Address  # the same with its slopes, as in `end`
+    to_rates: Address
     to_mend: Address
     to_hold: Address
     to_z: Address  # z of such a state
@@ -55,6 +57,8 @@ class Work(Record):
     # The state that has them, its entropy, the least of what must be positive. When a step begins, the run is there.
     mended: Floats = sized("size + 2")
     kept: Floats = sized("size + 2")  # the last of these that a step began from
+    end: Floats = sized("2 * size + 2")  # a place of a step that is looked at: the state there, and slopes
+    rates: Floats = sized("2 * size")  # and the rates that the formulas give there
     watch: Floats = sized("SIZE")  # of an adaptive run, lent for it: see `tcbench.compiler.looks`
     rows: int  # what follows is lent for a run
     times: Floats = sized("rows")

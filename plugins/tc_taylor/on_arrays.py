@@ -22,6 +22,7 @@ from .lanes import kinks
 from .rates import shorter
 from .recurrences import PARTNERS
 from .series import STANDING, Series
+from .texts import BESIDE
 
 ZERO = const(0.0)
 Of = Callable[[int], Symbol]
@@ -156,6 +157,15 @@ def series_kernel(net: Any, order: int) -> ArrayKernel:
     return made
 
 
+def rates_kernel(net: Any) -> ArrayKernel:
+    """As `texts.rates_kernel`."""
+    y = net.fresh_state("y")
+    variables, rate = shorter(net, y)
+    found = Coefficients(entries(y), rate)
+    made: ArrayKernel = net.compiled([y], [refilled(y, [found.of(x, n) for x in variables]) for n in range(2)])
+    return made
+
+
 def squared_size(net: Any, y: Any, found: Any) -> Symbol:
     """As `texts.squared_size`."""
     if not net.defines("element_energy"):
@@ -171,3 +181,12 @@ def polynomial_kernel(order: int, size: int) -> Kernel:
     lines += [f"    t{k} = a[{k} * n + i] + h * t{k + 1}" for k in reversed(range(order))]
     text = "".join(f"    {line}\n" for line in [*lines, "    out[i] = t0"])
     return Kernel(f"def kernel(a, b, out):\n{text}", size, np.array([size], np.int32))
+
+
+def slopes_kernel(order: int, size: int) -> Kernel:
+    """As `texts.slopes_kernel`, in a loop."""
+    lines = ["n = table[0]", "h = b[0]", "for i in range(n):", f"    t{order} = a[{order} * n + i]", f"    d{order} = 0.0"]
+    for k in reversed(range(order)):
+        lines += [f"    d{k} = t{k + 1} + h * d{k + 1}", f"    t{k} = a[{k} * n + i] + h * t{k + 1}"]
+    text = "".join(f"    {line}\n" for line in [*lines, "    out[i] = t0", f"    out[n + {BESIDE} + i] = d0"])
+    return Kernel(f"def kernel(a, b, out):\n{text}", 2 * size + BESIDE, np.array([size], np.int32))

@@ -19,16 +19,18 @@ from .recurrences import Writer
 from .series import Series
 
 MOST_AHEAD = 16  # variables of systems whose coefficients may go ahead
+BESIDE = 2  # numbers between a state and its slopes: see `memory.Work.end`
 WORK = 0.2  # time of a product, over that of an operation which waits for the one before
 
 
-def series_kernels(system: System, order: int, first: int) -> tuple[Kernel, Kernel, list[Symbol], float]:
-    """(series, polynomial, constants, `time_of` the series) of one structure of system; nothing is compiled yet.
+def series_kernels(system: System, order: int, first: int) -> tuple[Kernel, Kernel, Kernel, list[Symbol], float]:
+    """(series, polynomial, rates, constants, `time_of` the series) of one structure of system; nothing is compiled yet.
 
     series(y, given) -> coefficients 0 .. order of y, each of the size of y; the squared sizes of the last two: see
         `squared_size`; coefficients 0 .. order of what has kinks. The constants of the list stand in `given` from
         `first` on.
     polynomial(coefficients, (h,)) -> y after h
+    rates(y, given) -> y, its rates: coefficients 0 and 1
     """
     variables, rate = rates(system)
     size = system.size
@@ -39,7 +41,14 @@ def series_kernels(system: System, order: int, first: int) -> tuple[Kernel, Kern
     turns = [writer.value((u,), k) or "0.0" for k in range(order + 1) for u in kinks(rate)]
     stored += [f"out[{(order + 1) * size + 2 + i}] = {turn}" for i, turn in enumerate(turns)]
     series = written([*writer.lines, *stored], (order + 1) * size + 2 + len(turns))
-    return series, polynomial_kernel(order, size), writer.given, time_of(found)
+    field, more = rates_kernel(variables, rate, first + len(writer.given))
+    return series, polynomial_kernel(order, size), field, [*writer.given, *more], time_of(found)
+
+
+def rates_kernel(variables: list[Series], rate: list[Series], first: int) -> tuple[Kernel, list[Symbol]]:
+    """A state and its rates, and constants: coefficients 0 and 1 of the same series."""
+    writer, stored = coefficients(variables, rate, 1, first, False)
+    return written([*writer.lines, *stored], 2 * len(variables)), writer.given
 
 
 def may_go_ahead(variables: list[Series], rate: list[Series]) -> bool:
@@ -113,16 +122,42 @@ def stores(writer: Writer, variables: list[Series], k: int) -> list[str]:
 
 def polynomial_kernel(order: int, size: int) -> Kernel:
     """The polynomials of all numbers, some at a time; in Estrin's order: short chains of operations."""
-    lines = ["h1 = b[0]"] + [f"h{2 * k} = h{k} * h{k}" for k in (2**i for i in range(order.bit_length() - 1))]
+    lines = powers(order)
+    for i in range(0, size, WIDTH):
+        lines += stored_sum(terms(order, size, i), i, i, min(WIDTH, size - i))
+    return written(lines, size)
+
+
+def slopes_kernel(order: int, size: int) -> Kernel:
+    """The same, and behind two more numbers their slopes."""
+    lines, behind = powers(order), size + BESIDE
     for i in range(0, size, WIDTH):
         count = min(WIDTH, size - i)
-        texts = [f"row(a, {k * size + i}, {count})" if count > 1 else f"a[{k * size + i}]" for k in range(order + 1)]
-        power = 1
-        while len(texts) > 1:
-            pairs = [f"({low} + {high} * h{power})" for low, high in zip(texts[::2], texts[1::2], strict=False)]
-            texts, power = pairs + texts[len(pairs) * 2 :], 2 * power
-        lines += [f"t{i} = {texts[0]}", f"put(out, {i}, t{i})" if count > 1 else f"out[{i}] = t{i}"]
-    return written(lines, size)
+        texts = [f"c{k}_{i}" for k in range(order + 1)]
+        lines += [f"{name} = {text}" for name, text in zip(texts, terms(order, size, i), strict=True)]
+        lines += stored_sum(texts, i, i, count)
+        slopes = [text if k == 1 else f"{float(k)} * {text}" for k, text in enumerate(texts)]
+        lines += stored_sum(slopes[1:], behind + i, behind + i, count)
+    return written(lines, behind + size)
+
+
+def powers(order: int) -> list[str]:
+    return ["h1 = b[0]"] + [f"h{2 * k} = h{k} * h{k}" for k in (2**i for i in range(order.bit_length() - 1))]
+
+
+def terms(order: int, size: int, i: int) -> list[str]:
+    """Coefficients of some numbers from i on."""
+    count = min(WIDTH, size - i)
+    return [f"row(a, {k * size + i}, {count})" if count > 1 else f"a[{k * size + i}]" for k in range(order + 1)]
+
+
+def stored_sum(texts: list[str], name: int, at: int, count: int) -> list[str]:
+    """Lines that store the polynomial with these coefficients."""
+    power = 1
+    while len(texts) > 1:
+        pairs = [f"({low} + {high} * h{power})" for low, high in zip(texts[::2], texts[1::2], strict=False)]
+        texts, power = pairs + texts[len(pairs) * 2 :], 2 * power
+    return [f"t{name} = {texts[0]}", f"put(out, {at}, t{name})" if count > 1 else f"out[{at}] = t{name}"]
 
 
 def spread(value: Any, count: int) -> list[Symbol]:

@@ -24,7 +24,7 @@ from .compiled_loop import LOOPS, NOW
 from .prepared import take
 from .recorder import assemble, explain, raised
 from .shared_runs import Solved
-from .trajectory import SolverCounts, Trajectory
+from .trajectory import SolverCounts, Summary, Trajectory
 
 POINTS = 200  # output times of an adaptive run
 TOGETHER, NUMBERS = 256, 2**16  # steps that a method with a loop of its own is asked for at a time, numbers in them
@@ -208,7 +208,22 @@ def run_adaptive(
         unknown=tuple(name for name in ("steps", "newton_iterations") if name not in found.counts),
     )
     run = monitor.trajectory(integrator, status, sentence, found.wall_s, solver)
+    if times is not None:
+        run = replace(run, summary=at_times(run, t))
     return replace(run, t=t[: len(run.t)], dt=math.nan, steps=found.counts.get("steps", done))
+
+
+def at_times(run: Trajectory, t: np.ndarray) -> Summary:
+    """The summary of a run whose records lie at these times: those that the loop knows are even."""
+    told, x = run.summary, t[1 : len(run.t)]
+    error, middle = (run.energy[1:] - run.energy[0]) / run.scenario.initial_exergy, x - x.mean() if len(x) else x
+    spread = float(middle @ middle)
+    fall = told.first_entropy_fall
+    return replace(
+        told,
+        energy_drift=float(middle @ error) / spread if len(x) > 1 and spread > 0.0 else math.nan,
+        first_entropy_fall=fall if math.isnan(fall) else float(t[round(fall / t[1])]),
+    )
 
 
 def _solve(integrator: Integrator, scenario: Scenario, t: np.ndarray, tolerance: float, meter: Meter) -> Solved:

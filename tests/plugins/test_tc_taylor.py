@@ -168,7 +168,7 @@ def test_lanes_change_nothing_but_round_off_and_plain_python_agrees(name, monkey
     found = []
     for width in (4, 1):
         monkeypatch.setattr(lanes, "WIDTH", width)
-        series, _, more, _ = series_kernels(system, order, len(system.constant_values))
+        series, _, _, more, _ = series_kernels(system, order, len(system.constant_values))
         setup = kernel(system.constant_symbols(), more)(system.constant_values, system.constant_values)
         given = np.concatenate([system.constant_values, setup])
         found.append(series(y, given)[:-2].reshape(order + 1, -1))
