@@ -118,7 +118,8 @@ def by_cut(system: System, name: str, z0: Any, z1: Any, slopes: Callable[..., li
     cut = system.cut(name)
     middle = entries((z0 + z1) / 2)
     step = cut.moved(middle, entries(z1 - z0))
-    return system.state(refilled(z0, cut.joined(slopes(cut, cut.values(entries(z0)), step), middle)))
+    found = system.state(refilled(z0, cut.joined(slopes(cut, cut.values(entries(z0)), step), middle)))
+    return found + system.pull_gradient(z0, z1) if system.multipliers and name == "energy" else found
 
 
 EXACT = {"energy", "entropy", "angular_momentum"}

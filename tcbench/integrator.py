@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from .systems.system import System
 
 SOLVED_FOR = {"entropy": "", "temperature": "temperatures", "energy": "energies"}  # in the place of entropies
+MOST_REDUCED = 60  # numbers of a state with constraints, up to which its ODE is traced
 TAKE_ANY = "take a method for every system, such as tc_monolithic"
 ELEMENTS = f"write its class as an ElementSystem (docs/add-system.md), or {TAKE_ANY}"
 WAYS = ("flows", "step", "adaptive")  # to step; an integrator gives one
@@ -295,6 +296,8 @@ class Integrator:
         if self.elements and not system.defines("element_energy"):
             own = "its formulas are written in elements with a strain and an entropy each"
             return f"{own}, and {system.name} has none: {ELEMENTS}"
+        if system.multipliers and (reason := self._constrained(system)):
+            return reason
         missing = ", ".join(name for name in self.needs if not system.defines(name))
         if missing:
             return (
@@ -302,6 +305,22 @@ class Integrator:
                 f"or {TAKE_ANY}"
             )
         return self.refuses(system) if self.refuses else ""
+
+    def _constrained(self, system: System) -> str:
+        """Why the method cannot run under constraints, "" where it can."""
+        if self.kind == "flows" and not self.memory and not any(flow.stages or flow.of_step for flow in self.flows):
+            return ""
+        if self.kind == "adaptive" and "peer" in self.tags:
+            if system.size <= MOST_REDUCED:
+                return ""
+            return (
+                f"it solves ODEs, and that of a system with constraints is traced up to {MOST_REDUCED} numbers; "
+                f"{system.name} has {system.size}"
+            )
+        return (
+            f"{system.name} has constraints, whose multipliers are unknowns of one-step formulas without stages: take "
+            "tc_monolithic, tc_gonzalez, tc_strang or midpoint_entropy"
+        )
 
     @property
     def sources(self) -> tuple[str, ...]:

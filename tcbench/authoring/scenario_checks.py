@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from .. import plugins
 from ..compiler.derivatives import INFINITE
+from ..simulation.invariants import lost_by
 from ..simulation.run import simulate
 from ..studies.structure import FORMULAS, rates_of, written
 from ..studies.theorems import SEED, admissible_states, operators
@@ -28,6 +29,7 @@ LARGE = 80  # numbers of a state from which on it is traced once
 TINY_SCALE = 1e-6  # of energy errors, over how far energies are apart
 LINES, PIECES, HALVINGS = 40, 65, 50  # that are searched for jumps, each cut by so many states, then halved
 JUMP, POLE = 1e-3, 100.0  # parts of its own size by which what jumps does, and no pole
+STARTS = 4  # random states from which steps are taken
 MOST_TRIED = 4000  # states of a descent
 METHODS = ("tc_monolithic", "tc_staggered", "tc_strang", "midpoint_entropy", "midpoint_temperature")
 REMEDIES = {  # of elements, by the first words of a finding of theorems.operators
@@ -73,7 +75,7 @@ def formulas(scenario: Scenario) -> list[Line]:
     changing = [name for name in DERIVED if model.formula(name) != model.formula(name)]
     remedy = "A formula reads its arguments, constants of self and what does not change: no counter, no random numbers."
     found = f"traced twice, {', '.join(changing)} is not the same" if changing else "traced twice, they are the same"
-    text = "".join(model.formula(name)[0] for name in DERIVED)
+    text = "".join(model.formula(name)[0] for name in (*DERIVED, *["constraint_values"] * bool(model.multipliers)))
     sizes = [math.prod(shape) for shape in model.constants.values()]
     first = np.cumsum([1, *sizes])  # of each constant, where it stands in b
     unread = [
@@ -246,6 +248,34 @@ def paper_methods(scenario: Scenario) -> Line:
     return Line("the paper's methods", OK, ", ".join(f"{n} {status}" for status, n in statuses.items()))
 
 
+def invariants_by_steps(scenario: Scenario) -> list[Line]:
+    """Real steps of the methods that claim momenta keep every invariant that is declared; or why they do not."""
+    model, lines = scenario.model, list[Line]()
+    if not model.invariant_names or isinstance(model, ElementSystem):
+        return []
+    from itertools import islice
+
+    rng = np.random.default_rng(SEED)
+    starts = [scenario]
+    if not model.multipliers:  # off the constraints nothing begins
+        starts += [scenario.replace(**model.initial_of(z)) for z in islice(admissible_states(scenario, rng), STARTS)]
+    seen: dict[str, tuple[Any, list[str]]] = {}
+    tried = 0
+    for name in (*METHODS, "tc_gonzalez"):
+        method = plugins.find_integrator(name)
+        if method.suits(model) or "angular_momentum" not in method.claims:
+            continue
+        tried += 1
+        runs = [simulate(method, one.replace(t_end=3 * scenario.dt, dt=scenario.dt)) for one in starts]
+        for found in lost_by((pair for run in runs for pair in zip(run.z[:-1], run.z[1:], strict=True)), model):
+            seen.setdefault(found.name, (found, []))[1].append(name)
+    for found, by in seen.values():
+        told = f"changes by {found.change:.1e} of its terms in a step of {', '.join(by)}"
+        lines.append(Line(f"{found.name.replace('_', ' ')} by steps", NONE, told, found.why))
+    names = ", ".join(name.replace("_", " ") for name in model.invariant_names if name not in seen)
+    return [*([Line("invariants by steps", OK, f"{names}: kept in steps of {tried} methods")] if names else []), *lines]
+
+
 DERIVED = ("vector_field", "momenta", "temperatures", "shapes", "exergy")  # in which all that is written enters
 TESTS: tuple[tuple[str, Callable[[Scenario], Line | list[Line]]], ...] = (
     ("metadata", metadata),
@@ -257,4 +287,5 @@ TESTS: tuple[tuple[str, Callable[[Scenario], Line | list[Line]]], ...] = (
     ("the operators", laws),
     *geometry.TESTS,
     ("the paper's methods", paper_methods),
+    ("invariants by steps", invariants_by_steps),
 )

@@ -11,6 +11,7 @@ from ..engine.declared import FAMILIES as DECLARED
 from ..progress import LOUD
 from ..studies.base import own_tables
 from .judged import NUMBERS, PAIR, is_finite, ladder_runs, laws, settings
+from .summary import is_claimed
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -59,7 +60,7 @@ def _laws(mine: DataFrame, facts: Mapping[str, Any]) -> list[dict[str, Any]]:
     was never measured."""
     found: list[dict[str, Any]] = []
     for law in laws(mine):
-        claimed = law in facts["claims"] if "claims" in facts else None
+        claimed = is_claimed(law, facts["claims"]) if "claims" in facts else None
         found.append({"law": law, "claimed": claimed, "kept": int(mine[f"kept_{law}"].sum()),
                       "of": int(mine[f"of_{law}"].sum())})  # fmt: skip
         if len(lost := mine[f"worst_{law}"].dropna()):

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..solver.implicit_step import compiled_flows
+from .invariants import lost_in
 from .trajectory import Trajectory
 
 MOST_TRIED = 2000  # numbers of a state up to which the terms of an invariant are found by trying
@@ -39,6 +40,18 @@ def invariant_scale(run: Trajectory, name: str) -> float:
         terms = np.abs(up - down) / 2e-4  # |dI/dz_i z_i|
         size = float(terms.sum()) if len(terms) else 0.0
     return initial if initial > CANCELLED * size else size or 1.0
+
+
+def constraint_errors(run: Trajectory) -> dict[str, float]:
+    """Largest |g| of the constraints and of their rate at the recorded states; none of systems without."""
+    model = run.scenario.model
+    if not model.multipliers:
+        return {}
+    rows = np.ascontiguousarray(run.z)
+    return {
+        "constraint_error_max": float(np.abs([model.constraint_values(z) for z in rows]).max()),
+        "constraint_speed_max": float(np.abs([model.constraint_speeds(z) for z in rows]).max()),
+    }
 
 
 def newton_iterations(run: Trajectory) -> float:
@@ -96,6 +109,8 @@ def conservation(run: Trajectory) -> dict[str, Any]:
         "entropy_increment_min": told.entropy_increment_min,
         "second_law_violations": told.second_law_violations,
         **invariant_errors(run),
+        **constraint_errors(run),
+        **({"invariants_lost": said} if (said := "; ".join(x.sentence for x in lost_in(run))) else {}),
         "lyapunov_increment_max": told.lyapunov_increment_max,
         "residual_max": told.residual_max,
         "newton_iterations_mean": newton_iterations_mean(run),

@@ -13,6 +13,7 @@ from ..progress import part
 from ..solver import foresight
 from ..solver.implicit_step import COUNT_WRONG, NO_AUDIT, NO_ROOT, NONCONVERGED, NONFINITE, OK, Rules, compiled_flows
 from ..solver.quotients import REMEDY, finite_at_rest, zero_over_zero
+from ..systems.constrained import check_start
 from ..systems.refusals import check_invariants
 from ..systems.scenario import Scenario
 from .compiled_loop import LOOPS, Run
@@ -97,6 +98,8 @@ def simulate(
         scenario = scenario.replace(t_end=t_end)
     if reason := integrator.lacks or integrator.suits(scenario.model):
         raise TcbenchError(f"{integrator.name!r} cannot run on {scenario.name!r}: {reason}.")
+    if scenario.model.multipliers:
+        check_start(scenario.model, scenario.z0)
     check_invariants(scenario.model, scenario.z0)
     if integrator.kind == "adaptive":
         chosen = None if times is None else _checked_times(times, t_end)

@@ -23,6 +23,7 @@ from ..compiler.kernels import fixed_values, kernel
 from ..compiler.once import once
 from ..errors import TraceError
 from ..integrator import Flow
+from ..systems import constrained
 from .elimination import ZERO_PIVOT
 from .first_values import measured_by, plain_start, sizes_of
 from .formula import called, checked_rows, further, has_roots
@@ -46,6 +47,7 @@ class ArrayFlow:
     positive: tuple[str, ...]  # spaces of temperatures that have to be positive
     steep: bool
     n_shared: int
+    constrained: bool = False
 
     def kernels(self, mesh: Mesh) -> FlowKernels:
         """For a system of this mesh."""
@@ -57,7 +59,7 @@ class ArrayFlow:
             setup=empty, prologue=opening, opening=opening, iterate=iterate,
             polish=self.polish.kernel(mesh), finish=self.finish.kernel(mesh), full=self.full.kernel(mesh),
             n_unknowns=n, n_eliminated=0, n_positive=positive, n_shared=self.n_shared,
-            pattern=pattern, steep=self.steep,
+            pattern=pattern, steep=self.steep, constrained=self.constrained,
             way=(f"sparse: {n} unknowns" if n else "explicit") + ", in loops over the elements",
         )  # fmt: skip
 
@@ -83,14 +85,20 @@ def _array_flow(flow: Flow, net: Any) -> ArrayFlow:
     steps = [net.fresh_state(f"d{k}") for k in range(1 + flow.stages)]
     start = [net.fresh_state(f"start{k}") for k in range(flow.memory or 2)]
     d = entries(*steps)
-    found = _rows(flow, net, y0, h, steps, further(flow, net, z0, h, start))
+    view = net
+    if net.multipliers:
+        view = constrained.pulled(net, constrained.symbols_like(constrained.conditions(net, y0), "lam"))
+    found = _rows(flow, view, y0, h, steps, further(flow, net, z0, h, start))
     rows = normalised(checked_rows(flow, found, d), d, h)
     if any(row.space not in (NUMBER, s.space) for row, s in zip(rows, d, strict=True)):
         raise trace.refused(
             f"the rows of the residual {flow.residual.__name__!r} are in another order than {', '.join(net.variables)}",
             "Give them in that of the state",
         )
-    reduction = reduce_arrays(rows, d, h)
+    impulses = list[Symbol]()
+    if net.multipliers:
+        rows, impulses = constrained.closed(net, view, y0, d, h, rows, flow.residual.__name__)
+    reduction = reduce_arrays(rows, [*d, *impulses], h)
     x = reduction.unknowns
     residual, unknowns, shared = shared_as_unknowns(reduction.rows, x)
     terms = jacobian_terms(residual, unknowns)
@@ -103,7 +111,8 @@ def _array_flow(flow: Flow, net: Any) -> ArrayFlow:
         dz = net.state(np.concatenate([dy.q, dy.p, net.entropy_increments(flow.variables, y0, y1)]))
     positive = entries(y1.theta) if flow.variables == "temperature" else []
     scales = map(trace.reciprocal, sizes_of(net, y0, z0, flow.variables) * len(steps))
-    sizes = measured_by(reduction, dict(zip(d, scales, strict=True)))
+    own = dict.fromkeys(impulses, const(1.0))
+    sizes = measured_by(reduction, dict(zip(d, scales, strict=True)) | own)
     began = plain_start(reduction)
     began |= dict(zip(shared, trace.substitute(list(shared.values()), began), strict=True))
     # Newton's matrix has rows for shared numbers, which are what the other unknowns make them: as if it had none
@@ -134,6 +143,7 @@ def _array_flow(flow: Flow, net: Any) -> ArrayFlow:
         positive=tuple(v.space for v in positive),
         steep=has_roots(residual),
         n_shared=len(shared),
+        constrained=bool(impulses),
     )
 
 

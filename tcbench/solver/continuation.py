@@ -220,7 +220,7 @@ def follow(flow: CompiledFlow, tolerance: float, shifted: bool) -> tuple[int, in
     jacobians, folds, run_away = 1, 0, False
     if linearise(flow, u, t) <= 0.0:
         return UNDETERMINED, jacobians, folds
-    if shifted:
+    if shifted or flow.constrained:
         first, jacobians = correct(flow, u, t, np.inf, ON_CURVE)
         if not first < np.inf or linearise(flow, u, t) <= 0.0:
             return UNDETERMINED, jacobians, folds

@@ -57,6 +57,7 @@ class CompiledFlow(Record):
     factorise: Address  # of a sparse Jacobian: see `Pattern`
     h: float  # its part of the step
     steep: bool  # slopes may be infinite where the equations are not: see linear_algebra.STEEPEST
+    constrained: bool  # where the curve of roots begins is not 0: see systems.constrained
     foresees: bool  # Newton begins where the last roots point to: see newton.foresee
     continuation: bool  # the whole cascade; otherwise plain Newton
     audit: int  # see implicit_step

@@ -24,6 +24,7 @@ from ..compiler.formula_hash import formula_hash
 from ..compiler.kernels import constant_part, fixed_values, kernel, placed
 from ..errors import TraceError, shown
 from ..integrator import Flow, Residual
+from ..systems import constrained
 from ..systems.element_system import ElementSystem
 from ..systems.state import State
 from ..systems.system import System
@@ -60,9 +61,16 @@ def _build(flow: Flow, system: System) -> FlowKernels:
     d = trace.variables("d", n * (1 + flow.stages))
     y0 = sym.in_variables(flow.variables, z0)
     start = trace.variables("start", n * (flow.memory or 2))
-    given = traced(flow, sym, y0, d, h, further(flow, sym, z0, h, start.reshape(-1, n)))
+    view = constrained.pulled(sym, _multipliers(sym, y0)) if sym.multipliers else sym
+    given = traced(flow, view, y0, d, h, further(flow, sym, z0, h, start.reshape(-1, n)))
     unseen = not (flow.stages or isinstance(sym, ElementSystem))  # of theirs the last digits stay what they were
-    reduction = reduce(normalised(given, d, h), list(d), unseen=unseen)
+    rows, impulses = normalised(given, d, h), list[Symbol]()
+    if sym.multipliers:
+        rows, impulses = constrained.closed(sym, view, y0, list(d), h, rows, flow.residual.__name__)
+        rows = _by_own_slope(rows, list(d), impulses, h)
+        unseen = False
+    reduction = reduce(rows, [*d, *impulses], unseen=unseen)
+    _last(reduction, impulses)
     pattern, slopes = _ordered(reduction) if len(reduction.unknowns) > UNROLLED else (None, [])
     x = reduction.unknowns
     increments = np.array(reduction.increments(d), dtype=object)
@@ -72,16 +80,18 @@ def _build(flow: Flow, system: System) -> FlowKernels:
         ds = sym.entropy_increments(flow.variables, y0, y1)
         dz = np.concatenate([dz[: -len(ds)], ds])
     place = {s: i for i, s in enumerate(d)}
+    place |= {s: len(d) + i for i, s in enumerate(impulses)}
     where = [place[s] for s in x]
     positive = list(y1.theta) if flow.variables == "temperature" else []
     sizes = sizes_of(sym, y0, z0, flow.variables)
+    own = dict(zip(impulses, _sizes_of_impulses(rows, d, impulses, h, sizes), strict=True))
     if pattern is None:
         moved = reduction.moved()
-        scales = [trace.reciprocal(sizes[i % n]) for i in [*where, *(place[e] for e in moved)]]
+        scales = [own[s] if s in own else trace.reciprocal(sizes[place[s] % n]) for s in (*x, *moved)]
         parts = _dense_parts(reduction, moved, positive, h, scales)
         guess = near_start(where, sym, z0, h, flow.variables)
     else:
-        scaled = {s: trace.reciprocal(sizes[i % n]) for i, s in enumerate(d)}
+        scaled = {s: trace.reciprocal(sizes[i % n]) for i, s in enumerate(d)} | own
         scaled = measured_by(reduction, scaled)
         parts = _sparse_parts(reduction, slopes, positive, h, [scaled[s] for s in x])
         guess = [const(0.0)] * len(x)
@@ -114,8 +124,50 @@ def _build(flow: Flow, system: System) -> FlowKernels:
         and not isinstance(sym, ElementSystem),  # of theirs the last digits stay what they were
         steep=has_roots(reduction.rows),
         pattern=pattern,
+        constrained=bool(impulses),
         way=f"sparse: {len(x)} unknowns" if pattern else f"unrolled: {len(x)} unknowns" if x else "explicit",
     )
+
+
+def _multipliers(sym: System, y0: Any) -> list[Any]:
+    return constrained.symbols_like(constrained.conditions(sym, y0), "lam")
+
+
+def _at_rest(x: Sequence[Symbol], unknowns: Sequence[Symbol], h: Symbol) -> list[Symbol]:
+    return trace.substitute(list(x), {**dict.fromkeys(unknowns, const(0.0)), h: const(0.0)})
+
+
+def _by_own_slope(rows: list[Symbol], d: list[Symbol], impulses: list[Symbol], h: Symbol) -> list[Symbol]:
+    """The multipliers' rows over their slopes at z1 = z0, so that small pivots are suspicious there, too."""
+    found = list(rows)
+    for k, impulse in enumerate(impulses):
+        (slopes,) = trace.sparse_jacobian([rows[len(d) + k]], [impulse])
+        (slope,) = _at_rest([slopes.get(0, const(0.0))], [*d, *impulses], h)
+        if trace.is_const(slope, 0.0):
+            raise TraceError("A constraint feels no force of its multiplier: is it of what has no inertia?")
+        found[len(d) + k] = trace.mul(rows[len(d) + k], trace.reciprocal(slope))
+    return found
+
+
+def _sizes_of_impulses(
+    rows: list[Symbol], d: Any, impulses: list[Symbol], h: Symbol, sizes: list[Symbol]
+) -> list[Symbol]:
+    """1/size of each: of what moves with it, by whichever is the strictest."""
+    found = [const(0.0)] * len(impulses)
+    for i, row in enumerate(trace.sparse_jacobian(rows[: len(sizes)], impulses) if impulses else []):
+        for k, slope in row.items():
+            (still,) = _at_rest([slope], [*d, *impulses], h)
+            found[k] = trace.maximum(found[k], trace.mul(abs(still), trace.reciprocal(sizes[i])))
+    return [trace.maximum(x, const(1e-100)) for x in found]
+
+
+def _last(reduction: Reduction, impulses: list[Symbol]) -> None:
+    """Their pivots are there once what they move is eliminated."""
+    if not impulses:
+        return
+    pairs = list(zip(reduction.rows, reduction.unknowns, strict=True))
+    pairs.sort(key=lambda pair: pair[1].number in {x.number for x in impulses})
+    reduction.rows, reduction.unknowns = [r for r, _ in pairs], [x for _, x in pairs]
 
 
 @dataclass

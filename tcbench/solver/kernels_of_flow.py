@@ -49,6 +49,7 @@ class FlowKernels:
     n_positive: int
     n_shared: int = 0  # the last of the unknowns, of which nothing is read: what others make them is in its place
     foresees: bool = False  # see newton.foresee
+    constrained: bool = False  # has impulses among its unknowns, which need not vanish at h = 0
     steep: bool = False  # may have slopes that are not finite: see linear_algebra.STEEPEST
     pattern: Pattern | None = None  # of a sparse Jacobian
     way: str = ""  # how its steps are solved, in words
@@ -62,6 +63,7 @@ class FlowKernels:
             "iterate": self.iterate.address, "polish": self.polish.address, "finish": self.finish.address,
             "nfull": max(k.size + k.room for k in (self.full, self.iterate, self.polish)), "nj": self.n_unknowns,
             "ns": 0, "n_own": 0, "nnz": 0, "foresees": self.foresees, "steep": self.steep,
+            "constrained": self.constrained,
         }  # fmt: skip
         p = self.pattern
         if p is None:

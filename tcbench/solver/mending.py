@@ -47,12 +47,18 @@ def gradients(system: System, z: Any) -> list[Any]:
 
 
 def shortest_move(
-    system: System, misses: Sequence[Any], slopes: Sequence[Any], weights: Any, at_least: bool = False
+    system: System,
+    misses: Sequence[Any],
+    slopes: Sequence[Any],
+    weights: Any,
+    at_least: bool = False,
+    dependent: float = DEPENDENT,
 ) -> Any:
     """The shortest move that makes up for the misses of laws with these slopes, to first order.
 
     Each along the part of its slope that leaves the earlier ones alone (Gram and Schmidt). weights: squares of the
     sizes by which a move is measured. at_least: of the last law, the entropy, only what is too little is made up for.
+    dependent: of the square of a slope, its part free of the others below which less than half is made up for.
     """
     weighed = [weights * slope for slope in slopes]
     free: list[tuple[Any, Any]] = []  # the part of each that leaves the earlier ones alone, and 1 over its square
@@ -65,7 +71,7 @@ def shortest_move(
             direction = direction - other * share
         square = _dot(system, slope, direction)
         whole = sum((p * share for p, share in zip(products, shares[-1], strict=True)), square)
-        least = DEPENDENT * whole + TINY
+        least = dependent * whole + TINY
         inverse = square / (square * square + least * least)
         lack = miss - sum((p * a for p, a in zip(products, along, strict=True)), const(0.0))
         if at_least and len(free) == len(misses) - 1:
@@ -82,6 +88,11 @@ def by_variable(system: System, x: Any, y: Any) -> Any:
     """For each number of a state x . y of its variable, which does not turn with the axes."""
     products = [[v] * len(entries(a)) for v, a in zip(_products(system, x, y), blocks_of(system, x), strict=True)]
     return refilled(x, [v for alike in products for v in alike])
+
+
+def laws_product(system: System, x: Any, y: Any) -> Any:
+    """x . y of a covector and a rate."""
+    return _dot(system, x, y)
 
 
 def _dot(system: System, x: Any, y: Any) -> Any:

@@ -13,6 +13,7 @@ from ..compiler.library import Library, callback
 from ..compiler.once import cached_property
 
 DENSE = 100  # rows up to which LAPACK on the whole matrix takes less time than SuperLU: a tenth of it, of 50 rows
+BORDER = 4  # rows that see most others, from which on they are eliminated by themselves
 SHARED = 20  # times the root of their number: a row that sees more is of what all share, as a bath
 
 
@@ -33,6 +34,7 @@ class Pattern:
         graph = coo_matrix((np.ones(len(i), np.int8), (i, j)), shape=(n, n)).tocsr()
         graph = (graph + graph.T).tocsr()
         shared = np.flatnonzero(np.diff(graph.indptr) > SHARED * np.sqrt(n))
+        self.border = len(shared)
         if len(shared):  # they see most of the others: behind these, whose factors stay narrow
             own = np.setdiff1d(np.arange(n), shared)
             order = own[reverse_cuthill_mckee(graph[own][:, own].tocsr(), symmetric_mode=True)]
@@ -62,6 +64,41 @@ class Pattern:
         if np.all(np.isfinite(J)):
             (self._dense if self.n <= DENSE else self._sparse)(J, right, out)
 
+    def _bordered(self, J: Any, right: Any, out: Any) -> bool:
+        """The rows and columns that see most others, which stand last, by a Schur complement; False where the rest is
+        singular by itself. Eliminated with the others they fill all the factors."""
+        from scipy.linalg import lapack
+        from scipy.sparse import csr_matrix
+        from scipy.sparse.linalg import splu
+
+        n, m = self.n, self.n - self.border
+        whole = csr_matrix((J.copy(), self.columns, self.first), shape=(n, n))
+        across, low = whole[:m, m:].toarray(), whole[m:, :m]
+        try:
+            factors = splu(
+                whole[:m, :m].tocsc(),
+                permc_spec="MMD_AT_PLUS_A",
+                diag_pivot_thresh=0.0,
+                options={"SymmetricMode": True},
+            )
+        except RuntimeError:
+            return False
+        sides = right.reshape(2, n).T
+        solved = factors.solve(np.ascontiguousarray(np.column_stack([across, sides[:m]])))
+        schur = whole[m:, m:].toarray() - low @ solved[:, :-2]
+        if not np.all(np.isfinite(schur)):
+            return False
+        pivots, exchanged, singular = lapack.dgetrf(schur)
+        if singular != 0:
+            return False
+        last = lapack.dgetrs(pivots, exchanged, sides[m:] - low @ solved[:, -2:])[0]
+        found = np.concatenate([solved[:, -2:] - solved[:, :-2] @ last, last])
+        out[: 2 * n] = found.T.ravel()
+        turns = np.count_nonzero(exchanged != np.arange(self.border))
+        sign = np.prod(np.sign(factors.U.diagonal())) * _parity(factors.perm_r) * _parity(factors.perm_c)
+        out[2 * n] = sign * np.prod(np.sign(pivots.diagonal())) * (-1) ** turns
+        return True
+
     def _dense(self, J: Any, right: Any, out: Any) -> None:
         from scipy.linalg import lapack
 
@@ -80,6 +117,8 @@ class Pattern:
         from scipy.sparse.linalg import splu
 
         n = self.n
+        if self.border >= BORDER and self._bordered(J, right, out):
+            return
         transposed = csc_matrix((J.copy(), self.columns, self.first), shape=(n, n))
         try:
             factors = splu(

@@ -23,6 +23,7 @@ from ..systems.system import System
 FORMULAS = tuple(MATRICES)
 SPREAD = 2.0  # random slopes are the true ones, times a number from 1/2 to 2
 ROUNDOFF = 1e-13  # of sums of some ten terms of one size
+OF_DIFFERENCES = 1e-7  # a rate that is measured by central differences
 CANCELLED = 1e-11  # of a rate whose terms nearly cancel, as (dE . dE) dS - (dE . dS) dE does where dE is along dS
 Row = Callable[[str, str, str, float, float, str], Any]
 
@@ -58,7 +59,24 @@ def findings(row: Row, model: System, sample: Any, rng: np.random.Generator) -> 
     yield from _of_matrices(row, model, sample)
     for name, worst in lost.items():
         yield row(f"{name.replace('_', ' ')} is invariant", "section 3", "rate 0, relative", worst, ROUNDOFF,
-                  f"{written(model, 'invariants')}: neither reversible nor irreversible may change it.")  # fmt: skip
+                  f"{written(model, 'invariants')}: {_why_not_invariant(model, name, sample)}")  # fmt: skip
+
+
+def _why_not_invariant(model: System, name: str, sample: Any) -> str:
+    """Whether the equations change it, or only covectors that are less invariant than the energy."""
+    k, worst = model.invariant_names.index(name), 0.0
+    for z, _ in sample[:20]:
+        z = np.asarray(z)
+        step = 1e-5 * (np.abs(z) + 1e-2)
+        up, down = (np.asarray(model.momenta(z + sign * np.diag(step)))[:, k] for sign in (1, -1))
+        worst = max(worst, relative((up - down) / (2 * step), np.asarray(model.vector_field(z))))
+    if worst > OF_DIFFERENCES:
+        return "neither reversible nor irreversible may change it."
+    return (
+        "the equations keep it; the gradients that methods put in do not, since they are not as invariant as the energy. "
+        "Write energy() in invariants (of F in C = F^T F, of places in dot products, of angles in directors), or take "
+        "tc_invariant, which keeps it."
+    )
 
 
 @dataclass(eq=False)

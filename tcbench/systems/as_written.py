@@ -17,6 +17,7 @@ from ..compiler.array_states import Blocks, fitted, is_array
 from ..compiler.array_symbols import ArraySymbol
 from ..compiler.sentences import ELEMENTARY
 from ..errors import TcbenchError, misnamed, unknown_name
+from .constrained import named_constraints
 from .declaration import whole
 from .state import State, shape_of
 from .traced import derived
@@ -159,5 +160,5 @@ def derive(cls: type, base: type, names: Sequence[str]) -> None:
 RETURNED: Mapping[str, Returned] = {  # what each formula owes
     "energy": _number, "entropy": _number, "reversible": _rates, "irreversible": _rates,
     "poisson": _matrix, "friction": _matrix, "invariants": _numbers_by_name, "temperature": _numbers,
-    "measures": _numbers, "points": _as_it_is,  # of which systems.plane asks more
+    "measures": _numbers, "points": _as_it_is, "constraints": named_constraints,  # of which systems.plane asks more
 }  # fmt: skip

@@ -187,7 +187,13 @@ class OverSpaces(Traced):
         if "checked" not in self.__dict__:
             with trace.tracing():
                 self.observe(self.fresh_state("z"))
-                self.vector_field(self.fresh_state("z"))
+                whole = self
+                if self.multipliers:  # whose right-hand side is not traced on arrays
+                    from . import constrained
+
+                    like = constrained.conditions(self, self.fresh_state("z"))
+                    whole = constrained.pulled(self, constrained.symbols_like(like, "lam"))
+                whole.vector_field(self.fresh_state("z"))
             self.__dict__["checked"] = True
 
     def fresh_state(self, name: str) -> Blocks:
@@ -244,7 +250,8 @@ class OverSpaces(Traced):
                 f"{body.__name__}() of {self.name!r}, of {self.size} numbers, is a dense matrix, which is traced entry "
                 f"by entry (at most {traced.MOST_WHOLE}). tcbench.systems.sparse_jacobian has the sparse Jacobian."
             )
-        if not self.large or any(n != self.size for n in sizes) or body.__name__ in WHOLE:
+        whole = body.__name__ in WHOLE or (body.__name__ == "vector_field" and bool(self.multipliers))
+        if not self.large or any(n != self.size for n in sizes) or whole:
             return super()._kernel(body, sizes)
         key = (self.structure, body, sizes)
         if key not in traced._KERNELS:

@@ -237,7 +237,8 @@ def check_invariants(system: System, z0: Any) -> None:
 def _moves(system: System, states: Any) -> Any:
     """How each of these states moves in a time in which its fastest part changes by NEAR of its size, or that of most
     states does: where one is next to rest its rate is round-off, and says nothing of what is conserved."""
-    rates, fastest = np.array([system.vector_field(z) for z in states]), np.zeros(len(states))
+    rate = system.free_rate if system.multipliers else system.vector_field  # what constraints keep is in their formulas
+    rates, fastest = np.array([rate(z) for z in states]), np.zeros(len(states))
     with np.errstate(all="ignore"):
         for begin, end, _ in system.layout.values():
             sizes = np.abs(states[:, begin:end]).max(axis=1, initial=0)

@@ -37,7 +37,7 @@ def sparse_jacobian(system: System) -> Callable[[Any], Any]:
 @cache
 def _entries(symbolic: Any) -> tuple[Kernel, Any, Any]:
     """The kernel of the entries, and their rows and columns."""
-    if symbolic.large:
+    if symbolic.large and not symbolic.multipliers:
         return _by_arrays(symbolic)
     with trace.tracing():
         z = trace.variables("z", symbolic.size)

@@ -24,6 +24,7 @@ from ..compiler.array_states import entries, refilled
 from ..compiler.cut import Cut
 from ..compiler.once import cached_property
 from ..errors import TcbenchError, unknown_name
+from . import constrained
 from .as_written import RETURNED, as_written, derive
 from .declaration import check_declared, checked_constant, finite, named_constant, whole
 from .least_sizes import LeastSizes
@@ -79,6 +80,8 @@ class System(LeastSizes):
     positive: ClassVar[tuple[str, ...]] = ()  # constants that must be > 0
     non_negative: ClassVar[tuple[str, ...]] = ()
     reference_temperature: Any = 0.0  # of the exergy; 0: the energy is its own scale
+    multipliers: ClassVar[Mapping[str, Any]] = {}  # name -> shape, of holonomic constraints; see constraints()
+    pull: Any = None  # of a view that a formula is traced on: the multipliers
     source: ClassVar[str] = ""
     units: ClassVar[Mapping[str, Any]] = {}  # of variables, constants, energy, entropy, time: for `tcbench check`
     initial_data: ClassVar[tuple[str, ...]] = ("initial",)  # settings of a Scenario that say where it starts
@@ -87,7 +90,7 @@ class System(LeastSizes):
     written: ClassVar[tuple[str, ...]] = (
         "name", "constants", "variables", "tables", "positive", "non_negative", "reference_temperature", "source",
         *FORMULAS, "poisson", "friction", "invariants", "temperature", "measures", "exergy_offset", "points",
-        "units",
+        "units", "multipliers", "constraints",
     )  # fmt: skip
 
     def __init_subclass__(cls, **arguments: Any) -> None:
@@ -97,6 +100,7 @@ class System(LeastSizes):
         if isinstance(cls.reference_temperature, str):
             cls.reference_temperature = named_constant(cls, "reference_temperature", cls.reference_temperature)
         derive(cls, System, FORMULAS)
+        constrained.check_multipliers(cls)
         for name in RETURNED:
             if name in cls.__dict__ and name not in FORMULAS and "energy" in cls.written:  # no system of elements
                 setattr(cls, name, as_written(cls.__dict__[name], name))
@@ -163,6 +167,10 @@ class System(LeastSizes):
 
     def invariants(self, z: Any) -> dict[str, Any]:
         """What else is conserved, by name; none by default."""
+        return {}
+
+    def constraints(self, z: Any) -> dict[str, Any]:
+        """What has to be 0, by the name of its multiplier; none by default. The energy is written without them."""
         return {}
 
     def temperature(self, z: Any, dE: Any, dS: Any) -> Any:
@@ -298,6 +306,13 @@ class System(LeastSizes):
         here = dict(zip(entries(x), map(trace.lifted, entries(z)), strict=True))
         return [self.state(refilled(x, trace.substitute(slopes, here))) for slopes in found]
 
+    def momenta_discrete_gradients(self, z0: Any, z1: Any) -> list[State]:
+        """Discrete gradients of the invariants, on symbols: DJ . (z1 - z0) = J(z1) - J(z0), whatever J is."""
+        x = self.unknowns("x")
+        start, step = [*map(trace.lifted, entries(z0))], [*map(trace.lifted, entries(z1 - z0))]
+        found = [chain_rule.discrete_gradient(trace.lifted(f), entries(x), start, step) for f in self.momenta(x)]
+        return [self.state(refilled(x, slopes)) for slopes in found]
+
     @property
     def invariant_names(self) -> tuple[str, ...]:
         """Names of what else is conserved."""
@@ -346,6 +361,19 @@ class System(LeastSizes):
         x = self.unknowns("x")
         return Cut(trace.lifted(getattr(self, name)(x)), entries(x))
 
+    def pull_gradient(self, z0: Any, z1: Any) -> Any:
+        """Of a view that has multipliers: the discrete gradient of lam . g, for discrete gradients of one's own; else 0."""
+        if self.pull is None:
+            return self.state(0.0 * z0)
+        return constrained.discrete_pull(self, z0, entries(z1 - z0), self.pull)
+
+    def _with_pull(self, name: str, x: Any) -> Any:
+        """The energy, with lam . g in a view that has multipliers; or the entropy."""
+        f = trace.lifted(getattr(self, name)(x))
+        if self.pull is None or name != "energy":
+            return f
+        return f + constrained.paired(self.pull, constrained.conditions(self, x))
+
     def discrete_gradients(self, z0: Any, z1: Any) -> tuple[State, State]:
         """D E(z0, z1) and D S(z0, z1)."""
         return self.discrete_gradient(z0, z1), self.discrete_entropy_gradient(z0, z1)
@@ -353,7 +381,7 @@ class System(LeastSizes):
     def _slopes(self, name: str, z0: Any, z1: Any = None) -> State:
         """Gradient of a formula at z0, or its discrete gradient from there to z1."""
         at = self.unknowns("x")
-        f, x, start = trace.lifted(getattr(self, name)(at)), entries(at), [*map(trace.lifted, entries(z0))]
+        f, x, start = self._with_pull(name, at), entries(at), [*map(trace.lifted, entries(z0))]
         if z1 is None:
             slopes = trace.substitute(chain_rule.gradient(f, x), dict(zip(x, start, strict=True)))
         else:
@@ -363,7 +391,14 @@ class System(LeastSizes):
 
     @derived
     def vector_field(self, z: Any) -> Any:
-        """dz/dt = L grad E + M grad S, eq. (1)."""
+        """dz/dt = L grad E + M grad S, eq. (1); under constraints with the multipliers that keep their velocity form."""
+        if self.multipliers and self.pull is None:
+            if self.by_array:
+                raise TcbenchError(
+                    f"{self.name!r} has constraints: its right-hand side needs the multipliers, which solve a system of "
+                    "equations; it is traced for states of a few numbers only. Take tc_monolithic or midpoint_entropy"
+                )
+            return constrained.reduced(self, z)
         covectors = self.state(self.gradient(z)), self.state(self.entropy_gradient(z))
         return self.reversible(z, *covectors) + self.irreversible(z, *covectors)
 
@@ -381,6 +416,22 @@ class System(LeastSizes):
     def shapes(self, z: Any) -> Any:
         """What else must stay positive, at a state."""
         return in_one_row(self.measures(self.state(z)))
+
+    @derived
+    def free_rate(self, z: Any) -> Any:
+        """dz/dt as if there were no constraints."""
+        covectors = self.state(self.gradient(z)), self.state(self.entropy_gradient(z))
+        return self.reversible(z, *covectors) + self.irreversible(z, *covectors)
+
+    @derived
+    def constraint_values(self, z: Any) -> Any:
+        """What has to be 0, in one row."""
+        return in_one_row(constrained.conditions(self, z))
+
+    @derived
+    def constraint_speeds(self, z: Any) -> Any:
+        """Its rate, which has to be 0, too: the velocity form of the constraints."""
+        return in_one_row(constrained.velocities(self, z))
 
     @derived
     def exergy(self, z: Any) -> Any:

@@ -1,0 +1,306 @@
+"""Holonomic constraints g(z) = 0 with multipliers: what a `System` that declares `multipliers` has of them.
+
+The author writes the energy without multipliers and `constraints(z)`. Formulas of methods are called on a view of the
+system (`pulled`), whose energy is E + lam . g wherever slopes of it are taken: DE then has lam Dg in it, with
+Dg . (z1 - z0) = g(z1) - g(z0), so that the constraint's force does no work and keeps every invariant that g has
+(Gonzalez 1999; Betsch and Steinmann 2002). `closed` adds the multipliers' own equations.
+
+Unknown of a step is the impulse h lam, not lam: at h = 0 the equations then are those of a reflection,
+    z1 - z0 = -L Dg . impulse,   Dg . L DE = 0,
+whose matrix is (G M^-1 G^T)/2 in the rows of the multipliers, positive definite: determinants are positive at h = 0 and
+roots can be followed from there. With lam itself, and g(z1) = 0 as its row, the matrix at h = 0 is singular.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..compiler import chain_rule
+from ..compiler import derivatives as trace
+from ..compiler.array_states import entries, is_array, refilled
+from ..compiler.arrays import total, variable
+from ..compiler.derivatives import Symbol, const
+from ..errors import TcbenchError, TraceError
+
+if TYPE_CHECKING:
+    from .system import System
+
+NONE_AT_ZERO = 1e-32  # beside h^4: what is left of a constraint is made up for at h > 0 only
+KEPT = 1e-9  # what a start may miss of a constraint, over 1 and the size of its terms
+
+
+def check_multipliers(cls: Any) -> None:
+    """TcbenchError where multipliers and constraints do not belong together."""
+    if bool(cls.multipliers) != cls.defines("constraints"):
+        raise TcbenchError(
+            f"{cls.__name__}: multipliers = {{'lam': 'rod'}} and constraints(z), which returns {{'lam': what has to be "
+            "0}, go together; write both or none."
+        )
+    for name in cls.multipliers:
+        if name in cls.variables or name in cls.constants:
+            raise TcbenchError(
+                f"{cls.__name__}: the multiplier {name!r} is called as a variable or a constant is. tcbench adds it to "
+                "the unknowns and lam . g to the energy: write the energy without it."
+            )
+
+
+def named_constraints(system: System, found: Any, where: str) -> Any:
+    """What constraints() returned, if it is one array or number for each multiplier."""
+    if not isinstance(found, Mapping) or not set(found) <= set(system.multipliers):  # that of a base class has fewer
+        wanted = ", ".join(f"{name!r}: ..." for name in system.multipliers)
+        raise TcbenchError(f"{where} returns what has to be 0 by the name of its multiplier, {{{wanted}}}.")
+    return found
+
+
+def conditions(system: System, z: Any) -> list[Any]:
+    """g(z), one array or number a multiplier."""
+    found = system.constraints(system.state(z))
+    if missing := [name for name in system.multipliers if name not in found]:
+        raise TcbenchError(
+            f"{type(system).__name__}: constraints() does not say what the multiplier {missing[0]!r} holds."
+        )
+    return [found[name] for name in system.multipliers]
+
+
+def symbols_like(g: Sequence[Any], name: str) -> list[Any]:
+    """New symbols, one for each constraint."""
+    return [refilled(x, [variable(name, y.space) if isinstance(y, Symbol) else variable(name, "") for y in entries(x)])
+            for x in map(_lifted, g)]  # fmt: skip
+
+
+def _lifted(x: Any) -> Any:
+    return x if is_array(x) else trace.array(map(trace.lifted, np.ravel(np.asarray(x, dtype=object))))
+
+
+def paired(lam: Sequence[Any], g: Sequence[Any]) -> Symbol:
+    """lam . g"""
+    whole = const(0.0)
+    for a, b in zip(entries(*lam), entries(*map(_lifted, g)), strict=True):
+        whole = whole + _sum(trace.lifted(a) * trace.lifted(b))
+    return whole
+
+
+def _sum(x: Symbol) -> Symbol:
+    return total("add", x, x.space) if x.space else x
+
+
+def pulled(system: Any, lam: Sequence[Any]) -> Any:
+    """The system as formulas of methods see it: slopes of its energy are those of E + lam . g."""
+    view = object.__new__(type(system))
+    view.__dict__.update({k: v for k, v in system.__dict__.items() if k != "symbolic"})
+    view.__dict__["pull"] = list(lam)
+    view.__dict__["symbolic"] = view
+    return view
+
+
+# ---- the equations of a step ----------------------------------------------------------------------------------------
+
+
+def closed(
+    system: Any, view: Any, y0: Any, d: Sequence[Symbol], h: Symbol, rows: Sequence[Symbol], name: str
+) -> tuple[list[Symbol], list[Symbol]]:
+    """The rows of a step with impulses in the place of multipliers, theirs behind; and the impulses.
+
+    rows: of the author's formula on `view`, one for each of the increments d, d + ... - h F = 0.
+    """
+    lam = entries(*view.pull)
+    dy = refilled(y0, list(d))
+    y1 = y0 + dy
+    middle = (y0 + y1) / 2
+    impulses = [variable("impulse", x.space) for x in lam]
+    blocks = _blocks_like(view.pull, impulses)
+    by_impulse = trace.along(rows, dict(zip(lam, impulses, strict=True)))
+    free = trace.substitute(rows, dict.fromkeys(lam, const(0.0)))
+    if trace.depends_on(by_impulse, lam) & {x.number for x in by_impulse}:
+        raise TraceError(
+            f"{name}: the equations of a step are not linear in the multipliers: reversible() and irreversible() must be "
+            "linear in those slopes of the energy that a constraint changes (dE.q of constraints on q)."
+        )
+    reads = any(not trace.is_const(x, 0.0) for x in by_impulse)
+    DS = system.discrete_entropy_gradient(y0, y1)
+    if not reads:  # as of M DS alone: what it does to the velocities has to be along the constraint, too
+        pull = system.reversible(middle, discrete_pull(system, y0, d, blocks), DS)
+        by_impulse = [trace.neg(trace.lifted(x)) for x in entries(pull)]
+        held = [free[i] + by_impulse[i] for i in range(len(d))]
+    else:
+        held = [free[i] + _over(by_impulse[i], h) for i in range(len(d))]
+    rates = [_over(_difference(x, row), h) for x, row in zip(d, free, strict=True)]
+    mu = symbols_like(conditions(system, y0), "mu")
+    slopes = entries(discrete_pull(system, y0, d, mu))
+    at_once = any(not trace.is_const(a, 0.0) and not trace.is_const(b, 0.0) for a, b in zip(slopes, rates, strict=True))
+    if not at_once:
+        rates = [trace.lifted(x) for x in entries(system.reversible(middle, system.discrete_gradient(y0, y1), DS))]
+    moved = [i for i, slope in enumerate(slopes) if not trace.is_const(slope, 0.0)]
+    if any(not trace.is_const(by_impulse[i], 0.0) for i in moved):
+        raise TraceError(
+            f"{name}: constraints(z) may restrict positions only: what they read must not feel their force."
+        )
+    others = {x: _difference(x, held[i]) for i, x in enumerate(d) if i not in moved}
+    rates = trace.substitute(
+        rates, others
+    )  # as the rows themselves give them: the multipliers appear in their own rows
+    power = const(0.0)
+    for slope, rate in zip(slopes, rates, strict=True):
+        power = power + _sum(slope * rate)
+    own = chain_rule.gradient(power, entries(*mu))
+    own = trace.substitute(own, dict.fromkeys(entries(*mu), const(0.0)))
+    if at_once:
+        left = entries(*map(_lifted, conditions(system, y0)))
+        square = h * h  # 1/h, but next to h = 0, where it and its slope, which the arc sees, are 0
+        mend = h * square * trace.reciprocal(square * square + NONE_AT_ZERO)
+        own = [x + mend * trace.lifted(g) for x, g in zip(own, left, strict=True)]
+    return [*held, *(trace.neg(x) for x in own)], impulses
+
+
+def _blocks_like(blocks: Sequence[Any], values: Sequence[Symbol]) -> list[Any]:
+    found, at = [], 0
+    for block in blocks:
+        end = at + len(entries(block))
+        found.append(refilled(block, list(values[at:end])))
+        at = end
+    return found
+
+
+def discrete_pull(system: Any, y0: Any, d: Sequence[Symbol], lam: Sequence[Any]) -> Any:
+    """The discrete gradient of lam . g."""
+    at = system.unknowns("x")
+    f = paired(lam, conditions(system, at))
+    found = chain_rule.discrete_gradient(f, entries(at), [*map(trace.lifted, entries(y0))], list(d))
+    return system.state(refilled(at, found))
+
+
+def _difference(x: Symbol, row: Symbol) -> Symbol:
+    """x - row, terms that cancel left out."""
+    from ..solver.normal_rows import _cancelled
+
+    return _cancelled(trace.sub(x, row))
+
+
+def _over(x: Symbol, h: Symbol) -> Symbol:
+    """x/h, of a sum of terms with a factor h."""
+    found = _divided(x, h)
+    return trace.mul(x, trace.reciprocal(h)) if found is None else found
+
+
+def _divided(x: Symbol, h: Symbol) -> Symbol | None:
+    if trace.is_const(x, 0.0):
+        return x
+    if x is h:
+        return const(1.0)
+    if x.op == "mul":
+        for k in (0, 1):
+            part = _divided(x.args[k], h)
+            if part is not None:
+                return trace.mul(part, x.args[1 - k])
+        return None
+    if x.op in ("add", "sub", "neg", "take", "collect", "total", "part", "join"):
+        parts = [_divided(a, h) for a in x.args]
+        if any(p is None for p in parts):
+            return None
+        return trace.rebuild(x.op, tuple(parts), x.value)
+    return None
+
+
+# ---- the ODE under the constraints, for solvers of ODEs ---------------------------------------------------------------
+
+
+def velocities(system: Any, z: Any) -> list[Any]:
+    """d g/dt along the motion without multipliers, which is that with them: the constraints' velocity form."""
+    x = system.unknowns("x")
+    rate = entries(_unpulled(system, x))
+    mu = symbols_like(conditions(system, x), "mu")
+    slopes = chain_rule.gradient(paired(mu, conditions(system, x)), entries(x))
+    power = const(0.0)
+    for slope, r in zip(slopes, rate, strict=True):
+        power = power + _sum(slope * trace.lifted(r))
+    own = chain_rule.gradient(power, entries(*mu))
+    here = dict(zip(entries(x), map(trace.lifted, entries(z)), strict=True))
+    return _blocks_like(mu, trace.substitute(own, here))
+
+
+def _unpulled(system: Any, x: Any) -> Any:
+    dE, dS = system.gradient(x), system.entropy_gradient(x)
+    return system.reversible(x, dE, dS) + system.irreversible(x, dE, dS)
+
+
+def reduced(system: Any, z: Any) -> Any:
+    """dz/dt with the multipliers that keep d g/dt = 0: A lam = b, A = {g, dg/dt}, by elimination without pivoting, for
+    -A = G M^-1 G^T is positive definite. Entry by entry, of small systems."""
+    x = system.unknowns("x")
+    lam = _solved(system, x)
+    view = pulled(system, _blocks_like([_lifted(g) for g in conditions(system, x)], lam))
+    dE, dS = view.gradient(x), system.entropy_gradient(x)
+    found = [trace.lifted(y) for y in system.reversible(x, dE, dS) + system.irreversible(x, dE, dS)]
+    here = dict(zip(entries(x), map(trace.lifted, entries(z)), strict=True))
+    return system.state(trace.substitute(found, here))
+
+
+def _solved(system: Any, x: Any) -> list[Symbol]:
+    """The multipliers at a state of symbols."""
+    from ..solver.elimination import factorise
+
+    n = len(entries(x))
+    dS = system.entropy_gradient(x)
+    free = [trace.lifted(y) for y in entries(_unpulled(system, x))]
+    g = entries(*map(_lifted, conditions(system, x)))
+    slopes = [chain_rule.gradient(trace.lifted(f), entries(x)) for f in g]
+    speeds = entries(*velocities(system, x))
+    bends = [chain_rule.gradient(trace.lifted(w), entries(x)) for w in speeds]
+    pulls = [entries(system.reversible(x, system.state(trace.array(s)), dS)) for s in slopes]
+
+    def product(a: Sequence[Any], b: Sequence[Any]) -> Symbol:
+        return sum((trace.lifted(a[i]) * trace.lifted(b[i]) for i in range(n)), const(0.0))
+
+    A = [[trace.neg(product(bend, pull)) for pull in pulls] for bend in bends]
+    factors, _ = factorise(A)
+    return factors.solve([product(bend, free) for bend in bends])
+
+
+# ---- the start ------------------------------------------------------------------------------------------------------
+
+
+def check_start(system: System, z0: Any) -> None:
+    """TcbenchError where a run would begin off the constraints, or with velocities that leave them."""
+    for what, values, cure in (
+        ("constraints", system.constraint_values(z0), "initial positions that satisfy them"),
+        ("velocity form", system.constraint_speeds(z0), "initial momenta along them, as consistent_momenta() gives"),
+    ):
+        worst = float(np.abs(values).max(initial=0.0))
+        if not worst <= KEPT * (1.0 + float(np.abs(z0).max())):
+            k = int(np.nanargmax(np.abs(values)))
+            told = "constraints(z) is" if what == "constraints" else "the rate of constraints(z) is"
+            raise TcbenchError(
+                f"System {system.name!r}: at the start {told} {worst:.2g}, not 0 (the {k + 1}th of {len(values)}): give {cure}."
+            )
+
+
+def consistent_momenta(system: System, z0: Any, names: Sequence[str] = ("p",)) -> Any:
+    """z0 with the momenta nearest in kinetic energy that satisfy the velocity form, by one projection in numpy.
+
+    p -> p - L Dg mu with (Dg . L d)(...) = 0, matrix from differences of `constraint_speeds`; small and middle sizes.
+    """
+    z = np.array(z0, dtype=float)
+    state = system.state(z)
+    first, end, _ = system.layout[names[0]]
+    del state
+    m = len(system.constraint_values(z))
+    # constraint_speeds is linear in p: columns by differences
+    base = system.constraint_speeds(z)
+    columns = np.empty((m, end - first))
+    for i in range(end - first):
+        moved = z.copy()
+        moved[first + i] += 1.0
+        columns[:, i] = system.constraint_speeds(moved) - base
+    # G M^-1 = columns; kinetic metric: minimise dp M^-1 dp, so dp along G^T, whose columns are those times M
+    hessian = np.empty(end - first)
+    for i in range(end - first):
+        up, down = z.copy(), z.copy()
+        up[first + i] += 1.0
+        down[first + i] -= 1.0
+        hessian[i] = system.energy(up) + system.energy(down) - 2 * system.energy(z)  # 1/mass
+    weighed = columns / hessian
+    z[first:end] -= weighed.T @ np.linalg.lstsq(columns @ weighed.T, base, rcond=None)[0]
+    return z
