@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Collection, Mapping, Sequence
 from typing import NamedTuple
+
+import numpy as np
 
 from ..errors import TraceError
 from . import symbols
@@ -27,16 +30,25 @@ class Term(NamedTuple):
 Terms = dict[Term, Symbol]
 
 
-def jacobian_terms(outputs: Sequence[Symbol], unknowns: Sequence[Symbol]) -> list[Terms]:
-    """Of each output its terms, to be added up where they fall together.
+WIDE = 6  # terms of a value that several read, from which on it is differentiated once, as a strain of many corners
+MOST_OF_PAIRS = 100  # terms over pairs of entries that meet in a sum, above which the sum becomes an unknown
+
+
+class ManyPairs(Exception):
+    """Sums of sums have more terms over pairs than asked for."""
+
+
+def jacobian_terms(outputs: Sequence[Symbol], unknowns: Sequence[Symbol], most: float = np.inf) -> list[Terms]:
+    """Of each output its terms, to be added up where they fall together. most: terms over pairs, else ManyPairs.
 
     What a curved function is of, if it depends on several, is differentiated once and its slopes inserted at the end:
-    all coordinates of an element act through one length.
+    all coordinates of an element act through one length. So is what depends on many and is read by several.
     """
     tangents: dict[int, Terms] = {x.number: _identity(x) for x in unknowns}
     seeds: dict[int, Terms] = {}
     nodes = topological(outputs)
     curved = {node.args[0].number for node in nodes if node.op in CURVED}
+    readers = Counter(a.number for node in nodes for a in dict.fromkeys(node.args))
     for node in nodes:
         if node.number in tangents or not any(tangents.get(a.number) for a in node.args):
             continue
@@ -53,10 +65,21 @@ def jacobian_terms(outputs: Sequence[Symbol], unknowns: Sequence[Symbol]) -> lis
                 for each in terms.items():
                     term, slope = _read_by(node.space, a, *each)
                     _add(found, term, symbols.mul(take(partial, term.rows), slope))
-        if node.number in curved and len(found) > 1:
+        wide = len(found) >= WIDE and readers[node.number] > 1 and node.op not in LINEAR
+        if wide or (node.number in curved and len(found) > 1):
             seeds[node.number], found = found, _identity(node)
         tangents[node.number] = found
-    return [_expanded(tangents.get(x.number, {}), seeds) for x in outputs]
+        if most < np.inf:
+            _look(found, most)
+    rows = []
+    for x in outputs:
+        rows.append(_expanded(tangents.get(x.number, {}), seeds, most))
+    return rows
+
+
+def _look(terms: Terms, most: float) -> None:
+    if sum(term.over.startswith("pairs ") for term in terms) > most:
+        raise ManyPairs
 
 
 def _identity(x: Symbol) -> Terms:
@@ -117,10 +140,12 @@ def _met(path: Path, term: Term, slope: Symbol) -> tuple[Term, Symbol]:
     return Term(pairs, (one,), (other, *term.columns), term.unknown), take(slope, (other,))
 
 
-def _expanded(terms: Terms, seeds: Mapping[int, Terms]) -> Terms:
+def _expanded(terms: Terms, seeds: Mapping[int, Terms], most: float = np.inf) -> Terms:
     """With what seeds depend on in place of seeds, the last one first."""
     terms = dict(terms)
     while pending := [term for term in terms if term.unknown.number in seeds]:
+        if most < np.inf:
+            _look(terms, most)
         last = max(pending, key=lambda term: term.unknown.number)
         outer = terms.pop(last)
         for term, slope in seeds[last.unknown.number].items():
@@ -139,18 +164,65 @@ def shared_as_unknowns(
     """Numbers that depend on the unknowns and that all entries of an array read, such as means, become unknowns of
     their own, each with a row: the Jacobian stays sparse.
 
+    So do sums along tables that are read along tables again, as temperatures of nodes that elements make of the strains
+    around them, where their slopes would be many: each row sees its neighbours, and not those of its neighbours.
+
     Returns all rows, all unknowns, and these numbers in terms of the unknowns that were given.
     """
     rows, unknowns, shared = list(rows), list(unknowns), dict[Symbol, Symbol]()
     more: list[Symbol] = []
+    sums_too: bool | None = None  # not known yet
     while True:
         nodes = topological([*rows, *more])
         moving = depends_on([*rows, *more], unknowns) - {x.number for x in unknowns}
         read = [a for x in nodes if x.space for a in x.args if a.space == NUMBER and a.number in moving]
+        if not read and sums_too is None:
+            sums_too = _many_pairs([*rows, *more], unknowns)
+        if not read and not sums_too:
+            break
         if not read:
-            return [*rows, *more], unknowns, shared
-        first, sigma = min(read, key=lambda x: x.number), variable("shared", NUMBER)
+            first = _sum_read_again(nodes, moving)
+            if first is None:
+                break
+        else:
+            first = min(read, key=lambda x: x.number)
+        sigma = variable("shared", first.space)
         unknowns.append(sigma)
         (shared[sigma],) = substitute([first], shared)
         rows, more = substitute(rows, {first: sigma}), substitute(more, {first: sigma})
         more.append(symbols.sub(sigma, first))
+    return [*rows, *more], unknowns, shared
+
+
+def _many_pairs(rows: Sequence[Symbol], unknowns: Sequence[Symbol]) -> bool:
+    try:
+        jacobian_terms(rows, unknowns, MOST_OF_PAIRS)
+    except ManyPairs:
+        return True
+    return False
+
+
+def _sum_read_again(nodes: Sequence[Symbol], moving: Collection[int]) -> Symbol | None:
+    """The first array that has sums along tables in it and is read along a table: the sums themselves, or what is made
+    of several of them before it is read, whichever are fewer."""
+    sums: dict[int, frozenset[int]] = {}  # of what has sums in it, which
+    known = {x.number: x for x in nodes}
+    read: dict[int, Symbol] = {}
+    for node in nodes:
+        if node.number not in moving or not node.space:
+            continue
+        if node.op == "collect":
+            sums[node.number] = frozenset([node.number])
+        elif node.op == "take":
+            if node.args[0].number in sums:
+                read[node.args[0].number] = node.args[0]
+        else:
+            found = frozenset().union(*(sums.get(a.number, frozenset()) for a in node.args))
+            if found:
+                sums[node.number] = found
+    if not read:
+        return None
+    first = min(read)
+    together = [n for n in read if sums[n] & sums[first]]
+    among = frozenset().union(*(sums[n] for n in together))
+    return known[min(among) if len(among) <= len(together) else first]

@@ -24,6 +24,7 @@ from .symbols import Symbol
 
 WHOLE = ("collect", "join", "part")  # those are there before the loops of their round
 CHEAP = ("add", "sub", "mul", "neg")
+GROUP = 64  # slopes that are made in one piece of straight-line code, of an element that has more
 START = {"add": "0.0", "max": "-inf", "min": "inf"}  # of a sum, a maximum, a minimum
 
 
@@ -136,6 +137,7 @@ class _Writer:
         self.arrays: list[str] = []
         self.names: dict[int, str] = {}
         self.count = 0
+        self.buffer: Place | None = None  # of the slopes of a group
         self.nodes = topological(_wanted(self.outputs, self.terms), self.given)
         self.level = self._levels()
         self.stage = {x.number: (self.level[x.number], x.space) for x in self.nodes}
@@ -327,9 +329,47 @@ class _Body:
     def __init__(self, writer: _Writer, depth: int, space: str, i: str) -> None:
         self.w, self.i, self.lines = writer, i, list[str]()
         self.names, self.indices = dict(writer.names), dict[Path, str]()
-        here = [x for x in writer.nodes if writer.stage[x.number] == (depth, space) and x.number not in writer.given]
-        derivatives = derivatives_of(here)
-        for node in here:
+        self.here = [x for x in writer.nodes if writer.stage[x.number] == (depth, space) and x.number not in writer.given]
+        self.derivatives = derivatives_of(self.here)
+        terms = [k for k, (term, x) in enumerate(writer.terms) if writer._stage(x, term.over) == (depth, space)]
+        if len(terms) <= GROUP:
+            self._make(self.here)
+            self._keep()
+            self._sums((depth, space))
+            self._entries(terms, range(len(terms)))
+            return
+        # LLVM takes the square of the length of straight-line code: the many slopes of large elements come in groups
+        of_terms = [writer.terms[k][1] for k in terms]
+        first = set(self._read_by((depth, space)))
+        wanted = topological([x for x in self.here if x.number in first], self._there)
+        needed = {x.number for x in wanted}
+        self._make([x for x in self.here if x.number in needed])
+        self._keep()
+        self._sums((depth, space))
+        for start in range(0, len(terms), GROUP):
+            group = range(start, min(start + GROUP, len(terms)))
+            needed = {x.number for x in topological([of_terms[m] for m in group], self._there)}
+            self._make([x for x in self.here if x.number in needed])
+            self._entries(terms, group)
+
+    @property
+    def _there(self) -> set[int]:
+        return set(self.names)
+
+    def _read_by(self, stage: tuple[int, str]) -> list[int]:
+        """What this loop makes for others."""
+        w = self.w
+        found = [x.number for x in self.here if x.number in w.stored and x.op not in WHOLE]
+        for node in w.nodes:
+            if node.number not in w.given and node.op == "collect":
+                found += [x.number for x, p in zip(node.args, node.value, strict=True) if w._stage(x, p[0].source) == stage]
+            elif node.number not in w.given and node.op == "total" and w._stage(node.args[0], node.value[1]) == stage:
+                found.append(node.args[0].number)
+        return found
+
+    def _make(self, nodes: Sequence[Symbol]) -> None:
+        writer = self.w
+        for node in nodes:
             if node.number in self.names or node.op in WHOLE:
                 continue
             if node.op == "take":
@@ -339,12 +379,32 @@ class _Body:
                 continue
             for a in node.args:
                 self.value(a)
-            self.lines += writer._operation(node, self.names, derivatives)
-        for node in here:
-            place = writer.stored.get(node.number)
+            self.lines += writer._operation(node, self.names, self.derivatives)
+
+    def _keep(self) -> None:
+        for node in self.here:
+            place = self.w.stored.get(node.number)
             if place and node.op not in WHOLE:
-                self.lines.append(f"{writer.item(place, i)} = {self.names[node.number]}")
-        self._sums((depth, space))
+                self.lines.append(f"{self.w.item(place, self.i)} = {self.names[node.number]}")
+
+    def _entries(self, terms: Sequence[int], group: range) -> None:
+        """Add slopes into the Jacobian."""
+        w = self.w
+        if len(terms) <= GROUP:
+            for m in group:
+                value = self.value(w.terms[terms[m]][1])
+                place = f"table[{w.slot('places', *terms)} + {len(terms)} * {self.i} + {m}]"
+                self.lines.append(f"{w.item(Place('out', w.terms_at), place)} += {value}")
+            return
+        if w.buffer is None:
+            w.arrays.append(f"#{GROUP}")
+            w.buffer = Place("s", len(w.arrays) - 1)
+        values = [self.value(w.terms[terms[m]][1]) for m in group]
+        self.lines += [f"{w.item(w.buffer, str(m))} = {value}" for m, value in enumerate(values)]
+        m = w._fresh("i")
+        place = f"table[{w.slot('places', *terms)} + {len(terms)} * {self.i} + {group.start} + {m}]"
+        self.lines.append(f"for {m} in range({w.slot('size', f'#{len(group)}')}):")
+        self.lines.append(f"    {w.item(Place('out', w.terms_at), place)} += {w.item(w.buffer, m)}")
 
     def index(self, path: Path) -> str:
         if path not in self.indices:
@@ -386,8 +446,3 @@ class _Body:
                     self.lines.append(f"{name}c = {name}c if abs({t}) < inf else 0.0")  # of infinity nothing is dropped
                 else:
                     self.lines.append(f"{name} = {op}({name}, {item})")
-        here = [k for k, (term, x) in enumerate(w.terms) if w._stage(x, term.over) == stage]
-        for m, k in enumerate(here):
-            value = self.value(w.terms[k][1])
-            place = f"table[{w.slot('places', *here)} + {len(here)} * {self.i} + {m}]"
-            self.lines.append(f"{w.item(Place('out', w.terms_at), place)} += {value}")

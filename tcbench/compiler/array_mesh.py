@@ -17,6 +17,7 @@ from .symbols import Symbol
 MOST_PAIRS = 20_000_000  # entries of a Jacobian that sums of sums may have
 ENTRIES = "entries of a Jacobian"
 Ints = NDArray[np.int64]
+Shorts = NDArray[np.int32]
 
 
 class Block(NamedTuple):
@@ -50,6 +51,8 @@ class Mesh:
     def size(self, space: str) -> int:
         if space == NUMBER:
             return 1
+        if space[0] == "#":  # a number of entries itself
+            return int(space[1:])
         if space not in self.sizes and "+" in space:
             self.sizes[space] = sum(self.size(part) for part in space.split("+"))
         return self.sizes[space]
@@ -95,31 +98,77 @@ class Mesh:
 
 
 class Scattered(NamedTuple):
-    """Rows and columns of the entries that terms of a Jacobian have, and where in these each term has its own; -1: it
-    is fixed there."""
+    """Rows and columns of the entries that terms of a Jacobian have, each once, and where in these each term has its
+    own; -1: it is fixed there."""
 
     rows: Ints
     columns: Ints
-    own: list[Ints]
+    own: list[Shorts]
 
-    def places(self, where: Ints, behind: int) -> list[Ints]:
+    def places(self, where: Ints, behind: int) -> list[Shorts]:
         """For a kernel, where the entries stand here; what is fixed is written behind."""
-        there = np.append(where, behind)
+        there = np.append(where, behind).astype(np.int32)
         return [there[own] for own in self.own]
 
 
 def scattered(mesh: Mesh, blocks: Sequence[Block], terms: Sequence[tuple[int, Any]]) -> Scattered:
-    """In the order of the blocks. terms: each with the number of its row among their symbols."""
+    """In the order of the blocks. terms: each with the number of its row among their symbols.
+
+    The pairs of entries of two spaces are looked for once for all terms along the same two paths, not once for each of
+    hundreds of components.
+    """
     starts = mesh.offsets(blocks)
     place = [(starts[k] + c, len(b.symbols)) for k, b in enumerate(blocks) for c in range(len(b.symbols))]
     which = {x.number: i for i, x in enumerate(x for b in blocks for x in b.symbols if x is not None)}
-    rows, columns, own, count = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], [], 0
+    spaces = [b.space for b in blocks for _ in b.symbols]
+    ways: dict[tuple[str, str], dict[tuple[str, Path, Path], None]] = {}  # of two spaces, the pairs of paths
+    parts: dict[tuple[int, int], dict[tuple[str, Path, Path], None]] = {}  # of two components, theirs
     for i, term in terms:
-        r, c = (mesh.along(path, term.over) for path in (term.rows, term.columns))
-        free = (r >= 0) & (c >= 0)
-        (first, step), (column, apart) = place[i], place[which[term.unknown.number]]
-        rows.append(first + step * r[free])
-        columns.append(column + apart * c[free])
-        own.append(np.where(free, count - 1 + np.cumsum(free), -1))
-        count += len(rows[-1])
+        j, way = which[term.unknown.number], (term.over, term.rows, term.columns)
+        ways.setdefault((spaces[i], spaces[j]), {})[way] = None
+        parts.setdefault((i, j), {})[way] = None
+    keys: dict[tuple[str, str], Ints] = {}
+    found: dict[tuple[str, str], dict[Any, Shorts]] = {}
+    for (row, column), listed in ways.items():
+        keys[row, column], found[row, column] = _met(mesh, mesh.size(row), mesh.size(column), list(listed))
+    rows, columns, count = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], 0
+    ranks: dict[Any, tuple[Ints, Shorts]] = {}
+    at: dict[tuple[int, int], tuple[int, Shorts]] = {}
+    for (i, j), listed in parts.items():
+        two = spaces[i], spaces[j]
+        chosen = (two, frozenset(listed))
+        if chosen not in ranks:
+            seen = np.zeros(len(keys[two]) + 1, bool)
+            for way in listed:
+                seen[found[two][way]] = True
+            seen[-1] = False
+            ranks[chosen] = keys[two][seen[:-1]], np.where(seen, np.cumsum(seen) - 1, -1).astype(np.int32)
+        key, rank = ranks[chosen]
+        (first, step), (column, apart) = place[i], place[j]
+        rows.append(first + step * (key // mesh.size(two[1])))
+        columns.append(column + apart * (key % mesh.size(two[1])))
+        at[i, j] = count, rank
+        count += len(key)
+    own = []
+    for i, term in terms:
+        j = which[term.unknown.number]
+        before, rank = at[i, j]
+        mine = rank[found[spaces[i], spaces[j]][term.over, term.rows, term.columns]]
+        own.append(np.where(mine >= 0, mine + np.int32(before), np.int32(-1)))
     return Scattered(np.concatenate(rows), np.concatenate(columns), own)
+
+
+def _met(
+    mesh: Mesh, n_rows: int, n_columns: int, ways: Sequence[tuple[str, Path, Path]]
+) -> tuple[Ints, dict[tuple[str, Path, Path], Shorts]]:
+    """The pairs (row, column) at the ends of some pairs of paths, each once, as row * n_columns + column; and which of
+    them each entry of each pair of paths has; -1: none."""
+    keys = []
+    for over, row, column in ways:
+        r, c = mesh.along(row, over), mesh.along(column, over)
+        keys.append(np.where((r >= 0) & (c >= 0), r * n_columns + c, -1))
+    known, inverse = np.unique(np.concatenate(keys), return_inverse=True)
+    fixed = len(known) > 0 and known[0] < 0
+    inverse = inverse.astype(np.int32) - fixed
+    ends = np.cumsum([len(key) for key in keys])[:-1]
+    return known[int(fixed):], dict(zip(ways, np.split(inverse, ends), strict=True))

@@ -46,7 +46,7 @@ class ArrayFlow:
     terms: tuple[tuple[int, Term], ...]  # which row, and which entries of it
     positive: tuple[str, ...]  # spaces of temperatures that have to be positive
     steep: bool
-    n_shared: int
+    shared: tuple[str, ...]  # spaces of what is read by all, or summed and read again: the last of the unknowns
     constrained: bool = False
 
     def kernels(self, mesh: Mesh) -> FlowKernels:
@@ -58,7 +58,7 @@ class ArrayFlow:
         return FlowKernels(
             setup=empty, prologue=opening, opening=opening, iterate=iterate,
             polish=self.polish.kernel(mesh), finish=self.finish.kernel(mesh), full=self.full.kernel(mesh),
-            n_unknowns=n, n_eliminated=0, n_positive=positive, n_shared=self.n_shared,
+            n_unknowns=n, n_eliminated=0, n_positive=positive, n_shared=sum(map(mesh.size, self.shared)),
             pattern=pattern, steep=self.steep, constrained=self.constrained,
             way=(f"sparse: {n} unknowns" if n else "explicit") + ", in loops over the elements",
         )  # fmt: skip
@@ -142,7 +142,7 @@ def _array_flow(flow: Flow, net: Any) -> ArrayFlow:
         terms=tuple((i, term) for i, term, _ in flat),
         positive=tuple(v.space for v in positive),
         steep=has_roots(residual),
-        n_shared=len(shared),
+        shared=tuple(x.space for x in shared),
         constrained=bool(impulses),
     )
 

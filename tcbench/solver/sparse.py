@@ -32,7 +32,9 @@ def incomplete_factors(flow: CompiledFlow) -> bool:
         largest = 0.0
         for k in range(start, stop):
             place[columns[k]] = k + 1
-            largest = max(largest, abs(factors[k]))
+            if flow.order[columns[k]] < flow.n_own:  # sums in the place of unknowns have units of their own
+                largest = max(largest, abs(factors[k]))
+        largest = largest if flow.order[i] < flow.n_own else 1.0  # their rows say sum - terms = 0
         for k in range(start, diagonal[i]):
             row = columns[k]
             factor = factors[k] * factors[diagonal[row]]
