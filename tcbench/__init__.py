@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .chart import Chart, Panel, Row, Series
-    from .engine.run import Results, load, run
+    from .runner.run import Results, load, run
     from .errors import TcbenchError
     from .hookspecs import hookimpl
     from .integrator import Flow, Integrator, family
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 _NAMES = {
     "chart": ("Chart", "Panel", "Row", "Series"),
-    "engine.run": ("Results", "load", "run"),
+    "runner.run": ("Results", "load", "run"),
     "errors": ("TcbenchError",),
     "hookspecs": ("hookimpl",),
     "integrator": ("Flow", "Integrator", "family"),

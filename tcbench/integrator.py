@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from .errors import TcbenchError, expect, shown, unknown_name
-from .inputs.marks import installed_version
+from .packages import installed_version
 
 if TYPE_CHECKING:
     from .systems.system import System

@@ -16,7 +16,7 @@ from .integrator import Integrator
 from .loading.files import RefusedError
 from .loading.registry import GROUP as GROUP
 from .loading.registry import Origin as Origin
-from .loading.registry import Registry, are_foreign, foreign_origins, index_of, lazy, load, loading
+from .loading.registry import Registry, foreign_origins, load, loading
 from .metric import Metric
 from .progress import waiting
 from .systems.scenario import Scenario, ScenarioFamily
@@ -25,9 +25,8 @@ _VARIANT = re.compile(r"(?P<base>[^\[\]]+)\[(?P<values>[^\[\]]*)\]\Z")
 
 
 _REGISTRY: Registry | None = None
-_INDEX: dict[str, Any] | None = None
 _FOLDERS: list[Path] = []
-_APART = False  # plugins are loaded to look up what they bring, not to compute with
+_ONLY: list[tuple[str, str, str]] | None = None  # in a worker: name, distribution and path of the plugins it needs
 _LOCK = threading.RLock()  # one thread loads plugins or makes a member of a family, the others wait
 
 
@@ -47,35 +46,14 @@ def registry() -> Registry:
         known = _REGISTRY
         if known is None:
             with waiting("loading plugins"):
-                known = _REGISTRY = load(plugin_folders(), _APART)
+                known = _REGISTRY = load(plugin_folders(), _ONLY)
         return known
 
 
-def only_look_up(folders: Iterable[str | Path]) -> None:
-    """`use_folders`, in a process that is there to say what plugins bring."""
-    global _APART
-    _APART = True
-    use_folders(folders)
-
-
-def waiting_to_be_imported() -> bool:
-    """Is there a plugin, not tcbench's own, that this process has not imported?"""
-    return _REGISTRY is None and are_foreign(plugin_folders())
-
-
-def use_index(known: dict[str, Any]) -> None:
-    """In a worker: names are those that the run was planned with; a plugin is imported when a cell asks for its name.
-
-    known : of `index`, the same object for all cells of a run.
-    """
-    global _REGISTRY, _INDEX
-    if known is not _INDEX:
-        _REGISTRY, _INDEX = lazy(known), known
-
-
-def index() -> dict[str, Any]:
-    """What `use_index` of another process is given, so that it has the registry of this one."""
-    return index_of(registry())
+def use_only(brought_by: Iterable[Iterable[str]]) -> None:
+    """In a worker: load no plugins but tcbench's own and these (name, distribution, path)."""
+    global _REGISTRY, _ONLY
+    _ONLY, _REGISTRY = [(name, distribution, path) for name, distribution, path in brought_by], None
 
 
 def needs(*names: str) -> set[str]:
@@ -116,9 +94,9 @@ def use_folders(folders: Iterable[str | Path]) -> None:
 
 def forget() -> None:
     """As in a new process: no folder is named, and what is registered is loaded when it is next asked for."""
-    global _REGISTRY, _INDEX
+    global _REGISTRY, _ONLY
     _FOLDERS.clear()
-    _REGISTRY, _INDEX = None, None
+    _REGISTRY, _ONLY = None, None
 
 
 def plugin_folders() -> list[Path]:

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
     from .integrator import Integrator
     from .systems.scenario import Scenario
+    from .table import Table
 
 Row = dict[str, Any]
 Cells: TypeAlias = "list[tuple[Integrator, Scenario, Row]]"  # what runs on what, and the options of the cell
@@ -56,6 +57,8 @@ class Study:
         The study that replaces it if all scenarios are random.
     drawn : function, optional
         drawn(scenario, cell options) -> JSON values: further inputs of a cell, such as scenarios that it draws.
+    schemas : tuple of Table
+        What comparison, terminal and page are told of its tables.
     plugin : str
         Filled in by the registry.
 
@@ -85,6 +88,7 @@ class Study:
     fresh: bool = False
     of_random: str = ""
     drawn: Callable[[Scenario, Row], Any] | None = None
+    schemas: tuple[Table, ...] = ()
     plugin: str = ""
 
     def __post_init__(self) -> None:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from .. import plugins
-from ..engine.child import LOOK_S, READY, Child, how_it_died
+from ..runner.child import LOOK_S, READY, Child, how_it_died
 from ..errors import TcbenchError, blamed, matching
 from ..integrator import Integrator
 from ..metric import Metric

@@ -12,7 +12,7 @@ from ..errors import TcbenchError, blamed
 from ..metric import Metric
 from ..simulation.run import simulate
 from ..simulation.trajectory import STATUSES
-from ..store.encoding import json_text
+from ..runner.codec import row_bytes
 from ..studies.conservation import COLUMNS, KEPT, as_number
 from ..study import Cells, Study
 from .check_line import FAIL, NONE, OK, Line
@@ -59,7 +59,7 @@ def measure(trial: Trial) -> Line:
     except Exception as error:
         remedy = "If that is a result, return it: {'status': 'no_root', 'failure': str(error)}."
         return Line("measure", FAIL, blamed(error), f"Fix what the message says. {remedy}")
-    json_text(row)  # as a worker writes it
+    row_bytes(row)  # as a worker writes it
     if row.get("status", "ok") not in STATUSES:
         told = f"status {row['status']!r} is none of {', '.join(STATUSES)}, by which failures are counted"
         return Line("measure", FAIL, told, "Return one of these, and what is your own under another name.")

@@ -13,17 +13,17 @@ import click
 from click.core import ParameterSource
 
 from .. import plugins
-from ..engine.planning import plan_job, preview
-from ..engine.run import run
+from ..runner.plan import plan_job, preview
+from ..runner.run import run
 from ..errors import TcbenchError, unknown_name
 from ..progress import LOUD, waiting
 from ..report.by_method import by_method, remarks, without_number
 from ..report.judged import judged
 from ..report.summary import summary
-from ..store.disk import replace_file
-from ..store.encoding import csv_bytes
-from ..store.store import Store
-from ..store.tables import only, read_tables
+from ..runner.disk import replace_file
+from ..runner.codec import csv_bytes
+from ..runner.rows import Store
+from ..runner.tables import only, read_tables
 from ..studies.base import studies
 from ..studies.columns import shown_columns
 from ..studies.order_fit import MIN_POINTS
@@ -144,7 +144,7 @@ def map_command(
     **options: Any,
 ) -> int:  # fmt: skip
     """Run the map, one cell a row of it; tables and one picture in the output folder."""
-    from ..engine.run import execute
+    from ..runner.run import execute
     from ..report.chart_kinds import draw_kind, find_kind
 
     methods, chosen = words(names, integrators, scenarios)
@@ -256,7 +256,7 @@ def summed(tables: Mapping[str, DataFrame], store: Store) -> DataFrame:
 
 def told(store: Store) -> dict[str, Any]:
     """What the folder says of its methods; where it does not, what those that are installed here say."""
-    from ..engine.declared import method_facts
+    from ..runner.declared import method_facts
 
     found = store.declared()
     if found.get("integrators"):
@@ -307,7 +307,7 @@ def compare_command(
     run_a: Path, run_b: Path, scenarios: Sequence[str], integrators: Sequence[str], fail_on_regression: bool,
     as_json: bool,
 ) -> int:  # fmt: skip
-    from ..store.compare import compare, in_both, one_sided, other_machine, regressions
+    from ..runner.compare import compare, in_both, one_sided, other_machine, regressions
 
     if click.get_current_context().get_parameter_source("run_b") == ParameterSource.DEFAULT:
         click.echo(f"RUN_B is {run_b}: none is named.", err=True)
@@ -324,6 +324,10 @@ def compare_command(
     else:
         if len(both):
             terminal.print_frame(both, "changes")
+        times = changes[changes["kind"] == "time"].rename(columns={"after": "time after / before"})
+        if len(times):
+            by = times.groupby(["study", "integrator"])["time after / before"].agg(["median", "min", "max"])
+            terminal.print_frame(by.reset_index(), "times after / before (no verdict: that is asv's)")
         for sentence in one_sided(changes, run_a, run_b):
             terminal.say(sentence)
         count = f"{len(both)} change{'s' * (len(both) > 1)} beyond noise, {len(worse)} for the worse."

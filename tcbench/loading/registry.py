@@ -1,29 +1,28 @@
 """Plugins into a registry: which there are, their import, what they bring; one that fails never hides the others.
 
-In a worker nothing but tcbench's own plugins is imported until a cell asks for a name that another one brings: what a
-plugin does to its process (numpy patched, output, threads, wrong numbers) ends with the processes of its own cells.
+A worker loads tcbench's own plugins and those that its integrator's cells need, so that what a plugin does to its
+process (numpy patched, output, threads) ends with the processes of its own cells.
 """
 
 from __future__ import annotations
 
 import contextlib
+import os
+import sys
 import traceback
-from collections import UserDict
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import FunctionType, UnionType
-from typing import Any, cast
+from typing import Any
 
 import pluggy
 
-from .. import cache, hookspecs
+from .. import hookspecs
 from ..chart import Chart
-from ..errors import ChangedError, TcbenchError, several, shown, unknown_name
-from ..inputs import marks, watching
-from ..inputs.undone import Restored, undone
+from ..errors import TcbenchError, several, shown, unknown_name
 from ..integrator import Integrator
 from ..metric import Metric
 from ..study import Study
@@ -70,7 +69,6 @@ class Registry:
     charts: dict[str, Chart] = field(default_factory=dict)
     origins: dict[str, Origin] = field(default_factory=dict)
     members: dict[Any, Scenario] = field(default_factory=dict)  # of families of scenarios, that were asked for
-    need: Callable[[str], Any] = str  # in a worker: imports a plugin by its label
 
     @property
     def broken(self) -> list[Origin]:
@@ -90,24 +88,50 @@ def loading() -> str:
     return _LOADING[0] if _LOADING else ""
 
 
-def load(folders: Iterable[Path] = (), apart: bool = False) -> Registry:
+def load(folders: Iterable[Path] = (), only: Collection[tuple[str, str, str]] | None = None) -> Registry:
     """A fresh registry from the entry points of group "tcbench" and from plugin files.
 
-    apart : each plugin finds numpy and scipy as they were, whatever another has done to them; for a process that only
-        looks up what there is.
+    only : name, distribution and path of the plugins that are loaded beside tcbench's own; None: all.
     """
     forget_helpers()
     manager, result = _manager(), Registry()
-    known = Restored() if apart else None
-    with undone():
+    with left_alone():
         for origin, importer in _present(folders):
-            _register(manager, result, origin, importer, _unique(origin, result))
-            if known:
-                known.keep() if origin.distribution == OWN else known.restore()
+            if only is None or origin.distribution == OWN or (origin.name, origin.distribution, origin.path) in only:
+                _register(manager, result, origin, importer, _unique(origin, result))
         _collect(manager, result)
-        if known:
-            known.restore()
     return result
+
+
+_CHANGED: dict[str, tuple[str | None, str | None]] = {}  # variables that plugins have set here: before, and as set
+
+
+@contextlib.contextmanager
+def left_alone() -> Iterator[None]:
+    """Plugins' output does not stand among results, and the current folder stays; what variables they set is noted."""
+    before, folder = dict(os.environ), ""
+    with contextlib.suppress(OSError):  # one that was removed
+        folder = os.getcwd()
+    try:
+        with contextlib.redirect_stdout(sys.stderr):
+            yield
+    finally:
+        with contextlib.suppress(OSError):
+            if folder and os.getcwd() != folder:
+                os.chdir(folder)
+        for name in {*before, *os.environ}:
+            if os.environ.get(name) != before.get(name):
+                _CHANGED.setdefault(name, (before.get(name), os.environ.get(name)))
+
+
+def environment() -> dict[str, str]:
+    """The environment as it was before any plugin changed it: that of workers."""
+    found = dict(os.environ)
+    for name, (before, as_set) in _CHANGED.items():
+        if found.get(name) == as_set:  # else the user has set it since
+            found.pop(name, None)
+            found |= {} if before is None else {name: before}
+    return found
 
 
 def _manager() -> pluggy.PluginManager:
@@ -130,126 +154,9 @@ def _present(folders: Iterable[Path]) -> Iterator[tuple[Origin, Callable[[], Any
         yield Origin(path.stem, path=str(path)), partial(import_file, path)
 
 
-def are_foreign(folders: Iterable[Path]) -> bool:
-    """Are there plugins that are not tcbench's own? None is imported to find out."""
-    return bool(plugin_files(folders)) or any(p.dist is None or p.dist.name != OWN for p in entry_points(group=GROUP))
-
-
-# -- in a worker: only what a cell needs
-
-
-def index_of(found: Registry) -> dict[str, Any]:
-    """By name which plugin that is not tcbench's own brings it, where those are, and the values of open parameters."""
-    foreign = foreign_origins(found)
-
-    def brought(items: Mapping[str, Any]) -> dict[str, str]:
-        return {name: item.plugin for name, item in items.items() if item.plugin in foreign}
-
-    return {
-        "brings": {kind: brought(getattr(found, kind)) for kind in KINDS},
-        "origins": {
-            label: [origin.name, origin.distribution, origin.path, marks.file_hash(origin.path)]
-            for label, origin in foreign.items()
-        },
-        "parameters": {
-            name: {key: list(values) for key, values in method.parameters.items()}
-            for name, method in found.integrators.items() if method.parameters
-        },
-    }  # fmt: skip
-
-
 def foreign_origins(found: Registry) -> dict[str, Origin]:
     """The plugins that are not tcbench's own, by label."""
     return {label: origin for label, origin in found.origins.items() if origin.distribution != OWN}
-
-
-def lazy(known: dict[str, Any]) -> Registry:
-    """tcbench's own registry, in which names of an `index` have their plugin imported when they are first asked for."""
-    manager, own = _manager(), Registry()
-    for origin, importer in _present(()):
-        if origin.distribution == OWN:
-            _register(manager, own, origin, importer, _unique(origin, own))
-    _collect(manager, own)
-    result = Registry(origins=own.origins)
-    waiting = _Waiting(known, result)
-    result.need = waiting.need
-    for kind in KINDS:
-        setattr(result, kind, _Lazy(getattr(own, kind), known["brings"][kind], waiting))
-    waiting.open_parameters()
-    return result
-
-
-class _Waiting:
-    """The plugins of an index that have not been imported yet."""
-
-    def __init__(self, known: dict[str, Any], result: Registry) -> None:
-        self.known, self.result, self.imported = known, result, set[str]()
-
-    def need(self, label: str) -> None:
-        """Import a plugin into the registry; `ChangedError` if that is not what the run was planned with."""
-        if label in self.imported:
-            return
-        self.imported.add(label)
-        name, distribution, path, mark = self.known["origins"][label]
-        watched(label, str(Path(path).parent))
-        if marks.file_hash(path) != mark:
-            raise ChangedError(
-                f"The files of the plugin {label} are not those that the run was planned with: edited meanwhile, or "
-                "others on this machine. Run again, and what they say now is measured."
-            )
-        if distribution:
-            points = (p for p in entry_points(group=GROUP) if p.name == name and p.dist and p.dist.name == distribution)
-            point = next(points)
-            importer, origin = point.load, Origin(name, distribution, point.dist.version if point.dist else "")
-        else:
-            importer, origin = partial(import_file, Path(path)), Origin(name, path=path)
-        manager, new = _manager(), Registry()
-        _register(manager, new, origin, importer, label)
-        _collect(manager, new)
-        self.result.origins.update(new.origins)
-        for kind in KINDS:
-            getattr(self.result, kind).data.update(getattr(new, kind))
-        self.open_parameters()
-        if reason := new.origins[label].reason:
-            raise ChangedError(f"The plugin {label} could be loaded when the run was planned, and cannot now: {reason}")
-
-    def open_parameters(self) -> None:
-        """Values that are found by asking all integrators are those that the run was planned with."""
-        imported = cast(_Lazy, self.result.integrators).data
-        for name, values in self.known["parameters"].items():
-            if (method := imported.get(name)) is not None:
-                parameters = {key: tuple(each) for key, each in values.items()}
-                imported[name] = replace(method, parameters=parameters)
-
-
-def watched(label: str, folder: str) -> None:
-    """From now on what this process reads is noted; the code of this plugin lies in this folder."""
-    watching.leave_out(cache.root())
-    watching.begin().plugins[label] = folder
-
-
-class _Lazy(UserDict[str, Any]):
-    """What is registered by name; whoever walks over all of it has every plugin imported."""
-
-    def __init__(self, own: Mapping[str, Any], brings: Mapping[str, str], waiting: _Waiting) -> None:
-        super().__init__(own)
-        self._brings, self._waiting = brings, waiting
-
-    def __contains__(self, name: object) -> bool:
-        if name not in self.data and name in self._brings:
-            self._waiting.need(self._brings[str(name)])
-        return name in self.data
-
-    def __getitem__(self, name: str) -> Any:
-        return self.data[name] if name in self else super().__getitem__(name)
-
-    def __iter__(self) -> Iterator[str]:
-        for label in sorted(set(self._brings.values())):
-            self._waiting.need(label)
-        return iter(self.data)
-
-    def __len__(self) -> int:
-        return sum(1 for _ in self)  # a list of it would ask for its length first
 
 
 # -- one plugin after the other
@@ -324,7 +231,7 @@ def _collect(manager: pluggy.PluginManager, result: Registry) -> None:
             _LOADING.append(label)
             path = result.origins[label].path
             try:
-                with at_home(Path(path)) if path else contextlib.nullcontext():
+                with at_home(Path(path)) if path and not result.origins[label].distribution else contextlib.nullcontext():
                     items = _checked(implementation.function(), kind, hook_name)
             except BaseException as error:
                 if isinstance(error, KeyboardInterrupt):

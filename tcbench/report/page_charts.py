@@ -6,7 +6,6 @@ import json
 from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from itertools import groupby
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,11 +13,7 @@ from numpy.typing import NDArray
 
 from .. import plugins
 from ..chart import Chart, Panel, Row, Series, sheet_of
-from ..engine.child import ask
 from ..errors import TcbenchError, blamed
-from ..loading.registry import are_foreign
-from ..store.store import Store
-from ..store.tables import read_tables
 from ..studies.columns import column
 from .chart_kinds import brought, own_kinds, with_fallbacks
 from .charts import theme
@@ -34,32 +29,12 @@ DIGITS = 4
 NOWHERE = np.array([], dtype=int)  # rows of what is no column of the table
 
 
-def page_charts(folder: Path, tables: Mapping[str, Any], declared: Mapping[str, Any], problems: list[str]) -> Any:
+def page_charts(tables: Mapping[str, Any], declared: Mapping[str, Any], problems: list[str]) -> Any:
     """Chart -> its text, its first table, and its panels by scenario ("" for a chart of all).
 
-    Plugins that are not tcbench's own are imported in another process, unless this one has imported them already.
     problems : sentences on charts of plugins that cannot be drawn are appended.
     """
-    found = panels_of(own_kinds().values(), tables, declared, problems)
-    if not are_foreign(plugins.plugin_folders()):
-        return found
-    try:
-        if not plugins.waiting_to_be_imported():
-            return found | panels_of(brought().values(), tables, declared, problems)
-        others, told = ask(f"{__name__}:of_plugins", str(folder), list(map(str, plugins.plugin_folders())))
-    except (TcbenchError, RuntimeError) as error:
-        others, told = {}, [f"Charts of plugins are not on the page: {error}"]
-    problems += told
-    return found | others
-
-
-def of_plugins(folder: str, folders: Iterable[str]) -> str:
-    """The charts of plugins, of a run folder, and problems, as JSON; in a process of its own."""
-    plugins.only_look_up(folders)
-    if not (charts := brought()):
-        return "[{}, []]"
-    store, problems = Store.read(folder), list[str]()
-    return json.dumps([panels_of(charts.values(), read_tables(store), store.declared(), problems), problems])
+    return panels_of([*own_kinds().values(), *brought().values()], tables, declared, problems)
 
 
 def panels_of(

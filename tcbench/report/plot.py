@@ -103,7 +103,7 @@ def draw(
     ----------
     docs/gallery.md shows every kind.
     """
-    from ..store.tables import only
+    from ..runner.tables import only
 
     expect("draw", locals(), KINDS_OF_ARGUMENTS)
     chosen = find_kind(kind)
@@ -188,8 +188,8 @@ def _tables(kind: Chart, data: Source, dt: float | None) -> tuple[dict[str, Data
 
     from ..simulation import series
     from ..simulation.trajectory import Trajectory
-    from ..store.store import Store
-    from ..store.tables import read_tables
+    from ..runner.rows import Store
+    from ..runner.tables import read_tables
 
     declared: dict[str, Any] = {}
     if isinstance(data, DataFrame):

@@ -12,7 +12,7 @@ from typing import Any
 
 from ..errors import TcbenchError, writing
 from ..files import replacing
-from ..store.store import Store
+from ..runner.rows import Store
 from .write_report import machine, templates, write_report
 
 COPIED = ("summary.csv", "declared.json")  # beside report, tables, sources and the manifest

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import TcbenchError, writing
 from ..files import replacing
-from ..store.store import Store
-from ..store.tables import read_tables
+from ..runner.rows import Store
+from ..runner.tables import read_tables
 from ..studies.columns import column
 from ..studies.work_precision import SPENT_S
 from .by_method import paper
@@ -83,7 +83,7 @@ def _content(store: Store, tables: dict[str, DataFrame]) -> dict[str, Any]:
     found = judged(tables, declared)
     rows = methods(found, tables, declared)
     scenarios = names(tables, "scenario")
-    charts = page_charts(store.folder, tables, declared, store.problems)
+    charts = page_charts(tables, declared, store.problems)
     data = {
         "families": FAMILIES, "methods": rows, "scenarios": scenarios, "declared": _named(declared, tables),
         "looks": {name: [one.colour, one.marker, dashes(one.dash)] for name, one in run_looks(tables).items()},

@@ -90,16 +90,32 @@ def tables(records: Iterable[Mapping[str, Any]]) -> dict[str, DataFrame]:
     """The tables `series` and `opening` of rows that kept them: one row a state."""
     import pandas as pd
 
-    found: dict[str, list[DataFrame]] = {name: [] for name in ROW}
+    found: dict[str, list[tuple[dict[str, Any], Mapping[str, Any]]]] = {name: [] for name in ROW}
     for record in records:
         whole = record.get("series")
         if whole:
             parts = {"series": whole} | ({"opening": record.get("opening") or whole} if record.get("dt") else {})
             known = {name: record.get(name) for name in ("integrator", "scenario", "dt", "tolerance", "status")}
-            known = {name: value for name, value in known.items() if value is not None}
             for name, part in parts.items():
-                found[name].append(pd.DataFrame(known | part))
-    return {name: pd.concat(frames, ignore_index=True) for name, frames in found.items() if frames}
+                found[name].append(({k: v for k, v in known.items() if v is not None}, part))
+    return {name: pd.DataFrame(_joined(parts)) for name, parts in found.items() if parts}
+
+
+def _joined(parts: Sequence[tuple[Mapping[str, Any], Mapping[str, Any]]]) -> dict[str, Any]:
+    """The columns of all parts one below the other; NaN where a part has no such column."""
+    names = dict.fromkeys(name for known, part in parts for name in (*known, *part))
+    sizes = [len(next(iter(part.values()))) for _, part in parts]
+    texts = {name for known, _ in parts for name, value in known.items() if isinstance(value, str)}
+    joined: dict[str, Any] = {}
+    for name in names:
+        if name in texts:
+            joined[name] = [known.get(name) for (known, _), size in zip(parts, sizes, strict=True) for _ in range(size)]
+        else:
+            joined[name] = np.concatenate([
+                part[name] if name in part else np.full(size, known.get(name, np.nan), dtype=float)
+                for (known, part), size in zip(parts, sizes, strict=True)
+            ])  # fmt: skip
+    return joined
 
 
 def trajectory(run: Trajectory) -> DataFrame:

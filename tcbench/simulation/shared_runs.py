@@ -20,7 +20,6 @@ from typing import Any
 import numpy as np
 
 from ..files import replacing
-from ..inputs import watching
 from ..systems.scenario import Scenario
 
 SHORTEST_S = 0.02  # runs that take less are made again
@@ -92,9 +91,6 @@ def known(name: str, scenario: Scenario, tolerance: float) -> Solved | None:
         return None
     with suppress(OSError, ValueError, KeyError):
         data = json.loads(_place(_folder, name, scenario, tolerance).read_text(encoding="utf-8"))
-        read = data.pop("inputs")
-        if read is not None:
-            watching.begin().take(read)  # what the run was made with is what this cell is made with
         states = np.array(data.pop("states"), dtype=float).reshape(-1, scenario.model.size)
         _found += 1
         return Solved(states, **data)
@@ -105,8 +101,7 @@ def keep(name: str, scenario: Scenario, tolerance: float, run: Solved) -> None:
     """Leave a run to others if it took long."""
     if _folder is None or run.wall_s < SHORTEST_S or run.states.size > MOST_NUMBERS:
         return
-    watched = watching.recorder()
-    data: dict[str, Any] = asdict(run) | {"states": run.states.tolist(), "inputs": watched and watched.taken()}
+    data: dict[str, Any] = asdict(run) | {"states": run.states.tolist()}
     with suppress(OSError), replacing(_place(_folder, name, scenario, tolerance)) as temporary:  # the others run it too
         temporary.write_text(json.dumps(data), encoding="utf-8")
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from ..errors import TcbenchError, is_pattern, matching, unknown_name
 from ..study import Row, Study
+from ..table import Table
 
 if TYPE_CHECKING:
     from ..integrator import Integrator
@@ -89,3 +90,25 @@ def settings(integrator: Integrator, steps: Iterable[float], tolerances: Iterabl
     """Options of a method's cells: a step in each; of an adaptive solver, which has no dt, a tolerance."""
     adaptive = integrator.kind == "adaptive"
     return [{"tolerance": value} for value in tolerances] if adaptive else [{"dt": value} for value in steps]
+
+
+# Of the studies that have no schemas yet. key by table; then derived, then timed ones.
+KEYS = {
+    "equilibrium": ("dt", "t"), "equilibrium_summary": ("dt",), "claims": ("claim", "section", "group"),
+    "stability": (), "stability_points": ("solver", "dt"), "blowup_sensitivity": ("dt", "factor"),
+    "stable_tolerances": (), "work_precision": ("control", "value"), "size": ("numbers",),
+    "failure_share": ("dt", "tolerance", "first_seed", "runs"), "ensemble_laws": ("law", "first_seed", "runs"),
+    "ensemble_accuracy": ("control", "value", "first_seed"), "ensemble_scenarios": ("seed",),
+    "ensemble_points": ("seed", "control", "value"),
+    "literature": ("claim",), "literature_errors": ("dt",), "measures": ("dt", "tolerance"),
+    "map": ("x_name", "x", "y_name", "y"),
+    "failure_map": ("x_name", "x_low", "x_high", "y_name", "y_low", "y_high", "first_seed", "runs"),
+}  # fmt: skip
+DERIVED = ("time_to_accuracy", "cost", "performance_profile", "first_share", "size_exponents", "ensemble_seeds")
+TIMED = ("work_precision", "ensemble_points", "size")
+
+
+def table_schemas() -> dict[str, Table]:
+    """What is known of the tables of all studies, by name."""
+    found = {name: Table(name, KEYS.get(name, ()), (), name in DERIVED, name in TIMED) for name in (*KEYS, *DERIVED)}
+    return found | {table.name: table for study in studies().values() for table in study.schemas}

@@ -12,6 +12,7 @@ from ..integrator import Integrator
 from ..simulation import metrics, series, shared_runs
 from ..simulation.run import simulate
 from ..simulation.trajectory import Trajectory
+from ..table import Column, Table
 from ..study import Cells, Row, Study, Tables
 from ..systems.scenario import Scenario
 from .base import settings
@@ -117,11 +118,25 @@ def tabulate(records: Sequence[Row]) -> Tables:
     return {"conservation": table_of(rows, first, order)} | series.tables(records)
 
 
+CONSERVATION = Table(
+    "conservation", ("dt", "tolerance"),
+    (
+        Column("integrator", terminal=True, filter=True), Column("scenario", filter=True),
+        Column("dt", terminal=True), Column("tolerance", terminal=True), Column("status", terminal=True, filter=True),
+        Column("energy_error_max", worse="higher", digits=2, terminal=True),
+        Column("entropy_increment_min", worse="lower", digits=2, terminal=True),
+        Column("angular_momentum_error_max", worse="higher", digits=2, terminal=True, narrow=3),
+        Column("newton_iterations_mean", worse="higher", digits=3, terminal=True, narrow=1),
+        Column("us_per_step", worse="higher", digits=3, terminal=True, narrow=2),
+        Column("blowup_time", worse="lower", terminal=True),
+    ),
+)  # fmt: skip
 STUDY = Study(
     name="conservation",
     place=10,
     description="energy, entropy and momentum errors, blow-up time and solver effort on a ladder of steps",
     tables=("conservation", "series", "opening"),
+    schemas=(CONSERVATION, Table("series", derived=True, long=True), Table("opening", derived=True, long=True)),
     plan=plan,
     measure=measure,
     tabulate=tabulate,

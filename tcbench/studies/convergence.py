@@ -9,6 +9,7 @@ import numpy as np
 
 from ..integrator import Integrator
 from ..simulation.run import simulate
+from ..table import Column, Table
 from ..study import Cells, Row, Study, Tables
 from ..systems.scenario import Scenario
 from ..systems.system import System
@@ -137,11 +138,21 @@ def tabulate(records: Sequence[Row]) -> Tables:
     }
 
 
+CONVERGENCE = Table(
+    "convergence", ("variable",),
+    (
+        Column("integrator", terminal=True, filter=True), Column("scenario", filter=True),
+        Column("variable", terminal=True, filter=True), Column("order", worse="lower", digits=3, terminal=True),
+        Column("order_low", digits=3, terminal=True, narrow=1), Column("order_high", digits=3, terminal=True, narrow=2),
+        Column("points_used", terminal=True, narrow=3), Column("verdict", terminal=True, filter=True),
+    ),
+)  # fmt: skip
 STUDY = Study(
     name="convergence",
     place=20,
     description="order of convergence by group of variables, from the asymptotic window of a ladder of steps",
     tables=("convergence", "convergence_points"),
+    schemas=(CONVERGENCE, Table("convergence_points", ("variable", "dt"), long=True)),
     plan=plan,
     measure=measure,
     tabulate=tabulate,

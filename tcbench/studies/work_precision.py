@@ -48,8 +48,6 @@ PEERS = {"scipy": "scipy", "peer": "other"}  # tag -> what the tables call it; t
 HORIZONS = (0.125, 0.25, 0.5, 1.0)  # of the run whose cost is measured against its length
 OWN = TOLERANCES[5]  # at which that is done
 LAWS = "laws"  # the part that is not timed
-TURNS, ENOUGH = 5, 10  # processes that time a pair, at most, and a method on all scenarios: for the comparison of runs
-LEAST_AGAIN = 3  # rungs of those, if none is slow; of twice as many every other one is enough
 WARM = 1e-3  # part of the horizon of a run that only loads and compiles
 COLUMNS = (
     "integrator", "scenario", "control", "value", "status", "error", "error_q", "error_p", "error_s", "error_theta",
@@ -62,21 +60,14 @@ COLUMNS = (
 
 
 def plan(integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]) -> Cells:
-    """Timed cells of a pair in two processes or more, the fewer its scenarios are, and one before them of an adaptive
-    solver.
+    """A timed cell of each pair, and one before it of an adaptive solver.
 
     A `dt` list replaces the ladder. Solvers that lack a package are left out.
     """
     steps = {"dt": list(options["dt"])} if options.get("dt") else {}
     pairs = [(i, s) for s in scenarios for i in integrators if not i.lacks]
     laws = [(i, s, {"part": LAWS}) for i, s in pairs if i.kind == "adaptive"]
-    again: list[Row] = [{"turn": turn} | steps for turn in range(2, 1 + processes(len(scenarios)))]
-    return [*laws, *((i, s, dict(steps)) for i, s in pairs), *((i, s, dict(turn)) for turn in again for i, s in pairs)]
-
-
-def processes(scenarios: int) -> int:
-    """How many time each pair: two, and more where a method is on few scenarios."""
-    return max(2, min(TURNS, math.ceil(ENOUGH / max(1, scenarios))))
+    return [*laws, *((i, s, dict(steps)) for i, s in pairs)]
 
 
 def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
@@ -87,8 +78,6 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
     scenario = scenario.replace(t_end=t_end)
     if options.get("part") == LAWS:
         return {"status": "ok", "made": _make_laws(integrator, scenario)}
-    if "turn" in options:
-        return {"status": "ok", "points": _again(integrator, scenario, ladder(integrator, scenario, options.get("dt")))}
     reference = reference_for(scenario, [t_end])
     exact, floor = reference.states[0], HIDES * float(reference.floor[0])
     run_at = _adaptive if integrator.kind == "adaptive" else _fixed
@@ -232,24 +221,6 @@ def _make_laws(integrator: Integrator, scenario: Scenario) -> int:
     return made
 
 
-def _again(integrator: Integrator, scenario: Scenario, rungs: Sequence[float]) -> list[Row]:
-    """The work of the quick rungs, in another process than the first time: how far apart they are is chance."""
-    points: list[Row] = []
-    adaptive = integrator.kind == "adaptive"
-    for count, value in enumerate(rungs[:: 2 if len(rungs) >= 2 * LEAST_AGAIN else 1], start=1):
-        run = _adaptive(integrator, scenario, value, False) if adaptive else _fixed(integrator, scenario, value)
-        if count == 1:
-            run(True)  # loads, which is no reason to go no further
-        begin = time.process_time()
-        timing = timed(run, SPENT_S / 2, warm=True)
-        spent = time.process_time() - begin
-        if timing.seconds:
-            points.append({"value": value, "yardsticks": timing.yardsticks})
-        if spent > SLOW_S or (count >= LEAST_AGAIN and timing.row["status"] == "ok" and spent > 2 * CHEAP_S):
-            break
-    return points
-
-
 def errors_of(scenario: Scenario, state: Any, exact: Any, floor: float) -> Row:
     """Errors by group of variables; one within 10 times the reference's own uncertainty is NaN, and the row says so."""
     right = groups(scenario.model, exact)
@@ -301,19 +272,14 @@ def tabulate(records: Sequence[Row]) -> Tables:
     """`work_precision`: a row a rung; `time_to_accuracy` and `cost`: see cost.py. A failed cell keeps one row."""
     import pandas as pd
 
-    again = {
-        (record["integrator"], record["scenario"], point["value"]): point["yardsticks"]
-        for record in records if record.get("turn") == 2 for point in record.get("points") or ()
-    }  # fmt: skip
-    records = [record for record in records if not {"part", "turn"} & record.keys()]
+    records = [record for record in records if "part" not in record]
     if not records:
         return {}
     rows: list[Row] = []
     for record in records:
         common = {k: v for k, v in record.items() if k not in ("points", "horizons", "dt")}
-        name = record["integrator"], record["scenario"]
         for point in record.get("points") or [{}]:
-            rows.append(common | point | {"yardsticks_again": again.get((*name, point.get("value")), math.nan)})
+            rows.append(common | point)
     there = set().union(*rows)  # some errors are of variables and invariants that no system has
     table = table_of(rows, [c for c in COLUMNS if "error_" not in c or c in there])
     return {

@@ -12,7 +12,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from ..inputs.marks import installed_version
+from ..packages import installed_version
 from .cores import usable_cores
 
 # a new version of these may change digits, so it changes keys

@@ -1,4 +1,7 @@
-"""What changed between two runs, beyond noise, cell by cell; and which of the changes are for the worse."""
+"""What changed between two runs, cell by cell; and which of the changes are for the worse.
+
+Numbers, statuses and orders are judged. Of timings the ratio is shown, without a verdict: asv judges time.
+"""
 
 from __future__ import annotations
 
@@ -7,25 +10,29 @@ import os
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from statistics import median
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from ..errors import expect
+from ..errors import ChangedError, TcbenchError, expect
+from ..studies.base import table_schemas
 from ..studies.columns import Column
 from ..studies.columns import column as column_named
-from .encoding import canonical_json
-from .pairing import ANY_KEY, Pairs, named, pairs_of
+from .cell import identity_of
+from .codec import NAMES, canonical_json
 from .provenance import machine_name
-from .store import Store
-from .timings import Timed, judge
+from .rows import Store
+from .tables import latest_rows, read_tables
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
 NOISE = 1e-9  # relative differences up to here mean nothing
 FLOOR = 1e-12  # absolute: differences of round-off size mean nothing, whatever their ratio
-YARDSTICKS = ("yardsticks", "yardsticks_again")  # of the processes that timed a rung
-RUNGS = ("turn", "control", "value")  # options that say which process and rung, not which cell
 ONE_SIDED = ("missing", "new")
+ANY_KEY = ("variable", "dt", "tolerance", "t", "measure", "target", "claim", "factor", "tau", "control", "value",
+           "seed", "first_seed")  # fmt: skip # what may tell the rows of a table apart that no study declares
+
+Line = tuple[dict[str, Any], dict[str, Any]]  # cell, row
 MOST_SAID = 12  # sentences on what only one run has
 COLUMNS = (
     "study", "integrator", "scenario", "options", "column", "before", "after", "difference", "noise", "kind",
@@ -43,15 +50,14 @@ def compare(
     ----------
     run_a, run_b : run folders; `a` is before, `b` is after. Cells are matched by study, integrator, scenario and
         options: the code that measured them may differ, which is the point. Where one folder has tables only (a
-        published baseline) the tables of both are compared, rows matched by `pairing.KEYS`.
+        published baseline) the tables of both are compared, rows matched by the keys of the studies' `Table`s.
 
-    Timings are judged cell by cell against what chance does (`timings.judge`); everything else may differ by NOISE, or
-    by FLOOR.
+    Numbers may differ by NOISE, or by FLOOR.
 
     Returns
     -------
     DataFrame with columns study, integrator, scenario, options, column, before, after, difference (relative
-    to the larger magnitude, NaN where that makes no sense), noise, kind and worse. `kind` is "status" or "value"; rows
+    to the larger magnitude, NaN where that makes no sense), noise, kind and worse. `kind` is "status", "value", or "time" (the median ratio of the timings of a cell, after over before); rows
     that only one run has are counted, one line a study, method and scenario, as "missing" (in a only) or "new" (in b
     only): that is no regression. `worse` is True for what `regressions` returns.
 
@@ -71,7 +77,7 @@ def compare(
             cell, *({n: v for n, v in row.items() if (cell["study"], n) not in absent} for row in rows)
         )
     if not other_machine(a, b):
-        found += _slower_or_faster(pairs)
+        found += [entry for pair in pairs.both if (entry := _time(*pair))]
     changes = pandas.DataFrame(found, columns=list(COLUMNS))
     told = {(c["study"], name) for c, *rows in pairs.both for row in rows for name, v in row.items() if _given(v)}
     alone = [f"Only one of the runs has the column {name} of {study}." for study, name in sorted(absent & told)]
@@ -104,8 +110,8 @@ def regressions(changes: DataFrame) -> DataFrame:
 
 
 def in_both(changes: DataFrame) -> DataFrame:
-    """The changes of what both runs have."""
-    return changes[~changes["kind"].isin(ONE_SIDED)].reset_index(drop=True)
+    """The changes of what both runs have; timings are none."""
+    return changes[~changes["kind"].isin((*ONE_SIDED, "time"))].reset_index(drop=True)
 
 
 def one_sided(changes: DataFrame, run_a: object = "the first run", run_b: object = "the second run") -> list[str]:
@@ -135,75 +141,108 @@ def _only(method: str, rows: Mapping[str, Sequence[str]]) -> str:
 
 def _one_sided(pairs: Pairs) -> Iterator[dict[str, Any]]:
     for kind, cells in zip(ONE_SIDED, (pairs.before, pairs.after), strict=True):
-        whole = [
-            cell for cell in cells if "turn" not in cell.get("options", {})
-        ]  # how many turns there are says nothing
-        counts = Counter(tuple(named(cell).values()) for cell in whole)
+        counts = Counter(tuple(named(cell).values()) for cell in cells)
         for names, count in counts.items():
             cell = dict(zip(("study", "integrator", "scenario"), names, strict=True))
             before, after = (count, None) if kind == "missing" else (None, count)
             yield _entry(cell, kind, "rows", before, after)
 
 
-# -- timings: a verdict for a cell
+class Pairs(NamedTuple):
+    """The cells of both runs with their two rows, the cells of one alone, and a sentence on rows that nothing tells
+    apart."""
+
+    both: list[tuple[dict[str, Any], dict[str, Any], dict[str, Any]]]
+    before: list[dict[str, Any]]
+    after: list[dict[str, Any]]
+    problems: list[str]
 
 
-class _Group(NamedTuple):
-    """The timings of one cell, in one unit: what they are called, and process -> rung -> time on both sides."""
+def pairs_of(a: Store, b: Store) -> Pairs:
+    """The rows of two runs, or the rows of their tables where one of them has tables only (a published baseline)."""
+    problems: list[str] = []
+    sides = [_lines(store) for store in (a, b)]
+    if not all(sides):
+        sides = [_table_lines(store, problems) for store in (a, b)]
+    for store, lines in zip((a, b), sides, strict=True):
+        if not lines:
+            raise TcbenchError(f"The run in {store.folder} has no rows to compare. Run it first.")
+        changed = [n for n, (_, row) in lines.items() if row.get("exception_type") == ChangedError.__name__]
+        if changed:
+            problems.append(f"{len(changed)} rows of {store.folder} were not measured, and are not compared.")
+        for name in changed:
+            del lines[name]
+    before, after = sides
+    return Pairs(
+        [(cell, row, after[name][1]) for name, (cell, row) in before.items() if name in after],
+        [cell for name, (cell, _) in before.items() if name not in after],
+        [cell for name, (cell, _) in after.items() if name not in before],
+        problems,
+    )
 
-    cell: dict[str, Any]
-    column: str
-    before: dict[str, dict[Any, float]]
-    after: dict[str, dict[Any, float]]
+
+def _lines(store: Store) -> dict[str, Line]:
+    keys = latest_rows(store)[0]
+    return {identity_of(line["cell"]): (line["cell"], line["row"]) for line in store.lines() if line["key"] in keys}
 
 
-def _slower_or_faster(pairs: Pairs) -> list[dict[str, Any]]:
-    groups: dict[str, _Group] = {}
-    for cell, before, after in pairs.both:
-        statuses = {row.get("status", "ok") for row in (before, after)}
-        if not (cell.get("timed") or before.get("timed")) or statuses != {"ok"}:
+def _table_lines(store: Store, problems: list[str]) -> dict[str, Line]:
+    found = [(canonical_json(cell), cell, row) for cell, row in _rows_of_tables(store)]
+    times = Counter(name for name, _, _ in found)
+    alike = Counter(cell["study"] for name, cell, _ in found if times[name] > 1)
+    problems += [
+        f"{count} rows of the table {table} in {store.folder} cannot be told apart and are not compared."
+        for table, count in alike.items()
+    ]
+    return {name: (cell, row) for name, cell, row in found if times[name] == 1}
+
+
+def _rows_of_tables(store: Store) -> Iterator[Line]:
+    schemas = table_schemas()
+    for table, frame in read_tables(store).items():
+        schema = schemas.get(table)
+        if schema and schema.derived:
             continue
-        options = {name: value for name, value in cell.get("options", {}).items() if name not in RUNGS}
-        base = named(cell) | {"options": options}
-        for side, row in (("before", _cut(before, after)), ("after", _cut(after, before))):
-            for column, process, rung, seconds in _times(cell, row):
-                name = canonical_json(base | {"column": column})
-                group = groups.setdefault(name, _Group(base, column, {}, {}))
-                getattr(group, side).setdefault(process, {})[rung] = seconds
-    whole = {canonical_json(g.cell) for g in groups.values() if g.column == YARDSTICKS[0] and g.before and g.after}
-    by_yardstick = {name: g.column == YARDSTICKS[0] for name, g in groups.items()}
-    cells = {
-        name: Timed(list(g.before.values()), list(g.after.values()), by_yardstick[name], g.cell["integrator"])
-        for name, g in groups.items()
-        if g.before and g.after and (by_yardstick[name] or canonical_json(g.cell) not in whole)
-    }
-    return [_slower(groups[name], v.ratio, v.chance) for name, v in judge(cells).items() if v.real]
+        keys = [name for name in (schema.key if schema else ANY_KEY) if name in frame]
+        for record in frame.to_dict("records"):
+            row = {str(name): value for name, value in record.items()}
+            names = {name: row.pop(name) for name in (*NAMES[1:], "ensemble") if isinstance(row.get(name), str)}
+            options = {name: _rounded(row.pop(name)) for name in keys}
+            cell = {"integrator": "", "scenario": names.get("ensemble", "")} | names
+            cell |= {"study": table, "options": {k: v for k, v in options.items() if v is not None}}
+            yield cell, row | {"timed": bool(schema and schema.timed)}
 
 
-def _times(cell: Mapping[str, Any], row: Mapping[str, Any]) -> Iterator[tuple[str, str, Any, float]]:
-    """(column, process, rung, time) of a timed row, or of its rungs; times in yardsticks are one column."""
-    here = cell.get("options", {})
-    points = [p for p in row.get("points") or () if isinstance(p, Mapping)]
-    for rung, point in [(here.get("value"), row), *((p.get("value"), p) for p in points)]:
-        for process in YARDSTICKS:
-            if _is_number(point.get(process)):
-                yield YARDSTICKS[0], f"{process} {here.get('turn', '')}", rung, point[process]
-    if "turn" in here:
-        return
-    for name, value in _flat(row):
-        *_, known = path = _columns_of(name)
-        if known.timing and known.worse and _is_number(value) and all(column.compared for column in path):
-            yield known.name, "", (here.get("value"), name), float(value)
+def _rounded(value: Any) -> Any:
+    """A key as it is matched: the last digits of a step may differ. None where there is none."""
+    if isinstance(value, float):
+        return None if math.isnan(value) else float(f"{value:.12g}")
+    return value
 
 
-def _slower(group: _Group, ratio: float, chance: float) -> dict[str, Any]:
-    (a, *_), (b, *_) = group.before.values(), group.after.values()
-    one = len(a) == len(b) == 1 and group.column != YARDSTICKS[0]
-    before, after = (next(iter(a.values())), next(iter(b.values()))) if one else (1.0, ratio)
-    column = "time" if group.column == YARDSTICKS[0] else group.column
-    return _entry(
-        group.cell, "value", column, before, after, 1 - min(ratio, 1 / ratio), 1 - 1 / chance, worse=ratio > 1
-    )  # fmt: skip
+def named(cell: Mapping[str, Any]) -> dict[str, str]:
+    return {name: str(cell.get(name, "")) for name in NAMES}
+
+
+# -- timings: how they compare
+
+
+def _time(cell: Mapping[str, Any], before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, Any] | None:
+    """The median ratio of what was timed in a cell that both runs measured alone."""
+    statuses = {row.get("status", "ok") for row in (before, after)}
+    if not (cell.get("timed") or before.get("timed")) or statuses != {"ok"}:
+        return None
+    old, new = dict(_flat(_cut(before, after))), dict(_flat(_cut(after, before)))
+    ratios = []
+    for name in old.keys() & new.keys():
+        a, b, path = old[name], new[name], _columns_of(name)
+        timing = path[-1].timing and path[-1].worse and all(column.compared for column in path)
+        if timing and _is_number(a) and _is_number(b) and a > 0 and b > 0:
+            ratios.append(b / a)
+    if not ratios:
+        return None
+    ratio = median(ratios)
+    return _entry(cell, "time", "time", 1.0, ratio, 1 - min(ratio, 1 / ratio))
 
 
 # -- everything else: value by value
@@ -216,8 +255,6 @@ def _row_changes(
     old, new = before.get("status", "ok"), after.get("status", "ok")
     if old != new:
         return [_entry(cell, "status", "status", before=old, after=new, worse=old == "ok")]
-    if "turn" in cell.get("options", {}):
-        return []
     found = []
     if cell.get("timed") or before.get("timed"):
         before, after = _cut(before, after), _cut(after, before)

@@ -20,19 +20,17 @@ import subprocess
 import sys
 import threading
 import traceback
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import IO, Any
 
-from .. import errors
 from ..errors import TcbenchError
-from ..inputs.undone import environment
-from ..inputs.watching import first_modules
+from ..loading.registry import environment
 
 # the path comes first: tcbench itself may be on it, and -P keeps a json.py of the current folder from being run
 START = (
-    "import sys; first = list(sys.modules); import json; told = json.loads(sys.argv[1]); sys.path[:] = told['path']; "
-    "from tcbench.engine.child import main; main(told, first)"
+    "import sys, json; told = json.loads(sys.argv[1]); sys.path[:] = told['path']; "
+    "from tcbench.runner.child import main; main(told)"
 )
 FLAGS = {"dont_write_bytecode": "-B", "optimize": "-O", "no_user_site": "-s", "ignore_environment": "-E"}
 # Cells run side by side, one a core: threads inside them would only get in each other's way and blur timings.
@@ -83,7 +81,6 @@ class Child:
 
     def kill(self) -> None:
         """End it, whatever it is doing, and what it has started."""
-        kill_started_by(self.process.pid)
         self.process.kill()
         if hasattr(os, "killpg"):
             with contextlib.suppress(OSError):  # none of its group is left
@@ -101,31 +98,6 @@ class Child:
         with contextlib.suppress(OSError):
             self.process.stdin.close()
         self._heard(self, None)
-
-
-def ask(function: str, *arguments: Any) -> Any:
-    """What a function returns (JSON) in a process of its own; TcbenchError with the sentence that it raised, or that
-    its process has died."""
-    answers: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
-    child = Child(lambda _, line: answers.put(line))
-    child.call(function, *arguments)
-    try:
-        line: bytes | None = READY
-        while line == READY:
-            with contextlib.suppress(queue.Empty):
-                line = answers.get(timeout=LOOK_S)
-    finally:
-        child.kill()
-    if line is None:
-        raise TcbenchError(
-            f"The process that imports the plugins died ({how_it_died(child.process.wait())}). A plugin file ends it "
-            "when it is imported: find it by naming one file after the other with --plugins-dir."
-        )
-    answer = json.loads(line)
-    if isinstance(answer, dict) and "raised" in answer:
-        kind = getattr(errors, answer["kind"], None)
-        raise kind(answer["sentence"]) if kind else RuntimeError(answer["raised"])
-    return answer
 
 
 def how_it_died(code: int | None) -> str:
@@ -147,12 +119,8 @@ def signal_name(code: int | None) -> str | None:
 # -- the other half
 
 
-def main(told: Mapping[str, Any], first: Iterable[str]) -> None:
-    """Answer the calls that come on standard input, on what was standard output; return never.
-
-    first : the modules that Python had imported when it began.
-    """
-    first_modules(first)
+def main(told: Mapping[str, Any]) -> None:
+    """Answer the calls that come on standard input, on what was standard output; return never."""
     calls, answers, own = os.fdopen(os.dup(0), "rb"), os.dup(1), os.getpid()
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
     os.dup2(2, 1)
@@ -178,7 +146,7 @@ def main(told: Mapping[str, Any], first: Iterable[str]) -> None:
             kind = type(error).__name__ if isinstance(error, TcbenchError) else ""
             raised = "".join(traceback.format_exception(error))
             text = json.dumps({"raised": raised, "kind": kind, "sentence": str(error) if kind else ""})
-        say(text.encode() + b"\n")
+        say((text if isinstance(text, bytes) else text.encode()) + b"\n")
 
 
 def _hear(calls: IO[bytes], put: Callable[[bytes], None]) -> None:
@@ -194,23 +162,3 @@ def _end_with_the_parent() -> None:
     if sys.platform == "linux":
         with contextlib.suppress(Exception):
             ctypes.CDLL(None).prctl(1, int(signal.SIGKILL), 0, 0, 0)  # 1 = PR_SET_PDEATHSIG
-
-
-def kill_started_by(worker: int) -> None:
-    """Kill what a process has started, also what has left its group (on Linux, where all of it stays its offspring)."""
-    for pid in _descendants(worker):
-        with contextlib.suppress(OSError):
-            os.kill(pid, signal.SIGKILL)
-
-
-def _descendants(ancestor: int) -> set[int]:
-    """Children of a process, and theirs, from /proc."""
-    parents: dict[int, int] = {}
-    for stat in Path("/proc").glob("[0-9]*/stat"):
-        with contextlib.suppress(OSError, ValueError, IndexError):
-            parents[int(stat.parent.name)] = int(stat.read_text(errors="replace").rpartition(")")[2].split()[1])
-    found: set[int] = set()
-    newer = {ancestor}
-    while newer := {pid for pid, parent in parents.items() if parent in newer} - found:
-        found |= newer
-    return found

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from ..store.cells import Cell
+from .cell import Cell
 
 SEEN = 0.5  # of the cells that are left have had one of their study and method, or there is no ground for a number
 

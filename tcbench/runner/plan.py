@@ -2,95 +2,66 @@
 
 from __future__ import annotations
 
-import json
+import pkgutil
+import sys
 from collections import UserDict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, TypedDict
 
 from .. import plugins
+from ..compiler.code_hash import content_hash
 from ..errors import TcbenchError, unknown_name
 from ..integrator import Integrator
-from ..store.cells import Cell
-from ..store.cores import usable_cores
-from ..store.disk import could_write
-from ..store.encoding import plain
-from ..store.rows import Rows
-from ..store.store import ROWS, Store
 from ..studies.base import default_studies, expand_studies, find_study, refuse_doubles
 from ..study import Study
 from ..systems.scenario import Scenario
-from .child import ask
+from . import cell as cells_module
+from .cell import Cell, digest, made_by
+from .cores import usable_cores
 from .declared import declared
-from .fingerprint import cell_fingerprint, code_mark, forget, own_sources, scenario_mark, source_mark
-from .measure import module_folder, scenario_data
+from .disk import could_write
+from .provenance import machine_name
 from .remaining import Remaining
+from .rows import ROWS, Rows, Store
+from .workers import Summary, check_limits, plan
 
-if TYPE_CHECKING:
-    from .local import Summary
+
+class Context(TypedDict):
+    """What a worker is told beside its cells. JSON.
+
+    folders : of plugin files. brought_by : integrator -> the plugins, not tcbench's own, that its cells need. made_by :
+    key -> what the row is made by. scenarios : by name those that no plugin brings. fresh : studies whose cells have a
+    process each.
+    """
+
+    folders: list[str]
+    brought_by: dict[str, list[tuple[str, str, str]]]
+    made_by: dict[str, str]
+    scenarios: dict[str, dict[str, Any]]
+    fresh: list[str]
 
 
 @dataclass(frozen=True, eq=False)
 class Job:
     """Everything that a run will do, before it does it.
 
-    here : by key, cells of what workers cannot look up, measured in this process; else all of it is data.
+    here : by key, cells of what workers cannot look up (objects of a notebook), measured in this process.
     left_out : why methods that were asked for by name are in none of a study's cells. notes : absent peers, steps that
-        do not apply, plugins that were not loaded. packages : that the methods require.
-    told : what methods and scenarios say of themselves (`declared`), found when it is asked for.
+    do not apply, plugins that were not loaded. packages : that the methods require. told : what methods and scenarios
+    say of themselves.
     """
 
     cells: list[Cell]
-    context: dict[str, Any]
+    context: Context
     studies: list[Study]
     here: Mapping[str, tuple[Integrator, Scenario]] = field(default_factory=dict)
     left_out: Sequence[str] = ()
     notes: Sequence[str] = ()
     packages: Sequence[str] = ()
     told: Callable[[], Mapping[str, Any]] = dict
-
-
-def plan_job(
-    integrators: Iterable[str | Integrator] | None = None,
-    scenarios: Iterable[str | Scenario] | None = None,
-    studies: Iterable[str] | None = None,
-    *,
-    dt: Sequence[float] | None = None,
-    options: Mapping[str, Any] | None = None,
-) -> Job:
-    """Look everything up and plan the cells; raises TcbenchError before anything is written.
-
-    Plugins that are not tcbench's own are imported in another process, unless this one has imported them already or
-    is given objects: what they do to numpy, say, stays there.
-    """
-    for name, chosen_names in (("integrators", integrators), ("scenarios", scenarios), ("studies", studies)):
-        _check_list(name, chosen_names)
-    asked: list[Any] = [None if n is None else list(n) for n in (integrators, scenarios, studies)]
-    asked += [None if dt is None else list(dt), dict(options or {})]
-    forget()
-    if plugins.waiting_to_be_imported() and all(isinstance(n, str) for names in asked[:3] for n in names or ()):
-        found = ask("tcbench.engine.planning:planned_for_another", list(map(str, plugins.plugin_folders())), *asked)
-        if found is not None:
-            return _from_data(found)
-    return _plan(*asked)
-
-
-def planned_for_another(folders: Sequence[str], *asked: Any) -> str:
-    """The job of the process that asks, as JSON; "null" where cells would have to be measured here."""
-    plugins.only_look_up(folders)
-    job = _plan(*asked)
-    if job.here:
-        return "null"
-    data = {name: getattr(job, name) for name in ("context", "left_out", "notes", "packages")}
-    data |= {"studies": [study.name for study in job.studies], "cells": [cell.as_dict() for cell in job.cells]}
-    return json.dumps({**data, "told": job.told()}, default=plain)
-
-
-def _from_data(data: Mapping[str, Any]) -> Job:
-    made = {"cells": [Cell(**cell) for cell in data["cells"]], "studies": [*map(find_study, data["studies"])]}
-    return Job(**{**data, **made, "told": lambda: data["told"]})
 
 
 class _Options(UserDict[str, Any]):
@@ -126,68 +97,125 @@ class _Options(UserDict[str, Any]):
                 raise unknown_name("option of the chosen studies", name, self.asked, remedy)
 
 
-def _plan(
-    integrators: list[Any] | None, scenarios: list[Any] | None, studies: list[str] | None, dt: list[float] | None,
-    options: dict[str, Any],
-) -> Job:  # fmt: skip
+def plan_job(
+    integrators: Iterable[str | Integrator] | None = None,
+    scenarios: Iterable[str | Scenario] | None = None,
+    studies: Iterable[str] | None = None,
+    *,
+    dt: Sequence[float] | None = None,
+    options: Mapping[str, Any] | None = None,
+) -> Job:
+    """Look everything up and plan the cells; raises TcbenchError before anything is written."""
+    for name, chosen_names in (("integrators", integrators), ("scenarios", scenarios), ("studies", studies)):
+        _check_list(name, chosen_names)
+    cells_module.forget()
     registry = plugins.registry()
     refuse_doubles(registry.studies.values())
     methods = plugins.expand_integrators(plugins.by_default() if integrators is None else integrators)
-    selected = [s.current() for s in plugins.expand_scenarios(registry.scenarios if scenarios is None else scenarios)]
+    named = None if scenarios is None else list(scenarios)
+    selected = [s.current() for s in plugins.expand_scenarios(registry.scenarios if named is None else named)]
+    by_study = studies is not None
     chosen = [find_study(name) for name in (default_studies() if studies is None else expand_studies(studies))]
     if all(map(plugins.is_sampled, selected)):
         chosen = [find_study(study.of_random or study.name) for study in chosen]
     if len({s.name for s in selected}) < len(selected):
         raise TcbenchError("Two scenarios of one run have the same name; give variants a name: replace(name=...).")
-    settings = _Options({"dt": _checked_steps(dt, selected), **options})
-    custom = {s.name: data for s in selected if not _can_be_named(s) and (data := scenario_data(s)) is not None}
-    remote = {s.name: s.name in custom or _can_be_named(s) for s in selected}
-    cells, here, seen, own_steps = [], {}, set(), list[str]()
-    used: dict[str, Scenario] = {s.name: s for s in selected}
-    measured: dict[str, Integrator] = {m.name: m for m in methods}
+    settings = _Options({"dt": _checked_steps(None if dt is None else list(dt), selected), **(options or {})})
+    found, own_steps = _Cells(selected), list[str]()
     for study in chosen:
         with settings.asked_by() as asked:
-            planned = study.planned(methods, _of_study(study, selected, scenarios), settings)
+            planned = study.planned(methods, _of_study(study, selected, named), settings)
         own_steps += [study.name] if dt and planned and "dt" not in asked else []
         for method, scenario, cell_options in planned:
-            if method.suits(scenario.model):
-                continue
-            seen.add((method.name, study.name))
-            used.setdefault(scenario.name, scenario)
-            measured.setdefault(method.name, method)
-            cell = _cell(study, method, scenario, cell_options, custom.get(scenario.name, {}).get("code", ""))
-            if scenario.name not in remote:  # one that the study drew
-                remote[scenario.name] = _can_be_named(scenario)
-            if not remote[scenario.name] or not plugins.is_registered(method):
-                here[cell.key] = method, scenario
-            cells.append(cell)
-    settings.check(options)
+            if not method.suits(scenario.model):
+                found.add(study, method, scenario, cell_options)
+    settings.check(options or {})
     left_out: list[str] = []
     if integrators is not None:
-        left_out += [*_left_out(methods, chosen, selected, seen, studies is not None), *_unsuited(methods, selected)]
-    if not cells:
+        left_out += [*_left_out(methods, chosen, selected, found.seen, by_study), *_unsuited(methods, selected)]
+    if not found.cells:
         raise TcbenchError(
             " ".join(["There is nothing to run: no integrator, scenario and step fit together.", *left_out])
         )
-    context = {
-        "index": plugins.index(),
-        "scenarios": custom,
-        "needs": _needs(chosen, list(measured.values()), list(used.values()), custom),
-        "anchors": _anchors(custom),
-        "fresh": [study.name for study in chosen if study.fresh],
-        "tcbench": own_sources(),
-        "marks": {
-            "code": code_mark(),
-            "integrators": {name: source_mark(method) for name, method in measured.items()},
-            "scenarios": {name: scenario_mark(scenario) for name, scenario in used.items()},
-        },
-    }
     absent = {name: m.lacks for name, m in registry.integrators.items() if m.lacks}
     notes = [*_not_run(absent if integrators is None else {}, methods, dt, own_steps), *plugins.not_loaded()]
-    notes += sorted(_no_laws(methods, list(used.values())))
+    notes += sorted(_no_laws(methods, [*found.used.values()]))
     packages = sorted({name for method in methods for name in method.requires})
-    unique = list({c.key: c for c in cells}.values())
-    return Job(unique, context, chosen, here, left_out, notes, packages, lambda: declared(methods, selected, absent))
+    return Job(
+        list(found.cells.values()), found.context([s.name for s in chosen if s.fresh]), chosen, found.here, left_out,
+        notes, packages, lambda: declared(methods, selected, absent),
+    )  # fmt: skip
+
+
+class _Cells:
+    """The cells of a job by key, and what workers need for them."""
+
+    def __init__(self, selected: Sequence[Scenario]) -> None:
+        self.cells: dict[str, Cell] = {}
+        self.here: dict[str, tuple[Integrator, Scenario]] = {}
+        self.used = {s.name: s for s in selected}
+        self.seen: set[tuple[str, str]] = set()  # method and study
+        self._needs: dict[str, set[str]] = {}
+        self._made: dict[str, str] = {}
+        self._pairs: dict[tuple[str, str, str], str] = {}
+        self._custom: dict[str, dict[str, Any] | None] = {}  # by scenario: of what no plugin brings
+        self._by_name: dict[str, bool] = {}
+        self._registered: dict[str, bool] = {}
+
+    def add(self, study: Study, method: Integrator, scenario: Scenario, options: dict[str, Any]) -> None:
+        name = scenario.name
+        self.used.setdefault(name, scenario)
+        self.seen.add((method.name, study.name))
+        if name not in self._by_name:
+            self._by_name[name] = _can_be_named(scenario)
+            self._custom[name] = None if self._by_name[name] else scenario_data(scenario)
+        if method.name not in self._registered:
+            self._registered[method.name] = plugins.is_registered(method)
+        cell, custom = Cell(study.name, method.name, name, options, study.is_timed(options)), self._custom[name]
+        self.cells[cell.key] = cell
+        if not self._registered[method.name] or not (self._by_name[name] or custom):
+            self.here[cell.key] = method, scenario
+        pair = study.name, method.name, name
+        if pair not in self._pairs:
+            self._pairs[pair] = made_by(method, scenario, study, custom["folder"] if custom else "")
+            own = (method.name, method.plugin, name, scenario.plugin, study.plugin)
+            metrics = [m.plugin for m in plugins.metrics().values()] if study.metrics else []
+            self._needs.setdefault(method.name, set()).update(plugins.needs(*own, *metrics))
+        drawn = f"+{digest(study.drawn(scenario, options))[:12]}" if study.drawn else ""
+        self._made[cell.key] = "session" if cell.key in self.here else self._pairs[pair] + drawn  # never used again
+
+    def context(self, fresh: list[str]) -> Context:
+        origins = plugins.registry().origins
+        brought = {
+            name: [(o.name, o.distribution, o.path if not o.distribution else "") for o in map(origins.get, labels) if o]
+            for name, labels in self._needs.items() if labels
+        }  # fmt: skip
+        custom = {name: data for name, data in self._custom.items() if data}
+        return Context(
+            folders=[str(folder) for folder in plugins.plugin_folders()], brought_by=brought, made_by=self._made,
+            scenarios=custom, fresh=fresh,
+        )  # fmt: skip
+
+
+def scenario_data(scenario: Scenario) -> dict[str, Any] | None:
+    """A scenario that no plugin brings, as JSON, to be made again in a worker; None where that cannot import its
+    system. folder : of the system's code, where that is not tcbench's."""
+    system = scenario.system
+    module = sys.modules.get(system.__module__)
+    try:
+        if system.__module__ == "__main__" or pkgutil.resolve_name(f"{system.__module__}:{system.__qualname__}") is not system:
+            return None
+    except (AttributeError, ValueError, ImportError):  # it is local to a function
+        return None
+    file, code = getattr(module, "__file__", None), content_hash(system)
+    if code is None or system.__module__.startswith("tcbench_plugin_"):
+        return None
+    own = system.__module__.partition(".")[0] in ("tcbench", "tcbench_plugins")
+    return scenario.as_dict() | {
+        "system": f"{system.__module__}:{system.__qualname__}", "code": code, "name": scenario.name, "dt": scenario.dt,
+        "t_converge": scenario.t_converge, "ladder": list(scenario.ladder),
+        "folder": "" if own or not file else str(Path(file).parent),
+    }  # fmt: skip
 
 
 def _check_list(name: str, values: Any) -> None:
@@ -268,30 +296,6 @@ def _why_not(method: Integrator, study: Study, scenarios: Sequence[Scenario]) ->
     return f"{method.name} is not in the study {study.name}: {why}."
 
 
-def _needs(
-    chosen: Sequence[Study], methods: Sequence[Integrator], scenarios: Sequence[Scenario], custom: Mapping[str, Any]
-) -> dict[str, list[str]]:
-    """By integrator, scenario and study the plugins, not tcbench's own, that a worker imports for its cells."""
-    found = {}
-    for study in chosen:
-        metrics = plugins.metrics().values() if study.metrics else ()
-        found[f"study {study.name}"] = plugins.needs(study.plugin, *(metric.plugin for metric in metrics))
-    found |= {method.name: plugins.needs(method.name, method.plugin) for method in methods}
-    for scenario in scenarios:
-        found[scenario.name] = found.get(scenario.name, set()) | plugins.needs(scenario.name, scenario.plugin)
-    found |= {name: {data["label"]} for name, data in custom.items()}
-    return {name: sorted(labels) for name, labels in found.items() if labels - {""}}
-
-
-def _anchors(custom: Mapping[str, Any]) -> dict[str, str]:
-    """By label the folders that paths of plugins' inputs are relative to."""
-    found = {label: str(Path(path).parent) for label, (_, _, path, _) in plugins.index()["origins"].items() if path}
-    for data in custom.values():
-        if data["label"].startswith("module "):
-            found[data["label"]] = module_folder(data["system"])
-    return found
-
-
 def _can_be_named(scenario: Scenario) -> bool:
     """Does a worker find the same scenario by its name?"""
     try:
@@ -313,21 +317,15 @@ def _checked_steps(dt: Sequence[float] | None, scenarios: Sequence[Scenario]) ->
     return steps
 
 
-def _cell(study: Study, method: Integrator, scenario: Scenario, options: dict[str, Any], code: str) -> Cell:
-    mark, machine = cell_fingerprint(study, method, scenario, options, code)
-    return Cell(study.name, method.name, scenario.name, options, study.is_timed(options), mark, machine)
-
-
 def preview(job: Job, output: Path, limits: Mapping[str, Any], fresh: bool = False) -> tuple[Summary, float | None]:
     """What a run would do, and its seconds, None where the rows that are there do not tell; nothing is written.
 
     Raises TcbenchError for what the run would refuse: limits that are none, a folder that cannot be written.
     """
-    from .local import check_limits, plan
-
     check_limits(*(limits[name] for name in ("jobs", "timeout", "memory_limit")))
     could_write(output)
     store = Store.read(output) if (output / ROWS).exists() else Rows()
-    to_run, found = plan(job.cells, Rows() if fresh else store, limits["retry_failed"], job.context, job.here)
+    rows, made = Rows() if fresh else store, job.context["made_by"]
+    to_run, found = plan(job.cells, rows, limits["retry_failed"], made, job.here, machine_name())
     cores = limits["jobs"] or usable_cores()
-    return found, Remaining(to_run, cores, store.lines()).seconds() if to_run else 0.0
+    return found, Remaining(to_run, cores, store.raw()).seconds() if to_run else 0.0

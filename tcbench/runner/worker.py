@@ -1,18 +1,15 @@
-"""Inside a worker process: measure one cell at a time and turn whatever happens into a row.
+"""Inside a worker process: the cells of one integrator, one at a time, each to a row, whatever happens.
 
-A worker runs code that other people wrote. What Python can catch (exceptions, SystemExit, values that are
-not JSON) becomes a row here; what it cannot (hangs, segfaults, `os._exit`, kill -9) is seen and recorded by
-the parent. Rows travel as JSON text, so nothing that a plugin made is ever unpickled in the parent.
+What Python can catch (exceptions, SystemExit, values that are not JSON) becomes a row here; what it cannot (hangs,
+segfaults, `os._exit`, kill -9) is seen and recorded by the parent. Rows travel as JSON text.
 """
 
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import errno
 import faulthandler
 import io
-import json
 import os
 import pkgutil
 import sys
@@ -20,88 +17,131 @@ import time
 import traceback
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..errors import ChangedError, MachineError
-from ..inputs import watching
-from ..store.encoding import json_text
+from .codec import row_bytes
 
+if TYPE_CHECKING:
+    from ..integrator import Integrator
+    from ..systems.scenario import Scenario
+
+MEASURE = f"{__name__}:measure_cell"
 DIED = "Fatal Python error"  # what faulthandler writes first
 MESSAGE_LIMIT = 2000  # characters kept of an exception's message, and of the ends of its traceback and of the output
 ROW_LIMIT = 64 * 2**20  # bytes of JSON a row may have
 NOT_FINAL = (OSError, ImportError, MemoryError, MachineError, ChangedError)  # another day they are not raised
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EMFILE, errno.ENFILE)  # no cell's fault
 _settings: dict[str, Any] = {}
-_told: set[str] = set()  # identities of inputs that the parent has
 
 
 def start(settings: dict[str, Any]) -> None:
-    """Prepare the process (a `child.Child`): limits, output; the measuring code is imported before any clock starts.
-
-    An error of that import is left to the cells' rows.
-    """
+    """Prepare the process (a `child.Child`): output, limits; the measuring code and the plugins are imported before any
+    clock starts. An error of these imports is left to the cells' rows."""
     _settings.update(settings)
-    _keep_offspring()
     _settings["output"] = os.dup(2)  # the file that the parent reads; C code prints into it, too
     _own_streams()
     _settings["folder"] = os.getcwd()
-    watching.leave_out(settings["logs"])
     with contextlib.suppress(Exception):
-        # a segfault then leaves its Python traceback in the output; other threads are the engine's own
-        faulthandler.enable(file=2, all_threads=False)
+        faulthandler.enable(file=2, all_threads=False)  # a segfault then leaves its Python traceback in the output
     if settings.get("memory_limit"):
         _limit_memory(int(settings["memory_limit"]))
     with contextlib.suppress(BaseException):
         pkgutil.resolve_name(settings["measure"])
+    if "folders" in settings["context"]:
+        from .. import plugins
+
+        plugins.use_folders(settings["context"]["folders"])
+        plugins.use_only(settings["brought_by"])
+        plugins.registry()
 
 
-def run_cell(cell: dict[str, Any], extra: dict[str, Any]) -> str:
-    """Measure one cell and return its row as JSON text (with "nonfinite", see `tcbench.encoding`).
-
-    extra : entries to add to the row (timed, order, ...).
-    """
+def run_cell(cell: dict[str, Any], extra: dict[str, Any]) -> bytes:
+    """Measure one cell and return its row as JSON. extra : entries to add to the row (timed, order, ...)."""
     _undo_leftovers()
-    row = complete_row(
-        lambda: pkgutil.resolve_name(_settings["measure"])(cell, _settings["context"]), extra,
-        caught=(BaseException,),  # SystemExit and KeyboardInterrupt of a plugin are that plugin's failures too
+    measure = pkgutil.resolve_name  # an import that fails is the row's
+    found = complete_row(
+        lambda: measure(_settings["measure"])(cell, _settings["context"]), extra,
+        (BaseException,),  # SystemExit and KeyboardInterrupt of a plugin are that plugin's failures too
     )  # fmt: skip
-    text = _encode(row | _what_was_read())
     _flush()
-    return text
+    return found
 
 
-def _what_was_read() -> dict[str, Any]:
-    """The identity of what this worker has read for plugins that are not tcbench's own; the first time, all of it."""
-    watched = watching.recorder()
-    if watched is None:
-        return {}
-    name, text = watched.collected()
-    told = {} if name in _told else {"_inputs": json.loads(text)}
-    _told.add(name)
-    return {"inputs": name, "_plugins": sorted(watched.plugins), **told}
+def measure_cell(cell: dict[str, Any], context: dict[str, Any]) -> dict[str, Any]:
+    """Look the names up and call the study; ChangedError where they are not what the run was planned with."""
+    from .. import plugins
+    from ..simulation import shared_runs
+    from ..solver import foresight
+    from ..studies.base import find_study
+    from .cell import Cell, made_by
+
+    method, study = plugins.find_integrator(cell["integrator"]), find_study(cell["study"])
+    custom = context["scenarios"].get(cell["scenario"])
+    scenario = rebuilt(custom) if custom else plugins.find_scenario(cell["scenario"])
+    planned = context["made_by"][Cell(**cell).key]
+    if made_by(method, scenario, study, custom["folder"] if custom else "") != planned.partition("+")[0]:
+        raise ChangedError(
+            f"What {method.name} on {scenario.name} is measured with is not what the run was planned with: files were "
+            "edited meanwhile, or this machine has another version. Run again, and what they say now is measured."
+        )
+    with foresight.within(context.get("timeout")), shared_runs.kept_in(context.get("shared_runs")):
+        return measured(method, scenario, cell) | {"shared_runs": shared_runs.found()}
+
+
+def measured(method: Integrator, scenario: Scenario, cell: Mapping[str, Any]) -> dict[str, Any]:
+    """The row of a cell, and where it comes from."""
+    from .. import plugins
+    from ..packages import installed_version
+    from ..studies.base import find_study
+    from .provenance import machine_name
+
+    row = find_study(cell["study"]).measured(method, scenario, cell["options"])
+    origin = plugins.registry().origins.get(method.plugin)
+    return row | {
+        "plugin": str(origin) if origin and origin.distribution else method.plugin,
+        "scenario_hash": scenario.hash,
+        "tcbench_version": installed_version("tcbench") or None,
+        **({"machine": machine_name()} if cell["timed"] else {}),
+    }
+
+
+def rebuilt(data: Mapping[str, Any]) -> Scenario:
+    """A scenario that no plugin brings, from `plan.scenario_data`."""
+    from ..compiler.code_hash import content_hash
+    from ..systems.scenario import Scenario
+
+    system: Any = pkgutil.resolve_name(data["system"])
+    if content_hash(system) != data["code"]:
+        raise ChangedError(
+            f"The system {data['system']} is not what its file says: it was changed in the session that started the "
+            "run, or its file was edited after it was imported. Start Python anew, or give the system to tcbench.run "
+            "from a script or notebook cell."
+        )
+    return Scenario(**{k: v for k, v in data.items() if k not in ("system", "code", "folder")}, system=system)
 
 
 def complete_row(
     measure: Callable[[], Mapping[str, Any]], extra: Mapping[str, Any],
     caught: tuple[type[BaseException], ...] = (Exception, SystemExit),
-) -> dict[str, Any]:  # fmt: skip
-    """What `measure` returns, with status, failure and times; or the row of the exception that it ends with.
+) -> bytes:  # fmt: skip
+    """What `measure` returns, with status, failure and times, as JSON; or the row of the exception that it ends with.
 
     extra : entries of every row.
     """
     began = time.perf_counter()
     try:
         found = measure()
+        took = time.perf_counter() - began
         if not isinstance(found, Mapping):
             raise TypeError(f"the measurement returned {type(found).__name__}, not a dict")
-        row = {str(name): value for name, value in found.items()}
-        row.setdefault("status", "ok")
-        row.setdefault("failure", "")
-        row.setdefault("wall_time_s", time.perf_counter() - began)
-        _encode(row)
+        row = {"status": "ok", "failure": "", "wall_time_s": took} | {str(k): v for k, v in found.items()}
+        text = row_bytes(row | {"cell_time_s": took} | dict(extra))
+        if len(text) > ROW_LIMIT:
+            raise ValueError(f"the row has {len(text) / 2**20:.0f} MiB of JSON; the limit is {ROW_LIMIT // 2**20} MiB")
+        return text
     except caught as error:
-        row = exception_row(error)
-    return row | {"cell_time_s": time.perf_counter() - began} | dict(extra)
+        return row_bytes(exception_row(error) | {"cell_time_s": time.perf_counter() - began} | dict(extra))
 
 
 def exception_row(error: BaseException) -> dict[str, Any]:
@@ -151,13 +191,6 @@ def read_tail(path: Path) -> str:
         return ""
 
 
-def _encode(row: Mapping[str, Any]) -> str:
-    text = json_text({"row": dict(row)})
-    if len(text) > ROW_LIMIT:
-        raise ValueError(f"the row has {len(text) / 2**20:.0f} MiB of JSON; the limit is {ROW_LIMIT // 2**20} MiB")
-    return text
-
-
 def _undo_leftovers() -> None:
     """Streams and working directory as before any cell ran."""
     _flush()
@@ -185,13 +218,6 @@ def _flush() -> None:
 def _utf8_text(descriptor: int) -> io.TextIOWrapper:
     raw = io.FileIO(descriptor, "w", closefd=False)
     return io.TextIOWrapper(io.BufferedWriter(raw), encoding="utf-8", errors="backslashreplace", line_buffering=True)
-
-
-def _keep_offspring() -> None:
-    """What a cell starts ends with its worker: on Linux what leaves the worker's group stays its descendant."""
-    if sys.platform == "linux":
-        with contextlib.suppress(Exception):
-            ctypes.CDLL(None).prctl(36, 1, 0, 0, 0)  # 36 = PR_SET_CHILD_SUBREAPER
 
 
 def _limit_memory(limit: int) -> None:

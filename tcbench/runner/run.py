@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -12,22 +13,23 @@ from typing import TYPE_CHECKING, Any
 from ..errors import expect
 from ..integrator import Integrator
 from ..progress import of_cells, waiting
-from ..store.cores import usable_cores
-from ..store.provenance import provenance, utc_now
-from ..store.store import Store
-from ..store.tables import latest_rows, make_tables, read_tables
 from ..studies.base import in_order
+from ..simulation.series import ROW as SERIES
 from ..systems.scenario import Scenario
+from .cores import usable_cores
 from .declared import merged
-from .measure import MEASURE, measure_here
-from .planning import Job, plan_job
+from .plan import Job, plan_job
+from .provenance import machine_name, provenance, utc_now
 from .remaining import Remaining
-from .sources import keep
+from .rows import Store
+from .tables import latest_rows, make_tables, read_tables
+from .worker import MEASURE, complete_row, measured
+from .workers import Ledger, Summary, check_limits, plan, run_cells
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-    from .local import Event, Summary
+    from .workers import Event
 
 DEFAULT_OUTPUT = Path("results") / "latest"
 
@@ -175,23 +177,19 @@ def execute(
 
     limits : jobs, timeout, memory_limit and retry_failed, of the engine.
     """
-    from .local import check_limits, plan, run_cells
-
     check_limits(*(limits.get(name) for name in ("jobs", "timeout", "memory_limit")))
-    started, measured = utc_now(), run_cells
+    started, machine, run_all = utc_now(), machine_name(), run_cells
     if dask is not None:
-        from .cluster import knock, run_on_dask
+        from .dask import knock, run_on_dask
 
         knock(dask)  # before anything is written
-        measured = partial(run_on_dask, address=dask, security=security)
+        run_all, machine = partial(run_on_dask, address=dask, security=security), ""
     with Store.open(output, fresh=fresh) as store:
         store.add_provenance(told := provenance(packages=job.packages))
-        local = [cell for cell in job.cells if cell.key in job.here]
-        remote = [cell for cell in job.cells if cell.key not in job.here]
-        retry = bool(limits.get("retry_failed"))
-        todo, _ = plan(job.cells, store, retry, context=job.context, here=job.here)
-        jobs = limits.get("jobs") or usable_cores()
-        remaining = None if dask else Remaining(todo, jobs, store.lines())  # a cluster's workers come and go
+        retry, made = bool(limits.get("retry_failed")), job.context["made_by"]
+        todo, _ = plan(job.cells, store, retry, made, job.here, machine)
+        # a cluster's workers come and go
+        remaining = None if dask else Remaining(todo, limits.get("jobs") or usable_cores(), store.raw())
         with of_cells(progress, remaining) as show:
 
             def tell(event: Event) -> None:
@@ -199,31 +197,43 @@ def execute(
                 if on_event is not None:
                     on_event(event)
 
-            summary = measured(remote, MEASURE, job.context, store, on_event=tell, **limits)
+            remote = [cell for cell in job.cells if cell.key not in job.here]
+            summary = run_all(remote, MEASURE, job.context, store, on_event=tell, machine=machine, **limits)
             if not summary.interrupted:
-                measure_here(local, job, store, summary, retry, tell)
+                _measure_here(job, store, summary, tell)
         with waiting("writing tables", progress):
             keys = {cell.key for cell in job.cells}
-            store.renew([cell.key for cell in job.cells], latest_rows(store)[0])
-            tables, failed = make_tables(job.studies, store, keys)
-            latest, older = latest_rows(store)
-            if keys == latest and not failed:
-                names = [name for study in in_order(job.studies).values() for name in study.tables]
-                every = {name: tables[name] for name in names if name in tables}
-                store.problems += older
+            tables, failed = make_tables([*in_order(job.studies).values()], store, keys)
+            if keys == latest_rows(store)[0] and not failed:
+                every = tables
             else:
                 every = read_tables(store)  # of all runs into this folder
             every = {name: table for name, table in every.items() if len(table)}
-            store.write_tables(every)
+            before = store.manifest().get("tables", [])
+            store.write_tables(every, before if isinstance(before, list) else (), SERIES)
             store.write_declared(merged(store.declared(), job.told()))
-            keep(job, store)
-            rows = store.rows()
-            statuses = Counter(str(rows[cell.key].get("status")) for cell in job.cells if cell.key in rows)
+            lines = [line for cell in job.cells if (line := store.line(cell.key))]
+            statuses = Counter(str(line["row"].get("status")) for line in lines)
         ended = {"provenance_id": store.provenance_id, "started": started, "ended": utc_now(), "cells": len(job.cells)}
         store.write_manifest(told | ended | {"interrupted": summary.interrupted, "tables": sorted(every)})
         problems = tuple(dict.fromkeys(store.problems))
         without = [study.name for study in failed]
         return Results(tables, Path(output), summary, job.left_out, statuses, problems, every, job.notes, without)
+
+
+def _measure_here(job: Job, store: Store, summary: Summary, on_event: Callable[[Event], None]) -> None:
+    """Cells of what exists only in this process (a notebook, say): no isolation, no deadline, never used again."""
+    began, cells = time.monotonic(), [cell for cell in job.cells if cell.key in job.here]
+    summary.planned += len(cells)
+    ledger = Ledger(store, summary, on_event, summary.run + len(cells), job.context["made_by"])
+    try:
+        for cell in cells:
+            ledger.start(cell, 1)
+            row = complete_row(partial(measured, *job.here[cell.key], cell.as_dict()), {"timed": cell.timed})
+            ledger.write(cell, row, 0)
+    except KeyboardInterrupt:
+        summary.interrupted = True
+    summary.elapsed_s += time.monotonic() - began
 
 
 def load(folder: str | Path) -> Results:
@@ -248,12 +258,10 @@ def load(folder: str | Path) -> Results:
     ----------
     docs/measures.md says what every column is and by which formula.
     """
-    from .local import Summary
-
     expect("load", locals(), {"folder": "a path"})
     store = Store.read(folder)
     tables = read_tables(store)
-    rows = store.rows()
-    statuses = Counter(str(row.get("status")) for row in rows.values())
-    summary = Summary(planned=len(rows), already_finished=len(rows))
+    lines = store.raw()
+    statuses = Counter(str(line["row"].get("status")) for line in lines)
+    summary = Summary(planned=len(lines), already_finished=len(lines))
     return Results(tables, Path(folder), summary, (), statuses, tuple(dict.fromkeys(store.problems)), tables)

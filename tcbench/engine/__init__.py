@@ -1,1 +1,0 @@
-"""Cells to rows: planning, workers, deadlines, resuming."""

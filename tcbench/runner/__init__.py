@@ -1,0 +1,1 @@
+"""Cells to rows to tables: planning, workers, deadlines, reuse, the run folder."""

@@ -1,0 +1,168 @@
+"""Rows and tables as bytes: JSON lines with a checksum each, CSV and Parquet that keep every digit.
+
+JSON has no NaN and no infinity, and long lists of numbers are slow to write and to read. So {"f8": "nan"} is a number
+that JSON has not, and {"f8": BASE64} a list of doubles (little-endian); a dict that has the key "f8" itself is
+{"f8": [[key, value], ...]}.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import sys
+import zlib
+from array import array
+from base64 import b64decode, b64encode
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import orjson
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+PACKED = "f8"
+LONG = 8  # numbers in a list that is packed
+HEAD = b'{"crc":"%08x",'
+HEAD_LENGTH = len(HEAD % 0)
+NAMES = ("study", "integrator", "scenario")
+BIG = 5000  # rows of a table that Arrow writes as CSV, ten times as fast as pandas
+
+
+def canonical_json(value: Any) -> str:
+    """JSON text, equal for equal values: sorted keys, no spaces. Allows NaN (for hashing only)."""
+    return json.dumps(value, sort_keys=True, separators=(",", ":"), default=plain)
+
+
+def plain(value: Any) -> Any:
+    """A NumPy scalar or array as a number or list (a `json` default); else raises `TypeError`."""
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    if isinstance(value, (set, frozenset)):
+        return sorted(value)
+    raise TypeError(f"{type(value).__name__} is not a JSON value")
+
+
+def pack(value: Any) -> Any:
+    """A value as JSON has it."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else {PACKED: str(float(value))}
+    if isinstance(value, dict):
+        if PACKED in value:
+            return {PACKED: [[k, pack(v)] for k, v in value.items()]}
+        return {k: pack(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        if len(value) >= LONG and all(isinstance(v, float) for v in value):
+            numbers = array("d", value)
+            if sys.byteorder == "big":
+                numbers.byteswap()
+            return {PACKED: b64encode(numbers.tobytes()).decode()}
+        return [pack(v) for v in value]
+    if hasattr(value, "tolist") or isinstance(value, (set, frozenset)):
+        return pack(plain(value))
+    return value
+
+
+def unpack(value: Any) -> Any:
+    """The inverse of `pack`: lists and numbers."""
+    if isinstance(value, dict):
+        if PACKED in value and len(value) == 1:
+            found = value[PACKED]
+            if isinstance(found, list):
+                return {k: unpack(v) for k, v in found}
+            if len(found) <= 4:
+                return float(found)
+            numbers = array("d")
+            numbers.frombytes(b64decode(found, validate=True))
+            if sys.byteorder == "big":
+                numbers.byteswap()
+            return numbers.tolist()
+        return {k: unpack(v) for k, v in value.items()}
+    return [unpack(v) for v in value] if isinstance(value, list) else value
+
+
+def row_bytes(row: Mapping[str, Any]) -> bytes:
+    """A row as JSON; TypeError for what is no JSON value."""
+    packed = pack(dict(row))
+    try:
+        return orjson.dumps(packed)
+    except TypeError:  # numbers beyond 64 bits; halves of surrogate pairs, which no file can hold
+        return json.dumps(writable(json.loads(json.dumps(packed, default=plain)))).encode()
+
+
+def writable(value: Any) -> Any:
+    """A JSON value whose text can be written to any file: lone surrogates spelt out."""
+    if isinstance(value, str):
+        return value.encode("utf-8", "backslashreplace").decode()
+    if isinstance(value, dict):
+        return {writable(k): writable(v) for k, v in value.items()}
+    return [writable(v) for v in value] if isinstance(value, list) else value
+
+
+def encode_line(
+    key: str, row: Mapping[str, Any] | bytes, cell: Mapping[str, Any] | None, provenance: str = "", made_by: str = ""
+) -> bytes:
+    """A line of `cells.jsonl`; a row that a worker has encoded is written as it is."""
+    told = orjson.dumps({"key": key, "made_by": made_by, "provenance": provenance, "cell": dict(cell or {})})
+    content = told[1:-1] + b',"row":' + (row if isinstance(row, bytes) else row_bytes(row)) + b"}\n"
+    return HEAD % zlib.crc32(content) + content
+
+
+def decode_line(piece: bytes) -> dict[str, Any]:
+    """One line, its row still packed; `ValueError` and kin where it is damaged."""
+    content = piece[HEAD_LENGTH:].rstrip(b"\n") + b"\n"
+    if piece[:HEAD_LENGTH] != HEAD % zlib.crc32(content):
+        raise ValueError("not what was written")
+    line: dict[str, Any] = orjson.loads(piece)
+    if not (isinstance(line["row"], dict) and isinstance(line["cell"], dict)):
+        raise ValueError("not a row")
+    return line
+
+
+def pretty(data: Mapping[str, Any]) -> bytes:
+    return json.dumps(data, indent=2, default=plain, sort_keys=True).encode() + b"\n"
+
+
+def csv_bytes(frame: DataFrame) -> bytes:
+    """The table as CSV: digits that read back as the same double, NaN empty, nested values as JSON."""
+    frame = flat(frame)
+    if len(frame) > BIG and all(frame[n].dtype.kind in "fi" or frame[n].dtype.kind in "OU" for n in frame.columns):
+        import pyarrow
+        from pyarrow import csv
+
+        try:
+            buffer = io.BytesIO()
+            options = csv.WriteOptions(quoting_style="needed")
+            csv.write_csv(pyarrow.Table.from_pandas(frame, preserve_index=False), buffer, options)
+            return buffer.getvalue()
+        except pyarrow.ArrowException:
+            pass  # columns of mixed types
+    text: str = frame.to_csv(index=False, lineterminator="\n")
+    return text.encode()
+
+
+def parquet_bytes(frame: DataFrame) -> bytes:
+    """The table as Parquet; columns of mixed types, which Parquet does not know, become text."""
+    import pyarrow
+
+    frame = flat(frame)
+    for name in [n for n in frame.columns if frame[n].dtype.kind == "O"]:
+        try:
+            pyarrow.array(frame[name], from_pandas=True)
+        except (pyarrow.ArrowInvalid, pyarrow.ArrowTypeError):
+            frame[name] = frame[name].map(str, na_action="ignore")
+    buffer = io.BytesIO()
+    frame.to_parquet(buffer, index=False)
+    return buffer.getvalue()
+
+
+def flat(frame: DataFrame) -> DataFrame:
+    """A copy whose cells are scalars: nested values as JSON text, column names as text."""
+    frame = frame.copy(deep=False)
+    frame.columns = [str(name) for name in frame.columns]
+    for name in [n for n in frame.columns if frame[n].dtype == object]:  # not of text, which nests nothing
+        nested = [isinstance(value, (list, tuple, dict, set)) or hasattr(value, "tolist") for value in frame[name]]
+        if any(nested):
+            frame[name] = [json.dumps(v, default=plain) if n else v for v, n in zip(frame[name], nested, strict=True)]
+    return frame

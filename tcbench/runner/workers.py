@@ -1,0 +1,398 @@
+"""Cells to rows: what is not finished yet, each integrator's cells in a process of its own, under a deadline.
+
+Ordinary cells run side by side on `jobs` processes, one an integrator; a process that has nothing left takes half of
+what another has. Timed cells run afterwards, one at a time and nothing beside them, the methods and the cells of each
+in an order shuffled by a seeded generator (`shuffle_order`, `shuffle_seed` in their rows). The parent is the only
+writer: it appends each row as it comes, so nothing finished is lost with a process.
+
+A cell that hangs is killed at the deadline (`timeout`); what Python catches is `exception`; a process that dies is
+`crash`, with exit code, signal and the end of what it printed. All others are unaffected. On resume crash, timeout and
+what the machine did (memory, disk) run again; everything else is final.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import queue
+import random
+import shutil
+import tempfile
+import time
+from collections import Counter, defaultdict, deque
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ..errors import TcbenchError
+from .cell import Cell
+from .child import READY, Child, how_it_died, signal_name
+from .codec import plain, row_bytes
+from .cores import usable_cores
+from .rows import Rows, Store, is_finished
+from .worker import cut, exception_row, read_tail
+
+TICK_S = 0.05  # how often deadlines are looked at
+SEED = 0  # of the order of timed cells
+STOPPED_S = 2.0  # between two looks: this process was stopped, and with it perhaps the workers
+START_LIMIT_S = 120.0  # a worker that has not imported the measuring code by then never will
+START_ATTEMPTS = 2  # failures to start in a row before the other cells of an integrator are given up
+LOG_LIMIT = 2**20  # bytes of output a worker may have; the file is emptied when it grows beyond
+KEPT = 8  # processes that wait, idle, for the timed cells of their integrators
+SPLIT = 4  # cells that an integrator must have left for a second process to take half of them
+
+
+@dataclass(frozen=True, eq=False)
+class Event:
+    """Something a progress display may want to show.
+
+    kind : "started", "finished" (status ok) or "failed" (any other status).
+    done, failed, total : of the cells that this run has to run; `failed` of them ended with another status than ok.
+    """
+
+    kind: str
+    cell: Cell
+    row: Mapping[str, Any] | None
+    done: int
+    failed: int
+    total: int
+    running: int
+
+
+@dataclass(eq=False)
+class Summary:
+    """What a run did. `statuses` counts the rows written by this run; `interrupted` is set after Ctrl-C."""
+
+    planned: int = 0
+    already_finished: int = 0
+    run: int = 0
+    statuses: Counter[str] = field(default_factory=Counter)
+    interrupted: bool = False
+    elapsed_s: float = 0.0
+
+    @property
+    def left(self) -> int:
+        """Planned cells without a row: 0 unless the run was interrupted."""
+        return self.planned - self.already_finished - self.run
+
+
+def plan(
+    cells: Iterable[Cell], store: Rows, retry_failed: bool = False, made: Mapping[str, str] | None = None,
+    here: Collection[str] = (), machine: str = "",
+) -> tuple[list[Cell], Summary]:  # fmt: skip
+    """Which cells would run, and what is known of the run before it. made : by key what they would be made by.
+
+    A final row is used again if it was made by the same, and on the same `machine` if it is a timing. Cells whose keys
+    are in `here` are measured each time. Duplicate cells count once.
+    """
+    unique = list({cell.key: cell for cell in cells}.values())
+
+    def is_kept(cell: Cell) -> bool:
+        line = store.line(cell.key)
+        if line is None or cell.key in here or line["made_by"] != (made or {}).get(cell.key, ""):
+            return False
+        row = line["row"]
+        final = row.get("status") == "ok" if retry_failed else is_finished(row)
+        return final and not (machine and cell.timed and row.get("machine", machine) != machine)
+
+    to_run = [cell for cell in unique if not is_kept(cell)]
+    return to_run, Summary(planned=len(unique), already_finished=len(unique) - len(to_run))
+
+
+def run_cells(
+    cells: Iterable[Cell], measure: str, context: Mapping[str, Any], store: Rows, *, jobs: int | None = None,
+    timeout: float = 60.0, memory_limit: int | None = None, on_event: Callable[[Event], None] | None = None,
+    retry_failed: bool = False, machine: str = "",
+) -> Summary:  # fmt: skip
+    """Run every cell that has no final row in `store` yet, and append exactly one row for each.
+
+    measure : "package.module:function", called in a worker as `function(cell: dict, context: dict) -> dict`.
+    context : JSON values passed to every call (`plan.Context`). jobs : processes; the usable cores by default.
+    timeout : seconds a cell may take, from its start in the worker; imports are not counted.
+    memory_limit : bytes of address space a worker may have. retry_failed : whatever has a status other than ok.
+
+    Ctrl-C kills the workers, keeps what is done and returns with `interrupted`. Raises `TcbenchError` when a row cannot
+    be written; the workers are dead by then and the rows before it are safe.
+    """
+    jobs = usable_cores() if jobs is None else jobs
+    check_limits(jobs, timeout, memory_limit)
+    module, colon, function = measure.partition(":")
+    if not (module and colon and function):
+        raise TcbenchError(f"measure is {measure!r}; write it as 'package.module:function'.")
+    began = time.monotonic()
+    to_run, summary = plan(cells, store, retry_failed, context.get("made_by"), machine=machine)
+    if not to_run:
+        return summary
+    with _work_folder(store) as work:
+        context = {**context, "timeout": timeout, "shared_runs": work}  # which a cell may want to know of itself
+        settings = {"measure": measure, "context": context, "memory_limit": memory_limit}
+        ledger = Ledger(store, summary, on_event, len(to_run), context.get("made_by", {}))
+        crew = Crew(ledger, settings, timeout, Path(work))
+        try:
+            crew.later = {cell.integrator for cell in to_run if cell.timed}
+            crew.all([cell for cell in to_run if not cell.timed], jobs)
+            crew.later = set()
+            crew.all([cell for cell in to_run if cell.timed], 1, random.Random(SEED))
+        except KeyboardInterrupt:
+            summary.interrupted = True
+        finally:
+            crew.end()
+    summary.elapsed_s = time.monotonic() - began
+    return summary
+
+
+@contextlib.contextmanager
+def _work_folder(store: Rows) -> Iterator[str]:
+    """For what workers print and share: in the run's folder, where the next run removes what a killed one has left."""
+    if isinstance(store, Store):
+        store.work.mkdir(exist_ok=True)
+        yield str(store.work.resolve())
+        shutil.rmtree(store.work, ignore_errors=True)
+    else:
+        with tempfile.TemporaryDirectory(prefix="tcbench-", ignore_cleanup_errors=True) as folder:
+            yield folder
+
+
+@dataclass
+class Ledger:
+    """Where the rows of a run go: each is written, counted and shown. made : by key what they are made by."""
+
+    store: Rows
+    summary: Summary
+    on_event: Callable[[Event], None] | None
+    total: int
+    made: Mapping[str, str] = field(default_factory=dict)
+
+    def start(self, cell: Cell, running: int) -> None:
+        self._tell("started", cell, None, running)
+
+    def write(self, cell: Cell, row: bytes, running: int, provenance: str | None = None) -> None:
+        """Write the row of a cell; `TcbenchError` when that is not possible."""
+        self.store.append(cell.key, row, cell.as_dict(), provenance, self.made.get(cell.key, ""))
+        found = self.store.line(cell.key)
+        assert found is not None
+        status = str(found["row"].get("status"))
+        self.summary.run += 1
+        self.summary.statuses[status] += 1
+        self._tell("finished" if status == "ok" else "failed", cell, found["row"], running)
+
+    def _tell(self, kind: str, cell: Cell, row: Mapping[str, Any] | None, running: int) -> None:
+        if self.on_event is not None:
+            done, good = self.summary.run, self.summary.statuses["ok"]
+            self.on_event(Event(kind, cell, row, done, done - good, self.total, running))
+
+
+Work = tuple[Cell, dict[str, Any]]  # and what its row says beside what is measured
+
+
+class Crew:
+    """The processes of a run."""
+
+    def __init__(self, ledger: Ledger, settings: Mapping[str, Any], timeout: float, folder: Path) -> None:
+        self.ledger, self.settings, self.timeout, self.folder = ledger, settings, timeout, folder
+        self.said: queue.SimpleQueue[tuple[Worker, Child, bytes | None]] = queue.SimpleQueue()
+        self.busy: list[Worker] = []
+        self.later: set[str] = set()  # integrators whose timed cells are still to come
+        self.idle: dict[str, Worker] = {}
+        self.started = 0
+
+    def all(self, cells: Collection[Cell], jobs: int, shuffled: random.Random | None = None) -> None:
+        """Run the cells, those of each integrator in one process."""
+        groups = defaultdict(list)
+        for cell in cells:
+            groups[cell.integrator].append(cell)
+        order = sorted(groups.values(), key=len)  # the longest is taken first
+        if shuffled:
+            order = shuffled.sample(order, len(order))
+            order = [shuffled.sample(group, len(group)) for group in order]
+        number = iter(range(len(cells)))
+        waiting = [
+            deque((c, {"timed": True, "shuffle_order": next(number), "shuffle_seed": SEED} if shuffled else {"timed": False})
+                  for c in group) for group in (order if not shuffled else order)
+        ]  # fmt: skip
+        if shuffled:
+            waiting.reverse()
+        last_look = time.monotonic()
+        while waiting or self.busy:
+            self._staff(waiting, jobs)
+            with contextlib.suppress(queue.Empty):
+                worker, child, line = self.said.get(timeout=TICK_S)
+                worker.hear(child, line)
+            since, last_look = time.monotonic() - last_look, time.monotonic()
+            for worker in self.busy:
+                worker.check(since if since > STOPPED_S else 0.0)
+            self.busy = [worker for worker in self.busy if worker.cell is not None]
+
+    def _staff(self, waiting: list[deque[Work]], jobs: int) -> None:
+        while len(self.busy) < jobs:
+            if not waiting:
+                longest = max((w.left for w in self.busy), key=len, default=deque[Work]())
+                if len(longest) < SPLIT:
+                    return
+                waiting.append(deque(reversed([longest.pop() for _ in range(len(longest) // 2)])))
+            left = waiting.pop()
+            worker = self.idle.pop(left[0][0].integrator, None) or Worker(self, left)
+            worker.left = left
+            self.busy.append(worker)
+            worker.next()
+            if worker.cell is None:
+                self.busy.remove(worker)
+
+    def running(self) -> int:
+        return sum(worker.cell is not None for worker in self.busy)
+
+    def end(self) -> None:
+        for worker in (*self.busy, *self.idle.values()):
+            worker.discard()
+
+
+class Worker:
+    """The cells of one integrator in one process at a time; a row for every way in which a cell can end."""
+
+    def __init__(self, crew: Crew, left: deque[Work]) -> None:
+        self.crew, self.left = crew, left
+        self.cell: Cell | None = None
+        self._extra: dict[str, Any] = {}
+        self._child: Child | None = None
+        self._ready = False
+        self._opened = self._began = 0.0
+        self._failed_starts = 0
+        crew.started += 1
+        self._log = crew.folder / f"output-{crew.started}"
+
+    def next(self) -> None:
+        """Begin the next cell; where none is left the process ends."""
+        before, self.cell = self.cell, None
+        while self.left and self.cell is None:
+            self.cell, self._extra = self.left.popleft()
+            self.crew.ledger.start(self.cell, self.crew.running())
+            if self.cell.study in self.crew.settings["context"].get("fresh", ()):
+                self.discard()
+            try:
+                if self._child is None:
+                    self._start()
+                elif self._ready:  # what the cell before has printed
+                    os.truncate(self._log, 0)
+            except OSError as error:
+                self._write({"status": "crash", "failure": f"No worker could be started: {cut(str(error), 300)}"})
+                self.cell = None
+                continue
+            assert self._child is not None
+            self._began = time.monotonic()
+            self._child.call("tcbench.runner.worker:run_cell", self.cell.as_dict(), self._extra)
+        if self.cell is None:
+            crew = self.crew
+            if before and self._child and self._ready and before.integrator in crew.later and len(crew.idle) < KEPT:
+                crew.idle.setdefault(before.integrator, self)
+            if self not in crew.idle.values():
+                self.discard()
+
+    def hear(self, child: Child, line: bytes | None) -> None:
+        """What the process says (None: that it is dead)."""
+        if child is not self._child or self.cell is None:
+            return  # of one that was discarded
+        if line == READY:
+            self._ready, self._failed_starts, self._began = True, 0, time.monotonic()
+        elif line is None:
+            code = child.process.returncode
+            self.discard()
+            if self._ready:
+                self._end(crash_row(code) | {"cell_time_s": time.monotonic() - self._began})
+            else:
+                self._start_failed(how_it_died(code))
+        elif line.startswith(b'{"raised"'):  # of the transport, or of a worker without memory
+            self.discard()
+            self._end(exception_row(RuntimeError(json.loads(line)["raised"][-2000:])))
+        else:
+            self._end(line)
+
+    def check(self, stopped: float) -> None:
+        """The clock. stopped : seconds that this process did not run (a laptop's sleep), which are not the cell's."""
+        self._began, self._opened, now = self._began + stopped, self._opened + stopped, time.monotonic()
+        with contextlib.suppress(OSError):
+            if self._log.stat().st_size > LOG_LIMIT:
+                kept = read_tail(self._log)
+                os.truncate(self._log, 0)
+                self._log.write_text(kept, errors="replace")
+        if self._child is None or self.cell is None:
+            return
+        if not self._child.is_alive():
+            self._child.kill()  # something that it has started holds its pipe open
+        if self._ready and now - self._began > self.crew.timeout:
+            self.discard()
+            failure = f"The cell did not end within {self.crew.timeout:g} s and was stopped."
+            self._end({"status": "timeout", "failure": failure, "cell_time_s": now - self._began})
+        elif not self._ready and now - self._opened > START_LIMIT_S:
+            self.discard()
+            self._start_failed(f"it took more than {START_LIMIT_S:g} s")
+
+    def discard(self) -> None:
+        """Kill the process, whatever it is doing."""
+        child, self._child = self._child, None
+        if child is not None:
+            child.kill()
+            child.process.wait()  # the next timing does not share the machine with it
+
+    def _start(self) -> None:
+        assert self.cell is not None
+        context = self.crew.settings["context"]
+        brought = context.get("brought_by", {}).get(self.cell.integrator, [])
+        told = self._log.with_suffix(".json")
+        told.write_text(json.dumps({**self.crew.settings, "brought_by": brought}, default=plain), encoding="utf-8")
+        self._opened, self._ready = time.monotonic(), False
+        with open(self._log, "wb"):
+            pass
+        with open(self._log, "ab") as output:  # appending: after it was emptied writing goes on at its beginning
+            said = self.crew.said
+            self._child = Child(lambda c, line: said.put((self, c, line)), "tcbench.runner.worker:start", str(told), output)
+
+    def _start_failed(self, how: str) -> None:
+        """Try again; after some attempts all that is left of this integrator is given up."""
+        self._failed_starts += 1
+        assert self.cell is not None
+        if self._failed_starts < START_ATTEMPTS:
+            self.left.appendleft((self.cell, self._extra))
+            self.next()
+            return
+        row = {"status": "crash", "failure": f"No worker could be started: importing its code ended it ({how})."}
+        while True:
+            self._write(row | {"output_tail": read_tail(self._log)})
+            if not self.left:
+                break
+            self.cell, self._extra = self.left.popleft()
+        self.cell = None
+
+    def _end(self, row: bytes | dict[str, Any]) -> None:
+        if isinstance(row, bytes) and b'"exception_type"' in row:
+            row = json.loads(row)
+        if isinstance(row, dict):
+            row |= {"output_tail": read_tail(self._log)}
+            if row.get("exception_type") == "MemoryError":
+                self.discard()  # who knows what it still holds
+        cell, extra = self.cell, self._extra
+        self.next()  # first: the process computes while the row is being written
+        self._write(row, cell, extra)
+
+    def _write(self, row: bytes | dict[str, Any], cell: Cell | None = None, extra: Mapping[str, Any] | None = None) -> None:
+        cell, extra = cell or self.cell, self._extra if extra is None else extra
+        assert cell is not None
+        content = row.rstrip(b"\n") if isinstance(row, bytes) else row_bytes(row | dict(extra))
+        self.crew.ledger.write(cell, content, self.crew.running())
+
+
+def crash_row(code: int | None) -> dict[str, Any]:
+    """The row of a cell whose worker died: exit code and signal (None where unknown), and a sentence."""
+    failure = f"The worker process died while it ran this cell ({how_it_died(code)})."
+    return {"status": "crash", "failure": failure, "exit_code": code, "signal": signal_name(code)}
+
+
+def check_limits(jobs: Any, timeout: Any, memory_limit: Any) -> None:
+    """TcbenchError where one of them is no limit: known before anything is written, or earlier rows are set aside."""
+    if jobs is not None and not (isinstance(jobs, int) and jobs >= 1):
+        raise TcbenchError(f"jobs is {jobs!r}; it is a whole number, and at least one worker is needed.")
+    if not timeout > 0:
+        raise TcbenchError(f"timeout is {timeout}; give the seconds that a cell may take, for example 60.")
+    if memory_limit is not None and memory_limit < 64 * 2**20:
+        raise TcbenchError(f"memory_limit is {memory_limit} bytes; a worker needs at least 64 MiB to start.")
