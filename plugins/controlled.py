@@ -97,7 +97,9 @@ def doubling(step: Any, z: Any, times: Any, rtol: float, atol: float):
                     first, middle, last = map(kinks, (z, half, twice))
                     kink = turn(first, middle, tried / 2) or turn(middle, last, tried / 2)
                 turned += kink
-                if kink:  # no method has its order there, and its nodes need not see the kink: rates change by this much
+                if (
+                    kink
+                ):  # no method has its order there, and its nodes need not see the kink: rates change by this much
                     error = max(error, float((tried / 2 * np.abs(last[2] - first[2]) / (atol + rtol * size)).max()))
                 rounded = not kink and bool((gap <= ROUND_OFF * np.maximum(least, size)).all())
             except ArithmeticError as failed:

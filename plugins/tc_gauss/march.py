@@ -115,7 +115,9 @@ def turns(w: Work, before: Floats, after: Floats, h: float) -> bool:
             return True
         way = 1.0 if u > 0.0 else -1.0
         down, up = way * before[i + n], way * after[i + n]
-        if down < 0.0 and up > 0.0 and way * u + down * (way * (v - u) - up * h) / (down - up) < 0.0:  # where tangents meet
+        if (
+            down < 0.0 and up > 0.0 and way * u + down * (way * (v - u) - up * h) / (down - up) < 0.0
+        ):  # where tangents meet
             return True
     return False
 

@@ -30,7 +30,10 @@ GROWN, NEAR, OUT = 4.0, 0.15, 2.6  # a step that grew by so much also from there
 INSIDE = 0.381966  # else there and at its end
 BEFORE_KINK = 0.98  # of a step to a kink: behind it the rates are others
 CLOSER = 1e-3  # part of a length to which the end of what is right is found
-SHRUNK, SPRUNG = 1.6, 2.0  # a series whose length is so much shorter or longer than the last one's tells of a step too far
+SHRUNK, SPRUNG = (
+    1.6,
+    2.0,
+)  # a series whose length is so much shorter or longer than the last one's tells of a step too far
 LEAST = 1e-290  # a squared size that has all its digits: it goes with the unit of time to the power of twice the order
 
 

@@ -171,7 +171,9 @@ def kernels(system: System, order: int) -> tuple[Any, ...]:
             to_z = system.compiled([y], [system.entropy_variables(y) if elements else y])
             series = on_arrays.series_kernel(system, order)
             return series, None, on_arrays.rates_kernel(system), mend, hold, None, start, to_z, 0.0
-        series, polynomial, rates, more, series_time = series_kernels(system, order, system.n_constant_values + len(fixed))
+        series, polynomial, rates, more, series_time = series_kernels(
+            system, order, system.n_constant_values + len(fixed)
+        )
         setup = kernel(system.constant_symbols(), [*fixed, *more])
     z = system.unknowns("z")
     to_z = system.kernel("entropy_variables")[0] if elements else system.compiled([z], [z])

@@ -185,7 +185,13 @@ def polynomial_kernel(order: int, size: int) -> Kernel:
 
 def slopes_kernel(order: int, size: int) -> Kernel:
     """As `texts.slopes_kernel`, in a loop."""
-    lines = ["n = table[0]", "h = b[0]", "for i in range(n):", f"    t{order} = a[{order} * n + i]", f"    d{order} = 0.0"]
+    lines = [
+        "n = table[0]",
+        "h = b[0]",
+        "for i in range(n):",
+        f"    t{order} = a[{order} * n + i]",
+        f"    d{order} = 0.0",
+    ]
     for k in reversed(range(order)):
         lines += [f"    d{k} = t{k + 1} + h * d{k + 1}", f"    t{k} = a[{k} * n + i] + h * t{k + 1}"]
     text = "".join(f"    {line}\n" for line in [*lines, "    out[i] = t0", f"    out[n + {BESIDE} + i] = d0"])

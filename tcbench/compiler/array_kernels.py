@@ -329,7 +329,9 @@ class _Body:
     def __init__(self, writer: _Writer, depth: int, space: str, i: str) -> None:
         self.w, self.i, self.lines = writer, i, list[str]()
         self.names, self.indices = dict(writer.names), dict[Path, str]()
-        self.here = [x for x in writer.nodes if writer.stage[x.number] == (depth, space) and x.number not in writer.given]
+        self.here = [
+            x for x in writer.nodes if writer.stage[x.number] == (depth, space) and x.number not in writer.given
+        ]
         self.derivatives = derivatives_of(self.here)
         terms = [k for k, (term, x) in enumerate(writer.terms) if writer._stage(x, term.over) == (depth, space)]
         if len(terms) <= GROUP:
@@ -362,7 +364,9 @@ class _Body:
         found = [x.number for x in self.here if x.number in w.stored and x.op not in WHOLE]
         for node in w.nodes:
             if node.number not in w.given and node.op == "collect":
-                found += [x.number for x, p in zip(node.args, node.value, strict=True) if w._stage(x, p[0].source) == stage]
+                found += [
+                    x.number for x, p in zip(node.args, node.value, strict=True) if w._stage(x, p[0].source) == stage
+                ]
             elif node.number not in w.given and node.op == "total" and w._stage(node.args[0], node.value[1]) == stage:
                 found.append(node.args[0].number)
         return found

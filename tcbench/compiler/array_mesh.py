@@ -171,4 +171,4 @@ def _met(
     fixed = len(known) > 0 and known[0] < 0
     inverse = inverse.astype(np.int32) - fixed
     ends = np.cumsum([len(key) for key in keys])[:-1]
-    return known[int(fixed):], dict(zip(ways, np.split(inverse, ends), strict=True))
+    return known[int(fixed) :], dict(zip(ways, np.split(inverse, ends), strict=True))

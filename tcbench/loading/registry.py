@@ -231,7 +231,9 @@ def _collect(manager: pluggy.PluginManager, result: Registry) -> None:
             _LOADING.append(label)
             path = result.origins[label].path
             try:
-                with at_home(Path(path)) if path and not result.origins[label].distribution else contextlib.nullcontext():
+                with (
+                    at_home(Path(path)) if path and not result.origins[label].distribution else contextlib.nullcontext()
+                ):
                     items = _checked(implementation.function(), kind, hook_name)
             except BaseException as error:
                 if isinstance(error, KeyboardInterrupt):

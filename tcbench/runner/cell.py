@@ -96,7 +96,11 @@ def made_by(method: Integrator, scenario: Scenario, study: Study | None = None, 
     own = (method.name, method.plugin, *((study.plugin,) if study else ()))
     metrics = [m.plugin for m in plugins.metrics().values()] if study and study.metrics else []
     parts = [_marks(plugins.needs(*own, *metrics)), method.versions(), method.order, [*_files(method)], sorted(metrics)]
-    of_scenario = [_marks(plugins.needs(scenario.name, scenario.plugin)), scenario.data(), system and folder_mark(system)]
+    of_scenario = [
+        _marks(plugins.needs(scenario.name, scenario.plugin)),
+        scenario.data(),
+        system and folder_mark(system),
+    ]
     return f"{tcbench_mark()}-{digest(parts)[:12]}-{digest(of_scenario)[:12]}"
 
 

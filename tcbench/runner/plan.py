@@ -203,7 +203,10 @@ def scenario_data(scenario: Scenario) -> dict[str, Any] | None:
     system = scenario.system
     module = sys.modules.get(system.__module__)
     try:
-        if system.__module__ == "__main__" or pkgutil.resolve_name(f"{system.__module__}:{system.__qualname__}") is not system:
+        if (
+            system.__module__ == "__main__"
+            or pkgutil.resolve_name(f"{system.__module__}:{system.__qualname__}") is not system
+        ):
             return None
     except (AttributeError, ValueError, ImportError):  # it is local to a function
         return None

@@ -138,7 +138,9 @@ class Store(Rows):
                 if fresh:
                     store._set_aside()
                 if (store.folder / ROWS).exists() and not (store.folder / ROWS).is_file():
-                    raise TcbenchError(f"{store.folder / ROWS} is no file (a pipe, a device or a folder): move it away.")
+                    raise TcbenchError(
+                        f"{store.folder / ROWS} is no file (a pipe, a device or a folder): move it away."
+                    )
                 flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | getattr(os, "O_BINARY", 0)
                 store._file = os.open(store.folder / ROWS, flags, 0o666)
                 for place in (store.folder, store.folder / "tables", store.folder / "provenance"):

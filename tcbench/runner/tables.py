@@ -79,9 +79,7 @@ def latest_rows(store: Rows) -> tuple[set[str], list[str]]:
     ]
 
 
-def make_tables(
-    chosen: Iterable[Study], store: Store, keys: set[str]
-) -> tuple[dict[str, DataFrame], list[Study]]:
+def make_tables(chosen: Iterable[Study], store: Store, keys: set[str]) -> tuple[dict[str, DataFrame], list[Study]]:
     """Tables of the rows of these keys; and the studies that cannot make theirs (`store.problems` says why)."""
     tables, failed = dict[str, "DataFrame"](), []
     by_study: dict[str, list[str]] = {}

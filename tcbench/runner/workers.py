@@ -346,7 +346,9 @@ class Worker:
             pass
         with open(self._log, "ab") as output:  # appending: after it was emptied writing goes on at its beginning
             said = self.crew.said
-            self._child = Child(lambda c, line: said.put((self, c, line)), "tcbench.runner.worker:start", str(told), output)
+            self._child = Child(
+                lambda c, line: said.put((self, c, line)), "tcbench.runner.worker:start", str(told), output
+            )
 
     def _start_failed(self, how: str) -> None:
         """Try again; after some attempts all that is left of this integrator is given up."""
@@ -375,7 +377,9 @@ class Worker:
         self.next()  # first: the process computes while the row is being written
         self._write(row, cell, extra)
 
-    def _write(self, row: bytes | dict[str, Any], cell: Cell | None = None, extra: Mapping[str, Any] | None = None) -> None:
+    def _write(
+        self, row: bytes | dict[str, Any], cell: Cell | None = None, extra: Mapping[str, Any] | None = None
+    ) -> None:
         cell, extra = cell or self.cell, self._extra if extra is None else extra
         assert cell is not None
         content = row.rstrip(b"\n") if isinstance(row, bytes) else row_bytes(row | dict(extra))
