@@ -23,7 +23,7 @@ def collect(folder):
     from tcbench.report.matrix import cells
     from tcbench.report.overview import findings
     from tcbench.store.store import Store
-    from tcbench.store.tables import read_tables
+    from tcbench.runner.tables import read_tables
 
     store = Store.read(folder)
     tables, manifest = read_tables(store), store.manifest()

@@ -14,7 +14,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from tcbench.store.compare import compare, in_both, regressions
+from tcbench.runner.compare import compare, in_both, regressions
 
 METHODS = ("tc_monolithic", "mine")
 SCENARIOS = ("short_term",)

@@ -107,7 +107,7 @@ def collect() -> dict[str, object]:
 
 
 def machine() -> str:
-    from tcbench.store.provenance import cpu_model
+    from tcbench.runner.provenance import cpu_model
 
     return cpu_model()
 

@@ -19,8 +19,8 @@ from tcbench.errors import TcbenchError, visible
 from tcbench.report.html import script_hash
 from tcbench.report.publish import publish
 from tcbench.report.write_report import write_report
-from tcbench.store.compare import compare, other_machine
-from tcbench.store.disk import hold_lock
+from tcbench.runner.compare import compare, other_machine
+from tcbench.runner.disk import hold_lock
 from tcbench.store.encoding import active, csv_bytes
 from tcbench.store.store import Store
 

@@ -6,7 +6,7 @@ from command import tcbench as command
 
 import tcbench
 from tcbench import Flow, Integrator, Scenario, TcbenchError
-from tcbench.store.compare import compare
+from tcbench.runner.compare import compare
 
 HUGE = 10**400
 

@@ -7,7 +7,7 @@ import pytest
 
 import tcbench
 from tcbench import Flow, Integrator, TcbenchError
-from tcbench.engine.planning import plan_job
+from tcbench.runner.plan import plan_job
 from tcbench.plugins import find_scenario
 
 PENDULUM, GAS, BODY = (find_scenario(name).model for name in ("short_term", "gas_containers", "rigid_body"))

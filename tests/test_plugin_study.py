@@ -18,7 +18,7 @@ from tcbench.report import page_charts
 from tcbench.report.chart_kinds import draw_kind
 from tcbench.report.matrix import failures
 from tcbench.store.store import Store
-from tcbench.store.tables import make_tables
+from tcbench.runner.tables import make_tables
 
 PAGE = (Path(__file__).parents[1] / "docs" / "add-study.md").read_text("utf-8")
 SOURCE = PAGE.split('title="halving.py"\n')[1].split("```")[0]

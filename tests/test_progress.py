@@ -14,9 +14,9 @@ import pytest
 
 import tcbench
 from tcbench import Integrator, progress
-from tcbench.engine import remaining
-from tcbench.engine.local import Event
-from tcbench.engine.remaining import Remaining
+from tcbench.runner import remaining
+from tcbench.runner.workers import Event
+from tcbench.runner.remaining import Remaining
 from tcbench.simulation import run
 from tcbench.store.cells import Cell
 

@@ -11,11 +11,11 @@ import tcbench
 from tcbench import plugins
 from tcbench.engine.cluster import _all_machines
 from tcbench.engine.local import plan
-from tcbench.engine.planning import plan_job
+from tcbench.runner.plan import plan_job
 from tcbench.inputs import marks
 from tcbench.store.cells import Cell
 from tcbench.store.rows import Rows
-from tcbench.store.tables import latest_rows
+from tcbench.runner.tables import latest_rows
 
 
 @pytest.mark.parametrize("name", ["short_term", "rigid_body"])  # springs; any other system, which has `initial`

@@ -90,7 +90,7 @@ def test_a_peer_whose_package_is_absent_runs_only_when_it_is_named(monkeypatch):
     from dataclasses import replace
 
     from tcbench import plugins
-    from tcbench.engine import planning
+    from tcbench.runner import plan as planning
 
     method = tcbench.integrators()["midpoint_entropy"]
     monkeypatch.setitem(
@@ -117,7 +117,7 @@ def test_a_registered_method_with_another_step_is_measured_as_what_it_is(tmp_pat
 
 
 def test_every_table_of_the_folder_is_what_is_read_from_it(tmp_path):
-    from tcbench.store.tables import read_tables
+    from tcbench.runner.tables import read_tables
 
     methods = ["tc_monolithic"], ["tc_monolithic", "tc_staggered"]
     for names, studies in ((methods[0], ["claims", "conservation"]), (methods[1], ["conservation"])):

@@ -17,7 +17,7 @@ from tcbench import Integrator, plugins
 from tcbench.engine import fingerprint
 from tcbench.engine.local import run_cells
 from tcbench.engine.measure import MEASURE
-from tcbench.engine.planning import plan_job
+from tcbench.runner.plan import plan_job
 from tcbench.store.rows import Rows
 from tcbench.store.store import Store
 from tests.simulation.test_changed_formulas import springs

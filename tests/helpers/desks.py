@@ -9,7 +9,7 @@ from unittest.mock import patch
 import tcbench
 from tcbench import plugins
 from tcbench.engine.child import given
-from tcbench.engine.planning import plan_job
+from tcbench.runner.plan import plan_job
 from tcbench.engine.reuse import Reuse
 from tcbench.inputs import watching
 from tcbench.loading import files

@@ -66,7 +66,7 @@ def test_no_integrator_names_a_system():
 
 
 def test_methods_that_ask_for_a_closed_form_are_left_out_of_its_runs():
-    from tcbench.engine.planning import plan_job
+    from tcbench.runner.plan import plan_job
 
     scenarios = ["gas_containers", "short_term"]
     cells = {(c.integrator, c.scenario) for c in plan_job(None, scenarios, ["conservation"]).cells}

@@ -6,7 +6,7 @@ from tcbench_plugins.chain.chain import chain
 
 import tcbench
 from tcbench import TcbenchError
-from tcbench.engine.planning import plan_job
+from tcbench.runner.plan import plan_job
 from tcbench.plugins import find_scenario
 from tcbench.systems.traced import Traced
 

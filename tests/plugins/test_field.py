@@ -9,7 +9,7 @@ import tcbench
 from tcbench import Flow, Integrator, Scenario, System, TcbenchError
 from tcbench.compiler import derivatives as trace
 from tcbench.compiler.kernels import kernel
-from tcbench.engine.planning import plan_job
+from tcbench.runner.plan import plan_job
 from tcbench.plugins import find_integrator
 
 from ..helpers.networks import NETWORKS

@@ -14,7 +14,7 @@ import tcbench
 from tcbench.report import matrix, overview
 from tcbench.report.judged import judged
 from tcbench.report.summary import seconds
-from tcbench.store.tables import read_tables
+from tcbench.runner.tables import read_tables
 
 
 def sentences(tables, declared=None):

@@ -4,7 +4,7 @@ import awkward
 import pandas as pd
 
 import tcbench
-from tcbench.engine.declared import method_facts
+from tcbench.runner.declared import method_facts
 from tcbench.report.judged import judged
 from tcbench.report.summary import summary
 

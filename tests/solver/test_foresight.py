@@ -14,8 +14,8 @@ import tcbench
 from tcbench import progress
 from tcbench.compiler.looks import LEFT
 from tcbench.compiler.once import Spares
-from tcbench.engine import planning
-from tcbench.engine.measure import measure_cell
+from tcbench.runner import plan as planning
+from tcbench.runner.worker import measure_cell
 from tcbench.errors import MachineError
 from tcbench.plugins import find_integrator, find_scenario
 from tcbench.simulation import python_loop

@@ -9,7 +9,7 @@ import pytest
 
 from tcbench.errors import TcbenchError
 from tcbench.store.cells import Cell
-from tcbench.store.compare import compare, in_both, one_sided, other_machine, regressions
+from tcbench.runner.compare import compare, in_both, one_sided, other_machine, regressions
 from tcbench.store.store import Store
 
 BASE = {

@@ -22,7 +22,7 @@ from tcbench.engine.local import plan
 from tcbench.errors import TcbenchError
 from tcbench.store.cells import Cell
 from tcbench.store.encoding import decode_line, encode_line
-from tcbench.store.provenance import provenance, utc_now, without_home
+from tcbench.runner.provenance import provenance, utc_now, without_home
 from tcbench.store.rows import is_finished
 from tcbench.store.store import ROWS, Store
 

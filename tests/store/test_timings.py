@@ -9,7 +9,7 @@ import pytest
 
 import tcbench
 from tcbench.store.cells import Cell
-from tcbench.store.compare import compare, regressions
+from tcbench.runner.compare import compare, regressions
 from tcbench.store.store import Store
 from tcbench.store.timings import Timed, judge
 from tcbench.studies.work_precision import plan, processes

@@ -9,7 +9,7 @@ import pytest
 
 import tcbench
 from tcbench.cache import folder
-from tcbench.engine.planning import plan_job
+from tcbench.runner.plan import plan_job
 from tcbench.report.plot import draw
 from tcbench.studies import size as study
 
