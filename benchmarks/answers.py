@@ -22,7 +22,7 @@ def collect(folder):
     from tcbench.report.judged import judged
     from tcbench.report.matrix import cells
     from tcbench.report.overview import findings
-    from tcbench.store.store import Store
+    from tcbench.runner.rows import Store
     from tcbench.runner.tables import read_tables
 
     store = Store.read(folder)

@@ -28,7 +28,7 @@ def pytest_cmdline_main(config):
 
 def starts_processes(item):
     """Whether tests of this file start processes: they take longest, and wait, so they come first."""
-    return item.path.parent.name in ("engine", "authoring") or item.path.stem in SLOW
+    return item.path.parent.name in ("runner", "authoring") or item.path.stem in SLOW
 
 
 def place(item):

@@ -124,7 +124,7 @@ def test_simulate_loads_nothing_that_it_does_not_need():
     code = (
         "import os, sys\nfrom click.testing import CliRunner\nfrom tcbench.cli import main\n"
         "print(CliRunner().invoke(main, ['simulate', 'tc_monolithic', 'short_term']).output)\n"
-        "heavy = {'scipy', 'pandas', 'matplotlib', 'tcbench.engine', 'tcbench.store'} & set(sys.modules)\n"
+        "heavy = {'scipy', 'pandas', 'matplotlib', 'tcbench.runner'} & set(sys.modules)\n"
         "print(os.environ.get('OPENBLAS_NUM_THREADS'), sorted(heavy))\n"
     )
     for asked, used in ((None, "1"), ("2", "2")):
@@ -378,7 +378,7 @@ def test_help_names_studies_kinds_and_environment():
 
 def test_the_default_folder_is_the_same_everywhere():
     from tcbench import cli
-    from tcbench.engine import run
+    from tcbench.runner import run
 
     assert cli.LATEST == run.DEFAULT_OUTPUT
 

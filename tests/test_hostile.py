@@ -10,7 +10,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pandas
 import pytest
 from click.testing import CliRunner
 
@@ -21,8 +20,7 @@ from tcbench.report.publish import publish
 from tcbench.report.write_report import write_report
 from tcbench.runner.compare import compare, other_machine
 from tcbench.runner.disk import hold_lock
-from tcbench.store.encoding import active, csv_bytes
-from tcbench.store.store import Store
+from tcbench.runner.rows import Store
 
 BASELINE = Path(__file__).resolve().parents[1] / "results" / "baseline"
 
@@ -45,26 +43,6 @@ def test_a_lock_is_a_file_of_the_folder_or_none(tmp_path, kind):
     with pytest.raises(TcbenchError, match="Cannot write to the run folder"):
         Store.open(tmp_path / "run")
     assert victim.read_text() == "data"
-
-
-def test_folders_of_other_users_are_left_alone(tmp_path, monkeypatch):
-    import tempfile
-
-    from tcbench.engine.local import LOGS, _log_folder
-
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    old = tmp_path / f"{LOGS}old"
-    old.mkdir()
-    (old / ".lock").touch()
-    os.utime(old, (1, 1))
-    with monkeypatch.context() as other:
-        other.setattr(os, "getuid", lambda: os.stat(tmp_path).st_uid + 1)
-        with _log_folder() as mine:
-            assert old.exists() and os.stat(mine).st_mode & 0o077 == 0
-    linked = tmp_path / f"{LOGS}linked"
-    linked.symlink_to(old)
-    with _log_folder():
-        assert not old.exists() and linked.is_symlink()
 
 
 @pytest.mark.parametrize("name", ["cells.jsonl", "manifest.json", "declared.json", "tables/claims.csv"])
@@ -117,13 +95,6 @@ def test_a_page_runs_its_own_scripts_and_no_others(folder):
     assert not re.search(r"<[^>]+ on[a-z]+=", text.partition("<script")[0])
 
 
-@pytest.mark.parametrize("text", ["=1+1", "=\n1+1", "+cmd", "@x", "\t=1", "\n=1", "\uff1d1", "-1+1"])
-def test_a_spreadsheet_calculates_nothing(text):
-    written = csv_bytes(pandas.DataFrame({"a": [text, "b"]})).decode()
-    assert "'" + text in written
-    assert active(pandas.DataFrame({"a": ["'" + text]}))["a"].tolist() == [text]
-
-
 def test_names_do_not_steer_the_terminal(tmp_path):
     assert visible("a\x1b[2J\x07\x9b\u202eb\tc") == "a\\x1b[2J\\x07\\x9b\\u202eb\tc"
     name = tmp_path / "r\x1b]0;evil\x07"
@@ -134,24 +105,6 @@ def test_names_do_not_steer_the_terminal(tmp_path):
     table.write_text(table.read_text().replace("tc_strang", "\x1b[31mtc\x1b[0m"))
     shown = tcbench("show", str(name), "--table", "stability")
     assert shown.returncode == 0 and "\x1b" not in shown.stdout + shown.stderr and "\\x1b[31mtc" in shown.stdout
-
-
-def test_a_row_of_no_method_costs_itself_only(tmp_path):
-    with Store.open(tmp_path) as store:
-        for key in "ab":
-            cell = {"study": "conservation", "integrator": key, "scenario": "s", "options": {"dt": 0.1}}
-            store.append(key, {"status": "ok", "energy_error_max": 1.0}, cell)
-    lines = (tmp_path / "cells.jsonl").read_text().splitlines()
-    damaged = []
-    for change in ({"integrator": None}, {"options": 5}, {"study": ["x"]}):
-        line = json.loads(lines[0])
-        line["cell"] |= change
-        damaged.append(json.dumps(line))
-    del line["cell"]["integrator"]
-    (tmp_path / "cells.jsonl").write_text("\n".join([*damaged, json.dumps(line), lines[1]]) + "\n")
-    store = Store.read(tmp_path)
-    assert list(store.rows()) == ["b"] and len(store.problems) == 4
-    assert compare(tmp_path, tmp_path).empty
 
 
 def tcbench(*arguments, **options):

@@ -17,8 +17,9 @@ from tcbench.cli import main
 from tcbench.report import page_charts
 from tcbench.report.chart_kinds import draw_kind
 from tcbench.report.matrix import failures
-from tcbench.store.store import Store
-from tcbench.runner.tables import make_tables
+from tcbench.runner.cell import Cell
+from tcbench.runner.rows import Store
+from tcbench.runner.tables import make_tables, read_tables
 
 PAGE = (Path(__file__).parents[1] / "docs" / "add-study.md").read_text("utf-8")
 SOURCE = PAGE.split('title="halving.py"\n')[1].split("```")[0]
@@ -68,12 +69,11 @@ def test_the_study_is_measured_and_its_chart_is_on_the_page_and_a_picture(folder
     assert "steps of a run" in picture.read_text()
 
 
-def test_charts_of_plugins_that_this_process_has_not_imported_come_from_another(folder):
-    """Its answer was no JSON: the page said that the process had died, and had none of them."""
+def test_charts_of_plugins_are_drawn_from_the_tables(folder):
     plugins.forget()
     plugins.use_folders([folder])
     problems = []
-    assert list(page_charts.page_charts(folder / "run", {}, {}, problems)) == ["halving"] and problems == []
+    assert list(page_charts.page_charts(read_tables(folder / "run"), {}, problems)) == ["halving"] and problems == []
 
 
 def test_a_cell_is_measured_again_when_the_plugin_changes_and_only_then(folder):
@@ -139,10 +139,11 @@ def test_a_study_that_cannot_be_planned_says_so_in_a_sentence(tmp_path, old, new
 def test_tables_that_are_none_cost_their_study_alone(tmp_path, tabulate, told):
     with Store.open(tmp_path) as store:
         for study in ("bad", "good"):
-            store.append(study, {"status": "ok"}, {"study": study, "integrator": "i", "scenario": "s", "options": {}})
+            cell = Cell(study, "i", "s")
+            store.append(cell.key, {"status": "ok"}, cell.as_dict())
         bad = Study("bad", "", ("t",), plan=lambda *_: [], measure=lambda *_: {}, tabulate=tabulate)
         good = replace(bad, name="good", tables=("u",), tabulate=lambda rows: {"u": pd.DataFrame(rows)})
-        tables, failed = make_tables([bad, good], store)
+        tables, failed = make_tables([bad, good], store, set(store.rows()))
     assert list(tables) == ["u"] and failed == [bad]
     assert len(store.problems) == 1 and told in store.problems[0]
 

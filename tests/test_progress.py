@@ -18,7 +18,7 @@ from tcbench.runner import remaining
 from tcbench.runner.workers import Event
 from tcbench.runner.remaining import Remaining
 from tcbench.simulation import run
-from tcbench.store.cells import Cell
+from tcbench.runner.cell import Cell
 
 
 @pytest.fixture(autouse=True)
@@ -137,7 +137,7 @@ def test_jupyter_gets_a_bar_that_is_updated(monkeypatch):
 
 
 def cell(name="mine"):
-    return Cell("conservation", name, "short_term", {}, False, "", "")
+    return Cell("conservation", name, "short_term")
 
 
 def test_alarming_failures_are_printed_as_they_come_the_first_five(capsys):

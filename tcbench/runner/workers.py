@@ -256,7 +256,7 @@ class Worker:
         self.cell: Cell | None = None
         self._extra: dict[str, Any] = {}
         self._child: Child | None = None
-        self._ready = False
+        self._ready = self._was_cut = False
         self._opened = self._began = 0.0
         self._failed_starts = 0
         crew.started += 1
@@ -316,17 +316,21 @@ class Worker:
                 kept = read_tail(self._log)
                 os.truncate(self._log, 0)
                 self._log.write_text(kept, errors="replace")
+                self._was_cut = True
         if self._child is None or self.cell is None:
             return
         if not self._child.is_alive():
             self._child.kill()  # something that it has started holds its pipe open
-        if self._ready and now - self._began > self.crew.timeout:
+        if self._ready and self._overdue(now):
             self.discard()
             failure = f"The cell did not end within {self.crew.timeout:g} s and was stopped."
             self._end({"status": "timeout", "failure": failure, "cell_time_s": now - self._began})
         elif not self._ready and now - self._opened > START_LIMIT_S:
             self.discard()
             self._start_failed(f"it took more than {START_LIMIT_S:g} s")
+
+    def _overdue(self, now: float) -> bool:
+        return now - self._began > self.crew.timeout
 
     def discard(self) -> None:
         """Kill the process, whatever it is doing."""

@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 
-from tcbench.store.store import Store
+from tcbench.runner.rows import Store
 
 FIVE = ["tc_monolithic", "tc_staggered", "tc_strang", "midpoint_entropy", "midpoint_temperature"]
 PEERS = ["scipy_radau", "cvode_bdf"]

@@ -158,14 +158,13 @@ def test_absent_peers_are_named_with_what_installs_them(tmp_path):
     assert "Not installed: heyoka." in words and "pip install heyoka" in words
 
 
-def test_a_real_run_is_reported_without_plugins_or_simulation(tmp_path, monkeypatch):
+def test_a_real_run_is_reported_without_simulation(tmp_path, monkeypatch):
     out = tmp_path / "run"
     tcbench.run(["tc_monolithic", "midpoint_entropy"], ["stiff_spring"], ["conservation"], out, jobs=1)
 
     def forbidden(*_, **__):
         raise AssertionError("a report is drawn from its folder alone")
 
-    monkeypatch.setattr("tcbench.plugins.registry", forbidden)
     monkeypatch.setattr("tcbench.simulation.run.simulate", forbidden)
     page = Page(report.write_report(out).read_text("utf-8"))
     told = page.data["declared"]

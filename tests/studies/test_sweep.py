@@ -3,7 +3,7 @@
 import numpy as np
 
 import tcbench
-from tcbench.store.cells import identity_of
+from tcbench.runner.cell import identity_of
 from tcbench.studies import conservation
 
 BASE = tcbench.scenarios()["short_term"].replace(t_end=0.6)
