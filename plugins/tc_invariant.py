@@ -8,7 +8,8 @@ discrete gradient of E is as invariant as E. To v is added the shortest move c w
 
 DJ being discrete gradients, too: energy, entropy production and every J are exact. At the true gradients DJ . v = 0, so
 c = O(h^2): order 2, and symmetric. Where the method keeps J already, c = 0. c is measured in units of the state, and
-its part along what is left of DJ beside DE and DS (at an equilibrium nothing is) is damped: see `mending.shortest_move`.
+its part along what is left of DJ beside DE and DS (at an equilibrium nothing is) is damped: see
+`mending.shortest_move`.
 """
 
 from tcbench import Integrator, hookimpl
@@ -50,7 +51,8 @@ def tcbench_integrators():
             name="tc_invariant",
             order=2,
             claims={"energy", "entropy", "angular_momentum"},
-            source="Romero (2009), eq. (6), projected onto the invariants (Gonzalez 1996; McLachlan, Quispel, Robidoux 1999)",
+            source="Romero (2009), eq. (6), projected onto the invariants (Gonzalez 1996; McLachlan, Quispel, "
+            "Robidoux 1999)",
             flows=tc_invariant,
             refuses=refuses,
         )

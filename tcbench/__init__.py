@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .chart import Chart, Panel, Row, Series
-    from .runner.run import Results, load, run
     from .errors import TcbenchError
     from .hookspecs import hookimpl
     from .integrator import Flow, Integrator, family
@@ -23,6 +22,7 @@ if TYPE_CHECKING:
     from .plugins import integrators, scenarios
     from .report.animation import animate
     from .report.plot import draw
+    from .runner.run import Results, load, run
     from .simulation.run import simulate
     from .simulation.stepper import stepper
     from .simulation.trajectory import Trajectory

@@ -15,8 +15,8 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .runner.workers import Event
     from .runner.remaining import Remaining
+    from .runner.workers import Event
 
 AFTER_S = 2.0  # a wait as short as this needs no word
 GROUND = 0.1  # of a wait whose parts are alike tells how long the rest takes

@@ -343,8 +343,8 @@ def test_names_that_a_run_does_not_have_are_refused(tmp_path):
 
 def test_what_was_not_run_is_named_at_the_end(monkeypatch):
     from tcbench import plugins
-    from tcbench.runner.plan import plan_job
     from tcbench.integrator import Integrator
+    from tcbench.runner.plan import plan_job
 
     absent = Integrator(name="far_away", order=1, step=lambda z, h, system: z, requires=("no-such-package",))
     monkeypatch.setitem(plugins.registry().integrators, "far_away", absent)

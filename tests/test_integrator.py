@@ -7,8 +7,8 @@ import pytest
 
 import tcbench
 from tcbench import Flow, Integrator, TcbenchError
-from tcbench.runner.plan import plan_job
 from tcbench.plugins import find_scenario
+from tcbench.runner.plan import plan_job
 
 PENDULUM, GAS, BODY = (find_scenario(name).model for name in ("short_term", "gas_containers", "rigid_body"))
 

@@ -15,10 +15,10 @@ import pytest
 import tcbench
 from tcbench import Integrator, progress
 from tcbench.runner import remaining
-from tcbench.runner.workers import Event
-from tcbench.runner.remaining import Remaining
-from tcbench.simulation import run
 from tcbench.runner.cell import Cell
+from tcbench.runner.remaining import Remaining
+from tcbench.runner.workers import Event
+from tcbench.simulation import run
 
 
 @pytest.fixture(autouse=True)

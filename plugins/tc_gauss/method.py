@@ -116,7 +116,8 @@ def of_elements(system: System, k: int) -> tuple[Any, dict[str, Any]]:
     return made.pattern, {
         "n": n, "e": e, "m": n + e, "n_matrix": e if matrix else 0, **constants(system, made),
         "inverse_mass": 1.0 / (np.asarray(system.inertia(), dtype=float) * np.ones(n)),
-        "n_lanes": 0, "n_kinks": made.n_kinks, "n_newton": k * (n + e) if k * (n + e) <= MOST_NEWTON else 0, "n_ends": scalar[0].size,
+        "n_lanes": 0, "n_kinks": made.n_kinks, "n_newton": k * (n + e) if k * (n + e) <= MOST_NEWTON else 0,
+        "n_ends": scalar[0].size,
         "n_nodes": 2 * (n + e), "n_carried": 2 * e, "n_slopes": 2 * e, "n_positive": e, "n_mended": scalar[-1].size,
         "n_laws": n + e + 1 + scalar[-1].size, **dict(zip(names, addresses, strict=True)),
     }  # fmt: skip

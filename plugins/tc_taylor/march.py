@@ -62,8 +62,8 @@ def mended_state(w: Work, h: float) -> bool:
 
 
 def mended_end(w: Work, h: float, tolerance: float) -> bool:
-    """The same of the end of a step, or of what is near it; False too where mending moves it by much more than a step may miss: what the laws
-    miss by little may be made up for by much of a variable on which they hardly depend."""
+    """The same of the end of a step, or of what is near it; False too where mending moves it by much more than a
+    step may miss: what the laws miss by little may be made up for by much of a variable on which they hardly depend."""
     w.length[0] = h
     call(w.to_state, w.coefficients, w.length, w.end)
     good, limit = mended_state(w, h), MOVED * max(tolerance, AGREED_AT_LEAST) * MOVED * max(tolerance, AGREED_AT_LEAST)

@@ -161,8 +161,8 @@ def prepared(system: System, order: int) -> tuple[Any, Any, float]:
 
 @once
 def kernels(system: System, order: int) -> tuple[Any, ...]:
-    """(series, polynomial, rates, mend, hold, setup, start, to z, time of the series) of all systems of one structure, by
-    `System.symbolic`; of one kind, by `by_arrays`, without polynomial, setup and time."""
+    """(series, polynomial, rates, mend, hold, setup, start, to z, time of the series) of all systems of one structure,
+    by `System.symbolic`; of one kind, by `by_arrays`, without polynomial, setup and time."""
     elements = system.defines("element_energy")
     with trace.tracing():
         start, mend, hold, fixed = (of_elements if elements else of_any)(system)

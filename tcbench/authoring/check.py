@@ -15,11 +15,11 @@ from pathlib import Path
 from typing import Any
 
 from .. import plugins
-from ..runner.child import LOOK_S, READY, Child, how_it_died
 from ..errors import TcbenchError, blamed, matching
 from ..integrator import Integrator
 from ..metric import Metric
 from ..plugins import Origin
+from ..runner.child import LOOK_S, READY, Child, how_it_died
 from ..studies.base import refuse_doubles
 from ..study import Study
 from ..systems.scenario import Scenario

@@ -10,9 +10,9 @@ from .. import plugins
 from ..chart import Chart, sheet_of
 from ..errors import TcbenchError, blamed
 from ..metric import Metric
+from ..runner.codec import row_bytes
 from ..simulation.run import simulate
 from ..simulation.trajectory import STATUSES
-from ..runner.codec import row_bytes
 from ..studies.conservation import COLUMNS, KEPT, as_number
 from ..study import Cells, Study
 from .check_line import FAIL, NONE, OK, Line

@@ -13,16 +13,16 @@ import click
 from click.core import ParameterSource
 
 from .. import plugins
-from ..runner.plan import plan_job, preview
-from ..runner.run import run
 from ..errors import TcbenchError, unknown_name
 from ..progress import LOUD, waiting
 from ..report.by_method import by_method, remarks, without_number
 from ..report.judged import judged
 from ..report.summary import summary
-from ..runner.disk import replace_file
 from ..runner.codec import csv_bytes
+from ..runner.disk import replace_file
+from ..runner.plan import plan_job, preview
 from ..runner.rows import Store
+from ..runner.run import run
 from ..runner.tables import only, read_tables
 from ..studies.base import studies
 from ..studies.columns import shown_columns
@@ -144,8 +144,8 @@ def map_command(
     **options: Any,
 ) -> int:  # fmt: skip
     """Run the map, one cell a row of it; tables and one picture in the output folder."""
-    from ..runner.run import execute
     from ..report.chart_kinds import draw_kind, find_kind
+    from ..runner.run import execute
 
     methods, chosen = words(names, integrators, scenarios)
     if not (methods and chosen):

@@ -20,8 +20,8 @@ from ..studies.conservation import COLUMNS as CONSERVATION
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-    from ..runner.workers import Summary
     from ..runner.run import Results
+    from ..runner.workers import Summary
 
 
 def console() -> Console:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from itertools import groupby
@@ -11,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import plugins
 from ..chart import Chart, Panel, Row, Series, sheet_of
 from ..errors import TcbenchError, blamed
 from ..studies.columns import column

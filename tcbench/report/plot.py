@@ -186,10 +186,10 @@ def _tables(kind: Chart, data: Source, dt: float | None) -> tuple[dict[str, Data
     """The tables of what was given, and what its folder declares of its methods."""
     from pandas import DataFrame
 
-    from ..simulation import series
-    from ..simulation.trajectory import Trajectory
     from ..runner.rows import Store
     from ..runner.tables import read_tables
+    from ..simulation import series
+    from ..simulation.trajectory import Trajectory
 
     declared: dict[str, Any] = {}
     if isinstance(data, DataFrame):

@@ -29,7 +29,10 @@ if TYPE_CHECKING:
     from ..systems.scenario import Scenario
 
 KEPT = ("sweep",)  # options that decide what a row keeps, and nothing that it measures
-SUFFIXES = frozenset(".py .pyi .so .pyd .dll .dylib .json .toml .csv .txt .dat .npy .npz .h5 .pt .onnx".split())
+SUFFIXES = frozenset({
+    ".py", ".pyi", ".so", ".pyd", ".dll", ".dylib", ".json", ".toml", ".csv", ".txt", ".dat", ".npy", ".npz", ".h5",
+    ".pt", ".onnx",
+})  # fmt: skip
 SKIPPED = frozenset({"__pycache__", "site-packages", "node_modules"})
 RUN_FILES = ("cells.jsonl", "pyvenv.cfg")  # of folders inside a plugin's that are none of it: runs, environments
 LARGE = 2**24  # bytes of a data file, of which size and time count instead of the content

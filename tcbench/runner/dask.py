@@ -102,8 +102,8 @@ def _receive(
         ) from problem
     if client.status != "running":
         raise TcbenchError(
-            f"The connection to the Dask scheduler was lost ({text}). The rows finished so far are intact: run the same "
-            "command again when the scheduler is back; it goes on where it stopped."
+            f"The connection to the Dask scheduler was lost ({text}). The rows finished so far are intact: run the "
+            "same command again when the scheduler is back; it goes on where it stopped."
         ) from problem
     again = []
     for cell in share:  # each alone from now on, so that what kills Dask workers costs its own cell

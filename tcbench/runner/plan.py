@@ -187,7 +187,8 @@ class _Cells:
     def context(self, fresh: list[str]) -> Context:
         origins = plugins.registry().origins
         brought = {
-            name: [(o.name, o.distribution, o.path if not o.distribution else "") for o in map(origins.get, labels) if o]
+            name: [(o.name, o.distribution, o.path if not o.distribution else "") 
+                   for o in map(origins.get, labels) if o]
             for name, labels in self._needs.items() if labels
         }  # fmt: skip
         custom = {name: data for name, data in self._custom.items() if data}

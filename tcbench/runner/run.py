@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 from ..errors import expect
 from ..integrator import Integrator
 from ..progress import of_cells, waiting
-from ..studies.base import in_order
 from ..simulation.series import ROW as SERIES
+from ..studies.base import in_order
 from ..systems.scenario import Scenario
 from .cores import usable_cores
 from .declared import merged
@@ -204,10 +204,8 @@ def execute(
         with waiting("writing tables", progress):
             keys = {cell.key for cell in job.cells}
             tables, failed = make_tables([*in_order(job.studies).values()], store, keys)
-            if keys == latest_rows(store)[0] and not failed:
-                every = tables
-            else:
-                every = read_tables(store)  # of all runs into this folder
+            alone = keys == latest_rows(store)[0] and not failed  # no other run has been into this folder
+            every = tables if alone else read_tables(store)
             every = {name: table for name, table in every.items() if len(table)}
             before = store.manifest().get("tables", [])
             store.write_tables(every, before if isinstance(before, list) else (), SERIES)

@@ -208,10 +208,11 @@ class Crew:
             order = shuffled.sample(order, len(order))
             order = [shuffled.sample(group, len(group)) for group in order]
         number = iter(range(len(cells)))
+        shuffles = {"timed": True, "shuffle_seed": SEED}
         waiting = [
-            deque((c, {"timed": True, "shuffle_order": next(number), "shuffle_seed": SEED} if shuffled else {"timed": False})
-                  for c in group) for group in (order if not shuffled else order)
-        ]  # fmt: skip
+            deque((c, shuffles | {"shuffle_order": next(number)} if shuffled else {"timed": False}) for c in group)
+            for group in order
+        ]
         if shuffled:
             waiting.reverse()
         last_look = time.monotonic()

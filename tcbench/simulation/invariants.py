@@ -1,11 +1,11 @@
 """Do real steps keep what a system declares as conserved? And where a method loses it, which of two causes it is.
 
-A step of L DE + M DS changes J by h DJ . (L DE + M DS), DJ a discrete gradient of J. At the true gradients that is 0 where
-the equations conserve J. It is not 0 of itself where
+A step of L DE + M DS changes J by h DJ . (L DE + M DS), DJ a discrete gradient of J. At the true gradients that is 0
+where the equations conserve J. It is not 0 of itself where
 
 - J is not quadratic: DJ is then not the gradient of J at the midpoint, at which L and M are taken; or
-- the discrete gradient of E is not as invariant as E: of E written in coordinates (of F, of angles) the quotients are not
-  those that a symmetry leaves alone. Of E written in invariants (F^T F, dot products) they are.
+- the discrete gradient of E is not as invariant as E: of E written in coordinates (of F, of angles) the quotients are
+  not those that a symmetry leaves alone. Of E written in invariants (F^T F, dot products) they are.
 """
 
 from __future__ import annotations
@@ -102,7 +102,7 @@ def cause(system: System, name: str, z0: Any, z1: Any) -> str:
     told = []
     if curved:
         told.append(
-            "it is not quadratic, and its gradient at the midpoint is not its difference (no change of variables in the "
+            "it is not quadratic, and its gradient at the midpoint is not its difference (no change of variables in "
             "energy helps; a J that is quadratic in other variables would)"
         )
     if turned or not curved:

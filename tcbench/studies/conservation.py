@@ -12,9 +12,9 @@ from ..integrator import Integrator
 from ..simulation import metrics, series, shared_runs
 from ..simulation.run import simulate
 from ..simulation.trajectory import Trajectory
-from ..table import Column, Table
 from ..study import Cells, Row, Study, Tables
 from ..systems.scenario import Scenario
+from ..table import Column, Table
 from .base import settings
 from .frames import table_of
 

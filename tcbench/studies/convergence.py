@@ -9,10 +9,10 @@ import numpy as np
 
 from ..integrator import Integrator
 from ..simulation.run import simulate
-from ..table import Column, Table
 from ..study import Cells, Row, Study, Tables
 from ..systems.scenario import Scenario
 from ..systems.system import System
+from ..table import Column, Table
 from .frames import rows_in, table_of
 from .order_fit import OrderFit, fit_order
 

@@ -73,8 +73,8 @@ def _why_not_invariant(model: System, name: str, sample: Any) -> str:
     if worst > OF_DIFFERENCES:
         return "neither reversible nor irreversible may change it."
     return (
-        "the equations keep it; the gradients that methods put in do not, since they are not as invariant as the energy. "
-        "Write energy() in invariants (of F in C = F^T F, of places in dot products, of angles in directors), or take "
+        "the equations keep it; the gradients that methods put in do not, since they are not as invariant as the "
+        "energy. Write energy() in invariants (of F in C = F^T F, of places in dot products, of angles in directors), or take "
         "tc_invariant, which keeps it."
     )
 

@@ -116,8 +116,8 @@ def closed(
     free = trace.substitute(rows, dict.fromkeys(lam, const(0.0)))
     if trace.depends_on(by_impulse, lam) & {x.number for x in by_impulse}:
         raise TraceError(
-            f"{name}: the equations of a step are not linear in the multipliers: reversible() and irreversible() must be "
-            "linear in those slopes of the energy that a constraint changes (dE.q of constraints on q)."
+            f"{name}: the equations of a step are not linear in the multipliers: reversible() and irreversible() must "
+            "be linear in those slopes of the energy that a constraint changes (dE.q of constraints on q)."
         )
     reads = any(not trace.is_const(x, 0.0) for x in by_impulse)
     DS = system.discrete_entropy_gradient(y0, y1)
@@ -204,7 +204,7 @@ def _divided(x: Symbol, h: Symbol) -> Symbol | None:
     return None
 
 
-# ---- the ODE under the constraints, for solvers of ODEs ---------------------------------------------------------------
+# ---- the ODE under the constraints, for solvers of ODEs -------------------------------------------------------------
 
 
 def velocities(system: Any, z: Any) -> list[Any]:
@@ -273,7 +273,8 @@ def check_start(system: System, z0: Any) -> None:
             k = int(np.nanargmax(np.abs(values)))
             told = "constraints(z) is" if what == "constraints" else "the rate of constraints(z) is"
             raise TcbenchError(
-                f"System {system.name!r}: at the start {told} {worst:.2g}, not 0 (the {k + 1}th of {len(values)}): give {cure}."
+                f"System {system.name!r}: at the start {told} {worst:.2g}, not 0 (the {k + 1}th of {len(values)}): "
+                f"give {cure}."
             )
 
 

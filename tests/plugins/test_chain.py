@@ -6,8 +6,8 @@ from tcbench_plugins.chain.chain import chain
 
 import tcbench
 from tcbench import TcbenchError
-from tcbench.runner.plan import plan_job
 from tcbench.plugins import find_scenario
+from tcbench.runner.plan import plan_job
 from tcbench.systems.traced import Traced
 
 PENDULUM = tcbench.scenarios()["bound_equilibrium"]

@@ -9,8 +9,8 @@ import tcbench
 from tcbench import Flow, Integrator, Scenario, System, TcbenchError
 from tcbench.compiler import derivatives as trace
 from tcbench.compiler.kernels import kernel
-from tcbench.runner.plan import plan_job
 from tcbench.plugins import find_integrator
+from tcbench.runner.plan import plan_job
 
 from ..helpers.networks import NETWORKS
 

@@ -57,8 +57,8 @@ class Angles(System):
         return {"spin": z.q[0] * z.p[1] - z.q[1] * z.p[0] + z.l}
 
 
-VOLTERRA = Scenario("volterra", Volterra, {"A": (1.0, 0.7, 1.3), "gamma": 0.05}, initial={"x": [0.5, 1.3, 2.0], "s": 0.0},
-                    t_end=10, dt=0.1, shows="", source="")  # fmt: skip
+VOLTERRA = Scenario("volterra", Volterra, {"A": (1.0, 0.7, 1.3), "gamma": 0.05},
+                    initial={"x": [0.5, 1.3, 2.0], "s": 0.0}, t_end=10, dt=0.1, shows="", source="")  # fmt: skip
 ARMS = Scenario("arms", Angles, {"k": 5.0}, initial={"q": [1.2, 0.1], "phi": 0.3, "p": [0.1, 0.7], "l": -0.2, "s": 0.0},
                 t_end=5, dt=0.1, shows="", source="")  # fmt: skip
 

@@ -4,9 +4,9 @@ import awkward
 import pandas as pd
 
 import tcbench
-from tcbench.runner.declared import method_facts
 from tcbench.report.judged import judged
 from tcbench.report.summary import summary
+from tcbench.runner.declared import method_facts
 
 
 def summed(tables):

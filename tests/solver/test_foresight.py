@@ -14,10 +14,10 @@ import tcbench
 from tcbench import progress
 from tcbench.compiler.looks import LEFT
 from tcbench.compiler.once import Spares
-from tcbench.runner import plan as planning
-from tcbench.runner.worker import measure_cell
 from tcbench.errors import MachineError
 from tcbench.plugins import find_integrator, find_scenario
+from tcbench.runner import plan as planning
+from tcbench.runner.worker import measure_cell
 from tcbench.simulation import python_loop
 from tcbench.simulation import run as run_module
 from tcbench.solver import foresight, implicit_step

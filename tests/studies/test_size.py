@@ -9,8 +9,8 @@ import pytest
 
 import tcbench
 from tcbench.cache import folder
-from tcbench.runner.plan import plan_job
 from tcbench.report.plot import draw
+from tcbench.runner.plan import plan_job
 from tcbench.studies import size as study
 
 NAMES = ["chain[n=6]", "chain[n=20]", "chain[n=60]", "net[nx=4,ny=3]"]
