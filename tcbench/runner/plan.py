@@ -187,7 +187,7 @@ class _Cells:
     def context(self, fresh: list[str]) -> Context:
         origins = plugins.registry().origins
         brought = {
-            name: [(o.name, o.distribution, o.path if not o.distribution else "") 
+            name: [(o.name, o.distribution, o.path if not o.distribution else "")
                    for o in map(origins.get, labels) if o]
             for name, labels in self._needs.items() if labels
         }  # fmt: skip

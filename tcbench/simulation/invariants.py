@@ -103,7 +103,7 @@ def cause(system: System, name: str, z0: Any, z1: Any) -> str:
     if curved:
         told.append(
             "it is not quadratic, and its gradient at the midpoint is not its difference (no change of variables in "
-            "energy helps; a J that is quadratic in other variables would)"
+            "the energy helps; a J that is quadratic in other variables would)"
         )
     if turned or not curved:
         told.append(

@@ -362,7 +362,7 @@ class System(LeastSizes):
         return Cut(trace.lifted(getattr(self, name)(x)), entries(x))
 
     def pull_gradient(self, z0: Any, z1: Any) -> Any:
-        """Of a view that has multipliers: the discrete gradient of lam . g, for discrete gradients of one's own; or 0."""
+        """Of a view that has multipliers: the discrete gradient of lam . g, for own discrete gradients; else 0."""
         if self.pull is None:
             return self.state(0.0 * z0)
         return constrained.discrete_pull(self, z0, entries(z1 - z0), self.pull)
@@ -396,7 +396,8 @@ class System(LeastSizes):
             if self.by_array:
                 raise TcbenchError(
                     f"{self.name!r} has constraints: its right-hand side needs the multipliers, which solve a system "
-                    "of equations; it is traced for states of a few numbers only. Take tc_monolithic or midpoint_entropy"
+                    "of equations; it is traced for states of a few numbers only. Take tc_monolithic or "
+                    "midpoint_entropy"
                 )
             return constrained.reduced(self, z)
         covectors = self.state(self.gradient(z)), self.state(self.entropy_gradient(z))

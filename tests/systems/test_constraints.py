@@ -60,7 +60,8 @@ def chain(n, kick=1.0, **more):
     p = np.stack([0 * k, 0 * k, kick * np.cos(k)], axis=1)
     constants = {
         "ends": np.stack([nodes[:-1], nodes[1:]], axis=1), "pairs": np.stack([k[:-2], k[2:]], axis=1),
-        "mass": np.ones(n), "anchors": np.zeros((1, 3)), "length": np.ones(n), "gravity": [0, 0, -9.81], "kappa": 0.3, "eta": 0.1,
+        "mass": np.ones(n), "anchors": np.zeros((1, 3)), "length": np.ones(n), "gravity": [0, 0, -9.81],
+        "kappa": 0.3, "eta": 0.1,
     }  # fmt: skip
     initial = {"q": q, "p": p, "s": 0.2 * np.cos(k)} | more
     return Scenario(f"chain_of_{n}", Rods, constants, initial=initial, t_end=0.4, dt=0.02, shows="", source="")
