@@ -59,7 +59,8 @@ def compare(
     DataFrame with columns study, integrator, scenario, options, column, before, after, difference (relative
     to the larger magnitude, NaN where that makes no sense), noise, kind and worse. `kind` is "status", "value", or
     "time" (the median ratio of the timings of a cell, after over before); rows that only one run has are counted, one
-    line a study, method and scenario, as "missing" (in a only) or "new" (in b only): that is no regression. `worse` is True for what `regressions` returns.
+    line a study, method and scenario, as "missing" (in a only) or "new" (in b only):
+    that is no regression. `worse` is True for what `regressions` returns.
 
     Timings are compared where they were measured alone, on one kind of machine (see `other_machine`). Raises
     `TcbenchError` when a folder holds no run.

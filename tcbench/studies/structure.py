@@ -74,8 +74,8 @@ def _why_not_invariant(model: System, name: str, sample: Any) -> str:
         return "neither reversible nor irreversible may change it."
     return (
         "the equations keep it; the gradients that methods put in do not, since they are not as invariant as the "
-        "energy. Write energy() in invariants (of F in C = F^T F, of places in dot products, of angles in directors), or "
-        "take tc_invariant, which keeps it."
+        "energy. Write energy() in invariants (of F in C = F^T F, of places in dot products, of angles in directors), "
+        "or take tc_invariant, which keeps it."
     )
 
 
