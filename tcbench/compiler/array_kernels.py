@@ -16,7 +16,7 @@ import numpy as np
 
 from ..errors import MachineError
 from .array_jacobian import Term
-from .array_mesh import ENTRIES, Block, Ints, Mesh
+from .array_mesh import ENTRIES, Block, Mesh, Shorts
 from .arrays import LINEAR, NUMBER, Path, collect
 from .derivatives import Substitution, topological
 from .kernels import Kernel, derivatives_of, literal, written
@@ -39,13 +39,13 @@ class ArrayKernel:
     arrays: list[str]  # spaces of the intermediate arrays
     behind: bool  # do they stand behind the outputs? Else memory is asked for at each call
 
-    def kernel(self, mesh: Mesh, places: Sequence[Ints] = (), extra: int = 0) -> Kernel:
+    def kernel(self, mesh: Mesh, places: Sequence[Shorts] = (), extra: int = 0) -> Kernel:
         """places: of the terms of a Jacobian, where in its entries they are; extra: room behind the outputs."""
         offsets = {letter: mesh.offsets(blocks) for letter, blocks in self.inputs.items()}
         out = offsets["out"] = mesh.offsets(self.outputs)
         size = out[-1] + extra
         offsets["s"] = np.cumsum([size * self.behind, *map(mesh.size, self.arrays)]).tolist()
-        rows: list[Ints] = []
+        rows: list[Any] = []
         start, numbers = len(self.head), []
         for what, *which in self.head:
             if what == "at":
@@ -405,10 +405,10 @@ class _Body:
             w.buffer = Place("s", len(w.arrays) - 1)
         values = [self.value(w.terms[terms[m]][1]) for m in group]
         self.lines += [f"{w.item(w.buffer, str(m))} = {value}" for m, value in enumerate(values)]
-        m = w._fresh("i")
-        place = f"table[{w.slot('places', *terms)} + {len(terms)} * {self.i} + {group.start} + {m}]"
-        self.lines.append(f"for {m} in range({w.slot('size', f'#{len(group)}')}):")
-        self.lines.append(f"    {w.item(Place('out', w.terms_at), place)} += {w.item(w.buffer, m)}")
+        each = w._fresh("i")
+        place = f"table[{w.slot('places', *terms)} + {len(terms)} * {self.i} + {group.start} + {each}]"
+        self.lines.append(f"for {each} in range({w.slot('size', f'#{len(group)}')}):")
+        self.lines.append(f"    {w.item(Place('out', w.terms_at), place)} += {w.item(w.buffer, each)}")
 
     def index(self, path: Path) -> str:
         if path not in self.indices:

@@ -12,8 +12,10 @@ import numpy as np
 from numpy.lib.array_utils import normalize_axis_index
 from numpy.lib.mixins import NDArrayOperatorsMixin
 
+from .array_tensors import TENSORS, matmul, parts_of, rearranged
 from .arrays import Map, Path, collect, count, join, part, take, total
 from .derivatives import maximum, minimum
+from .kinks import KINKED, kinked
 from .sentences import refused
 from .symbols import TAKE, array, const, lifted
 from .tables import alone_or_all
@@ -76,47 +78,65 @@ class ArraySymbol(NDArrayOperatorsMixin):
         if any(hasattr(x, "blocks") for x in inputs):
             return NotImplemented  # a whole state does it, block by block
         if ufunc is np.matmul and method == "__call__":
-            return _inner(*inputs)
-        if method == "reduce" and ufunc in _OVER and options.keys() <= {"axis"}:
-            return self._over(ufunc, options.get("axis", 0))
+            return matmul(*inputs)
+        if method == "reduce" and ufunc in _OVER and options.keys() <= {"axis", "keepdims"}:
+            return self._over(ufunc, **{"axis": 0, **options})
         if method != "__call__" or options or ufunc.nout != 1:
             raise unknown_way(ufunc, method, options)
-        if ufunc in (np.maximum, np.minimum):
-            _, ufunc = _OVER[ufunc]
-            inputs = tuple(x if isinstance(x, ArraySymbol) else np.frompyfunc(lifted, 1, 1)(x) for x in inputs)
+        ufunc = kinked(ufunc) if ufunc in KINKED else ufunc
         return ArraySymbol(space_of(inputs), ufunc(*map(parts_of, inputs)))
 
     def __array_function__(self, function: Any, types: Any, args: Any, kwargs: Any) -> Any:
         return call_function(function, args, kwargs)
 
-    def _over(self, ufunc: Any, axis: int | None) -> Any:
+    def _over(self, ufunc: Any, axis: Any, keepdims: bool = False) -> Any:
         op, of_symbols = _OVER[ufunc]
-        inner = -1 if axis is None else _inner_axis(axis, self.ndim)
-        if inner >= 0:
-            return ArraySymbol(self.space, of_symbols.reduce(self.parts, axis=inner))
-        each = array(total(op, lifted(x), self.space) for x in self.parts.ravel())
-        return of_symbols.reduce(each) if axis is None else each.reshape(self.parts.shape)[()]
+        axes = range(self.ndim) if axis is None else axis if isinstance(axis, tuple) else (axis,)
+        inner, parts = sorted((_inner_axis(k, self.ndim) for k in axes), reverse=True), self.parts
+        over_all = bool(inner) and inner[-1] < 0
+        if keepdims and over_all:
+            raise refused(f"a sum over all {self.space}s has no axis of them", "Leave keepdims to components")
+        of_components = of_symbols if op == "add" else kinked(ufunc)
+        for k in inner[: len(inner) - over_all]:
+            parts = of_components.reduce(parts, axis=k, keepdims=keepdims)
+        if not over_all:
+            return ArraySymbol(self.space, parts)
+        return array(total(op, lifted(x), self.space) for x in boxed(parts).ravel()).reshape(np.shape(parts))[()]
 
-    def sum(self, axis: int | None = None) -> Any:
-        return self._over(np.add, axis)
+    def sum(self, axis: Any = None, keepdims: bool = False) -> Any:
+        return self._over(np.add, axis, keepdims)
 
-    def max(self, axis: int | None = None) -> Any:
-        return self._over(np.maximum, axis)
+    def max(self, axis: Any = None, keepdims: bool = False) -> Any:
+        return self._over(np.maximum, axis, keepdims)
 
-    def min(self, axis: int | None = None) -> Any:
-        return self._over(np.minimum, axis)
+    def min(self, axis: Any = None, keepdims: bool = False) -> Any:
+        return self._over(np.minimum, axis, keepdims)
 
-    def mean(self, axis: int | None = None) -> Any:
-        if axis is None:
-            return self.sum() / (self.parts.size * count(self.space))
-        inner = _inner_axis(axis, self.ndim)
-        return self.sum(axis) / (count(self.space) if inner < 0 else self.parts.shape[inner])
+    def mean(self, axis: Any = None, keepdims: bool = False) -> Any:
+        axes = range(self.ndim) if axis is None else axis if isinstance(axis, tuple) else (axis,)
+        inner = [_inner_axis(k, self.ndim) for k in axes]
+        numbers = int(np.prod([self.parts.shape[k] for k in inner if k >= 0]))
+        return self.sum(axis, keepdims) / (numbers * (count(self.space) if -1 in inner else 1.0))
+
+    def transpose(self, *axes: Any) -> Any:
+        return rearranged(np.transpose, self, axes[0] if axes and isinstance(axes[0], tuple | list) else axes or None)
+
+    def reshape(self, *shape: Any) -> Any:
+        return rearranged(np.reshape, self, shape[0] if isinstance(shape[0], tuple | list) else shape)
+
+    def __getattr__(self, name: str) -> Any:
+        if name == "mT":
+            return rearranged(np.matrix_transpose, self)
+        of_numpy = getattr(np, name, None) if name in METHODS else None
+        if of_numpy is None:
+            raise AttributeError(f"{self!r} has no {name!r} (a formula is traced on symbols)")
+        return lambda *args, **options: call_function(of_numpy, (self, *args), options)
 
     @property
     def T(self) -> Any:
         """x, y = q.T: the components of all."""
         if self.parts.ndim > 1:
-            raise refused("an array over a space with several axes of components is not transposed", "Write x[:, i, j]")
+            raise refused("x.T of an array with several axes of components", "x.mT transposes the matrix of each")
         return Rows(ArraySymbol(self.space, x) for x in self.parts) if self.parts.ndim else self
 
 
@@ -169,19 +189,6 @@ def space_of(inputs: Iterable[Any]) -> str:
     return arrays[0].space
 
 
-def parts_of(x: Any) -> Any:
-    return x.parts if isinstance(x, ArraySymbol) else np.asarray(x, dtype=object) if np.ndim(x) else x
-
-
-def _inner(a: Any, b: Any) -> Any:
-    """x @ y of two arrays over one space without components, and of components with fixed numbers."""
-    if isinstance(a, ArraySymbol) and isinstance(b, ArraySymbol) and a.ndim == b.ndim == 1:
-        return (a * b).sum()
-    if isinstance(a, ArraySymbol) and not isinstance(b, ArraySymbol) and a.ndim == 2:
-        return ArraySymbol(a.space, a.parts @ np.asarray(b, dtype=object))
-    raise refused("this product is not known for arrays over spaces", "Write a sum: (x * y).sum(axis=1)")
-
-
 def _stack(arrays: Sequence[Any], axis: int = 0) -> Any:
     space = space_of(arrays)
     shape = next(x for x in arrays if isinstance(x, ArraySymbol)).parts.shape
@@ -211,28 +218,25 @@ def _cross(a: Any, b: Any) -> Any:
     return _stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=1)
 
 
-def _norm(x: Any, ord: Any = None, axis: int | None = None) -> Any:
-    if ord is not None or axis is None:
-        raise refused("this norm is not known for arrays over a space", "Write np.linalg.norm(x, axis=1), or a sum")
-    return np.sqrt((x * x).sum(axis))
-
-
-_FUNCTIONS: dict[str, Callable[..., Any]] = {
-    "sum": ArraySymbol.sum, "mean": ArraySymbol.mean, "max": ArraySymbol.max, "amax": ArraySymbol.max,
-    "min": ArraySymbol.min, "amin": ArraySymbol.min,
-    "stack": _stack, "column_stack": _column_stack, "concatenate": _concatenate, "cross": _cross,
-    "dot": _inner, "norm": _norm, "ndim": lambda x: x.ndim,
-    "zeros_like": lambda x: x * 0.0, "ones_like": lambda x: x * 0.0 + 1.0,
+METHODS = ("swapaxes", "dot", "trace", "clip", "diagonal", "squeeze", "repeat", "take")  # of arrays, as functions
+_FUNCTIONS: dict[Any, Callable[..., Any]] = {
+    np.sum: ArraySymbol.sum, np.mean: ArraySymbol.mean, np.max: ArraySymbol.max, np.amax: ArraySymbol.max,
+    np.min: ArraySymbol.min, np.amin: ArraySymbol.min,
+    np.stack: _stack, np.column_stack: _column_stack, np.concatenate: _concatenate, np.cross: _cross,
+    np.linalg.cross: lambda a, b: _cross(a, b), np.ndim: lambda x: x.ndim,
+    np.zeros_like: lambda x: x * 0.0, np.ones_like: lambda x: x * 0.0 + 1.0, **TENSORS,
 }  # fmt: skip
 
 
 def call_function(function: Any, args: Any, kwargs: Any) -> Any:
-    known = _FUNCTIONS.get(function.__name__)
+    known = _FUNCTIONS.get(function)
     if known is None:
-        raise refused(
-            f"np.{function.__name__} is not known for arrays over a space", f"Known are {', '.join(_FUNCTIONS)}"
-        )
-    return known(*args, **kwargs)
+        names = sorted({f.__name__ for f in _FUNCTIONS})
+        raise refused(f"np.{function.__name__} is not known for arrays over a space", f"Known are {', '.join(names)}")
+    try:
+        return known(*args, **kwargs)
+    except (TypeError, ValueError, np.exceptions.AxisError) as error:
+        raise refused(f"np.{function.__name__} is not called so for an array over a space ({error})", SAME) from error
 
 
 # tables -------------------------------------------------------------------------------------------------------------

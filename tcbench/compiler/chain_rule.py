@@ -29,6 +29,7 @@ from .derivatives import (
     topological,
 )  # fmt: skip
 from .divided_differences import Corners, rectangle
+from .kinks import argument_of_sign, slope_of_sign
 from .language import NUMPY_NAMES
 
 ZERO, ONE = const(0.0), const(1.0)
@@ -96,7 +97,12 @@ def divided_differences(node: Symbol, edges: Sequence[Edge], value: Symbol) -> t
     if op == "mark":
         return (ONE,)
     if op == "mul":
-        return edges[1].middle, x.middle
+        of = argument_of_sign(node)
+        if of is None:
+            return edges[1].middle, x.middle
+        first = node.args[0] is of
+        jump = slope_of_sign((own := edges[not first]).value, own.end)
+        return (jump, ZERO) if first else (ZERO, jump)
     if op == "recip":
         return (-(value * reciprocal(x.end)),)
     if op == "hypot":

@@ -14,7 +14,7 @@ import numpy as np
 from ..compiler import derivatives as trace
 from ..compiler.array_jacobian import Term, jacobian_terms, shared_as_unknowns
 from ..compiler.array_kernels import ArrayKernel, array_kernel, jacobian_kernel
-from ..compiler.array_mesh import Block, Ints, Mesh, alone, scattered
+from ..compiler.array_mesh import Block, Mesh, Shorts, alone, scattered
 from ..compiler.array_states import Blocks, entries, fitted, refilled
 from ..compiler.array_symbols import ArraySymbol
 from ..compiler.arrays import NUMBER
@@ -63,7 +63,7 @@ class ArrayFlow:
             way=(f"sparse: {n} unknowns" if n else "explicit") + ", in loops over the elements",
         )  # fmt: skip
 
-    def _pattern(self, mesh: Mesh, n: int, positive: int) -> tuple[Pattern, list[Ints]]:
+    def _pattern(self, mesh: Mesh, n: int, positive: int) -> tuple[Pattern, list[Shorts]]:
         if not self.terms:
             raise TraceError(ZERO_PIVOT)
         entries = scattered(mesh, self.unknowns, self.terms)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..compiler import derivatives as trace
 from ..compiler.array_states import Blocks, is_array
+from ..compiler.array_tensors import SymbolArray
 from ..compiler.formula_hash import formula_hash
 
 if TYPE_CHECKING:
@@ -73,7 +74,7 @@ class State(np.ndarray):
         except KeyError:
             known = ", ".join(self.__dict__.get("layout", {})) or "none"
             raise AttributeError(f"a state has no variable {name!r}; its variables: {known}") from None
-        block = self.view(np.ndarray)[..., first:end]
+        block = self.view(SymbolArray if self.dtype == object else np.ndarray)[..., first:end]
         if shape == ():
             return block[..., 0][()]
         return block if len(shape) == 1 else block.reshape(*block.shape[:-1], *shape)

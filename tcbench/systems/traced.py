@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ..compiler import derivatives as trace
 from ..compiler.array_states import is_array
+from ..compiler.array_tensors import SymbolArray
 from ..compiler.once import LOCK, cached_property
 from ..errors import TcbenchError, TraceError, misnamed
 from .state import fixed
@@ -144,7 +145,7 @@ class Traced:
             clone.__dict__.update(attributes(self, self.kept))
             for name, shape in self.constants.items():
                 symbols = self.symbols_of(name)
-                setattr(clone, name, symbols[0] if shape == () else symbols.reshape(shape))
+                setattr(clone, name, symbols[0] if shape == () else symbols.reshape(shape).view(SymbolArray))
             clone.__dict__["least"] = self.least_symbols()
             _SYMBOLIC.setdefault(key, clone)  # of two threads that make one at once the first
         known: Self = _SYMBOLIC[key]

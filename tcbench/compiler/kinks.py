@@ -1,0 +1,103 @@
+"""Functions with a kink, where, maximum, minimum, sign, made of |x|: so they have slopes and divided differences, and
+methods that look for kinks (|x| passes 0) find those of all of them.
+
+A comparison x > y is 0, 1, and 1/2 where both are equal. A choice of it is b + (x > y) (a - b): its discrete gradient
+holds the energy exactly from one side to the other, and it tends to the gradient where a and b meet at the kink.
+"""
+
+from __future__ import annotations
+
+from numbers import Real
+from typing import Any
+
+import numpy as np
+
+from .sentences import refused
+from .symbols import TINY, Symbol, add, const, is_const, make, mul, neg, reciprocal
+
+TWO_SIDES = "Both sides of a choice are computed: they must be finite everywhere"
+
+
+def _symbol(x: Any) -> Any:
+    return const(float(x)) if isinstance(x, Real) else x
+
+
+def sign(x: Any) -> Any:
+    """-1, 0 or 1: x/|x|, exactly."""
+    x = _symbol(x)
+    if is_const(x):
+        return const(float(np.sign(x.value)))
+    if x.op == "neg":
+        return neg(sign(x.args[0]))
+    return mul(x, reciprocal(add(make("abs", x), const(TINY))))
+
+
+def argument_of_sign(node: Symbol) -> Symbol | None:
+    """x where the node is sign(x), else None."""
+    for x, inverse in (node.args, node.args[::-1]) if node.op == "mul" else ():
+        below = inverse.args[0] if inverse.op == "recip" else x
+        if below.op == "add" and any(a.op == "abs" and a.args[0] is x for a in below.args):
+            if any(is_const(a, TINY) for a in below.args):
+                return x
+    return None
+
+
+def slope_of_sign(start: Symbol, end: Symbol) -> Symbol:
+    """(sign(end) - sign(start))/(end - start): 0 on one side."""
+    apart = make("abs", sign(end) - sign(start))
+    return mul(apart, reciprocal(make("abs", start) + make("abs", end) + TINY))
+
+
+def greater(x: Any, y: Any) -> Any:
+    """x > y, and likewise x >= y: 0 or 1, and 1/2 where they are equal."""
+    return 0.5 * (1.0 + sign(_symbol(x) - _symbol(y)))
+
+
+def less(x: Any, y: Any) -> Any:
+    return greater(y, x)
+
+
+def maximum(x: Any, y: Any) -> Any:
+    y = _symbol(y)
+    apart = _symbol(x) - y
+    return 0.5 * (apart + abs(apart)) + y
+
+
+def minimum(x: Any, y: Any) -> Any:
+    y = _symbol(y)
+    apart = _symbol(x) - y
+    return 0.5 * (apart - abs(apart)) + y
+
+
+def _equal(x: Any, y: Any) -> Any:
+    raise refused("symbols are asked whether they are equal", "Write x > y or x < y in np.where(x > y, a, b)")
+
+
+def where(condition: Any, *sides: Any) -> Any:
+    """a where the condition, made of comparisons, holds, and b elsewhere."""
+    if len(sides) != 2:
+        raise refused("np.where without two values asks for places", "Write np.where(x > 0, a, b)")
+    a, b = sides
+    return condition * (a - b) + b
+
+
+def clip(x: Any, least: Any = None, most: Any = None, **bounds: Any) -> Any:
+    least, most = bounds.get("min", least), bounds.get("max", most)
+    x = x if least is None else np.maximum(x, least)
+    return x if most is None else np.minimum(x, most)
+
+
+KINKED: dict[Any, Any] = {  # of entries, in the place of numpy's
+    np.maximum: maximum, np.minimum: minimum, np.fmax: maximum, np.fmin: minimum, np.sign: sign,
+    np.greater: greater, np.greater_equal: greater, np.less: less, np.less_equal: less,
+    np.equal: _equal, np.not_equal: _equal,
+    np.logical_and: lambda a, b: a * b, np.bitwise_and: lambda a, b: a * b,
+    np.logical_or: lambda a, b: a + b - a * b, np.bitwise_or: lambda a, b: a + b - a * b,
+    np.logical_not: lambda a: 1.0 - a, np.invert: lambda a: 1.0 - a,
+}  # fmt: skip
+
+
+def kinked(ufunc: Any) -> Any:
+    """One of them as a function of numpy on arrays of symbols."""
+    of_entries: Any = np.frompyfunc
+    return of_entries(KINKED[ufunc], ufunc.nin, 1)
