@@ -103,7 +103,9 @@ def einsum(subscripts: Any, *operands: Any, optimize: Any = False) -> Any:
     left, arrow, right = subscripts.replace(" ", "").partition("->")
     terms, dims = left.split(","), [int(np.ndim(x)) for x in operands]
     if len(terms) != len(operands) or any("..." not in t and len(t) != n for t, n in zip(terms, dims, strict=False)):
-        raise refused(f"np.einsum({subscripts!r}) is of arrays with {', '.join(map(str, dims))} axes", "One letter each")
+        raise refused(
+            f"np.einsum({subscripts!r}) is of arrays with {', '.join(map(str, dims))} axes", "One letter each"
+        )
     return contracted(*_letters(terms, right if arrow else None, dims), operands)
 
 
@@ -252,4 +254,3 @@ def _most(ufunc: Any, x: Any, axis: Any) -> Any:
     for k in sorted((a % x.ndim for a in axes), reverse=True):
         x = of_two.reduce(x, axis=k)
     return x
-
