@@ -36,9 +36,9 @@ def argument_of_sign(node: Symbol) -> Symbol | None:
     """x where the node is sign(x), else None."""
     for x, inverse in (node.args, node.args[::-1]) if node.op == "mul" else ():
         below = inverse.args[0] if inverse.op == "recip" else x
-        if below.op == "add" and any(a.op == "abs" and a.args[0] is x for a in below.args):
-            if any(is_const(a, TINY) for a in below.args):
-                return x
+        size = [a for a in below.args if not is_const(a, TINY)] if below.op == "add" else []
+        if len(size) == 1 and size[0].op == "abs" and size[0].args[0] is x:
+            return x
     return None
 
 

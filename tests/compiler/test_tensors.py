@@ -1,4 +1,4 @@
-"""Tensors of components over spaces, and functions with kinks: values, slopes and discrete gradients are numpy's own."""
+"""Tensors of components over spaces, and choices: values, slopes and discrete gradients are numpy's own."""
 
 import numpy as np
 import pytest
