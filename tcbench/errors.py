@@ -16,6 +16,12 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 Value = TypeVar("Value")
+# How a run, or the cell of a run, can end: the one list of these words.
+STATUSES = (
+    "ok", "nonconverged", "no_root", "nonfinite", "unphysical", "blowup", "exception", "crash", "timeout", "skipped",
+)  # fmt: skip
+LOUD = ("exception", "crash", "timeout")  # faults; a method that fails otherwise is a result, not an alarm
+UNFINISHED = ("crash", "timeout")  # what the machine or a limit did to a cell: worth another attempt
 # what formulas of methods ask for, and systems of elements alone have
 OF_ELEMENTS = ("L", "DS", "dissipation", "conduction", "inertia", "shape", "shape_gradient", "element_energy")
 OURS = Path(__file__).parent

@@ -159,7 +159,8 @@ class Integrator:
         The failure of a run that ends with a state that is not finite, for a method that returns one on purpose.
     uses : str or tuple of str
         Methods, or plugins, that this one is made of (for a wrapper, what it wraps): it is not compared with a
-        reference of the same kind, and one worker runs their cells. Files that it reads are recorded automatically.
+        reference of the same kind, and one worker runs their cells. And files that it reads outside its own folder, by
+        their path from there: where one has changed, its rows are measured again.
     parameters, family : mapping of str to tuple of str, and function
         A family of methods; see `family`.
     plugin, base : str

@@ -14,15 +14,16 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
+from .errors import LOUD
+
 if TYPE_CHECKING:
-    from .runner.remaining import Remaining
-    from .runner.workers import Event
+    from .runner.eta import Remaining
+    from .runner.scheduler import Event
 
 AFTER_S = 2.0  # a wait as short as this needs no word
 GROUND = 0.1  # of a wait whose parts are alike tells how long the rest takes
 EVERY_S = 60.0  # between the lines in a pipe
 FAILURES_SHOWN = 5
-LOUD = ("exception", "crash", "timeout")  # a method that fails physically is a result, not an alarm
 
 # True: also in a pipe; False: never; None: where someone is looking. The command line sets it, for it speaks in pipes.
 default: bool | None = None

@@ -48,12 +48,12 @@ def pytest_collection_modifyitems(items):
 @pytest.fixture(autouse=True, scope="session")
 def a_share_of_the_cores():
     """Beside other workers of pytest a run begins no more processes than there are cores for it."""
-    from tcbench.runner import workers
+    from tcbench.runner import scheduler
 
     beside = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
     with pytest.MonkeyPatch.context() as patch:
-        cores = workers.usable_cores()
-        patch.setattr(workers, "usable_cores", lambda: max(1, cores // beside))
+        cores = scheduler.usable_cores()
+        patch.setattr(scheduler, "usable_cores", lambda: max(1, cores // beside))
         yield
 
 

@@ -14,10 +14,10 @@ import pytest
 
 import tcbench
 from tcbench import Integrator, progress
-from tcbench.runner import remaining
+from tcbench.runner import eta
 from tcbench.runner.cell import Cell
-from tcbench.runner.remaining import Remaining
-from tcbench.runner.workers import Event
+from tcbench.runner.eta import Remaining
+from tcbench.runner.scheduler import Event
 from tcbench.simulation import run
 
 
@@ -224,7 +224,7 @@ def of(study, name, number, timed=False):
 
 @pytest.fixture
 def standing_clock(monkeypatch):
-    monkeypatch.setattr(remaining, "time", types.SimpleNamespace(monotonic=lambda: 1000.0))
+    monkeypatch.setattr(eta, "time", types.SimpleNamespace(monotonic=lambda: 1000.0))
 
 
 def test_the_time_left_is_weighed_by_study_and_method_and_silent_about_the_unknown(standing_clock):

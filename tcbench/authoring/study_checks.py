@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 from .. import plugins
 from ..chart import Chart, sheet_of
-from ..errors import TcbenchError, blamed
+from ..errors import STATUSES, TcbenchError, blamed
 from ..metric import Metric
 from ..runner.codec import row_bytes
 from ..simulation.run import simulate
-from ..simulation.trajectory import STATUSES
 from ..studies.conservation import COLUMNS, KEPT, as_number
 from ..study import Cells, Study
 from .check_line import FAIL, NONE, OK, Line

@@ -13,8 +13,8 @@ import click
 from click.core import ParameterSource
 
 from .. import plugins
-from ..errors import TcbenchError, unknown_name
-from ..progress import LOUD, waiting
+from ..errors import LOUD, TcbenchError, unknown_name
+from ..progress import waiting
 from ..report.by_method import by_method, remarks, without_number
 from ..report.judged import judged
 from ..report.summary import summary

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
     from ..runner.run import Results
-    from ..runner.workers import Summary
+    from ..runner.scheduler import Summary
 
 
 def console() -> Console:

@@ -9,7 +9,7 @@ from statistics import median
 from typing import TYPE_CHECKING, Any
 
 from ..chart import Tables
-from ..progress import LOUD
+from ..errors import LOUD
 from .judged import is_finite, judged, ladder_runs, of_whole_state, times_over_best
 from .matrix import methods, unmeasured
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..chart import Tables
-from ..progress import LOUD
+from ..errors import LOUD
 from ..runner.declared import FAMILIES as DECLARED
 from ..studies.base import own_tables
 from .judged import NUMBERS, PAIR, is_finite, ladder_runs, laws, settings

@@ -26,6 +26,7 @@ from typing import IO, Any
 
 from ..errors import TcbenchError
 from ..loading.registry import environment
+from .codec import from_json, to_json
 
 # the path comes first: tcbench itself may be on it, and -P keeps a json.py of the current folder from being run
 START = (
@@ -76,7 +77,7 @@ class Child:
         """Have it call "package.module:function"; of one that has died meanwhile the end is on its way to `heard`."""
         assert self.process.stdin is not None
         with contextlib.suppress(OSError):
-            self.process.stdin.write(json.dumps([function, arguments]).encode() + b"\n")
+            self.process.stdin.write(to_json([function, arguments]) + b"\n")
             self.process.stdin.flush()
 
     def kill(self) -> None:
@@ -136,16 +137,16 @@ def main(told: Mapping[str, Any]) -> None:
             data = data[os.write(answers, data) :]
 
     if told["begin"]:
-        pkgutil.resolve_name(told["begin"])(json.loads(Path(told["settings"]).read_bytes()))
+        pkgutil.resolve_name(told["begin"])(from_json(Path(told["settings"]).read_bytes()))
     say(READY)
     while True:
-        function, arguments = json.loads(waiting.get())
+        function, arguments = from_json(waiting.get())
         try:
             text = pkgutil.resolve_name(function)(*arguments)
         except BaseException as error:
             kind = type(error).__name__ if isinstance(error, TcbenchError) else ""
             raised = "".join(traceback.format_exception(error))
-            text = json.dumps({"raised": raised, "kind": kind, "sentence": str(error) if kind else ""})
+            text = to_json({"raised": raised, "kind": kind, "sentence": str(error) if kind else ""})
         say((text if isinstance(text, bytes) else text.encode()) + b"\n")
 
 

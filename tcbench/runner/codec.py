@@ -7,8 +7,8 @@ that JSON has not, and {"f8": BASE64} a list of doubles (little-endian); a dict 
 
 from __future__ import annotations
 
+import hashlib
 import io
-import json
 import math
 import sys
 import zlib
@@ -30,13 +30,32 @@ NAMES = ("study", "integrator", "scenario")
 BIG = 5000  # rows of a table that Arrow writes as CSV, ten times as fast as pandas
 
 
+def to_json(value: Any, packed: bool = False, option: int = 0) -> bytes:
+    """The one writer of JSON. packed : long lists of numbers as one text each. TypeError for what is no JSON value."""
+    value = pack(value, LONG if packed else sys.maxsize)
+    try:
+        return orjson.dumps(value, option=option)
+    except TypeError:  # numbers beyond 64 bits; halves of surrogate pairs, which no file can hold
+        return orjson.dumps(_writable(value), option=option)
+
+
+def from_json(text: bytes) -> Any:
+    """The inverse of `to_json`; ValueError for what is no JSON."""
+    return unpack(orjson.loads(text))
+
+
 def canonical_json(value: Any) -> str:
-    """JSON text, equal for equal values: sorted keys, no spaces. Allows NaN (for hashing only)."""
-    return json.dumps(value, sort_keys=True, separators=(",", ":"), default=plain)
+    """JSON text, equal for equal values: sorted keys, no spaces."""
+    return to_json(value, option=orjson.OPT_SORT_KEYS).decode()
+
+
+def digest(value: Any) -> str:
+    """Sha256, hexadecimal, of a JSON value."""
+    return hashlib.sha256(canonical_json(value).encode()).hexdigest()
 
 
 def plain(value: Any) -> Any:
-    """A NumPy scalar or array as a number or list (a `json` default); else raises `TypeError`."""
+    """A NumPy scalar or array, or a set, as a number or list; else raises `TypeError`."""
     if hasattr(value, "tolist"):
         return value.tolist()
     if isinstance(value, (set, frozenset)):
@@ -44,24 +63,24 @@ def plain(value: Any) -> Any:
     raise TypeError(f"{type(value).__name__} is not a JSON value")
 
 
-def pack(value: Any) -> Any:
-    """A value as JSON has it."""
+def pack(value: Any, long: int = LONG) -> Any:
+    """A value as JSON has it. long : lists of at least as many doubles become one text each."""
+    if value is None or type(value) in (str, int, bool):
+        return value
     if isinstance(value, float):
-        return value if math.isfinite(value) else {PACKED: str(float(value))}
-    if isinstance(value, dict):
+        return float(value) if math.isfinite(value) else {PACKED: str(float(value))}
+    if isinstance(value, Mapping):
         if PACKED in value:
-            return {PACKED: [[k, pack(v)] for k, v in value.items()]}
-        return {k: pack(v) for k, v in value.items()}
+            return {PACKED: [[k, pack(v, long)] for k, v in value.items()]}
+        return {str(k): pack(v, long) for k, v in value.items()}
     if isinstance(value, (list, tuple)):
-        if len(value) >= LONG and all(isinstance(v, float) for v in value):
+        if len(value) >= long and all(isinstance(v, float) for v in value):
             numbers = array("d", value)
             if sys.byteorder == "big":
                 numbers.byteswap()
             return {PACKED: b64encode(numbers.tobytes()).decode()}
-        return [pack(v) for v in value]
-    if hasattr(value, "tolist") or isinstance(value, (set, frozenset)):
-        return pack(plain(value))
-    return value
+        return [pack(v, long) for v in value]
+    return str(value) if isinstance(value, str) else value if isinstance(value, int) else pack(plain(value), long)
 
 
 def unpack(value: Any) -> Any:
@@ -84,44 +103,50 @@ def unpack(value: Any) -> Any:
 
 def row_bytes(row: Mapping[str, Any]) -> bytes:
     """A row as JSON; TypeError for what is no JSON value."""
-    packed = pack(dict(row))
-    try:
-        return orjson.dumps(packed)
-    except TypeError:  # numbers beyond 64 bits; halves of surrogate pairs, which no file can hold
-        return json.dumps(writable(json.loads(json.dumps(packed, default=plain)))).encode()
+    return to_json(dict(row), packed=True)
 
 
-def writable(value: Any) -> Any:
-    """A JSON value whose text can be written to any file: lone surrogates spelt out."""
+def _writable(value: Any) -> Any:
+    """A JSON value that orjson writes: lone surrogates spelt out, whole numbers beyond 64 bits as doubles."""
     if isinstance(value, str):
         return value.encode("utf-8", "backslashreplace").decode()
     if isinstance(value, dict):
-        return {writable(k): writable(v) for k, v in value.items()}
-    return [writable(v) for v in value] if isinstance(value, list) else value
+        return {_writable(k): _writable(v) for k, v in value.items()}
+    if isinstance(value, list):
+        return [_writable(v) for v in value]
+    return _rounded(value) if isinstance(value, int) and value.bit_length() > 63 else value
+
+
+def _rounded(number: int) -> Any:
+    try:
+        return float(number)
+    except OverflowError:
+        return {PACKED: "inf" if number > 0 else "-inf"}
 
 
 def encode_line(
-    key: str, row: Mapping[str, Any] | bytes, cell: Mapping[str, Any] | None, provenance: str = "", made_by: str = ""
+    key: str, row: Mapping[str, Any] | bytes, cell: Mapping[str, Any], provenance: str = "", made_by: str = ""
 ) -> bytes:
     """A line of `cells.jsonl`; a row that a worker has encoded is written as it is."""
-    told = orjson.dumps({"key": key, "made_by": made_by, "provenance": provenance, "cell": dict(cell or {})})
+    told = to_json({"key": key, "made_by": made_by, "provenance": provenance, "cell": cell})
     content = told[1:-1] + b',"row":' + (row if isinstance(row, bytes) else row_bytes(row)) + b"}\n"
     return HEAD % zlib.crc32(content) + content
 
 
 def decode_line(piece: bytes) -> dict[str, Any]:
-    """One line, its row still packed; `ValueError` and kin where it is damaged."""
+    """One line, its row still packed; `ValueError` and kin where it is not what was written, or not of its cell."""
     content = piece[HEAD_LENGTH:].rstrip(b"\n") + b"\n"
     if piece[:HEAD_LENGTH] != HEAD % zlib.crc32(content):
         raise ValueError("not what was written")
     line: dict[str, Any] = orjson.loads(piece)
-    if not (isinstance(line["row"], dict) and isinstance(line["cell"], dict)):
-        raise ValueError("not a row")
+    if not isinstance(line["row"]["status"], str) or digest(line["cell"]) != line["key"]:
+        raise ValueError("not the row of its cell")
     return line
 
 
 def pretty(data: Mapping[str, Any]) -> bytes:
-    return json.dumps(data, indent=2, default=plain, sort_keys=True).encode() + b"\n"
+    """JSON to be read by people, too."""
+    return to_json(data, option=orjson.OPT_SORT_KEYS | orjson.OPT_INDENT_2 | orjson.OPT_APPEND_NEWLINE)
 
 
 def csv_bytes(frame: DataFrame) -> bytes:
@@ -164,5 +189,5 @@ def flat(frame: DataFrame) -> DataFrame:
     for name in [n for n in frame.columns if frame[n].dtype == object]:  # not of text, which nests nothing
         nested = [isinstance(value, (list, tuple, dict, set)) or hasattr(value, "tolist") for value in frame[name]]
         if any(nested):
-            frame[name] = [json.dumps(v, default=plain) if n else v for v, n in zip(frame[name], nested, strict=True)]
+            frame[name] = [to_json(v).decode() if n else v for v, n in zip(frame[name], nested, strict=True)]
     return frame

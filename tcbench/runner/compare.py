@@ -92,9 +92,7 @@ def other_machine(run_a: str | os.PathLike[str] | Store, run_b: str | os.PathLik
     for run in (run_a, run_b):
         store = run if isinstance(run, Store) else Store.read(run)
         # those that measured the rows, or else the one that wrote the tables
-        kinds = [p["machine"] for p in store.provenances().values() if "machine" in p] or [
-            store.manifest().get("machine")
-        ]
+        kinds = [facts.get("machine") for facts in store.provenances().values() or [store.manifest()]]
         names.append(sorted({machine_name(k) if isinstance(k, Mapping) else "an unknown machine" for k in kinds}))
     if names[0] == names[1] and len(names[0]) == 1:
         return ""

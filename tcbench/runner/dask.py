@@ -6,7 +6,6 @@ Dask uses pickle between client, scheduler and workers: connect to your own sche
 
 from __future__ import annotations
 
-import json
 import re
 import socket
 import time
@@ -15,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import TcbenchError
 from .cell import Cell
-from .codec import plain, row_bytes
+from .codec import from_json, row_bytes, to_json
 from .rows import Rows, Store
-from .workers import Event, Ledger, Summary, crash_row, plan, run_cells
+from .scheduler import Event, Ledger, Summary, crash_row, plan, run_cells
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -69,14 +68,14 @@ def run_on_dask(
 
 def _send(client: Client, job: Mapping[str, Any], share: list[Cell]) -> Any:
     data = {**job, "cells": [cell.as_dict() for cell in share]}
-    return client.submit(run_share, json.dumps(data, default=plain), pure=False)
+    return client.submit(run_share, to_json(data), pure=False)
 
 
-def run_share(job: str) -> tuple[dict[str, Any], list[tuple[str, bytes]]]:
+def run_share(job: bytes) -> tuple[dict[str, Any], list[tuple[str, bytes]]]:
     """In a Dask worker: the provenance of this machine, and key and row of each cell of a share."""
     from .provenance import cpu_model, provenance
 
-    data, rows = json.loads(job), Rows()
+    data, rows = from_json(job), Rows()
     run_cells((Cell(**cell) for cell in data["cells"]), data["measure"], data["context"], rows, **data["limits"])
     found = [(key, row_bytes(row | {"worker_host_cpu": cpu_model()})) for key, row in rows.rows().items()]
     return provenance(command=[]), found

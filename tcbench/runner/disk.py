@@ -1,24 +1,23 @@
-"""Files of a run folder: written completely or not at all, errors of the system as sentences, one writer a folder.
-
-The lock is one that the operating system drops when its holder dies, however it dies. On network file systems flock is
-as good as the server's lock manager; on Lustre it needs the mount option `flock`.
-"""
+"""Files of a run folder: written completely or not at all, errors of the system as sentences, one writer a folder."""
 
 from __future__ import annotations
 
 import errno
 import os
+import shutil
 import socket
-import stat
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from io import FileIO
 from pathlib import Path
 from tempfile import TemporaryFile
 
+from filelock import FileLock, Timeout
+
 from ..errors import TcbenchError
 from ..files import replacing
+
+WORK = ".work"  # what belongs to the run under way: who writes, what workers print and share
 
 
 def replace_file(path: Path, content: bytes, folder: Path) -> None:
@@ -32,7 +31,7 @@ def replace_file(path: Path, content: bytes, folder: Path) -> None:
             file.write(content)
             file.flush()
             os.fsync(file.fileno())
-        sync_folder(path.parent)
+        _sync_folder(path.parent)
 
 
 def could_write(folder: Path) -> None:
@@ -58,8 +57,7 @@ def cure(error: OSError, folder: Path) -> TcbenchError:
     """The sentence for an operating-system error while writing."""
     if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
         return TcbenchError(
-            f"No space is left for the run in {folder} ({error.strerror}). The rows finished so far are "
-            "intact: "
+            f"No space is left for the run in {folder} ({error.strerror}). The rows finished so far are intact: "
             "free some space and run the same command again; it goes on where it stopped."
         )
     in_the_way = error.errno in (errno.EEXIST, errno.ENOTDIR)
@@ -69,62 +67,32 @@ def cure(error: OSError, folder: Path) -> TcbenchError:
     )
 
 
-def hold_lock(path: Path) -> FileIO:
-    """Hold the lock file; `TcbenchError` naming the holder when another process has it.
+def hold_lock(folder: Path) -> FileLock:
+    """Hold the folder's lock; `TcbenchError` naming the holder when another process has it.
 
-    The file is emptied, so a link is not followed: in a folder that others write to it may lead anywhere.
+    The operating system drops it when its holder dies, however it dies.
     """
-    flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
-    file = open(os.open(path, flags | getattr(os, "O_BINARY", 0), 0o666), "a+b", buffering=0)  # noqa: SIM115 -- held
+    lock, writer = FileLock(folder / ".lock", timeout=0), folder / WORK / "writer"
     try:
-        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-            raise OSError(errno.EINVAL, "not a regular file", str(path))
-        _lock_file(file)
-    except (BlockingIOError, PermissionError) as error:
-        holder = next(_holder(path), "another process")
-        file.close()
+        lock.acquire()
+    except Timeout:
+        try:
+            holder = writer.read_text("utf-8")[:200]
+        except OSError:  # it has just begun, or is just ending
+            holder = "another process"
         raise TcbenchError(
-            f"Another run is writing to {path.parent} ({holder}). Wait until it ends, or give this run another folder."
-        ) from error
-    except OSError:
-        file.close()
-        raise
-    file.seek(0)
-    file.truncate()
+            f"Another run is writing to {folder} ({holder}). Wait until it ends, or give this run another folder."
+        ) from None
+    shutil.rmtree(writer.parent, ignore_errors=True)
+    writer.parent.mkdir()  # before hours of computing: the folder takes new files
     since = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
-    file.write(f"process {os.getpid()} on {socket.gethostname()}, since {since}".encode())
-    file.flush()
-    return file
+    writer.write_text(f"process {os.getpid()} on {socket.gethostname()}, since {since}", "utf-8")
+    return lock
 
 
-def _holder(path: Path) -> Iterator[str]:
-    try:
-        if text := path.read_text(errors="replace").strip()[:200]:
-            yield text
-    except OSError:  # Windows locks the bytes against reading too
-        return
-
-
-if os.name == "nt":  # pragma: no cover -- Windows
-
-    def _lock_file(file: FileIO) -> None:
-        import msvcrt
-
-        file.seek(1 << 20)  # far beyond the text, which stays readable
-        msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined]
-
-    def sync_folder(folder: Path) -> None:
-        """Folders cannot be synced on Windows; the rename is still atomic."""
-
-else:
-
-    def _lock_file(file: FileIO) -> None:
-        import fcntl
-
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-
-    def sync_folder(folder: Path) -> None:
-        """Make a rename in the folder survive a power cut."""
+def _sync_folder(folder: Path) -> None:
+    """Make a rename in the folder survive a power cut; Windows has no such call."""
+    if os.name != "nt":
         descriptor = os.open(folder, os.O_RDONLY)
         try:
             os.fsync(descriptor)

@@ -18,15 +18,16 @@ from ..integrator import Integrator
 from ..studies.base import default_studies, expand_studies, find_study, refuse_doubles
 from ..study import Study
 from ..systems.scenario import Scenario
-from . import cell as cells_module
-from .cell import Cell, digest, made_by
+from . import hashes
+from .cell import Cell
+from .codec import digest
 from .cores import usable_cores
 from .declared import declared
 from .disk import could_write
+from .eta import Remaining
 from .provenance import machine_name
-from .remaining import Remaining
 from .rows import ROWS, Rows, Store
-from .workers import Summary, check_limits, plan
+from .scheduler import Summary, check_limits, plan
 
 
 class Context(TypedDict):
@@ -108,7 +109,7 @@ def plan_job(
     """Look everything up and plan the cells; raises TcbenchError before anything is written."""
     for name, chosen_names in (("integrators", integrators), ("scenarios", scenarios), ("studies", studies)):
         _check_list(name, chosen_names)
-    cells_module.forget()
+    hashes.forget()
     registry = plugins.registry()
     refuse_doubles(registry.studies.values())
     methods = plugins.expand_integrators(plugins.by_default() if integrators is None else integrators)
@@ -177,7 +178,7 @@ class _Cells:
             self.here[cell.key] = method, scenario
         pair = study.name, method.name, name
         if pair not in self._pairs:
-            self._pairs[pair] = made_by(method, scenario, study, custom["folder"] if custom else "")
+            self._pairs[pair] = hashes.made_by(method, scenario, study, custom["folder"] if custom else "")
             own = (method.name, method.plugin, name, scenario.plugin, study.plugin)
             metrics = [m.plugin for m in plugins.metrics().values()] if study.metrics else []
             self._needs.setdefault(method.name, set()).update(plugins.needs(*own, *metrics))
@@ -218,7 +219,7 @@ def scenario_data(scenario: Scenario) -> dict[str, Any] | None:
     return scenario.as_dict() | {
         "system": f"{system.__module__}:{system.__qualname__}", "code": code, "name": scenario.name, "dt": scenario.dt,
         "t_converge": scenario.t_converge, "ladder": list(scenario.ladder),
-        "folder": "" if own or not file else str(Path(file).parent),
+        "folder": "" if own or not file else str(Path(file).parent) if not hashes.is_installed(file) else file,
     }  # fmt: skip
 
 

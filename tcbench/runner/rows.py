@@ -19,25 +19,36 @@ import shutil
 import time
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
-from io import FileIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import orjson
 
-from ..errors import TcbenchError
+from ..errors import UNFINISHED, TcbenchError
 from ..files import HALF_WRITTEN
-from .cell import digest
-from .codec import NAMES, canonical_json, csv_bytes, decode_line, encode_line, parquet_bytes, pretty, unpack
-from .disk import cure, cured, hold_lock, replace_file
+from . import shapes
+from .codec import (
+    NAMES,
+    canonical_json,
+    csv_bytes,
+    decode_line,
+    digest,
+    encode_line,
+    from_json,
+    parquet_bytes,
+    pretty,
+    row_bytes,
+    unpack,
+)  # fmt: skip
+from .disk import WORK, cure, cured, hold_lock, replace_file
 
 if TYPE_CHECKING:
+    from filelock import FileLock
     from pandas import DataFrame
 
-ROWS = "cells.jsonl"
+ROWS, MANIFEST, DECLARED = "cells.jsonl", "manifest.json", "declared.json"
 SYNC_S = 0.5  # between two fsyncs, which cost more than most cells
-# What the machine or the user's limits did to a cell, not the cell itself: worth another attempt on resume.
-UNFINISHED_STATUSES = frozenset({"crash", "timeout"})
+# What the machine did to a cell, not the cell itself: worth another attempt on resume.
 UNFINISHED_ERRORS = frozenset({"MemoryError", "ChangedError", "MachineError"})
 
 Values = Mapping[str, Any]  # by name, as JSON has them
@@ -45,7 +56,7 @@ Values = Mapping[str, Any]  # by name, as JSON has them
 
 def is_finished(row: Values) -> bool:
     """Whether the row is final: any but crash, timeout, and what the machine did (memory, disk, absent packages)."""
-    gone = row.get("status") in UNFINISHED_STATUSES or row.get("exception_type") in UNFINISHED_ERRORS
+    gone = row.get("status") in UNFINISHED or row.get("exception_type") in UNFINISHED_ERRORS
     return not (gone or row.get("of_the_machine"))
 
 
@@ -65,11 +76,12 @@ class Rows:
         self.problems: list[str] = []
 
     def append(
-        self, key: str, row: Values | bytes, cell: Values | None = None, provenance: str | None = None,
-        made_by: str = "",
-    ) -> None:  # fmt: skip
+        self, key: str, row: Values | bytes, cell: Values, provenance: str | None = None, made_by: str = ""
+    ) -> None:
         """Keep the row of a cell; an earlier row of the same key is replaced. row : bytes of one that is encoded."""
-        self._keep(decode_line(encode_line(key, row, cell, provenance or "", made_by)))
+        content = row if isinstance(row, bytes) else row_bytes(row)
+        told = {"key": key, "made_by": made_by, "provenance": provenance or "", "cell": dict(cell)}
+        self._keep(told | {"row": orjson.loads(content)})
 
     def _keep(self, line: dict[str, Any]) -> None:
         self._lines.pop(line["key"], None)
@@ -85,7 +97,7 @@ class Rows:
 
     def raw(self) -> list[dict[str, Any]]:
         """The latest line of each key, in the order of their writing; rows packed."""
-        return list(self._lines.values())
+        return [*self._lines.values()]
 
     def lines(self) -> list[dict[str, Any]]:
         """The latest line of each key: key, made_by, provenance, cell, row."""
@@ -113,7 +125,7 @@ class Store(Rows):
         self.folder = folder
         self.provenance_id = ""
         self._file: int | None = None
-        self._lock: FileIO | None = None
+        self._lock: FileLock | None = None
         self._needs_newline = False
         self._next_sync = 0.0
 
@@ -132,9 +144,7 @@ class Store(Rows):
         try:
             with cured(store.folder):
                 store.folder.mkdir(parents=True, exist_ok=True)
-                store._lock = hold_lock(store.folder / ".lock")
-                shutil.rmtree(store.work, ignore_errors=True)
-                store.work.mkdir()  # before hours of computing: the folder takes new files
+                store._lock = hold_lock(store.folder)
                 if fresh:
                     store._set_aside()
                 if (store.folder / ROWS).exists() and not (store.folder / ROWS).is_file():
@@ -173,7 +183,7 @@ class Store(Rows):
     @property
     def work(self) -> Path:
         """Where workers of the run under way leave what is theirs."""
-        return self.folder / ".work"
+        return self.folder / WORK
 
     def close(self) -> None:
         """Release the folder. Safe to call twice."""
@@ -184,7 +194,7 @@ class Store(Rows):
             self._file = None
         if self._lock is not None:
             shutil.rmtree(self.work, ignore_errors=True)
-            self._lock.close()  # drops the lock; the file stays, for removing it would race with the next writer
+            self._lock.release()  # the file stays: removing it would race with the next writer
             self._lock = None
 
     def __enter__(self) -> Store:
@@ -196,16 +206,16 @@ class Store(Rows):
     # -- rows
 
     def append(
-        self, key: str, row: Values | bytes, cell: Values | None = None, provenance: str | None = None,
-        made_by: str = "",
-    ) -> None:  # fmt: skip
+        self, key: str, row: Values | bytes, cell: Values, provenance: str | None = None, made_by: str = ""
+    ) -> None:
         """Write one row: it outlives the process at once, and the machine from the next fsync on (SYNC_S, or `close`).
 
         Raises `TcbenchError` when the disk is full or the file cannot be written; rows already written stay intact.
         """
-        line = encode_line(key, row, cell, self.provenance_id if provenance is None else provenance, made_by)
-        self._write(line)
-        self._keep(decode_line(line))
+        content = row if isinstance(row, bytes) else row_bytes(row)
+        origin = self.provenance_id if provenance is None else provenance
+        self._write(encode_line(key, content, cell, origin, made_by))
+        super().append(key, content, cell, origin, made_by)
 
     def _write(self, line: bytes) -> None:
         self._still_there()
@@ -268,7 +278,7 @@ class Store(Rows):
     def provenances(self) -> dict[str, dict[str, Any]]:
         """What `add_provenance` recorded, by id."""
         files = sorted((self.folder / "provenance").glob("*.json"))
-        return {path.stem: data for path in files if (data := self._read_json(path))}
+        return {path.stem: self._read_json(path, shapes.MANIFEST) for path in files}
 
     def write_tables(
         self, tables: Mapping[str, DataFrame], gone: Iterable[str] = (), no_csv: Iterable[str] = ()
@@ -313,20 +323,20 @@ class Store(Rows):
         )
 
     def write_manifest(self, data: Values) -> None:
-        """Write `manifest.json`, complete or not at all."""
-        self._replace(self.folder / "manifest.json", pretty(data))
-
-    def manifest(self) -> dict[str, Any]:
-        """The manifest; empty when none has been written yet or it cannot be read (see `problems`)."""
-        return self._read_json(self.folder / "manifest.json")
+        """Write `manifest.json`, complete or not at all: what ran."""
+        self._replace(self.folder / MANIFEST, pretty(data))
 
     def write_declared(self, data: Values) -> None:
         """Write `declared.json`, complete or not at all: what methods and scenarios say of themselves."""
-        self._replace(self.folder / "declared.json", pretty(data))
+        self._replace(self.folder / DECLARED, pretty(data))
+
+    def manifest(self) -> dict[str, Any]:
+        """The manifest; empty when none has been written yet or it cannot be read (see `problems`)."""
+        return self._read_json(self.folder / MANIFEST, shapes.MANIFEST)
 
     def declared(self) -> dict[str, Any]:
-        """What `write_declared` wrote."""
-        return self._read_json(self.folder / "declared.json")
+        """What methods and scenarios say of themselves."""
+        return self._read_json(self.folder / DECLARED, shapes.DECLARED)
 
     def _replace(self, path: Path, content: bytes) -> None:
         self._still_there()
@@ -346,15 +356,19 @@ class Store(Rows):
                 "gone. Run the same command again."
             )
 
-    def _read_json(self, path: Path) -> dict[str, Any]:
+    def _read_json(self, path: Path, kinds: Values) -> dict[str, Any]:
         """What a file holds; nothing where there is none, or none that can be read (which `problems` say)."""
         if not path.exists():
             return {}
         try:
-            data = orjson.loads(path.read_bytes()) if path.is_file() else None
-            if isinstance(data, dict):
-                return data
-            raise ValueError("not a JSON object")
-        except (OSError, ValueError, RecursionError) as error:
+            data = from_json(path.read_bytes()) if path.is_file() else None
+            if not isinstance(data, dict):
+                raise ValueError("not a JSON object")
+        except (OSError, ValueError, TypeError, RecursionError) as error:
             self.problems.append(f"{path} cannot be read: {error}.")
             return {}
+        told: list[str] = []
+        found = shapes.fitting(data, kinds, told)
+        if told:
+            self.problems.append(f"{path}: {', '.join(told[:3])} is not what tcbench writes, and is left out.")
+        return found

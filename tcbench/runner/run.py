@@ -18,18 +18,18 @@ from ..studies.base import in_order
 from ..systems.scenario import Scenario
 from .cores import usable_cores
 from .declared import merged
+from .eta import Remaining
 from .plan import Job, plan_job
 from .provenance import machine_name, provenance, utc_now
-from .remaining import Remaining
 from .rows import Store
-from .tables import latest_rows, make_tables, read_tables
+from .scheduler import Ledger, Summary, check_limits, plan, run_cells
+from .tables import latest_rows, made_and_kept, make_tables, read_tables
 from .worker import MEASURE, complete_row, measured
-from .workers import Ledger, Summary, check_limits, plan, run_cells
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-    from .workers import Event
+    from .scheduler import Event
 
 DEFAULT_OUTPUT = Path("results") / "latest"
 
@@ -205,10 +205,11 @@ def execute(
             keys = {cell.key for cell in job.cells}
             tables, failed = make_tables([*in_order(job.studies).values()], store, keys)
             alone = keys == latest_rows(store)[0] and not failed  # no other run has been into this folder
-            every = tables if alone else read_tables(store)
-            every = {name: table for name, table in every.items() if len(table)}
-            before = store.manifest().get("tables", [])
-            store.write_tables(every, before if isinstance(before, list) else (), SERIES)
+            made, kept = (tables, {}) if alone else made_and_kept(store)
+            made = {name: table for name, table in made.items() if len(table)}
+            before = set(store.manifest().get("tables", [])).difference(kept)
+            store.write_tables(made, before, SERIES)
+            every = made | kept
             store.write_declared(merged(store.declared(), job.told()))
             lines = [line for cell in job.cells if (line := store.line(cell.key))]
             statuses = Counter(str(line["row"].get("status")) for line in lines)

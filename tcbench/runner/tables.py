@@ -23,22 +23,30 @@ def read_tables(source: str | Path | Store) -> dict[str, DataFrame]:
     Made from the rows; read from `tables/` where there are none, as in a published run that keeps its tables only, or
     where rows cannot be tabulated.
     """
-    store = source if isinstance(source, Store) else Store.read(source)
+    made, kept = made_and_kept(source if isinstance(source, Store) else Store.read(source))
+    return made | kept
+
+
+def made_and_kept(store: Store) -> tuple[dict[str, DataFrame], dict[str, DataFrame]]:
+    """The tables that are made of the rows, and those of which only the files are there."""
     latest, older = latest_rows(store)
     store.problems += older
     chosen, others = _studies(store)
     known = [name for study in chosen for name in study.tables]
-    kept = [name for name in store.tables() if not latest or (others and name not in known)]
+    written = store.manifest().get("tables", [])
+    names = [name for name in store.tables() if not latest or (others and name not in known and name in written)]
     store.problems += [f"No study is called {name!r} here: its tables are those that were written." for name in others]
     tables, failed = make_tables(chosen, store, latest)
-    kept += [name for study in failed for name in store.tables() if name in study.tables]
-    for name in kept:
+    names += [name for study in failed for name in store.tables() if name in study.tables]
+    kept = {}
+    for name in names:
         if name not in tables:
             try:
-                tables[name] = store.read_table(name)
+                kept[name] = store.read_table(name)
             except TcbenchError as error:
                 store.problems.append(str(error))
-    return {name: table for name, table in tables.items() if len(table)}
+    made, kept = ({name: table for name, table in found.items() if len(table)} for found in (tables, kept))
+    return made, kept
 
 
 def _studies(store: Rows) -> tuple[list[Study], list[str]]:

@@ -74,7 +74,8 @@ def measure_cell(cell: dict[str, Any], context: dict[str, Any]) -> dict[str, Any
     from ..simulation import shared_runs
     from ..solver import foresight
     from ..studies.base import find_study
-    from .cell import Cell, made_by
+    from .cell import Cell
+    from .hashes import made_by
 
     method, study = plugins.find_integrator(cell["integrator"]), find_study(cell["study"])
     custom = context["scenarios"].get(cell["scenario"])
@@ -83,7 +84,8 @@ def measure_cell(cell: dict[str, Any], context: dict[str, Any]) -> dict[str, Any
     if made_by(method, scenario, study, custom["folder"] if custom else "") != planned.partition("+")[0]:
         raise ChangedError(
             f"What {method.name} on {scenario.name} is measured with is not what the run was planned with: files were "
-            "edited meanwhile, or this machine has another version. Run again, and what they say now is measured."
+            "edited meanwhile, the plugin writes beside its own file, or this machine has another version. Run again, "
+            "and what they say now is measured."
         )
     with foresight.within(context.get("timeout")), shared_runs.kept_in(context.get("shared_runs")):
         return measured(method, scenario, cell) | {"shared_runs": shared_runs.found()}
@@ -136,6 +138,8 @@ def complete_row(
         if not isinstance(found, Mapping):
             raise TypeError(f"the measurement returned {type(found).__name__}, not a dict")
         row = {"status": "ok", "failure": "", "wall_time_s": took} | {str(k): v for k, v in found.items()}
+        if not isinstance(row["status"], str):
+            raise TypeError(f"the measurement returned the status {row['status']!r}, not a word")
         text = row_bytes(row | {"cell_time_s": took} | dict(extra))
         if len(text) > ROW_LIMIT:
             raise ValueError(f"the row has {len(text) / 2**20:.0f} MiB of JSON; the limit is {ROW_LIMIT // 2**20} MiB")

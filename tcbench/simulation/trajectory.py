@@ -19,9 +19,6 @@ if TYPE_CHECKING:
     from ..metric import Observable
     from ..systems.scenario import Scenario
 
-STATUSES = (
-    "ok", "nonconverged", "no_root", "nonfinite", "unphysical", "blowup", "exception", "crash", "timeout", "skipped",
-)  # fmt: skip
 Floats = NDArray[np.float64]
 
 
@@ -103,7 +100,7 @@ class Trajectory:
     temperatures : array, shape (m, n_temperatures)
         Of each element, or as the system defines.
     status : str
-        One of STATUSES, "ok" if all is well.
+        One of `errors.STATUSES`, "ok" if all is well.
     failure : str
         A sentence with step, time and cause; "" if all is well.
     steps : int

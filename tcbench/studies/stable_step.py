@@ -271,6 +271,8 @@ SLOW_FAILURES = 2  # so many failed runs as slow as that end the search
 def loosest_tolerance(integrator: Integrator, scenario: Scenario) -> dict[str, Any]:
     """One row of `stable_tolerances`: the loosest tolerance of an adaptive solver at which, and at the next two tighter
     ones, a run does not fail (NaN if there is none down to 1e-8), and why the next looser one does."""
+    with shared_runs.made_anew():  # what the first run of a process loads and compiles is no time of a run
+        simulate(integrator, scenario.replace(t_end=1e-3 * scenario.t_end), tolerance=TOLERANCES[0])
     held: list[float] = []
     failed, last, slow = math.nan, None, 0
     for tolerance in TOLERANCES:

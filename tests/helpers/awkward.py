@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 
+from tcbench.runner.codec import digest
 from tcbench.runner.rows import Store
 
 FIVE = ["tc_monolithic", "tc_staggered", "tc_strang", "midpoint_entropy", "midpoint_temperature"]
@@ -301,8 +302,8 @@ def write_run(folder, tables, rows=(), declared=None):
     """A run folder with these tables and rows."""
     with Store.open(folder) as store:
         store.add_provenance({"tcbench": "0.1.0", "machine": {"cpu": "a CPU"}})
-        for i, (cell, row) in enumerate(rows):
-            store.append(str(i), row, cell)
+        for cell, row in rows:
+            store.append(digest(cell), row, cell)
         store.write_tables(tables)
         if declared is not None:
             store.write_declared(declared)

@@ -1,9 +1,9 @@
 """Deadlines without a clock: who says that it hangs is overdue at once, and all others have all the time they need."""
 
-from tcbench.runner import workers
+from tcbench.runner import scheduler
 
 LIMIT = 1e4  # seconds, for --timeout: no cell takes so long, however busy the machine is
-OVERDUE = workers.Worker._overdue
+OVERDUE = scheduler.Worker._overdue
 
 
 def hangs(worker, hanging, printing):
@@ -18,4 +18,4 @@ def only_for(patch, hanging=("hang",), printing=()):
     def overdue(worker, now):
         return OVERDUE(worker, now + 2 * LIMIT if hangs(worker, hanging, printing) else now)
 
-    patch.setattr(workers.Worker, "_overdue", overdue)
+    patch.setattr(scheduler.Worker, "_overdue", overdue)

@@ -13,7 +13,6 @@ what the machine did (memory, disk) run again; everything else is final.
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import queue
 import random
@@ -29,7 +28,7 @@ from typing import Any
 from ..errors import TcbenchError
 from .cell import Cell
 from .child import READY, Child, how_it_died, signal_name
-from .codec import plain, row_bytes
+from .codec import from_json, row_bytes, to_json
 from .cores import usable_cores
 from .rows import Rows, Store, is_finished
 from .worker import cut, exception_row, read_tail
@@ -305,7 +304,7 @@ class Worker:
                 self._start_failed(how_it_died(code))
         elif line.startswith(b'{"raised"'):  # of the transport, or of a worker without memory
             self.discard()
-            self._end(exception_row(RuntimeError(json.loads(line)["raised"][-2000:])))
+            self._end(exception_row(RuntimeError(from_json(line)["raised"][-2000:])))
         else:
             self._end(line)
 
@@ -345,7 +344,7 @@ class Worker:
         context = self.crew.settings["context"]
         brought = context.get("brought_by", {}).get(self.cell.integrator, [])
         told = self._log.with_suffix(".json")
-        told.write_text(json.dumps({**self.crew.settings, "brought_by": brought}, default=plain), encoding="utf-8")
+        told.write_bytes(to_json({**self.crew.settings, "brought_by": brought}))
         self._opened, self._ready = time.monotonic(), False
         with open(self._log, "wb"):
             pass
@@ -373,7 +372,7 @@ class Worker:
 
     def _end(self, row: bytes | dict[str, Any]) -> None:
         if isinstance(row, bytes) and b'"exception_type"' in row:
-            row = json.loads(row)
+            row = from_json(row)
         if isinstance(row, dict):
             row |= {"output_tail": read_tail(self._log)}
             if row.get("exception_type") == "MemoryError":
