@@ -13,6 +13,7 @@ from ..progress import part
 from ..solver import foresight
 from ..solver.implicit_step import COUNT_WRONG, NO_AUDIT, NO_ROOT, NONCONVERGED, NONFINITE, OK, Rules, compiled_flows
 from ..solver.quotients import REMEDY, finite_at_rest, zero_over_zero
+from ..systems.as_written import check_repeats
 from ..systems.constrained import check_start
 from ..systems.refusals import check_invariants
 from ..systems.scenario import Scenario
@@ -101,6 +102,8 @@ def simulate(
     if scenario.model.multipliers:
         check_start(scenario.model, scenario.z0)
     check_invariants(scenario.model, scenario.z0)
+    if integrator.kind != "flows":
+        check_repeats(scenario.model.symbolic)
     if integrator.kind == "adaptive":
         chosen = None if times is None else _checked_times(times, t_end)
         if chosen is not None:

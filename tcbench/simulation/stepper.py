@@ -10,13 +10,15 @@ import numpy as np
 
 from ..errors import TcbenchError, expect, shown
 from ..integrator import Integrator
-from ..solver.implicit_step import OK, Rules, compiled_flows
+from ..solver.implicit_step import NO_ROOT, NONCONVERGED, OK, Rules, compiled_flows
 from ..solver.kernels_of_flow import FlowKernels
 from ..systems.scenario import Scenario
 from ..systems.state import State
 from ..systems.system import System
 from .prepared import Prepared, take
 from .recorder import cause_of
+
+BACK = 1e-9  # of each variable's size: a step and its way back end as near to where they began
 
 
 def stepper(method: str | Integrator, system: System | Scenario | str) -> Stepper:
@@ -37,7 +39,8 @@ def stepper(method: str | Integrator, system: System | Scenario | str) -> Steppe
     -------
     Stepper
         Called with z, a finite state of shape (n,), and h, finite, in the system's dimensionless time; gives z1, shape
-        (n,). `iterations` counts Newton iterations so far. With heat conduction a negative step may not exist.
+        (n,). `iterations` counts Newton iterations so far. A step of h < 0 is a root that is joined to z, or one from
+        which the step of -h leads to z.
 
     Raises
     ------
@@ -118,11 +121,37 @@ class Stepper:
         return z + z1 if self.method.increments else z1
 
     def _by_flows(self, ready: Prepared, z: np.ndarray, h: float) -> np.ndarray:
+        reason = self._solved(ready, z, h)
+        if reason != OK and h < 0 and self._backwards(ready, z, h):
+            return ready.run.z.copy()
+        if reason != OK:
+            cause = cause_of(reason, self.system, self.method)
+            if h < 0 and reason in (NONCONVERGED, NO_ROOT):
+                cause = (
+                    f"the roots that begin at this state end on the way back, and no other was found from which a step "
+                    f"of {-h:g} leads here"
+                )
+            raise ArithmeticError(f"{self.method.name}, a step of {h:g}: {cause}")
+        return ready.run.z.copy()
+
+    def _solved(self, ready: Prepared, z: np.ndarray, h: float) -> int:
         if h != ready.run.h:
             ready.set_length(h)
-        reason = ready.step(z)
-        if reason != OK:
-            backwards = ", for heat does not flow backwards" if h < 0 else ""
-            cause = cause_of(reason, self.system, self.method)
-            raise ArithmeticError(f"{self.method.name}, a step of {h:g}: {cause}{backwards}")
-        return ready.run.z.copy()
+        return ready.step(z)
+
+    def _backwards(self, ready: Prepared, z: np.ndarray, h: float) -> bool:
+        """Is there, off the branch that begins at z, a root from which a step forwards leads to z? It is left in run.z.
+
+        Conduction in a step of -h has a pole where h is its own time: behind it roots have det J < 0, and only plain
+        Newton takes these.
+        """
+        ready.set_rules(Rules(continuation=False), math.inf)
+        try:
+            found, z1 = self._solved(ready, z, h), ready.run.z.copy()
+        finally:
+            ready.set_rules(Rules(), math.inf)
+        if found != OK or self._solved(ready, z1, -h) != OK:
+            return False
+        away = np.abs(ready.run.z - z) / np.maximum(self.system.least_each, np.abs(z))
+        ready.run.z[:] = z1
+        return bool(away.max() <= BACK)

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..compiler import derivatives as trace
 from ..compiler.derivatives import Symbol
+from ..compiler.repeats import REMEDY, same_again
 from ..errors import TcbenchError, TraceError, misnamed
 from ..integrator import Flow, Residual
 from ..systems.system import System
@@ -59,7 +60,8 @@ def called(flow: Flow, arguments: Sequence[Any]) -> Any:
     """What the author's formula returns for these arguments, symbols among them; one sentence where it cannot."""
     function = flow.residual
     try:
-        return function(*arguments)
+        found = function(*arguments)
+        again = same_again(found, lambda: function(*arguments))
     except TcbenchError:
         raise
     except Exception as error:  # numpy and Python refuse symbols with errors of their own
@@ -71,6 +73,10 @@ def called(flow: Flow, arguments: Sequence[Any]) -> Any:
         raise TraceError(
             f"{where}the residual {function.__name__!r} cannot be traced: {misnamed(error)}.{remedy}"
         ) from error
+    if not again:
+        where = f"{_file(function)}: the residual {function.__name__!r}"
+        raise TraceError(f"{where}, or a formula that it reads, {REMEDY}.")
+    return found
 
 
 def _other_arguments(flow: Flow, arguments: Sequence[Any]) -> str:

@@ -15,6 +15,8 @@ import numpy as np
 from ..compiler import derivatives as trace
 from ..compiler.array_states import Blocks, fitted, is_array
 from ..compiler.array_symbols import ArraySymbol
+from ..compiler.once import once
+from ..compiler.repeats import REMEDY, same_again
 from ..compiler.sentences import ELEMENTARY
 from ..errors import TcbenchError, misnamed, unknown_name
 from .constrained import named_constraints
@@ -31,15 +33,21 @@ Returned = Callable[["System", Any, str], Any]  # (system, what a formula return
 def as_written(formula: Callable[..., Any], name: str) -> Callable[..., Any]:
     """An author's formula on arrays: its arguments get their names, and the rates that it names become a vector."""
     returned = RETURNED[name]
+    repeated: set[str] = set()  # of these formulas of the class it has been seen that they are the same again
 
     @wraps(formula)
     def body(self: System, *states: Any) -> Any:
+        symbolic = is_array(*states) or any(np.asarray(state).dtype == object for state in states)
+
+        def call() -> Any:
+            return formula(self, *(_read_only(self, state) for state in states))
+
         try:
-            found = formula(self, *(_read_only(self, state) for state in states))
+            found = call()
+            again = not symbolic or self.formulas in repeated or same_again(found, call)
         except TcbenchError:
             raise
         except Exception as error:  # numpy and Python refuse symbols with errors of their own
-            symbolic = is_array(*states) or any(np.asarray(state).dtype == object for state in states)
             why = misnamed(error).rstrip(".")
             if "read-only" in why:
                 why += ": a formula does not write to its arguments. Write a = a + b, not a += b"
@@ -47,10 +55,27 @@ def as_written(formula: Callable[..., Any], name: str) -> Callable[..., Any]:
                 why += f". {ELEMENTARY}"
             message = f"{place(formula, error)}: {name}() of {type(self).__name__} cannot be evaluated"
             raise TcbenchError(f"{message}: {why}.") from error
-        return returned(self, found, f"{place(formula)}: {name}() of {type(self).__name__}")
+        where = f"{place(formula)}: {name}() of {type(self).__name__}"
+        if not again:
+            raise TcbenchError(f"{where} {REMEDY}.")
+        if symbolic:
+            repeated.add(self.formulas)
+        return returned(self, found, where)
 
     body.__name__ = name  # whatever the author's function is called: kernels are known by it
     return body
+
+
+@once
+def check_repeats(model: System) -> None:
+    """TcbenchError where a formula is not the same when it is called again: solvers of their own would make rows of it.
+
+    model : the one that has symbols for constants.
+    """
+    if not model.large and "energy" in model.written:
+        with trace.tracing():
+            z, dE, dS = (model.unknowns(name) for name in ("z", "dE", "dS"))
+            model.energy(z), model.entropy(z), model.reversible(z, dE, dS), model.irreversible(z, dE, dS)
 
 
 def _read_only(self: System, values: Any) -> Any:

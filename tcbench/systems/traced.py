@@ -15,6 +15,7 @@ from ..compiler import derivatives as trace
 from ..compiler.array_states import is_array
 from ..compiler.array_tensors import SymbolArray
 from ..compiler.once import LOCK, cached_property
+from ..compiler.repeats import REMEDY, same_again
 from ..errors import TcbenchError, TraceError, misnamed
 from .state import fixed
 
@@ -72,7 +73,8 @@ def _check_names(system: Traced, name: str, states: tuple[Any, ...]) -> None:
 def _run(body: Callable[..., Any], system: Any, *states: Any) -> Any:
     """The formula on symbols; what numpy and Python refuse of them is a sentence with the author's line."""
     try:
-        return body(system, *states)
+        found = body(system, *states)
+        again = body.__name__ != "vector_field" or same_again(found, lambda: body(system, *states))
     except TcbenchError:
         raise
     except Exception as error:
@@ -82,6 +84,9 @@ def _run(body: Callable[..., Any], system: Any, *states: Any) -> Any:
             f"{where}a formula of {type(system).__name__} cannot be traced: {misnamed(error)}. Formulas are "
             "branch-free numpy on symbols, and what they read of self are constants."
         ) from error
+    if not again:
+        raise TraceError(f"A formula of {type(system).__name__} {REMEDY}.")
+    return found
 
 
 class Traced:

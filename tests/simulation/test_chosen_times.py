@@ -38,3 +38,14 @@ def test_the_runs_at_the_default_times_are_not_mistaken_for_them():
 def test_what_is_no_list_of_times_is_refused(name, options, message):
     with pytest.raises(TcbenchError, match=message):
         tcbench.simulate(name, "short_term", **options)
+
+
+@pytest.mark.parametrize("method", ["scipy_odeint", "solve_ivp_rk45"])
+def test_slope_and_first_fall_of_uneven_times_are_those_of_the_records(method):
+    """A loop that took the first time for the step of all gave a drift six times too large."""
+    t = np.concatenate([[0.01], 0.01 + np.cumsum(np.random.default_rng(1).uniform(0.01, 0.8, 40))])
+    run = tcbench.simulate(method, "short_term", times=t, tolerance=1e-3)
+    error = (run.energy - run.energy[0])[1:] / run.scenario.initial_exergy
+    assert run.summary.energy_drift == pytest.approx(np.polyfit(run.t[1:], error, 1)[0], rel=1e-9)
+    falls = run.t[1:][np.diff(run.entropy) < -1e-10]
+    assert run.summary.first_entropy_fall == falls[0] if len(falls) else np.isnan(run.summary.first_entropy_fall)

@@ -1,0 +1,38 @@
+"""Is a formula the same whenever it is called? A random number, a clock or a counter would be frozen in a trace."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from .array_states import entries
+from .derivatives import topological
+from .symbols import Symbol
+
+REMEDY = (
+    "is not the same when it is called again. A formula reads its arguments, constants of self and what does not "
+    "change: no random numbers, no clock, no counter. tcbench has no noise: equations are deterministic"
+)
+
+
+def same_again(found: Any, formula: Callable[[], Any]) -> bool:
+    """Does the formula, called on the same symbols, give what was found before?
+
+    Equal expressions of one trace are one object; where the order of a sum differs, the numbers in them are compared.
+    """
+    one, other = _parts(found), _parts(formula())
+    if len(one) != len(other):
+        return False
+    return all(a is b for a, b in zip(one, other, strict=True)) or _numbers(one) == _numbers(other)
+
+
+def _parts(found: Any) -> list[Any]:
+    if isinstance(found, Mapping):
+        return [part for name in found for part in _parts(found[name])]
+    return [] if found is None else entries(found)
+
+
+def _numbers(parts: list[Any]) -> set[float]:
+    symbols = [x for x in parts if isinstance(x, Symbol)]
+    others = {float(x) for x in parts if not isinstance(x, Symbol)}
+    return others | {x.value for x in topological(symbols) if x.op == "const"}
