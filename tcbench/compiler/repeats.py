@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from numbers import Real
 from typing import Any
 
 from .array_states import entries
@@ -28,11 +29,12 @@ def same_again(found: Any, formula: Callable[[], Any]) -> bool:
 
 def _parts(found: Any) -> list[Any]:
     if isinstance(found, Mapping):
-        return [part for name in found for part in _parts(found[name])]
+        found = list(found.values())
+    if isinstance(found, list | tuple):
+        return [part for item in found for part in _parts(item)]
     return [] if found is None else entries(found)
 
 
-def _numbers(parts: list[Any]) -> set[float]:
+def _numbers(parts: list[Any]) -> set[Any]:
     symbols = [x for x in parts if isinstance(x, Symbol)]
-    others = {float(x) for x in parts if not isinstance(x, Symbol)}
-    return others | {x.value for x in topological(symbols) if x.op == "const"}
+    return {x for x in parts if isinstance(x, Real)} | {x.value for x in topological(symbols) if x.op == "const"}
