@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -28,12 +29,13 @@ if TYPE_CHECKING:
     from .system import System
 
 Returned = Callable[["System", Any, str], Any]  # (system, what a formula returned, where it is written)
+# by formula the hashes of classes of which it has been seen that it is the same when it is called again
+_REPEATED: WeakKeyDictionary[Callable[..., Any], set[str]] = WeakKeyDictionary()
 
 
 def as_written(formula: Callable[..., Any], name: str) -> Callable[..., Any]:
     """An author's formula on arrays: its arguments get their names, and the rates that it names become a vector."""
     returned = RETURNED[name]
-    repeated: set[str] = set()  # of these formulas of the class it has been seen that they are the same again
 
     @wraps(formula)
     def body(self: System, *states: Any) -> Any:
@@ -44,7 +46,7 @@ def as_written(formula: Callable[..., Any], name: str) -> Callable[..., Any]:
 
         try:
             found = call()
-            again = not symbolic or self.formulas in repeated or same_again(found, call)
+            again = not symbolic or self.formulas in _REPEATED.get(formula, ()) or same_again(found, call)
         except TcbenchError:
             raise
         except Exception as error:  # numpy and Python refuse symbols with errors of their own
@@ -59,7 +61,7 @@ def as_written(formula: Callable[..., Any], name: str) -> Callable[..., Any]:
         if not again:
             raise TcbenchError(f"{where} {REMEDY}.")
         if symbolic:
-            repeated.add(self.formulas)
+            _REPEATED.setdefault(formula, set()).add(self.formulas)
         return returned(self, found, where)
 
     body.__name__ = name  # whatever the author's function is called: kernels are known by it
