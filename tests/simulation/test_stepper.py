@@ -103,7 +103,9 @@ def test_a_step_of_a_self_adjoint_method_can_be_taken_back(method, h):
 
 def test_a_step_back_that_does_not_exist_says_what_was_looked_for():
     """Staggered steps are not their own adjoints: none of h leads to where a step of -h would begin."""
-    with pytest.raises(ArithmeticError, match=r"a step of -0\.3: the roots .* no other was found from which a step of 0\.3"):
+    with pytest.raises(
+        ArithmeticError, match=r"a step of -0\.3: the roots .* no other was found from which a step of 0\.3"
+    ):
         tcbench.stepper("tc_itoh_abe", SCENARIO)(SCENARIO.z0, -0.3)
 
 
