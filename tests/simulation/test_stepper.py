@@ -95,8 +95,8 @@ def test_what_is_no_step_is_refused_with_its_reason():
 @pytest.mark.parametrize("h", [0.01, 0.07, 0.3, 1.1])
 @pytest.mark.parametrize("method", ["tc_monolithic", "tc_strang", "midpoint_entropy"])
 def test_a_step_of_a_self_adjoint_method_can_be_taken_back(method, h):
-    """(A1) with h and the two states exchanged is itself: its step of -h from z1 is z0, also beyond the pole of conduction
-    (kappa h = c0, at 0.017 here), where the root has det J < 0."""
+    """(A1) with h and the two states exchanged is itself: its step of -h from z1 is z0, also beyond the pole of
+    conduction (kappa h = c0, at 0.017 here), where the root has det J < 0."""
     step, z = tcbench.stepper(method, SCENARIO), tcbench.simulate(method, SCENARIO, dt=0.1, t_end=1.0).z[-1]
     assert np.abs(step(step(z, h), -h) - z).max() < 1e-11
 
