@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from .errors import TcbenchError, calling, expect_names, expect_words, shown
+from .table import Table
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
     from .integrator import Integrator
     from .systems.scenario import Scenario
-    from .table import Table
 
 Row = dict[str, Any]
 Cells: TypeAlias = "list[tuple[Integrator, Scenario, Row]]"  # what runs on what, and the options of the cell
@@ -28,8 +28,8 @@ class Study:
     ----------
     name, description : str
         Its name, and a sentence that says what it measures.
-    tables : tuple of str
-        The names of its tables, in order.
+    tables : tuple of Table or str
+        Its tables, in order; a name alone is a table of which there is nothing to say.
     plan : function
         plan(integrators, scenarios, options) -> list of (integrator, scenario, cell options), one a cell; options are
         those of the run ("dt": list of steps in the scenario's dimensionless time, ...), cell options are JSON values.
@@ -57,8 +57,6 @@ class Study:
         The study that replaces it if all scenarios are random.
     drawn : function, optional
         drawn(scenario, cell options) -> JSON values: further inputs of a cell, such as scenarios that it draws.
-    schemas : tuple of Table
-        What comparison, terminal and page are told of its tables.
     plugin : str
         Filled in by the registry.
 
@@ -75,7 +73,7 @@ class Study:
 
     name: str
     description: str
-    tables: tuple[str, ...]
+    tables: tuple[Any, ...]
     plan: Callable[[Sequence[Integrator], Sequence[Scenario], Mapping[str, Any]], Cells]
     measure: Callable[[Integrator, Scenario, Row], Row]
     tabulate: Callable[[Sequence[Row]], Tables]
@@ -88,12 +86,19 @@ class Study:
     fresh: bool = False
     of_random: str = ""
     drawn: Callable[[Scenario, Row], Any] | None = None
-    schemas: tuple[Table, ...] = ()
     plugin: str = ""
 
     def __post_init__(self) -> None:
-        expect_words(f"The study {self.name!r}", vars(self), "tables", "scenarios")
-        expect_names(f"The study {self.name!r}", self.name, *self.tables)
+        tables: Any = self.tables  # or names of some
+        names = tuple(getattr(one, "name", one) for one in tables) if isinstance(tables, tuple) else tables
+        expect_words(f"The study {self.name!r}", {**vars(self), "tables": names}, "tables", "scenarios")
+        expect_names(f"The study {self.name!r}", self.name, *names)
+        object.__setattr__(self, "tables", tuple(Table(one) if isinstance(one, str) else one for one in tables))
+
+    @property
+    def table_names(self) -> tuple[str, ...]:
+        """The names of its tables, in order."""
+        return tuple(table.name for table in self.tables)
 
     def planned(
         self, methods: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]
@@ -134,10 +139,10 @@ class Study:
                 f"tabulate of the study {self.name!r} must return a dict of DataFrames by the name of the table, not "
                 f"{shown(found)}."
             )
-        if others := [name for name in named if name not in self.tables]:
+        if others := [name for name in named if name not in self.table_names]:
             raise TcbenchError(
                 f"tabulate of the study {self.name!r} returns the table {others[0]!r}; write tables={(*named,)!r}, "
-                f"where it says {(*self.tables,)!r}."
+                f"where it says {self.table_names!r}."
             )
         return {**found}
 

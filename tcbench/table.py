@@ -1,44 +1,165 @@
-"""`Table`: what a study says of each of its tables; comparison, terminal and page read it."""
+"""`Table` and `Column`: what a study says of its tables; terminal, page, comparison and LaTeX read it."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import MISSING, dataclass, fields
+from fnmatch import fnmatchcase
+from typing import Any
+
+from .errors import TcbenchError, expect_names, shown
+
+WORSE = ("", "higher", "lower", "larger")
+PAGE_DIGITS = 10  # of a number on the page; the files have them all
 
 
 @dataclass(frozen=True)
 class Column:
     """A column of a table.
 
-    label : what people read. worse : which values are worse, "higher", "lower" or "larger" (in magnitude); "" where
-    neither is. digits : that are shown. terminal : whether it is among those that a terminal shows; narrow : the order
-    in which columns go where it is too narrow, the least first, 0 for never. filter : the page can choose by it.
+    Parameters
+    ----------
+    name : str
+        Of the column; with a `*`, of every column of the table so called that has no line of its own.
+    label, short, unit : str
+        What stands on the axis of a chart (a `*` in it is what the name has there), what heads the column on a
+        terminal, and the unit of the values, "" if they are dimensionless. Without a label it is called as it is.
+    worse : str
+        Which values are worse: "higher", "lower" or "larger" (in magnitude, of errors, which may be signed); "" where
+        neither is: `tcbench compare` then tells changes and no regressions.
+    good : tuple of str
+        Of a column of words those that say that all went well; another word after one of them is a regression.
+    digits : int
+        That the page keeps of a number; 0 for those of the table.
+    filter : bool
+        Whether the page can choose rows by it.
+    narrow : int
+        Columns with a number go first, the least first, where a terminal is too narrow for all.
+    optional : bool
+        Whether it is left out where no row has it.
+    timing : bool
+        Whether it is measured with a clock: the comparison shows ratios and judges none.
+    shown : bool
+        Whether it says what came out; otherwise it says where a row comes from, and only the files have it.
+    compared : bool
+        Whether differences between runs count.
+
+    Raises
+    ------
+    TcbenchError
+        For another word in `worse`.
+
+    References
+    ----------
+    docs/add-study.md; docs/measures.md says how tcbench's own columns are measured.
     """
 
     name: str
     label: str = ""
+    short: str = ""
+    unit: str = ""
     worse: str = ""
-    digits: int = 4
-    terminal: bool = False
-    narrow: int = 0
+    good: tuple[str, ...] = ()
+    digits: int = 0
     filter: bool = False
+    narrow: int = 0
+    optional: bool = False
+    timing: bool = False
+    shown: bool = True
+    compared: bool = True
+
+    def __post_init__(self) -> None:
+        if self.worse not in WORSE:
+            raise TcbenchError(f"The column {self.name!r}: worse is one of {WORSE}, not {shown(self.worse)}.")
+
+    def named(self, name: str) -> Column:
+        """It under the name of a column that it fits, with a label, its unit in it, and a heading."""
+        before, _, after = self.name.partition("*")
+        label = self.label.replace("*", name[len(before) : len(name) - len(after)]) or name.replace("_", " ")
+        told = {"name": name, "label": f"{label}, {self.unit}" if self.unit else label, "short": self.short or name}
+        return Column(**{**vars(self), **told})
 
 
 @dataclass(frozen=True)
 class Table:
     """A table of a study.
 
-    key : columns that tell its rows apart, beside integrator and scenario. derived : a sum of other tables, or the rows
-    of a chart: never compared. timed : its rows ran alone. long : shown when it is asked for by name.
+    Parameters
+    ----------
+    name : str
+        Of the table: letters, digits, _ and -.
+    columns : tuple of Column or str
+        Its columns in their order; a name alone is one that tcbench describes (`dt`, `status`, `energy_error_max`, ...)
+        or one of which there is nothing to say.
+    key : tuple of str
+        Columns that tell its rows apart, beside integrator and scenario.
+    terminal : tuple of str
+        The columns that a terminal shows, in order; () for all.
+    digits : int
+        That the page keeps of a number, where its column does not say.
+    derived : bool
+        Whether it sums up other tables, or holds the rows of a chart: it is never compared.
+    timed : bool
+        Whether its rows were measured alone on the machine.
+    long : bool
+        Whether a terminal shows it only when it is asked for by name.
+
+    Raises
+    ------
+    TcbenchError
+        For an invalid name, and for columns that are none.
+
+    References
+    ----------
+    docs/add-study.md; tcbench/studies/size.py has two.
     """
 
     name: str
+    columns: tuple[Column | str, ...] = ()
     key: tuple[str, ...] = ()
-    columns: tuple[Column, ...] = ()
+    terminal: tuple[str, ...] = ()
+    digits: int = PAGE_DIGITS
     derived: bool = False
     timed: bool = False
     long: bool = False
 
+    def __post_init__(self) -> None:
+        expect_names("The table", self.name)
+        if not isinstance(self.columns, tuple) or any(not isinstance(one, Column | str) for one in self.columns):
+            raise TcbenchError(
+                f"The table {self.name!r}: columns is a tuple of Column or of names, not {shown(self.columns)}."
+            )
+
     @property
-    def shown(self) -> tuple[str, ...]:
-        """The columns that a terminal shows, in order."""
-        return tuple(column.name for column in self.columns if column.terminal)
+    def names(self) -> list[str]:
+        """The columns that it has in any case or may have, in order."""
+        names = [one if isinstance(one, str) else one.name for one in self.columns]
+        return [name for name in names if "*" not in name]
+
+    def column(self, name: str) -> Column | None:
+        """What it says of a column, by its name or else a pattern; None where it says nothing."""
+        own = [one for one in self.columns if isinstance(one, Column) and fnmatchcase(name, one.name)]
+        found = next((one for one in own if one.name == name), next(iter(own), None))
+        return found and found.named(name)
+
+    def as_dict(self) -> dict[str, Any]:
+        """It as JSON values; `from_dict` makes it of them."""
+        return _told(self) | {"columns": [one if isinstance(one, str) else _told(one) for one in self.columns]}
+
+
+def from_dict(data: Mapping[str, Any]) -> Table | None:
+    """The table of what a run folder says; None where that is no table."""
+    try:
+        columns: Iterable[Any] = data.get("columns", ())
+        parts = {name: tuple(v) if isinstance(v, list) else v for name, v in data.items()}
+        made = [one if isinstance(one, str) else Column(**{**one, "good": tuple(one.get("good", ()))}) for one in columns]
+        return Table(**{**parts, "columns": tuple(made)})
+    except (TypeError, ValueError, AttributeError, TcbenchError):
+        return None
+
+
+def _told(one: Column | Table) -> dict[str, Any]:
+    """Its fields that are not as they are by default."""
+    return {
+        f.name: value for f in fields(one) if (value := getattr(one, f.name)) != f.default or f.default is MISSING
+    }

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
 
 from ..errors import TcbenchError, is_pattern, matching, unknown_name
 from ..study import Row, Study
-from ..table import Table
+from ..table import Column, Table, from_dict
 
 if TYPE_CHECKING:
     from ..integrator import Integrator
+
+EMPTY: Mapping[str, Any] = MappingProxyType({})
 
 # plugins are imported where they are asked for: `tcbench run --help` names studies, and has nothing to wait for
 
@@ -23,12 +27,17 @@ def studies() -> dict[str, Study]:
     from .. import plugins
 
     refuse_doubles(plugins.registry().studies.values())
-    return in_order([*map(find_study, study_names()), *plugins.registry().studies.values()])
+    return in_order([*own_studies(), *plugins.registry().studies.values()])
 
 
 def own_tables() -> dict[str, str]:
     """The tables of tcbench's own studies, and of which study each is."""
-    return {table: name for name in study_names() for table in find_study(name).tables}
+    return {table.name: study.name for study in own_studies() for table in study.tables}
+
+
+def own_studies() -> list[Study]:
+    """Those of tcbench."""
+    return [find_study(name) for name in study_names()]
 
 
 def refuse_doubles(brought: Collection[Study]) -> None:
@@ -38,7 +47,7 @@ def refuse_doubles(brought: Collection[Study]) -> None:
     for study in brought:
         if study.name in study_names():
             raise TcbenchError(f"{study.plugin} registers the study {study.name!r}, which tcbench has. Rename it.")
-        for table in study.tables:
+        for table in study.table_names:
             if taken.setdefault(table, study.name) != study.name:
                 raise TcbenchError(
                     f"The table {table!r} of the study {study.name!r} ({study.plugin}) is one of the study "
@@ -92,23 +101,12 @@ def settings(integrator: Integrator, steps: Iterable[float], tolerances: Iterabl
     return [{"tolerance": value} for value in tolerances] if adaptive else [{"dt": value} for value in steps]
 
 
-# Of the studies that have no schemas yet. key by table; then derived, then timed ones.
-KEYS = {
-    "equilibrium": ("dt", "t"), "equilibrium_summary": ("dt",), "claims": ("claim", "section", "group"),
-    "stability": (), "stability_points": ("solver", "dt"), "blowup_sensitivity": ("dt", "factor"),
-    "stable_tolerances": (), "work_precision": ("control", "value"), "size": ("numbers",),
-    "failure_share": ("dt", "tolerance", "first_seed", "runs"), "ensemble_laws": ("law", "first_seed", "runs"),
-    "ensemble_accuracy": ("control", "value", "first_seed"), "ensemble_scenarios": ("seed",),
-    "ensemble_points": ("seed", "control", "value"),
-    "literature": ("claim",), "literature_errors": ("dt",), "measures": ("dt", "tolerance"),
-    "map": ("x_name", "x", "y_name", "y"),
-    "failure_map": ("x_name", "x_low", "x_high", "y_name", "y_low", "y_high", "first_seed", "runs"),
-}  # fmt: skip
-DERIVED = ("time_to_accuracy", "cost", "performance_profile", "first_share", "size_exponents", "ensemble_seeds")
-TIMED = ("work_precision", "ensemble_points", "size")
-
-
-def table_schemas() -> dict[str, Table]:
-    """What is known of the tables of all studies, by name."""
-    found = {name: Table(name, KEYS.get(name, ()), (), name in DERIVED, name in TIMED) for name in (*KEYS, *DERIVED)}
-    return found | {table.name: table for study in studies().values() for table in study.schemas}
+def known_tables(declared: Mapping[str, Any] = EMPTY) -> dict[str, Table]:
+    """What is known of tables, by name: those of tcbench's studies and those that a run folder declares. Its metrics
+    are columns of `conservation`."""
+    told = declared.get("metrics", {}).items()
+    metrics = [Column(n, m.get("label", ""), unit=m.get("unit", ""), worse=m.get("worse", "")) for n, m in told]
+    own = {table.name: table for study in own_studies() for table in study.tables}
+    own["conservation"] = replace(own["conservation"], columns=(*own["conservation"].columns, *metrics))
+    others = [from_dict(data) for data in declared.get("tables", {}).values()]
+    return {table.name: table for table in others if table} | own

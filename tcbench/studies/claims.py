@@ -8,9 +8,17 @@ from typing import Any
 from ..integrator import Integrator
 from ..study import Cells, Row, Study, Tables
 from ..systems.scenario import Scenario
+from ..table import Table
 from .frames import table_of
 
-COLUMNS = ("claim", "section", "expected", "measured", "verdict", "why", "command", "integrator", "scenario", "group")
+CLAIMS = Table(
+    "claims",
+    (
+        "claim", "section", "expected", "measured", "verdict", "why", "command", "integrator", "scenario", "group",
+    ),
+    key=("claim", "section", "group"),
+    terminal=("claim", "measured", "verdict"),
+)  # fmt: skip
 THEOREMS = ("operators", "steps")  # checked on random states of one scenario: of these, else of all, the first
 PREFERRED = ("short_term", "bound_equilibrium", "long_term")
 
@@ -60,14 +68,14 @@ def tabulate(records: Sequence[Row]) -> Tables:
         origin = {k: v for k, v in record.items() if k not in ("findings", "failure")}
         failed = {"claim": f"{record['group']}: not measured", "verdict": "", "why": record.get("failure", "")}
         rows += [origin | finding for finding in record.get("findings") or [failed]]
-    return {"claims": table_of(rows, COLUMNS, by=())}
+    return {"claims": table_of(rows, CLAIMS, by=())}
 
 
 STUDY = Study(
     name="claims",
     place=40,
     description="the paper's statements against measurements: theorems on random states, section 6 in its scenarios",
-    tables=("claims",),
+    tables=(CLAIMS,),
     plan=plan,
     measure=measure,
     tabulate=tabulate,

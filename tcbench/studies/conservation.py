@@ -16,13 +16,28 @@ from ..study import Cells, Row, Study, Tables
 from ..systems.scenario import Scenario
 from ..table import Column, Table
 from .base import settings
+from .columns import shared
 from .frames import table_of
 
-COLUMNS = (
-    "integrator", "scenario", "dt", "status", "blowup_time", "energy_error_max", "energy_error_final", "energy_drift",
-    "entropy_increment_min", "second_law_violations", "angular_momentum_error_max", "lyapunov_increment_max",
-    "residual_max", "newton_iterations_mean", "us_per_step", "t_final", "steps", "inner_steps_mean", "failure",
+CONSERVATION = Table(
+    "conservation",
+    (
+        "integrator", "scenario", "dt", "status", "blowup_time", "energy_error_max",
+        Column("energy_error_final", "|E − E₀| / V₀ at the end", worse="larger"),
+        Column("energy_drift", worse="larger"), "entropy_increment_min",
+        Column("second_law_violations", "steps on which S fell", worse="larger"), "angular_momentum_error_max",
+        Column("lyapunov_increment_max", "largest rise of E − θ_ref S in a step", worse="higher"),
+        Column("residual_max", worse="larger"), "newton_iterations_mean", "us_per_step", "t_final", "steps",
+        "inner_steps_mean", "failure", Column("*_error_max", worse="larger"),
+    ),
+    key=("dt", "tolerance"),
+    terminal=(
+        "integrator", "dt", "tolerance", "status", "energy_error_max", "entropy_increment_min",
+        "angular_momentum_error_max", "newton_iterations_mean", "us_per_step", "blowup_time",
+    ),
 )  # fmt: skip
+STATES = (*(shared(name, digits=6) for name in ("t", "dt", "tolerance")), Column("temperature*", digits=6),
+          Column("*_error", digits=4))  # fmt: skip
 SHORT_S = 0.1  # a run as short as this is timed twice
 TOLERANCES = (1e-3, 1e-6, 1e-9)  # of adaptive solvers, which have no dt
 KEPT = (*series.ROW, "numbers", "sweep")  # what rows keep beside columns
@@ -65,7 +80,7 @@ def _of_plugins(run: Trajectory, row: Row) -> Row:
     for values in (run.t, run.z, run.energy, run.entropy, run.temperatures, *run.invariants.values()):
         values.flags.writeable = False  # the other metrics see them, and what the row keeps of the course
     for name, metric in plugins.metrics().items():
-        if name in row or name in (*COLUMNS, *KEPT):
+        if name in row or name in (*CONSERVATION.names, *KEPT):
             said.append(f"Metric {name!r} of {metric.plugin}: the table has a column of this name; rename the metric")
             continue
         try:
@@ -113,30 +128,15 @@ def _warm_up(integrator: Integrator, scenario: Scenario, extra: Mapping[str, Any
 def tabulate(records: Sequence[Row]) -> Tables:
     rows = [(row.get("numbers") or {}) | {k: v for k, v in row.items() if k not in KEPT} for row in records]
     there = set().union(*rows)
-    first = [c for c in COLUMNS if c in there or not c.endswith("momentum_error_max")]  # which not all systems have
-    order = [c for c in ("scenario", "integrator", "dt", "tolerance") if c in (*first, *there)]
-    return {"conservation": table_of(rows, first, order)} | series.tables(records)
+    order = [c for c in ("scenario", "integrator", "dt", "tolerance") if c in (*CONSERVATION.names, *there)]
+    return {"conservation": table_of(rows, CONSERVATION, order)} | series.tables(records)
 
 
-CONSERVATION = Table(
-    "conservation", ("dt", "tolerance"),
-    (
-        Column("integrator", terminal=True, filter=True), Column("scenario", filter=True),
-        Column("dt", terminal=True), Column("tolerance", terminal=True), Column("status", terminal=True, filter=True),
-        Column("energy_error_max", worse="higher", digits=2, terminal=True),
-        Column("entropy_increment_min", worse="lower", digits=2, terminal=True),
-        Column("angular_momentum_error_max", worse="higher", digits=2, terminal=True, narrow=3),
-        Column("newton_iterations_mean", worse="higher", digits=3, terminal=True, narrow=1),
-        Column("us_per_step", worse="higher", digits=3, terminal=True, narrow=2),
-        Column("blowup_time", worse="lower", terminal=True),
-    ),
-)  # fmt: skip
 STUDY = Study(
     name="conservation",
     place=10,
     description="energy, entropy and momentum errors, blow-up time and solver effort on a ladder of steps",
-    tables=("conservation", "series", "opening"),
-    schemas=(CONSERVATION, Table("series", derived=True, long=True), Table("opening", derived=True, long=True)),
+    tables=(CONSERVATION, *(Table(name, STATES, digits=5, derived=True, long=True) for name in series.ROW)),
     plan=plan,
     measure=measure,
     tabulate=tabulate,

@@ -21,13 +21,22 @@ PYTHON_HALVINGS = range(1, 12)  # a step of a plain Python method may cost a hun
 # Rounding drifts by up to 5e-16 a step (midpoint_temperature); a 2000th part of an error bends its slope visibly.
 ROUNDOFF = 1e-12
 STILL = 1e-13  # relative: what keeps its value, to round-off
-COLUMNS = (
-    "integrator", "scenario", "variable", "order", "order_low", "order_high", "points_used", "dt_min", "dt_max",
-    "declared", "verdict", "status", "note",
+CONVERGENCE = Table(
+    "convergence",
+    (
+        "integrator", "scenario", "variable", Column("order", worse="lower"),
+        Column("order_low", short="low", worse="lower", narrow=4), Column("order_high", short="high", narrow=5),
+        Column("points_used", short="points", narrow=3), "dt_min", "dt_max", "declared", "verdict", "status", "note",
+    ),
+    key=("variable",),
+    terminal=("integrator", "variable", "order", "order_low", "order_high", "points_used", "verdict"),
 )  # fmt: skip
-POINT_COLUMNS = (
-    "integrator", "scenario", "variable", "dt", "status", "error", "local_order", "used", "reason", "failure",
-)  # fmt: skip
+POINTS = Table(
+    "convergence_points",
+    ("integrator", "scenario", "variable", "dt", "status", "error", "local_order", "used", "reason", "failure"),
+    key=("variable", "dt"),
+    long=True,
+)
 
 
 def plan(integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]) -> Cells:
@@ -133,26 +142,16 @@ def tabulate(records: Sequence[Row]) -> Tables:
         failed = {"variable": "all", "verdict": "undetermined", "note": record.get("failure", "")}
         orders += [origin | row for row in record.get("orders") or [failed]]
     return {
-        "convergence": table_of(orders, COLUMNS),
-        "convergence_points": table_of(rows_in(records, "points"), POINT_COLUMNS),
+        "convergence": table_of(orders, CONVERGENCE),
+        "convergence_points": table_of(rows_in(records, "points"), POINTS),
     }
 
 
-CONVERGENCE = Table(
-    "convergence", ("variable",),
-    (
-        Column("integrator", terminal=True, filter=True), Column("scenario", filter=True),
-        Column("variable", terminal=True, filter=True), Column("order", worse="lower", digits=3, terminal=True),
-        Column("order_low", digits=3, terminal=True, narrow=1), Column("order_high", digits=3, terminal=True, narrow=2),
-        Column("points_used", terminal=True, narrow=3), Column("verdict", terminal=True, filter=True),
-    ),
-)  # fmt: skip
 STUDY = Study(
     name="convergence",
     place=20,
     description="order of convergence by group of variables, from the asymptotic window of a ladder of steps",
-    tables=("convergence", "convergence_points"),
-    schemas=(CONVERGENCE, Table("convergence_points", ("variable", "dt"), long=True)),
+    tables=(CONVERGENCE, POINTS),
     plan=plan,
     measure=measure,
     tabulate=tabulate,

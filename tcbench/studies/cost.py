@@ -8,11 +8,34 @@ from collections.abc import Sequence
 from typing import Any
 
 from ..study import Row
+from ..table import Column, Table
 
 TARGETS = {"error": (1e-3, 1e-6, 1e-9), "energy_error_max": (1e-6, 1e-12)}
 FLOOR = "reference_floor"
 HIDES = 10.0  # times the reference's own uncertainty: errors below are hidden
 LEAST_S = 2e-5  # shorter runs measure the call, not the work
+TO_ACCURACY = Table(
+    "time_to_accuracy",
+    (
+        "integrator", "scenario", "measure", "target", "time_s", "best_peer",
+        Column("ratio_to_best_peer", short="best peer/this", timing=True), "best_scipy",
+        Column("ratio_to_best_scipy", short="best SciPy/this", timing=True),
+        Column("steps_to", "steps to the accuracy", worse="larger"),
+        Column("evaluations_to", "evaluations to the accuracy", worse="larger"),
+    ),
+    derived=True,
+    terminal=("integrator", "measure", "target", "time_s", "ratio_to_best_peer", "ratio_to_best_scipy"),
+)  # fmt: skip
+COST = Table(
+    "cost",
+    (
+        "integrator", "scenario", Column("exponent_steps", short="time ~ steps^", timing=True),
+        Column("exponent_horizon", short="time ~ horizon^", timing=True), "us_per_step",
+        Column("seconds", worse="higher", timing=True), Column("made", compared=False),  # in rows
+    ),
+    derived=True,
+    terminal=("integrator", "exponent_steps", "exponent_horizon", "us_per_step"),
+)  # fmt: skip
 
 
 def time_to_accuracy(records: Sequence[Row]) -> list[Row]:

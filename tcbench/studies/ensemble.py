@@ -19,6 +19,7 @@ from ..errors import TcbenchError
 from ..integrator import Integrator
 from ..study import Cells, Row, Study, Tables
 from ..systems.scenario import Scenario
+from .ensemble_tables import TABLES, tables
 
 STEPS = (0.025, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6)
 SIZE = 100  # scenarios, if nothing else is asked for
@@ -159,22 +160,13 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
     return common | {"ladders": found, "control": control}
 
 
-def tabulate(records: Sequence[Row]) -> Tables:
-    from .ensemble_tables import tables
-
-    return tables(records)
-
-
 STUDY = Study(
     name="ensemble",
     description="hundreds of random scenarios: shares of failures, laws, error against time, performance profiles",
-    tables=(
-        "failure_share", "ensemble_laws", "ensemble_accuracy", "ensemble_points", "performance_profile",
-        "first_share", "ensemble_scenarios", "ensemble_seeds",
-    ),
+    tables=TABLES,
     plan=plan,
     measure=measure,
-    tabulate=tabulate,
+    tabulate=tables,
     place=55,
     timed=lambda options: options["part"] == TIMINGS,
     sampled=True,

@@ -19,12 +19,16 @@ from ..errors import TcbenchError, unknown_name
 from ..integrator import Integrator
 from ..study import Cells, Row, Study, Tables
 from ..systems.scenario import Scenario
+from ..table import Table
 from .ensemble import APART, members, numbers_hash, whole
 from .map import Axis, needs_axes, parse_axis
 from .statistics import wilson
 
 SIZE = 30  # scenarios in a cell
 LARGEST = 10_000
+FAILURES = Table(
+    "failure_map", key=("x_name", "x_low", "x_high", "y_name", "y_low", "y_high", "first_seed", "runs")
+)
 
 
 def bins(axis: Axis) -> list[tuple[float, float]]:
@@ -120,7 +124,7 @@ def tabulate(records: Sequence[Row]) -> Tables:
 STUDY = Study(
     name="ensemble_map",
     description="share of random scenarios on which a method fails, over a constant and the step",
-    tables=("failure_map",),
+    tables=(FAILURES,),
     plan=plan,
     measure=measure,
     tabulate=tabulate,

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..reference.certified import gap
 from ..study import Row
+from ..table import Column, Table
 from .cost import reach
 from .ensemble_runs import KINDS
 from .statistics import profile, quantile, wilson
@@ -26,10 +27,87 @@ TAUS = tuple(float(f"{x:.4g}") for x in np.geomspace(1.0, 100.0, 33))
 MIDDLE = 1e-6  # the target whose references an error of the state is measured with
 LOST = "lost"  # with its block, which timed out or crashed
 FAILED = KINDS[1:6]  # a run that is too slow is not made: it has not failed
-SHARE_COLUMNS = (
-    "ensemble", "integrator", "dt", "tolerance", "runs", "failed", "share", "low", "high", *FAILED, LOST, "too slow",
-    "example", "first_seed",
+FAILURES = Table(
+    "failure_share",
+    (
+        "ensemble", "integrator", "dt", "tolerance", "runs", "failed", "share", "low", "high", *FAILED, LOST,
+        "too slow", "example", "first_seed",
+    ),
+    key=("dt", "tolerance", "first_seed", "runs"),
+    terminal=(
+        "integrator", "dt", "tolerance", "runs", "failed", "share", "low", "high", "solver", "branch", "physical",
+        "law",
+    ),
 )  # fmt: skip
+LAWS = Table(
+    "ensemble_laws",
+    (
+        "ensemble", "integrator", "law", "claimed", "runs", Column("broken", worse="higher"), "worst",
+        Column("quantile_99", short="99 %"), "median", "worst_seed", Column("worst_*"), "first_seed",
+    ),
+    key=("law", "first_seed", "runs"),
+    terminal=("integrator", "law", "claimed", "runs", "broken", "median", "quantile_99", "worst"),
+)  # fmt: skip
+_quantiles = ("10", "median", "90")
+ACCURACY = Table(
+    "ensemble_accuracy",
+    (
+        "ensemble", "integrator", "control", "value", "runs", "without_reference", "failed", "not_begun",
+        *(Column(f"error_{q}", worse="larger") for q in _quantiles),
+        *(Column(f"time_{q}_s", f"time {q}", unit="s", worse="higher", timing=True) for q in _quantiles), "first_seed",
+    ),
+    key=("control", "value", "first_seed"),
+    long=True,
+)  # fmt: skip
+POINTS = Table(
+    "ensemble_points",
+    (
+        "ensemble", "integrator", "seed", "control", "value", "error", Column("energy_error", worse="larger"), "time_s",
+        "repeats", "first_seed",
+    ),
+    key=("seed", "control", "value"),
+    timed=True,
+    long=True,
+)  # fmt: skip
+PROFILE = Table(
+    "performance_profile",
+    (
+        "ensemble", "integrator", "measure", "target", Column("tau", "time over the fastest method's, τ"), "share",
+        "low", "high", "runs", "without_reference", "share_s", "first_seed",
+    ),
+    derived=True,
+    long=True,
+)  # fmt: skip
+FIRSTS = Table(
+    "first_share",
+    (
+        "ensemble", "integrator", "measure", "target", "runs", "without_reference", "share_s", "first", "reached",
+        "share", "low", "high", "first_seed",
+    ),
+    derived=True,
+    terminal=("integrator", "measure", "target", "runs", "first", "reached", "share", "low", "high"),
+)  # fmt: skip
+SCENARIOS = Table(
+    "ensemble_scenarios",
+    (
+        "ensemble", "seed", Column("reference_gap", worse="larger"), "lyapunov", "solvers", "floor", "smallest_target",
+        "first_seed",
+    ),
+    key=("seed",),
+    long=True,
+)  # fmt: skip
+SEEDS = Table(
+    "ensemble_seeds",
+    (
+        "ensemble", "integrator", Column("seed", digits=6), "control", "runs", "failed",
+        Column("fails_from", short="fails from"), "kind", "reference_gap", "lyapunov", "first_seed",
+        Column("*_error_max", worse="larger"), Column("temperature*", digits=6),
+    ),
+    digits=5,
+    derived=True,
+    long=True,
+)  # fmt: skip
+TABLES = (FAILURES, LAWS, ACCURACY, POINTS, PROFILE, FIRSTS, SCENARIOS, SEEDS)
 
 
 def tables(records: Sequence[Row]) -> dict[str, DataFrame]:
@@ -46,7 +124,7 @@ def tables(records: Sequence[Row]) -> dict[str, DataFrame]:
                 found.setdefault(table, []).append(frame.assign(first_seed=first))
     frames = {table: pd.concat(parts, ignore_index=True) for table, parts in found.items()}
     if "failure_share" in frames:
-        frames["failure_share"] = frames["failure_share"].reindex(columns=list(SHARE_COLUMNS))
+        frames["failure_share"] = frames["failure_share"].reindex(columns=FAILURES.names)
     return frames
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from ..simulation.trajectory import Trajectory
 from ..study import Cells, Row, Study
 from ..systems.pendulum import Pendulum
 from ..systems.scenario import Scenario
+from ..table import Column, Table
 from .base import settings
 from .frames import rows_in, table_of
 from .maximum_entropy import FAR, MOST, Equilibrium, maximum_entropy
@@ -33,18 +35,35 @@ TOLERANCE = 1e-9  # of adaptive solvers, which have no dt
 APPROACHED = 0.01  # part of the initial entropy gap that may be left, and must still be falling
 SLOW = 0.01  # part of the gap that would be closed in the time of the run, at the rate of its end
 DISTANT = math.log(100.0)  # strain of a spring of so many natural lengths: no horizon shows such an equilibrium
+ORDER = ("scenario", "integrator", "dt")  # of rows
 ABOVE = 1e-9  # entropy cannot exceed that of the equilibrium by more than round-off, unless energy is not conserved
-COLUMNS = (
-    "integrator", "scenario", "dt", "t", "entropy_gap", "strain_gap", "temperature_gap", "rotation_gap", "entropy",
-    "strain_a", "strain_b", "temperature_a", "temperature_b", "rate",
+GAPS = (
+    Column("entropy_gap", "entropy: S* − S", "entropy gap", worse="larger"),
+    Column("strain_gap", "log strains: max |L − L*|", worse="larger", optional=True),
+    Column("temperature_gap", "temperatures: max |θ − θ*|", worse="larger", optional=True),
+    Column("rotation_gap", "rate of rotation: |ω − ω*|", worse="larger", optional=True),
+)
+_of_some = partial(Column, optional=True)  # what elements have, or a pendulum
+EQUILIBRIUM = Table(
+    "equilibrium",
+    (
+        "integrator", "scenario", "dt", "t", *GAPS, "entropy",
+        *map(_of_some, ("strain_a", "strain_b", "temperature_a", "temperature_b", "rate")),
+    ),
+    key=("dt", "t"),
+    long=True,
 )  # fmt: skip
-SUMMARY_COLUMNS = (
-    "integrator", "scenario", "dt", "status", "t_final", "equilibrium", "entropy_gap", "entropy_gap_falls",
-    "strain_gap", "temperature_gap", "rotation_gap", "growth_a", "growth_b", "exact_strain_a", "exact_strain_b",
-    "exact_temperature", "exact_rate", "exact_entropy", "note",
+SUMMARY = Table(
+    "equilibrium_summary",
+    (
+        "integrator", "scenario", "dt", "status", "t_final", "equilibrium", GAPS[0], "entropy_gap_falls", *GAPS[1:],
+        _of_some("growth_a", short="growth a"), _of_some("growth_b", short="growth b"),
+        *map(_of_some, ("exact_strain_a", "exact_strain_b", "exact_temperature", "exact_rate")), "exact_entropy",
+        "note",
+    ),
+    key=("dt",),
+    terminal=("integrator", "equilibrium", "entropy_gap", "temperature_gap", "growth_a", "growth_b"),
 )  # fmt: skip
-OF_ANY = ("integrator", "scenario", "dt", "t", "status", "t_final", "equilibrium", "entropy_gap", "entropy_gap_falls",
-          "entropy", "exact_entropy", "note")  # fmt: skip
 
 
 def plan(integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]) -> Cells:
@@ -196,22 +215,16 @@ def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
         origin = {k: v for k, v in record.items() if k not in ("rows", "summary")}
         summaries.append(origin | (record.get("summary") or {"note": record.get("failure", "")}))
     return {
-        "equilibrium": _table(rows_in(records, "rows", ("integrator", "scenario", "dt")), COLUMNS),
-        "equilibrium_summary": _table(summaries, SUMMARY_COLUMNS),
+        "equilibrium": table_of(rows_in(records, "rows", ("integrator", "scenario", "dt")), EQUILIBRIUM, ORDER),
+        "equilibrium_summary": table_of(summaries, SUMMARY, ORDER),
     }
-
-
-def _table(rows: Sequence[Row], columns: Sequence[str]) -> DataFrame:
-    """Columns that only the pendulum has are left out where it is not there."""
-    there = set().union(OF_ANY, *rows)
-    return table_of(rows, [c for c in columns if c in there], ("scenario", "integrator", "dt"))
 
 
 STUDY = Study(
     name="equilibrium",
     place=30,
     description="gap to the largest entropy that energy and invariants allow, over time, or why there is none",
-    tables=("equilibrium", "equilibrium_summary"),
+    tables=(EQUILIBRIUM, SUMMARY),
     plan=plan,
     measure=measure,
     tabulate=tabulate,

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from ..table import Table
+from .columns import column
+
 if TYPE_CHECKING:
     from pandas import DataFrame
 
@@ -18,10 +21,12 @@ def rows_in(
     return [{key: record.get(key) for key in keys} | row for record in records for row in record.get(name) or ()]
 
 
-def table_of(rows: Iterable[Mapping[str, Any]], columns: Iterable[str], by: Sequence[str] = PAIR) -> DataFrame:
-    """These columns, then the others that rows have; in the order of the columns `by`, then as they came."""
+def table_of(rows: Iterable[Mapping[str, Any]], known: Table, by: Sequence[str] = PAIR) -> DataFrame:
+    """The columns of the table, but for optional ones that no row has, then the others that rows have; in the order of
+    the columns `by`, then as they came."""
     import pandas as pd
 
-    table, first = pd.DataFrame(list(rows)), list(columns)
+    table = pd.DataFrame(list(rows))
+    first = [name for name in known.names if name in table or not column(name, known).optional]
     table = table.reindex(columns=[*first, *(c for c in table.columns if c not in first)])
     return table.sort_values(list(by), kind="stable", ignore_index=True) if by else table

@@ -22,6 +22,7 @@ from ..simulation.run import simulate
 from ..simulation.trajectory import Trajectory
 from ..study import Cells, Row, Study, Tables
 from ..systems.scenario import Scenario
+from ..table import Column, Table
 from .frames import table_of
 from .theorems import LedgerRow, command
 
@@ -35,10 +36,21 @@ REFERENCE = "gauss3"
 FOUND_ORDER = 0.05  # how far the slope over the ten steps may be from the order
 EXACT = 1e-9  # of an area, by differences
 NUDGE = 1e-4
-COLUMNS = (
-    "claim", "stated_by", "section", "expected", "measured", "verdict", "why", "command", "integrator", "scenario",
+LITERATURE = Table(
+    "literature",
+    (
+        "claim", "stated_by", "section", "expected", "measured", "verdict", "why", "command", "integrator", "scenario",
+    ),
+    key=("claim",),
 )  # fmt: skip
-POINT_COLUMNS = ("integrator", "scenario", "dt", "status", *ERRORS)
+POINTS = Table(
+    "literature_errors",
+    (
+        "integrator", "scenario", "dt", "status",
+        *(Column(n, f"root mean square of the error of {of}", worse="larger") for n, of in ERRORS.items()),
+    ),
+    key=("dt",),
+)  # fmt: skip
 
 
 def plan(integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]) -> Cells:
@@ -139,15 +151,14 @@ def tabulate(records: Sequence[Row]) -> Tables:
                 origin | finding | {"stated_by": stated, "section": "abstract, section 4" * (stated == AUTHORS)}
             )
         points += [origin | point for point in record.get("points") or []]
-    found = {"literature": (claims, COLUMNS), "literature_errors": (points, POINT_COLUMNS)}
-    return {name: table_of(rows, columns, by=()) for name, (rows, columns) in found.items()}
+    return {table.name: table_of(rows, table, by=()) for table, rows in ((LITERATURE, claims), (POINTS, points))}
 
 
 STUDY = Study(
     name="literature",
     place=45,
     description="what later authors state of their methods, measured as they do: orders, errors at ten steps",
-    tables=("literature", "literature_errors"),
+    tables=(LITERATURE, POINTS),
     plan=plan,
     measure=measure,
     tabulate=tabulate,

@@ -20,13 +20,18 @@ from ..errors import TcbenchError, unknown_name
 from ..integrator import Integrator
 from ..study import Cells, Row, Study, Tables
 from ..systems.scenario import Scenario
+from ..table import Table
 from . import stable_step as stability
 
 _AXIS = re.compile(r"(?P<name>[a-z_]+(\[\d+\])?)=(?P<low>[^:]+):(?P<high>[^:]+):(?P<n>\d+)(?P<log>:log)?\Z")
 MULTIPLIED = ("positions", "momenta", "temperatures")  # where a system has them; t_end and constants are multiplied too
-COLUMNS = (
-    "integrator", "scenario", "x_name", "x", "y_name", "y", "dt", "outcome", "status", "energy_error_max",
-    "blowup_time", "outcome_plain", "folds", "failure",
+MAP = Table(
+    "map",
+    (
+        "integrator", "scenario", "x_name", "x", "y_name", "y", "dt", "outcome", "status", "energy_error_max",
+        "blowup_time", "outcome_plain", "folds", "failure",
+    ),
+    key=("x_name", "x", "y_name", "y"),
 )  # fmt: skip
 
 
@@ -156,7 +161,7 @@ def tabulate(records: Sequence[Row]) -> Tables:
     for record in records:
         names = {"integrator": record["integrator"], "scenario": record["scenario"]}
         rows.extend(names | cell for cell in record.get("cells") or [_lost_row(record)])
-    table = pd.DataFrame(rows, columns=list(COLUMNS))
+    table = pd.DataFrame(rows, columns=MAP.names)
     return {"map": table.sort_values(["scenario", "integrator", "y", "x"], kind="stable", ignore_index=True)}
 
 
@@ -173,7 +178,7 @@ STUDY = Study(
     name="map",
     by_default=False,
     description="outcome over two parameters, one cell a row of the map",
-    tables=("map",),
+    tables=(MAP,),
     plan=plan,
     measure=measure,
     tabulate=tabulate,

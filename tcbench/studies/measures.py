@@ -20,6 +20,7 @@ from ..simulation.run import simulate
 from ..study import Cells, Row, Study, Tables
 from ..systems.element_system import ElementSystem
 from ..systems.scenario import Scenario
+from ..table import Column, Table
 from .base import settings
 from .convergence import groups, relative_error
 from .frames import table_of
@@ -33,10 +34,20 @@ TOLERANCE = 1e-6  # of solvers that choose their steps
 LONG = 2**14  # steps of the run whose energy error is followed
 OCTAVES = 6  # the last ones of it, to which the exponent is fitted
 NUDGE = 1e-5  # of the components, for the slopes of a step: what is left of them is 1e-9
-COLUMNS = (
-    "integrator", "scenario", "dt", "tolerance", "status", "error_end", "error_path_max", "error_path_rms",
-    "error_theta", "error_entropy_produced", "symplecticity_defect", "energy_growth_exponent", "energy_growth_end", "t",
-    "failure",
+MEASURES = Table(
+    "measures",
+    (
+        "integrator", "scenario", "dt", "tolerance", "status",
+        Column("error_end", "error of the state at the end", "end", worse="larger"),
+        Column("error_path_max", "largest error over the trajectory", "path max", worse="larger"),
+        Column("error_path_rms", "root mean square of the error over the trajectory", "path rms", worse="larger"),
+        "error_theta", "error_entropy_produced",
+        Column("symplecticity_defect", "|M L Mᵀ − L| of a step without dissipation", "symplecticity", worse="larger"),
+        Column("energy_growth_exponent", "a of |E − E₀| ~ tᵃ", "growth", worse="higher"),
+        Column("energy_growth_end", "|E − E₀| / V₀ of the last half of a long run", "dE long", worse="larger"), "t",
+        "failure",
+    ),
+    key=("dt", "tolerance"),
 )  # fmt: skip
 NOT_OF_ALL = ("error_theta", "error_entropy_produced", "symplecticity_defect")  # without temperature, dissipation, L
 
@@ -164,15 +175,15 @@ def energy_growth(integrator: Integrator, scenario: Scenario, options: Row) -> R
 
 
 def tabulate(records: Sequence[Row]) -> Tables:
-    table = table_of(records, COLUMNS)
-    return {"measures": table.drop(columns=[c for c in NOT_OF_ALL if table[c].isna().all()])}
+    table = table_of(records, MEASURES)
+    return {"measures": table.drop(columns=[c for c in NOT_OF_ALL if c in table and table[c].isna().all()])}
 
 
 STUDY = Study(
     name="measures",
     place=65,
     description="error over the trajectory and at a coarse step, symplecticity of a step, growth of the energy error",
-    tables=("measures",),
+    tables=(MEASURES,),
     plan=plan,
     measure=measure,
     tabulate=tabulate,

@@ -28,6 +28,7 @@ from ..solver.foresight import seconds_a_step
 from ..solver.implicit_step import compiled_flows
 from ..study import Cells, Row, Study, Tables
 from ..systems.scenario import Scenario
+from ..table import Column, Table
 from .cost import exponent
 from .frames import table_of
 
@@ -37,13 +38,35 @@ SCENARIOS = (
 PENDULUM = "short_term"
 WORK, FEWEST, MOST = 300_000, 5, 1000  # numbers times steps of a timed run; steps of one
 REPEATS = 3
-COLUMNS = (
-    "integrator", "family", "scenario", "numbers", "dt", "status", "first_step_s", "us_per_step", "us_foreseen",
-    "memory_mb", "steps",
-    "energy_error_max", "entropy_increment_min", "angular_momentum_error_max", "newton_iterations_mean", "way",
-    "failure",
+SIZE = Table(
+    "size",
+    (
+        "integrator", "family", "scenario", "numbers", "dt", "status",
+        Column("first_step_s", "time to the first step", "first step", "s", "higher", timing=True), "us_per_step",
+        Column("us_foreseen", "time per step that is foreseen", "foreseen", "µs"),
+        Column("memory_mb", "memory", "MB", "MB", "higher", timing=True), "steps", "energy_error_max",
+        "entropy_increment_min", "angular_momentum_error_max", "newton_iterations_mean", "way", "failure",
+        Column("*_error_max", worse="larger"),
+    ),
+    key=("numbers",),
+    timed=True,
+    terminal=(
+        "integrator", "numbers", "status", "first_step_s", "us_per_step", "memory_mb", "energy_error_max",
+        "entropy_increment_min", "angular_momentum_error_max",
+    ),
 )  # fmt: skip
 GROWING = {"first_step_s": "exponent_first", "us_per_step": "exponent_step", "memory_mb": "exponent_memory"}
+EXPONENTS = Table(
+    "size_exponents",
+    (
+        "integrator", "family", "dt", "smallest", "largest",
+        *(
+            Column(name, short=f"{what} ~ size^", timing=True)
+            for name, what in zip(GROWING.values(), ("first", "step", "memory"), strict=True)
+        ),
+    ),
+    derived=True,
+)  # fmt: skip
 
 
 def plan(integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]) -> Cells:
@@ -114,9 +137,7 @@ def tabulate(records: Sequence[Row]) -> Tables:
     import pandas as pd
 
     rows = [{"family": r["scenario"].partition("[")[0]} | r for r in records]  # crashes have none
-    there = set().union(*rows)
-    first = [c for c in COLUMNS if c in there or not c.endswith("momentum_error_max")]  # which not all systems have
-    table = table_of(rows, first, ("family", "integrator", "dt", "numbers"))
+    table = table_of(rows, SIZE, ("family", "integrator", "dt", "numbers"))
     fits = []
     done = sorted((r for r in records if r.get("status") == "ok"), key=_group)
     for (kind, name, dt), group in itertools.groupby(done, _group):
@@ -137,7 +158,7 @@ STUDY = Study(
     name="size",
     place=70,
     description="chains and nets that grow: seconds to the first step, time a step, memory, and the laws",
-    tables=("size", "size_exponents"),
+    tables=(SIZE, EXPONENTS),
     plan=plan,
     measure=measure,
     tabulate=tabulate,

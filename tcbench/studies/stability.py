@@ -9,24 +9,47 @@ from typing import Any
 from ..integrator import Integrator
 from ..study import Cells, Row, Study, Tables
 from ..systems.scenario import Scenario
+from ..table import Column, Table
 from . import stable_step as stability
 from .frames import rows_in, table_of
 
-COLUMNS = (
-    "integrator", "scenario", "dt_stable", "dt_unstable", "dt_half", "dt_fold", "limit", "non_monotone", "dt_cap",
-    "dt_stable_plain", "limit_plain", "dt_unstable_plain", "dt_half_plain", "non_monotone_plain", "certified", "cause",
-    "status", "failure",
+STABILITY = Table(
+    "stability",
+    (
+        "integrator", "scenario", Column("dt_stable", "largest stable step h", "stable", worse="lower"),
+        Column("dt_unstable", short="unstable"), Column("dt_half", worse="lower"),
+        Column("dt_fold", short="fold", worse="lower"), "limit", "non_monotone", "dt_cap",
+        Column("dt_stable_plain", short="stable", worse="lower"), Column("limit_plain", short="plain limit"),
+        Column("dt_unstable_plain", short="unstable"), "dt_half_plain", "non_monotone_plain", "certified", "cause",
+        "status", "failure",
+    ),
+    terminal=(
+        "integrator", "limit", "dt_stable", "dt_unstable", "dt_fold", "limit_plain", "dt_stable_plain",
+        "dt_unstable_plain",
+    ),
 )  # fmt: skip
-POINTS = (
-    "integrator", "scenario", "solver", "dt", "status", "blowup_time", "continuation_steps", "kind", "energy_error_max",
-    "folds",
+POINTS = Table(
+    "stability_points",
+    (
+        "integrator", "scenario", Column("solver", filter=True), "dt", "status", "blowup_time", "continuation_steps",
+        "kind", "energy_error_max", "folds",
+    ),
+    key=("solver", "dt"),
+    long=True,
 )  # fmt: skip
-TOLERANCES = (
-    "integrator", "scenario", "tolerance_stable", "tolerance_unstable", "confirmed", "limit", "cause", "status",
-    "failure",
+TOLERANCES = Table(
+    "stable_tolerances",
+    (
+        "integrator", "scenario", "tolerance_stable", "tolerance_unstable", "confirmed", "limit", "cause", "status",
+        "failure",
+    ),
 )  # fmt: skip
-SENSITIVITY = (
-    "integrator", "scenario", "dt", "factor", "blowup_time", "earliest", "median", "latest", "failed", "runs",
+SENSITIVITY = Table(
+    "blowup_sensitivity",
+    (
+        "integrator", "scenario", "dt", "factor", "blowup_time", "earliest", "median", "latest", "failed", "runs",
+    ),
+    key=("dt", "factor"),
 )  # fmt: skip
 
 
@@ -50,9 +73,9 @@ def tabulate(records: Sequence[Row]) -> Tables:
 
     flat = [{k: v for k, v in r.items() if k not in ("points", "sensitivity")} for r in records]
     return {
-        "stability": table_of((r for r in flat if "tolerance_stable" not in r), COLUMNS),
-        "stability_points": pd.DataFrame(rows_in(records, "points"), columns=list(POINTS)),
-        "blowup_sensitivity": pd.DataFrame(rows_in(records, "sensitivity"), columns=list(SENSITIVITY)),
+        "stability": table_of((r for r in flat if "tolerance_stable" not in r), STABILITY),
+        "stability_points": pd.DataFrame(rows_in(records, "points"), columns=POINTS.names),
+        "blowup_sensitivity": pd.DataFrame(rows_in(records, "sensitivity"), columns=SENSITIVITY.names),
         "stable_tolerances": table_of((r for r in flat if "tolerance_stable" in r), TOLERANCES),
     }
 
@@ -61,7 +84,7 @@ STUDY = Study(
     name="stability",
     place=50,
     description="largest stable step and the kind of its limit; of adaptive solvers the loosest tolerance that holds",
-    tables=("stability", "stability_points", "blowup_sensitivity", "stable_tolerances"),
+    tables=(STABILITY, POINTS, SENSITIVITY, TOLERANCES),
     plan=plan,
     measure=measure,
     tabulate=tabulate,

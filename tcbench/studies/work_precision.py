@@ -26,8 +26,9 @@ from ..simulation.metrics import evaluations, inner_steps_mean, invariant_errors
 from ..simulation.run import simulate
 from ..study import Cells, Row, Study, Tables
 from ..systems.scenario import Scenario
+from ..table import Column, Table
 from .convergence import groups, relative_error
-from .cost import HIDES, TARGETS, cost_rows, reached_error, time_to_accuracy
+from .cost import COST, HIDES, TARGETS, TO_ACCURACY, cost_rows, reached_error, time_to_accuracy
 from .frames import table_of
 from .yardstick import solved, timed
 
@@ -49,13 +50,25 @@ HORIZONS = (0.125, 0.25, 0.5, 1.0)  # of the run whose cost is measured against 
 OWN = TOLERANCES[5]  # at which that is done
 LAWS = "laws"  # the part that is not timed
 WARM = 1e-3  # part of the horizon of a run that only loads and compiles
-COLUMNS = (
-    "integrator", "scenario", "control", "value", "status", "error", "error_q", "error_p", "error_s", "error_theta",
-    "error_entropy_produced", "energy_error_max", "angular_momentum_error_max", "entropy_fall_max",
-    "reference_limited", "reference_floor",
-    "wall_time_min_s",
-    "wall_time_median_s", "repeats", "steps", "newton_iterations", "rhs_evaluations", "evaluations", "inner_steps_mean",
-    "t", "peer", "failure", "left_out",
+WORK = Table(
+    "work_precision",
+    (
+        "integrator", "scenario", "control", "value", "status", "error", "error_q", "error_p", "error_s", "error_theta",
+        "error_entropy_produced", "energy_error_max", "angular_momentum_error_max",
+        Column("entropy_fall_max", "largest fall of S in a step", worse="higher"), "reference_limited",
+        "reference_floor",
+        Column("wall_time_min_s", "wall time (minimum)", "seconds", "s", "higher", timing=True),
+        Column("wall_time_median_s", "wall time (median)", "", "s", "higher", timing=True), "repeats", "steps",
+        Column("newton_iterations", "Newton iterations", worse="larger"),
+        Column("rhs_evaluations", "right-hand sides evaluated", worse="larger"),
+        Column("evaluations", "evaluations of the right-hand side or formula", worse="larger"), "inner_steps_mean", "t",
+        "peer", "failure", Column("left_out", compared=False),  # which depends on the time that others take
+        Column("error_*", "error of *", worse="larger"), Column("*_error_max", worse="larger"),
+    ),
+    key=("control", "value"),
+    timed=True,
+    long=True,
+    terminal=("integrator", "control", "value", "status", "error", "energy_error_max", "wall_time_min_s", "steps"),
 )  # fmt: skip
 
 
@@ -280,10 +293,8 @@ def tabulate(records: Sequence[Row]) -> Tables:
         common = {k: v for k, v in record.items() if k not in ("points", "horizons", "dt")}
         for point in record.get("points") or [{}]:
             rows.append(common | point)
-    there = set().union(*rows)  # some errors are of variables and invariants that no system has
-    table = table_of(rows, [c for c in COLUMNS if "error_" not in c or c in there])
     return {
-        "work_precision": table,
+        "work_precision": table_of(rows, WORK),
         "time_to_accuracy": pd.DataFrame(time_to_accuracy(records)),
         "cost": pd.DataFrame(cost_rows(records)),
     }
@@ -293,7 +304,7 @@ STUDY = Study(
     name="work_precision",
     place=60,
     description="error against time on ladders of steps and tolerances, and how the time grows with the work",
-    tables=("work_precision", "time_to_accuracy", "cost"),
+    tables=(WORK, TO_ACCURACY, COST),
     plan=plan,
     measure=measure,
     tabulate=tabulate,
