@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from .systems.sampling import Range
     from .systems.scenario import Scenario, ScenarioFamily
     from .systems.system import System
+    from .table import Column, Table
 
 _NAMES = {
     "chart": ("Chart", "Panel", "Row", "Series"),
@@ -52,12 +53,13 @@ _NAMES = {
     "systems.sampling": ("Range",),
     "systems.scenario": ("Scenario", "ScenarioFamily"),
     "systems.system": ("System",),
+    "table": ("Column", "Table"),
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names}
 
 __all__ = [
-    "Chart", "ElementSystem", "Flow", "Integrator", "Metric", "Observable", "Panel", "Pendulum", "Range",
-    "Results", "Row", "Scenario", "ScenarioFamily", "Series", "Study", "System", "TcbenchError", "Trajectory",
+    "Chart", "Column", "ElementSystem", "Flow", "Integrator", "Metric", "Observable", "Panel", "Pendulum", "Range",
+    "Results", "Row", "Scenario", "ScenarioFamily", "Series", "Study", "System", "Table", "TcbenchError", "Trajectory",
     "animate", "draw", "family", "hookimpl", "integrators", "load", "run", "scenarios", "simulate", "stepper",
 ]  # fmt: skip
 

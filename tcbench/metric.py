@@ -27,6 +27,10 @@ class Metric:
         Shown beside the name on the page; "" if dimensionless.
     description : str
         A sentence, shown on the page under How it was measured.
+    label : str
+        On the axes of charts; the name if there is none.
+    worse : str
+        Which values are worse, for `tcbench compare`: as of a `Column`.
     plugin : str
         Filled in by the registry.
 
@@ -44,6 +48,8 @@ class Metric:
     compute: Callable[[Trajectory], float]
     unit: str = ""
     description: str = ""
+    label: str = ""
+    worse: str = ""
     plugin: str = ""
 
 

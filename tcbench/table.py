@@ -20,7 +20,7 @@ class Column:
     Parameters
     ----------
     name : str
-        Of the column; with a `*`, of every column of the table so called that has no line of its own.
+        Of the column; with a `*`, of every column of the table so called of which neither it nor tcbench says more.
     label, short, unit : str
         What stands on the axis of a chart (a `*` in it is what the name has there), what heads the column on a
         terminal, and the unit of the values, "" if they are dimensionless. Without a label it is called as it is.
@@ -137,10 +137,13 @@ class Table:
         return [name for name in names if "*" not in name]
 
     def column(self, name: str) -> Column | None:
-        """What it says of a column, by its name or else a pattern; None where it says nothing."""
-        own = [one for one in self.columns if isinstance(one, Column) and fnmatchcase(name, one.name)]
-        found = next((one for one in own if one.name == name), next(iter(own), None))
-        return found and found.named(name)
+        """What it says of a column of this name; None where it says nothing."""
+        return next((one for one in self.columns if isinstance(one, Column) and one.name == name), None)
+
+    def pattern(self, name: str) -> Column | None:
+        """The first of its patterns that fits."""
+        patterns = (one for one in self.columns if isinstance(one, Column) and "*" in one.name)
+        return next((one for one in patterns if fnmatchcase(name, one.name)), None)
 
     def as_dict(self) -> dict[str, Any]:
         """It as JSON values; `from_dict` makes it of them."""
@@ -152,7 +155,9 @@ def from_dict(data: Mapping[str, Any]) -> Table | None:
     try:
         columns: Iterable[Any] = data.get("columns", ())
         parts = {name: tuple(v) if isinstance(v, list) else v for name, v in data.items()}
-        made = [one if isinstance(one, str) else Column(**{**one, "good": tuple(one.get("good", ()))}) for one in columns]
+        made = [
+            one if isinstance(one, str) else Column(**{**one, "good": tuple(one.get("good", ()))}) for one in columns
+        ]
         return Table(**{**parts, "columns": tuple(made)})
     except (TypeError, ValueError, AttributeError, TcbenchError):
         return None
@@ -160,6 +165,4 @@ def from_dict(data: Mapping[str, Any]) -> Table | None:
 
 def _told(one: Column | Table) -> dict[str, Any]:
     """Its fields that are not as they are by default."""
-    return {
-        f.name: value for f in fields(one) if (value := getattr(one, f.name)) != f.default or f.default is MISSING
-    }
+    return {f.name: value for f in fields(one) if (value := getattr(one, f.name)) != f.default or f.default is MISSING}

@@ -49,9 +49,8 @@ def command(*words):
     return CliRunner().invoke(main, list(map(str, words)))
 
 
-def charts_of(page):
-    text = re.search(r'id="charts">(.*?)<', page)[1]
-    return json.loads(gzip.decompress(base64.b64decode(text)))
+def packed(page, name):
+    return json.loads(gzip.decompress(base64.b64decode(re.search(f'id="{name}">(.*?)<', page)[1])))
 
 
 def test_the_study_is_measured_and_its_chart_is_on_the_page_and_a_picture(folder):
@@ -59,7 +58,7 @@ def test_the_study_is_measured_and_its_chart_is_on_the_page_and_a_picture(folder
     assert table["counted"].tolist() == [167, 84] and table["status"].eq("ok").all()
     page = (folder / "run" / "report.html").read_text("utf-8")
     assert 'data-view="charts"' in page
-    (panel,) = charts_of(page)["halving"]["of"]["short_term"]
+    (panel,) = packed(page, "charts")["halving"]["of"]["short_term"]
     (line,) = panel["series"]
     assert line["name"] == "tc_strang" and panel["y"]["label"] == "steps of a run"
     assert (line["at"], line["x"], line["y"]) == ([0, 1], "dt", "counted")  # rows of the table, and its columns
@@ -112,7 +111,7 @@ def test_a_chart_that_raises_leaves_the_page_and_says_so():
         ("fixed = [method ", "fixed = [method.nope ", "plan of the study 'halving' failed: AttributeError"),
         ("    return [(m, s, {", "    [(m, s, {", "not None."),
         ("(m, s, {", "(m.name, s, {", "must return a list of (integrator, scenario, options)"),
-        ('tables=("halving",)', 'tables="halving"', "The study 'halving': tables is a tuple of words"),
+        ("tables=(COUNTS,)", 'tables="halving"', "The study 'halving': tables is a tuple of words"),
     ],
 )
 def test_a_study_that_cannot_be_planned_says_so_in_a_sentence(tmp_path, old, new, told):
@@ -190,7 +189,7 @@ def test_a_row_that_is_none_or_renames_its_cell_is_an_exception_of_that_cell(tmp
 
 def test_a_study_whose_tables_cannot_be_made_ends_with_code_2_and_its_rows_are_kept(folder, tmp_path):
     """It was 0, as if all were well."""
-    (tmp_path / "halving.py").write_text(SOURCE.replace('{"halving": pd', '{"halves": pd'))
+    (tmp_path / "halving.py").write_text(SOURCE.replace("{COUNTS.name: pd", '{"halves": pd'))
     words = ["run", "-i", "tc_strang", "-s", "short_term", "--study", "halving", "--plugins-dir", tmp_path, "-j", "1"]
     done = command(*words, "-o", tmp_path / "run")
     assert done.exit_code == 2 and "write tables=('halves',)" in done.stderr
@@ -202,9 +201,9 @@ def test_a_study_whose_tables_cannot_be_made_ends_with_code_2_and_its_rows_are_k
     [
         (NAME, 'Study(name="claims"', ["run", "--study", "claims"], "registers the study 'claims', which tcbench"),
         (NAME, 'Study(name="claims"', ["list"], "halving registers the study 'claims', which tcbench has"),
-        ('tables=("halving",)', 'tables=("convergence",)', ["run", "--study", "halving"],
+        ("tables=(COUNTS,)", 'tables=("convergence",)', ["run", "--study", "halving"],
          "The table 'convergence' of the study 'halving' (halving) is one of the study 'convergence', too"),
-        ('tables=("halving",)', 'tables=("../away",)', ["run", "--study", "halving"], "'../away' cannot be a name"),
+        ("tables=(COUNTS,)", 'tables=("../away",)', ["run", "--study", "halving"], "'../away' cannot be a name"),
         ('Chart(name="halving"', 'Chart(name="laws"', ["plot"], "halving registers the chart 'laws', which tcbench"),
         ('Chart(name="halving"', 'Chart(name="my laws"', ["plot", "my laws"], "'my laws' cannot be a name"),
     ],

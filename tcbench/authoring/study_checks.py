@@ -12,7 +12,7 @@ from ..errors import STATUSES, TcbenchError, blamed
 from ..metric import Metric
 from ..runner.codec import row_bytes
 from ..simulation.run import simulate
-from ..studies.conservation import COLUMNS, KEPT, as_number
+from ..studies.conservation import CONSERVATION, KEPT, as_number
 from ..study import Cells, Study
 from .check_line import FAIL, NONE, OK, Line
 
@@ -70,7 +70,7 @@ def tables(trial: Trial) -> Line:
     """The row gives tables of the declared names."""
     found = trial.study.tabulated([trial.record])
     trial.tables = {**found}
-    absent = [name for name in trial.study.tables if name not in found]
+    absent = [name for name in trial.study.table_names if name not in found]
     told = [f"{name}: {', '.join(map(str, table.columns))}" for name, table in found.items()]
     return Line("tables", OK if told else NONE, "; ".join([*told, *(f"no {name!r} of this row" for name in absent)]))
 
@@ -99,7 +99,7 @@ def charts(trial: Trial) -> Line:
 
 def number(metric: Metric) -> Line:
     """It is a number of a run, under a name that is free."""
-    if metric.name in (*COLUMNS, *KEPT):
+    if metric.name in (*CONSERVATION.names, *KEPT):
         raise TcbenchError("the conservation table has a column of this name; rename the metric.")
     found = as_number(metric.compute(simulate(METHOD, SCENARIO, t_end=1.5)))
     return Line("number", OK, f"{found:.6g} of a run of {METHOD} on {SCENARIO}")

@@ -24,9 +24,9 @@ from ..runner.plan import plan_job, preview
 from ..runner.rows import Store
 from ..runner.run import run
 from ..runner.tables import only, read_tables
-from ..studies.base import studies
-from ..studies.columns import shown_columns
+from ..studies.base import known_tables, studies
 from ..studies.order_fit import MIN_POINTS
+from ..table import Table
 from . import terminal
 from .options import words
 from .simulate import one_of
@@ -75,7 +75,8 @@ def run_command(everything: bool, quiet: bool, as_json: bool, **options: Any) ->
         })  # fmt: skip
     elif not quiet:
         found = results.tables
-        terminal.print_results(results, by_method(found, told(store)), remarks(found), without_number(found))
+        declared = told(store)
+        terminal.print_results(results, by_method(found, declared), remarks(found), without_number(found), declared)
         if page:
             terminal.say(f"Report: {page}")
     terminal.warn([*results.problems, *results.left_out, *short_ladder(dt, results.tables), *results.notes])
@@ -226,17 +227,17 @@ def show_command(
         raise TcbenchError(f"The table {table!r} of this run has no row of {', '.join((*scenarios, *integrators))}.")
     if table is not None:
         tables = {table: tables[table]}
+    known = known_tables(store.declared())
     if latex and table is not None:
         from ..report.latex import to_latex
 
-        columns = terminal.SHOWN.get(table) or shown_columns(tables[table].columns)
-        sys.stdout.write(to_latex(tables[table], ["scenario", *(c for c in columns if c != "scenario")]))
+        sys.stdout.write(to_latex(tables[table], known.get(table, Table(table))))
     elif as_json:
         terminal.print_json(records(tables))
     elif table is not None:
-        terminal.print_table(table, tables[table])
-    elif sum(len(t) for name, t in tables.items() if name not in terminal.LONG) <= SHOWN_ROWS:
-        terminal.print_tables(tables)
+        terminal.print_table(tables[table], known.get(table, Table(table)))
+    elif sum(len(t) for name, t in tables.items() if not terminal.is_long(name, known)) <= SHOWN_ROWS:
+        terminal.print_tables(tables, known)
         for sentence in remarks(tables):
             terminal.say(f"\n{sentence}")
     else:

@@ -9,13 +9,15 @@ from collections.abc import Mapping, Sequence
 from shlex import quote
 from typing import TYPE_CHECKING, Any
 
+import rich.table
 from rich.console import Console
-from rich.table import Table
 
 from ..errors import visible
 from ..report.html import strict
+from ..studies.base import known_tables
 from ..studies.columns import column, shown_columns
-from ..studies.conservation import COLUMNS as CONSERVATION
+from ..studies.conservation import CONSERVATION
+from ..table import Table
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -33,7 +35,7 @@ def say(text: str) -> None:
     console().print(visible(text), soft_wrap=True)
 
 
-def put(table: Table) -> None:
+def put(table: rich.table.Table) -> None:
     """Print a table; a pipe gets no blanks at the ends of lines."""
     screen = console()
     if screen.is_terminal:
@@ -65,19 +67,16 @@ def number(value: Any) -> str:
 
 
 TOO_NARROW = "Without room here (a wider terminal or a pipe shows them)"
-FIRST_TO_GO = tuple(  # headings of columns that a narrow terminal does without
-    column(c).short
-    for c in ("us_per_step", "newton_iterations_mean", "points_used", "order_low", "order_high",
-              "angular_momentum_error_max")
-)  # fmt: skip
 GAP = 2  # blanks between columns
 SHORT = 12  # characters of a phrase that is not folded
 PIPE = 100_000  # characters of a line in a pipe, where nothing is folded and nothing cropped
 
 
-def make_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
+def make_table(
+    title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], first_to_go: Sequence[int] = ()
+) -> rich.table.Table:
     """A plain table; numbers to the right, names and numbers never folded; columns for which a narrow terminal has no
-    room are left out, and named below."""
+    room are left out (the first of these places before others), and named below."""
     columns, rows = [visible(name) for name in columns], [[visible(text) for text in row] for row in rows]
     cells = [[name, *(row[i] for row in rows)] for i, name in enumerate(columns)]
     widths = [max(map(len, found), default=0) for found in cells]
@@ -85,12 +84,12 @@ def make_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]
     least = [w if s else max(len(word) for text in found for word in text.split() or [""])
              for w, s, found in zip(widths, solid, cells, strict=True)]  # fmt: skip
     kept = list(range(len(columns)))
-    last_to_go = [*(columns.index(n) for n in FIRST_TO_GO if n in columns), *reversed(kept[2:])]
-    while last_to_go and sum(least[i] + GAP for i in kept) - GAP > console().width:
-        first = last_to_go.pop(0)
+    to_go = [*first_to_go, *reversed(kept[2:])]
+    while to_go and sum(least[i] + GAP for i in kept) - GAP > console().width:
+        first = to_go.pop(0)
         kept = [i for i in kept if i != first]
     gone = [name for i, name in enumerate(columns) if i not in kept and name]
-    table = Table(
+    table = rich.table.Table(
         title=visible(title), title_justify="left", box=None, pad_edge=False, header_style="bold", padding=(0, 1),
         caption=f"{TOO_NARROW}: {', '.join(gone)}" if gone else None, caption_justify="left",
     )  # fmt: skip
@@ -118,78 +117,50 @@ def print_frame(frame: DataFrame, title: str, columns: Sequence[str] | None = No
     put(make_table(title, names, rows))
 
 
-SHOWN = {  # columns of a table that fit a terminal
-    "conservation": (
-        "integrator", "dt", "tolerance", "status", "energy_error_max", "entropy_increment_min",
-        "angular_momentum_error_max", "newton_iterations_mean", "us_per_step", "blowup_time",
-    ),
-    "convergence": ("integrator", "variable", "order", "order_low", "order_high", "points_used", "verdict"),
-    "equilibrium_summary": ("integrator", "equilibrium", "entropy_gap", "temperature_gap", "growth_a", "growth_b"),
-    "stability": (
-        "integrator", "limit", "dt_stable", "dt_unstable", "dt_fold", "limit_plain", "dt_stable_plain",
-        "dt_unstable_plain",
-    ),
-    "work_precision": (
-        "integrator", "control", "value", "status", "error", "energy_error_max", "wall_time_min_s", "steps",
-    ),
-    "time_to_accuracy": (
-        "integrator", "measure", "target", "time_s", "ratio_to_best_peer", "ratio_to_best_scipy",
-    ),
-    "failure_share": (
-        "integrator", "dt", "tolerance", "runs", "failed", "share", "low", "high", "solver", "branch", "physical",
-        "law",
-    ),
-    "ensemble_laws": ("integrator", "law", "claimed", "runs", "broken", "median", "quantile_99", "worst"),
-    "first_share": ("integrator", "measure", "target", "runs", "first", "reached", "share", "low", "high"),
-    "cost": ("integrator", "exponent_steps", "exponent_horizon", "us_per_step"),
-    "size": (
-        "integrator", "numbers", "status", "first_step_s", "us_per_step", "memory_mb", "energy_error_max",
-        "entropy_increment_min", "angular_momentum_error_max",
-    ),
-}  # fmt: skip
-
-
 MOST_VALUES = 3  # parameters of a family of scenarios that a list names
 MOST_OWN = 8  # columns of the conservation table that systems and plugins bring; of a sweep they are its constants
 WHOLE = 40  # rows of the conservation table that a run prints in full; of more, the middle steps
-LONG = (
-    "convergence_points", "stability_points", "equilibrium", "work_precision", "series", "opening",
-    "ensemble_accuracy", "ensemble_points", "ensemble_scenarios", "ensemble_seeds", "performance_profile",
-)  # shown when asked for by name # fmt: skip
 
 
-def print_tables(tables: Mapping[str, DataFrame]) -> None:
-    """Each table, but for those of points."""
+def is_long(name: str, known: Mapping[str, Table]) -> bool:
+    return name in known and known[name].long
+
+
+def print_tables(tables: Mapping[str, DataFrame], known: Mapping[str, Table]) -> None:
+    """Each table, but for those that are shown when they are asked for."""
     for name, table in tables.items():
-        if name in LONG:
+        if is_long(name, known):
             say(f"\n{name}: {len(table)} rows, with --table {name}, and in the CSV and Parquet files.")
         else:
-            print_table(name, table)
+            print_table(table, known.get(name, Table(name)))
 
 
-def print_table(name: str, table: DataFrame) -> None:
-    """One table, one block a scenario, or a family of them, where there are several."""
-    columns, by = SHOWN.get(name), "family" if "family" in table else "scenario"
-    if name == "claims":
-        print_frame(table, "\nclaims", ("claim", "measured", "verdict"))
-    elif columns is None or by not in table:
-        print_frame(table, f"\n{name}", [c for c in shown_columns(table.columns) if table[c].notna().any()])
+def print_table(frame: DataFrame, known: Table) -> None:
+    """One table, one block a scenario, or a family of them, where its study says what fits a terminal."""
+    by = "family" if "family" in frame else "scenario"
+    if not known.terminal or by in known.terminal or by not in frame or known.name == "claims":
+        _print_block(f"\n{known.name}", frame, known)
     else:
-        for group, part in table.groupby(by, sort=False):
-            _print_block(f"\n{name}: {group}", name, part)
+        for group, part in frame.groupby(by, sort=False):
+            _print_block(f"\n{known.name}: {group}", part, known)
 
 
-def _print_block(title: str, name: str, part: DataFrame) -> None:
-    """Rows of a table: the columns that fit a terminal and have a number; of conservation the errors of a system's own
+def shown(frame: DataFrame, known: Table) -> list[str]:
+    """The columns of a table that fit a terminal and have a value; of conservation the errors of a system's own
     invariants and metrics of plugins, too."""
-    columns = list(SHOWN[name])
-    if name == "conservation":
-        own = [c for c in shown_columns(part.columns) if c not in CONSERVATION and c not in columns]
+    columns = list(known.terminal) or shown_columns(frame.columns, known)
+    if known.name == "conservation":
+        own = [c for c in shown_columns(frame.columns, known) if c not in CONSERVATION.names and c not in columns]
         place = columns.index("angular_momentum_error_max") + 1
         columns[place:place] = own if len(own) <= MOST_OWN else []
-    columns = [c for c in columns if c in part and part[c].notna().any()]
-    rows = [[number(v) for v in row] for row in part[columns].itertuples(index=False)]
-    put(make_table(title, [column(c).short for c in columns], rows))
+    return [c for c in columns if c in frame and frame[c].notna().any()]
+
+
+def _print_block(title: str, frame: DataFrame, known: Table) -> None:
+    told = [column(name, known) for name in shown(frame, known)]
+    rows = [[number(v) for v in row] for row in frame[[one.name for one in told]].itertuples(index=False)]
+    first = sorted((i for i, one in enumerate(told) if one.narrow), key=lambda i: told[i].narrow)
+    put(make_table(title, [one.short for one in told], rows, first))
 
 
 def print_contents(tables: Mapping[str, DataFrame], folder: Any) -> None:
@@ -259,23 +230,25 @@ def print_plan(plan: Summary, seconds: float | None, total: int) -> None:
 
 
 def print_results(
-    results: Results, methods: Sequence[Sequence[str]], remarks: Sequence[str], unseen: Sequence[str]
-) -> None:
+    results: Results, methods: Sequence[Sequence[str]], remarks: Sequence[str], unseen: Sequence[str],
+    declared: Mapping[str, Any],
+) -> None:  # fmt: skip
     """What a run ends with, in 30 lines: the rows of a small one, of a large one a line a method.
 
-    unseen : those of the remarks that the rows do not show.
+    unseen : those of the remarks that the rows do not show. declared : what the folder says of its tables.
     """
     summary = results.summary
-    small = results.tables.get("conservation")
-    if small is not None and len(small) <= WHOLE and set(results.tables).difference(LONG) == {"conservation"}:
+    small, known = results.tables.get("conservation"), known_tables(declared)
+    short = {name for name in results.tables if not is_long(name, known)}
+    if small is not None and len(small) <= WHOLE and short == {"conservation"}:
         for scenario, part in small.groupby("scenario", sort=False):
-            _print_block(f"\n{scenario}", "conservation", part)
+            _print_block(f"\n{scenario}", part, known["conservation"])
         for sentence in unseen:
             say(f"\n{sentence}")
     elif len(methods) > 1 and len(methods[0]) > 1:
         print_methods(methods, remarks)
     else:  # studies that say nothing of single methods
-        print_tables(results.tables)
+        print_tables(results.tables, known)
         for sentence in remarks:
             say(f"\n{sentence}")
     counts = ", ".join(f"{n} {status}" for status, n in sorted(summary.statuses.items()))

@@ -7,32 +7,40 @@ import gzip
 import hashlib
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..studies.columns import column as known
+from ..studies.columns import column
+from ..table import Table
 
 if TYPE_CHECKING:
     from pandas import DataFrame, Series
 
 LONGEST = 12_000  # characters of a message that are kept
+LAW_DIGITS = 9
 SENTENCES = ("failure", "metric_failure")  # bookkeeping that a reader needs
 
 
-def packed_table(table: DataFrame, digits: Callable[[str], int]) -> str:
+def packed_table(table: DataFrame, known: Table) -> str:
     """A table as columns of JSON, compressed, in base64; without what only says where its rows come from, and with the
     tolerance, which is far behind in a file, beside the step.
 
+    known : what its study says of it, and of the digits that the page keeps; the files have them all. Of what a law
+    holds all that a series has: what is lost of it is little beside it, and would be drawn as stairs.
+
     A column of words is a list of the distinct ones and the places in it; -1 is no word. NaN and infinities are null.
     """
-    shown = [c for c in table.columns if known(str(c)).shown or c in SENTENCES]
+    shown = [c for c in table.columns if column(str(c), known).shown or c in SENTENCES]
     if {"dt", "tolerance"}.issubset(shown):
         shown.remove("tolerance")
         shown.insert(shown.index("dt") + 1, "tolerance")
-    columns = {str(c): _column(table[c], digits(str(c))) for c in shown if table[c].notna().any()}
+    laws = {name for name in map(str, table.columns) if f"{name}_error" in table or name == "entropy"}
+    digits = {str(c): column(str(c), known).digits or known.digits for c in shown}
+    digits |= dict.fromkeys(laws & digits.keys(), max(known.digits, LAW_DIGITS))
+    columns = {str(c): _column(table[c], digits[str(c)]) for c in shown if table[c].notna().any()}
     return packed_json(columns)
 
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from ..studies.columns import column
+from ..studies.columns import column, shown_columns
+from ..table import Table
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -18,11 +18,12 @@ SPECIAL = {
 }  # fmt: skip
 
 
-def to_latex(table: DataFrame, columns: Sequence[str]) -> str:
-    """A tabular of these columns, numbers with three digits; needs no package but amsmath's, and asks for none."""
-    there = [c for c in columns if c in table and table[c].notna().any()]
+def to_latex(table: DataFrame, known: Table) -> str:
+    """A tabular, numbers with three digits; needs no package but amsmath's, and asks for none."""
+    columns = known.terminal or shown_columns(table.columns, known)
+    there = [c for c in dict.fromkeys(["scenario", *columns]) if c in table and table[c].notna().any()]
     sides = "".join("r" if table[c].dtype.kind in "fiu" else "l" for c in there)
-    head = " & ".join(text(column(c).label) for c in there)
+    head = " & ".join(text(column(c, known).label) for c in there)
     rows = [" & ".join(cell(value) for value in row) for row in table[there].itertuples(index=False)]
     body = "".join(f"{row} \\\\\n" for row in rows)
     return f"\\begin{{tabular}}{{{sides}}}\n\\hline\n{head} \\\\\n\\hline\n{body}\\hline\n\\end{{tabular}}\n"

@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 from ..chart import Chart, Panel, Row, Series, sheet_of
 from ..errors import TcbenchError, blamed
+from ..studies.base import known_tables
 from ..studies.columns import column
+from ..table import Table
 from .chart_kinds import brought, own_kinds, with_fallbacks
 from .charts import theme
 from .charts.render import leading, span
@@ -39,7 +41,7 @@ def panels_of(
     charts: Iterable[Chart], tables: Mapping[str, Any], declared: Mapping[str, Any], problems: list[str]
 ) -> dict[str, Any]:
     """As `page_charts`, of these; what is a picture alone is left out."""
-    found = {}
+    found, schemas = {}, known_tables(declared)
     known = {name: table.reset_index(drop=True) for name, table in with_fallbacks(tables).items()}
     parts = cache(lambda name: {str(scenario): rows for scenario, rows in known[name].groupby("scenario")})
 
@@ -51,7 +53,8 @@ def panels_of(
     with theme.using(theme.Theme(families=families(tables, declared))):
         for chart in charts:
             try:
-                of = _sheets(chart, known, part) if chart.possible(known) and not chart.picture else {}
+                said = tuple(schemas[name] for name in (*chart.needs, *chart.also) if name in schemas)
+                of = _sheets(chart, known, part, said) if chart.possible(known) and not chart.picture else {}
             except MemoryError:
                 raise
             except Exception as error:  # of a plugin's function
@@ -63,9 +66,11 @@ def panels_of(
     return found
 
 
-def _sheets(chart: Chart, tables: Mapping[str, Any], part: Callable[..., Any]) -> dict[str, list[dict[str, Any]]]:
+def _sheets(
+    chart: Chart, tables: Mapping[str, Any], part: Callable[..., Any], said: tuple[Table, ...]
+) -> dict[str, list[dict[str, Any]]]:
     """Its panels by scenario. part : (name of a table, scenario) -> its rows, as `Chart.select`, of all charts."""
-    draw, found, told = getattr(chart.panels, "__wrapped__", chart.panels), {}, Told(tables[chart.needs[0]])
+    draw, found, told = getattr(chart.panels, "__wrapped__", chart.panels), {}, Told(tables[chart.needs[0]], said)
     for scenario in chart.scenarios(tables):
         panels = draw(*(part(name, scenario) for name in (*chart.needs, *chart.also)))
         if not hasattr(panels, "savefig"):
@@ -78,7 +83,7 @@ def _panel(panel: Panel, told: Told) -> dict[str, Any]:
     return _shown({
         "title": panel.title, "note": panel.note, "errors": panel.errors, "stepped": panel.stepped,
         "largest": panel.largest, "keys": dict(panel.keys), "fore": front,
-        "x": _axis(panel, "x", panel.x, panel.x_scale), "y": _axis(panel, "y", panel.y, panel.y_scale),
+        "x": _axis(panel, "x", panel.x_scale, told), "y": _axis(panel, "y", panel.y_scale, told),
         "series": [_series(one, told) for one in panel.series], "rows": [_row(one, told) for one in panel.rows],
     })  # fmt: skip
 
@@ -87,16 +92,16 @@ def _shown(parts: dict[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in parts.items() if value not in ([], {}, "", False)}
 
 
-def _axis(panel: Panel, which: str, label: str, scale: str) -> dict[str, Any]:
+def _axis(panel: Panel, which: str, scale: str, told: Told) -> dict[str, Any]:
     """Its label, its scale, the least and the largest number that this can show, and which way is better."""
     known = span(panel, which)
     known = known[(known > 0) if scale in ("log", "zero") else np.isfinite(known)]
     domain = [float(known.min()), float(known.max())] if len(known) else None
     values = [getattr(one, which) for one in panel.series[:1]]
     values += [places for row in panel.rows for places in row.marks.values() if which == "x"]
-    worse = next((column(str(of.name)).worse for of in values if hasattr(of, "name")), "")
+    worse = next((column(str(of.name), *told.said).worse for of in values if hasattr(of, "name")), "")
     better = {"": "", "lower": "more"}.get(worse, "less")
-    return _shown({"label": label, "scale": scale, "better": better}) | {
+    return _shown({"label": getattr(panel, which), "scale": scale, "better": better}) | {
         "domain": [-0.02, 1.02] if scale == "share" else domain
     }
 
@@ -123,9 +128,9 @@ def steps(rows: NDArray[Any]) -> list[int]:
 class Told:
     """What the page has of a chart's first table already."""
 
-    def __init__(self, table: DataFrame) -> None:
-        self.count = len(table)
-        self.column = cache(lambda name: finite(table[name]) if name in table and column(name).shown else None)
+    def __init__(self, table: DataFrame, said: tuple[Table, ...]) -> None:
+        self.count, self.said = len(table), said
+        self.column = cache(lambda name: finite(table[name]) if name in table and column(name, *said).shown else None)
 
     def rows(self, values: Any) -> NDArray[Any]:
         """Those of the table that a column is of; NOWHERE if it is none of its columns."""

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,8 +13,11 @@ from ..errors import TcbenchError, writing
 from ..files import replacing
 from ..runner.rows import Store
 from ..runner.tables import read_tables
+from ..simulation.series import ROW, variables
+from ..studies.base import known_tables
 from ..studies.columns import column
 from ..studies.work_precision import SPENT_S
+from ..table import Table
 from .by_method import paper
 from .charts.scales import power_text
 from .html import packed, packed_json, packed_table, script_hash, script_text, strict, vendored
@@ -30,8 +32,6 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 SCRIPTS = ("base", "chart", "panels", "overview", "player", "scenarios", "methods", "tables", "main")  # in their order
-ROUNDED = ("series", "opening", "ensemble_seeds")  # many numbers, of which a chart shows three digits
-EXACTER = ("t", "dt", "tolerance", "seed")  # and temperatures: they change by little beside what they are
 HISTORY = "history"
 POWER = re.compile(r"(?<![\d.])1e-\d+")
 TOGETHER = re.compile(r"(?<=\d) (?=(?:%|µs|ms|s)(?!\w))|(?<=\b[ht]) (?==)|(?<=\b[ht] =) ")
@@ -84,6 +84,8 @@ def _content(store: Store, tables: dict[str, DataFrame]) -> dict[str, Any]:
     rows = methods(found, tables, declared)
     scenarios = names(tables, "scenario")
     charts = page_charts(tables, declared, store.problems)
+    known = {name: Table(name) for name in tables} | known_tables(declared)
+    columns = {name: [column(str(c), known[name]) for c in table.columns] for name, table in tables.items()}
     data = {
         "families": FAMILIES, "methods": rows, "scenarios": scenarios, "declared": _named(declared, tables),
         "looks": {name: [one.colour, one.marker, dashes(one.dash)] for name, one in run_looks(tables).items()},
@@ -93,7 +95,9 @@ def _content(store: Store, tables: dict[str, DataFrame]) -> dict[str, Any]:
         "kept": {name: law_shares(one_scenario(found, name)) for name in scenarios},
         "lenses": lenses(found), "failures": failures(tables), "stopped": stopped(tables),
         "charts": list(charts), "tables": {name: len(table) for name, table in tables.items()},
-        "labels": {name: _label(name, declared) for table in tables.values() for name in map(str, table.columns)},
+        "labels": {one.name: one.label for told in columns.values() for one in told},
+        "variables": [*dict.fromkeys(c for name in ROW if name in tables for c in variables(tables[name].columns))],
+        "filters": {name: [one.name for one in told if one.filter] for name, told in columns.items()},
     }  # fmt: skip
     return {
         "title": store.folder.resolve().name,
@@ -114,23 +118,13 @@ def _content(store: Store, tables: dict[str, DataFrame]) -> dict[str, Any]:
         "references": _references(tables),
         "problems": store.problems,
         "page": packed_json(strict(data, 6)),
-        "packed": {name: packed_table(table, partial(_digits, name, set(table))) for name, table in tables.items()},
+        "packed": {name: packed_table(table, known[name]) for name, table in tables.items()},
         "library": packed(vendored()),
         "script": script,
         "hashes": [script_hash(text) for text in (script, vendored())],
         "css": (css := script_text("report.css")),
         "style_hash": script_hash(css),
     }
-
-
-def _digits(table: str, columns: Collection[str], name: str) -> int:
-    """The digits of a column on the page; the files have them all. Of what a law holds all that a series has: what is
-    lost of it is little beside it, and would be drawn as stairs."""
-    if table not in ROUNDED:
-        return 10
-    if name == "entropy" or f"{name}_error" in columns:
-        return 9
-    return 4 if name.endswith("_error") else 6 if name in EXACTER or name.startswith("temperature") else 5
 
 
 def dashes(dash: Any) -> str:
@@ -146,12 +140,6 @@ def _named(declared: Mapping[str, Any], tables: Mapping[str, DataFrame]) -> dict
         key: {name: declared[key][name] for name in names(tables, kind) if name in declared.get(key, {})}
         for key, kind in kinds.items()
     }
-
-
-def _label(name: str, declared: Mapping[str, Any]) -> str:
-    """What a column is called, with the unit that its metric states."""
-    unit = declared.get("metrics", {}).get(name, {}).get("unit", "")
-    return f"{column(name).label}, {unit}" if unit else column(name).label
 
 
 def machine(manifest: Mapping[str, Any], *more: str) -> str:

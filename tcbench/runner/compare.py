@@ -9,16 +9,18 @@ import math
 import os
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from statistics import median
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..errors import ChangedError, TcbenchError, expect
-from ..studies.base import table_schemas
-from ..studies.columns import Column
-from ..studies.columns import column as column_named
+from ..studies.base import known_tables, tables_by_study
+from ..studies.columns import column
+from ..table import Column, Table
 from .cell import identity_of
 from .codec import NAMES, canonical_json
+from .declared import merged
 from .provenance import machine_name
 from .rows import Store
 from .tables import latest_rows, read_tables
@@ -32,6 +34,8 @@ ONE_SIDED = ("missing", "new")
 ANY_KEY = ("variable", "dt", "tolerance", "t", "measure", "target", "claim", "factor", "tau", "control", "value",
            "seed", "first_seed")  # fmt: skip # what may tell the rows of a table apart that no study declares
 
+Columns = Callable[[str], "list[Column]"]  # of a value of a row, by its path
+NO_TABLE = (Table("-"),)  # of a study that no run folder declares: no pattern counts
 Line = tuple[dict[str, Any], dict[str, Any]]  # cell, row
 MOST_SAID = 12  # sentences on what only one run has
 COLUMNS = (
@@ -73,12 +77,14 @@ def compare(
     found = list(_one_sided(pairs))
     known = [{(pair[0]["study"], name) for pair in pairs.both for name in pair[side]} for side in (1, 2)]
     absent = known[0] ^ known[1]  # columns that another version has: no run has changed by them
+    told_of = merged(a.declared(), b.declared())
+    tables = {name: (table,) for name, table in known_tables(told_of).items()} | tables_by_study(told_of)
+    timings = not other_machine(a, b)
     for cell, *rows in pairs.both:
-        found += _row_changes(
-            cell, *({n: v for n, v in row.items() if (cell["study"], n) not in absent} for row in rows)
-        )
-    if not other_machine(a, b):
-        found += [entry for pair in pairs.both if (entry := _time(*pair))]
+        columns = partial(_columns_of, tables.get(cell["study"], ()))
+        common = [{n: v for n, v in row.items() if (cell["study"], n) not in absent} for row in rows]
+        found += _row_changes(columns, cell, *common)
+        found += [entry for entry in [_time(columns, cell, *rows)] if entry] if timings else []
     changes = pandas.DataFrame(found, columns=list(COLUMNS))
     told = {(c["study"], name) for c, *rows in pairs.both for row in rows for name, v in row.items() if _given(v)}
     alone = [f"Only one of the runs has the column {name} of {study}." for study, name in sorted(absent & told)]
@@ -197,7 +203,7 @@ def _table_lines(store: Store, problems: list[str]) -> dict[str, Line]:
 
 
 def _rows_of_tables(store: Store) -> Iterator[Line]:
-    schemas = table_schemas()
+    schemas = known_tables(store.declared())
     for table, frame in read_tables(store).items():
         schema = schemas.get(table)
         if schema and schema.derived:
@@ -226,7 +232,9 @@ def named(cell: Mapping[str, Any]) -> dict[str, str]:
 # -- timings: how they compare
 
 
-def _time(cell: Mapping[str, Any], before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, Any] | None:
+def _time(
+    columns: Columns, cell: Mapping[str, Any], before: Mapping[str, Any], after: Mapping[str, Any]
+) -> dict[str, Any] | None:
     """The median ratio of what was timed in a cell that both runs measured alone."""
     statuses = {row.get("status", "ok") for row in (before, after)}
     if not (cell.get("timed") or before.get("timed")) or statuses != {"ok"}:
@@ -234,8 +242,8 @@ def _time(cell: Mapping[str, Any], before: Mapping[str, Any], after: Mapping[str
     old, new = dict(_flat(_cut(before, after))), dict(_flat(_cut(after, before)))
     ratios = []
     for name in old.keys() & new.keys():
-        a, b, path = old[name], new[name], _columns_of(name)
-        timing = path[-1].timing and path[-1].worse and all(column.compared for column in path)
+        a, b, path = old[name], new[name], columns(name)
+        timing = path[-1].timing and path[-1].worse and all(one.compared for one in path)
         if timing and _is_number(a) and _is_number(b) and a > 0 and b > 0:
             ratios.append(b / a)
     if not ratios:
@@ -248,7 +256,7 @@ def _time(cell: Mapping[str, Any], before: Mapping[str, Any], after: Mapping[str
 
 
 def _row_changes(
-    cell: Mapping[str, Any], before: Mapping[str, Any], after: Mapping[str, Any]
+    columns: Columns, cell: Mapping[str, Any], before: Mapping[str, Any], after: Mapping[str, Any]
 ) -> list[dict[str, Any]]:  # fmt: skip
     """What differs between two rows of one cell: the status, or else the values beyond noise."""
     old, new = before.get("status", "ok"), after.get("status", "ok")
@@ -259,19 +267,19 @@ def _row_changes(
         before, after = _cut(before, after), _cut(after, before)
     old_values, new_values = dict(_flat(before)), dict(_flat(after))
     for name in dict.fromkeys([*old_values, *new_values]):
-        path, a, b = _columns_of(name), old_values.get(name), new_values.get(name)
-        if not all(column.compared for column in path) or path[-1].timing or name == "status":
+        path, a, b = columns(name), old_values.get(name), new_values.get(name)
+        if not all(one.compared for one in path) or path[-1].timing or name == "status":
             continue
         if (difference := _difference(a, b)) > NOISE:
-            worse = any(_worse(column, a, b) for column in path)
+            worse = any(_worse(one, a, b) for one in path)
             relative = math.nan if math.isinf(difference) else difference
             found.append(_entry(cell, "value", _with_rungs(name, before, after), a, b, relative, NOISE, worse))
     return found
 
 
-def _columns_of(name: str) -> list[Column]:
-    """Of points[3].errors.q those of points, errors and q."""
-    return [column_named(part.split("[")[0]) for part in name.split(".")]
+def _columns_of(tables: tuple[Table, ...], name: str) -> list[Column]:
+    """Of points[3].errors.q those of points, errors and q, as the tables of the study say."""
+    return [column(part.split("[")[0], *(tables or NO_TABLE)) for part in name.split(".")]
 
 
 def _cut(row: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from typing import Any
 
 from .. import plugins
 from ..integrator import Integrator
+from ..study import Study
 from ..systems.plane import joints, links
 from ..systems.scenario import Scenario
 
@@ -20,13 +21,21 @@ LAWS = {"energy", "entropy"}
 
 
 def declared(
-    methods: Sequence[Integrator], scenarios: Sequence[Scenario], absent: Mapping[str, str]
+    methods: Sequence[Integrator],
+    scenarios: Sequence[Scenario],
+    absent: Mapping[str, str],
+    studies: Sequence[Study] = (),
 ) -> dict[str, dict[str, Any]]:
-    """The methods, scenarios and further columns of a run by name, and methods that lack a package with its name."""
+    """The methods, scenarios, metrics and tables of plugins of a run by name, and methods that lack a package with its
+    name."""
     return {
         "integrators": {method.name: method_facts(method) for method in methods},
         "scenarios": {scenario.name: scenario_facts(scenario) for scenario in scenarios},
-        "metrics": {m.name: {"unit": m.unit, "description": m.description} for m in plugins.metrics().values()},
+        "metrics": {
+            m.name: {n: getattr(m, n) for n in ("unit", "description", "label", "worse")}
+            for m in plugins.metrics().values()
+        },
+        "tables": {study.name: [table.as_dict() for table in study.tables] for study in studies if study.plugin},
         "absent": dict(absent),
     }
 
@@ -92,6 +101,6 @@ def scenario_facts(scenario: Scenario) -> dict[str, Any]:
 
 def merged(earlier: Mapping[str, Any], later: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     """What a folder says after another run into it: names of both, the later word on each."""
-    parts = ("integrators", "scenarios", "metrics", "absent")
+    parts = ("integrators", "scenarios", "metrics", "tables", "absent")
     told = [{k: v for k, v in run.items() if isinstance(v, Mapping)} for run in (earlier, later)]
     return {key: {**told[0].get(key, {}), **told[1].get(key, {})} for key in parts}

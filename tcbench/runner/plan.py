@@ -144,7 +144,7 @@ def plan_job(
     packages = sorted({name for method in methods for name in method.requires})
     return Job(
         list(found.cells.values()), found.context([s.name for s in chosen if s.fresh]), chosen, found.here, left_out,
-        notes, packages, lambda: declared(methods, selected, absent),
+        notes, packages, lambda: declared(methods, selected, absent, chosen),
     )  # fmt: skip
 
 

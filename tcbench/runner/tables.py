@@ -32,12 +32,12 @@ def made_and_kept(store: Store) -> tuple[dict[str, DataFrame], dict[str, DataFra
     latest, older = latest_rows(store)
     store.problems += older
     chosen, others = _studies(store)
-    known = [name for study in chosen for name in study.tables]
+    known = [name for study in chosen for name in study.table_names]
     written = store.manifest().get("tables", [])
     names = [name for name in store.tables() if not latest or (others and name not in known and name in written)]
     store.problems += [f"No study is called {name!r} here: its tables are those that were written." for name in others]
     tables, failed = make_tables(chosen, store, latest)
-    names += [name for study in failed for name in store.tables() if name in study.tables]
+    names += [name for study in failed for name in store.tables() if name in study.table_names]
     kept = {}
     for name in names:
         if name not in tables:

@@ -101,12 +101,18 @@ def settings(integrator: Integrator, steps: Iterable[float], tolerances: Iterabl
     return [{"tolerance": value} for value in tolerances] if adaptive else [{"dt": value} for value in steps]
 
 
-def known_tables(declared: Mapping[str, Any] = EMPTY) -> dict[str, Table]:
-    """What is known of tables, by name: those of tcbench's studies and those that a run folder declares. Its metrics
-    are columns of `conservation`."""
+def tables_by_study(declared: Mapping[str, Any] = EMPTY) -> dict[str, tuple[Table, ...]]:
+    """The tables of tcbench's studies, and of those that a run folder declares. Its metrics are columns of
+    `conservation`."""
     told = declared.get("metrics", {}).items()
-    metrics = [Column(n, m.get("label", ""), unit=m.get("unit", ""), worse=m.get("worse", "")) for n, m in told]
-    own = {table.name: table for study in own_studies() for table in study.tables}
-    own["conservation"] = replace(own["conservation"], columns=(*own["conservation"].columns, *metrics))
-    others = [from_dict(data) for data in declared.get("tables", {}).values()]
-    return {table.name: table for table in others if table} | own
+    metrics = tuple(Column(n, m.get("label", ""), unit=m.get("unit", ""), worse=m.get("worse", "")) for n, m in told)
+    own: dict[str, tuple[Table, ...]] = {study.name: study.tables for study in own_studies()}
+    first, *others = own["conservation"]
+    own["conservation"] = (replace(first, columns=(*first.columns, *metrics)), *others)
+    brought = {name: tuple(filter(None, map(from_dict, data))) for name, data in declared.get("tables", {}).items()}
+    return brought | own
+
+
+def known_tables(declared: Mapping[str, Any] = EMPTY) -> dict[str, Table]:
+    """The same by the name of the table."""
+    return {table.name: table for tables in tables_by_study(declared).values() for table in tables}

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
-from fnmatch import fnmatchcase
 from functools import cache, partial
+from itertools import chain
 from typing import Any
 
 from ..table import Column, Table
@@ -81,20 +81,25 @@ def claim_column(claim: str) -> str:
 @cache
 def column(name: str, *tables: Table) -> Column:
     """What is known of a column: what the first of the tables says that has it, else what tcbench says of a column of
-    this name, else that it is called so. Patterns count in the table that has them; without a table, those of all."""
-    found = next((one for table in tables if (one := table.column(name))), None)
-    known = (one for one in described() if (name == one.name if tables else fnmatchcase(name, one.name)))
-    return found or next(known, Column(name)).named(name)
+    this name, else the first pattern of the tables that fits (of all tables where none is given)."""
+    exact = (one for table in tables if (one := table.column(name)))
+    described = (one for one in own_columns() if one.name == name)
+    patterns = (one for table in tables or own_tables() if (one := table.pattern(name)))
+    return next(chain(exact, described, patterns), Column(name)).named(name)
 
 
 @cache
-def described() -> tuple[Column, ...]:
-    """Every column that tcbench's own studies describe: those with a name of their own first."""
+def own_tables() -> tuple[Table, ...]:
+    """Those of tcbench's own studies."""
     from .base import own_studies
 
-    told = [one for study in own_studies() for table in study.tables for one in table.columns]
-    every = [*SHARED, *(one for one in told if isinstance(one, Column))]
-    return tuple(sorted(every, key=lambda one: "*" in one.name))
+    return tuple(table for study in own_studies() for table in study.tables)
+
+
+@cache
+def own_columns() -> tuple[Column, ...]:
+    """Every column that tcbench describes."""
+    return (*SHARED, *(one for table in own_tables() for one in table.columns if isinstance(one, Column)))
 
 
 def shown_columns(names: Iterable[Any], *tables: Table) -> list[str]:

@@ -17,7 +17,7 @@ from typing import Any
 from .. import plugins
 from ..errors import TcbenchError
 from ..integrator import Integrator
-from ..study import Cells, Row, Study, Tables
+from ..study import Cells, Row, Study
 from ..systems.scenario import Scenario
 from .ensemble_tables import TABLES, tables
 

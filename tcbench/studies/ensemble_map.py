@@ -26,9 +26,7 @@ from .statistics import wilson
 
 SIZE = 30  # scenarios in a cell
 LARGEST = 10_000
-FAILURES = Table(
-    "failure_map", key=("x_name", "x_low", "x_high", "y_name", "y_low", "y_high", "first_seed", "runs")
-)
+FAILURES = Table("failure_map", key=("x_name", "x_low", "x_high", "y_name", "y_low", "y_high", "first_seed", "runs"))
 
 
 def bins(axis: Axis) -> list[tuple[float, float]]:

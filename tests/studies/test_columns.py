@@ -1,9 +1,13 @@
-"""One registry says what a column is; whoever shows or compares columns asks it."""
+"""A study says what its tables are; whoever shows or compares columns asks its `Table`."""
+
+from collections import Counter
 
 import pytest
 
-from tcbench.commands import terminal
-from tcbench.studies.columns import COLUMNS, column, shown_columns
+from tcbench import Column, Table, TcbenchError
+from tcbench.studies.base import known_tables
+from tcbench.studies.columns import SHARED, column, own_columns, own_tables, shown_columns
+from tcbench.table import from_dict
 
 
 def test_a_column_that_nobody_described_is_written_as_it_is_called():
@@ -11,35 +15,56 @@ def test_a_column_that_nobody_described_is_written_as_it_is_called():
     assert (unknown.label, unknown.short, unknown.worse, unknown.shown) == ("hot spots", "hot_spots", "", True)
 
 
-def test_a_described_column_keeps_what_its_pattern_would_say_of_its_direction():
-    """A name before a pattern must not lose the direction by saying only what it is called."""
-    patterns = [c for c in COLUMNS if "*" in c.name]
-    from fnmatch import fnmatchcase
-
-    for known in COLUMNS:
-        for pattern in patterns:
-            if known.shown and "*" not in known.name and fnmatchcase(known.name, pattern.name):
-                assert known.worse == pattern.worse and known.timing == pattern.timing, known.name
+@pytest.mark.parametrize("name", ["iterations_saved", "gain_over_time_s", "residual_margin", "errors_found"])
+def test_of_a_plugins_column_no_direction_is_guessed_from_its_name(name):
+    """More iterations saved were a regression."""
+    for tables in ((), (Table("mine", (name,)),)):
+        assert (column(name, *tables).worse, column(name, *tables).timing) == ("", False)
 
 
-def test_names_are_told_once():
-    names = [c.name for c in COLUMNS]
-    assert len(names) == len(set(names))
+def test_a_plugins_word_on_its_own_column_is_the_one_that_counts():
+    mine = Table("mine", (Column("error", "largest miss", unit="mm", worse="higher"), Column("gain_*", "gain of *")))
+    told = column("error", mine)
+    assert (told.label, told.worse) == ("largest miss, mm", "higher") != (column("error").label, column("error").worse)
+    assert column("gain_area", mine).label == "gain of area"
+    assert column("energy_error_max", mine) == column("energy_error_max")
 
 
-@pytest.mark.parametrize("name, worse", [("entropy_increment_min", "lower"), ("error_of_a_plugin", "larger")])
-def test_directions(name, worse):
-    assert column(name).worse == worse
+def test_what_tcbench_says_of_a_column_it_says_once():
+    """Two tables with one column of two meanings: a chart would have the label of the wrong one."""
+    told = {}
+    for one in own_columns():
+        meaning = (one.label, one.short, one.unit, one.worse, one.timing, one.good)
+        assert one.name.startswith("*") or told.setdefault(one.name, meaning) == meaning, one.name
+    assert not [name for name, n in Counter(one.name for one in SHARED).items() if n > 1]
+
+
+@pytest.mark.parametrize("table", own_tables(), ids=lambda table: table.name)
+def test_what_a_table_says_of_its_columns_are_columns_of_it(table):
+    assert {*table.key, *table.terminal} <= {*table.names, "tolerance"} or not table.columns
+    heads = [column(name, table).short for name in table.terminal]
+    # "stable" and "unstable" stand twice in the stability table: behind "limit" and behind "plain limit"
+    assert len(set(heads)) == len(heads) - (2 if table.name == "stability" else 0)
+
+
+@pytest.mark.parametrize("table", own_tables(), ids=lambda table: table.name)
+def test_a_table_comes_back_from_a_run_folder_as_it_was(table):
+    assert from_dict(table.as_dict()) == table
+
+
+@pytest.mark.parametrize("data", [None, {"name": 1}, {"name": "a", "columns": [{"nope": 1}]}, {"name": "a", "x": 2}])
+def test_a_damaged_folder_declares_no_table(data):
+    assert from_dict(data) is None and "conservation" in known_tables({"tables": {"mine": [data]}})
 
 
 def test_timings_are_told_and_bookkeeping_is_hidden():
-    for name in ("us_per_step", "wall_time_min_s", "hook_time_s"):
+    for name in ("us_per_step", "wall_time_min_s", "time_s", "first_step_s"):
         assert column(name).timing
     assert shown_columns(["dt", "source_hash", "energy_error_max", "traceback"]) == ["dt", "energy_error_max"]
 
 
-def test_the_headings_of_a_table_are_distinct_or_grouped():
-    for table, names in terminal.SHOWN.items():
-        headings = [column(name).short for name in names]
-        # "stable" and "unstable" stand twice in the stability table: behind "limit" and behind "plain limit"
-        assert len(set(headings)) == len(headings) - (2 if table == "stability" else 0), table
+def test_a_mistake_in_a_table_is_named_where_it_is_made():
+    with pytest.raises(TcbenchError, match=r"The column 'a': worse is one of .* not 'up'"):
+        Column("a", worse="up")
+    with pytest.raises(TcbenchError, match="The table 'a': columns is a tuple of Column or of names, not"):
+        Table("a", columns=["dt"])

@@ -11,10 +11,7 @@ const lettered = (one, prefix) => LETTERS.map((l) => `${prefix}_${l}`).filter((c
 const placed = (facts) => (facts.joints?.length ? ["at_x_", "at_y_"] : ["x_", "y_"]);
 const masses = (one, [x, y]) => Array.from({ length: 99 }, (_, i) => i + 1).filter((i) => one[0] && known(one[0][x + i]) && known(one[0][y + i]));
 
-// of columns of states, those that are variables of the system, or what it tells instead
-const KNOWN = ["integrator", "scenario", "status", "dt", "tolerance", "t", "energy", "entropy"];
-const variablesOf = (states) => Object.keys(states[0] || {}).filter((c) => !KNOWN.includes(c) && !/(_error|_fall|_rise)$|^(temperature|strain)_|^at_[xy]_/.test(c)
-  && states[0][`${c}_error`] === undefined && states.some((r) => known(r[c])));
+const variablesOf = (states) => page.variables.filter((c) => states[0]?.[c] !== undefined && states.some((r) => known(r[c])));
 const MOST_LINES = 12;  // running lines of variables beside the laws
 
 const index = (states, t) => {  // of the last state up to t

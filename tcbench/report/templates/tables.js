@@ -13,7 +13,6 @@ const save = (found, chosen) => {
   el("a", { href: url, download: `${found.name}.csv` }).click();
   setTimeout(() => URL.revokeObjectURL(url), 10000);
 };
-const FILTERS = new Set(["integrator", "scenario", "status", "verdict", "variable", "limit", "study", "section", "solver", "measure", "target"]);
 const inCell = (v, kind) => (kind !== "display" || v === null ? v : typeof v === "number" ? number(v, 4) : typeof v === "boolean" ? (v ? "yes" : "no") : v);
 
 // one table with its search, its lists of values and its file
@@ -33,7 +32,7 @@ const listing = async (name, where = {}) => {
     layout: { topStart: null, topEnd: null, bottomStart: chosen.length > 100 ? "info" : null, bottomEnd: chosen.length > 100 ? "paging" : null },
   });
   const filter = (c, v) => { picked[c] = v; live.column(names.indexOf(c)).search((text, row) => !v || String(row[names.indexOf(c)]) === v).draw(); };
-  for (const c of names.filter((n) => FILTERS.has(n))) {
+  for (const c of names.filter((n) => (page.filters[name] || []).includes(n))) {
     const values = unique(chosen.map((r) => r[c]).filter((v) => v !== null)).map(String).sort();
     if (values.length > 1 && values.length <= 100) tools.append(select(words(c), [["", "all"], ...values.map((v) => [v, v])], "", (v) => filter(c, v)));
   }
