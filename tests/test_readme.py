@@ -11,8 +11,9 @@ import pandas as pd
 import pytest
 from command import tcbench
 
-from tcbench.commands.terminal import SHOWN, number
+from tcbench.commands.terminal import number
 from tcbench.studies.columns import column
+from tcbench.studies.conservation import CONSERVATION
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text()
@@ -43,7 +44,7 @@ def test_the_readmes_result_is_the_baselines():
     table = pd.read_csv(ROOT / "results" / "baseline" / "tables" / "conservation.csv")
     rows = table[(table.scenario == "stiff_spring") & (table.dt == 0.3)].set_index("integrator")
     block = README.split("$ tcbench run -s stiff_spring")[1].split("```")[0].splitlines()
-    names = {column(name).short: name for name in SHOWN["conservation"]}
+    names = {column(name).short: name for name in CONSERVATION.terminal}
     start = next(i for i, line in enumerate(block) if line.startswith("integrator"))
     headings = re.split(r"  +", block[start].strip())
     shown = [dict(zip(headings, line.split(), strict=True)) for line in block[start + 1 :] if line]
