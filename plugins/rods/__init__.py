@@ -1,0 +1,57 @@
+"""Systems with constraints: chains, loops and bodies of rigid rods, `rods[n=3]`; bodies and rods in directors."""
+
+from tcbench import ScenarioFamily, hookimpl
+
+BETSCH = "Betsch (2005), Comput. Methods Appl. Mech. Eng. 194; Betsch and Steinmann (2002), Int. J. Numer. Meth. Eng. 53"
+DIRECTORS = "Romero and Armero (2002), Int. J. Numer. Meth. Eng. 54; Betsch and Steinmann (2002), ibid. 54"
+
+
+def rods_of(n):
+    from . import rods  # imported when one is asked for, not when plugins are listed
+
+    return rods.chain_of(n)
+
+
+def loop_of(n):
+    from . import rods
+
+    return rods.loop_of(n)
+
+
+def four_masses_of(spin):
+    from . import rods
+
+    return rods.four_masses_of(spin)
+
+
+def director_body_of(spin):
+    from . import directors
+
+    return directors.body_of(spin)
+
+
+def director_rod_of(n):
+    from . import directors
+
+    return directors.rod_of(n)
+
+
+@hookimpl
+def tcbench_scenarios():
+    return [
+        ScenarioFamily("rods", rods_of, {"n": "3"}, "rigid rods: a pendulum of n links whose joints rub and warm", BETSCH),
+        ScenarioFamily("rod_loop", loop_of, {"n": "6"}, "a closed loop of rigid rods, which rubs itself stiff", BETSCH),
+        ScenarioFamily(
+            "four_masses", four_masses_of, {"spin": "1"}, "a rigid body: four masses and six rigid rods", BETSCH
+        ),
+        ScenarioFamily(
+            "director_body",
+            director_body_of,
+            {"spin": "1"},
+            "a rigid body in directors, whose liquid core turns it to the axis of largest inertia",
+            DIRECTORS,
+        ),
+        ScenarioFamily(
+            "director_rod", director_rod_of, {"n": "4"}, "a rod with directors: bends, twists, stretches, warms", DIRECTORS
+        ),
+    ]
