@@ -12,6 +12,7 @@ from tcbench.systems.right_hand_side import Field
 
 DENSE = 80  # length of a state up to which a dense Jacobian is the faster one
 IMPLICIT = ("Radau", "BDF", "LSODA")
+EXPLICIT = ("dopri5", "dop853", "rk45")  # take right-hand sides alone
 NOT_FINITE = "array must not contain infs or NaNs"  # as SciPy says it
 DENSE_LU = ("Radau", "BDF")  # solve linear systems by scipy.linalg.lu_factor and lu_solve
 
@@ -188,7 +189,8 @@ def whole(outputs):
 
 
 def peer(name, source, adaptive, outputs=None):
-    return Integrator(name=name, adaptive=adaptive, outputs=outputs, source=source, tags={"peer", "scipy"})
+    tags = {"peer", "scipy"} | ({"explicit"} if name.endswith(EXPLICIT) else set())
+    return Integrator(name=name, adaptive=adaptive, outputs=outputs, source=source, tags=tags)
 
 
 @hookimpl

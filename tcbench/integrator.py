@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from .systems.system import System
 
 SOLVED_FOR = {"entropy": "", "temperature": "temperatures", "energy": "energies"}  # in the place of entropies
-MOST_REDUCED = 60  # numbers of a state with constraints, up to which its ODE is traced
+MOST_REDUCED = 240  # numbers of a state, up to which the ODE under constraints is traced: 5 s for 30 rigid rods
 TAKE_ANY = "take a method for every system, such as tc_monolithic"
 ELEMENTS = f"write its class as an ElementSystem (docs/add-system.md), or {TAKE_ANY}"
 WAYS = ("flows", "step", "adaptive")  # to step; an integrator gives one
@@ -312,11 +312,11 @@ class Integrator:
         if self.kind == "flows" and not self.memory and not any(flow.stages or flow.of_step for flow in self.flows):
             return ""
         if self.kind == "adaptive" and "peer" in self.tags:
-            if system.size <= MOST_REDUCED:
+            if system.size <= MOST_REDUCED or "explicit" in self.tags:
                 return ""
             return (
-                f"it solves ODEs, and that of a system with constraints is traced up to {MOST_REDUCED} numbers; "
-                f"{system.name} has {system.size}"
+                f"it needs the ODE under the constraints as formulas, which are traced up to {MOST_REDUCED} numbers; "
+                f"{system.name} has {system.size}: take scipy_dop853 or solve_ivp_rk45, to which numbers are enough"
             )
         return (
             f"{system.name} has constraints, whose multipliers are unknowns of one-step formulas without stages: take "

@@ -1,4 +1,4 @@
-"""Directors d_1, d_2, d_3, which orthonormality keeps rigid: a body with a liquid core, and a rod that bends; dimensionless."""
+"""Directors, kept rigid by orthonormality: a body with a liquid core, and a rod that bends; dimensionless."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ INERTIA = (0.1, 0.2, 0.3)  # Euler's, of each director; about its axis the body 
 
 
 class DirectorBody(System):
-    """d, pi: directors and their momenta; l, s: angular momentum and entropy of a liquid core that drags the body along."""
+    """d, pi: directors and their momenta; l, s: angular momentum and entropy of a liquid core that drags the body."""
 
     name = "director_body"
     variables = {"d": (3, 3), "pi": (3, 3), "l": (3,), "s": ()}
@@ -75,7 +75,8 @@ class DirectorRod(System):
     multipliers = {"stress": ("node", 6)}
     tables = {"ends": ("element", 2, "node"), "faces": ("face", 2, "element")}
     constants = {
-        "mass": ("node",), "inertia": ("node", 3), "length": ("element",), "shear": (), "tension": (), "bending": (), "twist": (),
+        "mass": ("node",), "inertia": ("node", 3), "length": ("element",), "shear": (), "tension": (),
+        "bending": (), "twist": (),
         "expansion": (), "friction": (), "conductivity": (), "heat_capacity": (),
     }  # fmt: skip
     positive = ("mass", "inertia", "length", "heat_capacity")
@@ -144,7 +145,7 @@ def body(spin: float) -> Scenario:
         initial={"d": d, "pi": inertia[:, None] * np.cross(omega, d), "l": np.zeros(3), "s": 0.0},
         t_end=30.0,
         dt=0.05,
-        shows="a rigid body in directors, whose liquid core turns it to the axis of largest inertia",
+        shows="a rigid body in directors, which a liquid core turns to its axis of largest inertia",
         source=DIRECTORS,
     )
 
@@ -171,7 +172,7 @@ def rod(n: int) -> Scenario:
         },
         t_end=2.0,
         dt=0.02,
-        shows="a rod with directors: bends, twists, stretches, warms",
+        shows="a warm rod in directors bends and twists",
         source=DIRECTORS,
     )  # fmt: skip
 

@@ -24,6 +24,7 @@ import numpy as np
 from .. import cache
 from ..compiler.loaded import loaded_hash
 from ..errors import TcbenchError
+from ..integrator import MOST_REDUCED
 from ..systems.right_hand_side import Field
 from ..systems.scenario import Scenario
 from . import pairs
@@ -124,6 +125,11 @@ class _Recipe:
     """What `compute` needs for one scenario and set of times, and the key under which the result is kept."""
 
     def __init__(self, scenario: Scenario, times: tuple[float, ...]) -> None:
+        if scenario.model.multipliers and scenario.model.size > MOST_REDUCED:
+            raise ReferenceFailed(
+                f"a reference needs the ODE under the constraints as formulas, which are traced up to {MOST_REDUCED} "
+                f"numbers; {scenario.name} has {scenario.model.size}. scipy_dop853 at a small tolerance takes it."
+            )
         self.model, self.start, self.times = scenario.model, scenario.z0, times
         self.field = extended(scenario, "vector_field")
         self.z0 = scenario.z0.astype(LONG)

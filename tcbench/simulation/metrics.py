@@ -7,9 +7,11 @@ from typing import Any
 import numpy as np
 
 from ..solver.implicit_step import compiled_flows
+from ..systems.multipliers import multipliers
 from .invariants import lost_in
 from .trajectory import Trajectory
 
+FORCES = 50  # recorded states at which multipliers are looked at
 MOST_TRIED = 2000  # numbers of a state up to which the terms of an invariant are found by trying
 CANCELLED = 1e-12  # a sum that is smaller than this part of its terms is their round-off
 
@@ -43,15 +45,19 @@ def invariant_scale(run: Trajectory, name: str) -> float:
 
 
 def constraint_errors(run: Trajectory) -> dict[str, float]:
-    """Largest |g| of the constraints and of their rate at the recorded states; none of systems without."""
+    """Of each multiplier NAME, at the recorded states: NAME_constraint_max, the largest |g|, and its rate, the hidden
+    constraint, NAME_constraint_speed_max; NAME_max, the largest |lam|, at some of them. None of systems without."""
     model = run.scenario.model
     if not model.multipliers:
         return {}
-    rows = np.ascontiguousarray(run.z)
-    return {
-        "constraint_error_max": float(np.abs([model.constraint_values(z) for z in rows]).max()),
-        "constraint_speed_max": float(np.abs([model.constraint_speeds(z) for z in rows]).max()),
-    }
+    rows, found = np.ascontiguousarray(run.z), dict[str, float]()
+    missed, speeds = model.constraint_values(rows), model.constraint_speeds(rows)
+    some = rows[np.unique(np.linspace(0, len(rows) - 1, FORCES).astype(int))]
+    forces, names = np.array([multipliers(model).values(z) for z in some]), np.array(multipliers(model).names)
+    for name in model.multipliers:
+        for column, values in (("constraint_max", missed), ("constraint_speed_max", speeds), ("max", forces)):
+            found[f"{name}_{column}"] = float(np.abs(values[:, names == name]).max(initial=0.0))
+    return found
 
 
 def newton_iterations(run: Trajectory) -> float:

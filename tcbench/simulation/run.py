@@ -14,7 +14,7 @@ from ..solver import foresight
 from ..solver.implicit_step import COUNT_WRONG, NO_AUDIT, NO_ROOT, NONCONVERGED, NONFINITE, OK, Rules, compiled_flows
 from ..solver.quotients import REMEDY, finite_at_rest, zero_over_zero
 from ..systems.as_written import check_repeats
-from ..systems.constrained import check_start
+from ..systems.multipliers import check_start
 from ..systems.refusals import check_invariants
 from ..systems.scenario import Scenario
 from .compiled_loop import LOOPS, Run

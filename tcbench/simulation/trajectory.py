@@ -153,6 +153,16 @@ class Trajectory:
         return self.invariants.get("angular_momentum", np.full(len(self.t), np.nan))
 
     @property
+    def multipliers(self) -> dict[str, Floats]:
+        """Multipliers of constraints at each recorded state, by name, (m, count): those that keep the rates 0."""
+        from ..systems.multipliers import multipliers  # of few systems
+
+        if (solved := multipliers(self.scenario.model)) is None:
+            return {}
+        found = np.array([solved.values(z) for z in self.z])
+        return {name: found[:, np.array(solved.names) == name] for name in self.scenario.model.multipliers}
+
+    @property
     def lyapunov(self) -> Floats:
         """E - theta_ref S (m,), eq. (37)."""
         reference = float(self.scenario.model.reference_temperature)

@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from .system import System
 
 NONE_AT_ZERO = 1e-32  # beside h^4: what is left of a constraint is made up for at h > 0 only
-KEPT = 1e-9  # what a start may miss of a constraint, over 1 and the size of its terms
 
 
 def check_multipliers(cls: Any) -> None:
@@ -257,51 +256,3 @@ def _solved(system: Any, x: Any) -> list[Symbol]:
     A = [[trace.neg(product(bend, pull)) for pull in pulls] for bend in bends]
     factors, _ = factorise(A)
     return factors.solve([product(bend, free) for bend in bends])
-
-
-# ---- the start ------------------------------------------------------------------------------------------------------
-
-
-def check_start(system: System, z0: Any) -> None:
-    """TcbenchError where a run would begin off the constraints, or with velocities that leave them."""
-    for what, values, cure in (
-        ("constraints", system.constraint_values(z0), "initial positions that satisfy them"),
-        ("velocity form", system.constraint_speeds(z0), "initial momenta along them, as consistent_momenta() gives"),
-    ):
-        worst = float(np.abs(values).max(initial=0.0))
-        if not worst <= KEPT * (1.0 + float(np.abs(z0).max())):
-            k = int(np.nanargmax(np.abs(values)))
-            told = "constraints(z) is" if what == "constraints" else "the rate of constraints(z) is"
-            raise TcbenchError(
-                f"System {system.name!r}: at the start {told} {worst:.2g}, not 0 (the {k + 1}th of {len(values)}): "
-                f"give {cure}."
-            )
-
-
-def consistent_momenta(system: System, z0: Any, names: Sequence[str] = ("p",)) -> Any:
-    """z0 with the momenta nearest in kinetic energy that satisfy the velocity form, by one projection in numpy.
-
-    p -> p - L Dg mu with (Dg . L d)(...) = 0, matrix from differences of `constraint_speeds`; small and middle sizes.
-    """
-    z = np.array(z0, dtype=float)
-    state = system.state(z)
-    first, end, _ = system.layout[names[0]]
-    del state
-    m = len(system.constraint_values(z))
-    # constraint_speeds is linear in p: columns by differences
-    base = system.constraint_speeds(z)
-    columns = np.empty((m, end - first))
-    for i in range(end - first):
-        moved = z.copy()
-        moved[first + i] += 1.0
-        columns[:, i] = system.constraint_speeds(moved) - base
-    # G M^-1 = columns; kinetic metric: minimise dp M^-1 dp, so dp along G^T, whose columns are those times M
-    hessian = np.empty(end - first)
-    for i in range(end - first):
-        up, down = z.copy(), z.copy()
-        up[first + i] += 1.0
-        down[first + i] -= 1.0
-        hessian[i] = system.energy(up) + system.energy(down) - 2 * system.energy(z)  # 1/mass
-    weighed = columns / hessian
-    z[first:end] -= weighed.T @ np.linalg.lstsq(columns @ weighed.T, base, rcond=None)[0]
-    return z

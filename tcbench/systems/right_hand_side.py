@@ -15,6 +15,7 @@ import numpy as np
 from ..compiler.derivatives import INFINITE
 from ..compiler.once import cached_property
 from ..errors import TcbenchError
+from ..integrator import MOST_REDUCED
 from .system import System
 
 
@@ -27,9 +28,14 @@ class Field:
         self._evaluate = evaluate
         n = system.size
         self.system, self.size, self.c = system, n, system.constant_values
-        self.rate_address = system.kernel("vector_field")[0].address
         self.evaluations = 0
         self._rate = np.empty(n)
+        if system.multipliers and n > MOST_REDUCED:  # by sparse solves, in numbers
+            from .multipliers import multipliers
+
+            self.rate_address, self._evaluate = 0, multipliers(system).evaluated
+        else:
+            self.rate_address = system.kernel("vector_field")[0].address
 
     def shared(self, t: float, z: Any) -> Any:
         """The rate in one array that every call fills anew: for solvers that copy what they get."""

@@ -182,6 +182,14 @@ class Scenario:
         """Largest |E - E0| of a run that is no blow-up."""
         return self.blowup_factor * self.initial_exergy
 
+    def consistent(self) -> Scenario:
+        """The variant that starts at the nearest state that satisfies the constraints and their rate; this one where it
+        has none."""
+        from .multipliers import multipliers  # of few systems
+
+        solved = multipliers(self.model)
+        return self if solved is None else self.replace(**self.model.initial_of(solved.consistent(self.z0)))
+
     def replace(self, **changes: Any) -> Scenario:
         """A variant: settings (name, t_end, dt, positions, ...), constants, or variables (their initial values)."""
         settings: dict[str, Any] = {}

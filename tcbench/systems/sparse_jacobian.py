@@ -1,4 +1,5 @@
-"""d(vector field)/dz of a large system as a sparse matrix: for implicit solvers of others (SciPy's Radau and BDF)."""
+"""Slopes of a system's formulas as sparse matrices: for implicit solvers of others (SciPy's Radau and BDF), and for
+multipliers of large systems."""
 
 from __future__ import annotations
 
@@ -11,55 +12,75 @@ import numpy as np
 from ..compiler import derivatives as trace
 from ..compiler.array_jacobian import jacobian_terms
 from ..compiler.array_kernels import jacobian_kernel
-from ..compiler.array_mesh import scattered
+from ..compiler.array_mesh import Block, scattered
 from ..compiler.array_states import entries
+from ..compiler.arrays import variable
 from ..compiler.kernels import Kernel, kernel, placed
 from .system import System
+
+Formula = Callable[..., Any]  # of a system and states
 
 
 def sparse_jacobian(system: System) -> Callable[[Any], Any]:
     """J(z) -> scipy.sparse.csr_matrix, shape (n, n), of a state z (n,); exact, traced once a structure."""
+    return sparse_slopes(system, vector_field)
+
+
+def vector_field(system: Any, z: Any) -> Any:
+    return system.vector_field(z)
+
+
+def sparse_slopes(system: System, formula: Formula, states: int = 1) -> Callable[..., Any]:
+    """d formula(system, z, ...)/d(the last of so many states) -> scipy.sparse.csr_matrix, shape (values, n)."""
     from scipy.sparse import csr_matrix
 
-    entries_of, rows, columns = _entries(system.symbolic)
+    entries_of, rows, columns, m = _entries(system.symbolic, formula, states)
     n = system.size
     key, places = np.unique(rows * n + columns, return_inverse=True)
-    first = np.searchsorted(key, np.arange(n + 1) * n)
+    first = np.searchsorted(key, np.arange(m + 1) * n)
     index = key % n
 
-    def jacobian(z: Any) -> Any:
-        values = entries_of(np.ascontiguousarray(z, dtype=float), system.constant_values)[: len(places)]
-        return csr_matrix((np.bincount(places, values, len(key)), index, first), shape=(n, n))
+    def slopes(*given: Any) -> Any:
+        at = np.concatenate(given).astype(float)
+        values = entries_of(at, system.constant_values)[: len(places)]
+        return csr_matrix((np.bincount(places, values, len(key)), index, first), shape=(m, n))
 
-    return jacobian
+    return slopes
 
 
 @cache
-def _entries(symbolic: Any) -> tuple[Kernel, Any, Any]:
-    """The kernel of the entries, and their rows and columns."""
-    if symbolic.large and not symbolic.multipliers:
-        return _by_arrays(symbolic)
+def _entries(symbolic: Any, formula: Formula, states: int) -> tuple[Kernel, Any, Any, int]:
+    """The kernel of the entries, their rows and columns, and the number of values."""
+    if symbolic.large and not (formula is vector_field and symbolic.multipliers):
+        return _by_arrays(symbolic, formula, states)
     with trace.tracing():
-        z = trace.variables("z", symbolic.size)
-        found = trace.sparse_jacobian(list(symbolic.vector_field(z)), list(z))
+        given = [trace.variables(f"z{k}", symbolic.size) for k in range(states)]
+        values = list(map(trace.lifted, entries(formula(symbolic, *map(symbolic.state, given)))))
+        found = trace.sparse_jacobian(values, list(given[-1]))
         terms = [(i, j, slope) for i, row in enumerate(found) for j, slope in row.items()]
-        made = kernel(placed("a", z) | symbolic.constant_symbols(), [slope for _, _, slope in terms])
-    return made, *(np.array([term[k] for term in terms], np.int64) for k in range(2))  # type: ignore[return-value]
+        inputs = placed("a", np.concatenate(given)) | symbolic.constant_symbols()
+        made = kernel(inputs, [slope for _, _, slope in terms])
+    rows, columns = (np.array([term[k] for term in terms], np.int64) for k in range(2))
+    return made, rows, columns, len(values)
 
 
-def _by_arrays(symbolic: Any) -> tuple[Kernel, Any, Any]:
+def _by_arrays(symbolic: Any, formula: Formula, states: int) -> tuple[Kernel, Any, Any, int]:
     """As of any system, in loops."""
     net, mesh = symbolic.by_arrays, symbolic.mesh
     with trace.tracing():
-        z = net.fresh_state("z")
-        x, blocks = entries(z), net.blocks(z)
+        given = [net.fresh_state(f"z{k}") for k in range(states)]
+        x, blocks = entries(given[-1]), net.blocks(given[-1])
+        values = net.blocks(formula(net, *given))
+        ours = [Block(b.space, tuple(variable("row", b.space) for _ in b.symbols)) for b in values]
         # less an array, so that each entry has a row also where all have one number for their rate
-        rates = zip(entries(net.vector_field(z)), entries(net.fresh_state("rate")), strict=True)
-        found = jacobian_terms([trace.sub(trace.lifted(f), rate) for f, rate in rates], x)
-        flat = [(i, term, slope) for i, row in enumerate(found) for term, slope in row.items()]
-        inputs = {"a": blocks, "b": net.constant_blocks()}
+        rows = [trace.sub(f, row) for b, own in zip(values, ours, strict=True)
+                for f, row in zip(b.symbols, own.symbols, strict=True)]  # fmt: skip
+        found = jacobian_terms(rows, x)
+        flat = [(i + len(x), term, slope) for i, row in enumerate(found) for term, slope in row.items()]
+        inputs = {"a": net.blocks([*given]), "b": net.constant_blocks()}
         made = jacobian_kernel(inputs, [], [(term, slope) for _, term, slope in flat], [])
-    there = scattered(mesh, blocks, [(i, term) for i, term, _ in flat])
-    count = len(there.rows)
+    there = scattered(mesh, [*blocks, *ours], [(i, term) for i, term, _ in flat])
+    count, n = len(there.rows), mesh.offsets(blocks)[-1]
     places = there.places(np.arange(count), count)
-    return made.kernel(mesh.with_entries(count), places, extra=1), there.rows, there.columns
+    kernel_ = made.kernel(mesh.with_entries(count), places, extra=1)
+    return kernel_, there.rows - n, there.columns, mesh.offsets(ours)[-1]

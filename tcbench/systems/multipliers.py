@@ -1,0 +1,162 @@
+"""Multipliers at a state, in numbers: {g, dg/dt} lam = -grad(dg/dt) . f0 by one sparse solve, for systems of any size.
+
+With them the ODE under the constraints, the states nearest to a start that satisfy them, and which constraints are
+redundant. -{g, dg/dt} is G M^-1 G^T of mechanics, symmetric and positive definite where constraints are independent.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from ..compiler.once import cached_property
+from ..errors import TcbenchError
+from .sparse_jacobian import sparse_slopes
+from .system import System
+
+REDUNDANT = 1e-10  # of a diagonal entry: a pivot that is less is round-off
+KEPT = 1e-9  # what a start may miss of a constraint, over 1 and the size of the state
+SHOWN = 30  # numbers of a variable that a sentence writes out
+MOST = 50  # corrections of a start
+CLOSE = 1e-15  # of its own size, a correction that is the last
+
+
+def values(system: Any, z: Any) -> Any:
+    return system.constraint_values(z)
+
+
+def speeds(system: Any, z: Any) -> Any:
+    return system.constraint_speeds(z)
+
+
+def reversible(system: Any, z: Any, covector: Any) -> Any:
+    """L(z) covector: what a force is made of."""
+    return system.state(system.reversible(z, covector, system.state(system.entropy_gradient(z))))
+
+
+class Multipliers:
+    """Of one system with constraints; m of them, n numbers of a state."""
+
+    def __init__(self, system: System) -> None:
+        self.system = system
+        self._bend = sparse_slopes(system, speeds)  # (m, n)
+        self._slopes = sparse_slopes(system, values)  # (m, n)
+        self._bracket = sparse_slopes(system, reversible, 2)  # (n, n)
+
+    @cached_property
+    def names(self) -> list[str]:
+        """Of each constraint the name of its multiplier."""
+        return [name for name, size in sizes(self.system).items() for _ in range(size)]
+
+    def told(self, k: int) -> str:
+        """A constraint in words: the 2nd of lam, say."""
+        name = self.names[k]
+        of = self.names.count(name)
+        return name if of == 1 else f"number {k - self.names.index(name) + 1} of {of} of {name}"
+
+    def at(self, z: Any) -> tuple[Any, Any, Any, Any]:
+        """Slopes of g, of dg/dt, L Dg^T and -{g, dg/dt} at a state, sparse: (m, n), (m, n), (n, m), (m, m)."""
+        z = np.asarray(z, dtype=float)
+        G, B = self._slopes(z), self._bend(z)
+        force = self._bracket(z, np.zeros(len(z))) @ G.T
+        return G, B, force, (-(B @ force)).tocsc()
+
+    def factors(self, inertia: Any) -> Any:
+        from scipy.sparse import diags
+        from scipy.sparse.linalg import splu
+
+        least = REDUNDANT**1.5 * (np.abs(inertia.diagonal()) + 1e-300)  # so that a redundant one has a pivot
+        return splu((inertia + diags(least)).tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
+                    options={"SymmetricMode": True})  # fmt: skip
+
+    def values(self, z: Any) -> Any:
+        """lam at a state, shape (m,)."""
+        _, B, _, inertia = self.at(z)
+        return self.factors(inertia).solve(B @ np.asarray(self.system.free_rate(z)))
+
+    def rate(self, z: Any) -> Any:
+        """dz/dt under the constraints, shape (n,)."""
+        free = np.asarray(self.system.free_rate(z))
+        _, B, force, inertia = self.at(z)
+        return free + force @ self.factors(inertia).solve(B @ free)
+
+    def evaluated(self, address: int, z: Any, constants: Any, out: Any) -> None:
+        """`rate`, called as a compiled kernel is."""
+        out[:] = self.rate(z)
+
+    def redundant(self, z: Any) -> list[int]:
+        """Constraints that say nothing that those before them do not, at this state."""
+        inertia = self.at(z)[3]
+        factors = self.factors(inertia)
+        own = np.abs(inertia.diagonal())[np.argsort(factors.perm_c)]
+        pivots = np.abs(factors.U.diagonal())
+        return sorted(np.argsort(factors.perm_c)[~(pivots > REDUNDANT * own)].tolist())
+
+    def consistent(self, z: Any) -> Any:
+        """The nearest state that satisfies the constraints and their velocity form: positions by M^-1 Dg^T, until g is
+        round-off, then momenta nearest in kinetic energy."""
+        z = np.array(z, dtype=float)
+        last = math.inf
+        for _ in range(MOST):
+            G, B, _, inertia = self.at(z)
+            weighed = self._bracket(z, np.zeros(len(z))) @ B.T
+            weighed = weighed.multiply((np.abs(G).sum(axis=0) > 0).reshape(-1, 1)).tocsr()  # of what g reads alone
+            move = -(weighed @ self.factors((G @ weighed).tocsc()).solve(np.asarray(self.system.constraint_values(z))))
+            z += move
+            size = float(np.abs(move).max(initial=0.0))
+            if not CLOSE * np.abs(z).max() < size < last:
+                break
+            last = size
+        _, _, force, inertia = self.at(z)
+        for _ in range(2):
+            z += force @ self.factors(inertia).solve(np.asarray(self.system.constraint_speeds(z)))
+        return z
+
+
+def sizes(system: System) -> dict[str, int]:
+    """How many constraints each multiplier holds."""
+    z = np.ones(system.size)
+    with np.errstate(all="ignore"):
+        found = system.constraints(system.state(z))
+    return {name: len(np.ravel(np.asarray(found[name]))) for name in system.multipliers}
+
+
+def multipliers(system: System) -> Multipliers:
+    """The one of a system, which is kept."""
+    return system.__dict__.setdefault("_multipliers", Multipliers(system)) if system.multipliers else None
+
+
+def check_start(system: System, z0: Any) -> None:
+    """TcbenchError where constraints are redundant, or the start is off them or has velocities that leave them."""
+    solved, allowed = multipliers(system), KEPT * (1.0 + float(np.abs(z0).max()))
+    for rate in (False, True):
+        found = np.asarray(system.constraint_speeds(z0) if rate else system.constraint_values(z0))
+        k = int(np.argmax(np.where(np.isnan(found), np.inf, np.abs(found))))
+        if not abs(found[k]) <= allowed:
+            raise TcbenchError(
+                f"System {system.name!r}: at the start {'the rate of constraints(z)' if rate else 'constraints(z)'} is "
+                f"{found[k]:.2g}, not 0 ({solved.told(k)}): {_cure(system, solved, z0)}"
+            )
+    if redundant := solved.redundant(z0):
+        m = len(solved.names)
+        raise TcbenchError(
+            f"System {system.name!r}: of its {m} constraints {m - len(redundant)} are independent at the start; "
+            f"{solved.told(redundant[0])} says nothing that the others do not, so that the multipliers are not unique: "
+            "leave it out, or start where its direction differs from theirs."
+        )
+
+
+def _cure(system: System, solved: Multipliers, z0: Any) -> str:
+    """What to start from: the nearest start that is consistent."""
+    with np.errstate(all="ignore"):
+        z, here = solved.consistent(z0), np.asarray(z0)
+    if not np.all(np.isfinite(z)) or np.abs(system.constraint_values(z)).max() > KEPT * (1.0 + np.abs(z).max()):
+        return "there is no state near it that satisfies them; do they contradict each other?"
+    state, moved = system.state(z), np.abs(z - here) > KEPT * (1.0 + np.abs(z))
+    names = [name for name, (first, end, _) in system.layout.items() if moved[first:end].any()]
+    told = "the nearest start that is consistent is scenario.consistent()"
+    if sum(np.size(getattr(state, name)) for name in names) > SHOWN:
+        return f"{told}, which moves {' and '.join(names)} by at most {np.abs(z - here).max():.2g}."
+    return f"{told}, {', '.join(f'{n} = {np.round(getattr(state, n), 12).tolist()}' for n in names)}."
