@@ -2,8 +2,7 @@
 
 from tcbench import ScenarioFamily, hookimpl
 
-BETSCH = "Betsch (2005), Comput. Methods Appl. Mech. Eng. 194; Betsch and Steinmann (2002), Int. J. Num. Meth. Eng. 53"
-DIRECTORS = "Romero and Armero (2002), Int. J. Numer. Meth. Eng. 54; Betsch and Steinmann (2002), ibid. 54"
+from .sources import BETSCH, DIRECTORS
 
 
 def rods_of(n):
@@ -44,7 +43,13 @@ def tcbench_scenarios():
             ("rods", rods_of, {"n": "3"}, "rigid rods: a pendulum of n links whose joints rub and warm", BETSCH),
             ("rod_loop", loop_of, {"n": "6"}, "a closed loop of rigid rods, which rubs itself stiff", BETSCH),
             ("four_masses", four_masses_of, {"spin": "1"}, "a rigid body: four masses and six rigid rods", BETSCH),
-            ("director_body", director_body_of, {"spin": "1"}, "a rigid body in directors with a liquid core", DIRECTORS),
+            (
+                "director_body",
+                director_body_of,
+                {"spin": "1"},
+                "a rigid body in directors with a liquid core",
+                DIRECTORS,
+            ),
             ("director_rod", director_rod_of, {"n": "4"}, "a warm rod in directors bends and twists", DIRECTORS),
         )
     ]

@@ -9,8 +9,8 @@ import numpy as np
 from tcbench import Scenario, System
 from tcbench.systems.spring_network import whole_numbers
 
-from . import DIRECTORS
 from .rods import ANGULAR, number
+from .sources import DIRECTORS
 
 MOST = 20_000  # elements of a rod
 INERTIA = (0.1, 0.2, 0.3)  # Euler's, of each director; about its axis the body has the sum of the two others

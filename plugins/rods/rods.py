@@ -9,7 +9,7 @@ import numpy as np
 from tcbench import Scenario, System, TcbenchError
 from tcbench.systems.spring_network import whole_numbers
 
-from . import BETSCH
+from .sources import BETSCH
 
 MOST = 100_000  # rods
 GRAVITY = 9.81

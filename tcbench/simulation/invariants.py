@@ -25,7 +25,7 @@ AT_GRADIENTS = 1e-9  # rate of J by the equations themselves, over its terms: th
 CURE = "tc_invariant keeps it, whatever it is"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Lost:
     """An invariant that steps of a method change: by how much, over its terms, and why."""
 
