@@ -3,10 +3,10 @@
 import numpy as np
 
 from tcbench import Integrator, family, hookimpl
+from tcbench.compiler import ops
 from tcbench.systems.right_hand_side import expressions
 
 SOLVERS = {"kvaerno5": "Kvaerno5", "dopri8": "Dopri8"}  # the first, implicit, is the default
-FUNCTIONS = ("exp", "log", "sqrt", "sin", "cos", "tan", "sinh", "cosh", "tanh", "log1p", "expm1", "hypot", "abs")
 MOST_STEPS = 1_000_000
 _COMPILED = {}  # XLA takes seconds for each kind of system, solver and number of output times
 
@@ -22,8 +22,7 @@ def compiled(system, name, count):
     implicit = issubclass(chosen, diffrax.AbstractImplicitSolver)
     # with diffrax's own chord method half of all steps are rejected and a run takes 4 to 7 times as long
     method = chosen(root_finder=diffrax.with_stepsize_controller_tols(optimistix.Newton)()) if implicit else chosen()
-    functions = {name: getattr(jnp, name) for name in FUNCTIONS}
-    functions |= {"asin": jnp.arcsin, "acos": jnp.arccos, "atan": jnp.arctan, "atan2": jnp.arctan2, "pow": jnp.power}
+    functions = {name: getattr(jnp, name) for name in ops.functions() if hasattr(jnp, name)}
     unknowns, given = range(system.size), range(len(system.constant_values))
 
     def rate(t, z, c):

@@ -3,9 +3,9 @@
 import numpy as np
 
 from tcbench import Integrator, hookimpl
+from tcbench.compiler import ops
 from tcbench.systems.right_hand_side import expressions
 
-FUNCTIONS = ("exp", "log", "sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "atan2")
 MOST = 200  # numbers of a state: heyoka takes seconds to compile the formulas of so many, minutes for more
 _FREE = {}  # integrators that no run has, by kind of system and tolerance: heyoka takes a second to make one
 
@@ -17,9 +17,7 @@ def compiled(system, tolerance, own):
 
     unknown = [hy.make_vars(f"x{i}") for i in range(system.size)]  # of one name alone it makes no list
     constants = [hy.par[i] for i in range(len(system.constant_values))]
-    functions = {name: getattr(hy, name) for name in FUNCTIONS}
-    functions |= {"log1p": lambda x: hy.log(1.0 + x), "expm1": lambda x: hy.exp(x) - 1.0, "pow": lambda x, y: x**y}
-    functions["hypot"] = lambda x, y: hy.sqrt(x * x + y * y)
+    functions = {name: getattr(hy, name) for name in ops.functions() if hasattr(hy, name)} | {"pow": pow}
     sizes = constants[len(constants) - len(system.least) :]
     each = [size for size, (a, b, _) in zip(sizes, system.layout.values(), strict=False) for _ in range(a, b)]
     state = unknown if own else [x * size for x, size in zip(unknown, each, strict=True)]

@@ -8,13 +8,12 @@ import re
 import numpy as np
 
 from tcbench import Integrator, family, hookimpl
+from tcbench.compiler.ops import rewritten
 
 SOLVERS = ("bdf", "esdirk34", "tr_bdf2")  # the first is the default
 FIRST_STEP = 1e-3  # of the tolerance's square root: the package's own, 1.0, lasts longer than a stiff start
-REWRITTEN = {  # functions that their language has not
-    "log1p": "log(1.0 + ({}))", "expm1": "(exp({}) - 1.0)", "asin": "arcsin({})", "acos": "arccos({})",
-    "atan": "arctan({})", "recip": "(1.0 / ({}))",
-}  # fmt: skip
+NAMES = {"asin": "arcsin", "acos": "arccos", "atan": "arctan"}  # of functions that their language calls otherwise
+KNOWN = (*NAMES, "exp", "log", "sqrt", "sin", "cos", "tan", "sinh", "cosh", "tanh", "abs", "pow")
 MOST = 200  # numbers of a state: their compiler takes 50 s and 1.6 GB for so many, and 4 min and 6 GB for twice as many
 GIVEN_UP = "ODE solver error: "  # how a message of a solver that gives up begins
 _FREE = {}  # solvers that no run has, by kind of system: LLVM takes a second to make one
@@ -29,11 +28,10 @@ def program(system, own):
     each = [f"c{first + k}" for k, (a, b, _) in enumerate(system.layout.values()) for _ in range(a, b)]
     lines, out = [] if own else [f"y{i} {{ x{i} * {each[i]} }}" for i in range(size)], {}
     letter = "x" if own else "y"
-    for line in text.splitlines()[1:]:
+    for line in rewritten(text, KNOWN).splitlines()[1:]:
         name, _, formula = (part.strip() for part in line.partition("="))
         formula = re.sub(r"\ba\[(\d+)\]", rf"{letter}\1", re.sub(r"\bb\[(\d+)\]", r"c\1", formula))
-        for function, by in REWRITTEN.items():
-            formula = re.sub(rf"\b{function}\((\w+)\)", lambda found, by=by: by.format(found[1]), formula)
+        formula = re.sub(r"\b(a\w+)\(", lambda call: f"{NAMES.get(call[1], call[1])}(", formula)
         if name.startswith("out["):
             i = int(name[4:-1])
             out[i] = formula if own else f"({formula}) / {each[i]}"

@@ -11,6 +11,7 @@ They are accurate to round-off at any increment, zero included, and so are the d
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,25 +20,47 @@ from .compiler.array_states import each, entries, is_array
 from .compiler.array_symbols import ArraySymbol
 from .compiler.arrays import variable
 from .compiler.derivatives import Symbol, array, lifted, refused, topological, variables
-from .compiler.derivatives import lam as _lam
-from .compiler.derivatives import phi as _phi
 from .compiler.divided_differences import RULES, ZERO, Corners, rectangle, symmetrised_slopes
-from .compiler.symbols import TINY
-from .errors import TraceError
+from .compiler.ops import OPERATIONS, TINY, functions
+from .compiler.symbols import make
+from .errors import TraceError, unknown_name
 
 SHAPES = "It has the arrays themselves, and gives one value for each entry"
 
-__all__ = ["directional", "divided_difference", "divided_differences", "log1p_ratio", "phi"]
+__all__ = ["directional", "divided_difference", "divided_differences", "function", "log1p_ratio", "phi"]
 
 
 def phi(x: Any) -> Any:
     """(exp(x) - 1)/x, which is 1 at x = 0: exp(b) - exp(a) = exp(a) phi(b - a) (b - a)."""
-    return _each(_phi, x)
+    return _each(partial(make, "phi"), x)
 
 
 def log1p_ratio(x: Any) -> Any:
     """log(1 + x)/x, which is 1 at x = 0: log(b) - log(a) = log1p_ratio((b - a)/a) (b - a)/a. x > -1."""
-    return _each(_lam, x)
+    return _each(partial(make, "lam"), x)
+
+
+def function(name: str) -> Callable[..., Any]:
+    """A function of formulas that numpy has not, a row of `tcbench.compiler.ops`, by its name; of numbers, symbols and
+    arrays of either, entry by entry. UnknownNameError where there is none.
+    """
+    if name not in functions():
+        raise unknown_name("function", name, functions())
+    row = OPERATIONS[name]
+
+    def of_entry(*x: Any) -> Any:
+        method = getattr(x[0], row.numpy, None)
+        return row.value(*x) if method is None else method(*x[1:])  # type: ignore[misc]
+
+    entrywise = np.frompyfunc(of_entry, row.arguments, 1)
+
+    def of(*x: Any) -> Any:
+        found = entrywise(*x)
+        numbers = isinstance(found, np.ndarray) and all(np.asarray(a).dtype != object for a in x)
+        return found.astype(float) if numbers else found
+
+    of.__name__ = name
+    return of
 
 
 def divided_difference(function: Callable[[Any], Any], a: Any, b: Any) -> Any:

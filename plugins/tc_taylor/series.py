@@ -15,6 +15,7 @@ from tcbench import TcbenchError
 from tcbench.compiler import derivatives as trace
 from tcbench.compiler.arrays import LINEAR, rebuilt
 from tcbench.compiler.derivatives import Symbol
+from tcbench.compiler.ops import OPERATIONS, as_methods, evaluated
 
 UNARY = ("log", "exp", "sqrt", "sin", "cos", "sinh", "cosh", "tanh", "atan")
 
@@ -99,18 +100,11 @@ class Normal:
                 return self.inverse(args[0])
             case "mark":
                 return args[0]
-            case "expm1":
-                return combined(self.function("exp", args[0]), {(): ONE}, trace.const(-1.0))
-            case "log1p":
-                return self.function("log", combined(args[0], {(): ONE}, ONE))
             case "pow":
                 base, power = args
                 if len(base) > 1 and not (power.keys() == {()} and power[()].op == "const"):  # 1/2 it may be, or 3/2
                     base, power = self.function("sqrt", base), scaled(power, trace.const(2.0))
                 return self.function("exp", self.times(power, self.function("log", base)))
-            case "hypot":
-                squares = [self.times(x, x) for x in args]
-                return self.function("sqrt", combined(*squares, ONE))
             case "atan2":
                 y, x = args
                 spins = combined(
@@ -119,18 +113,12 @@ class Normal:
                 sizes = combined(self.times(x, x), self.times(y, y), ONE)
                 turn = self.single(self.times(spins, self.inverse(sizes)))
                 return {((self.series("atan2", (turn, self.single(y), self.single(x))), 1),): ONE}
-            case "tan":
-                return self.times(self.function("sin", args[0]), self.inverse(self.function("cos", args[0])))
-            case "asin" | "acos":
-                slope = self.function("sqrt", combined({(): ONE}, self.times(args[0], args[0]), trace.const(-1.0)))
-                found = self.function("atan", self.times(args[0], self.inverse(slope)))
-                if node.op == "asin":
-                    return found
-                return combined({(): trace.const(math.pi / 2)}, found, trace.const(-1.0))
         if node.op in UNARY:
             return self.function(node.op, args[0])
         if node.op in LINEAR and not (node.op == "total" and node.value[0] != "add"):
             return {((self.series(node.op, tuple(map(self.single, args)), index=node.value), 1),): ONE}
+        if node.op in OPERATIONS and (same := OPERATIONS[node.op].same):
+            return self.of([trace.lifted(evaluated(same, as_methods(), *node.args))])[0]
         name = node.value[0] if node.op == "total" else node.op
         raise TcbenchError(f"tc_taylor knows no series of the operation {name!r} in this system's formulas.")
 
@@ -247,7 +235,7 @@ class Normal:
             if x.kind == "sign":
                 return parts[0] / (abs(parts[0]) + trace.TINY)
             inside = abs(parts[0]) if x.of_size else parts[0]
-            return getattr(inside, {"atan": "arctan"}.get(x.kind, x.kind))()
+            return trace.make(x.kind, inside)
 
         def term(key: Monomial, weight: Symbol) -> Symbol:
             factors = [of(x) if k > 0 else trace.reciprocal(of(x)) for x, k in key for _ in range(abs(k))]

@@ -18,6 +18,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from ..compiler.ops import by_numpy
 from ..compiler.sentences import where_in_user_code
 from ..errors import TcbenchError, unknown_name
 from ..systems.as_written import place
@@ -31,9 +32,6 @@ DERIVED = {
     "Wb": "kg*m**2/s**2/A", "T": "kg/s**2/A", "S": "A**2*s**3/kg/m**2", "rad": "1",
 }  # fmt: skip
 DEFAULTS = {"energy": "J", "entropy": "J/K", "time": "s"}
-OF_NUMBERS = (
-    "expm1", "log1p", "sin", "cos", "tan", "arcsin", "arccos", "arctan", "sinh", "cosh", "tanh",
-)  # fmt: skip
 OF_SPACES = ("spaces", "n_positions", "n_elements")  # what an instance has of them, beside its tables
 NEGLIGIBLE = 1e-9  # difference of two exponents that are sums of fractions
 
@@ -162,6 +160,12 @@ class Unit:
     def exp(self) -> Unit:
         return Unit(self.logs) if not self.powers else self._number("the argument of exp")
 
+    def __getattr__(self, name: str) -> Callable[[], Unit]:
+        """Other functions are of pure numbers."""
+        if by_numpy(name) is None:
+            raise AttributeError(name)
+        return lambda: self._number(f"the argument of {name}")
+
     def _number(self, what: str) -> Unit:
         if self._settled().powers:
             raise UnitsDiffer(f"{where_in_user_code()}: {what} is a pure number, not {self}.")
@@ -174,14 +178,6 @@ def _without_zeros(powers: Powers) -> Powers:
 
 def _sums(mine: Powers, others: Powers, sign: float) -> Powers:
     return _without_zeros({name: mine.get(name, 0) + sign * others.get(name, 0) for name in {**mine, **others}})
-
-
-def _of_number(name: str) -> Callable[[Unit], Unit]:
-    return lambda x: x._number(f"the argument of {name}")
-
-
-for _name in OF_NUMBERS:
-    setattr(Unit, _name, _of_number(_name))
 
 
 def unit(text: Any) -> Unit:

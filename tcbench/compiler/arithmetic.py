@@ -14,8 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from . import short_vectors
-from .language import FUNCTIONS
+from . import ops, short_vectors
 from .values import BOOL, FLOAT, INT, NOTHING, Several, TranslationError, Value, constant, say
 
 WHOLE = {ast.Add: "add", ast.Sub: "sub", ast.Mult: "mul"}
@@ -24,16 +23,13 @@ COMPARISONS: dict[type, tuple[str, str]] = {
     ast.Lt: ("slt", "olt"), ast.LtE: ("sle", "ole"), ast.Gt: ("sgt", "ogt"), ast.GtE: ("sge", "oge"),
     ast.Eq: ("eq", "oeq"), ast.NotEq: ("ne", "une"),
 }  # fmt: skip
+OF_C = [row for row in ops.OPERATIONS.values() if hasattr(math, row.name)]
 INTRINSICS: dict[Any, str] = {
-    f: f"llvm.{name}.f64"
-    for name in ("sqrt", "exp", "log", "sin", "cos")
-    for f in (getattr(math, name), getattr(np, name), FUNCTIONS[name])
-}
+    f: f"llvm.{row.name}.f64"
+    for row in OF_C if row.intrinsic for f in (getattr(math, row.name), getattr(np, row.name), row.value)
+}  # fmt: skip
 LIBRARY: dict[Any, str] = {  # of C, with one argument or two
-    f: name
-    for name in FUNCTIONS
-    if name not in ("sqrt", "exp", "log", "sin", "cos", "abs")
-    for f in (getattr(math, name), FUNCTIONS[name])
+    f: row.name for row in OF_C if not row.intrinsic for f in (getattr(math, row.name), row.value)
 }
 
 

@@ -9,13 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import TraceError
-from . import symbols
+from . import ops, symbols
 from .arrays import LINEAR, NO_SLOPE, NUMBER, Map, Path, take, variable
 from .derivatives import depends_on, partials, substitute, topological
 from .symbols import Symbol, const, is_const
-
-CURVED = ("recip", "sqrt", "exp", "log", "expm1", "log1p", "phi", "lam", "sinc", "sin", "cos", "tan", "sinh", "cosh",
-          "tanh", "asin", "acos", "atan", "pow", "mark")  # fmt: skip
 
 
 class Term(NamedTuple):
@@ -47,7 +44,7 @@ def jacobian_terms(outputs: Sequence[Symbol], unknowns: Sequence[Symbol], most: 
     tangents: dict[int, Terms] = {x.number: _identity(x) for x in unknowns}
     seeds: dict[int, Terms] = {}
     nodes = topological(outputs)
-    curved = {node.args[0].number for node in nodes if node.op in CURVED}
+    curved = {node.args[0].number for node in nodes if bends(node)}
     readers = Counter(a.number for node in nodes for a in dict.fromkeys(node.args))
     for node in nodes:
         if node.number in tangents or not any(tangents.get(a.number) for a in node.args):
@@ -75,6 +72,11 @@ def jacobian_terms(outputs: Sequence[Symbol], unknowns: Sequence[Symbol], most: 
     for x in outputs:
         rows.append(_expanded(tangents.get(x.number, {}), seeds, most))
     return rows
+
+
+def bends(node: Symbol) -> bool:
+    """Is it a curved function of one value, a power, or marked?"""
+    return node.op in ("pow", "mark") or (node.op in ops.OPERATIONS and node.op != "neg" and len(node.args) == 1)
 
 
 def _look(terms: Terms, most: float) -> None:

@@ -12,9 +12,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from . import arrays
+from . import arrays, ops
 from .derivatives import (
-    LINEAR,
     Symbol,
     accumulate,
     add,
@@ -23,14 +22,12 @@ from .derivatives import (
     is_const,
     mul,
     partials,
-    phi,
     rebuild,
     reciprocal,
     topological,
 )  # fmt: skip
 from .divided_differences import Corners, rectangle
 from .kinks import argument_of_sign, slope_of_sign
-from .language import NUMPY_NAMES
 
 ZERO, ONE = const(0.0), const(1.0)
 
@@ -92,10 +89,8 @@ class Edge:
 def divided_differences(node: Symbol, edges: Sequence[Edge], value: Symbol) -> tuple[Symbol, ...]:
     """Of an operation by each of its arguments, symmetric in both ends; value: its result at the start."""
     op, x = node.op, edges[0]
-    if op in LINEAR:
-        return tuple(map(const, LINEAR[op]))
-    if op == "mark":
-        return (ONE,)
+    if op in ("add", "sub", "neg", "mark"):
+        return partials(node)
     if op == "mul":
         of = argument_of_sign(node)
         if of is None:
@@ -115,7 +110,7 @@ def divided_differences(node: Symbol, edges: Sequence[Edge], value: Symbol) -> t
         of_log = _of_function("log", x)
         log = Edge(x.value.log(), of_log * x.step)
         by_base, by_exponent = y.middle * of_log, log.middle
-        outer = value * phi(by_base * x.step + by_exponent * y.step)
+        outer = value * ONE.make("phi", by_base * x.step + by_exponent * y.step)
         return outer * by_base, outer * by_exponent
     return (_of_function(op, x),)
 
@@ -123,7 +118,8 @@ def divided_differences(node: Symbol, edges: Sequence[Edge], value: Symbol) -> t
 def _of_function(op: str, x: Edge) -> Symbol:
     """Of an elementary function of one argument, by the rules of `divided_differences`."""
     along, _ = rectangle(x.value, x.step, ZERO, ZERO)
-    found: Corners = getattr(along, NUMPY_NAMES.get(op, op))()
+    row = ops.OPERATIONS.get(op)
+    found: Corners = getattr(along, row.numpy if row else op)()
     return found.pi_at_s0
 
 

@@ -7,10 +7,12 @@ graphs, so that compiled steps need no complex arithmetic of their own. Function
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
 
+from . import ops
 from .sentences import refused
 from .symbols import Symbol, array, const, operators
 
@@ -84,22 +86,18 @@ class Complex:
     def cos(self) -> Complex:
         return Complex(self.re.cos() * self.im.cosh(), -(self.re.sin() * self.im.sinh()))
 
-    def tan(self) -> Complex:
-        return self.sin() / self.cos()
-
     def sinh(self) -> Complex:
         return Complex(self.re.sinh() * self.im.cos(), self.re.cosh() * self.im.sin())
 
     def cosh(self) -> Complex:
         return Complex(self.re.cosh() * self.im.cos(), self.re.sinh() * self.im.sin())
 
-    def tanh(self) -> Complex:
-        return self.sinh() / self.cosh()
-
     def __getattr__(self, name: str) -> Any:
-        if name.startswith("__"):
-            raise AttributeError(name)
-        raise refused(f"{name!r} of a complex number is not known here")
+        row = ops.by_numpy(name)
+        if row is None or not row.same:
+            told = refused(f"{name!r} of a complex number is not known here")
+            raise AttributeError(name) if name.startswith("__") else told
+        return partial(ops.evaluated, row.same, ops.as_methods(), self)
 
     def _angle(self) -> Symbol:
         """arg z for Re z > 0: atan(im/re)."""

@@ -13,11 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import TraceError
-from . import arrays
-from .language import NUMPY_NAMES
+from . import arrays, ops
+from .ops import INFINITE, TINY
 from .sentences import refused
 from .symbols import (
-    TINY,
     Symbol,
     add,
     array,
@@ -59,21 +58,6 @@ def guarded(value: Symbol, terms: Iterable[Symbol]) -> Symbol:
     return intern("guard", (value, total))
 
 
-def phi(x: Symbol) -> Symbol:
-    """expm1(x)/x, 1 at 0: the divided difference of exp, dimensionless."""
-    return const(1.0) if is_const(x, 0.0) else intern("phi", (x,))
-
-
-def lam(x: Symbol) -> Symbol:
-    """log1p(x)/x, 1 at 0: the divided difference of log, dimensionless."""
-    return const(1.0) if is_const(x, 0.0) else intern("lam", (x,))
-
-
-def sinc(x: Symbol) -> Symbol:
-    """sin(x)/x, 1 at 0: what the divided differences of sin and cos are made of."""
-    return const(1.0) if is_const(x, 0.0) else intern("sinc", (x,))
-
-
 def mark(x: Symbol) -> Symbol:
     """The same value, as an intermediate through which derivatives are accumulated (it saves operations, e.g. when
     everything in an element depends on all positions through one strain measure)."""
@@ -85,103 +69,10 @@ def mark(x: Symbol) -> Symbol:
 
 def partials(node: Symbol) -> tuple[Symbol, ...]:
     """Derivative of a node by each of its arguments."""
-    op, args = node.op, node.args
-    if op == "mul":
-        return args[1], args[0]
-    if op in LINEAR:
-        return tuple(map(const, LINEAR[op]))
-    if op in SLOPES:
-        return (SLOPES[op](node, args[0]),)
-    if op in SLOPES_OF_TWO:
-        return SLOPES_OF_TWO[op](node, *args)
-    raise refused(f"the operation {op!r} has no derivative here")
-
-
-def one() -> Symbol:
-    return const(1.0)  # of this trace
-
-
-def _of_power(node: Symbol, base: Symbol, exponent: Symbol) -> tuple[Symbol, Symbol]:
-    if is_const(exponent) and exponent.value > 1.0:  # the slope is finite at 0
-        by_base = mul(exponent, power(base, sub(exponent, one())))
-    elif base.positive or (is_const(exponent) and exponent.value < 0.0):
-        by_base = mul(mul(exponent, node), reciprocal(base))
-    elif is_const(exponent):
-        by_base = mul(mul(exponent, add(node, const(TINY))), reciprocal(add(base, const(TINIER))))
-    else:  # of 0, 1, 2, ... or none: at 0 the slope may be any
-        by_base = mul(exponent, make("pow", add(base, const(TINIER)), sub(exponent, one())))
-    return by_base, const(0.0) if is_const(exponent) else mul(node, make("log", base))
-
-
-def _of_angle(node: Symbol, y: Symbol, x: Symbol) -> tuple[Symbol, Symbol]:
-    inverse = reciprocal(add(mul(x, x), mul(y, y)))
-    return mul(x, inverse), neg(mul(y, inverse))
-
-
-def _of_atan_slope(node: Symbol, a: Symbol, d: Symbol) -> tuple[Symbol, Symbol]:
-    """d/da of (atan(a + d) - atan(a))/d is -(a + b)/((1 + a^2)(1 + b^2)), b = a + d."""
-    b = add(a, d)
-    below = mul(add(one(), mul(a, a)), add(one(), mul(b, b)))
-    return neg(mul(add(a, b), reciprocal(below))), make("atan_bend", a, d)
-
-
-def _of_tanh_slope(node: Symbol, a: Symbol, d: Symbol) -> tuple[Symbol, Symbol]:
-    top = make("tanh", add(a, d))
-    return neg(mul(node, add(make("tanh", a), top))), mul(node, sub(make("langevin", d), top))
-
-
-def _of_abs_slope(node: Symbol, a: Symbol, d: Symbol) -> tuple[Symbol, Symbol]:
-    """Of (a + b)/(|a| + |b|), b = a + d."""
-    b = add(a, d)
-    size = add(make("abs", a), make("abs", b))
-    below = reciprocal(add(mul(size, size), const(TINY)))
-    by_a, by_b = (mul(sub(size, mul(add(a, b), make("abs_slope", x, const(0.0)))), below) for x in (a, b))
-    return add(by_a, by_b), by_b
-
-
-def _of_slope(node: Symbol, order: Symbol, x: Symbol) -> tuple[Symbol, Symbol]:
-    return const(0.0), make(node.op, add(order, one()), x)
-
-
-# An infinite slope is one of 1e180 or more, so that 0 times it, as in v sqrt(|v|) at rest, is 0; whoever squares it, or
-# asks whether it is as large (INFINITE), has an infinite one.
-TINIER, INFINITE = 1e-240, 1e150
-LINEAR = {"add": (1.0, 1.0), "sub": (1.0, -1.0), "neg": (-1.0,)}
-SLOPES: dict[str, Callable[[Symbol, Symbol], Symbol]] = {  # of a function of x whose value is the node y
-    "recip": lambda y, x: neg(mul(y, y)),
-    "sqrt": lambda y, x: mul(const(0.5), reciprocal(y if x.positive else add(y, const(TINIER)))),
-    "exp": lambda y, x: y,
-    "log": lambda y, x: reciprocal(x),
-    "expm1": lambda y, x: add(y, one()),
-    "log1p": lambda y, x: reciprocal(add(x, one())),
-    "sin": lambda y, x: make("cos", x),
-    "cos": lambda y, x: neg(make("sin", x)),
-    "tan": lambda y, x: add(one(), mul(y, y)),
-    "sinh": lambda y, x: make("cosh", x),
-    "cosh": lambda y, x: make("sinh", x),
-    "tanh": lambda y, x: sub(one(), mul(y, y)),
-    "asin": lambda y, x: reciprocal(make("sqrt", mul(sub(one(), x), add(one(), x)))),
-    "acos": lambda y, x: neg(reciprocal(make("sqrt", mul(sub(one(), x), add(one(), x))))),
-    "atan": lambda y, x: reciprocal(add(one(), mul(x, x))),
-    "abs": lambda y, x: mul(x, reciprocal(add(y, const(TINY)))),  # at 0 the mean of those beside it
-    "phi": lambda y, x: intern("dphi", (x,)),
-    "lam": lambda y, x: intern("dlam", (x,)),
-    "sinc": lambda y, x: intern("dsinc", (x,)),
-    "dphi": lambda y, x: make("phi_slope", const(2.0), x),
-    "dlam": lambda y, x: make("lam_slope", const(2.0), x),
-    "dsinc": lambda y, x: make("sinc_slope", const(2.0), x),
-}
-SLOPES_OF_TWO: dict[str, Callable[[Symbol, Symbol, Symbol], tuple[Symbol, Symbol]]] = {
-    "hypot": lambda y, a, b: (mul(a, r := reciprocal(add(y, const(TINIER)))), mul(b, r)),  # at 0 as of abs
-    "pow": _of_power,
-    "atan2": _of_angle,
-    "atan_slope": _of_atan_slope,
-    "tanh_slope": _of_tanh_slope,
-    "abs_slope": _of_abs_slope,
-    "phi_slope": _of_slope,
-    "lam_slope": _of_slope,
-    "sinc_slope": _of_slope,
-}
+    found = ops.partials(node.op, node, *node.args)
+    if not found:
+        raise refused(f"the operation {node.op!r} has no derivative here")
+    return tuple(map(lifted, found))
 
 
 def topological(outputs: Iterable[Symbol], given: Container[int] = ()) -> list[Symbol]:
@@ -300,15 +191,15 @@ def rebuild(op: str, args: tuple[Any, ...], value: Any = None) -> Any:
     if value is not None:
         return arrays.rebuilt(op, args, value)
     constructors: dict[str, Any] = {
-        "add": add, "sub": sub, "mul": mul, "neg": neg, "recip": reciprocal, "phi": phi, "lam": lam,
-        "mark": mark, "max": maximum, "min": minimum, "pow": power, "sinc": sinc,
+        "add": add, "sub": sub, "mul": mul, "neg": neg, "recip": reciprocal,
+        "mark": mark, "max": maximum, "min": minimum, "pow": power,
     }  # fmt: skip
     if not all(isinstance(x, Symbol) for x in args):  # complex numbers: by their own arithmetic
         unary = {"neg": operator.neg, "recip": lambda x: 1.0 / x, "mark": lambda x: x}
         binary = {"add": operator.add, "sub": operator.sub, "mul": operator.mul, "pow": operator.pow}
         chosen: Any = unary.get(op) or binary.get(op)
         if chosen is None:
-            return operator.methodcaller(NUMPY_NAMES.get(op, op), *args[1:])(args[0])
+            return operator.methodcaller(ops.OPERATIONS[op].numpy, *args[1:])(args[0])
         return chosen(*args)
     if op == "guard":
         return intern(op, args)

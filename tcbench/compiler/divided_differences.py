@@ -10,17 +10,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import reduce
+from functools import partial, reduce
 from typing import Any
 
-from .derivatives import Symbol, const, lam, lifted, phi, refused, sinc
-from .symbols import TINY, make
+from . import ops
+from .derivatives import Symbol, const, lifted, refused
+from .ops import TINY
 
 ZERO = const(0.0)
 HIGH = 6  # square roots one after the other, of which the least number has one above a tenth: see `TINY`
+_RULED = ", ".join(row.numpy for row in ops.OPERATIONS.values() if row.difference).replace("fabs", "abs")
 RULES = (
-    "There are rules for +, -, *, /, **, abs, sqrt, exp, log, expm1, log1p, sin, cos, tan, arcsin, arccos, arctan, "
-    "sinh, cosh, tanh and hypot; methods without discrete gradients (tc_gauss, midpoint_entropy) take every formula"
+    f"There are rules for +, -, *, /, **, {_RULED}; "
+    "methods without discrete gradients (tc_gauss, midpoint_entropy) take every formula"
 )
 ALONE = "Entry i of what it gives is of entry i of its arguments alone"
 # one rule: (value at A, value at B, slope of the argument, increment along the edge) -> slope of the result
@@ -147,15 +149,9 @@ class Corners:
     def __rpow__(self, base: Any) -> Corners:
         return (self * lifted(base).log()).exp()
 
-    def sqrt(self) -> Corners:
-        return self._apply(self.value.sqrt(), lambda a, b, slope, _: slope / (a.sqrt() + b.sqrt()))
-
-    def log(self) -> Corners:
-        return self._apply(self.value.log(), lambda a, _, slope, step: slope / a * lam(step * slope / a))
-
     def exp(self) -> Corners:
         # the value at each corner follows from the slopes, so that every exponential is one phi away from the first
-        e00 = self.value.exp()
+        e00, phi = self.value.exp(), partial(Symbol.make, "phi")
         x10, x01 = self.dpi * self.pi_at_s0, self.ds * self.s_at_pi0
         x11_pi, x11_s = self.dpi * self.pi_at_s1, self.ds * self.s_at_pi1
         pi_at_s0 = e00 * phi(x10) * self.pi_at_s0
@@ -165,50 +161,18 @@ class Corners:
         s_at_pi1 = e10 * phi(x11_s) * self.s_at_pi1
         return self._with(e00, [pi_at_s0, pi_at_s1, s_at_pi0, s_at_pi1])
 
-    def expm1(self) -> Corners:
-        exponential = self.exp()
-        return self._with(self.value.expm1(), [slope for _, _, slope, _ in exponential.edges])
+    def __abs__(self) -> Corners:
+        return self._function(ops.OPERATIONS["abs"])
 
-    def log1p(self) -> Corners:
-        return (self + 1.0).log()._valued(self.value.log1p())
-
-    def sin(self) -> Corners:
-        """sin b - sin a = 2 cos((a + b)/2) sin((b - a)/2); so the cosine, and with the hyperbolic ones."""
-        return self._turned(self.value.sin(), lambda mid: mid.cos(), sinc)
-
-    def cos(self) -> Corners:
-        return self._turned(self.value.cos(), lambda mid: -mid.sin(), sinc)
-
-    def sinh(self) -> Corners:
-        return self._turned(self.value.sinh(), lambda mid: mid.cosh(), _sinhc)
-
-    def cosh(self) -> Corners:
-        return self._turned(self.value.cosh(), lambda mid: mid.sinh(), _sinhc)
-
-    def _turned(self, value: Symbol, rate: Callable[[Symbol], Symbol], ratio: Callable[[Symbol], Symbol]) -> Corners:
-        return self._apply(value, lambda a, b, slope, step: slope * rate(0.5 * (a + b)) * ratio(0.5 * step * slope))
-
-    def tan(self) -> Corners:
-        """tan b - tan a = sin(b - a)/(cos a cos b)."""
-        return self._apply(self.value.tan(), lambda a, b, slope, step: slope * sinc(step * slope) / (a.cos() * b.cos()))
-
-    def tanh(self) -> Corners:
-        return self._apply(self.value.tanh(), lambda a, _, slope, step: slope * make("tanh_slope", a, step * slope))
-
-    def arctan(self) -> Corners:
-        return self._apply(self.value.arctan(), lambda a, _, slope, step: slope * make("atan_slope", a, step * slope))
-
-    def arcsin(self) -> Corners:
-        return (self / ((1.0 - self) * (1.0 + self)).sqrt()).arctan()._valued(self.value.arcsin())
-
-    def arccos(self) -> Corners:
-        return (-self.arcsin())._valued(self.value.arccos())
-
-    def fabs(self) -> Corners:
-        """Symmetric, and of both signs where x passes 0; at 0 itself 0, the mean of those beside it."""
-        return self._apply(abs(self.value), lambda a, _, slope, step: slope * make("abs_slope", a, step * slope))
-
-    __abs__ = fabs
+    def _function(self, row: ops.Operation, *others: Any) -> Corners:
+        """By the operation's own rule, or by that of the formula it is the same as, with the digits of its value."""
+        x = [self, *map(self.lifted, others)]
+        value = Symbol.make(row.name, *(each.value for each in x))
+        rule = row.difference
+        if callable(rule):
+            return self._apply(value, lambda a, b, slope, step: slope * rule(a, b, step * slope))
+        same: Corners = ops.evaluated(row.same, ops.as_methods(), *x)
+        return self._with(value, [slope for _, _, slope, _ in same.edges])
 
     def _no_rule(self, *_: object) -> Any:
         raise refused("a comparison, a whole number or a float is made of what a divided difference is taken of", RULES)
@@ -218,23 +182,13 @@ class Corners:
     __floordiv__ = __rfloordiv__ = __mod__ = __rmod__ = __divmod__ = __rdivmod__ = _no_rule
     __hash__ = object.__hash__
 
-    def hypot(self, other: Any) -> Corners:
-        y = self.lifted(other)
-        return (self * self + y * y).sqrt()._valued(self.value.hypot(y.value))
-
-    def _valued(self, value: Symbol) -> Corners:
-        """The same slopes, with the value by a function of its own, which keeps more digits."""
-        return self._with(value, [slope for _, _, slope, _ in self.edges])
-
     def __getattr__(self, name: str) -> Any:
+        row = ops.by_numpy(name)
+        if row is not None and row.difference is not None:
+            return partial(self._function, row)
         if name.startswith("__"):
             raise AttributeError(name)
         raise refused(f"{name!r} has no divided-difference rule, which discrete gradients need of an energy", RULES)
-
-
-def _sinhc(x: Symbol) -> Symbol:
-    """sinh(x)/x."""
-    return 0.5 * (phi(x) + phi(-x))
 
 
 def rectangle(pi0: Symbol, dpi: Symbol, s0: Symbol, ds: Symbol) -> tuple[Corners, Corners]:

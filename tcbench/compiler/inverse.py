@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
+from . import ops
 from .derivatives import Symbol, depends_on, refused
 
-Rule = Callable[[Symbol], Symbol]
-OF_ONE: dict[str, Rule] = {
-    "neg": lambda y: -y, "recip": lambda y: 1.0 / y, "mark": lambda y: y, "exp": lambda y: y.log(),
-    "log": lambda y: y.exp(), "expm1": lambda y: y.log1p(), "log1p": lambda y: y.expm1(), "sqrt": lambda y: y * y,
-    "sinh": lambda y: (y + (y * y + 1.0).sqrt()).log(),
-}  # fmt: skip
 WHY = (
-    "A formula is solved for a variable that stands in it once, under +, -, *, /, exp, log, expm1, log1p, sqrt, sinh "
+    "A formula is solved for a variable that stands in it once, under +, -, *, /, "
+    f"{', '.join(row.numpy for row in ops.OPERATIONS.values() if row.inverse and row.numpy)} "
     "and powers with another exponent than 2; methods in entropies (tc_monolithic) take every energy"
 )
 
@@ -33,8 +27,9 @@ def solved(f: Symbol, x: Symbol, y: Symbol) -> Symbol:
 
 def _undone(node: Symbol, inner: Symbol, others: list[Symbol], y: Symbol) -> Symbol:
     """The value of `inner` for which that of `node` is y."""
-    if node.op in OF_ONE:
-        return OF_ONE[node.op](y)
+    if inverse := ops.OPERATIONS[node.op].inverse:
+        found: Symbol = inverse(y)
+        return found
     if others and node.op in ("add", "sub", "mul", "pow"):
         (other,) = others
         first = node.args[0] is inner

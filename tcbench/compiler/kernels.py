@@ -9,21 +9,20 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .derivatives import Symbol, depends_on, topological
-from .language import FUNCTIONS, PLAIN, made_up_address, pick, put, release, row, scratch, vector
+from .language import PLAIN, made_up_address, pick, put, release, row, scratch, vector
 from .once import LOCK, cached_property
+from .ops import OPERATIONS, values
 
 WIDTH = 8  # doubles in a vector of vector_kernels.py
 ROW = 4  # doubles in a short vector of results
-PAIRS = {"phi": "dphi", "lam": "dlam", "sinc": "dsinc"}  # value and derivative share nearly everything
 WRITERS = (  # modules that make LLVM code of a kernel's text, or that it may name
-    "arithmetic", "expressions", "language", "records", "short_vectors", "special", "statements", "translator",
+    "arithmetic", "expressions", "language", "ops", "records", "short_vectors", "special", "statements", "translator",
     "values", "vector_functions",
 )  # fmt: skip
 _BINARY = {"add": "+", "sub": "-", "mul": "*"}
@@ -56,8 +55,9 @@ def straight_line(inputs: Mapping[Symbol, str], outputs: Sequence[Symbol], in_ro
 
 def derivatives_of(nodes: Iterable[Symbol]) -> dict[int, Symbol]:
     """By the number of a value that is computed together with its derivative, that derivative."""
-    slopes = {(x.op, x.args[0].number): x for x in nodes if x.op in PAIRS.values()}
-    pairs = ((x.number, slopes.get((PAIRS[x.op], x.args[0].number))) for x in nodes if x.op in PAIRS)
+    shared = {row.name: row.with_slope for row in OPERATIONS.values() if row.with_slope}
+    slopes = {(x.op, x.args[0].number): x for x in nodes if x.op in shared.values()}
+    pairs = ((x.number, slopes.get((shared[x.op], x.args[0].number))) for x in nodes if x.op in shared)
     return {number: slope for number, slope in pairs if slope is not None}
 
 
@@ -143,14 +143,13 @@ def kernel(inputs: Mapping[Symbol, str], outputs: Sequence[Symbol], in_rows: int
     return Kernel(straight_line(inputs, outputs, in_rows), len(outputs))
 
 
-@cache
 def namespace() -> dict[str, Any]:
     """What the text of a kernel names."""
     from . import special
 
     functions = {f.__name__: f for f in (scratch, release, vector, row, pick, put)}
-    own = {name: f for name, f in vars(special).items() if getattr(f, "__module__", "") == special.__name__}
-    return {"inf": math.inf, **FUNCTIONS, **functions, **own}
+    pairs = {f"{x.name}_pair": getattr(special, f"{x.name}_pair") for x in OPERATIONS.values() if x.with_slope}
+    return {"inf": math.inf, **values(), **functions, **pairs}
 
 
 def _load(text: str, table: NDArray[np.int32] | None) -> int:
@@ -183,4 +182,4 @@ def _translator_hash() -> str:
     from .loaded import digest, loaded_hash
 
     modules = [import_module(f"{__package__}.{name}") for name in WRITERS]
-    return f"{loaded_hash(*modules)} {digest(_code.__code__)} {digest(namespace.__wrapped__.__code__)}"
+    return f"{loaded_hash(*modules)} {digest(_code.__code__)} {digest(namespace.__code__)}"

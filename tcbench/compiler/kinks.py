@@ -12,8 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from .ops import TINY
 from .sentences import refused
-from .symbols import TINY, Symbol, add, const, is_const, make, mul, neg, reciprocal
+from .symbols import Symbol, add, const, is_const, make, mul, neg, reciprocal
 
 TWO_SIDES = "Both sides of a choice are computed: they must be finite everywhere"
 

@@ -10,6 +10,7 @@ import itertools
 import math
 import os
 from collections.abc import Callable
+from functools import cache
 from typing import Annotated, Any, TypeVar
 
 import numpy as np
@@ -129,9 +130,10 @@ def fill(target: Floats, value: float) -> None:
         target[i] = value
 
 
-def _without_errors(name: str) -> Callable[..., float]:
-    """A function of `math` that gives what numpy gives where `math` raises an error: infinity or NaN."""
-    exact, limit = getattr(math, name), getattr(np, NUMPY_NAMES.get(name, name))
+@cache
+def of_c(name: str) -> Callable[..., float]:
+    """A function of C: that of `math`, and what numpy gives where that raises an error, infinity or NaN."""
+    exact, limit = getattr(math, name), getattr(np, name)
 
     def function(*x: Any) -> Any:
         if isinstance(x[0], np.ndarray):  # a short vector
@@ -146,13 +148,3 @@ def _without_errors(name: str) -> Callable[..., float]:
 
     function.__name__ = name
     return function
-
-
-NUMPY_NAMES = {"asin": "arcsin", "acos": "arccos", "atan": "arctan", "atan2": "arctan2", "pow": "power", "abs": "fabs"}
-FUNCTIONS = {  # the elementary functions of formulas, named as in C
-    **{name: _without_errors(name) for name in (
-        "sqrt", "exp", "log", "expm1", "log1p", "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh",
-        "atan2", "hypot", "pow")},
-    "abs": abs,
-}  # fmt: skip
-expm1, log1p = FUNCTIONS["expm1"], FUNCTIONS["log1p"]

@@ -7,10 +7,10 @@ from pathlib import Path
 from types import FrameType
 
 from ..errors import TraceError
+from .ops import formulas_may_call
 
 ELEMENTARY = (
-    "Formulas must be branch-free numpy (arithmetic, **, @, abs, sqrt, exp, log, expm1, log1p, sin, cos, tan, arcsin, "
-    "arccos, arctan, arctan2, sinh, cosh, tanh, hypot; max(x, 0) is (abs(x) + x) / 2)"
+    f"Formulas must be branch-free numpy (arithmetic, **, @, {formulas_may_call()}; max(x, 0) is (abs(x) + x) / 2)"
 )
 _REMEDY = f"{ELEMENTARY}; of methods, not of systems, others are registered with step= (plain Python) instead of flows="
 

@@ -9,9 +9,9 @@ All arguments and results are dimensionless.
 
 from __future__ import annotations
 
-from .language import FUNCTIONS, expm1, log1p
+from .language import of_c
 
-exp, sin, cos, tanh, atan2 = (FUNCTIONS[name] for name in ("exp", "sin", "cos", "tanh", "atan2"))
+exp, expm1, log1p, sin, cos, tanh, atan2 = map(of_c, ("exp", "expm1", "log1p", "sin", "cos", "tanh", "atan2"))
 SINC_SERIES = 0.2  # x^2 below this: the first omitted term of sinc is 0.2^7/15! = 1e-17, of its slope 4e-15
 NEGLIGIBLE = 1e-18  # a term of a sum of positive ones, over the sum
 PHI_SERIES = 0.3  # |x| below this: the first omitted term of phi is 0.3^12/13! = 9e-17

@@ -23,8 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import TraceError
-from .language import FUNCTIONS
+from . import ops
 from .once import LOCK, uncollected
+from .ops import TINY
 from .sentences import refused, where_in_user_code
 
 T = TypeVar("T")
@@ -42,7 +43,6 @@ class _Expressions(threading.local):
 
 _KNOWN = _Expressions()
 MOST_FACTORS = 64  # of a power that is written as products
-TINY = 1e-60  # beside what may be 0 below a root or a line: 0 x infinity is 0 then, and no derivative underflows
 TAKE = "Take it along a table first: x[self.table], self.table.sums(x)"
 _COUNTER = iter(range(sys.maxsize))
 
@@ -73,9 +73,8 @@ def expressions() -> Mapping[Key, Symbol]:
 def _is_positive(op: str, args: tuple[Symbol, ...], value: Any) -> bool:
     if op == "const":
         return bool(value > 0)
-    if op in ("add", "mul", "recip", "sqrt", "mark"):
-        return all(a.positive for a in args)
-    return op == "exp" or (op == "pow" and args[0].positive)
+    row = ops.OPERATIONS.get(op)
+    return row is not None and row.positive >= 0 and all(a.positive for a in args[: row.positive])
 
 
 def positive(values: Iterable[Any]) -> None:
@@ -83,10 +82,6 @@ def positive(values: Iterable[Any]) -> None:
     for x in values:
         if isinstance(x, Symbol):
             x.positive = True
-
-
-def _function(op: str) -> Callable[[Symbol], Symbol]:
-    return lambda self: make(op, self)
 
 
 def operators(
@@ -169,12 +164,17 @@ class Symbol:
 
     __int__ = __index__ = __float__
 
-    # numpy's functions call methods of their own names
-    sqrt, exp, log, expm1, log1p = map(_function, ("sqrt", "exp", "log", "expm1", "log1p"))
-    sin, cos, tan, sinh, cosh, tanh = map(_function, ("sin", "cos", "tan", "sinh", "cosh", "tanh"))
-    arcsin, arccos, arctan = map(_function, ("asin", "acos", "atan"))
-    hypot, _ = operators(_lifted, lambda a, b: make("hypot", a, b))
-    arctan2, _ = operators(_lifted, lambda a, b: make("atan2", a, b))
+    def __getattr__(self, name: str) -> Callable[..., Symbol]:
+        """numpy's functions call methods of their own names."""
+        row = ops.by_numpy(name)
+        if row is None:
+            raise AttributeError(f"a symbol has no {name!r}")
+        return lambda *others: make(row.name, self, *others)
+
+    @staticmethod
+    def make(op: str, *args: Number) -> Symbol:
+        """An operation on symbols and numbers: see `ops`."""
+        return make(op, *args)
 
     def conjugate(self) -> Symbol:  # numpy's vdot and norms ask for it
         return self
@@ -235,13 +235,15 @@ def is_const(node: Symbol, value: float | None = None) -> bool:
     return node.op == "const" and (value is None or node.value == value)
 
 
-def make(op: str, *args: Symbol) -> Symbol:
+def make(op: str, *args: Any) -> Symbol:
     """An elementary function of these; of constants its value, as numpy has it."""
-    if op in FUNCTIONS and all(map(is_const, args)):
-        return const(FUNCTIONS[op](*(x.value for x in args)))
-    if op == "exp" and args[0].op == "log" and args[0].args[0].positive:
-        return args[0].args[0]
-    return intern(op, args)
+    row, x = ops.OPERATIONS.get(op), tuple(map(lifted, args))
+    if row is not None and row.value is not None and all(map(is_const, x)):
+        with np.errstate(all="ignore"):
+            return const(row.value(*(a.value for a in x)))
+    if op == "exp" and x[0].op == "log" and x[0].args[0].positive:
+        return x[0].args[0]
+    return intern(op, x)
 
 
 def add(a: Symbol, b: Symbol) -> Symbol:

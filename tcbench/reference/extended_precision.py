@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..compiler.language import FUNCTIONS, NUMPY_NAMES
+from ..compiler.ops import functions
 from ..systems.right_hand_side import as_python
 from ..systems.scenario import Scenario
 from .precision import EPS, LONG
@@ -123,7 +123,7 @@ def _langevin(x: Longs) -> Longs:
     return np.where(near, x / below, 1 / np.tanh(away) - 1 / away)
 
 
-_FUNCTIONS: dict[str, Any] = {name: getattr(np, NUMPY_NAMES.get(name, name)) for name in FUNCTIONS} | {
+_FUNCTIONS: dict[str, Any] = {x: getattr(np, x) for x in functions() if hasattr(np, x)} | {
     "phi": _ratio(np.expm1), "dphi": lambda x: _phi_slope(1, x), "phi_slope": _phi_slope,
     "lam": _ratio(np.log1p), "dlam": lambda x: _lam_slope(1, x), "lam_slope": _lam_slope,
     "tanh_slope": _tanh_slope, "langevin": _langevin, "abs_slope": _abs_slope,

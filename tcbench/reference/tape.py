@@ -104,7 +104,7 @@ class _Recorder:
 
     def functions(self) -> dict[str, Callable[..., Any]]:
         """The elementary functions, of those that have a series, and |x|, which has one on either side of its kink."""
-        one, half = self.lifted(1.0), self.lifted(0.5)
+        one = self.lifted(1.0)
 
         def exp(x: Node) -> Node:
             return self.make("exp", x, self.make("slope", x))
@@ -121,30 +121,8 @@ class _Recorder:
         def size(x: Node) -> Node:
             return self.make("abs", x)
 
-        def tanh(x: Node) -> Node:
-            square = exp(x + x)
-            found: Node = (square - one) / (square + one)
-            return found
-
-        def asin(x: Node) -> Node:
-            return atan(x / sqrt(one - x * x))
-
-        def atan2(y: Node, x: Node) -> Node:
-            """By half the angle: no number on the cut itself, y = 0 > x."""
-            return self.mul(self.lifted(2.0), atan(y / (sqrt(x * x + y * y) + x)))
-
-        def sine(x: Node) -> Node:
-            return self.cos_sin(x)[1]
-
-        return {
-            "abs": size, "exp": exp, "log": log, "sqrt": sqrt, "sin": sine,
-            "atan": atan, "atan2": atan2, "tanh": tanh, "asin": asin,
-            "cos": lambda x: self.cos_sin(x)[0], "tan": lambda x: sine(x) / self.cos_sin(x)[0],
-            "acos": lambda x: 2.0 * atan(sqrt((one - x) / (one + x))),
-            "sinh": lambda x: (exp(x) - exp(-x)) * half, "cosh": lambda x: (exp(x) + exp(-x)) * half,
-            "expm1": lambda x: exp(x) - one, "log1p": lambda x: log(one + x),
-            "hypot": lambda x, y: sqrt(x * x + y * y), "pow": lambda x, y: exp(y * log(x)),
-        }  # fmt: skip
+        turns = {"sin": lambda x: self.cos_sin(x)[1], "cos": lambda x: self.cos_sin(x)[0]}
+        return {"abs": size, "exp": exp, "log": log, "sqrt": sqrt, "atan": atan, **turns}
 
 
 @dataclass(frozen=True, eq=False)

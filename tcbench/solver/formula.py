@@ -12,12 +12,11 @@ import numpy as np
 
 from ..compiler import derivatives as trace
 from ..compiler.derivatives import Symbol
+from ..compiler.ops import OPERATIONS
 from ..compiler.repeats import REMEDY, same_again
 from ..errors import TcbenchError, TraceError, misnamed
 from ..integrator import Flow, Residual
 from ..systems.system import System
-
-ROOTS = {"abs", "sqrt", "pow", "hypot", "asin", "acos", "atan2"}  # finite where their slopes are not
 
 
 def further(flow: Flow, system: System, z0: Any, h: Symbol, start: Any) -> list[Any]:
@@ -34,7 +33,7 @@ def further(flow: Flow, system: System, z0: Any, h: Symbol, start: Any) -> list[
 
 def has_roots(rows: Sequence[Symbol]) -> bool:
     """May these be finite where a slope of theirs is not?"""
-    return any(x.op in ROOTS for x in trace.topological(rows))
+    return any(x.op in OPERATIONS and OPERATIONS[x.op].rooted for x in trace.topological(rows))
 
 
 def checked_rows(flow: Flow, rows: list[Symbol], d: Sequence[Symbol]) -> list[Symbol]:

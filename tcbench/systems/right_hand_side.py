@@ -6,7 +6,6 @@ microseconds a call, of which the arithmetic is 0.1). Taylor methods need the fo
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -14,6 +13,7 @@ import numpy as np
 
 from ..compiler.derivatives import INFINITE
 from ..compiler.once import cached_property
+from ..compiler.ops import NAMED, completed
 from ..errors import TcbenchError
 from ..integrator import MOST_REDUCED
 from .system import System
@@ -98,14 +98,15 @@ def expressions(
 
 
 def as_python(text: str, functions: Mapping[str, Any]) -> Callable[..., None]:
-    """kernel(state, constants, out) from the text of a `System.formula`, in the arithmetic of these functions."""
-    missing = sorted(set(re.findall(r"([a-z_0-9]+)\(", text)) - {"kernel", *functions})
+    """kernel(state, constants, out) from the text of a `System.formula`, in the arithmetic of these functions and of
+    what can be made of them."""
+    namespace: dict[str, Any] = completed(functions)
+    missing = sorted(set(NAMED.findall(text)) - {"kernel", *namespace})
     if missing:
         raise TcbenchError(
             f"The system's formulas use {', '.join(missing)}, which this method's arithmetic does not have; it has "
             f"{', '.join(sorted(functions))}. Write the formulas with these, or take another method."
         )
-    namespace: dict[str, Any] = dict(functions)
     exec(compile(text, "<formula>", "exec"), namespace)
     kernel: Callable[..., None] = namespace["kernel"]
     return kernel

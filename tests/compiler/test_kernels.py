@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from tcbench import TcbenchError
 from tcbench.compiler import derivatives as trace
 from tcbench.compiler import language, machine, special
-from tcbench.compiler.derivatives import guarded, jacobian, lam, maximum, minimum, phi
+from tcbench.compiler.derivatives import guarded, jacobian, make, maximum, minimum
 from tcbench.compiler.kernels import _code, kernel, namespace
 from tcbench.compiler.library import evaluate
 from tcbench.errors import TraceError
@@ -34,11 +34,12 @@ def both(inputs, outputs, values):
 @given(st.floats(0.05, 3.0), st.floats(-0.9, 2.0))
 def test_every_operation_is_the_one_of_the_text(p, x):
     u, v = trace.variable("u"), trace.variable("v")
+    phi, lam = make("phi", v), make("lam", v)
     outputs = [
         u + v, u - v, u * v, 1.0 / u, -v, u.sqrt(), v.exp(), u.log(), v.expm1(), v.log1p(), v.sin(), v.cos(), v.tanh(),
-        v.arctan(), maximum(u, v), minimum(u, v), guarded(u, [v]), v - 1.5, u * math.inf, phi(v), lam(v),
+        v.arctan(), maximum(u, v), minimum(u, v), guarded(u, [v]), v - 1.5, u * math.inf, phi, lam,
     ]  # fmt: skip
-    outputs += list(jacobian([phi(v), lam(v), u * phi(u * v)], [v]).ravel())  # with the derivatives of phi and lam
+    outputs += list(jacobian([phi, lam, u * make("phi", u * v)], [v]).ravel())  # with the derivatives of phi and lam
     found, expected = both([u, v], outputs, [p, x])
     np.testing.assert_allclose(found, expected, rtol=ROUND_OFF, atol=1e-300)
 
@@ -46,7 +47,7 @@ def test_every_operation_is_the_one_of_the_text(p, x):
 @given(st.floats(-0.95, 40.0))
 def test_divided_differences_on_both_sides_of_their_switch(x):
     v = trace.variable("v")
-    found, _ = both([v], [phi(v), lam(v), *jacobian([phi(v)], [v])[0]], [x])
+    found, _ = both([v], [make("phi", v), make("lam", v), *jacobian([make("phi", v)], [v])[0]], [x])
     np.testing.assert_allclose(found, [special.phi(x), special.lam(x), special.dphi(x)], rtol=ROUND_OFF)
 
 

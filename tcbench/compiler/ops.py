@@ -1,0 +1,251 @@
+"""Elementary operations of formulas, a row each: all that the rest of tcbench knows of one.
+
+To add a function write a row and its tests: formulas then call it (`building_blocks.function`), it is differentiated,
+compiled, solved for its argument, has a divided difference and a Taylor series, and peers are handed it.
+Slopes and divided differences are formulas in symbols (`symbols.Symbol`), which divide by no difference.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+from functools import cache, partial
+from typing import Any
+
+from . import special
+from .language import of_c
+
+# TINY: beside what may be 0 below a root or a line: 0 x infinity is 0 then, and no derivative underflows. An infinite
+# slope is one of 1e180 or more, so that 0 times it, as in v sqrt(|v|) at rest, is 0; whoever squares it, or asks
+# whether it is as large (INFINITE), has an infinite one.
+TINY, TINIER, INFINITE = 1e-60, 1e-240, 1e150
+COMPOSED = "composed"  # a divided difference: that of the formula `same`
+Rule = Callable[..., Any]
+
+
+@dataclass(frozen=True)
+class Operation:
+    """What is known of y = f(x), or of y = f(x, z); everything is dimensionless but +, -, *, /, abs, sqrt and hypot.
+
+    name       : in graphs and in the text of kernels, as in C.
+    value      : of numbers, in the restricted Python or of C; None of arithmetic.
+    slopes     : (y, x, ...) -> derivatives by each argument; None: it has none.
+    numpy      : the function of numpy, and the method, that formulas call; "" if they do not.
+    difference : (a, b, d) -> (f(b) - f(a))/d, d = b - a, exact at any d; COMPOSED; or None, and it is refused.
+    inverse    : y -> x.
+    same       : its formula in other functions, for arithmetic that lacks it: series, complex numbers, peers.
+    positive   : so many of the first arguments have to be positive for the result to be; -1: it need not be.
+    rooted     : it may be finite where its slope is not.
+    arguments  : of it.
+    with_slope : the operation that is its derivative, computed together with it.
+    intrinsic  : LLVM has it.
+    """
+
+    name: str
+    value: Rule | None
+    slopes: Rule | None
+    numpy: str = ""
+    difference: Rule | str | None = None
+    inverse: Rule | None = None
+    same: str = ""
+    positive: int = -1
+    rooted: bool = False
+    arguments: int = 1
+    with_slope: str = ""
+    intrinsic: bool = False
+
+
+def _power_slopes(y: Any, x: Any, exponent: Any) -> tuple[Any, Any]:
+    fixed = exponent.value if exponent.op == "const" else None
+    if fixed is not None and fixed > 1.0:  # the slope is finite at 0
+        by_base = exponent * x ** (exponent - 1.0)
+    elif x.positive or (fixed is not None and fixed < 0.0):
+        by_base = exponent * y / x
+    elif fixed is not None:
+        by_base = exponent * (y + TINY) / (x + TINIER)
+    else:  # of 0, 1, 2, ... or none: at 0 the slope may be any
+        by_base = exponent * x.make("pow", x + TINIER, exponent - 1.0)
+    return by_base, 0.0 if fixed is not None else y * x.log()
+
+
+def _atan2_slopes(angle: Any, y: Any, x: Any) -> tuple[Any, Any]:
+    inverse = 1.0 / (x * x + y * y)
+    return x * inverse, -(y * inverse)
+
+
+def _hypot_slopes(y: Any, a: Any, b: Any) -> tuple[Any, Any]:
+    inverse = 1.0 / (y + TINIER)  # at 0 as of abs
+    return a * inverse, b * inverse
+
+
+def _atan_slope_slopes(y: Any, a: Any, d: Any) -> tuple[Any, Any]:
+    """d/da of (atan(a + d) - atan(a))/d is -(a + b)/((1 + a^2)(1 + b^2)), b = a + d."""
+    b = a + d
+    return -((a + b) / ((1.0 + a * a) * (1.0 + b * b))), a.make("atan_bend", a, d)
+
+
+def _tanh_slope_slopes(y: Any, a: Any, d: Any) -> tuple[Any, Any]:
+    top = (a + d).tanh()
+    return -(y * (a.tanh() + top)), y * (a.make("langevin", d) - top)
+
+
+def _abs_slope_slopes(y: Any, a: Any, d: Any) -> tuple[Any, Any]:
+    """Of (a + b)/(|a| + |b|), b = a + d."""
+    b = a + d
+    size = abs(a) + abs(b)
+    below = 1.0 / (size * size + TINY)
+    by_a, by_b = ((size - (a + b) * a.make("abs_slope", x, 0.0)) * below for x in (a, b))
+    return by_a + by_b, by_b
+
+
+def _next_slope(name: str) -> Rule:
+    return lambda y, order, x: (0.0, x.make(name, order + 1.0, x))
+
+
+def _sinhc(x: Any) -> Any:
+    """sinh(x)/x."""
+    return 0.5 * (x.make("phi", x) + x.make("phi", -x))
+
+
+def _turned(rate: Rule, ratio: Rule) -> Rule:
+    """sin b - sin a = 2 cos((a + b)/2) sin((b - a)/2); so the cosine, and with `_sinhc` the hyperbolic ones."""
+    return lambda a, b, d: rate(0.5 * (a + b)) * ratio(0.5 * d)
+
+
+def _sinc(x: Any) -> Any:
+    return x.make("sinc", x)
+
+
+def _elementary(name: str, slopes: Rule, numpy: str = "", **rest: Any) -> Operation:
+    """A function of C with one argument or two."""
+    return Operation(name, of_c(name), slopes, numpy or name, **rest)
+
+
+def _special(name: str, slopes: Rule | None, with_slope: str = "") -> Operation:
+    """A function of `special`, which divided differences are made of."""
+    return Operation(name, getattr(special, name), slopes, with_slope=with_slope)
+
+
+_ROWS = (
+    Operation("add", None, lambda y, a, b: (1.0, 1.0), positive=2, arguments=2),
+    Operation("sub", None, lambda y, a, b: (1.0, -1.0), arguments=2),
+    Operation("neg", None, lambda y, x: (-1.0,), inverse=lambda y: -y),
+    Operation("mul", None, lambda y, a, b: (b, a), positive=2, arguments=2),
+    Operation("recip", None, lambda y, x: (-(y * y),), inverse=lambda y: 1.0 / y, positive=1),
+    Operation("mark", None, lambda y, x: (1.0,), inverse=lambda y: y, positive=1),
+    Operation("abs", abs, lambda y, x: (x / (y + TINY),), "fabs",  # at 0 the mean of those beside it
+              lambda a, b, d: a.make("abs_slope", a, d), rooted=True),
+    _elementary("sqrt", lambda y, x: (0.5 / (y if x.positive else y + TINIER),), intrinsic=True, rooted=True,
+                positive=1, difference=lambda a, b, d: 1.0 / (a.sqrt() + b.sqrt()), inverse=lambda y: y * y),
+    _elementary("exp", lambda y, x: (y,), intrinsic=True, positive=0, inverse=lambda y: y.log(),
+                difference=lambda a, b, d: a.exp() * a.make("phi", d)),
+    _elementary("log", lambda y, x: (1.0 / x,), intrinsic=True, inverse=lambda y: y.exp(),
+                difference=lambda a, b, d: 1.0 / a * a.make("lam", d / a)),
+    _elementary("expm1", lambda y, x: (y + 1.0,), same="exp(x) - 1.0", difference=COMPOSED,
+                inverse=lambda y: y.log1p()),
+    _elementary("log1p", lambda y, x: (1.0 / (x + 1.0),), same="log(1.0 + x)", difference=COMPOSED,
+                inverse=lambda y: y.expm1()),
+    _elementary("sin", lambda y, x: (x.cos(),), intrinsic=True, difference=_turned(lambda x: x.cos(), _sinc)),
+    _elementary("cos", lambda y, x: (-x.sin(),), intrinsic=True, difference=_turned(lambda x: -x.sin(), _sinc)),
+    _elementary("tan", lambda y, x: (1.0 + y * y,), same="sin(x) / cos(x)",
+                difference=lambda a, b, d: a.make("sinc", d) / (a.cos() * b.cos())),
+    _elementary("sinh", lambda y, x: (x.cosh(),), same="(exp(x) - exp(-x)) * 0.5",
+                difference=_turned(lambda x: x.cosh(), _sinhc), inverse=lambda y: (y + (y * y + 1.0).sqrt()).log()),
+    _elementary("cosh", lambda y, x: (x.sinh(),), same="(exp(x) + exp(-x)) * 0.5", positive=0,
+                difference=_turned(lambda x: x.sinh(), _sinhc)),
+    _elementary("tanh", lambda y, x: (1.0 - y * y,), same="(exp(x + x) - 1.0) / (exp(x + x) + 1.0)",
+                difference=lambda a, b, d: a.make("tanh_slope", a, d)),
+    _elementary("atan", lambda y, x: (1.0 / (1.0 + x * x),), "arctan", rooted=True,
+                difference=lambda a, b, d: a.make("atan_slope", a, d)),
+    _elementary("asin", lambda y, x: (1.0 / ((1.0 - x) * (1.0 + x)).sqrt(),), "arcsin", rooted=True,
+                difference=COMPOSED, same="atan(x / sqrt((1.0 - x) * (1.0 + x)))"),
+    _elementary("acos", lambda y, x: (-1.0 / ((1.0 - x) * (1.0 + x)).sqrt(),), "arccos", rooted=True,
+                difference=COMPOSED, same="2.0 * atan(sqrt((1.0 - x) / (1.0 + x)))"),
+    _elementary("atan2", _atan2_slopes, "arctan2", rooted=True, arguments=2,
+                same="2.0 * atan(x / (sqrt(x * x + z * z) + z))"),  # not on the cut x = 0 > z
+    _elementary("hypot", _hypot_slopes, rooted=True, arguments=2, same="sqrt(x * x + z * z)", difference=COMPOSED),
+    _elementary("pow", _power_slopes, "power", rooted=True, arguments=2, positive=1, same="exp(z * log(x))"),
+    _special("phi", lambda y, x: (x.make("dphi", x),), with_slope="dphi"),
+    _special("lam", lambda y, x: (x.make("dlam", x),), with_slope="dlam"),
+    _special("sinc", lambda y, x: (x.make("dsinc", x),), with_slope="dsinc"),
+    _special("dphi", lambda y, x: (x.make("phi_slope", 2.0, x),)),
+    _special("dlam", lambda y, x: (x.make("lam_slope", 2.0, x),)),
+    _special("dsinc", lambda y, x: (x.make("sinc_slope", 2.0, x),)),
+    *(_special(name, _next_slope(name)) for name in ("phi_slope", "lam_slope", "sinc_slope")),
+    _special("atan_slope", _atan_slope_slopes),
+    _special("tanh_slope", _tanh_slope_slopes),
+    _special("abs_slope", _abs_slope_slopes),
+    _special("atan_bend", None),
+    _special("langevin", None),
+)  # fmt: skip
+OPERATIONS: dict[str, Operation] = {row.name: row for row in _ROWS}
+NAMED = re.compile(r"\b([a-z_]\w*)\(")  # functions that a text calls
+
+
+def partials(name: str, y: Any, *x: Any) -> tuple[Any, ...]:
+    """Derivatives of y = f(x, ...) by each argument, where there are any; numbers among them are floats."""
+    slopes = OPERATIONS[name].slopes if name in OPERATIONS else None
+    return () if slopes is None else tuple(slopes(y, *x))
+
+
+def by_numpy(name: str) -> Operation | None:
+    """The operation that a function of numpy, or a method of this name, is."""
+    found = (row for row in OPERATIONS.values() if name and row.numpy == name)
+    return next(found, None)
+
+
+def functions() -> dict[str, Rule]:
+    """The functions that formulas call, of numbers, by the names of C."""
+    return {row.name: row.value for row in OPERATIONS.values() if row.value is not None and row.numpy}
+
+
+def values() -> dict[str, Rule]:
+    """All that the text of a kernel may call."""
+    return {row.name: row.value for row in OPERATIONS.values() if row.value is not None}
+
+
+def as_methods() -> dict[str, Rule]:
+    """The functions of objects that have methods of numpy's names."""
+    return {row.name: _method(row.numpy) for row in OPERATIONS.values() if row.numpy} | {"pow": pow}
+
+
+def _method(name: str) -> Rule:
+    return lambda x, *others: getattr(x, name)(*others)
+
+
+@cache
+def _compiled(same: str) -> Any:
+    return compile(same, "<same>", "eval")
+
+
+def evaluated(same: str, known: Mapping[str, Rule], x: Any, z: Any = None) -> Any:
+    """The formula that an operation is the same as, of x (and z), by these functions."""
+    return eval(_compiled(same), dict(known), {"x": x, "z": z})
+
+
+def completed(known: Mapping[str, Rule]) -> dict[str, Rule]:
+    """These functions, and what can be made of them of those that are missing."""
+    found = dict(known)
+    for row in OPERATIONS.values():
+        if row.same and row.name not in found and found.keys() >= set(NAMED.findall(row.same)):
+            found[row.name] = partial(evaluated, row.same, found)
+    return found
+
+
+def rewritten(text: str, known: Collection[str]) -> str:
+    """The text of a kernel, in whose place of functions that are not known there are formulas of others."""
+    for row in reversed(OPERATIONS.values()):
+        if row.same and row.name not in known:
+            call = re.compile(rf"\b{row.name}\(([^(),]+|\([^()]*\))(?:, ([^(),]+|\([^()]*\)))?\)")
+            text = call.sub(lambda found, same=row.same: "(" + _written(same, found[1], found[2]) + ")", text)
+    return text
+
+
+def _written(same: str, x: str, z: str) -> str:
+    return re.sub(r"\b[xz]\b", lambda letter: f"({x})" if letter[0] == "x" else f"({z})", same)
+
+
+def formulas_may_call() -> str:
+    """For sentences: the functions of numpy."""
+    return ", ".join("abs" if x == "abs" else OPERATIONS[x].numpy for x in functions() if x != "pow")
