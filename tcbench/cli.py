@@ -163,6 +163,25 @@ def reference() -> None:
 
 
 @main.command()
+@click.argument("names", nargs=-1, metavar="SCENARIO")
+@one("scenario", "Instead of the word.")
+@click.option("--output", "-o", type=click.Path(path_type=Path, dir_okay=False), help="Write a data set, .npz or .mat.")
+@click.option(
+    "--judge", "judged", type=click.Path(path_type=Path, dir_okay=False),
+    help="Judge this data set: how far it is from the solution, which integrator made it.",
+)  # fmt: skip
+@click.option("--starts", type=click.IntRange(1), default=50, show_default=True, help="Trajectories.")
+@click.option("--every", type=float, help="Time between two states (default: the scenario's step).")
+@click.option("--t-end", type=float, help="Final time; the scenario's own by default.")
+@click.option("--spread", type=float, default=0.3, show_default=True, help="How far starts are moved, over their size.")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the starts and the split.")
+@PLUGINS
+@done_by("data:data_command")
+def data() -> None:
+    """Trajectories from many starts with a stated error for each state, to learn dynamics from; or judge such data."""
+
+
+@main.command()
 @runs()
 @click.option("--table", metavar="NAME", help="This table alone, whatever its length.")
 @click.option("--latex", is_flag=True, help="That table as a LaTeX tabular.")

@@ -19,6 +19,10 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     ),
     "map": ("tcbench map midpoint_entropy stiff_spring --x dt=0.05:2:8:log --y stiffness=0.1:2:4:log -o results/map",),
     "reference": ("tcbench reference short_term",),
+    "data": (
+        "tcbench data short_term --starts 50 --every 0.3 --t-end 60 -o pendulum.npz",
+        "tcbench data short_term --judge pendulum.npz",
+    ),
     "show": ("tcbench show results/latest", "tcbench show results/latest --table conservation -s long_term"),
     "report": ("tcbench report results/latest",),
     "plot": ("tcbench plot conservation results/latest -s long_term -o errors.svg --size 15x10cm",),

@@ -1,0 +1,93 @@
+"""`tcbench data`: certified data sets, and how far somebody's data set is from the solution."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .. import plugins
+from ..errors import TcbenchError
+from ..progress import waiting
+from . import terminal
+from .simulate import one_of
+
+SHOWN = 6  # nearest methods
+ROUND_OFF = 1e-13  # a method whose steps miss no more has made the data
+
+
+def data_command(
+    names: Sequence[str], scenarios: Sequence[str], *, output: Path | None, judged: Path | None, starts: int,
+    every: float | None, t_end: float | None, spread: float, seed: int, as_json: bool,
+) -> None:  # fmt: skip
+    many = "tcbench data SCENARIO -o FILE.npz."
+    scenario = one_of("scenario", plugins.expand_scenarios([*names, *scenarios]), many)
+    if (output is None) == (judged is None):
+        raise TcbenchError("Say what to do: -o FILE.npz writes a data set (.mat, too), --judge FILE judges one.")
+    if output is not None:
+        row = _written(scenario, output, starts, every, t_end, spread, seed)
+    else:
+        assert judged is not None
+        row = _judged(scenario, judged)
+    if as_json:
+        terminal.print_json(row)
+    else:
+        for sentence in row.pop("sentences"):
+            terminal.say(sentence)
+
+
+def _written(
+    scenario: Any, output: Path, starts: int, every: float | None, t_end: float | None, spread: float, seed: int
+) -> dict[str, Any]:  # fmt: skip
+    from ..simulation.data_set import check_name, data_set
+
+    check_name(output)
+    with waiting(f"computing {starts} trajectories of {scenario.name}"):
+        data = data_set(scenario, starts, every, t_end, spread, seed)
+    data.write(output)
+    worst, middle = float(data.error.max()), float(np.median(data.error.max(axis=1)))
+    k, m, n = data.states.shape
+    sentences = [
+        f"{k} trajectories of {m} states of {n} numbers in {output}.",
+        f"Stated error of a state: at most {worst:.1e}, {middle:.1e} in the median trajectory.",
+        f"Made by: {'; '.join(sorted(set(data.about['made_by'])))}.",
+    ]
+    return {"file": str(output), "trajectories": k, "states": m, "error_max": worst, "error_median": middle,
+            "made_by": data.about["made_by"], "sentences": sentences}  # fmt: skip
+
+
+def _judged(scenario: Any, path: Path) -> dict[str, Any]:
+    from ..simulation.data_set import judge
+
+    with waiting(f"computing the trajectories of {path} as {scenario.name}"):
+        found = judge(path, scenario, [*plugins.integrators().values()])
+    reached = np.isfinite(found.known)
+    last = found.errors[:, -1][np.isfinite(found.errors[:, -1])]
+    nearest = [
+        {"integrator": name, "steps_between": parts, "difference": missed}
+        for (name, parts), missed in list(found.methods.items())[:SHOWN]
+    ]
+    sentences = [
+        f"{len(found.errors)} trajectories of {len(found.times)} states, as {scenario.name}, "
+        f"{int(reached.all(axis=1).sum())} with a reference from end to end."
+    ]
+    if len(last):
+        sentences.append(
+            f"Error of the last states: {np.median(last):.1e} in the median, at most {last.max():.1e}; the references' "
+            f"own error is at most {np.nanmax(found.known):.1e}."
+        )
+    sentences += [_told(each) for each in nearest if each["difference"] <= ROUND_OFF] or [
+        "No method made it, step by step; the nearest are:", *(_told(each) for each in nearest)
+    ]
+    error = [float(x) for x in np.nanmax(found.errors, axis=0, initial=0.0)]
+    return {"file": str(path), "times": found.times.tolist(), "error_max": error, "nearest": nearest,
+            "sentences": sentences}  # fmt: skip
+
+
+def _told(nearest: dict[str, Any]) -> str:
+    parts, missed = nearest["steps_between"], nearest["difference"]
+    steps = f"{parts} steps" if parts > 1 else "one step"
+    made = "made the data" if missed <= ROUND_OFF else "is off by more than round-off"
+    return f"{nearest['integrator']} {made}: {steps} from each state to the next, to {missed:.1e} in the median."
