@@ -65,7 +65,7 @@ def _judged(scenario: Any, path: Path) -> dict[str, Any]:
         found = judge(path, scenario, [*plugins.integrators().values()])
     reached = np.isfinite(found.known)
     last = found.errors[:, -1][np.isfinite(found.errors[:, -1])]
-    nearest = [
+    nearest: list[dict[str, Any]] = [
         {"integrator": name, "steps_between": parts, "difference": missed}
         for (name, parts), missed in list(found.methods.items())[:SHOWN]
     ]

@@ -111,7 +111,7 @@ def data_set(
             f"A data set needs starts >= 1, 0 < every <= t_end, at most a million states a trajectory and 0 <= spread "
             f"< 1, not starts={starts}, every={every:g}, t_end={t_end:g}, spread={spread:g}."
         )
-    times = every * np.arange(count + 1)
+    times: Floats = every * np.arange(count + 1, dtype=np.float64)
     members = starts_around(scenario, starts, spread, seed)
     model = scenario.model
     found = pairs.solve([s.model for s in members], [s.z0 for s in members], times[1:])
