@@ -79,7 +79,8 @@ def _judged(scenario: Any, path: Path) -> dict[str, Any]:
             f"own error is at most {np.nanmax(found.known):.1e}."
         )
     sentences += [_told(each) for each in nearest if each["difference"] <= ROUND_OFF] or [
-        "No method made it, step by step; the nearest are:", *(_told(each) for each in nearest)
+        "No method made it, step by step; the nearest are:",
+        *(_told(each) for each in nearest),
     ]
     error = [float(x) for x in np.nanmax(found.errors, axis=0, initial=0.0)]
     return {"file": str(path), "times": found.times.tolist(), "error_max": error, "nearest": nearest,

@@ -158,10 +158,7 @@ def _certified(scenario: Scenario, times: Floats, pair: pairs.Pair | None) -> tu
         rounding = pairs.SAFETY * float(np.finfo(float).eps)
         error = np.append(0.0, np.maximum(pair.certificate, rounding))
         return np.vstack([scenario.z0, pair.states]), error, pairs.SOURCE
-    runs = [
-        simulate("tc_auto", scenario, tolerance=tolerance, times=times)
-        for tolerance in (FALLBACK, FINER)
-    ]
+    runs = [simulate("tc_auto", scenario, tolerance=tolerance, times=times) for tolerance in (FALLBACK, FINER)]
     for run in runs:
         if not run.ok:
             raise TcbenchError(f"A start of {scenario.name!r} has no trajectory: {run.failure}")
