@@ -82,7 +82,7 @@ class DataSet:
             "Z": self.states.transpose(0, 2, 1), "dZ": self.rates.transpose(0, 2, 1), "error": self.error,
             "t_vec": self.times[None], "dt": np.array([[steps[0] if len(steps) else 0.0]]),
             "split": self.split.astype(object), "about": json.dumps(self.about),
-            **{name: values for name, values in self.laws.items()},
+            **self.laws,
         }  # fmt: skip
         return found | {name: np.array(matrix) for name, matrix in self.about.get("matrices", {}).items()}
 

@@ -21,8 +21,17 @@ def pendulum():
 def test_stated_errors_hold_against_another_method(pendulum):
     scenario = tcbench.scenarios()[SCENARIO]
     for start, states, error in zip(starts_around(scenario, 6, 0.3, 0), pendulum.states, pendulum.error, strict=True):
-        field, times = start.model.vector_field, pendulum.times
-        other = solve_ivp(lambda t, z: field(z), (0, 10), start.z0, "DOP853", times, rtol=1e-13, atol=1e-14).y.T
+        model, times = start.model, pendulum.times
+        other = solve_ivp(
+            lambda t, z, model: model.vector_field(z),
+            (0, 10),
+            start.z0,
+            "DOP853",
+            times,
+            args=(model,),
+            rtol=1e-13,
+            atol=1e-14,
+        ).y.T
         size = np.maximum(scenario.model.least_each, np.abs(states))
         # 1e-9: one of the starts magnifies what rounding takes from that solver a million times
         assert np.all(np.max(np.abs(other - states) / size, axis=1) <= error + 1e-9)
@@ -74,7 +83,8 @@ def test_a_stiff_scenario_has_error_bars_too():
 
 @pytest.mark.parametrize(
     ("options", "says"),
-    [({"starts": 0}, "starts >= 1"), ({"every": -1.0}, "0 < every"), ({"every": 1e9}, "<= t_end"), ({"spread": 1.5}, "spread")],
+    [({"starts": 0}, "starts >= 1"), ({"every": -1.0}, "0 < every"), ({"every": 1e9}, "<= t_end"),
+     ({"spread": 1.5}, "spread")],
 )  # fmt: skip
 def test_what_cannot_be_is_said(options, says):
     with pytest.raises(tcbench.TcbenchError, match=says):
