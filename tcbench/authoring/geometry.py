@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..studies.structure import constant, rates_of, relative, written
-from ..studies.theorems import SEED, admissible_states
+from ..analysis.structure import constant, rates_of, relative, written
+from ..analysis.theorems import SEED, admissible_states
 from ..systems.element_system import ElementSystem
 from ..systems.scenario import Scenario
 from ..systems.system import System

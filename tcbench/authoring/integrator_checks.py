@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 
 from .. import plugins
+from ..analysis.theorems import SEED, admissible_states, energy_defect, entropy_fall
 from ..compiler import derivatives as trace
 from ..integrator import Flow, Integrator
 from ..simulation.run import simulate
 from ..simulation.trajectory import Trajectory
 from ..solver.formula import called
 from ..solver.quotients import REMEDY, zero_over_zero
-from ..studies.theorems import SEED, admissible_states, energy_defect, entropy_fall
 from ..systems.as_written import place
 from ..systems.scenario import Scenario
 from ..systems.system import System

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import plugins
+from ..analysis.structure import FORMULAS, rates_of, written
+from ..analysis.theorems import SEED, admissible_states, operators
 from ..compiler.derivatives import INFINITE
 from ..simulation.invariants import lost_by
 from ..simulation.run import simulate
-from ..studies.structure import FORMULAS, rates_of, written
-from ..studies.theorems import SEED, admissible_states, operators
 from ..systems.as_written import place
 from ..systems.element_system import ElementSystem
 from ..systems.plane import segments

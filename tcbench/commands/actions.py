@@ -13,6 +13,7 @@ import click
 from click.core import ParameterSource
 
 from .. import plugins
+from ..analysis.order_fit import MIN_POINTS
 from ..errors import LOUD, TcbenchError, unknown_name
 from ..progress import waiting
 from ..report.by_method import by_method, remarks, without_number
@@ -25,7 +26,6 @@ from ..runner.rows import Store
 from ..runner.run import run
 from ..runner.tables import only, read_tables
 from ..studies.base import known_tables, studies
-from ..studies.order_fit import MIN_POINTS
 from ..table import Table
 from . import terminal
 from .options import words

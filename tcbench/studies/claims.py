@@ -53,7 +53,7 @@ def plan(integrators: Sequence[Integrator], scenarios: Sequence[Scenario], optio
 
 def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
     """The findings of one group."""
-    from . import theorems
+    from ..analysis import theorems
     from .paper_claims import LEDGER
 
     group = options["group"]

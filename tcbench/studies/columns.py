@@ -54,7 +54,7 @@ SHARED = (
     *(Column(n, compared=False) for n in ("why", "command", "note", "measured", "reason", "reference", "cause")),
     # where a row comes from: how, where and when its cell ran
     *(_origin(n, compared=True) for n in ("scenario_hash", "study", "exception_type")),
-    *(_origin(n) for n in ("plugin", "tcbench_version", "yardsticks", "yardsticks_again", "wall_time_s")),
+    *(_origin(n) for n in ("plugin", "tcbench_version", "wall_time_s")),
     *(_origin(n) for n in ("inputs", "measured_by", "scenario_fields", "made_by", "uses")),
     *(_origin(n) for n in ("source_hash", "cell_time_s", "shared_runs", "timed", "key", "failure", "metric_failure")),
     *(_origin(n) for n in ("fingerprint", "output_tail", "traceback", "traceback_tail", "exception_message")),

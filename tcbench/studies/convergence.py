@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ..analysis.order_fit import OrderFit, fit_order
 from ..integrator import Integrator
 from ..simulation.run import simulate
 from ..study import Cells, Row, Study, Tables
@@ -14,7 +15,6 @@ from ..systems.scenario import Scenario
 from ..systems.system import System
 from ..table import Column, Table
 from .frames import rows_in, table_of
-from .order_fit import OrderFit, fit_order
 
 HALVINGS = range(1, 16)  # dt = t_converge / 2^k: exact, and from far outside the asymptotic range to round-off
 PYTHON_HALVINGS = range(1, 12)  # a step of a plain Python method may cost a hundred times as much

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from .. import plugins
+from ..analysis.statistics import wilson
 from ..errors import TcbenchError, unknown_name
 from ..integrator import Integrator
 from ..study import Cells, Row, Study, Tables
@@ -22,7 +23,6 @@ from ..systems.scenario import Scenario
 from ..table import Table
 from .ensemble import APART, members, numbers_hash, whole
 from .map import Axis, needs_axes, parse_axis
-from .statistics import wilson
 
 SIZE = 30  # scenarios in a cell
 LARGEST = 10_000

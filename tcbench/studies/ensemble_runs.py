@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from ..analysis.stable_step import outcome_of
+from ..analysis.timing import solved
 from ..integrator import Integrator
 from ..simulation.run import simulate
 from ..simulation.trajectory import Trajectory
@@ -17,8 +19,6 @@ from ..study import Row
 from ..systems.element_system import ElementSystem
 from ..systems.scenario import Scenario
 from .columns import KEPT
-from .stable_step import outcome_of
-from .yardstick import solved
 
 TOLERANCES = (1e-3, 1e-5, 1e-7, 1e-9, 1e-11, 1e-13)  # of adaptive solvers
 COARSEST = 64  # steps over the horizon at the first rung of a ladder; each next rung has twice as many

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..analysis.statistics import profile, quantile, wilson
 from ..reference.certified import gap
 from ..study import Row
 from ..table import Column, Table
 from .cost import reach
 from .ensemble_runs import KINDS
-from .statistics import profile, quantile, wilson
 
 if TYPE_CHECKING:
     from pandas import DataFrame

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import plugins
+from ..analysis.maximum_entropy import FAR, MOST, Equilibrium, maximum_entropy
 from ..integrator import Integrator
 from ..simulation.run import simulate
 from ..simulation.trajectory import Trajectory
@@ -24,7 +25,6 @@ from ..systems.scenario import Scenario
 from ..table import Column, Table
 from .base import settings
 from .frames import rows_in, table_of
-from .maximum_entropy import FAR, MOST, Equilibrium, maximum_entropy
 
 if TYPE_CHECKING:
     from pandas import DataFrame

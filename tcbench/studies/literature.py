@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from .. import plugins
+from ..analysis.theorems import LedgerRow, command
 from ..integrator import Integrator
 from ..plugins import find_integrator
 from ..simulation.run import simulate
@@ -24,7 +25,6 @@ from ..study import Cells, Row, Study, Tables
 from ..systems.scenario import Scenario
 from ..table import Column, Table
 from .frames import table_of
-from .theorems import LedgerRow, command
 
 AUTHORS, ADDED = "Shang and Ottinger (2020)", "tcbench"
 ORDERS = {"ybaby": 2, "mybaby": 2}

@@ -16,12 +16,12 @@ from typing import Any
 
 import numpy as np
 
+from ..analysis import stable_step as stability
 from ..errors import TcbenchError, unknown_name
 from ..integrator import Integrator
 from ..study import Cells, Row, Study, Tables
 from ..systems.scenario import Scenario
 from ..table import Table
-from . import stable_step as stability
 
 _AXIS = re.compile(r"(?P<name>[a-z_]+(\[\d+\])?)=(?P<low>[^:]+):(?P<high>[^:]+):(?P<n>\d+)(?P<log>:log)?\Z")
 MULTIPLIED = ("positions", "momenta", "temperatures")  # where a system has them; t_end and constants are multiplied too

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from ..analysis.timing import solved
 from ..integrator import Integrator
 from ..simulation.run import simulate
 from ..study import Cells, Row, Study, Tables
@@ -25,7 +26,6 @@ from .base import settings
 from .convergence import groups, relative_error
 from .frames import table_of
 from .work_precision import errors_of
-from .yardstick import solved
 
 EIGHT = 8
 HORIZON = 25.0  # of trajectories: chaotic ones are not longer known

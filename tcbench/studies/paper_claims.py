@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
+from ..analysis import theorems
+from ..analysis.theorems import SEED, LedgerRow, energy_defect, shell_name
 from ..integrator import Integrator
 from ..simulation.run import simulate
 from ..simulation.trajectory import Trajectory
 from ..systems.scenario import Scenario
-from . import theorems
-from .theorems import SEED, LedgerRow, energy_defect, shell_name
 
 CONSERVED = 1e-10  # over the whole horizon: round-off of some thousand steps
 FOUND_ORDER = 0.03  # how far a measured order may be from the stated one

@@ -6,11 +6,11 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from ..analysis import stable_step as stability
 from ..integrator import Integrator
 from ..study import Cells, Row, Study, Tables
 from ..systems.scenario import Scenario
 from ..table import Column, Table
-from . import stable_step as stability
 from .frames import rows_in, table_of
 
 STABILITY = Table(

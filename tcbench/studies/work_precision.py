@@ -7,8 +7,7 @@ call to return, asked for the end time only. Its errors in the invariants are th
 where that takes long, another cell, before and not alone, has left it for the timed one (`simulation.shared_runs`),
 and where it does not, has compiled what each tolerance needs.
 Finer rungs that cost much and tell nothing new are left out (see `enough`); the column left_out of the last rung that
-was run says which and why. When all cells are timed, other processes time every other quick rung of each again: how
-far apart they are is what chance does, and `tcbench compare` has to know.
+was run says which and why.
 """
 
 from __future__ import annotations
@@ -20,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from ..analysis.timing import solved, timed
 from ..integrator import Integrator
 from ..simulation import shared_runs
 from ..simulation.metrics import evaluations, inner_steps_mean, invariant_errors, newton_iterations
@@ -30,7 +30,6 @@ from ..table import Column, Table
 from .convergence import groups, relative_error
 from .cost import COST, HIDES, TARGETS, TO_ACCURACY, cost_rows, reached_error, time_to_accuracy
 from .frames import table_of
-from .yardstick import solved, timed
 
 TOLERANCES = tuple(10.0**-k for k in range(1, 13))
 HALVINGS = range(-2, 9)  # steps are the scenario's own, over 2^k

@@ -6,9 +6,9 @@ import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
+from tcbench.analysis.statistics import wilson
 from tcbench.report import leaders
 from tcbench.report.charts import ensemble, style, theme
-from tcbench.studies.statistics import wilson
 
 METHODS = {
     "five": awkward.FIVE, "one": ["tc_monolithic"], "forty": awkward.FORTY,

@@ -5,11 +5,11 @@ import pytest
 
 import tcbench
 from tcbench import Flow, Integrator, TcbenchError
+from tcbench.analysis.theorems import steps as random_claims
 from tcbench.authoring.integrator_checks import restart
 from tcbench.simulation import run as simulation
 from tcbench.simulation.python_loop import Monitor
 from tcbench.studies import convergence
-from tcbench.studies.theorems import steps as random_claims
 
 SCENARIO = tcbench.scenarios()["bound_equilibrium"]
 

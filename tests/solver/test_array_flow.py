@@ -6,10 +6,10 @@ import pytest
 from tcbench_plugins.net.net import net
 
 import tcbench
+from tcbench.analysis import theorems
 from tcbench.compiler.library import evaluate
 from tcbench.plugins import find_integrator
 from tcbench.solver.flow_kernels import build
-from tcbench.studies import theorems
 from tcbench.systems import traced
 
 from ..helpers.networks import NETWORKS, N

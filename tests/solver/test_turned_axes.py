@@ -5,8 +5,8 @@ import pytest
 from one_flow import OneFlow
 
 import tcbench
+from tcbench.analysis.theorems import turned
 from tcbench.simulation.run import simulate
-from tcbench.studies.theorems import turned
 
 SCENARIO = tcbench.scenarios()["short_term"]
 # step 63 of the random steps of the study `claims`: its curve of roots has four folds on the way to h

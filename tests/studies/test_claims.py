@@ -11,12 +11,13 @@ from hypothesis import strategies as st
 
 import tcbench
 from tcbench import plugins
+from tcbench.analysis import theorems
+from tcbench.analysis.theorems import CONTRADICTS, HOLDS, NOT_WITH_DATA, LedgerRow, admissible_states, turned
 from tcbench.cli import main
 from tcbench.simulation.run import simulate
-from tcbench.studies import claims, theorems
+from tcbench.studies import claims
 from tcbench.studies import paper_claims as ledger
 from tcbench.studies.claims import STUDY, measure, plan, tabulate
-from tcbench.studies.theorems import CONTRADICTS, HOLDS, NOT_WITH_DATA, LedgerRow, admissible_states, turned
 
 VERDICTS = {HOLDS, NOT_WITH_DATA, CONTRADICTS}
 # the table of docs/truth.md, statement by statement: what is known not to hold, and why it is of its kind
@@ -62,7 +63,7 @@ def test_every_row_has_expectation_measurement_reason_and_command(table):
     for name in ("claim", "section", "expected", "measured", "why", "command"):
         assert table[name].str.len().min() > 2, name
     assert table.why.str.endswith(".").all()
-    assert tuple(table.columns[: len(claims.COLUMNS)]) == claims.COLUMNS
+    assert list(table.columns[: len(claims.CLAIMS.names)]) == claims.CLAIMS.names
 
 
 def test_numbers_of_the_ledger_are_those_of_physics(table):

@@ -180,8 +180,8 @@ def test_tables_are_tidy_and_a_failed_cell_keeps_a_row():
     tables = tabulate([bad, good])
     assert set(tables) == set(STUDY.tables)
     fits, points = tables["convergence"], tables["convergence_points"]
-    assert tuple(fits.columns[: len(convergence.COLUMNS)]) == convergence.COLUMNS
-    assert tuple(points.columns) == convergence.POINT_COLUMNS
+    assert list(fits.columns[: len(convergence.CONVERGENCE.names)]) == convergence.CONVERGENCE.names
+    assert list(points.columns) == convergence.POINTS.names
     assert list(fits.integrator) == ["tc_strang"] * 5 + ["worse"]
     assert len(points) == 5 * len(convergence.HALVINGS)
     last = fits.iloc[-1]

@@ -15,12 +15,13 @@ from click.testing import CliRunner
 
 import tcbench
 from tcbench import Integrator, Range, ScenarioFamily, TcbenchError, plugins
+from tcbench.analysis.statistics import wilson
 from tcbench.cli import main
 from tcbench.errors import MachineError
 from tcbench.studies import ensemble, ensemble_runs, ensemble_tables
 from tcbench.studies.base import default_studies
-from tcbench.studies.ensemble import STUDY, measure, plan, tabulate
-from tcbench.studies.statistics import wilson
+from tcbench.studies.ensemble import STUDY, measure, plan
+from tcbench.studies.ensemble_tables import tables as tabulate
 
 RANDOM = plugins.registry().scenario_families["random"]
 

@@ -112,7 +112,7 @@ def test_tables_are_tidy_and_a_failed_cell_keeps_a_row():
     tables = tabulate([bad, good])
     assert set(tables) == set(STUDY.tables)
     rows, summary = tables["equilibrium"], tables["equilibrium_summary"]
-    assert tuple(rows.columns) == equilibrium.COLUMNS and set(rows.integrator) == {"tc_strang"}
-    assert tuple(summary.columns[: len(equilibrium.SUMMARY_COLUMNS)]) == equilibrium.SUMMARY_COLUMNS
+    assert list(rows.columns) == equilibrium.EQUILIBRIUM.names and set(rows.integrator) == {"tc_strang"}
+    assert list(summary.columns[: len(equilibrium.SUMMARY.names)]) == equilibrium.SUMMARY.names
     assert list(summary.note[summary.integrator == "worse"]) == ["signal 11"]
     assert rows.t.is_monotonic_increasing and len(rows) <= equilibrium.TIMES

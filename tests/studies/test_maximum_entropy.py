@@ -5,10 +5,10 @@ import pytest
 
 import tcbench
 from tcbench import System
+from tcbench.analysis.maximum_entropy import maximum_entropy
 from tcbench.plugins import find_integrator
 from tcbench.studies import equilibrium
 from tcbench.studies.equilibrium import measure, tabulate
-from tcbench.studies.maximum_entropy import maximum_entropy
 
 SCENARIOS = tcbench.scenarios()
 BOUND = ("damped_oscillator", "rubbing_piston", "rigid_body", "heavy_top", "reaction", "gas_containers")

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tcbench.studies.order_fit import fit_order
+from tcbench.analysis.order_fit import fit_order
 
 HALVING = 0.4 / 2.0 ** np.arange(9)
 

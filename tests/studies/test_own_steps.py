@@ -7,8 +7,8 @@ import pytest
 
 import tcbench
 from tcbench import Integrator
+from tcbench.analysis import stable_step as S
 from tcbench.studies import stability
-from tcbench.studies import stable_step as S
 
 SCENARIO = tcbench.scenarios()["bound_equilibrium"].replace(t_end=40.0)
 

@@ -9,13 +9,12 @@ import pytest
 from scalar import parabola, scalar
 
 import tcbench
-from tcbench.errors import TcbenchError
+from tcbench.analysis import stable_step as stability
+from tcbench.errors import STATUSES, TcbenchError
 from tcbench.report.charts.stability_map import CLASSES, cell_class, map_figure
 from tcbench.simulation.run import simulate
-from tcbench.simulation.trajectory import STATUSES
 from tcbench.studies import map as maps
-from tcbench.studies import stable_step as stability
-from tcbench.studies.stability import COLUMNS, STUDY
+from tcbench.studies.stability import STABILITY, STUDY
 
 SCENARIOS, INTEGRATORS = tcbench.scenarios(), tcbench.integrators()
 SHORT = ("short_term", "stiff_spring", "cold_spring", "fast_conduction")
@@ -159,7 +158,9 @@ def test_tables_of_the_study(midpoint_cells):
     lost = {"integrator": "tc_strang", "scenario": "short_term", "status": "timeout", "failure": "120 s"}
     tables = STUDY.tabulate([*midpoint_cells.values(), lost])
     assert set(tables) == set(STUDY.tables)
-    assert list(tables["stability"].columns[: len(COLUMNS)]) == list(COLUMNS) and len(tables["stability"]) == 5
+    assert (
+        list(tables["stability"].columns[: len(STABILITY.names)]) == STABILITY.names and len(tables["stability"]) == 5
+    )
     assert set(tables["stability_points"]["solver"]) == {"continuation", "plain"}
     assert len(tables["blowup_sensitivity"]) == 12
     planned = STUDY.plan(list(INTEGRATORS.values()), list(SCENARIOS.values()), {})
@@ -213,7 +214,7 @@ def small_map():
 
 
 def test_a_map_has_one_row_a_cell(small_map):
-    assert len(small_map) == 2 * 7 * 4 and tuple(small_map.columns) == maps.COLUMNS
+    assert len(small_map) == 2 * 7 * 4 and list(small_map.columns) == maps.MAP.names
     ran = small_map[small_map.outcome != "skipped"]
     assert set(small_map[small_map.outcome == "skipped"].dt) == {40.0}  # longer than the horizon
     assert set(ran[ran.integrator == "tc_monolithic"].outcome) == {"ok"}

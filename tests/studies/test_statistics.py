@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tcbench.studies.statistics import profile, quantile, ratios, wilson
+from tcbench.analysis.statistics import profile, quantile, ratios, wilson
 
 
 @pytest.mark.parametrize(

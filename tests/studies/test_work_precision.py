@@ -7,8 +7,8 @@ import pytest
 
 import tcbench
 from tcbench import Integrator
+from tcbench.analysis import timing
 from tcbench.studies import work_precision as study
-from tcbench.studies import yardstick
 from tcbench.studies.cost import cost_rows, exponent, reach, time_to_accuracy
 
 SCENARIO = tcbench.scenarios()["short_term"].replace(t_end=1.0)
@@ -41,7 +41,7 @@ def records():
 
 def test_a_cell_has_a_rung_for_each_setting_with_its_time_and_errors(records):
     table = study.tabulate(records)["work_precision"]
-    assert set(table["status"]) == {"ok"} and list(table.columns[: len(study.COLUMNS)]) == list(study.COLUMNS)
+    assert set(table["status"]) == {"ok"} and list(table.columns[: len(study.WORK.names)]) == study.WORK.names
     fixed = table[table["integrator"] == "tc_monolithic"]
     assert list(fixed["value"]) == pytest.approx([0.1, 0.01]) and list(fixed["control"]) == ["dt", "dt"]
     assert list(fixed["steps"]) == [10, 100] and (fixed["newton_iterations"] >= fixed["steps"]).all()
@@ -79,7 +79,7 @@ def test_a_solver_that_fails_is_a_point_and_costs_no_repeats(monkeypatch):
 
 def test_a_slow_method_is_spared_its_finer_rungs_and_the_table_says_so(monkeypatch):
     calls, clock = [], Clock()
-    for module in (study, yardstick):
+    for module in (study, timing):
         monkeypatch.setattr(module, "time", clock)
 
     def slow(system, z0, t_eval, rtol, atol):
@@ -96,7 +96,7 @@ def test_a_slow_method_is_spared_its_finer_rungs_and_the_table_says_so(monkeypat
 def test_a_busy_machine_cuts_no_ladder_short(monkeypatch):
     clock, passed = Clock(), []
     clock.perf_counter = lambda: passed.append(1) or float(len(passed))  # each look at it is a second later
-    for module in (study, yardstick):
+    for module in (study, timing):
         monkeypatch.setattr(module, "time", clock)
     failing = Integrator(name="failing", order=1, step=lambda z, h, system: math.nan * z)
     row = study.measure(failing, SCENARIO, {"dt": [0.1, 0.05, 0.025, 0.0125]})
@@ -157,42 +157,13 @@ def test_ratios_are_to_the_best_peer_and_to_the_best_of_scipy():
 def test_exponents_are_those_of_the_power_law(records):
     assert exponent([(n, 1e-3 * n**1.5) for n in (1, 10, 100)]) == pytest.approx(1.5)
     assert math.isnan(exponent([(1, 1e-3), (2, 1e-3)]))
-    timed = [r for r in records if not {"part", "turn"} & r.keys()]
+    timed = [r for r in records if "part" not in r]
     rows = cost_rows(timed)
     assert [r["integrator"] for r in rows] == sorted(r["integrator"] for r in timed)  # of one scenario
     assert all(r["us_per_step"] > 0 for r in rows)
 
 
-@pytest.mark.parametrize(("takes", "rungs"), [(0.0, [0, 2, 4, 6]), (0.1, [0, 2, 4]), (1.0, [0])])
-def test_the_second_process_times_every_other_rung_and_stops_at_a_slow_one(takes, rungs, monkeypatch):
-    clock = Clock()
-
-    def timed(run, spent, warm):
-        clock.now += takes
-        return yardstick.Timing({"status": "ok"}, [takes], 1.0)
-
-    monkeypatch.setattr(study, "time", clock)
-    monkeypatch.setattr(study, "timed", timed)
-    method = tcbench.integrators()["tc_strang"]
-    found = study._again(method, SCENARIO, [0.1 / 2**k for k in range(7)])
-    assert [p["value"] for p in found] == [0.1 / 2**k for k in rungs]
-    assert len(study._again(method, SCENARIO, [0.1, 0.05])) == (2 if takes < 1.0 else 1)
-
-
-def test_a_slow_failure_ends_the_second_process_too(monkeypatch):
-    clock, seen = Clock(), []
-
-    def timed(run, spent, warm):
-        clock.now += 1.0
-        seen.append(1)
-        return yardstick.Timing({"status": "blowup"}, [], math.nan)
-
-    monkeypatch.setattr(study, "time", clock)
-    monkeypatch.setattr(study, "timed", timed)
-    assert study._again(tcbench.integrators()["tc_strang"], SCENARIO, [0.1, 0.05, 0.025]) == [] and len(seen) == 1
-
-
 def test_repeats_end_when_more_would_say_no_more(monkeypatch):
-    monkeypatch.setattr(yardstick, "time", Clock())
-    found = yardstick.timed(lambda first: ({"status": "ok"}, 1e-6), 0.01)
-    assert len(found.seconds) == yardstick.MOST_REPEATS
+    monkeypatch.setattr(timing, "time", Clock())
+    found = timing.timed(lambda first: ({"status": "ok"}, 1e-6), 0.01)
+    assert len(found.seconds) == timing.MOST_REPEATS

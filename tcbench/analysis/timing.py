@@ -1,8 +1,7 @@
-"""Timing a run: its seconds, for the tables, and how much work it is, for the comparison of runs.
+"""Timing a run: its seconds, for the tables, and the work that it is, by which repeats are counted.
 
-Seconds of one and the same run wander by 5 to 40 % on a busy machine: others take the core away (which the processor
-time of the process does not count), or slow it down (which a fixed piece of work, run beside it, shows as well). The
-processor time over that of this yardstick wanders by 1 to 3 %, and by some more between processes.
+Seconds of one and the same run wander by 5 to 40 % on a busy machine, where others take the core away; those of the
+processor, which do not count that, by 1 to 3 %.
 """
 
 from __future__ import annotations
@@ -21,34 +20,23 @@ from ..integrator import Integrator
 from ..study import Row
 from ..systems.scenario import Scenario
 
-LOOPS = 3000  # of the yardstick: about 0.1 ms
-TRIALS = 5  # before the first run; one more before each of its repeats
 MOST_REPEATS = 30  # their least work and median wander by 1 % from time to time; those of 100 by as much
 PATIENCE = 20  # times the processor seconds of the repeats: of a run that waits, and where others take most of the core
 Run = Callable[[bool], tuple[Row, float]]  # run(first) -> row, seconds
 
 
 class Timing(NamedTuple):
-    """What `timed` found: the row of the run, the seconds of its repeats, and the least of its work: in yardsticks, in
-    seconds that others have not taken."""
+    """What `timed` found: the row of the run, the seconds of its repeats, and the least of those that others have not
+    taken."""
 
     row: Row
     seconds: list[float]
-    yardsticks: float
     work: float = math.nan
 
     def columns(self) -> Row:
         """As a rung of a table has them."""
         least, middle = (min(self.seconds), median(self.seconds)) if self.seconds else (math.nan, math.nan)
-        return {"wall_time_min_s": least, "wall_time_median_s": middle, "yardsticks": self.yardsticks}
-
-
-def yardstick() -> float:
-    """The processor seconds that a fixed piece of work takes now."""
-    begin, x = time.process_time(), 0.0
-    for k in range(LOOPS):
-        x = 0.5 * x + k
-    return max(time.process_time() - begin, 1e-9)  # a clock of coarse ticks may show nothing
+        return {"wall_time_min_s": least, "wall_time_median_s": middle}
 
 
 def timed(run: Run, spent: float, warm: bool = False) -> Timing:
@@ -57,10 +45,9 @@ def timed(run: Run, spent: float, warm: bool = False) -> Timing:
     spent: processor seconds for all repeats, what surrounds them included (of runs of 20 us that is most of it).
     warm: the method has run before. A long first run is then one of the repeats: it has nothing left to load.
     """
-    units = [yardstick() for _ in range(TRIALS)]
     row, elapsed, work = _once(run, first=True)
     if row["status"] != "ok":
-        return Timing(row, [], math.nan)
+        return Timing(row, [])
     seconds, works = ([elapsed], [work]) if warm and elapsed >= 2 * spent else ([], [])
     end = time.process_time() + spent
     while not works or (
@@ -69,13 +56,12 @@ def timed(run: Run, spent: float, warm: bool = False) -> Timing:
         and time.process_time() < end
         and sum(seconds) < PATIENCE * spent
     ):
-        units.append(yardstick())  # as often as the run, or the one finds a quiet moment and the other none
         row, elapsed, work = _once(run, first=False)
         if row["status"] != "ok":
-            return Timing(row, [], math.nan)
+            return Timing(row, [])
         seconds.append(elapsed)
         works.append(work)
-    return Timing(row, seconds, float(f"{min(works) / min(units):.4g}"), min(works))
+    return Timing(row, seconds, min(works))
 
 
 def _once(run: Run, first: bool) -> tuple[Row, float, float]:

@@ -1,0 +1,1 @@
+"""What runs and formulas show: orders, largest steps, conditions of the theory, times, statistics."""
