@@ -236,7 +236,7 @@ def test_a_group_that_could_not_be_measured_keeps_a_row_without_a_verdict():
     }
     row = tabulate([bad])["claims"].iloc[0]
     assert (row.claim, row.verdict, row.why) == ("order: not measured", "", "late")
-    assert set(tabulate([bad])) == set(STUDY.tables)
+    assert set(tabulate([bad])) == set(STUDY.table_names)
 
 
 def test_what_collocation_claims_of_a_step_holds_at_long_steps_too():

@@ -178,7 +178,7 @@ def test_tables_are_tidy_and_a_failed_cell_keeps_a_row():
     good = {"integrator": "tc_strang", "scenario": scenario.name} | measure(method, scenario, {})
     bad = {"integrator": "worse", "scenario": scenario.name, "status": "timeout", "failure": "took too long"}
     tables = tabulate([bad, good])
-    assert set(tables) == set(STUDY.tables)
+    assert set(tables) == set(STUDY.table_names)
     fits, points = tables["convergence"], tables["convergence_points"]
     assert list(fits.columns[: len(convergence.CONVERGENCE.names)]) == convergence.CONVERGENCE.names
     assert list(points.columns) == convergence.POINTS.names

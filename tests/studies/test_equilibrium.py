@@ -110,7 +110,7 @@ def test_tables_are_tidy_and_a_failed_cell_keeps_a_row():
     )
     bad = {"integrator": "worse", "scenario": "bound_equilibrium", "status": "crash", "failure": "signal 11"}
     tables = tabulate([bad, good])
-    assert set(tables) == set(STUDY.tables)
+    assert set(tables) == set(STUDY.table_names)
     rows, summary = tables["equilibrium"], tables["equilibrium_summary"]
     assert list(rows.columns) == equilibrium.EQUILIBRIUM.names and set(rows.integrator) == {"tc_strang"}
     assert list(summary.columns[: len(equilibrium.SUMMARY.names)]) == equilibrium.SUMMARY.names

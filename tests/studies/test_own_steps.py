@@ -83,6 +83,6 @@ def test_every_kind_is_in_its_table():
     tables = stability.tabulate(records)
     assert list(tables["stability"].integrator) == ["tc_gauss"] and tables["stability"].limit[0] == "none"
     assert list(tables["stable_tolerances"].integrator) == ["tc_gauss_adaptive"]
-    assert tables["stable_tolerances"].tolerance_stable[0] > 0 and set(tables) == set(stability.STUDY.tables)
+    assert tables["stable_tolerances"].tolerance_stable[0] > 0 and set(tables) == set(stability.STUDY.table_names)
     alone = stability.tabulate(records[1:])
     assert len(alone["stability"]) == 0 and len(alone["stable_tolerances"]) == 1

@@ -157,7 +157,7 @@ def test_every_status_that_a_run_can_produce():
 def test_tables_of_the_study(midpoint_cells):
     lost = {"integrator": "tc_strang", "scenario": "short_term", "status": "timeout", "failure": "120 s"}
     tables = STUDY.tabulate([*midpoint_cells.values(), lost])
-    assert set(tables) == set(STUDY.tables)
+    assert set(tables) == set(STUDY.table_names)
     assert (
         list(tables["stability"].columns[: len(STABILITY.names)]) == STABILITY.names and len(tables["stability"]) == 5
     )
