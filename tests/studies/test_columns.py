@@ -1,6 +1,8 @@
 """A study says what its tables are; whoever shows or compares columns asks its `Table`."""
 
+import re
 from collections import Counter
+from pathlib import Path
 
 import pytest
 
@@ -8,6 +10,9 @@ from tcbench import Column, Table, TcbenchError
 from tcbench.studies.base import known_tables
 from tcbench.studies.columns import SHARED, column, own_columns, own_tables, shown_columns
 from tcbench.table import from_dict
+
+PAGE = (Path(__file__).parents[2] / "docs" / "measures.md").read_text("utf-8")
+NAMED = set(re.findall(r"`([^`]+)`", re.sub(r"```.*?```", "", PAGE, flags=re.DOTALL)))
 
 
 def test_a_column_that_nobody_described_is_written_as_it_is_called():
@@ -45,6 +50,12 @@ def test_what_a_table_says_of_its_columns_are_columns_of_it(table):
     heads = [column(name, table).short for name in table.terminal]
     # "stable" and "unstable" stand twice in the stability table: behind "limit" and behind "plain limit"
     assert len(set(heads)) == len(heads) - (2 if table.name == "stability" else 0)
+
+
+@pytest.mark.parametrize("table", own_tables(), ids=lambda table: table.name)
+def test_the_page_of_measures_names_the_table_and_its_columns(table):
+    shown = {name for name in table.names if column(name, table).shown} - {"seconds", "made"}  # those are in rows
+    assert {table.name, *shown} - NAMED == set()
 
 
 @pytest.mark.parametrize("table", own_tables(), ids=lambda table: table.name)
