@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..chart import Tables
 from ..errors import LOUD
+from ..systems.energy_scale import HIDDEN
 from .judged import is_finite, judged, ladder_runs, of_whole_state, times_over_best
 from .matrix import methods, unmeasured
 
@@ -121,8 +122,23 @@ def _folded(
 
 def remarks(tables: Tables) -> list[str]:
     """Sentences below the table: what failed, and what the paper's statements came to."""
-    said = (_failed(tables), *_missing(tables), *without_number(tables), paper(tables.get("claims")))
+    said = (
+        _failed(tables), *_hidden(tables.get("conservation")), *_missing(tables), *without_number(tables),
+        paper(tables.get("claims")),
+    )  # fmt: skip
     return [sentence for sentence in said if sentence]
+
+
+def _hidden(table: DataFrame | None) -> list[str]:
+    """Scenarios whose energy cannot be judged: its round-off is as large as what moves."""
+    if table is None or "energy_round_off" not in table:
+        return []
+    rows = table[table["energy_round_off"] > HIDDEN].drop_duplicates("scenario")
+    return [
+        f"No verdict on the energy on {name}: E is a sum of terms so large that its round-off is {share:.2g} of what "
+        "moves. Count a bath's energy from its start: C T0 expm1(s/C) for C T0 exp(s/C)."
+        for name, share in zip(rows["scenario"], rows["energy_round_off"], strict=True)
+    ]
 
 
 def _missing(tables: Tables) -> list[str]:

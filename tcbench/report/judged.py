@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..chart import Tables
 from ..studies.columns import ERROR_MAX, KEPT, claim_column, invariant_columns
+from ..systems.energy_scale import HIDDEN
 
 if TYPE_CHECKING:
     from pandas import DataFrame, Series
@@ -91,6 +92,11 @@ def is_kept(law: str, value: Any) -> Any:
     return value <= (0 if law == "entropy" else KEPT)
 
 
+def seen_energy(values: Any, round_off: Any) -> Any:
+    """Losses of energy as far as they are seen: 0 within its round-off, NaN where that hides what moves."""
+    return values.mask(values <= round_off, 0.0).mask(round_off > HIDDEN)
+
+
 def law_columns(table: DataFrame) -> dict[str, str]:
     """Law -> column of `conservation`: energy, entropy, and each invariant that some system of the run has."""
     there = {law: claim_column(law) for law in ("energy", "entropy") if claim_column(law) in table}
@@ -138,6 +144,8 @@ def _of_ladder(table: DataFrame | None, declared: Tables) -> list[Any]:
     whole, some = ~bad, bad & False
     for law, column in law_columns(table).items():
         values = to_numbers(table, column).where(done)
+        if law == "energy":
+            values = seen_energy(values, to_numbers(table, "energy_round_off"))
         rows[f"kept_{law}"], rows[f"of_{law}"] = is_kept(law, values), values.notna()
         most = values[values.groupby([table[name] for name in PAIR]).transform("max").eq(values)].index
         worst.append(

@@ -115,7 +115,8 @@ def verdicts(method: Any, row: Mapping[str, Any]) -> dict[str, str]:
     found = {}
     for column, law in laws.items():
         if is_finite(row.get(column)) and row.get("steps", 1) > 0:
-            holds = is_kept(law, float(row[column]))
+            within = law == "energy" and float(row[column]) <= float(row.get("energy_round_off") or 0.0)
+            holds = within or is_kept(law, float(row[column]))
             claimed = "claimed" if is_claimed(law, method.claims) else "not claimed"
             found[column] = f"{claimed}, {'kept' if holds else 'not kept'}"
     return found

@@ -42,6 +42,7 @@ class Run(Record):
     reference: float  # temperature
     entropy_tolerance: float
     entropy_fall: float
+    entropy_size: float  # beside which both are at least
     flows: Rows[CompiledFlow]
     tally: Tally
     c: Floats = sized("n_constants")
@@ -81,9 +82,9 @@ def accumulate(run: Run, step: int, now: Floats) -> None:
     tally.sum_te += t * error
     rise = now[S] - before[S]
     tally.entropy_min = min(tally.entropy_min, rise)
-    if rise < -run.entropy_tolerance * max(run.least[S], abs(now[S])):
+    if rise < -run.entropy_tolerance * max(run.entropy_size, abs(now[S])):
         tally.violations += 1
-    if rise < -run.entropy_fall * run.least[S] and tally.first_fall == 0:
+    if rise < -run.entropy_fall * run.entropy_size and tally.first_fall == 0:
         tally.first_fall = step
     lyapunov = (now[E] - before[E]) - run.reference * rise
     tally.lyapunov_max = max(tally.lyapunov_max, lyapunov)

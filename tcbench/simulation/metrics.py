@@ -103,6 +103,7 @@ def conservation(run: Trajectory) -> dict[str, Any]:
     """One row of the conservation table; most are the run's `Summary`, departures in units of V_0, which unlike E_0
     does not depend on the arbitrary constant of the energy."""
     told = run.summary
+    scenario = run.scenario
     return {
         "status": run.status,
         "blowup_time": np.nan if run.ok else float(run.t[-1]),
@@ -110,7 +111,8 @@ def conservation(run: Trajectory) -> dict[str, Any]:
         "steps": run.steps,
         "inner_steps_mean": inner_steps_mean(run),
         "energy_error_max": told.energy_error_max,
-        "energy_error_final": float(abs(run.energy[-1] - run.energy[0])) / run.scenario.initial_exergy,
+        "energy_error_final": float(abs(run.energy[-1] - run.energy[0])) / scenario.initial_exergy,
+        "energy_round_off": scenario.energy_round_off / scenario.initial_exergy,
         "energy_drift": told.energy_drift,
         "entropy_increment_min": told.entropy_increment_min,
         "second_law_violations": told.second_law_violations,

@@ -24,6 +24,7 @@ CONSERVATION = Table(
     (
         "integrator", "scenario", "dt", "status", "blowup_time", "energy_error_max",
         Column("energy_error_final", "|E − E₀| / V₀ at the end", worse="larger"),
+        Column("energy_round_off", "round-off of E over V₀", compared=False),
         Column("energy_drift", worse="larger"), "entropy_increment_min",
         Column("second_law_violations", "steps on which S fell", worse="larger"), "angular_momentum_error_max",
         Column("lyapunov_increment_max", "largest rise of E − θ_ref S in a step", worse="higher"),

@@ -64,7 +64,9 @@ def laws(run: Trajectory) -> dict[str, float]:
     energy: |E - E0|/V0; entropy: the largest fall in a step; invariants: their departure over the size of their terms,
     |q0| |p0| (random momenta may cancel), at least 1e-12 of it; of others over their value, or a least size.
     """
-    found = {"energy": run.summary.energy_error_max, "entropy": max(0.0, -run.summary.entropy_increment_min)}
+    error = run.summary.energy_error_max
+    within = error * run.scenario.initial_exergy <= run.scenario.energy_round_off
+    found = {"energy": 0.0 if within else error, "entropy": max(0.0, -run.summary.entropy_increment_min)}
     model = run.scenario.model
     if not isinstance(model, ElementSystem):
         least = dict(zip(model.invariant_names, model.least_sizes[1][2:].tolist(), strict=True))

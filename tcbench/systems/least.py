@@ -69,7 +69,7 @@ def measured(model: System, z0: Floats | None) -> tuple[Floats, Floats]:
         at_hand = max(at_hand, REST * energy)  # or this is next to rest, where slopes are what is left of larger ones
         far = _moved(model, z0, at_hand, unusual=True)
     elif not usual:  # is the energy small, or next to rest?
-        energy = max(energy, _terms(model, z0))
+        energy = max(energy, energy_terms(model, z0))
         far = _moved(model, z0, energy, unusual=True)
     values, laws = _laws(model, z0, far, n_laws)
     laws[E] = energy
@@ -108,20 +108,30 @@ def _power_of_two(size: Floats, small: float = SMALL) -> Floats:
     return np.ones(len(size)) if usual.all() else np.exp2(np.round(np.log2(np.where(usual, 1.0, size))))
 
 
-def _terms(model: System, z0: Floats) -> float:
-    """How large the terms of the energy are."""
-    made = terms_of_energy(model.by_arrays if model.large else model.symbolic)
+def energy_terms(model: System, z0: Floats, law: str = "energy") -> float:
+    """How large the terms of the energy, or of the entropy, are."""
+    made = terms_of(model.by_arrays if model.large else model.symbolic, law)
     measure = made.kernel(model.mesh) if isinstance(made, ArrayKernel) else made
     return float(measure(np.array(z0), model.declared_values)[0])
 
 
 @once
-def terms_of_energy(system: Any) -> Kernel | ArrayKernel:
+def terms_of(system: Any, law: str) -> Kernel | ArrayKernel:
     """How large they are at a state, of all systems of one structure or kind."""
     with trace.tracing():
         z = system.unknowns("z")
-        found: Kernel | ArrayKernel = system.compiled([z], [round_off(trace.lifted(system.energy(z)), entries(z))])
+        size = round_off(trace.lifted(getattr(system, law)(z)), entries(z))
+        found: Kernel | ArrayKernel = system.compiled([z], [size])
         return found
+
+
+def entropy_size(model: System) -> float:
+    """Beside which a fall of S is measured at least: 1, less in units that make S small, its terms at the start where
+    these cancel."""
+    least = float(model.least_entropy)
+    if least <= 1.0 or model.begins is None:
+        return min(least, 1.0)
+    return max(1.0, energy_terms(model, model.begins, "entropy"))
 
 
 def _moved(model: System, z0: Floats, energy: float, unusual: bool = False) -> Floats:

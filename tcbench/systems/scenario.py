@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from ..errors import TcbenchError, expect, positive, shown, unknown_name
 from .declaration import SETTINGS
-from .least import REST, exergy_at
+from .energy_scale import energy_round_off, energy_scale
+from .least import REST
 from .refusals import Fixed
 from .sampling import Draw, Range, rounded, seed_of
 from .state import fixed, formulas_hash, real
@@ -109,7 +110,7 @@ class Scenario:
             put(self, name, _numbers(name, getattr(self, name)))
         put(self, "initial", Fixed({name: _checked(name, value) for name, value in self.initial.items()}))
         self._check_lengths()
-        put(self, "_cache", {"model": self.system(**self.constants)})
+        put(self, "_cache", {"model": self.system(**self.constants), "horizon": self.t_end})
         put(self, "constants", Fixed({k: _plain(v) for k, v in self.constants.items()}))
         self._cache["z0"] = self._start()
 
@@ -127,7 +128,7 @@ class Scenario:
 
     def __getstate__(self) -> dict[str, Any]:
         """What is copied and pickled: the numbers, and the system."""
-        return {**vars(self), "_cache": {"model": self.model}}
+        return {**vars(self), "_cache": {k: self._cache[k] for k in ("model", "horizon")}}
 
     def _start(self) -> NDArray[np.float64]:
         wanted = self.model.initial_data
@@ -163,32 +164,24 @@ class Scenario:
 
     @property
     def initial_exergy(self) -> float:
-        """V0, the scale of energy errors: `exergy_at_start`, at rest or next to it 1e-10 of |E0|, or of the least size
-        of an energy: round-off of the energy is no blow-up."""
+        """V0, the scale of energy errors: the exergy at the start, or what of the energy moves (`energy_scale`)."""
         if "V0" not in self._cache:
-            energy, least = abs(float(self.model.energy(self.z0))), float(self.model.least_energy)
-            self._cache["V0"] = max(self.exergy_at_start, REST * max(least, energy))
+            self._cache["V0"] = energy_scale(self.model, self.z0, self._cache.get("horizon", self.t_end))
         return float(self._cache["V0"])
 
     @property
-    def exergy_at_start(self) -> float:
-        """V(z0): see `least.exergy_at`."""
-        if "exergy" not in self._cache:
-            self._cache["exergy"] = exergy_at(self.model, self.z0)
-        return float(self._cache["exergy"])
+    def energy_round_off(self) -> float:
+        """What of an error of the energy is its round-off, as it is written."""
+        if "round-off" not in self._cache:
+            self._cache["round-off"] = energy_round_off(self.model, self.z0)
+        return float(self._cache["round-off"])
 
     @property
     def bound(self) -> float:
         """Largest |E - E0| of a run that is no blow-up."""
-        return self.blowup_factor * self.initial_exergy
-
-    def consistent(self) -> Scenario:
-        """The variant that starts at the nearest state that satisfies the constraints and their rate; this one where it
-        has none."""
-        from .multipliers import multipliers  # of few systems
-
-        solved = multipliers(self.model)
-        return self if solved is None else self.replace(**self.model.initial_of(solved.consistent(self.z0)))
+        bound = self.blowup_factor * self.initial_exergy
+        far = bound > REST * abs(float(self.model.energy(self.z0)))
+        return bound if far else max(bound, self.energy_round_off)
 
     def replace(self, **changes: Any) -> Scenario:
         """A variant: settings (name, t_end, dt, positions, ...), constants, or variables (their initial values)."""

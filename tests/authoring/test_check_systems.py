@@ -147,22 +147,6 @@ def test_a_rate_that_is_no_number_at_the_start_is_told(kind):
         Field(system).rate(0.0, np.array([1.0, 0, 0, 1, 0]))
 
 
-def counted_from_there(more, large=1.0):
-    """Energies counted from what they are at the start, and a little less."""
-    energy = {"energy": lambda self, z: large * Right.energy(self, z) - 2 * large + more}
-    return type("FromThere", (Right,), {"reference_temperature": 0.0, **energy})
-
-
-def test_an_energy_that_is_0_at_the_start_is_no_scale_of_errors():
-    """At 0, or next to it, its parts are the scale, (|q dE/dq| + |p dE/dp| + |s dE/ds|)/2."""
-    settings = {"initial": {"q": [1, 0], "p": [0, 1], "s": 0}, "t_end": 1, "dt": 0.1}
-    scenario = Scenario("zero", counted_from_there(0.0), {"eta": 0.1, "theta": 1}, **settings)
-    assert scenario.model.exergy(scenario.z0) == 0.0 and scenario.initial_exergy == 1.0
-    assert "exergy" not in failed(counted_from_there(0.0))
-    assert "exergy" not in failed(counted_from_there(2.0))
-    assert "exergy" not in failed(counted_from_there(1e-4, 1e3))
-
-
 def matrix(name, change):
     right = getattr(ByMatrices, name)
 
