@@ -187,8 +187,8 @@ def positive(scenario: Scenario) -> Line:
 
 def exergy(scenario: Scenario) -> Line:
     """E - theta_ref S + offset is the scale of energy errors: it must be positive."""
-    model, z0 = scenario.model, scenario.z0
-    states, V = admissible_states(scenario, np.random.default_rng(SEED)), float(model.exergy(z0))
+    model = scenario.model
+    states = admissible_states(scenario, np.random.default_rng(SEED))
     if not model.reference_temperature:
         return Line(
             "exergy", NONE, f"no reference_temperature: errors are over what moves, {scenario.initial_exergy:.3g}"
