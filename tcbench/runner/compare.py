@@ -67,7 +67,7 @@ def compare(
     that is no regression. `worse` is True for what `regressions` returns.
 
     Timings are compared where they were measured alone, on one kind of machine (see `other_machine`). Raises
-    `TcbenchError` when a folder holds no run.
+    `TcbenchError` when a folder holds no run, or both have no row in common.
     """
     import pandas
 
@@ -178,12 +178,23 @@ def pairs_of(a: Store, b: Store) -> Pairs:
         for name in changed:
             del lines[name]
     before, after = sides
+    if not before.keys() & after.keys():
+        raise TcbenchError(
+            f"{a.folder} and {b.folder} have no row in common, so that nothing can be compared: {_held(before)}, and "
+            f"{_held(after)}. Run the same methods, scenarios and studies into both."
+        )
     return Pairs(
         [(cell, row, after[name][1]) for name, (cell, row) in before.items() if name in after],
         [cell for name, (cell, _) in before.items() if name not in after],
         [cell for name, (cell, _) in after.items() if name not in before],
         problems,
     )
+
+
+def _held(lines: Mapping[str, Line]) -> str:
+    """Which methods and scenarios a side has, in a few words."""
+    pairs = sorted({f"{cell.get('integrator')} on {cell.get('scenario')}" for cell, _ in lines.values()})
+    return f"one has {', '.join(pairs[:2])}{f' and {len(pairs) - 2} more' if len(pairs) > 2 else ''}"
 
 
 def _lines(store: Store) -> dict[str, Line]:

@@ -195,6 +195,8 @@ class Crew:
         self.busy: list[Worker] = []
         self.later: set[str] = set()  # integrators whose timed cells are still to come
         self.idle: dict[str, Worker] = {}
+        self.failed_starts: Counter[str] = Counter()  # in a row, by integrator
+        self.given_up: dict[str, str] = {}  # and why
         self.started = 0
 
     def all(self, cells: Collection[Cell], jobs: int, shuffled: random.Random | None = None) -> None:
@@ -202,7 +204,9 @@ class Crew:
         groups = defaultdict(list)
         for cell in cells:
             groups[cell.integrator].append(cell)
-        order = sorted(groups.values(), key=len)  # the longest is taken first
+        order = sorted(groups.values(), key=len, reverse=True)[
+            ::-1
+        ]  # taken from the end: the longest, the first of them
         if shuffled:
             order = shuffled.sample(order, len(order))
             order = [shuffled.sample(group, len(group)) for group in order]
@@ -258,7 +262,6 @@ class Worker:
         self._child: Child | None = None
         self._ready = self._was_cut = False
         self._opened = self._began = 0.0
-        self._failed_starts = 0
         crew.started += 1
         self._log = crew.folder / f"output-{crew.started}"
 
@@ -268,6 +271,10 @@ class Worker:
         while self.left and self.cell is None:
             self.cell, self._extra = self.left.popleft()
             self.crew.ledger.start(self.cell, self.crew.running())
+            if given_up := self._given_up():
+                self._write(given_up)
+                self.cell = None
+                continue
             if self.cell.study in self.crew.settings["context"].get("fresh", ()):
                 self.discard()
             try:
@@ -294,7 +301,8 @@ class Worker:
         if child is not self._child or self.cell is None:
             return  # of one that was discarded
         if line == READY:
-            self._ready, self._failed_starts, self._began = True, 0, time.monotonic()
+            self._ready, self._began = True, time.monotonic()
+            self.crew.failed_starts.pop(self.cell.integrator, None)
         elif line is None:
             code = child.process.returncode
             self.discard()
@@ -356,19 +364,21 @@ class Worker:
 
     def _start_failed(self, how: str) -> None:
         """Try again; after some attempts all that is left of this integrator is given up."""
-        self._failed_starts += 1
         assert self.cell is not None
-        if self._failed_starts < START_ATTEMPTS:
+        name = self.cell.integrator
+        self.crew.failed_starts[name] += 1
+        if self.crew.failed_starts[name] < START_ATTEMPTS:
             self.left.appendleft((self.cell, self._extra))
-            self.next()
-            return
-        row = {"status": "crash", "failure": f"No worker could be started: importing its code ended it ({how})."}
-        while True:
-            self._write(row | {"output_tail": read_tail(self._log)})
-            if not self.left:
-                break
-            self.cell, self._extra = self.left.popleft()
-        self.cell = None
+        else:
+            self.crew.given_up[name] = f"No worker could be started: importing its code ended it ({how})."
+            self._write(self._given_up())
+        self.next()
+
+    def _given_up(self) -> dict[str, Any] | None:
+        """The row of a cell whose integrator has been given up."""
+        assert self.cell is not None
+        failure = self.crew.given_up.get(self.cell.integrator)
+        return {"status": "crash", "failure": failure, "output_tail": read_tail(self._log)} if failure else None
 
     def _end(self, row: bytes | dict[str, Any]) -> None:
         if isinstance(row, bytes) and b'"exception_type"' in row:

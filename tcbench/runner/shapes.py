@@ -19,7 +19,7 @@ SCENARIO = {
 }  # fmt: skip
 DECLARED = {
     "integrators": {str: METHOD}, "scenarios": {str: SCENARIO}, "absent": {str: str},
-    "metrics": {str: {"unit": str, "description": str}},
+    "metrics": {str: {"unit": str, "description": str, "label": str, "worse": str}}, "tables": {str: [{}]},
 }  # fmt: skip
 MANIFEST = {
     "git": ({}, type(None)), "machine": {}, "packages": {}, "threads": {}, "command": [str], "tables": [str],
