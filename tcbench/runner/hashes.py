@@ -12,7 +12,7 @@ import platform
 import re
 import sys
 import sysconfig
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
@@ -39,18 +39,18 @@ NO_NUMBERS = frozenset({"authoring", "cli.py", "commands", "progress.py", "repor
 TOLD = ("TCBENCH_PLAIN", "TCBENCH_TARGET")  # variables that change digits
 
 
-def made_by(method: Integrator, scenario: Scenario, study: Study | None = None, system: str = "") -> str:
+def made_by(method: Integrator, scenario: Scenario, study: Study, system: Mapping[str, Any] | None = None) -> str:
     """What the row of a cell depends on beside the cell, as "TCBENCH-METHOD-SCENARIO", three hashes: of tcbench and
     the packages under it; of the plugins that bring the method (and the study), the packages that it requires and the
     files that it `uses`; of the scenario's data and its plugin.
 
-    system : folder of the code of a scenario that no plugin brings.
+    system : of a scenario that no plugin brings (`plan.scenario_data`): the folder of its code, and its hash.
     """
-    metrics = [m.plugin for m in plugins.metrics().values()] if study and study.metrics else []
-    own = plugins.needs(method.name, method.plugin, *([study.plugin] if study else []), *metrics)
+    metrics = [m.plugin for m in plugins.metrics().values()] if study.metrics else []
+    own = plugins.needs(method.name, method.plugin, study.plugin, *metrics)
     parts = [_marks(own), method.versions(), method.order, [*_files(method)], sorted(metrics)]
     of_scenario = [_marks(plugins.needs(scenario.name, scenario.plugin)), scenario.data()]
-    of_scenario += [folder_mark(system)] if system else []
+    of_scenario += [system["code"], folder_mark(system["folder"])] if system else []
     return f"{tcbench_mark()}-{digest(parts)[:12]}-{digest(of_scenario)[:12]}"
 
 

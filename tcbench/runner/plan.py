@@ -178,7 +178,7 @@ class _Cells:
             self.here[cell.key] = method, scenario
         pair = study.name, method.name, name
         if pair not in self._pairs:
-            self._pairs[pair] = hashes.made_by(method, scenario, study, custom["folder"] if custom else "")
+            self._pairs[pair] = hashes.made_by(method, scenario, study, custom)
             own = (method.name, method.plugin, name, scenario.plugin, study.plugin)
             metrics = [m.plugin for m in plugins.metrics().values()] if study.metrics else []
             self._needs.setdefault(method.name, set()).update(plugins.needs(*own, *metrics))

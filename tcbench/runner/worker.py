@@ -81,7 +81,7 @@ def measure_cell(cell: dict[str, Any], context: dict[str, Any]) -> dict[str, Any
     custom = context["scenarios"].get(cell["scenario"])
     scenario = rebuilt(custom) if custom else plugins.find_scenario(cell["scenario"])
     planned = context["made_by"][Cell(**cell).key]
-    if made_by(method, scenario, study, custom["folder"] if custom else "") != planned.partition("+")[0]:
+    if made_by(method, scenario, study, custom) != planned.partition("+")[0]:
         raise ChangedError(
             f"What {method.name} on {scenario.name} is measured with is not what the run was planned with: files were "
             "edited meanwhile, the plugin writes beside its own file, or this machine has another version. Run again, "
