@@ -35,8 +35,6 @@ def run_on_dask(
 ) -> Summary:  # fmt: skip
     """As `run_cells`, on the workers of a Dask scheduler ("tcp://host:8786"); timed cells as one share, after all
     others. Ctrl-C cancels what waits and keeps what has come back."""
-    from distributed import as_completed
-
     began = time.monotonic()
     to_run, summary = plan(cells, store, retry_failed, context.get("made_by"), machine=machine)
     if not to_run:
@@ -48,6 +46,8 @@ def run_on_dask(
     for cell in to_run:
         by_method.setdefault("" if cell.timed else cell.integrator, []).append(cell)
     alone, lost, client = by_method.pop("", []), dict[str, int](), _connect(address, security)
+    from distributed import as_completed
+
     try:
         for shares in ([c[i : i + SHARE] for c in by_method.values() for i in range(0, len(c), SHARE)], [alone]):
             sent = {_send(client, job, share): share for share in shares if share}

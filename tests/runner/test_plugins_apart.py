@@ -1,0 +1,176 @@
+"""Code that nobody named is not run, and what a plugin does to its process is undone before another's cells."""
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from command import tcbench
+
+from tcbench import plugins
+from tcbench.runner.rows import Store
+
+SCRIPT = Path(sys.executable).with_name("tcbench")
+PLUGIN = """
+import numpy as np
+from tcbench import Integrator, hookimpl
+{before}
+def step(z, h, system):
+    {step}
+    return z + h * system.vector_field(z)
+
+@hookimpl
+def tcbench_integrators():
+    {hook}
+    return [Integrator(name={name!r}, order=1, step=step)]
+"""
+
+
+def plugin(path, name=None, before="", step="pass", hook="pass"):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(PLUGIN.format(name=name or path.stem, before=before, step=step, hook=hook))
+    return path
+
+
+def process(*words, cwd):
+    """As `tcbench`, by a process of its own."""
+    return subprocess.run([str(SCRIPT), *map(str, words)], capture_output=True, text=True, cwd=cwd)
+
+
+def run(*words, cwd, out="out", by=tcbench):
+    return by("run", *words, "-s", "short_term", "--study", "conservation", "--dt", "0.3", "-o", out, cwd=cwd)
+
+
+def rows(folder):
+    return {line["cell"]["integrator"]: line["row"] for line in Store.read(folder).lines()}
+
+
+def helped(folder, name, factor):
+    plugin(folder / f"{name}.py", before="from helper import factor", step="h = factor * h")
+    (folder / "helper.py").write_text(f"factor = {factor}\n")
+
+
+def test_helpers_of_folders_that_are_loaded_one_after_the_other_are_each_its_own(tmp_path):
+    found = []
+    for name, factor in (("a", 1.0), ("b", 0.5)):
+        helped(tmp_path / name, "mine", factor)
+        plugins.forget()
+        plugins.use_folders([tmp_path / name])
+        found.append(plugins.find_integrator("mine").step.__globals__["factor"])
+    (tmp_path / "b" / "helper.py").write_text("factor = 0.25\n")
+    os.utime(tmp_path / "b" / "helper.py", (1, 1))  # another time than the cached bytecode's
+    plugins.use_folders([tmp_path / "b"])
+    found.append(plugins.find_integrator("mine").step.__globals__["factor"])
+    assert found == [1.0, 0.5, 0.25]
+
+
+def test_a_plugin_may_be_called_as_a_package_or_a_module_of_python(tmp_path):
+    for name in ("rich", "signal", "numpy", "multiprocessing"):
+        plugin(tmp_path / f"{name}.py", f"mine_{name}")
+    chosen = [word for name in ("rich", "signal", "numpy") for word in ("-i", f"mine_{name}")]
+    done = run(*chosen, "--plugins-dir", ".", cwd=tmp_path, by=process)
+    assert done.returncode == 0, done.stderr
+    assert {row["status"] for row in rows(tmp_path / "out").values()} == {"blowup"}
+    command = [sys.executable, "-m", "tcbench", "list", "--json", "--plugins-dir", "."]
+    listed = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
+    assert "mine_rich" in {i["name"] for i in json.loads(listed.stdout)["integrators"]}, listed.stderr
+
+
+def test_nothing_in_the_current_folder_runs_unless_it_is_named(tmp_path):
+    trace = f"open({str(tmp_path / 'ran')!r}, 'a').write(__name__ + ' ')\n"
+    for name in ("signal", "multiprocessing", "tcbench", "struct", "matplotlib", "pickle"):
+        (tmp_path / f"{name}.py").write_text(trace)
+    done = run("-i", "tc_monolithic", "--report", cwd=tmp_path, by=process)
+    assert done.returncode == 0, done.stderr
+    assert not (tmp_path / "ran").exists(), (tmp_path / "ran").read_text()
+    assert rows(tmp_path / "out")["tc_monolithic"]["status"] == "ok"
+    assert (tmp_path / "out" / "report.html").is_file()
+
+
+def test_a_worker_that_ran_a_plugins_code_serves_no_other_plugin(tmp_path):
+    plugin(tmp_path / "p" / "aaa.py", step="np.exp = np.log = lambda x: x * np.nan")
+    plugin(tmp_path / "p" / "bbb.py", step="assert np.exp(0.0) == 1.0, 'patched'")
+    alone = run("-i", "bbb", "--plugins-dir", "p", "-j", "1", cwd=tmp_path, out="alone")
+    assert alone.returncode == 0, alone.stderr
+    both = run("-i", "aaa", "-i", "bbb", "-i", "tc_monolithic", "--plugins-dir", "p", "-j", "1", cwd=tmp_path)
+    assert both.returncode == 0, both.stderr
+    found, clean = rows(tmp_path / "out"), rows(tmp_path / "alone")
+    assert found["bbb"]["energy_error_max"] == clean["bbb"]["energy_error_max"], found["bbb"]
+    assert found["tc_monolithic"]["status"] == "ok"
+
+
+@pytest.mark.parametrize("how", ["raise SystemExit(0)", "raise GeneratorExit", "import os; os.environ['x'] = 1"])
+def test_what_a_hook_raises_is_that_plugins_failure(tmp_path, how):
+    plugin(tmp_path / "leaving.py", hook=how)
+    plugin(tmp_path / "good.py")
+    done = tcbench("list", "--json", "--plugins-dir", ".", cwd=tmp_path)
+    listed = json.loads(done.stdout)
+    assert done.returncode == 0 and [b["name"] for b in listed["broken"]] == ["leaving"]
+    assert "good" in {i["name"] for i in listed["integrators"]}
+
+
+def test_what_an_import_or_the_values_of_a_parameter_raise_is_that_plugins_failure(tmp_path):
+    plugin(tmp_path / "importing.py", before="raise BaseException('no')")
+    (tmp_path / "valued.py").write_text(
+        "from tcbench import Integrator, family, hookimpl\n"
+        "def make(of='a'):\n    return Integrator(name='valued', order=1, step=lambda z, h, system: z)\n"
+        "@hookimpl\ndef tcbench_integrators():\n    return [family(make, of=lambda known: 1 / 0)]\n"
+    )
+    plugins.use_folders([tmp_path])
+    assert {o.name for o in plugins.registry().broken} == {"importing", "valued"}
+    assert "tc_monolithic" in plugins.integrators() and "valued" not in plugins.integrators()
+
+
+def test_a_message_with_half_of_a_surrogate_pair_costs_nobody_a_table(tmp_path):
+    plugin(tmp_path / "torn.py", step="raise ValueError('sur ' + chr(0xd800) + ' end')")
+    done = run("-i", "torn", "-i", "tc_monolithic", "--plugins-dir", ".", "--report", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "sur \\ud800 end" in (tmp_path / "out" / "tables" / "conservation.csv").read_text()
+    again = run("-i", "torn", "-i", "tc_monolithic", "--plugins-dir", ".", cwd=tmp_path)
+    assert again.returncode == 0 and "0 cells" in again.stdout
+
+
+def test_an_output_folder_that_is_deleted_during_the_run_ends_it_with_a_sentence(tmp_path):
+    erase = f"import shutil; shutil.rmtree({str(tmp_path / 'out')!r}, ignore_errors=True)"
+    plugin(tmp_path / "p" / "eraser.py", step=erase)
+    done = run("-i", "eraser", "--plugins-dir", "p", cwd=tmp_path)
+    assert done.returncode == 2 and "was deleted or replaced while the run" in done.stderr, done.stdout
+    assert "Traceback" not in done.stderr and not (tmp_path / "out" / "tables").exists()
+
+
+def test_a_complex_result_is_refused_not_cut(tmp_path):
+    plugin(tmp_path / "p" / "complexly.py", step="return z + 1j")
+    assert run("-i", "complexly", "--plugins-dir", "p", "--strict", cwd=tmp_path).returncode == 1
+    row = rows(tmp_path / "out")["complexly"]
+    assert row["status"] == "exception" and "complex numbers were returned" in row["failure"]
+    # those that were finished before count, too
+    assert run("-i", "complexly", "--plugins-dir", "p", "--strict", cwd=tmp_path).returncode == 1
+    assert run("-i", "complexly", "--plugins-dir", "p", cwd=tmp_path).returncode == 0
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals are POSIX")
+@pytest.mark.parametrize("delay", [0.4, 1.2])
+def test_ctrl_c_ends_with_130_and_without_tracebacks(tmp_path, delay):
+    command = [str(SCRIPT), "run", "--all", "-o", str(tmp_path / "out")]
+    # a session of its own: the signal goes to the whole group, as a terminal sends it
+    child = subprocess.Popen(
+        command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True,
+        # a job in the background starts with the signal ignored
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )  # fmt: skip
+    try:
+        deadline = time.monotonic() + 1800
+        while not (tmp_path / "out").exists() and time.monotonic() < deadline and child.poll() is None:
+            time.sleep(0.02)
+        time.sleep(delay)
+        os.killpg(child.pid, signal.SIGINT)
+        _, errors = child.communicate(timeout=1800)
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(child.pid, signal.SIGKILL)
+    assert child.returncode == 130 and "Traceback" not in errors, errors[-2000:]
