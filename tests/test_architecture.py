@@ -38,7 +38,7 @@ def test_every_package_and_module_stands_on_one_floor():
 
 
 def test_the_house_has_few_rooms_at_the_root_and_few_floors():
-    assert len(MODULES) <= 16 and len(LAYERS) <= 14
+    assert len(MODULES) <= 17 and len(LAYERS) <= 15
 
 
 def test_no_module_imports_one_that_imports_it():

@@ -51,7 +51,7 @@ def run_on_dask(
     try:
         for shares in ([c[i : i + SHARE] for c in by_method.values() for i in range(0, len(c), SHARE)], [alone]):
             sent = {_send(client, job, share): share for share in shares if share}
-            arriving = as_completed(list(sent))
+            arriving = as_completed(list(sent), loop=client.loop)
             for future in arriving:
                 share = sent.pop(future)
                 for again in _receive(client, future, share, ledger, lost, len(sent)):
