@@ -125,7 +125,8 @@ class Table:
 
     def __post_init__(self) -> None:
         expect_names("The table", self.name)
-        if not isinstance(self.columns, tuple) or any(not isinstance(one, Column | str) for one in self.columns):
+        columns: Any = self.columns  # whatever an author wrote
+        if not isinstance(columns, tuple) or any(not isinstance(one, Column | str) for one in columns):
             raise TcbenchError(
                 f"The table {self.name!r}: columns is a tuple of Column or of names, not {shown(self.columns)}."
             )
