@@ -5,7 +5,6 @@ import os
 import subprocess
 import sys
 import tomllib
-from importlib.metadata import entry_points, version
 from pathlib import Path
 
 import numpy as np
@@ -37,33 +36,8 @@ def test_every_plugin_file_has_its_entry_point():
     assert {target.removeprefix("tcbench_plugins.") for target in points.values()} == files
 
 
-def test_metadata_of_a_distribution_is_read_once(monkeypatch):
-    read = []
-    for kind in {type(point.dist) for point in entry_points(group=plugins.GROUP)}:  # not always of importlib.metadata
-        whole = kind.metadata.fget
-        monkeypatch.setattr(kind, "metadata", property(lambda self, whole=whole: read.append(self) or whole(self)))
-    origins, count = plugins.load().origins.values(), len(read)
-    assert len(origins) > 20 and count == len({o.distribution for o in origins})
-    assert ("tcbench", version("tcbench")) in {(o.distribution, o.version) for o in origins}
-
-
-ALLOWED = {
-    "__future__",
-    "tcbench",
-    "numpy",
-    "scipy",
-    "",
-    "collections",
-    "dataclasses",
-    "contextlib",
-    "functools",
-    "warnings",
-    "itertools",
-    "threading",
-    "typing",
-    "math",
-    "re",
-}
+ALLOWED = {"__future__", "tcbench", "numpy", "scipy", "", "collections", "dataclasses", "contextlib", "functools",
+           "warnings", "itertools", "threading", "typing", "math", "re"}  # fmt: skip
 
 
 def test_plugin_files_import_only_tcbench_and_numpy_and_scipy():
@@ -311,18 +285,6 @@ def test_members_of_families_are_those_of_the_files_as_they_are_now(tmp_path):
         wrapped = plugins.find_integrator("projected[method=mine]").step(z, 1e-6, system)
         expected = 1e-6 * scale * system.vector_field(z)
         np.testing.assert_allclose(wrapped[:4], expected[:4], atol=1e-7)  # a projection moves by what is missed
-
-
-def test_names_of_a_worker_are_counted_and_listed_as_those_of_the_run(tmp_path):
-    """Also by whoever makes a list of values, which asks for their number first."""
-    (tmp_path / "mine.py").write_text(GOOD)
-    plugins.use_folders([tmp_path])
-    whole = plugins.registry()
-    plugins.use_index(plugins.index())
-    worker = plugins.registry()
-    assert len(worker.integrators) == len(whole.integrators) and "mine" in worker.integrators
-    for kind in ("integrators", "scenarios", "studies"):
-        assert {one.name for one in [*getattr(worker, kind).values()]} == set(getattr(whole, kind))
 
 
 def test_an_unknown_name_in_the_table_of_scenarios_is_a_sentence():
