@@ -219,14 +219,13 @@ class Panel:
 class Sheet:
     """Panels with what is settled for all of them.
 
-    columns : of the picture, at the most; size : inches of a panel; right : inches beside it. named : lines are named
-    at their ends and not in a legend. hollow : what the legend says of hollow marks.
+    columns : of the picture, at the most; size : inches of a panel. named : lines are named at their ends and not in a
+    legend. hollow : what the legend says of hollow marks.
     """
 
     panels: Sequence[Panel]
     columns: int = 3
     size: tuple[float, float] = (3.6, 2.9)
-    right: float = 0.2
     named: bool = False
     hollow: str = ""
 

@@ -139,13 +139,12 @@ def measurement(run: Trajectory) -> str:
 def draw(figure: PaperFigure, runs: list[Trajectory]) -> Figure:
     """The four panels with the caption below them."""
     from ..simulation import series
-    from .charts.layout import Panels
     from .charts.runs import four_panel
     from .charts.theme import INK
 
     drawn = four_panel(series.trajectories(runs))
-    assert isinstance(drawn, Panels)
     lines = textwrap.wrap(caption(figure, runs), 150)
-    drawn.place(drawn.above, drawn.beside, below=0.16 * len(lines) + 0.2)
-    drawn.text(0.01, 0.01, "\n".join(lines), fontsize=8, color=INK, va="bottom", ha="left", parse_math=False)
+    width, height = drawn.get_size_inches()
+    drawn.set_size_inches(width, height + 0.16 * len(lines))
+    drawn.supxlabel("\n".join(lines), x=0.01, ha="left", fontsize=8, color=INK, parse_math=False)
     return drawn

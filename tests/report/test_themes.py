@@ -78,7 +78,7 @@ def test_size_font_and_style_are_those_asked_for(table, tmp_path):
     assert tcbench.draw("conservation", table, style=sheet).axes[0].xaxis.label.get_size() == 20
     assert tcbench.draw("conservation", table, style=sheet, font_size=7).axes[0].xaxis.label.get_size() == 7
     for message, options in {
-        "too few: this chart needs": {"size": "1x1"}, "is no size": {"size": (3, 2, 1)}, "sets nothing": {"style": {}},
+        "are too few for the panels": {"size": "1x1"}, "is no size": {"size": (3, 2, 1)}, "sets nothing": {"style": {}},
         "no matplotlib style": {"style": {"font.sze": 3}}, "between 3 and 40": {"font_size": 0.1},
     }.items():  # fmt: skip
         with pytest.raises(TcbenchError, match=message):

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Any
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from ...chart import Chart, Panel, Row, Series, Sheet
 from ..judged import power
 from ..leaders import front
-from .layout import Drawing, line_labels, note, panels, pt, titles
+from .layout import line_labels, note, panels, pt, settle, titles
 from .render import chart, chart_of_rows
 from .scales import ROUND_OFF, log_axis, round_off_band
 from .style import GREY, by_name, finite, look, names
@@ -42,7 +43,7 @@ def failure_share(table: DataFrame) -> Sheet:
     shown = [control for control in CONTROLS if control in enough and np.isfinite(finite(enough[control])).any()]
     parts = [_shares(enough[np.isfinite(finite(enough[c]))].sort_values(c, kind="stable"), c) for c in shown]
     few = Panel([], "", "", note=f"no step or tolerance has {FEWEST} runs")
-    return Sheet(parts or [few], 2, (5.4, 3.3), 1.5, named=True)
+    return Sheet(parts or [few], 2, (5.4, 3.3), named=True)
 
 
 def _ranked(part: DataFrame) -> dict[str, float]:
@@ -86,7 +87,7 @@ def performance_profiles(table: DataFrame) -> Sheet:
     table = first(table)
     targets = dict.fromkeys(zip(table["measure"].astype(str), table["target"].astype(float), strict=True))
     shown = [_profile(table[(table["measure"] == m) & (table["target"] == t)], m, t) for m, t in targets]
-    return Sheet(shown, 2, (5.4, 3.1), 1.4, named=True)
+    return Sheet(shown, 2, (5.4, 3.1), named=True)
 
 
 def _profile(part: DataFrame, measure: str, target: float) -> Panel:
@@ -103,14 +104,14 @@ def _profile(part: DataFrame, measure: str, target: float) -> Panel:
 
 
 @chart_of_rows
-def error_time(points: DataFrame) -> Drawing:
+def error_time(points: DataFrame) -> Figure:
     """Error of the state against time: every run a dot, and the medians of each setting joined, from coarse to fine.
 
     points : rows of `ensemble_points` of one ensemble. In colour are the methods with the least median time at some
     accuracy; the other runs are grey.
     """
     points = first(points)
-    figure, (ax,) = panels(1, 1, (7.0, 4.6), right=0.8)
+    figure, (ax,) = panels(1, 1, (7.0, 4.6))
     error, seconds = finite(points["error"]), finite(points["time_s"])
     good = np.isfinite(error) & (error > 0) & np.isfinite(seconds) & (seconds > 0)
     ax.set_xlabel("time of a run, s (lines: medians of each setting)")
@@ -140,6 +141,7 @@ def error_time(points: DataFrame) -> Drawing:
                 markeredgecolor=ax.get_facecolor(), markeredgewidth=pt(0.5))  # fmt: skip
         last = middle.iloc[-1]
         ends.append((float(last["time_s"]), float(last["error"]), name, colour))
+    settle(figure)
     line_labels(ax, ends)
     return figure
 
@@ -179,7 +181,7 @@ def _quantiles(row: Any, name: str) -> Row:
 
 
 @chart_of_rows
-def where_it_fails(table: DataFrame) -> Drawing:
+def where_it_fails(table: DataFrame) -> Figure:
     """Shares of failures over a constant and the step, one panel a method: where to look.
 
     table : rows of `failure_map` of one ensemble. The number in a cell is its share in per cent; a cell in which no run
@@ -187,11 +189,10 @@ def where_it_fails(table: DataFrame) -> Drawing:
     """
     table = first(table)
     methods = names(table)
-    figure, axes = panels(max(1, len(methods)), 3, (4.0, 3.4), left=0.8, right=0.25)
+    figure, axes = panels(max(1, len(methods)), 3, (4.0, 3.4))
     for ax, name in zip(axes, methods, strict=False):
         _map_panel(ax, table[table["integrator"] == name])
     titles(axes, methods)
-    figure.place(above=0.05)
     return figure
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.transforms import ScaledTranslation
 
@@ -17,7 +18,7 @@ from ...studies.columns import column as column_named
 from ...studies.columns import invariant_columns
 from ..matrix import FAMILIES
 from . import theme
-from .layout import Drawing, failed_handle, failed_tracks, legend, note, panels, pt
+from .layout import failed_handle, failed_tracks, folded, legend, note, panels, pt
 from .render import chart, chart_of_rows
 from .scales import log_axis
 from .style import GREY, by_name, finite, ink, look, names, numbers, ok
@@ -80,7 +81,7 @@ def _losses(table: DataFrame, methods: Mapping[str, Any], x: str, column: str) -
 
 
 @chart
-def blowup(table: DataFrame, sensitivity: DataFrame | None = None) -> Drawing:
+def blowup(table: DataFrame, sensitivity: DataFrame | None = None) -> Figure:
     """Blow-up time against step size, for one scenario.
 
     table : rows with dt, status, blowup_time (`stability_points`, of the shared solver, or `conservation`). Runs that
@@ -117,10 +118,10 @@ def blowup(table: DataFrame, sensitivity: DataFrame | None = None) -> Drawing:
     ax.set_ylim(bottom=0)
     ax.axhline(ax.get_ylim()[1], color=GREY, linewidth=pt(0.6))
     ax.set_xlabel(column_named("dt").label)
-    ax.set_ylabel(column_named("blowup_time").label)
+    ax.set_ylabel(folded(column_named("blowup_time").label, ax.get_window_extent().height / figure.dpi))
     ended = Line2D([], [], marker="o", linestyle="none", color=ink(), markerfacecolor="none", label="reached the end")
     without = [failed_handle("failed, no time known")] if timeless.any() else []
-    legend(figure, methods, [ended, *without], above=(1 + len(methods)) * pitch)
+    legend(figure, methods, [ended, *without])
     return figure
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import io
 import math
 import textwrap
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,7 @@ from .theme import current, scale
 
 LETTER = 0.064  # inches of a letter of a title or a legend, at type of 9 points
 LEAST = (0.85, 0.5)  # inches of a panel that can still be read, at type of 9 points
+ROWS = 4  # of a legend above the panels; a longer one stands beside them
 
 
 class TooSmall(TcbenchError):
@@ -28,109 +29,34 @@ class TooSmall(TcbenchError):
 
 
 class Panels(Figure):
-    """A figure of equal panels with margins in inches, all of them larger where the type is.
-
-    matplotlib's own layout engines measure every label twice, which doubles the time to draw; these charts know theirs.
-    """
-
-    def __init__(self, count: int, columns: int, cell: tuple[float, float], left: float, right: float) -> None:
-        k, self.fixed = scale(), current().size
-        self.cell, self.left, self.right = (cell[0] * k, cell[1] * k), left * k, right * k
-        self.columns = max(1, min(columns, count))
-        if self.fixed:
-            self.columns = _columns(count, self.fixed[0] / self.fixed[1] * self.cell[1] / self.cell[0])
-        self.rows = -(-count // self.columns)
-        self.above, self.beside, self.below = 0.0, 0.0, 0.0
-        super().__init__()
-        self.grid = [self.add_axes((0, 0, 1, 1), label=str(i)) for i in range(count)]
-        self.place()
+    """A figure that a notebook shows without pyplot."""
 
     def _repr_png_(self) -> bytes:
-        """For a notebook, without pyplot."""
         self.savefig(page := io.BytesIO(), format="png")
         return page.getvalue()
 
-    @property
-    def width(self) -> float:
-        return self.fixed[0] if self.fixed else self.cell[0] * self.columns
 
-    @property
-    def height(self) -> float:
-        return self.fixed[1] if self.fixed else self.cell[1] * self.rows
+def panels(count: int, most: int = 2, size: tuple[float, float] = (4.2, 2.9)) -> tuple[Figure, list[Axes]]:
+    """A figure with `count` panels, row by row, at most so many in one, and their axes; size of each in inches, at type of 9 points.
 
-    def place(self, above: float = 0.0, beside: float = 0.0, below: float = 0.0) -> None:
-        """Put the panels in their places, with room above and beside them for a legend, below them for a caption.
-
-        A figure of a size that was asked for keeps it; others grow by that room.
-        """
-        self.above, self.beside, self.below = above, beside, below
-        k = scale()
-        whole = self.fixed or (self.width + beside, self.height + above + below)
-        width, height = (whole[0] - beside) / self.columns, (whole[1] - above - below) / self.rows
-        lines = max(_wrapped(ax, int((width - self.left - 0.06 * k) / (LETTER * k))) for ax in self.grid)
-        bottom, top = 0.48 * k, (0.12 + 0.15 * lines) * k
-        inner = (width - self.left - self.right, height - bottom - top)
-        lack = [max(0.0, least * k - room) for least, room in zip(LEAST, inner, strict=True)]
-        if any(lack):
-            needed = whole[0] + lack[0] * self.columns, whole[1] + lack[1] * self.rows
-            raise TooSmall(
-                f"{whole[0]:.3g} x {whole[1]:.3g} inches are too few: this chart needs "
-                f"{math.ceil(10 * needed[0]) / 10} x {math.ceil(10 * needed[1]) / 10}, or smaller type."
+    In the Axes of the caller where one was given.
+    """
+    chosen, k, count = current(), scale(), max(1, count)
+    if chosen.axes is not None:
+        if count > 1:
+            raise TcbenchError(
+                f"This chart has {count} panels, and one Axes was given: choose one with y=, or give none."
             )
-        self.set_size_inches(*whole)
-        for i, ax in enumerate(self.grid):
-            row, column = divmod(i, self.columns)
-            x, y = column * width + self.left, (self.rows - 1 - row) * height + bottom + below
-            ax.set_position((x / whole[0], y / whole[1], inner[0] / whole[0], inner[1] / whole[1]))
-            ax.xaxis.set_label_coords(0.5, -0.3 * k / inner[1])
-            ax.yaxis.set_label_coords(-(self.left - 0.16 * k) / inner[0], 0.5)
-            shrunk = (inner[1] + bottom) / (LETTER * k * max(1, len(ax.get_ylabel())))  # a name longer than its axis
-            if shrunk < 1:
-                ax.yaxis.label.set_fontsize(pt(9) * max(0.7, shrunk))
-
-    def key(self, handles: Sequence[Any], above: float) -> None:
-        """One legend for the whole figure: above it for a few names, beside it for many."""
-        k = scale()
-        widths = [(0.62 + LETTER * len(str(h.get_label()))) * k for h in handles]
-        item, columns = (0.55 + 0.072 * max(len(str(h.get_label())) for h in handles)) * k, len(handles)
-        while columns > 1 and sum(max(part) for part in np.array_split(widths, columns)) > self.width - 0.1:
-            columns -= 1  # matplotlib makes each column as wide as its widest name, and no column wider
-        rows = -(-len(handles) // columns)
-        per_column = max(1 if self.fixed else 16, int((self.height + above - 0.2) / (0.148 * k)))
-        aside = -(-len(handles) // per_column)
-        few = rows <= 4 and len(handles) <= 14
-        if self.fixed:  # where it leaves more to the panels
-            leaves = self.width * (self.height - 0.185 * rows * k), (self.width - aside * item * 0.86) * self.height
-            few = leaves[0] >= leaves[1]
-        if few:
-            self.place(above + (0.08 + 0.185 * rows) * k)
-            self.legend(handles=handles, loc="upper left", bbox_to_anchor=(0.0, 1.0), ncols=columns, handlelength=2.6,
-                        columnspacing=1.4, borderaxespad=0.3)  # fmt: skip
-            return
-        lack = (0.148 * min(len(handles), per_column) + 0.2) * k - self.height
-        self.place(max(above, lack), aside * item * 0.86)
-        self.legend(handles=handles, loc="upper right", bbox_to_anchor=(1.0, 1.0), ncols=aside, fontsize=pt(7),
-                    handlelength=2.4, columnspacing=1.2, borderaxespad=0.3)  # fmt: skip
-
-    def bar(self, mappable: Any, text: str) -> None:
-        """A scale of colours beside all panels."""
-        k = scale()
-        room = 0.4 + 0.6 * k  # what stands between its parts does not shrink with the type
-        self.place(self.above, room, self.below)
-        whole = self.get_size_inches()[0]
-        self.colorbar(mappable, cax=self.add_axes((1 - (room - 0.15) / whole, 0.16, 0.13 / whole, 0.68)), label=text)
-
-
-def _wrapped(ax: Axes, letters: int) -> int:
-    """Break the title of a panel where it is wider than its room; how many lines it has."""
-    text = ax.get_title(loc="left").replace("\n", " ")
-    if not text:
-        return 0
-    parts = [text] if len(text) <= letters else text.replace(": ", ":\n").split("\n")  # a formula stays in one piece
-    fold = partial(textwrap.wrap, width=max(letters, 8), break_long_words=False, break_on_hyphens=False)
-    lines = [line for part in parts for line in fold(part)]
-    ax.set_title("\n".join(lines), loc="left")
-    return len(lines)
+        return chosen.axes.figure, [chosen.axes]
+    wide = min(most, count)
+    if chosen.size:
+        wide = _columns(count, chosen.size[0] / chosen.size[1] * size[1] / size[0])
+    rows = -(-count // wide)
+    figure = Panels(figsize=chosen.size or (wide * size[0] * k, rows * size[1] * k), layout="constrained")
+    axes = figure.subplots(rows, wide, squeeze=False).ravel().tolist()
+    for ax in axes[count:]:
+        ax.remove()
+    return figure, axes[:count]
 
 
 def _columns(count: int, shape: float) -> int:
@@ -139,43 +65,27 @@ def _columns(count: int, shape: float) -> int:
     return min(rows, key=lambda n: abs(math.log(shape * rows[n] / n)) + math.log(n * rows[n] / count))
 
 
-class Borrowed:
-    """The figure of an Axes that the caller made: nothing of its size and layout is changed."""
-
-    columns = 1
-
-    def __init__(self, ax: Axes) -> None:
-        self.ax, self.figure = ax, ax.figure
-
-    def place(self, above: float = 0.0, beside: float = 0.0, below: float = 0.0) -> None:
-        """Its places are the caller's."""
-
-    def key(self, handles: Sequence[Any], above: float) -> None:
-        self.ax.legend(handles=handles)
-
-    def bar(self, mappable: Any, text: str) -> None:
-        self.figure.colorbar(mappable, ax=self.ax, label=text)
+def columns(ax: Axes) -> int:
+    """How many columns of panels its figure has."""
+    place = ax.get_subplotspec()
+    return int(place.get_gridspec().ncols) if place else 1
 
 
-Drawing = Panels | Borrowed
+def settle(figure: Figure) -> bool:
+    """Put the panels in their places, which names at lines ask for; whether there is room."""
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        if (engine := figure.get_layout_engine()) is not None:
+            engine.execute(figure)
+    return not told
 
 
-def panels(
-    count: int, columns: int = 2, size: tuple[float, float] = (4.2, 2.9), left: float = 0.68, right: float = 0.2
-) -> tuple[Drawing, list[Axes]]:
-    """A figure with `count` panels, row by row; size of each, and margins beside its axes, in inches at 9 points.
-
-    In the Axes of the caller where one was given.
-    """
-    given = current().axes
-    if given is not None:
-        if count > 1:
-            raise TcbenchError(
-                f"This chart has {count} panels, and one Axes was given: choose one with y=, or give none."
-            )
-        return Borrowed(given), [given]
-    figure = Panels(max(1, count), columns, size, left, right)
-    return figure, figure.grid
+def check_room(figure: Figure) -> None:
+    """TooSmall where the panels cannot be read in the size that was asked for."""
+    least, there = np.array(LEAST) * scale() * figure.dpi, settle(figure)
+    if not there or any(np.any(ax.get_window_extent().size < least) for ax in figure.axes if ax.get_subplotspec()):
+        size = " x ".join(f"{length:.3g}" for length in figure.get_size_inches())
+        raise TooSmall(f"{size} inches are too few for the panels of this chart: ask for more, or smaller type.")
 
 
 def pt(size: float) -> float:
@@ -192,18 +102,32 @@ def handle(name: str, **changes: Any) -> Line2D:
     return Line2D([], [], label=short(name), **(settings | changes))
 
 
-def legend(figure: Drawing, methods: Sequence[str], extra: Iterable[Any] = (), above: float = 0.0) -> None:
-    """One legend for the whole figure: the methods in colour, then one word for all others.
-
-    above : inches that the panels themselves need over their upper edge.
-    """
+def legend(figure: Figure, methods: Sequence[str], extra: Iterable[Any] = ()) -> None:
+    """One legend for the whole figure: the methods in colour, then one word for all others. Above the panels for a few
+    names, beside them for many; a figure whose size nobody asked for grows by it."""
     rest = current().rest.intersection(methods)
     others = [Line2D([], [], color=OTHER.colour, label=f"{len(rest)} others")] if rest else []
     handles = [*(handle(name) for name in methods if name not in rest), *others, *extra]
-    if handles:
-        figure.key(handles, above)
+    if not handles:
+        return
+    if current().axes is not None:
+        current().axes.legend(handles=handles)
+        return
+    k, (width, height) = scale(), figure.get_size_inches()
+    widths = [(0.62 + LETTER * len(str(h.get_label()))) * k for h in handles]
+    columns = len(handles)
+    while columns > 1 and sum(max(part) for part in np.array_split(widths, columns)) > width - 0.1:
+        columns -= 1
+    settings: dict[str, Any] = {"handlelength": 2.6, "columnspacing": 1.4, "loc": "outside upper left"}
+    if (rows := -(-len(handles) // columns)) <= ROWS:
+        grown = (width, height + (0.08 + 0.185 * rows) * k)
     else:
-        figure.place(above)
+        columns = -(-len(handles) // max(1, int(max(height, 3) / (0.148 * k))))
+        settings |= {"loc": "outside right upper", "fontsize": pt(7)}
+        grown = (width + columns * max(widths), max(height, 3))
+    if not current().size:
+        figure.set_size_inches(grown)
+    figure.legend(handles=handles, ncols=columns, borderaxespad=0.3, **settings)
 
 
 def end_labels(ax: Axes, ends: Sequence[tuple[float, float, str, str]]) -> None:
@@ -300,4 +224,13 @@ def failed_handle(text: str = "failed") -> Line2D:
 
 def titles(axes: Sequence[Axes], texts: Sequence[str]) -> None:
     for ax, text in ((ax, text) for ax, text in zip(axes, texts, strict=False) if text):
-        ax.set_title(short(text, 60), loc="left")
+        ax.set_title(folded(short(text, 60), ax.get_window_extent().width / ax.figure.dpi), loc="left")
+
+
+def folded(text: str, inches: float) -> str:
+    """Text in lines of this length, at type of 9 points; behind a colon first, for a formula stays in one piece."""
+    letters = max(8, int(inches / (LETTER * scale())))
+    parts = [text] if len(text) <= letters else text.replace(": ", ":\n").split("\n")
+    return "\n".join(
+        line for part in parts for line in textwrap.wrap(part, letters, break_long_words=False, break_on_hyphens=False)
+    )

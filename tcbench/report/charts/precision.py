@@ -82,7 +82,7 @@ def convergence(points: DataFrame, fits: DataFrame | None = None) -> Sheet:
     orders = _orders(fits)
     return Sheet(
         [_slopes(points[points["variable"].astype(str) == v], orders, v) for v in variables],
-        size=(3.7, 2.8), right=0.3, hollow="not in the fit",
+        size=(3.7, 2.8), hollow="not in the fit",
     )  # fmt: skip
 
 

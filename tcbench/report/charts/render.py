@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial, wraps
-from typing import TYPE_CHECKING, Any, ParamSpec, cast
+from typing import TYPE_CHECKING, Any, ParamSpec
 
 import matplotlib
 import numpy as np
@@ -19,19 +19,22 @@ from ...chart import Panel, Series, Sheet, sheet_of
 from ..leaders import front
 from . import theme
 from .layout import (
-    Drawing,
+    check_room,
+    columns,
     end_labels,
     failed_handle,
     failed_tracks,
+    folded,
     handle,
     legend,
     line_labels,
     note,
     panels,
     pt,
+    settle,
     titles,
 )
-from .scales import ROUND_OFF, log_axis, round_off_band, thin_out, zero_log_axis
+from .scales import ROUND_OFF, log_axis, round_off_band, zero_log_axis
 from .style import GREY, finite, ink, look, looks, names, short
 
 if TYPE_CHECKING:
@@ -64,11 +67,10 @@ def chart(draw: Callable[Asked, Any], crowded: bool = True) -> Callable[Asked, F
             matplotlib.rc_context(theme.rc(chosen.settings)),
         ):
             figure = draw(*arguments, **options)
-            if not isinstance(figure, Figure) and not hasattr(figure, "figure"):  # panels, as data
-                figure = render(sheet_of(figure))
-            for ax in getattr(figure, "grid", ()):
-                thin_out(ax)
-        return figure if isinstance(figure, Figure) else cast(Figure, figure.figure)  # of an Axes that was given
+            figure = figure if isinstance(figure, Figure) else render(sheet_of(figure))
+            if chosen.size:
+                check_room(figure)
+        return figure
 
     return styled
 
@@ -84,33 +86,43 @@ def _rest(tables: Sequence[DataFrame], methods: Sequence[str]) -> frozenset[str]
     return frozenset(methods).difference(front) if set(front) & set(methods) else frozenset()
 
 
-def render(sheet: Sheet) -> Drawing:
+def render(sheet: Sheet) -> Figure:
     """The panels of a sheet, with one legend for all of them or names at the ends of their lines."""
     shown = [*map(told, sheet.panels or [Panel((), "", "")])]
-    figure, axes = panels(max(1, len(shown)), sheet.columns, *_place(sheet), sheet.right)
-    every = [one for panel in shown for one in panel.series]
-    for ax, panel in zip(axes, shown, strict=False):
+    figure, axes = panels(len(shown), sheet.columns, _size(sheet))
+    ends = []
+    for ax, panel in zip(axes, shown, strict=True):
         rest = theme.current().rest if panel.rank is None else frozenset(panel.rank).difference(leading(panel))
         with theme.using(replace(theme.current(), rest=rest)):
-            _draw(ax, panel, sheet.named)
-        ax.set_xlabel(panel.x)
-        ax.set_ylabel(panel.y)
+            ends.append(_draw(ax, panel))
+        below = shown[len(ends) - 1 + columns(ax) :][:1]
+        if not below or below[0].x != panel.x:  # said once a column
+            ax.set_xlabel(panel.x)
+        ax.set_ylabel(folded(panel.y, ax.get_window_extent().height / figure.dpi))
     titles(axes, [panel.title for panel in shown])
-    if keys := {mark: text for panel in shown for mark, text in panel.keys.items()}:
-        legend(
-            figure, [], [Line2D([], [], label=text, linestyle="none", **_mark(m, ink())) for m, text in keys.items()]
-        )
-        return figure
-    if sheet.named or not every:
-        figure.place()
-        return figure
-    extra = []
+    _legend(figure, sheet, shown)
+    settle(figure)
+    for ax, of in zip(axes, ends, strict=True):
+        texts = [end[:4] for end in of if end[4]]
+        if sheet.named:
+            end_labels(ax, [end[:4] for end in of])
+        elif len(texts) <= MOST_TEXTS:
+            line_labels(ax, texts)
+    return figure
+
+
+def _legend(figure: Figure, sheet: Sheet, shown: Sequence[Panel]) -> None:
+    every = [one for panel in shown for one in panel.series]
+    keys = {mark: text for panel in shown for mark, text in panel.keys.items()}
+    extra = [Line2D([], [], label=text, linestyle="none", **_mark(m, ink())) for m, text in keys.items()]
+    if keys or sheet.named:
+        legend(figure, [], extra)
+        return
     if any(one.marks == "hollow" for one in every):
         extra.append(handle(sheet.hollow, marker="o", linestyle="none", color=ink(), markerfacecolor="none"))
     if any(len(one.crosses) for one in every):
         extra.append(failed_handle())
     legend(figure, list(dict.fromkeys(one.name for one in every if not one.plain)), extra)
-    return figure
 
 
 def told(panel: Panel) -> Panel:
@@ -127,13 +139,13 @@ def told(panel: Panel) -> Panel:
     return replace(panel, note="no number to draw")
 
 
-def _place(sheet: Sheet) -> tuple[tuple[float, float], float]:
-    """The size of a panel and its left margin, in inches: of rows as their names and number ask for."""
+def _size(sheet: Sheet) -> tuple[float, float]:
+    """The size of a panel, in inches: of rows as their names and number ask for."""
     rows = [panel.rows for panel in sheet.panels]
     if not any(rows):
-        return sheet.size, 0.68
-    left = 0.25 + 0.062 * max((len(short(one.name, LONGEST)) for of in rows for one in of), default=0)
-    return (sheet.size[0] + left, max(sheet.size[1], 0.19 * max(map(len, rows)) + 0.75)), left
+        return sheet.size
+    names = 0.25 + 0.062 * max((len(short(one.name, LONGEST)) for of in rows for one in of), default=0)
+    return sheet.size[0] + names, max(sheet.size[1], 0.19 * max(map(len, rows)) + 0.75)
 
 
 def leading(panel: Panel) -> list[str]:
@@ -142,13 +154,14 @@ def leading(panel: Panel) -> list[str]:
     return [*rank] if theme.current().labels else front({name: known.get(name, "") for name in rank}, rank)
 
 
-def _draw(ax: Axes, panel: Panel, named: bool) -> None:
+def _draw(ax: Axes, panel: Panel) -> list[tuple[float, float, str, str, bool]]:
+    """Draw a panel; the end of each line in colour: x, y, what to write there, its colour, whether its author asks."""
     if panel.note:
         note(ax, panel.note)
-        return
+        return []
     if panel.rows:
         _rows(ax, panel)
-        return
+        return []
     for which, scale in (("x", panel.x_scale), ("y", panel.y_scale)):
         _axis(ax, which, scale, span(panel, which))
     if panel.errors and panel.y_scale == "log":
@@ -157,20 +170,16 @@ def _draw(ax: Axes, panel: Panel, named: bool) -> None:
     crosses = {one.name: finite(one.crosses) for one in panel.series if len(one.crosses)}
     places = {name: np.where(np.isfinite(at), at, right) for name, at in crosses.items()}
     failed_tracks(ax, places, grow=any(np.isfinite(at).any() for at in crosses.values()))
-    rest, ends, texts = theme.current().rest, [], []
+    rest, ends = theme.current().rest, []
     for place, one in enumerate(sorted(panel.series, key=lambda one: one.name not in rest)):
         x, y = finite(one.x), finite(one.y)
         keep = np.isfinite(x) & np.isfinite(y)
         colour = _line(ax, one, x[keep], y[keep], panel, keep, place)
         if keep.any():
-            end = (float(x[keep][-1]), float(y[keep][-1]), one.text or one.name, colour)
-            ends += [end] if one.name not in rest else []
-            texts += [end] if one.text else []
+            end = (float(x[keep][-1]), float(y[keep][-1]), one.text or one.name, colour, bool(one.text))
+            ends += [end] if one.name not in rest or one.text else []
     ax.autoscale_view()  # where nothing has set the limits texts would stand as in others
-    if named:
-        end_labels(ax, ends)
-    elif len(texts) <= MOST_TEXTS:
-        line_labels(ax, texts)
+    return ends
 
 
 def span(panel: Panel, which: str) -> Any:

@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from ...chart import OPENING, RUNS, Chart, Panel, Series, Sheet
 from ...errors import TcbenchError
 from ...simulation.series import variables
 from ...studies.columns import column as column_named
-from .layout import Drawing, halo, handle, legend, note, panels, pt, titles
+from .layout import halo, handle, legend, note, panels, pt, titles
 from .render import chart, chart_of_rows
 from .style import by_name, finite, ink, look, names, numbers, short
 
@@ -118,7 +119,7 @@ def _end(ax: Axes, run: DataFrame, values: Any, colour: str) -> None:
 
 
 @chart
-def four_panel(series: DataFrame) -> Drawing:
+def four_panel(series: DataFrame) -> Figure:
     """Energy, entropy, temperatures and logarithmic strains in time, as in the paper; without strains, variables."""
     figure, axes = panels(4, 2, (4.9, 2.6))
     methods = names(series)
@@ -185,7 +186,7 @@ def _roomy(ax: Axes, values: Any) -> None:
 
 
 @chart_of_rows
-def path(series: DataFrame) -> Drawing:
+def path(series: DataFrame) -> Figure:
     """Paths of the masses in the plane, coloured by the temperature of each one's spring; one panel a run.
 
     Needs positions x_1, y_1, x_2, ... (at_x_1, ... of a system with points(z)) and temperature_a, temperature_b, ...
@@ -205,7 +206,7 @@ def path(series: DataFrame) -> Drawing:
             "The chart 'path' shows ways in the plane and temperatures, and these runs have none: a system says where "
             "it is with points(z), and how warm with temperature(z, dE, dS)."
         )
-    figure, axes = panels(max(1, len(runs)), 3, (3.3, 3.1), left=0.5)
+    figure, axes = panels(max(1, len(runs)), 3, (3.3, 3.1))
     every = finite(np.ravel(series[heat].to_numpy()))
     low, high = (np.nanmin(every), np.nanmax(every)) if np.isfinite(every).any() else (0.0, 1.0)
     scale = Normalize(low, high if high > low else low + 1.0)
@@ -229,7 +230,7 @@ def path(series: DataFrame) -> Drawing:
         ax.set_xlabel("x")
         ax.set_ylabel("y")
     if mappable is not None:
-        figure.bar(mappable, "temperature θ of its spring")
+        figure.colorbar(mappable, ax=axes, label="temperature θ of its spring", shrink=0.8)
     if more > 0:
         axes[-1].set_xlabel(f"x; and {more} more runs that are not drawn")
     return figure

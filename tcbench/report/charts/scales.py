@@ -8,8 +8,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter, NullLocator
 
-from .theme import scale
-
 ROUND_OFF = 1e-12  # relative errors below it are round-off, over any number of steps: no axis tells them apart
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -48,19 +46,10 @@ def log_axis(ax: Axes, which: str, values: Any = None) -> None:
     ax.set(**{f"{which}lim": (low / pad, high * pad)})
     decades = np.log10(high / low)
     subs = next(ticks for most, ticks in TICKS if decades < most)
-    axis.set_major_locator(LogLocator(subs=subs, numticks=8))
+    axis.set_major_locator(LogLocator(subs=subs, numticks="auto"))
     axis.set_major_formatter(FuncFormatter(power_text))
     axis.set_minor_locator(NullLocator())
     axis.set_minor_formatter(NullFormatter())
-
-
-def thin_out(ax: Axes) -> None:
-    """As many ticks on logarithmic axes as have room for their numbers."""
-    box, room = ax.get_window_extent(), ax.figure.dpi * scale()
-    for axis, length, each in ((ax.xaxis, box.width, 0.4), (ax.yaxis, box.height, 0.25)):
-        locator = axis.get_major_locator()
-        if isinstance(locator, LogLocator):
-            locator.set_params(numticks=max(2, min(8, int(length / (each * room)))))
 
 
 def round_off_band(ax: Axes, which: str = "y") -> None:

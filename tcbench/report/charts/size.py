@@ -26,7 +26,7 @@ def size(table: DataFrame, fits: DataFrame | None = None, y: Sequence[str] | Non
     """
     columns = list(y or GROWING)
     shown = [_lines(table[ok(table)], fits, family, column) for family in names(table, "family") for column in columns]
-    return Sheet(shown, len(columns), (3.3, 2.7), right=0.35)
+    return Sheet(shown, len(columns), (3.3, 2.7))
 
 
 def _lines(rows: DataFrame, fits: DataFrame | None, family: str, column: str) -> Panel:

@@ -8,12 +8,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import BoundaryNorm, ListedColormap
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from ...chart import Chart
 from ...studies.columns import column as column_named
-from .layout import Drawing, legend, panels, titles
+from .layout import legend, panels, titles
 from .render import chart_of_rows
 from .scales import log_axis
 from .style import names
@@ -55,7 +56,7 @@ def edges(centres: np.ndarray) -> np.ndarray:
 
 
 @chart_of_rows
-def map_figure(table: DataFrame) -> Drawing:
+def map_figure(table: DataFrame) -> Figure:
     """Maps of several integrators side by side, one scenario; the columns are those of `maps.COLUMNS`."""
     methods = names(table)
     x_name, y_name = (str(table[c].iloc[0]) for c in ("x_name", "y_name"))
@@ -63,8 +64,9 @@ def map_figure(table: DataFrame) -> Drawing:
     for ax, name in zip(axes, methods, strict=True):
         _panel(ax, table[table["integrator"].astype(str) == name])
         ax.set_xlabel(_label(x_name))
-    for ax in axes[:: figure.columns]:
-        ax.set_ylabel(_label(y_name))
+    for ax in axes:
+        if ax.get_subplotspec() is None or ax.get_subplotspec().is_first_col():
+            ax.set_ylabel(_label(y_name))
     steps = [] if "dt" in (x_name, y_name) or "dt" not in table else list(table["dt"].dropna().unique())
     titles(axes, [f"{name}, h = {steps[0]:g}" if len(steps) == 1 else name for name in methods])
     used = {cell_class(o, e) for o, e in zip(table["outcome"], table["energy_error_max"], strict=True)}
