@@ -19,15 +19,15 @@ COARSE = ("tc_gauss", "tc_strang_exact", "tc_monolithic", "tc_staggered", "tc_st
 
 def collect(folder):
     """What the answers are made of: the page's sentences, and errors at the coarsest step by scenario."""
-    from tcbench.report.judged import judged
-    from tcbench.report.matrix import cells
+    from tcbench.report.pairs import pairs
+    from tcbench.report.page_data import cells
     from tcbench.report.overview import findings
     from tcbench.runner.rows import Store
     from tcbench.runner.tables import read_tables
 
     store = Store.read(folder)
     tables, manifest = read_tables(store), store.manifest()
-    found = judged(tables, store.declared())
+    found = pairs(tables, store.declared())
     heat, made = cells(found, "coarse"), cells(found, "produced")
     return {
         "machine": manifest["machine"]["cpu"], "version": manifest["tcbench"],

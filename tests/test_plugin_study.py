@@ -16,7 +16,7 @@ from tcbench import Chart, Panel, Row, Series, Study, TcbenchError, plugins
 from tcbench.cli import main
 from tcbench.report import page_charts
 from tcbench.report.chart_kinds import draw_kind
-from tcbench.report.matrix import failures
+from tcbench.report.page_data import failures
 from tcbench.runner.cell import Cell
 from tcbench.runner.rows import Store
 from tcbench.runner.tables import make_tables, read_tables

@@ -17,7 +17,7 @@ from ..analysis.order_fit import MIN_POINTS
 from ..errors import LOUD, TcbenchError, unknown_name
 from ..progress import waiting
 from ..report.by_method import by_method, remarks, without_number
-from ..report.judged import judged
+from ..report.pairs import pairs
 from ..report.summary import summary
 from ..runner.codec import csv_bytes
 from ..runner.disk import replace_file
@@ -252,7 +252,7 @@ def show_command(
 def summed(tables: Mapping[str, DataFrame], store: Store) -> DataFrame:
     """Each method on each scenario, in words."""
     declared = told(store)
-    return summary(judged(tables, declared), declared["integrators"])
+    return summary(pairs(tables, declared), declared["integrators"])
 
 
 def told(store: Store) -> dict[str, Any]:

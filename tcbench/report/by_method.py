@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 from ..chart import Tables
 from ..errors import LOUD
 from ..systems.energy_scale import HIDDEN
-from .judged import is_finite, judged, ladder_runs, of_whole_state, times_over_best
-from .matrix import methods, unmeasured
+from .page_data import methods, unmeasured
+from .pairs import is_finite, ladder_runs, of_whole_state, pairs, times_over_best
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -30,10 +30,10 @@ def by_method(tables: Tables, declared: Tables) -> list[list[str]]:
     """HEADINGS, then one row a method: best first within families; SciPy's solvers are one row where many run.
 
     claims kept: of those that some system of the run can show. stable step: the least over the scenarios, and how many
-    have no limit. to 1e-6: scenarios on which the error of the state reached it; x best: its time there over that of
-    the fastest method, median over these scenarios. random failed: runs of an ensemble, over all steps or tolerances.
+    have no limit. to 1e-6: scenarios on which the error of the state reached it; x best: its time over that of the
+    fastest method, median over all scenarios, infinite where it did not get there. random failed: runs of an ensemble, over all steps or tolerances.
     """
-    found = judged(tables, declared)
+    found = pairs(tables, declared)
     rows, ratios = methods(found, tables, declared), times_over_best(found)
     rows.sort(key=lambda r: (r["family"], *_rank(ratios.get(r["name"], [])), r["name"]))
     folded = _scipy(tables) if len(rows) > FOLD_ABOVE else set()
@@ -52,8 +52,7 @@ def by_method(tables: Tables, declared: Tables) -> list[list[str]]:
 
 
 def _rank(ratios: Sequence[float]) -> tuple[float, float]:
-    reached = [r for r in ratios if is_finite(r)]
-    return -len(reached), median(reached) if reached else math.inf
+    return median(ratios) if ratios else math.inf, -sum(map(is_finite, ratios))
 
 
 def _scipy(tables: Tables) -> set[str]:
@@ -69,7 +68,7 @@ def _row(r: Mapping[str, Any], ratios: Sequence[float] | None, random: Mapping[s
         _order(r["order"]),
         _step(r["step"]),
         f"{len(reached)} of {len(ratios)}" if ratios else "-",
-        f"{median(reached):.3g}" if reached else "-",
+        "-" if not reached else f"{middle:.3g}" if is_finite(middle := median(ratios or ())) else "not on most",
         f"{r['failed']} of {r['runs']}" if r["runs"] else "-",
         _share(*random.get(r["name"], (0, 0))),
     ]

@@ -1,4 +1,4 @@
-"""What the report says first: a few sentences, each computed from the tables, and nothing that they do not carry."""
+"""What the report says first: short answers, each computed from the tables, with what else can be said behind them."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from ..chart import Tables
-from .judged import TIMES, is_finite, ladder_runs, laws, power, times_over_best
-from .matrix import Unmeasured, unmeasured
+from . import marks
+from .page_data import Unmeasured, unmeasured
+from .pairs import TIMES, is_finite, ladder_runs, laws, power, times_over_best
 from .summary import seconds
 
 if TYPE_CHECKING:
@@ -24,24 +25,25 @@ TURNING = "\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"  # bidirectio
 WRONG = {"coarse": "final temperatures", "produced": "entropy produced"}  # errors at the coarsest step
 TIE = 1.05  # timings that are nearer than this are as good as each other
 FEW_RUNS = 50  # from random starts, below which "never failed" says nothing: up to 6 % of failures would not show
-FEW_A_STEP = 10  # at one step or tolerance
 LADDERS = ("conservation", "work_precision", "stability", "convergence", "equilibrium_summary")
 NAMED = 3  # methods that a sentence names before it counts the others
+PEERS = {"scipy": "SciPy"}  # packages of several solvers
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One sentence: what it is about, its answer, the rest of it, and the place on the page that shows it."""
+    """An answer: what it is about, who, one number, sentences behind it, and the place on the page that shows it."""
 
     title: str
     lead: str
     text: str
     href: str
+    more: tuple[str, ...] = ()
 
 
-def findings(found: DataFrame, tables: Tables) -> list[Finding]:
-    """The sentences that the judged table allows, in the order in which a reader asks."""
-    said = (accurate(found, tables), coarse(found), lawful(found), cheapest(found), failing(found, tables),
+def findings(found: DataFrame, tables: Tables, declared: Tables = MappingProxyType({})) -> list[Finding]:
+    """The answers that the table of pairs allows, in the order in which a reader asks."""
+    said = (accurate(found, tables, declared), coarse(found), lawful(found), cheapest(found), failing(found, tables),
             random_starts(tables))  # fmt: skip
     return [finding for finding in said if finding is not None]
 
@@ -49,7 +51,7 @@ def findings(found: DataFrame, tables: Tables) -> list[Finding]:
 def scenario_answers(
     found: DataFrame, tables: Tables, scenarios: Iterable[str]
 ) -> dict[str, list[tuple[str, str, str]]]:
-    """Scenario -> (question, answer, the rest of it) of the same rules, asked of its rows alone."""
+    """Scenario -> (question, answer, its number) of the same rules, asked of its rows alone."""
     answers = {}
     for name in scenarios:
         mine = one_scenario(found, name)
@@ -64,10 +66,9 @@ def one_scenario(found: DataFrame, name: str) -> DataFrame:
     return found[found.index.get_level_values("scenario") == name].dropna(axis=1, how="all")
 
 
-def accurate(found: DataFrame, tables: Tables) -> Finding | None:
+def accurate(found: DataFrame, tables: Tables, declared: Tables = MappingProxyType({})) -> Finding | None:
     """The method that reaches an error of 1e-6 on most scenarios (of 1e-3 where none gets to 1e-6) and, of those, is
-    never far behind: the one whose largest ratio to the fastest method's time is the least. Methods within 5 % of it
-    are named with it."""
+    never far behind: the one whose largest ratio to the fastest method's time is the least."""
     asked = [key for key in TARGETS if key in found]
     if not asked:
         return None
@@ -76,27 +77,22 @@ def accurate(found: DataFrame, tables: Tables) -> Finding | None:
     if key is None:
         least = power(TIMES[TARGETS[-1]][1])
         return Finding(title, "none", f"no method reached an error of {least} on any scenario", "#lens=time 0.001")
-    times = found.loc[found[key].notna(), key]
-    count = times.index.get_level_values("scenario").nunique()
-    done = times[reached(found, key)[times.index]]
     every = times_over_best(found, key)
     ratios = {name: there for name, of in every.items() if (there := [r for r in of if r < math.inf])}
-    ran = {name: len(of) for name, of in every.items()}
-    names = _surest(ratios)
-    special = _where_it_runs(ratios, ran, names[0])
-    name = special or names[0]
-    worst, number = max(ratios[name]), len(ratios[name])
-    slower = f"at most {rounded(worst)} times the fastest's time" if worst > TIE else "no method is faster"
-    compared = slower if len(ran) > 1 else "no other method ran"
-    where = f"on all {number} of {count} scenarios that it runs on" if special else _on(number, count)
-    where = f"in {seconds(float(done[name].iloc[0]))}" if count == 1 else where
-    peers = _against_peers(tables["time_to_accuracy"], key, name, done[name].index)
-    text = f"an error of {power(TIMES[key][1])} {where}, {compared}{peers}"
-    if special:
-        text += f"; {called(names[0])} on {len(ratios[names[0]])}, at most {rounded(max(ratios[names[0]]))} times"
-        return Finding(title, f"{called(name)}, else {called(names[0])}", text, f"#lens={key}")
-    text += f"; as good within 5 %: {_some(names[1:], 1)}" if names[1:] else ""
-    return Finding(title, called(name), text, f"#lens={key}")
+    name, *tied = _surest(ratios)
+    count = int(found[key].groupby(level="scenario").any().sum())
+    times = found.loc[name, key]
+    where = f"in {seconds(float(times.min()))}" if count == 1 else f"on {len(ratios[name])} of {count} scenarios"
+    worst = max(ratios[name])
+    more = ["no other method ran"] if len(every) == 1 else []
+    if not more:
+        more = [f"at most {rounded(worst)} times the fastest's time" if worst > TIE else "no method is faster"]
+    more += [f"as good within 5 %: {_some(tied)}"] if tied else []
+    for other, of in ratios.items():  # one that is made for some scenarios
+        if len(of) == len(every[other]) < len(ratios[name]) and 2 * len(of) >= count and max(of) * TIE < worst:
+            more.append(f"{called(other)} on all {len(of)} that it runs on: at most {rounded(max(of))} times")
+    more += _peers(tables["time_to_accuracy"], tables, key, name, declared)
+    return Finding(title, called(name), f"an error of {power(TIMES[key][1])} {where}", f"#lens={key}", tuple(more))
 
 
 def reached(found: DataFrame, key: str) -> Any:
@@ -113,37 +109,27 @@ def _surest(found: Mapping[str, Sequence[float]], price: Any = MappingProxyType(
     return [first, *(name for name in others if name != first)]
 
 
-def _where_it_runs(found: Mapping[str, Sequence[float]], ran: Mapping[str, int], general: str) -> str:
-    """The method that is ahead of the most general one, by its worst scenario, where it runs: on half of the scenarios
-    or more, and with a number on each of them; "" where there is none."""
-    most = max(ran.values())
-    names = [n for n in found if len(found[n]) == ran[n] >= most / 2 and max(found[n]) * TIE < max(found[general])]
-    name = min(names, key=lambda n: (max(found[n]), n), default="")
-    return name if name and len(found[name]) < len(found[general]) else ""
-
-
-def _on(some: int, count: int) -> str:
-    return f"on {some} of {count} scenario{'s' if count > 1 else ''}"
-
-
 def called(name: str) -> str:
     """A name as part of a sentence: short, and without characters that turn the direction of what follows."""
     plain = "".join(c for c in name if c not in TURNING)
     return plain if len(plain) <= LONGEST else f"{plain[: LONGEST - 1]}…"
 
 
-def _against_peers(table: DataFrame, key: str, name: str, scenarios: Iterable[str]) -> str:
-    """How a method that is no peer compares with the best peer of each scenario on which both reach the target."""
+def _peers(table: DataFrame, tables: Tables, key: str, name: str, declared: Tables) -> list[str]:
+    """Which packages the method is compared with, which are not installed, and the best peer's time over its own."""
     measure, target = TIMES[key]
     mine = table[table["integrator"].eq(name) & table["measure"].eq(measure) & table["target"].eq(target)]
-    mine = mine[mine["scenario"].isin(list(scenarios))]
     ratios = [float(ratio) for ratio in mine["ratio_to_best_peer"] if is_finite(ratio)]
     if not ratios or name in set(mine["best_peer"]):
-        return ""
-    typical = f"{rounded(median(ratios))} times as long"
-    if len(ratios) == 1:
-        return f"; the best peer takes {typical}"
-    return f"; the best peer takes {typical} (median of {len(ratios)}; at least {rounded(min(ratios))})"
+        return []
+    work = tables.get("work_precision")
+    pairs = () if work is None or "peer" not in work else zip(work["peer"].fillna(""), work["integrator"], strict=True)
+    packages = sorted({PEERS.get(peer, called(str(method))) for peer, method in pairs if peer})
+    absent = ", ".join(map(str, declared.get("absent", {})))
+    beside = f"beside {_listed(packages)}" if packages else "beside the peers of this run"
+    gap = f" ({absent} not installed)" if absent else ""
+    middle, of = rounded(median(ratios)), f", median of {len(ratios)} scenarios" if len(ratios) > 1 else ""
+    return [f"{beside}{gap}, of which the fastest takes {middle} times as long{of}"]
 
 
 def percent(value: float) -> str:
@@ -161,27 +147,20 @@ def lawful(found: DataFrame) -> Finding | None:
     shares = law_shares(found)
     if not shares:
         return None
-    title, href = "The laws at any step", "#lens=energy"
-    keep = lawful_ones(found)
+    title, href, keep = "The laws at any step", "#lens=energy", lawful_ones(found)
     if not keep:
         name = max(shares, key=lambda n: shares[n][0] / shares[n][1])
         good, runs = shares[name]
-        most = (
-            f"kept every law in every run; {called(name)} in {good} of {runs}" if good else "ended a run with every law"
-        )
-        return Finding(title, "no method", most, href)
+        most = f"kept every law in every run; {called(name)} in {good} of {runs}"
+        return Finding(title, "no method", most if good else "ended a run with every law", href)
     steps = [float(h) for h in found.groupby(level="integrator")["dt_most"].max()[keep] if is_finite(h)]
-    largest = f", at every step tried, up to h = {min(steps):.2g}" if steps else ""
-    runs = sum(shares[name][1] for name in keep)
     named = [law.replace("_", " ") for law in laws(found)]
-    invariants = [name for name in named if name not in ("energy", "entropy")]
-    if len(invariants) > 1:  # of several systems, each with its own names
-        named = [*(name for name in named if name not in invariants), "every invariant"]
-    words = _listed(named)
-    return Finding(
-        title, f"{len(keep)} of {len(shares)} method{'s' if len(shares) > 1 else ''}",
-        f"kept {words} in each of {runs} runs{largest}: {_some(keep)}", href,
-    )  # fmt: skip
+    if len(named) > 3:  # of several systems, each with its own names
+        named = [*(name for name in named if name in ("energy", "entropy")), "every invariant"]
+    more = [_some(keep), f"in each of {sum(shares[name][1] for name in keep)} runs"]
+    more += [f"at every step tried, up to h = {min(steps):.2g}"] if steps else []
+    lead = f"{len(keep)} of {len(shares)} method{'s' if len(shares) > 1 else ''}"
+    return Finding(title, lead, f"kept {_listed(named)} in every run", href, tuple(more))
 
 
 def law_shares(found: DataFrame) -> dict[str, tuple[int, int]]:
@@ -199,8 +178,7 @@ def lawful_ones(found: DataFrame) -> list[str]:
 
 def coarse(found: DataFrame) -> Finding | None:
     """Of the methods that kept every law in every run: the one that is least wrong at the coarsest step of each
-    scenario, by the worse of its two errors on its worst scenario; and those of the cheapest of them, for what that
-    costs."""
+    scenario, by the worse of its two errors on its worst scenario; and the cheapest of them, for what that costs."""
     if "coarse" not in found:
         return None
     wrong = [column for column in WRONG if column in found]
@@ -209,35 +187,22 @@ def coarse(found: DataFrame) -> Finding | None:
     errors = {name: of.clip(lower=ROUND_OFF).tolist() for name, of in known.groupby(level="integrator")}
     if not errors:
         return None
-    worst = found.loc[known.index, wrong].groupby(level="integrator").max()
+    worst, price = found.loc[known.index, wrong].groupby(level="integrator").max(), typical_cost(found)
 
-    def within(name: str) -> str:
-        return ", ".join(f"{WRONG[c]} within {percent(v)}" for c, v in worst.loc[name].items() if is_finite(v))
+    def within(name: str) -> list[str]:
+        return [f"{WRONG[c]} within {percent(v)}" for c, v in worst.loc[name].items() if is_finite(v)]
 
-    count = ran.index.get_level_values("scenario").nunique()
-    price = typical_cost(found)
-    general, *_ = _surest(errors, price)
-    name = _where_it_runs(errors, ran.groupby(level="integrator").size().to_dict(), general) or general
-    where = f" {_on(len(errors[name]), count)}" if count > 1 else ""
-    text = f"{within(name)}{where}, each law kept{_divided(found, name)}"
+    name, count = _surest(errors, price)[0], ran.index.get_level_values("scenario").nunique()
+    text, *more = within(name)
+    more += [f"on {len(errors[name])} of {count} scenarios"] if count > 1 else []
+    if "inner" in found and (most := found.loc[name, "inner"].max()) > TIE:
+        more.append(f"steps that it cannot solve are divided, into {most:.2g} on average where that is most")
     costs = {m: price[m] for m in errors if m in price and len(errors[m]) == len(errors[name])}
     cheap = min(costs, key=lambda m: (costs[m], m), default=name)
-    if cheap != name:
-        text += f"; {called(cheap)}, whose step is the cheapest of these: {within(cheap)}"
-    lead = called(name) if name == general else f"{called(name)}, else {called(general)}"
-    if general not in (name, cheap):
-        text += f"; {called(general)} {_on(len(errors[general]), count)}: {within(general)}"
+    more += [f"{called(cheap)}, whose step is the cheapest of these: {', '.join(within(cheap))}"] * (cheap != name)
     steps = found.groupby(level="scenario")["dt_coarsest"].max().dropna()
     title = f"At h = {steps.iloc[0]:.3g}" if len(steps) == 1 else "At the coarsest step"
-    return Finding(title, lead, text, "#lens=coarse")
-
-
-def _divided(found: DataFrame, name: str) -> str:
-    """Into how many steps of its own a method divided one of the coarsest, where that is most; "" where it did not."""
-    if "inner" not in found or not (most := (inner := found.loc[name, "inner"]).max()) > TIE:
-        return ""
-    where = f" on {called(str(inner.idxmax()))}" if inner.count() > 1 else ""
-    return f" (steps that it cannot solve are divided: into {most:.2g} on average{where})"
+    return Finding(title, called(name), text, "#lens=coarse", ("each law kept", *more))
 
 
 def typical_cost(found: DataFrame) -> Any:
@@ -257,56 +222,52 @@ def cheapest(found: DataFrame) -> Finding | None:
     failed = {name: text for name in typical if (text := _where_it_fails(found.loc[name]))}
     first = min(typical, key=lambda n: (typical[n], n))
     name = min((n for n in typical if n not in failed), key=lambda n: (typical[n], n), default=first)
-    count = times[name]
-    text = f"{typical[name]:.2g} µs a step{f', median of {count} scenarios' if count > 1 else ''}"
+    text, of = f"{typical[name]:.2g} µs a step", times[name]
+    more = [f"median of {of} scenarios"] if of > 1 else []
     if name in failed:
-        return Finding(
-            "The cheapest step", called(name), f"{text}; {failed[name]}; no method never failed", "#lens=cost"
-        )
+        return Finding("The cheapest step", called(name), f"{text}; {failed[name]}", "#lens=cost",
+                       (*more, "no method never failed"))  # fmt: skip
     if name != first:
-        text += f"; {called(first)}, {typical[first]:.2g} µs, {failed[first]}"
-    return Finding("Cheapest, never failed", called(name), text, "#lens=cost")
+        more.append(f"{called(first)}, {typical[first]:.2g} µs, {failed[first]}")
+    return Finding("Cheapest, never failed", called(name), text, "#lens=cost", tuple(more))
 
 
 def _where_it_fails(mine: DataFrame) -> str:
     """On how many scenarios a method has a largest stable step or a run of its ladder failed; "" where neither."""
     tried = mine["fails"].dropna() if "fails" in mine else ()
-    count, start = int(sum(tried)), ""
-    if not count:
+    if not (count := int(sum(tried))):
         return ""
-    if is_finite(least := mine["fails_from"].min()):
-        start = f" from h = {least:.2g}"
+    start = f" from h = {least:.2g}" if is_finite(least := mine["fails_from"].min()) else ""
     where = f" on {count} of {len(tried)}{',' if start else ''}" if len(tried) > 1 else ""
     return f"fails{where}{start}"
 
 
 def failing(found: DataFrame, tables: Tables) -> Finding | None:
-    """How many runs of the ladders of steps and tolerances failed, and the smallest step at which one did, there or in
-    the search for the largest stable step."""
-    ladders = ladder_runs(tables)
+    """How many runs of the ladders of steps and tolerances failed and how, on how many more the entropy fell, and the
+    smallest step at which one failed, there or in the search for the largest stable step."""
+    ladders, without = ladder_runs(tables), unmeasured(tables)
+    runs, counts = len(ladders), ladders["mark"].value_counts().to_dict()
+    fell, failed = counts.pop("S", 0), int(ladders["status"].ne("ok").sum())
+    title, href, more = "What fails", "#failures", []
+    if not runs:
+        return Finding(title, _without(without), without[0].sentence, href) if without else None
+    more += [f"the entropy fell in {fell} of those that reached their end"] if fell else []
+    if without and not failed:
+        return Finding(title, _without(without), without[0].sentence, href, (f"all {runs} runs reached their end", *more))
+    more += [f"{_without(without)} besides"] if without else []
+    if not failed:
+        return Finding(title, "nothing", f"all {runs} runs reached their end", href, tuple(more))
     bad = ladders[ladders["status"].ne("ok")]
-    runs, failed = len(ladders), len(bad)
     known = [(bad["dt"], bad["integrator"], bad["scenario"])]
     if "fails_from" in found:
         known.append((found["fails_from"], *(found.index.get_level_values(of) for of in ("integrator", "scenario"))))
     steps = [(h, str(m), str(s)) for of in known for h, m, s in zip(*of, strict=True) if is_finite(h)]
-    without = unmeasured(tables)
-    if not runs and without:
-        return Finding("What fails", _without(without), without[0].sentence, "#failures")
-    if not runs:
-        return None
-    if not failed:
-        text = f"all {runs} runs of the ladders reached their end"
-        if without:
-            return Finding("What fails", _without(without), f"{without[0].sentence}; {text}", "#failures")
-        return Finding("What fails", "nothing", text.replace(" of the ladders", ""), "#failures")
-    least = min(steps, default=None)
-    text = "no run with a fixed step among them"
-    if least is not None:
+    if least := min(steps, default=None):
         where = f" on {called(least[2])}" if ladders["scenario"].nunique() > 1 else ""
-        text = f"at the smallest step: {called(least[1])}{where}, from h = {least[0]:.2g}"
-    text += f"; {_without(without)} besides" if without else ""
-    return Finding("What fails", f"{failed} of {runs} runs", text, "#failures")
+        more = [f"at the smallest step: {called(least[1])}{where}, from h = {least[0]:.2g}", *more]
+    else:
+        more = ["no run with a fixed step among them", *more]
+    return Finding(title, f"{failed} of {runs} runs", marks.told(counts), href, tuple(more))
 
 
 def _without(rows: Sequence[Unmeasured]) -> str:
@@ -320,24 +281,19 @@ def random_starts(tables: Tables) -> Finding | None:
     if table is None or not len(table):
         return None
     rows = table[table["ensemble"] == table["ensemble"].iloc[0]]
-    runs, failed = (rows.groupby("integrator", sort=True)[c].sum() for c in ("runs", "failed"))
-    enough = runs >= min(FEW_RUNS, runs.max())
-    never = [str(n) for n in runs.sort_values(ascending=False, kind="stable").index if enough[n] and not failed[n]]
-    judged = int((enough | (failed > 0)).sum())
-    lead = f"{len(never)} of {judged} method{'s' if judged > 1 else ''}" if never else "no method"
-    text = f"never failed in {sum(runs[n] for n in never)} runs: {_some(never, 2)}" if never else "ended every run"
-    if judged < len(runs):
-        text += f" ({len(runs) - judged} with fewer than {min(FEW_RUNS, runs.max())} runs not counted)"
-    if failed.any():
-        shares = [
-            r for r in rows.to_dict("records") if r["failed"] and r["runs"] >= min(FEW_A_STEP, rows["runs"].max())
-        ]
-        worst = max(
-            shares or rows.to_dict("records"), key=lambda r: (r["share"] if is_finite(r["share"]) else -1.0, r["runs"])
-        )
-        at = f"h = {worst['dt']:.3g}" if is_finite(worst["dt"]) else f"tolerance {power(worst['tolerance'])}"
-        text += f"; most often {called(str(worst['integrator']))}, in {worst['failed']} of {worst['runs']} at {at}"
-    return Finding("From random starts", lead, text, "#overview=ensemble")
+    sums = rows.groupby("integrator")[["runs", "failed"]].sum()
+    enough = sums[(sums["runs"] >= min(FEW_RUNS, sums["runs"].max())) | (sums["failed"] > 0)]
+    never = [str(name) for name in enough.sort_values("runs", ascending=False, kind="stable").index
+             if not enough.loc[name, "failed"]]  # fmt: skip
+    text = f"never failed in {sums.loc[never, 'runs'].sum()} runs" if never else "ended every run"
+    more = [_some(never, 2)] if never else []
+    if few := len(sums) - len(enough):
+        more.append(f"{few} with fewer than {min(FEW_RUNS, sums['runs'].max())} runs not counted")
+    if sums["failed"].any():
+        share = sums["failed"] / sums["runs"]
+        more.append(f"most often {called(str(share.idxmax()))}, in {100 * share.max():.2g} % of its runs")
+    lead = f"{len(never)} of {len(enough)} method{'s' if len(enough) > 1 else ''}" if never else "no method"
+    return Finding("From random starts", lead, text, "#overview=ensemble", tuple(more))
 
 
 def _listed(words: Iterable[str]) -> str:

@@ -20,7 +20,7 @@ from .charts import theme
 from .charts.render import leading, span
 from .charts.render import told as noted
 from .charts.style import finite
-from .matrix import families
+from .page_data import families
 
 if TYPE_CHECKING:
     from pandas import DataFrame

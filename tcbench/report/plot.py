@@ -13,8 +13,8 @@ from ..errors import TcbenchError, expect, needs_folder, several, shown, unknown
 from ..files import written
 from .chart_kinds import draw_kind, find_kind, with_fallbacks
 from .charts import layout, theme
-from .leaders import leaders
-from .matrix import families, names
+from .highlight import leaders
+from .page_data import families, names
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

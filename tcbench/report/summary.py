@@ -1,4 +1,4 @@
-"""summary.csv: each method on each scenario in words, as the judged table has it; and what one run says of its laws."""
+"""summary.csv: each method on each scenario in words, as the table of pairs has it; and what one run says of its laws."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from ..studies.columns import ERROR_MAX, claim_column
-from .judged import is_finite, is_kept
+from .pairs import is_finite, is_kept
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -23,7 +23,7 @@ COLUMNS = ["scenario", "integrator", "claims kept", "order", "max stable step", 
 def summary(found: DataFrame, methods: Mapping[str, Any]) -> DataFrame:
     """One row an integrator and scenario: claims kept, order, largest stable step, time to 1e-6, failures.
 
-    found : the judged table. methods : name -> what is declared of it, for its claims. Of a study that is absent: "-".
+    found : the table of pairs. methods : name -> what is declared of it, for its claims. Of a study that is absent: "-".
     """
     import pandas as pd
 

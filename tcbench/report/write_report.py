@@ -21,10 +21,11 @@ from ..table import Table
 from .by_method import paper
 from .charts.scales import power_text
 from .html import packed, packed_json, packed_table, script_hash, script_text, strict, vendored
-from .judged import LOOSE, judged
-from .leaders import leaders
-from .matrix import FAMILIES, failures, lenses, methods, names, stopped
-from .overview import findings, law_shares, lawful_ones, one_scenario, scenario_answers
+from .pairs import LOOSE, pairs
+from .highlight import leaders
+from .marks import MARKS
+from .page_data import FAMILIES, failures, law_dots, lenses, methods, names, stopped, telling
+from .overview import findings, lawful_ones, scenario_answers
 from .page_charts import page_charts
 from .plot import run_looks
 
@@ -80,7 +81,7 @@ def _content(store: Store, tables: dict[str, DataFrame]) -> dict[str, Any]:
     history = _history(store.folder)
     if history is not None:
         tables = tables | {HISTORY: history}
-    found = judged(tables, declared)
+    found = pairs(tables, declared)
     rows = methods(found, tables, declared)
     scenarios = names(tables, "scenario")
     charts = page_charts(tables, declared, store.problems)
@@ -92,7 +93,7 @@ def _content(store: Store, tables: dict[str, DataFrame]) -> dict[str, Any]:
         "leaders": leaders(tables, declared), "answers": {name: [(*told, _unbroken(text)) for *told, text in said]
                     for name, said in scenario_answers(found, tables, scenarios).items()},
         "lawful": lawful_ones(found), "loose": LOOSE, "paper": paper(tables.get("claims")),
-        "kept": {name: law_shares(one_scenario(found, name)) for name in scenarios},
+        "dots": law_dots(found, declared), "opening": telling(found), "marks": MARKS,
         "lenses": lenses(found), "failures": failures(tables), "stopped": stopped(tables),
         "charts": list(charts), "tables": {name: len(table) for name, table in tables.items()},
         "labels": {one.name: one.label for told in columns.values() for one in told},
@@ -104,7 +105,7 @@ def _content(store: Store, tables: dict[str, DataFrame]) -> dict[str, Any]:
         "machine": machine(manifest),
         "when": str(manifest.get("ended", "")),
         "counts": (len(rows), len(scenarios)),
-        "findings": [asdict(finding) | {"text": _unbroken(finding.text)} for finding in findings(found, tables)],
+        "findings": [asdict(finding) | {"text": _unbroken(finding.text)} for finding in findings(found, tables, declared)],
         "methods": rows,
         "families": FAMILIES,
         "claims": "claims" in tables,

@@ -11,8 +11,8 @@ from click.testing import CliRunner
 from tcbench.cli import main
 from tcbench.commands import terminal
 from tcbench.report.by_method import by_method, claims, remarks
-from tcbench.report.judged import judged, times_over_best
-from tcbench.report.matrix import names as names_of
+from tcbench.report.pairs import pairs, times_over_best
+from tcbench.report.page_data import names as names_of
 
 
 def law(name, claimed, kept, of):
@@ -37,7 +37,7 @@ def test_times_are_over_the_fastest_of_each_scenario():
         [("a", "s", 1.0), ("b", "s", 4.0), ("a", "t", 3.0), ("b", "t", 1.5), ("c", "s", math.nan)],
         columns=["integrator", "scenario", "time_s"],
     ).assign(measure="error", target=1e-6)
-    assert times_over_best(judged({"time_to_accuracy": table}, {})) == {
+    assert times_over_best(pairs({"time_to_accuracy": table}, {})) == {
         "a": [1.0, 2.0],
         "b": [4.0, 1.0],
         "c": [math.inf],

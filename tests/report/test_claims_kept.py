@@ -8,7 +8,7 @@ import pytest
 
 import tcbench
 from tcbench import Integrator
-from tcbench.report.judged import judged
+from tcbench.report.pairs import pairs
 from tcbench.report.summary import claims_kept, summary
 from tcbench.studies.cost import reach
 from tcbench.studies.work_precision import tabulate
@@ -68,7 +68,7 @@ def test_every_invariant_has_its_column_its_claim_and_its_chart(tables):
 def test_claims_count_where_they_were_measured(tables):
     claims = {"tc_monolithic": tcbench.integrators()["tc_monolithic"].claims, "liar": {"px", "angular_momentum"}}
     methods = {name: {"claims": sorted(of)} for name, of in claims.items()}
-    rows = summary(judged(tables, {}), methods).set_index("integrator")
+    rows = summary(pairs(tables, {}), methods).set_index("integrator")
     assert rows.loc["tc_monolithic", "claims kept"] == "4 of 4"  # momenta are all that a system declares
     assert rows.loc["liar", "claims kept"] == "0 of 2, not centre, px"
     assert rows["claims broken"].to_dict() == {"tc_monolithic": 0, "liar": 2}
@@ -76,7 +76,7 @@ def test_claims_count_where_they_were_measured(tables):
 
 def test_a_claim_that_nothing_measures_is_not_kept():
     rows = pandas.DataFrame({"steps": [3], "energy_error_max": [np.nan], "status": "ok"})
-    (row,) = judged({"conservation": rows.assign(integrator="a", scenario="s")}, {}).to_dict("records")
+    (row,) = pairs({"conservation": rows.assign(integrator="a", scenario="s")}, {}).to_dict("records")
     assert claims_kept(row, ["energy"]) == ("0 of 0, 1 not measured", 0)
 
 
@@ -97,7 +97,7 @@ def test_the_time_to_an_accuracy_is_one_number_everywhere(points):
     tables = tabulate([{"integrator": "a", "scenario": "s", "peer": "", "points": points, "horizons": []}])
     line = tables["time_to_accuracy"].set_index(["measure", "target"]).loc[("error", 1e-6), "time_s"]
     assert reach(tables["work_precision"].to_dict("records"), "error", 1e-6) == pytest.approx(line, rel=1e-12)
-    assert summary(judged(tables, {}), {})["time to 1e-6"].tolist() == [f"{1e3 * line:.3g} ms"]
+    assert summary(pairs(tables, {}), {})["time to 1e-6"].tolist() == [f"{1e3 * line:.3g} ms"]
 
 
 def test_one_name_has_one_unit():

@@ -7,7 +7,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from tcbench.analysis.statistics import wilson
-from tcbench.report import leaders
+from tcbench.report import highlight
 from tcbench.report.charts import ensemble, style, theme
 
 METHODS = {
@@ -103,7 +103,7 @@ def test_lines_that_are_named_have_looks_of_their_own():
     table = share_table(awkward.FORTY[5:])
     (ax,) = ensemble.failure_share(table).axes
     own = [line for line in ax.lines if line.get_color() not in (style.OTHER.colour, theme.INK)]
-    assert len(own) == leaders.IN_COLOUR == len({(line.get_color(), line.get_marker()) for line in own})
+    assert len(own) == highlight.IN_COLOUR == len({(line.get_color(), line.get_marker()) for line in own})
     (ax, _) = ensemble.performance_profiles(profile_table(awkward.FORTY[5:11])).axes
     assert len({line.get_color() for line in ax.lines}) == 6
 

@@ -4,14 +4,14 @@ import awkward
 import pandas as pd
 
 import tcbench
-from tcbench.report.judged import judged
+from tcbench.report.pairs import pairs
 from tcbench.report.summary import summary
 from tcbench.runner.declared import method_facts
 
 
 def summed(tables):
     methods = {name: method_facts(method) for name, method in tcbench.integrators().items()}
-    return summary(judged(tables, {}), methods).set_index(["scenario", "integrator"])
+    return summary(pairs(tables, {}), methods).set_index(["scenario", "integrator"])
 
 
 def test_summary_says_what_was_measured():
@@ -30,7 +30,7 @@ def test_summary_says_what_was_measured():
 
 
 def test_of_an_ensemble_alone_it_has_its_headings_and_no_row():
-    table = summary(judged(awkward.ensemble(awkward.FIVE), {}), {})
+    table = summary(pairs(awkward.ensemble(awkward.FIVE), {}), {})
     assert table.empty and table.to_csv(index=False).startswith("scenario,integrator,claims kept,")
 
 

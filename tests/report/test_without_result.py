@@ -5,9 +5,9 @@ import pytest
 from click.testing import CliRunner
 
 from tcbench.cli import main
-from tcbench.report import matrix, overview
+from tcbench.report import page_data, overview
 from tcbench.report.by_method import remarks
-from tcbench.report.judged import judged
+from tcbench.report.pairs import pairs
 
 WHY = "ReferenceFailed: stopped at t = 0.2 of 1"
 
@@ -22,11 +22,11 @@ def tables():
 
 
 def test_a_measurement_without_a_result_is_a_failure_in_the_overview_and_in_the_list(tables):
-    finding = overview.failing(judged(tables, {}), tables)
+    finding = overview.failing(pairs(tables, {}), tables)
     assert (finding.lead, WHY in finding.text) == ("3 measurements without a result", True)
-    assert overview.failing(judged({}, {}), {"convergence": tables["convergence"]}).lead == finding.lead
-    assert overview.failing(judged({}, {}), {"conservation": tables["conservation"]}).lead == "nothing"
-    found = matrix.failures(tables)
+    assert overview.failing(pairs({}, {}), {"convergence": tables["convergence"]}).lead == finding.lead
+    assert overview.failing(pairs({}, {}), {"conservation": tables["conservation"]}).lead == "nothing"
+    found = page_data.failures(tables)
     assert set(found) == {"a", "b", "c"} and found["a"]["large"][0] == 1 and WHY in found["a"]["large"][2]
 
 

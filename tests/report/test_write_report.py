@@ -14,7 +14,7 @@ from tcbench.errors import TcbenchError
 from tcbench.report import write_report as report
 from tcbench.report.asv_history import read_history
 from tcbench.report.html import packed_table
-from tcbench.report.matrix import names
+from tcbench.report.page_data import names
 from tcbench.studies.base import known_tables
 from tcbench.table import Table
 

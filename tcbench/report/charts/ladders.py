@@ -16,7 +16,7 @@ from matplotlib.transforms import ScaledTranslation
 from ...chart import Chart, Panel, Row, Series, Sheet
 from ...studies.columns import column as column_named
 from ...studies.columns import invariant_columns
-from ..matrix import FAMILIES
+from ..page_data import FAMILIES
 from . import theme
 from .layout import failed_handle, failed_tracks, folded, legend, note, panels, pt
 from .render import chart, chart_of_rows

@@ -16,7 +16,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter
 
 from ...chart import Panel, Series, Sheet, sheet_of
-from ..leaders import front
+from ..highlight import front
 from . import theme
 from .layout import (
     check_room,
@@ -53,7 +53,7 @@ Asked = ParamSpec("Asked")
 def chart(draw: Callable[Asked, Any], crowded: bool = True) -> Callable[Asked, Figure]:
     """Draw panels, or a figure, with tcbench's style and the theme's over the caller's matplotlib settings.
 
-    Of many methods those that lead are in colour, the rest is grey: `report.leaders`; where not crowded, all of them.
+    Of many methods those that lead are in colour, the rest is grey: `report.highlight`; where not crowded, all of them.
     """
 
     @wraps(draw)

@@ -45,6 +45,30 @@ const broken = (name) => String(name).split(/(?<=_)/).flatMap((part) => [part, e
 const extent = (values) => values.reduce(([lo, hi], v) => [Math.min(lo, v), Math.max(hi, v)], [Infinity, -Infinity]);
 const unique = (values) => [...new Set(values)];
 
+// the address says what is chosen: a link leads to the same view with the same choices
+const CHOICES = new Set(["limits", "shown", "lens", "on", "show", "fixed", "sort", "of", "step", "by", "left", "right", "loss", "span", "minus", "variable", "search", "filter", "verdict", "overview"]);
+const address = () => {
+  const place = {};
+  for (const part of location.hash.slice(1).split("&").filter(Boolean)) {
+    const [key, ...rest] = part.split("=");
+    try { place[key] = decodeURIComponent(rest.join("=")); } catch { place[key] = rest.join("="); }
+  }
+  return place;
+};
+let acting = false;  // a choice of the reader, which the address keeps; a default it does not
+const act = (change) => { acting = true; try { change(); } finally { acting = false; } };
+// an object whose keys are choices; keys: key -> its name in the address
+const choosing = (keys, values) => Object.assign(new Proxy(values, { set(target, key, value) {
+  target[key] = value;
+  if (acting && keys[key]) remember({ [keys[key]]: value });
+  return true;
+} }));
+const recall = (chosen, keys, place) => { for (const [key, name] of Object.entries(keys)) if (place[name]) chosen[key] = place[name]; };
+const remember = (choices) => {
+  const place = { ...address(), ...choices };
+  for (const key of Object.keys(place)) if (place[key] === null || place[key] === undefined || (place[key] === "" && CHOICES.has(key))) delete place[key];
+  history.replaceState(null, "", `${location.pathname}${location.search}${link(place)}`);
+};
 const link = (place) => `#${Object.entries(place).map(([k, v]) => `${k}=${encodeURIComponent(v)}`).join("&")}`;
 const method = Object.fromEntries(page.methods.map((m) => [m.name, m]));
 const told = page.declared.integrators, scenes = page.declared.scenarios;
@@ -63,6 +87,7 @@ const mark = (name) => shape("svg", { class: "mark", width: 13, height: 11, view
 // how a chart is made again from the tables of this folder, or anew
 const again = (...commands) => el("details", { class: "again" }, el("summary", {}, "reproduce this"), el("pre", {}, commands.join("\n")));
 const word = (text) => (/^[\w.,:=+-]+$/.test(text) ? text : `'${String(text).replaceAll("'", "'\\''")}'`);
+const marked = (counts) => Object.entries(page.marks).filter(([m]) => counts?.[m]).map(([m, text]) => el("span", { class: "end", title: text }, `${counts[m]} ${m} `));
 const lawful = (m) => page.lawful.includes(m.name);  // they ended every run with every law kept
 
 const loaded = {};
@@ -99,7 +124,7 @@ const grouped = (list, key) => {
 };
 
 const select = (title, values, chosen, changed) => {
-  const box = el("select", { onchange: () => changed(box.value) },
+  const box = el("select", { onchange: () => act(() => changed(box.value)) },
     values.map(([value, text]) => el("option", { value, selected: value === chosen }, short(text, 60))));
   return el("label", {}, `${title} `, box);
 };
@@ -109,6 +134,7 @@ const chips = (title, names, chosen, toggled) => el("div", { class: "chips", rol
     onclick: (event) => {
       chosen[chosen.has(name) ? "delete" : "add"](name);
       event.currentTarget.setAttribute("aria-pressed", String(chosen.has(name)));
+      remember({ shown: [...chosen].join(" ") });
       toggled();
     },
   }, mark(name), short(name))));

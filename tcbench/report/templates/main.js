@@ -1,21 +1,24 @@
-// Which view is shown: `#method=NAME`, `#scenario=NAME`, `#scenario=NAME&method=NAME`, `#lens=KEY`, `#table=NAME`, `#failures` ...
+// Which view is shown, and what is chosen in it, is in the address: `#method=NAME`, `#scenario=NAME&method=NAME`, `#lens=KEY`, ...
 const VIEWS = { overview, scenario: scenarios, method: methods, failures: failuresView, claims: claimsView, charts: chartsView, table: tablesView, measured: async () => {} };
-const where = () => {
-  const place = {};
-  for (const part of location.hash.slice(1).split("&").filter(Boolean)) {
-    const [key, ...rest] = part.split("=");
-    try { place[key] = decodeURIComponent(rest.join("=")); } catch { place[key] = rest.join("="); }
-  }
-  return place;
+const MEANT = { scenarios: "scenario", methods: "method", tables: "table", failure: "failures", claim: "claims", chart: "charts" };
+// a word that leads nowhere is said, with what there is
+const notice = (place) => {
+  const keys = Object.keys(place), strange = keys.filter((k) => !(k in VIEWS) && !CHOICES.has(k));
+  const lost = ["scenario", "method", "table", "charts"].filter((k) => place[k] && !{ scenario: page.scenarios, method: Object.keys(method), table: Object.keys(page.tables), charts: page.charts }[k].includes(place[k]));
+  $("notice").hidden = !strange.length && !lost.length;
+  $("notice").textContent = [...strange.map((k) => `This page has no view ${short(k)}: it has ${Object.keys(VIEWS).join(", ")}.`), ...lost.map((k) => `This run has no ${k} ${short(place[k])}.`)].join(" ");
 };
 let turn = 0;
-// a run of the claims alone measured no method: what it has to say is there
-const only = page.tables.claims && !page.lenses.length && page.methods.every((m) => !m.order && !m.step && !m.laws.some((l) => l.of));
+// a run of the claims or of a study of one's own measured no method: what it has to say is there
+const bare = !page.lenses.length && page.methods.every((m) => !m.order && !m.step && !m.laws.some((l) => l.of));
+const only = bare && (page.tables.claims ? "claims" : page.charts.length ? "charts" : "table");
 if (only) document.querySelector("#tabs a").hidden = true;
 const route = async () => {
-  const place = where(), mine = (turn += 1);
+  const place = address(), mine = (turn += 1);
+  for (const [wrong, right] of Object.entries(MEANT)) if (place[wrong] !== undefined) { place[right] ??= place[wrong]; delete place[wrong]; }
+  notice(place);
   const asked = place.scenario !== undefined ? "scenario" : Object.keys(VIEWS).find((v) => place[v] !== undefined && (v !== "charts" || page.charts.length)) || "overview";
-  const name = asked === "overview" && only ? "claims" : asked;
+  const name = asked === "overview" && only ? only : asked;
   hideTip();
   for (const view of document.querySelectorAll("main > .view")) view.hidden = view.id !== `view-${name}`;
   for (const tab of document.querySelectorAll("#tabs a")) {

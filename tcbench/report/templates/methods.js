@@ -1,5 +1,6 @@
 // Methods, one at a time: what it is, claims against measurements, order, stable steps, speed and accuracy, failures.
-const inMethod = { scenario: null, variable: null, speed: null };
+const OF_METHOD = { scenario: "on", variable: "variable", speed: "of" };
+const inMethod = choosing(OF_METHOD, { scenario: null, variable: null, speed: null });
 
 const measured = (m) => {
   const lines = m.laws.filter((l) => l.of).map((law) => [words(law.law), law.claimed === null ? "?" : law.claimed ? "yes" : "no", `${law.kept} of ${law.of}`, number(law.worst), law.where,
@@ -56,7 +57,7 @@ const speedOf = async (m) => {
   const mine = rows(await table("work_precision"), { integrator: m.name });
   if (!mine.length) return null;
   const where = unique(mine.map((r) => r.scenario)), place = el("div", {}), root = el("div", {});
-  if (!where.includes(inMethod.speed)) inMethod.speed = where.includes("bound_equilibrium") ? "bound_equilibrium" : where[0];
+  if (!where.includes(inMethod.speed)) inMethod.speed = where.includes(page.opening) ? page.opening : where[0];
   const reached = rows(await table("time_to_accuracy"), { integrator: m.name, measure: "error" });
   const lines_ = where.map((s) => [s, ...[1e-3, 1e-6, 1e-9].map((target) => {
     const row = reached.find((r) => r.scenario === s && r.target === target);
@@ -90,6 +91,7 @@ const solved = async (m) => {
 };
 
 const methods = async (place) => {
+  recall(inMethod, OF_METHOD, place);
   const root = $("method-page"), m = method[place.method] || page.methods[0];
   if (!m) { root.replaceChildren(empty("This run has no method.")); return; }
   const it = told[m.name], part = (title, content) => content && el("section", {}, el("h3", {}, title), content);

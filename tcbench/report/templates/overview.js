@@ -10,9 +10,11 @@ const LENSES = {
   step: ["largest stable step h", "step"],
   cost: ["microseconds a step", "cost"],
 };
-const view = { lens: null, sorted: null, scenario: null, error: null, fore: null, wide: null, speed: "scenario" };
+const OF_VIEW = { lens: "lens", sorted: "sort", scenario: "on", error: "show", fixed: "fixed", wide: "limits" };
+const view = choosing(OF_VIEW, { lens: null, sorted: null, scenario: null, error: null, fore: null, wide: null, fixed: "" });
 
-const dots = (m) => el("span", { class: "dots" }, m.laws.map((law) => {
+const INITIALS = { energy: "E", entropy: "S", angular_momentum: "J" };
+const dots = (laws) => el("span", { class: "dots" }, laws.map((law) => {
   const share = law.of ? law.kept / law.of : 0;
   const size = !law.of ? "none" : share === 1 ? "all" : share >= 0.5 ? "most" : share > 0 ? "few" : "no";
   const said = law.claimed === null ? "" : law.claimed ? "claimed; " : "not claimed; ";
@@ -28,10 +30,13 @@ const stepTip = (m) => (!m.step || !m.step.of ? without(m, "no fixed step", m.st
   ? `least of the largest stable steps, on ${m.step.where}; a limit on ${m.step.limited} of ${m.step.of} scenarios`
   : `no limit found on ${m.step.of} scenarios`);
 
+const percent = (v, digits = 2) => (v < ROUND_OFF ? "0" : v < 1e-5 ? "<.001%" : `${number(100 * v, digits)}%`);
+const ending = (counts) => Object.entries(page.marks).filter(([m]) => counts?.[m]).map(([m, text]) => `${counts[m]} ${text}`).join(", ") || "none";
 const cellText = (kind, value, best, stopped, digits = 2) => {
   if (value === null) return stopped ? "…" : "–";
   if (kind === "time") return value === best ? (digits < 2 ? "1" : "best") : value / best >= 9999.5 ? `${Math.round(value / best / 1000)}k` : number(value / best, value / best < 10 ? 2 : digits + 1);
   if (kind === "step" && Array.isArray(value)) return `> ${number(value[1], digits)}`;
+  if (kind === "wrong") return percent(value, digits);
   return number(value, digits);
 };
 // how strongly a cell is tinted, 1 for the best: better is stronger, and never between where no text could be read
@@ -59,16 +64,16 @@ const matrix = () => {
     if (v === null) return 1e300;
     return kind === "step" ? -(Array.isArray(v) ? 1e9 : v) : v / (kind === "time" || kind === "cost" ? best[s] : 1);
   };
-  const mean = (m) => page.scenarios.reduce((sum, s) => sum + Math.log(1e9 + Math.min(1e12, badness(m, s) * 1e6)), 0);
+  const place = Object.fromEntries((lens?.order || []).map((name, i) => [name, i])), mean = (m) => place[m.name] ?? Infinity;
   const by = view.sorted ? (a, b) => badness(a, view.sorted) - badness(b, view.sorted) || (a.name < b.name ? -1 : 1)
-    : (a, b) => a.family - b.family || mean(a) - mean(b) || (a.name < b.name ? -1 : 1);
+    : (a, b) => a.family - b.family || (mean(a) === mean(b) ? 0 : mean(a) - mean(b)) || (a.name < b.name ? -1 : 1);
   const ordered = [...page.methods].sort(by);
-  const head = el("tr", {}, el("th", { scope: "col" }, "method"), el("th", { scope: "col", title: (page.methods[0]?.laws || []).map((l) => words(l.law)).join(", ") }, "laws"),
+  const head = el("tr", {}, el("th", { scope: "col" }, "method"), el("th", { scope: "col", title: (page.methods[0]?.laws || []).map((l) => words(l.law)).join(", ") }, "laws ", el("span", { class: "dots letters" }, (page.methods[0]?.laws || []).map((l) => el("span", { class: "dot letter" }, INITIALS[l.law] || "I")))),
     ordered.some((m) => m.order) ? el("th", { scope: "col", title: "lowest fitted order" }, "order") : null,
     ordered.some((m) => m.step) ? el("th", { scope: "col", title: "least of the largest stable steps" }, "h stable") : null,
     page.scenarios.map((s) => el("th", { scope: "col", class: "one", "aria-sort": view.sorted === s ? "ascending" : "none" },
-      el("a", { href: link({ scenario: s }), title: `${s}: its answers` }, ...broken(short(s, 34))), " ",
-      el("button", { type: "button", title: `${s}: sort by it`, "aria-label": `sort by ${s}`, onclick: () => { view.sorted = view.sorted === s ? null : s; drawMatrix(); } },
+      el("a", { href: link({ scenario: s }), title: `${s}${scenes[s]?.shows ? `: ${scenes[s].shows}` : ""}` }, ...broken(short(s, 34))), " ",
+      el("button", { type: "button", title: `${s}: sort by it`, "aria-label": `sort by ${s}`, onclick: () => { act(() => { view.sorted = view.sorted === s ? null : s; }); drawMatrix(); } },
         view.sorted === s ? "▾" : "▿"))));
   const body = [];
   let family = null;
@@ -79,16 +84,16 @@ const matrix = () => {
     }
     body.push(el("tr", {},
       el("th", { scope: "row" }, mark(m.name), el("a", { href: link({ method: m.name }), title: m.name }, short(m.name, 26))),
-      el("td", {}, dots(m)), ordered.some((x) => x.order) ? el("td", { title: orderTip(m) }, orderText(m)) : null, ordered.some((x) => x.step) ? el("td", { title: stepTip(m) }, stepText(m)) : null,
+      el("td", {}, dots(m.laws)), ordered.some((x) => x.order) ? el("td", { title: orderTip(m) }, orderText(m)) : null, ordered.some((x) => x.step) ? el("td", { title: stepTip(m) }, stepText(m)) : null,
       page.scenarios.map((s) => {
         const v = value(m.name, s), failed = page.failures[m.name]?.[s], tint = v === undefined ? 0 : strength(kind, v, best[s]);
         if (v === undefined && !failed) return el("td", { class: "one" });
         const first = star[s] === m.name;
-        const cell = el("a", { href: link({ scenario: s, method: m.name, lens: view.lens }), tabindex: -1, class: `cell${failed ? " failed" : ""}${tint === 1 ? " strong" : ""}`,
-          style: `--tint:${Math.round(100 * tint)}%` }, v === undefined ? " " : cellText(kind, v, best[s], stopped(m.name, s), tight() ? 1 : 2), first ? "★" : "");
+        const cell = el("a", { href: link({ scenario: s, method: m.name, lens: view.lens }), tabindex: -1, class: `cell${failed?.[0] ? " failed" : ""}${tint === 1 ? " strong" : ""}`,
+          style: `--tint:${Math.round(100 * tint)}%` }, v === undefined ? " " : cellText(kind, v, best[s], stopped(m.name, s), tight() ? 1 : 2), first ? "✓" : "");
         return el("td", { class: "one" }, tipped(cell, () => [`${m.name} on ${s}`, ...cellTip(kind, v, best[s], stopped(m.name, s)),
-          ...(first ? ["★ first of the methods that kept every law in every run"] : []),
-          ...(failed ? [`${failed[0]} of ${failed[1]} runs failed. ${failed[2]}`] : [])]));
+          ...(first ? ["✓ first of the methods that kept every law in every run"] : []),
+          ...(failed ? [`${failed[0]} of ${failed[1]} runs failed: ${ending(failed[3])}. ${failed[2]}`] : [])]));
       })));
   }
   return el("table", { class: page.scenarios.length > MANY ? "matrix many" : "matrix", style: `--scenarios:${page.scenarios.length}` }, el("thead", {}, head), el("tbody", {}, body));
@@ -97,7 +102,7 @@ const cellTip = (kind, v, best, stopped) => {
   if (v === undefined) return ["not measured"];
   if (v === null && kind === "time") return [stopped ? `not reached before its ladder ended: ${stopped}` : "not reached on its ladder"];
   if (v === null) return [kind === "step" ? "no stable step found" : "the run failed"];
-  if (kind === "wrong") return [`off by ${number(v)} of what it is`];
+  if (kind === "wrong") return [`off by ${percent(v)} of what it is`];
   if (kind === "time") return [`${seconds(v)}${v === best ? ", the best here" : `, ${number(v / best, 3)} times the best`}`];
   if (kind === "step") return [Array.isArray(v) ? `no limit found up to h = ${number(v[1])}` : `stable up to h = ${number(v)}`];
   return [kind === "small" ? `|E − E₀| / V₀ up to ${number(v)}` : `${number(v)} µs a step`];
@@ -107,7 +112,7 @@ const tight = () => narrow.matches || page.scenarios.length > MANY;
 narrow.addEventListener("change", () => drawMatrix());
 const drawMatrix = () => {
   $("matrix").replaceChildren(matrix());
-  $("matrix-note").textContent = { time: "★ first that keeps every law; – not reached; … stopped early", wrong: "– the run failed; stronger is less wrong", small: "– the run failed; stronger is less lost", step: "> no limit up to there; – none found", cost: "stronger is cheaper" }[LENSES[view.lens]?.[1]] || "";
+  $("matrix-note").textContent = { time: "✓ first that keeps every law; – not reached; … stopped early", wrong: "– the run failed; stronger is less wrong", small: "– the run failed; stronger is less lost", step: "> no limit up to there; – none found", cost: "stronger is cheaper" }[LENSES[view.lens]?.[1]] || "";
   $("matrix-note").append(view.lens ? "; " : "");
 };
 // arrow keys move among the links of a row and between rows
@@ -137,24 +142,23 @@ const toggle = (name, shown) => {
 const drawSpeed = async () => {
   const found = (await chartNamed("work-precision"))?.of, place = $("speed"), controls = $("speed-controls");
   if (!found) { $("speed-panel").hidden = true; return; }
-  const there = Object.keys(found), profile = page.tables.performance_profile ? [["profile", "whole ensemble"]] : [];
-  view.scenario = there.includes(view.scenario) ? view.scenario : there.includes("bound_equilibrium") ? "bound_equilibrium" : there[0];
-  const all = await panelsOf(view.speed === "profile" ? "performance-profile" : "work-precision", view.speed === "profile" ? "" : view.scenario);
+  const there = Object.keys(found), profile_ = view.scenario === "profile", profile = page.tables.performance_profile ? [["profile", "whole ensemble"]] : [];
+  if (!profile_ || !profile.length) view.scenario = [view.scenario, page.opening, there[0]].find((s) => there.includes(s));
+  const shares = view.scenario === "profile", all = await panelsOf(shares ? "performance-profile" : "work-precision", shares ? "" : view.scenario);
   controls.replaceChildren(
-    select("Scenario", [...there.map((s) => [s, s]), ...profile], view.speed === "profile" ? "profile" : view.scenario, (s) => {
-      view.speed = s === "profile" ? s : "scenario";
-      if (s !== "profile") view.scenario = s;
-      view.fore = null; drawSpeed();
-    }),
-    view.speed === "profile" ? "" : choose(all, view, drawSpeed));
-  if (view.speed === "profile") {  // of random starts: the share that a method brings to the target within tau times the best time
+    select("Scenario", [...there.map((s) => [s, s]), ...profile], view.scenario, (s) => { view.scenario = s; view.fore = null; drawSpeed(); }),
+    shares ? "" : choose(all, view, drawSpeed), shares ? "" : fixedOnly(view, drawSpeed));
+  if (shares) {  // of random starts: the share that a method brings to the target within tau times the best time
     const panel = all.find((p) => p.title.includes("state to 1e-6")) || all[0];
     drawn(place, (width) => place.replaceChildren(panelChart(panel, width, 272, { shown: view.fore, toggled: toggle, named: true, title: "Performance profile over the ensemble" })));
     return;
   }
-  drawn(place, (width) => place.replaceChildren(panelChart(chosenOf(all, view), width, width < 500 ? 300 : 262, { scenario: view.scenario, shown: view.fore, toggled: toggle })));
+  drawn(place, (width) => place.replaceChildren(panelChart(ofFixed(chosenOf(all, view), view.fixed), width, width < 500 ? 300 : 262, { scenario: view.scenario, shown: view.fore, toggled: toggle })));
   $("speed-again").replaceChildren(again(`tcbench run -s ${word(view.scenario)} --study work_precision -o mine`, `tcbench plot work-precision mine -s ${word(view.scenario)} -o speed.svg`));
 };
+// adaptive methods are orders of magnitude ahead, and squeeze those of a fixed step into a bundle
+const fixedOnly = (state, changed) => select("of", [["", "all methods"], ["yes", "fixed step only"]], state.fixed || "", (v) => { state.fixed = v; changed(); });
+const ofFixed = (panel, fixed) => (fixed ? onlyOf(panel, new Set(page.methods.filter((m) => m.kind !== "adaptive" && m.family !== 3).map((m) => m.name))) : panel);
 // one of several panels, by what its y axis says
 const chosenOf = (panels, state) => panels.find((p) => p.y.label === state.error) || panels[0];
 const choose = (panels, state, changed) => select("show", panels.map((p) => [p.y.label, p.y.label]), chosenOf(panels, state).y.label, (label) => { state.error = label; changed(); });
@@ -173,6 +177,7 @@ const drawSteps = async () => {
 const overviewCharts = () => Promise.all([drawSpeed(), drawSteps()]);
 
 const overview = async (place) => {
+  recall(view, OF_VIEW, place);
   const keys = page.lenses.map((l) => l.key);
   const reached = (key) => Object.values(page.lenses.find((l) => l.key === key)?.cells || {}).some((row) => Object.values(row).some(known));
   view.lens = keys.includes(place.lens) ? place.lens : keys.includes(view.lens) ? view.lens : ["time 1e-06", "time 0.001"].find(reached) || keys[0];
@@ -180,7 +185,7 @@ const overview = async (place) => {
     ? select("Cells:", keys.map((k) => [k, LENSES[k][0]]), view.lens, (k) => { view.lens = k; drawMatrix(); }) : "");
   if (place.overview === "ensemble") {
     view.wide = "shares";
-    if (page.tables.performance_profile) view.speed = "profile";
+    if (page.tables.performance_profile) view.scenario = "profile";
   }
   drawMatrix();
   await overviewCharts();

@@ -66,7 +66,7 @@ const panelChart = (panel, width, height, { scenario = "", shown = null, toggled
 const marginFor = (series) => ({ beside: true, margin: { right: 24 + 6.4 * Math.max(0, ...series.filter((s) => s.fore).map((s) => short(s.label, 24).length)) } });
 
 // methods below each other: bars, and marks on them
-const SIGNS = { o: "●", ".": "•", s: "■", "^": "▲", D: "◆", ">": "▶", x: "×", _: "|" };
+const SIGNS = { o: "●", ".": "•", s: "■", "^": "▲", D: "◆", ">": "▶", x: "×", _: "|" };  // letters are themselves
 const keysOf = (panel) => Object.entries(panel.keys || {}).map(([m, text]) => `${SIGNS[m] || m} ${text}`).join("; ");
 const rowChart = (panel, width, title) => {
   if (!panel.x.domain) return empty("Nothing was measured here.");
@@ -76,6 +76,7 @@ const rowChart = (panel, width, title) => {
   all.forEach((r, i) => {
     const y = 4 + row * (i + 0.5), end = X(r.bar?.[1]), group = shape("g", { class: "bar", style: `--own:${colour(r.name)}` });
     group.append(shape("rect", { class: "hit", x: 0, y: y - row / 2, width, height: row }), shape("text", { x: left - 6, y: y + 4, "text-anchor": "end", "font-size": small }, short(r.name, 20)));
+    if (!r.bar && !r.marks.some(([, , v]) => v.some(known)) && r.marks.length) { group.append(shape("text", { class: "soft", x: left + 6, y: y + 4, "font-size": small }, r.text || "no answer")); r = { ...r, marks: [], text: "" }; }
     if (r.bar) group.append(shape("line", { class: "thick", x1: X(r.bar[0]), x2: end, y1: y, y2: y }));
     if (r.dotted) group.append(shape("line", { class: "dotted", x1: end, x2: X(r.dotted), y1: y, y2: y }));
     for (const [m, , places] of r.marks) for (const v of places) group.append(markAt(m, X(v), y, r.hollow));
@@ -87,12 +88,13 @@ const rowChart = (panel, width, title) => {
 };
 const markAt = (m, x, y, hollow) => (m === "x" ? shape("path", { class: "cross", d: cross(x, y) })
   : m === "|" || m === "_" ? shape("line", { class: m === "_" ? "tick" : "tick own", x1: x, x2: x, y1: y - 4, y2: y + 4 })
+    : "BSRP".includes(m) ? shape("text", { class: "letter", x, y: y + 4, "text-anchor": "middle" }, m)
     : shape("path", { class: hollow ? "marker hollow" : "marker", d: MARKS[m === "." ? "o" : m], transform: `translate(${x.toFixed(1)},${y.toFixed(1)}) scale(${m === "." ? 2.2 : 3.2})` }));
 
 const chartsView = async (place) => {
   const root = $("charts-page"), names = page.charts, name = names.includes(place.charts) ? place.charts : names[0];
   const it = await chartNamed(name), there = Object.keys(it.of), scenario = there.includes(place.of) ? place.of : there[0];
-  const panels = await panelsOf(name, scenario), keys = unique(panels.map(keysOf)).filter(Boolean).join("; ");
+  const panels = await panelsOf(name, scenario), keys = keysOf({ keys: Object.assign({}, ...panels.map((p) => p.keys)) });
   root.replaceChildren(el("div", { class: "tools" },
     names.length > 1 ? select("Chart", names.map((n) => [n, n]), name, (n) => { location.hash = link({ charts: n }); }) : "",
     there.length > 1 ? select("scenario", there.map((s) => [s, s]), scenario, (s) => { location.hash = link({ charts: name, of: s }); }) : "",

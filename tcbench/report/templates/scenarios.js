@@ -1,11 +1,14 @@
 // Scenarios, one at a time: what it is, the player, losses in time, its tables; and one method on it.
-const chosenIn = { methods: null, left: null, right: null, loss: null, span: "opening" };
+const OF_SCENARIO = { left: "left", right: "right", loss: "loss", span: "span", step: "step", rank: "by", error: "show", fixed: "fixed", minus: "minus" };
+const chosenIn = choosing(OF_SCENARIO, { methods: null, left: null, right: null, loss: null, span: "opening", fixed: "", minus: "" });
 
-const MOST_VALUES = 24;  // of an array: the first, and how many there are
+const MOST_VALUES = 6;  // of an array; of a larger one its size and the range of its numbers
 const value = (v) => {
   if (!Array.isArray(v)) return known(v) ? number(v, 6) : String(v);
-  const first = v.slice(0, v.length > MOST_VALUES ? MOST_VALUES / 2 : v.length).map(value).join(", ");
-  return v.length > MOST_VALUES ? `(${first}, …), ${v.length} in all` : `(${first})`;
+  const flat = v.flat(Infinity), numbers = flat.filter(known), [low, high] = extent(numbers);
+  if (flat.length <= MOST_VALUES) return `(${v.map(value).join(", ")})`;
+  const sizes = []; for (let part = v; Array.isArray(part); part = part[0]) sizes.push(part.length);
+  return `${sizes.join(" × ")} values${numbers.length ? low === high ? `, all ${number(low)}` : `, ${number(low)} to ${number(high)}` : ""}`;
 };
 const facts = (pairs) => el("dl", {}, pairs.filter(([, v]) => v !== undefined && v !== "" && v !== null)
   .flatMap(([k, v]) => [el("dt", {}, k), el("dd", {}, v instanceof Node ? v : value(v))]));
@@ -50,12 +53,21 @@ const shownOf = (runs) => {
   });
 };
 
+// a panel of the differences from one method's line, at the times that both have
+const minus = (panel, name) => {
+  const first = panel.series.find((s) => s.name === name), at = new Map(first?.x.map((t, i) => [t, first.y[i]]));
+  if (!first || panel.y.scale !== "linear") return panel;
+  const series = panel.series.filter((s) => s !== first && s.name !== name).map((s) => ({ ...s, y: s.x.map((t, i) => (known(at.get(t)) && known(s.y[i]) ? s.y[i] - at.get(t) : null)) }));
+  return { ...panel, series, title: `${panel.title}, less that of ${name}`, y: { ...panel.y, domain: extent(series.flatMap((s) => s.y).filter(known)) } };
+};
 const losses = async (name, runs, place) => {
   const there = await panelsOf("laws", name), told = await panelsOf("in-time", name);
   if (!there.length) return;
   const loss = there.find((p) => p.title === chosenIn.loss) || there[0];
-  const only = (p) => { const it = onlyOf(p, chosenIn.methods); return it.series.length ? it : { ...it, note: "Choose a method above." }; };
+  const others = told.some((p) => p.y.scale === "linear") ? runs.map((r) => r.name) : [];
+  const only = (p) => { const it = onlyOf(chosenIn.minus ? minus(p, chosenIn.minus) : p, chosenIn.methods); return it.series.length ? it : { ...it, note: "Choose a method above." }; };
   place.replaceChildren(el("div", { class: "tools" }, select("Loss of", there.map((p) => [p.title, p.title]), loss.title, (c) => { chosenIn.loss = c; losses(name, runs, place); }),
+    others.length > 1 ? select("variables: less those of", [["", "none"], ...others.map((n) => [n, n])], chosenIn.minus, (c) => { chosenIn.minus = c; losses(name, runs, place); }) : "",
     again(`tcbench run -s ${word(name)} --study conservation -o mine`, `tcbench plot laws mine -s ${word(name)} -o laws.svg`, `tcbench plot in-time mine -s ${word(name)} -o in_time.svg`)),
   drawnPanels([loss, ...told].map(only), { shown: chosenIn.methods, named: true, why: (m) => runs.find((r) => r.name === m)?.failure }));
 };
@@ -83,26 +95,25 @@ const orderWith = (fit) => (known(fit.order) ? `${fit.order.toFixed(2)} (${fit.o
 // what a scenario answers: the sentences, every method ranked, speed against accuracy
 const answered = (name) => el("p", { class: "answers" }, (page.answers[name] || []).flatMap(([title, lead, text], i) => [i ? ". " : "", `${title}: `, el("strong", {}, lead), `, ${text}`]), page.answers[name]?.length ? "." : "");
 const DEFINED = {
-  laws: "of the runs at a series of steps, how many ended well with every law of the system kept", stable: "the largest step below which no step tried failed; > means that no limit was found up to there",
-  failed: "runs that did not reach the end, over all steps and all tolerances up to 1e-3", time: "the least wall time in which the error of the state at the end is that small, interpolated between two steps or tolerances; – not reached, … stopped early",
+  laws: "each law of the system: in how many of the runs at a series of steps it was kept; sorted by the share of runs that lost one", stable: "the largest step below which no step tried failed; > means that no limit was found up to there",
+  failed: "runs that ended badly, over all steps and all tolerances up to 1e-3: B blow-up, S entropy falls, R no root, P a quantity not positive, x no answer", time: "the least wall time in which the error of the state at the end is that small, interpolated between two steps or tolerances; – not reached, … stopped early",
   theta: "largest error of the temperatures at the end, relative; of methods with a fixed step", produced: "error of the entropy produced over the run, relative", state: "error of the state at the end, relative to its size",
 };
 const ranking = (name, wanted, work) => {
   const steps = unique(work.filter((r) => r.control === "dt").map((r) => r.value)).sort((a, b) => b - a), root = el("div", {});
-  chosenIn.step = steps.find((h) => chosenIn.step && Math.abs(h / chosenIn.step - 1) < 0.2) || steps[0];
+  chosenIn.step = steps.find((h) => +chosenIn.step && Math.abs(h / chosenIn.step - 1) < 0.2) || steps[0];
   const cells = (key) => page.lenses.find((l) => l.key === key)?.cells || {};
-  const percent = (v) => (v < ROUND_OFF ? "0" : `${number(100 * v, 2)} %`), plain = (v) => v;
   const draw = () => {
     const at = Object.fromEntries(work.filter((r) => r.control === "dt" && Math.abs(r.value / chosenIn.step - 1) < 1e-6).map((r) => [r.integrator, r]));
     const h = `h = ${number(chosenIn.step)}`, wrong = (column) => (m) => (at[m] ? (at[m].status === "ok" ? at[m][column] ?? undefined : null) : undefined);
-    const timed = (key) => (m) => cells(key)[m]?.[name], share = (m) => page.kept[name]?.[m];
+    const timed = (key) => (m) => cells(key)[m]?.[name], kept = (m) => page.dots[name]?.[m];
     const columns = [
-      ["laws", "laws kept", DEFINED.laws, (m) => (share(m) ? 1 - share(m)[0] / share(m)[1] : undefined), (v, m) => `${share(m)[0]} of ${share(m)[1]}`],
+      ["laws", "laws kept", DEFINED.laws, (m) => (kept(m) ? kept(m).reduce((sum, [, good, of]) => sum + 1 - good / of, 0) : undefined), (v, m) => dots(kept(m).map(([law, good, of, claimed]) => ({ law, kept: good, of, claimed })))],
       ...["0.001", "1e-06", "1e-09"].map((t) => [`time ${t}`, `to ${power(Math.round(Math.log10(+t)))}`, DEFINED.time, timed(`time ${t}`), seconds]),
       ["theta", "θ error", `at ${h}: ${DEFINED.theta}`, wrong("error_theta"), percent], ["produced", "S error", `at ${h}: ${DEFINED.produced}`, wrong("error_entropy_produced"), percent],
       ["state", "state error", `at ${h}: ${DEFINED.state}`, wrong("error"), percent],
       ["stable", "stable up to h", DEFINED.stable, (m) => { const v = cells("step")[m]?.[name]; return Array.isArray(v) ? -1e9 : known(v) ? -v : v; }, (v) => (v === -1e9 ? `> ${number(cells("step")[Object.keys(cells("step")).find((m) => Array.isArray(cells("step")[m][name]))][name][1], 2)}` : number(-v, 2))],
-      ["failed", "failed", DEFINED.failed, (m) => page.failures[m]?.[name]?.[0] || 0, plain],
+      ["failed", "ended badly", DEFINED.failed, (m) => Object.values(page.failures[m]?.[name]?.[3] || {}).reduce((a, b) => a + b, 0), (v, m) => (v ? marked(page.failures[m][name][3]) : "0")],
     ].filter(([key, , , get]) => page.methods.some((m) => known(get(m.name))) && (key !== "failed" || page.methods.some((m) => get(m.name) > 0)));
     const there = page.methods.filter((m) => columns.some(([key, , , get]) => key !== "failed" && get(m.name) !== undefined));
     if (!columns.some(([key]) => key === chosenIn.rank)) chosenIn.rank = ["time 1e-06", "time 0.001", "theta", "state", "laws"].find((k) => columns.some(([key]) => key === k)) || columns[0]?.[0];
@@ -116,7 +127,7 @@ const ranking = (name, wanted, work) => {
         again(`tcbench run -s ${word(name)} -o mine`, "tcbench report mine")),
       el("div", { class: "scroll ranking", tabindex: 0 }, el("table", { class: "simple rank" },
         el("thead", {}, el("tr", {}, el("th", { scope: "col" }, "method"), columns.map(([key, title, means]) => el("th", { scope: "col", title: means, "aria-sort": key === chosenIn.rank ? "ascending" : "none" },
-          el("button", { type: "button", onclick: () => { chosenIn.rank = key; draw(); } }, title, key === chosenIn.rank ? " ▾" : ""))))),
+          el("button", { type: "button", onclick: () => { act(() => { chosenIn.rank = key; }); draw(); } }, title, key === chosenIn.rank ? " ▾" : ""))))),
         el("tbody", {}, there.map(({ name: m }) => el("tr", { class: m === wanted ? "wanted" : false },
           el("th", { scope: "row" }, mark(m), el("a", { href: link({ scenario: name, method: m }) }, short(m, 26))),
           columns.map(([key, , , get, say]) => {
@@ -131,9 +142,9 @@ const speedHere = (name, wanted, panels) => {
   const place = el("div", { class: "chart" }), root = el("div", {}), front = leaders(name);
   if (wanted) front.add(wanted);
   const draw = () => {
-    root.replaceChildren(el("div", { class: "tools" }, choose(panels, chosenIn, draw),
+    root.replaceChildren(el("div", { class: "tools" }, choose(panels, chosenIn, draw), fixedOnly(chosenIn, draw),
       again(`tcbench run -s ${word(name)} --study work_precision -o mine`, `tcbench plot work-precision mine -s ${word(name)} -o speed.svg`)), place);
-    drawn(place, (width) => place.replaceChildren(panelChart(chosenOf(panels, chosenIn), width, width < 500 ? 320 : 400, { shown: front, toggled: (m) => { front[front.has(m) ? "delete" : "add"](m); draw(); } })));
+    drawn(place, (width) => place.replaceChildren(panelChart(ofFixed(chosenOf(panels, chosenIn), chosenIn.fixed), width, width < 500 ? 320 : 400, { shown: front, toggled: (m) => { front[front.has(m) ? "delete" : "add"](m); draw(); } })));
   };
   draw();
   return root;
@@ -155,14 +166,14 @@ const runBehind = (key, name, scenario, work) => {
 };
 
 const scenarios = async (place) => {
-  const root = $("scenario-page"), name = page.scenarios.includes(place.scenario) ? place.scenario : page.scenarios.find((s) => s === "stiff_spring") || page.scenarios[0];
+  recall(chosenIn, OF_SCENARIO, place);
+  const root = $("scenario-page"), name = [place.scenario, page.opening, page.scenarios[0]].find((s) => page.scenarios.includes(s));
   if (!name) { root.replaceChildren(empty("This run has no scenario.")); return; }
   const order = (r) => `${method[r.name]?.family ?? 4}${r.name}`;
   const runs = (await runsOf(name)).sort((a, b) => (order(a) < order(b) ? -1 : 1)), names = runs.map((r) => r.name);
   const work = rows(await table("work_precision"), { scenario: name }), speeds = await panelsOf("work-precision", name);
-  if (chosenIn.of !== name) [chosenIn.of, chosenIn.methods] = [name, leaders(name)];
+  if (chosenIn.of !== name) [chosenIn.of, chosenIn.methods] = [name, new Set(place.shown ? place.shown.split(" ") : pair(runs, place.method))];
   if (place.method) chosenIn.methods.add(place.method);
-  if (!names.some((n) => chosenIn.methods.has(n))) names.slice(0, 5).forEach((n) => chosenIn.methods.add(n));
   const stage = el("div", {}), charts = el("div", {});
   const perform = (wanted) => {
     const [left, right] = pair(runs, wanted);
@@ -174,7 +185,7 @@ const scenarios = async (place) => {
     player(shownOf(both), scenes[name] || {}));
   };
   root.replaceChildren(
-    el("nav", { class: "choose", "aria-label": "scenarios", hidden: page.scenarios.length < 2 }, page.scenarios.map((s) => el("a", { href: link({ scenario: s }), "aria-current": s === name ? "page" : false }, short(s)))),
+    el("nav", { class: "choose", "aria-label": "scenarios", hidden: page.scenarios.length < 2 }, page.scenarios.map((s) => el("a", { href: link({ scenario: s }), "aria-current": s === name ? "page" : false, title: scenes[s]?.shows || false }, short(s)))),
     el("h2", {}, short(name, 80)), answered(name), place.method ? await together(place.method, name, place.lens, work) : "",
     el("div", { class: work.length ? "two answering" : "answering" }, el("section", {}, el("h3", {}, "Every method on it"), ranking(name, place.method, work)),
       work.length ? el("section", {}, el("h3", {}, "Speed against accuracy"), speedHere(name, place.method, speeds)) : ""),

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from ..chart import Tables
 from ..studies.columns import ERROR_MAX, KEPT, claim_column, invariant_columns
 from ..systems.energy_scale import HIDDEN
+from .marks import MARKS, mark_of, mark_of_limit
 
 if TYPE_CHECKING:
     from pandas import DataFrame, Series
@@ -21,16 +22,17 @@ LOOSE = 1e-3  # tolerances above it ask for so little that what a solver does wi
 NUMBERS = (*TIMES, "coarse", "produced", "energy", "step", "cost")  # columns that hold one number a pair
 
 
-def judged(tables: Tables, declared: Tables) -> DataFrame:
+def pairs(tables: Tables, declared: Tables) -> DataFrame:
     """A row for each method and scenario of any table, indexed by both and sorted; absent studies leave columns out.
 
-    failed, runs : of `ladder_runs`; ladder_failed, ladder_runs : of `conservation` alone, with
+    failed, runs : of `ladder_runs`, and mark_B, mark_S ... how many of these runs ended with which of `marks.MARKS`;
+    ladder_failed, ladder_runs : of `conservation` alone, with
     dt_most, its largest step, and done, its runs with a completed step. kept_LAW, of_LAW : the runs that kept a law, of
     those whose system has it; worst_LAW, at_LAW : its largest loss, and at which step or tolerance. lawful : those that
     ended and kept every one. fails : whether one of them failed or there is a largest stable step; fails_from : the
     least step at which that is so.
     order, fits : the fitted order of the state, of the lowest variable where that was not fitted; how many fits.
-    limit, dt_stable, dt_unstable, dt_cap : as in `stability`; dt_coarsest : the scenario's, in `work_precision`,
+    limit, dt_stable, dt_unstable, dt_cap : as in `stability`; limit_mark : of its limit; dt_coarsest : the scenario's, in `work_precision`,
     and inner, the steps that the method took inside of one of them.
     NUMBERS : times to an accuracy, s; errors of the temperatures and of the entropy produced at the coarsest step; the
     energy error at the scenario's own step; the largest stable step; µs a step. Infinite where it was asked for and not
@@ -69,6 +71,11 @@ def to_numbers(table: DataFrame, column: str) -> Any:
     import pandas as pd
 
     return pd.to_numeric(table[column] if column in table else pd.Series(math.nan, table.index), errors="coerce")
+
+
+def marks(row: Any) -> dict[str, int]:
+    """How many of the ladder runs of a pair, or of a sum of pairs, ended with which mark."""
+    return {mark: int(row[f"mark_{mark}"]) for mark in MARKS if row.get(f"mark_{mark}", 0) > 0}
 
 
 def times_over_best(found: DataFrame, key: str = "time 1e-06") -> dict[str, list[float]]:
@@ -111,7 +118,7 @@ def laws(found: DataFrame) -> list[str]:
 
 def ladder_runs(tables: Tables) -> DataFrame:
     """The runs of the ladders of steps and tolerances up to LOOSE, of which failures are counted: integrator,
-    scenario, status, failure, dt (NaN where a tolerance was asked for) and tolerance."""
+    scenario, status, failure, dt (NaN where a tolerance was asked for), tolerance, and mark, "" for a good end."""
     import pandas as pd
 
     parts = []
@@ -123,14 +130,18 @@ def ladder_runs(tables: Tables) -> DataFrame:
             steps, asked = values.where(fixed), values.mask(fixed)
         else:
             continue
-        parts.append(table.reindex(columns=[*PAIR, "status", "failure"]).assign(dt=steps, tolerance=asked))
-    runs = pd.concat(parts) if parts else pd.DataFrame(columns=[*PAIR, "status", "failure", "dt", "tolerance"])
+        fell = to_numbers(table, "second_law_violations") > 0
+        marks = [mark_of(status, bad) for status, bad in zip(table["status"], fell, strict=True)]
+        parts.append(table.reindex(columns=[*PAIR, "status", "failure"]).assign(dt=steps, tolerance=asked, mark=marks))
+    columns = [*PAIR, "status", "failure", "dt", "tolerance", "mark"]
+    runs = pd.concat(parts) if parts else pd.DataFrame(columns=columns)
     return runs[~(runs["tolerance"] > LOOSE)]
 
 
 def _ladders(tables: Tables) -> DataFrame | None:
     runs = ladder_runs(tables)
-    return runs[PAIR].assign(failed=_failed(runs), runs=1).groupby(PAIR).sum() if len(runs) else None
+    counts = {f"mark_{mark}": runs["mark"].eq(mark) for mark in MARKS}
+    return runs[PAIR].assign(failed=_failed(runs), runs=1, **counts).groupby(PAIR).sum() if len(runs) else None
 
 
 def _of_ladder(table: DataFrame | None, declared: Tables) -> list[Any]:
@@ -223,7 +234,9 @@ def _steps(table: DataFrame | None) -> DataFrame | None:
     if table is None:
         return None
     numbers = {name: _plain(table, name) for name in ("dt_stable", "dt_unstable", "dt_cap")}
-    return _last(table, limit=table["limit"], step=numbers["dt_stable"].fillna(math.inf), **numbers)
+    causes = table["cause"] if "cause" in table else table["limit"]
+    marks = [mark_of_limit(limit, cause) for limit, cause in zip(table["limit"], causes, strict=True)]
+    return _last(table, limit=table["limit"], limit_mark=marks, step=numbers["dt_stable"].fillna(math.inf), **numbers)
 
 
 def _times(table: DataFrame | None) -> list[Series]:

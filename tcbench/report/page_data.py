@@ -1,4 +1,4 @@
-"""What the page shows of the judged table: a row a method, one number a cell for each lens, and every failure."""
+"""What the page shows of the table of pairs: a row a method, one number a cell for each lens, and every failure."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from ..chart import Tables
 from ..errors import LOUD
 from ..runner.declared import FAMILIES as DECLARED
+from ..runner.declared import LAWS
 from ..studies.base import own_tables
-from .judged import NUMBERS, PAIR, is_finite, ladder_runs, laws, settings
+from .pairs import NUMBERS, PAIR, is_finite, is_kept, ladder_runs, law_columns, laws, settings, to_numbers
 from .summary import is_claimed
 
 if TYPE_CHECKING:
@@ -28,24 +29,42 @@ def names(tables: Tables, column: str) -> list[str]:
     return sorted({str(v) for t in chosen if column in t for v in t[column].dropna().unique()})
 
 
+def refuted(tables: Tables) -> set[str]:
+    """The methods that lost energy or entropy on the completed steps of a run."""
+    table, found = tables.get("conservation"), set[str]()
+    if table is None:
+        return found
+    done = to_numbers(table, "steps") > 0 if "steps" in table else table["status"].eq("ok")
+    for law, column in law_columns(table).items():
+        if law in LAWS:
+            values = to_numbers(table, column)
+            found |= set(table.loc[done & values.notna() & ~is_kept(law, values), "integrator"].astype(str))
+    return found
+
+
 def families(tables: Tables, declared: Tables) -> dict[str, str]:
-    """Method -> its family: declared, else whether work_precision says that it is another package's solver."""
+    """Method -> its family: declared, else whether work_precision says that it is another package's solver.
+
+    One that is declared consistent and was measured not to be is of "other structure".
+    """
+    lost = refuted(tables)
     told, table, peers = declared.get("integrators", {}), tables.get("work_precision"), set()
     if table is not None and "peer" in table:
         peers = set(table.loc[table["peer"].fillna("").astype(str).ne(""), "integrator"].astype(str))
-    return {
+    found = {
         name: told.get(name, {}).get("family") or (FAMILIES[3] if name in peers else UNKNOWN)
         for name in names(tables, "integrator")
     }
+    return {n: FAMILIES[2] if family == FAMILIES[1] and n in lost else family for n, family in found.items()}
 
 
 def methods(found: DataFrame, tables: Tables, declared: Tables) -> list[dict[str, Any]]:
     """One row a method: its family, laws, order, stable step, and how many of its ladder runs failed."""
     told = declared.get("integrators", {})
-    pairs = {name: rows.droplevel("integrator") for name, rows in found.groupby(level="integrator")}
+    of_method = {name: rows.droplevel("integrator") for name, rows in found.groupby(level="integrator")}
     rows = []
     for name, family in families(tables, declared).items():
-        facts, mine = told.get(name, {}), pairs.get(name, found.iloc[:0])
+        facts, mine = told.get(name, {}), of_method.get(name, found.iloc[:0])
         failed, runs = (int(mine[c].sum()) if c in mine else 0 for c in ("failed", "runs"))
         rows.append({
             "name": name, "family": FAMILIES.index(family) if family in FAMILIES else len(FAMILIES) - 1,
@@ -67,6 +86,24 @@ def _laws(mine: DataFrame, facts: Mapping[str, Any]) -> list[dict[str, Any]]:
             where = str(lost.idxmax())
             found[-1] |= {"worst": float(lost.max()), "where": f"{where}, {mine.loc[where, f'at_{law}']}"}
     return found
+
+
+def law_dots(found: DataFrame, declared: Tables) -> dict[str, dict[str, list[Any]]]:
+    """{scenario: {method: [[law, runs that kept it, runs of it, claimed]]}}, of the laws that the system has."""
+    told, dots = declared.get("integrators", {}), dict[str, dict[str, list[Any]]]()
+    for (method, scenario), row in found.iterrows():
+        claims = told.get(method, {}).get("claims")
+        of = [[law, int(row[f"kept_{law}"]), int(row[f"of_{law}"]), claims is None or is_claimed(law, claims)]
+              for law in laws(found) if row[f"of_{law}"] > 0]  # fmt: skip
+        if of:
+            dots.setdefault(scenario, {})[method] = of
+    return dots
+
+
+def telling(found: DataFrame) -> str:
+    """The scenario that separates the methods: that on which most of them fail; the first of several."""
+    fails = found["fails"].groupby(level="scenario").sum() if "fails" in found else found.iloc[:0].sum(axis=1)
+    return str(fails.idxmax()) if len(fails) else ""
 
 
 def _order(mine: DataFrame, declared: Any) -> dict[str, Any] | None:
@@ -94,8 +131,29 @@ def _step(mine: DataFrame) -> dict[str, Any] | None:
 
 
 def lenses(found: DataFrame) -> list[dict[str, Any]]:
-    """What a cell may show: {key, cells: {method: {scenario: number, or None where it was not reached}}}."""
-    return [{"key": key, "cells": of} for key in NUMBERS if key in found and (of := cells(found, key))]
+    """What a cell may show: {key, cells: {method: {scenario: number, or None where it was not reached}}, order}."""
+    shown = [key for key in NUMBERS if key in found]
+    return [{"key": key, "cells": of, "order": order(found, key)} for key in shown if (of := cells(found, key))]
+
+
+def order(found: DataFrame, key: str) -> list[str]:
+    """The methods, the best first: fewest scenarios without the number, then the least mean of its logarithm over the
+    best of each scenario; of steps, of which large ones are better, the other way round. What is not reached counts as
+    infinite."""
+    import numpy as np
+
+    values = found[key].fillna(np.inf)
+    if key == "step":
+        free = found["limit"].eq("none")
+        values = 1 / found["dt_cap"].where(free, values).where(values.ne(np.inf) | free, 0.0)
+    values = values.clip(lower=1e-300)
+    best = values.groupby(level="scenario").transform("min")
+    ratios = np.log(values / best).where(best.ne(np.inf), 0.0)
+    known = np.isfinite(ratios)
+    of = ratios.where(known).groupby(level="integrator").mean().fillna(np.inf)
+    missing = (~known).groupby(level="integrator").sum()
+    missing += found.index.get_level_values("scenario").nunique() - known.groupby(level="integrator").size()
+    return sorted(map(str, of.index), key=lambda name: (missing[name], of[name], name))
 
 
 def cells(found: DataFrame, key: str) -> dict[str, dict[str, Any]]:
@@ -160,15 +218,20 @@ def unmeasured(tables: Tables) -> list[Unmeasured]:
 
 
 def failures(tables: Tables, longest: int = 300) -> dict[str, dict[str, Any]]:
-    """{method: {scenario: [failed, runs, sentence of the failed run at the smallest step or tolerance]}} of the
-    ladders, and of what other studies could not measure."""
+    """{method: {scenario: [failed, runs, sentence of the failed run at the smallest step or tolerance, {mark: runs}]}}
+    of the ladders, with those on which only the entropy fell, and of what other studies could not measure."""
     found: dict[str, dict[str, list[Any]]] = {}
     ladders = ladder_runs(tables)
     for row in ladders.assign(at=settings(ladders)).to_dict("records"):
-        cell = found.setdefault(str(row["integrator"]), {}).setdefault(str(row["scenario"]), [0, 0, "", math.inf])
+        cell = found.setdefault(str(row["integrator"]), {}).setdefault(str(row["scenario"]), [0, 0, "", math.inf, {}])
         cell[1] += 1
+        if row["mark"]:
+            cell[4][row["mark"]] = cell[4].get(row["mark"], 0) + 1
         if row["status"] == "ok":
+            if row["mark"] and not cell[0] and not cell[2]:
+                cell[2] = f"{row['at']}: the entropy fell, in a run that reached its end"
             continue
+        cell[2] = "" if not cell[0] else cell[2]
         cell[0] += 1
         size = next((float(row[name]) for name in ("dt", "tolerance") if is_finite(row[name])), math.inf)
         if not cell[2] or size < cell[3]:
@@ -176,7 +239,8 @@ def failures(tables: Tables, longest: int = 300) -> dict[str, dict[str, Any]]:
             said = text if isinstance(text, str) and text else str(row["status"])
             cell[2], cell[3] = ": ".join(filter(None, (row["at"], said[:longest]))), size
     for item in unmeasured(tables):
-        cell = found.setdefault(item.integrator, {}).setdefault(item.scenario, [0, 0, "", math.inf])
+        cell = found.setdefault(item.integrator, {}).setdefault(item.scenario, [0, 0, "", math.inf, {}])
         cell[:3] = [cell[0] + item.failed, cell[1] + item.runs, cell[2] or item.sentence[:longest]]
-    return {m: {s: c[:3] for s, c in cells.items() if c[0]} for m, cells in found.items() if any(
-        c[0] for c in cells.values())}  # fmt: skip
+        cell[4]["x"] = cell[4].get("x", 0) + item.failed
+    ended = {m: {s: [*c[:3], c[4]] for s, c in cells.items() if c[0] or c[4]} for m, cells in found.items()}
+    return {method: of for method, of in ended.items() if of}

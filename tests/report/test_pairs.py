@@ -1,4 +1,4 @@
-"""The judged table, row by row against plain loops; and what reads it says one thing."""
+"""The table of pairs, row by row against plain loops; and what reads it says one thing."""
 
 import math
 
@@ -7,8 +7,8 @@ import pytest
 from random_tables import is_number, random_tables, records
 
 from tcbench.report.by_method import by_method, remarks
-from tcbench.report.judged import judged, laws
-from tcbench.report.matrix import failures, methods, unmeasured
+from tcbench.report.pairs import pairs, laws
+from tcbench.report.page_data import failures, methods, unmeasured
 from tcbench.report.overview import failing, findings
 from tcbench.report.summary import summary
 
@@ -19,7 +19,7 @@ LAWS = {"energy": ("energy_error_max", 1e-9), "entropy": ("second_law_violations
 @pytest.mark.parametrize("seed", [3, 4])
 def test_each_row_is_what_its_runs_came_to(seed):
     tables = random_tables(seed)
-    found = judged(tables, {})
+    found = pairs(tables, {})
     assert set(laws(found)) <= set(LAWS) and found.index.is_unique
     for (method, scenario), row in found.iterrows():
         runs = [r for r in records(tables, "conservation") if (r["integrator"], r["scenario"]) == (method, scenario)]
@@ -43,7 +43,7 @@ def test_a_law_that_is_broken_beyond_all_bounds_is_broken_in_every_place():
     bad = tables["conservation"]["integrator"].eq("m00") & tables["conservation"]["scenario"].eq("s0")
     tables["conservation"].loc[bad, ["energy_error_max", "status", "steps"]] = [math.inf, "ok", 80]
     told = {name: {"claims": ["energy"]} for name in ("m00", "m01")}
-    found = judged(tables, {})
+    found = pairs(tables, {})
     rows = summary(found, told).set_index(["scenario", "integrator"])
     assert rows.loc[("s0", "m00"), "claims kept"] == "0 of 1, not energy"
     (row,) = [m for m in methods(found, tables, {"integrators": told}) if m["name"] == "m00"]
@@ -59,7 +59,7 @@ def test_failures_are_counted_by_one_rule(seed):
     runs += [r for r in records(tables, "work_precision") if r["control"] == "dt" or not r["value"] > 1e-3]
     failed = sum(r["status"] != "ok" for r in runs)
     assert failed and len(runs) < sum(len(tables[name]) for name in ("conservation", "work_precision"))
-    found, cells = judged(tables, {}), failures(tables)
+    found, cells = pairs(tables, {}), failures(tables)
     assert (found["failed"].sum(), found["runs"].sum()) == (failed, len(runs))
     assert sum(cell[0] for of in cells.values() for cell in of.values()) == failed + len(unmeasured(tables))
     assert failing(found, tables).lead == f"{failed} of {len(runs)} runs"
@@ -70,12 +70,12 @@ def test_of_a_solver_that_chooses_its_steps_the_tightest_tolerance_that_failed_i
     """The page told of 1e-3 where the same solver failed at 1e-11, too."""
     row = {"integrator": "a", "scenario": "s", "control": "tolerance", "status": "exception", "failure": "why"}
     table = pd.DataFrame([row | {"value": value} for value in (1e-3, 1e-11, 1e-7)])
-    assert failures({"work_precision": table})["a"]["s"] == [3, 3, "tolerance 1e-11: why"]
+    assert failures({"work_precision": table})["a"]["s"] == [3, 3, "tolerance 1e-11: why", {"x": 3}]
 
 
 def test_a_run_of_other_studies_alone_has_rows_that_say_nothing():
     """As of a study of equilibria, or of a plugin: summary.csv ended in an exception of pandas."""
     tables = {"other": pd.DataFrame({"integrator": ["a"], "scenario": ["s"]})}
-    (row,) = summary(judged(tables, {}), {}).to_dict("records")
+    (row,) = summary(pairs(tables, {}), {}).to_dict("records")
     assert row["claims kept"] == row["order"] == row["failures"] == "-" and by_method(tables, {}) == [["method"], ["a"]]
-    assert findings(judged(tables, {}), tables) == []
+    assert findings(pairs(tables, {}), tables) == []

@@ -5,7 +5,7 @@ import pytest
 
 import tcbench
 from tcbench.report.charts.style import OTHER
-from tcbench.report.leaders import CROWD, leaders
+from tcbench.report.highlight import CROWD, leaders
 from tcbench.report.plot import run_looks
 
 MANY = [*awkward.FIVE, *awkward.PEERS, *(f"a_method_of_ours_{i:02d}" for i in range(9))]
