@@ -19,9 +19,9 @@ COARSE = ("tc_gauss", "tc_strang_exact", "tc_monolithic", "tc_staggered", "tc_st
 
 def collect(folder):
     """What the answers are made of: the page's sentences, and errors at the coarsest step by scenario."""
-    from tcbench.report.pairs import pairs
-    from tcbench.report.page_data import cells
     from tcbench.report.overview import findings
+    from tcbench.report.page_data import cells
+    from tcbench.report.pairs import pairs
     from tcbench.runner.rows import Store
     from tcbench.runner.tables import read_tables
 

@@ -22,7 +22,7 @@ Tables = Mapping[str, Any]
 RUNS = "series"  # the table of runs in time, thin, as rows of the conservation study keep them
 OPENING = "opening"  # their first steps, every one of them
 SCALES = ("log", "linear", "share", "zero")
-MARKS = ("o", ".", "s", "^", "D", ">", "|", "_", "x", "★")  # of rows; ".": a small o; "_": a | in grey
+MARKS = ("o", ".", "s", "^", "D", ">", "|", "_", "x", "B", "S", "R", "P")  # of rows; ".": a small o; "_": a | in grey
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +107,7 @@ class Series:
 
 @dataclass(frozen=True, eq=False)
 class Row:
-    """One method of a panel of rows: a bar and marks, in the unit of the x axis; NaN is the left end of the axis.
+    """One method of a panel of rows: a bar and marks, in the unit of the x axis; a bar from NaN begins at its left end.
 
     Parameters
     ----------

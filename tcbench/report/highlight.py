@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from ..chart import Tables
-from .pairs import is_finite, to_numbers
 from .page_data import FAMILIES, families, names
+from .pairs import is_finite, to_numbers
 
 if TYPE_CHECKING:
     from pandas import DataFrame

@@ -253,7 +253,9 @@ def failing(found: DataFrame, tables: Tables) -> Finding | None:
         return Finding(title, _without(without), without[0].sentence, href) if without else None
     more += [f"the entropy fell in {fell} of those that reached their end"] if fell else []
     if without and not failed:
-        return Finding(title, _without(without), without[0].sentence, href, (f"all {runs} runs reached their end", *more))
+        return Finding(
+            title, _without(without), without[0].sentence, href, (f"all {runs} runs reached their end", *more)
+        )
     more += [f"{_without(without)} besides"] if without else []
     if not failed:
         return Finding(title, "nothing", f"all {runs} runs reached their end", href, tuple(more))

@@ -20,13 +20,13 @@ from ..studies.work_precision import SPENT_S
 from ..table import Table
 from .by_method import paper
 from .charts.scales import power_text
-from .html import packed, packed_json, packed_table, script_hash, script_text, strict, vendored
-from .pairs import LOOSE, pairs
 from .highlight import leaders
+from .html import packed, packed_json, packed_table, script_hash, script_text, strict, vendored
 from .marks import MARKS
-from .page_data import FAMILIES, failures, law_dots, lenses, methods, names, stopped, telling
 from .overview import findings, lawful_ones, scenario_answers
 from .page_charts import page_charts
+from .page_data import FAMILIES, failures, law_dots, lenses, methods, names, stopped, telling
+from .pairs import LOOSE, pairs
 from .plot import run_looks
 
 if TYPE_CHECKING:
@@ -105,7 +105,9 @@ def _content(store: Store, tables: dict[str, DataFrame]) -> dict[str, Any]:
         "machine": machine(manifest),
         "when": str(manifest.get("ended", "")),
         "counts": (len(rows), len(scenarios)),
-        "findings": [asdict(finding) | {"text": _unbroken(finding.text)} for finding in findings(found, tables, declared)],
+        "findings": [
+            asdict(finding) | {"text": _unbroken(finding.text)} for finding in findings(found, tables, declared)
+        ],
         "methods": rows,
         "families": FAMILIES,
         "claims": "claims" in tables,

@@ -11,8 +11,8 @@ from click.testing import CliRunner
 from tcbench.cli import main
 from tcbench.commands import terminal
 from tcbench.report.by_method import by_method, claims, remarks
-from tcbench.report.pairs import pairs, times_over_best
 from tcbench.report.page_data import names as names_of
+from tcbench.report.pairs import pairs, times_over_best
 
 
 def law(name, claimed, kept, of):

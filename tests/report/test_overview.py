@@ -131,7 +131,8 @@ def test_laws_count_the_runs_that_could_keep_them():
 def test_cells_are_numbers_dashes_or_nothing():
     tables = awkward.everything(awkward.FIVE)
     lenses = {
-        lens["key"]: lens["cells"] for lens in page_data.lenses(pairs(tables, {"scenarios": {"short_term": {"dt": 0.3}}}))
+        lens["key"]: lens["cells"]
+        for lens in page_data.lenses(pairs(tables, {"scenarios": {"short_term": {"dt": 0.3}}}))
     }
     assert lenses["step"]["tc_monolithic"]["short_term"] == ["none", 12.0]
     assert lenses["energy"]["midpoint_entropy"]["short_term"] is None  # it failed at that step

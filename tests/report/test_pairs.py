@@ -7,9 +7,9 @@ import pytest
 from random_tables import is_number, random_tables, records
 
 from tcbench.report.by_method import by_method, remarks
-from tcbench.report.pairs import pairs, laws
-from tcbench.report.page_data import failures, methods, unmeasured
 from tcbench.report.overview import failing, findings
+from tcbench.report.page_data import failures, methods, unmeasured
+from tcbench.report.pairs import laws, pairs
 from tcbench.report.summary import summary
 
 LAWS = {"energy": ("energy_error_max", 1e-9), "entropy": ("second_law_violations", 0),

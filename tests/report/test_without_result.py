@@ -5,7 +5,7 @@ import pytest
 from click.testing import CliRunner
 
 from tcbench.cli import main
-from tcbench.report import page_data, overview
+from tcbench.report import overview, page_data
 from tcbench.report.by_method import remarks
 from tcbench.report.pairs import pairs
 

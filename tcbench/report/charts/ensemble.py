@@ -11,8 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ...chart import Chart, Panel, Row, Series, Sheet
-from ..pairs import power
 from ..highlight import front
+from ..pairs import power
 from .layout import line_labels, note, panels, pt, settle, titles
 from .render import chart, chart_of_rows
 from .scales import ROUND_OFF, log_axis, round_off_band

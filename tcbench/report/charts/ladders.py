@@ -16,6 +16,7 @@ from matplotlib.transforms import ScaledTranslation
 from ...chart import Chart, Panel, Row, Series, Sheet
 from ...studies.columns import column as column_named
 from ...studies.columns import invariant_columns
+from ..marks import MARKS, mark_of_limit
 from ..page_data import FAMILIES
 from . import theme
 from .layout import failed_handle, failed_tracks, folded, legend, note, panels, pt
@@ -27,16 +28,12 @@ from .theme import scale
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-LIMITS = {"physical": "s", "branch": "^", "solver": "o", "none": ">"}
-AGAIN = "★"
+AGAIN = "stable again"
 RISES = ("entropy_fall_max", "lyapunov_increment_max")  # of what a law forbids: below 0 is none
 COUNTS = ("newton_iterations_mean", "second_law_violations")
 FAR = 30  # largest over least of positive numbers that are drawn on a logarithmic axis
-MEANING = {
-    "s": "physical limit", "^": "the branch ends", "o": "Newton's limit, a root exists",
-    ">": "no limit found", "_": "plain Newton's limit", AGAIN: "stable again above",
-    "x": "no stable step, or no answer",
-}  # fmt: skip
+MEANING = {mark: MARKS[mark] for mark in MARKS if mark != "x"} | {">": "no limit found", "_": "plain Newton's limit"}
+ENDS = tuple(mark for mark in MARKS if mark != "x")
 STEP_COLUMNS = ("dt_stable", "dt_unstable", "dt_half", "dt_stable_plain", "dt_cap")
 
 
@@ -148,9 +145,9 @@ def stable_step(table: DataFrame, points: DataFrame | None = None) -> Sheet:
     """The largest stable step of each method, one panel a scenario; before them, of several, the first that fails.
 
     points : rows of `stability_points`: the axis begins at the smallest step that was tried.
-    table : rows of `stability`. A bar ends at dt_stable, where the mark tells the kind of limit; the short line behind
-    it is dt_unstable (neighbours on the ladder), the dotted one reaches dt_half; a star marks stable steps above the
-    limit (not monotone), a grey line the limit of plain Newton.
+    table : rows of `stability`. A bar ends at dt_stable, where the mark tells how the next one fails;
+    a dotted line reaches dt_half; a grey mark is the limit of
+    plain Newton. Where steps above the limit are stable again (not monotone) the row says so.
     """
     ends, methods = _Ends(table), by_name(table)
     scenarios = by_name(table, "scenario") or {"": np.arange(len(table))}
@@ -185,8 +182,9 @@ class _Ends:
         free = np.isnan(self.steps["dt_stable"].values) & (self.limit == "none")
         reached = np.where(free, self.steps["dt_cap"].values, self.steps["dt_stable"].values)
         stable, there = replace(self.steps["dt_stable"], values=reached), np.isfinite(reached)
-        self.marks = {mark: (stable, there & (self.limit == kind)) for kind, mark in LIMITS.items()}
-        self.marks["D"] = stable, there & ~np.isin(self.limit, list(LIMITS))
+        causes = table["cause"] if "cause" in table else table["limit"]
+        kinds = np.array([mark_of_limit(*of) for of in zip(table["limit"], causes, strict=True)], dtype=object)
+        self.marks = {mark: (stable, there & (kinds == mark)) for mark in (*ENDS, ">")}
         self.marks["x"] = stable, ~there
         self.marks["_"] = plain, np.isfinite(plain.values) & (of_plain.astype(str) != "none").to_numpy()
 
@@ -198,12 +196,11 @@ class _Ends:
     def bracket(self, name: str, rows: Any) -> Row:
         """Of a method on a scenario."""
         marks, end = self.marked(rows), math.nan
-        for mark in (*LIMITS.values(), "D"):
+        for mark in (*ENDS, ">"):
             end = float(marks[mark].values[-1]) if mark in marks else end
         if math.isnan(end):
             return Row(name, marks)
-        above, half = self.steps["dt_unstable"][rows], float(self.steps["dt_half"].values[rows[-1]])
-        marks |= {"|": above[there]} if (there := np.isfinite(above.values)).any() else {}
+        half = float(self.steps["dt_half"].values[rows[-1]])
         again = AGAIN if self.again[rows].any() else ""
         return Row(name, marks, (math.nan, end), half if half > end else math.nan, again)
 

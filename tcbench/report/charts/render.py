@@ -12,11 +12,15 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties
 from matplotlib.lines import Line2D
+from matplotlib.textpath import TextPath
 from matplotlib.ticker import FuncFormatter
+from matplotlib.transforms import Affine2D
 
 from ...chart import Panel, Series, Sheet, sheet_of
 from ..highlight import front
+from ..marks import MARKS
 from . import theme
 from .layout import (
     check_room,
@@ -218,22 +222,32 @@ def _rows(ax: Axes, panel: Panel) -> None:
             ax.plot([end, one.dotted], [y, y], color=colour, linestyle=":", linewidth=pt(1.6))
         for mark, places in one.marks.items():
             drawn = _mark(mark, colour) | ({"markerfacecolor": paper} if one.hollow else {})
-            at = finite(places)
-            ax.plot(np.where(np.isfinite(at), at, low), np.full(len(at), y), linestyle="none", clip_on=False, **drawn)
+            at = finite(places)[np.isfinite(finite(places))]
+            ax.plot(at, np.full(len(at), y), linestyle="none", clip_on=False, **drawn)
+        nothing = (
+            one.bar is None and bool(one.marks) and not any(np.isfinite(finite(p)).any() for p in one.marks.values())
+        )
         behind: Any = {"xytext": (6, 0), "textcoords": "offset points", "va": "center"}
-        ax.annotate(one.text, (end, y), fontsize=pt(7), color=colour, **behind)
+        ax.annotate(one.text or ("no answer" if nothing else ""), (end, y), fontsize=pt(7), color=colour, **behind)
     ax.set_ylim(-0.7, len(names) - 0.3)
     ax.set_yticks(range(len(names)), [short(name, LONGEST) for name in reversed(names)], fontsize=pt(7))
     ax.grid(axis="y", visible=False)
 
 
+def _letter(mark: str) -> Any:
+    """A letter as a marker, in the middle of its place."""
+    path = TextPath((0, 0), mark, size=10, prop=FontProperties(weight="bold"))
+    low, high = path.get_extents().min, path.get_extents().max
+    return path.transformed(Affine2D().translate(*(-(low + high) / 2)))
+
+
 def _mark(mark: str, colour: str) -> dict[str, Any]:
     """How a mark of a row is drawn."""
-    thin = mark in ("|", "_", "x")
-    size = {".": 3.5, "|": 11, "_": 8}.get(mark, 5)
+    thin = mark in ("|", "_")
+    size = {".": 3.5, "|": 11, "_": 8}.get(mark, 6 if mark in MARKS else 5)
     return {
-        "marker": {".": "o", "_": "|", "★": "*"}.get(mark, mark), "color": GREY if mark == "_" else colour,
-        "markersize": pt(size), "markeredgewidth": pt(1.4 if thin else 0.9), "zorder": 3 if thin else 4,
+        "marker": {".": "o", "_": "|"}.get(mark, _letter(mark) if mark in MARKS and mark != "x" else mark), "color": GREY if mark == "_" else colour,
+        "markersize": pt(size), "markeredgewidth": pt(1.4 if thin else 0.2 if mark in MARKS else 0.9), "zorder": 3 if thin else 4,
     }  # fmt: skip
 
 

@@ -145,8 +145,7 @@ def four_panel(series: DataFrame) -> Figure:
         ax.ticklabel_format(axis="y", useOffset=False)
         ax.set_xlabel(column_named("t").label)
     titles(axes, texts)
-    plain = [handle(n, marker="", linestyle="-") for n in methods]
-    legend(figure, [], plain if len(methods) > 1 else [])
+    legend(figure, methods if len(methods) > 1 else [])
     return figure
 
 
@@ -232,7 +231,7 @@ def path(series: DataFrame) -> Figure:
     if mappable is not None:
         figure.colorbar(mappable, ax=axes, label="temperature θ of its spring", shrink=0.8)
     if more > 0:
-        axes[-1].set_xlabel(f"x; and {more} more runs that are not drawn")
+        figure.supxlabel(f"{more} more runs are not drawn", fontsize=pt(8))
     return figure
 
 

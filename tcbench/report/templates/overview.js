@@ -150,10 +150,10 @@ const drawSpeed = async () => {
     shares ? "" : choose(all, view, drawSpeed), shares ? "" : fixedOnly(view, drawSpeed));
   if (shares) {  // of random starts: the share that a method brings to the target within tau times the best time
     const panel = all.find((p) => p.title.includes("state to 1e-6")) || all[0];
-    drawn(place, (width) => place.replaceChildren(panelChart(panel, width, 272, { shown: view.fore, toggled: toggle, named: true, title: "Performance profile over the ensemble" })));
+    drawn(place, (width) => place.replaceChildren(panelChart(panel, width, 250, { shown: view.fore, toggled: toggle, named: true, title: "Performance profile over the ensemble" })));
     return;
   }
-  drawn(place, (width) => place.replaceChildren(panelChart(ofFixed(chosenOf(all, view), view.fixed), width, width < 500 ? 300 : 262, { scenario: view.scenario, shown: view.fore, toggled: toggle })));
+  drawn(place, (width) => place.replaceChildren(panelChart(ofFixed(chosenOf(all, view), view.fixed), width, width < 500 ? 300 : 236, { scenario: view.scenario, shown: view.fore, toggled: toggle })));
   $("speed-again").replaceChildren(again(`tcbench run -s ${word(view.scenario)} --study work_precision -o mine`, `tcbench plot work-precision mine -s ${word(view.scenario)} -o speed.svg`));
 };
 // adaptive methods are orders of magnitude ahead, and squeeze those of a fixed step into a bundle
@@ -172,7 +172,7 @@ const drawSteps = async () => {
   controls.replaceChildren(choices.length > 1 ? select("On", choices, now, (v) => { view.wide = v; drawSteps(); }) : "", now === "shares" ? "Of runs from random starts, with 95 % bands." : keysOf(panel));
   const [study, kind] = now === "shares" ? ["ensemble", "failure-share"] : ["stability", "stable-step"];
   $("steps-again").replaceChildren(again(`tcbench run --study ${study} -o mine`, `tcbench plot ${kind} mine -o steps.svg`));
-  drawn(place, (width) => place.replaceChildren(panelChart(panel, width, 256, { named: true, title: now === "shares" ? "Failure shares" : "Largest stable step of each method" })));
+  drawn(place, (width) => place.replaceChildren(panelChart(panel, width, 240, { named: true, title: now === "shares" ? "Failure shares" : "Largest stable step of each method" })));
 };
 const overviewCharts = () => Promise.all([drawSpeed(), drawSteps()]);
 

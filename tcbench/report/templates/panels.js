@@ -79,7 +79,7 @@ const rowChart = (panel, width, title) => {
     if (!r.bar && !r.marks.some(([, , v]) => v.some(known)) && r.marks.length) { group.append(shape("text", { class: "soft", x: left + 6, y: y + 4, "font-size": small }, r.text || "no answer")); r = { ...r, marks: [], text: "" }; }
     if (r.bar) group.append(shape("line", { class: "thick", x1: X(r.bar[0]), x2: end, y1: y, y2: y }));
     if (r.dotted) group.append(shape("line", { class: "dotted", x1: end, x2: X(r.dotted), y1: y, y2: y }));
-    for (const [m, , places] of r.marks) for (const v of places) group.append(markAt(m, X(v), y, r.hollow));
+    for (const [m, , places] of r.marks) for (const v of places) if (known(v)) group.append(markAt(m, X(v), y, r.hollow));
     if (r.text) group.append(shape("text", { class: "soft", x: end + 9, y: y + 4, "font-size": small }, r.text));
     const told = () => [r.name, ...r.marks.flatMap(([m, at, places, found]) => places.map((v, k) => `${found?.columns.scenario?.[at[k]] ?? ""} ${panel.keys?.[m] || ""}: ${number(v)}`.trim())).slice(0, 20)];
     f.svg.append(tipped(fill(shape("a", { href: link({ method: r.name }), "aria-label": told().join("; ") }), {}, [group]), told));

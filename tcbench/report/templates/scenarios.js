@@ -110,8 +110,8 @@ const ranking = (name, wanted, work) => {
     const columns = [
       ["laws", "laws kept", DEFINED.laws, (m) => (kept(m) ? kept(m).reduce((sum, [, good, of]) => sum + 1 - good / of, 0) : undefined), (v, m) => dots(kept(m).map(([law, good, of, claimed]) => ({ law, kept: good, of, claimed })))],
       ...["0.001", "1e-06", "1e-09"].map((t) => [`time ${t}`, `to ${power(Math.round(Math.log10(+t)))}`, DEFINED.time, timed(`time ${t}`), seconds]),
-      ["theta", "θ error", `at ${h}: ${DEFINED.theta}`, wrong("error_theta"), percent], ["produced", "S error", `at ${h}: ${DEFINED.produced}`, wrong("error_entropy_produced"), percent],
-      ["state", "state error", `at ${h}: ${DEFINED.state}`, wrong("error"), percent],
+      ["theta", "θ error", `at ${h}: ${DEFINED.theta}`, wrong("error_theta"), (v) => percent(v)], ["produced", "S error", `at ${h}: ${DEFINED.produced}`, wrong("error_entropy_produced"), (v) => percent(v)],
+      ["state", "state error", `at ${h}: ${DEFINED.state}`, wrong("error"), (v) => percent(v)],
       ["stable", "stable up to h", DEFINED.stable, (m) => { const v = cells("step")[m]?.[name]; return Array.isArray(v) ? -1e9 : known(v) ? -v : v; }, (v) => (v === -1e9 ? `> ${number(cells("step")[Object.keys(cells("step")).find((m) => Array.isArray(cells("step")[m][name]))][name][1], 2)}` : number(-v, 2))],
       ["failed", "ended badly", DEFINED.failed, (m) => Object.values(page.failures[m]?.[name]?.[3] || {}).reduce((a, b) => a + b, 0), (v, m) => (v ? marked(page.failures[m][name][3]) : "0")],
     ].filter(([key, , , get]) => page.methods.some((m) => known(get(m.name))) && (key !== "failed" || page.methods.some((m) => get(m.name) > 0)));

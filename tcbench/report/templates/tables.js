@@ -28,7 +28,7 @@ const listing = async (name, where = {}) => {
   holder.append(tools, el("div", { class: "grid-of-rows scroll", tabindex: 0, role: "region", "aria-label": `table ${name}` }, grid));
   const render = (c) => (v, kind) => { const shown = inCell(v, kind); return kind === "display" && typeof shown === "string" ? document.createTextNode(short(shown, 2000)) : shown; };
   const live = new DataTable(grid, {
-    data: chosen.map((r) => names.map((c) => r[c])), columns: names.map((c) => ({ title: c, type: numeric(chosen, c) ? "num" : "string", className: numeric(chosen, c) ? "number" : chosen.some((r) => String(r[c] ?? "").length > 45) ? "text" : "word", render: render(c) })),
+    data: chosen.map((r) => names.map((c) => r[c])), columns: names.map((c) => ({ title: c, type: numeric(chosen, c) ? "num" : "string", className: numeric(chosen, c) ? "number" : chosen.some((r) => String(r[c] ?? "").length > 45) ? "text" : "word", render: render(c), createdCell: (td, v) => { if (typeof v === "string" && v.length > 45) td.title = short(v, 2000); } })),
     order: [], paging: chosen.length > 100, pageLength: 100, lengthChange: false, deferRender: true, autoWidth: false, info: chosen.length > 100,
     layout: { topStart: null, topEnd: null, bottomStart: chosen.length > 100 ? "info" : null, bottomEnd: chosen.length > 100 ? "paging" : null },
   });
@@ -95,7 +95,7 @@ const claimsView = async (place) => {
     .map(([r]) => [linked(r.claim || ""), r.section || "", r.expected || "", linked(r.measured || ""), verdict(r), r.why || ""])));
   root.replaceChildren(el("h2", {}, "The paper's claims"), el("p", {}, page.paper), el("div", { class: "tools" },
     select("verdict", [["", `all ${all.length}`], ...[...grouped(all.map((r) => ({ v: verdict(r) })), "v")].map(([v, of]) => [v, `${v} (${of.length})`])], place.verdict || "", (v) => { remember({ claims: "", verdict: v }); show(v); })), list);
-  show(place.verdict);
+  show(all.some((r) => verdict(r) === place.verdict) ? place.verdict : "");
   if (!page.tables.literature) return;
   for (const [who, list] of grouped(rows(await table("literature")), "stated_by"))
     root.append(el("h2", {}, who === "tcbench" ? "Beside it, measured by tcbench" : `Stated by ${who}`),
