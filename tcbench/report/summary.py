@@ -1,4 +1,4 @@
-"""summary.csv: each method on each scenario in words, as the table of pairs has it; and what one run says of its laws."""
+"""summary.csv: each method on each scenario in words, of the table of pairs; and what one run says of its laws."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ COLUMNS = ["scenario", "integrator", "claims kept", "order", "max stable step", 
 def summary(found: DataFrame, methods: Mapping[str, Any]) -> DataFrame:
     """One row an integrator and scenario: claims kept, order, largest stable step, time to 1e-6, failures.
 
-    found : the table of pairs. methods : name -> what is declared of it, for its claims. Of a study that is absent: "-".
+    found : the table of pairs. methods : name -> what is declared of it, for its claims. Of an absent study: "-".
     """
     import pandas as pd
 

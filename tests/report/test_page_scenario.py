@@ -40,7 +40,7 @@ def test_a_scenario_answers_first_and_then_shows(large, visit):
         table["value"].idxmax(), "error_theta"
     ]  # how far is it from the truth, what is lost with another?
     cell = rows.filter(has_text="tc_monolithic").locator("td").nth(heads.index("θ error") - 1)
-    assert float(cell.inner_text().rstrip(" %")) == pytest.approx(100 * wrong, rel=0.05)
+    assert float(cell.inner_text().rstrip("%")) == pytest.approx(100 * wrong, rel=0.05)
     assert page.locator(".rank thead th[title*='wall time']").count() >= 2  # columns are defined
     assert page.locator("#scenario-page .again").count() >= 4
     page.locator("#scenario-page .again summary").first.click()
@@ -50,7 +50,7 @@ def test_a_scenario_answers_first_and_then_shows(large, visit):
 def test_a_clicked_cell_leads_to_its_number_and_its_run(full, visit):
     page = visit(full)
     cell = page.locator(".matrix .cell[href^='#scenario=stiff_spring&method=tc_staggered&']")
-    shown = cell.text_content().rstrip("★")
+    shown = cell.text_content().rstrip("✓")
     cell.click()
     told = page.locator(".pair")
     told.wait_for()
@@ -82,7 +82,7 @@ def test_a_pair_counts_the_failures_that_every_sentence_counts(tmp_path, visit):
 def test_the_fastest_lawful_method_on_a_scenario_is_one_click_away(full, visit):
     page = visit(full)
     page.locator(".matrix thead button[title^='stiff_spring']").click()
-    first = page.locator(".matrix tbody tr").filter(has_text="★").first
+    first = page.locator(".matrix tbody tr").filter(has_text="✓").first
     times = awkward.time_to_accuracy([*awkward.FIVE, *awkward.PEERS])
     rows = times[(times["scenario"] == "stiff_spring") & (times["target"] == 1e-6) & times["time_s"].notna()]
     lawful = rows[rows["integrator"].str.startswith("tc")]

@@ -10,7 +10,7 @@ const notice = (place) => {
 };
 let turn = 0;
 // a run of the claims or of a study of one's own measured no method: what it has to say is there
-const bare = !page.lenses.length && page.methods.every((m) => !m.order && !m.step && !m.laws.some((l) => l.of));
+const bare = !page.lenses.length && !Object.keys(page.failures).length && !["work-precision", "stable-step", "failure-share"].some((c) => page.charts.includes(c)) && page.methods.every((m) => !m.order && !m.step && !m.laws.some((l) => l.of));
 const only = bare && (page.tables.claims ? "claims" : page.charts.length ? "charts" : "table");
 if (only) document.querySelector("#tabs a").hidden = true;
 const route = async () => {

@@ -68,7 +68,7 @@ const matrix = () => {
   const by = view.sorted ? (a, b) => badness(a, view.sorted) - badness(b, view.sorted) || (a.name < b.name ? -1 : 1)
     : (a, b) => a.family - b.family || (mean(a) === mean(b) ? 0 : mean(a) - mean(b)) || (a.name < b.name ? -1 : 1);
   const ordered = [...page.methods].sort(by);
-  const head = el("tr", {}, el("th", { scope: "col" }, "method"), el("th", { scope: "col", title: (page.methods[0]?.laws || []).map((l) => words(l.law)).join(", ") }, "laws ", el("span", { class: "dots letters" }, (page.methods[0]?.laws || []).map((l) => el("span", { class: "dot letter" }, INITIALS[l.law] || "I")))),
+  const head = el("tr", {}, el("th", { scope: "col" }, "method"), el("th", { scope: "col", title: (page.methods[0]?.laws || []).map((l) => words(l.law)).join(", ") }, "laws", page.methods[0]?.laws.length ? " " : "", el("span", { class: "dots letters" }, (page.methods[0]?.laws || []).map((l) => el("span", { class: "dot letter" }, INITIALS[l.law] || "I")))),
     ordered.some((m) => m.order) ? el("th", { scope: "col", title: "lowest fitted order" }, "order") : null,
     ordered.some((m) => m.step) ? el("th", { scope: "col", title: "least of the largest stable steps" }, "h stable") : null,
     page.scenarios.map((s) => el("th", { scope: "col", class: "one", "aria-sort": view.sorted === s ? "ascending" : "none" },

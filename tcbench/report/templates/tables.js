@@ -47,7 +47,7 @@ const listing = async (name, where = {}) => {
   const sought = () => { live.search(box.value).draw(); };
   box.value = (whole && place.search) || "";
   box.addEventListener("input", () => { sought(); if (whole) remember({ table: name, search: box.value }); });
-  const button = el("button", { type: "button", onclick: () => save(found, [...live.rows({ search: "applied" }).indexes()].map((i) => chosen[i])) });
+  const button = el("button", { type: "button", onclick: () => save(found, live.rows({ search: "applied" }).indexes().toArray().map((i) => chosen[i])) });
   const count = () => { button.textContent = `Save ${name}.csv (${live.rows({ search: "applied" }).count()} rows)`; };
   live.on("draw", count);
   sought();
