@@ -33,7 +33,8 @@ def by_method(tables: Tables, declared: Tables) -> list[list[str]]:
 
     claims kept: of those that some system of the run can show. stable step: the least over the scenarios, and how many
     have no limit. to 1e-6: scenarios on which the error of the state reached it; x best: its time over that of the
-    fastest method, median over all scenarios, infinite where it did not get there. random failed: runs of an ensemble, over all steps or tolerances.
+    fastest method, median over all scenarios, infinite where it did not get there. random failed: runs of an
+    ensemble, over all steps or tolerances.
     """
     found = pairs(tables, declared)
     rows, ratios = methods(found, tables, declared), times_over_best(found)

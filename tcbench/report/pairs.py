@@ -32,8 +32,8 @@ def pairs(tables: Tables, declared: Tables) -> DataFrame:
     ended and kept every one. fails : whether one of them failed or there is a largest stable step; fails_from : the
     least step at which that is so.
     order, fits : the fitted order of the state, of the lowest variable where that was not fitted; how many fits.
-    limit, dt_stable, dt_unstable, dt_cap : as in `stability`; limit_mark : of its limit; dt_coarsest : the scenario's, in `work_precision`,
-    and inner, the steps that the method took inside of one of them.
+    limit, dt_stable, dt_unstable, dt_cap : as in `stability`; limit_mark : of its limit;
+    dt_coarsest : the scenario's, in `work_precision`, and inner, the steps that the method took inside of one of them.
     NUMBERS : times to an accuracy, s; errors of the temperatures and of the entropy produced at the coarsest step; the
     energy error at the scenario's own step; the largest stable step; µs a step. Infinite where it was asked for and not
     reached, or the run failed; NaN where it was not measured.

@@ -37,9 +37,9 @@ class Panels(Figure):
 
 
 def panels(count: int, most: int = 2, size: tuple[float, float] = (4.2, 2.9)) -> tuple[Figure, list[Axes]]:
-    """A figure with `count` panels, row by row, at most so many in one, and their axes; size of each in inches, at type of 9 points.
+    """A figure with `count` panels, row by row, at most so many in one, and their axes.
 
-    In the Axes of the caller where one was given.
+    size : of each in inches, at type of 9 points. In the Axes of the caller where one was given.
     """
     chosen, k, count = current(), scale(), max(1, count)
     if chosen.axes is not None:

@@ -244,10 +244,13 @@ def _letter(mark: str) -> Any:
 def _mark(mark: str, colour: str) -> dict[str, Any]:
     """How a mark of a row is drawn."""
     thin = mark in ("|", "_")
-    size = {".": 3.5, "|": 11, "_": 8}.get(mark, 6 if mark in MARKS else 5)
+    letter = mark in MARKS and mark != "x"
+    shape = {".": "o", "_": "|"}.get(mark, _letter(mark) if letter else mark)
+    size = {".": 3.5, "|": 11, "_": 8}.get(mark, 6 if letter else 5)
+    edge = 1.4 if thin or mark == "x" else 0.2 if letter else 0.9
     return {
-        "marker": {".": "o", "_": "|"}.get(mark, _letter(mark) if mark in MARKS and mark != "x" else mark), "color": GREY if mark == "_" else colour,
-        "markersize": pt(size), "markeredgewidth": pt(1.4 if thin else 0.2 if mark in MARKS else 0.9), "zorder": 3 if thin else 4,
+        "marker": shape, "color": GREY if mark == "_" else colour,
+        "markersize": pt(size), "markeredgewidth": pt(edge), "zorder": 3 if thin else 4,
     }  # fmt: skip
 
 

@@ -158,7 +158,7 @@ const drawSpeed = async () => {
 };
 // adaptive methods are orders of magnitude ahead, and squeeze those of a fixed step into a bundle
 const fixedOnly = (state, changed) => select("of", [["", "all methods"], ["yes", "fixed step only"]], state.fixed || "", (v) => { state.fixed = v; changed(); });
-const ofFixed = (panel, fixed) => (fixed ? onlyOf(panel, new Set(page.methods.filter((m) => m.kind !== "adaptive" && m.family !== 3).map((m) => m.name))) : panel);
+const ofFixed = (panel, fixed) => (fixed ? onlyOf(panel, new Set(panel.series.filter((s) => s.found?.columns.control?.[s.at[0] ?? s.failed[0]] === "dt").map((s) => s.name))) : panel);
 // one of several panels, by what its y axis says
 const chosenOf = (panels, state) => panels.find((p) => p.y.label === state.error) || panels[0];
 const choose = (panels, state, changed) => select("show", panels.map((p) => [p.y.label, p.y.label]), chosenOf(panels, state).y.label, (label) => { state.error = label; changed(); });
