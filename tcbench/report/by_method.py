@@ -13,8 +13,6 @@ from ..errors import LOUD
 from ..systems.energy_scale import HIDDEN
 from .page_data import methods, unmeasured
 from .pairs import is_finite, ladder_runs, of_whole_state, pairs, times_over_best
-from .page_data import methods, unmeasured
-from .pairs import is_finite, ladder_runs, of_whole_state, pairs, times_over_best
 
 if TYPE_CHECKING:
     from pandas import DataFrame

@@ -11,7 +11,7 @@ from ..errors import LOUD
 from ..runner.declared import FAMILIES as DECLARED
 from ..runner.declared import LAWS
 from ..studies.base import own_tables
-from .pairs import NUMBERS, PAIR, is_finite, is_kept, ladder_runs, law_columns, laws, settings, to_numbers
+from .pairs import NUMBERS, PAIR, is_finite, is_kept, ladder_runs, law_columns, laws, seen_energy, settings, to_numbers
 from .summary import is_claimed
 
 if TYPE_CHECKING:
@@ -38,6 +38,8 @@ def refuted(tables: Tables) -> set[str]:
     for law, column in law_columns(table).items():
         if law in LAWS:
             values = to_numbers(table, column)
+            if law == "energy" and "energy_round_off" in table:
+                values = seen_energy(values, to_numbers(table, "energy_round_off"))
             found |= set(table.loc[done & values.notna() & ~is_kept(law, values), "integrator"].astype(str))
     return found
 

@@ -6,7 +6,7 @@ import pytest
 import tcbench
 from tcbench import Integrator, Scenario, System
 from tcbench.report.by_method import remarks
-from tcbench.report.judged import judged
+from tcbench.report.pairs import pairs
 from tcbench.simulation.metrics import conservation
 
 
@@ -71,13 +71,13 @@ def table(scenario, *methods):
 
 def test_round_off_of_the_energy_is_no_breach():
     """With a bath of 1e6 it is 1e-7 of V0, beyond the 1e-9 up to which a law is kept."""
-    found = judged(table(bath(1e6), "tc_monolithic", EULER), {})
+    found = pairs(table(bath(1e6), "tc_monolithic", EULER), {})
     assert found.loc[("tc_monolithic", "bath"), "kept_energy"] == 1 and found.loc[("euler", "bath"), "kept_energy"] == 0
 
 
 def test_where_round_off_is_as_large_as_what_moves_there_is_a_sentence_and_no_verdict():
     tables = table(bath(1e12), "tc_monolithic", EULER)
-    assert (judged(tables, {})["of_energy"] == 0).all()
+    assert (pairs(tables, {})["of_energy"] == 0).all()
     assert any("No verdict on the energy on bath" in sentence for sentence in remarks(tables))
 
 
