@@ -17,7 +17,7 @@ from ..compiler.array_kernels import ArrayKernel, array_kernel, jacobian_kernel
 from ..compiler.array_mesh import Block, Mesh, Shorts, alone, scattered
 from ..compiler.array_states import Blocks, entries, fitted, refilled
 from ..compiler.array_symbols import ArraySymbol
-from ..compiler.arrays import NUMBER
+from ..compiler.arrays import NUMBER, variable
 from ..compiler.derivatives import Symbol, const
 from ..compiler.kernels import fixed_values, kernel
 from ..compiler.once import once
@@ -26,7 +26,7 @@ from ..integrator import Flow
 from ..systems import constrained
 from .elimination import ZERO_PIVOT
 from .first_values import measured_by, plain_start, sizes_of
-from .formula import called, checked_rows, further, has_roots
+from .formula import called, checked_rows, further, has_roots, numbered
 from .kernels_of_flow import FlowKernels
 from .normal_rows import normalised
 from .pattern import Pattern
@@ -88,7 +88,9 @@ def _array_flow(flow: Flow, net: Any) -> ArrayFlow:
     view = net
     if net.multipliers:
         view = constrained.pulled(net, constrained.symbols_like(constrained.conditions(net, y0), "lam"))
-    found = _rows(flow, view, y0, h, steps, further(flow, net, z0, h, start))
+    numbers = {name: variable("number", NUMBER) for name in flow.numbers}
+    more = [*further(flow, net, z0, h, start), *([numbers] if numbers else [])]
+    found, equations = _rows(flow, view, y0, h, steps, more)
     rows = normalised(checked_rows(flow, found, d), d, h)
     if any(row.space not in (NUMBER, s.space) for row, s in zip(rows, d, strict=True)):
         raise trace.refused(
@@ -98,7 +100,7 @@ def _array_flow(flow: Flow, net: Any) -> ArrayFlow:
     impulses = list[Symbol]()
     if net.multipliers:
         rows, impulses = constrained.closed(net, view, y0, d, h, rows, flow.residual.__name__)
-    reduction = reduce_arrays(rows, [*d, *impulses], h)
+    reduction = reduce_arrays([*rows, *equations], [*d, *impulses, *numbers.values()], h)
     x = reduction.unknowns
     residual, unknowns, shared = shared_as_unknowns(reduction.rows, x)
     terms = jacobian_terms(residual, unknowns)
@@ -111,7 +113,7 @@ def _array_flow(flow: Flow, net: Any) -> ArrayFlow:
         dz = net.state(np.concatenate([dy.q, dy.p, net.entropy_increments(flow.variables, y0, y1)]))
     positive = entries(y1.theta) if flow.variables == "temperature" else []
     scales = map(trace.reciprocal, sizes_of(net, y0, z0, flow.variables) * len(steps))
-    own = dict.fromkeys(impulses, const(1.0))
+    own = dict.fromkeys([*impulses, *numbers.values()], const(1.0))
     sizes = measured_by(reduction, dict(zip(d, scales, strict=True)) | own)
     began = plain_start(reduction)
     began |= dict(zip(shared, trace.substitute(list(shared.values()), began), strict=True))
@@ -147,10 +149,10 @@ def _array_flow(flow: Flow, net: Any) -> ArrayFlow:
     )
 
 
-def _rows(flow: Flow, net: Any, y0: Any, h: Symbol, steps: Sequence[Any], more: Sequence[Any]) -> list[Symbol]:
-    """Run the author's formula on arrays; its rows, those of stages behind."""
+def _rows(flow: Flow, net: Any, y0: Any, h: Symbol, steps: Sequence[Any], more: Sequence[Any]) -> Any:
+    """Run the author's formula on arrays; its rows, those of stages behind, and the equations of further numbers."""
     y1, *stages = (y0 + d for d in steps)  # with the names that y0 has
-    found = called(flow, [y0, y1, h, net, *([stages] if stages else []), *more])
+    found, equations = numbered(flow, called(flow, [y0, y1, h, net, *([stages] if stages else []), *more]))
     blocks = found.blocks if isinstance(found, Blocks) else [found]
     wanted = [block for d in steps for block in d.blocks]
     if len(blocks) != len(wanted):
@@ -160,9 +162,10 @@ def _rows(flow: Flow, net: Any, y0: Any, h: Symbol, steps: Sequence[Any], more: 
             f"so it must return {len(wanted)}."
         )
     if sorted(map(_kind, blocks)) == sorted(map(_kind, wanted)):  # in whatever order
-        return list(map(trace.lifted, entries(*blocks)))
+        return list(map(trace.lifted, entries(*blocks))), equations
     name = f"the residual {flow.residual.__name__!r}"
-    return [x for block, like in zip(blocks, wanted, strict=True) for x in entries(fitted(block, like, name))]
+    rows = [x for block, like in zip(blocks, wanted, strict=True) for x in entries(fitted(block, like, name))]
+    return rows, equations
 
 
 def _kind(block: Any) -> tuple[str, int]:

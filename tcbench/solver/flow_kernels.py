@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -31,7 +31,7 @@ from ..systems.system import System
 from .elimination import ZERO_PIVOT, factorise
 from .first_values import measured_by, near_start, plain_start, sizes_of
 from .foresight import foreseen
-from .formula import called, checked_rows, further, has_roots
+from .formula import called, checked_rows, further, has_roots, numbered
 from .kernels_of_flow import FlowKernels, constants
 from .linear_algebra import STEEPEST
 from .normal_rows import normalised
@@ -46,6 +46,8 @@ UNROLLED = 24  # unknowns up to which the elimination is unrolled; beyond, Newto
 def build(flow: Flow, system: System) -> FlowKernels:
     """Trace, reduce, differentiate and print one flow; nothing is compiled yet."""
     symbolic = system.symbolic  # its symbols come first, whoever made them
+    if callable(flow.numbers):
+        flow = replace(flow, numbers=flow.numbers(symbolic))
     with foreseen(system, 1 + flow.stages, by_loops=system.large):
         if system.large:
             from .array_flow import flow_of
@@ -62,15 +64,19 @@ def _build(flow: Flow, system: System) -> FlowKernels:
     y0 = sym.in_variables(flow.variables, z0)
     start = trace.variables("start", n * (flow.memory or 2))
     view = constrained.pulled(sym, _multipliers(sym, y0)) if sym.multipliers else sym
-    given = traced(flow, view, y0, d, h, further(flow, sym, z0, h, start.reshape(-1, n)))
+    numbers = dict(zip(flow.numbers, trace.variables("number", len(flow.numbers)), strict=True))
+    more = [*further(flow, sym, z0, h, start.reshape(-1, n)), *([numbers] if numbers else [])]
+    given, equations = traced(flow, view, y0, d, h, more)
     unseen = not (flow.stages or isinstance(sym, ElementSystem))  # of theirs the last digits stay what they were
     rows, impulses = normalised(given, d, h), list[Symbol]()
     if sym.multipliers:
         rows, impulses = constrained.closed(sym, view, y0, list(d), h, rows, flow.residual.__name__)
         rows = _by_own_slope(rows, list(d), impulses, h)
         unseen = False
-    reduction = reduce(rows, [*d, *impulses], unseen=unseen)
-    _last(reduction, impulses)
+    unseen = unseen and not numbers
+    last = [*impulses, *numbers.values()]
+    reduction = reduce([*rows, *equations], [*d, *last], unseen=unseen)
+    _last(reduction, last)
     pattern, slopes = _ordered(reduction) if len(reduction.unknowns) > UNROLLED else (None, [])
     x = reduction.unknowns
     increments = np.array(reduction.increments(d), dtype=object)
@@ -80,11 +86,12 @@ def _build(flow: Flow, system: System) -> FlowKernels:
         ds = sym.entropy_increments(flow.variables, y0, y1)
         dz = np.concatenate([dz[: -len(ds)], ds])
     place = {s: i for i, s in enumerate(d)}
-    place |= {s: len(d) + i for i, s in enumerate(impulses)}
+    place |= {s: len(d) + i for i, s in enumerate(last)}
     where = [place[s] for s in x]
     positive = list(y1.theta) if flow.variables == "temperature" else []
     sizes = sizes_of(sym, y0, z0, flow.variables)
     own = dict(zip(impulses, _sizes_of_impulses(rows, d, impulses, h, sizes), strict=True))
+    own |= dict.fromkeys(numbers.values(), const(1.0))
     if pattern is None:
         moved = reduction.moved()
         scales = [own[s] if s in own else trace.reciprocal(sizes[place[s] % n]) for s in (*x, *moved)]
@@ -161,12 +168,13 @@ def _sizes_of_impulses(
     return [trace.maximum(x, const(1e-100)) for x in found]
 
 
-def _last(reduction: Reduction, impulses: list[Symbol]) -> None:
+def _last(reduction: Reduction, unknowns: list[Symbol]) -> None:
     """Their pivots are there once what they move is eliminated."""
-    if not impulses:
+    if not unknowns:
         return
+    place = {x.number: i for i, x in enumerate(unknowns)}
     pairs = list(zip(reduction.rows, reduction.unknowns, strict=True))
-    pairs.sort(key=lambda pair: pair[1].number in {x.number for x in impulses})
+    pairs.sort(key=lambda pair: place.get(pair[1].number, -1))
     reduction.rows, reduction.unknowns = [r for r, _ in pairs], [x for _, x in pairs]
 
 
@@ -276,11 +284,14 @@ def _steepness(jacobian: NDArray[np.object_], scales: Sequence[Symbol]) -> Symbo
     return trace.mul(const(np.finfo(float).max / STEEPEST**2), functools.reduce(trace.add, squares, const(0.0)))
 
 
-def traced(flow: Flow, system: System, y0: State, d: Any, h: Symbol, further: list[Any]) -> list[Symbol]:
-    """Run the author's formula on symbols; a flat list of residual rows."""
+def traced(
+    flow: Flow, system: System, y0: State, d: Any, h: Symbol, further: list[Any]
+) -> tuple[list[Symbol], list[Symbol]]:
+    """Run the author's formula on symbols; a flat list of residual rows, and the equations of further numbers."""
     n = system.size
     y1, *stages = (y0 + d[k : k + n] for k in range(0, len(d), n))  # with the names that y0 has
-    result = np.asarray(called(flow, [y0, y1, h, system, *([stages] if stages else []), *further]), dtype=object)
+    found, equations = numbered(flow, called(flow, [y0, y1, h, system, *([stages] if stages else []), *further]))
+    result = np.asarray(found, dtype=object)
     if result.size != len(d):
         missing = result.shape == () and result.item() is None
         given = "nothing (is `return` missing?)" if missing else f"{result.size} numbers"
@@ -296,4 +307,4 @@ def traced(flow: Flow, system: System, y0: State, d: Any, h: Symbol, further: li
             raise TraceError(
                 f"The residual {flow.residual.__name__!r} returned {shown(r)} among its numbers, which is none."
             ) from None
-    return checked_rows(flow, rows, list(d))
+    return checked_rows(flow, rows, list(d)), equations

@@ -31,6 +31,14 @@ def further(flow: Flow, system: System, z0: Any, h: Symbol, start: Any) -> list[
     return [tuple(system.in_variables(flow.variables, z) for z in states)] if flow.memory else []
 
 
+def numbered(flow: Flow, found: Any) -> tuple[Any, list[Symbol]]:
+    """What a formula returns, and the equations of its further numbers."""
+    if not flow.numbers:
+        return found, []
+    rows, equations = found
+    return rows, [trace.lifted(x) for x in equations]
+
+
 def has_roots(rows: Sequence[Symbol]) -> bool:
     """May these be finite where a slope of theirs is not?"""
     return any(x.op in OPERATIONS and OPERATIONS[x.op].rooted for x in trace.topological(rows))

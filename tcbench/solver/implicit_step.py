@@ -130,7 +130,7 @@ def _compiled_flows(
     made: dict[Any, FlowKernels] = {}
     chosen = []
     for flow in formulas:
-        key = (flow.residual, flow.variables, flow.stages, flow.of_step, flow.memory)
+        key = (flow.residual, flow.variables, flow.stages, flow.numbers, flow.of_step, flow.memory)
         chosen.append(made.get(key) or made.setdefault(key, build(flow, symbolic)))
     return tuple(chosen)
 

@@ -47,31 +47,25 @@ def gradients(system: System, z: Any) -> list[Any]:
 
 
 def shortest_move(
-    system: System,
-    misses: Sequence[Any],
-    slopes: Sequence[Any],
-    weights: Any,
-    at_least: bool = False,
-    dependent: float = DEPENDENT,
+    system: System, misses: Sequence[Any], slopes: Sequence[Any], weights: Any, at_least: bool = False
 ) -> Any:
     """The shortest move that makes up for the misses of laws with these slopes, to first order.
 
     Each along the part of its slope that leaves the earlier ones alone (Gram and Schmidt). weights: squares of the
     sizes by which a move is measured. at_least: of the last law, the entropy, only what is too little is made up for.
-    dependent: of the square of a slope, its part free of the others below which less than half is made up for.
     """
     weighed = [weights * slope for slope in slopes]
     free: list[tuple[Any, Any]] = []  # the part of each that leaves the earlier ones alone, and 1 over its square
     shares: list[list[Any]] = []  # of the earlier ones in each
     along: list[Any] = []  # how far to move along each part
     for miss, slope, direction in zip(misses, slopes, weighed, strict=True):
-        products = [_dot(system, slope, other) for other, _ in free]
+        products = [product(system, slope, other) for other, _ in free]
         shares.append([product * inverse for product, (_, inverse) in zip(products, free, strict=True)])
         for share, (other, _) in zip(shares[-1], free, strict=True):
             direction = direction - other * share
-        square = _dot(system, slope, direction)
+        square = product(system, slope, direction)
         whole = sum((p * share for p, share in zip(products, shares[-1], strict=True)), square)
-        least = dependent * whole + TINY
+        least = DEPENDENT * whole + TINY
         inverse = square / (square * square + least * least)
         lack = miss - sum((p * a for p, a in zip(products, along, strict=True)), const(0.0))
         if at_least and len(free) == len(misses) - 1:
@@ -90,13 +84,8 @@ def by_variable(system: System, x: Any, y: Any) -> Any:
     return refilled(x, [v for alike in products for v in alike])
 
 
-def laws_product(system: System, x: Any, y: Any) -> Any:
-    """x . y of a covector and a rate."""
-    return _dot(system, x, y)
-
-
-def _dot(system: System, x: Any, y: Any) -> Any:
-    """x . y, variable by variable."""
+def product(system: System, x: Any, y: Any) -> Any:
+    """x . y of a covector and a rate, variable by variable."""
     return sum(_products(system, x, y), const(0.0))
 
 
