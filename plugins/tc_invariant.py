@@ -1,77 +1,83 @@
 """The paper's monolithic method, which keeps every invariant that a system declares, whatever it is and however the
 energy is written.
 
-v = L DE + M DS keeps DE . v = 0 and DS . v >= 0, but J(z1) - J(z0) = h DJ . v is 0 only where J is quadratic and the
-discrete gradient of E is as invariant as E. To h v is added a small move c of slopes, in units of the state,
+A step of L DE + M DS from z to z~ keeps E, and S does not fall; J changes where it is not quadratic, or where the
+discrete gradient of E is not as invariant as E. Then z~ is moved along discrete gradients D_k from z to z~, W being squares of units,
 
-    z1 - z0 = h v + c,   c = sum_k a_k W D_k,   D_k of E, of every J that v does not keep, and of S,
-    DE . (z1 - z0) = 0,   DJ . (z1 - z0) = 0,   DS . c = 0.
+    z1 = z~ + W (sum_k a_k D_k + b DS),   D_k of E and of every J,
+    DE . (z1 - z) = 0,   DJ . (z1 - z) = 0,   DS . (z1 - z~) = 0,
 
-The a_k are unknowns of the step: energy, entropy production and every J are exact. At the true gradients DJ . v = 0, so
-c = O(h^3): order 2, and symmetric. Where v keeps all, this is tc_monolithic. At an equilibrium a slope is made of the
-others, DE = theta DS + omega DJ: as little as is left of it beside those before it, as much is its a_k damped. S is the
-last: energy and invariants stay exact there, and S may fall by round-off.
+with discrete gradients DE, DJ from z to z1 and DS from z~ to z1: energy, entropy produced and every J are exact. What
+z~ misses is O(h^3), so that the order is 2. The a_k and b, one for each law, are the only unknowns; of invariants that say
+the same (Kepler's momentum, beside energy and the Runge-Lenz vector) some are enough. Where a step keeps every J between
+any two states, nothing is moved.
+
+Next to an equilibrium DS is made of DE and DJ: as little as is left of it, as much is b damped. Energy and
+invariants stay exact, and S may fall by round-off. So is each a_k whose slope says nothing that the others do not.
 """
 
 from tcbench import Flow, Integrator, hookimpl
-from tcbench.compiler.derivatives import const, lifted
-from tcbench.solver.invariance import lost_invariants
+from tcbench.compiler.derivatives import lifted
+from tcbench.solver.invariance import to_hold
 from tcbench.solver.mending import product
 
-DEPENDENT = 1e-10  # of the square of a slope, its part free of the others: less is damped
-NONE = 1e-30  # beside a square that may be 0
+from .tc_monolithic import tc_monolithic
+
+AT_REST = 1e-10  # of the square of DS, its part free of the others: less is damped
+DEPENDENT = 1e-6  # the same of energy and invariants, of which one may say what the others do, as at rest
+ROUND_OFF = 1e-15  # of such a square
+NONE = 1e-30  # beside one that may be 0
 
 
 def held(system):
-    """What is kept by a move: energy, invariants that would be lost, and entropy; nothing where none would be."""
-    lost = lost_invariants(system)
-    return ("energy", *lost, "entropy") if lost else ()
+    """Energy, invariants and entropy, where an invariant would be lost."""
+    names = to_hold(system)
+    return ("energy", *names, "entropy") if names else ()
 
 
-def tc_invariant(z0, z1, h, system, shares=None):
-    DE, DS = system.discrete_gradients(z0, z1)
-    mid = (z0 + z1) / 2
-    rows = z1 - z0 - h * (system.reversible(mid, DE, DS) + system.irreversible(mid, DE, DS))
+def onto_invariants(z0, z1, h, system, start, first, shares=None):
+    """z1 = z0 moved, where a step from `start` lost an invariant."""
     if not shares:
-        return rows
-    weights = system.least_of(z0) ** 2
-    slopes = [DE, *invariant_slopes(system, shares, system.momenta_discrete_gradients(z0, z1)), DS]
-    still = [system.gradient(z0), *invariant_slopes(system, shares, system.momenta_gradients(z0)), system.entropy_gradient(z0)]
-    sizes, damping = independent(system, still, weights)
-    move = sum(weights * slope * (a * size) for slope, a, size in zip(slopes, shares.values(), sizes, strict=True))
-    ends = [z1 - z0] * (len(slopes) - 1) + [move]
+        return z1 - z0
+    *a, b = shares.values()
+    ways, sizes, left = free_parts(system, slopes_between(system, shares, start, z0), system.least_of(z0) ** 2)
+    rest, entropy = AT_REST**2 / (left[-1] + NONE), (left[-1] + NONE) ** 0.5
+    move = sum(way * x for way, x in zip(ways, [*a, b / entropy], strict=True))
+    *slopes, _ = slopes_between(system, shares, start, z1)
+    DS = system.discrete_entropy_gradient(z0, z1)
+    damping = [(DEPENDENT / (x + ROUND_OFF)) ** 8 for x in left]
     equations = [
-        lifted(product(system, slope, end)) * size + keep * a
-        for slope, end, size, keep, a in zip(slopes, ends, sizes, damping, shares.values(), strict=True)
+        lifted(product(system, slope, z1 - start)) * size + keep * x
+        for slope, size, keep, x in zip(slopes, sizes, damping, a, strict=False)
     ]
-    return rows - move, equations
+    made = lifted(product(system, DS, move)) * sizes[-1]
+    return z1 - z0 - move, [*equations, (entropy * made + rest * b) / (left[-1] + rest)]
 
 
-def invariant_slopes(system, shares, found):
-    return [slope for name, slope in zip(system.invariant_names, found, strict=True) if name in shares]
+def slopes_between(system, shares, z0, z1):
+    """Of the energy, the invariants that are held, and the entropy."""
+    DJ = system.momenta_discrete_gradients(z0, z1)
+    chosen = [DJ[system.invariant_names.index(name)] for name in list(shares)[1:-1]]
+    return [system.discrete_gradient(z0, z1), *chosen, system.discrete_entropy_gradient(z0, z1)]
 
 
-def independent(system, slopes, weights):
-    """1 over the size of each slope, and the damping of its share: by Gram and Schmidt, what is left of it is free."""
-    gram = [[lifted(product(system, x, weights * y)) for y in slopes] for x in slopes]
-    sizes = [1 / (gram[k][k] + NONE) ** 0.5 for k in range(len(slopes))]
-    pivots, lower, damping = [], [], []
-    for i in range(len(slopes)):
-        row = []
-        for j in range(i):
-            rest = gram[i][j] * sizes[i] * sizes[j]
-            row.append((rest - sum((row[k] * lower[j][k] * pivots[k] for k in range(j)), const(0.0))) / pivots[j])
-        left = const(1.0) - sum((x * x * pivot for x, pivot in zip(row, pivots, strict=True)), const(0.0))
-        damping.append(DEPENDENT**2 / (abs(left) + NONE))
-        pivots.append(abs(left) + damping[-1])
-        lower.append(row)
-    return sizes, damping
-
-
-def refuses(system):
-    return (
-        "a system with constraints has its multipliers in DE, which this method holds to" if system.multipliers else ""
-    )
+def free_parts(system, slopes, weights):
+    """Directions, each the part of a slope that leaves the laws before it alone (Gram and Schmidt); 1 over the size of
+    each slope; and the square of its free part, over that of the slope."""
+    ways, sizes, left = [], [], []
+    for slope in slopes:
+        size = 1 / (lifted(product(system, slope, weights * slope)) + NONE) ** 0.5
+        way = weights * slope * size
+        shares = [
+            lifted(product(system, slope, other)) * size / (square + ROUND_OFF)
+            for other, square in zip(ways, left, strict=True)
+        ]
+        for share, other in zip(shares, ways, strict=True):
+            way = way - other * share
+        ways.append(way)
+        sizes.append(size)
+        left.append(abs(lifted(product(system, slope, way)) * size))
+    return ways, sizes, left
 
 
 @hookimpl
@@ -82,7 +88,7 @@ def tcbench_integrators():
             order=2,
             claims={"energy", "entropy", "angular_momentum"},
             source="Romero (2009), eq. (6), onto invariants (Gonzalez 1996; McLachlan, Quispel, Robidoux 1999)",
-            flows=Flow(tc_invariant, numbers=held),
-            refuses=refuses,
+            flows=[tc_monolithic, Flow(onto_invariants, of_step=True, numbers=held)],
+            uses="tc_monolithic",
         )
     ]

@@ -43,7 +43,7 @@ class Flow:
         Further states that are unknowns of the step.
     numbers : tuple of str, or function of a system
         Names of further unknowns, each a number, dimensionless; a function returns those of a system that has symbols
-        for constants. The formula has a mapping name -> number as its last argument, if there are any, and returns
+        for constants. The formula has a mapping name -> number as its last argument where there are any, and then returns
         (rows, equations): the rows as ever, and one equation for each number, whose slope in it is positive.
     of_step : bool
         The formula has two more arguments, states (q, p, s): the one at the start of the whole step, before its first

@@ -1,4 +1,4 @@
-"""Which invariants a step of L DE + M DS keeps by itself, between any two states; for methods that hold the others.
+"""Which invariants a step of L DE + M DS keeps by itself, between any two states; and which a method has to hold.
 
 DJ . (L DE + M DS) vanishes identically where J is quadratic and DE is as invariant as E: evaluated between random
 states, with random constants, it is round-off then.
@@ -21,29 +21,44 @@ SAMPLES = 3
 KEPT = 1e-9  # of the terms: so much less is round-off, the cancellation of differences included
 
 
-def lost_invariants(system: System) -> tuple[str, ...]:
-    """Names of those that are not kept by themselves, of a system with symbols for constants."""
-    names = system.invariant_names
+def to_hold(system: System) -> tuple[str, ...]:
+    """Names of the invariants that a move along slopes has to hold, of a system with symbols for constants: none where
+    all are kept by themselves; else those that are not, then the others, without what follows from those before."""
+    names, net = system.invariant_names, system.by_arrays if system.large else system
     if not names:
         return ()
-    net: Any = system.by_arrays if system.large else system
     with trace.tracing():
         z0, z1 = net.unknowns("x"), net.unknowns("y")
         DE, DS = net.discrete_gradients(z0, z1)
         mid = (z0 + z1) / 2
         v = net.reversible(mid, DE, DS) + net.irreversible(mid, DE, DS)
         found = [x for DJ in net.momenta_discrete_gradients(z0, z1) for x in (product(net, DJ, v), size(net, DJ, v))]
-        kernel = net.compiled([z0, z1], found)
-        if system.large:
-            kernel = kernel.kernel(system.mesh)
-    rng, kept = np.random.default_rng(0), np.ones(len(names), bool)
+        slopes = [net.gradient(z0), net.entropy_gradient(z0), *net.momenta_gradients(z0)]
+        kernel: Any = net.compiled([z0, z1], [*found, *slopes])
+        kernel = kernel.kernel(system.mesh) if system.large else kernel
+    rng, kept, gradients = np.random.default_rng(0), np.ones(len(names), bool), []
+    out, end = np.zeros(kernel.size), 2 * len(names)
     for _ in range(SAMPLES):
-        one = rng.uniform(0.5, 1.5, (2, system.size))
-        with np.errstate(all="ignore"):
-            out = np.empty(kernel.size)
-            evaluate(kernel.address, one.ravel(), rng.uniform(0.5, 1.5, system.n_constant_values), out)
-            kept &= np.abs(out[: 2 * len(names) : 2]) <= KEPT * out[1 : 2 * len(names) : 2]
-    return tuple(name for name, fine in zip(names, kept, strict=True) if not fine)
+        states = rng.uniform(0.5, 1.5, 2 * system.size)
+        evaluate(kernel.address, states, rng.uniform(0.5, 1.5, system.n_constant_values), out)
+        kept &= np.abs(out[:end:2]) <= KEPT * out[1:end:2]
+        gradients.append(out[end : end + (2 + len(names)) * system.size].reshape(-1, system.size).copy())
+    if kept.all():
+        return ()
+    held, rows = [], [0, 1]
+    for k in np.argsort(kept, kind="stable"):
+        if not all(_follows(each[rows], each[2 + k]) for each in gradients):
+            held.append(names[k])
+            rows.append(2 + k)
+    return tuple(held)
+
+
+def _follows(rows: Any, row: Any) -> bool:
+    """Is a slope made of others?"""
+    if not np.all(np.isfinite([*rows, row])):
+        return False
+    left = row - rows.T @ np.linalg.lstsq(rows.T, row, rcond=None)[0]
+    return bool(np.abs(left).max() <= KEPT * np.abs(row).max())
 
 
 def size(system: System, x: Any, y: Any) -> Symbol:
