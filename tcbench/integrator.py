@@ -43,8 +43,8 @@ class Flow:
         Further states that are unknowns of the step.
     numbers : tuple of str, or function of a system
         Names of further unknowns, each a number, dimensionless; a function returns those of a system that has symbols
-        for constants. The formula has a mapping name -> number as its last argument where there are any, and then returns
-        (rows, equations): the rows as ever, and one equation for each number, whose slope in it is positive.
+        for constants. The formula has a mapping name -> number as its last argument where there are any, and then
+        returns (rows, equations): the rows as ever, and one equation for each number, whose slope in it is positive.
     of_step : bool
         The formula has two more arguments, states (q, p, s): the one at the start of the whole step, before its first
         flow, and the first one of the run (of which it may use constants of the motion only: a step has no memory).
