@@ -2,18 +2,19 @@
 energy is written.
 
 A step of L DE + M DS from z to z~ keeps E, and S does not fall; J changes where it is not quadratic, or where the
-discrete gradient of E is not as invariant as E. Then z~ is moved along discrete gradients D_k from z to z~, W being squares of units,
+discrete gradient of E is not as invariant as E. Then z~ is moved along discrete gradients D_k from z to z~, W being
+squares of units,
 
     z1 = z~ + W (sum_k a_k D_k + b DS),   D_k of E and of every J,
     DE . (z1 - z) = 0,   DJ . (z1 - z) = 0,   DS . (z1 - z~) = 0,
 
 with discrete gradients DE, DJ from z to z1 and DS from z~ to z1: energy, entropy produced and every J are exact. What
-z~ misses is O(h^3), so that the order is 2. The a_k and b, one for each law, are the only unknowns; of invariants that say
-the same (Kepler's momentum, beside energy and the Runge-Lenz vector) some are enough. Where a step keeps every J between
-any two states, nothing is moved.
+z~ misses is O(h^3), so that the order is 2. The a_k and b, one for each law, are the only unknowns; of invariants
+that say the same (Kepler's momentum, beside energy and the Runge-Lenz vector) some are enough. Where a step keeps
+every J between any two states, nothing is moved.
 
-Next to an equilibrium DS is made of DE and DJ: as little as is left of it, as much is b damped. Energy and
-invariants stay exact, and S may fall by round-off. So is each a_k whose slope says nothing that the others do not.
+Next to an equilibrium DS is made of DE and DJ: as little as is left of it, as much is b damped. Energy and invariants
+stay exact, and S may fall by round-off. So is each a_k whose slope says nothing that the others do not.
 """
 
 from tcbench import Flow, Integrator, hookimpl
