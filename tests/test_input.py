@@ -23,6 +23,7 @@ WRONG = {
     "dt": lambda: tcbench.simulate("tc_monolithic", "short_term", dt=HUGE),
     "t_end": lambda: tcbench.simulate("tc_monolithic", "short_term", t_end=HUGE),
     "tolerance": lambda: tcbench.simulate("scipy_odeint", "short_term", tolerance=HUGE),
+    "below the round-off of a state": lambda: tcbench.simulate("scipy_odeint", "short_term", tolerance=1e-300),
     "record_every": lambda: tcbench.simulate("tc_monolithic", "short_term", record_every=0),
     "positions": lambda: scenario(positions=(HUGE, 0, 0, 0)),
     "momenta": lambda: scenario(momenta=(0, 0, 0, HUGE)),

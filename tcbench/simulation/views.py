@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -37,11 +38,25 @@ def _checked(observables: Any) -> Sequence[Observable]:
     return [observables] if isinstance(observables, Observable) else list(observables)
 
 
+def read_only(run: Trajectory) -> Trajectory:
+    """The run for a plugin's function, which may look at its arrays and not write to them."""
+
+    def view(value: Any) -> Any:
+        if isinstance(value, Mapping):
+            return {name: view(one) for name, one in value.items()}
+        if isinstance(value, np.ndarray):
+            value = value.view()
+            value.flags.writeable = False
+        return value
+
+    return replace(run, **{f.name: view(getattr(run, f.name)) for f in fields(run) if f.init})
+
+
 def observed(run: Trajectory, observable: Observable) -> np.ndarray:
     """The observable at each recorded state, shape (m,)."""
     _checked([observable])
     with calling(f"The observable {observable.name!r}"):
-        given = np.asarray(observable.compute(run))
+        given = np.asarray(observable.compute(read_only(run)))
         if given.dtype.kind == "c":
             raise TcbenchError(f"The observable {observable.name!r} gave complex numbers.")
         values = given.astype(float)

@@ -12,6 +12,7 @@ from ..integrator import Integrator
 from ..simulation import metrics, series, shared_runs
 from ..simulation.run import simulate
 from ..simulation.trajectory import Trajectory
+from ..simulation.views import read_only
 from ..study import Cells, Row, Study, Tables
 from ..systems.scenario import Scenario
 from ..table import Column, Table
@@ -78,14 +79,13 @@ def _of_plugins(run: Trajectory, row: Row) -> Row:
     """The numbers of plugins' metrics. One that gives none costs its own column; `metric_failure` says why."""
     found: Row = {}
     said = []
-    for values in (run.t, run.z, run.energy, run.entropy, run.temperatures, *run.invariants.values()):
-        values.flags.writeable = False  # the other metrics see them, and what the row keeps of the course
+    seen = read_only(run)  # by the other metrics, too, and by what the row keeps of the course
     for name, metric in plugins.metrics().items():
         if name in row or name in (*CONSERVATION.names, *KEPT):
             said.append(f"Metric {name!r} of {metric.plugin}: the table has a column of this name; rename the metric")
             continue
         try:
-            found[name] = as_number(metric.compute(run))
+            found[name] = as_number(metric.compute(seen))
         except (MachineError, MemoryError):
             raise
         except Exception as error:

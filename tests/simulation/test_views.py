@@ -24,6 +24,19 @@ def test_the_frame_has_every_recorded_state_under_the_names_of_the_state(run):
     assert frame["kinetic"].iloc[-1] + springs == pytest.approx(run.energy[-1], rel=1e-12)
 
 
+def test_an_observable_cannot_write_to_the_run(run):
+    """It could: what it filled was the run from then on."""
+    before = run.z.copy()
+    for write in (
+        lambda r: r.z.fill(7.0),
+        lambda r: [v.fill(7.0) for v in r.invariants.values()],
+        lambda r: r.t.sort(),
+    ):
+        with pytest.raises(TcbenchError, match=r"The observable 'spoils': ValueError: .*read-only"):
+            run.observe(Observable("spoils", write))
+    assert np.array_equal(run.z, before) and run.z.flags.writeable
+
+
 def test_an_observable_of_the_wrong_shape_is_refused_with_a_sentence(run):
     with pytest.raises(TcbenchError, match=r"'all' gave shape \(\d+, 10\); one number for each"):
         run.observe(Observable("all", lambda r: r.z))
