@@ -18,7 +18,7 @@ from .errors import LOUD
 
 if TYPE_CHECKING:
     from .runner.eta import Remaining
-    from .runner.scheduler import Event
+    from .runner.ledger import Event
 
 AFTER_S = 2.0  # a wait as short as this needs no word
 GROUND = 0.1  # of a wait whose parts are alike tells how long the rest takes

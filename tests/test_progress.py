@@ -17,7 +17,7 @@ from tcbench import Integrator, progress
 from tcbench.runner import eta
 from tcbench.runner.cell import Cell
 from tcbench.runner.eta import Remaining
-from tcbench.runner.scheduler import Event
+from tcbench.runner.ledger import Event
 from tcbench.simulation import run
 
 

@@ -22,8 +22,8 @@ from ..table import Table
 if TYPE_CHECKING:
     from pandas import DataFrame
 
+    from ..runner.ledger import Summary
     from ..runner.run import Results
-    from ..runner.scheduler import Summary
 
 
 def console() -> Console:

@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING, Any
 from ..errors import TcbenchError
 from .cell import Cell
 from .codec import from_json, row_bytes, to_json
+from .ledger import Event, Ledger, Summary, plan
 from .rows import Rows, Store
-from .scheduler import Event, Ledger, Summary, crash_row, plan, run_cells
+from .scheduler import crash_row, run_cells
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -25,9 +25,9 @@ from .cores import usable_cores
 from .declared import declared
 from .disk import could_write
 from .eta import Remaining
+from .ledger import Summary, check_limits, plan
 from .provenance import machine_name
 from .rows import ROWS, Rows, Store
-from .scheduler import Summary, check_limits, plan
 
 
 class Context(TypedDict):

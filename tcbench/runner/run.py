@@ -19,17 +19,18 @@ from ..systems.scenario import Scenario
 from .cores import usable_cores
 from .declared import merged
 from .eta import Remaining
+from .ledger import Ledger, Summary, check_limits, plan
 from .plan import Job, plan_job
 from .provenance import machine_name, provenance, utc_now
 from .rows import Store
-from .scheduler import Ledger, Summary, check_limits, plan, run_cells
+from .scheduler import run_cells
 from .tables import latest_rows, made_and_kept, make_tables, read_tables
 from .worker import MEASURE, complete_row, measured
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-    from .scheduler import Event
+    from .ledger import Event
 
 DEFAULT_OUTPUT = Path("results") / "latest"
 

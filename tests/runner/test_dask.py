@@ -19,8 +19,9 @@ from tcbench.errors import TcbenchError
 from tcbench.runner import dask as cluster
 from tcbench.runner.cell import Cell
 from tcbench.runner.dask import run_on_dask
+from tcbench.runner.ledger import Ledger, Summary
 from tcbench.runner.rows import Rows, Store
-from tcbench.runner.scheduler import Ledger, Summary, run_cells
+from tcbench.runner.scheduler import run_cells
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests" / "helpers"))  # the local engine's workers find `faults` on it

@@ -11,10 +11,11 @@ import pytest
 import tcbench
 from tcbench import Integrator, plugins
 from tcbench.runner.cell import Cell
+from tcbench.runner.ledger import plan
 from tcbench.runner.plan import plan_job
 from tcbench.runner.rows import Rows, Store
 from tcbench.runner.run import execute
-from tcbench.runner.scheduler import plan, run_cells
+from tcbench.runner.scheduler import run_cells
 from tcbench.runner.tables import latest_rows
 from tcbench.runner.worker import MEASURE
 from tests.simulation.test_changed_formulas import springs

@@ -18,8 +18,9 @@ import pytest
 
 from tcbench.errors import TcbenchError
 from tcbench.runner.cell import Cell
+from tcbench.runner.ledger import Event, plan
 from tcbench.runner.rows import ROWS, Rows, Store
-from tcbench.runner.scheduler import SEED, START_ATTEMPTS, Event, plan, run_cells
+from tcbench.runner.scheduler import SEED, START_ATTEMPTS, run_cells
 from tcbench.runner.worker import tail
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -322,11 +323,11 @@ def test_what_a_cell_has_started_ends_with_its_worker(end):
 
 
 def test_a_run_that_is_stopped_for_a_while_gives_no_timeout(monkeypatch):
-    from tcbench.runner import scheduler as local
+    from tcbench.runner import ledger
 
     asleep, clock = [0.0], time.monotonic
     monkeypatch.setattr(time, "monotonic", lambda: clock() + asleep[0])
-    monkeypatch.setattr(local.Ledger, "start", lambda self, cell, running: asleep.__setitem__(0, 0.0))
+    monkeypatch.setattr(ledger.Ledger, "start", lambda self, cell, running: asleep.__setitem__(0, 0.0))
 
     def later():  # a laptop's lid: the clock goes on, nothing else does
         time.sleep(0.3)
