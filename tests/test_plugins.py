@@ -287,6 +287,15 @@ def test_members_of_families_are_those_of_the_files_as_they_are_now(tmp_path):
         np.testing.assert_allclose(wrapped[:4], expected[:4], atol=1e-7)  # a projection moves by what is missed
 
 
+def test_a_worker_loads_the_plugins_that_its_cells_need_and_no_other(tmp_path):
+    for name in ("mine", "other"):
+        (tmp_path / f"{name}.py").write_text(GOOD.replace('"mine"', f'"{name}"'))
+    plugins.use_folders([tmp_path])
+    assert plugins.needs("mine") == {"mine"} and plugins.needs("tc_monolithic") == set()
+    plugins.use_only([("mine", "", plugins.registry().origins["mine"].path)])
+    assert {"mine", "tc_monolithic"} <= set(plugins.integrators()) and "other" not in plugins.integrators()
+
+
 def test_an_unknown_name_in_the_table_of_scenarios_is_a_sentence():
     with pytest.raises(TcbenchError, match="Did you mean 'short_term'"):
         tcbench.scenarios()["shrt_term"]

@@ -185,8 +185,7 @@ class Worker:
         while self.left and self.cell is None:
             self.cell, self._extra = self.left.popleft()
             self.crew.ledger.start(self.cell, self.crew.running())
-            if given_up := self._given_up():
-                self._write(given_up)
+            if self._give_up():
                 self.cell = None
                 continue
             if self.cell.study in self.crew.settings["context"].get("fresh", ()):
@@ -285,14 +284,15 @@ class Worker:
             self.left.appendleft((self.cell, self._extra))
         else:
             self.crew.given_up[name] = f"No worker could be started: importing its code ended it ({how})."
-            self._write(self._given_up())
+            self._give_up()
         self.next()
 
-    def _given_up(self) -> dict[str, Any] | None:
-        """The row of a cell whose integrator has been given up."""
+    def _give_up(self) -> bool:
+        """Write the row of a cell whose integrator has been given up, if it has."""
         assert self.cell is not None
-        failure = self.crew.given_up.get(self.cell.integrator)
-        return {"status": "crash", "failure": failure, "output_tail": read_tail(self._log)} if failure else None
+        if failure := self.crew.given_up.get(self.cell.integrator, ""):
+            self._write({"status": "crash", "failure": failure, "output_tail": read_tail(self._log)})
+        return bool(failure)
 
     def _end(self, row: bytes | dict[str, Any]) -> None:
         if isinstance(row, bytes) and b'"exception_type"' in row:
