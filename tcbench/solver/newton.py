@@ -187,7 +187,8 @@ def quick(flow: CompiledFlow, guess: Floats) -> tuple[int, int]:
                 return finish(flow), iteration
             if likely * likely * correction > NEGLIGIBLE:
                 break
-        previous, curvature = last, max(1.0, bent / (delta * delta))
+        # from z0 the first correction is the linearly implicit step, a guess as any other: the next may be as large
+        previous, curvature = (2.0 * last if flow.foresees and not near else last), max(1.0, bent / (delta * delta))
     return REJECTED, MAX_ITERATIONS
 
 
