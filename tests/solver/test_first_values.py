@@ -186,3 +186,12 @@ def test_next_to_rest_what_is_left_of_large_terms_is_no_unit(method):
         start = {"q": [0.0, 0.0], "p": [p, p], "s": 0.0}
         run = tcbench.simulate(method, tcbench.Scenario("near", Near, constants, initial=start, dt=0.2, t_end=20.0))
         assert run.ok and run.solver.retried == 0 and np.abs(run.z).max() <= 20 * p + 1e-14
+
+
+@pytest.mark.parametrize("factor", [100.0, 200.0, 300.0])
+def test_stiff_conduction_of_a_general_system_is_solved_from_z0_without_continuation(factor):
+    """Two corrections of 14 and 13 times the sizes begin a step there: the first is but the linearly implicit guess."""
+    scenario = tcbench.scenarios()["viscous_pendulum"]
+    run = tcbench.simulate("tc_monolithic", scenario.replace(conductivity=10.0 * factor), 0.3, 30.0)
+    assert run.ok and run.solver.tracked == run.solver.retried == 0
+    assert abs(np.ptp(run.energy)) < 1e-13 * abs(run.energy[0]) and np.diff(run.entropy).min() > -1e-12
