@@ -250,9 +250,8 @@ def invariants_by_steps(scenario: Scenario) -> list[Line]:
     from itertools import islice
 
     rng = np.random.default_rng(SEED)
-    starts = [scenario]
-    if not model.multipliers:  # off the constraints nothing begins
-        starts += [scenario.replace(**model.initial_of(z)) for z in islice(admissible_states(scenario, rng), STARTS)]
+    states = islice(admissible_states(scenario, rng), STARTS)
+    starts = [scenario, *(scenario.replace(**model.initial_of(z)).consistent() for z in states)]
     seen: dict[str, tuple[Any, list[str]]] = {}
     tried = 0
     for name in (*METHODS, "tc_gonzalez"):

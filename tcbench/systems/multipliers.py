@@ -128,6 +128,12 @@ def multipliers(system: System) -> Multipliers:
     return system.__dict__.setdefault("_multipliers", Multipliers(system)) if system.multipliers else None
 
 
+def consistent_start(scenario: Any) -> Any:
+    """The scenario that starts at the nearest state that is consistent; the same of a system without constraints."""
+    solved, model = multipliers(scenario.model), scenario.model
+    return scenario if solved is None else scenario.replace(**model.initial_of(solved.consistent(scenario.z0)))
+
+
 def check_start(system: System, z0: Any) -> None:
     """TcbenchError where constraints are redundant, or the start is off them or has velocities that leave them."""
     solved, allowed = multipliers(system), KEPT * (1.0 + float(np.abs(z0).max()))

@@ -183,6 +183,12 @@ class Scenario:
         far = bound > REST * abs(float(self.model.energy(self.z0)))
         return bound if far else max(bound, self.energy_round_off)
 
+    def consistent(self) -> Scenario:
+        """The variant that starts at the nearest state on the constraints, with velocities along them."""
+        from .multipliers import consistent_start  # of few systems
+
+        return cast(Scenario, consistent_start(self))
+
     def replace(self, **changes: Any) -> Scenario:
         """A variant: settings (name, t_end, dt, positions, ...), constants, or variables (their initial values)."""
         settings: dict[str, Any] = {}
@@ -214,13 +220,10 @@ class Scenario:
         return {
             "system": self.system.name,
             "constants": {k: _plain(v) for k, v in sorted(self.constants.items())},
-            **{
-                name: dict(sorted(self.initial.items())) if name == "initial" else list(getattr(self, name))
-                for name in self.model.initial_data
-            },
-            "t_end": self.t_end,
-            "blowup_factor": self.blowup_factor,
-        }
+            **{name: dict(sorted(self.initial.items())) if name == "initial" else list(getattr(self, name))
+               for name in self.model.initial_data},
+            "t_end": self.t_end, "blowup_factor": self.blowup_factor,
+        }  # fmt: skip
 
     def data(self) -> dict[str, Any]:
         """Every number of it, JSON-able, and its system; not what it is called or what is said of it."""

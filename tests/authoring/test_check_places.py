@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import conserving
 import numpy as np
 import pytest
 from command import tcbench as command
@@ -123,3 +124,14 @@ def test_what_is_named_as_a_scenario_is_one():
     for wrong in (([], ["tc_strang"]), (["short_term"], [])):
         with pytest.raises(tcbench.TcbenchError, match="is called"):
             check.named(*wrong)
+
+
+@pytest.mark.parametrize(("name", "steps"), [("kepler", "lenz x by steps"), ("volterra", "casimir by steps")])
+def test_an_invariant_that_steps_lose_is_no_fault_of_the_system(name, steps):
+    """The equations keep Runge-Lenz, no rate alone does at other gradients: check says which methods lose it, why."""
+    scenario = next(one for one in conserving.LOST if one.name == name)
+    lines = {
+        line.check: line for line in [*scenario_checks.laws(scenario), *scenario_checks.invariants_by_steps(scenario)]
+    }
+    assert all(line.verdict != check.FAIL for line in lines.values())
+    assert "tc_monolithic" in lines[steps].found and "tc_invariant keeps it" in lines[steps].remedy
