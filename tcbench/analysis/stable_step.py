@@ -3,7 +3,8 @@
 Definitions (docs/stability.md tells the story):
 - a run fails when its status is not "ok", or when its entropy falls by more than 1e-10 in a step;
 - `solver`: Newton found no root where the arc finds one (or the arc could not decide); `branch`: the principal root has
-  ended; `physical`: the roots exist, and the run left the exergy bound, a temperature or spring collapsed, or the
+  ended; `positive`, of limits alone: what must be positive came to 0; `physical`: the roots exist, and the run left the
+  exergy bound, a temperature or spring collapsed, or the
   entropy fell; `none`: no failure up to the cap;
 - rungs are the powers 2^(k/64), so that every search meets the same ones.
 """
@@ -20,6 +21,7 @@ import numpy as np
 from ..integrator import Integrator
 from ..simulation import shared_runs
 from ..simulation.run import run_flows, simulate
+from ..simulation.stepper import stepper
 from ..simulation.trajectory import Trajectory
 from ..solver.implicit_step import PRINCIPAL, STOP_AT_FOLD, Rules
 from ..systems.scenario import Scenario
@@ -36,6 +38,8 @@ SPREAD, SAMPLES = 0.01, 41  # steps of the sensitivity of a blow-up time
 FACTORS = (0.5, 1.0, 4.0)  # of the blow-up bound
 
 OK, SOLVER, BRANCH, PHYSICAL, NONE = "ok", "solver", "branch", "physical", "none"
+POSITIVE = "positive"  # of a limit: a temperature, or what measures() says must be positive, comes to 0
+EDGE, HALVINGS = 1e-6, 40  # what is left of it, over what it was, and how near to the last h with a root one looks
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,7 +200,31 @@ def confirmed(integrator: Integrator, scenario: Scenario, found: Boundary) -> tu
     below_ok = below is None or below.ok
     if above is None:
         return NONE, below_ok
-    return (SOLVER if above.ok else above.kind), below_ok and not above.ok
+    kind = SOLVER if above.ok else above.kind
+    return limit_of(integrator, scenario, above.dt, kind), below_ok and not above.ok
+
+
+def limit_of(integrator: Integrator, scenario: Scenario, dt: float, kind: str) -> str:
+    """The kind of a limit: `positive` where the step dt failed since what must be positive is not, or comes to 0 as the
+    step that has no root grows to the last h that has one: where the branch ends, Newton's iteration fails."""
+    run = simulate(integrator, scenario, dt, record_every=None)
+    if run.status == "unphysical":
+        return POSITIVE
+    if kind not in (SOLVER, BRANCH) or run.ok or integrator.kind != "flows" or integrator.memory:
+        return kind
+    model, z, step = scenario.model, run.z[-1], stepper(integrator, scenario.model)
+
+    def watched(state: Any) -> Any:
+        return np.concatenate([np.ravel(model.temperatures(state)), np.ravel(model.shapes(state))])
+
+    low, high, last = 0.0, dt, z
+    for _ in range(HALVINGS):
+        h = (low + high) / 2
+        try:
+            low, last = h, step(z, h)
+        except ArithmeticError:
+            high = h
+    return POSITIVE if (watched(last) < EDGE * watched(z)).any() else kind
 
 
 def plain_limit(integrator: Integrator, scenario: Scenario, found: Boundary, ladder: Ladder) -> str:
@@ -238,11 +266,14 @@ def maximum_step(integrator: Integrator, scenario: Scenario) -> tuple[dict[str, 
 def maximum_own_step(integrator: Integrator, scenario: Scenario) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """The same for a method that is given by a step function: one ladder of runs, and no arc to say whose fault it is.
 
-    limit : `solver` where the step function gave up (it raised an exception), `physical` where the run was bad.
+    limit : `solver` where the step function gave up (it raised an exception), `positive` and `physical` where the run
+    was bad.
     """
     ladder = ladder_of(scenario, lambda dt: outcome(integrator, scenario, dt))
     found = boundary(ladder, below=COARSE)  # runs in Python that get through are dear: one coarse interval, not eight
-    limit = NONE if found.unstable is None else ladder[found.unstable].kind
+    limit = NONE
+    if found.unstable is not None:
+        limit = limit_of(integrator, scenario, step_of(found.unstable), ladder[found.unstable].kind)
     return _limits(found, ladder, limit), [point for _, point in _points("own", ladder)]
 
 
