@@ -21,6 +21,7 @@ HEADINGS = (
     "method", "claims kept", "order (declared)", "stable step", "to 1e-6", "x best", "failed runs",
     "random failed",
 )  # fmt: skip
+FAR_OUT = 0.1  # of the exact range of a temperature, beyond which a run is told
 REASONS = 4  # sentences on what has no result: the tables have the rest
 FOLD_ABOVE = 20  # methods, so that 30 lines hold everything
 HOLDS = "holds"
@@ -123,7 +124,7 @@ def _folded(
 def remarks(tables: Tables) -> list[str]:
     """Sentences below the table: what failed, and what the paper's statements came to."""
     said = (
-        _failed(tables), *_hidden(tables.get("conservation")), *_missing(tables), *without_number(tables),
+        _failed(tables), *_hidden(tables.get("conservation")), *_beyond(tables.get("conservation")), *_missing(tables), *without_number(tables),
         paper(tables.get("claims")),
     )  # fmt: skip
     return [sentence for sentence in said if sentence]
@@ -138,6 +139,23 @@ def _hidden(table: DataFrame | None) -> list[str]:
         f"No verdict on the energy on {name}: E is a sum of terms so large that its round-off is {share:.2g} of what "
         "moves. Count a bath's energy from its start: C T0 expm1(s/C) for C T0 exp(s/C)."
         for name, share in zip(rows["scenario"], rows["energy_round_off"], strict=True)
+    ]
+
+
+def _beyond(table: DataFrame | None) -> list[str]:
+    """Of the runs that ended well the one that left the exact range of temperatures by most: no law forbids it."""
+    if table is None or "range_left" not in table:
+        return []
+    rows = table[table["status"].eq("ok") & (table["range_left"] > FAR_OUT)].sort_values("range_left")
+    if not len(rows):
+        return []
+    row = rows.iloc[-1]
+    degrees = f"temperatures from {row['theta_min']:.5g} to {row['theta_max']:.5g}" if "theta_min" in rows else ""
+    exact = f", exactly {row['theta_min_exact']:.5g} to {row['theta_max_exact']:.5g}" if degrees else ""
+    return [
+        f"{len(rows)} runs ended well and left the exact range of temperatures or positive quantities by more than "
+        f"{FAR_OUT:.0%} of it, most {row['integrator']} on {row['scenario']} by {row['range_left']:.0%}"
+        f"{': ' * bool(degrees)}{degrees}{exact}."
     ]
 
 

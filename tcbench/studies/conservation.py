@@ -10,6 +10,7 @@ from .. import plugins
 from ..errors import MachineError, blamed
 from ..integrator import Integrator
 from ..simulation import metrics, series, shared_runs
+from ..simulation.beside import beside_the_exact
 from ..simulation.run import simulate
 from ..simulation.trajectory import Trajectory
 from ..simulation.views import read_only
@@ -30,12 +31,18 @@ CONSERVATION = Table(
         Column("second_law_violations", "steps on which S fell", worse="larger"), "angular_momentum_error_max",
         Column("lyapunov_increment_max", "largest rise of E − θ_ref S in a step", worse="higher"),
         Column("residual_max", worse="larger"), "newton_iterations_mean", "us_per_step", "t_final", "steps",
-        "inner_steps_mean", "failure", Column("*_error_max", worse="larger"),
+        "inner_steps_mean", "error_theta", "error_entropy_produced",
+        Column("range_left", "how far temperatures and positive quantities leave their exact range", "beyond",
+               worse="larger", optional=True),
+        *(Column(f"theta_{end}", digits=6, optional=True) for end in ("min", "min_exact", "max", "max_exact")),
+        Column("t_compared", "time up to which a run is compared with the exact one", optional=True), "failure",
+        Column("*_error_max", worse="larger"),
     ),
     key=("dt", "tolerance"),
     terminal=(
         "integrator", "dt", "tolerance", "status", "energy_error_max", "entropy_increment_min",
-        "angular_momentum_error_max", "newton_iterations_mean", "us_per_step", "blowup_time",
+        "angular_momentum_error_max", "error_entropy_produced", "range_left", "newton_iterations_mean", "us_per_step",
+        "blowup_time",
     ),
 )  # fmt: skip
 STATES = (*(shared(name, digits=6) for name in ("t", "dt", "tolerance")), Column("temperature*", digits=6),
@@ -62,7 +69,7 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
     extra = {"tolerance": options["tolerance"]} if adaptive else {"dt": options["dt"], "residuals": True}
     _warm_up(integrator, scenario, extra)
     run = simulate(integrator, scenario, **extra)
-    row = metrics.conservation(run)
+    row = metrics.conservation(run) | beside_the_exact(run)
     if run.wall_time_s < SHORT_S and row["us_per_step"] > 0:  # timed again: all is loaded, and without residuals
         with shared_runs.made_anew():
             again = simulate(

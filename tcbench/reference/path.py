@@ -1,0 +1,103 @@
+"""The exact motion as a course, to compare runs with at any time: SciPy's LSODA at a tight tolerance.
+
+Its states are not certified, as those of `lookup` are: they tell errors of 1e-8 and more, and where a quantity goes.
+"""
+
+from __future__ import annotations
+
+import time
+from bisect import bisect_left
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..compiler.once import once
+from ..errors import TcbenchError
+from ..systems.scenario import Scenario
+from ..systems.system import System
+
+Floats = NDArray[np.float64]
+TOLERANCE = 1e-10
+MOST_STEPS, MOST_S = 50_000, 5.0  # of work; what is not reached by then is not compared
+MOST = 200  # numbers of a state up to which LSODA's Jacobian is affordable
+
+
+@dataclass(frozen=True, eq=False)
+class Path:
+    """end : the time that it reaches; lowest, highest : of each temperature and measure up to each of `times`, shape
+    (steps + 1, watched)."""
+
+    times: list[float]
+    lowest: Floats
+    highest: Floats
+    pieces: list[Callable[[float], Floats]]
+
+    @property
+    def end(self) -> float:
+        return self.times[-1]
+
+    def __call__(self, t: float) -> Floats:
+        """The state, shape (size,), at a time up to `end`."""
+        return np.asarray(self.pieces[max(0, bisect_left(self.times, t) - 1)](t))
+
+    def ranges(self, t: float) -> tuple[Floats, Floats]:
+        """Least and largest of each temperature and measure up to a time."""
+        k = min(bisect_left(self.times, t), len(self.times) - 1)
+        return self.lowest[k], self.highest[k]
+
+
+def watched(model: System, z: Floats) -> Floats:
+    """Temperatures, and what must stay positive beside them, of one state or several."""
+    return np.concatenate([np.asarray(model.temperatures(z)), np.asarray(model.shapes(z))], axis=-1)
+
+
+def path_of(scenario: Scenario, t_end: float) -> Path | None:
+    """The course from the start of a scenario up to a time, or as far as the solver comes; None of large systems."""
+    model = scenario.model
+    if model.size > MOST or model.multipliers:
+        return None
+    return _path(model.symbolic, _Start(model, scenario.z0), float(t_end))
+
+
+class _Start:
+    """A system and a state, equal where their numbers are."""
+
+    def __init__(self, model: System, z0: Floats) -> None:
+        self.model, self.z0 = model, z0
+        self.key = model.constant_values.tobytes(), z0.tobytes()
+
+    def __hash__(self) -> int:
+        return hash(self.key)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Start) and self.key == other.key
+
+
+@once
+def _path(symbolic: System, start: _Start, t_end: float) -> Path | None:
+    from scipy.integrate import LSODA
+
+    model, began = start.model, time.thread_time()
+    times, pieces, rows = [0.0], [], [np.array(start.z0)]
+    with np.errstate(all="ignore"):
+        try:
+            solver = LSODA(
+                lambda t, z: np.asarray(model.vector_field(z)), 0.0, np.array(start.z0), t_end, rtol=TOLERANCE,
+                atol=TOLERANCE * np.asarray(model.least_each),
+            )  # fmt: skip
+            while solver.status == "running" and len(times) < MOST_STEPS and time.thread_time() - began < MOST_S:
+                solver.step()
+                if solver.status == "failed" or not np.isfinite(solver.y).all():
+                    break
+                times.append(float(solver.t))
+                pieces.append(solver.dense_output())
+                rows.append(solver.y.copy())
+        except (TcbenchError, ArithmeticError, ValueError):
+            pass
+        if not pieces:
+            return None
+        values = watched(model, np.array(rows))
+    lowest, highest = np.minimum.accumulate(values), np.maximum.accumulate(values)
+    return Path(times, lowest, highest, pieces)

@@ -1,0 +1,59 @@
+"""A run beside the exact motion: entropy produced, temperatures, and the ranges of what must be positive."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..reference.path import path_of, watched
+from .trajectory import Trajectory
+
+HORIZON = 25.0  # up to which runs are compared: chaotic motions are not longer known
+LEAST_PRODUCED = 1e-6  # of entropy, over its size, below which nothing is said of its error
+
+
+def beside_the_exact(run: Trajectory) -> dict[str, float]:
+    """Columns of `conservation`, at the last record up to HORIZON that the exact course reaches; none where there is no
+    such course. A run that left the system's states is compared as far as it got.
+
+    error_theta : max |theta - exact| over max |exact|. range_left : how far a temperature or a measure was outside of
+    its exact range, over the widest of these ranges of its kind. Dimensionless but for theta_min and the like.
+    """
+    scenario = run.scenario
+    model, exact = scenario.model, path_of(scenario, min(HORIZON, scenario.t_end))
+    if exact is None or len(run.t) < 2:
+        return {}
+    last = int(np.searchsorted(run.t, exact.end * (1 + 1e-12), side="right")) - 1
+    if last < 1:
+        return {}
+    t = min(float(run.t[last]), exact.end)
+    there, z0 = exact(t), scenario.z0
+    made = float(model.entropy(there)) - float(model.entropy(z0))
+    size = max(float(model.least_entropy), abs(float(model.entropy(there))))
+    produced = (
+        abs(float(run.entropy[last] - run.entropy[0]) - made) / made if made > LEAST_PRODUCED * size else math.nan
+    )
+    found = {"t_compared": t, "error_entropy_produced": produced}
+    count = run.temperatures.shape[1]
+    low, high = exact.ranges(t)
+    if not len(low):
+        return found
+    values = watched(model, np.ascontiguousarray(run.z[: last + 1]))
+    least, most = values.min(axis=0), values.max(axis=0)
+    beyond = np.maximum(np.maximum(low - least, most - high), 0.0)
+    shares = []
+    for part in (slice(0, count), slice(count, None)):
+        if len(low[part]):
+            width = float((high[part] - low[part]).max())
+            wide = max(width, 1e-6 * float(np.abs(high[part]).max()))
+            shares.append(float(beyond[part].max()) / wide)
+    found["range_left"] = max(shares)
+    if count:
+        theta = np.asarray(model.temperatures(there))
+        found |= {
+            "error_theta": float(np.abs(run.temperatures[last] - theta).max() / np.abs(theta).max()),
+            "theta_min": float(least[:count].min()), "theta_min_exact": float(low[:count].min()),
+            "theta_max": float(most[:count].max()), "theta_max_exact": float(high[:count].max()),
+        }  # fmt: skip
+    return found
