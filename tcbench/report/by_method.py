@@ -123,8 +123,9 @@ def _folded(
 
 def remarks(tables: Tables) -> list[str]:
     """Sentences below the table: what failed, and what the paper's statements came to."""
+    ladder = tables.get("conservation")
     said = (
-        _failed(tables), *_hidden(tables.get("conservation")), *_beyond(tables.get("conservation")), *_missing(tables), *without_number(tables),
+        _failed(tables), *_hidden(ladder), *_beyond(ladder), *_missing(tables), *without_number(tables),
         paper(tables.get("claims")),
     )  # fmt: skip
     return [sentence for sentence in said if sentence]
