@@ -3,7 +3,7 @@
 Definitions (docs/stability.md tells the story):
 - a run fails when its status is not "ok", or when its entropy falls by more than 1e-10 in a step;
 - `solver`: Newton found no root where the arc finds one (or the arc could not decide); `branch`: the principal root has
-  ended; `positive`, of limits alone: what must be positive came to 0; `physical`: the roots exist, and the run left the
+  ended; `positivity`, of limits alone: what must be positive came to 0; `physical`: the roots exist, and the run left the
   exergy bound, a temperature or spring collapsed, or the
   entropy fell; `none`: no failure up to the cap;
 - rungs are the powers 2^(k/64), so that every search meets the same ones.
@@ -38,7 +38,7 @@ SPREAD, SAMPLES = 0.01, 41  # steps of the sensitivity of a blow-up time
 FACTORS = (0.5, 1.0, 4.0)  # of the blow-up bound
 
 OK, SOLVER, BRANCH, PHYSICAL, NONE = "ok", "solver", "branch", "physical", "none"
-POSITIVE = "positive"  # of a limit: a temperature, or what measures() says must be positive, comes to 0
+POSITIVE = "positivity"  # of a limit: a temperature, or what measures() says must be positive, comes to 0
 EDGE, HALVINGS = 1e-6, 40  # what is left of it, over what it was, and how near to the last h with a root one looks
 
 
@@ -205,7 +205,7 @@ def confirmed(integrator: Integrator, scenario: Scenario, found: Boundary) -> tu
 
 
 def limit_of(integrator: Integrator, scenario: Scenario, dt: float, kind: str) -> str:
-    """The kind of a limit: `positive` where the step dt failed since what must be positive is not, or comes to 0 as the
+    """The kind of a limit: `positivity` where the step dt failed since what must be positive is not, or comes to 0 as the
     step that has no root grows to the last h that has one: where the branch ends, Newton's iteration fails."""
     run = simulate(integrator, scenario, dt, record_every=None)
     if run.status == "unphysical":
@@ -266,7 +266,7 @@ def maximum_step(integrator: Integrator, scenario: Scenario) -> tuple[dict[str, 
 def maximum_own_step(integrator: Integrator, scenario: Scenario) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """The same for a method that is given by a step function: one ladder of runs, and no arc to say whose fault it is.
 
-    limit : `solver` where the step function gave up (it raised an exception), `positive` and `physical` where the run
+    limit : `solver` where the step function gave up (it raised an exception), `positivity` and `physical` where the run
     was bad.
     """
     ladder = ladder_of(scenario, lambda dt: outcome(integrator, scenario, dt))

@@ -43,4 +43,4 @@ def scenario(rare, rate):
 @pytest.mark.parametrize(("rare", "rate"), [(0.2, 1.0), (0.05, 3.0)])
 def test_an_amount_that_is_used_up_is_a_limit_of_its_own(method, rare, rate):
     row = measure(tcbench.integrators()[method], scenario(rare, rate), {})
-    assert row["limit"] == "positive", (row["limit"], row["dt_stable"], row["cause"])
+    assert row["limit"] == "positivity", (row["limit"], row["dt_stable"], row["cause"])

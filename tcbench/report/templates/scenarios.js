@@ -89,7 +89,7 @@ const together = async (name, scenario, lens, every) => {
     el("h3", {}, mark(name), el("a", { href: link({ method: name }) }, name), ` on ${scenario}`), parts.filter(Boolean).map((p) => el("p", {}, p)),
     once.length ? el("ul", {}, once.slice(0, 12).map((t) => el("li", {}, short(t, 500)))) : "", once.length > 12 ? el("p", { class: "soft" }, `and ${once.length - 12} more in the table below`) : "", runBehind(lens, name, scenario, every));
 };
-const LIMITS = { physical: "a solution exists, but energy, temperature or entropy leaves its bounds", positive: "a temperature or a quantity that must be positive comes to 0", branch: "the branch of solutions ends", solver: "a solution exists, but Newton does not find it" };
+const LIMITS = { physical: "a solution exists, but energy, temperature or entropy leaves its bounds", positivity: "a temperature or a quantity that must be positive comes to 0", branch: "the branch of solutions ends", solver: "a solution exists, but Newton does not find it" };
 const orderWith = (fit) => (known(fit.order) ? `${fit.order.toFixed(2)} (${fit.order_low.toFixed(3)} to ${fit.order_high.toFixed(3)}), declared ${fit.declared ?? "none"}` : `undetermined${fit.note ? `: ${fit.note}` : ""}`);
 
 // what a scenario answers: the sentences, every method ranked, speed against accuracy
