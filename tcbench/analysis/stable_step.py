@@ -205,7 +205,7 @@ def confirmed(integrator: Integrator, scenario: Scenario, found: Boundary) -> tu
 
 
 def limit_of(integrator: Integrator, scenario: Scenario, dt: float, kind: str) -> str:
-    """The kind of a limit: `positivity` where the step dt failed since what must be positive is not, or comes to 0 as the
+    """The kind of a limit: `positivity` where the step dt failed as what must be positive is not, or comes to 0 as the
     step that has no root grows to the last h that has one: where the branch ends, Newton's iteration fails."""
     run = simulate(integrator, scenario, dt, record_every=None)
     if run.status == "unphysical":
