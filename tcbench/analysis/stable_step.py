@@ -3,9 +3,8 @@
 Definitions (docs/stability.md tells the story):
 - a run fails when its status is not "ok", or when its entropy falls by more than 1e-10 in a step;
 - `solver`: Newton found no root where the arc finds one (or the arc could not decide); `branch`: the principal root has
-  ended; `positivity`, of limits alone: what must be positive came to 0; `physical`: the roots exist, and the run left the
-  exergy bound, a temperature or spring collapsed, or the
-  entropy fell; `none`: no failure up to the cap;
+  ended; `positivity`, of limits alone: what must be positive came to 0; `physical`: the roots exist, and the run left
+  the exergy bound, a temperature or spring collapsed, or the entropy fell; `none`: no failure up to the cap;
 - rungs are the powers 2^(k/64), so that every search meets the same ones.
 """
 
