@@ -125,6 +125,11 @@ def list_() -> None:
 @click.option("--record-every", type=click.IntRange(1), default=1, show_default=True, help="Keep every k-th state.")
 @click.option("--audit-roots", is_flag=True, help="Count accepted roots that are not the principal one (slow).")
 @click.option("--csv", type=click.Path(path_type=Path, dir_okay=False), help="Write the trajectory to this file.")
+@click.option(
+    "--fields",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Write the fields on the mesh, for ParaView: FILE.xdmf, or FILE.vtu, one a state.",
+)
 @PLUGINS
 @done_by("simulate:simulate_command")
 def simulate() -> None:

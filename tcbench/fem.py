@@ -44,10 +44,10 @@ class Tabulated(NamedTuple):
 def tabulate(mesh: Any, element: Any, order: int | None = None, facets: Any = None) -> Tabulated:
     """Tables and constants of a scalar element of scikit-fem on its mesh.
 
-    order: that of polynomials which the quadrature integrates exactly, by default twice the element's; linear
-    simplices, whose gradients are constant, have one point. facets: of the boundary, as for loads, in the place of the
-    elements. TcbenchError where scikit-fem is missing, for elements of vectors and for flat ones. Source: Gustafsson
-    and McBain (2020), scikit-fem, doi 10.21105/joss.02369.
+    order: that of polynomials which the quadrature integrates exactly, by default twice the element's (of
+    quadrilaterals and hexahedra in each direction); linear simplices, whose gradients are constant, have one point.
+    facets: of the boundary, as for loads, in the place of the elements. TcbenchError where scikit-fem is missing, for
+    elements of vectors and for flat ones. Source: Gustafsson and McBain (2020), scikit-fem, doi 10.21105/joss.02369.
     """
     skfem = needed("skfem", "scikit-fem")
     rule: dict[str, Any] = {}
@@ -55,7 +55,8 @@ def tabulate(mesh: Any, element: Any, order: int | None = None, facets: Any = No
     if order is None and simplex and element.maxdeg == 1 and facets is None:  # its own rule of lowest order has more
         corner = np.full((mesh.dim(), 1), 1.0 / (mesh.dim() + 1))
         rule = {"quadrature": (corner, np.array([1.0 / np.prod(np.arange(1, mesh.dim() + 1))]))}
-    first = 2 * element.maxdeg if order is None else order
+    tensor = len(mesh.t) == 2 ** mesh.dim() and not simplex  # whose degree scikit-fem adds up over the directions
+    first = 2 * element.maxdeg // (mesh.dim() if tensor else 1) if order is None else order
     for more in range(5) if "quadrature" not in rule else (0,):  # some rules have points of negative weight
         rule = rule if "quadrature" in rule else {"intorder": first + more}
         if facets is not None:
@@ -79,7 +80,7 @@ def tabulate(mesh: Any, element: Any, order: int | None = None, facets: Any = No
     )
     of = np.repeat(basis.element_dofs.T, shape_of[1], axis=0).astype(np.int64)
     weight = basis.dx.ravel()
-    volume: Floats = np.bincount(of.ravel(), (weight[:, None] * shape).ravel(), basis.N)
+    volume: Any = np.bincount(of.ravel(), (weight[:, None] * shape).ravel(), basis.N)
     if facets is None and volume.min() <= 0.0:  # of quadratic elements: in proportion to the squares
         points = np.arange(len(weight)) // shape_of[1]
         whole, squares = np.bincount(points, weight), np.zeros((shape_of[0], of.shape[1]))

@@ -6,7 +6,7 @@ energy is written with C = F^T F: so discrete gradients keep the three angular m
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -25,7 +25,7 @@ class Solid(System):
         "weight": ("gauss",), "volume": ("node",), "mass": ("node",), "shear": (), "bulk": (), "capacity": (),
         "expansion": (), "conductivity": (), "theta0": (),
     }  # fmt: skip
-    positive = ("volume", "mass", "weight", "capacity", "theta0")
+    positive: ClassVar[tuple[str, ...]] = ("volume", "mass", "weight", "capacity", "theta0")
     non_negative = ("conductivity",)
     reference_temperature = "theta0"
 
@@ -76,7 +76,7 @@ class Viscous(Solid):
 
     variables = Solid.variables | {"A": ("gauss", 3, 3)}
     constants = Solid.constants | {"stiffness": (), "viscosity": ()}
-    positive = (*Solid.positive, "viscosity")
+    positive: ClassVar[tuple[str, ...]] = (*Solid.positive, "viscosity")
 
     def stored(self, z: Any, C: Any, J: Any) -> Any:
         return super().stored(z, C, J) + self.stiffness / 8 * ((C - z.A) ** 2).sum(axis=(1, 2))
@@ -88,7 +88,7 @@ class Viscous(Solid):
         return {"A": rate, "s": conducted + self.of.sums(heat[:, None] * self.shape)}
 
 
-def _class(base: type, corners: int, name: str) -> Any:
+def _class(base: Any, corners: int, name: str) -> Any:
     more = {"slopes": ("gauss", corners, 3), "shape": ("gauss", corners)}
     own = {"name": name, "tables": {"of": ("gauss", corners, "node")}, "constants": base.constants | more,
            "__module__": __name__, "__qualname__": name}  # fmt: skip

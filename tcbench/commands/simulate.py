@@ -37,14 +37,15 @@ def one_of(kind: str, found: Sequence[Any], many: str) -> Any:
 def simulate_command(
     names: tuple[str, ...], integrators: tuple[str, ...], scenarios: tuple[str, ...], *,
     dt: float | None, t_end: float | None, tolerance: float | None, plain: bool, record_every: int, audit_roots: bool,
-    csv: Path | None, as_json: bool,
+    csv: Path | None, fields: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
     many = "tcbench simulate INTEGRATOR SCENARIO; tcbench run takes many."
     methods, chosen = words(names, integrators, scenarios)
     integrator = one_of("integrator", plugins.expand_integrators(methods), many)
     scenario = one_of("scenario", plugins.expand_scenarios(chosen), many)
-    if csv is not None:
-        needs_folder(csv)
+    for path in (csv, fields):
+        if path is not None:
+            needs_folder(path)
     if dt is not None and integrator.kind == "adaptive":
         raise TcbenchError(f"{integrator.name!r} chooses its steps: give --tolerance instead of --dt.")
     go = partial(
@@ -60,12 +61,15 @@ def simulate_command(
     row |= {name: value for name, value in asdict(run_.solver).items() if value and name != "unknown"}
     if csv is not None:
         _write_csv(run_, csv)
+    shown = None if fields is None else run_.write(fields)
     if as_json:
         terminal.print_json(row)
     else:
         terminal.print_row(row, verdicts(integrator, row))
         if csv is not None:
             terminal.say(f"{len(run_.t)} states in {csv}")
+        if shown is not None:
+            terminal.say(f"{len(run_.t)} states in {shown}")
 
 
 def _write_csv(run_: Any, path: Path) -> None:

@@ -19,10 +19,10 @@ def test_stiffness_and_mass_are_those_of_scikit_fem(mesh, element):
 
     m, e = getattr(skfem, mesh)().refined(1), getattr(skfem, element)()
     m = m.translated(0.1 * np.ones(m.dim())).scaled(1.3)
-    for form, order in ((laplace, None), (mass_form, 2 * e.maxdeg)):
+    for form, order in ((laplace, None), (mass_form, 2 * e.maxdeg if "P" in element else None)):
         found = tabulate(m, e, order)
         K = form.assemble(skfem.Basis(m, e)).toarray()
-        f = found.slopes if order is None else found.shape[:, :, None]
+        f = found.slopes if form is laplace else found.shape[:, :, None]
         ours = np.zeros_like(K)
         np.add.at(ours, (found.of[:, :, None], found.of[:, None, :]), np.einsum("g,gai,gbi->gab", found.weight, f, f))
         assert np.allclose(ours, K, atol=1e-13 * np.abs(K).max())

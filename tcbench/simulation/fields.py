@@ -1,0 +1,155 @@
+"""A run as fields on its mesh, for ParaView: XDMF, or VTU files and a PVD that lists them; by meshio."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import TcbenchError, needs_folder, unknown_name, writing
+from ..fem import needed
+from ..systems.over_spaces import space_of
+
+if TYPE_CHECKING:
+    from .trajectory import Trajectory
+
+CELLS = {  # components of a place, columns of a table -> meshio's kind of cell and its corners
+    **{(d, 2): ("line", 2) for d in (1, 2, 3)},
+    (2, 3): ("triangle", 3), (2, 6): ("triangle", 3), (2, 4): ("quad", 4), (2, 9): ("quad", 4),
+    (3, 3): ("triangle", 3), (3, 4): ("tetra", 4), (3, 10): ("tetra", 4), (3, 8): ("hexahedron", 8),
+}  # fmt: skip
+HEXAHEDRA = ([0, 1, 2, 3, 4, 5, 6, 7], [0, 2, 5, 1, 3, 6, 7, 4], [0, 1, 4, 2, 3, 5, 7, 6])  # orders in use; VTK's first
+AROUND = [(1, 3, 4), (2, 0, 5), (3, 1, 6), (0, 2, 7), (7, 5, 0), (4, 6, 1), (5, 7, 2), (6, 4, 3)]  # of each corner
+
+
+class Mesh(NamedTuple):
+    """Where a run has its fields: places and cells, and of the rows of the table which cell each belongs to."""
+
+    places: str  # a variable, or "" where nothing moves
+    fixed: NDArray[np.float64]  # (m, d): places that follow those that move
+    kind: str
+    cells: NDArray[np.int64]
+    source: str
+    target: str
+    of_cell: NDArray[np.int64]
+
+
+def mesh_of(run: Trajectory, table: str | None = None) -> Mesh:
+    """From the tables of the system: the first one, or that of this name, whose rows are cells of places."""
+    model = run.scenario.model
+    declared = type(model).declared_variables()
+    moving = {space_of(d): (n, d[1] if len(d) > 1 else 1) for n, d in reversed(list(declared.items())) if space_of(d) and
+              len(d) < 3 and d[1:] in ((), (1,), (2,), (3,)) and n in ("q", "x")}  # fmt: skip
+    if table is not None and table not in model.tables:
+        raise unknown_name(f"table of {model.name!r}", table, model.tables)
+    for name, (source, *columns, target) in model.tables.items():
+        first, *others = target.split("+")
+        if name != (table or name) or first not in moving or len(columns) != 1 or source == first:
+            continue
+        variable, components = moving[first]
+        behind = [_places_of(model, space, components) for space in others]
+        if (components, columns[0]) not in CELLS or any(x is None for x in behind):
+            continue
+        kind, corners = CELLS[components, columns[0]]
+        rows = np.asarray(getattr(model, name))[:, :corners]
+        new = np.r_[True, np.any(rows[1:] != rows[:-1], axis=1)]  # points of one element follow each other
+        fixed = np.concatenate([np.zeros((0, components)), *behind])
+        found = Mesh(variable, fixed, kind, rows[new], source, first, np.cumsum(new) - 1)
+        return found._replace(cells=_in_order(found, _points(run, found, 0)))
+    raise TcbenchError(
+        f"{model.name!r} has no table of cells of places: variables q or x over a space, of one to three components, and "
+        f"a table of 2, 3, 4 or 8 of them for each line or element. Its tables: {', '.join(model.tables) or 'none'}."
+    )
+
+
+def _places_of(model: Any, space: str, components: int) -> Any:
+    for name, d in type(model).constants.items():
+        if space_of(d) == space and int(np.prod(d[1:], dtype=int)) == components:
+            return np.reshape(getattr(model, name), (-1, components))
+    return None
+
+
+def _points(run: Trajectory, mesh: Mesh, k: int) -> NDArray[np.float64]:
+    """All places at record k, shape (n, d)."""
+    q = np.asarray(getattr(run.scenario.model.state(run.z[k]), mesh.places))
+    return np.concatenate([q.reshape(len(q), -1), mesh.fixed])
+
+
+def _in_order(mesh: Mesh, points: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Corners as VTK counts them: no element of the order that is meant is turned inside out at a corner."""
+    if mesh.kind != "hexahedron":
+        return mesh.cells
+    for order in HEXAHEDRA:
+        x = points[mesh.cells[0][order]]
+        volumes = [np.linalg.det(x[list(around)] - x[corner]) for corner, around in enumerate(AROUND)]
+        if min(volumes) > 0:
+            return mesh.cells[:, order]
+        if max(volumes) < 0:
+            return mesh.cells[:, [*order[4:], *order[:4]]]
+    raise TcbenchError("The corners of the elements are in an order that is not known.")
+
+
+def _three(x: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.pad(x, [(0, 0), (0, 3 - x.shape[1])]) if x.ndim == 2 and x.shape[1] < 3 else x
+
+
+def records(run: Trajectory, mesh: Mesh) -> Iterator[tuple[float, Any, dict[str, Any], dict[str, Any]]]:
+    """Of each recorded state: time, points (n, 3), fields of the points and of the cells."""
+    model, count = run.scenario.model, len(mesh.cells)
+    declared, weight = type(model).declared_variables(), np.bincount(mesh.of_cell)
+    start, behind = _points(run, mesh, 0), len(mesh.fixed)
+    sizes = {mesh.target: len(start) - behind, mesh.source: len(mesh.of_cell)}
+
+    def of_points(x: Any) -> Any:
+        x = np.asarray(x, dtype=float)
+        return _three(np.concatenate([x, np.full((behind, *x.shape[1:]), np.nan)]).reshape(len(start), *x.shape[1:]))
+
+    def of_cells(x: Any) -> Any:
+        x = np.asarray(x, dtype=float).reshape(len(mesh.of_cell), -1)
+        mean = np.stack([np.bincount(mesh.of_cell, column, count) for column in x.T], axis=1) / weight[:, None]
+        return mean[:, 0] if x.shape[1] == 1 else mean
+
+    for k, t in enumerate(run.t):
+        z, points = model.state(run.z[k]), _points(run, mesh, k)
+        on_points, on_cells = {"displacement": _three((points - start).reshape(len(points), -1))}, dict[str, Any]()
+        fields = {n: (space_of(d), getattr(z, n)) for n, d in declared.items() if n != mesh.places}
+        theta = run.temperatures[k]
+        own = space_of(declared.get("s", ()))  # temperatures are those of what has entropies, where both are as many
+        heated = sorted((s for s in sizes if len(theta) == sizes[s]), key=lambda s: s != own)
+        fields |= {"temperature": (heated[0], theta)} if len(theta) and heated else {}
+        for name, (space, x) in fields.items():
+            if space == mesh.target:
+                on_points[name] = of_points(x)
+            elif space == mesh.source:
+                on_cells[name] = of_cells(x)
+        yield float(t), _three(points), on_points, on_cells
+
+
+def write(run: Trajectory, path: str | Path, table: str | None = None) -> Path:
+    """See `Trajectory.write`."""
+    path, meshio = Path(path), needed("meshio", "meshio")
+    if path.suffix not in (".xdmf", ".vtu"):
+        raise TcbenchError(f"Fields are written to .xdmf (all times in one file) or .vtu, not to {path.name!r}.")
+    needs_folder(path)
+    mesh = mesh_of(run, table)
+    cells = [(mesh.kind, mesh.cells)]
+    with writing(repr(str(path))):
+        if path.suffix == ".xdmf":
+            start = _three(_points(run, mesh, 0))
+            with meshio.xdmf.TimeSeriesWriter(str(path), data_format="XML") as series:
+                series.write_points_cells(start, cells)
+                for t, _, on_points, on_cells in records(run, mesh):
+                    series.write_data(t, point_data=on_points, cell_data={n: [x] for n, x in on_cells.items()})
+            return path
+        lines = []
+        for k, (t, points, on_points, on_cells) in enumerate(records(run, mesh)):
+            one = path.with_name(f"{path.stem}_{k:05d}.vtu")
+            meshio.Mesh(points, cells, on_points, {n: [x] for n, x in on_cells.items()}).write(str(one))
+            lines.append(f'<DataSet timestep="{t!r}" part="0" file="{one.name}"/>')
+        listed = path.with_suffix(".pvd")
+        text = "\n".join(['<VTKFile type="Collection" version="0.1"><Collection>', *lines, "</Collection></VTKFile>"])
+        listed.write_text(text + "\n", encoding="utf-8")
+        return listed

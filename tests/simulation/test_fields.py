@@ -1,0 +1,61 @@
+"""Fields on meshes for ParaView: what is read back is the run."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import tcbench
+from tcbench.cli import main
+from tcbench.errors import TcbenchError
+from tcbench.plugins import find_scenario
+from tcbench.simulation.fields import mesh_of
+
+meshio = pytest.importorskip("meshio")
+SHORT = {"solid[n=1]": (0.2, 0.1), "ring[n=8]": (0.1, 0.05), "gas_tube[n=30]": (0.01, 0.005)}
+
+
+@pytest.mark.parametrize("name", ["solid[n=1]", "ring[n=8]", "gas_tube[n=30]"])
+def test_what_is_read_back_is_the_run(name, tmp_path):
+    t_end, dt = SHORT[name]
+    run = tcbench.simulate("midpoint_entropy", name, t_end=t_end, dt=dt)
+    z = run.scenario.model.state(run.z)
+    places = z.q if "solid" in name or "ring" in name else z.x[..., None]
+    n, d = places.shape[1:]
+    assert run.write(tmp_path / "a.xdmf") == tmp_path / "a.xdmf"
+    with meshio.xdmf.TimeSeriesReader(tmp_path / "a.xdmf") as series:
+        points, cells = series.read_points_cells()
+        assert series.num_steps == 3 and np.allclose(points[:n, :d], places[0])
+        t, on_points, on_cells = series.read_data(2)
+    assert np.isclose(t, t_end) and np.allclose(points[:n, :d] + on_points["displacement"][:n, :d], places[2])
+    heat = on_points if "solid" in name else {k: x[0] for k, x in on_cells.items()}
+    assert np.allclose(heat["temperature"].ravel(), run.temperatures[2]) and np.allclose(heat["s"].ravel(), z.s[2])
+    listed = run.write(tmp_path / "b.vtu")
+    assert listed.suffix == ".pvd" and listed.read_text().count("timestep") == 3
+    last = meshio.read(tmp_path / "b_00002.vtu")
+    assert np.allclose(last.points[:n, :d], places[2]) and len(last.cells[0].data) == len(cells[0].data)
+
+
+def test_hexahedra_have_the_corners_of_vtk_and_one_cell_for_eight_points():
+    scenario = find_scenario("solid[n=1,element=hex]")
+    z = np.array(scenario.z0)[None]
+    mesh = mesh_of(SimpleNamespace(scenario=scenario, z=z))
+    x = scenario.model.state(z[0]).q[mesh.cells]
+    assert mesh.kind == "hexahedron" and len(mesh.cells) == 3 and len(mesh.of_cell) == 24
+    steps = np.roll(x[:, :4], -1, axis=1) - x[:, :4]  # around the bottom, then straight up
+    assert np.allclose(np.abs(steps).sum(axis=2), 1) and np.allclose(x[:, 4:] - x[:, :4], (x[:, 4] - x[:, 0])[:, None])
+
+
+def test_the_command_writes_fields_and_says_where(tmp_path):
+    words = "simulate tc_monolithic ring[n=8] --t-end 0.1 --fields"
+    done = CliRunner().invoke(main, [*words.split(), f"{tmp_path}/r.xdmf"])
+    assert done.exit_code == 0 and "3 states in" in done.output and (tmp_path / "r.xdmf").exists()
+
+
+def test_what_has_no_mesh_is_told(tmp_path):
+    run = tcbench.simulate("tc_monolithic", "short_term", t_end=0.6)
+    with pytest.raises(TcbenchError, match="no table of cells of places"):
+        run.write(tmp_path / "a.xdmf")
+    with pytest.raises(TcbenchError, match=r"\.xdmf .* or \.vtu, not to 'a.txt'"):
+        run.write(tmp_path / "a.txt")
