@@ -41,8 +41,11 @@ def mesh_of(run: Trajectory, table: str | None = None) -> Mesh:
     """From the tables of the system: the first one, or that of this name, whose rows are cells of places."""
     model = run.scenario.model
     declared = type(model).declared_variables()
-    moving = {space_of(d): (n, d[1] if len(d) > 1 else 1) for n, d in reversed(list(declared.items())) if space_of(d) and
-              len(d) < 3 and d[1:] in ((), (1,), (2,), (3,)) and n in ("q", "x")}  # fmt: skip
+    moving = {
+        space_of(d): (name, int(np.prod(d[1:], dtype=int)))
+        for name, d in declared.items()
+        if name in ("q", "x") and space_of(d) and d[1:] in ((), (1,), (2,), (3,))
+    }
     if table is not None and table not in model.tables:
         raise unknown_name(f"table of {model.name!r}", table, model.tables)
     for name, (source, *columns, target) in model.tables.items():
@@ -60,8 +63,8 @@ def mesh_of(run: Trajectory, table: str | None = None) -> Mesh:
         found = Mesh(variable, fixed, kind, rows[new], source, first, np.cumsum(new) - 1)
         return found._replace(cells=_in_order(found, _points(run, found, 0)))
     raise TcbenchError(
-        f"{model.name!r} has no table of cells of places: variables q or x over a space, of one to three components, and "
-        f"a table of 2, 3, 4 or 8 of them for each line or element. Its tables: {', '.join(model.tables) or 'none'}."
+        f"{model.name!r} has no table of cells of places: a variable q or x over a space, of one to three components, "
+        f"and a table of 2, 3, 4 or 8 of them for each line or element. Its tables: {', '.join(model.tables) or 'none'}."
     )
 
 
