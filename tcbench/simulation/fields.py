@@ -64,7 +64,7 @@ def mesh_of(run: Trajectory, table: str | None = None) -> Mesh:
         return found._replace(cells=_in_order(found, _points(run, found, 0)))
     raise TcbenchError(
         f"{model.name!r} has no table of cells of places: a variable q or x over a space, of one to three components, "
-        f"and a table of 2, 3, 4 or 8 of them for each line or element. Its tables: {', '.join(model.tables) or 'none'}."
+        f"and a table of 2, 3, 4 or 8 of them for each element. Its tables: {', '.join(model.tables) or 'none'}."
     )
 
 
