@@ -193,6 +193,8 @@ class _Stage:
         box, heat = self._box(), self._heat()
         for view in self.views:
             view.frame(box, heat)
+        if any(run.temperatures.shape[1] == place.shape[1] for run, place in zip(runs, self.places, strict=True)):
+            above.colorbar(self.views[0].springs, ax=list(axes), label="temperature θ", shrink=0.8, pad=0.01)
         above.suptitle(runs[0].scenario.name)
         self.lines = self._laws(below)
         self.moving = [a for view in self.views for a in view.moving] + [x[0] for lines in self.lines for x in lines]
@@ -276,7 +278,7 @@ class _View:
         from matplotlib.collections import LineCollection
 
         self.middle, self.size = box.mean(axis=0), np.ptp(box, axis=0)
-        self.ax.set(xticks=[], yticks=[])
+        self.ax.tick_params(labelsize=7)
         self.ax.set_title(self.run.integrator.name, color=look(self.run.integrator.name).colour, fontweight="bold")
         self.ax.grid(False)
         self.springs = LineCollection([], linewidths=4, cmap="coolwarm", clim=heat, capstyle="round")

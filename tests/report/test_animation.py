@@ -43,6 +43,7 @@ def test_springs_stand_where_the_masses_are_and_take_the_colours_of_their_temper
     assert np.allclose(np.linalg.norm(place[:, 1, 1] - place[:, 1, 0], axis=1) ** 2, model.shapes(z)[:, 1])
     stage = animation._Stage(runs, 10)
     stage.show(9)
+    assert "temperature θ" in [ax.get_ylabel() for ax in stage.figure.axes]  # the colours have a scale
     assert np.array_equal(stage.views[1].springs.get_array(), runs[1].temperatures[stage.rows[1][9]])
     assert stage.views[0].text.get_text() == f"blowup at t = {runs[0].t[-1]:.3g}"
     line, times, values = stage.lines[1][0]

@@ -270,6 +270,17 @@ def test_a_name_at_the_end_of_a_line_below_the_axes_stands_inside_of_them():
     assert heights[0] > ax.get_window_extent().y0 and heights[1] - heights[0] > 5
 
 
+def test_a_large_array_is_a_band_and_not_a_panel_a_number():
+    """A bar of 12 masses had 30 charts of five lines."""
+    t = np.linspace(0, 1, 20)
+    rows = {"integrator": "a", "scenario": "bar", "dt": 0.05, "status": "ok", "t": t, "energy": 1.0, "entropy": t}
+    table = pd.DataFrame(rows | {f"q{k}": k * t for k in range(12)} | {"m0": t, "m1": -t})
+    panels_ = time_charts.in_time.__wrapped__(table).panels
+    assert [panel.title for panel in panels_] == ["m0", "m1", "q: mean of 12, least to largest"]
+    (line,) = panels_[2].series
+    assert (line.low[-1], line.y[-1], line.high[-1]) == (0.0, 5.5, 11.0)
+
+
 def test_a_column_that_is_no_error_has_an_axis_of_its_own():
     """A plugin's column of 0.05 was drawn as an error, a line at the top of fourteen decades, and falls of the Lyapunov
     functional as rises of it."""

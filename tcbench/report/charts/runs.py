@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -26,6 +27,7 @@ LAWS = {
     "angular_momentum_error": "angular momentum: |J − J₀| / |J₀|",
     "lyapunov_rise": "E − θ_ref S regained / V₀",
 }
+MOST_OF_ARRAY = 6  # numbers of an array that have a panel each
 MOST_PATHS = 12  # panels, of paths or of variables, that still can be read
 DASHES: tuple[Any, ...] = ("-", "--", ":", "-.", (0, (8, 2)), (0, (1, 4)))  # as many of one colour are told apart
 GROWTH = {
@@ -60,15 +62,32 @@ def laws(series: DataFrame, y: Sequence[str] | None = None) -> Sheet:
 def in_time(series: DataFrame) -> Sheet:
     """Each temperature and strain that moves, in time; of systems without strains each variable.
 
-    series : rows of the table `series`, of one scenario.
+    series : rows of the table `series`, of one scenario. Of an array of more than a few numbers the mean is drawn, in
+    a band from the least to the largest.
     """
     strains = _numbered(series, "strain")
     moving = [c for c in (*_numbered(series, "temperature"), *strains) if _moves(series[c])]
-    columns = [*moving, *([] if strains else _measured(series, variables(series))[:MOST_PATHS])]
-    return Sheet([
-        Panel(lines, column_named("t").label, "", "linear", "linear", column_named(column).label)
-        for column, lines in zip(columns, _lines(series, columns), strict=True)
-    ])  # fmt: skip
+    arrays: dict[str, list[str]] = {}
+    for column in [*moving, *([] if strains else _measured(series, variables(series)))]:
+        arrays.setdefault(re.sub(r"(_[a-z]|[\d_,]+)$", "", column), []).append(column)
+    large = {stem: of for stem, of in arrays.items() if len(of) > MOST_OF_ARRAY}
+    columns = [column for stem, of in arrays.items() if stem not in large for column in of][:MOST_PATHS]
+    t, shown = column_named("t").label, zip(columns, _lines(series, columns), strict=True)
+    panels = [Panel(lines, t, "", "linear", "linear", column_named(column).label) for column, lines in shown]
+    return Sheet([*panels, *(_band(series, stem, of) for stem, of in large.items())])
+
+
+def _band(series: DataFrame, stem: str, columns: Sequence[str]) -> Panel:
+    """The mean of an array in time, in a band from its least to its largest number."""
+    values, t = np.array([finite(series[column]) for column in columns]), numbers(series, "t")
+    low, mean, high = (of(values, axis=0) for of in (np.min, np.mean, np.max))
+    lines = [
+        Series(name, t[rows], mean[rows], low[rows], high[rows], marks="", ended=_failed(series, rows[-1]))
+        for name, rows in _rows_of_runs(series)
+    ]
+    title = f"{stem.replace('_', ' ')}: mean of {len(columns)}, least to largest"
+    return Panel(lines, x=column_named("t").label, y="", x_scale="linear", y_scale="linear", title=title,
+                 y_values=[*low, *high])  # fmt: skip
 
 
 def _moves(values: Any) -> bool:

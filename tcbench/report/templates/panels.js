@@ -40,7 +40,7 @@ const axisOf = ({ label, scale, domain, better }, arrows) => {
 };
 // a panel of these methods alone; its axes reach over them
 const onlyOf = (panel, names) => {
-  const series = panel.series.filter((s) => names.has(s.name)), values = (which) => series.flatMap((s) => s[which]).filter(known).map((v) => (panel.largest && which === "y" ? Math.abs(v) : v));
+  const series = panel.series.filter((s) => names.has(s.name)), values = (which) => series.flatMap((s) => (which === "y" ? [...s.y, ...(s.low || []), ...(s.high || [])] : s.x)).filter(known).map((v) => (panel.largest && which === "y" ? Math.abs(v) : v));
   const axis = (which) => ({ ...panel[which], domain: extent(values(which).filter((v) => v > 0 || panel[which].scale === "linear")) });
   return series.some((s) => s.x.length) ? { ...panel, series, x: axis("x"), y: axis("y") } : { ...panel, series };
 };
