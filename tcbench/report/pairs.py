@@ -73,11 +73,6 @@ def to_numbers(table: DataFrame, column: str) -> Any:
     return pd.to_numeric(table[column] if column in table else pd.Series(math.nan, table.index), errors="coerce")
 
 
-def marks(row: Any) -> dict[str, int]:
-    """How many of the ladder runs of a pair, or of a sum of pairs, ended with which mark."""
-    return {mark: int(row[f"mark_{mark}"]) for mark in MARKS if row.get(f"mark_{mark}", 0) > 0}
-
-
 def times_over_best(found: DataFrame, key: str = "time 1e-06") -> dict[str, list[float]]:
     """Method -> its time over the fastest method's, one a scenario; infinite where it did not get there."""
     if key not in found:

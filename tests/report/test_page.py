@@ -383,6 +383,13 @@ def test_a_general_system_is_told_in_its_own_variables(tmp_path, visit):
     assert "error of m" in shown and not [x for x in shown if "positions" in x or "temperatures" in x]
 
 
+def test_a_study_of_ones_own_opens_its_table_and_not_four_empty_frames(tmp_path, visit):
+    mine = pd.DataFrame({"integrator": ["tc_monolithic"], "scenario": ["short_term"], "mine": [1.0]})
+    page = visit(write_report(awkward.write_run(tmp_path / "run", {"own": mine}, (), {})))
+    assert page.locator("table.data tbody tr").count() == 1 and page.locator("#view-overview").is_hidden()
+    assert page.locator("#tabs a", has_text="Overview").is_hidden()
+
+
 def test_what_is_wider_than_a_narrow_window_fades_where_it_goes_on(full, visit):
     page = visit(full, "#method=tc_monolithic", 400)
     # functions, not expressions: what is still to come is asked for again with eval, which the page's policy forbids

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
 
-from tcbench.report.charts.style import FIXED
+from tcbench.report.charts.style import FIXED, OTHER
 from tcbench.report.plot import run_looks
 from tcbench.report.write_report import write_report
 
@@ -23,6 +23,8 @@ def test_methods_are_told_apart_by_the_colour_blind_too():
         seen = [np.clip(matrix @ np.array(to_rgb(one.colour)) ** 2.2, 0, 1) ** (1 / 2.2) for one in looks]
         pairs = [(i, j) for i in range(len(looks)) for j in range(i) if looks[i].marker == looks[j].marker]
         assert all(np.linalg.norm(seen[i] - seen[j]) > 0.08 for i, j in pairs), who
+        others = np.clip(matrix @ np.array(to_rgb(OTHER.colour)) ** 2.2, 0, 1) ** (1 / 2.2)
+        assert min(np.linalg.norm(one - others) for one in seen) > 0.2, who  # none turns into the grey of "others"
 
 
 def test_a_scenario_answers_first_and_then_shows(large, visit):

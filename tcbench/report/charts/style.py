@@ -18,10 +18,10 @@ if TYPE_CHECKING:
 
 
 # Okabe and Ito's colours without black and yellow, which vanish on a dark or a white page, for the paper's methods; for
-# all others colours of Tol's muted scheme, which differ from these under every common kind of colour blindness.
+# all others colours of or near Tol's muted scheme, which differ from these under every common kind of colour blindness.
 BLUE, SKY, GREEN, ORANGE, RED = "#0072b2", "#56b4e9", "#009e73", "#e69f00", "#d55e00"
 PURPLE, OLIVE, GREY, INDIGO, WINE, TEAL, ROSE = (
-    "#cc79a7", "#8a7a1f", "#7f7f7f", "#332288", "#882255", "#44aa99", "#cc6677",
+    "#aa3399", "#8a7a1f", "#7f7f7f", "#332288", "#882255", "#006d77", "#cc6677",
 )  # fmt: skip
 SLATE = "#4d5560"
 COLOURS = (PURPLE, OLIVE, INDIGO, WINE, TEAL, ROSE)  # grey is for what is not told apart
