@@ -5,7 +5,7 @@ from __future__ import annotations
 import pkgutil
 import sys
 from collections import UserDict
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,7 +13,7 @@ from typing import Any, TypedDict
 
 from .. import plugins
 from ..compiler.code_hash import content_hash
-from ..errors import TcbenchError, unknown_name
+from ..errors import TcbenchError, several, unknown_name
 from ..integrator import Integrator
 from ..studies.base import default_studies, expand_studies, find_study, refuse_doubles
 from ..study import Study
@@ -225,10 +225,9 @@ def scenario_data(scenario: Scenario) -> dict[str, Any] | None:
 
 def _check_list(name: str, values: Any) -> None:
     """None, or names and objects in a list that is not empty."""
-    if values is None or (isinstance(values, Sequence) and not isinstance(values, str) and len(values)):
+    listed = several(values) and not isinstance(values, Mapping)
+    if values is None or (listed and (not isinstance(values, Sized) or len(values))):
         return
-    if isinstance(values, Iterable) and not isinstance(values, str | Sequence | Mapping):
-        return  # a generator, or the values of a dict
     raise TcbenchError(f"{name} is a list of at least one, or None for all of them, not {values!r}.")
 
 
