@@ -8,13 +8,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import TcbenchError, UnknownNameError, matching
-from ..studies.base import find_study, in_order, study_names
+from ..studies.base import find_study, in_order, known_tables, study_names
 from ..study import Study
 from .cell import identity_of
 from .rows import Rows, Store
 
 if TYPE_CHECKING:
     from pandas import DataFrame
+
+ASKED_FOR = frozenset({"integrator", "scenario", "status"})  # columns by which whoever reads a table tells its rows
 
 
 def read_tables(source: str | Path | Store) -> dict[str, DataFrame]:
@@ -38,13 +40,19 @@ def made_and_kept(store: Store) -> tuple[dict[str, DataFrame], dict[str, DataFra
     store.problems += [f"No study is called {name!r} here: its tables are those that were written." for name in others]
     tables, failed = make_tables(chosen, store, latest)
     names += [name for study in failed for name in store.tables() if name in study.table_names]
-    kept = {}
-    for name in names:
-        if name not in tables:
-            try:
-                kept[name] = store.read_table(name)
-            except TcbenchError as error:
-                store.problems.append(str(error))
+    kept, known_of = {}, known_tables(store.declared()) if names else {}
+    for name in set(names).difference(tables):
+        try:
+            found = store.read_table(name)
+        except TcbenchError as error:
+            store.problems.append(str(error))
+            continue
+        lacking = ASKED_FOR.intersection(known_of[name].names if name in known_of else ()).difference(found)
+        if lacking:
+            store.problems.append(f"The table {name} has no column {', '.join(sorted(lacking))}: it is left out.")
+        else:
+            kept[name] = found
+    kept = {name: kept[name] for name in names if name in kept}
     made, kept = ({name: table for name, table in found.items() if len(table)} for found in (tables, kept))
     return made, kept
 
