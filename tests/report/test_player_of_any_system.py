@@ -111,9 +111,7 @@ def test_tables_and_long_arrays_are_told(page_of_a_ring, visit):
     """The rows of a table, and of a matrix, were dashes; hundreds of numbers filled the page."""
     facts = visit(page_of_a_ring, "#scenario=ring").locator("dd").all_text_contents()
     assert "((1, 0), (0, 1))" in facts
-    assert "((0, 1), (1, 2), (2, 3), " in " ".join(facts) and any(
-        text.endswith("(11, 12), …), 30 in all") for text in facts
-    )
+    assert "30 × 2 values, 0 to 29" in facts and "30 values, all 1" in facts  # sizes and ranges
 
 
 def test_one_temperature_colours_no_line_of_three(page_of_a_ring, visit):

@@ -237,8 +237,8 @@ def _rows(ax: Axes, panel: Panel) -> None:
 def _letter(mark: str) -> Any:
     """A letter as a marker, in the middle of its place."""
     path = TextPath((0, 0), mark, size=10, prop=FontProperties(weight="bold"))
-    low, high = path.get_extents().min, path.get_extents().max
-    return path.transformed(Affine2D().translate(*(-(low + high) / 2)))
+    box = path.get_extents()
+    return path.transformed(Affine2D().translate(-(box.x0 + box.x1) / 2, -(box.y0 + box.y1) / 2))
 
 
 def _mark(mark: str, colour: str) -> dict[str, Any]:

@@ -46,7 +46,7 @@ def log_axis(ax: Axes, which: str, values: Any = None) -> None:
     ax.set(**{f"{which}lim": (low / pad, high * pad)})
     decades = np.log10(high / low)
     subs = next(ticks for most, ticks in TICKS if decades < most)
-    axis.set_major_locator(LogLocator(subs=subs, numticks="auto"))
+    axis.set_major_locator(LogLocator(subs=subs))
     axis.set_major_formatter(FuncFormatter(power_text))
     axis.set_minor_locator(NullLocator())
     axis.set_minor_formatter(NullFormatter())

@@ -65,7 +65,7 @@ def map_figure(table: DataFrame) -> Figure:
         _panel(ax, table[table["integrator"].astype(str) == name])
         ax.set_xlabel(_label(x_name))
     for ax in axes:
-        if ax.get_subplotspec() is None or ax.get_subplotspec().is_first_col():
+        if (place := ax.get_subplotspec()) is None or place.is_first_col():
             ax.set_ylabel(_label(y_name))
     steps = [] if "dt" in (x_name, y_name) or "dt" not in table else list(table["dt"].dropna().unique())
     titles(axes, [f"{name}, h = {steps[0]:g}" if len(steps) == 1 else name for name in methods])
