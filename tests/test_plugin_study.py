@@ -267,7 +267,7 @@ def test_failures_of_a_plugins_study_are_on_the_page():
     """Where only such a study had run, the page said that no method fails."""
     rows = [("a", "s", "exception", "boom"), ("a", "s", "crash", "bang"), ("a", "s", "ok", ""), ("a", "t", "ok", "")]
     tables = {"mine": pd.DataFrame(rows, columns=["integrator", "scenario", "status", "failure"])}
-    assert failures(tables) == {"a": {"s": [2, 3, "mine of a on s: boom"]}}
+    assert failures(tables) == {"a": {"s": [2, 3, "mine of a on s: boom", {"x": 2}]}}
 
 
 def test_steps_that_a_study_does_not_take_are_told(tmp_path):

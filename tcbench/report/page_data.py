@@ -10,7 +10,7 @@ from ..chart import Tables
 from ..errors import LOUD
 from ..runner.declared import FAMILIES as DECLARED
 from ..runner.declared import LAWS
-from ..studies.base import own_tables
+from ..studies.base import table_owners
 from .pairs import NUMBERS, PAIR, is_finite, is_kept, ladder_runs, law_columns, laws, seen_energy, settings, to_numbers
 from .summary import is_claimed
 
@@ -203,7 +203,7 @@ def unmeasured(tables: Tables) -> list[Unmeasured]:
     """The cells that ended as exception, crash or timeout, in studies whose tables have one row or few a cell, and in
     those of plugins."""
     found: dict[tuple[str, str, str], Unmeasured] = {}
-    brought = [name for name, table in tables.items() if name not in own_tables() and {*PAIR}.issubset(table)]
+    brought = [name for name, table in tables.items() if name not in table_owners() and {*PAIR}.issubset(table)]
     for study in ("convergence", "equilibrium_summary", "stability", *brought):
         table = tables.get(study)
         if table is None or "status" not in table:

@@ -30,7 +30,7 @@ def studies() -> dict[str, Study]:
     return in_order([*own_studies(), *plugins.registry().studies.values()])
 
 
-def own_tables() -> dict[str, str]:
+def table_owners() -> dict[str, str]:
     """The tables of tcbench's own studies, and of which study each is."""
     return {table.name: study.name for study in own_studies() for table in study.tables}
 
@@ -43,7 +43,7 @@ def own_studies() -> list[Study]:
 def refuse_doubles(brought: Collection[Study]) -> None:
     """Raise TcbenchError for a plugin's study that is called like another, or whose table is another's: of two things
     with one name one would be lost without a word."""
-    taken = own_tables() if brought else {}
+    taken = table_owners() if brought else {}
     for study in brought:
         if study.name in study_names():
             raise TcbenchError(f"{study.plugin} registers the study {study.name!r}, which tcbench has. Rename it.")

@@ -27,7 +27,6 @@ SHARED = (
     # how it ended
     Column("status", good=("ok",), filter=True),
     Column("verdict", good=("as declared", "holds"), filter=True),
-    Column("limit", filter=True),
     Column("blowup_time", "time t at which the run failed", "fails at", worse="lower"),
     Column("failed", worse="higher"),
     # laws and errors
