@@ -6,6 +6,7 @@ states, with random constants, it is round-off then.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -24,9 +25,20 @@ KEPT = 1e-9  # of the terms: so much less is round-off, the cancellation of diff
 def to_hold(system: System) -> tuple[str, ...]:
     """Names of the invariants that a move along slopes has to hold, of a system with symbols for constants: none where
     all are kept by themselves; else those that are not, then the others, without what follows from those before."""
+    kept, gradients = _sampled(system)
+    return () if kept.all() else _independent(system.invariant_names, kept, gradients)
+
+
+def independent_invariants(system: System) -> tuple[str, ...]:
+    """The same of a method that keeps none by itself: all but what follows from the others, energy and entropy."""
+    return _independent(system.invariant_names, *_sampled(system))
+
+
+def _sampled(system: System) -> tuple[Any, list[Any]]:
+    """Which invariants are kept by themselves, shape (m,); at some random states gradients of E, S and each, (m + 2, n)."""
     names, net = system.invariant_names, system.by_arrays if system.large else system
     if not names:
-        return ()
+        return np.ones(0, bool), []
     with trace.tracing():
         z0, z1 = net.unknowns("x"), net.unknowns("y")
         DE, DS = net.discrete_gradients(z0, z1)
@@ -43,8 +55,10 @@ def to_hold(system: System) -> tuple[str, ...]:
         evaluate(kernel.address, states, rng.uniform(0.5, 1.5, system.n_constant_values), out)
         kept &= np.abs(out[:end:2]) <= KEPT * out[1:end:2]
         gradients.append(out[end : end + (2 + len(names)) * system.size].reshape(-1, system.size).copy())
-    if kept.all():
-        return ()
+    return kept, gradients
+
+
+def _independent(names: Sequence[str], kept: Any, gradients: Sequence[Any]) -> tuple[str, ...]:
     held, rows = [], [0, 1]
     for k in np.argsort(kept, kind="stable"):
         if not all(_follows(each[rows], each[2 + k]) for each in gradients):
