@@ -35,7 +35,7 @@ def independent_invariants(system: System) -> tuple[str, ...]:
 
 
 def _sampled(system: System) -> tuple[Any, list[Any]]:
-    """Which invariants are kept by themselves, shape (m,); at some random states gradients of E, S and each, (m + 2, n)."""
+    """Which invariants are kept by themselves, (m,); gradients of E, S and each at some random states, (m + 2, n)."""
     names, net = system.invariant_names, system.by_arrays if system.large else system
     if not names:
         return np.ones(0, bool), []
