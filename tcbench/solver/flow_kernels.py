@@ -67,7 +67,7 @@ def _build(flow: Flow, system: System) -> FlowKernels:
     numbers = dict(zip(flow.numbers, trace.variables("number", len(flow.numbers)), strict=True))
     more = [*further(flow, sym, z0, h, start.reshape(-1, n)), *([numbers] if numbers else [])]
     given, equations = traced(flow, view, y0, d, h, more)
-    unseen = not (flow.stages or isinstance(sym, ElementSystem))  # of theirs the last digits stay what they were
+    unseen = not flow.stages
     rows, impulses = normalised(given, d, h), list[Symbol]()
     if sym.multipliers:
         rows, impulses = constrained.closed(sym, view, y0, list(d), h, rows, flow.residual.__name__)
@@ -128,7 +128,7 @@ def _build(flow: Flow, system: System) -> FlowKernels:
         n_eliminated=len(parts.moved),
         n_positive=len(positive),
         foresees=pattern is None
-        and not isinstance(sym, ElementSystem),  # of theirs the last digits stay what they were
+        and not isinstance(sym, ElementSystem),  # theirs have a nearer guess than the last roots: `near_start`
         steep=has_roots(reduction.rows),
         pattern=pattern,
         constrained=bool(impulses),

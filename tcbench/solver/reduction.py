@@ -93,8 +93,7 @@ def _of_array(row: Symbol, unknown: Symbol, h: Symbol) -> Symbol | None:
 
 
 def _one_by_one(state: Reduction, eliminable: Callable[[Reduction], tuple[int, Symbol] | None]) -> Reduction:
-    """The same at a cost that grows as the square: the order in which nodes are made decides the last digits of what is
-    computed, and those of small systems stay what they were."""
+    """The same, each row's formula inserted into all others: at a cost that grows as the square of their number."""
     while (found := eliminable(state)) is not None:
         i, formula = found
         unknown = state.unknowns.pop(i)
