@@ -48,12 +48,12 @@ def constraint_errors(run: Trajectory) -> dict[str, float]:
     """Of each multiplier NAME, at the recorded states: NAME_constraint_max, the largest |g|, and its rate, the hidden
     constraint, NAME_constraint_speed_max; NAME_max, the largest |lam|, at some of them. None of systems without."""
     model = run.scenario.model
-    if not model.multipliers:
+    if (solved := multipliers(model)) is None:
         return {}
     rows, found = np.ascontiguousarray(run.z), dict[str, float]()
     missed, speeds = model.constraint_values(rows), model.constraint_speeds(rows)
     some = rows[np.unique(np.linspace(0, len(rows) - 1, FORCES).astype(int))]
-    forces, names = np.array([multipliers(model).values(z) for z in some]), np.array(multipliers(model).names)
+    forces, names = np.array([solved.values(z) for z in some]), np.array(solved.names)
     for name in model.multipliers:
         for column, values in (("constraint_max", missed), ("constraint_speed_max", speeds), ("max", forces)):
             found[f"{name}_{column}"] = float(np.abs(values[:, names == name]).max(initial=0.0))

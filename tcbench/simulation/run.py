@@ -100,8 +100,7 @@ def simulate(
         scenario = scenario.replace(t_end=t_end)
     if reason := integrator.lacks or integrator.suits(scenario.model):
         raise TcbenchError(f"{integrator.name!r} cannot run on {scenario.name!r}: {reason}.")
-    if scenario.model.multipliers:
-        check_start(scenario.model, scenario.z0)
+    check_start(scenario.model, scenario.z0)
     check_invariants(scenario.model, scenario.z0)
     if integrator.kind != "flows":
         check_repeats(scenario.model.symbolic)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -88,7 +88,7 @@ def _array_flow(flow: Flow, net: Any) -> ArrayFlow:
     view = net
     if net.multipliers:
         view = constrained.pulled(net, constrained.symbols_like(constrained.conditions(net, y0), "lam"))
-    numbers = {name: variable("number", NUMBER) for name in flow.numbers}
+    numbers = {name: variable("number", NUMBER) for name in cast(tuple[str, ...], flow.numbers)}
     more = [*further(flow, net, z0, h, start), *([numbers] if numbers else [])]
     found, equations = _rows(flow, view, y0, h, steps, more)
     rows = normalised(checked_rows(flow, found, d), d, h)

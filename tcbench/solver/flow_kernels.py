@@ -13,7 +13,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,7 +64,8 @@ def _build(flow: Flow, system: System) -> FlowKernels:
     y0 = sym.in_variables(flow.variables, z0)
     start = trace.variables("start", n * (flow.memory or 2))
     view = constrained.pulled(sym, _multipliers(sym, y0)) if sym.multipliers else sym
-    numbers = dict(zip(flow.numbers, trace.variables("number", len(flow.numbers)), strict=True))
+    names = cast(tuple[str, ...], flow.numbers)
+    numbers = dict(zip(names, trace.variables("number", len(names)), strict=True))
     more = [*further(flow, sym, z0, h, start.reshape(-1, n)), *([numbers] if numbers else [])]
     given, equations = traced(flow, view, y0, d, h, more)
     unseen = not flow.stages

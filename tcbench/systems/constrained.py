@@ -199,7 +199,8 @@ def _divided(x: Symbol, h: Symbol) -> Symbol | None:
         parts = [_divided(a, h) for a in x.args]
         if any(p is None for p in parts):
             return None
-        return trace.rebuild(x.op, tuple(parts), x.value)
+        found: Symbol = trace.rebuild(x.op, tuple(parts), x.value)
+        return found
     return None
 
 

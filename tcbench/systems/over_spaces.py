@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Self, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -191,7 +191,7 @@ class OverSpaces(Traced):
                 if self.multipliers:  # whose right-hand side is not traced on arrays
                     from . import constrained
 
-                    like = constrained.conditions(self, self.fresh_state("z"))
+                    like = constrained.conditions(cast(Any, self), self.fresh_state("z"))
                     whole = constrained.pulled(self, constrained.symbols_like(like, "lam"))
                 whole.vector_field(self.fresh_state("z"))
             self.__dict__["checked"] = True

@@ -25,15 +25,15 @@ class Field:
     def __init__(self, system: System) -> None:
         from ..compiler.library import evaluate  # LLVM is loaded when something runs, not when plugins are listed
 
-        self._evaluate = evaluate
+        self._evaluate: Callable[..., None] = evaluate
         n = system.size
         self.system, self.size, self.c = system, n, system.constant_values
         self.evaluations = 0
         self._rate = np.empty(n)
         if system.multipliers and n > MOST_REDUCED:  # by sparse solves, in numbers
-            from .multipliers import multipliers
+            from .multipliers import Multipliers
 
-            self.rate_address, self._evaluate = 0, multipliers(system).evaluated
+            self.rate_address, self._evaluate = 0, Multipliers(system).evaluated
         else:
             self.rate_address = system.kernel("vector_field")[0].address
 

@@ -26,8 +26,7 @@ from .system import System
 TRIES, NEAR = 100, 0.3  # of a random start; what a variable that is 0 is taken to be
 KINDS_OF_FIELDS = {
     "system": "a class", "constants": "a mapping", "initial": "a mapping", "shows": "a word", "source": "a word",
-    "plugin": "a word", "ladder": "numbers",
-}  # fmt: skip
+    "plugin": "a word", "ladder": "numbers"}  # fmt: skip
 KINDS_OF_A_FAMILY = {
     "name": "a word", "make": "a function or nothing", "sample": "a function or nothing", "defaults": "a mapping",
     "ranges": "a mapping",

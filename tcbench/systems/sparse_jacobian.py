@@ -73,7 +73,7 @@ def _by_arrays(symbolic: Any, formula: Formula, states: int) -> tuple[Kernel, An
         values = net.blocks(formula(net, *given))
         ours = [Block(b.space, tuple(variable("row", b.space) for _ in b.symbols)) for b in values]
         # less an array, so that each entry has a row also where all have one number for their rate
-        rows = [trace.sub(f, row) for b, own in zip(values, ours, strict=True)
+        rows = [trace.sub(trace.lifted(f), trace.lifted(row)) for b, own in zip(values, ours, strict=True)
                 for f, row in zip(b.symbols, own.symbols, strict=True)]  # fmt: skip
         found = jacobian_terms(rows, x)
         flat = [(i + len(x), term, slope) for i, row in enumerate(found) for term, slope in row.items()]
