@@ -24,7 +24,8 @@ MOST = 80  # numbers of a state: the matrices of second derivatives are written 
 STEPS = 300
 NEAR, THERE = 1e-9, 1e-14  # what a step promises of S, relative: near a top, along a valley maybe; at it
 LONGEST = 0.5  # step, over the size of a state
-STARTS = 8  # from which S is climbed, for it may have several tops
+STARTS = 8  # near ones from which S is climbed, for it may have several tops; and as many at each of these distances
+REACHES = (1.0, 2.0)  # over the size of each number
 FLAT, FLATTEST = 1e-9, 1e-15  # curvature, relative to the largest, that counts as no less: at first, and after steps
 FAR = 100.0  # times the size of the start: an equilibrium beyond is not within reach
 HELD = 1e-13  # of the constraints, relative
@@ -69,9 +70,14 @@ def _highest(surface: _Surface, within: float) -> Equilibrium:
     """Of the tops that are reached from the start of a surface and from random states on it."""
     rng = np.random.default_rng(0)
     best = _top(surface, surface.start, within, rng)
-    for _ in range(STARTS - 1 if best.exists else 0):
+    size = np.maximum(surface.least, np.abs(surface.start))
+    for k in range(1, STARTS * (1 + len(REACHES)) if best.exists else 0):
         with np.errstate(all="ignore"):
-            other = surface.back(np.asarray(surface.system.nearby(surface.start, rng)))
+            if k < STARTS:
+                begin = np.asarray(surface.system.nearby(surface.start, rng))
+            else:
+                begin = surface.start + REACHES[k // STARTS - 1] * size * rng.standard_normal(len(size))
+            other = surface.back(begin)
         found = best if other is None else _top(surface, other, within, rng)
         higher = NEAR * (surface.system.least_entropy + abs(best.entropy))
         best = found if found.entropy > best.entropy + higher else best

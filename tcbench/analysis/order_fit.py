@@ -25,6 +25,9 @@ SOLVER_FACTOR = 10.0
 # of a given size moves the slope between closer steps in proportion more, so `_agree` allows them more.
 SPREADS = (0.03, 0.06, 0.12, 0.25)
 MIN_POINTS = 3
+SHORT = (
+    0.05  # by which slopes over steps that are not 0 may miss the order: part of the interval, which verdicts follow
+)
 DRIFT = 1e-3  # slopes that move less than this are settled
 MIN_SLOPE = 0.2  # below this, errors do not decrease: no order is claimed
 CONFIDENCE = 0.95
@@ -54,14 +57,13 @@ class OrderFit:
     def verdict(self, expected: float | None) -> str:
         """'as declared', 'lower than declared', 'higher than declared', 'undetermined' or 'not declared'.
 
-        As declared: the interval contains the declared order, or misses it by less than 0.05, and is no
-        wider than +-0.5.
+        As declared: the interval contains the declared order, and is no wider than +-0.55.
         """
         if expected is None:
             return "not declared"
-        if not np.isfinite(self.order) or self.order_high - self.order_low > 1.0:
+        if not np.isfinite(self.order) or self.order_high - self.order_low > 1.0 + 2 * SHORT:
             return "undetermined"
-        if self.order_low - 0.05 <= expected <= self.order_high + 0.05:
+        if self.order_low <= expected <= self.order_high:
             return "as declared"
         return "lower than declared" if self.order < expected else "higher than declared"
 
@@ -107,8 +109,8 @@ def fit_order(
     used = np.array([r == "used" for r in reason], bool)
     return OrderFit(
         order=order,
-        order_low=order - half,
-        order_high=order + half,
+        order_low=order - half - SHORT,
+        order_high=order + half + SHORT,
         used=used,
         reason=tuple(reason),
         dt_min=float(h[window[-1]]) if window else np.nan,

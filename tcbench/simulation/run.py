@@ -26,6 +26,7 @@ from .trajectory import Trajectory
 MOST_GIB = 16.0  # of recorded states, more of which would hardly be meant
 SMALL = 100  # length of a state; of longer ones fewer steps
 LEAST_TOLERANCE = 1e-16  # half of the round-off of a number
+LEAST_TOLERANCE = float(np.finfo(float).eps)
 CHUNK = 100_000  # steps between looks at the clock and the keyboard
 
 
@@ -110,6 +111,11 @@ def simulate(
             end = float(chosen[-1])
             scenario = scenario.replace(t_end=end, dt=min(scenario.dt, end))
         tolerance = positive("tolerance", 1e-6 if tolerance is None else tolerance)
+        if tolerance < LEAST_TOLERANCE:
+            raise TcbenchError(
+                f"tolerance = {tolerance:g} is below the round-off of a number, {LEAST_TOLERANCE:.1e}: no step does. "
+                "Ask for 1e-14 or more."
+            )
         if tolerance < LEAST_TOLERANCE:
             raise TcbenchError(
                 f"tolerance is {tolerance:g}, below the round-off of a state, {LEAST_TOLERANCE:g}: no run would end. "

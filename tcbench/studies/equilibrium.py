@@ -196,7 +196,7 @@ def _sentence(
     told = f"At t = {t:g} the entropy is {last['entropy_gap']:.3g} below that of the "
     if growth:
         return f"{told}relative equilibrium."
-    told += "equilibrium, the largest that energy and invariants allow"
+    told += "equilibrium, the largest that was found at its energy and invariants, from many starts"
     if word == "approached":
         return f"{told}."
     model, z = run.scenario.model, run.z[-1]

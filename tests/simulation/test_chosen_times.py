@@ -49,3 +49,17 @@ def test_slope_and_first_fall_of_uneven_times_are_those_of_the_records(method):
     assert run.summary.energy_drift == pytest.approx(np.polyfit(run.t[1:], error, 1)[0], rel=1e-9)
     falls = run.t[1:][np.diff(run.entropy) < -1e-10]
     assert run.summary.first_entropy_fall == falls[0] if len(falls) else np.isnan(run.summary.first_entropy_fall)
+
+
+@pytest.mark.parametrize("tolerance", [1e-300, 1e-17])
+def test_a_tolerance_below_round_off_is_refused(tolerance):
+    """It ran for ever."""
+    with pytest.raises(TcbenchError, match="below the round-off of a number"):
+        tcbench.simulate("scipy_odeint", "short_term", tolerance=tolerance)
+
+
+@pytest.mark.parametrize("change", [lambda z: np.ma.masked_array(z, mask=z > 0), lambda z: z > 0])
+def test_states_that_are_no_plain_numbers_are_told(change):
+    method = tcbench.Integrator(name="odd", order=1, step=lambda z, h, system: change(np.asarray(z)))
+    run = tcbench.simulate(method, "short_term")
+    assert run.status == "exception" and "states are plain numbers" in run.failure

@@ -48,7 +48,7 @@ def test_orders_and_peers(name):
         fit = next(row for row in fits if row["variable"] == "all")
         higher = fit["declared"] == 1 and fit["order"] > 1.8  # a splitting of one part, an ordering of what is separate
         assert higher or fit["verdict"] == "as declared", (method, fit)
-        assert fit["order_high"] - fit["order_low"] < 0.2, (method, fit)
+        assert fit["order_high"] - fit["order_low"] < 0.3, (method, fit)
 
 
 LONG = pytest.param("viscous_pendulum", marks=pytest.mark.thorough)  # its formulas are the longest
