@@ -19,6 +19,7 @@ PAGES = (
     "add-integrator",
     "add-scenario",
     "add-system",
+    "solids",
     "add-study",
     "measures",
     "physics",

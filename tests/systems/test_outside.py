@@ -1,0 +1,65 @@
+"""Open systems: both laws of the whole, exactly, at any step; and the work and heat that were supplied."""
+
+import numpy as np
+import pytest
+
+import tcbench
+from tcbench import Scenario, System
+from tcbench.errors import TcbenchError
+from tcbench.systems.outside import OUTSIDE, driven, supplied
+
+
+class Hung(System):
+    """A mass on a spring whose end is moved, with a force that follows it, and a heat bath."""
+
+    name = "hung"
+    variables = {"q": (2,), "p": (2,), "s": (), "heat": ()} | OUTSIDE
+    constants = {"load": (2,), "outside": ()}
+
+    def inside(self, z):
+        r = z.q - np.stack([0.2 * np.sin(2 * z.clock), 0.0 * z.clock])
+        e = (r @ r - 1) / 2
+        return (z.p @ z.p) / 2 + 5 * e**2 + np.exp(z.s - 0.3 * e) - np.cos(z.clock) * (self.load @ z.q)
+
+    def energy(self, z):
+        return self.inside(z) + z.work + self.outside * z.heat
+
+    def entropy(self, z):
+        return z.s + z.heat
+
+    def reversible(self, z, dE, dS):
+        return driven(dE, {"q": dE.p, "p": -dE.q}, p=0.3 * np.stack([-z.q[1], z.q[0]]))
+
+    def irreversible(self, z, dE, dS):
+        flow = 0.5 * (dE.heat - dE.s)
+        return {"s": flow / dE.s, "heat": -flow / dE.heat}
+
+    def temperature(self, z, dE, dS):
+        return dE.s
+
+
+START = {"q": [1.0, 0.0], "p": [0.0, 0.5], "s": 0.0, "heat": 0.0, "clock": 0.0, "work": 0.0}
+HUNG = Scenario("hung", Hung, {"load": [0.1, -0.3], "outside": 1.5}, initial=START, t_end=3, dt=0.01)
+
+
+@pytest.mark.parametrize("dt", [0.05, 0.5])
+def test_both_laws_hold_of_the_whole_and_the_energy_inside_is_what_came_in(dt):
+    run = tcbench.simulate("tc_monolithic", HUNG, dt=dt)
+    assert run.ok and run.summary.energy_error_max < 1e-13 and run.summary.entropy_increment_min > -1e-15
+    z, given = run.scenario.model.state(run.z), supplied(run)
+    assert np.allclose(z.clock, run.t, atol=1e-13)
+    inside = run.energy - z.work - 1.5 * z.heat
+    assert np.allclose(inside - inside[0], given["work"] + given["heat"], atol=1e-13)
+    assert abs(given["work"][-1]) > 0.05 and given["heat"][-1] > 0.01
+
+
+def test_the_supplied_work_converges_to_that_of_a_solver_of_odes():
+    work = [supplied(tcbench.simulate("tc_monolithic", HUNG, dt=h))["work"][-1] for h in (0.02, 0.01)]
+    truth = supplied(tcbench.simulate("scipy_dop853", HUNG, tolerance=1e-11))["work"][-1]
+    assert 3.5 < (work[0] - truth) / (work[1] - truth) < 4.5
+    assert abs((4 * work[1] - work[0]) / 3 - truth) < 1e-6
+
+
+def test_a_closed_system_has_nothing_supplied():
+    with pytest.raises(TcbenchError, match="has no outside"):
+        supplied(tcbench.simulate("tc_monolithic", "short_term", t_end=0.3))
